@@ -1,0 +1,133 @@
+//! The errors of the crate, and the checks that raise them.
+//!
+//! Every message names the argument, link or joint, what was found, what was expected, and the remedy where there is
+//! one. The checks take the name of the argument, so no message is written twice.
+
+use thiserror::Error as ThisError;
+
+/// What went wrong, with the name of the thing that was at fault.
+#[derive(Debug, Clone, PartialEq, ThisError)]
+#[non_exhaustive]
+pub enum Error {
+    /// A scene that cannot be built: cycle, unknown parent, negative mass, malformed XML.
+    #[error("{subject}: found {found}; expected {expected}")]
+    Scene {
+        /// The link, joint, element or file at fault, for instance `joint "elbow"`.
+        subject: String,
+        /// What was found there.
+        found: String,
+        /// What would have been accepted.
+        expected: String,
+    },
+    /// An array whose shape does not fit the scene.
+    #[error("{argument}: found shape {found}; expected {expected}")]
+    Shape {
+        /// Name of the argument.
+        argument: String,
+        /// Its shape as found.
+        found: String,
+        /// The shape that fits.
+        expected: String,
+    },
+    /// A NaN or an infinity in an argument, or a result that overflowed.
+    #[error("{argument}: found {value} at index {index}{}; expected finite numbers", in_state(*state))]
+    NotFinite {
+        /// Name of the argument (or result).
+        argument: String,
+        /// Index of the entry within one state.
+        index: usize,
+        /// The value found.
+        value: f64,
+        /// Index of the state in a batch, if there is one.
+        state: Option<usize>,
+    },
+    /// An argument of the right shape whose value cannot be used.
+    #[error("{argument}: found {found}; expected {expected}")]
+    Argument {
+        /// Name of the argument.
+        argument: String,
+        /// What was found.
+        found: String,
+        /// What would have been accepted.
+        expected: String,
+    },
+    /// A joint about whose axis nothing is left to move: the pivot D(k) of eq. 3.6 is lost in rounding.
+    #[error(
+        "joint {joint:?} (of link {link:?}){}: the inertia along its axis is {pivot:e}, lost in the rounding of the \
+         terms that form it ({terms:e}); add inertia about the axis, or give the joint armature",
+        in_state(*state)
+    )]
+    SingularJoint {
+        /// Name of the joint.
+        joint: String,
+        /// Name of the link that the joint carries.
+        link: String,
+        /// Index of the state in a batch, if there is one.
+        state: Option<usize>,
+        /// The pivot found, in kg m^2 (rotation) or kg (translation).
+        pivot: f64,
+        /// Absolute sum of the terms that form the pivot, same unit.
+        terms: f64,
+    },
+}
+
+/// The words that name one state of a batch.
+fn in_state(state: Option<usize>) -> String {
+    state.map_or_else(String::new, |index| format!(" in state {index}"))
+}
+
+impl Error {
+    /// The same error, said of state `index` of a batch.
+    #[must_use]
+    pub fn in_state(mut self, index: usize) -> Self {
+        if let Self::NotFinite { state, .. } | Self::SingularJoint { state, .. } = &mut self {
+            *state = Some(index);
+        } else if let Self::Argument { found, .. } = &mut self {
+            *found = format!("{found} in state {index}");
+        }
+        self
+    }
+
+    /// A scene error from its three parts.
+    pub(crate) fn scene(
+        subject: impl Into<String>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Self {
+        Self::Scene { subject: subject.into(), found: found.into(), expected: expected.into() }
+    }
+
+    /// An argument error from its three parts.
+    pub(crate) fn argument(
+        argument: impl Into<String>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Self {
+        Self::Argument { argument: argument.into(), found: found.into(), expected: expected.into() }
+    }
+}
+
+/// Checks the length of a slice that must hold one state.
+pub(crate) fn check_length(argument: &str, found: usize, expected: usize) -> Result<(), Error> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(Error::Shape {
+        argument: argument.to_owned(),
+        found: format!("({found},)"),
+        expected: format!("({expected},)"),
+    })
+}
+
+/// Checks that every entry is finite.
+pub(crate) fn check_finite(argument: &str, values: &[f64]) -> Result<(), Error> {
+    match values.iter().position(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(index) => Err(Error::NotFinite {
+            argument: argument.to_owned(),
+            index,
+            value: values[index],
+            state: None,
+        }),
+    }
+}

@@ -1,0 +1,5 @@
+//! phipsi: articulated-body dynamics as estimation.
+
+pub mod error;
+pub mod scalar;
+pub mod spatial;

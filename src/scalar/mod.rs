@@ -1,0 +1,108 @@
+//! The scalars that the recursions are generic over.
+//!
+//! One small trait, [`Real`]: the arithmetic that nalgebra's matrices need, and the handful of functions that the
+//! sweeps call. Every `nalgebra::RealField + Copy` type has it (f64, f32, dual numbers), and so has our own
+//! [`DoubleDouble`], the reference of about 31 digits.
+
+mod double_double;
+
+pub use double_double::DoubleDouble;
+
+use nalgebra::{ClosedAddAssign, ClosedDivAssign, ClosedMulAssign, ClosedSubAssign, Scalar};
+use num_traits::{One, Zero};
+use std::ops::Neg;
+
+/// A number that the recursions can run on: one real number, or several side by side in lanes.
+///
+/// Sweeps never branch on values of this type; [`Real::worst`] keeps a monitor, and [`Real::lane`] reads it afterwards.
+pub trait Real:
+    Scalar
+    + Copy
+    + Zero
+    + One
+    + Neg<Output = Self>
+    + ClosedAddAssign
+    + ClosedSubAssign
+    + ClosedMulAssign
+    + ClosedDivAssign
+    + Send
+    + Sync
+{
+    /// How many numbers one value holds side by side.
+    const LANES: usize;
+
+    /// The nearest value to `x`, in every lane.
+    fn from_f64(x: f64) -> Self;
+
+    /// The number in one lane, rounded to f64.
+    fn lane(self, index: usize) -> f64;
+
+    /// `1 / self`.
+    fn recip(self) -> Self;
+
+    /// The square root.
+    fn sqrt(self) -> Self;
+
+    /// Sine and cosine, `self` in radians.
+    fn sin_cos(self) -> (Self, Self);
+
+    /// The absolute value.
+    fn abs(self) -> Self;
+
+    /// The smaller of the two, NaN where either is NaN.
+    fn worst(self, other: Self) -> Self;
+
+    /// The unit roundoff spacing at 1 (2.2e-16 for f64), in every lane.
+    fn epsilon() -> Self;
+}
+
+impl<T: nalgebra::RealField + Copy> Real for T {
+    const LANES: usize = 1;
+
+    #[inline]
+    fn from_f64(x: f64) -> Self {
+        nalgebra::convert(x)
+    }
+
+    #[inline]
+    fn lane(self, _index: usize) -> f64 {
+        // Exact for f64 and f32; a dual number gives its real part.
+        nalgebra::try_convert(self).unwrap_or(f64::NAN)
+    }
+
+    #[inline]
+    fn recip(self) -> Self {
+        nalgebra::ComplexField::recip(self)
+    }
+
+    #[inline]
+    fn sqrt(self) -> Self {
+        nalgebra::ComplexField::sqrt(self)
+    }
+
+    #[inline]
+    fn sin_cos(self) -> (Self, Self) {
+        nalgebra::ComplexField::sin_cos(self)
+    }
+
+    #[inline]
+    fn abs(self) -> Self {
+        nalgebra::ComplexField::abs(self)
+    }
+
+    #[inline]
+    fn worst(self, other: Self) -> Self {
+        if self <= other {
+            self
+        } else if other <= self {
+            other
+        } else {
+            self + other
+        }
+    }
+
+    #[inline]
+    fn epsilon() -> Self {
+        Self::default_epsilon()
+    }
+}

@@ -1,0 +1,124 @@
+//! The spatial inertia M(k) of a rigid body, in its ten parameters.
+
+use super::rigid_shift::RigidShift;
+use super::symmetric::{Symmetric3, Symmetric6};
+use super::vector::{angular, cross, linear, skew, spatial};
+use crate::scalar::Real;
+use nalgebra::{Matrix3, Vector3, Vector6};
+
+/// M(k) = [[I, m p~], [-m p~, m 1]] about the origin of the body's frame (the paper's lower right block is misprinted as 1).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BodyInertia<T> {
+    /// Mass m, kg.
+    pub mass: T,
+    /// First moment m p, kg m, with p from the frame's origin to the mass centre.
+    pub first_moment: Vector3<T>,
+    /// Rotational inertia I about the frame's origin, kg m^2.
+    pub rotational: Symmetric3<T>,
+}
+
+impl<T: Real> BodyInertia<T> {
+    /// A massless body.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        Self {
+            mass: T::zero(),
+            first_moment: Vector3::from_element(T::zero()),
+            rotational: Symmetric3::zero(),
+        }
+    }
+
+    /// From the mass (kg), the mass centre (m) and the inertia about the mass centre (kg m^2), all in one frame:
+    /// I = I_c + m (p.p 1 - p p^T).
+    pub fn from_central(mass: T, centre: &Vector3<T>, central: &Symmetric3<T>) -> Self {
+        let h = centre * mass;
+        let [x, y, z] = [centre[0], centre[1], centre[2]];
+        let [xx, xy, xz, yy, yz, zz] = central.entries;
+        Self {
+            mass,
+            first_moment: h,
+            rotational: Symmetric3::new([
+                xx + (h[1] * y + h[2] * z),
+                xy - h[0] * y,
+                xz - h[0] * z,
+                yy + (h[0] * x + h[2] * z),
+                yz - h[1] * z,
+                zz + (h[0] * x + h[1] * y),
+            ]),
+        }
+    }
+
+    /// M v: the momentum (N m s, N s) of a motion, or the force of an acceleration. 24 products.
+    #[inline(always)]
+    pub fn mul_motion(&self, v: &Vector6<T>) -> Vector6<T> {
+        let (w, u) = (angular(v), linear(v));
+        let h = &self.first_moment;
+        let moment = self.rotational.mul_vector(&w) + cross(h, &u);
+        let turned = cross(h, &w);
+        let force = Vector3::new(
+            self.mass * u[0] - turned[0],
+            self.mass * u[1] - turned[1],
+            self.mass * u[2] - turned[2],
+        );
+        spatial(&moment, &force)
+    }
+
+    /// M as a packed symmetric matrix.
+    #[inline(always)]
+    pub fn to_symmetric(&self) -> Symmetric6<T> {
+        let (o, m) = (T::zero(), self.mass);
+        Symmetric6 {
+            angular: self.rotational,
+            coupling: skew(&self.first_moment),
+            linear: Symmetric3::new([m, o, o, m, o, m]),
+        }
+    }
+
+    /// The sum of two bodies moving as one, both about the same origin.
+    #[inline(always)]
+    #[must_use]
+    pub fn add(&self, other: &Self) -> Self {
+        Self {
+            mass: self.mass + other.mass,
+            first_moment: self.first_moment + other.first_moment,
+            rotational: self.rotational.add(&other.rotational),
+        }
+    }
+
+    /// phi M phi^T, which is again the inertia of a rigid body: about the parent's origin, in the parent's frame.
+    #[inline(always)]
+    #[must_use]
+    pub fn to_parent(&self, shift: &RigidShift<T>) -> Self {
+        let h = shift.rotate(&self.first_moment);
+        let l = &shift.lever;
+        let m = self.mass;
+        let [xx, xy, xz, yy, yz, zz] = self.rotational.congruence(&shift.rotation).entries;
+        // I' = I - l~ h~ - h~ l~ - m l~ l~ = I + 2 (l.h) 1 - (l h^T + h l^T) + m (l.l 1 - l l^T); with s = h + m l this is
+        // I + (l.h + l.s) 1 - (h l^T + l s^T), symmetric because s - h is parallel to l.
+        let s = Vector3::new(h[0] + m * l[0], h[1] + m * l[1], h[2] + m * l[2]);
+        let d = |i: usize| l[i] * h[i] + l[i] * s[i];
+        let off = |i: usize, j: usize| h[i] * l[j] + l[i] * s[j];
+        Self {
+            mass: m,
+            first_moment: s,
+            rotational: Symmetric3::new([
+                xx + (d(1) + d(2)),
+                xy - off(0, 1),
+                xz - off(0, 2),
+                yy + (d(0) + d(2)),
+                yz - off(1, 2),
+                zz + (d(0) + d(1)),
+            ]),
+        }
+    }
+
+    /// Rotational inertia about the mass centre, I + m p~ p~; zero mass gives I itself.
+    pub fn central(&self) -> Matrix3<T> {
+        let full = self.rotational.to_matrix();
+        if self.mass == T::zero() {
+            return full;
+        }
+        let p = self.first_moment / self.mass;
+        full + skew(&p) * skew(&self.first_moment)
+    }
+}

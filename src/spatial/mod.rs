@@ -1,0 +1,17 @@
+//! Spatial algebra in 3x3 blocks: the kernels that every sweep is made of.
+//!
+//! A spatial vector is a nalgebra `Vector6`, angular part first: a force is (moment, force), a motion (angular, linear).
+//! The kernels name their components instead of multiplying 6x6 matrices: phi is a rotation and a lever, P and M are
+//! symmetric, and what is zero by construction is not computed.
+
+mod body_inertia;
+mod rigid_shift;
+mod symmetric;
+mod vector;
+
+pub use body_inertia::BodyInertia;
+pub use rigid_shift::RigidShift;
+pub use symmetric::{Symmetric3, Symmetric6};
+pub use vector::{
+    angular, cross, cross_force, cross_motion, dot, linear, skew, spatial, SpatialVector,
+};
