@@ -89,20 +89,12 @@ impl Error {
     }
 
     /// A scene error from its three parts.
-    pub(crate) fn scene(
-        subject: impl Into<String>,
-        found: impl Into<String>,
-        expected: impl Into<String>,
-    ) -> Self {
+    pub(crate) fn scene(subject: impl Into<String>, found: impl Into<String>, expected: impl Into<String>) -> Self {
         Self::Scene { subject: subject.into(), found: found.into(), expected: expected.into() }
     }
 
     /// An argument error from its three parts.
-    pub(crate) fn argument(
-        argument: impl Into<String>,
-        found: impl Into<String>,
-        expected: impl Into<String>,
-    ) -> Self {
+    pub(crate) fn argument(argument: impl Into<String>, found: impl Into<String>, expected: impl Into<String>) -> Self {
         Self::Argument { argument: argument.into(), found: found.into(), expected: expected.into() }
     }
 }
@@ -123,11 +115,8 @@ pub(crate) fn check_length(argument: &str, found: usize, expected: usize) -> Res
 pub(crate) fn check_finite(argument: &str, values: &[f64]) -> Result<(), Error> {
     match values.iter().position(|value| !value.is_finite()) {
         None => Ok(()),
-        Some(index) => Err(Error::NotFinite {
-            argument: argument.to_owned(),
-            index,
-            value: values[index],
-            state: None,
-        }),
+        Some(index) => {
+            Err(Error::NotFinite { argument: argument.to_owned(), index, value: values[index], state: None })
+        }
     }
 }

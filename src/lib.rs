@@ -1,5 +1,13 @@
 //! phipsi: articulated-body dynamics as estimation.
 
+pub mod dynamics;
 pub mod error;
+pub mod filter;
+pub mod kinematics;
 pub mod scalar;
+pub mod scene;
+pub use scene::{Scene, SceneBuilder};
 pub mod spatial;
+mod workspace;
+pub use error::Error;
+pub use workspace::Workspace;

@@ -21,11 +21,7 @@ impl<T: Real> BodyInertia<T> {
     /// A massless body.
     #[inline(always)]
     pub fn zero() -> Self {
-        Self {
-            mass: T::zero(),
-            first_moment: Vector3::from_element(T::zero()),
-            rotational: Symmetric3::zero(),
-        }
+        Self { mass: T::zero(), first_moment: Vector3::from_element(T::zero()), rotational: Symmetric3::zero() }
     }
 
     /// From the mass (kg), the mass centre (m) and the inertia about the mass centre (kg m^2), all in one frame:
@@ -55,11 +51,8 @@ impl<T: Real> BodyInertia<T> {
         let h = &self.first_moment;
         let moment = self.rotational.mul_vector(&w) + cross(h, &u);
         let turned = cross(h, &w);
-        let force = Vector3::new(
-            self.mass * u[0] - turned[0],
-            self.mass * u[1] - turned[1],
-            self.mass * u[2] - turned[2],
-        );
+        let force =
+            Vector3::new(self.mass * u[0] - turned[0], self.mass * u[1] - turned[1], self.mass * u[2] - turned[2]);
         spatial(&moment, &force)
     }
 

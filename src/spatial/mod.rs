@@ -12,6 +12,4 @@ mod vector;
 pub use body_inertia::BodyInertia;
 pub use rigid_shift::RigidShift;
 pub use symmetric::{Symmetric3, Symmetric6};
-pub use vector::{
-    angular, cross, cross_force, cross_motion, dot, linear, skew, spatial, SpatialVector,
-};
+pub use vector::{SpatialVector, angular, cross, cross_force, cross_motion, dot, linear, skew, spatial};

@@ -41,10 +41,7 @@ impl<T: Real> RigidShift<T> {
     #[inline]
     #[must_use]
     pub fn compose(&self, inner: &Self) -> Self {
-        Self {
-            rotation: self.rotation * inner.rotation,
-            lever: self.rotate(&inner.lever) + self.lever,
-        }
+        Self { rotation: self.rotation * inner.rotation, lever: self.rotate(&inner.lever) + self.lever }
     }
 
     /// The shift the other way, from the parent's frame to the child's. The rotation is transposed, not inverted.
@@ -161,12 +158,7 @@ fn skew_times<T: Real>(l: &Vector3<T>, m: &Matrix3<T>) -> Matrix3<T> {
 
 /// Upper triangle of A + l~ C^T + C' l~^T.
 #[inline(always)]
-fn add_lever_terms<T: Real>(
-    a: &[T; 6],
-    l: &Vector3<T>,
-    c: &Matrix3<T>,
-    shifted: &Matrix3<T>,
-) -> [T; 6] {
+fn add_lever_terms<T: Real>(a: &[T; 6], l: &Vector3<T>, c: &Matrix3<T>, shifted: &Matrix3<T>) -> [T; 6] {
     let s = shifted;
     // (l~ C^T)(i,j) = (l x c_j)_i with c_j row j of C; (C' l~^T)(i,j) = (l x s_i)_j with s_i row i of C'.
     let first = |i: usize, j: usize| match i {

@@ -58,25 +58,14 @@ impl<T: Real> Symmetric3<T> {
         };
         let (t0, t1, t2) = (row(0), row(1), row(2));
         let entry = |t: &[T; 3], j: usize| t[0] * r[(j, 0)] + t[1] * r[(j, 1)] + t[2] * r[(j, 2)];
-        Self {
-            entries: [
-                entry(&t0, 0),
-                entry(&t0, 1),
-                entry(&t0, 2),
-                entry(&t1, 1),
-                entry(&t1, 2),
-                entry(&t2, 2),
-            ],
-        }
+        Self { entries: [entry(&t0, 0), entry(&t0, 1), entry(&t0, 2), entry(&t1, 1), entry(&t1, 2), entry(&t2, 2)] }
     }
 
     /// The sum, entry by entry.
     #[inline(always)]
     pub fn add(&self, other: &Self) -> Self {
         let (a, b) = (&self.entries, &other.entries);
-        Self {
-            entries: [a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]],
-        }
+        Self { entries: [a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]] }
     }
 }
 
@@ -96,11 +85,7 @@ impl<T: Real> Symmetric6<T> {
     /// The zero matrix.
     #[inline(always)]
     pub fn zero() -> Self {
-        Self {
-            angular: Symmetric3::zero(),
-            coupling: Matrix3::from_element(T::zero()),
-            linear: Symmetric3::zero(),
-        }
+        Self { angular: Symmetric3::zero(), coupling: Matrix3::from_element(T::zero()), linear: Symmetric3::zero() }
     }
 
     /// A matrix with `value` in every entry; workspaces start as NaN.

@@ -27,11 +27,7 @@ pub fn spatial<T: Real>(angular: &Vector3<T>, linear: &Vector3<T>) -> Vector6<T>
 /// The cross product a x b.
 #[inline(always)]
 pub fn cross<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
-    Vector3::new(
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
+    Vector3::new(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 }
 
 /// The matrix of the cross product, `skew(a) b = a x b`.

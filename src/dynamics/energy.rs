@@ -1,0 +1,79 @@
+//! Kinetic and potential energy, and momentum.
+
+use super::mass_matrix::composite_inertias_tip_to_base;
+use crate::kinematics::{joint_motion, placements_base_to_tip};
+use crate::scalar::Real;
+use crate::scene::Model;
+use crate::spatial::{BodyInertia, dot};
+use crate::workspace::Workspace;
+use nalgebra::Vector6;
+
+/// Energy of one state, J.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Energy<T> {
+    /// Half of v* M v over all bodies, plus half of armature times rate squared.
+    pub kinetic: T,
+    /// Minus gravity times the first moment of mass; zero with the mass centre at the base's origin.
+    pub potential: T,
+}
+
+/// Kinetic and potential energy in O(N).
+pub fn energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> Energy<T> {
+    placements_base_to_tip(model, q, &mut workspace.shift);
+    velocities_base_to_tip(model, workspace, qd);
+    let half = T::from_f64(0.5);
+    let mut twice_kinetic = T::zero();
+    for (body, v) in model.bodies.iter().zip(&workspace.velocity) {
+        twice_kinetic += dot(v, &body.inertia.mul_motion(v));
+    }
+    for (&armature, &rate) in model.system.noise.iter().zip(qd) {
+        twice_kinetic += armature * rate * rate;
+    }
+    let moment = total_inertia(model, workspace).first_moment;
+    let g = &model.gravity;
+    Energy { kinetic: half * twice_kinetic, potential: -(g[0] * moment[0] + g[1] * moment[1] + g[2] * moment[2]) }
+}
+
+/// Spatial momentum (angular about the base's origin, linear) of all moving bodies, in the base frame: N m s, N s.
+///
+/// Armature is a measurement's noise, not a body: rotors add nothing here.
+pub fn momentum<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> Vector6<T> {
+    placements_base_to_tip(model, q, &mut workspace.shift);
+    velocities_base_to_tip(model, workspace, qd);
+    for ((z, body), v) in workspace.z.iter_mut().zip(&model.bodies).zip(&workspace.velocity) {
+        *z = body.inertia.mul_motion(v);
+    }
+    let mut total = Vector6::from_element(T::zero());
+    for (k, stage) in model.system.stages.iter().enumerate().rev() {
+        let carried = workspace.shift[k].force_to_parent(&workspace.z[k]);
+        match stage.parent {
+            Some(parent) => workspace.z[parent] += carried,
+            None => total += carried,
+        }
+    }
+    total
+}
+
+/// Base to tip: spatial velocities, with phi already in the workspace.
+fn velocities_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, qd: &[T]) {
+    for (k, body) in model.bodies.iter().enumerate() {
+        let stage = &model.system.stages[k];
+        let mut velocity = joint_motion(body, stage.first_row, qd);
+        if let Some(parent) = stage.parent {
+            velocity += workspace.shift[k].motion_to_child(&workspace.velocity[parent]);
+        }
+        workspace.velocity[k] = velocity;
+    }
+}
+
+/// Inertia of all moving bodies as one, about the base's origin.
+fn total_inertia<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> BodyInertia<T> {
+    composite_inertias_tip_to_base(model, workspace);
+    let mut total = BodyInertia::zero();
+    for (k, stage) in model.system.stages.iter().enumerate() {
+        if stage.parent.is_none() {
+            total = total.add(&workspace.composite[k].to_parent(&workspace.shift[k]));
+        }
+    }
+    total
+}

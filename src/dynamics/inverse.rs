@@ -1,0 +1,94 @@
+//! Inverse dynamics: the torques that the model predicts, T = H phi (Q lambda + b).
+
+use crate::filter::innovations;
+use crate::kinematics::{base_acceleration, joint_motion, joint_shift, motion_step};
+use crate::scalar::Real;
+use crate::scene::Model;
+use crate::spatial::cross_force;
+use crate::workspace::Workspace;
+use nalgebra::Vector6;
+
+/// Joint torques from joint accelerations in O(N): accelerations base to tip (2.9), forces tip to base (1.5, 2.10).
+///
+/// Arguments as in [`forward_dynamics`](super::forward_dynamics). Armature adds `r qdd` to its joint. About 300 operations
+/// a one-axis joint.
+pub fn inverse_dynamics<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    q: &[T],
+    qd: &[T],
+    qdd: &[T],
+    wrenches: &[Vector6<T>],
+    tau: &mut [T],
+) {
+    forces(model, workspace, q, qd, Some(qdd), wrenches);
+    innovations::predict(&model.system, &workspace.shift, &mut workspace.z, tau);
+    for ((tau, &qdd), &armature) in tau.iter_mut().zip(qdd).zip(&model.system.noise) {
+        *tau += armature * qdd;
+    }
+}
+
+/// The bias torque H phi b: what the joints must give when no joint accelerates (velocity effects, gravity, wrenches).
+pub fn bias_torque<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    q: &[T],
+    qd: &[T],
+    wrenches: &[Vector6<T>],
+    tau: &mut [T],
+) {
+    forces(model, workspace, q, qd, None, wrenches);
+    innovations::predict(&model.system, &workspace.shift, &mut workspace.z, tau);
+}
+
+/// Base to tip: the force M a + v x* (M v) - wrench that each body needs, into `workspace.z`.
+#[inline(always)]
+fn forces<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    q: &[T],
+    qd: &[T],
+    qdd: Option<&[T]>,
+    wrenches: &[Vector6<T>],
+) {
+    let still = Vector6::from_element(T::zero());
+    let base = base_acceleration(model);
+    for (k, body) in model.bodies.iter().enumerate() {
+        let stage = &model.system.stages[k];
+        let shift = joint_shift(body, q);
+        let parent = match stage.parent {
+            Some(parent) => (&workspace.velocity[parent], &workspace.acceleration[parent]),
+            None => (&still, &base),
+        };
+        let (velocity, mut acceleration) = motion_step(body, stage.first_row, &shift, parent, qd);
+        if let Some(qdd) = qdd {
+            acceleration += joint_motion(body, stage.first_row, qdd);
+        }
+        let momentum = body.inertia.mul_motion(&velocity);
+        let mut force = body.inertia.mul_motion(&acceleration) + cross_force(&velocity, &momentum);
+        if !wrenches.is_empty() {
+            force -= wrenches[k];
+        }
+        workspace.shift[k] = shift;
+        workspace.velocity[k] = velocity;
+        workspace.acceleration[k] = acceleration;
+        workspace.z[k] = force;
+    }
+}
+
+/// M a = H phi Q phi* H* a + r a (2.8), with phi already in the workspace.
+pub fn mul_mass<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, a: &[T], out: &mut [T]) {
+    for (k, body) in model.bodies.iter().enumerate() {
+        let stage = &model.system.stages[k];
+        let mut lambda = joint_motion(body, stage.first_row, a);
+        if let Some(parent) = stage.parent {
+            lambda += workspace.shift[k].motion_to_child(&workspace.co_state[parent]);
+        }
+        workspace.co_state[k] = lambda;
+        workspace.z[k] = body.inertia.mul_motion(&lambda);
+    }
+    innovations::predict(&model.system, &workspace.shift, &mut workspace.z, out);
+    for ((out, &a), &armature) in out.iter_mut().zip(a).zip(&model.system.noise) {
+        *out += armature * a;
+    }
+}

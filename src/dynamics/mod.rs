@@ -1,0 +1,16 @@
+//! Robot dynamics, by binding the physics of rigid bodies to the filter.
+//!
+//! Each file is one problem; the functions take a [`Model`](crate::scene::Model) in any scalar, slices for one state and a
+//! [`Workspace`](crate::Workspace), check nothing and allocate nothing. [`Scene`](crate::Scene) wraps them with checks and names.
+
+pub mod energy;
+pub mod forward;
+pub mod inverse;
+pub mod mass_inverse;
+pub mod mass_matrix;
+
+pub use energy::{Energy, energy, momentum};
+pub use forward::{factorise, forward_dynamics, solve};
+pub use inverse::{bias_torque, inverse_dynamics, mul_mass};
+pub use mass_inverse::mass_matrix_inverse;
+pub use mass_matrix::{log_det_mass_matrix, mass_matrix};

@@ -1,0 +1,55 @@
+//! Covariance of the co-states, Lambda (5.6, 5.7).
+
+use super::riccati::Measured;
+use super::system::{HingeMap, System};
+use crate::scalar::Real;
+use crate::spatial::{RigidShift, Symmetric6};
+use nalgebra::Vector6;
+
+/// Lambda^- from Lambda^+ across one row: (1 - gH)^T Lambda^+ (1 - gH) + H^T H / D (5.6).
+///
+/// Written as Lambda^+ - H^T u^T - u H + H^T H (g.u + 1/D) with u = Lambda^+ g, so only one row and column change.
+#[inline(always)]
+#[must_use]
+pub fn row_update<T: Real>(lambda: &Symmetric6<T>, hinge: &HingeMap<T>, measured: &Measured<T>) -> Symmetric6<T> {
+    let u = lambda.mul_vector(&measured.gain);
+    let h = hinge.to_column();
+    let half = (crate::spatial::dot(&measured.gain, &u) + measured.pivot_inverse) * T::from_f64(0.5);
+    // The change is H^T w^T + w H with w = H^T half - u.
+    let w: Vector6<T> = h * half - u;
+    let mut next = *lambda;
+    for i in 0..3 {
+        for j in 0..3 {
+            next.coupling[(i, j)] += h[i] * w[j + 3] + w[i] * h[j + 3];
+        }
+    }
+    let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+    for (entry, (i, j)) in pairs.into_iter().enumerate() {
+        next.angular.entries[entry] += h[i] * w[j] + w[i] * h[j];
+        next.linear.entries[entry] += h[i + 3] * w[j + 3] + w[i + 3] * h[j + 3];
+    }
+    next
+}
+
+/// Base to tip: Lambda^- of every stage; `seen` is called with each row's Lambda^+.
+pub fn sweep<T: Real>(
+    system: &System<T>,
+    shift: &[RigidShift<T>],
+    measured: &[Measured<T>],
+    co_state_covariance: &mut [Symmetric6<T>],
+    mut seen: impl FnMut(usize, &Symmetric6<T>),
+) {
+    for (k, stage) in system.stages.iter().enumerate() {
+        // 5.7, from Lambda^+ = 0 at the root.
+        let mut lambda = match stage.parent {
+            Some(parent) => shift[k].co_covariance_to_child(&co_state_covariance[parent]),
+            None => Symmetric6::zero(),
+        };
+        for i in 0..stage.rows.count() {
+            let row = stage.first_row + i;
+            seen(row, &lambda);
+            lambda = row_update(&lambda, &stage.rows.row(i), &measured[row]);
+        }
+        co_state_covariance[k] = lambda;
+    }
+}

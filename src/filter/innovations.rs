@@ -1,0 +1,63 @@
+//! The filter (4.4 to 4.6) and its open-loop and adjoint relatives: what the measurements add to the prediction.
+
+use super::riccati::Measured;
+use super::system::System;
+use crate::scalar::Real;
+use crate::spatial::RigidShift;
+use nalgebra::Vector6;
+
+/// One stage of the filter: e^- = tau - H z^- (4.2), z^+ = z^- + g e^- (4.5), z^-(parent) += phi z^+ (4.4).
+///
+/// `z` holds b(k) plus what the children sent; `innovations` receives e^- of each row.
+#[inline(always)]
+pub fn step<T: Real>(
+    system: &System<T>,
+    k: usize,
+    shift: &[RigidShift<T>],
+    measured: &[Measured<T>],
+    measurement: &[T],
+    z: &mut [Vector6<T>],
+    innovations: &mut [T],
+) {
+    let stage = &system.stages[k];
+    let mut state = z[k];
+    for i in (0..stage.rows.count()).rev() {
+        let row = stage.first_row + i;
+        let e_minus = measurement[row] - stage.rows.row(i).project(&state);
+        state += measured[row].gain * e_minus;
+        innovations[row] = e_minus;
+    }
+    z[k] = state;
+    if let Some(parent) = stage.parent {
+        z[parent] += shift[k].force_to_parent(&state);
+    }
+}
+
+/// Tip to base: the innovations of every row, with the factor already known.
+pub fn sweep<T: Real>(
+    system: &System<T>,
+    shift: &[RigidShift<T>],
+    measured: &[Measured<T>],
+    measurement: &[T],
+    z: &mut [Vector6<T>],
+    innovations: &mut [T],
+) {
+    for k in (0..system.stages.len()).rev() {
+        step(system, k, shift, measured, measurement, z, innovations);
+    }
+}
+
+/// Tip to base, open loop: T = H phi W (1.5), the measurements that the process noise `z` causes.
+///
+/// `z` holds w(k) on entry and the whole force z(k) on return.
+#[inline]
+pub fn predict<T: Real>(system: &System<T>, shift: &[RigidShift<T>], z: &mut [Vector6<T>], predicted: &mut [T]) {
+    for (k, stage) in system.stages.iter().enumerate().rev() {
+        for i in 0..stage.rows.count() {
+            predicted[stage.first_row + i] = stage.rows.row(i).project(&z[k]);
+        }
+        if let Some(parent) = stage.parent {
+            z[parent] += shift[k].force_to_parent(&z[k]);
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! The linear system on a tree: stages, measurement rows, noise (eqs. 1.1 to 1.4).
+
+use crate::scalar::Real;
+use crate::spatial::Symmetric6;
+use nalgebra::Vector6;
+
+/// One row of the state-to-output map H: it picks a component of the state, or mixes the two along z.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum HingeMap<T> {
+    /// H = e_i^T, i from 0 to 5, angular first.
+    Axis(usize),
+    /// H = e_2^T + pitch e_5^T: rotation about z that advances along z, pitch in m/rad.
+    Screw(T),
+}
+
+impl<T: Real> HingeMap<T> {
+    /// H x.
+    #[inline(always)]
+    pub fn project(&self, x: &Vector6<T>) -> T {
+        match *self {
+            Self::Axis(i) => x[i],
+            Self::Screw(pitch) => x[2] + pitch * x[5],
+        }
+    }
+
+    /// x + H^T s.
+    #[inline(always)]
+    #[must_use]
+    pub fn spread_onto(&self, x: &Vector6<T>, s: T) -> Vector6<T> {
+        let mut y = *x;
+        match *self {
+            Self::Axis(i) => y[i] += s,
+            Self::Screw(pitch) => {
+                y[2] += s;
+                y[5] += pitch * s;
+            }
+        }
+        y
+    }
+
+    /// H^T as a column.
+    pub fn to_column(&self) -> Vector6<T> {
+        self.spread_onto(&Vector6::from_element(T::zero()), T::one())
+    }
+
+    /// P H^T.
+    #[inline(always)]
+    pub fn covariance_column(&self, p: &Symmetric6<T>) -> Vector6<T> {
+        match *self {
+            Self::Axis(i) => p.column(i),
+            Self::Screw(pitch) => p.column(2) + p.column(5) * pitch,
+        }
+    }
+}
+
+/// The measurement rows of one stage, in the order of the outputs: the first is nearest the root.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Rows<T> {
+    /// One row.
+    One(HingeMap<T>),
+    /// The three angular components.
+    Angular,
+    /// The three linear components, then the three angular ones.
+    Six,
+}
+
+impl<T: Real> Rows<T> {
+    /// How many scalar measurements.
+    #[inline(always)]
+    pub fn count(&self) -> usize {
+        match self {
+            Self::One(_) => 1,
+            Self::Angular => 3,
+            Self::Six => 6,
+        }
+    }
+
+    /// Row `index` of the stage.
+    #[inline(always)]
+    pub fn row(&self, index: usize) -> HingeMap<T> {
+        match *self {
+            Self::One(hinge) => hinge,
+            Self::Angular => HingeMap::Axis(index),
+            Self::Six => HingeMap::Axis((index + 3) % 6),
+        }
+    }
+}
+
+/// One stage: where its state runs to, and how it is measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stage<T> {
+    /// The next stage inward; none at the root. A parent's index is smaller than its children's.
+    pub parent: Option<usize>,
+    /// The measurement rows.
+    pub rows: Rows<T>,
+    /// Index of the first row among all rows.
+    pub first_row: usize,
+}
+
+/// The system's structure: stages from the root outward, and the variance of each measurement's noise.
+#[derive(Debug, Clone, PartialEq)]
+pub struct System<T> {
+    /// Stages, parents before children.
+    pub stages: Vec<Stage<T>>,
+    /// Measurement noise r of each row, zero or positive.
+    pub noise: Vec<T>,
+}
+
+impl<T: Real> System<T> {
+    /// Number of measurement rows.
+    pub fn rows(&self) -> usize {
+        self.noise.len()
+    }
+}

@@ -1,0 +1,123 @@
+//! Base to tip: placements, velocities, and the accelerations that are there without joint accelerations.
+
+use crate::scalar::Real;
+use crate::scene::{Body, Model, Motion};
+use crate::spatial::{RigidShift, cross_motion, spatial};
+use nalgebra::{Matrix3, Vector3, Vector6};
+
+/// Rotation matrix of a quaternion (x, y, z, w), normalised by its squared norm.
+#[inline]
+pub fn quaternion_rotation<T: Real>(q: &[T]) -> Matrix3<T> {
+    let (x, y, z, w) = (q[0], q[1], q[2], q[3]);
+    let one = T::one();
+    let two = one + one;
+    let s = two / (x * x + y * y + z * z + w * w);
+    Matrix3::new(
+        one - s * (y * y + z * z),
+        s * (x * y - z * w),
+        s * (x * z + y * w),
+        s * (x * y + z * w),
+        one - s * (x * x + z * z),
+        s * (y * z - x * w),
+        s * (x * z - y * w),
+        s * (y * z + x * w),
+        one - s * (x * x + y * y),
+    )
+}
+
+/// phi from the body's frame to its parent's, at configuration `q`: the tree's shift, then the joint's.
+#[inline(always)]
+pub fn joint_shift<T: Real>(body: &Body<T>, q: &[T]) -> RigidShift<T> {
+    let tree = &body.tree;
+    let along_z = |distance: T| {
+        let r = &tree.rotation;
+        let l = &tree.lever;
+        Vector3::new(l[0] + r[(0, 2)] * distance, l[1] + r[(1, 2)] * distance, l[2] + r[(2, 2)] * distance)
+    };
+    match body.motion {
+        Motion::Revolute => RigidShift { rotation: turned_about_z(&tree.rotation, q[body.q]), lever: tree.lever },
+        Motion::Prismatic => RigidShift { rotation: tree.rotation, lever: along_z(q[body.q]) },
+        Motion::Screw(pitch) => {
+            RigidShift { rotation: turned_about_z(&tree.rotation, q[body.q]), lever: along_z(pitch * q[body.q]) }
+        }
+        Motion::Spherical => {
+            RigidShift { rotation: tree.rotation * quaternion_rotation(&q[body.q..body.q + 4]), lever: tree.lever }
+        }
+        Motion::Free => {
+            let at = &q[body.q..body.q + 7];
+            RigidShift {
+                rotation: tree.rotation * quaternion_rotation(&at[3..]),
+                lever: tree.rotate(&Vector3::new(at[0], at[1], at[2])) + tree.lever,
+            }
+        }
+    }
+}
+
+/// R Rz(angle): 12 products.
+#[inline(always)]
+fn turned_about_z<T: Real>(r: &Matrix3<T>, angle: T) -> Matrix3<T> {
+    let (s, c) = angle.sin_cos();
+    let x = |i: usize| r[(i, 0)] * c + r[(i, 1)] * s;
+    let y = |i: usize| r[(i, 1)] * c - r[(i, 0)] * s;
+    Matrix3::new(x(0), y(0), r[(0, 2)], x(1), y(1), r[(1, 2)], x(2), y(2), r[(2, 2)])
+}
+
+/// H^T u in the body's frame, for the joint rates (or accelerations) `u` of all joints; `row` is the joint's first.
+#[inline(always)]
+pub fn joint_motion<T: Real>(body: &Body<T>, row: usize, u: &[T]) -> Vector6<T> {
+    let o = T::zero();
+    match body.motion {
+        Motion::Revolute => Vector6::new(o, o, u[row], o, o, o),
+        Motion::Prismatic => Vector6::new(o, o, o, o, o, u[row]),
+        Motion::Screw(pitch) => Vector6::new(o, o, u[row], o, o, pitch * u[row]),
+        Motion::Spherical => Vector6::new(u[row], u[row + 1], u[row + 2], o, o, o),
+        Motion::Free => Vector6::new(u[row + 3], u[row + 4], u[row + 5], u[row], u[row + 1], u[row + 2]),
+    }
+}
+
+/// v x (H^T qd), the acceleration that the joint's rate adds; for one-axis joints most of it is zero.
+#[inline(always)]
+fn velocity_product<T: Real>(body: &Body<T>, v: &Vector6<T>, joint: &Vector6<T>) -> Vector6<T> {
+    let o = T::zero();
+    match body.motion {
+        Motion::Revolute => {
+            let w = joint[2];
+            Vector6::new(v[1] * w, -(v[0] * w), o, v[4] * w, -(v[3] * w), o)
+        }
+        Motion::Prismatic => {
+            let u = joint[5];
+            Vector6::new(o, o, o, v[1] * u, -(v[0] * u), o)
+        }
+        _ => cross_motion(v, joint),
+    }
+}
+
+/// The acceleration of the base: minus gravity, so that weight enters every b(k).
+#[inline(always)]
+pub fn base_acceleration<T: Real>(model: &Model<T>) -> Vector6<T> {
+    spatial(&Vector3::from_element(T::zero()), &-model.gravity)
+}
+
+/// Base to tip: phi of every body at `q`.
+#[inline]
+pub fn placements_base_to_tip<T: Real>(model: &Model<T>, q: &[T], shift: &mut [RigidShift<T>]) {
+    for (shift, body) in shift.iter_mut().zip(&model.bodies) {
+        *shift = joint_shift(body, q);
+    }
+}
+
+/// Velocity v(k) of body k, and the part of its acceleration that the rates cause, from its parent's: phi^T of both,
+/// plus the joint's own. `acceleration` may or may not contain the joint accelerations (`qdd`).
+#[inline(always)]
+pub fn motion_step<T: Real>(
+    body: &Body<T>,
+    row: usize,
+    shift: &RigidShift<T>,
+    parent: (&Vector6<T>, &Vector6<T>),
+    qd: &[T],
+) -> (Vector6<T>, Vector6<T>) {
+    let joint = joint_motion(body, row, qd);
+    let velocity = shift.motion_to_child(parent.0) + joint;
+    let acceleration = shift.motion_to_child(parent.1) + velocity_product(body, &velocity, &joint);
+    (velocity, acceleration)
+}

@@ -1,0 +1,418 @@
+//! From links and joints by name to a [`Scene`]: the checks, the order, the merging.
+
+use super::description::{JointDescription, JointKind, LinkDescription, SceneWarning};
+use super::inertia_check::{check_numbers, unphysical};
+use super::{BodyName, Joint, Link, Scene};
+use crate::error::Error;
+use crate::scene::model::{Model, Motion};
+use crate::spatial::{BodyInertia, RigidShift};
+use nalgebra::{Matrix3, Vector3};
+use std::collections::HashMap;
+
+/// Name of the joint that a floating base gets.
+pub const ROOT_JOINT: &str = "root_joint";
+
+/// Collects links and joints; [`SceneBuilder::build`] checks them and makes the scene.
+///
+/// ```
+/// use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
+/// use phipsi::spatial::Symmetric3;
+/// # fn main() -> Result<(), phipsi::Error> {
+/// let rod = Inertial {
+///     mass: 1.0,
+///     centre: [0.0, 0.0, -0.5].into(),
+///     central: Symmetric3::new([0.08, 0.0, 0.0, 0.08, 0.0, 0.001]),
+/// };
+/// let mut hinge = JointDescription::new("hinge", JointKind::Revolute, "base", "rod");
+/// hinge.axis = [0.0, 1.0, 0.0].into();
+/// let scene = SceneBuilder::new()
+///     .link(LinkDescription { name: "base".into(), inertial: None })
+///     .link(LinkDescription { name: "rod".into(), inertial: Some(rod) })
+///     .joint(hinge)
+///     .build()?;
+/// assert_eq!(scene.nv(), 1);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneBuilder {
+    pub(super) links: Vec<LinkDescription>,
+    pub(super) joints: Vec<JointDescription>,
+    pub(super) gravity: Vector3<f64>,
+    pub(super) floating_base: bool,
+    pub(super) strict: bool,
+}
+
+impl Default for SceneBuilder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl SceneBuilder {
+    /// An empty scene with a fixed base and gravity (0, 0, -9.81).
+    pub fn new() -> Self {
+        Self {
+            links: Vec::new(),
+            joints: Vec::new(),
+            gravity: Vector3::new(0.0, 0.0, -9.81),
+            floating_base: false,
+            strict: false,
+        }
+    }
+
+    /// Adds a link.
+    #[must_use]
+    pub fn link(mut self, link: LinkDescription) -> Self {
+        self.links.push(link);
+        self
+    }
+
+    /// Adds a joint; the links that it names may come later.
+    #[must_use]
+    pub fn joint(mut self, joint: JointDescription) -> Self {
+        self.joints.push(joint);
+        self
+    }
+
+    /// Sets gravity in the base frame, m/s^2.
+    #[must_use]
+    pub fn gravity(mut self, gravity: [f64; 3]) -> Self {
+        self.gravity = gravity.into();
+        self
+    }
+
+    /// Puts a free joint, named "root_joint", under the root link.
+    #[must_use]
+    pub fn floating_base(mut self, floating: bool) -> Self {
+        self.floating_base = floating;
+        self
+    }
+
+    /// Makes unphysical inertias an error.
+    #[must_use]
+    pub fn strict(mut self, strict: bool) -> Self {
+        self.strict = strict;
+        self
+    }
+
+    /// Gravity as set so far, m/s^2.
+    pub fn gravity_vector(&self) -> [f64; 3] {
+        self.gravity.into()
+    }
+
+    /// The links so far.
+    pub fn links(&self) -> &[LinkDescription] {
+        &self.links
+    }
+
+    /// The joints so far.
+    pub fn joints(&self) -> &[JointDescription] {
+        &self.joints
+    }
+
+    /// Whether the base floats.
+    pub fn is_floating(&self) -> bool {
+        self.floating_base
+    }
+
+    /// Checks everything and makes the scene: bodies in depth-first order, siblings in the order of their joints, fixed
+    /// joints merged, axes turned onto z.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Scene`], naming the link or joint, for: no link, a name used twice, an unknown parent or child, a link
+    /// with two parents, two roots, a cycle, an axis of no direction, numbers that are not finite, a negative mass,
+    /// armature, damping or friction, lower limit above upper; with `strict`, an unphysical inertia.
+    pub fn build(self) -> Result<Scene, Error> {
+        let tree = self.check_tree()?;
+        self.check_numbers()?;
+        let warnings = self.warnings()?;
+        Ok(Assembly::new(self, warnings).run(&tree))
+    }
+
+    /// Children's joints of each link, and the root.
+    fn check_tree(&self) -> Result<Tree, Error> {
+        if !self.gravity.iter().all(|g| g.is_finite()) {
+            return Err(Error::scene("gravity", format!("{:?}", self.gravity_vector()), "finite numbers"));
+        }
+        let mut index = HashMap::new();
+        for (i, link) in self.links.iter().enumerate() {
+            if index.insert(link.name.as_str(), i).is_some() {
+                return Err(Error::scene(format!("link {:?}", link.name), "the name twice", "unique link names"));
+            }
+        }
+        let mut names: HashMap<&str, ()> = HashMap::new();
+        if self.floating_base {
+            names.insert(ROOT_JOINT, ());
+        }
+        let mut parent_joint: Vec<Option<usize>> = vec![None; self.links.len()];
+        let mut children: Vec<Vec<(usize, usize)>> = vec![Vec::new(); self.links.len()];
+        for (j, joint) in self.joints.iter().enumerate() {
+            let subject = || format!("joint {:?}", joint.name);
+            if names.insert(&joint.name, ()).is_some() {
+                return Err(Error::scene(subject(), "the name twice", "unique joint names"));
+            }
+            let find = |role: &str, name: &str| {
+                index.get(name).copied().ok_or_else(|| {
+                    Error::scene(subject(), format!("{role} link {name:?}, which is not there"), self.known_links())
+                })
+            };
+            let (parent, child) = (find("parent", &joint.parent)?, find("child", &joint.child)?);
+            if let Some(other) = parent_joint[child] {
+                return Err(Error::scene(
+                    format!("link {:?}", joint.child),
+                    format!("two parent joints, {:?} and {:?}", self.joints[other].name, joint.name),
+                    "one parent joint a link (loops are not supported)",
+                ));
+            }
+            parent_joint[child] = Some(j);
+            children[parent].push((j, child));
+        }
+        let roots: Vec<usize> = (0..self.links.len()).filter(|&i| parent_joint[i].is_none()).collect();
+        let root = match roots[..] {
+            [root] => root,
+            [] if self.links.is_empty() => return Err(Error::scene("scene", "no link", "at least one link")),
+            [] => {
+                return Err(Error::scene(
+                    format!("link {:?}", self.links[0].name),
+                    "a cycle: every link is the child of a joint",
+                    "a tree with one root link",
+                ));
+            }
+            [first, second, ..] => {
+                return Err(Error::scene(
+                    format!("link {:?}", self.links[second].name),
+                    format!("a second root beside {:?} ({} in all)", self.links[first].name, roots.len()),
+                    "a tree with one root link",
+                ));
+            }
+        };
+        let mut reached = vec![false; self.links.len()];
+        let mut stack = vec![root];
+        while let Some(link) = stack.pop() {
+            reached[link] = true;
+            stack.extend(children[link].iter().map(|&(_, child)| child));
+        }
+        if let Some(missed) = reached.iter().position(|&r| !r) {
+            return Err(Error::scene(
+                format!("link {:?}", self.links[missed].name),
+                format!("a cycle: no path from it to the root link {:?}", self.links[root].name),
+                "a tree with one root link",
+            ));
+        }
+        Ok(Tree { children, root })
+    }
+
+    /// A short list of the links, for messages.
+    fn known_links(&self) -> String {
+        let names: Vec<_> = self.links.iter().take(8).map(|l| format!("{:?}", l.name)).collect();
+        let more = if self.links.len() > 8 { ", ..." } else { "" };
+        format!("one of the links {}{more}", names.join(", "))
+    }
+
+    fn check_numbers(&self) -> Result<(), Error> {
+        for link in &self.links {
+            if let Some(inertial) = &link.inertial {
+                check_numbers(&link.name, inertial)?;
+            }
+        }
+        self.joints.iter().try_for_each(check_joint)
+    }
+
+    fn warnings(&self) -> Result<Vec<SceneWarning>, Error> {
+        let mut warnings = Vec::new();
+        for link in &self.links {
+            if let Some(found) = link.inertial.as_ref().and_then(unphysical) {
+                if self.strict {
+                    return Err(Error::scene(
+                        format!("link {:?}", link.name),
+                        found,
+                        "an inertia that a body can have (strict)",
+                    ));
+                }
+                warnings.push(SceneWarning::Inertia { link: link.name.clone(), found });
+            }
+        }
+        for joint in &self.joints {
+            if let Some(source) = &joint.mimic {
+                warnings.push(SceneWarning::Mimic { joint: joint.name.clone(), source: source.clone() });
+            }
+        }
+        Ok(warnings)
+    }
+}
+
+/// Numbers of one joint: finite, of the right sign, with an axis that has a direction.
+fn check_joint(joint: &JointDescription) -> Result<(), Error> {
+    let refuse = |found: String, expected: &str| Err(Error::scene(format!("joint {:?}", joint.name), found, expected));
+    let origin = joint.origin.rotation.iter().chain(joint.origin.lever.iter());
+    if let Some(value) = origin.into_iter().find(|x| !x.is_finite()) {
+        return refuse(format!("{value} in its origin"), "finite numbers");
+    }
+    let r = &joint.origin.rotation;
+    let defect = (r.transpose() * r - Matrix3::identity()).amax();
+    if !(defect <= 1e-9 && r.determinant() > 0.0) {
+        return refuse(format!("an origin whose rotation is off by {defect:.1e}"), "a rotation matrix");
+    }
+    let norm = joint.axis.norm();
+    if joint.kind.has_axis() && !(norm.is_finite() && norm > 1e-12) {
+        let [x, y, z]: [f64; 3] = joint.axis.into();
+        return refuse(format!("axis ({x}, {y}, {z})"), "an axis with a direction");
+    }
+    if let JointKind::Screw { pitch } = joint.kind
+        && !pitch.is_finite()
+    {
+        return refuse(format!("pitch {pitch}"), "a finite pitch in m/rad");
+    }
+    for (name, value) in [("armature", joint.armature), ("damping", joint.damping), ("friction", joint.friction)] {
+        if !(value.is_finite() && value >= 0.0) {
+            return refuse(format!("{name} {value}"), "a finite number, zero or positive");
+        }
+    }
+    let limits = &joint.limits;
+    if !(limits.lower <= limits.upper) {
+        return refuse(
+            format!("limits from {} to {}", limits.lower, limits.upper),
+            "a lower limit that is not above the upper one",
+        );
+    }
+    for (name, value) in [("velocity", limits.velocity), ("effort", limits.effort)] {
+        if !(value >= 0.0) {
+            return refuse(format!("{name} limit {value}"), "a limit that is zero or positive");
+        }
+    }
+    Ok(())
+}
+
+/// The checked tree: for each link its children as (joint, link), and the root.
+struct Tree {
+    children: Vec<Vec<(usize, usize)>>,
+    root: usize,
+}
+
+/// A rotation R with R e_z = axis; exact where the axis is a coordinate axis.
+fn axis_onto_z(axis: &Vector3<f64>) -> Matrix3<f64> {
+    let z = axis / axis.norm();
+    if z == Vector3::z() {
+        return Matrix3::identity();
+    }
+    // The coordinate axis least along z gives x by projection; along z itself it would be lost.
+    let helper = Vector3::ith(z.iamin(), 1.0);
+    let x = (helper - z * z.dot(&helper)).normalize();
+    Matrix3::from_columns(&[x, z.cross(&x), z])
+}
+
+/// A pure rotation.
+fn turn(rotation: Matrix3<f64>) -> RigidShift<f64> {
+    RigidShift { rotation, lever: Vector3::zeros() }
+}
+
+/// The scene as it grows, depth first.
+struct Assembly {
+    source: SceneBuilder,
+    warnings: Vec<SceneWarning>,
+    model: Model<f64>,
+    links: Vec<Link>,
+    joints: Vec<Joint>,
+    body_names: Vec<BodyName>,
+    /// What is attached to each body beyond its own link, for the plan.
+    merged: Vec<String>,
+}
+
+/// Where a link is: on a moving body or on the base, at a placement seen from there.
+type Place = (Option<usize>, RigidShift<f64>);
+
+impl Assembly {
+    fn new(source: SceneBuilder, warnings: Vec<SceneWarning>) -> Self {
+        let model = Model::empty(source.gravity);
+        Self {
+            links: Vec::with_capacity(source.links.len()),
+            joints: Vec::new(),
+            body_names: Vec::new(),
+            merged: Vec::new(),
+            source,
+            warnings,
+            model,
+        }
+    }
+
+    fn run(mut self, tree: &Tree) -> Scene {
+        let place = if self.source.floating_base {
+            let root =
+                JointDescription::new(ROOT_JOINT, JointKind::Floating, "", self.source.links[tree.root].name.clone());
+            self.add_joint(&root, (None, RigidShift::identity()))
+        } else {
+            (None, RigidShift::identity())
+        };
+        let mut stack: Vec<(Option<usize>, usize, Place)> = vec![(None, tree.root, place)];
+        while let Some((joint, link, at)) = stack.pop() {
+            let at = match joint {
+                Some(joint) => {
+                    let joint = self.source.joints[joint].clone();
+                    self.add_joint(&joint, at)
+                }
+                None => at,
+            };
+            self.add_link(link, &at);
+            // Reversed, so that the first child in file order is taken first.
+            for &(joint, child) in tree.children[link].iter().rev() {
+                stack.push((Some(joint), child, at));
+            }
+        }
+        Scene::assembled(self.source, self.warnings, self.model, self.links, self.joints, self.body_names, self.merged)
+    }
+
+    /// Adds a joint on a parent link placed at `at`; gives the place of its child link.
+    fn add_joint(&mut self, joint: &JointDescription, at: Place) -> Place {
+        let (parent, placement) = at;
+        let origin = placement.compose(&joint.origin);
+        if joint.kind == JointKind::Fixed {
+            self.merged.push(joint.name.clone());
+            return (parent, origin);
+        }
+        let (first_q, first_v) = (self.model.nq, self.model.nv());
+        let align = if joint.kind.has_axis() { axis_onto_z(&joint.axis) } else { Matrix3::identity() };
+        let mut push = |parent: Option<usize>, tree: RigidShift<f64>, motion: Motion<f64>| {
+            self.body_names.push(BodyName { joint: self.joints.len() });
+            Some(self.model.push(parent, tree, motion, BodyInertia::zero(), joint.armature))
+        };
+        let aligned = origin.compose(&turn(align));
+        let body = match joint.kind {
+            JointKind::Revolute | JointKind::Continuous => push(parent, aligned, Motion::Revolute),
+            JointKind::Prismatic => push(parent, aligned, Motion::Prismatic),
+            JointKind::Screw { pitch } => push(parent, aligned, Motion::Screw(pitch)),
+            JointKind::Planar => {
+                // u, v, theta one after another, through two massless bodies; each frame has its own axis on z.
+                let (along_u, along_v) = (axis_onto_z(&Vector3::x()), axis_onto_z(&Vector3::y()));
+                let u = push(parent, aligned.compose(&turn(along_u)), Motion::Prismatic);
+                let v = push(u, turn(along_u.transpose() * along_v), Motion::Prismatic);
+                push(v, turn(along_v.transpose()), Motion::Revolute)
+            }
+            JointKind::Spherical => push(parent, origin, Motion::Spherical),
+            JointKind::Floating => push(parent, origin, Motion::Free),
+            JointKind::Fixed => parent,
+        };
+        self.joints.push(Joint {
+            name: joint.name.clone(),
+            kind: joint.kind,
+            child: joint.child.clone(),
+            q: first_q..self.model.nq,
+            v: first_v..self.model.nv(),
+            limits: joint.limits,
+        });
+        (body, turn(align.transpose()))
+    }
+
+    /// Records a link, and adds its inertia to the body that carries it.
+    fn add_link(&mut self, link: usize, at: &Place) {
+        let description = &self.source.links[link];
+        let (body, placement) = *at;
+        if let (Some(body), Some(inertial)) = (body, &description.inertial) {
+            let own = BodyInertia::from_central(inertial.mass, &inertial.centre, &inertial.central);
+            let carrier = &mut self.model.bodies[body].inertia;
+            *carrier = carrier.add(&own.to_parent(&placement));
+        }
+        self.links.push(Link { name: description.name.clone(), body, placement });
+    }
+}

@@ -1,0 +1,184 @@
+//! What a scene is made of, as the user says it: links and joints by name.
+
+use crate::spatial::{RigidShift, Symmetric3};
+use nalgebra::Vector3;
+
+/// Mass, mass centre and inertia of a link, in the link's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Inertial {
+    /// Mass, kg.
+    pub mass: f64,
+    /// Mass centre, m.
+    pub centre: Vector3<f64>,
+    /// Rotational inertia about the mass centre, axes parallel to the link's frame, kg m^2.
+    pub central: Symmetric3<f64>,
+}
+
+/// A link: a name, and an inertia if it has one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinkDescription {
+    /// Name, unique among the links.
+    pub name: String,
+    /// Inertia; none for a link that is a mere frame.
+    pub inertial: Option<Inertial>,
+}
+
+/// The kind of a joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum JointKind {
+    /// No motion: the child is merged into its parent.
+    Fixed,
+    /// Rotation about the axis, rad; with limits, as a rule.
+    Revolute,
+    /// Rotation about the axis, rad, without limits. The same dynamics as revolute.
+    Continuous,
+    /// Translation along the axis, m.
+    Prismatic,
+    /// Rotation about the axis that advances along it.
+    Screw {
+        /// Advance, m/rad.
+        pitch: f64,
+    },
+    /// Motion in the plane whose normal is the axis: (u, v, theta), m, m, rad.
+    Planar,
+    /// Quaternion (x, y, z, w); rates are the angular velocity in the child's frame.
+    Spherical,
+    /// Position and quaternion; rates are linear, then angular velocity in the child's frame.
+    Floating,
+}
+
+impl JointKind {
+    /// Number of coordinates in q.
+    pub fn nq(self) -> usize {
+        match self {
+            Self::Fixed => 0,
+            Self::Revolute | Self::Continuous | Self::Prismatic | Self::Screw { .. } => 1,
+            Self::Planar => 3,
+            Self::Spherical => 4,
+            Self::Floating => 7,
+        }
+    }
+
+    /// Number of degrees of freedom.
+    pub fn nv(self) -> usize {
+        match self {
+            Self::Spherical => 3,
+            Self::Floating => 6,
+            other => other.nq(),
+        }
+    }
+
+    /// Whether the joint's axis means anything.
+    pub fn has_axis(self) -> bool {
+        !matches!(self, Self::Fixed | Self::Spherical | Self::Floating)
+    }
+
+    /// The name used in URDF, in Python and in messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fixed => "fixed",
+            Self::Revolute => "revolute",
+            Self::Continuous => "continuous",
+            Self::Prismatic => "prismatic",
+            Self::Screw { .. } => "screw",
+            Self::Planar => "planar",
+            Self::Spherical => "spherical",
+            Self::Floating => "floating",
+        }
+    }
+}
+
+/// Limits of a joint, reported and never enforced.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Smallest position, rad or m.
+    pub lower: f64,
+    /// Largest position, rad or m.
+    pub upper: f64,
+    /// Largest speed, rad/s or m/s.
+    pub velocity: f64,
+    /// Largest torque or force, N m or N.
+    pub effort: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { lower: f64::NEG_INFINITY, upper: f64::INFINITY, velocity: f64::INFINITY, effort: f64::INFINITY }
+    }
+}
+
+/// A joint between two links.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointDescription {
+    /// Name, unique among the joints.
+    pub name: String,
+    /// What it lets move.
+    pub kind: JointKind,
+    /// Name of the link on the base's side.
+    pub parent: String,
+    /// Name of the link that it carries.
+    pub child: String,
+    /// The child's frame at zero configuration, seen from the parent's.
+    pub origin: RigidShift<f64>,
+    /// Axis in the child's frame; its length does not matter.
+    pub axis: Vector3<f64>,
+    /// Inertia of the rotor, seen at the joint, for each of its degrees of freedom: kg m^2 or kg.
+    pub armature: f64,
+    /// Viscous damping, N m s/rad or N s/m (simulation only).
+    pub damping: f64,
+    /// Coulomb friction, N m or N (simulation only).
+    pub friction: f64,
+    /// Limits.
+    pub limits: Limits,
+    /// Name of the joint that this one should mimic; it stays an independent coordinate.
+    pub mimic: Option<String>,
+}
+
+impl JointDescription {
+    /// A joint at the parent's origin, axis z, with no armature, damping, friction or limits.
+    pub fn new(name: impl Into<String>, kind: JointKind, parent: impl Into<String>, child: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            kind,
+            parent: parent.into(),
+            child: child.into(),
+            origin: RigidShift::identity(),
+            axis: Vector3::z(),
+            armature: 0.0,
+            damping: 0.0,
+            friction: 0.0,
+            limits: Limits::default(),
+            mimic: None,
+        }
+    }
+}
+
+/// Something about a scene that its user should know, though it can be computed with.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SceneWarning {
+    /// A link whose inertia no distribution of mass can have.
+    Inertia {
+        /// The link.
+        link: String,
+        /// What is wrong with it.
+        found: String,
+    },
+    /// A joint that should mimic another, taken as an independent coordinate.
+    Mimic {
+        /// The joint.
+        joint: String,
+        /// The joint that it should follow.
+        source: String,
+    },
+}
+
+impl std::fmt::Display for SceneWarning {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Inertia { link, found } => write!(f, "link {link:?}: {found}; no body has such an inertia"),
+            Self::Mimic { joint, source } => {
+                write!(f, "joint {joint:?}: mimics {source:?}; it is taken as an independent coordinate")
+            }
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! Locking joints: a new scene with those joints folded into the bodies around them.
+
+use super::description::{JointDescription, JointKind};
+use super::{ROOT_JOINT, Scene};
+use crate::error::Error;
+use crate::kinematics::joint_shift;
+use crate::spatial::RigidShift;
+use nalgebra::Matrix3;
+
+impl Scene {
+    /// The scene with `joints` fixed where the configuration `q` has them; names of links stay.
+    ///
+    /// # Errors
+    ///
+    /// An unknown joint, or a bad configuration.
+    pub fn lock(&self, joints: &[&str], q: &[f64]) -> Result<Self, Error> {
+        self.check_configuration("q", q)?;
+        let mut source = self.source().clone();
+        for name in joints {
+            let joint = self.joint(name)?;
+            let moved = self.child_placement(joint, q);
+            if *name == ROOT_JOINT && source.floating_base {
+                source.floating_base = false;
+                source = on_a_base(source, joint.child.clone(), moved);
+                continue;
+            }
+            if let Some(description) = source.joints.iter_mut().find(|d| d.name == *name) {
+                description.kind = JointKind::Fixed;
+                description.mimic = None;
+                description.origin = tidy(&moved);
+            }
+        }
+        source.build()
+    }
+
+    /// The child link's frame seen from the parent link's, at `q`.
+    fn child_placement(&self, joint: &super::Joint, q: &[f64]) -> RigidShift<f64> {
+        let model = self.model();
+        let bodies = (0..model.bodies.len()).filter(|&k| {
+            model.system.stages[k].first_row >= joint.v.start && model.system.stages[k].first_row < joint.v.end
+        });
+        // From the carrier of the parent link to the child's body, then the frames of the two links on them.
+        let on_carrier =
+            bodies.fold(RigidShift::identity(), |shift, k| shift.compose(&joint_shift(&model.bodies[k], q)));
+        let child = self.link(&joint.child).map_or_else(|_| RigidShift::identity(), |link| link.placement);
+        let parent = self
+            .source()
+            .joints
+            .iter()
+            .find(|description| description.name == joint.name)
+            .and_then(|description| self.link(&description.parent).ok())
+            .map_or_else(RigidShift::identity, |link| link.placement);
+        parent.inverse().compose(&on_carrier).compose(&child)
+    }
+}
+
+/// A fixed joint in place of the floating base's free one.
+fn on_a_base(mut source: super::SceneBuilder, root: String, placement: RigidShift<f64>) -> super::SceneBuilder {
+    let mut base = "base".to_owned();
+    while source.links.iter().any(|link| link.name == base) {
+        base.push('_');
+    }
+    let mut joint = JointDescription::new(ROOT_JOINT, JointKind::Fixed, base.clone(), root);
+    joint.origin = tidy(&placement);
+    source.links.insert(0, super::LinkDescription { name: base, inertial: None });
+    source.joints.insert(0, joint);
+    source
+}
+
+/// The nearest rotation to one that products of rotations have worn by rounding: one Newton step, R (3 - R^T R)/2.
+fn tidy(shift: &RigidShift<f64>) -> RigidShift<f64> {
+    let r = shift.rotation;
+    RigidShift { rotation: r * (Matrix3::identity() * 3.0 - r.transpose() * r) * 0.5, lever: shift.lever }
+}

@@ -1,0 +1,171 @@
+//! The scene: an immutable articulated system, shareable between threads.
+//!
+//! [`description`] says what the user gives, [`builder`] checks and assembles it, [`model`] is what the sweeps read, `urdf`
+//! reads files, [`configuration`] moves on the manifold of configurations, [`queries`] are the checked algorithms.
+
+pub mod builder;
+pub mod configuration;
+pub mod description;
+mod inertia_check;
+mod lock;
+pub mod model;
+mod queries;
+#[cfg(feature = "urdf")]
+pub mod urdf;
+
+pub use builder::{ROOT_JOINT, SceneBuilder};
+pub use description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, SceneWarning};
+pub use model::{Body, Model, Motion};
+
+use crate::error::Error;
+use crate::spatial::RigidShift;
+use std::collections::HashMap;
+use std::ops::Range;
+
+/// A movable joint of a scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Joint {
+    /// Its name.
+    pub name: String,
+    /// What it lets move.
+    pub kind: JointKind,
+    /// Name of the link that it carries.
+    pub child: String,
+    /// Its coordinates in q.
+    pub q: Range<usize>,
+    /// Its degrees of freedom in qd, qdd, tau.
+    pub v: Range<usize>,
+    /// Its limits, reported and never enforced.
+    pub limits: Limits,
+}
+
+/// A link of a scene: which body it is part of, and where on it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Link {
+    /// Its name.
+    pub name: String,
+    /// Index of the moving body that carries it; none on the base.
+    pub body: Option<usize>,
+    /// From the link's frame to the body's (or the base's).
+    pub placement: RigidShift<f64>,
+}
+
+/// Which joint a body belongs to, for names in messages.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct BodyName {
+    joint: usize,
+}
+
+/// An articulated system: bodies, joints, gravity, and the names of them. Immutable.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    source: SceneBuilder,
+    warnings: Vec<SceneWarning>,
+    model: Model<f64>,
+    links: Vec<Link>,
+    joints: Vec<Joint>,
+    body_names: Vec<BodyName>,
+    merged: Vec<String>,
+    link_index: HashMap<String, usize>,
+    joint_index: HashMap<String, usize>,
+}
+
+impl Scene {
+    #[allow(clippy::too_many_arguments)] // the parts of the builder's assembly, in one place only
+    fn assembled(
+        source: SceneBuilder,
+        warnings: Vec<SceneWarning>,
+        model: Model<f64>,
+        links: Vec<Link>,
+        joints: Vec<Joint>,
+        body_names: Vec<BodyName>,
+        merged: Vec<String>,
+    ) -> Self {
+        let link_index = links.iter().enumerate().map(|(i, link)| (link.name.clone(), i)).collect();
+        let joint_index = joints.iter().enumerate().map(|(i, joint)| (joint.name.clone(), i)).collect();
+        Self { source, warnings, model, links, joints, body_names, merged, link_index, joint_index }
+    }
+
+    /// Number of coordinates in q.
+    pub fn nq(&self) -> usize {
+        self.model.nq
+    }
+
+    /// Number of degrees of freedom, the length of qd, qdd and tau.
+    pub fn nv(&self) -> usize {
+        self.model.nv()
+    }
+
+    /// The numbers that the sweeps read.
+    pub fn model(&self) -> &Model<f64> {
+        &self.model
+    }
+
+    /// What the scene was built from; building it again gives an equal scene.
+    pub fn source(&self) -> &SceneBuilder {
+        &self.source
+    }
+
+    /// What its user should know.
+    pub fn warnings(&self) -> &[SceneWarning] {
+        &self.warnings
+    }
+
+    /// Movable joints in the order of q.
+    pub fn joints(&self) -> &[Joint] {
+        &self.joints
+    }
+
+    /// Links, depth first; those on fixed joints included.
+    pub fn links(&self) -> &[Link] {
+        &self.links
+    }
+
+    /// Names of the fixed joints that were merged away.
+    pub fn merged_joints(&self) -> &[String] {
+        &self.merged
+    }
+
+    /// The joint of that name.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] with the names that there are.
+    pub fn joint(&self, name: &str) -> Result<&Joint, Error> {
+        self.joint_index
+            .get(name)
+            .map(|&i| &self.joints[i])
+            .ok_or_else(|| unknown("joint", name, self.joints.iter().map(|joint| joint.name.as_str())))
+    }
+
+    /// The link of that name.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] with the names that there are.
+    pub fn link(&self, name: &str) -> Result<&Link, Error> {
+        self.link_index
+            .get(name)
+            .map(|&i| &self.links[i])
+            .ok_or_else(|| unknown("link", name, self.links.iter().map(|link| link.name.as_str())))
+    }
+
+    /// The joint that degree of freedom `row` belongs to.
+    pub fn joint_of_row(&self, row: usize) -> Option<&Joint> {
+        self.joints.iter().find(|joint| joint.v.contains(&row))
+    }
+
+    /// The joint that moves body `body` of the model.
+    pub fn joint_of_body(&self, body: usize) -> Option<&Joint> {
+        self.body_names.get(body).map(|name| &self.joints[name.joint])
+    }
+}
+
+/// A message for a name that is not there, with those that are.
+fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str>) -> Error {
+    let mut names: Vec<String> = known.map(|name| format!("{name:?}")).collect();
+    let total = names.len();
+    names.truncate(12);
+    let more = if total > names.len() { format!(", ... ({total} in all)") } else { String::new() };
+    Error::argument(what, format!("{name:?}"), format!("one of {}{more}", names.join(", ")))
+}

@@ -1,0 +1,149 @@
+//! The numbers of a scene, ready for the sweeps: what the recursions read, in any scalar.
+
+use crate::filter::{HingeMap, Rows, Stage, System};
+use crate::scalar::Real;
+use crate::spatial::{BodyInertia, RigidShift, Symmetric3};
+use nalgebra::{Matrix3, Vector3};
+
+/// How a body moves against its parent. Axes were turned onto z when the scene was built.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Motion<T> {
+    /// Rotation about z, rad.
+    Revolute,
+    /// Translation along z, m.
+    Prismatic,
+    /// Rotation about z that advances by the pitch, m/rad.
+    Screw(T),
+    /// Quaternion (x, y, z, w); rates are the angular velocity in the body frame.
+    Spherical,
+    /// Position, then quaternion; rates are (linear, angular) velocity in the body frame.
+    Free,
+}
+
+impl<T: Real> Motion<T> {
+    /// Number of configuration coordinates.
+    pub fn nq(&self) -> usize {
+        match self {
+            Self::Spherical => 4,
+            Self::Free => 7,
+            _ => 1,
+        }
+    }
+
+    /// The measurement rows of the joint.
+    pub fn rows(&self) -> Rows<T> {
+        match *self {
+            Self::Revolute => Rows::One(HingeMap::Axis(2)),
+            Self::Prismatic => Rows::One(HingeMap::Axis(5)),
+            Self::Screw(pitch) => Rows::One(HingeMap::Screw(pitch)),
+            Self::Spherical => Rows::Angular,
+            Self::Free => Rows::Six,
+        }
+    }
+}
+
+/// One moving body: fixed joints are merged, a planar joint is three of these.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Body<T> {
+    /// Shift from the body's frame at zero configuration to its parent's frame.
+    pub tree: RigidShift<T>,
+    /// M(k) about the body's frame.
+    pub inertia: BodyInertia<T>,
+    /// The joint to the parent.
+    pub motion: Motion<T>,
+    /// Index of its first coordinate in q.
+    pub q: usize,
+}
+
+/// The numbers of a scene: bodies from the base outward, the measurement system, gravity.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model<T> {
+    /// Bodies, parents before children, one for each stage of the system.
+    pub bodies: Vec<Body<T>>,
+    /// Tree, measurement rows and armature (as measurement noise).
+    pub system: System<T>,
+    /// Number of coordinates in q.
+    pub nq: usize,
+    /// Gravity in the base frame, m/s^2.
+    pub gravity: Vector3<T>,
+}
+
+impl<T: Real> Model<T> {
+    /// A model without bodies.
+    pub fn empty(gravity: Vector3<T>) -> Self {
+        Self { bodies: Vec::new(), system: System { stages: Vec::new(), noise: Vec::new() }, nq: 0, gravity }
+    }
+
+    /// Number of degrees of freedom.
+    pub fn nv(&self) -> usize {
+        self.system.rows()
+    }
+
+    /// Appends a body; gives its index.
+    pub fn push(
+        &mut self,
+        parent: Option<usize>,
+        tree: RigidShift<T>,
+        motion: Motion<T>,
+        inertia: BodyInertia<T>,
+        armature: T,
+    ) -> usize {
+        let rows = motion.rows();
+        self.bodies.push(Body { tree, inertia, motion, q: self.nq });
+        self.system.stages.push(Stage { parent, rows, first_row: self.nv() });
+        self.system.noise.extend(std::iter::repeat_n(armature, rows.count()));
+        self.nq += motion.nq();
+        self.bodies.len() - 1
+    }
+}
+
+impl Model<f64> {
+    /// The same numbers, exactly where the scalar can hold them, in another scalar.
+    pub fn cast<U: Real>(&self) -> Model<U> {
+        let scalar = U::from_f64;
+        let vector = |v: &Vector3<f64>| Vector3::new(scalar(v[0]), scalar(v[1]), scalar(v[2]));
+        let shift = |s: &RigidShift<f64>| RigidShift {
+            rotation: Matrix3::from_fn(|i, j| scalar(s.rotation[(i, j)])),
+            lever: vector(&s.lever),
+        };
+        let motion = |m: &Motion<f64>| match *m {
+            Motion::Revolute => Motion::Revolute,
+            Motion::Prismatic => Motion::Prismatic,
+            Motion::Screw(pitch) => Motion::Screw(scalar(pitch)),
+            Motion::Spherical => Motion::Spherical,
+            Motion::Free => Motion::Free,
+        };
+        Model {
+            bodies: self
+                .bodies
+                .iter()
+                .map(|body| Body {
+                    tree: shift(&body.tree),
+                    inertia: BodyInertia {
+                        mass: scalar(body.inertia.mass),
+                        first_moment: vector(&body.inertia.first_moment),
+                        rotational: Symmetric3::new(body.inertia.rotational.entries.map(scalar)),
+                    },
+                    motion: motion(&body.motion),
+                    q: body.q,
+                })
+                .collect(),
+            system: System {
+                stages: self
+                    .system
+                    .stages
+                    .iter()
+                    .zip(&self.bodies)
+                    .map(|(stage, body)| Stage {
+                        parent: stage.parent,
+                        rows: motion(&body.motion).rows(),
+                        first_row: stage.first_row,
+                    })
+                    .collect(),
+                noise: self.system.noise.iter().copied().map(scalar).collect(),
+            },
+            nq: self.nq,
+            gravity: vector(&self.gravity),
+        }
+    }
+}

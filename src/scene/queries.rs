@@ -1,0 +1,322 @@
+//! The algorithms on one state of a scene, with arguments checked and faults named.
+
+use super::{Joint, Link, Scene};
+use crate::dynamics::mass_inverse::InverseScratch;
+use crate::dynamics::{self, Energy};
+use crate::error::{Error, check_finite, check_length};
+use crate::filter::riccati::PivotMonitor;
+use crate::kinematics;
+use crate::spatial::{RigidShift, SpatialVector};
+use crate::workspace::Workspace;
+use nalgebra::Vector6;
+
+/// How far the norm of a quaternion may be from one.
+pub const QUATERNION_SLACK: f64 = 1e-3;
+
+/// Wrenches on links, as forces on bodies: empty, or one a body in the body's frame.
+pub type BodyWrenches = Vec<SpatialVector<f64>>;
+
+impl Scene {
+    /// Scratch for the methods below; one for each thread.
+    pub fn workspace(&self) -> Workspace<f64> {
+        Workspace::new(&self.model)
+    }
+
+    /// Scratch for [`Scene::mass_matrix_inverse`].
+    pub fn inverse_scratch(&self) -> InverseScratch<f64> {
+        InverseScratch::new(&self.model)
+    }
+
+    /// Checks a configuration: length, finite, quaternions within [`QUATERNION_SLACK`] of unit norm.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`], [`Error::NotFinite`], or [`Error::Argument`] naming the joint of the quaternion.
+    pub fn check_configuration(&self, argument: &str, q: &[f64]) -> Result<(), Error> {
+        check_length(argument, q.len(), self.nq())?;
+        check_finite(argument, q)?;
+        for joint in self.joints() {
+            let Some(quaternion) = joint.quaternion() else { continue };
+            let norm = q[quaternion].iter().map(|x| x * x).sum::<f64>().sqrt();
+            if !((norm - 1.0).abs() <= QUATERNION_SLACK) {
+                return Err(Error::argument(
+                    argument,
+                    format!("a quaternion of norm {norm} for joint {:?}", joint.name),
+                    "unit norm, to within 1e-3",
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks rates, accelerations or torques of one state.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`] or [`Error::NotFinite`].
+    pub fn check_rates(&self, argument: &str, values: &[f64]) -> Result<(), Error> {
+        check_length(argument, values.len(), self.nv())?;
+        check_finite(argument, values)
+    }
+
+    /// Forward dynamics of one state: see [`dynamics::forward_dynamics`].
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths, numbers that are not finite, and [`Error::SingularJoint`] where a pivot is lost.
+    #[allow(clippy::too_many_arguments)] // a state is three arrays; scratch and result are the caller's
+    pub fn forward_dynamics(
+        &self,
+        workspace: &mut Workspace<f64>,
+        q: &[f64],
+        qd: &[f64],
+        tau: &[f64],
+        wrenches: &[SpatialVector<f64>],
+        qdd: &mut [f64],
+    ) -> Result<(), Error> {
+        self.check_configuration("q", q)?;
+        self.check_rates("qd", qd)?;
+        self.check_rates("tau", tau)?;
+        self.check_wrenches(wrenches)?;
+        check_length("qdd", qdd.len(), self.nv())?;
+        let monitor = dynamics::forward_dynamics(&self.model, workspace, q, qd, tau, wrenches, qdd);
+        self.check_pivots(workspace, monitor)?;
+        self.check_result("forward dynamics", qdd)
+    }
+
+    /// Inverse dynamics of one state: see [`dynamics::inverse_dynamics`].
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths and numbers that are not finite.
+    #[allow(clippy::too_many_arguments)] // as above
+    pub fn inverse_dynamics(
+        &self,
+        workspace: &mut Workspace<f64>,
+        q: &[f64],
+        qd: &[f64],
+        qdd: &[f64],
+        wrenches: &[SpatialVector<f64>],
+        tau: &mut [f64],
+    ) -> Result<(), Error> {
+        self.check_configuration("q", q)?;
+        self.check_rates("qd", qd)?;
+        self.check_rates("qdd", qdd)?;
+        self.check_wrenches(wrenches)?;
+        check_length("tau", tau.len(), self.nv())?;
+        dynamics::inverse_dynamics(&self.model, workspace, q, qd, qdd, wrenches, tau);
+        self.check_result("inverse dynamics", tau)
+    }
+
+    /// The bias torque H phi b of one state, gravity included.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths and numbers that are not finite.
+    pub fn bias_torque(
+        &self,
+        workspace: &mut Workspace<f64>,
+        q: &[f64],
+        qd: &[f64],
+        tau: &mut [f64],
+    ) -> Result<(), Error> {
+        self.check_configuration("q", q)?;
+        self.check_rates("qd", qd)?;
+        check_length("tau", tau.len(), self.nv())?;
+        dynamics::bias_torque(&self.model, workspace, q, qd, &[], tau);
+        self.check_result("bias torque", tau)
+    }
+
+    /// The mass matrix at `q`, (nv x nv) row by row.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths and numbers that are not finite.
+    pub fn mass_matrix(&self, workspace: &mut Workspace<f64>, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
+        self.check_configuration("q", q)?;
+        check_length("out", out.len(), self.nv() * self.nv())?;
+        dynamics::mass_matrix(&self.model, workspace, q, out);
+        self.check_result("mass matrix", out)
+    }
+
+    /// The inverse of the mass matrix at `q` in closed form (6.1), (nv x nv) row by row.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths, numbers that are not finite, and [`Error::SingularJoint`].
+    pub fn mass_matrix_inverse(
+        &self,
+        workspace: &mut Workspace<f64>,
+        scratch: &mut InverseScratch<f64>,
+        q: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        self.check_configuration("q", q)?;
+        check_length("out", out.len(), self.nv() * self.nv())?;
+        let monitor = dynamics::mass_matrix_inverse(&self.model, workspace, scratch, q, out);
+        self.check_pivots(workspace, monitor)?;
+        self.check_result("mass matrix inverse", out)
+    }
+
+    /// Kinetic and potential energy, J.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths and numbers that are not finite.
+    pub fn energy(&self, workspace: &mut Workspace<f64>, q: &[f64], qd: &[f64]) -> Result<Energy<f64>, Error> {
+        self.check_configuration("q", q)?;
+        self.check_rates("qd", qd)?;
+        let energy = dynamics::energy(&self.model, workspace, q, qd);
+        self.check_result("energy", &[energy.kinetic, energy.potential])?;
+        Ok(energy)
+    }
+
+    /// Spatial momentum (angular about the base's origin, linear) in the base frame.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths and numbers that are not finite.
+    pub fn momentum(&self, workspace: &mut Workspace<f64>, q: &[f64], qd: &[f64]) -> Result<SpatialVector<f64>, Error> {
+        self.check_configuration("q", q)?;
+        self.check_rates("qd", qd)?;
+        let momentum = dynamics::momentum(&self.model, workspace, q, qd);
+        self.check_result("momentum", momentum.as_slice())?;
+        Ok(momentum)
+    }
+
+    /// Where every link is: from its frame to the base's, in the order of [`Scene::links`].
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths and numbers that are not finite.
+    pub fn placements(&self, q: &[f64]) -> Result<Vec<RigidShift<f64>>, Error> {
+        self.check_configuration("q", q)?;
+        let mut bodies: Vec<RigidShift<f64>> = Vec::with_capacity(self.model.bodies.len());
+        for (body, stage) in self.model.bodies.iter().zip(&self.model.system.stages) {
+            let shift = kinematics::joint_shift(body, q);
+            bodies.push(match stage.parent {
+                Some(parent) => bodies[parent].compose(&shift),
+                None => shift,
+            });
+        }
+        Ok(self.links().iter().map(|link| on_base(link, &bodies)).collect())
+    }
+
+    /// The Jacobian of a link, (6 x nv) row by row: its spatial velocity (angular, linear) at its origin and in its own
+    /// frame is J qd, and a wrench w on it there gives the joint torques J^T w.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths, numbers that are not finite, an unknown link.
+    pub fn jacobian(&self, q: &[f64], link: &str, out: &mut [f64]) -> Result<(), Error> {
+        let link = self.link(link)?;
+        self.check_configuration("q", q)?;
+        let nv = self.nv();
+        check_length("out", out.len(), 6 * nv)?;
+        out.fill(0.0);
+        // Inward from the link: `to_body` carries forces on the link to the body at hand, so its transpose carries motions.
+        let mut to_body = link.placement;
+        let mut at = link.body;
+        while let Some(k) = at {
+            let stage = &self.model.system.stages[k];
+            for i in 0..stage.rows.count() {
+                let column = to_body.motion_to_child(&stage.rows.row(i).to_column());
+                for (row, value) in column.iter().enumerate() {
+                    out[row * nv + stage.first_row + i] = *value;
+                }
+            }
+            to_body = kinematics::joint_shift(&self.model.bodies[k], q).compose(&to_body);
+            at = stage.parent;
+        }
+        self.check_result("jacobian", out)
+    }
+
+    /// Wrenches (moment, force) on links, each at its link's origin and in its frame, as forces on bodies.
+    ///
+    /// # Errors
+    ///
+    /// An unknown link or numbers that are not finite.
+    pub fn body_wrenches<'a>(
+        &self,
+        wrenches: impl IntoIterator<Item = (&'a str, SpatialVector<f64>)>,
+    ) -> Result<BodyWrenches, Error> {
+        let mut on_bodies = vec![Vector6::zeros(); self.model.bodies.len()];
+        for (name, wrench) in wrenches {
+            let link = self.link(name)?;
+            check_finite(&format!("wrench on {name:?}"), wrench.as_slice())?;
+            if let Some(body) = link.body {
+                on_bodies[body] += link.placement.force_to_parent(&wrench);
+            }
+        }
+        Ok(on_bodies)
+    }
+
+    /// Turns a lost pivot into an error that names the joint.
+    pub(crate) fn check_pivots(&self, workspace: &Workspace<f64>, monitor: PivotMonitor<f64>) -> Result<(), Error> {
+        if monitor.clear(0) {
+            return Ok(());
+        }
+        Err(self.singular_joint(workspace, monitor))
+    }
+
+    /// The joint whose pivot was lost, the one furthest from the base first.
+    fn singular_joint(&self, workspace: &Workspace<f64>, monitor: PivotMonitor<f64>) -> Error {
+        let mut lost = None;
+        for (k, stage) in self.model.system.stages.iter().enumerate().rev() {
+            let mut subtracted = workspace.subtracted[k];
+            for i in (0..stage.rows.count()).rev() {
+                let row = stage.first_row + i;
+                let m = &workspace.measured[row];
+                let terms = stage.rows.row(i).project(&subtracted);
+                if !(monitor.margin(m.pivot, terms) > 0.0) && lost.is_none() {
+                    lost = Some((k, m.pivot, m.pivot + terms));
+                }
+                subtracted += m.gain.component_mul(&m.gain) * m.pivot;
+            }
+        }
+        let (body, pivot, terms) = lost.unwrap_or((0, f64::NAN, f64::NAN));
+        let joint = self.joint_of_body(body);
+        let name = |of: fn(&Joint) -> &String| joint.map(of).cloned().unwrap_or_default();
+        Error::SingularJoint {
+            joint: name(|joint| &joint.name),
+            link: name(|joint| &joint.child),
+            state: None,
+            pivot,
+            terms,
+        }
+    }
+
+    fn check_wrenches(&self, wrenches: &[SpatialVector<f64>]) -> Result<(), Error> {
+        if !wrenches.is_empty() {
+            check_length("wrenches", wrenches.len(), self.model.bodies.len())?;
+            wrenches.iter().try_for_each(|wrench| check_finite("wrenches", wrench.as_slice()))?;
+        }
+        Ok(())
+    }
+
+    /// Finite arguments can still overflow on the way.
+    #[allow(clippy::unused_self)] // reads as the other checks do
+    fn check_result(&self, what: &str, values: &[f64]) -> Result<(), Error> {
+        check_finite(&format!("{what} (result; the arguments overflow)"), values)
+    }
+}
+
+impl Joint {
+    /// Where its quaternion is in q, if it has one.
+    pub fn quaternion(&self) -> Option<std::ops::Range<usize>> {
+        use super::JointKind::{Floating, Spherical};
+        match self.kind {
+            Spherical => Some(self.q.clone()),
+            Floating => Some(self.q.start + 3..self.q.end),
+            _ => None,
+        }
+    }
+}
+
+/// A link's placement on the base, from those of the bodies.
+fn on_base(link: &Link, bodies: &[RigidShift<f64>]) -> RigidShift<f64> {
+    match link.body {
+        Some(body) => bodies[body].compose(&link.placement),
+        None => link.placement,
+    }
+}

@@ -1,0 +1,62 @@
+//! Every per-body array of the sweeps, allocated once.
+
+use crate::filter::riccati::{Covariances, Measured};
+use crate::scalar::Real;
+use crate::scene::Model;
+use crate::spatial::{BodyInertia, RigidShift, Symmetric3, Symmetric6};
+use nalgebra::{Vector3, Vector6};
+
+/// The scratch of every algorithm for one state (or one state a lane); starts as NaN, so that nothing unset is ever used.
+#[derive(Debug, Clone)]
+pub struct Workspace<T: Real> {
+    pub(crate) shift: Vec<RigidShift<T>>,
+    pub(crate) velocity: Vec<Vector6<T>>,
+    pub(crate) acceleration: Vec<Vector6<T>>,
+    /// b(k), then z^-(k), then z^+(k); in inverse dynamics the whole force.
+    pub(crate) z: Vec<Vector6<T>>,
+    pub(crate) co_state: Vec<Vector6<T>>,
+    pub(crate) subtracted: Vec<Vector6<T>>,
+    /// P^-(k), then P^+(k).
+    pub(crate) p: Vec<Symmetric6<T>>,
+    pub(crate) measured: Vec<Measured<T>>,
+    /// r(k), the inertia of everything outboard of joint k.
+    pub(crate) composite: Vec<BodyInertia<T>>,
+}
+
+impl<T: Real> Workspace<T> {
+    /// Scratch for `model`, about 0.9 kB a body in f64.
+    pub fn new(model: &Model<T>) -> Self {
+        let nan = T::from_f64(f64::NAN);
+        let bodies = model.bodies.len();
+        let vectors = || vec![Vector6::from_element(nan); bodies];
+        Self {
+            shift: vec![RigidShift::filled(nan); bodies],
+            velocity: vectors(),
+            acceleration: vectors(),
+            z: vectors(),
+            co_state: vectors(),
+            subtracted: vectors(),
+            p: vec![Symmetric6::filled(nan); bodies],
+            measured: vec![Measured::filled(nan); model.nv()],
+            composite: vec![
+                BodyInertia {
+                    mass: nan,
+                    first_moment: Vector3::from_element(nan),
+                    rotational: Symmetric3::new([nan; 6]),
+                };
+                bodies
+            ],
+        }
+    }
+
+    /// The arrays of the Riccati recursion.
+    #[inline(always)]
+    pub(crate) fn covariances(&mut self) -> Covariances<'_, T> {
+        Covariances {
+            shift: &self.shift,
+            p: &mut self.p,
+            subtracted: &mut self.subtracted,
+            measured: &mut self.measured,
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! What the Rust tests share: random scenes and states from a seed, and the one table of tolerances.
+#![allow(dead_code)] // each test file uses its own part
+
+pub mod tolerance;
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use phipsi::Scene;
+use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
+use phipsi::spatial::{RigidShift, Symmetric3};
+
+/// A small counter-based generator (splitmix64), so that every test names its seed.
+pub struct Random(u64);
+
+impl Random {
+    pub fn new(seed: u64) -> Self {
+        Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0xD1B5_4A32_D192_ED03)
+    }
+
+    pub fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// Uniform in [low, high).
+    #[allow(clippy::cast_precision_loss)] // 53 bits
+    pub fn uniform(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * ((self.bits() >> 11) as f64 / (1u64 << 53) as f64)
+    }
+
+    pub fn below(&mut self, n: usize) -> usize {
+        usize::try_from(self.bits() % n as u64).unwrap()
+    }
+
+    pub fn vector(&mut self) -> Vector3<f64> {
+        Vector3::from_fn(|_, _| self.uniform(-1.0, 1.0))
+    }
+
+    pub fn rotation(&mut self) -> Matrix3<f64> {
+        *Rotation3::new(self.vector() * 3.0).matrix()
+    }
+
+    pub fn array(&mut self, n: usize, size: f64) -> Vec<f64> {
+        (0..n).map(|_| self.uniform(-size, size)).collect()
+    }
+}
+
+/// What kinds of joints a random scene may have.
+pub const ALL_KINDS: [JointKind; 8] = [
+    JointKind::Revolute,
+    JointKind::Revolute,
+    JointKind::Prismatic,
+    JointKind::Continuous,
+    JointKind::Screw { pitch: 0.2 },
+    JointKind::Planar,
+    JointKind::Spherical,
+    JointKind::Floating,
+];
+
+/// A body of about 1 kg and 0.3 m, physically possible: six point masses and a shell.
+pub fn random_inertial(random: &mut Random) -> Inertial {
+    let mass = random.uniform(0.5, 2.0);
+    let rotation = random.rotation();
+    let (a, b, c) = (random.uniform(0.01, 0.05), random.uniform(0.01, 0.05), random.uniform(0.01, 0.05));
+    let principal = Matrix3::from_diagonal(&Vector3::new(b + c, a + c, a + b));
+    Inertial {
+        mass,
+        centre: random.vector() * 0.3,
+        central: Symmetric3::from_upper(&(rotation * principal * rotation.transpose())),
+    }
+}
+
+/// A random tree of `bodies` joints after a base link; `branching` 0 gives a chain.
+pub fn random_scene(seed: u64, bodies: usize, kinds: &[JointKind], branching: f64, armature: f64) -> Scene {
+    let mut random = Random::new(seed);
+    let mut builder =
+        SceneBuilder::new().gravity([0.3, -0.5, -9.6]).link(LinkDescription { name: "base".into(), inertial: None });
+    for k in 0..bodies {
+        let parent = if k == 0 {
+            "base".to_owned()
+        } else if random.uniform(0.0, 1.0) < branching {
+            format!("link{}", random.below(k))
+        } else {
+            format!("link{}", k - 1)
+        };
+        let kind = kinds[random.below(kinds.len())];
+        let mut joint = JointDescription::new(format!("joint{k}"), kind, parent, format!("link{k}"));
+        joint.origin = RigidShift { rotation: random.rotation(), lever: random.vector() * 0.5 };
+        joint.axis = random.vector();
+        joint.armature = armature * random.uniform(0.1, 1.0);
+        let inertial = Some(random_inertial(&mut random));
+        builder = builder.link(LinkDescription { name: format!("link{k}"), inertial }).joint(joint);
+    }
+    builder.build().expect("a random scene is valid")
+}
+
+/// A random state: q with unit quaternions, qd, and a torque.
+pub fn random_state(scene: &Scene, random: &mut Random) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+    let step = random.array(scene.nv(), 2.0);
+    let mut q = scene.neutral();
+    scene.integrate(&scene.neutral(), &step, &mut q).unwrap();
+    (q, random.array(scene.nv(), 1.0), random.array(scene.nv(), 5.0))
+}
