@@ -5,6 +5,7 @@ pub mod error;
 pub mod filter;
 pub mod kinematics;
 pub mod operators;
+pub mod plan;
 pub mod report;
 pub mod scalar;
 pub mod scene;

@@ -138,6 +138,7 @@ impl Composite {
     pub fn matrix(&self, kind: Kind) -> Mat<f64> {
         match kind {
             Kind::Phi => self.phi(),
+            Kind::Shifts => self.shifts.clone(),
             Kind::PhiStrict => self.phi() - self.identity(),
             Kind::Psi => self.psi(),
             Kind::H => self.h.clone(),

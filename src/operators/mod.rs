@@ -18,6 +18,8 @@ use crate::scalar::Real;
 pub enum Kind {
     /// phi = (1 - E)^-1, with the identity diagonal (1.7).
     Phi,
+    /// E: the shifts between neighbours alone, phi^-1 = 1 - E.
+    Shifts,
     /// Phi = phi - 1 (3.4).
     PhiStrict,
     /// Psi = (1 - E A)^-1 E, closed loop, from the inboard side of a joint to the outboard side of the next (3.11).
@@ -47,8 +49,9 @@ pub enum Kind {
 }
 
 /// Every kind with the name it has in Python.
-pub const KINDS: [(&str, Kind); 14] = [
+pub const KINDS: [(&str, Kind); 15] = [
     ("phi", Kind::Phi),
+    ("E", Kind::Shifts),
     ("Phi", Kind::PhiStrict),
     ("psi", Kind::Psi),
     ("H", Kind::H),
@@ -65,10 +68,17 @@ pub const KINDS: [(&str, Kind); 14] = [
 ];
 
 impl Kind {
+    /// The kind of that name in [`KINDS`].
+    pub fn from_name(name: &str) -> Option<Self> {
+        KINDS.iter().find(|(known, _)| *known == name).map(|&(_, kind)| kind)
+    }
+
     /// (rows, columns) for `nv` degrees of freedom.
     pub fn shape(self, nv: usize) -> (usize, usize) {
         match self {
-            Self::Phi | Self::PhiStrict | Self::Psi | Self::Q | Self::R | Self::P | Self::PFiltered => (6 * nv, 6 * nv),
+            Self::Phi | Self::Shifts | Self::PhiStrict | Self::Psi | Self::Q | Self::R | Self::P | Self::PFiltered => {
+                (6 * nv, 6 * nv)
+            }
             Self::H => (nv, 6 * nv),
             Self::Gain => (6 * nv, nv),
             Self::D | Self::K | Self::L | Self::Mass | Self::MassInverse => (nv, nv),

@@ -53,6 +53,10 @@ pub(super) fn apply<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], y: &mut [T
             y.copy_from_slice(x);
             inward(factor, y, |_, z| z);
         }
+        Kind::Shifts => {
+            y.fill(zero);
+            inward(factor, y, |row, _| block(x, row));
+        }
         Kind::PhiStrict => {
             y.fill(zero);
             inward(factor, y, |row, z| z + block(x, row));
@@ -95,10 +99,16 @@ pub(super) fn apply_transpose<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], 
             y.copy_from_slice(x);
             outward(factor, y, |_, own, carried| own + carried);
         }
+        Kind::Shifts => {
+            let mut whole = x.to_vec();
+            outward(factor, &mut whole, |row, own, carried| {
+                put(y, row, &carried);
+                own
+            });
+        }
         Kind::PhiStrict => {
             // phi^T x, of which each row keeps what came from further in.
             let mut whole = x.to_vec();
-            y.fill(zero);
             outward(factor, &mut whole, |row, own, carried| {
                 put(y, row, &carried);
                 own + carried
@@ -107,7 +117,6 @@ pub(super) fn apply_transpose<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], 
         Kind::Psi => {
             // Outboard of a row: x plus A^T of what came to its inboard side; that arrival is the result.
             let mut whole = x.to_vec();
-            y.fill(zero);
             outward(factor, &mut whole, |row, own, carried| {
                 put(y, row, &carried);
                 own + pass_transpose(factor, row, &carried)
