@@ -13,7 +13,7 @@ use crate::error::Error;
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::{Matrix3, Vector3};
 use std::path::Path;
-use xml::Element;
+use xml::{Element, Source};
 
 /// The joint types of URDF, and "spherical", which is not in the specification but can mean only one thing.
 const KINDS: [JointKind; 7] = [
@@ -63,31 +63,32 @@ impl SceneBuilder {
     }
 }
 
-/// Reads a document; `source` names it in messages.
-fn read(xml: &str, source: &str) -> Result<SceneBuilder, Error> {
-    let document = xml::parse(xml, source)?;
+/// Reads a document that messages call `name`.
+fn read(xml: &str, name: &str) -> Result<SceneBuilder, Error> {
+    let source = Source::new(xml, name);
+    let document = source.parse()?;
     let robot = document.root_element();
     if robot.tag_name().name() != "robot" {
-        return Err(Error::scene(source, format!("root element <{}>", robot.tag_name().name()), "<robot>"));
+        return Err(source.refuse(format!("root element <{}>", robot.tag_name().name()), "<robot>"));
     }
     let mut builder = SceneBuilder::new();
     for node in robot.children().filter(roxmltree::Node::is_element) {
         let tag = node.tag_name();
         if tag.namespace().is_some_and(|uri| uri.ends_with("xacro")) {
-            return Err(Error::scene(
-                xml::position(&node, source),
-                format!("<xacro:{}>", tag.name()),
-                "plain URDF: run xacro on the file first",
-            ));
+            let found = format!("<xacro:{}>", tag.name());
+            return Err(Error::scene(source.place_of(&node), found, "plain URDF: run xacro on the file first"));
         }
         if tag.namespace() != robot.tag_name().namespace() {
             continue;
         }
         match tag.name() {
-            "link" => builder.links.push(link(&Element::named(node, source)?)?),
-            "joint" => builder.joints.push(joint(&Element::named(node, source)?)?),
+            "link" => builder.links.push(link(&Element::named(node, &source)?)?),
+            "joint" => builder.joints.push(joint(&Element::named(node, &source)?)?),
             _ => {}
         }
+    }
+    if builder.links.is_empty() {
+        return Err(source.refuse("a <robot> without links", "at least one <link>"));
     }
     Ok(builder)
 }

@@ -3,56 +3,75 @@
 
 use crate::error::Error;
 use nalgebra::Vector3;
-use roxmltree::{Document, Node, ParsingOptions};
+use roxmltree::{Document, Node, ParsingOptions, TextPos};
 
-/// Parses a document. A byte order mark and white space before the XML declaration are passed over; a document type is
-/// let be, but not with entities, which nothing in a URDF needs and with which a small file can grow without bound.
-pub(super) fn parse<'a>(xml: &'a str, source: &str) -> Result<Document<'a>, Error> {
-    let body = xml.trim_start_matches(|c: char| c == '\u{feff}' || c.is_ascii_whitespace());
-    if !body.starts_with('<') {
-        let found = if body.is_empty() { "nothing".into() } else { format!("text that starts with {}", quoted(body)) };
-        return Err(Error::scene(
-            source,
-            found,
-            "XML with a <robot> element (from_urdf takes the text, from_urdf_file a path)",
-        ));
+/// The text of a URDF, and what messages call it.
+pub(super) struct Source<'a> {
+    /// "URDF", or the path.
+    name: &'a str,
+    /// A byte order mark and white space before the XML, which XML does not allow but people's editors do.
+    skipped: &'a str,
+    body: &'a str,
+}
+
+impl<'a> Source<'a> {
+    pub(super) fn new(xml: &'a str, name: &'a str) -> Self {
+        let body = xml.trim_start_matches(|c: char| c == '\u{feff}' || c.is_ascii_whitespace());
+        Self { name, skipped: &xml[..xml.len() - body.len()], body }
     }
-    let options = ParsingOptions { allow_dtd: !body.contains("<!ENTITY"), ..ParsingOptions::default() };
-    Document::parse_with_options(body, options).map_err(|error| {
-        use roxmltree::Error::{DtdDetected, UnclosedRootNode, UnexpectedEndOfStream};
-        if matches!(error, DtdDetected) {
-            return Error::scene(source, "a document type that declares entities", "XML without entities");
+
+    /// The document. A document type is let be, but not with entities: nothing in a URDF needs them, and with them a
+    /// small file can grow without bound.
+    pub(super) fn parse(&self) -> Result<Document<'a>, Error> {
+        if self.body.is_empty() {
+            return Err(self.refuse("nothing", "XML with a <robot> element"));
         }
-        // roxmltree counts from the start of `body`, and says 1:1 of what only the end of the document shows.
-        let at_end = matches!(error, UnclosedRootNode | UnexpectedEndOfStream);
-        let within = error.pos();
-        let place = if at_end { end_of(xml) } else { after(&xml[..xml.len() - body.len()], within.row, within.col) };
-        let reason = error.to_string().replace(&format!(" at {within}"), "");
-        Error::scene(place_in(source, place), format!("malformed XML ({reason})"), "well-formed XML")
-    })
+        if !self.body.starts_with('<') {
+            let found = format!("text that starts with {}", quoted(self.body));
+            return Err(self.refuse(found, "XML with a <robot> element (a path is for from_urdf_file)"));
+        }
+        let options = ParsingOptions { allow_dtd: !self.body.contains("<!ENTITY"), ..ParsingOptions::default() };
+        Document::parse_with_options(self.body, options).map_err(|error| self.malformed(&error))
+    }
+
+    fn malformed(&self, error: &roxmltree::Error) -> Error {
+        use roxmltree::Error::{DtdDetected, UnclosedRootNode, UnexpectedEndOfStream};
+        let reason = error.to_string().replace(&format!(" at {}", error.pos()), "");
+        let place = match error {
+            DtdDetected => return self.refuse("a document type that declares entities", "XML without entities"),
+            // These show at the end of the document; roxmltree says 1:1.
+            UnclosedRootNode | UnexpectedEndOfStream => {
+                let lines = count(self.body.matches('\n').count());
+                let last = self.body.rsplit('\n').next().unwrap_or_default();
+                self.place(TextPos::new(1 + lines, 1 + count(last.chars().count())))
+            }
+            _ => self.place(error.pos()),
+        };
+        Error::scene(place, format!("malformed XML ({reason})"), "well-formed XML")
+    }
+
+    /// An error that names the text as a whole.
+    pub(super) fn refuse(&self, found: impl Into<String>, expected: impl Into<String>) -> Error {
+        Error::scene(self.name, found, expected)
+    }
+
+    /// Where an element is, for those that have no name to go by.
+    pub(super) fn place_of(&self, node: &Node) -> String {
+        self.place(node.document().text_pos_at(node.range().start))
+    }
+
+    /// Name, line and column, both from 1, of a position in the body.
+    fn place(&self, within: TextPos) -> String {
+        let line = count(self.skipped.matches('\n').count()).saturating_add(within.row);
+        let before = self.skipped.rsplit('\n').next().unwrap_or_default().trim_start_matches('\u{feff}');
+        let column = if within.row == 1 { count(before.len()).saturating_add(within.col) } else { within.col };
+        format!("{}, line {line}, column {column}", self.name)
+    }
 }
 
-/// Line and column, both from 1, of the end of a text.
-fn end_of(text: &str) -> (u32, u32) {
-    after(text, 1, 1)
-}
-
-/// Where line `row`, column `column` of a text comes to be when `prefix` is put before it.
-fn after(prefix: &str, row: u32, column: u32) -> (u32, u32) {
-    let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
-    let last_line = prefix.rsplit('\n').next().unwrap_or_default();
-    let lines = count(prefix.matches('\n').count());
-    (row.saturating_add(lines), if row == 1 { column.saturating_add(count(last_line.chars().count())) } else { column })
-}
-
-fn place_in(source: &str, (line, column): (u32, u32)) -> String {
-    format!("{source}, line {line}, column {column}")
-}
-
-/// Where an element is, for those that have no name to go by.
-pub(super) fn position(node: &Node, source: &str) -> String {
-    let within = node.document().text_pos_at(node.range().start);
-    place_in(source, (within.row, within.col))
+/// A count of characters or lines as roxmltree has them.
+fn count(n: usize) -> u32 {
+    u32::try_from(n).unwrap_or(u32::MAX)
 }
 
 /// A piece of the file for a message, cut to a readable length.
@@ -61,6 +80,11 @@ pub(super) fn quoted(text: &str) -> String {
         Some((end, _)) => format!("{:?}...", &text[..end]),
         None => format!("{text:?}"),
     }
+}
+
+/// An attribute without a namespace; roxmltree's own look-up takes any.
+fn plain_attribute<'a>(node: &Node<'a, '_>, name: &str) -> Option<&'a str> {
+    node.attributes().find(|attribute| attribute.name() == name && attribute.namespace().is_none()).map(|a| a.value())
 }
 
 /// An element of a link or joint.
@@ -72,13 +96,13 @@ pub(super) struct Element<'a> {
 
 impl<'a> Element<'a> {
     /// A `<link>` or `<joint>`, which must have a name.
-    pub(super) fn named(node: Node<'a, 'a>, source: &str) -> Result<Self, Error> {
-        match node.attribute("name") {
+    pub(super) fn named(node: Node<'a, 'a>, source: &Source) -> Result<Self, Error> {
+        match plain_attribute(&node, "name") {
             Some(name) if !name.is_empty() => Ok(Self { node, owner: node }),
             _ => {
                 let tag = node.tag_name().name();
                 Err(Error::scene(
-                    position(&node, source),
+                    source.place_of(&node),
                     format!("a <{tag}> without name"),
                     format!("<{tag} name=\"...\">"),
                 ))
@@ -88,7 +112,7 @@ impl<'a> Element<'a> {
 
     /// The name of the link or joint.
     pub(super) fn name(&self) -> &'a str {
-        self.owner.attribute("name").unwrap_or_default()
+        plain_attribute(&self.owner, "name").unwrap_or_default()
     }
 
     /// The first child element of that name.
@@ -107,7 +131,7 @@ impl<'a> Element<'a> {
 
     /// An attribute as text.
     pub(super) fn text(&self, attribute: &str) -> Option<&'a str> {
-        self.node.attribute(attribute)
+        plain_attribute(&self.node, attribute)
     }
 
     /// An attribute as text that must be there.
@@ -162,7 +186,7 @@ impl<'a> Element<'a> {
 
     fn bad(&self, attribute: &str, expected: &str) -> Error {
         let text = quoted(self.text(attribute).unwrap_or_default());
-        self.refuse(format!("{text} in {attribute}{}", self.within()), expected)
+        self.refuse(format!("{text} in {attribute} of <{}>", self.node.tag_name().name()), expected)
     }
 
     fn missing(&self, attribute: &str) -> Error {
