@@ -121,3 +121,31 @@ pub fn motion_step<T: Real>(
     let acceleration = shift.motion_to_child(parent.1) + velocity_product(body, &velocity, &joint);
     (velocity, acceleration)
 }
+
+/// dq/dt for the velocity `v` at `q`: v itself, but for quaternions (half q times the angular velocity) and for the position
+/// of a free joint (its linear velocity turned into the parent's frame).
+pub fn coordinate_rates<T: Real>(model: &Model<T>, q: &[T], v: &[T], rates: &mut [T]) {
+    let half = T::from_f64(0.5);
+    let quaternion_rates = |q: &[T], w: &[T], rates: &mut [T]| {
+        rates[0] = half * (q[3] * w[0] + q[1] * w[2] - q[2] * w[1]);
+        rates[1] = half * (q[3] * w[1] + q[2] * w[0] - q[0] * w[2]);
+        rates[2] = half * (q[3] * w[2] + q[0] * w[1] - q[1] * w[0]);
+        rates[3] = -(half * (q[0] * w[0] + q[1] * w[1] + q[2] * w[2]));
+    };
+    for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
+        let (at, row) = (body.q, stage.first_row);
+        match body.motion {
+            Motion::Spherical => quaternion_rates(&q[at..at + 4], &v[row..row + 3], &mut rates[at..at + 4]),
+            Motion::Free => {
+                let turned = RigidShift {
+                    rotation: quaternion_rotation(&q[at + 3..at + 7]),
+                    lever: Vector3::from_element(T::zero()),
+                }
+                .rotate(&Vector3::new(v[row], v[row + 1], v[row + 2]));
+                rates[at..at + 3].copy_from_slice(turned.as_slice());
+                quaternion_rates(&q[at + 3..at + 7], &v[row + 3..row + 6], &mut rates[at + 3..at + 7]);
+            }
+            _ => rates[at] = v[row],
+        }
+    }
+}

@@ -4,9 +4,9 @@
 //! sweeps call. Every `nalgebra::RealField + Copy` type has it (f64, f32, dual numbers), and so has our own
 //! [`DoubleDouble`], the reference of about 31 digits.
 
-//mod double_double;
+mod double_double;
 
-//pub use double_double::DoubleDouble;
+pub use double_double::DoubleDouble;
 
 use nalgebra::{ClosedAddAssign, ClosedDivAssign, ClosedMulAssign, ClosedSubAssign, Scalar};
 use num_traits::{One, Zero};

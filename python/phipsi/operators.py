@@ -1,0 +1,433 @@
+"""The paper's operators at a configuration, as objects: ``f = scene.factor(q)``, then ``f.K``, ``f.phi``, ``f.D.inv()``.
+
+An operator is applied by a sweep, in O(N), and never formed; :meth:`Operator.toarray` forms it, from its definition and not by
+the sweep. Products, sums and transposes of operators are operators, so the paper's equations can be typed as they stand:
+``(f.I - f.L.T) @ (f.D.inv() @ ((f.I - f.L) @ tau))`` is (4.1).
+
+Rows run in the order of qd, base to tip, so phi, psi, K and L are upper triangular here and lower in the paper, which counts
+from the tip.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import ArgumentError, ShapeError
+
+if TYPE_CHECKING:
+    from ._core import RawFactor
+
+Array = NDArray[np.float64]
+
+
+class Operator(ABC):
+    """A linear operator of shape (rows, columns), applied without being formed.
+
+    With the factor of a batch it stands for one matrix a configuration; the leading axes broadcast against those of what it
+    is applied to. SciPy's solvers take it (``scipy.sparse.linalg.aslinearoperator``) where there is no batch.
+    """
+
+    #: So that ``array @ operator`` and ``array - operator`` are refused here, not looped over by NumPy.
+    __array_ufunc__ = None
+    dtype = np.dtype(np.float64)
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self.shape = shape
+
+    @abstractmethod
+    def matvec(self, x: ArrayLike) -> Array:
+        """The operator times vectors: x (..., columns) to (..., rows)."""
+
+    @abstractmethod
+    def rmatvec(self, x: ArrayLike) -> Array:
+        """The transpose times vectors: x (..., rows) to (..., columns)."""
+
+    @abstractmethod
+    def toarray(self) -> Array:
+        """The matrix, (..., rows, columns), from definitions. ArgumentError beyond 300 degrees of freedom."""
+
+    def inv(self) -> Operator:
+        """The inverse, where there is one that a sweep applies: I, D, M, phi, I + K, I - L and their transposes."""
+        raise ArgumentError(f"{self}: found no inverse in O(N); expected one of I, D, M, M_inv, phi, I + K, I - L")
+
+    @property
+    def T(self) -> Operator:  # noqa: N802 - NumPy's name
+        """The transpose."""
+        return _Transpose(self)
+
+    def matmat(self, x: ArrayLike) -> Array:
+        """The operator times matrices: x (..., columns, k) to (..., rows, k)."""
+        columns = np.moveaxis(np.asarray(x), -1, 0)
+        batch = self._batch_axes()
+        # One axis in front for the columns, then room for the factor's own axes.
+        lead = max(batch - (columns.ndim - 2), 0)
+        columns = columns.reshape(columns.shape[:1] + (1,) * lead + columns.shape[1:])
+        return np.moveaxis(self.matvec(columns), 0, -1)
+
+    def _batch_axes(self) -> int:
+        return 0
+
+    @overload
+    def __matmul__(self, other: Operator) -> Operator: ...
+    @overload
+    def __matmul__(self, other: ArrayLike) -> Array: ...
+    def __matmul__(self, other: Any) -> Any:
+        """Composition with an operator; or the product with a vector (1-D) or matrices (2-D and more), as NumPy's ``@``."""
+        if isinstance(other, Operator):
+            return _Product(self, other)
+        x = np.asarray(other)
+        if x.ndim == 0:
+            raise ShapeError(f"operator @ x: found a scalar; expected a vector ({self.shape[1]},) or matrices")
+        return self.matvec(x) if x.ndim == 1 else self.matmat(x)
+
+    def __add__(self, other: Operator) -> Operator:
+        return _Sum(self, other, 1.0) if isinstance(other, Operator) else NotImplemented
+
+    def __sub__(self, other: Operator) -> Operator:
+        return _Sum(self, other, -1.0) if isinstance(other, Operator) else NotImplemented
+
+    def __neg__(self) -> Operator:
+        return _Scaled(-1.0, self)
+
+    def __mul__(self, factor: float) -> Operator:
+        return _Scaled(float(factor), self) if isinstance(factor, int | float | np.number) else NotImplemented
+
+    __rmul__ = __mul__
+
+    def __repr__(self) -> str:
+        return f"<operator {self} {self.shape[0]} x {self.shape[1]}>"
+
+
+class Identity(Operator):
+    """The identity."""
+
+    def __init__(self, size: int) -> None:
+        super().__init__((size, size))
+
+    def matvec(self, x: ArrayLike) -> Array:
+        """x itself, as float64."""
+        vector = np.array(x, dtype=np.float64)
+        if vector.shape[-1:] != self.shape[1:]:
+            raise ShapeError(f"x: found shape {vector.shape}; expected (..., {self.shape[1]})")
+        return vector
+
+    rmatvec = matvec
+
+    def toarray(self) -> Array:
+        """The identity matrix."""
+        return np.eye(self.shape[0])
+
+    def inv(self) -> Operator:
+        """Itself."""
+        return self
+
+    @property
+    def T(self) -> Operator:  # noqa: N802
+        """Itself."""
+        return self
+
+    def __str__(self) -> str:
+        return "I"
+
+
+class _Leaf(Operator):
+    """One operator of a factor, by the name that the compiled half knows."""
+
+    def __init__(self, raw: RawFactor, name: str) -> None:
+        super().__init__(raw.shape(name))
+        self._raw = raw
+        self._name = name
+
+    def matvec(self, x: ArrayLike) -> Array:
+        return self._raw.apply(self._name, False, x)
+
+    def rmatvec(self, x: ArrayLike) -> Array:
+        return self._raw.apply(self._name, True, x)
+
+    def toarray(self) -> Array:
+        return self._raw.dense(self._name)
+
+    def _batch_axes(self) -> int:
+        return len(self._raw.batch)
+
+    def inv(self) -> Operator:
+        inverses = {"M": "M_inv", "M_inv": "M"}
+        if self._name in inverses:
+            return _Leaf(self._raw, inverses[self._name])
+        if self._name == "D":
+            return _Diagonal(1.0 / self._raw.pivots(), "D^-1")
+        if self._name == "phi":
+            return Identity(self.shape[0]) - _Leaf(self._raw, "E")
+        return super().inv()
+
+    def __str__(self) -> str:
+        return self._name
+
+
+class _Diagonal(Operator):
+    """A diagonal, (..., n)."""
+
+    def __init__(self, entries: Array, name: str) -> None:
+        super().__init__((entries.shape[-1], entries.shape[-1]))
+        self._entries = entries
+        self._name = name
+
+    def matvec(self, x: ArrayLike) -> Array:
+        vector = np.asarray(x, dtype=np.float64)
+        if vector.shape[-1:] != self.shape[1:]:
+            raise ShapeError(f"x: found shape {vector.shape}; expected (..., {self.shape[1]})")
+        return np.asarray(self._entries * vector)
+
+    rmatvec = matvec
+
+    def toarray(self) -> Array:
+        return np.asarray(self._entries[..., :, None] * np.eye(self.shape[0]))
+
+    def inv(self) -> Operator:
+        return _Diagonal(1.0 / self._entries, f"({self._name})^-1")
+
+    def _batch_axes(self) -> int:
+        return self._entries.ndim - 1
+
+    def __str__(self) -> str:
+        return self._name
+
+
+class _Transpose(Operator):
+    def __init__(self, base: Operator) -> None:
+        super().__init__((base.shape[1], base.shape[0]))
+        self._base = base
+
+    def matvec(self, x: ArrayLike) -> Array:
+        return self._base.rmatvec(x)
+
+    def rmatvec(self, x: ArrayLike) -> Array:
+        return self._base.matvec(x)
+
+    def toarray(self) -> Array:
+        return np.swapaxes(self._base.toarray(), -1, -2)
+
+    def inv(self) -> Operator:
+        return self._base.inv().T
+
+    @property
+    def T(self) -> Operator:  # noqa: N802
+        return self._base
+
+    def _batch_axes(self) -> int:
+        return self._base._batch_axes()
+
+    def __str__(self) -> str:
+        return f"{self._base}*"
+
+
+class _Product(Operator):
+    def __init__(self, left: Operator, right: Operator) -> None:
+        if left.shape[1] != right.shape[0]:
+            raise ShapeError(f"{left} @ {right}: found shapes {left.shape} and {right.shape}; expected equal inner sizes")
+        super().__init__((left.shape[0], right.shape[1]))
+        self._left, self._right = left, right
+
+    def matvec(self, x: ArrayLike) -> Array:
+        return self._left.matvec(self._right.matvec(x))
+
+    def rmatvec(self, x: ArrayLike) -> Array:
+        return self._right.rmatvec(self._left.rmatvec(x))
+
+    def toarray(self) -> Array:
+        return np.asarray(self._left.toarray() @ self._right.toarray())
+
+    def inv(self) -> Operator:
+        return self._right.inv() @ self._left.inv()
+
+    def _batch_axes(self) -> int:
+        return max(self._left._batch_axes(), self._right._batch_axes())
+
+    def __str__(self) -> str:
+        return f"{self._left} {self._right}"
+
+
+class _Sum(Operator):
+    def __init__(self, left: Operator, right: Operator, sign: float) -> None:
+        if left.shape != right.shape:
+            raise ShapeError(f"{left} and {right}: found shapes {left.shape} and {right.shape}; expected equal shapes")
+        super().__init__(left.shape)
+        self._left, self._right, self._sign = left, right, sign
+
+    def matvec(self, x: ArrayLike) -> Array:
+        return np.asarray(self._left.matvec(x) + self._sign * self._right.matvec(x))
+
+    def rmatvec(self, x: ArrayLike) -> Array:
+        return np.asarray(self._left.rmatvec(x) + self._sign * self._right.rmatvec(x))
+
+    def toarray(self) -> Array:
+        return np.asarray(self._left.toarray() + self._sign * self._right.toarray())
+
+    def inv(self) -> Operator:
+        """(1 + K)^-1 = 1 - L (3.2, 3.13) and the other way round, and of their transposes."""
+        right = self._right
+        transposed = isinstance(right, _Transpose)
+        leaf = right._base if isinstance(right, _Transpose) else right
+        partner = {("K", 1.0): "L", ("L", -1.0): "K", ("E", -1.0): "Phi"}
+        if isinstance(self._left, Identity) and isinstance(leaf, _Leaf) and (leaf._name, self._sign) in partner:
+            other: Operator = _Leaf(leaf._raw, partner[leaf._name, self._sign])
+            other = other.T if transposed else other
+            return self._left - other if leaf._name == "K" else self._left + other
+        return super().inv()
+
+    def _batch_axes(self) -> int:
+        return max(self._left._batch_axes(), self._right._batch_axes())
+
+    def __str__(self) -> str:
+        return f"({self._left} {'+' if self._sign > 0 else '-'} {self._right})"
+
+
+class _Scaled(Operator):
+    def __init__(self, factor: float, base: Operator) -> None:
+        super().__init__(base.shape)
+        self._factor, self._base = factor, base
+
+    def matvec(self, x: ArrayLike) -> Array:
+        return np.asarray(self._factor * self._base.matvec(x))
+
+    def rmatvec(self, x: ArrayLike) -> Array:
+        return np.asarray(self._factor * self._base.rmatvec(x))
+
+    def toarray(self) -> Array:
+        return np.asarray(self._factor * self._base.toarray())
+
+    def inv(self) -> Operator:
+        return _Scaled(1.0 / self._factor, self._base.inv())
+
+    def _batch_axes(self) -> int:
+        return self._base._batch_axes()
+
+    def __str__(self) -> str:
+        return f"{self._factor:g} {self._base}"
+
+
+class Factor:
+    """M = (1 + K) D (1 + K*) at one configuration or a batch of them (3.1), and the operators it is made of.
+
+    Made by :meth:`phipsi.Scene.factor`. The sweep is done once; every use is O(N) a right-hand side. States are spatial forces
+    in body frames, one block of six a degree of freedom, in the order of qd.
+    """
+
+    def __init__(self, raw: RawFactor) -> None:
+        self._raw = raw
+
+    @property
+    def nv(self) -> int:
+        """Number of degrees of freedom."""
+        return self._raw.nv
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """Leading axes of the configurations."""
+        return self._raw.batch
+
+    def solve(self, tau: ArrayLike) -> Array:
+        """M^-1 tau by filter and smoother (4.1): (..., nv) to (..., nv), N m to rad/s^2. No bias enters."""
+        return self._raw.apply("M_inv", False, tau)
+
+    def mul(self, a: ArrayLike) -> Array:
+        """M a by sweeps (2.8): (..., nv) to (..., nv), rad/s^2 to N m."""
+        return self._raw.apply("M", False, a)
+
+    @property
+    def log_det(self) -> Any:
+        """log det M = sum of log D(k): a number, or an array of the batch's shape."""
+        return self._raw.log_det()
+
+    @property
+    def I(self) -> Operator:  # noqa: E743, N802 - the paper's letter
+        """The identity, nv x nv."""
+        return Identity(self.nv)
+
+    @property
+    def D(self) -> Operator:  # noqa: N802
+        """Hinge inertia D = H P H* + armature, diagonal, nv x nv (3.8)."""
+        return _Leaf(self._raw, "D")
+
+    @property
+    def K(self) -> Operator:  # noqa: N802
+        """K = H Phi P H* D^-1, nv x nv (3.8)."""
+        return _Leaf(self._raw, "K")
+
+    @property
+    def L(self) -> Operator:  # noqa: N802
+        """L = H Psi P H* D^-1, nv x nv (3.14)."""
+        return _Leaf(self._raw, "L")
+
+    @property
+    def M(self) -> Operator:  # noqa: N802
+        """The mass matrix H R H* + armature, nv x nv (5.1)."""
+        return _Leaf(self._raw, "M")
+
+    @property
+    def M_inv(self) -> Operator:  # noqa: N802
+        """Its inverse (1 - L*) D^-1 (1 - L), nv x nv (3.3)."""
+        return _Leaf(self._raw, "M_inv")
+
+    @property
+    def H(self) -> Operator:  # noqa: N802
+        """The state-to-output map, nv x 6nv (1.5)."""
+        return _Leaf(self._raw, "H")
+
+    @property
+    def E(self) -> Operator:  # noqa: N802
+        """The shifts between neighbours alone, 6nv x 6nv: phi^-1 = 1 - E."""
+        return _Leaf(self._raw, "E")
+
+    @property
+    def phi(self) -> Operator:
+        """The transition matrix with the identity diagonal, 6nv x 6nv (1.7)."""
+        return _Leaf(self._raw, "phi")
+
+    @property
+    def Phi(self) -> Operator:  # noqa: N802
+        """Phi = phi - 1, 6nv x 6nv (3.4)."""
+        return _Leaf(self._raw, "Phi")
+
+    @property
+    def psi(self) -> Operator:
+        """The closed-loop transition matrix Psi = (1 - E A)^-1 E, A = 1 - g H, 6nv x 6nv (3.11)."""
+        return _Leaf(self._raw, "psi")
+
+    @property
+    def Psi(self) -> Operator:  # noqa: N802
+        """The same as psi, by the paper's capital."""
+        return self.psi
+
+    @property
+    def Q(self) -> Operator:  # noqa: N802
+        """Process noise: the bodies' inertias M(k), block diagonal, 6nv x 6nv (1.6)."""
+        return _Leaf(self._raw, "Q")
+
+    @property
+    def R(self) -> Operator:  # noqa: N802
+        """State covariance phi Q phi*, 6nv x 6nv (2.3)."""
+        return _Leaf(self._raw, "R")
+
+    @property
+    def P(self) -> Operator:  # noqa: N802
+        """Articulated inertia P^-, block diagonal, 6nv x 6nv (3.6)."""
+        return _Leaf(self._raw, "P")
+
+    @property
+    def P_plus(self) -> Operator:  # noqa: N802
+        """Articulated inertia P^+ after the measurement, block diagonal, 6nv x 6nv (3.6)."""
+        return _Leaf(self._raw, "P_plus")
+
+    @property
+    def g(self) -> Operator:
+        """Kalman gain P H* D^-1, 6nv x nv (3.10)."""
+        return _Leaf(self._raw, "g")
+
+    def __repr__(self) -> str:
+        batch = f", batch {self.batch}" if self.batch else ""
+        return f"<phipsi.Factor of {self.nv} degrees of freedom{batch}>"

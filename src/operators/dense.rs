@@ -1,0 +1,205 @@
+//! The same operators as matrices, built from their definitions with dense algebra, and faer's LDLT of M beside them.
+//!
+//! Nothing here calls a sweep: phi is the inverse of 1 - E, the Riccati recursion is written on full 6x6 matrices, and K
+//! and L are products of the composite matrices. This is the oracle that the sweeps are checked against.
+
+use super::Kind;
+use crate::error::Error;
+use crate::kinematics::joint_shift;
+use crate::scene::{Model, Scene};
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use nalgebra::{Matrix6, Vector6};
+
+/// Dense composites beyond this many degrees of freedom are refused: 6N x 6N numbers at 300 are 26 MB.
+pub const DENSE_CAP: usize = 300;
+
+/// The composite matrices of a scene at one configuration; block rows base to tip, as in [`crate::operators`].
+#[derive(Debug, Clone)]
+pub struct Composite {
+    /// E: the blocks phi(inward, row) alone.
+    pub shifts: Mat<f64>,
+    /// H, nv x 6nv.
+    pub h: Mat<f64>,
+    /// Q, 6nv x 6nv.
+    pub q: Mat<f64>,
+    /// Armature.
+    pub noise: Vec<f64>,
+    /// P^- as a block diagonal.
+    pub p: Mat<f64>,
+    /// P^+ as a block diagonal.
+    pub p_plus: Mat<f64>,
+    /// D.
+    pub d: Vec<f64>,
+    /// g, 6nv x nv.
+    pub gain: Mat<f64>,
+}
+
+/// (row inward, phi to it, M(k) entering, H^T) of every row.
+type Row = (Option<usize>, Matrix6<f64>, Matrix6<f64>, Vector6<f64>);
+
+fn rows(model: &Model<f64>, q: &[f64]) -> Vec<Row> {
+    let stages = &model.system.stages;
+    let mut rows = Vec::with_capacity(model.nv());
+    for (body, stage) in model.bodies.iter().zip(stages) {
+        for i in 0..stage.rows.count() {
+            let (inward, phi) = match (i, stage.parent) {
+                (0, None) => (None, Matrix6::zeros()),
+                (0, Some(parent)) => {
+                    (Some(stages[parent].first_row + stages[parent].rows.count() - 1), joint_shift(body, q).to_matrix())
+                }
+                _ => (Some(stage.first_row + i - 1), Matrix6::identity()),
+            };
+            let outermost = i + 1 == stage.rows.count();
+            let inertia = if outermost { body.inertia.to_symmetric().to_matrix() } else { Matrix6::zeros() };
+            rows.push((inward, phi, inertia, stage.rows.row(i).to_column()));
+        }
+    }
+    rows
+}
+
+fn put(m: &mut Mat<f64>, (row, column): (usize, usize), block: &Matrix6<f64>) {
+    for i in 0..6 {
+        for j in 0..6 {
+            m[(6 * row + i, 6 * column + j)] = block[(i, j)];
+        }
+    }
+}
+
+impl Composite {
+    /// Builds them at `q`. O(N^2) memory, O(N^3) for the inverses taken later.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] beyond [`DENSE_CAP`] degrees of freedom, naming the operators to use instead.
+    pub fn new(model: &Model<f64>, q: &[f64]) -> Result<Self, Error> {
+        let nv = model.nv();
+        if nv > DENSE_CAP {
+            return Err(Error::argument(
+                "scene",
+                format!("{nv} degrees of freedom"),
+                format!("at most {DENSE_CAP} for 6N x 6N matrices; apply the operators of factor(q) instead"),
+            ));
+        }
+        let square = || Mat::<f64>::zeros(6 * nv, 6 * nv);
+        let mut all = Self {
+            shifts: square(),
+            h: Mat::zeros(nv, 6 * nv),
+            q: square(),
+            noise: model.system.noise.clone(),
+            p: square(),
+            p_plus: square(),
+            d: vec![f64::NAN; nv],
+            gain: Mat::zeros(6 * nv, nv),
+        };
+        let rows = rows(model, q);
+        let mut p: Vec<Matrix6<f64>> = rows.iter().map(|row| row.2).collect();
+        for (row, (inward, phi, inertia, h)) in rows.iter().enumerate().rev() {
+            // 3.6 and 3.10 on full matrices.
+            let d = (h.transpose() * p[row] * h)[(0, 0)] + all.noise[row];
+            let gain = p[row] * h / d;
+            let p_plus = p[row] - gain * (h.transpose() * p[row]);
+            put(&mut all.p, (row, row), &p[row]);
+            put(&mut all.p_plus, (row, row), &p_plus);
+            put(&mut all.q, (row, row), inertia);
+            all.d[row] = d;
+            for i in 0..6 {
+                all.gain[(6 * row + i, row)] = gain[i];
+                all.h[(row, 6 * row + i)] = h[i];
+            }
+            if let Some(inward) = *inward {
+                put(&mut all.shifts, (inward, row), phi);
+                p[inward] += phi * p_plus * phi.transpose();
+            }
+        }
+        Ok(all)
+    }
+
+    fn identity(&self) -> Mat<f64> {
+        Mat::identity(self.q.nrows(), self.q.nrows())
+    }
+
+    /// phi = (1 - E)^-1.
+    pub fn phi(&self) -> Mat<f64> {
+        (self.identity() - &self.shifts).partial_piv_lu().solve(self.identity())
+    }
+
+    /// A = 1 - g H.
+    pub fn closed_loop(&self) -> Mat<f64> {
+        self.identity() - &self.gain * &self.h
+    }
+
+    /// Psi = (1 - E A)^-1 E.
+    pub fn psi(&self) -> Mat<f64> {
+        (self.identity() - &self.shifts * self.closed_loop()).partial_piv_lu().solve(&self.shifts)
+    }
+
+    /// The matrix of one operator, from its definition.
+    pub fn matrix(&self, kind: Kind) -> Mat<f64> {
+        match kind {
+            Kind::Phi => self.phi(),
+            Kind::Shifts => self.shifts.clone(),
+            Kind::PhiStrict => self.phi() - self.identity(),
+            Kind::Psi => self.psi(),
+            Kind::H => self.h.clone(),
+            Kind::Q => self.q.clone(),
+            Kind::R => {
+                let phi = self.phi();
+                &phi * &self.q * phi.transpose()
+            }
+            Kind::P => self.p.clone(),
+            Kind::PFiltered => self.p_plus.clone(),
+            Kind::D => Mat::from_fn(self.d.len(), self.d.len(), |i, j| if i == j { self.d[i] } else { 0.0 }),
+            Kind::Gain => self.gain.clone(),
+            Kind::K => &self.h * self.matrix(Kind::PhiStrict) * &self.gain,
+            Kind::L => &self.h * self.psi() * &self.gain,
+            Kind::Mass => self.mass_matrix(),
+            Kind::MassInverse => {
+                let m = self.mass_matrix();
+                let one = Mat::<f64>::identity(m.nrows(), m.nrows());
+                m.partial_piv_lu().solve(&one)
+            }
+        }
+    }
+
+    /// M = H phi Q phi* H* + r (2.8, 5.1).
+    pub fn mass_matrix(&self) -> Mat<f64> {
+        let to_torque = &self.h * self.phi();
+        let mut m = &to_torque * &self.q * to_torque.transpose();
+        for (i, r) in self.noise.iter().enumerate() {
+            m[(i, i)] += r;
+        }
+        m
+    }
+}
+
+/// faer's LDLT of a symmetric matrix with the rows taken from the tip: (unit upper factor in base-to-tip order, diagonal).
+///
+/// From the tip the factor is unit lower triangular and unique, so it must be 1 + K, and the diagonal D (3.1).
+///
+/// # Errors
+///
+/// [`Error::Argument`] where faer meets a pivot of zero.
+pub fn ldlt_from_tip(m: &Mat<f64>) -> Result<(Mat<f64>, Vec<f64>), Error> {
+    let n = m.nrows();
+    let flipped = Mat::from_fn(n, n, |i, j| m[(n - 1 - i, n - 1 - j)]);
+    let factor = flipped.ldlt(Side::Lower).map_err(|error| {
+        Error::argument("mass matrix", format!("{error:?} in faer's LDLT"), "a matrix with an LDLT factorisation")
+    })?;
+    let (lower, diagonal) = (factor.L(), factor.D());
+    let unit = Mat::from_fn(n, n, |i, j| lower[(n - 1 - i, n - 1 - j)]);
+    let d = (0..n).map(|i| diagonal.column_vector()[n - 1 - i]).collect();
+    Ok((unit, d))
+}
+
+impl Scene {
+    /// The composite matrices at `q`: see [`Composite`].
+    ///
+    /// # Errors
+    ///
+    /// A bad configuration, or too many degrees of freedom.
+    pub fn composite(&self, q: &[f64]) -> Result<Composite, Error> {
+        self.check_configuration("q", q)?;
+        Composite::new(self.model(), q)
+    }
+}

@@ -1,0 +1,87 @@
+//! K, L and D together: the factor of the mass matrix at one configuration, and what it is made of.
+
+use super::{Applied, Kind};
+use crate::dynamics::factorise;
+use crate::filter::riccati::{Measured, PivotMonitor};
+use crate::filter::{HingeMap, System, innovations, smoother};
+use crate::scalar::Real;
+use crate::scene::Model;
+use crate::spatial::{BodyInertia, RigidShift, Symmetric6};
+use crate::workspace::Workspace;
+use nalgebra::Vector6;
+
+/// M = (1 + K) D (1 + K*) at one configuration (3.1), with the phi, P, D and g that K and L are built from.
+///
+/// Owns its numbers: it can be kept, sent to other threads, and used for many right-hand sides.
+#[derive(Debug, Clone)]
+pub struct Factor<T: Real> {
+    pub(super) system: System<T>,
+    pub(super) shift: Vec<RigidShift<T>>,
+    pub(super) inertia: Vec<BodyInertia<T>>,
+    pub(super) measured: Vec<Measured<T>>,
+    /// H of each row.
+    pub(super) hinges: Vec<HingeMap<T>>,
+    /// P^- of each row.
+    pub(super) p_minus: Vec<Symmetric6<T>>,
+    /// P^+ of each row.
+    pub(super) p_plus: Vec<Symmetric6<T>>,
+}
+
+impl<T: Real> Factor<T> {
+    /// The factor at `q`, by one tip-to-base sweep (3.6). The workspace keeps what an error message needs.
+    pub fn new(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> (Self, PivotMonitor<T>) {
+        let mut p_minus = vec![Symmetric6::filled(T::from_f64(f64::NAN)); model.nv()];
+        let monitor = factorise(model, workspace, q, |row, p| p_minus[row] = *p);
+        let mut p_plus = p_minus.clone();
+        for (k, stage) in model.system.stages.iter().enumerate() {
+            // P^+ of a row is P^- of the next one inward; the innermost row's is what the sweep left.
+            for i in 0..stage.rows.count() {
+                let row = stage.first_row + i;
+                p_plus[row] = if i == 0 { workspace.p[k] } else { p_minus[row - 1] };
+            }
+        }
+        let factor = Self {
+            system: model.system.clone(),
+            shift: workspace.shift.clone(),
+            inertia: model.bodies.iter().map(|body| body.inertia).collect(),
+            measured: workspace.measured.clone(),
+            hinges: model
+                .system
+                .stages
+                .iter()
+                .flat_map(|stage| (0..stage.rows.count()).map(|i| stage.rows.row(i)))
+                .collect(),
+            p_minus,
+            p_plus,
+        };
+        (factor, monitor)
+    }
+
+    /// Number of degrees of freedom.
+    pub fn nv(&self) -> usize {
+        self.system.rows()
+    }
+
+    /// One of its operators.
+    pub fn operator(&self, kind: Kind) -> Applied<'_, T> {
+        Applied { factor: self, kind }
+    }
+
+    /// M^-1 tau by filter and smoother (4.1), O(N).
+    pub fn solve(&self, tau: &[T], out: &mut [T]) {
+        let zero = Vector6::from_element(T::zero());
+        let mut z = vec![zero; self.shift.len()];
+        innovations::sweep(&self.system, &self.shift, &self.measured, tau, &mut z, out);
+        smoother::sweep(&self.system, &self.shift, &self.measured, &mut z, out);
+    }
+
+    /// D of each row, kg m^2 or kg (3.6).
+    pub fn pivots(&self) -> impl Iterator<Item = T> + '_ {
+        self.measured.iter().map(|m| m.pivot)
+    }
+
+    /// log det M = sum of log D(k).
+    pub fn log_det(&self) -> f64 {
+        self.pivots().map(|pivot| pivot.lane(0).ln()).sum()
+    }
+}

@@ -1,0 +1,118 @@
+//! The paper's operators as objects: phi, Psi, K, L, D, P and their kin, applied by sweeps in O(N).
+//!
+//! One block row a degree of freedom, in the order of qd (base to tip), so phi, Psi, K and L are strictly *upper* block
+//! triangular where the paper, counting from the tip, prints them lower. A joint with d degrees of freedom is d states with no
+//! shift between them; the body's inertia enters at the outermost. States are in body frames.
+
+#[cfg(feature = "dense")]
+pub mod dense;
+mod factor;
+mod sweeps;
+
+pub use factor::Factor;
+
+use crate::scalar::Real;
+
+/// Which operator.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Kind {
+    /// phi = (1 - E)^-1, with the identity diagonal (1.7).
+    Phi,
+    /// E: the shifts between neighbours alone, phi^-1 = 1 - E.
+    Shifts,
+    /// Phi = phi - 1 (3.4).
+    PhiStrict,
+    /// Psi = (1 - E A)^-1 E, closed loop, from the inboard side of a joint to the outboard side of the next (3.11).
+    Psi,
+    /// The state-to-output map H (1.5).
+    H,
+    /// Process noise Q = diag M(k) (1.6).
+    Q,
+    /// State covariance R = phi Q phi* (2.3).
+    R,
+    /// Articulated inertia P^- as a block diagonal (3.6).
+    P,
+    /// Articulated inertia P^+ after the measurement (3.6).
+    PFiltered,
+    /// Hinge inertia D, a diagonal (3.8).
+    D,
+    /// Kalman gain g, a block diagonal column (3.10).
+    Gain,
+    /// K = H Phi g (3.8).
+    K,
+    /// L = H Psi g (3.14).
+    L,
+    /// The mass matrix, H R H* plus armature (5.1).
+    Mass,
+    /// Its inverse by the factor, (1 - L*) D^-1 (1 - L) (3.3).
+    MassInverse,
+}
+
+/// Every kind with the name it has in Python.
+pub const KINDS: [(&str, Kind); 15] = [
+    ("phi", Kind::Phi),
+    ("E", Kind::Shifts),
+    ("Phi", Kind::PhiStrict),
+    ("psi", Kind::Psi),
+    ("H", Kind::H),
+    ("Q", Kind::Q),
+    ("R", Kind::R),
+    ("P", Kind::P),
+    ("P_plus", Kind::PFiltered),
+    ("D", Kind::D),
+    ("g", Kind::Gain),
+    ("K", Kind::K),
+    ("L", Kind::L),
+    ("M", Kind::Mass),
+    ("M_inv", Kind::MassInverse),
+];
+
+impl Kind {
+    /// The kind of that name in [`KINDS`].
+    pub fn from_name(name: &str) -> Option<Self> {
+        KINDS.iter().find(|(known, _)| *known == name).map(|&(_, kind)| kind)
+    }
+
+    /// (rows, columns) for `nv` degrees of freedom.
+    pub fn shape(self, nv: usize) -> (usize, usize) {
+        match self {
+            Self::Phi | Self::Shifts | Self::PhiStrict | Self::Psi | Self::Q | Self::R | Self::P | Self::PFiltered => {
+                (6 * nv, 6 * nv)
+            }
+            Self::H => (nv, 6 * nv),
+            Self::Gain => (6 * nv, nv),
+            Self::D | Self::K | Self::L | Self::Mass | Self::MassInverse => (nv, nv),
+        }
+    }
+}
+
+/// A linear operator that is applied without being formed.
+pub trait Operator<T: Real> {
+    /// (rows, columns).
+    fn shape(&self) -> (usize, usize);
+    /// y = A x.
+    fn apply(&self, x: &[T], y: &mut [T]);
+    /// y = A^T x.
+    fn apply_transpose(&self, x: &[T], y: &mut [T]);
+}
+
+/// One of the operators of a factor.
+#[derive(Debug, Clone, Copy)]
+pub struct Applied<'f, T: Real> {
+    factor: &'f Factor<T>,
+    kind: Kind,
+}
+
+impl<T: Real> Operator<T> for Applied<'_, T> {
+    fn shape(&self) -> (usize, usize) {
+        self.kind.shape(self.factor.nv())
+    }
+
+    fn apply(&self, x: &[T], y: &mut [T]) {
+        sweeps::apply(self.factor, self.kind, x, y);
+    }
+
+    fn apply_transpose(&self, x: &[T], y: &mut [T]) {
+        sweeps::apply_transpose(self.factor, self.kind, x, y);
+    }
+}

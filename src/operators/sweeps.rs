@@ -1,0 +1,224 @@
+//! Each operator and its transpose as one sweep over the rows.
+
+use super::{Factor, Kind};
+use crate::scalar::Real;
+use crate::spatial::{Symmetric6, dot};
+use nalgebra::Vector6;
+
+/// One row of the system as a node of its own: its hinge map, and where its state runs to.
+#[derive(Clone, Copy)]
+struct Node {
+    body: usize,
+    /// The next row inward, and whether a rigid shift lies between.
+    inward: Option<(usize, bool)>,
+    /// Whether the body's inertia enters here.
+    outermost: bool,
+}
+
+/// All rows, base to tip.
+fn nodes<T: Real>(factor: &Factor<T>) -> impl DoubleEndedIterator<Item = (usize, Node)> + '_ {
+    let stages = &factor.system.stages;
+    stages.iter().enumerate().flat_map(move |(body, stage)| {
+        (0..stage.rows.count()).map(move |i| {
+            let inward = match (i, stage.parent) {
+                (0, None) => None,
+                (0, Some(parent)) => Some((stages[parent].first_row + stages[parent].rows.count() - 1, true)),
+                _ => Some((stage.first_row + i - 1, false)),
+            };
+            let outermost = i + 1 == stage.rows.count();
+            (stage.first_row + i, Node { body, inward, outermost })
+        })
+    })
+}
+
+/// The block of a stacked vector.
+fn block<T: Real>(x: &[T], row: usize) -> Vector6<T> {
+    Vector6::from_column_slice(&x[6 * row..6 * row + 6])
+}
+
+fn put<T: Real>(y: &mut [T], row: usize, value: &Vector6<T>) {
+    y[6 * row..6 * row + 6].copy_from_slice(value.as_slice());
+}
+
+fn add<T: Real>(y: &mut [T], row: usize, value: &Vector6<T>) {
+    let sum = block(y, row) + value;
+    put(y, row, &sum);
+}
+
+/// y = A x.
+pub(super) fn apply<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], y: &mut [T]) {
+    let zero = T::zero();
+    match kind {
+        Kind::Phi => {
+            y.copy_from_slice(x);
+            inward(factor, y, |_, z| z);
+        }
+        Kind::Shifts => {
+            y.fill(zero);
+            inward(factor, y, |row, _| block(x, row));
+        }
+        Kind::PhiStrict => {
+            y.fill(zero);
+            inward(factor, y, |row, z| z + block(x, row));
+        }
+        Kind::Psi => {
+            y.fill(zero);
+            // z^-(k) = E (x + A z^-): the state at the inboard side is x plus what passed the measurement.
+            inward(factor, y, |row, z| block(x, row) + pass(factor, row, &z));
+        }
+        Kind::H => {
+            for (row, hinge) in factor.hinges.iter().enumerate() {
+                y[row] = hinge.project(&block(x, row));
+            }
+        }
+        Kind::Gain => {
+            for (row, m) in factor.measured.iter().enumerate() {
+                put(y, row, &(m.gain * x[row]));
+            }
+        }
+        Kind::K => compose(factor, &[Kind::H, Kind::PhiStrict, Kind::Gain], x, y, apply),
+        Kind::L => compose(factor, &[Kind::H, Kind::Psi, Kind::Gain], x, y, apply),
+        Kind::Mass => {
+            let (nv, mut wide, mut state) = (factor.nv(), vec![zero; 6 * factor.nv()], vec![zero; 6 * factor.nv()]);
+            apply_transpose(factor, Kind::H, x, &mut wide);
+            apply(factor, Kind::R, &wide, &mut state);
+            apply(factor, Kind::H, &state, y);
+            for row in 0..nv {
+                y[row] += factor.system.noise[row] * x[row];
+            }
+        }
+        symmetric => apply_symmetric(factor, symmetric, x, y),
+    }
+}
+
+/// y = A^T x.
+pub(super) fn apply_transpose<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], y: &mut [T]) {
+    let zero = T::zero();
+    match kind {
+        Kind::Phi => {
+            y.copy_from_slice(x);
+            outward(factor, y, |_, own, carried| own + carried);
+        }
+        Kind::Shifts => {
+            let mut whole = x.to_vec();
+            outward(factor, &mut whole, |row, own, carried| {
+                put(y, row, &carried);
+                own
+            });
+        }
+        Kind::PhiStrict => {
+            // phi^T x, of which each row keeps what came from further in.
+            let mut whole = x.to_vec();
+            outward(factor, &mut whole, |row, own, carried| {
+                put(y, row, &carried);
+                own + carried
+            });
+        }
+        Kind::Psi => {
+            // Outboard of a row: x plus A^T of what came to its inboard side; that arrival is the result.
+            let mut whole = x.to_vec();
+            outward(factor, &mut whole, |row, own, carried| {
+                put(y, row, &carried);
+                own + pass_transpose(factor, row, &carried)
+            });
+        }
+        Kind::H => {
+            for (row, hinge) in factor.hinges.iter().enumerate() {
+                put(y, row, &hinge.spread_onto(&Vector6::from_element(zero), x[row]));
+            }
+        }
+        Kind::Gain => {
+            for (row, m) in factor.measured.iter().enumerate() {
+                y[row] = dot(&m.gain, &block(x, row));
+            }
+        }
+        Kind::K => compose(factor, &[Kind::Gain, Kind::PhiStrict, Kind::H], x, y, apply_transpose),
+        Kind::L => compose(factor, &[Kind::Gain, Kind::Psi, Kind::H], x, y, apply_transpose),
+        symmetric => apply(factor, symmetric, x, y),
+    }
+}
+
+/// y = A x for the block diagonals and the other symmetric ones.
+fn apply_symmetric<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], y: &mut [T]) {
+    match kind {
+        Kind::Q => {
+            y.fill(T::zero());
+            for (row, node) in nodes(factor).filter(|(_, node)| node.outermost) {
+                put(y, row, &factor.inertia[node.body].mul_motion(&block(x, row)));
+            }
+        }
+        Kind::R => {
+            let mut co_states = vec![T::zero(); x.len()];
+            apply_transpose(factor, Kind::Phi, x, &mut co_states);
+            let mut forces = vec![T::zero(); x.len()];
+            apply_symmetric(factor, Kind::Q, &co_states, &mut forces);
+            apply(factor, Kind::Phi, &forces, y);
+        }
+        Kind::P => diagonal_blocks(&factor.p_minus, x, y),
+        Kind::PFiltered => diagonal_blocks(&factor.p_plus, x, y),
+        Kind::D => {
+            for (row, pivot) in factor.pivots().enumerate() {
+                y[row] = pivot * x[row];
+            }
+        }
+        _ => factor.solve(x, y),
+    }
+}
+
+/// The product of three, applied from the last to the first.
+fn compose<T: Real>(
+    factor: &Factor<T>,
+    kinds: &[Kind; 3],
+    x: &[T],
+    y: &mut [T],
+    one: fn(&Factor<T>, Kind, &[T], &mut [T]),
+) {
+    let mut first = vec![T::zero(); 6 * factor.nv()];
+    let mut second = first.clone();
+    one(factor, kinds[2], x, &mut first);
+    one(factor, kinds[1], &first, &mut second);
+    one(factor, kinds[0], &second, y);
+}
+
+fn diagonal_blocks<T: Real>(blocks: &[Symmetric6<T>], x: &[T], y: &mut [T]) {
+    for (row, p) in blocks.iter().enumerate() {
+        put(y, row, &p.mul_vector(&block(x, row)));
+    }
+}
+
+/// Tip to base: y(inward) += phi send(row, y(row)).
+fn inward<T: Real>(factor: &Factor<T>, y: &mut [T], send: impl Fn(usize, Vector6<T>) -> Vector6<T>) {
+    for (row, node) in nodes(factor).rev() {
+        if let Some((next, shifted)) = node.inward {
+            let sent = send(row, block(y, row));
+            add(y, next, &if shifted { factor.shift[node.body].force_to_parent(&sent) } else { sent });
+        }
+    }
+}
+
+/// Base to tip: y(row) = take(row, y(row), phi^T y(inward)).
+fn outward<T: Real>(
+    factor: &Factor<T>,
+    y: &mut [T],
+    mut take: impl FnMut(usize, Vector6<T>, Vector6<T>) -> Vector6<T>,
+) {
+    for (row, node) in nodes(factor) {
+        let carried = match node.inward {
+            Some((next, true)) => factor.shift[node.body].motion_to_child(&block(y, next)),
+            Some((next, false)) => block(y, next),
+            None => Vector6::from_element(T::zero()),
+        };
+        let taken = take(row, block(y, row), carried);
+        put(y, row, &taken);
+    }
+}
+
+/// A x = x - g H x.
+fn pass<T: Real>(factor: &Factor<T>, row: usize, x: &Vector6<T>) -> Vector6<T> {
+    x - factor.measured[row].gain * factor.hinges[row].project(x)
+}
+
+/// A^T x = x - H^T g^T x.
+fn pass_transpose<T: Real>(factor: &Factor<T>, row: usize, x: &Vector6<T>) -> Vector6<T> {
+    factor.hinges[row].spread_onto(x, -dot(&factor.measured[row].gain, x))
+}

@@ -1,0 +1,161 @@
+//! The class `Factor`: K, L and D at one configuration or at a batch of them, and the operators they are made of.
+
+use super::arrays::{self, Input, Output};
+use super::errors::fault;
+use super::evaluate::Scratch;
+use super::scene::PyScene;
+use crate::batch::{Batch, Broadcast, Fault, Pool, broadcast_axes};
+use crate::error::{Error, check_finite};
+use crate::operators::dense::Composite;
+use crate::operators::{Factor, KINDS, Kind, Operator};
+use crate::scene::Model;
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+
+/// The compiled half of `phipsi.operators.Factor`: applies operators by name.
+#[pyclass(frozen, name = "RawFactor", module = "phipsi._core")]
+pub(crate) struct PyFactor {
+    model: Model<f64>,
+    factors: Vec<Factor<f64>>,
+    configurations: Vec<f64>,
+    batch: Vec<usize>,
+    pool: Pool<()>,
+}
+
+impl PyScene {
+    /// The factor of every configuration of a batch.
+    fn factors(&self, input: &Input<'_>) -> PyResult<Result<Vec<Factor<f64>>, Fault>> {
+        let scene = &self.scene;
+        let states: usize = input.leading().iter().product();
+        let q = input.over(input.leading())?;
+        let one = |scratch: &mut Scratch, state: usize| -> Result<Factor<f64>, Error> {
+            scene.check_configuration("q", q.state(state))?;
+            let (factor, monitor) = Factor::new(scene.model(), &mut scratch.workspace, q.state(state));
+            scene.check_pivots(&scratch.workspace, monitor)?;
+            Ok(factor)
+        };
+        Ok(self.pool.with(
+            || Scratch::new(scene),
+            |scratch| {
+                (0..states).map(|state| one(scratch, state).map_err(|error| Fault { state, error })).collect()
+            },
+        ))
+    }
+}
+
+#[pymethods]
+impl PyScene {
+    /// The compiled factor behind phipsi.Scene.factor; q: (..., nq).
+    #[pyo3(signature = (q, /))]
+    fn _factor(&self, py: Python<'_>, q: &Bound<'_, PyAny>) -> PyResult<PyFactor> {
+        let input = Input::new("q", q, self.scene.nq())?;
+        let batch = input.leading().to_vec();
+        let factors = self.factors(&input)?.map_err(|error| fault(py, error, &batch))?;
+        Ok(PyFactor {
+            model: self.scene.model().clone(),
+            factors,
+            configurations: input.data()?.to_vec(),
+            batch,
+            pool: Pool::default(),
+        })
+    }
+}
+
+#[pymethods]
+impl PyFactor {
+    /// Number of degrees of freedom.
+    #[getter]
+    fn nv(&self) -> usize {
+        self.model.nv()
+    }
+
+    /// Leading axes of the configurations.
+    #[getter]
+    fn batch<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, &self.batch)
+    }
+
+    /// log det M of every configuration, shape of the batch.
+    fn log_det<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let values: Vec<f64> = self.factors.iter().map(Factor::log_det).collect();
+        arrays::from_numbers(py, &values, &self.batch)
+    }
+
+    /// D of every configuration, (..., nv).
+    fn pivots<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let values: Vec<f64> = self.factors.iter().flat_map(Factor::pivots).collect();
+        let mut shape = self.batch.clone();
+        shape.push(self.model.nv());
+        arrays::from_numbers(py, &values, &shape)
+    }
+
+    /// (rows, columns) of the operator of that name.
+    #[pyo3(signature = (kind, /))]
+    fn shape(&self, kind: &str) -> PyResult<(usize, usize)> {
+        Ok(find(kind)?.shape(self.model.nv()))
+    }
+
+    /// The operator of that name times x, (..., columns), by a sweep; its transpose's if so said.
+    #[pyo3(signature = (kind, transpose, x, /))]
+    fn apply<'py>(
+        &self,
+        py: Python<'py>,
+        kind: &str,
+        transpose: bool,
+        x: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let kind = find(kind)?;
+        let (rows, columns) = kind.shape(self.model.nv());
+        let (from, to) = if transpose { (rows, columns) } else { (columns, rows) };
+        let x = Input::new("x", x, from)?;
+        let batch = broadcast_axes([("the factor", &self.batch[..]), ("x", x.leading())])?;
+        // Which factor belongs to a state: broadcast over their indices.
+        #[allow(clippy::cast_precision_loss)] // an index far below 2^53
+        let indices: Vec<f64> = (0..self.factors.len()).map(|i| i as f64).collect();
+        let which = Broadcast::new("the factor", &indices, 1, &self.batch, &batch)?;
+        let vectors = x.over(&batch)?;
+        let mut shape = batch.clone();
+        shape.push(to);
+        let mut output = Output::new(py, &shape)?;
+        let results = output.numbers()?;
+        let states = batch.iter().product();
+        let run = || {
+            let batch = Batch { states, cost: 500 * self.model.nv().max(1), pool: &self.pool, make: || () };
+            batch.run(results, |(), i, y| {
+                let x = vectors.state(i);
+                check_finite("x", x)?;
+                #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // it was an index above
+                let operator = self.factors[which.state(i)[0] as usize].operator(kind);
+                if transpose { operator.apply_transpose(x, y) } else { operator.apply(x, y) }
+                Ok(())
+            })
+        };
+        py.detach(run).map_err(|error| fault(py, error, &batch))?;
+        Ok(output.finish())
+    }
+
+    /// The operator of that name as a matrix, (..., rows, columns), built from its definition and not by a sweep.
+    #[pyo3(signature = (kind, /))]
+    fn dense<'py>(&self, py: Python<'py>, kind: &str) -> PyResult<Bound<'py, PyAny>> {
+        let kind = find(kind)?;
+        let (rows, columns) = kind.shape(self.model.nv());
+        let nq = self.model.nq;
+        let mut values = Vec::with_capacity(rows * columns);
+        for state in 0..self.factors.len() {
+            let q = &self.configurations[state * nq..(state + 1) * nq];
+            let matrix = py.detach(|| Composite::new(&self.model, q).map(|composite| composite.matrix(kind)))?;
+            values.extend((0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))).map(|at| matrix[at]));
+        }
+        let mut shape = self.batch.clone();
+        shape.extend([rows, columns]);
+        arrays::from_numbers(py, &values, &shape)
+    }
+}
+
+fn find(name: &str) -> Result<Kind, Error> {
+    Kind::from_name(name).ok_or_else(|| {
+        let names: Vec<&str> = KINDS.iter().map(|(name, _)| *name).collect();
+        Error::argument("kind", format!("{name:?}"), format!("one of {}", names.join(", ")))
+    })
+}

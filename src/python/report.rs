@@ -1,0 +1,181 @@
+//! What the report measures: residuals, reference, error and time of each method, growth.
+
+use super::arrays::{self, Input};
+use super::scene::PyScene;
+use crate::error::Error;
+use crate::report::accuracy::{METHODS, Method, States, measure, reference};
+use crate::report::{growth, residuals};
+use crate::scalar::DoubleDouble;
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// Joint accelerations in double-double, the reference of a report.
+#[pyclass(frozen, name = "Reference", module = "phipsi._core")]
+pub(crate) struct PyReference {
+    values: Vec<DoubleDouble>,
+    nv: usize,
+}
+
+#[pymethods]
+impl PyReference {
+    /// The reference rounded to float64, (n, nv).
+    fn toarray<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let rounded: Vec<f64> = self.values.iter().map(|value| value.high).collect();
+        let states = rounded.len().checked_div(self.nv).unwrap_or(0);
+        arrays::from_numbers(py, &rounded, &[states, self.nv])
+    }
+}
+
+/// The arguments of a set of states: q (n, nq), qd and tau (n, nv).
+struct Arguments<'py> {
+    q: Input<'py>,
+    qd: Input<'py>,
+    tau: Input<'py>,
+}
+
+impl<'py> Arguments<'py> {
+    fn read(
+        scene: &PyScene,
+        q: &Bound<'py, PyAny>,
+        qd: &Bound<'py, PyAny>,
+        tau: &Bound<'py, PyAny>,
+    ) -> PyResult<Self> {
+        let scene = &scene.scene;
+        let all = Self {
+            q: Input::new("q", q, scene.nq())?,
+            qd: Input::new("qd", qd, scene.nv())?,
+            tau: Input::new("tau", tau, scene.nv())?,
+        };
+        for input in [&all.qd, &all.tau] {
+            if input.leading() != all.q.leading() {
+                let found = format!("leading axes {:?}", input.leading());
+                return Err(Error::argument(&*input.name, found, "those of q").into());
+            }
+        }
+        for (name, data, width) in
+            [("q", all.q.data()?, scene.nq()), ("qd", all.qd.data()?, scene.nv()), ("tau", all.tau.data()?, scene.nv())]
+        {
+            for state in data.chunks_exact(width.max(1)) {
+                if name == "q" { scene.check_configuration(name, state) } else { scene.check_rates(name, state) }?;
+            }
+        }
+        Ok(all)
+    }
+
+    fn states(&self) -> PyResult<States<'_>> {
+        Ok(States { q: self.q.data()?, qd: self.qd.data()?, tau: self.tau.data()? })
+    }
+}
+
+#[pymethods]
+impl PyScene {
+    /// Residuals of the paper's identities at q, (nq,): name of the identity to its relative residual.
+    ///
+    /// Factorisation against faer's LDLT, operators against their definitions, closed forms against each other, and the
+    /// dynamics at a fixed rate and torque. Rounding is a few eps times nv, or times the condition number of M where an
+    /// inverse is involved.
+    ///
+    /// Raises SingularJointError; ArgumentError beyond 300 degrees of freedom; ShapeError or NotFiniteError for a bad q.
+    #[pyo3(signature = (q))]
+    fn check<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
+        let scene = &self.scene;
+        let q = arrays::fixed("q", q, &[scene.nq()])?;
+        let wave = |phase: f64| -> Vec<f64> {
+            #[allow(clippy::cast_precision_loss)] // an index
+            (0..scene.nv()).map(|i| (phase + 1.3 * i as f64).sin()).collect()
+        };
+        let list = py.detach(|| residuals::residuals(scene, &q, &wave(0.4), &wave(2.0)))?;
+        let all = PyDict::new(py);
+        for residual in list {
+            all.set_item(residual.name, residual.value)?;
+        }
+        Ok(all)
+    }
+}
+
+/// Residuals at one state, as (name, relative residual, whether rounding grows with the condition number of M).
+#[pyfunction(name = "residuals")]
+#[pyo3(signature = (scene, q, qd, tau))]
+pub(super) fn residuals_at(
+    py: Python<'_>,
+    scene: &PyScene,
+    q: &Bound<'_, PyAny>,
+    qd: &Bound<'_, PyAny>,
+    tau: &Bound<'_, PyAny>,
+) -> PyResult<Vec<(&'static str, f64, bool)>> {
+    let (nq, nv) = (scene.scene.nq(), scene.scene.nv());
+    let (q, qd, tau) =
+        (arrays::fixed("q", q, &[nq])?, arrays::fixed("qd", qd, &[nv])?, arrays::fixed("tau", tau, &[nv])?);
+    let list = py.detach(|| residuals::residuals(&scene.scene, &q, &qd, &tau))?;
+    Ok(list.into_iter().map(|r| (r.name, r.value, r.through_inverse)).collect())
+}
+
+/// The accelerations of n states in double-double, about 31 digits; q: (n, nq), qd, tau: (n, nv).
+#[pyfunction(name = "reference")]
+#[pyo3(signature = (scene, q, qd, tau))]
+pub(super) fn reference_of(
+    py: Python<'_>,
+    scene: &PyScene,
+    q: &Bound<'_, PyAny>,
+    qd: &Bound<'_, PyAny>,
+    tau: &Bound<'_, PyAny>,
+) -> PyResult<PyReference> {
+    let arguments = Arguments::read(scene, q, qd, tau)?;
+    let states = arguments.states()?;
+    let values = py.detach(|| reference(&scene.scene, states))?;
+    Ok(PyReference { values, nv: scene.scene.nv() })
+}
+
+/// Median time a state (ns) of one method in one precision, and the error of each state against the reference.
+///
+/// method: one of METHODS; precision: "float64" or "float32"; repeats: passes over the states. The error is the largest
+/// over the joints, relative to the largest acceleration; NaN where the method met a bad pivot.
+#[pyfunction(name = "measure")]
+#[pyo3(signature = (scene, method, precision, q, qd, tau, reference, repeats))]
+#[allow(clippy::too_many_arguments)] // keywords, in Python
+pub(super) fn measure_method<'py>(
+    py: Python<'py>,
+    scene: &PyScene,
+    method: &str,
+    precision: &str,
+    q: &Bound<'py, PyAny>,
+    qd: &Bound<'py, PyAny>,
+    tau: &Bound<'py, PyAny>,
+    reference: &PyReference,
+    repeats: usize,
+) -> PyResult<(f64, Bound<'py, PyArrayDyn<f64>>)> {
+    let method = find(method)?;
+    let arguments = Arguments::read(scene, q, qd, tau)?;
+    let states = arguments.states()?;
+    if reference.values.len() != states.tau.len() {
+        let found = format!("{} numbers", reference.values.len());
+        return Err(Error::argument("reference", found, "the reference of these states").into());
+    }
+    let values = &reference.values;
+    let measurement = match precision {
+        "float64" => py.detach(|| measure::<f64>(&scene.scene, method, states, values, repeats)),
+        "float32" => py.detach(|| measure::<f32>(&scene.scene, method, states, values, repeats)),
+        _ => {
+            let expected = "\"float64\" or \"float32\"";
+            return Err(Error::argument("precision", format!("{precision:?}"), expected).into());
+        }
+    };
+    let errors = arrays::from_numbers(py, &measurement.errors, &[measurement.errors.len()])?;
+    Ok((measurement.ns, errors.cast_into()?))
+}
+
+/// Forward and inverse dynamics of a chain of `bodies` equal links, median ns a body over `repeats` passes.
+#[pyfunction(name = "growth")]
+#[pyo3(signature = (bodies, repeats))]
+pub(super) fn growth_of(py: Python<'_>, bodies: usize, repeats: usize) -> PyResult<(f64, f64)> {
+    let growth = py.detach(|| growth::growth(bodies, repeats))?;
+    Ok((growth.forward, growth.inverse))
+}
+
+fn find(name: &str) -> Result<Method, Error> {
+    METHODS.iter().find(|(known, _)| *known == name).map(|&(_, method)| method).ok_or_else(|| {
+        let names: Vec<String> = METHODS.iter().map(|(name, _)| format!("{name:?}")).collect();
+        Error::argument("method", format!("{name:?}"), format!("one of {}", names.join(", ")))
+    })
+}

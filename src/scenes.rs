@@ -1,0 +1,36 @@
+//! Scenes that ship with the library: for benches, reports, examples and tests.
+
+use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
+use crate::spatial::{RigidShift, Symmetric3};
+use nalgebra::{Matrix3, Vector3};
+
+/// The bundled arm as URDF: a PUMA 560 written from the published figures that the file names.
+#[cfg(feature = "urdf")]
+pub const BUNDLED_ARM: &str = include_str!("../assets/puma560.urdf");
+
+/// A chain of `n` equal links, 0.3 m and 1 kg, revolute about z, successive axes at right angles.
+///
+/// The chain that the benches run, the same as the one they build for Pinocchio.
+///
+/// # Errors
+///
+/// None in practice; the builder's checks are passed on.
+pub fn chain(n: usize) -> Result<Scene, crate::Error> {
+    let rod = Inertial {
+        mass: 1.0,
+        centre: Vector3::new(0.0, 0.0, 0.15),
+        central: Symmetric3::new([0.01, 0.0, 0.0, 0.01, 0.0, 0.002]),
+    };
+    let quarter = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
+    let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
+    for k in 0..n {
+        let parent = if k == 0 { "base".into() } else { format!("link{}", k - 1) };
+        let mut joint = JointDescription::new(format!("j{k}"), JointKind::Revolute, parent, format!("link{k}"));
+        joint.origin = RigidShift {
+            rotation: if k % 2 == 1 { quarter } else { Matrix3::identity() },
+            lever: Vector3::new(0.0, 0.0, if k == 0 { 0.0 } else { 0.3 }),
+        };
+        builder = builder.link(LinkDescription { name: format!("link{k}"), inertial: Some(rod) }).joint(joint);
+    }
+    builder.build()
+}
