@@ -104,7 +104,7 @@ fn every_joint_type_and_attribute_is_read() {
 #[allow(clippy::float_cmp)] // what the file says, exactly
 fn rotations_and_turned_inertias_agree_with_mpmath() {
     let builder = mixed();
-    // Rz Ry Rx of the decimals in the file, and R I R^T: mpmath 1.3, 40 digits.
+    // Rz Ry Rx of the decimals in the file, and R I R^T: mpmath 1.4, 40 digits.
     let rotation = [
         [-0.443_044_137_835_118, -0.504_294_993_445_900_8, -0.741_214_173_849_458_9],
         [0.757_537_487_431_484_7, -0.652_733_619_979_183_6, -0.008_704_968_975_475_487],
