@@ -116,6 +116,11 @@ impl SceneBuilder {
         self.floating_base
     }
 
+    /// Whether unphysical inertias are an error.
+    pub fn is_strict(&self) -> bool {
+        self.strict
+    }
+
     /// Checks everything and makes the scene: bodies in depth-first order, siblings in the order of their joints, fixed
     /// joints merged, axes turned onto z.
     ///
