@@ -116,7 +116,11 @@ def test_placements_are_arrays_of_their_own(mixed: phipsi.Scene) -> None:
 
 
 def test_plan_tells_merged_joints() -> None:
-    assert tree().build().plan()["merged_joints"] == ("weld",)
+    plan = tree().build().plan()
+    merged = next(item for item in plan.items if "fixed joints" in item.what)
+    assert (merged.count, merged.names) == (1, ("weld",))
+    assert plan.bodies < plan.links
+    assert "weld" not in repr(plan) and "1 fixed joints" in repr(plan)
 
 
 def test_form_names_that_work(arm: phipsi.Scene) -> None:
