@@ -84,6 +84,7 @@ impl<'a> Broadcast<'a> {
 
     /// The numbers that the argument holds for state `index` of the batch.
     #[inline]
+    #[must_use]
     pub fn state(&self, index: usize) -> &'a [f64] {
         let at = match &self.steps {
             Steps::Shared => 0,
@@ -102,7 +103,7 @@ impl<'a> Broadcast<'a> {
     }
 }
 
-/// The leading axes that several arguments broadcast to, by NumPy's rule: aligned at the end, equal or 1.
+/// The leading axes that several arguments broadcast to, by `NumPy`'s rule: aligned at the end, equal or 1.
 ///
 /// # Errors
 ///
