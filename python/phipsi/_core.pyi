@@ -8,8 +8,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._results import Energy, Limits
+from .operators import Factor
 
-__all__ = ["Scene", "SceneBuilder", "__version__", "_rebuild_scene"]
+__all__ = [
+    "BUNDLED_ARM",
+    "METHODS",
+    "Omission",
+    "Plan",
+    "RawFactor",
+    "Reference",
+    "Scene",
+    "SceneBuilder",
+    "__version__",
+    "_rebuild_scene",
+    "growth",
+    "measure",
+    "reference",
+    "residuals",
+]
 
 __version__: Final[str]
 
@@ -205,8 +221,27 @@ class Scene:
         Raises ArgumentError for an unknown joint.
         """
 
-    def plan(self) -> dict[str, Any]:
-        """What is left out of the computation, and why: for now the fixed joints that were merged away."""
+    def plan(self) -> Plan:
+        """What this scene does not need and was left out when it was built, why, and what that saved."""
+
+    def factor(self, q: ArrayLike) -> Factor:
+        """M = (1 + K) D (1 + K*) at q by one sweep (3.1, 3.6), and the operators phi, Psi, K, L, D, P it is made of.
+
+        q: (..., nq); the factor is batched where q is. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
+        operators compose as the paper's equations do.
+
+        Raises SingularJointError, naming joint and state; ShapeError, NotFiniteError or ArgumentError for a bad q.
+        """
+
+    def check(self, q: ArrayLike) -> dict[str, float]:
+        """Residuals of the paper's identities at q, (nq,): name of the identity to its relative residual.
+
+        Factorisation against faer's LDLT, operators against their definitions, closed forms against each other, and the
+        dynamics at a fixed rate and torque. Rounding is a few eps times nv, or times the condition number of M where an
+        inverse is involved.
+
+        Raises SingularJointError; ArgumentError beyond 300 degrees of freedom; ShapeError or NotFiniteError for a bad q.
+        """
 
     def __copy__(self) -> Scene: ...
     def __deepcopy__(self, memo: Any, /) -> Scene: ...
@@ -282,3 +317,105 @@ class SceneBuilder:
         """
 
 def _rebuild_scene(description: tuple[Any, ...], /) -> Scene: ...
+
+@final
+class Omission:
+    """One thing that a scene does not need and that was left out."""
+
+    @property
+    def what(self) -> str:
+        """What, in a few words."""
+
+    @property
+    def count(self) -> int:
+        """How many."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The joints or links, where they have names."""
+
+    @property
+    def why(self) -> str:
+        """Why the results are the same without it."""
+
+    @property
+    def saved(self) -> str:
+        """What that saved."""
+
+@final
+class Plan:
+    """What a scene does not need, and what leaving it out saved; printed, it is a list."""
+
+    @property
+    def bodies(self) -> int:
+        """Moving bodies that the sweeps visit."""
+
+    @property
+    def links(self) -> int:
+        """Links that the scene was built from."""
+
+    @property
+    def items(self) -> tuple[Omission, ...]:
+        """What was left out; only what this scene had."""
+
+@final
+class RawFactor:
+    """The compiled half of phipsi.Factor: applies operators by name."""
+
+    @property
+    def nv(self) -> int:
+        """Number of degrees of freedom."""
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """Leading axes of the configurations."""
+
+    def log_det(self) -> Any:
+        """log det M of every configuration, shape of the batch."""
+
+    def pivots(self) -> _Array:
+        """D of every configuration, (..., nv)."""
+
+    def shape(self, kind: str, /) -> tuple[int, int]:
+        """(rows, columns) of the operator of that name."""
+
+    def apply(self, kind: str, transpose: bool, x: ArrayLike, /) -> _Array:
+        """The operator of that name times x, (..., columns), by a sweep; its transpose's if so said."""
+
+    def dense(self, kind: str, /) -> _Array:
+        """The operator of that name as a matrix, (..., rows, columns), built from its definition and not by a sweep."""
+
+@final
+class Reference:
+    """Joint accelerations in double-double, the reference of a report."""
+
+    def toarray(self) -> _Array:
+        """The reference rounded to float64, (n, nv)."""
+
+BUNDLED_ARM: str
+METHODS: tuple[str, ...]
+
+def residuals(scene: Scene, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> list[tuple[str, float, bool]]:
+    """Residuals at one state, as (name, relative residual, whether rounding grows with the condition number of M)."""
+
+def reference(scene: Scene, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Reference:
+    """The accelerations of n states in double-double, about 31 digits; q: (n, nq), qd, tau: (n, nv)."""
+
+def measure(
+    scene: Scene,
+    method: str,
+    precision: str,
+    q: ArrayLike,
+    qd: ArrayLike,
+    tau: ArrayLike,
+    reference: Reference,
+    repeats: int,
+) -> tuple[float, _Array]:
+    """Median time a state (ns) of one method in one precision, and the error of each state against the reference.
+
+    method: one of METHODS; precision: "float64" or "float32"; repeats: passes over the states. The error is the largest
+    over the joints, relative to the largest acceleration; NaN where the method met a bad pivot.
+    """
+
+def growth(bodies: int, repeats: int) -> tuple[float, float]:
+    """Forward and inverse dynamics of a chain of `bodies` equal links, median ns a body over `repeats` passes."""
