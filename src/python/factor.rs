@@ -38,9 +38,7 @@ impl PyScene {
         };
         Ok(self.pool.with(
             || Scratch::new(scene),
-            |scratch| {
-                (0..states).map(|state| one(scratch, state).map_err(|error| Fault { state, error })).collect()
-            },
+            |scratch| (0..states).map(|state| one(scratch, state).map_err(|error| Fault { state, error })).collect(),
         ))
     }
 }
@@ -135,7 +133,11 @@ impl PyFactor {
                 check_finite("x", x)?;
                 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // it was an index above
                 let operator = self.factors[which.state(i)[0] as usize].operator(kind);
-                if transpose { operator.apply_transpose(x, y) } else { operator.apply(x, y) }
+                if transpose {
+                    operator.apply_transpose(x, y);
+                } else {
+                    operator.apply(x, y);
+                }
                 Ok(())
             })
         };
