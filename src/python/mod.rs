@@ -4,6 +4,8 @@
 //! states of a call; [`errors`] maps each error of the crate to its Python class; the other files are the methods by
 //! subject. Nothing outside this folder names pyo3 or numpy.
 
+#![allow(clippy::doc_markdown)] // the comments of classes and methods are Python's docstrings
+
 mod arrays;
 mod builder;
 mod configuration;

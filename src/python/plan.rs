@@ -78,7 +78,6 @@ impl PyPlan {
     fn __repr__(&self) -> String {
         let mut text = format!("{} bodies from {} links; left out:", self.plan.bodies, self.plan.links);
         for item in &self.plan.items {
-            // Writing to a string cannot fail.
             let _ = write!(text, "\n  {} {}: {}; saved {}", item.count, item.what, item.why, item.saved);
         }
         text

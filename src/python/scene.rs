@@ -12,7 +12,7 @@ use std::path::PathBuf;
 
 /// An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
 ///
-/// Made by `Scene.from_urdf` or SceneBuilder.build. All units are SI and radians; spatial vectors are angular first;
+/// Made by Scene.from_urdf or SceneBuilder.build. All units are SI and radians; spatial vectors are angular first;
 /// arrays have leading batch axes that broadcast, and joints run in depth-first order.
 #[pyclass(frozen, name = "Scene", module = "phipsi")]
 pub(crate) struct PyScene {
@@ -36,11 +36,11 @@ impl PyScene {
     /// The scene of a URDF file or text.
     ///
     /// source: a path (str or os.PathLike), or the XML itself: a str that starts with "<" after white space.
-    /// `floating_base`: puts a free joint, "`root_joint`", under the root link. gravity: (3,), m/s^2, in the base frame.
+    /// floating_base: puts a free joint, "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame.
     /// strict: unphysical inertias raise instead of warning.
     ///
-    /// Raises `SceneError` for a file that cannot be read or built, naming link or joint; `ArgumentError` for a source that is
-    /// neither. Warns `InertiaWarning` for inertias that no body can have, `MimicWarning` for mimic joints (they stay free).
+    /// Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for a source that is
+    /// neither. Warns InertiaWarning for inertias that no body can have, MimicWarning for mimic joints (they stay free).
     #[staticmethod]
     #[pyo3(signature = (source, *, floating_base=false, gravity=None, strict=false),
            text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False)")]
@@ -86,7 +86,7 @@ impl PyScene {
         PyTuple::new(py, self.scene.joints().iter().map(|joint| &joint.name).collect::<Vec<_>>())
     }
 
-    /// Names of the links that the movable joints carry, in the order of `joint_names`.
+    /// Names of the links that the movable joints carry, in the order of joint_names.
     #[getter]
     fn body_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, self.scene.joints().iter().map(|joint| &joint.child).collect::<Vec<_>>())
@@ -106,7 +106,7 @@ impl PyScene {
 
     /// Where a joint is in q, a slice.
     ///
-    /// Raises `ArgumentError`, with the names that there are, for an unknown joint.
+    /// Raises ArgumentError, with the names that there are, for an unknown joint.
     #[pyo3(signature = (joint, /))]
     fn q_index<'py>(&self, py: Python<'py>, joint: &str) -> PyResult<Bound<'py, PySlice>> {
         slice(py, &self.scene.joint(joint)?.q)
@@ -114,7 +114,7 @@ impl PyScene {
 
     /// Where a joint is in qd, qdd and tau, a slice.
     ///
-    /// Raises `ArgumentError`, with the names that there are, for an unknown joint.
+    /// Raises ArgumentError, with the names that there are, for an unknown joint.
     #[pyo3(signature = (joint, /))]
     fn v_index<'py>(&self, py: Python<'py>, joint: &str) -> PyResult<Bound<'py, PySlice>> {
         slice(py, &self.scene.joint(joint)?.v)
@@ -122,9 +122,9 @@ impl PyScene {
 
     /// A new scene with the named joints fixed where q, (nq,), has them; names of links stay.
     ///
-    /// What is locked is folded into the bodies around it and costs nothing. Locking "`root_joint`" gives a fixed base.
+    /// What is locked is folded into the bodies around it and costs nothing. Locking "root_joint" gives a fixed base.
     ///
-    /// Raises `ArgumentError` for an unknown joint; `ShapeError`, `NotFiniteError` or `ArgumentError` for a bad q.
+    /// Raises ArgumentError for an unknown joint; ShapeError, NotFiniteError or ArgumentError for a bad q.
     fn lock(&self, joints: &Bound<'_, PyAny>, q: &Bound<'_, PyAny>) -> PyResult<Self> {
         let Some(names) = (!joints.is_instance_of::<PyString>()).then(|| names(joints)).flatten() else {
             let found = format!("{}", joints.repr()?);
@@ -172,11 +172,10 @@ impl Source {
             }
         }
         if let Ok(path) = source.extract::<PathBuf>() {
-            Ok(Self::File(path))
-        } else {
-            let found = format!("an object of type {}", source.get_type().name()?);
-            Err(Error::argument("source", found, "a path (str or os.PathLike) or the text of a URDF").into())
+            return Ok(Self::File(path));
         }
+        let found = format!("an object of type {}", source.get_type().name()?);
+        Err(Error::argument("source", found, "a path (str or os.PathLike) or the text of a URDF").into())
     }
 }
 

@@ -41,8 +41,8 @@ impl<'py> Wrench<'py> {
 
     /// The same for the threads, which see no Python.
     pub fn over<'a>(&'a self, batch: &[usize]) -> PyResult<States<'a>> {
-        let states = self.input.over(batch)?;
-        Ok(States { name: &self.input.name, numbers: states, body: self.body, placement: &self.placement })
+        let numbers = self.input.over(batch)?;
+        Ok(States { name: &self.input.name, numbers, body: self.body, placement: &self.placement })
     }
 }
 
