@@ -1,5 +1,6 @@
 //! The sweeps against composite matrices and faer's LDLT, on random mixed trees and on chains.
 #![cfg(feature = "dense")]
+#![allow(clippy::cast_precision_loss)] // small counts
 
 mod common;
 

@@ -1,4 +1,5 @@
 //! Identities between the algorithms, on random mixed trees.
+#![allow(clippy::cast_possible_truncation)] // small seeds
 
 mod common;
 

@@ -58,6 +58,7 @@ pub struct PivotMonitor<T> {
 impl<T: Real> PivotMonitor<T> {
     /// A monitor that has seen nothing.
     #[inline(always)]
+    #[must_use]
     pub fn new() -> Self {
         Self { worst: T::one(), threshold: T::epsilon() * T::from_f64(PIVOT_MARGIN) }
     }
@@ -110,23 +111,20 @@ impl<T: Real> Covariances<'_, T> {
         mut seen: impl FnMut(usize, &Symmetric6<T>),
     ) {
         let stage = &system.stages[k];
-        let mut state = Sending {
-            p: self.p[k],
-            subtracted: self.subtracted[k],
-            sent: Vector6::from_element(T::zero()),
-        };
+        let mut state =
+            Sending { p: self.p[k], subtracted: self.subtracted[k], sent: Vector6::from_element(T::zero()) };
         let shift = &self.shift[k];
-        // The two common rows are named, so that the compiler sees which column of P is meant.
-        match stage.rows {
+        // The common rows are named, so that the compiler sees which column of P is meant.
+        let carried = match stage.rows {
             super::Rows::One(HingeMap::Axis(2)) => {
-                let row = stage.first_row;
+                let (row, noise) = (stage.first_row, system.noise[stage.first_row]);
                 seen(row, &state.p);
-                self.measured[row] = state.measure(&HingeMap::Axis(2), system.noise[row], shift, monitor);
-            }
-            super::Rows::One(HingeMap::Axis(5)) => {
-                let row = stage.first_row;
-                seen(row, &state.p);
-                self.measured[row] = state.measure(&HingeMap::Axis(5), system.noise[row], shift, monitor);
+                self.measured[row] = state.measure(&HingeMap::Axis(2), noise, shift, monitor);
+                if noise == T::zero() {
+                    shift.inertia_to_parent_past_z(&state.p)
+                } else {
+                    shift.inertia_to_parent(&state.p)
+                }
             }
             rows => {
                 for i in (0..rows.count()).rev() {
@@ -134,11 +132,11 @@ impl<T: Real> Covariances<'_, T> {
                     seen(row, &state.p);
                     self.measured[row] = state.measure_any(&rows.row(i), system.noise[row], shift, monitor);
                 }
+                shift.inertia_to_parent(&state.p)
             }
-        }
+        };
         self.p[k] = state.p;
         if let Some(parent) = stage.parent {
-            let carried = shift.inertia_to_parent(&state.p);
             let at_parent = &mut self.p[parent];
             *at_parent = at_parent.add(&carried);
             self.subtracted[parent] += state.sent;

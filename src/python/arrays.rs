@@ -209,7 +209,7 @@ fn zeros<'py>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDy
     Ok(ZEROS.import(py, "numpy", "zeros")?.call1((shape.to_vec(),))?.cast_into()?)
 }
 
-/// A new array with these numbers in row-major order; a NumPy scalar for the empty shape.
+/// A new array with these numbers in row-major order; a `NumPy` scalar for the empty shape.
 pub(super) fn from_numbers<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize]) -> PyResult<Bound<'py, PyAny>> {
     let mut output = Output::new(py, shape)?;
     output.numbers()?.copy_from_slice(numbers);

@@ -1,4 +1,4 @@
-//! The Python module `phipsi._core`: NumPy in, NumPy out, over the same checked algorithms as the crate.
+//! The Python module `phipsi._core`: `NumPy` in, `NumPy` out, over the same checked algorithms as the crate.
 //!
 //! [`arrays`] reads arguments and makes results, for every method in one place; [`evaluate`] runs a kernel over the
 //! states of a call; [`errors`] maps each error of the crate to its Python class; the other files are the methods by

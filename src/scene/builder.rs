@@ -51,6 +51,7 @@ impl Default for SceneBuilder {
 
 impl SceneBuilder {
     /// An empty scene with a fixed base and gravity (0, 0, -9.81).
+    #[must_use]
     pub fn new() -> Self {
         Self {
             links: Vec::new(),
@@ -82,7 +83,7 @@ impl SceneBuilder {
         self
     }
 
-    /// Puts a free joint, named "root_joint", under the root link.
+    /// Puts a free joint, named "`root_joint`", under the root link.
     #[must_use]
     pub fn floating_base(mut self, floating: bool) -> Self {
         self.floating_base = floating;
@@ -97,26 +98,31 @@ impl SceneBuilder {
     }
 
     /// Gravity as set so far, m/s^2.
+    #[must_use]
     pub fn gravity_vector(&self) -> [f64; 3] {
         self.gravity.into()
     }
 
     /// The links so far.
+    #[must_use]
     pub fn links(&self) -> &[LinkDescription] {
         &self.links
     }
 
     /// The joints so far.
+    #[must_use]
     pub fn joints(&self) -> &[JointDescription] {
         &self.joints
     }
 
     /// Whether the base floats.
+    #[must_use]
     pub fn is_floating(&self) -> bool {
         self.floating_base
     }
 
     /// Whether unphysical inertias are an error.
+    #[must_use]
     pub fn is_strict(&self) -> bool {
         self.strict
     }
@@ -148,15 +154,15 @@ impl SceneBuilder {
                 return Err(Error::scene(format!("link {:?}", link.name), "the name twice", "unique link names"));
             }
         }
-        let mut names: HashMap<&str, ()> = HashMap::new();
+        let mut names: HashSet<&str> = HashSet::new();
         if self.floating_base {
-            names.insert(ROOT_JOINT, ());
+            names.insert(ROOT_JOINT);
         }
         let mut parent_joint: Vec<Option<usize>> = vec![None; self.links.len()];
         let mut children: Vec<Vec<(usize, usize)>> = vec![Vec::new(); self.links.len()];
         for (j, joint) in self.joints.iter().enumerate() {
             let subject = || format!("joint {:?}", joint.name);
-            if names.insert(&joint.name, ()).is_some() {
+            if !names.insert(&joint.name) {
                 return Err(Error::scene(subject(), "the name twice", "unique joint names"));
             }
             let find = |role: &str, name: &str| {
@@ -305,7 +311,7 @@ struct Tree {
     root: usize,
 }
 
-/// A rotation R with R e_z = axis; exact where the axis is a coordinate axis.
+/// A rotation R with R `e_z` = axis; exact where the axis is a coordinate axis.
 fn axis_onto_z(axis: &Vector3<f64>) -> Matrix3<f64> {
     let z = axis / axis.norm();
     if z == Vector3::z() {

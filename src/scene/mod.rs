@@ -87,41 +87,49 @@ impl Scene {
     }
 
     /// Number of coordinates in q.
+    #[must_use]
     pub fn nq(&self) -> usize {
         self.model.nq
     }
 
     /// Number of degrees of freedom, the length of qd, qdd and tau.
+    #[must_use]
     pub fn nv(&self) -> usize {
         self.model.nv()
     }
 
     /// The numbers that the sweeps read.
+    #[must_use]
     pub fn model(&self) -> &Model<f64> {
         &self.model
     }
 
     /// What the scene was built from; building it again gives an equal scene.
+    #[must_use]
     pub fn source(&self) -> &SceneBuilder {
         &self.source
     }
 
     /// What its user should know.
+    #[must_use]
     pub fn warnings(&self) -> &[SceneWarning] {
         &self.warnings
     }
 
     /// Movable joints in the order of q.
+    #[must_use]
     pub fn joints(&self) -> &[Joint] {
         &self.joints
     }
 
     /// Links, depth first; those on fixed joints included.
+    #[must_use]
     pub fn links(&self) -> &[Link] {
         &self.links
     }
 
     /// Names of the fixed joints that were merged away.
+    #[must_use]
     pub fn merged_joints(&self) -> &[String] {
         &self.merged
     }
@@ -151,11 +159,13 @@ impl Scene {
     }
 
     /// The joint that degree of freedom `row` belongs to.
+    #[must_use]
     pub fn joint_of_row(&self, row: usize) -> Option<&Joint> {
         self.joints.iter().find(|joint| joint.v.contains(&row))
     }
 
     /// The joint that moves body `body` of the model.
+    #[must_use]
     pub fn joint_of_body(&self, body: usize) -> Option<&Joint> {
         self.body_names.get(body).map(|name| &self.joints[name.joint])
     }
