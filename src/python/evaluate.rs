@@ -94,8 +94,7 @@ impl<'a, 'py, const N: usize> Call<'a, 'py, N> {
             None => Output::new(py, &full)?,
             Some(out) => {
                 let all = self.inputs.iter().chain(self.wrenches.iter().map(|wrench| &wrench.input));
-                let data = all.map(Input::data).collect::<PyResult<Vec<_>>>()?;
-                Output::given(out, &full, &data)?
+                Output::given(out, &full, all)?
             }
         };
         self.numbers(py, output.numbers()?, kernel)?;

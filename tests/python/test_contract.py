@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import doctest
 import importlib.metadata
 import inspect
 
@@ -135,3 +136,8 @@ def test_everything_public_is_documented(owner: type) -> None:
     for name in vars(owner):
         if not name.startswith("_"):
             assert inspect.getdoc(getattr(owner, name)), f"{owner.__name__}.{name}"
+
+
+def test_the_example_of_the_package_runs() -> None:
+    failed, tried = doctest.testmod(phipsi)
+    assert tried and not failed
