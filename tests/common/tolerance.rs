@@ -29,9 +29,9 @@ pub fn double_double(n: usize, scale: f64) -> f64 {
 pub const STEP: f64 = 9.094_947_017_729_282e-13;
 
 /// A central difference over [`STEP`]s in double-double arithmetic of something of size `scale` that varies over times (or
-/// distances) of about 1: truncation, its third derivative allowed 1e6 times its size, and rounding.
+/// distances) of about 1: truncation, its third derivative allowed 1e4 times its size, and rounding.
 pub fn difference(n: usize, scale: f64) -> f64 {
-    1e6 * STEP * STEP * scale + double_double(n, scale) / STEP
+    1e4 * STEP * STEP * scale + double_double(n, scale) / STEP
 }
 
 /// What a matrix does to errors, in the 2-norm.
