@@ -110,34 +110,75 @@ impl<T: Real> Covariances<'_, T> {
         mut seen: impl FnMut(usize, &Symmetric6<T>),
     ) {
         let stage = &system.stages[k];
-        let mut p = self.p[k];
-        let mut subtracted = self.subtracted[k];
-        let mut lost_here = Vector6::from_element(T::zero());
+        let mut state =
+            Sending { p: self.p[k], subtracted: self.subtracted[k], sent: Vector6::from_element(T::zero()) };
         let shift = &self.shift[k];
-        let mut row_step = |row: usize, hinge: &HingeMap<T>| {
-            seen(row, &p);
-            let m = measurement_update(&mut p, hinge, system.noise[row]);
-            monitor.observe(m.pivot, hinge.project(&subtracted));
-            subtracted += m.gain.component_mul(&m.gain) * m.pivot;
-            let carried = shift.force_to_parent(&m.gain);
-            lost_here += carried.component_mul(&carried) * m.pivot;
-            self.measured[row] = m;
-        };
-        // The common rows are named so that the compiler sees constants.
-        match stage.rows {
-            super::Rows::One(HingeMap::Axis(2)) => row_step(stage.first_row, &HingeMap::Axis(2)),
-            super::Rows::One(HingeMap::Axis(5)) => row_step(stage.first_row, &HingeMap::Axis(5)),
-            rows => {
-                for i in (0..rows.count()).rev() {
-                    row_step(stage.first_row + i, &rows.row(i));
+        // The common rows are named, so that the compiler sees which column of P is meant.
+        let carried = match stage.rows {
+            super::Rows::One(HingeMap::Axis(2)) => {
+                let (row, noise) = (stage.first_row, system.noise[stage.first_row]);
+                seen(row, &state.p);
+                self.measured[row] = state.measure(&HingeMap::Axis(2), noise, shift, monitor);
+                if noise == T::zero() {
+                    shift.inertia_to_parent_past_z(&state.p)
+                } else {
+                    shift.inertia_to_parent(&state.p)
                 }
             }
-        }
-        self.p[k] = p;
+            rows => {
+                for i in (0..rows.count()).rev() {
+                    let row = stage.first_row + i;
+                    seen(row, &state.p);
+                    self.measured[row] = state.measure_any(&rows.row(i), system.noise[row], shift, monitor);
+                }
+                shift.inertia_to_parent(&state.p)
+            }
+        };
+        self.p[k] = state.p;
         if let Some(parent) = stage.parent {
-            self.p[parent] = self.p[parent].add(&shift.inertia_to_parent(&p));
-            self.subtracted[parent] += lost_here;
+            let at_parent = &mut self.p[parent];
+            *at_parent = at_parent.add(&carried);
+            self.subtracted[parent] += state.sent;
         }
+    }
+}
+
+/// One stage's covariance on its way through the measurements.
+struct Sending<T: Real> {
+    p: Symmetric6<T>,
+    /// What measurements so far subtracted, by component, in this stage's frame.
+    subtracted: Vector6<T>,
+    /// The same for this stage's own measurements, in its parent's frame.
+    sent: Vector6<T>,
+}
+
+impl<T: Real> Sending<T> {
+    #[inline(always)]
+    fn measure(
+        &mut self,
+        hinge: &HingeMap<T>,
+        noise: T,
+        shift: &RigidShift<T>,
+        monitor: &mut PivotMonitor<T>,
+    ) -> Measured<T> {
+        let m = measurement_update(&mut self.p, hinge, noise);
+        monitor.observe(m.pivot, hinge.project(&self.subtracted));
+        self.subtracted += m.gain.component_mul(&m.gain) * m.pivot;
+        let carried = shift.force_to_parent(&m.gain);
+        self.sent += carried.component_mul(&carried) * m.pivot;
+        m
+    }
+
+    /// The same for rows that the compiler cannot tell apart.
+    #[inline(never)]
+    fn measure_any(
+        &mut self,
+        hinge: &HingeMap<T>,
+        noise: T,
+        shift: &RigidShift<T>,
+        monitor: &mut PivotMonitor<T>,
+    ) -> Measured<T> {
+        self.measure(hinge, noise, shift, monitor)
     }
 }
 

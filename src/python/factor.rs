@@ -11,6 +11,7 @@ use crate::operators::{Factor, KINDS, Kind, Operator};
 use crate::scene::Model;
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
 use pyo3::types::PyTuple;
 
 /// The compiled half of `phipsi.operators.Factor`: applies operators by name.
@@ -37,28 +38,33 @@ impl PyScene {
         };
         Ok(self.pool.with(
             || Scratch::new(scene),
-            |scratch| {
-                (0..states).map(|state| one(scratch, state).map_err(|error| Fault { state, error })).collect()
-            },
+            |scratch| (0..states).map(|state| one(scratch, state).map_err(|error| Fault { state, error })).collect(),
         ))
     }
 }
 
 #[pymethods]
 impl PyScene {
-    /// The compiled factor behind phipsi.Scene.factor; q: (..., nq).
-    #[pyo3(signature = (q, /))]
-    fn _factor(&self, py: Python<'_>, q: &Bound<'_, PyAny>) -> PyResult<PyFactor> {
+    /// M = (1 + K) D (1 + K*) at q by one sweep (3.1, 3.6), and the operators phi, Psi, K, L, D, P it is made of.
+    ///
+    /// q: (..., nq); the factor is batched where q is. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
+    /// operators compose as the paper's equations do.
+    ///
+    /// Raises SingularJointError, naming joint and state; ShapeError, NotFiniteError or ArgumentError for a bad q.
+    #[pyo3(signature = (q))]
+    fn factor<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        static FACTOR: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
         let input = Input::new("q", q, self.scene.nq())?;
         let batch = input.leading().to_vec();
         let factors = self.factors(&input)?.map_err(|error| fault(py, error, &batch))?;
-        Ok(PyFactor {
+        let raw = PyFactor {
             model: self.scene.model().clone(),
             factors,
             configurations: input.data()?.to_vec(),
             batch,
             pool: Pool::default(),
-        })
+        };
+        FACTOR.import(py, "phipsi.operators", "Factor")?.call1((raw,))
     }
 }
 
@@ -127,7 +133,11 @@ impl PyFactor {
                 check_finite("x", x)?;
                 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // it was an index above
                 let operator = self.factors[which.state(i)[0] as usize].operator(kind);
-                if transpose { operator.apply_transpose(x, y) } else { operator.apply(x, y) }
+                if transpose {
+                    operator.apply_transpose(x, y)
+                } else {
+                    operator.apply(x, y)
+                }
                 Ok(())
             })
         };

@@ -35,12 +35,7 @@ struct Arguments<'py> {
 }
 
 impl<'py> Arguments<'py> {
-    fn read(
-        scene: &PyScene,
-        q: &Bound<'py, PyAny>,
-        qd: &Bound<'py, PyAny>,
-        tau: &Bound<'py, PyAny>,
-    ) -> PyResult<Self> {
+    fn read(scene: &PyScene, q: &Bound<'py, PyAny>, qd: &Bound<'py, PyAny>, tau: &Bound<'py, PyAny>) -> PyResult<Self> {
         let scene = &scene.scene;
         let all = Self {
             q: Input::new("q", q, scene.nq())?,

@@ -7,7 +7,7 @@ use crate::error::Error;
 use crate::scene::model::{Model, Motion};
 use crate::spatial::{BodyInertia, RigidShift};
 use nalgebra::{Matrix3, Vector3};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// Name of the joint that a floating base gets.
 pub const ROOT_JOINT: &str = "root_joint";
@@ -89,7 +89,7 @@ impl SceneBuilder {
         self
     }
 
-    /// Makes unphysical inertias an error.
+    /// Makes unphysical inertias and mimics of unknown joints an error.
     #[must_use]
     pub fn strict(mut self, strict: bool) -> Self {
         self.strict = strict;
@@ -116,6 +116,11 @@ impl SceneBuilder {
         self.floating_base
     }
 
+    /// Whether unphysical inertias are an error.
+    pub fn is_strict(&self) -> bool {
+        self.strict
+    }
+
     /// Checks everything and makes the scene: bodies in depth-first order, siblings in the order of their joints, fixed
     /// joints merged, axes turned onto z.
     ///
@@ -123,7 +128,8 @@ impl SceneBuilder {
     ///
     /// [`Error::Scene`], naming the link or joint, for: no link, a name used twice, an unknown parent or child, a link
     /// with two parents, two roots, a cycle, an axis of no direction, numbers that are not finite, a negative mass,
-    /// armature, damping or friction, lower limit above upper; with `strict`, an unphysical inertia.
+    /// armature, damping or friction, lower limit above upper; with `strict`, an unphysical inertia or a mimic of an
+    /// unknown joint.
     pub fn build(self) -> Result<Scene, Error> {
         let tree = self.check_tree()?;
         self.check_numbers()?;
@@ -234,8 +240,16 @@ impl SceneBuilder {
                 warnings.push(SceneWarning::Inertia { link: link.name.clone(), found });
             }
         }
+        let names: HashSet<&str> = self.joints.iter().map(|joint| joint.name.as_str()).collect();
         for joint in &self.joints {
             if let Some(source) = &joint.mimic {
+                if self.strict && !names.contains(source.as_str()) {
+                    return Err(Error::scene(
+                        format!("joint {:?}", joint.name),
+                        format!("a mimic of joint {source:?}, which is not there"),
+                        "the name of another joint (strict)",
+                    ));
+                }
                 warnings.push(SceneWarning::Mimic { joint: joint.name.clone(), source: source.clone() });
             }
         }

@@ -1,0 +1,71 @@
+# The commands of the project. `make report` and `make test` are all a newcomer needs.
+#
+#   make report [ROBOT=some.urdf] [OUT=report]   build, install into .venv, run the main job
+#   make test      Rust tests, then the Python tests against the built wheel
+#   make check     what CI adds: format, clippy, docs, benches compile, stubs, abi3
+#   make bench     criterion benches
+#   make peers     Pinocchio and its C++ harness, to measure against (Debian: apt-get, as root)
+
+PYTHON ?= python3
+OUT ?= report
+ROBOT ?=
+VENV := .venv
+BIN := $(VENV)/bin
+WHEELS := target/wheels
+SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md $(shell find src python assets -type f -not -name '*.pyc')
+
+.PHONY: report test test-rust test-python check bench peers clean
+
+# One interpreter of the project's own; the system's packages are never touched.
+$(BIN)/python:
+	$(PYTHON) -c 'import sys; assert sys.version_info >= (3, 10), "Python >= 3.10 is needed, this is " + sys.version'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip 'maturin>=1.9.4,<2'
+
+$(VENV)/wheel: $(SOURCES) | $(BIN)/python
+	rm -rf $(WHEELS)
+	$(BIN)/maturin build --release --locked --quiet --out $(WHEELS)
+	$(BIN)/python -m pip install --quiet --force-reinstall --no-deps $(WHEELS)/phipsi-*.whl
+	touch $@
+
+$(VENV)/report: $(VENV)/wheel pyproject.toml
+	$(BIN)/python -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[report]"
+	touch $@
+
+$(VENV)/test: $(VENV)/wheel pyproject.toml
+	$(BIN)/python -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[test]"
+	touch $@
+
+report: $(VENV)/report
+	$(BIN)/phipsi report $(ROBOT) -o $(OUT)
+	@echo "open $(OUT)/index.html"
+
+test: test-rust test-python
+
+test-rust:
+	cargo test --locked --features urdf,parallel,dense
+
+# From another folder, so that the installed wheel is imported and not the source.
+test-python: $(VENV)/test
+	cd tests/python && ../../$(BIN)/python -m pytest -q --rootdir . -c ../../pyproject.toml .
+
+check: $(VENV)/test
+	cargo fmt --check
+	cargo clippy --locked --all-targets -- -D warnings
+	cargo clippy --locked --all-targets --features urdf,parallel,dense -- -D warnings
+	cargo clippy --locked --all-targets --features python -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features urdf,parallel,dense
+	cargo bench --locked --no-run --features urdf,parallel,dense
+	$(BIN)/python -m pip install --quiet 'mypy>=1.15' 'abi3audit>=0.0.20'
+	cd tests/python && ../../$(BIN)/python -m mypy.stubtest phipsi._core
+	$(BIN)/mypy python/phipsi
+	$(BIN)/abi3audit --strict $(WHEELS)/phipsi-*.whl
+
+bench:
+	cargo bench --features urdf,parallel,dense
+
+peers:
+	bash benches/peers/install.sh
+
+clean:
+	rm -rf target $(VENV) report

@@ -1,0 +1,25 @@
+"""Articulated-body dynamics as Kalman filtering.
+
+Joint torques are measurements, body inertias process noise, spatial forces states: forward dynamics is a filter that
+runs from tip to base and a smoother that runs back, and the mass matrix is the covariance of the measurements.
+
+>>> import phipsi
+>>> scene = (
+...     phipsi.SceneBuilder()
+...     .link("base")
+...     .link("rod", mass=1.0, com=(0, 0, -0.5), inertia=[[0.08, 0, 0], [0, 0.08, 0], [0, 0, 0.001]])
+...     .joint("hinge", "revolute", "base", "rod", axis=(0, 1, 0))
+...     .build()
+... )
+>>> scene.forward_dynamics([0.1], [0.0], [0.0]).round(3)
+array([-1.484])
+
+SI units and radians throughout; spatial vectors are angular first; arrays have leading batch axes that broadcast.
+"""
+
+from . import errors
+from ._core import Omission, Plan, Scene, SceneBuilder, __version__
+from ._results import Energy, Limits
+from .operators import Factor, Operator
+
+__all__ = ["Energy", "Factor", "Limits", "Omission", "Operator", "Plan", "Scene", "SceneBuilder", "__version__", "errors"]

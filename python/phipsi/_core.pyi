@@ -1,0 +1,421 @@
+"""The compiled half of phipsi: scenes, and the algorithms on them."""
+
+import os
+from collections.abc import Iterable, Mapping
+from typing import Any, Final, Literal, TypeAlias, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ._results import Energy, Limits
+from .operators import Factor
+
+__all__ = [
+    "BUNDLED_ARM",
+    "METHODS",
+    "Omission",
+    "Plan",
+    "RawFactor",
+    "Reference",
+    "Scene",
+    "SceneBuilder",
+    "__version__",
+    "_rebuild_scene",
+    "growth",
+    "measure",
+    "reference",
+    "residuals",
+]
+
+__version__: Final[str]
+
+_Array: TypeAlias = NDArray[np.float64]
+_Form: TypeAlias = Literal["auto", "covariance", "joseph", "square-root"]
+_JointType: TypeAlias = Literal[
+    "fixed", "revolute", "continuous", "prismatic", "screw", "planar", "spherical", "floating"
+]
+
+@final
+class Scene:
+    """An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
+
+    Made by :meth:`from_urdf` or :meth:`SceneBuilder.build`. SI units and radians. Spatial 6-vectors are angular first:
+    wrench = (moment, force), velocity = (angular, linear). Movable joints are in depth-first order, siblings in file order.
+
+    Arrays are (..., nq) or (..., nv): leading batch axes broadcast, rank in = rank out. Lists, float32, integers, strided
+    and Fortran-ordered arrays are converted; C-contiguous float64 is used without a copy. In q a revolute joint is an angle
+    (rad), a prismatic one a length (m), a screw an angle (its pitch in m/rad), a planar one (u, v, theta), a spherical one a
+    quaternion (x, y, z, w), a free one (x, y, z, qx, qy, qz, qw) with the rates (linear, angular) in the body's frame.
+    Quaternions may be off unit norm by 1e-3, and are normalised.
+
+    Arguments raise ShapeError, NotFiniteError or ArgumentError (see phipsi.errors), naming the argument and the state.
+    The GIL is released in all calls longer than some microseconds; large batches run on several threads (as many as
+    RAYON_NUM_THREADS says, else one a core), with the same bits for any number of them.
+
+    Scenes pickle, compare and hash by identity; copies are the scene itself.
+    """
+
+    @staticmethod
+    def from_urdf(
+        source: str | os.PathLike[str],
+        *,
+        floating_base: bool = False,
+        gravity: ArrayLike = (0, 0, -9.81),
+        strict: bool = False,
+    ) -> Scene:
+        """The scene of a URDF file or text.
+
+        source: a path, or the XML itself: a str that starts with "<" after white space. floating_base: puts a free joint,
+        "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame. strict: unphysical inertias raise.
+
+        Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for another source.
+        Warns InertiaWarning for inertias that no body can have, MimicWarning for mimic joints (they stay free).
+        """
+
+    @property
+    def nq(self) -> int:
+        """Number of coordinates in q."""
+
+    @property
+    def nv(self) -> int:
+        """Number of degrees of freedom: the length of qd, qdd and tau."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the movable joints, in the order of q; the free joint of a floating base is "root_joint"."""
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Names of the links that the movable joints carry, in the order of joint_names."""
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """Names of all links, depth first, those on fixed joints included."""
+
+    @property
+    def gravity(self) -> _Array:
+        """Gravity in the base frame, (3,), m/s^2; a copy."""
+
+    @property
+    def limits(self) -> Limits:
+        """Limits by degree of freedom: the named tuple Limits(lower, upper, velocity, effort) of arrays (nv,).
+
+        rad or m, rad/s or m/s, N m or N; infinite where there is none; a joint of several degrees of freedom repeats its
+        own. Reported, never enforced.
+        """
+
+    def q_index(self, joint: str, /) -> slice[int, int, int]:
+        """Where a joint is in q. Raises ArgumentError, with the names that there are, for an unknown joint."""
+
+    def v_index(self, joint: str, /) -> slice[int, int, int]:
+        """Where a joint is in qd, qdd and tau. Raises ArgumentError, with the names that there are, for an unknown joint."""
+
+    def neutral(self) -> _Array:
+        """The neutral configuration, (nq,): zero everywhere, the identity (0, 0, 0, 1) for quaternions."""
+
+    def forward_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        form: _Form = "auto",
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        out: _Array | None = None,
+    ) -> _Array:
+        """Joint accelerations from joint torques, in O(N): the smoother's estimates given the torques as measurements.
+
+        q: (..., nq); qd, tau: (..., nv). wrenches: dict from link names (links on fixed joints too) to (..., 6), each a
+        (moment, force) acting on that link, at its origin and in its frame. form: "auto" or "covariance" (equation 3.6).
+        out: C-contiguous float64 of the result's shape that overlaps no argument; it is returned.
+
+        Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (equations 4.4 to 4.11).
+
+        Raises SingularJointError where a joint has no inertia along its axis; NotBuiltError for "joseph" and "square-root",
+        which are to come. After an error out is partly written.
+        """
+
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        *,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        out: _Array | None = None,
+    ) -> _Array:
+        """Joint torques from joint accelerations, in O(N), gravity and armature included.
+
+        q: (..., nq); qd, qdd: (..., nv); wrenches and out as in forward_dynamics.
+
+        Returns tau, (..., nv) = H phi (Q lambda + b) + armature qdd - J^T w (equations 1.5, 2.9, 2.10).
+        """
+
+    def bias_torque(self, q: ArrayLike, qd: ArrayLike) -> _Array:
+        """The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
+
+        q: (..., nq); qd: (..., nv). Returns (..., nv), N m or N.
+        """
+
+    def mass_matrix(self, q: ArrayLike) -> _Array:
+        """The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
+
+        q: (..., nq). Returns (..., nv, nv), full and exactly symmetric.
+
+        Raises ArgumentError above 4000 degrees of freedom: inverse_dynamics multiplies by the matrix without forming it.
+        """
+
+    def mass_matrix_inverse(self, q: ArrayLike) -> _Array:
+        """The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
+
+        q: (..., nq). Returns (..., nv, nv), full and exactly symmetric.
+
+        Raises SingularJointError; ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse
+        without forming it.
+        """
+
+    def placements(self, q: ArrayLike) -> dict[str, _Array]:
+        """Where every link is: a dict from link names to homogeneous matrices, link frame to base frame.
+
+        q: (..., nq). Each value: (..., 4, 4), [[R, p], [0, 1]] with p in m; an array of its own, in the order of link_names.
+        """
+
+    def jacobian(self, q: ArrayLike, link: str) -> _Array:
+        """The Jacobian J of a link: its spatial velocity (angular, linear), at its origin and in its own frame, is J qd.
+
+        q: (..., nq). Returns (..., 6, nv); a wrench w on the link there gives the joint torques J^T w.
+
+        Raises ArgumentError for an unknown link.
+        """
+
+    def energy(self, q: ArrayLike, qd: ArrayLike) -> Energy:
+        """Kinetic energy (armature included) and potential energy: the named tuple Energy(kinetic, potential).
+
+        q: (..., nq); qd: (..., nv). Each (...), J; the potential is zero with the mass centre at the base's origin.
+        """
+
+    def momentum(self, q: ArrayLike, qd: ArrayLike) -> _Array:
+        """Spatial momentum of all moving bodies: (angular about the base's origin, linear), in the base frame.
+
+        q: (..., nq); qd: (..., nv). Returns (..., 6), N m s and N s. Armature adds nothing here.
+        """
+
+    def integrate(self, q: ArrayLike, v: ArrayLike) -> _Array:
+        """The configuration reached from q by the constant velocity v in unit time, on the manifold.
+
+        q: (..., nq); v: (..., nv). Returns (..., nq), quaternions of unit norm. A free joint moves along the screw of its
+        twist, a spherical joint turns about its rate, all others add.
+        """
+
+    def difference(self, q0: ArrayLike, q1: ArrayLike) -> _Array:
+        """The velocity that takes q0 to q1 in unit time, the inverse of integrate; rotations go the short way.
+
+        q0, q1: (..., nq). Returns (..., nv).
+        """
+
+    def lock(self, joints: Iterable[str], q: ArrayLike) -> Scene:
+        """A new scene with the named joints fixed where q, (nq,), has them; names of links stay.
+
+        What is locked is folded into the bodies around it and costs nothing. Locking "root_joint" gives a fixed base.
+
+        Raises ArgumentError for an unknown joint.
+        """
+
+    def plan(self) -> Plan:
+        """What this scene does not need and was left out when it was built, why, and what that saved."""
+
+    def factor(self, q: ArrayLike) -> Factor:
+        """M = (1 + K) D (1 + K*) at q by one sweep (3.1, 3.6), and the operators phi, Psi, K, L, D, P it is made of.
+
+        q: (..., nq); the factor is batched where q is. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
+        operators compose as the paper's equations do.
+
+        Raises SingularJointError, naming joint and state; ShapeError, NotFiniteError or ArgumentError for a bad q.
+        """
+
+    def check(self, q: ArrayLike) -> dict[str, float]:
+        """Residuals of the paper's identities at q, (nq,): name of the identity to its relative residual.
+
+        Factorisation against faer's LDLT, operators against their definitions, closed forms against each other, and the
+        dynamics at a fixed rate and torque. Rounding is a few eps times nv, or times the condition number of M where an
+        inverse is involved.
+
+        Raises SingularJointError; ArgumentError beyond 300 degrees of freedom; ShapeError or NotFiniteError for a bad q.
+        """
+
+    def __copy__(self) -> Scene: ...
+    def __deepcopy__(self, memo: Any, /) -> Scene: ...
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
+
+@final
+class SceneBuilder:
+    """Collects links and joints by name, each call returning the builder; build() checks them and makes the Scene."""
+
+    def __new__(cls) -> SceneBuilder: ...
+    def link(
+        self,
+        name: str,
+        mass: float = 0.0,
+        com: ArrayLike = (0, 0, 0),
+        inertia: ArrayLike | None = None,
+    ) -> SceneBuilder:
+        """Adds a link.
+
+        mass: kg. com: (3,), mass centre in the link's frame, m. inertia: (3, 3), about the mass centre, axes parallel to
+        the link's frame, kg m^2; None for a point mass. A link without mass and inertia is a mere frame.
+
+        Raises ShapeError or ArgumentError for com and inertia, naming the link; build() checks the rest.
+        """
+
+    def joint(
+        self,
+        name: str,
+        type: _JointType,
+        parent: str,
+        child: str,
+        *,
+        xyz: ArrayLike = (0, 0, 0),
+        rpy: ArrayLike | None = None,
+        rotation: ArrayLike | None = None,
+        axis: ArrayLike = (0, 0, 1),
+        pitch: float | None = None,
+        armature: float = 0.0,
+        damping: float = 0.0,
+        friction: float = 0.0,
+        lower: float | None = None,
+        upper: float | None = None,
+        velocity: float | None = None,
+        effort: float | None = None,
+        mimic: str | None = None,
+    ) -> SceneBuilder:
+        """Adds a joint; the links that it names may come later.
+
+        xyz: (3,), m, and rpy: (3,), rad, R = Rz(yaw) Ry(pitch) Rx(roll), or rotation: (3, 3): the child's frame at zero
+        configuration seen from the parent's. axis: (3,), in the child's frame, of any length. pitch: m/rad, for a screw.
+        armature: kg m^2 or kg for each degree of freedom, part of the mass matrix. damping and friction: simulation only.
+        lower, upper, velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow; it
+        stays free.
+
+        Raises SceneError for an unknown type or a missing pitch; ShapeError or ArgumentError for arrays, naming the joint;
+        build() checks the rest.
+        """
+
+    def build(
+        self,
+        floating_base: bool = False,
+        gravity: ArrayLike = (0, 0, -9.81),
+        strict: bool = False,
+    ) -> Scene:
+        """Checks everything and makes the Scene; the builder can be used again.
+
+        floating_base: puts a free joint, "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame.
+        strict: unphysical inertias raise instead of warning.
+
+        Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
+        two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
+        friction, lower above upper. Warns InertiaWarning and MimicWarning as Scene.from_urdf does.
+        """
+
+def _rebuild_scene(description: tuple[Any, ...], /) -> Scene: ...
+
+@final
+class Omission:
+    """One thing that a scene does not need and that was left out."""
+
+    @property
+    def what(self) -> str:
+        """What, in a few words."""
+
+    @property
+    def count(self) -> int:
+        """How many."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The joints or links, where they have names."""
+
+    @property
+    def why(self) -> str:
+        """Why the results are the same without it."""
+
+    @property
+    def saved(self) -> str:
+        """What that saved."""
+
+@final
+class Plan:
+    """What a scene does not need, and what leaving it out saved; printed, it is a list."""
+
+    @property
+    def bodies(self) -> int:
+        """Moving bodies that the sweeps visit."""
+
+    @property
+    def links(self) -> int:
+        """Links that the scene was built from."""
+
+    @property
+    def items(self) -> tuple[Omission, ...]:
+        """What was left out; only what this scene had."""
+
+@final
+class RawFactor:
+    """The compiled half of phipsi.Factor: applies operators by name."""
+
+    @property
+    def nv(self) -> int:
+        """Number of degrees of freedom."""
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """Leading axes of the configurations."""
+
+    def log_det(self) -> Any:
+        """log det M of every configuration, shape of the batch."""
+
+    def pivots(self) -> _Array:
+        """D of every configuration, (..., nv)."""
+
+    def shape(self, kind: str, /) -> tuple[int, int]:
+        """(rows, columns) of the operator of that name."""
+
+    def apply(self, kind: str, transpose: bool, x: ArrayLike, /) -> _Array:
+        """The operator of that name times x, (..., columns), by a sweep; its transpose's if so said."""
+
+    def dense(self, kind: str, /) -> _Array:
+        """The operator of that name as a matrix, (..., rows, columns), built from its definition and not by a sweep."""
+
+@final
+class Reference:
+    """Joint accelerations in double-double, the reference of a report."""
+
+    def toarray(self) -> _Array:
+        """The reference rounded to float64, (n, nv)."""
+
+BUNDLED_ARM: str
+METHODS: tuple[str, ...]
+
+def residuals(scene: Scene, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> list[tuple[str, float, bool]]:
+    """Residuals at one state, as (name, relative residual, whether rounding grows with the condition number of M)."""
+
+def reference(scene: Scene, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Reference:
+    """The accelerations of n states in double-double, about 31 digits; q: (n, nq), qd, tau: (n, nv)."""
+
+def measure(
+    scene: Scene,
+    method: str,
+    precision: str,
+    q: ArrayLike,
+    qd: ArrayLike,
+    tau: ArrayLike,
+    reference: Reference,
+    repeats: int,
+) -> tuple[float, _Array]:
+    """Median time a state (ns) of one method in one precision, and the error of each state against the reference.
+
+    method: one of METHODS; precision: "float64" or "float32"; repeats: passes over the states. The error is the largest
+    over the joints, relative to the largest acceleration; NaN where the method met a bad pivot.
+    """
+
+def growth(bodies: int, repeats: int) -> tuple[float, float]:
+    """Forward and inverse dynamics of a chain of `bodies` equal links, median ns a body over `repeats` passes."""

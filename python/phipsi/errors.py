@@ -1,0 +1,79 @@
+"""The errors and warnings of phipsi.
+
+Every message names the argument, link or joint, what was found, what was expected, and the remedy where there is one.
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "ArgumentError",
+    "InertiaWarning",
+    "MimicWarning",
+    "NotBuiltError",
+    "NotFiniteError",
+    "PhipsiError",
+    "SceneError",
+    "ShapeError",
+    "SingularJointError",
+]
+
+
+class PhipsiError(Exception):
+    """The base of all errors that phipsi raises on purpose."""
+
+
+class SceneError(PhipsiError, ValueError):
+    """A scene that cannot be read or built: a cycle, an unknown parent, a negative mass, malformed XML."""
+
+
+class ArgumentError(PhipsiError, ValueError):
+    """An argument whose type or value cannot be used, or a name that is not there."""
+
+    argument: str = ""
+    """Name of the argument."""
+
+
+class ShapeError(PhipsiError, ValueError):
+    """An array whose shape does not fit the scene, or whose leading axes do not broadcast with the others."""
+
+    argument: str = ""
+    """Name of the argument."""
+
+
+class NotFiniteError(PhipsiError, ValueError):
+    """A NaN or an infinity in an argument, or a result that overflowed."""
+
+    argument: str = ""
+    """Name of the argument (or result)."""
+    index: int = 0
+    """Index of the entry within its state."""
+    state: int | tuple[int, ...] | None = None
+    """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
+
+
+class SingularJointError(PhipsiError, ArithmeticError):
+    """A joint without inertia along its axis: its pivot D(k) of equation 3.6 is lost in rounding.
+
+    Add inertia about the axis, or give the joint armature.
+    """
+
+    joint: str = ""
+    """Name of the joint."""
+    link: str = ""
+    """Name of the link that the joint carries."""
+    pivot: float = float("nan")
+    """The pivot found, kg m^2 or kg."""
+    state: int | tuple[int, ...] | None = None
+    """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
+
+
+class NotBuiltError(PhipsiError, NotImplementedError):
+    """Something that phipsi will do and does not do yet."""
+
+
+class InertiaWarning(UserWarning):
+    """A link whose inertia no distribution of mass can have; it is computed with as it is."""
+
+
+class MimicWarning(UserWarning):
+    """A joint that should follow another; it is taken as an independent coordinate."""

@@ -1,0 +1,404 @@
+//! Batches: one closure over many states, on one thread or several, with the same bits either way.
+//!
+//! States are independent, so a batch is cut in halves until a piece is worth a thread's time; which thread computes a
+//! piece changes nothing in it. Arguments broadcast by strides ([`Broadcast`]): a state that is shared is not copied.
+//! Scratch comes from a [`Pool`], so that the second call allocates none.
+
+use crate::error::Error;
+use std::sync::Mutex;
+
+/// Threads are woken where a batch takes longer than this, in ns of one thread; waking them takes about a tenth of it.
+#[cfg(feature = "parallel")]
+const WORTH_THREADS: usize = 100_000;
+
+/// A piece of a batch is not cut further below this, in ns.
+#[cfg(feature = "parallel")]
+const WORTH_A_PIECE: usize = 20_000;
+
+/// One argument of a batch: `width` numbers a state, with leading axes that broadcast against those of the batch.
+#[derive(Debug, Clone)]
+pub struct Broadcast<'a> {
+    data: &'a [f64],
+    width: usize,
+    steps: Steps,
+}
+
+/// How the index of a state of the batch becomes the index of a state of the argument.
+#[derive(Debug, Clone)]
+enum Steps {
+    /// One state for all.
+    Shared,
+    /// Each its own.
+    Own,
+    /// Axis by axis, the last first: length of the batch's axis, and stride of the argument in states (0 where it broadcasts).
+    Axes(Vec<(usize, usize)>),
+}
+
+impl<'a> Broadcast<'a> {
+    /// States of `width` numbers, row-major over the leading axes `leading`, seen over the axes `batch` (from
+    /// [`broadcast_axes`]).
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`] where the length of `data` is not that of its axes, or the axes do not broadcast to the batch's.
+    pub fn new(
+        argument: &str,
+        data: &'a [f64],
+        width: usize,
+        leading: &[usize],
+        batch: &[usize],
+    ) -> Result<Self, Error> {
+        let own: usize = leading.iter().product();
+        if data.len() != own * width {
+            return Err(Error::Shape {
+                argument: argument.to_owned(),
+                found: format!("({},)", data.len()),
+                expected: format!("{own} states of {width} numbers"),
+            });
+        }
+        let steps = if own == 1 {
+            Steps::Shared
+        } else if leading == batch {
+            Steps::Own
+        } else {
+            let fits = leading.len() <= batch.len()
+                && leading.iter().rev().zip(batch.iter().rev()).all(|(&a, &b)| a == b || a == 1);
+            if !fits {
+                return Err(Error::Shape {
+                    argument: argument.to_owned(),
+                    found: leading_text(leading),
+                    expected: format!("leading axes that broadcast to {}", leading_text(batch)),
+                });
+            }
+            let mut stride = 1;
+            let lengths = leading.iter().rev().copied().chain(std::iter::repeat(1));
+            let axes = batch.iter().rev().zip(lengths).map(|(&length, own)| {
+                let step = (length, if own == 1 { 0 } else { stride });
+                stride *= own;
+                step
+            });
+            Steps::Axes(axes.collect())
+        };
+        Ok(Self { data, width, steps })
+    }
+
+    /// The numbers that the argument holds for state `index` of the batch.
+    #[inline]
+    pub fn state(&self, index: usize) -> &'a [f64] {
+        let at = match &self.steps {
+            Steps::Shared => 0,
+            Steps::Own => index,
+            Steps::Axes(axes) => {
+                let mut rest = index;
+                let mut at = 0;
+                for &(length, stride) in axes {
+                    at += rest % length * stride;
+                    rest /= length;
+                }
+                at
+            }
+        };
+        &self.data[at * self.width..(at + 1) * self.width]
+    }
+}
+
+/// The leading axes that several arguments broadcast to, by NumPy's rule: aligned at the end, equal or 1.
+///
+/// # Errors
+///
+/// [`Error::Shape`] naming the first argument that does not fit those before it.
+pub fn broadcast_axes<'a>(arguments: impl IntoIterator<Item = (&'a str, &'a [usize])>) -> Result<Vec<usize>, Error> {
+    let mut batch: Vec<usize> = Vec::new();
+    let mut before: Vec<&str> = Vec::new();
+    for (name, leading) in arguments {
+        let mut merged = batch.clone();
+        if leading.len() > merged.len() {
+            let missing = leading.len() - merged.len();
+            merged.splice(0..0, std::iter::repeat_n(1, missing));
+        }
+        for (total, &own) in merged.iter_mut().rev().zip(leading.iter().rev()) {
+            if *total == 1 {
+                *total = own;
+            } else if own != 1 && own != *total {
+                return Err(Error::Shape {
+                    argument: name.to_owned(),
+                    found: leading_text(leading),
+                    expected: format!(
+                        "leading axes that broadcast with {} of {}",
+                        leading_text(&batch),
+                        before.join(", ")
+                    ),
+                });
+            }
+        }
+        batch = merged;
+        before.push(name);
+    }
+    Ok(batch)
+}
+
+/// A shape as Python writes it.
+pub fn shape_text(shape: &[usize]) -> String {
+    match shape {
+        [one] => format!("({one},)"),
+        _ => format!("({})", shape.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")),
+    }
+}
+
+/// The leading axes of a shape whose last ones are not the matter.
+fn leading_text(leading: &[usize]) -> String {
+    leading.iter().fold("(".to_owned(), |text, length| text + &format!("{length}, ")) + "...)"
+}
+
+/// Scratch kept between calls, shared by threads.
+///
+/// Taking and giving back never wait: a thread that finds the pool in use makes its own scratch and drops it afterwards.
+/// (A process forked while another thread held the lock would wait for ever.)
+#[derive(Debug)]
+pub struct Pool<S> {
+    idle: Mutex<Vec<S>>,
+}
+
+impl<S> Default for Pool<S> {
+    fn default() -> Self {
+        Self { idle: Mutex::new(Vec::new()) }
+    }
+}
+
+impl<S> Pool<S> {
+    /// Runs `work` with scratch from the pool, or from `make` where the pool has none.
+    pub fn with<R>(&self, make: impl FnOnce() -> S, work: impl FnOnce(&mut S) -> R) -> R {
+        let kept = self.idle.try_lock().ok().and_then(|mut idle| idle.pop());
+        let mut scratch = kept.unwrap_or_else(make);
+        let result = work(&mut scratch);
+        if let Ok(mut idle) = self.idle.try_lock() {
+            idle.push(scratch);
+        }
+        result
+    }
+}
+
+/// A batch to run: how many states, how long each takes, and where scratch comes from.
+#[derive(Debug)]
+pub struct Batch<'a, S, M> {
+    /// Number of states.
+    pub states: usize,
+    /// Rough time of one state on one thread, ns; decides about threads, not about results.
+    pub cost: usize,
+    /// Scratch between calls.
+    pub pool: &'a Pool<S>,
+    /// Makes scratch.
+    pub make: M,
+}
+
+/// The lowest state of a batch that failed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fault {
+    /// Its index.
+    pub state: usize,
+    /// What was wrong with it.
+    pub error: Error,
+}
+
+impl From<Fault> for Error {
+    fn from(fault: Fault) -> Self {
+        fault.error.in_state(fault.state)
+    }
+}
+
+impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
+    /// Calls `kernel(scratch, i, out)` for every state i, with `out` its part of `results` (equally long for each state).
+    ///
+    /// The results have the same bits for any number of threads. Inside a rayon pool that pool is used, else one of our own.
+    ///
+    /// # Errors
+    ///
+    /// The [`Fault`] of the lowest state that failed; `results` is then partly written.
+    pub fn run<K>(&self, results: &mut [f64], kernel: K) -> Result<(), Fault>
+    where
+        K: Fn(&mut S, usize, &mut [f64]) -> Result<(), Error> + Sync,
+    {
+        let width = results.len().checked_div(self.states).unwrap_or(0);
+        debug_assert_eq!(results.len(), width * self.states);
+        let piece = Piece { first: 0, states: self.states, width };
+        #[cfg(feature = "parallel")]
+        if self.states > 1 && self.states.saturating_mul(self.cost) >= WORTH_THREADS {
+            return match threads::pool() {
+                threads::Place::Inside => self.cut(piece, results, &kernel),
+                threads::Place::Ours(pool) => pool.install(|| self.cut(piece, results, &kernel)),
+                threads::Place::Alone => self.serial(piece, results, &kernel),
+            };
+        }
+        self.serial(piece, results, &kernel)
+    }
+
+    /// One piece after another on this thread.
+    fn serial<K>(&self, piece: Piece, results: &mut [f64], kernel: &K) -> Result<(), Fault>
+    where
+        K: Fn(&mut S, usize, &mut [f64]) -> Result<(), Error>,
+    {
+        if piece.states == 0 {
+            return Ok(());
+        }
+        self.pool.with(&self.make, |scratch| {
+            for i in 0..piece.states {
+                let state = piece.first + i;
+                kernel(scratch, state, &mut results[i * piece.width..(i + 1) * piece.width])
+                    .map_err(|error| Fault { state, error })?;
+            }
+            Ok(())
+        })
+    }
+
+    /// Halves until a piece is small, each half free to go to another thread.
+    #[cfg(feature = "parallel")]
+    fn cut<K>(&self, piece: Piece, results: &mut [f64], kernel: &K) -> Result<(), Fault>
+    where
+        K: Fn(&mut S, usize, &mut [f64]) -> Result<(), Error> + Sync,
+    {
+        if piece.states < 2 || piece.states.saturating_mul(self.cost) <= WORTH_A_PIECE {
+            return self.serial(piece, results, kernel);
+        }
+        let half = piece.states / 2;
+        let (low, high) = results.split_at_mut(half * piece.width);
+        let (first, second) = rayon::join(
+            || self.cut(Piece { states: half, ..piece }, low, kernel),
+            || {
+                let rest = Piece { first: piece.first + half, states: piece.states - half, width: piece.width };
+                self.cut(rest, high, kernel)
+            },
+        );
+        first.and(second)
+    }
+}
+
+/// Neighbouring states of a batch.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    first: usize,
+    states: usize,
+    width: usize,
+}
+
+#[cfg(feature = "parallel")]
+mod threads {
+    //! The threads of this process.
+    //!
+    //! rayon's global pool does not survive a fork: the child has the pool but none of its threads, and waits for ever.
+    //! Python's multiprocessing forks, so the pool here remembers its process and is made anew in another.
+
+    use rayon::ThreadPool;
+    use std::sync::{Arc, RwLock};
+
+    static POOL: RwLock<Option<(u32, Arc<ThreadPool>)>> = RwLock::new(None);
+
+    /// Where a batch can run.
+    pub(super) enum Place {
+        /// The caller is already a thread of a pool.
+        Inside,
+        /// On our own threads.
+        Ours(Arc<ThreadPool>),
+        /// There are no threads to be had.
+        Alone,
+    }
+
+    /// The threads to use; never waits for a lock that a fork may have left held.
+    pub(super) fn pool() -> Place {
+        if rayon::current_thread_index().is_some() {
+            return Place::Inside;
+        }
+        let process = std::process::id();
+        if let Ok(guard) = POOL.try_read()
+            && let Some((owner, pool)) = guard.as_ref()
+            && *owner == process
+        {
+            return Place::Ours(Arc::clone(pool));
+        }
+        let Ok(mut guard) = POOL.try_write() else { return Place::Alone };
+        if let Some((owner, pool)) = guard.as_ref()
+            && *owner == process
+        {
+            return Place::Ours(Arc::clone(pool));
+        }
+        let named = rayon::ThreadPoolBuilder::new().thread_name(|i| format!("phipsi-{i}"));
+        let Ok(pool) = named.build() else { return Place::Alone };
+        let pool = Arc::new(pool);
+        if let Some(of_the_parent) = guard.replace((process, Arc::clone(&pool))) {
+            // Its threads are not in this process: nothing there can be waited for or joined.
+            std::mem::forget(of_the_parent);
+        }
+        Place::Ours(pool)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(states: usize, cost: usize, bad: &[usize]) -> (Vec<f64>, Result<(), Fault>) {
+        let pool = Pool::default();
+        let mut results = vec![f64::NAN; 2 * states];
+        let outcome = Batch { states, cost, pool: &pool, make: || 0.5_f64 }.run(&mut results, |scratch, i, out| {
+            if bad.contains(&i) {
+                return Err(Error::argument("q", "it", "another"));
+            }
+            let x = f64::from(u32::try_from(i).unwrap_or(0));
+            out.copy_from_slice(&[(x * *scratch).sin(), x]);
+            Ok(())
+        });
+        (results, outcome)
+    }
+
+    #[test]
+    fn same_bits_on_one_thread_and_on_many() {
+        let (serial, outcome) = run(1000, 0, &[]);
+        assert_eq!(outcome, Ok(()));
+        let (threaded, outcome) = run(1000, 10_000, &[]);
+        assert_eq!(outcome, Ok(()));
+        assert_eq!(serial, threaded);
+    }
+
+    #[test]
+    fn the_lowest_fault_is_told() {
+        for cost in [0, 10_000] {
+            let (_, outcome) = run(1000, cost, &[911, 17, 400]);
+            let fault = outcome.expect_err("three states are bad");
+            assert_eq!(fault.state, 17);
+            assert!(Error::from(fault).to_string().contains("in state 17"));
+        }
+    }
+
+    #[test]
+    fn no_states_and_no_width() {
+        assert_eq!(run(0, 1, &[]).1, Ok(()));
+        let pool: Pool<()> = Pool::default();
+        let seen = std::sync::atomic::AtomicUsize::new(0);
+        let batch = Batch { states: 5, cost: 1_000_000, pool: &pool, make: || () };
+        let outcome = batch.run(&mut [], |(), _, _| {
+            seen.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            Ok(())
+        });
+        assert_eq!(outcome, Ok(()));
+        assert_eq!(seen.into_inner(), 5);
+    }
+
+    #[test]
+    fn axes_broadcast_as_in_numpy() -> Result<(), Error> {
+        assert_eq!(broadcast_axes([("a", &[3, 1][..]), ("b", &[4]), ("c", &[])])?, [3, 4]);
+        assert_eq!(broadcast_axes([("a", &[0][..]), ("b", &[1])])?, [0]);
+        let message = broadcast_axes([("a", &[3][..]), ("b", &[4])]).expect_err("3 and 4").to_string();
+        assert!(
+            message.contains('b') && message.contains("(4, ...)") && message.contains("(3, ...) of a"),
+            "{message}"
+        );
+
+        let data: Vec<f64> = (0..6_u8).map(f64::from).collect();
+        let rows = Broadcast::new("a", &data, 2, &[3, 1], &[3, 4])?;
+        let columns = Broadcast::new("b", &data, 2, &[3], &[2, 3])?;
+        assert_eq!(rows.state(7), [2.0, 3.0]);
+        assert_eq!(columns.state(4), [2.0, 3.0]);
+        assert_eq!(Broadcast::new("c", &data, 6, &[], &[9])?.state(8), &data[..]);
+        assert!(Broadcast::new("d", &data, 2, &[3], &[4]).is_err());
+        Ok(())
+    }
+}

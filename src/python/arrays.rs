@@ -1,0 +1,189 @@
+//! Arguments to contiguous float64 and results to arrays: the one place where either is done.
+
+use crate::batch::{Broadcast, shape_text};
+use crate::error::Error;
+use numpy::{
+    BorrowError, IxDyn, PyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn, PyUntypedArray,
+    PyUntypedArrayMethods,
+};
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use std::borrow::Cow;
+
+/// One array argument: C-contiguous float64, borrowed where it was that already, else converted.
+pub(super) struct Input<'py> {
+    /// What messages call it.
+    pub name: Cow<'static, str>,
+    width: usize,
+    array: PyReadonlyArrayDyn<'py, f64>,
+}
+
+impl<'py> Input<'py> {
+    /// Reads an argument of shape (..., width).
+    pub fn new(name: impl Into<Cow<'static, str>>, value: &Bound<'py, PyAny>, width: usize) -> PyResult<Self> {
+        let name = name.into();
+        let array = read(&name, value)?;
+        if array.shape().last() != Some(&width) {
+            return Err(wrong_shape(&name, array.shape(), format!("(..., {width})")));
+        }
+        Ok(Self { name, width, array })
+    }
+
+    /// The axes before the last.
+    pub fn leading(&self) -> &[usize] {
+        let shape = self.array.shape();
+        &shape[..shape.len().saturating_sub(1)]
+    }
+
+    /// Its states over those of a batch.
+    pub fn over(&self, batch: &[usize]) -> PyResult<Broadcast<'_>> {
+        Ok(Broadcast::new(&self.name, self.data()?, self.width, self.leading(), batch)?)
+    }
+
+    /// All numbers, row-major.
+    pub fn data(&self) -> PyResult<&[f64]> {
+        Ok(self.array.as_slice()?)
+    }
+}
+
+/// An argument of exactly the given shape, as numbers in row-major order.
+pub(super) fn fixed(name: &str, value: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<Vec<f64>> {
+    let array = read(name, value)?;
+    if array.shape() != shape {
+        return Err(wrong_shape(name, array.shape(), shape_text(shape)));
+    }
+    Ok(array.as_slice()?.to_vec())
+}
+
+/// Three numbers.
+pub(super) fn triple(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
+    let numbers = fixed(name, value, &[3])?;
+    Ok([numbers[0], numbers[1], numbers[2]])
+}
+
+fn wrong_shape(name: &str, found: &[usize], expected: String) -> PyErr {
+    Error::Shape { argument: name.to_owned(), found: shape_text(found), expected }.into()
+}
+
+/// Contiguous float64 without a copy; anything else of real numbers converted; the rest refused by name.
+fn read<'py>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
+    if let Ok(array) = value.cast::<PyArrayDyn<f64>>()
+        && array.is_c_contiguous()
+    {
+        let borrowed = array.try_readonly().map_err(|_| in_use(name))?;
+        // Not every contiguous array is aligned; those are copied below.
+        if borrowed.as_slice().is_ok() {
+            return Ok(borrowed);
+        }
+    }
+    convert(name, value)?.try_readonly().map_err(|_| in_use(name))
+}
+
+/// A fresh C-contiguous float64 array with the numbers of `value`.
+fn convert<'py>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    static ASARRAY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    let py = value.py();
+    let array = ASARRAY.import(py, "numpy", "asarray")?.call1((value,)).map_err(|cause| {
+        let error = refused(name, &format!("what NumPy cannot read ({})", cause.value(py)));
+        error.set_cause(py, Some(cause));
+        error
+    })?;
+    let dtype = array.cast::<PyUntypedArray>()?.dtype();
+    let kind: String = dtype.getattr("kind")?.extract()?;
+    if !matches!(kind.as_str(), "f" | "i" | "u") {
+        return Err(refused(name, &format!("dtype {dtype}")));
+    }
+    Ok(array.call_method1("astype", ("float64", "C"))?.cast_into()?)
+}
+
+fn refused(name: &str, found: &str) -> PyErr {
+    Error::argument(name, found, "an array of real numbers (float64; float32 and integers are converted)").into()
+}
+
+fn in_use(name: &str) -> PyErr {
+    Error::argument(name, "an array that another call is writing to", "an array that does not change during the call")
+        .into()
+}
+
+/// Where a call writes its result: an array of its own, or the caller's `out`.
+pub(super) struct Output<'py> {
+    array: Bound<'py, PyArrayDyn<f64>>,
+    write: PyReadwriteArrayDyn<'py, f64>,
+}
+
+impl<'py> Output<'py> {
+    /// A new array of the given shape.
+    pub fn new(py: Python<'py>, shape: &[usize]) -> PyResult<Self> {
+        let array = zeros(py, shape)?;
+        let write = array.try_readwrite().map_err(|error| refused_output(&error))?;
+        Ok(Self { array, write })
+    }
+
+    /// The caller's array: C-contiguous float64 of the given shape, writable, apart from the arguments.
+    pub fn given(out: &Bound<'py, PyAny>, shape: &[usize], inputs: &[&[f64]]) -> PyResult<Self> {
+        let expected = "a C-contiguous float64 array";
+        let refuse = |found: String| PyErr::from(Error::argument("out", found, expected));
+        let Ok(untyped) = out.cast::<PyUntypedArray>() else {
+            return Err(refuse(format!("an object of type {}", out.get_type().name()?)));
+        };
+        let Ok(array) = out.cast::<PyArrayDyn<f64>>() else {
+            return Err(refuse(format!("dtype {}", untyped.dtype())));
+        };
+        if array.shape() != shape {
+            return Err(wrong_shape("out", array.shape(), shape_text(shape)));
+        }
+        if !array.is_c_contiguous() {
+            return Err(refuse(format!("an array with strides {:?} (in bytes)", array.strides())));
+        }
+        let mut write = array.try_readwrite().map_err(|error| refused_output(&error))?;
+        let Ok(numbers) = write.as_slice_mut() else {
+            return Err(refuse("an array that is not aligned".to_owned()));
+        };
+        // The borrow above has refused views of one array; this finds memory shared in any other way.
+        let own = numbers.as_ptr_range();
+        let shared = inputs
+            .iter()
+            .map(|input| input.as_ptr_range())
+            .any(|input| !own.is_empty() && !input.is_empty() && own.start < input.end && input.start < own.end);
+        if shared {
+            return Err(refused_output(&BorrowError::AlreadyBorrowed));
+        }
+        Ok(Self { array: array.clone(), write })
+    }
+
+    /// The numbers, row-major.
+    pub fn numbers(&mut self) -> PyResult<&mut [f64]> {
+        Ok(self.write.as_slice_mut()?)
+    }
+
+    /// The array, written.
+    pub fn finish(self) -> Bound<'py, PyArrayDyn<f64>> {
+        self.array
+    }
+}
+
+fn refused_output(error: &BorrowError) -> PyErr {
+    let found = match error {
+        BorrowError::NotWriteable => "a read-only array",
+        _ => "memory that is shared with an argument, or that another call is using",
+    };
+    Error::argument("out", found, "a writable array that overlaps no argument").into()
+}
+
+/// A new array of zeros; large ones through Python, which raises where memory runs out.
+fn zeros<'py>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    static ZEROS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    let entries = shape.iter().try_fold(1, |product: usize, &length| product.checked_mul(length));
+    if entries.is_some_and(|entries| entries <= 1 << 16) {
+        return Ok(PyArray::zeros(py, IxDyn(shape), false));
+    }
+    Ok(ZEROS.import(py, "numpy", "zeros")?.call1((shape.to_vec(),))?.cast_into()?)
+}
+
+/// A new array with these numbers in row-major order; a NumPy scalar for the empty shape.
+pub(super) fn from_numbers<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize]) -> PyResult<Bound<'py, PyAny>> {
+    let mut output = Output::new(py, shape)?;
+    output.numbers()?.copy_from_slice(numbers);
+    let array = output.finish().into_any();
+    if shape.is_empty() { array.get_item(()) } else { Ok(array) }
+}

@@ -1,0 +1,189 @@
+//! The class `SceneBuilder`: a scene from code.
+
+use super::description::joint_kind;
+use super::scene::PyScene;
+use super::{arrays, errors};
+use crate::error::Error;
+use crate::scene::{Inertial, JointDescription, Limits, LinkDescription, SceneBuilder};
+use crate::spatial::{RigidShift, Symmetric3};
+use nalgebra::{Matrix3, Rotation3};
+use pyo3::prelude::*;
+
+/// How far an inertia given as a 3x3 matrix may be from symmetric, relative to its largest entry.
+const ASYMMETRY: f64 = 1e-9;
+
+/// Collects links and joints by name, each call returning the builder; build() checks them and makes the Scene.
+#[pyclass(name = "SceneBuilder", module = "phipsi")]
+pub(crate) struct PySceneBuilder {
+    builder: SceneBuilder,
+}
+
+#[pymethods]
+impl PySceneBuilder {
+    #[new]
+    fn new() -> Self {
+        Self { builder: SceneBuilder::new() }
+    }
+
+    /// Adds a link.
+    ///
+    /// mass: kg. com: (3,), mass centre in the link's frame, m. inertia: (3, 3), about the mass centre, axes parallel to
+    /// the link's frame, kg m^2; None for a point mass. A link without mass and inertia is a mere frame.
+    ///
+    /// Raises ShapeError or ArgumentError for com and inertia, naming the link; build() checks the rest.
+    #[pyo3(signature = (name, mass=0.0, com=None, inertia=None),
+           text_signature = "($self, name, mass=0.0, com=(0, 0, 0), inertia=None)")]
+    fn link<'py>(
+        mut slf: PyRefMut<'py, Self>,
+        name: String,
+        mass: f64,
+        com: Option<&Bound<'py, PyAny>>,
+        inertia: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<PyRefMut<'py, Self>> {
+        let centre = optional_triple(&format!("com of link {name:?}"), com, [0.0; 3])?;
+        let central = match inertia {
+            Some(inertia) => symmetric(&format!("inertia of link {name:?}"), inertia)?,
+            None => Symmetric3::zero(),
+        };
+        let inertial = (mass != 0.0 || inertia.is_some()).then(|| Inertial { mass, centre: centre.into(), central });
+        slf.change(|builder| builder.link(LinkDescription { name, inertial }));
+        Ok(slf)
+    }
+
+    /// Adds a joint; the links that it names may come later.
+    ///
+    /// type: "fixed", "revolute", "continuous", "prismatic", "screw", "planar", "spherical" or "floating". xyz: (3,), m,
+    /// and rpy: (3,), rad, R = Rz(yaw) Ry(pitch) Rx(roll), or rotation: (3, 3): the child's frame at zero configuration
+    /// seen from the parent's. axis: (3,), in the child's frame, of any length. pitch: m/rad, for a screw. armature: kg m^2
+    /// or kg for each degree of freedom, part of the mass matrix. damping and friction: simulation only. lower, upper,
+    /// velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow; it stays free.
+    ///
+    /// Raises SceneError for an unknown type or a missing pitch; ShapeError or ArgumentError for arrays, naming the joint;
+    /// build() checks the rest.
+    #[pyo3(signature = (name, r#type, parent, child, *, xyz=None, rpy=None, rotation=None, axis=None, pitch=None,
+                        armature=0.0, damping=0.0, friction=0.0, lower=None, upper=None, velocity=None, effort=None,
+                        mimic=None),
+           text_signature = "($self, name, type, parent, child, *, xyz=(0, 0, 0), rpy=None, rotation=None, \
+                             axis=(0, 0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, lower=None, \
+                             upper=None, velocity=None, effort=None, mimic=None)")]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn joint<'py>(
+        mut slf: PyRefMut<'py, Self>,
+        name: String,
+        r#type: &str,
+        parent: String,
+        child: String,
+        xyz: Option<&Bound<'py, PyAny>>,
+        rpy: Option<&Bound<'py, PyAny>>,
+        rotation: Option<&Bound<'py, PyAny>>,
+        axis: Option<&Bound<'py, PyAny>>,
+        pitch: Option<f64>,
+        armature: f64,
+        damping: f64,
+        friction: f64,
+        lower: Option<f64>,
+        upper: Option<f64>,
+        velocity: Option<f64>,
+        effort: Option<f64>,
+        mimic: Option<String>,
+    ) -> PyResult<PyRefMut<'py, Self>> {
+        let of_joint = |argument: &str| format!("{argument} of joint {name:?}");
+        let none = Limits::default();
+        let joint = JointDescription {
+            kind: joint_kind(&name, r#type, pitch)?,
+            parent,
+            child,
+            origin: RigidShift {
+                rotation: orientation(&of_joint, rpy, rotation)?,
+                lever: optional_triple(&of_joint("xyz"), xyz, [0.0; 3])?.into(),
+            },
+            axis: optional_triple(&of_joint("axis"), axis, [0.0, 0.0, 1.0])?.into(),
+            armature,
+            damping,
+            friction,
+            limits: Limits {
+                lower: lower.unwrap_or(none.lower),
+                upper: upper.unwrap_or(none.upper),
+                velocity: velocity.unwrap_or(none.velocity),
+                effort: effort.unwrap_or(none.effort),
+            },
+            mimic,
+            name,
+        };
+        slf.change(|builder| builder.joint(joint));
+        Ok(slf)
+    }
+
+    /// Checks everything and makes the Scene; the builder can be used again.
+    ///
+    /// floating_base: puts a free joint, "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame.
+    /// strict: unphysical inertias raise instead of warning.
+    ///
+    /// Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
+    /// two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
+    /// friction, lower above upper. Warns InertiaWarning and MimicWarning as Scene.from_urdf does.
+    #[pyo3(signature = (floating_base=false, gravity=None, strict=false),
+           text_signature = "($self, floating_base=False, gravity=(0, 0, -9.81), strict=False)")]
+    fn build(
+        &self,
+        py: Python<'_>,
+        floating_base: bool,
+        gravity: Option<&Bound<'_, PyAny>>,
+        strict: bool,
+    ) -> PyResult<PyScene> {
+        let mut builder = self.builder.clone().floating_base(floating_base).strict(strict);
+        if let Some(gravity) = gravity {
+            builder = builder.gravity(arrays::triple("gravity", gravity)?);
+        }
+        let scene = builder.build()?;
+        errors::warn(py, &scene)?;
+        Ok(PyScene::new(scene))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<phipsi.SceneBuilder: {} links, {} joints>", self.builder.links().len(), self.builder.joints().len())
+    }
+}
+
+impl PySceneBuilder {
+    /// Through the builder's methods, which take it and give it back.
+    fn change(&mut self, step: impl FnOnce(SceneBuilder) -> SceneBuilder) {
+        self.builder = step(std::mem::take(&mut self.builder));
+    }
+}
+
+fn optional_triple(name: &str, value: Option<&Bound<'_, PyAny>>, default: [f64; 3]) -> PyResult<[f64; 3]> {
+    value.map_or(Ok(default), |value| arrays::triple(name, value))
+}
+
+fn matrix(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Matrix3<f64>> {
+    Ok(Matrix3::from_row_slice(&arrays::fixed(name, value, &[3, 3])?))
+}
+
+/// A symmetric matrix; NaN and infinities pass, the scene's own checks name them.
+fn symmetric(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Symmetric3<f64>> {
+    let m = matrix(name, value)?;
+    let defect = (m - m.transpose()).amax();
+    if defect > ASYMMETRY * m.amax() {
+        let found = format!("a matrix whose two triangles differ by {defect:.1e}");
+        return Err(Error::argument(name, found, "a symmetric matrix").into());
+    }
+    Ok(Symmetric3::from_upper(&m))
+}
+
+/// The rotation of an origin, from angles or from a matrix.
+fn orientation(
+    of_joint: &dyn Fn(&str) -> String,
+    rpy: Option<&Bound<'_, PyAny>>,
+    rotation: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Matrix3<f64>> {
+    match (rpy, rotation) {
+        (None, None) => Ok(Matrix3::identity()),
+        (Some(rpy), None) => {
+            let [roll, pitch, yaw] = arrays::triple(&of_joint("rpy"), rpy)?;
+            Ok(*Rotation3::from_euler_angles(roll, pitch, yaw).matrix())
+        }
+        (None, Some(rotation)) => matrix(&of_joint("rotation"), rotation),
+        (Some(_), Some(_)) => Err(Error::argument(of_joint("rotation"), "rpy as well", "one of the two").into()),
+    }
+}

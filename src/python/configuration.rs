@@ -1,0 +1,72 @@
+//! Methods of `Scene`: configurations as a manifold, and limits.
+
+use super::arrays::{Input, from_numbers};
+use super::evaluate::Call;
+use super::scene::PyScene;
+use crate::scene::Limits;
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+
+type Array<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
+
+/// Rough time of one body in one state, ns.
+const COST: usize = 30;
+
+#[pymethods]
+impl PyScene {
+    /// The neutral configuration, (nq,): zero everywhere, the identity (0, 0, 0, 1) for quaternions.
+    #[pyo3(signature = ())]
+    fn neutral<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        from_numbers(py, &self.scene.neutral(), &[self.scene.nq()])
+    }
+
+    /// The configuration reached from q by the constant velocity v in unit time, on the manifold.
+    ///
+    /// q: (..., nq); v: (..., nv); leading axes broadcast. Returns (..., nq), quaternions of unit norm. A free joint moves
+    /// along the screw of its twist, a spherical joint turns about its rate, all others add.
+    ///
+    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    #[pyo3(signature = (q, v))]
+    fn integrate<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, v: &Bound<'py, PyAny>) -> Array<'py> {
+        let nq = self.scene.nq();
+        let inputs = [Input::new("q", q, nq)?, Input::new("v", v, self.scene.nv())?];
+        let call = Call::new(self, inputs, Vec::new(), COST * self.size())?;
+        call.array(py, &[nq], None, |scene, _, [q, v], out| scene.integrate(q, v, out))
+    }
+
+    /// The velocity that takes q0 to q1 in unit time, the inverse of integrate; rotations go the short way.
+    ///
+    /// q0, q1: (..., nq); leading axes broadcast. Returns (..., nv), SI units.
+    ///
+    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    #[pyo3(signature = (q0, q1))]
+    fn difference<'py>(&self, py: Python<'py>, q0: &Bound<'py, PyAny>, q1: &Bound<'py, PyAny>) -> Array<'py> {
+        let nq = self.scene.nq();
+        let inputs = [Input::new("q0", q0, nq)?, Input::new("q1", q1, nq)?];
+        let call = Call::new(self, inputs, Vec::new(), COST * self.size())?;
+        call.array(py, &[self.scene.nv()], None, |scene, _, [q0, q1], out| scene.difference(q0, q1, out))
+    }
+
+    /// Limits by degree of freedom, as the named tuple Limits(lower, upper, velocity, effort) of arrays (nv,).
+    ///
+    /// rad or m, rad/s or m/s, N m or N; infinite where there is none; a joint of several degrees of freedom repeats its own.
+    /// Reported, never enforced.
+    #[getter]
+    fn limits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        static LIMITS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+        let column = |of: fn(&Limits) -> f64| {
+            let joints = self.scene.joints().iter();
+            let numbers: Vec<f64> =
+                joints.flat_map(|joint| std::iter::repeat_n(of(&joint.limits), joint.v.len())).collect();
+            from_numbers(py, &numbers, &[self.scene.nv()])
+        };
+        let columns = (
+            column(|limits| limits.lower)?,
+            column(|limits| limits.upper)?,
+            column(|limits| limits.velocity)?,
+            column(|limits| limits.effort)?,
+        );
+        LIMITS.import(py, "phipsi._results", "Limits")?.call1(columns)
+    }
+}

@@ -1,0 +1,160 @@
+//! A scene as plain tuples of numbers and names, for pickling; and in one line, for `repr`.
+
+use super::scene::PyScene;
+use crate::error::Error;
+use crate::scene::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Scene, SceneBuilder};
+use crate::spatial::{RigidShift, Symmetric3};
+use nalgebra::Matrix3;
+use pyo3::prelude::*;
+
+/// Counts up when the tuples change.
+const VERSION: u32 = 1;
+
+/// Name, then mass, mass centre and inertia about it (xx, xy, xz, yy, yz, zz) if it has any.
+type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
+
+/// Name, kind, pitch, parent, child, origin (rotation row by row, lever), axis, (armature, damping, friction), limits
+/// (lower, upper, velocity, effort), mimic.
+type JointTuple =
+    (String, String, Option<f64>, String, String, ([f64; 9], [f64; 3]), [f64; 3], [f64; 3], [f64; 4], Option<String>);
+
+/// Version, gravity, floating base, strict, links, joints.
+#[derive(IntoPyObject, FromPyObject)]
+pub(super) struct Description(u32, [f64; 3], bool, bool, Vec<LinkTuple>, Vec<JointTuple>);
+
+impl Description {
+    /// Everything that a scene was built from.
+    pub fn of(source: &SceneBuilder) -> Self {
+        let links = source.links().iter().map(link_tuple).collect();
+        let joints = source.joints().iter().map(joint_tuple).collect();
+        Self(VERSION, source.gravity_vector(), source.is_floating(), source.is_strict(), links, joints)
+    }
+
+    fn build(self) -> Result<Scene, Error> {
+        let Self(version, gravity, floating, strict, links, joints) = self;
+        if version != VERSION {
+            return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
+        }
+        let mut builder = SceneBuilder::new().gravity(gravity).floating_base(floating).strict(strict);
+        for (name, inertial) in links {
+            let inertial = inertial.map(|(mass, centre, central)| Inertial {
+                mass,
+                centre: centre.into(),
+                central: Symmetric3::new(central),
+            });
+            builder = builder.link(LinkDescription { name, inertial });
+        }
+        for joint in joints {
+            builder = builder.joint(joint_of(joint)?);
+        }
+        builder.build()
+    }
+}
+
+fn link_tuple(link: &LinkDescription) -> LinkTuple {
+    let LinkDescription { name, inertial } = link;
+    (name.clone(), inertial.map(|Inertial { mass, centre, central }| (mass, centre.into(), central.entries)))
+}
+
+fn joint_tuple(joint: &JointDescription) -> JointTuple {
+    // Named one by one, so that a new field cannot be forgotten.
+    let JointDescription { name, kind, parent, child, origin, axis, armature, damping, friction, limits, mimic } =
+        joint;
+    let Limits { lower, upper, velocity, effort } = *limits;
+    let pitch = if let JointKind::Screw { pitch } = *kind { Some(pitch) } else { None };
+    let mut rotation = [0.0; 9];
+    rotation.copy_from_slice(origin.rotation.transpose().as_slice());
+    (
+        name.clone(),
+        kind.name().to_owned(),
+        pitch,
+        parent.clone(),
+        child.clone(),
+        (rotation, origin.lever.into()),
+        (*axis).into(),
+        [*armature, *damping, *friction],
+        [lower, upper, velocity, effort],
+        mimic.clone(),
+    )
+}
+
+fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
+    let (name, kind, pitch, parent, child, (rotation, lever), axis, [armature, damping, friction], limits, mimic) =
+        tuple;
+    let [lower, upper, velocity, effort] = limits;
+    let kind = joint_kind(&name, &kind, pitch)?;
+    Ok(JointDescription {
+        name,
+        kind,
+        parent,
+        child,
+        origin: RigidShift { rotation: Matrix3::from_row_slice(&rotation), lever: lever.into() },
+        axis: axis.into(),
+        armature,
+        damping,
+        friction,
+        limits: Limits { lower, upper, velocity, effort },
+        mimic,
+    })
+}
+
+/// The joint kind of that name; a screw needs a pitch, and nothing else has one.
+pub(super) fn joint_kind(joint: &str, name: &str, pitch: Option<f64>) -> Result<JointKind, Error> {
+    const PLAIN: [JointKind; 7] = [
+        JointKind::Fixed,
+        JointKind::Revolute,
+        JointKind::Continuous,
+        JointKind::Prismatic,
+        JointKind::Planar,
+        JointKind::Spherical,
+        JointKind::Floating,
+    ];
+    let subject = || format!("joint {joint:?}");
+    match (name, pitch) {
+        ("screw", Some(pitch)) => Ok(JointKind::Screw { pitch }),
+        ("screw", None) => Err(Error::scene(subject(), "a screw without pitch", "pitch, in m/rad")),
+        _ => {
+            let kind = PLAIN.into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
+                let names: Vec<_> = PLAIN.iter().map(|kind| kind.name()).collect();
+                Error::scene(subject(), format!("type {name:?}"), format!("one of {}, screw", names.join(", ")))
+            })?;
+            match pitch {
+                None => Ok(kind),
+                Some(pitch) => {
+                    Err(Error::scene(subject(), format!("pitch {pitch} for a {name} joint"), "pitch for a screw only"))
+                }
+            }
+        }
+    }
+}
+
+/// Builds a scene from what `Scene.__reduce__` gave; without warnings, which the first building issued.
+#[pyfunction]
+#[pyo3(name = "_rebuild_scene", signature = (description, /))]
+pub(super) fn rebuild_scene(py: Python<'_>, description: Description) -> PyResult<PyScene> {
+    Ok(PyScene::new(py.detach(|| description.build())?))
+}
+
+/// A scene in one line.
+pub(super) fn summary(scene: &Scene) -> String {
+    let mut kinds: Vec<(&str, usize)> = Vec::new();
+    for joint in scene.joints() {
+        let name = joint.kind.name();
+        match kinds.iter_mut().find(|(known, _)| *known == name) {
+            Some((_, count)) => *count += 1,
+            None => kinds.push((name, 1)),
+        }
+    }
+    let kinds = kinds.iter().map(|(name, count)| format!("{count} {name}")).collect::<Vec<_>>().join(", ");
+    let kinds = if kinds.is_empty() { String::new() } else { format!(" ({kinds})") };
+    let [x, y, z]: [f64; 3] = scene.model().gravity.into();
+    format!(
+        "<phipsi.Scene: nq={}, nv={}, {} joints{kinds}, {} links, {} merged joints, {} base, gravity ({x}, {y}, {z})>",
+        scene.nq(),
+        scene.nv(),
+        scene.joints().len(),
+        scene.links().len(),
+        scene.merged_joints().len(),
+        if scene.source().is_floating() { "floating" } else { "fixed" },
+    )
+}

@@ -1,0 +1,165 @@
+//! Methods of `Scene`: forces, accelerations, and the mass matrix.
+
+use super::arrays::Input;
+use super::errors::not_built;
+use super::evaluate::{Call, Scratch};
+use super::scene::PyScene;
+use super::wrenches::Wrench;
+use crate::dynamics::mass_inverse::InverseScratch;
+use crate::error::Error;
+use crate::scene::Scene;
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+
+type Array<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
+
+/// Dense matrices stop here: (4000, 4000) are 128 MB a state.
+const DENSE_LIMIT: usize = 4000;
+
+/// Rough time of one body in one state, ns (see `Call::new`).
+mod cost {
+    pub const FORWARD: usize = 130;
+    pub const INVERSE: usize = 60;
+    pub const COMPOSITE: usize = 80;
+    pub const CLOSED_FORM: usize = 200;
+    /// Of one entry of a matrix.
+    pub const ENTRY: usize = 12;
+}
+
+#[pymethods]
+impl PyScene {
+    /// Joint accelerations from joint torques, in O(N): the smoother's estimates given the torques as measurements.
+    ///
+    /// q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. wrenches: dict from link names to
+    /// (..., 6), each a (moment, force) acting on that link, at its origin and in its frame. form: "auto" or "covariance"
+    /// (equation 3.6). out: C-contiguous float64 of the result's shape that overlaps no argument, returned.
+    ///
+    /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11).
+    ///
+    /// Raises SingularJointError where a joint has no inertia along its axis, ShapeError, NotFiniteError, ArgumentError,
+    /// each naming the argument and the state; NotBuiltError for the forms to come. After an error out is partly written.
+    #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, out=None))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn forward_dynamics<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        qd: &Bound<'py, PyAny>,
+        tau: &Bound<'py, PyAny>,
+        form: &str,
+        wrenches: Option<&Bound<'py, PyAny>>,
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> Array<'py> {
+        check_form(py, form)?;
+        let nv = self.scene.nv();
+        let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, nv)?, Input::new("tau", tau, nv)?];
+        let wrenches = Wrench::read(&self.scene, wrenches)?;
+        let call = Call::new(self, inputs, wrenches, cost::FORWARD * self.size())?;
+        call.array(py, &[nv], out, |scene, scratch, [q, qd, tau], qdd| {
+            scene.forward_dynamics(&mut scratch.workspace, q, qd, tau, &scratch.forces, qdd)
+        })
+    }
+
+    /// Joint torques from joint accelerations, in O(N), gravity and armature included.
+    ///
+    /// q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches and out as in forward_dynamics.
+    ///
+    /// Returns tau, (..., nv) = H phi (Q lambda + b) + armature qdd - J^T w (1.5, 2.9, 2.10).
+    ///
+    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    #[pyo3(signature = (q, qd, qdd, *, wrenches=None, out=None))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn inverse_dynamics<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        qd: &Bound<'py, PyAny>,
+        qdd: &Bound<'py, PyAny>,
+        wrenches: Option<&Bound<'py, PyAny>>,
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> Array<'py> {
+        let nv = self.scene.nv();
+        let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, nv)?, Input::new("qdd", qdd, nv)?];
+        let wrenches = Wrench::read(&self.scene, wrenches)?;
+        let call = Call::new(self, inputs, wrenches, cost::INVERSE * self.size())?;
+        call.array(py, &[nv], out, |scene, scratch, [q, qd, qdd], tau| {
+            scene.inverse_dynamics(&mut scratch.workspace, q, qd, qdd, &scratch.forces, tau)
+        })
+    }
+
+    /// The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
+    ///
+    /// q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., nv), N m or N.
+    ///
+    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    #[pyo3(signature = (q, qd))]
+    fn bias_torque<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, qd: &Bound<'py, PyAny>) -> Array<'py> {
+        let nv = self.scene.nv();
+        let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, nv)?];
+        let call = Call::new(self, inputs, Vec::new(), cost::INVERSE * self.size())?;
+        call.array(py, &[nv], None, |scene, scratch, [q, qd], tau| {
+            scene.bias_torque(&mut scratch.workspace, q, qd, tau)
+        })
+    }
+
+    /// The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
+    ///
+    /// q: (..., nq). Returns (..., nv, nv), full and exactly symmetric, SI units.
+    ///
+    /// Raises ArgumentError above 4000 degrees of freedom: inverse_dynamics multiplies by the matrix without forming it.
+    /// Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
+    #[pyo3(signature = (q))]
+    fn mass_matrix<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> Array<'py> {
+        self.check_dense("mass_matrix", "inverse_dynamics, which multiplies by it")?;
+        let nv = self.scene.nv();
+        let inputs = [Input::new("q", q, self.scene.nq())?];
+        let call = Call::new(self, inputs, Vec::new(), cost::COMPOSITE * self.size() + cost::ENTRY * nv * nv)?;
+        call.array(py, &[nv, nv], None, |scene, scratch, [q], m| scene.mass_matrix(&mut scratch.workspace, q, m))
+    }
+
+    /// The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
+    ///
+    /// q: (..., nq). Returns (..., nv, nv), full and exactly symmetric, SI units.
+    ///
+    /// Raises ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse without forming it.
+    /// Raises SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
+    #[pyo3(signature = (q))]
+    fn mass_matrix_inverse<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> Array<'py> {
+        self.check_dense("mass_matrix_inverse", "forward_dynamics, which multiplies by it")?;
+        let nv = self.scene.nv();
+        let inputs = [Input::new("q", q, self.scene.nq())?];
+        let call = Call::new(self, inputs, Vec::new(), cost::CLOSED_FORM * self.size() + cost::ENTRY * nv * nv)?;
+        call.array(py, &[nv, nv], None, |scene: &Scene, scratch: &mut Scratch, [q], m| {
+            let inverse: &mut InverseScratch<f64> = scratch.inverse.get_or_insert_with(|| scene.inverse_scratch());
+            scene.mass_matrix_inverse(&mut scratch.workspace, inverse, q, m)
+        })
+    }
+}
+
+impl PyScene {
+    fn check_dense(&self, method: &str, instead: &str) -> Result<(), Error> {
+        let nv = self.scene.nv();
+        if nv <= DENSE_LIMIT {
+            return Ok(());
+        }
+        Err(Error::argument(
+            method,
+            format!("a scene of {nv} degrees of freedom"),
+            format!("at most {DENSE_LIMIT} for a dense matrix; use {instead}"),
+        ))
+    }
+}
+
+/// Refuses forms that there are not, and those that there are not yet.
+fn check_form(py: Python<'_>, form: &str) -> PyResult<()> {
+    match form {
+        "auto" | "covariance" => Ok(()),
+        "joseph" | "square-root" => {
+            Err(not_built(py, format!("form: {form:?} is not built yet; expected \"auto\" or \"covariance\"")))
+        }
+        _ => {
+            let expected = "one of \"auto\", \"covariance\", \"joseph\", \"square-root\"";
+            Err(Error::argument("form", format!("{form:?}"), expected).into())
+        }
+    }
+}

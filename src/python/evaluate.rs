@@ -1,0 +1,126 @@
+//! One call: its arguments over the states of the batch, its result, and the GIL.
+
+use super::arrays::{Input, Output};
+use super::errors::fault;
+use super::scene::PyScene;
+use super::wrenches::{self, Wrench};
+use crate::batch::{Batch, Fault, broadcast_axes};
+use crate::dynamics::mass_inverse::InverseScratch;
+use crate::error::Error;
+use crate::scene::Scene;
+use crate::spatial::SpatialVector;
+use crate::workspace::Workspace;
+use numpy::PyArrayDyn;
+use pyo3::exceptions::PyMemoryError;
+use pyo3::prelude::*;
+
+/// The GIL is kept for calls shorter than this (ns of one thread), as NumPy does: giving it up takes a tenth of a
+/// microsecond where nobody wants it, and up to five milliseconds to get back where somebody does.
+const WORTH_RELEASING: usize = 5_000;
+
+/// What a thread needs to evaluate states, kept between calls.
+pub(super) struct Scratch {
+    /// Per-body arrays.
+    pub workspace: Workspace<f64>,
+    /// For the inverse of the mass matrix only.
+    pub inverse: Option<InverseScratch<f64>>,
+    /// Forces on bodies of the state at hand; empty without wrenches.
+    pub forces: Vec<SpatialVector<f64>>,
+}
+
+impl Scratch {
+    pub(super) fn new(scene: &Scene) -> Self {
+        Self { workspace: scene.workspace(), inverse: None, forces: Vec::new() }
+    }
+}
+
+/// The arguments of a call, the leading axes they broadcast to, and about how long one state takes.
+pub(super) struct Call<'a, 'py, const N: usize> {
+    scene: &'a PyScene,
+    inputs: [Input<'py>; N],
+    wrenches: Vec<Wrench<'py>>,
+    /// The leading axes of the result.
+    pub batch: Vec<usize>,
+    states: usize,
+    cost: usize,
+}
+
+impl<'a, 'py, const N: usize> Call<'a, 'py, N> {
+    /// A call with these arguments; `cost` is the time of one state in ns, roughly.
+    pub fn new(scene: &'a PyScene, inputs: [Input<'py>; N], wrenches: Vec<Wrench<'py>>, cost: usize) -> PyResult<Self> {
+        let all = || inputs.iter().chain(wrenches.iter().map(|wrench| &wrench.input));
+        let batch = if all().all(|input| input.leading().is_empty()) {
+            Vec::new()
+        } else {
+            broadcast_axes(all().map(|input| (&*input.name, input.leading())))?
+        };
+        let states = batch.iter().try_fold(1, |product: usize, &length| product.checked_mul(length));
+        let Some(states) = states else {
+            return Err(Error::argument("batch", "more states than memory has addresses", "fewer").into());
+        };
+        Ok(Self { scene, inputs, wrenches, batch, states, cost })
+    }
+
+    /// Room for `width` numbers a state, where the result is not one array.
+    pub fn scratch_results(&self, width: usize) -> PyResult<Vec<f64>> {
+        let mut results = Vec::new();
+        let entries = self.states.checked_mul(width);
+        match entries.filter(|&entries| results.try_reserve_exact(entries).is_ok()) {
+            None => {
+                Err(PyMemoryError::new_err(format!("no room for {width} numbers for each of {} states", self.states)))
+            }
+            Some(entries) => {
+                results.resize(entries, 0.0);
+                Ok(results)
+            }
+        }
+    }
+
+    /// Evaluates every state into an array of shape batch + `shape`: a new one, or the caller's `out`.
+    pub fn array<K>(
+        &self,
+        py: Python<'py>,
+        shape: &[usize],
+        out: Option<&Bound<'py, PyAny>>,
+        kernel: K,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>>
+    where
+        K: Fn(&Scene, &mut Scratch, [&[f64]; N], &mut [f64]) -> Result<(), Error> + Sync,
+    {
+        let mut full = Vec::with_capacity(self.batch.len() + shape.len());
+        full.extend_from_slice(&self.batch);
+        full.extend_from_slice(shape);
+        let mut output = match out {
+            None => Output::new(py, &full)?,
+            Some(out) => {
+                let all = self.inputs.iter().chain(self.wrenches.iter().map(|wrench| &wrench.input));
+                let data = all.map(Input::data).collect::<PyResult<Vec<_>>>()?;
+                Output::given(out, &full, &data)?
+            }
+        };
+        self.numbers(py, output.numbers()?, kernel)?;
+        Ok(output.finish())
+    }
+
+    /// Evaluates every state into `results`, row-major over the batch.
+    pub fn numbers<K>(&self, py: Python<'py>, results: &mut [f64], kernel: K) -> PyResult<()>
+    where
+        K: Fn(&Scene, &mut Scratch, [&[f64]; N], &mut [f64]) -> Result<(), Error> + Sync,
+    {
+        let scene = &self.scene.scene;
+        let arguments = self.inputs.iter().map(|input| input.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
+        let wrenches = self.wrenches.iter().map(|wrench| wrench.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
+        let bodies = scene.model().bodies.len();
+        let batch =
+            Batch { states: self.states, cost: self.cost, pool: &self.scene.pool, make: || Scratch::new(scene) };
+        let mut run = || -> Result<(), Fault> {
+            batch.run(results, |scratch, i, out| {
+                wrenches::on_bodies(&wrenches, bodies, i, &mut scratch.forces)?;
+                kernel(scene, scratch, std::array::from_fn(|k| arguments[k].state(i)), out)
+            })
+        };
+        let short = self.states.saturating_mul(self.cost) < WORTH_RELEASING;
+        let outcome = if short { run() } else { py.detach(run) };
+        outcome.map_err(|error| fault(py, error, &self.batch))
+    }
+}

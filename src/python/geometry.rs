@@ -1,0 +1,117 @@
+//! Methods of `Scene`: where links are, how they move, energy and momentum.
+
+use super::arrays::{Input, Output, from_numbers};
+use super::evaluate::Call;
+use super::scene::PyScene;
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyDict;
+
+type Array<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
+
+/// Rough time of one body (or link) in one state, ns.
+mod cost {
+    pub const PLACEMENT: usize = 60;
+    pub const ENERGY: usize = 100;
+    pub const MOMENTUM: usize = 60;
+}
+
+#[pymethods]
+impl PyScene {
+    /// Where every link is: a dict from link names to homogeneous matrices, link frame to base frame.
+    ///
+    /// q: (..., nq). Each value: (..., 4, 4), [[R, p], [0, 1]] with p in m; an array of its own, in the order of link_names.
+    ///
+    /// Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
+    #[pyo3(signature = (q))]
+    fn placements<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
+        let links = self.scene.links();
+        let inputs = [Input::new("q", q, self.scene.nq())?];
+        let call = Call::new(self, inputs, Vec::new(), cost::PLACEMENT * (self.size() + links.len()))?;
+        let mut all = call.scratch_results(16 * links.len())?;
+        call.numbers(py, &mut all, |scene, _, [q], out| {
+            for (shift, out) in scene.placements(q)?.iter().zip(out.chunks_exact_mut(16)) {
+                for (i, row) in out.chunks_exact_mut(4).take(3).enumerate() {
+                    for (j, entry) in row.iter_mut().take(3).enumerate() {
+                        *entry = shift.rotation[(i, j)];
+                    }
+                    row[3] = shift.lever[i];
+                }
+                out[12..].copy_from_slice(&[0.0, 0.0, 0.0, 1.0]);
+            }
+            Ok(())
+        })?;
+        let mut shape = call.batch.clone();
+        shape.extend([4, 4]);
+        let placements = PyDict::new(py);
+        for (at, link) in links.iter().enumerate() {
+            let mut output = Output::new(py, &shape)?;
+            let of_link = all.chunks_exact(16).skip(at).step_by(links.len());
+            for (matrix, numbers) in output.numbers()?.chunks_exact_mut(16).zip(of_link) {
+                matrix.copy_from_slice(numbers);
+            }
+            placements.set_item(&link.name, output.finish())?;
+        }
+        Ok(placements)
+    }
+
+    /// The Jacobian J of a link: its spatial velocity (angular, linear), at its origin and in its own frame, is J qd.
+    ///
+    /// q: (..., nq). Returns (..., 6, nv), SI units; a wrench w on the link there gives the joint torques J^T w.
+    ///
+    /// Raises ArgumentError for an unknown link; ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
+    #[pyo3(signature = (q, link))]
+    fn jacobian<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, link: &str) -> Array<'py> {
+        // Also where the batch is empty.
+        self.scene.link(link)?;
+        let nv = self.scene.nv();
+        let inputs = [Input::new("q", q, self.scene.nq())?];
+        let call = Call::new(self, inputs, Vec::new(), cost::PLACEMENT * self.size())?;
+        call.array(py, &[6, nv], None, |scene, _, [q], out| scene.jacobian(q, link, out))
+    }
+
+    /// Kinetic energy (armature included) and potential energy, as the named tuple Energy(kinetic, potential).
+    ///
+    /// q: (..., nq); qd: (..., nv); leading axes broadcast. Each (...), J; the potential is zero with the mass centre at the
+    /// base's origin.
+    ///
+    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    #[pyo3(signature = (q, qd))]
+    fn energy<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        qd: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        static ENERGY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+        let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, self.scene.nv())?];
+        let call = Call::new(self, inputs, Vec::new(), cost::ENERGY * self.size())?;
+        let mut both = call.scratch_results(2)?;
+        call.numbers(py, &mut both, |scene, scratch, [q, qd], out| {
+            let energy = scene.energy(&mut scratch.workspace, q, qd)?;
+            out.copy_from_slice(&[energy.kinetic, energy.potential]);
+            Ok(())
+        })?;
+        let part = |which: usize| {
+            let numbers: Vec<f64> = both.iter().skip(which).step_by(2).copied().collect();
+            from_numbers(py, &numbers, &call.batch)
+        };
+        ENERGY.import(py, "phipsi._results", "Energy")?.call1((part(0)?, part(1)?))
+    }
+
+    /// Spatial momentum of all moving bodies: (angular about the base's origin, linear), in the base frame.
+    ///
+    /// q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 6), N m s and N s. Armature adds nothing here.
+    ///
+    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    #[pyo3(signature = (q, qd))]
+    fn momentum<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, qd: &Bound<'py, PyAny>) -> Array<'py> {
+        let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, self.scene.nv())?];
+        let call = Call::new(self, inputs, Vec::new(), cost::MOMENTUM * self.size())?;
+        call.array(py, &[6], None, |scene, scratch, [q, qd], out| {
+            out.copy_from_slice(scene.momentum(&mut scratch.workspace, q, qd)?.as_slice());
+            Ok(())
+        })
+    }
+}

@@ -1,0 +1,47 @@
+//! The Python module `phipsi._core`: NumPy in, NumPy out, over the same checked algorithms as the crate.
+//!
+//! [`arrays`] reads arguments and makes results, for every method in one place; [`evaluate`] runs a kernel over the
+//! states of a call; [`errors`] maps each error of the crate to its Python class; the other files are the methods by
+//! subject. Nothing outside this folder names pyo3 or numpy.
+
+mod arrays;
+mod builder;
+mod configuration;
+mod description;
+mod dynamics;
+mod errors;
+mod evaluate;
+mod factor;
+mod geometry;
+mod plan;
+mod report;
+mod scene;
+mod wrenches;
+
+/// Articulated-body dynamics as Kalman filtering: the compiled half of `phipsi`.
+#[pyo3::pymodule(name = "_core")]
+mod core_module {
+    use pyo3::prelude::*;
+    use pyo3::types::PyTuple;
+
+    #[pymodule_export]
+    use super::builder::PySceneBuilder;
+    #[pymodule_export]
+    use super::description::rebuild_scene;
+    #[pymodule_export]
+    use super::factor::PyFactor;
+    #[pymodule_export]
+    use super::plan::{PyOmission, PyPlan};
+    #[pymodule_export]
+    use super::report::{PyReference, growth_of, measure_method, reference_of, residuals_at};
+    #[pymodule_export]
+    use super::scene::PyScene;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("BUNDLED_ARM", crate::scenes::BUNDLED_ARM)?;
+        let methods = crate::report::accuracy::METHODS.map(|(name, _)| name);
+        module.add("METHODS", PyTuple::new(module.py(), methods)?)
+    }
+}

@@ -1,0 +1,191 @@
+//! The class `Scene`: where it comes from, its names, and its place among Python objects.
+
+use super::description::{self, Description};
+use super::evaluate::Scratch;
+use super::{arrays, errors};
+use crate::batch::Pool;
+use crate::error::Error;
+use crate::scene::{Scene, SceneBuilder};
+use pyo3::prelude::*;
+use pyo3::types::{PySlice, PyString, PyTuple};
+use std::path::PathBuf;
+
+/// An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
+///
+/// Made by Scene.from_urdf or SceneBuilder.build. All units are SI and radians; spatial vectors are angular first;
+/// arrays have leading batch axes that broadcast, and joints run in depth-first order.
+#[pyclass(frozen, name = "Scene", module = "phipsi")]
+pub(crate) struct PyScene {
+    pub(super) scene: Scene,
+    pub(super) pool: Pool<Scratch>,
+}
+
+impl PyScene {
+    pub(super) fn new(scene: Scene) -> Self {
+        Self { scene, pool: Pool::default() }
+    }
+
+    /// Number of moving bodies, at least one: what the time of a call is counted in.
+    pub(super) fn size(&self) -> usize {
+        self.scene.model().bodies.len().max(1)
+    }
+}
+
+#[pymethods]
+impl PyScene {
+    /// The scene of a URDF file or text.
+    ///
+    /// source: a path (str or os.PathLike), or the XML itself: a str that starts with "<" after white space.
+    /// floating_base: puts a free joint, "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame.
+    /// strict: unphysical inertias raise instead of warning.
+    ///
+    /// Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for a source that is
+    /// neither. Warns InertiaWarning for inertias that no body can have, MimicWarning for mimic joints (they stay free).
+    #[staticmethod]
+    #[pyo3(signature = (source, *, floating_base=false, gravity=None, strict=false),
+           text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False)")]
+    fn from_urdf(
+        py: Python<'_>,
+        source: &Bound<'_, PyAny>,
+        floating_base: bool,
+        gravity: Option<&Bound<'_, PyAny>>,
+        strict: bool,
+    ) -> PyResult<Self> {
+        let gravity = gravity.map(|gravity| arrays::triple("gravity", gravity)).transpose()?;
+        let source = Source::read(source)?;
+        let scene = py.detach(|| {
+            let builder = match source {
+                Source::Text(xml) => SceneBuilder::from_urdf(&xml)?,
+                Source::File(path) => SceneBuilder::from_urdf_file(&path)?,
+            };
+            let builder = match gravity {
+                Some(gravity) => builder.gravity(gravity),
+                None => builder,
+            };
+            builder.floating_base(floating_base).strict(strict).build()
+        })?;
+        errors::warn(py, &scene)?;
+        Ok(Self::new(scene))
+    }
+
+    /// Number of coordinates in q.
+    #[getter]
+    fn nq(&self) -> usize {
+        self.scene.nq()
+    }
+
+    /// Number of degrees of freedom: the length of qd, qdd and tau.
+    #[getter]
+    fn nv(&self) -> usize {
+        self.scene.nv()
+    }
+
+    /// Names of the movable joints, in the order of q.
+    #[getter]
+    fn joint_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, self.scene.joints().iter().map(|joint| &joint.name).collect::<Vec<_>>())
+    }
+
+    /// Names of the links that the movable joints carry, in the order of joint_names.
+    #[getter]
+    fn body_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, self.scene.joints().iter().map(|joint| &joint.child).collect::<Vec<_>>())
+    }
+
+    /// Names of all links, depth first, those on fixed joints included.
+    #[getter]
+    fn link_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, self.scene.links().iter().map(|link| &link.name).collect::<Vec<_>>())
+    }
+
+    /// Gravity in the base frame, (3,), m/s^2.
+    #[getter]
+    fn gravity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        arrays::from_numbers(py, self.scene.model().gravity.as_slice(), &[3])
+    }
+
+    /// Where a joint is in q, a slice.
+    ///
+    /// Raises ArgumentError, with the names that there are, for an unknown joint.
+    #[pyo3(signature = (joint, /))]
+    fn q_index<'py>(&self, py: Python<'py>, joint: &str) -> PyResult<Bound<'py, PySlice>> {
+        slice(py, &self.scene.joint(joint)?.q)
+    }
+
+    /// Where a joint is in qd, qdd and tau, a slice.
+    ///
+    /// Raises ArgumentError, with the names that there are, for an unknown joint.
+    #[pyo3(signature = (joint, /))]
+    fn v_index<'py>(&self, py: Python<'py>, joint: &str) -> PyResult<Bound<'py, PySlice>> {
+        slice(py, &self.scene.joint(joint)?.v)
+    }
+
+    /// A new scene with the named joints fixed where q, (nq,), has them; names of links stay.
+    ///
+    /// What is locked is folded into the bodies around it and costs nothing. Locking "root_joint" gives a fixed base.
+    ///
+    /// Raises ArgumentError for an unknown joint; ShapeError, NotFiniteError or ArgumentError for a bad q.
+    fn lock(&self, joints: &Bound<'_, PyAny>, q: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let Some(names) = (!joints.is_instance_of::<PyString>()).then(|| names(joints)).flatten() else {
+            let found = format!("{}", joints.repr()?);
+            return Err(Error::argument("joints", found, "a list of joint names").into());
+        };
+        let q = arrays::fixed("q", q, &[self.scene.nq()])?;
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        Ok(Self::new(self.scene.lock(&names, &q)?))
+    }
+
+    fn __repr__(&self) -> String {
+        description::summary(&self.scene)
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (Description,))> {
+        let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_scene")?;
+        Ok((rebuild, (Description::of(slf.get().scene.source()),)))
+    }
+
+    /// The scene itself: it cannot change.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    /// The scene itself: it cannot change.
+    #[pyo3(signature = (memo, /))]
+    fn __deepcopy__(slf: Py<Self>, memo: &Bound<'_, PyAny>) -> Py<Self> {
+        let _ = memo;
+        slf
+    }
+}
+
+/// Where a scene comes from.
+enum Source {
+    Text(String),
+    File(PathBuf),
+}
+
+impl Source {
+    fn read(source: &Bound<'_, PyAny>) -> PyResult<Self> {
+        if let Ok(text) = source.extract::<std::borrow::Cow<'_, str>>() {
+            let text = text.trim_start_matches('\u{feff}');
+            if text.trim_start().starts_with('<') {
+                return Ok(Self::Text(text.trim_start().to_owned()));
+            }
+        }
+        match source.extract::<PathBuf>() {
+            Ok(path) => Ok(Self::File(path)),
+            Err(_) => {
+                let found = format!("an object of type {}", source.get_type().name()?);
+                Err(Error::argument("source", found, "a path (str or os.PathLike) or the text of a URDF").into())
+            }
+        }
+    }
+}
+
+/// The strings of an iterable; none if it is something else.
+fn names(iterable: &Bound<'_, PyAny>) -> Option<Vec<String>> {
+    iterable.try_iter().ok()?.map(|name| name.and_then(|name| name.extract()).ok()).collect()
+}
+
+fn slice<'py>(py: Python<'py>, range: &std::ops::Range<usize>) -> PyResult<Bound<'py, PySlice>> {
+    Ok(PySlice::new(py, isize::try_from(range.start)?, isize::try_from(range.end)?, 1))
+}

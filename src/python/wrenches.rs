@@ -1,0 +1,77 @@
+//! The argument `wrenches`: a dict from links to (..., 6), as forces on bodies.
+
+use super::arrays::Input;
+use crate::batch::Broadcast;
+use crate::error::{Error, check_finite};
+use crate::scene::Scene;
+use crate::spatial::{RigidShift, SpatialVector};
+use nalgebra::Vector6;
+use pyo3::prelude::*;
+use pyo3::types::PyMapping;
+
+/// A wrench (moment, force) on one link, at its origin and in its frame.
+pub(super) struct Wrench<'py> {
+    /// Its states.
+    pub input: Input<'py>,
+    /// The moving body that carries the link; none on the base, where a wrench moves nothing.
+    body: Option<usize>,
+    placement: RigidShift<f64>,
+}
+
+impl<'py> Wrench<'py> {
+    /// Reads the argument `wrenches`: None or a mapping.
+    pub fn read(scene: &Scene, wrenches: Option<&Bound<'py, PyAny>>) -> PyResult<Vec<Self>> {
+        let Some(wrenches) = wrenches else { return Ok(Vec::new()) };
+        let Ok(mapping) = wrenches.cast::<PyMapping>() else {
+            let found = format!("an object of type {}", wrenches.get_type().name()?);
+            return Err(Error::argument("wrenches", found, "a dict from link names to arrays (..., 6)").into());
+        };
+        let mut read = Vec::with_capacity(mapping.len()?);
+        for item in mapping.items()? {
+            let (key, value): (Bound<'_, PyAny>, Bound<'_, PyAny>) = item.extract()?;
+            let Ok(name) = key.extract::<String>() else {
+                return Err(Error::argument("wrenches", format!("the key {key}"), "names of links").into());
+            };
+            let link = scene.link(&name)?;
+            let input = Input::new(format!("wrenches[{name:?}]"), &value, 6)?;
+            read.push(Self { input, body: link.body, placement: link.placement });
+        }
+        Ok(read)
+    }
+
+    /// The same for the threads, which see no Python.
+    pub fn over<'a>(&'a self, batch: &[usize]) -> PyResult<States<'a>> {
+        let states = self.input.over(batch)?;
+        Ok(States { name: &self.input.name, states, body: self.body, placement: &self.placement })
+    }
+}
+
+/// One wrench over the states of a batch.
+pub(super) struct States<'a> {
+    name: &'a str,
+    states: Broadcast<'a>,
+    body: Option<usize>,
+    placement: &'a RigidShift<f64>,
+}
+
+/// Adds up the wrenches of one state as forces on bodies; leaves none where there are no wrenches.
+pub(super) fn on_bodies(
+    wrenches: &[States<'_>],
+    bodies: usize,
+    state: usize,
+    forces: &mut Vec<SpatialVector<f64>>,
+) -> Result<(), Error> {
+    forces.clear();
+    if wrenches.is_empty() {
+        return Ok(());
+    }
+    forces.resize(bodies, Vector6::zeros());
+    for wrench in wrenches {
+        let numbers = wrench.states.state(state);
+        check_finite(wrench.name, numbers)?;
+        if let Some(body) = wrench.body {
+            forces[body] += wrench.placement.force_to_parent(&Vector6::from_column_slice(numbers));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,205 @@
+//! What the reader needs of XML: a parsed document, and elements that know the link or joint they are part of, so that
+//! every complaint names it.
+
+use crate::error::Error;
+use nalgebra::Vector3;
+use roxmltree::{Document, Node, ParsingOptions, TextPos};
+
+/// The text of a URDF, and what messages call it.
+pub(super) struct Source<'a> {
+    /// "URDF", or the path.
+    name: &'a str,
+    /// A byte order mark and white space before the XML, which XML does not allow but people's editors do.
+    skipped: &'a str,
+    body: &'a str,
+}
+
+impl<'a> Source<'a> {
+    pub(super) fn new(xml: &'a str, name: &'a str) -> Self {
+        let body = xml.trim_start_matches(|c: char| c == '\u{feff}' || c.is_ascii_whitespace());
+        Self { name, skipped: &xml[..xml.len() - body.len()], body }
+    }
+
+    /// The document. A document type is let be, but not with entities: nothing in a URDF needs them, and with them a
+    /// small file can grow without bound.
+    pub(super) fn parse(&self) -> Result<Document<'a>, Error> {
+        if self.body.is_empty() {
+            return Err(self.refuse("nothing", "XML with a <robot> element"));
+        }
+        if !self.body.starts_with('<') {
+            let found = format!("text that starts with {}", quoted(self.body));
+            return Err(self.refuse(found, "XML with a <robot> element (a path is for from_urdf_file)"));
+        }
+        let options = ParsingOptions { allow_dtd: !self.body.contains("<!ENTITY"), ..ParsingOptions::default() };
+        Document::parse_with_options(self.body, options).map_err(|error| self.malformed(&error))
+    }
+
+    fn malformed(&self, error: &roxmltree::Error) -> Error {
+        use roxmltree::Error::{DtdDetected, UnclosedRootNode, UnexpectedEndOfStream};
+        let reason = error.to_string().replace(&format!(" at {}", error.pos()), "");
+        let place = match error {
+            DtdDetected => return self.refuse("a document type that declares entities", "XML without entities"),
+            // These show at the end of the document; roxmltree says 1:1.
+            UnclosedRootNode | UnexpectedEndOfStream => {
+                let lines = count(self.body.matches('\n').count());
+                let last = self.body.rsplit('\n').next().unwrap_or_default();
+                self.place(TextPos::new(1 + lines, 1 + count(last.chars().count())))
+            }
+            _ => self.place(error.pos()),
+        };
+        Error::scene(place, format!("malformed XML ({reason})"), "well-formed XML")
+    }
+
+    /// An error that names the text as a whole.
+    pub(super) fn refuse(&self, found: impl Into<String>, expected: impl Into<String>) -> Error {
+        Error::scene(self.name, found, expected)
+    }
+
+    /// Where an element is, for those that have no name to go by.
+    pub(super) fn place_of(&self, node: &Node) -> String {
+        self.place(node.document().text_pos_at(node.range().start))
+    }
+
+    /// Name, line and column, both from 1, of a position in the body.
+    fn place(&self, within: TextPos) -> String {
+        let line = count(self.skipped.matches('\n').count()).saturating_add(within.row);
+        let before = self.skipped.rsplit('\n').next().unwrap_or_default().trim_start_matches('\u{feff}');
+        let column = if within.row == 1 { count(before.len()).saturating_add(within.col) } else { within.col };
+        format!("{}, line {line}, column {column}", self.name)
+    }
+}
+
+/// A count of characters or lines as roxmltree has them.
+fn count(n: usize) -> u32 {
+    u32::try_from(n).unwrap_or(u32::MAX)
+}
+
+/// A piece of the file for a message, cut to a readable length.
+pub(super) fn quoted(text: &str) -> String {
+    match text.char_indices().nth(60) {
+        Some((end, _)) => format!("{:?}...", &text[..end]),
+        None => format!("{text:?}"),
+    }
+}
+
+/// An attribute without a namespace; roxmltree's own look-up takes any.
+fn plain_attribute<'a>(node: &Node<'a, '_>, name: &str) -> Option<&'a str> {
+    node.attributes().find(|attribute| attribute.name() == name && attribute.namespace().is_none()).map(|a| a.value())
+}
+
+/// An element of a link or joint.
+pub(super) struct Element<'a> {
+    node: Node<'a, 'a>,
+    /// The `<link>` or `<joint>` that it is part of, or is.
+    owner: Node<'a, 'a>,
+}
+
+impl<'a> Element<'a> {
+    /// A `<link>` or `<joint>`, which must have a name.
+    pub(super) fn named(node: Node<'a, 'a>, source: &Source) -> Result<Self, Error> {
+        match plain_attribute(&node, "name") {
+            Some(name) if !name.is_empty() => Ok(Self { node, owner: node }),
+            _ => {
+                let tag = node.tag_name().name();
+                Err(Error::scene(
+                    source.place_of(&node),
+                    format!("a <{tag}> without name"),
+                    format!("<{tag} name=\"...\">"),
+                ))
+            }
+        }
+    }
+
+    /// The name of the link or joint.
+    pub(super) fn name(&self) -> &'a str {
+        plain_attribute(&self.owner, "name").unwrap_or_default()
+    }
+
+    /// The first child element of that name.
+    pub(super) fn child(&self, name: &str) -> Option<Self> {
+        let namespace = self.node.tag_name().namespace();
+        self.node
+            .children()
+            .find(|child| child.tag_name().name() == name && child.tag_name().namespace() == namespace)
+            .map(|node| Self { node, owner: self.owner })
+    }
+
+    /// The child element of that name, or an error that says what was `expected`.
+    pub(super) fn required_child(&self, name: &str, expected: &str) -> Result<Self, Error> {
+        self.child(name).ok_or_else(|| self.refuse(format!("no <{name}>{}", self.within()), expected))
+    }
+
+    /// An attribute as text.
+    pub(super) fn text(&self, attribute: &str) -> Option<&'a str> {
+        plain_attribute(&self.node, attribute)
+    }
+
+    /// An attribute as text that must be there.
+    pub(super) fn required(&self, attribute: &str) -> Result<&'a str, Error> {
+        self.text(attribute).ok_or_else(|| self.missing(attribute))
+    }
+
+    /// An attribute as a finite number.
+    pub(super) fn number(&self, attribute: &str) -> Result<Option<f64>, Error> {
+        match self.numbers::<1>(attribute, "a number")? {
+            Some([value]) if !value.is_finite() => Err(self.bad(attribute, "a finite number")),
+            found => Ok(found.map(|[value]| value)),
+        }
+    }
+
+    /// An attribute as a finite number that must be there.
+    pub(super) fn required_number(&self, attribute: &str) -> Result<f64, Error> {
+        self.number(attribute)?.ok_or_else(|| self.missing(attribute))
+    }
+
+    /// An attribute as a number that may be infinite: a limit that is none.
+    pub(super) fn limit(&self, attribute: &str) -> Result<Option<f64>, Error> {
+        match self.numbers::<1>(attribute, "a number")? {
+            Some([value]) if value.is_nan() => Err(self.bad(attribute, "a number")),
+            found => Ok(found.map(|[value]| value)),
+        }
+    }
+
+    /// An attribute as three finite numbers.
+    pub(super) fn vector(&self, attribute: &str) -> Result<Option<Vector3<f64>>, Error> {
+        match self.numbers::<3>(attribute, "three numbers")? {
+            Some(values) if !values.iter().all(|x| x.is_finite()) => Err(self.bad(attribute, "three finite numbers")),
+            found => Ok(found.map(Vector3::from)),
+        }
+    }
+
+    /// An attribute as exactly N numbers apart by white space.
+    fn numbers<const N: usize>(&self, attribute: &str, expected: &str) -> Result<Option<[f64; N]>, Error> {
+        let Some(text) = self.text(attribute) else {
+            return Ok(None);
+        };
+        let mut words = text.split_ascii_whitespace();
+        let mut values = [0.0; N];
+        for value in &mut values {
+            *value = words.next().and_then(|word| word.parse().ok()).ok_or_else(|| self.bad(attribute, expected))?;
+        }
+        if words.next().is_some() {
+            return Err(self.bad(attribute, expected));
+        }
+        Ok(Some(values))
+    }
+
+    fn bad(&self, attribute: &str, expected: &str) -> Error {
+        let text = quoted(self.text(attribute).unwrap_or_default());
+        self.refuse(format!("{text} in {attribute} of <{}>", self.node.tag_name().name()), expected)
+    }
+
+    fn missing(&self, attribute: &str) -> Error {
+        self.refuse(format!("no {attribute}{}", self.within()), format!("{attribute}=\"...\""))
+    }
+
+    /// " in <origin>", for an element within a link or joint.
+    fn within(&self) -> String {
+        if self.node == self.owner { String::new() } else { format!(" in <{}>", self.node.tag_name().name()) }
+    }
+
+    /// An error that names the link or joint.
+    pub(super) fn refuse(&self, found: impl Into<String>, expected: impl Into<String>) -> Error {
+        Error::scene(format!("{} {:?}", self.owner.tag_name().name(), self.name()), found, expected)
+    }
+}

@@ -1,0 +1,157 @@
+"""Random scenes of all joint kinds, and states of them, from a seed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import phipsi
+
+KINDS = ("revolute", "prismatic", "continuous", "screw", "planar", "spherical", "floating", "fixed")
+
+
+def random_rotation(random: np.random.Generator) -> np.ndarray:
+    rotation, _ = np.linalg.qr(random.normal(size=(3, 3)))
+    return rotation * np.sign(np.linalg.det(rotation))
+
+
+def random_scene(
+    seed: int,
+    joints: int,
+    *,
+    kinds: Sequence[str] = KINDS,
+    branching: float = 0.4,
+    armature: float = 0.0,
+    floating_base: bool = False,
+    gravity: Sequence[float] = (0.3, -0.5, -9.6),
+) -> phipsi.Scene:
+    """A tree whose first joints take each of the kinds once, at least; bodies of about 1 kg and 0.3 m."""
+    random = np.random.default_rng(seed)
+    builder = phipsi.SceneBuilder()
+
+    def link(name: str) -> None:
+        frame = random_rotation(random)
+        a, b, c = random.uniform(0.01, 0.05, 3)
+        inertia = frame @ np.diag([b + c, a + c, a + b]) @ frame.T
+        builder.link(name, random.uniform(0.5, 2.0), random.uniform(-0.3, 0.3, 3), 0.5 * (inertia + inertia.T))
+
+    link("base")
+    order = list(random.permutation(len(kinds)))
+    for k in range(joints):
+        parent = f"link{k - 1}" if k else "base"
+        if k and random.uniform() < branching:
+            parent = f"link{random.integers(k)}"
+        kind = kinds[order[k]] if k < len(order) else kinds[random.integers(len(kinds))]
+        builder.joint(
+            f"joint{k}",
+            kind,
+            parent,
+            f"link{k}",
+            xyz=random.uniform(-0.5, 0.5, 3),
+            rotation=random_rotation(random),
+            axis=random.normal(size=3),
+            pitch=0.2 if kind == "screw" else None,
+            armature=armature * random.uniform(0.1, 1.0),
+            lower=-1.0 - k,
+            upper=2.0 + k,
+            velocity=3.0 + k,
+            effort=4.0 + k,
+        )
+        link(f"link{k}")
+    return builder.build(floating_base=floating_base, gravity=gravity)
+
+
+class State(NamedTuple):
+    q: np.ndarray
+    qd: np.ndarray
+    tau: np.ndarray
+
+
+def random_states(scene: phipsi.Scene, seed: int, batch: tuple[int, ...] = ()) -> State:
+    """States with unit quaternions, all C-contiguous float64."""
+    random = np.random.default_rng(seed)
+    step, qd, tau = random.uniform(-2.0, 2.0, (3, *batch, scene.nv))
+    return State(scene.integrate(scene.neutral(), step), np.ascontiguousarray(qd), np.ascontiguousarray(5.0 * tau))
+
+
+@pytest.fixture(scope="session")
+def mixed() -> phipsi.Scene:
+    """Every kind of joint, branching, a fixed base."""
+    return random_scene(1, 10, armature=0.1)
+
+
+@pytest.fixture(scope="session")
+def floating() -> phipsi.Scene:
+    """Every kind of joint on a floating base, without armature."""
+    return random_scene(2, 9, floating_base=True)
+
+
+@pytest.fixture(scope="session")
+def arm() -> phipsi.Scene:
+    """A chain of seven revolute joints."""
+    return random_scene(3, 7, kinds=("revolute",), branching=0.0)
+
+
+@pytest.fixture(scope="session")
+def welded() -> phipsi.Scene:
+    """Two links and no movable joint: nv = 0."""
+    builder = phipsi.SceneBuilder().link("base", mass=1.0).link("mast", mass=2.0)
+    return builder.joint("weld", "fixed", "base", "mast", xyz=(0, 0, 1)).build()
+
+
+Method = Callable[..., object]
+
+
+def methods(scene: phipsi.Scene, state: State) -> dict[str, tuple[Method, tuple[np.ndarray, ...]]]:
+    """Every method that takes batches, with its array arguments; results as arrays."""
+    q, qd, tau = state
+    link = scene.link_names[-1]
+
+    def placements(q: np.ndarray) -> np.ndarray:
+        return np.stack(list(scene.placements(q).values()), axis=-3)
+
+    def energy(q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        return np.stack(scene.energy(q, qd), axis=-1)
+
+    def pushed(q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        return scene.forward_dynamics(q, qd, tau, wrenches={link: np.arange(6.0), scene.link_names[0]: np.ones(6)})
+
+    return {
+        "forward_dynamics": (scene.forward_dynamics, (q, qd, tau)),
+        "forward_dynamics with wrenches": (pushed, (q, qd, tau)),
+        "inverse_dynamics": (scene.inverse_dynamics, (q, qd, tau)),
+        "bias_torque": (scene.bias_torque, (q, qd)),
+        "mass_matrix": (scene.mass_matrix, (q,)),
+        "mass_matrix_inverse": (scene.mass_matrix_inverse, (q,)),
+        "placements": (placements, (q,)),
+        "jacobian": (lambda q: scene.jacobian(q, link), (q,)),
+        "energy": (energy, (q, qd)),
+        "momentum": (scene.momentum, (q, qd)),
+        "integrate": (scene.integrate, (q, qd)),
+        "difference": (lambda q: scene.difference(scene.neutral(), q), (q,)),
+    }
+
+
+METHODS = (
+    "forward_dynamics",
+    "forward_dynamics with wrenches",
+    "inverse_dynamics",
+    "bias_torque",
+    "mass_matrix",
+    "mass_matrix_inverse",
+    "placements",
+    "jacobian",
+    "energy",
+    "momentum",
+    "integrate",
+    "difference",
+)
+
+
+@pytest.fixture(params=METHODS)
+def method(request: pytest.FixtureRequest) -> str:
+    """The name of each method that takes batches."""
+    return str(request.param)

@@ -1,0 +1,254 @@
+"""One valid call, then one broken argument a test; and every kind of array that is taken."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import methods, random_scene, random_states
+from tolerances import assert_same_bits
+
+import phipsi
+from phipsi.errors import ArgumentError, NotBuiltError, NotFiniteError, ShapeError, SingularJointError
+
+NAN = np.array([0, 0, np.nan, 0, 0, 0, 0])
+
+
+def call(scene: phipsi.Scene, **replaced: Any) -> np.ndarray:
+    q, qd, tau = random_states(scene, 0)
+    return scene.forward_dynamics(**({"q": q, "qd": qd, "tau": tau} | replaced))
+
+
+def test_the_call_is_valid(arm: phipsi.Scene) -> None:
+    assert np.isfinite(call(arm)).all()
+
+
+BROKEN: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
+    "q too short": ({"q": np.zeros(6)}, ShapeError, "q: found shape (6,); expected (..., 7)"),
+    "qd too long": ({"qd": np.zeros((2, 8))}, ShapeError, "qd: found shape (2, 8); expected (..., 7)"),
+    "tau a number": ({"tau": 1.0}, ShapeError, "tau: found shape (); expected (..., 7)"),
+    "axes": (
+        {"q": np.zeros((3, 7)), "tau": np.zeros((2, 7))},
+        ShapeError,
+        "tau: found shape (2, ...); expected leading axes that broadcast with (3, ...) of q, qd",
+    ),
+    "bool": ({"q": [True] * 7}, ArgumentError, "q: found dtype bool; expected an array of real numbers"),
+    "complex": ({"qd": np.zeros(7, complex)}, ArgumentError, "qd: found dtype complex128"),
+    "text": ({"tau": ["1"] * 7}, ArgumentError, "tau: found dtype <U1"),
+    "object": ({"tau": [None] * 7}, ArgumentError, "tau: found dtype object"),
+    "None": ({"q": None}, ArgumentError, "q: found dtype object"),
+    "ragged": ({"q": [[1, 2], [3]]}, ArgumentError, "q: found what NumPy cannot read"),
+    "NaN": ({"qd": NAN}, NotFiniteError, "qd: found NaN at index 2; expected finite numbers"),
+    "infinite": ({"tau": NAN * 0 + np.inf}, NotFiniteError, "tau: found "),
+    "form": ({"form": "cholesky"}, ArgumentError, 'form: found "cholesky"; expected one of "auto", "covariance"'),
+    "joseph": ({"form": "joseph"}, NotBuiltError, 'form: "joseph" is not built yet'),
+    "square-root": ({"form": "square-root"}, NotBuiltError, 'form: "square-root" is not built yet'),
+    "wrenches": ({"wrenches": [1, 2]}, ArgumentError, "wrenches: found an object of type list; expected a dict"),
+    "wrench on nothing": ({"wrenches": {"hand": np.zeros(6)}}, ArgumentError, 'link: found "hand"; expected one of "base"'),
+    "wrench key": ({"wrenches": {3: np.zeros(6)}}, ArgumentError, "wrenches: found the key 3"),
+    "wrench width": ({"wrenches": {"link2": np.zeros(3)}}, ShapeError, 'wrenches["link2"]: found shape (3,); expected (..., 6)'),
+    "wrench axes": (
+        {"q": np.zeros((3, 7)), "wrenches": {"link2": np.zeros((2, 6))}},
+        ShapeError,
+        'wrenches["link2"]: found shape (2, ...)',
+    ),
+    "wrench NaN": (
+        {"wrenches": {"base": [0, 0, 0, 0, np.nan, 0]}},
+        NotFiniteError,
+        'wrenches["base"]: found NaN at index 4',
+    ),
+    "out a list": ({"out": [0.0] * 7}, ArgumentError, "out: found an object of type list; expected a C-contiguous float64"),
+    "out float32": ({"out": np.zeros(7, np.float32)}, ArgumentError, "out: found dtype float32"),
+    "out big-endian": ({"out": np.zeros(7, ">f8")}, ArgumentError, "out: found dtype >f8"),
+    "out shape": ({"out": np.zeros((1, 7))}, ShapeError, "out: found shape (1, 7); expected (7,)"),
+    "out strided": ({"out": np.zeros(14)[::2]}, ArgumentError, "out: found an array with strides [16]"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_one_broken_argument(arm: phipsi.Scene, case: str) -> None:
+    replaced, error, message = BROKEN[case]
+    with pytest.raises(error, match=re.escape(message)):
+        call(arm, **replaced)
+
+
+def test_out_is_written_and_returned(mixed: phipsi.Scene) -> None:
+    q, qd, tau = random_states(mixed, 0, (3,))
+    out = np.full((3, mixed.nv), np.nan)
+    assert mixed.forward_dynamics(q, qd, tau, out=out) is out
+    assert_same_bits(out, mixed.forward_dynamics(q, qd, tau))
+    assert mixed.inverse_dynamics(q, qd, tau, out=out) is out
+    assert_same_bits(out, mixed.inverse_dynamics(q, qd, tau))
+
+
+def test_out_must_be_writable(arm: phipsi.Scene) -> None:
+    out = np.zeros(7)
+    out.flags.writeable = False
+    with pytest.raises(ArgumentError, match="out: found a read-only array"):
+        call(arm, out=out)
+
+
+@pytest.mark.parametrize("argument", ["q", "qd", "tau"])
+def test_out_must_not_be_an_argument(arm: phipsi.Scene, argument: str) -> None:
+    shared = np.zeros(7)
+    with pytest.raises(ArgumentError, match="out: found memory that is shared with an argument"):
+        call(arm, **{argument: shared, "out": shared})
+
+
+def test_out_must_not_overlap_an_argument(arm: phipsi.Scene) -> None:
+    memory = np.zeros(20)
+    with pytest.raises(ArgumentError, match="out: found memory that is shared"):
+        call(arm, q=memory[:7], out=memory[6:13])
+    call(arm, q=memory[:7], out=memory[7:14])
+    buffer = bytearray(8 * 20)
+    with pytest.raises(ArgumentError, match="out: found memory that is shared"):
+        call(arm, q=np.frombuffer(buffer)[:7], out=np.frombuffer(buffer)[3:10])
+
+
+def test_out_must_not_overlap_a_wrench(arm: phipsi.Scene) -> None:
+    memory = np.zeros(8)
+    with pytest.raises(ArgumentError, match="out: found memory that is shared"):
+        call(arm, wrenches={"link1": memory[2:]}, out=memory[:7])
+
+
+def test_the_state_of_a_fault_is_told(arm: phipsi.Scene) -> None:
+    q, qd, tau = random_states(arm, 0, (4, 5))
+    tau[2, 3, 6] = np.inf
+    tau[3, 0, 1] = np.nan
+    with pytest.raises(NotFiniteError, match=r"tau: found inf at index 6 in state 13.*\(2, 3\) of the batch \(4, 5\)") as found:
+        arm.forward_dynamics(q, qd, tau)
+    assert (found.value.argument, found.value.index, found.value.state) == ("tau", 6, (2, 3))
+    with pytest.raises(NotFiniteError, match="tau: found inf at index 6 in state 3;") as found:
+        arm.forward_dynamics(q[2], qd[2], tau[2])
+    assert found.value.state == 3
+    with pytest.raises(NotFiniteError) as found:
+        arm.forward_dynamics(q[0, 0], qd[0, 0], tau[2, 3])
+    assert found.value.state is None
+
+
+def test_a_quaternion_far_from_unit_is_refused(mixed: phipsi.Scene) -> None:
+    q = mixed.neutral()
+    q[np.flatnonzero(q)[0]] = 1.01
+    with pytest.raises(ArgumentError, match=r"q: found a quaternion of norm 1.01 for joint"):
+        mixed.mass_matrix(q)
+
+
+def test_a_singular_joint_is_named() -> None:
+    """A point mass on a turntable, lifted about an axis beside the first: at elevation 0 it is on the first."""
+    builder = phipsi.SceneBuilder().link("base").link("table").link("arm", 2.0, (1, 0, 0))
+    builder.joint("turn", "revolute", "base", "table")
+    builder.joint("lift", "revolute", "table", "arm", xyz=(-1, 0, 0), axis=(0, 1, 0))
+    scene = builder.build(gravity=(0, 0, 0))
+    q = np.array([[0.1, 0.2], [0.3, 0.4], [0.5, 0.0], [0.0, 0.0]])
+    still = np.zeros(2)
+    assert scene.forward_dynamics(q[:2], still, still).shape == (2, 2)
+    for evaluate in (lambda q: scene.forward_dynamics(q, still, still), scene.mass_matrix_inverse):
+        with pytest.raises(SingularJointError, match=r'"turn".*"table".*in state 2.*armature') as found:
+            evaluate(q)
+        assert (found.value.joint, found.value.link, found.value.state) == ("turn", "table", 2)
+        assert abs(found.value.pivot) < 1e-12
+        with pytest.raises(SingularJointError) as found:
+            evaluate(q[3])
+        assert found.value.state is None
+
+
+def test_an_overflow_is_an_error(arm: phipsi.Scene) -> None:
+    q, qd, tau = random_states(arm, 0)
+    with pytest.raises(NotFiniteError, match="bias torque"):
+        arm.bias_torque(q, qd * 1e200)
+
+
+@pytest.mark.parametrize("name", ["hand", "", "joint"])
+def test_unknown_links_and_joints(arm: phipsi.Scene, name: str) -> None:
+    for batch in ((), (0,)):
+        with pytest.raises(ArgumentError, match=f'link: found "{name}"; expected one of "base", "link0"'):
+            arm.jacobian(np.zeros((*batch, 7)), name)
+    message = f'joint: found "{name}"; expected one of "joint0", "joint1"'
+    for index in (arm.q_index, arm.v_index):
+        with pytest.raises(ArgumentError, match=message):
+            index(name)
+    with pytest.raises(ArgumentError, match=message):
+        arm.lock([name], arm.neutral())
+
+
+def test_lock_takes_a_list_of_names(arm: phipsi.Scene) -> None:
+    for joints in ("joint0", 3, [3], None):
+        with pytest.raises(ArgumentError, match="joints: found .* expected a list of joint names"):
+            arm.lock(joints, arm.neutral())  # type: ignore[arg-type]
+    with pytest.raises(ShapeError, match=r"q: found shape \(1, 7\); expected \(7,\)"):
+        arm.lock(["joint0"], np.zeros((1, 7)))
+
+
+def test_dense_matrices_stop_at_4000() -> None:
+    builder = phipsi.SceneBuilder().link("base")
+    for k in range(4001):
+        builder.link(f"l{k}", 1.0, (1, 0, 0)).joint(f"j{k}", "revolute", "base", f"l{k}")
+    scene = builder.build()
+    for method, instead in ((scene.mass_matrix, "inverse_dynamics"), (scene.mass_matrix_inverse, "forward_dynamics")):
+        with pytest.raises(ArgumentError, match=f"4001 degrees of freedom; expected at most 4000.*{instead}"):
+            method(scene.neutral())
+    assert scene.forward_dynamics(*random_states(scene, 0)).shape == (4001,)
+
+
+def test_too_many_states_raise_memory_errors(arm: phipsi.Scene) -> None:
+    """Broadcasting makes results larger than any memory without large arguments."""
+    tall, wide = np.zeros((2**20, 1, 7)), np.zeros((2**20, 7))
+    with pytest.raises(MemoryError):
+        arm.bias_torque(tall, wide)
+    with pytest.raises(MemoryError):
+        arm.energy(tall, wide)
+    vast = np.broadcast_to(np.zeros(7), (2**20, 1, 7))[:1]
+    assert arm.bias_torque(vast, np.zeros(7)).shape == (1, 1, 7)
+
+
+def converted(q: np.ndarray) -> dict[str, Any]:
+    """The same numbers in every other way to hold them; the numbers are exact in float32."""
+    raw = np.zeros(8 * q.size + 1, np.uint8)
+    unaligned = raw[1:].view(np.float64).reshape(q.shape)
+    unaligned[...] = q
+    wide = np.zeros((*q.shape[:-1], 2 * q.shape[-1]))
+    wide[..., ::2] = q
+    frozen = q.copy()
+    frozen.flags.writeable = False
+    return {
+        "list": q.tolist(),
+        "tuple": tuple(map(tuple, q)),
+        "float32": q.astype(np.float32),
+        "longdouble": q.astype(np.longdouble),
+        "big-endian": q.astype(">f8"),
+        "Fortran": np.asfortranarray(q),
+        "strided": wide[..., ::2],
+        "reversed": q[::-1].copy()[::-1],
+        "unaligned": unaligned,
+        "read-only": frozen,
+        "masked": np.ma.asarray(q),
+    }
+
+
+def test_all_kinds_of_arrays_are_taken(arm: phipsi.Scene) -> None:
+    q, qd, tau = (x.astype(np.float32).astype(np.float64) for x in random_states(arm, 0, (4,)))
+    expected = arm.forward_dynamics(q, qd, tau)
+    for name, other in converted(q).items():
+        assert_same_bits(arm.forward_dynamics(other, qd, tau), expected, name)
+    for name, other in converted(tau).items():
+        assert_same_bits(arm.forward_dynamics(q, qd, other), expected, name)
+
+
+@pytest.mark.parametrize("dtype", [np.int8, np.uint16, np.int64, np.float16])
+def test_integers_are_taken(arm: phipsi.Scene, dtype: Any) -> None:
+    q = np.arange(7)
+    assert_same_bits(arm.mass_matrix(q.astype(dtype)), arm.mass_matrix(q.astype(np.float64)))
+
+
+def test_arguments_are_left_alone(method: str) -> None:
+    scene = random_scene(5, 9)
+    state = random_states(scene, 0, (3,))
+    evaluate, arguments = methods(scene, state)[method]
+    before = [argument.copy() for argument in arguments]
+    first = evaluate(*arguments)
+    for argument, copy in zip(arguments, before, strict=True):
+        assert_same_bits(argument, copy)
+    for argument in arguments:
+        assert not np.shares_memory(first, argument)

@@ -1,0 +1,144 @@
+"""Scenes between processes and threads."""
+
+from __future__ import annotations
+
+import multiprocessing
+import pickle
+import sys
+import threading
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from conftest import State, methods, random_scene, random_states
+from tolerances import assert_same_bits
+
+import phipsi
+from phipsi.errors import SceneError, SingularJointError
+
+
+@pytest.mark.parametrize("protocol", range(2, pickle.HIGHEST_PROTOCOL + 1))
+@pytest.mark.parametrize("floating_base", [False, True])
+def test_a_pickled_scene_has_the_same_bits(method: str, protocol: int, floating_base: bool) -> None:
+    scene = random_scene(7, 11, armature=0.1, floating_base=floating_base)
+    again: phipsi.Scene = pickle.loads(pickle.dumps(scene, protocol))
+    assert repr(again) == repr(scene)
+    assert again.joint_names == scene.joint_names and again.link_names == scene.link_names
+    for mine, other in zip(scene.limits, again.limits, strict=True):
+        assert_same_bits(mine, other)
+    state = random_states(scene, 0, (2,))
+    evaluate, arguments = methods(scene, state)[method]
+    evaluate_again, _ = methods(again, state)[method]
+    assert_same_bits(np.asarray(evaluate_again(*arguments)), np.asarray(evaluate(*arguments)))
+
+
+def test_a_locked_scene_pickles() -> None:
+    scene = random_scene(8, 9, floating_base=True)
+    q = random_states(scene, 0).q
+    locked = scene.lock(scene.joint_names[:3], q)
+    again = pickle.loads(pickle.dumps(locked))
+    state = random_states(locked, 1)
+    assert_same_bits(again.forward_dynamics(*state), locked.forward_dynamics(*state))
+
+
+def test_unpickling_does_not_warn_again() -> None:
+    builder = phipsi.SceneBuilder().link("base").link("rod", 1.0, (0, 0, 0), np.diag([1.0, 1.0, 3.0]))
+    with pytest.warns(phipsi.errors.InertiaWarning):
+        scene = builder.joint("hinge", "revolute", "base", "rod", mimic=None).build()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        pickle.loads(pickle.dumps(scene))
+
+
+def test_a_pickle_of_another_version_says_so(arm: phipsi.Scene) -> None:
+    rebuild, (description,) = arm.__reduce__()
+    with pytest.raises(SceneError, match="pickled scene: found version 999"):
+        rebuild((999, *description[1:]))
+
+
+def test_errors_pickle(arm: phipsi.Scene) -> None:
+    """Processes send their errors home."""
+    builder = phipsi.SceneBuilder().link("base").link("rod")
+    scene = builder.joint("hinge", "revolute", "base", "rod").build()
+    with pytest.raises(SingularJointError) as found:
+        scene.forward_dynamics(np.zeros((2, 1)), [0.0], [0.0])
+    again = pickle.loads(pickle.dumps(found.value))
+    assert str(again) == str(found.value)
+    assert (again.joint, again.link, again.state) == ("hinge", "rod", 0)
+
+
+def large(scene: phipsi.Scene) -> State:
+    """Enough states that threads are woken."""
+    return random_states(scene, 0, (500,))
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork on this system")
+def test_a_forked_process_has_threads_of_its_own(arm: phipsi.Scene) -> None:
+    """The threads of a batch do not survive a fork; the child must not wait for them."""
+    state = large(arm)
+    expected = arm.forward_dynamics(*state)
+    with warnings.catch_warnings():
+        # Python 3.12 and later warn of any fork beside threads: that is what is tested.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        with multiprocessing.get_context("fork").Pool(1) as pool:
+            found = pool.apply_async(arm.forward_dynamics, state).get(timeout=120)
+    assert_same_bits(found, expected)
+
+
+def test_eight_threads_on_one_scene(mixed: phipsi.Scene, method: str) -> None:
+    states = [random_states(mixed, seed) for seed in range(8)]
+    expected = [np.asarray(methods(mixed, state)[method][0](*methods(mixed, state)[method][1])) for state in states]
+    meet = threading.Barrier(8)
+
+    def work(worker: int) -> list[np.ndarray]:
+        evaluate, arguments = methods(mixed, states[worker])[method]
+        meet.wait(timeout=60)
+        return [np.asarray(evaluate(*arguments)) for _ in range(50)]
+
+    with ThreadPoolExecutor(8) as pool:
+        for results, one in zip(pool.map(work, range(8)), expected, strict=True):
+            for result in results:
+                assert_same_bits(result, one)
+
+
+def test_eight_threads_with_large_batches(mixed: phipsi.Scene) -> None:
+    state = large(mixed)
+    expected = mixed.forward_dynamics(*state)
+    with ThreadPoolExecutor(8) as pool:
+        for found in pool.map(lambda _: mixed.forward_dynamics(*state), range(8)):
+            assert_same_bits(found, expected)
+
+
+@pytest.fixture
+def no_forced_switches() -> Iterator[None]:
+    """Python hands the GIL over only where a thread gives it up."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1000.0)
+    yield
+    sys.setswitchinterval(before)
+
+
+@pytest.mark.usefixtures("no_forced_switches")
+def test_the_gil_is_released(arm: phipsi.Scene) -> None:
+    """This thread runs while another one is inside a batch: it could not if the batch kept the GIL."""
+    state, limit = large(arm), 2000
+    arm.forward_dynamics(*state)
+    rounds = 0
+    seen, started = False, threading.Lock()
+    started.acquire()
+
+    def work() -> None:
+        nonlocal rounds
+        started.release()
+        while not seen and rounds < limit:
+            rounds += 1
+            arm.forward_dynamics(*state)
+
+    worker = threading.Thread(target=work)
+    worker.start()
+    started.acquire()
+    at, seen = rounds, True
+    worker.join()
+    assert at < limit

@@ -1,0 +1,47 @@
+"""Every tolerance of the Python tests, in one place: they scale with eps, size and conditioning."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+EPS = float(np.finfo(np.float64).eps)
+
+STEP = EPS ** (1 / 3)
+"""Step of a central difference: its truncation and its rounding are then both about EPS ** (2 / 3)."""
+
+
+def product(n: int, scale: float) -> float:
+    """For products and sums over n terms without a solve."""
+    return 64.0 * max(n, 1) * EPS * scale
+
+
+def inverse(condition: float, scale: float) -> float:
+    """Through the inverse of a matrix of that condition number."""
+    return 64.0 * condition * EPS * scale
+
+
+def central_difference(scale: float) -> float:
+    """For a derivative by differences with STEP; scale is the size of the function and its third derivative."""
+    return 32.0 * EPS ** (2 / 3) * scale
+
+
+def size(*values: ArrayLike) -> float:
+    """The largest absolute entry, at least one: for quantities whose natural unit is one."""
+    return max([1.0, *(float(np.max(np.abs(v), initial=0.0)) for v in values)])
+
+
+def assert_near(found: ArrayLike, expected: ArrayLike, bound: float) -> None:
+    """Entry by entry within the bound; a NaN fails, and so does another shape."""
+    found, expected = np.asarray(found), np.asarray(expected)
+    assert found.shape == expected.shape
+    off = np.abs(found - expected)
+    assert np.all(off <= bound), f"off by {np.max(off)}, bound {bound}"
+
+
+def assert_same_bits(found: ArrayLike, expected: ArrayLike, what: str = "") -> None:
+    """Equal bit by bit, signs of zeros included."""
+    found, expected = np.asarray(found, dtype=np.float64), np.asarray(expected, dtype=np.float64)
+    assert found.shape == expected.shape, what
+    different = np.count_nonzero(found.reshape(-1).view(np.int64) != expected.reshape(-1).view(np.int64))
+    assert not different, f"{what} {different} of {found.size} entries differ"
