@@ -63,8 +63,7 @@ const ALGORITHMS: [(&str, Algorithm); 9] = [
 /// Mixed trees with floating bases, so that every kind of joint is there and every result has room.
 fn scenes() -> impl Iterator<Item = Scene> {
     (0..8).map(|seed| {
-        let tree =
-            Tree { seed, bodies: 6, kinds: &KINDS_WITH_FIXED, branching: 0.5, armature: 0.2, floating: true };
+        let tree = Tree { seed, bodies: 6, kinds: &KINDS_WITH_FIXED, branching: 0.5, armature: 0.2, floating: true };
         tree.scene()
     })
 }
@@ -91,9 +90,7 @@ fn algorithms_allocate_nothing() {
 /// After any other call with another state, the same bits as with a workspace that is NaN throughout.
 #[test]
 fn algorithms_use_nothing_stale() {
-    let bits = |state: &State| -> Vec<u64> {
-        state.vector.iter().chain(&state.matrix).map(|x| x.to_bits()).collect()
-    };
+    let bits = |state: &State| -> Vec<u64> { state.vector.iter().chain(&state.matrix).map(|x| x.to_bits()).collect() };
     for scene in scenes().take(3) {
         for (name, algorithm) in ALGORITHMS {
             let mut fresh = State::new(&scene, 2);

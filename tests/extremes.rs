@@ -18,8 +18,11 @@ fn on_a_small_stack(work: impl FnOnce() + Send + 'static) {
 
 /// Forward dynamics, and inverse dynamics of what it gave.
 #[track_caller]
-fn assert_round_trip(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64], scale: f64) {
+fn assert_round_trip(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64]) {
     let mut workspace = scene.workspace();
+    let mut bias = vec![f64::NAN; scene.nv()];
+    scene.bias_torque(&mut workspace, q, qd, &mut bias).unwrap();
+    let scale = size(&bias).max(size(tau));
     let (mut qdd, mut back) = (vec![f64::NAN; scene.nv()], vec![f64::NAN; scene.nv()]);
     scene.forward_dynamics(&mut workspace, q, qd, tau, &[], &mut qdd).unwrap();
     scene.inverse_dynamics(&mut workspace, q, qd, &qdd, &[], &mut back).unwrap();
@@ -34,9 +37,7 @@ fn a_chain_of_ten_thousand_links_works() {
         assert_eq!(scene.nv(), LINKS);
         let mut random = Random::new(1);
         let (q, tau) = (random.array(LINKS, 0.5), random.array(LINKS, 1.0));
-        // A torque carries the weight of the chain, over its length.
-        let weight = 10.0 * LINKS as f64;
-        assert_round_trip(&scene, &q, &vec![0.0; LINKS], &tau, weight * 0.3 * LINKS as f64);
+        assert_round_trip(&scene, &q, &vec![0.0; LINKS], &tau);
         assert!(scene.energy(&mut scene.workspace(), &q, &tau).unwrap().kinetic > 0.0);
         assert!(scene.momentum(&mut scene.workspace(), &q, &tau).unwrap().norm() > 0.0);
         assert_eq!(scene.placements(&q).unwrap().len(), LINKS + 1);
@@ -55,7 +56,7 @@ fn mostly_fixed(parent: impl Fn(usize) -> usize) -> SceneBuilder {
             JointDescription::new(format!("joint{k}"), kind, format!("link{}", parent(k)), format!("link{k}"));
         joint.origin.lever = random.vector() * 0.01;
         joint.axis = random.vector();
-        let inertial = Some(random_inertial(&mut random));
+        let inertial = (k % 10 == 1).then(|| random_inertial(&mut random));
         builder = builder.link(LinkDescription { name: format!("link{k}"), inertial }).joint(joint);
     }
     builder
@@ -68,8 +69,7 @@ fn ten_thousand_links_welded_in_a_row_are_a_few_bodies() {
         assert_eq!((scene.nv(), scene.model().bodies.len()), (10, 10));
         assert_eq!(scene.merged_joints().len(), LINKS - 11);
         let (q, qd, tau) = random_state(&scene, &mut Random::new(3));
-        let weight = 10.0 * 2.0 * LINKS as f64;
-        assert_round_trip(&scene, &q, &qd, &tau, weight * 0.01 * LINKS as f64);
+        assert_round_trip(&scene, &q, &qd, &tau);
         let locked = scene.lock(&["joint1", "joint9001"], &q).unwrap();
         assert_eq!(locked.nv(), 8);
     });
@@ -81,7 +81,7 @@ fn ten_thousand_links_on_one_base_work() {
         let scene = mostly_fixed(|_| 0).build().unwrap();
         assert_eq!(scene.nv(), 10, "each on its own");
         let (q, qd, tau) = random_state(&scene, &mut Random::new(4));
-        assert_round_trip(&scene, &q, &qd, &tau, 1e3);
+        assert_round_trip(&scene, &q, &qd, &tau);
     });
 }
 

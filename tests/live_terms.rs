@@ -167,8 +167,7 @@ fn branches_couple_in_the_inverse_alone() {
         let mut random = Random::new(77);
         let mut builder = SceneBuilder::new();
         for name in ["base", "trunk", "left", "left_hand", "right", "right_hand"] {
-            builder =
-                builder.link(LinkDescription { name: name.into(), inertial: Some(random_inertial(&mut random)) });
+            builder = builder.link(LinkDescription { name: name.into(), inertial: Some(random_inertial(&mut random)) });
         }
         let joints =
             [("base", "trunk"), ("trunk", "left"), ("left", "left_hand"), ("trunk", "right"), ("right", "right_hand")];

@@ -48,12 +48,7 @@ impl Bounds {
     #[track_caller]
     fn assert_same(&self, what: &str, found: &Results, expected: &Results, tau: &[f64]) {
         let say = |part: &str| format!("{what}: {part}");
-        assert_near(
-            &say("M"),
-            found.mass.as_slice(),
-            expected.mass.as_slice(),
-            tolerance::product(self.n, self.mass),
-        );
+        assert_near(&say("M"), found.mass.as_slice(), expected.mass.as_slice(), tolerance::product(self.n, self.mass));
         assert_near(
             &say("bias"),
             found.bias.as_slice(),
@@ -148,8 +143,7 @@ fn a_base_that_stands_elsewhere_changes_nothing() {
         let gravity = origin.rotation * Vector3::from(source.gravity_vector());
         let mut ground = JointDescription::new("bolts", JointKind::Fixed, "ground", "base");
         ground.origin = origin;
-        let moved =
-            source.clone().link(link("ground", None)).joint(ground).gravity(gravity.into()).build().unwrap();
+        let moved = source.clone().link(link("ground", None)).joint(ground).gravity(gravity.into()).build().unwrap();
         let original = results(&scene, &q, &qd, &tau);
         let bounds = Bounds::new(&scene, &q, &qd, &original);
         bounds.assert_same("moved base", &results(&moved, &q, &qd, &tau), &original, &tau);
@@ -406,7 +400,8 @@ fn locking_a_joint_deletes_its_rows_and_columns() {
         let of = |coordinates: bool| -> Vec<usize> {
             kept.iter().flat_map(|joint| if coordinates { joint.q.clone() } else { joint.v.clone() }).collect()
         };
-        let (rows, pick) = (of(false), |values: &[f64], at: &[usize]| at.iter().map(|&i| values[i]).collect::<Vec<_>>());
+        let (rows, pick) =
+            (of(false), |values: &[f64], at: &[usize]| at.iter().map(|&i| values[i]).collect::<Vec<_>>());
         locked_rows += scene.nv() - rows.len();
         assert_eq!(locked.nv(), rows.len());
         // The locked joints do not move in the whole scene either.

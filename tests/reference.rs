@@ -80,9 +80,8 @@ fn dynamics_match_first_principles() {
 
         // Inverse dynamics at an acceleration of its own.
         let qdd = random.array(nv, 3.0);
-        let exact: Vec<D> = (0..nv)
-            .map(|i| (0..nv).fold(loaded_bias[i], |sum, j| sum + exact_mass[(i, j)] * d(qdd[j])))
-            .collect();
+        let exact: Vec<D> =
+            (0..nv).map(|i| (0..nv).fold(loaded_bias[i], |sum, j| sum + exact_mass[(i, j)] * d(qdd[j]))).collect();
         scene.inverse_dynamics(&mut workspace, &q, &qd, &qdd, &on_bodies, &mut torque).unwrap();
         let terms_moving = terms + size(&exact_rows) * qdd.iter().map(|x| x.abs()).sum::<f64>();
         assert_near("inverse dynamics", &torque, &round(&exact), tolerance::product(n, terms_moving));
@@ -219,20 +218,14 @@ impl InDouble {
         let (q, qd, tau) = (ds(q), ds(qd), ds(tau));
         let mut workspace = Workspace::new(model);
         let nan = |n: usize| vec![d(f64::NAN); n];
-        let mut all = Self {
-            mass: nan(nv * nv),
-            inverse: nan(nv * nv),
-            bias: nan(nv),
-            torque: nan(nv),
-            acceleration: nan(nv),
-        };
+        let mut all =
+            Self { mass: nan(nv * nv), inverse: nan(nv * nv), bias: nan(nv), torque: nan(nv), acceleration: nan(nv) };
         dynamics::mass_matrix(model, &mut workspace, &q, &mut all.mass);
         let mut scratch = InverseScratch::new(model);
         assert!(dynamics::mass_matrix_inverse(model, &mut workspace, &mut scratch, &q, &mut all.inverse).clear(0));
         dynamics::bias_torque(model, &mut workspace, &q, &qd, &[], &mut all.bias);
         dynamics::inverse_dynamics(model, &mut workspace, &q, &qd, &tau, &[], &mut all.torque);
-        let monitor =
-            dynamics::forward_dynamics(model, &mut workspace, &q, &qd, &tau, &[], &mut all.acceleration);
+        let monitor = dynamics::forward_dynamics(model, &mut workspace, &q, &qd, &tau, &[], &mut all.acceleration);
         assert!(monitor.clear(0));
         all
     }
@@ -284,10 +277,8 @@ fn exact_tree(seed: u64, kinds: &[JointKind]) -> SceneBuilder {
         let parent = if k == 0 { "base".to_owned() } else { format!("link{}", random.below(k)) };
         let kind = kinds[random.below(kinds.len())];
         let mut joint = JointDescription::new(format!("joint{k}"), kind, parent, format!("link{k}"));
-        joint.origin = RigidShift {
-            rotation: quarter(random.below(3)),
-            lever: Vector3::from_fn(|_, _| dyadic(&mut random)),
-        };
+        joint.origin =
+            RigidShift { rotation: quarter(random.below(3)), lever: Vector3::from_fn(|_, _| dyadic(&mut random)) };
         joint.axis = Vector3::ith(random.below(3), 1.0);
         joint.armature = 0.25;
         let inertial = Inertial {

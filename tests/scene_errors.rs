@@ -105,7 +105,10 @@ fn a_joint_from_a_link_to_itself() {
 
 #[test]
 fn two_roots() {
-    refused(|links, _| links.push(link("island", None)), ("link \"island\"", "a second root beside \"base\"", "one root"));
+    refused(
+        |links, _| links.push(link("island", None)),
+        ("link \"island\"", "a second root beside \"base\"", "one root"),
+    );
 }
 
 #[test]
@@ -403,9 +406,8 @@ fn a_quaternion_that_is_none() {
     for factor in [0.0, 0.99, 1.01, -2.0, 1e200] {
         let mut call = Call::broken(|call| call.q[4] = factor);
         let norm = f64::abs(factor * factor).sqrt();
-        let expected = format!(
-            "q: found a quaternion of norm {norm} for joint \"wrist\"; expected unit norm, to within 1e-3"
-        );
+        let expected =
+            format!("q: found a quaternion of norm {norm} for joint \"wrist\"; expected unit norm, to within 1e-3");
         assert_message(call.forward(), &expected);
     }
     assert!(Call::broken(|call| call.q[4] = 1.0009).forward().is_ok());
@@ -481,6 +483,30 @@ fn a_tip_without_mass_is_singular() {
 fn a_point_mass_on_its_axis_is_singular() {
     let point = Inertial { mass: 1.0, centre: Vector3::new(0.0, 0.0, 0.5), central: Symmetric3::zero() };
     assert_singular(&with_needle(JointKind::Revolute, 0.0, Some(point)), "tip", "needle");
+}
+
+/// A point mass that a fixed joint brings onto the axis: the terms of its inertia cancel to rounding, not to zero, and none of them
+/// was subtracted by a measurement.
+#[test]
+#[ignore = "a gap: only what measurements subtract counts as a term of the pivot, not what cancels within one body's inertia"]
+fn a_point_mass_welded_onto_the_axis_is_singular() {
+    for i in 1..20_i32 {
+        let centre = Vector3::new(0.1, -0.3, 0.7) * f64::from(i);
+        let point = Inertial { mass: 1.3, centre, central: Symmetric3::zero() };
+        let mut weld = JointDescription::new("weld", JointKind::Fixed, "needle", "weight");
+        weld.origin.lever = -centre;
+        let mut tip = JointDescription::new("tip", JointKind::Revolute, "hand", "needle");
+        tip.axis = Vector3::new(0.2, 0.5, -0.4);
+        let (links, joints) = parts();
+        let scene = assembled((links, joints))
+            .link(link("needle", None))
+            .link(link("weight", Some(point)))
+            .joint(tip)
+            .joint(weld)
+            .build()
+            .unwrap();
+        assert_singular(&scene, "tip", "needle");
+    }
 }
 
 #[test]
