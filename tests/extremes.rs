@@ -111,7 +111,7 @@ fn a_scene_in_which_nothing_moves_works() {
         assert_eq!(scene.neutral(), [0.0; 0]);
         let energy = scene.energy(&mut w, &[], &[]).unwrap();
         assert_eq!((energy.kinetic, energy.potential), (0.0, 0.0), "a base has no energy");
-        assert_eq!(scene.momentum(&mut w, &[], &[]).unwrap().norm(), 0.0);
+        assert!(scene.momentum(&mut w, &[], &[]).unwrap().norm() == 0.0);
         assert_eq!(scene.placements(&[]).unwrap().len(), scene.links().len());
         assert!(scene.body_wrenches([("rock", nalgebra::Vector6::from_element(1.0))]).unwrap().is_empty());
         assert_eq!(scene.lock(&[], &[]).unwrap().nv(), 0);

@@ -13,7 +13,7 @@ use proptest::prelude::{ProptestConfig, Strategy, any, proptest};
 use proptest::test_runner::RngSeed;
 
 /// The seed of every draw below: a failure comes back on every run.
-const SEED: u64 = 0x0B0D_1E5;
+const SEED: u64 = 0x00B0_D1E5;
 
 fn config(cases: u32) -> ProptestConfig {
     ProptestConfig { cases, rng_seed: RngSeed::Fixed(SEED), failure_persistence: None, ..ProptestConfig::default() }
@@ -189,17 +189,17 @@ proptest! {
         // The factor: its determinant, its solution, and M applied without being formed.
         dynamics::factorise(case.scene.model(), &mut workspace, &case.q, |_, _| {});
         let log_det: f64 = eigenvalues.iter().map(|x| x.ln()).sum();
-        let bound = tolerance::inverse(conditioning.number, nv as f64);
+        let bound = tolerance::inverse(conditioning.number, tolerance::count(nv));
         assert_close("log det M", dynamics::log_det_mass_matrix(&workspace), log_det, bound);
         let mut solution = vec![f64::NAN; nv];
         dynamics::solve(case.scene.model(), &mut workspace, &case.tau, &mut solution);
         let closed = &inverse * DVector::from_column_slice(&case.tau);
-        let bound = tolerance::solution(&conditioning, closed.amax(), size(&case.tau) * nv as f64);
+        let bound = tolerance::solution(&conditioning, closed.amax(), size(&case.tau) * tolerance::count(nv));
         assert_near("factor against closed form", &solution, closed.as_slice(), bound);
         let mut product = vec![f64::NAN; nv];
         dynamics::mul_mass(case.scene.model(), &mut workspace, &case.qd, &mut product);
         let formed = &m * DVector::from_column_slice(&case.qd);
-        assert_near("M applied", &product, formed.as_slice(), tolerance::product(case.n + nv, m.amax() * nv as f64));
+        assert_near("M applied", &product, formed.as_slice(), tolerance::product(case.n + nv, m.amax() * tolerance::count(nv)));
     }
 
     #[test]

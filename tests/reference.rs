@@ -120,13 +120,13 @@ fn energy_momentum_and_kinematics_match_first_principles() {
         let energy = scene.energy(&mut workspace, &q, &qd).unwrap();
         assert_close("kinetic energy", energy.kinetic, to_f64(kinetic), tolerance::product(n, to_f64(kinetic)));
         // Weight of all links, at the reach of the tree (and of its sliding joints).
-        let reach = n as f64 * (1.0 + size(&q));
-        let weight = 10.0 * 2.0 * n as f64;
+        let reach = tolerance::count(n) * (1.0 + size(&q));
+        let weight = 10.0 * 2.0 * tolerance::count(n);
         assert_close("potential energy", energy.potential, to_f64(potential), tolerance::product(1, weight * reach));
 
         let exact = round(&instant.momentum());
         let momentum = scene.momentum(&mut workspace, &q, &qd).unwrap();
-        let scale = size(&exact).max((2.0 * to_f64(kinetic) * 2.0 * n as f64).sqrt() * reach);
+        let scale = size(&exact).max((2.0 * to_f64(kinetic) * 2.0 * tolerance::count(n)).sqrt() * reach);
         assert_near("momentum", momentum.as_slice(), &exact, tolerance::product(n, scale));
 
         let placements = scene.placements(&q).unwrap();

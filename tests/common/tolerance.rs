@@ -4,9 +4,15 @@
 
 use phipsi::scalar::{DoubleDouble, Real};
 
+/// A count as a factor of a bound.
+#[allow(clippy::cast_precision_loss)] // counts of bodies and joints
+pub fn count(n: usize) -> f64 {
+    n as f64
+}
+
 /// For products and sums without a solve: `c * n * eps * scale`.
 pub fn product(n: usize, scale: f64) -> f64 {
-    8.0 * (n.max(1) as f64) * f64::EPSILON * scale
+    8.0 * count(n.max(1)) * f64::EPSILON * scale
 }
 
 /// Through the inverse of a matrix of condition number `cond`.
@@ -22,7 +28,7 @@ pub fn solution(conditioning: &Conditioning, x: f64, b: f64) -> f64 {
 
 /// Products and sums in double-double arithmetic, `n` terms.
 pub fn double_double(n: usize, scale: f64) -> f64 {
-    8.0 * (n.max(1) as f64) * f64::EPSILON * f64::EPSILON * scale
+    8.0 * count(n.max(1)) * f64::EPSILON * f64::EPSILON * scale
 }
 
 /// Half the distance between the two states of a central difference in double-double arithmetic, 2^-40.
