@@ -68,7 +68,7 @@ fn every_operator_and_its_transpose_match_the_definition() {
             // Adjoint: t . (A x) = x . (A^T t), and not trivially.
             let left: f64 = t.iter().zip(&y).map(|(a, b)| a * b).sum();
             let right: f64 = x.iter().zip(&s).map(|(a, b)| a * b).sum();
-            assert!((left - right).abs() <= tolerance::inverse(cond, scale * rows as f64), "{name}");
+            assert!((left - right).abs() <= tolerance::inverse(cond, scale * tolerance::count(rows)), "{name}");
             if scene.nv() > 1 {
                 assert!(scale > 0.0, "{name} is zero");
             }

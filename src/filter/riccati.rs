@@ -163,7 +163,7 @@ impl<T: Real> Sending<T> {
         monitor: &mut PivotMonitor<T>,
     ) -> Measured<T> {
         let m = measurement_update(&mut self.p, hinge, noise);
-        monitor.observe(m.pivot, hinge.project(&self.subtracted));
+        monitor.observe(m.pivot, hinge.bound_square(&self.subtracted));
         self.subtracted += m.gain.component_mul(&m.gain) * m.pivot;
         let carried = shift.force_to_parent(&m.gain);
         self.sent += carried.component_mul(&carried) * m.pivot;

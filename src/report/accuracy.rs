@@ -221,6 +221,6 @@ fn error<T: Real>(found: &[T], reference: &[DoubleDouble]) -> f64 {
         .iter()
         .zip(reference)
         .map(|(x, r)| (DoubleDouble::from_f64(x.lane(0)) - *r).lane(0).abs())
-        .fold(0.0, |m, e| if e <= m { m } else { e });
+        .fold(0.0_f64, |m, e| if e <= m || m.is_nan() { m } else { e });
     worst / scale
 }

@@ -27,7 +27,7 @@ fn relative(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
     for j in 0..b.ncols() {
         for i in 0..b.nrows() {
             let difference = (a[(i, j)] - b[(i, j)]).abs();
-            worst = if difference <= worst { worst } else { difference };
+            worst = if difference <= worst || worst.is_nan() { worst } else { difference };
             scale = scale.max(b[(i, j)].abs());
         }
     }
@@ -36,7 +36,7 @@ fn relative(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
 
 /// Largest |a - b| / |b|, entry by entry.
 fn relative_each(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| ((x - y) / y).abs()).fold(0.0, |m, r| if r <= m { m } else { r })
+    a.iter().zip(b).map(|(x, y)| ((x - y) / y).abs()).fold(0.0_f64, |m, r| if r <= m || m.is_nan() { m } else { r })
 }
 
 /// An operator applied to the columns of the identity: its sweep, as a matrix.

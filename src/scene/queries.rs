@@ -261,7 +261,7 @@ impl Scene {
         Err(self.singular_joint(workspace, monitor))
     }
 
-    /// The joint whose pivot was lost, the one furthest from the base first.
+    /// The joint whose pivot was lost, the one furthest from the base first; a pivot that is not finite comes of overflow.
     fn singular_joint(&self, workspace: &Workspace<f64>, monitor: PivotMonitor<f64>) -> Error {
         let mut lost = None;
         for (k, stage) in self.model.system.stages.iter().enumerate().rev() {
@@ -269,16 +269,21 @@ impl Scene {
             for i in (0..stage.rows.count()).rev() {
                 let row = stage.first_row + i;
                 let m = &workspace.measured[row];
-                let terms = stage.rows.row(i).project(&subtracted);
+                let terms = stage.rows.row(i).bound_square(&subtracted);
                 if !(monitor.margin(m.pivot, terms) > 0.0) && lost.is_none() {
-                    lost = Some((k, m.pivot, m.pivot + terms));
+                    lost = Some((k, row, m.pivot, m.pivot + terms));
                 }
                 subtracted += m.gain.component_mul(&m.gain) * m.pivot;
             }
         }
-        let (body, pivot, terms) = lost.unwrap_or((0, f64::NAN, f64::NAN));
+        let (body, row, pivot, terms) = lost.unwrap_or((0, 0, f64::NAN, f64::NAN));
         let joint = self.joint_of_body(body);
         let name = |of: fn(&Joint) -> &String| joint.map(of).cloned().unwrap_or_default();
+        if let Some(&value) = [pivot, terms].iter().find(|value| !value.is_finite()) {
+            let what = name(|joint| &joint.name);
+            let argument = format!("inertia along the axis of joint {what:?} (result; the arguments overflow)");
+            return Error::NotFinite { argument, index: row, value, state: None };
+        }
         Error::SingularJoint {
             joint: name(|joint| &joint.name),
             link: name(|joint| &joint.child),

@@ -1,6 +1,7 @@
 //! What the Rust tests share: random scenes and states from a seed, and the one table of tolerances.
 #![allow(dead_code)] // each test file uses its own part
 
+pub mod oracle;
 pub mod tolerance;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -72,28 +73,69 @@ pub fn random_inertial(random: &mut Random) -> Inertial {
     }
 }
 
+/// Every kind, fixed joints among them.
+pub const KINDS_WITH_FIXED: [JointKind; 9] = [
+    JointKind::Revolute,
+    JointKind::Fixed,
+    JointKind::Prismatic,
+    JointKind::Continuous,
+    JointKind::Screw { pitch: -0.3 },
+    JointKind::Planar,
+    JointKind::Spherical,
+    JointKind::Floating,
+    JointKind::Fixed,
+];
+
+/// What a random tree looks like; the same tree from the same numbers.
+#[derive(Debug, Clone, Copy)]
+pub struct Tree<'k> {
+    pub seed: u64,
+    /// Joints, and links beside the base.
+    pub bodies: usize,
+    pub kinds: &'k [JointKind],
+    /// Probability that a link hangs on any earlier link, not on the last one; 0 gives a chain.
+    pub branching: f64,
+    /// Largest armature; 0 for none.
+    pub armature: f64,
+    /// Whether the base floats; it then has mass.
+    pub floating: bool,
+}
+
+impl Tree<'_> {
+    pub fn builder(self) -> SceneBuilder {
+        let mut random = Random::new(self.seed);
+        let inertial = self.floating.then(|| random_inertial(&mut random));
+        let mut builder = SceneBuilder::new()
+            .gravity([0.3, -0.5, -9.6])
+            .floating_base(self.floating)
+            .link(LinkDescription { name: "base".into(), inertial });
+        for k in 0..self.bodies {
+            let parent = if k == 0 {
+                "base".to_owned()
+            } else if random.uniform(0.0, 1.0) < self.branching {
+                format!("link{}", random.below(k))
+            } else {
+                format!("link{}", k - 1)
+            };
+            let kind = self.kinds[random.below(self.kinds.len())];
+            let mut joint = JointDescription::new(format!("joint{k}"), kind, parent, format!("link{k}"));
+            joint.origin = RigidShift { rotation: random.rotation(), lever: random.vector() * 0.5 };
+            joint.axis = random.vector();
+            joint.armature = self.armature * random.uniform(0.1, 1.0);
+            let inertial = Some(random_inertial(&mut random));
+            builder = builder.link(LinkDescription { name: format!("link{k}"), inertial }).joint(joint);
+        }
+        builder
+    }
+
+    pub fn scene(self) -> Scene {
+        self.builder().build().expect("a random scene is valid")
+    }
+}
+
 /// A random tree of `bodies` joints after a base link; `branching` 0 gives a chain.
 pub fn random_scene(seed: u64, bodies: usize, kinds: &[JointKind], branching: f64, armature: f64) -> Scene {
-    let mut random = Random::new(seed);
-    let mut builder =
-        SceneBuilder::new().gravity([0.3, -0.5, -9.6]).link(LinkDescription { name: "base".into(), inertial: None });
-    for k in 0..bodies {
-        let parent = if k == 0 {
-            "base".to_owned()
-        } else if random.uniform(0.0, 1.0) < branching {
-            format!("link{}", random.below(k))
-        } else {
-            format!("link{}", k - 1)
-        };
-        let kind = kinds[random.below(kinds.len())];
-        let mut joint = JointDescription::new(format!("joint{k}"), kind, parent, format!("link{k}"));
-        joint.origin = RigidShift { rotation: random.rotation(), lever: random.vector() * 0.5 };
-        joint.axis = random.vector();
-        joint.armature = armature * random.uniform(0.1, 1.0);
-        let inertial = Some(random_inertial(&mut random));
-        builder = builder.link(LinkDescription { name: format!("link{k}"), inertial }).joint(joint);
-    }
-    builder.build().expect("a random scene is valid")
+    Tree { seed, bodies, kinds, branching, armature, floating: false }.scene()
 }
 
 /// A random state: q with unit quaternions, qd, and a torque.

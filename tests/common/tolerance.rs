@@ -1,29 +1,112 @@
 //! Every tolerance of the Rust tests, in one place.
+//!
+//! Run a test with `PHIPSI_SHOW_RATIOS=1` and `--nocapture` to see how much of each bound it uses.
+
+use phipsi::scalar::{DoubleDouble, Real};
+
+/// A count as a factor of a bound.
+#[allow(clippy::cast_precision_loss)] // counts of bodies and joints
+pub fn count(n: usize) -> f64 {
+    n as f64
+}
 
 /// For products and sums without a solve: `c * n * eps * scale`.
 pub fn product(n: usize, scale: f64) -> f64 {
-    64.0 * (n.max(1) as f64) * f64::EPSILON * scale
+    8.0 * count(n.max(1)) * f64::EPSILON * scale
 }
 
 /// Through the inverse of a matrix of condition number `cond`.
 pub fn inverse(cond: f64, scale: f64) -> f64 {
-    64.0 * cond * f64::EPSILON * scale
+    16.0 * cond * f64::EPSILON * scale
 }
 
-/// Largest absolute entry.
+/// A solution of `M x = b` where both sides are known to a few units in the last place:
+/// `c * eps * (cond(M) |x| + |M^-1| |b|)`, with `|b|` the size of the terms that b is the sum of.
+pub fn solution(conditioning: &Conditioning, x: f64, b: f64) -> f64 {
+    8.0 * f64::EPSILON * (conditioning.number * x + conditioning.inverse_norm * b)
+}
+
+/// Products and sums in double-double arithmetic, `n` terms.
+pub fn double_double(n: usize, scale: f64) -> f64 {
+    8.0 * count(n.max(1)) * f64::EPSILON * f64::EPSILON * scale
+}
+
+/// Half the distance between the two states of a central difference in double-double arithmetic, 2^-40.
+pub const STEP: f64 = 9.094_947_017_729_282e-13;
+
+/// A central difference over [`STEP`]s in double-double arithmetic of something of size `scale` that varies over times (or
+/// distances) of about 1: truncation, its third derivative allowed 1e4 times its size, and rounding.
+pub fn difference(n: usize, scale: f64) -> f64 {
+    1e4 * STEP * STEP * scale + double_double(n, scale) / STEP
+}
+
+/// What a matrix does to errors, in the 2-norm.
+#[derive(Debug, Clone, Copy)]
+pub struct Conditioning {
+    pub number: f64,
+    pub norm: f64,
+    pub inverse_norm: f64,
+}
+
+/// Measured from the singular values of a square matrix, row by row (or column by column).
+pub fn conditioning(n: usize, matrix: &[f64]) -> Conditioning {
+    if n == 0 {
+        return Conditioning { number: 1.0, norm: 0.0, inverse_norm: 0.0 };
+    }
+    let s = nalgebra::DMatrix::from_row_slice(n, n, matrix).svd(false, false).singular_values;
+    let (largest, smallest) = (s.max(), s.min());
+    assert!(smallest > 0.0, "a singular matrix has no condition number");
+    Conditioning { number: largest / smallest, norm: largest, inverse_norm: 1.0 / smallest }
+}
+
+/// Largest absolute entry; NaN where any is NaN.
 pub fn size(values: &[f64]) -> f64 {
+    if values.iter().any(|x| x.is_nan()) {
+        return f64::NAN;
+    }
     values.iter().fold(0.0, |m: f64, x| m.max(x.abs()))
+}
+
+/// The nearest f64.
+pub fn to_f64(x: DoubleDouble) -> f64 {
+    x.lane(0)
+}
+
+/// Asserts |a - b| <= bound; NaN fails.
+#[track_caller]
+pub fn assert_close(what: &str, a: f64, b: f64, bound: f64) {
+    assert_near(what, &[a], &[b], bound);
 }
 
 /// Asserts |a - b| <= bound entry by entry; NaN fails.
 #[track_caller]
 pub fn assert_near(what: &str, a: &[f64], b: &[f64], bound: f64) {
     assert_eq!(a.len(), b.len(), "{what}: lengths");
+    let mut worst = 0.0_f64;
     for (i, (x, y)) in a.iter().zip(b).enumerate() {
         assert!(
             (x - y).abs() <= bound,
             "{what}: entry {i}: {x} against {y}, off by {:e}, bound {bound:e}",
             (x - y).abs()
         );
+        worst = worst.max((x - y).abs());
+    }
+    show_ratio(what, worst, bound);
+}
+
+/// Asserts |a - b| <= bound entry by entry, the difference taken in double-double arithmetic; NaN fails.
+#[track_caller]
+pub fn assert_near_double(what: &str, a: &[DoubleDouble], b: &[DoubleDouble], bound: f64) {
+    assert_eq!(a.len(), b.len(), "{what}: lengths");
+    let error: Vec<f64> = a.iter().zip(b).map(|(&x, &y)| to_f64(x - y)).collect();
+    for (i, error) in error.iter().enumerate() {
+        assert!(error.abs() <= bound, "{what}: entry {i}: {} against {}, bound {bound:e}", a[i], b[i]);
+    }
+    show_ratio(what, size(&error), bound);
+}
+
+fn show_ratio(what: &str, worst: f64, bound: f64) {
+    if worst > 0.0 && std::env::var_os("PHIPSI_SHOW_RATIOS").is_some() {
+        eprintln!("ratio {:.3e} of bound {bound:.1e}: {what}", worst / bound);
     }
 }

@@ -1,0 +1,126 @@
+//! No sweep allocates once its workspace exists, and none reads what an earlier call left there.
+
+mod common;
+
+use common::{KINDS_WITH_FIXED, Random, Tree, random_state};
+use nalgebra::Vector6;
+use phipsi::dynamics::mass_inverse::InverseScratch;
+use phipsi::{Scene, Workspace};
+
+/// One state of a scene, and room for every result.
+struct State {
+    q: Vec<f64>,
+    qd: Vec<f64>,
+    tau: Vec<f64>,
+    wrenches: Vec<Vector6<f64>>,
+    vector: Vec<f64>,
+    matrix: Vec<f64>,
+}
+
+impl State {
+    fn new(scene: &Scene, seed: u64) -> Self {
+        let mut random = Random::new(seed);
+        let (q, qd, tau) = random_state(scene, &mut random);
+        let nv = scene.nv();
+        let wrenches =
+            scene.model().bodies.iter().map(|_| Vector6::from_fn(|_, _| random.uniform(-3.0, 3.0))).collect();
+        Self { q, qd, tau, wrenches, vector: vec![f64::NAN; nv], matrix: vec![f64::NAN; nv * nv] }
+    }
+}
+
+type Algorithm = fn(&Scene, &mut Workspace<f64>, &mut InverseScratch<f64>, &mut State);
+
+/// Every algorithm that takes a workspace, by name; results go to the state's vector or matrix.
+const ALGORITHMS: [(&str, Algorithm); 9] = [
+    ("forward_dynamics", |scene, w, _, s| {
+        scene.forward_dynamics(w, &s.q, &s.qd, &s.tau, &[], &mut s.vector).unwrap();
+    }),
+    ("forward_dynamics with wrenches", |scene, w, _, s| {
+        scene.forward_dynamics(w, &s.q, &s.qd, &s.tau, &s.wrenches, &mut s.vector).unwrap();
+    }),
+    ("inverse_dynamics", |scene, w, _, s| {
+        scene.inverse_dynamics(w, &s.q, &s.qd, &s.tau, &s.wrenches, &mut s.vector).unwrap();
+    }),
+    ("bias_torque", |scene, w, _, s| scene.bias_torque(w, &s.q, &s.qd, &mut s.vector).unwrap()),
+    ("mass_matrix", |scene, w, _, s| scene.mass_matrix(w, &s.q, &mut s.matrix).unwrap()),
+    ("mass_matrix_inverse", |scene, w, scratch, s| {
+        scene.mass_matrix_inverse(w, scratch, &s.q, &mut s.matrix).unwrap();
+    }),
+    ("energy", |scene, w, _, s| {
+        let energy = scene.energy(w, &s.q, &s.qd).unwrap();
+        s.vector[0] = energy.kinetic;
+        s.vector[1] = energy.potential;
+    }),
+    ("momentum", |scene, w, _, s| {
+        let momentum = scene.momentum(w, &s.q, &s.qd).unwrap();
+        s.vector[..6].copy_from_slice(momentum.as_slice());
+    }),
+    ("integrate", |scene, _, _, s| {
+        scene.integrate(&s.q, &s.qd, &mut s.matrix[..scene.nq()]).unwrap();
+    }),
+];
+
+/// Mixed trees with floating bases, so that every kind of joint is there and every result has room.
+fn scenes() -> impl Iterator<Item = Scene> {
+    (0..8).map(|seed| {
+        let tree = Tree { seed, bodies: 6, kinds: &KINDS_WITH_FIXED, branching: 0.5, armature: 0.2, floating: true };
+        tree.scene()
+    })
+}
+
+#[test]
+fn the_counter_counts() {
+    let seen = allocation_counter::measure(|| drop(std::hint::black_box(vec![1.0_f64; 16])));
+    assert_eq!(seen.count_total, 1);
+}
+
+#[test]
+fn algorithms_allocate_nothing() {
+    for scene in scenes() {
+        let (mut workspace, mut scratch) = (scene.workspace(), scene.inverse_scratch());
+        let mut state = State::new(&scene, 1);
+        for (name, algorithm) in ALGORITHMS {
+            // The first call too: nothing is put off until then.
+            let seen = allocation_counter::measure(|| algorithm(&scene, &mut workspace, &mut scratch, &mut state));
+            assert_eq!(seen.count_total, 0, "{name}: {seen:?}");
+        }
+    }
+}
+
+/// After any other call with another state, the same bits as with a workspace that is NaN throughout.
+#[test]
+fn algorithms_use_nothing_stale() {
+    let bits = |state: &State| -> Vec<u64> { state.vector.iter().chain(&state.matrix).map(|x| x.to_bits()).collect() };
+    for scene in scenes().take(3) {
+        for (name, algorithm) in ALGORITHMS {
+            let mut fresh = State::new(&scene, 2);
+            algorithm(&scene, &mut scene.workspace(), &mut scene.inverse_scratch(), &mut fresh);
+            for (earlier_name, earlier) in ALGORITHMS {
+                let (mut workspace, mut scratch) = (scene.workspace(), scene.inverse_scratch());
+                earlier(&scene, &mut workspace, &mut scratch, &mut State::new(&scene, 3));
+                let mut again = State::new(&scene, 2);
+                algorithm(&scene, &mut workspace, &mut scratch, &mut again);
+                assert_eq!(bits(&fresh), bits(&again), "{name} after {earlier_name}");
+            }
+        }
+    }
+}
+
+/// What an array for results held before does not matter, and every entry of it is written.
+#[test]
+fn algorithms_write_all_of_their_results() {
+    for scene in scenes().take(3) {
+        for (name, algorithm) in &ALGORITHMS[..6] {
+            let (mut nan, mut full) = (State::new(&scene, 4), State::new(&scene, 4));
+            full.vector.fill(1e9);
+            full.matrix.fill(1e9);
+            for state in [&mut nan, &mut full] {
+                algorithm(&scene, &mut scene.workspace(), &mut scene.inverse_scratch(), state);
+            }
+            let (results, others) =
+                if name.starts_with("mass") { (nan.matrix, full.matrix) } else { (nan.vector, full.vector) };
+            assert!(results.iter().all(|x| x.is_finite()), "{name}");
+            assert_eq!(results, others, "{name}");
+        }
+    }
+}
