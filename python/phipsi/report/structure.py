@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,8 +102,8 @@ class Tree:
 
 def tree_of(scene: Scene) -> Tree:
     """The tree of a scene, from the description that it pickles by."""
-    reduced = cast("tuple[Any, tuple[Any, ...]]", scene.__reduce__())
-    version, _gravity, floating, _strict, links, joints = reduced[1][0]
+    _, (description,) = scene.__reduce__()
+    version, _gravity, floating, _strict, links, joints = description
     if version != 1:
         raise RuntimeError(f"description of a scene: found version {version}, expected 1")
     tree = Tree("", {}, {})
