@@ -163,5 +163,5 @@ def bench(robot: Path | None, floating_base: bool, seed: int) -> None:
         else:
             click.echo(f"{name}: {scene.nv} degrees of freedom; the methods are compared from 1 to {DENSE_CAP}")
         tick = Silent().stage("", 0)
-        terminal.growth(console, measure.growth(effort.sizes, effort.growth_repeats, tick))
+        terminal.growth(console, measure.growth((7, 10, 100, 1000, 10_000), effort.growth_repeats, tick))
     click.echo("For more: cargo bench, make peers; phipsi report -o DIR for error against run time as a page.")

@@ -107,11 +107,15 @@ class Accuracy:
     @property
     def digits_lost(self) -> float:
         """log10 of the median error in units of eps; below zero where it is less than one unit."""
-        return (
-            float(np.log10(max(self.median, 1e-300) / EPS[self.precision]))
-            if np.isfinite(self.median)
-            else float("nan")
-        )
+        return self._digits(self.median)
+
+    @property
+    def digits_lost_worst(self) -> float:
+        """The same of the worst state."""
+        return self._digits(self.worst)
+
+    def _digits(self, error: float) -> float:
+        return float(np.log10(max(error, 1e-300) / EPS[self.precision])) if np.isfinite(error) else float("nan")
 
 
 def accuracy(scene: Scene, states: States, methods: Sequence[str], repeats: int, tick: Tick) -> list[Accuracy]:

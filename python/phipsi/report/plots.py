@@ -103,7 +103,8 @@ def _direct_labels(axes: Axes, entries: Sequence[tuple[float, float, str, str]],
     placed = []
     for (x, y, text, ink), point in zip(entries, points, strict=True):
         if _room(point, points):
-            axes.annotate(text, (x, y), xytext=(9, 0), textcoords="offset points", va="center", color=ink)
+            paper = {"fc": "white", "ec": "none", "alpha": 0.85, "pad": 1.0}
+            axes.annotate(text, (x, y), xytext=(13, 0), textcoords="offset points", va="center", color=ink, bbox=paper)
         else:
             placed.append((float(point[1]), x, y, text, ink))
     placed.sort()

@@ -80,7 +80,7 @@ def _tree(report: Report) -> str:
     more = f'<p class="soft">and {count(len(rows) - MOST_ROWS)} more joints</p>' if len(rows) > MOST_ROWS else ""
     text = (
         f"<p class='soft small'>{plural(movable, 'joint')} that move and {count(len(rows) - movable)} fixed (grey),"
-        " base to tip; a step to the right is a branch.</p>"
+        " base to tip: a joint hangs on the one above it; with a tick, on the one where the line begins.</p>"
     )
     return (
         f'<h3>Tree of joints</h3>{text}<div class="tree{short}">{_root(report)}{"".join(map(_row, shown))}</div>{more}'
@@ -101,10 +101,11 @@ def _row(row: Row) -> str:
     mass = f"{significant(row.link.mass, 3)} kg" if row.link.mass > 0.0 else ""
     kind = "" if joint.fixed else f"{joint.kind}{_axis(row)}"
     details = " · ".join(text for text in (kind, mass) if text)
-    title = f"{joint.name}: {joint.kind}, {joint.parent} to {joint.child}"
+    title = escape(f"{joint.name}: {joint.kind}, {joint.parent} to {joint.child}")
+    rails = "<i></i>" * (min(row.level, 12) - row.branch) + '<i class="tick"></i>' * row.branch
     return (
-        f'<div{" class=fixed" if joint.fixed else ""} title="{escape(title)}">{"<i></i>" * min(row.level, 12)}'
-        f'<span class="dot" style="color:{ink}"></span><b>{escape(joint.name)}</b>{_link(row)}<em>{details}</em></div>'
+        f'<div{" class=fixed" if joint.fixed else ""} title="{title}">{rails}<span class="dot" style="color:{ink}"></span>'
+        f"<b>{escape(joint.name)}</b>{_link(row)}<em>{details}</em></div>"
     )
 
 
@@ -165,32 +166,38 @@ def residuals(report: Report) -> str:
 
 def _residual(row: Residual) -> str:
     mark = '<span class="ok">✓ holds</span>' if row.passed else '<span class="fail">✗ beyond</span>'
-    return (
-        f"<tr{'' if row.passed else ' class=bad'}><td>{escape(symbols(row.name))}</td><td"
-        f" class=n>{scientific(row.median)}</td><td class=n>{scientific(row.worst)}</td><td"
-        f" class=n>{scientific(row.bound)}</td><td class='n"
-        f" soft'>{'κ' if row.through_inverse else ''}</td><td>{_strip(row)}</td><td>{mark}</td></tr>"
-    )
+    numbers = _numbers(*map(scientific, (row.median, row.worst, row.bound)), "κ" if row.through_inverse else "")
+    cells = f"<td>{escape(symbols(row.name))}</td>{numbers}<td>{_strip(row)}</td><td>{mark}</td>"
+    return f"<tr{'' if row.passed else ' class=bad'}>{cells}</tr>"
+
+
+def _numbers(*values: str) -> str:
+    """Cells of numbers."""
+    return "".join(f"<td class=n>{value}</td>" for value in values)
+
+
+def _heads(*titles: str) -> str:
+    """Heads of columns of numbers."""
+    return "".join(f"<th class=n>{title}</th>" for title in titles)
 
 
 def _strip(row: Residual) -> str:
     """Median to worst as a line, the bound as a tick, on a scale of powers of ten."""
 
     def at(value: float) -> float:
-        return (
-            4.0 + 182.0 * min(max(np.log10(max(value, 1e-30)) + 18.0, 0.0), 12.0) / 12.0
-            if np.isfinite(value)
-            else 186.0
-        )
+        decades = np.log10(max(value, 1e-30)) + 18.0 if np.isfinite(value) else 12.0
+        return 4.0 + 182.0 * min(max(decades, 0.0), 12.0) / 12.0
 
-    ink = "#1a7f4b" if row.passed else "#b3261e"
-    ticks = "".join(f'<line x1="{4 + 45.5 * k}" x2="{4 + 45.5 * k}" y1="5" y2="9" stroke="#d9dde1"/>' for k in range(5))
-    return (
-        '<svg class="strip" viewBox="0 0 190 14" aria-hidden="true"><line x1="4" x2="186" y1="7" y2="7"'
-        f' stroke="#d9dde1"/>{ticks}<line x1="{at(row.median):.1f}" x2="{at(row.worst):.1f}" y1="7" y2="7"'
-        f' stroke="{ink}" stroke-width="3"/><circle cx="{at(row.median):.1f}" cy="7" r="3.2" fill="{ink}"/><line'
-        f' x1="{at(row.bound):.1f}" x2="{at(row.bound):.1f}" y1="1" y2="13" stroke="#22262a" stroke-width="1.6"/></svg>'
-    )
+    def line(x1: float, x2: float, y1: float, y2: float, style: str) -> str:
+        return f'<line x1="{x1:.1f}" x2="{x2:.1f}" y1="{y1}" y2="{y2}" {style}/>'
+
+    pale, ink = 'stroke="#d9dde1"', "#1a7f4b" if row.passed else "#b3261e"
+    middle, worst, bound = at(row.median), at(row.worst), at(row.bound)
+    marks = [line(4.0, 186.0, 7, 7, pale), *(line(4 + 45.5 * k, 4 + 45.5 * k, 5, 9, pale) for k in range(5))]
+    marks.append(line(middle, worst, 7, 7, f'stroke="{ink}" stroke-width="3"'))
+    marks.append(f'<circle cx="{middle:.1f}" cy="7" r="3.2" fill="{ink}"/>')
+    marks.append(line(bound, bound, 1, 13, 'stroke="#22262a" stroke-width="1.6"'))
+    return f'<svg class="strip" viewBox="0 0 190 14" aria-hidden="true">{"".join(marks)}</svg>'
 
 
 def accuracy(report: Report, plot: str | None) -> str:
@@ -203,26 +210,23 @@ def accuracy(report: Report, plot: str | None) -> str:
         " Large marks: median; bar: worst state; faint dots: every state. The dashed line is one unit of rounding."
         " Left and low is better."
     )
-    head = (
-        "<tr><th>method</th><th>precision</th><th class=n>median time a state</th><th class=n>against filter,"
-        " float64</th><th class=n>median error</th><th class=n>worst error</th><th class=n>digits lost</th><th"
-        " class=n>failed</th></tr>"
-    )
+    titles = ("median time a state", "against filter, float64", "median error", "worst error", "digits lost", "failed")
     first = report.of(FILTER, "float64")
-    rows = []
+    rows = [f"<tr><th>method</th><th>precision</th>{_heads(*titles)}</tr>"]
     for row in report.accuracy:
         ink = colour(row.method, _core.METHODS)
         hollow = " hollow" if row.precision == "float32" else ""
-        ratio = f"{significant(row.ns / first.ns, 3)} ×" if first else ""
-        rows.append(
-            f'<tr><td><span class="swatch{hollow}"'
-            f' style="background:{ink};color:{ink}"></span>{escape(symbols(row.method))}</td>'
-            f"<td>{row.precision}</td><td class=n>{time(row.ns)}</td><td class=n>{ratio}</td>"
-            f"<td class=n>{scientific(row.median)}</td><td class=n>{scientific(row.worst)}</td>"
-            f"<td class=n>{_digits(row.digits_lost)}</td>"
-            f"<td class=n>{row.failed or '0'}</td></tr>"
+        swatch = f'<span class="swatch{hollow}" style="background:{ink};color:{ink}"></span>'
+        numbers = _numbers(
+            time(row.ns),
+            f"{significant(row.ns / first.ns, 3)} ×" if first else "",
+            scientific(row.median),
+            scientific(row.worst),
+            _digits(row.digits_lost),
+            str(row.failed),
         )
-    return f"{_figure(plot, caption)}<table>{head}{''.join(rows)}</table>{_digits_note()}"
+        rows.append(f"<tr><td>{swatch}{escape(symbols(row.method))}</td><td>{row.precision}</td>{numbers}</tr>")
+    return f"{_figure(plot, caption)}<table>{''.join(rows)}</table>{_digits_note()}"
 
 
 def _digits(lost: float) -> str:
@@ -252,23 +256,19 @@ def condition(report: Report, matrix: str | None, scatter: str | None) -> str:
     )
     if report.rank is not None and report.rank < report.scene.nv:
         words = f"M has rank {report.rank} of {report.scene.nv} at the first state: it cannot be inverted."
+    spread = _numbers(*map(scientific, (low, middle, high)))
     table = (
-        "<table><tr><th>cond(M) over the states</th><th class=n>smallest</th><th class=n>median</th><th"
-        " class=n>largest</th></tr><tr><td>largest over smallest singular value</td><td"
-        f" class=n>{scientific(low)}</td><td class=n>{scientific(middle)}</td><td"
-        f" class=n>{scientific(high)}</td></tr></table>"
+        f"<table><tr><th>cond(M) over the states</th>{_heads('smallest', 'median', 'largest')}</tr>"
+        f"<tr><td>largest over smallest singular value</td>{spread}</tr></table>"
     )
     lost = "".join(
-        f"<tr><td>{escape(symbols(row.method))}</td><td class=n>{_digits(row.digits_lost)}</td>"
-        f"<td class=n>{_digits(float(np.log10(max(row.worst, 1e-300) / EPS['float64'])))}</td></tr>"
+        f"<tr><td>{escape(symbols(row.method))}</td>{_numbers(_digits(row.digits_lost), _digits(row.digits_lost_worst))}</tr>"
         for row in report.accuracy
         if row.precision == "float64"
     )
     if lost:
-        lost = (
-            "<table><tr><th>digits lost, float64</th><th class=n>median state</th><th class=n>worst state</th></tr>"
-            f"{lost}</table>"
-        )
+        titles = _heads("median state", "worst state")
+        lost = f"<table><tr><th>digits lost, float64</th>{titles}</tr>{lost}</table>"
     picture = (
         _figure(matrix, "The mass matrix at the first state. White: zero, or less than eps times the largest entry.")
         if matrix

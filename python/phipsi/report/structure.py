@@ -54,6 +54,8 @@ class Row:
     link: Link
     level: int
     """Branchings above it: a chain stays on its level."""
+    branch: bool
+    """Whether it has siblings."""
 
 
 @dataclass
@@ -91,13 +93,14 @@ class Tree:
     def rows(self) -> Iterator[Row]:
         """Joints depth first; the level goes up where a link has several children."""
         first = self.children.get(self.root, [])
-        stack = [(joint, int(len(first) > 1)) for joint in reversed(first)]
+        several = len(first) > 1
+        stack = [(joint, int(several), several) for joint in reversed(first)]
         while stack:
-            joint, level = stack.pop()
-            yield Row(joint, self.links[joint.child], level)
+            joint, level, branch = stack.pop()
+            yield Row(joint, self.links[joint.child], level, branch)
             children = self.children.get(joint.child, [])
-            deeper = level + (len(children) > 1)
-            stack.extend((child, deeper) for child in reversed(children))
+            several = len(children) > 1
+            stack.extend((child, level + several, several) for child in reversed(children))
 
 
 def tree_of(scene: Scene) -> Tree:
