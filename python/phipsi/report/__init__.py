@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from . import draw, page, plots
 from .. import _core
+from . import draw, page, plots
 from .collect import Report, collect, to_json
 from .progress import Reporter, Silent
 

@@ -100,10 +100,12 @@ def collect(
     report = Report(name, source, scene, tree, warnings, seed, quick, effort, date, machine.describe())
     if scene.nv == 0:
         for part in ("residuals", "accuracy", "condition"):
-            report.missing[part] = "Nothing moves in this scene: it has no degree of freedom, so there is nothing to compute."
+            report.missing[part] = (
+                "Nothing moves in this scene: it has no degree of freedom, so there is nothing to compute."
+            )
     else:
         _states(report, reporter)
-    tick = reporter.stage("Growth with size", len(effort.sizes))
+    tick = reporter.stage("Growth with size", measure.GROWTH_ROUNDS * len(effort.sizes))
     report.growth = measure.growth(effort.sizes, effort.growth_repeats, tick)
     return report
 
@@ -115,7 +117,10 @@ def _states(report: Report, reporter: Reporter) -> None:
     few = drawn.first(effort.residual_states)
     methods = _core.METHODS
     if scene.nv > DENSE_CAP:
-        note = f"{scene.nv} degrees of freedom: nothing dense is built beyond {DENSE_CAP}, and this part compares with dense algebra."
+        note = (
+            f"{scene.nv} degrees of freedom: nothing dense is built beyond {DENSE_CAP}, and this part compares with"
+            " dense algebra."
+        )
         missing["residuals"] = missing["condition"] = note
         methods = _core.METHODS[: 2 if scene.nv <= INVERSE_CAP else 1]
     else:
@@ -236,7 +241,8 @@ def _condition(report: Report) -> dict[str, Any] | None:
 def _growth(rows: Sequence[Growth]) -> dict[str, Any]:
     return {
         "rows": [
-            {"bodies": row.bodies, "forward_ns_per_body": row.forward, "inverse_ns_per_body": row.inverse} for row in rows
+            {"bodies": row.bodies, "forward_ns_per_body": row.forward, "inverse_ns_per_body": row.inverse}
+            for row in rows
         ],
         "forward_max_over_min": measure.spread([row.forward for row in rows]),
         "inverse_max_over_min": measure.spread([row.inverse for row in rows]),

@@ -72,7 +72,9 @@ def group() -> None:
 
 @group.command()
 @ROBOT
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder for the report.")
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder for the report."
+)
 @FLOATING
 @click.option("--quick", is_flag=True, help="Fewer states and passes: some seconds.")
 @click.option("--states", "count", type=COUNT, help="Random states.  [default: 400, quick: 64]")
@@ -93,16 +95,16 @@ def report(robot: Path | None, output: Path, floating_base: bool, quick: bool, c
     with _typed_errors():
         output.mkdir(parents=True, exist_ok=True)
         with reporter(console) as says:
-            found = collect(
-                scene, says, name=name, source=source, warnings=texts, quick=quick, count=count, seed=seed
-            )
+            found = collect(scene, says, name=name, source=source, warnings=texts, quick=quick, count=count, seed=seed)
             index = write(found, output, says)
     click.echo(index)
     for part, reason in found.missing.items():
         console.print(f"no {part}: {reason}", style="yellow", highlight=False, markup=False, soft_wrap=True)
     if not found.passed:
         bad = [row.name for row in found.residuals if not row.passed]
-        console.print(f"beyond the bound: {'; '.join(bad)}", style="bold red", highlight=False, markup=False, soft_wrap=True)
+        console.print(
+            f"beyond the bound: {'; '.join(bad)}", style="bold red", highlight=False, markup=False, soft_wrap=True
+        )
         raise SystemExit(BEYOND)
 
 
@@ -125,7 +127,9 @@ def check(robot: Path | None, floating_base: bool, count: int, seed: int) -> Non
         click.echo(f"{name}: nothing moves, nothing to check")
         return
     if scene.nv > DENSE_CAP:
-        raise BadInput(f"scene: {scene.nv} degrees of freedom found; expected at most {DENSE_CAP}, for the dense comparison")
+        raise BadInput(
+            f"scene: {scene.nv} degrees of freedom found; expected at most {DENSE_CAP}, for the dense comparison"
+        )
     with _typed_errors():
         drawn = states.draw(scene, tree_of(scene), count, seed)
         with reporter(Console(stderr=True)) as says:
@@ -159,5 +163,5 @@ def bench(robot: Path | None, floating_base: bool, seed: int) -> None:
         else:
             click.echo(f"{name}: {scene.nv} degrees of freedom; the methods are compared from 1 to {DENSE_CAP}")
         tick = Silent().stage("", 0)
-        terminal.growth(console, measure.growth(effort.sizes, effort.growth_repeats, tick))
+        terminal.growth(console, measure.growth((7, 10, 100, 1000, 10_000), effort.growth_repeats, tick))
     click.echo("For more: cargo bench, make peers; phipsi report -o DIR for error against run time as a page.")

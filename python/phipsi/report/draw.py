@@ -145,7 +145,9 @@ def _ground(view: View, size: float) -> str:
         tip = 0.11 * size * direction
         marks.append(_line(view, np.zeros(3), tip, 'stroke="#8a9199" stroke-width="1"'))
         x, y = view.flat(1.25 * tip)
-        marks.append(f'<text x="{x:.1f}" y="{y + 3:.1f}" text-anchor="middle" fill="#8a9199" font-style="italic">{name}</text>')
+        marks.append(
+            f'<text x="{x:.1f}" y="{y + 3:.1f}" text-anchor="middle" fill="#8a9199" font-style="italic">{name}</text>'
+        )
     return "".join(marks)
 
 
@@ -184,10 +186,14 @@ def _joint(view: View, joint: Joint, placement: Array, radius: float) -> str:
     dot = f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.2" fill="{colour}"/>'
     if joint.kind in ("floating", "spherical"):
         size = radius * view.scale
-        return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{size:.1f}" fill="none" stroke="{colour}" stroke-width="1.6"/>{dot}'
+        return (
+            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{size:.1f}" fill="none" stroke="{colour}" stroke-width="1.6"/>{dot}'
+        )
     axis = placement[:3, :3] @ joint.axis
     axis = axis / (float(np.linalg.norm(axis)) or 1.0)
-    mark = _line(view, centre - 1.5 * radius * axis, centre + 1.5 * radius * axis, f'stroke="{colour}" stroke-width="1.5"')
+    mark = _line(
+        view, centre - 1.5 * radius * axis, centre + 1.5 * radius * axis, f'stroke="{colour}" stroke-width="1.5"'
+    )
     if joint.kind == "prismatic":
         side = 0.9 * radius * view.scale
         box = f'<rect x="{x - side / 2:.1f}" y="{y - side / 2:.1f}" width="{side:.1f}" height="{side:.1f}" '

@@ -91,7 +91,9 @@ def _column(anchors: Sequence[Anchor], x: float, left: bool, height: float, row:
     sizes = [row * len(anchor.names) + 3.0 for anchor in ordered]
     middles = spread([anchor.y for anchor in ordered], sizes, 4.0, height - 4.0)
     return [
-        Label(tuple(map(shortened, anchor.names)), x, middle - row * (len(anchor.names) - 1) / 2, left, anchor.x, anchor.y)
+        Label(
+            tuple(map(shortened, anchor.names)), x, middle - row * (len(anchor.names) - 1) / 2, left, anchor.x, anchor.y
+        )
         for anchor, middle in zip(ordered, middles, strict=True)
     ]
 

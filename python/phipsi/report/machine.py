@@ -22,8 +22,8 @@ def describe() -> dict[str, str | int | None]:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "phipsi": __version__,
-        "commit": repository and _output(repository, "git", "rev-parse", "--short=12", "HEAD"),
-        "compiler": getattr(_core, "COMPILER", None) or (repository and _output(repository, "rustc", "--version")),
+        "commit": _output(repository, "git", "rev-parse", "--short=12", "HEAD"),
+        "compiler": getattr(_core, "COMPILER", None) or _output(repository, "rustc", "--version"),
     }
 
 
@@ -48,8 +48,10 @@ def _repository() -> Path | None:
     return None
 
 
-def _output(folder: Path, *command: str) -> str | None:
-    """First line that a command prints; None where it fails."""
+def _output(folder: Path | None, *command: str) -> str | None:
+    """First line that a command prints in a folder; None without one, and where it fails."""
+    if folder is None:
+        return None
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=5, check=True)
     except (OSError, subprocess.SubprocessError):

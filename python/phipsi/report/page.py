@@ -6,10 +6,12 @@ from collections.abc import Sequence
 
 from . import sections
 from .collect import Report
+from .measure import EPS
 from .plots import Plot
+from .sections import FILTER
+from .structure import ROOT_JOINT
 from .style import CSS
 from .text import count, escape, plural, scientific, significant, time
-from .sections import FILTER
 
 PARTS = (
     ("scene", "The scene"),
@@ -33,7 +35,7 @@ def page(report: Report, skeleton: str, caption: str, plots: Sequence[Plot]) -> 
         "accuracy": sections.accuracy(report, drawn.get("error-against-time")),
         "condition": sections.condition(report, drawn.get("mass-matrix"), drawn.get("error-against-condition")),
         "growth": sections.growth(report, drawn["growth"]),
-        "limits": sections.LIMITS,
+        "limits": sections.limits(),
         "provenance": sections.provenance(report),
     }
     titles = dict(PARTS)
@@ -55,7 +57,7 @@ def _head(report: Report, links: str) -> str:
         f"{count(scene.nv)} degrees of freedom",
         plural(scene.plan().bodies, "moving body", "moving bodies"),
         f"{significant(report.tree.mass)} kg",
-        "floating base" if sections.ROOT_JOINT in report.tree.joints else "fixed base",
+        "floating base" if ROOT_JOINT in report.tree.joints else "fixed base",
     ]
     return (
         f"<header><h1>{escape(report.name)}</h1><p>{' · '.join(parts)}</p></header>"
@@ -67,7 +69,9 @@ def _failure(report: Report) -> str:
     bad = [row for row in report.residuals if not row.passed]
     if not bad:
         return ""
-    text = f"{plural(len(bad), 'residual is', 'residuals are')} beyond the bound: see <a href='#residuals'>Residuals</a>."
+    text = (
+        f"{plural(len(bad), 'residual is', 'residuals are')} beyond the bound: see <a href='#residuals'>Residuals</a>."
+    )
     return f'<p class="note bad"><strong>{text}</strong></p>'
 
 
@@ -77,7 +81,10 @@ def _lead(report: Report) -> str:
         return "Nothing moves in this scene, so there is nothing to compute; its tree and what was left out are below."
     row, dense = report.of(FILTER, "float64"), report.of("dense Cholesky (faer)", "float64")
     if row is None:
-        return f"Forward dynamics is not possible for this scene: {escape(report.missing.get('accuracy', 'every method failed'))}."
+        return (
+            "Forward dynamics is not possible for this scene:"
+            f" {escape(report.missing.get('accuracy', 'every method failed'))}."
+        )
     text = f"Forward dynamics by filter and smoother takes {time(row.ns)} a state on one core"
     if dense is None:
         return f"{text}, with a median error of {scientific(row.median)} against a reference of 31 digits."
@@ -91,7 +98,9 @@ def _pace(ratio: float) -> str:
     """A ratio of times in words; what noise may hide is not claimed."""
     if 0.93 < ratio < 1.08:
         return "as long as"
-    return f"{significant(ratio, 2)} times as fast as" if ratio > 1.0 else f"{significant(1 / ratio, 2)} times as long as"
+    return (
+        f"{significant(ratio, 2)} times as fast as" if ratio > 1.0 else f"{significant(1 / ratio, 2)} times as long as"
+    )
 
 
 def _key(report: Report) -> str:
@@ -99,21 +108,29 @@ def _key(report: Report) -> str:
     row = report.of(FILTER, "float64")
     if row is not None:
         boxes.append((time(row.ns), "a state: joint accelerations by filter and smoother, float64, one core", True))
-        eps = row.median / 2.220446049250313e-16
+        eps = row.median / EPS["float64"]
         boxes.append(
             (
                 f"{significant(eps, 2)} eps",
-                f"median error of those accelerations over {plural(len(row.errors), 'random state')} "
-                f"(worst {significant(row.worst / 2.220446049250313e-16, 2)} eps); eps = 2.2 × 10⁻¹⁶",
+                (
+                    f"median error of those accelerations over {plural(len(row.errors), 'random state')} "
+                    f"(worst {significant(row.worst / EPS['float64'], 2)} eps); eps = 2.2 × 10⁻¹⁶"
+                ),
                 True,
             )
         )
     if report.residuals:
         held = sum(row.passed for row in report.residuals)
-        text = f"identities of the theory hold to rounding on this robot, at {plural(report.effort.residual_states, 'random state')}"
+        text = (
+            "identities of the theory hold to rounding on this robot, at"
+            f" {plural(report.effort.residual_states, 'random state')}"
+        )
         boxes.append((f"{held} of {len(report.residuals)}", text, held == len(report.residuals)))
     if len(boxes) < 3 and report.rank is not None and report.rank < report.scene.nv:
         text = "rank of the mass matrix: some joints move no mass"
         boxes.append((f"{report.rank} of {report.scene.nv}", text, False))
-    cells = "".join(f'<div class="{"" if good else "bad"}"><strong>{top}</strong><span>{text}</span></div>' for top, text, good in boxes)
+    cells = "".join(
+        f'<div class="{"" if good else "bad"}"><strong>{top}</strong><span>{text}</span></div>'
+        for top, text, good in boxes
+    )
     return f'<div class="key">{cells}</div>' if cells else ""

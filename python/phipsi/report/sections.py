@@ -12,7 +12,8 @@ from .collect import Report
 from .draw import FREE, MERGED, SLIDE, TURN
 from .measure import EPS, Residual
 from .plots import colour
-from .structure import ROOT_JOINT, Row
+from .prose import LIMITS
+from .structure import Row
 from .text import count, escape, plural, power, scientific, significant, symbols, time
 
 FILTER = _core.METHODS[0]
@@ -22,7 +23,7 @@ MOST_ROWS = 400
 
 def note(text: str) -> str:
     """Why a part is missing."""
-    return f'<p class="note">{escape(text)}</p>'
+    return f'<p class="note">Not here: {escape(text)}</p>'
 
 
 def _figure(svg: str, caption: str) -> str:
@@ -50,9 +51,9 @@ def scene(report: Report, skeleton: str, caption: str) -> str:
         ("source", f"<code>{escape(Path(report.source).name)}</code>"),
     ]
     key = (
-        f"Drawn at {caption}, seen from slightly above. Dark: links between joints that move; grey: what fixed joints add; "
-        f"{_swatch(TURN)}axis of a turning joint, {_swatch(SLIDE)}of a sliding one, {_swatch(FREE)}joint of several "
-        f"degrees of freedom; {_swatch('#f8dda6')}mass centre of a link, area as its mass."
+        f"Drawn at {caption}, seen from slightly above. Dark: links between joints that move; grey: what fixed joints"
+        f" add; {_swatch(TURN)}axis of a turning joint, {_swatch(SLIDE)}of a sliding one, {_swatch(FREE)}joint of"
+        f" several degrees of freedom; {_swatch('#f8dda6')}mass centre of a link, area as its mass."
     )
     return _facts(facts) + _warnings(report) + _figure(skeleton, key) + _tree(report)
 
@@ -66,7 +67,9 @@ def _warnings(report: Report) -> str:
         return ""
     shown = "".join(f"<br>{escape(text)}" for text in report.warnings[:4])
     more = f"<br>and {len(report.warnings) - 4} more, in report.json" if len(report.warnings) > 4 else ""
-    return f'<p class="note small"><strong>{plural(len(report.warnings), "warning")} on reading:</strong>{shown}{more}</p>'
+    return (
+        f'<p class="note small"><strong>{plural(len(report.warnings), "warning")} on reading:</strong>{shown}{more}</p>'
+    )
 
 
 def _tree(report: Report) -> str:
@@ -76,10 +79,12 @@ def _tree(report: Report) -> str:
     short = " short" if len(shown) <= 14 else ""
     more = f'<p class="soft">and {count(len(rows) - MOST_ROWS)} more joints</p>' if len(rows) > MOST_ROWS else ""
     text = (
-        f"<p class='soft small'>{plural(movable, 'joint')} that move and {count(len(rows) - movable)} fixed (grey), base to tip; "
-        "a step to the right is a branch.</p>"
+        f"<p class='soft small'>{plural(movable, 'joint')} that move and {count(len(rows) - movable)} fixed (grey),"
+        " base to tip: a joint hangs on the one above it; with a tick, on the one where the line begins.</p>"
     )
-    return f'<h3>Tree of joints</h3>{text}<div class="tree{short}">{_root(report)}{"".join(map(_row, shown))}</div>{more}'
+    return (
+        f'<h3>Tree of joints</h3>{text}<div class="tree{short}">{_root(report)}{"".join(map(_row, shown))}</div>{more}'
+    )
 
 
 def _root(report: Report) -> str:
@@ -96,15 +101,16 @@ def _row(row: Row) -> str:
     mass = f"{significant(row.link.mass, 3)} kg" if row.link.mass > 0.0 else ""
     kind = "" if joint.fixed else f"{joint.kind}{_axis(row)}"
     details = " · ".join(text for text in (kind, mass) if text)
-    title = f"{joint.name}: {joint.kind}, {joint.parent} to {joint.child}"
+    title = escape(f"{joint.name}: {joint.kind}, {joint.parent} to {joint.child}")
+    rails = "<i></i>" * (min(row.level, 12) - row.branch) + '<i class="tick"></i>' * row.branch
     return (
-        f'<div{" class=fixed" if joint.fixed else ""} title="{escape(title)}">{"<i></i>" * min(row.level, 12)}'
-        f'<span class="dot" style="color:{ink}"></span><b>{escape(joint.name)}</b>{_link(row)}<em>{details}</em></div>'
+        f'<div{" class=fixed" if joint.fixed else ""} title="{title}">{rails}<span class="dot" style="color:{ink}"></span>'
+        f"<b>{escape(joint.name)}</b>{_link(row)}<em>{details}</em></div>"
     )
 
 
 def _link(row: Row) -> str:
-    return f'<u>{escape(row.joint.child)}</u>'
+    return f"<u>{escape(row.joint.child)}</u>"
 
 
 def _axis(row: Row) -> str:
@@ -129,7 +135,9 @@ def plan(report: Report) -> str:
         f"<td>{escape(symbols(item.why))}</td><td>{escape(symbols(item.saved))}</td></tr>"
         for item in plan.items
     )
-    head = "<tr><th>left out</th><th class=n>how many</th><th>why the results are the same</th><th>what it saves</th></tr>"
+    head = (
+        "<tr><th>left out</th><th class=n>how many</th><th>why the results are the same</th><th>what it saves</th></tr>"
+    )
     return f"{intro}<table>{head}{rows}</table>"
 
 
@@ -145,9 +153,9 @@ def residuals(report: Report) -> str:
     if "residuals" in report.missing:
         return note(report.missing["residuals"])
     intro = (
-        f"<p>Each identity is evaluated two ways at {plural(report.effort.residual_states, 'random state')}; the residual is the largest "
-        "difference over the largest entry. The bound is 64 · nv · eps, or 64 · cond(M) · eps (marked κ) where rounding passes "
-        "through the inverse of M. Numbers in brackets are the paper's.</p>"
+        f"<p>Each identity is evaluated two ways at {plural(report.effort.residual_states, 'random state')}; the"
+        " residual is the largest difference over the largest entry. The bound is 64 · nv · eps, or 64 · cond(M) · eps"
+        " (marked κ) where rounding passes through the inverse of M. Numbers in brackets are the paper's.</p>"
     )
     head = (
         "<tr><th>identity</th><th class=n>median</th><th class=n>worst</th><th class=n>bound there</th>"
@@ -158,27 +166,38 @@ def residuals(report: Report) -> str:
 
 def _residual(row: Residual) -> str:
     mark = '<span class="ok">✓ holds</span>' if row.passed else '<span class="fail">✗ beyond</span>'
-    return (
-        f"<tr{'' if row.passed else ' class=bad'}><td>{escape(symbols(row.name))}</td><td class=n>{scientific(row.median)}</td>"
-        f"<td class=n>{scientific(row.worst)}</td><td class=n>{scientific(row.bound)}</td>"
-        f"<td class='n soft'>{'κ' if row.through_inverse else ''}</td><td>{_strip(row)}</td><td>{mark}</td></tr>"
-    )
+    numbers = _numbers(*map(scientific, (row.median, row.worst, row.bound)), "κ" if row.through_inverse else "")
+    cells = f"<td>{escape(symbols(row.name))}</td>{numbers}<td>{_strip(row)}</td><td>{mark}</td>"
+    return f"<tr{'' if row.passed else ' class=bad'}>{cells}</tr>"
+
+
+def _numbers(*values: str) -> str:
+    """Cells of numbers."""
+    return "".join(f"<td class=n>{value}</td>" for value in values)
+
+
+def _heads(*titles: str) -> str:
+    """Heads of columns of numbers."""
+    return "".join(f"<th class=n>{title}</th>" for title in titles)
 
 
 def _strip(row: Residual) -> str:
     """Median to worst as a line, the bound as a tick, on a scale of powers of ten."""
 
     def at(value: float) -> float:
-        return 4.0 + 182.0 * min(max(np.log10(max(value, 1e-30)) + 18.0, 0.0), 12.0) / 12.0 if np.isfinite(value) else 186.0
+        decades = np.log10(max(value, 1e-30)) + 18.0 if np.isfinite(value) else 12.0
+        return 4.0 + 182.0 * min(max(decades, 0.0), 12.0) / 12.0
 
-    ink = "#1a7f4b" if row.passed else "#b3261e"
-    ticks = "".join(f'<line x1="{4 + 45.5 * k}" x2="{4 + 45.5 * k}" y1="5" y2="9" stroke="#d9dde1"/>' for k in range(5))
-    return (
-        f'<svg class="strip" viewBox="0 0 190 14" aria-hidden="true"><line x1="4" x2="186" y1="7" y2="7" stroke="#d9dde1"/>{ticks}'
-        f'<line x1="{at(row.median):.1f}" x2="{at(row.worst):.1f}" y1="7" y2="7" stroke="{ink}" stroke-width="3"/>'
-        f'<circle cx="{at(row.median):.1f}" cy="7" r="3.2" fill="{ink}"/>'
-        f'<line x1="{at(row.bound):.1f}" x2="{at(row.bound):.1f}" y1="1" y2="13" stroke="#22262a" stroke-width="1.6"/></svg>'
-    )
+    def line(x1: float, x2: float, y1: float, y2: float, style: str) -> str:
+        return f'<line x1="{x1:.1f}" x2="{x2:.1f}" y1="{y1}" y2="{y2}" {style}/>'
+
+    pale, ink = 'stroke="#d9dde1"', "#1a7f4b" if row.passed else "#b3261e"
+    middle, worst, bound = at(row.median), at(row.worst), at(row.bound)
+    marks = [line(4.0, 186.0, 7, 7, pale), *(line(4 + 45.5 * k, 4 + 45.5 * k, 5, 9, pale) for k in range(5))]
+    marks.append(line(middle, worst, 7, 7, f'stroke="{ink}" stroke-width="3"'))
+    marks.append(f'<circle cx="{middle:.1f}" cy="7" r="3.2" fill="{ink}"/>')
+    marks.append(line(bound, bound, 1, 13, 'stroke="#22262a" stroke-width="1.6"'))
+    return f'<svg class="strip" viewBox="0 0 190 14" aria-hidden="true">{"".join(marks)}</svg>'
 
 
 def accuracy(report: Report, plot: str | None) -> str:
@@ -187,27 +206,27 @@ def accuracy(report: Report, plot: str | None) -> str:
         return note(report.missing.get("accuracy", "Every method failed on every state."))
     states = plural(report.effort.states, "random state")
     caption = (
-        f"Joint accelerations of {states}, by every method in float32 (hollow squares) and float64 (filled circles). Large marks: median; "
-        "bar: worst state; faint dots: every state. The dashed line is one unit of rounding. Left and low is better."
+        f"Joint accelerations of {states}, by every method in float32 (hollow squares) and float64 (filled circles)."
+        " Large marks: median; bar: worst state; faint dots: every state. The dashed line is one unit of rounding."
+        " Left and low is better."
     )
-    head = (
-        "<tr><th>method</th><th>precision</th><th class=n>median time a state</th><th class=n>against filter, float64</th>"
-        "<th class=n>median error</th><th class=n>worst error</th><th class=n>digits lost</th><th class=n>failed</th></tr>"
-    )
+    titles = ("median time a state", "against filter, float64", "median error", "worst error", "digits lost", "failed")
     first = report.of(FILTER, "float64")
-    rows = []
+    rows = [f"<tr><th>method</th><th>precision</th>{_heads(*titles)}</tr>"]
     for row in report.accuracy:
         ink = colour(row.method, _core.METHODS)
         hollow = " hollow" if row.precision == "float32" else ""
-        ratio = f"{significant(row.ns / first.ns, 3)} ×" if first else ""
-        rows.append(
-            f'<tr><td><span class="swatch{hollow}" style="background:{ink};color:{ink}"></span>{escape(symbols(row.method))}</td>'
-            f"<td>{row.precision}</td><td class=n>{time(row.ns)}</td><td class=n>{ratio}</td>"
-            f"<td class=n>{scientific(row.median)}</td><td class=n>{scientific(row.worst)}</td>"
-            f"<td class=n>{_digits(row.digits_lost)}</td>"
-            f"<td class=n>{row.failed or '0'}</td></tr>"
+        swatch = f'<span class="swatch{hollow}" style="background:{ink};color:{ink}"></span>'
+        numbers = _numbers(
+            time(row.ns),
+            f"{significant(row.ns / first.ns, 3)} ×" if first else "",
+            scientific(row.median),
+            scientific(row.worst),
+            _digits(row.digits_lost),
+            str(row.failed),
         )
-    return f"{_figure(plot, caption)}<table>{head}{''.join(rows)}</table>{_digits_note()}"
+        rows.append(f"<tr><td>{swatch}{escape(symbols(row.method))}</td><td>{row.precision}</td>{numbers}</tr>")
+    return f"{_figure(plot, caption)}<table>{''.join(rows)}</table>{_digits_note()}"
 
 
 def _digits(lost: float) -> str:
@@ -217,9 +236,10 @@ def _digits(lost: float) -> str:
 def _digits_note() -> str:
     eps64, eps32 = scientific(EPS["float64"]), scientific(EPS["float32"])
     return (
-        '<p class="soft small">Error: largest error of an acceleration over the largest acceleration of the state. Digits lost: log₁₀ of the '
-        f"median error over eps ({eps64} in float64, {eps32} in float32), 0 where it is below one unit. Failed: states where the method "
-        "met a pivot that is not positive; they do not enter the errors.</p>"
+        '<p class="soft small">Error: largest error of an acceleration over the largest acceleration of the state.'
+        f" Digits lost: log₁₀ of the median error over eps ({eps64} in float64, {eps32} in float32), 0 where it is"
+        " below one unit. Failed: states where the method met a pivot that is not positive; they do not enter the"
+        " errors.</p>"
     )
 
 
@@ -230,30 +250,36 @@ def condition(report: Report, matrix: str | None, scatter: str | None) -> str:
         return note(report.missing.get("condition", ""))
     low, middle, high = float(values.min()), float(np.median(values)), float(values.max())
     digits = np.log10(middle) if np.isfinite(middle) else np.inf
-    words = f"A condition number of {scientific(middle)} puts {digits:.1f} digits at risk in a method that works on M itself."
+    words = (
+        f"A condition number of {scientific(middle)} puts {digits:.1f} digits at risk in a method that works on M"
+        " itself."
+    )
     if report.rank is not None and report.rank < report.scene.nv:
         words = f"M has rank {report.rank} of {report.scene.nv} at the first state: it cannot be inverted."
+    spread = _numbers(*map(scientific, (low, middle, high)))
     table = (
-        "<table><tr><th>cond(M) over the states</th><th class=n>smallest</th><th class=n>median</th><th class=n>largest</th></tr>"
-        f"<tr><td>largest over smallest singular value</td><td class=n>{scientific(low)}</td><td class=n>{scientific(middle)}</td>"
-        f"<td class=n>{scientific(high)}</td></tr></table>"
+        f"<table><tr><th>cond(M) over the states</th>{_heads('smallest', 'median', 'largest')}</tr>"
+        f"<tr><td>largest over smallest singular value</td>{spread}</tr></table>"
     )
     lost = "".join(
-        f"<tr><td>{escape(symbols(row.method))}</td><td class=n>{_digits(row.digits_lost)}</td>"
-        f"<td class=n>{_digits(float(np.log10(max(row.worst, 1e-300) / EPS['float64'])))}</td></tr>"
+        f"<tr><td>{escape(symbols(row.method))}</td>{_numbers(_digits(row.digits_lost), _digits(row.digits_lost_worst))}</tr>"
         for row in report.accuracy
         if row.precision == "float64"
     )
     if lost:
-        lost = (
-            "<table><tr><th>digits lost, float64</th><th class=n>median state</th><th class=n>worst state</th></tr>"
-            f"{lost}</table>"
-        )
-    picture = _figure(matrix, "The mass matrix at the first state. White: zero, or less than eps times the largest entry.") if matrix else ""
+        titles = _heads("median state", "worst state")
+        lost = f"<table><tr><th>digits lost, float64</th>{titles}</tr>{lost}</table>"
+    picture = (
+        _figure(matrix, "The mass matrix at the first state. White: zero, or less than eps times the largest entry.")
+        if matrix
+        else ""
+    )
     text = f'<div class="two"><div><p>{words} The filter never forms M.</p>{table}{lost}</div>{picture}</div>'
     if scatter is None:
         return text
-    return text + _figure(scatter, "Each dot a state, float64: what the condition number costs. The dashed line is one unit of rounding.")
+    return text + _figure(
+        scatter, "Each dot a state, float64: what the condition number costs. The dashed line is one unit of rounding."
+    )
 
 
 def growth(report: Report, plot: str) -> str:
@@ -266,25 +292,20 @@ def growth(report: Report, plot: str) -> str:
     )
     if max(forward, inverse) > 2.0:
         words = (
-            f"<p>From {count(rows[0].bodies)} to {count(rows[-1].bodies)} bodies the time a body varies by a factor of "
-            f"{forward:.2f} for forward dynamics and {inverse:.2f} for inverse dynamics; O(N) work would keep it near 1, and caches "
-            "and other load on the machine move it.</p>"
+            f"<p>From {count(rows[0].bodies)} to {count(rows[-1].bodies)} bodies the time a body varies by a factor of"
+            f" {forward:.2f} for forward dynamics and {inverse:.2f} for inverse dynamics; O(N) work would keep it near"
+            " 1, and caches and other load on the machine move it.</p>"
         )
-    caption = "Chains of equal links, one state a call, median of passes. This does not depend on the robot of this page."
+    caption = (
+        f"Chains of equal links, one state a call, least of {measure.GROWTH_ROUNDS} rounds' medians. This does not"
+        " depend on the robot of this page."
+    )
     return words + _figure(plot, caption)
 
 
-LIMITS = (
-    '<p class="columns">Times are of one thread and one state a call, inside compiled code: the cost of calling from Python is not in them, and nothing '
-    "is allocated in the timed part. Batches, threads and vector instructions are not used and would change the picture. The dense methods form M and the "
-    "bias by this library's own recursions and then factor with faer, in place and with scratch made beforehand; faer is made for large "
-    "matrices, and a small-matrix kernel would be faster on small robots. The machine is what it is: other programs shared it, clocks vary, and "
-    "medians hide only part of that; differences of ten per cent mean nothing. The reference is the same recursion in double-double arithmetic (about 31 digits): it shows "
-    "rounding, not mistakes of the recursion, which the residuals and the tests against other programs are for. The drawn states are rounded to "
-    "float32, so both precisions start from the same numbers, but in float32 the robot's own constants are rounded too, and that is part of its "
-    "error. Errors are in the max-norm: the largest error over the largest acceleration. A joint that accelerates little may have fewer good digits than that. "
-    "The robot is what its file says; how well the file describes the machine is not measured here.</p>"
-)
+def limits() -> str:
+    """What the figures do not show."""
+    return f'<p class="columns">{LIMITS}</p>'
 
 
 def provenance(report: Report) -> str:
@@ -293,14 +314,21 @@ def provenance(report: Report) -> str:
     facts = [
         ("processor", f"{escape(str(machine['cpu'] or 'unknown'))}, {machine['cores']} cores seen"),
         ("system", escape(str(machine["os"]))),
-        ("phipsi", escape(str(machine["phipsi"])) + (f", commit {escape(str(machine['commit']))}" if machine["commit"] else "")),
+        (
+            "phipsi",
+            escape(str(machine["phipsi"]))
+            + (f", commit {escape(str(machine['commit']))}" if machine["commit"] else ""),
+        ),
         ("compiler", escape(str(machine["compiler"] or "unknown"))),
         ("Python, NumPy", f"{escape(str(machine['python']))}, {escape(str(machine['numpy']))}"),
         ("date", escape(report.date)),
         ("random states", f"{count(report.effort.states)}, seed {report.seed}{' (quick)' if report.quick else ''}"),
-        ("passes timed", f"{measure.ROUNDS} rounds of {report.effort.repeats} over all states, {report.effort.growth_repeats} for growth"),
+        (
+            "passes timed",
+            (
+                f"{measure.ROUNDS} rounds of {report.effort.repeats} over all states, {report.effort.growth_repeats}"
+                " for growth"
+            ),
+        ),
     ]
     return _facts(facts)
-
-
-__all__ = ["FILTER", "LIMITS", "ROOT_JOINT"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +54,8 @@ class Row:
     link: Link
     level: int
     """Branchings above it: a chain stays on its level."""
+    branch: bool
+    """Whether it has siblings."""
 
 
 @dataclass
@@ -92,19 +93,20 @@ class Tree:
     def rows(self) -> Iterator[Row]:
         """Joints depth first; the level goes up where a link has several children."""
         first = self.children.get(self.root, [])
-        stack = [(joint, int(len(first) > 1)) for joint in reversed(first)]
+        several = len(first) > 1
+        stack = [(joint, int(several), several) for joint in reversed(first)]
         while stack:
-            joint, level = stack.pop()
-            yield Row(joint, self.links[joint.child], level)
+            joint, level, branch = stack.pop()
+            yield Row(joint, self.links[joint.child], level, branch)
             children = self.children.get(joint.child, [])
-            deeper = level + (len(children) > 1)
-            stack.extend((child, deeper) for child in reversed(children))
+            several = len(children) > 1
+            stack.extend((child, level + several, several) for child in reversed(children))
 
 
 def tree_of(scene: Scene) -> Tree:
     """The tree of a scene, from the description that it pickles by."""
-    reduced = cast("tuple[Any, tuple[Any, ...]]", scene.__reduce__())
-    version, _gravity, floating, _strict, links, joints = reduced[1][0]
+    _, (description,) = scene.__reduce__()
+    version, _gravity, floating, _strict, links, joints = description
     if version != 1:
         raise RuntimeError(f"description of a scene: found version {version}, expected 1")
     tree = Tree("", {}, {})

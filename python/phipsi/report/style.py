@@ -39,6 +39,8 @@ figure svg text { font-family: "Helvetica Neue", Helvetica, Arial, "Liberation S
 .tree.short { columns: 1; max-width: 640px; }
 .tree div { display: flex; break-inside: avoid; white-space: nowrap; height: 19px; }
 .tree i { flex: none; width: 13px; border-left: 1px solid #c3c9ce; margin-left: 4px; }
+.tree i.tick { position: relative; }
+.tree i.tick::after { content: ""; position: absolute; left: 0; top: 9px; width: 9px; border-top: 1px solid #c3c9ce; }
 .tree b { font-weight: 550; overflow: hidden; text-overflow: ellipsis; }
 .tree u { text-decoration: none; color: var(--soft); margin-left: 8px; overflow: hidden; text-overflow: ellipsis; }
 .tree u::before { content: "→ "; } .tree:not(.short) u { display: none; }
