@@ -1,5 +1,6 @@
 //! Every per-body array of the sweeps, allocated once.
 
+use crate::filter::pivots::{Evidence, LostPivot, PivotMonitor, Scale, first_lost};
 use crate::filter::riccati::{Covariances, Measured};
 use crate::scalar::Real;
 use crate::scene::Model;
@@ -15,7 +16,8 @@ pub struct Workspace<T: Real> {
     /// b(k), then z^-(k), then z^+(k); in inverse dynamics the whole force.
     pub(crate) z: Vec<Vector6<T>>,
     pub(crate) co_state: Vec<Vector6<T>>,
-    pub(crate) subtracted: Vec<Vector6<T>>,
+    /// Bounds on the terms that form P^-(k).
+    pub(crate) scale: Vec<Scale<T>>,
     /// P^-(k), then P^+(k).
     pub(crate) p: Vec<Symmetric6<T>>,
     pub(crate) measured: Vec<Measured<T>>,
@@ -35,7 +37,7 @@ impl<T: Real> Workspace<T> {
             acceleration: vectors(),
             z: vectors(),
             co_state: vectors(),
-            subtracted: vectors(),
+            scale: vec![Scale::filled(nan); bodies],
             p: vec![Symmetric6::filled(nan); bodies],
             measured: vec![Measured::filled(nan); model.nv()],
             composite: vec![
@@ -52,11 +54,17 @@ impl<T: Real> Workspace<T> {
     /// The arrays of the Riccati recursion.
     #[inline(always)]
     pub(crate) fn covariances(&mut self) -> Covariances<'_, T> {
-        Covariances {
-            shift: &self.shift,
-            p: &mut self.p,
-            subtracted: &mut self.subtracted,
-            measured: &mut self.measured,
+        Covariances { shift: &self.shift, p: &mut self.p, scale: &mut self.scale, measured: &mut self.measured }
+    }
+
+    /// The verdict on a sweep: the lost pivot furthest from the base, if one was lost.
+    ///
+    /// Costs nothing where the monitor is clear; else O(N) for each pivot in doubt.
+    pub fn lost_pivot(&self, model: &Model<T>, monitor: &PivotMonitor<T>) -> Option<LostPivot> {
+        if (0..T::LANES).all(|lane| monitor.clear(lane)) {
+            return None;
         }
+        let evidence = Evidence { shift: &self.shift, p: &self.p, measured: &self.measured, scale: &self.scale };
+        first_lost(&model.system, &evidence, |k| model.bodies[k].inertia_terms)
     }
 }

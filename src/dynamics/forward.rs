@@ -1,7 +1,8 @@
 //! Forward dynamics: joint torques are measurements, the smoother's estimates are the joint accelerations.
 
 use super::forces::{Motion, step_outward};
-use crate::filter::riccati::{self, PivotMonitor};
+use crate::filter::pivots::{PivotMonitor, Scale};
+use crate::filter::riccati;
 use crate::filter::{innovations, smoother};
 use crate::kinematics::{base_acceleration, placements_base_to_tip};
 use crate::scalar::Real;
@@ -12,8 +13,8 @@ use nalgebra::Vector6;
 /// Joint accelerations from joint torques in O(N): filter tip to base (3.6, 4.4 to 4.6), smoother base to tip (4.9 to 4.11).
 ///
 /// `q` (nq), `qd`, `tau`, `qdd` (nv) are one state, SI units; `wrenches` is empty or holds a spatial force a body, in that
-/// body's frame at its origin, acting on it. About 700 operations a one-axis joint. Where the returned monitor is not
-/// clear, a pivot was lost and `qdd` means nothing.
+/// body's frame at its origin, acting on it. About 700 operations a one-axis joint. Where
+/// [`Workspace::lost_pivot`] finds one with the returned monitor, `qdd` means nothing.
 pub fn forward_dynamics<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -42,7 +43,7 @@ fn bias_base_to_tip<T: Real>(
     for (k, body) in model.bodies.iter().enumerate() {
         step_outward(model, workspace, k, Motion { q, qd, qdd: None, wrenches }, &base);
         workspace.p[k] = body.inertia.to_symmetric();
-        workspace.subtracted[k] = Vector6::from_element(T::zero());
+        workspace.scale[k] = Scale::of_noise(&body.inertia_terms);
     }
 }
 
@@ -71,10 +72,9 @@ pub fn factorise<T: Real>(
     seen: impl FnMut(usize, &crate::spatial::Symmetric6<T>),
 ) -> PivotMonitor<T> {
     placements_base_to_tip(model, q, &mut workspace.shift);
-    let zero = Vector6::from_element(T::zero());
     for (k, body) in model.bodies.iter().enumerate() {
         workspace.p[k] = body.inertia.to_symmetric();
-        workspace.subtracted[k] = zero;
+        workspace.scale[k] = Scale::of_noise(&body.inertia_terms);
     }
     riccati::sweep(&model.system, &mut workspace.covariances(), seen)
 }

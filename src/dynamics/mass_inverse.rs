@@ -2,7 +2,7 @@
 
 use super::forward::factorise;
 use crate::filter::covariance;
-use crate::filter::riccati::PivotMonitor;
+use crate::filter::pivots::PivotMonitor;
 use crate::scalar::Real;
 use crate::scene::Model;
 use crate::spatial::{Symmetric6, dot};

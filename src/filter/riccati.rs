@@ -1,12 +1,10 @@
 //! The Riccati recursion (3.6, 3.10), covariance form.
 
-use super::system::{HingeMap, System};
+use super::pivots::{PivotMonitor, Scale};
+use super::system::{HingeMap, Rows, System};
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, Symmetric6};
 use nalgebra::Vector6;
-
-/// How many times its rounding a pivot must exceed the absolute sum of the terms that form it.
-pub const PIVOT_MARGIN: f64 = 64.0;
 
 /// What one scalar measurement leaves: pivot D, its inverse, and the gain g = P^- H^T / D.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,48 +43,6 @@ pub fn measurement_update<T: Real>(p: &mut Symmetric6<T>, hinge: &HingeMap<T>, n
     Measured { pivot, pivot_inverse, gain }
 }
 
-/// The worst margin `D - 64 eps * terms` seen in a sweep: the sweep never branches on it.
-///
-/// `terms` is D plus what the measurements one step further out subtracted along this row, that is, the size of the
-/// numbers whose difference D is.
-#[derive(Debug, Clone, Copy)]
-pub struct PivotMonitor<T> {
-    worst: T,
-    threshold: T,
-}
-
-impl<T: Real> PivotMonitor<T> {
-    /// A monitor that has seen nothing.
-    #[inline(always)]
-    #[must_use]
-    pub fn new() -> Self {
-        Self { worst: T::one(), threshold: T::epsilon() * T::from_f64(PIVOT_MARGIN) }
-    }
-
-    /// Takes note of one pivot.
-    #[inline(always)]
-    pub fn observe(&mut self, pivot: T, subtracted: T) {
-        self.worst = self.worst.worst(self.margin(pivot, subtracted));
-    }
-
-    /// Positive where the pivot stands clear of its rounding; NaN where it is not a number.
-    #[inline(always)]
-    pub fn margin(&self, pivot: T, subtracted: T) -> T {
-        pivot - self.threshold * (pivot + subtracted)
-    }
-
-    /// Whether every pivot of one lane stood clear.
-    pub fn clear(&self, lane: usize) -> bool {
-        self.worst.lane(lane) > 0.0
-    }
-}
-
-impl<T: Real> Default for PivotMonitor<T> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// The arrays of the recursion, one entry a stage or a row.
 #[derive(Debug)]
 pub struct Covariances<'a, T: Real> {
@@ -94,8 +50,8 @@ pub struct Covariances<'a, T: Real> {
     pub shift: &'a [RigidShift<T>],
     /// In: process noise Q(k). Out: P^+(k), children's contributions added on the way.
     pub p: &'a mut [Symmetric6<T>],
-    /// What measurements further out subtracted, by component; zero on entry.
-    pub subtracted: &'a mut [Vector6<T>],
+    /// In: the bound of Q(k)'s terms. Out: that of P^-(k).
+    pub scale: &'a mut [Scale<T>],
     /// D and g of each row.
     pub measured: &'a mut [Measured<T>],
 }
@@ -111,75 +67,38 @@ impl<T: Real> Covariances<'_, T> {
         mut seen: impl FnMut(usize, &Symmetric6<T>),
     ) {
         let stage = &system.stages[k];
-        let mut state =
-            Sending { p: self.p[k], subtracted: self.subtracted[k], sent: Vector6::from_element(T::zero()) };
         let shift = &self.shift[k];
-        // The common rows are named, so that the compiler sees which column of P is meant.
-        let carried = match stage.rows {
-            super::Rows::One(HingeMap::Axis(2)) => {
-                let (row, noise) = (stage.first_row, system.noise[stage.first_row]);
-                seen(row, &state.p);
-                self.measured[row] = state.measure(&HingeMap::Axis(2), noise, shift, monitor);
-                if noise == T::zero() {
-                    shift.inertia_to_parent_past_z(&state.p)
-                } else {
-                    shift.inertia_to_parent(&state.p)
-                }
+        let mut p = self.p[k];
+        let scale = self.scale[k];
+        let sent = Scale::sent_by(&p, shift);
+        // The commonest row is named, so that the compiler sees which column of P is meant and which zeros it leaves.
+        let carried = if let Rows::One(HingeMap::Axis(2)) = stage.rows {
+            let (row, hinge) = (stage.first_row, HingeMap::Axis(2));
+            seen(row, &p);
+            let m = measurement_update(&mut p, &hinge, system.noise[row]);
+            monitor.observe(m.pivot, &hinge, &scale);
+            self.measured[row] = m;
+            if system.noise[row] == T::zero() {
+                shift.inertia_to_parent_past_z(&p)
+            } else {
+                shift.inertia_to_parent(&p)
             }
-            rows => {
-                for i in (0..rows.count()).rev() {
-                    let row = stage.first_row + i;
-                    seen(row, &state.p);
-                    self.measured[row] = state.measure_any(&rows.row(i), system.noise[row], shift, monitor);
-                }
-                shift.inertia_to_parent(&state.p)
+        } else {
+            for i in (0..stage.rows.count()).rev() {
+                let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
+                seen(row, &p);
+                let m = measurement_update(&mut p, &hinge, system.noise[row]);
+                monitor.observe(m.pivot, &hinge, &scale);
+                self.measured[row] = m;
             }
+            shift.inertia_to_parent(&p)
         };
-        self.p[k] = state.p;
+        self.p[k] = p;
         if let Some(parent) = stage.parent {
             let at_parent = &mut self.p[parent];
             *at_parent = at_parent.add(&carried);
-            self.subtracted[parent] += state.sent;
+            self.scale[parent].add(&sent);
         }
-    }
-}
-
-/// One stage's covariance on its way through the measurements.
-struct Sending<T: Real> {
-    p: Symmetric6<T>,
-    /// What measurements so far subtracted, by component, in this stage's frame.
-    subtracted: Vector6<T>,
-    /// The same for this stage's own measurements, in its parent's frame.
-    sent: Vector6<T>,
-}
-
-impl<T: Real> Sending<T> {
-    #[inline(always)]
-    fn measure(
-        &mut self,
-        hinge: &HingeMap<T>,
-        noise: T,
-        shift: &RigidShift<T>,
-        monitor: &mut PivotMonitor<T>,
-    ) -> Measured<T> {
-        let m = measurement_update(&mut self.p, hinge, noise);
-        monitor.observe(m.pivot, hinge.bound_square(&self.subtracted));
-        self.subtracted += m.gain.component_mul(&m.gain) * m.pivot;
-        let carried = shift.force_to_parent(&m.gain);
-        self.sent += carried.component_mul(&carried) * m.pivot;
-        m
-    }
-
-    /// The same for rows that the compiler cannot tell apart.
-    #[inline(never)]
-    fn measure_any(
-        &mut self,
-        hinge: &HingeMap<T>,
-        noise: T,
-        shift: &RigidShift<T>,
-        monitor: &mut PivotMonitor<T>,
-    ) -> Measured<T> {
-        self.measure(hinge, noise, shift, monitor)
     }
 }
 

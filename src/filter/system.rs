@@ -23,18 +23,6 @@ impl<T: Real> HingeMap<T> {
         }
     }
 
-    /// A bound on (H x)^2 from the squares of the components of x: itself for one axis, (a + b)^2 <= 2 a^2 + 2 b^2 for two.
-    #[inline(always)]
-    pub fn bound_square(&self, squares: &Vector6<T>) -> T {
-        match *self {
-            Self::Axis(i) => squares[i],
-            Self::Screw(pitch) => {
-                let sum = squares[2] + pitch * pitch * squares[5];
-                sum + sum
-            }
-        }
-    }
-
     /// x + H^T s.
     #[inline(always)]
     #[must_use]

@@ -2,7 +2,8 @@
 
 use super::{Applied, Kind};
 use crate::dynamics::factorise;
-use crate::filter::riccati::{Measured, PivotMonitor};
+use crate::filter::pivots::PivotMonitor;
+use crate::filter::riccati::Measured;
 use crate::filter::{HingeMap, System, innovations, smoother};
 use crate::scalar::Real;
 use crate::scene::Model;

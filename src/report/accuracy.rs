@@ -73,7 +73,7 @@ pub fn reference(scene: &Scene, states: States<'_>) -> Result<Vec<DoubleDouble>,
         let qd = wide(&states.qd[i * nv..(i + 1) * nv]);
         let tau = wide(&states.tau[i * nv..(i + 1) * nv]);
         let monitor = dynamics::forward_dynamics(&model, &mut workspace, &q, &qd, &tau, &[], &mut qdd);
-        if !monitor.clear(0) {
+        if workspace.lost_pivot(&model, &monitor).is_some() {
             return Err(Error::argument("scene", "a singular joint", "a mass matrix of full rank").in_state(i));
         }
         all.extend_from_slice(&qdd);
@@ -111,7 +111,8 @@ impl<T: Dense> Solver<T> {
     fn run(&mut self, method: Method, q: &[T], qd: &[T], tau: &[T], qdd: &mut [T]) -> bool {
         match method {
             Method::Filter => {
-                dynamics::forward_dynamics(&self.model, &mut self.workspace, q, qd, tau, &[], qdd).clear(0)
+                let monitor = dynamics::forward_dynamics(&self.model, &mut self.workspace, q, qd, tau, &[], qdd);
+                self.workspace.lost_pivot(&self.model, &monitor).is_none()
             }
             Method::ClosedInverse => {
                 self.centred_torque(q, qd, tau);
@@ -126,7 +127,7 @@ impl<T: Dense> Solver<T> {
                 for (row, qdd) in self.matrix.chunks_exact(nv.max(1)).zip(qdd.iter_mut()) {
                     *qdd = row.iter().zip(&self.right).fold(T::zero(), |sum, (m, t)| sum + *m * *t);
                 }
-                monitor.clear(0)
+                self.workspace.lost_pivot(&self.model, &monitor).is_none()
             }
             Method::DenseLdlt | Method::DenseCholesky => {
                 self.centred_torque(q, qd, tau);

@@ -1,12 +1,12 @@
 //! From links and joints by name to a [`Scene`]: the checks, the order, the merging.
 
-use super::description::{JointDescription, JointKind, LinkDescription, SceneWarning};
+use super::description::{Inertial, JointDescription, JointKind, LinkDescription, SceneWarning};
 use super::inertia_check::{check_numbers, unphysical};
 use super::{Joint, Link, Scene};
 use crate::error::Error;
 use crate::scene::model::Motion;
 use crate::spatial::{BodyInertia, RigidShift};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector3, Vector6};
 use std::collections::{HashMap, HashSet};
 
 /// Name of the joint that a floating base gets.
@@ -328,6 +328,24 @@ fn turn(rotation: Matrix3<f64>) -> RigidShift<f64> {
     RigidShift { rotation, lever: Vector3::zeros() }
 }
 
+/// A link's inertia in the frame of the body that carries it: centre and axes are moved first, so that nothing cancels in
+/// the parallel-axis terms.
+fn placed(inertial: &Inertial, placement: &RigidShift<f64>) -> BodyInertia<f64> {
+    let centre = placement.rotate(&inertial.centre) + placement.lever;
+    BodyInertia::from_central(inertial.mass, &centre, &inertial.central.congruence(&placement.rotation))
+}
+
+/// The absolute sums of the terms that form the diagonal of [`placed`].
+fn placed_terms(inertial: &Inertial, placement: &RigidShift<f64>) -> Vector6<f64> {
+    let r = placement.rotation.abs();
+    let centre = r * inertial.centre.abs() + placement.lever.abs();
+    let central = r * inertial.central.to_matrix().abs() * r.transpose();
+    let square = centre.component_mul(&centre) * inertial.mass;
+    let total = square.sum();
+    let angular = |i: usize| central[(i, i)] + (total - square[i]);
+    Vector6::new(angular(0), angular(1), angular(2), inertial.mass, inertial.mass, inertial.mass)
+}
+
 /// The scene as it grows, depth first.
 struct Assembly {
     scene: Scene,
@@ -379,7 +397,7 @@ impl Assembly {
         let align = if joint.kind.has_axis() { axis_onto_z(&joint.axis) } else { Matrix3::identity() };
         let mut push = |parent: Option<usize>, tree: RigidShift<f64>, motion: Motion<f64>| {
             self.scene.joint_of_body.push(self.scene.joints.len());
-            Some(self.scene.model.push(parent, tree, motion, BodyInertia::zero(), joint.armature))
+            Some(self.scene.model.push(parent, tree, motion, joint.armature))
         };
         let aligned = origin.compose(&turn(align));
         let body = match joint.kind {
@@ -414,9 +432,9 @@ impl Assembly {
         let description = &self.scene.source.links[link];
         let (body, placement) = *at;
         if let (Some(body), Some(inertial)) = (body, &description.inertial) {
-            let own = BodyInertia::from_central(inertial.mass, &inertial.centre, &inertial.central);
-            let carrier = &mut self.scene.model.bodies[body].inertia;
-            *carrier = carrier.add(&own.to_parent(&placement));
+            let carrier = &mut self.scene.model.bodies[body];
+            carrier.inertia = carrier.inertia.add(&placed(inertial, &placement));
+            carrier.inertia_terms += placed_terms(inertial, &placement);
         }
         self.scene.link_index.insert(description.name.clone(), self.scene.links.len());
         self.scene.links.push(Link { name: description.name.clone(), body, placement });

@@ -3,7 +3,7 @@
 use crate::filter::{HingeMap, Rows, Stage, System};
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, RigidShift, Symmetric3};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// How a body moves against its parent. Axes were turned onto z when the scene was built.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,6 +49,8 @@ pub struct Body<T> {
     pub tree: RigidShift<T>,
     /// M(k) about the body's frame.
     pub inertia: BodyInertia<T>,
+    /// Absolute sum of the terms that form each diagonal entry of M(k): what its rounding is measured by.
+    pub inertia_terms: Vector6<T>,
     /// The joint to the parent.
     pub motion: Motion<T>,
     /// Index of its first coordinate in q.
@@ -79,17 +81,16 @@ impl<T: Real> Model<T> {
         self.system.rows()
     }
 
-    /// Appends a body; gives its index.
-    pub fn push(
-        &mut self,
-        parent: Option<usize>,
-        tree: RigidShift<T>,
-        motion: Motion<T>,
-        inertia: BodyInertia<T>,
-        armature: T,
-    ) -> usize {
+    /// Appends a massless body; gives its index.
+    pub fn push(&mut self, parent: Option<usize>, tree: RigidShift<T>, motion: Motion<T>, armature: T) -> usize {
         let rows = motion.rows();
-        self.bodies.push(Body { tree, inertia, motion, q: self.nq });
+        self.bodies.push(Body {
+            tree,
+            inertia: BodyInertia::zero(),
+            inertia_terms: Vector6::from_element(T::zero()),
+            motion,
+            q: self.nq,
+        });
         self.system.stages.push(Stage { parent, rows, first_row: self.nv() });
         self.system.noise.extend(std::iter::repeat_n(armature, rows.count()));
         self.nq += motion.nq();
@@ -125,6 +126,7 @@ impl Model<f64> {
                         first_moment: vector(&body.inertia.first_moment),
                         rotational: Symmetric3::new(body.inertia.rotational.entries.map(scalar)),
                     },
+                    inertia_terms: body.inertia_terms.map(scalar),
                     motion: motion(&body.motion),
                     q: body.q,
                 })

@@ -4,7 +4,7 @@ use super::{Joint, Link, Scene};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::dynamics::{self, Energy};
 use crate::error::{Error, check_finite, check_length};
-use crate::filter::riccati::PivotMonitor;
+use crate::filter::pivots::PivotMonitor;
 use crate::kinematics;
 use crate::spatial::{RigidShift, SpatialVector};
 use crate::workspace::Workspace;
@@ -253,44 +253,23 @@ impl Scene {
         Ok(on_bodies)
     }
 
-    /// Turns a lost pivot into an error that names the joint.
+    /// Turns a lost pivot into an error that names the joint; a pivot that is not finite comes of overflow.
     pub(crate) fn check_pivots(&self, workspace: &Workspace<f64>, monitor: PivotMonitor<f64>) -> Result<(), Error> {
-        if monitor.clear(0) {
-            return Ok(());
-        }
-        Err(self.singular_joint(workspace, monitor))
-    }
-
-    /// The joint whose pivot was lost, the one furthest from the base first; a pivot that is not finite comes of overflow.
-    fn singular_joint(&self, workspace: &Workspace<f64>, monitor: PivotMonitor<f64>) -> Error {
-        let mut lost = None;
-        for (k, stage) in self.model.system.stages.iter().enumerate().rev() {
-            let mut subtracted = workspace.subtracted[k];
-            for i in (0..stage.rows.count()).rev() {
-                let row = stage.first_row + i;
-                let m = &workspace.measured[row];
-                let terms = stage.rows.row(i).bound_square(&subtracted);
-                if !(monitor.margin(m.pivot, terms) > 0.0) && lost.is_none() {
-                    lost = Some((k, row, m.pivot, m.pivot + terms));
-                }
-                subtracted += m.gain.component_mul(&m.gain) * m.pivot;
-            }
-        }
-        let (body, row, pivot, terms) = lost.unwrap_or((0, 0, f64::NAN, f64::NAN));
-        let joint = self.joint_of_body(body);
+        let Some(lost) = workspace.lost_pivot(&self.model, &monitor) else { return Ok(()) };
+        let joint = self.joint_of_body(lost.stage);
         let name = |of: fn(&Joint) -> &String| joint.map(of).cloned().unwrap_or_default();
-        if let Some(&value) = [pivot, terms].iter().find(|value| !value.is_finite()) {
+        if let Some(&value) = [lost.pivot, lost.terms].iter().find(|value| !value.is_finite()) {
             let what = name(|joint| &joint.name);
             let argument = format!("inertia along the axis of joint {what:?} (result; the arguments overflow)");
-            return Error::NotFinite { argument, index: row, value, state: None };
+            return Err(Error::NotFinite { argument, index: lost.row, value, state: None });
         }
-        Error::SingularJoint {
+        Err(Error::SingularJoint {
             joint: name(|joint| &joint.name),
             link: name(|joint| &joint.child),
             state: None,
-            pivot,
-            terms,
-        }
+            pivot: lost.pivot,
+            terms: lost.terms,
+        })
     }
 
     fn check_wrenches(&self, wrenches: &[SpatialVector<f64>]) -> Result<(), Error> {

@@ -1,0 +1,193 @@
+//! Whether a pivot D(k) means anything: a cheap monitor for the sweep, and a judge for what it doubts.
+//!
+//! A pivot is lost where it does not stand clear of the rounding of the terms that form it, 64 eps of their absolute sum; a
+//! small pivot is not lost. The sweep keeps only a bound on those terms ([`Scale`], a few operations a stage) and never
+//! branches on it. Where a pivot comes near the bound, [`first_lost`] adds up the terms themselves.
+
+use super::riccati::Measured;
+use super::system::{HingeMap, System};
+use crate::scalar::Real;
+use crate::spatial::{RigidShift, Symmetric6};
+use nalgebra::{Matrix3, Vector3, Vector6};
+
+/// How many times the rounding of its terms a pivot must exceed.
+pub const PIVOT_MARGIN: f64 = 64.0;
+
+/// A bound on the terms that form any angular, and any linear, diagonal entry of P^- of one stage.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scale<T> {
+    /// For the angular entries, kg m^2.
+    pub angular: T,
+    /// For the linear entries, kg.
+    pub linear: T,
+}
+
+impl<T: Real> Scale<T> {
+    /// Both bounds the same; workspaces start as NaN.
+    #[must_use]
+    pub fn filled(value: T) -> Self {
+        Self { angular: value, linear: value }
+    }
+
+    /// The bound of a stage's own process noise, from the terms of its diagonal.
+    #[inline(always)]
+    #[must_use]
+    pub fn of_noise(terms: &Vector6<T>) -> Self {
+        Self { angular: terms[0] + terms[1] + terms[2], linear: terms[3] + terms[4] + terms[5] }
+    }
+
+    /// What P^- of a stage, before its measurements, can bring to the entries of its parent: with the traces a and b of its
+    /// blocks, |R| |A| |R| <= a, the lever's terms <= a + 2 |l|^2 b, and as much again for what measurements subtract.
+    #[inline(always)]
+    #[must_use]
+    pub fn sent_by(p: &Symmetric6<T>, shift: &RigidShift<T>) -> Self {
+        let trace = |e: &[T; 6]| e[0] + e[3] + e[5];
+        let (a, b) = (trace(&p.angular.entries), trace(&p.linear.entries));
+        let l = &shift.lever;
+        let four = T::from_f64(4.0);
+        let square = l[0] * l[0] + l[1] * l[1] + l[2] * l[2];
+        Self { angular: four * (a + square * b), linear: four * b }
+    }
+
+    /// The sum with another.
+    #[inline(always)]
+    pub fn add(&mut self, other: &Self) {
+        self.angular += other.angular;
+        self.linear += other.linear;
+    }
+
+    /// The bound for one row.
+    #[inline(always)]
+    fn of_row(&self, hinge: &HingeMap<T>) -> T {
+        match *hinge {
+            HingeMap::Axis(i) if i < 3 => self.angular,
+            HingeMap::Axis(_) => self.linear,
+            HingeMap::Screw(pitch) => {
+                let bound = self.angular + pitch * pitch * self.linear;
+                bound + bound
+            }
+        }
+    }
+}
+
+/// The worst of `D - 64 eps scale` seen in a sweep.
+#[derive(Debug, Clone, Copy)]
+pub struct PivotMonitor<T> {
+    worst: T,
+    threshold: T,
+}
+
+impl<T: Real> PivotMonitor<T> {
+    /// A monitor that has seen nothing.
+    #[inline(always)]
+    #[must_use]
+    pub fn new() -> Self {
+        Self { worst: T::one(), threshold: T::epsilon() * T::from_f64(PIVOT_MARGIN) }
+    }
+
+    /// Takes note of one pivot.
+    #[inline(always)]
+    pub fn observe(&mut self, pivot: T, hinge: &HingeMap<T>, scale: &Scale<T>) {
+        self.worst = self.worst.worst(pivot - self.threshold * scale.of_row(hinge));
+    }
+
+    /// Whether every pivot of one lane stood clear of the bound; where not, [`first_lost`] is to judge.
+    #[must_use]
+    pub fn clear(&self, lane: usize) -> bool {
+        self.worst.lane(lane) > 0.0
+    }
+}
+
+impl<T: Real> Default for PivotMonitor<T> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// A pivot that was lost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LostPivot {
+    /// The stage.
+    pub stage: usize,
+    /// The row.
+    pub row: usize,
+    /// D as computed.
+    pub pivot: f64,
+    /// The absolute sum of the terms that form it.
+    pub terms: f64,
+}
+
+/// What the judge looks at: the arrays of the recursion after the sweep.
+#[derive(Debug, Clone, Copy)]
+pub struct Evidence<'a, T: Real> {
+    /// phi of each stage to its parent.
+    pub shift: &'a [RigidShift<T>],
+    /// P^+ of each stage.
+    pub p: &'a [Symmetric6<T>],
+    /// D and g of each row.
+    pub measured: &'a [Measured<T>],
+    /// The bound of each stage.
+    pub scale: &'a [Scale<T>],
+}
+
+/// The lost pivot furthest from the root, if any; `noise_terms` gives the terms of the diagonal of Q(k).
+///
+/// The terms of D(k) are those of H Q(k) H*, |H phi| |P^+| |H phi|* of every child, and twice what each measurement in
+/// between subtracted. Called only where the sweep was in doubt: O(N) for each doubtful pivot.
+pub fn first_lost<T: Real>(
+    system: &System<T>,
+    evidence: &Evidence<'_, T>,
+    noise_terms: impl Fn(usize) -> Vector6<T>,
+) -> Option<LostPivot> {
+    let threshold = T::epsilon().lane(0) * PIVOT_MARGIN;
+    for (k, stage) in system.stages.iter().enumerate().rev() {
+        for i in (0..stage.rows.count()).rev() {
+            let row = stage.first_row + i;
+            let hinge = stage.rows.row(i);
+            let pivot = evidence.measured[row].pivot.lane(0);
+            if pivot > threshold * evidence.scale[k].of_row(&hinge).lane(0) {
+                continue;
+            }
+            let terms = terms_of(system, evidence, &noise_terms(k), (k, i)).lane(0);
+            if !(pivot > threshold * terms) {
+                return Some(LostPivot { stage: k, row, pivot, terms });
+            }
+        }
+    }
+    None
+}
+
+/// The absolute sum of the terms that form the pivot of row `i` of stage `k`.
+fn terms_of<T: Real>(system: &System<T>, evidence: &Evidence<'_, T>, own: &Vector6<T>, (k, i): (usize, usize)) -> T {
+    let stage = &system.stages[k];
+    let hinge = stage.rows.row(i);
+    let h = hinge.to_column().map(Real::abs);
+    let mut terms = h.component_mul(&h).dot(own) + system.noise[stage.first_row + i];
+    for other in i + 1..stage.rows.count() {
+        terms += subtracted(&evidence.measured[stage.first_row + other], &h);
+    }
+    for (child, inner) in system.stages.iter().enumerate().filter(|(_, inner)| inner.parent == Some(k)) {
+        let w = absolute_shift_transpose(&evidence.shift[child], &h);
+        terms += (w.transpose() * evidence.p[child].to_matrix().map(Real::abs) * w)[(0, 0)];
+        for other in 0..inner.rows.count() {
+            terms += subtracted(&evidence.measured[inner.first_row + other], &w);
+        }
+    }
+    terms
+}
+
+/// Twice |g|.w squared times D: what a measurement took off, and what it took it from.
+fn subtracted<T: Real>(measured: &Measured<T>, w: &Vector6<T>) -> T {
+    let along = measured.gain.map(Real::abs).dot(w);
+    let taken = along * along * measured.pivot.abs();
+    taken + taken
+}
+
+/// |phi|^T h with every term taken absolutely.
+fn absolute_shift_transpose<T: Real>(shift: &RigidShift<T>, h: &Vector6<T>) -> Vector6<T> {
+    let r: Matrix3<T> = shift.rotation.map(Real::abs);
+    let l: Vector3<T> = shift.lever.map(Real::abs);
+    let (a, b) = (crate::spatial::angular(h), crate::spatial::linear(h));
+    let turned = b + Vector3::new(l[1] * a[2] + l[2] * a[1], l[2] * a[0] + l[0] * a[2], l[0] * a[1] + l[1] * a[0]);
+    crate::spatial::spatial(&(r.transpose() * a), &(r.transpose() * turned))
+}
