@@ -244,7 +244,7 @@ def test_unphysical_inertias_warn_by_link_and_raise_when_strict(file: str) -> No
         assert load(file, False, strict=True)[0].nv == scene.nv
 
 
-ROUNDED = 0.02
+ROUNDED = 1e-4
 """Relative slack of the triangle inequality for inertias printed to a few digits; the product's own is finer."""
 
 
