@@ -45,3 +45,13 @@ def assert_same_bits(found: ArrayLike, expected: ArrayLike, what: str = "") -> N
     assert found.shape == expected.shape, what
     different = np.count_nonzero(found.reshape(-1).view(np.int64) != expected.reshape(-1).view(np.int64))
     assert not different, f"{what} {different} of {found.size} entries differ"
+
+
+def recursion(n: int, scale: float) -> float:
+    """For one recursion over n degrees of freedom beside another: both round, neither solves."""
+    return 8.0 * max(n, 1) * EPS * scale
+
+
+def solve(condition: float, scale: float) -> float:
+    """For an inverse beside one by a backward stable program: tighter than `inverse`, which allows for Pinocchio's."""
+    return 8.0 * condition * EPS * scale

@@ -1,0 +1,138 @@
+"""Pinocchio (the wheel ``pin``) beside phipsi: one URDF read by both, and states and results taken from one to the other.
+
+Pinocchio orders siblings by name and phipsi by the file, so that joints are matched by name; it writes a continuous joint as
+(cos, sin), and spatial vectors linear first. Its local convention, the more accurate one, is used throughout.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+import phipsi
+
+ROBOTS = Path(pin.__file__).resolve().parents[4] / "share/example-robot-data/robots"
+
+SWAP = np.r_[3:6, 0:3]
+"""Angular first to linear first, and back."""
+
+
+def urdf_files() -> list[str]:
+    """Every URDF of example-robot-data, as paths below its folder of robots."""
+    return sorted(path.relative_to(ROBOTS).as_posix() for path in ROBOTS.rglob("*.urdf"))
+
+
+def load(file: str, floating_base: bool, *, strict: bool = False) -> tuple[phipsi.Scene, list[warnings.WarningMessage]]:
+    """phipsi's scene of a file of example-robot-data, and the warnings that it gave."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        return phipsi.Scene.from_urdf(ROBOTS / file, floating_base=floating_base, strict=strict), caught
+
+
+class Oracle:
+    """Pinocchio's model of a file, speaking in phipsi's order and conventions."""
+
+    def __init__(self, file: str, floating_base: bool, scene: phipsi.Scene) -> None:
+        path = str(ROBOTS / file)
+        root = (pin.JointModelFreeFlyer(),) if floating_base else ()
+        self.model = pin.buildModelFromUrdf(path, *root)
+        self.model.gravity.linear[:] = scene.gravity
+        self.data = self.model.createData()
+        names = list(self.model.names)[1:]
+        assert sorted(names) == sorted(scene.joint_names)
+        assert self.model.nv == scene.nv
+        self.mass = pin.computeTotalMass(self.model)
+        self.scene = scene
+        # Entry i of phipsi's velocity is entry v_order[i] of Pinocchio's.
+        self.v_order = np.empty(scene.nv, dtype=int)
+        for name in names:
+            joint = self.model.joints[self.model.getJointId(name)]
+            at = scene.v_index(name)
+            assert at.stop - at.start == joint.nv
+            self.v_order[at] = joint.idx_v + np.arange(joint.nv)
+
+    def configuration(self, q: np.ndarray) -> np.ndarray:
+        """phipsi's q as Pinocchio's."""
+        there = np.empty(self.model.nq)
+        for name in self.scene.joint_names:
+            joint = self.model.joints[self.model.getJointId(name)]
+            values = q[self.scene.q_index(name)]
+            if joint.nq == 2 and joint.nv == 1:
+                values = np.array([np.cos(values[0]), np.sin(values[0])])
+            assert joint.nq == len(values)
+            there[joint.idx_q : joint.idx_q + joint.nq] = values
+        return there
+
+    def there(self, v: np.ndarray) -> np.ndarray:
+        """A velocity, acceleration or torque of phipsi in Pinocchio's order."""
+        moved = np.empty(self.model.nv)
+        moved[self.v_order] = v
+        return moved
+
+    def here(self, v: np.ndarray) -> np.ndarray:
+        """A vector, or the columns of a matrix, of Pinocchio in phipsi's order."""
+        return np.asarray(v)[..., self.v_order]
+
+    def symmetric(self, upper: np.ndarray) -> np.ndarray:
+        """A symmetric matrix of Pinocchio, of which the upper triangle is right, in phipsi's order."""
+        full = np.triu(upper) + np.triu(upper, 1).T
+        return full[np.ix_(self.v_order, self.v_order)]
+
+    def frame(self, link: str) -> int:
+        index = self.model.getFrameId(link, pin.FrameType.BODY)
+        assert index < self.model.nframes, link
+        return index
+
+    def joint_forces(self, wrenches: Mapping[str, np.ndarray]) -> pin.StdVec_Force:
+        """Wrenches on links, (moment, force) in their frames, as forces on joints."""
+        forces = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.model.njoints)])
+        for link, wrench in wrenches.items():
+            frame = self.model.frames[self.frame(link)]
+            forces[frame.parentJoint] += frame.placement.act(pin.Force(wrench[3:], wrench[:3]))
+        return forces
+
+    def inverse_dynamics(
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, wrenches: Mapping[str, np.ndarray]
+    ) -> np.ndarray:
+        arguments = (self.configuration(q), self.there(qd), self.there(qdd), self.joint_forces(wrenches))
+        return self.here(pin.rnea(self.model, self.data, *arguments))
+
+    def forward_dynamics(
+        self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, wrenches: Mapping[str, np.ndarray]
+    ) -> np.ndarray:
+        arguments = (self.configuration(q), self.there(qd), self.there(tau), self.joint_forces(wrenches))
+        return self.here(pin.aba(self.model, self.data, *arguments, pin.Convention.LOCAL))
+
+    def bias_torque(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        return self.here(pin.nonLinearEffects(self.model, self.data, self.configuration(q), self.there(qd)))
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        return self.symmetric(pin.crba(self.model, self.data, self.configuration(q), pin.Convention.LOCAL))
+
+    def mass_matrix_inverse(self, q: np.ndarray) -> np.ndarray:
+        return self.symmetric(pin.computeMinverse(self.model, self.data, self.configuration(q)))
+
+    def placements(self, q: np.ndarray) -> dict[str, np.ndarray]:
+        pin.framesForwardKinematics(self.model, self.data, self.configuration(q))
+        return {link: self.data.oMf[self.frame(link)].homogeneous for link in self.scene.link_names}
+
+    def jacobian(self, q: np.ndarray, link: str) -> np.ndarray:
+        q = self.configuration(q)
+        found = pin.computeFrameJacobian(self.model, self.data, q, self.frame(link), pin.ReferenceFrame.LOCAL)
+        return self.here(found)[SWAP]
+
+    def energy(self, q: np.ndarray, qd: np.ndarray) -> tuple[float, float]:
+        q, qd = self.configuration(q), self.there(qd)
+        kinetic = pin.computeKineticEnergy(self.model, self.data, q, qd)
+        return kinetic, pin.computePotentialEnergy(self.model, self.data, q)
+
+    def momentum(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """(angular, linear) about the base's origin: Pinocchio's is about the mass centre of what moves."""
+        q, qd = self.configuration(q), self.there(qd)
+        pin.ccrba(self.model, self.data, q, qd)
+        linear, angular = self.data.hg.linear, self.data.hg.angular
+        return np.concatenate([angular + np.cross(self.data.com[0], linear), linear])
