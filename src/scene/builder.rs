@@ -247,7 +247,8 @@ impl SceneBuilder {
             }
         }
         let names: HashSet<&str> = self.joints.iter().map(|joint| joint.name.as_str()).collect();
-        for joint in &self.joints {
+        // A fixed joint that keeps its <mimic> has no coordinate to be independent.
+        for joint in self.joints.iter().filter(|joint| joint.kind != JointKind::Fixed) {
             if let Some(source) = &joint.mimic {
                 if self.strict && !names.contains(source.as_str()) {
                     return Err(Error::scene(

@@ -265,24 +265,7 @@ def is_physical(inertia: np.ndarray, slack: float) -> bool:
     return bool(low >= -slack * high and low + middle >= high * (1.0 - slack))
 
 
-MIMICS_ON_FIXED_JOINTS = {
-    "talos_data/robots/talos_left_arm.urdf",
-    "talos_data/robots/talos_reduced.urdf",
-    "talos_data/robots/talos_reduced_box.urdf",
-    "talos_data/robots/talos_reduced_corrected.urdf",
-}
-"""Their fingers are fixed and keep the <mimic>: nothing is independent there, and nothing is to be warned of."""
-
-
-@pytest.mark.parametrize(
-    "file",
-    [
-        pytest.param(file, marks=pytest.mark.xfail(reason="warns that a fixed joint is an independent coordinate"))
-        if file in MIMICS_ON_FIXED_JOINTS
-        else file
-        for file in REAL
-    ],
-)
+@pytest.mark.parametrize("file", REAL)
 def test_mimic_joints_warn_by_name(file: str) -> None:
     scene, caught = load(file, False)
     text = [str(warning.message) for warning in caught if warning.category is MimicWarning]
