@@ -50,13 +50,13 @@ def pose(scene: Scene, tree: Tree) -> tuple[Array, str]:
     low, high = ranges(scene, tree)
     neutral = scene.neutral()
     step = np.clip(np.zeros(scene.nv), low, high)
-    caption = "the neutral configuration" if not step.any() else "neutral, moved to within the limits"
+    caption = "at the neutral configuration" if not step.any() else "at neutral, moved to within the limits"
     q = scene.integrate(neutral, step)
     points = _origins(scene, tree, q)
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) if len(points) else np.zeros(2)
     if len(spread) > 1 and spread[1] < 0.15 * spread[0] and scene.nv > 2:
         bend = np.clip(np.where(np.arange(scene.nv) % 2, 0.6, 0.45), low, high)
-        return scene.integrate(neutral, bend), "bent by about 0.5 rad a joint, for at neutral it is a straight line"
+        return scene.integrate(neutral, bend), "bent by about 0.5 rad a joint, for at neutral the joints are in line"
     return q, caption
 
 

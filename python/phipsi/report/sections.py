@@ -51,7 +51,7 @@ def scene(report: Report, skeleton: str, caption: str) -> str:
         ("source", f"<code>{escape(Path(report.source).name)}</code>"),
     ]
     key = (
-        f"Drawn at {caption}, seen from slightly above. Dark: links between joints that move; grey: what fixed joints"
+        f"Drawn {caption}, seen from slightly above. Dark: links between joints that move; grey: what fixed joints"
         f" add; {_swatch(TURN)}axis of a turning joint, {_swatch(SLIDE)}of a sliding one, {_swatch(FREE)}joint of"
         f" several degrees of freedom; {_swatch('#f8dda6')}mass centre of a link, area as its mass."
     )

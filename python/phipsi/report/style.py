@@ -55,12 +55,13 @@ p.columns { max-width: none; columns: 2; column-gap: 40px; }
 .strip { width: 190px; height: 14px; display: block; margin-top: 3px; }
 code { font: 12.5px/1.4 ui-monospace, "SF Mono", Menlo, Consolas, "Liberation Mono", monospace; background: var(--pale); padding: 1px 4px; overflow-wrap: anywhere; }
 footer { margin-top: 50px; border-top: 1px solid var(--line); padding-top: 10px; color: var(--soft); font-size: 13px; }
-@media (max-width: 860px) { .key, p.columns { max-width: none; columns: 2; column-gap: 40px; }
+@media screen and (max-width: 860px) { .key, p.columns { max-width: none; columns: 2; column-gap: 40px; }
 .two { grid-template-columns: 1fr; } .tree { columns: 1; } .facts { grid-template-columns: auto auto; } }
 @media print {
   body { max-width: none; padding: 0; font-size: 11.5px; } nav { display: none; }
   h2 { break-after: avoid; margin-top: 28px; } figure, tr, .note, .key { break-inside: avoid; }
-  table { font-size: 10.5px; } a { color: inherit; }
+  table, .facts, .small, figcaption, .key span, .tree { font-size: 10.5px; } p.lead { font-size: 13px; } a { color: inherit; }
+  .two { grid-template-columns: 1fr 280px; }
   * { -webkit-print-color-adjust: exact; print-color-adjust: exact; }
 }
 """
