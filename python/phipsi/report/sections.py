@@ -154,8 +154,8 @@ def residuals(report: Report) -> str:
         return note(report.missing["residuals"])
     intro = (
         f"<p>Each identity is evaluated two ways at {plural(report.effort.residual_states, 'random state')}; the"
-        " residual is the largest difference over the largest entry. The bound is 64 · nv · eps, or 64 · cond(M) · eps"
-        " (marked κ) where rounding passes through the inverse of M. Numbers in brackets are the paper's.</p>"
+        " residual is the largest difference over the largest entry. The bound is 64 · nv · eps; where rounding passes"
+        " through the inverse of M (marked κ), 64 · cond(M) · eps if that is more. Numbers in brackets are the paper's.</p>"
     )
     head = (
         "<tr><th>identity</th><th class=n>median</th><th class=n>worst</th><th class=n>bound there</th>"
