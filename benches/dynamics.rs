@@ -1,15 +1,19 @@
-//! One state a call, on the chains that the peers run too: `cargo bench --bench dynamics`.
+//! One state a call, on the chains and robots that the peers run too: `cargo bench --features urdf --bench dynamics`.
 //!
-//! 256 random states are drawn outside the timed part and cycled through; none is zero.
+//! 256 random states are drawn outside the timed part and cycled through; none is zero. The robots are there once
+//! `make peers` has written their files.
 
-use criterion::{Criterion, criterion_group, criterion_main};
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use phipsi::{Scene, dynamics, scenes};
 use std::hint::black_box;
 
 const STATES: usize = 256;
 
-/// Random states of a scene with one-axis joints: (q, qd, tau), values in -1 to 1.
-fn states(scene: &Scene) -> Vec<[Vec<f64>; 3]> {
+/// (q, qd, tau) of one state.
+type State = [Vec<f64>; 3];
+
+/// Random states of a scene: velocities and torques in -1 to 1, configurations that far from the neutral one.
+fn states(scene: &Scene) -> Vec<State> {
     let mut seed = 0x1234_5678_9abc_def0_u64;
     let mut draw = |n: usize| -> Vec<f64> {
         (0..n)
@@ -21,55 +25,91 @@ fn states(scene: &Scene) -> Vec<[Vec<f64>; 3]> {
             })
             .collect()
     };
-    (0..STATES).map(|_| [draw(scene.nq()), draw(scene.nv()), draw(scene.nv())]).collect()
+    (0..STATES)
+        .map(|_| {
+            let mut q = scene.neutral();
+            scene.integrate(&scene.neutral(), &draw(scene.nv()), &mut q).expect("a configuration");
+            [q, draw(scene.nv()), draw(scene.nv())]
+        })
+        .collect()
+}
+
+/// Every algorithm on one scene, as group/name.
+fn algorithms(c: &mut Criterion, name: &str, scene: &Scene) {
+    let model = scene.model();
+    let states = states(scene);
+    let mut cycle = states.iter().cycle();
+    let mut next = move || black_box(cycle.next().expect("a cycle has no end"));
+    let (mut workspace, mut scratch) = (scene.workspace(), scene.inverse_scratch());
+    let mut vector = vec![0.0; scene.nv()];
+    let mut matrix = vec![0.0; scene.nv() * scene.nv()];
+    let mut bench = |group: &str, call: &mut dyn FnMut(&State)| {
+        c.benchmark_group(group).bench_function(name, |b| b.iter(|| call(next())));
+    };
+    bench("forward_dynamics", &mut |[q, qd, tau]| {
+        black_box(dynamics::forward_dynamics(model, &mut workspace, q, qd, tau, &[], black_box(&mut vector)));
+    });
+    bench("inverse_dynamics", &mut |[q, qd, qdd]| {
+        dynamics::inverse_dynamics(model, &mut workspace, q, qd, qdd, &[], black_box(&mut vector));
+    });
+    bench("mass_matrix", &mut |[q, ..]| {
+        dynamics::mass_matrix(model, &mut workspace, q, black_box(&mut matrix));
+    });
+    bench("mass_matrix_inverse", &mut |[q, ..]| {
+        black_box(dynamics::mass_matrix_inverse(model, &mut workspace, &mut scratch, q, black_box(&mut matrix)));
+    });
 }
 
 fn chains(c: &mut Criterion) {
     for n in [7, 16, 30, 64] {
+        algorithms(c, &format!("chain_{n}"), &scenes::chain(n).expect("a chain"));
+    }
+}
+
+/// The robots of `make peers`, on the base that the peers give them.
+#[cfg(feature = "urdf")]
+fn robots(c: &mut Criterion) {
+    for (name, floating) in [("ur5", false), ("panda", false), ("anymal", true), ("g1", true), ("talos", true)] {
+        let path = format!("{}/target/peers/models/{name}.urdf", env!("CARGO_MANIFEST_DIR"));
+        if !std::path::Path::new(&path).exists() {
+            eprintln!("{name}: no {path}; `make peers` writes it");
+            continue;
+        }
+        let builder = phipsi::SceneBuilder::from_urdf_file(&path).expect("a robot").floating_base(floating);
+        algorithms(c, name, &builder.build().expect("a robot"));
+    }
+}
+
+#[cfg(not(feature = "urdf"))]
+fn robots(_: &mut Criterion) {}
+
+/// Time a body from 10 to 100,000 bodies: criterion's throughput is bodies a second.
+fn growth(c: &mut Criterion) {
+    for n in [10, 100, 1_000, 10_000, 100_000] {
         let scene = scenes::chain(n).expect("a chain");
         let model = scene.model();
-        let states = states(&scene);
         let mut workspace = scene.workspace();
-        let mut scratch = scene.inverse_scratch();
-        let mut vector = vec![0.0; n];
-        let mut matrix = vec![0.0; n * n];
-        let name = format!("chain_{n}");
-        let mut next = (0..STATES).cycle();
-
-        let mut group = c.benchmark_group("forward_dynamics");
-        group.bench_function(&name, |b| {
+        #[allow(clippy::cast_precision_loss)] // an index
+        let wave = |scale: f64| -> Vec<f64> { (0..n).map(|i| scale * (1.0 + 0.7 * i as f64).sin()).collect() };
+        let (q, qd, tau) = (wave(2.0), wave(0.5), wave(3.0));
+        let mut out = vec![0.0; n];
+        let mut group = c.benchmark_group("growth");
+        group.throughput(Throughput::Elements(n as u64)).sample_size(20);
+        group.bench_function(BenchmarkId::new("forward_dynamics", n), |b| {
             b.iter(|| {
-                let [q, qd, tau] = black_box(&states[next.next().unwrap_or(0)]);
-                dynamics::forward_dynamics(model, &mut workspace, q, qd, tau, &[], black_box(&mut vector))
+                let (q, qd, tau) = black_box((&q, &qd, &tau));
+                dynamics::forward_dynamics(model, &mut workspace, q, qd, tau, &[], black_box(&mut out))
             });
         });
-        group.finish();
-        let mut group = c.benchmark_group("inverse_dynamics");
-        group.bench_function(&name, |b| {
+        group.bench_function(BenchmarkId::new("inverse_dynamics", n), |b| {
             b.iter(|| {
-                let [q, qd, tau] = black_box(&states[next.next().unwrap_or(0)]);
-                dynamics::inverse_dynamics(model, &mut workspace, q, qd, tau, &[], black_box(&mut vector));
-            });
-        });
-        group.finish();
-        let mut group = c.benchmark_group("mass_matrix");
-        group.bench_function(&name, |b| {
-            b.iter(|| {
-                let [q, ..] = black_box(&states[next.next().unwrap_or(0)]);
-                dynamics::mass_matrix(model, &mut workspace, q, black_box(&mut matrix));
-            });
-        });
-        group.finish();
-        let mut group = c.benchmark_group("mass_matrix_inverse");
-        group.bench_function(&name, |b| {
-            b.iter(|| {
-                let [q, ..] = black_box(&states[next.next().unwrap_or(0)]);
-                dynamics::mass_matrix_inverse(model, &mut workspace, &mut scratch, q, black_box(&mut matrix))
+                let (q, qd, tau) = black_box((&q, &qd, &tau));
+                dynamics::inverse_dynamics(model, &mut workspace, q, qd, tau, &[], black_box(&mut out));
             });
         });
         group.finish();
     }
 }
 
-criterion_group!(benches, chains);
+criterion_group!(benches, chains, robots, growth);
 criterion_main!(benches);

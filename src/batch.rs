@@ -4,6 +4,9 @@
 //! piece changes nothing in it. Arguments broadcast by strides ([`Broadcast`]): a state that is shared is not copied.
 //! Scratch comes from a [`Pool`], so that the second call allocates none.
 
+#[cfg(feature = "parallel")]
+mod threads;
+
 use crate::error::Error;
 use std::sync::Mutex;
 
@@ -83,6 +86,7 @@ impl<'a> Broadcast<'a> {
     }
 
     /// The numbers that the argument holds for state `index` of the batch.
+    #[must_use]
     #[inline]
     pub fn state(&self, index: usize) -> &'a [f64] {
         let at = match &self.steps {
@@ -102,7 +106,7 @@ impl<'a> Broadcast<'a> {
     }
 }
 
-/// The leading axes that several arguments broadcast to, by NumPy's rule: aligned at the end, equal or 1.
+/// The leading axes that several arguments broadcast to, by the rule of numpy: aligned at the end, equal or 1.
 ///
 /// # Errors
 ///
@@ -138,6 +142,7 @@ pub fn broadcast_axes<'a>(arguments: impl IntoIterator<Item = (&'a str, &'a [usi
 }
 
 /// A shape as Python writes it.
+#[must_use]
 pub fn shape_text(shape: &[usize]) -> String {
     match shape {
         [one] => format!("({one},)"),
@@ -278,57 +283,6 @@ struct Piece {
     first: usize,
     states: usize,
     width: usize,
-}
-
-#[cfg(feature = "parallel")]
-mod threads {
-    //! The threads of this process.
-    //!
-    //! rayon's global pool does not survive a fork: the child has the pool but none of its threads, and waits for ever.
-    //! Python's multiprocessing forks, so the pool here remembers its process and is made anew in another.
-
-    use rayon::ThreadPool;
-    use std::sync::{Arc, RwLock};
-
-    static POOL: RwLock<Option<(u32, Arc<ThreadPool>)>> = RwLock::new(None);
-
-    /// Where a batch can run.
-    pub(super) enum Place {
-        /// The caller is already a thread of a pool.
-        Inside,
-        /// On our own threads.
-        Ours(Arc<ThreadPool>),
-        /// There are no threads to be had.
-        Alone,
-    }
-
-    /// The threads to use; never waits for a lock that a fork may have left held.
-    pub(super) fn pool() -> Place {
-        if rayon::current_thread_index().is_some() {
-            return Place::Inside;
-        }
-        let process = std::process::id();
-        if let Ok(guard) = POOL.try_read()
-            && let Some((owner, pool)) = guard.as_ref()
-            && *owner == process
-        {
-            return Place::Ours(Arc::clone(pool));
-        }
-        let Ok(mut guard) = POOL.try_write() else { return Place::Alone };
-        if let Some((owner, pool)) = guard.as_ref()
-            && *owner == process
-        {
-            return Place::Ours(Arc::clone(pool));
-        }
-        let named = rayon::ThreadPoolBuilder::new().thread_name(|i| format!("phipsi-{i}"));
-        let Ok(pool) = named.build() else { return Place::Alone };
-        let pool = Arc::new(pool);
-        if let Some(of_the_parent) = guard.replace((process, Arc::clone(&pool))) {
-            // Its threads are not in this process: nothing there can be waited for or joined.
-            std::mem::forget(of_the_parent);
-        }
-        Place::Ours(pool)
-    }
 }
 
 #[cfg(test)]

@@ -31,6 +31,7 @@ pub struct Plan {
 
 impl Scene {
     /// What this scene does not need, and what leaving it out saved.
+    #[must_use]
     pub fn plan(&self) -> Plan {
         let model = self.model();
         let nv = self.nv();

@@ -1,5 +1,6 @@
 //! The sweeps against composite matrices and faer's LDLT, on random mixed trees and on chains.
 #![cfg(feature = "dense")]
+#![allow(clippy::cast_precision_loss)] // small counts
 
 mod common;
 
@@ -28,9 +29,9 @@ fn check(scene: &Scene, seed: u64) {
 
 #[test]
 fn residuals_of_mixed_trees_are_rounding() {
-    for seed in 0..40 {
+    for seed in 0..16 {
         let armature = if seed % 3 == 0 { 0.0 } else { 0.2 };
-        check(&random_scene(seed, 1 + usize::try_from(seed).unwrap() % 8, &ALL_KINDS, 0.5, armature), seed);
+        check(&random_scene(seed, 1 + usize::try_from(seed).unwrap() % 5, &ALL_KINDS, 0.5, armature), seed);
     }
 }
 
@@ -43,7 +44,7 @@ fn residuals_of_chains_are_rounding() {
 
 #[test]
 fn every_operator_and_its_transpose_match_the_definition() {
-    for seed in 0..12 {
+    for seed in 0..6 {
         let scene = random_scene(seed, 5, &ALL_KINDS, 0.5, if seed % 2 == 0 { 0.0 } else { 0.3 });
         let mut random = Random::new(seed);
         let (q, ..) = random_state(&scene, &mut random);

@@ -1,11 +1,11 @@
 //! Forward dynamics: joint torques are measurements, the smoother's estimates are the joint accelerations.
 
+use super::forces::{Motion, step_outward};
 use crate::filter::riccati::{self, PivotMonitor};
 use crate::filter::{innovations, smoother};
-use crate::kinematics::{base_acceleration, joint_shift, motion_step, placements_base_to_tip};
+use crate::kinematics::{base_acceleration, placements_base_to_tip};
 use crate::scalar::Real;
 use crate::scene::Model;
-use crate::spatial::cross_force;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -38,28 +38,11 @@ fn bias_base_to_tip<T: Real>(
     qd: &[T],
     wrenches: &[Vector6<T>],
 ) {
-    let still = Vector6::from_element(T::zero());
     let base = base_acceleration(model);
     for (k, body) in model.bodies.iter().enumerate() {
-        let stage = &model.system.stages[k];
-        let shift = joint_shift(body, q);
-        let parent = match stage.parent {
-            Some(parent) => (&workspace.velocity[parent], &workspace.acceleration[parent]),
-            None => (&still, &base),
-        };
-        let (velocity, acceleration) = motion_step(body, stage.first_row, &shift, parent, qd);
-        // b(k) = M alpha0 + v x* (M v) - wrench.
-        let momentum = body.inertia.mul_motion(&velocity);
-        let mut bias = body.inertia.mul_motion(&acceleration) + cross_force(&velocity, &momentum);
-        if !wrenches.is_empty() {
-            bias -= wrenches[k];
-        }
-        workspace.shift[k] = shift;
-        workspace.velocity[k] = velocity;
-        workspace.acceleration[k] = acceleration;
-        workspace.z[k] = bias;
+        step_outward(model, workspace, k, Motion { q, qd, qdd: None, wrenches }, &base);
         workspace.p[k] = body.inertia.to_symmetric();
-        workspace.subtracted[k] = still;
+        workspace.subtracted[k] = Vector6::from_element(T::zero());
     }
 }
 

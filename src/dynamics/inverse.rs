@@ -1,10 +1,10 @@
 //! Inverse dynamics: the torques that the model predicts, T = H phi (Q lambda + b).
 
+use super::forces::{Motion, step_outward};
 use crate::filter::innovations;
-use crate::kinematics::{base_acceleration, joint_motion, joint_shift, motion_step};
+use crate::kinematics::{base_acceleration, joint_motion};
 use crate::scalar::Real;
 use crate::scene::Model;
-use crate::spatial::cross_force;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -21,7 +21,7 @@ pub fn inverse_dynamics<T: Real>(
     wrenches: &[Vector6<T>],
     tau: &mut [T],
 ) {
-    forces(model, workspace, q, qd, Some(qdd), wrenches);
+    forces_base_to_tip(model, workspace, Motion { q, qd, qdd: Some(qdd), wrenches });
     innovations::predict(&model.system, &workspace.shift, &mut workspace.z, tau);
     for ((tau, &qdd), &armature) in tau.iter_mut().zip(qdd).zip(&model.system.noise) {
         *tau += armature * qdd;
@@ -37,42 +37,16 @@ pub fn bias_torque<T: Real>(
     wrenches: &[Vector6<T>],
     tau: &mut [T],
 ) {
-    forces(model, workspace, q, qd, None, wrenches);
+    forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
     innovations::predict(&model.system, &workspace.shift, &mut workspace.z, tau);
 }
 
-/// Base to tip: the force M a + v x* (M v) - wrench that each body needs, into `workspace.z`.
+/// Base to tip: the force that each body needs, into `workspace.z`.
 #[inline(always)]
-fn forces<T: Real>(
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    q: &[T],
-    qd: &[T],
-    qdd: Option<&[T]>,
-    wrenches: &[Vector6<T>],
-) {
-    let still = Vector6::from_element(T::zero());
+fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
     let base = base_acceleration(model);
-    for (k, body) in model.bodies.iter().enumerate() {
-        let stage = &model.system.stages[k];
-        let shift = joint_shift(body, q);
-        let parent = match stage.parent {
-            Some(parent) => (&workspace.velocity[parent], &workspace.acceleration[parent]),
-            None => (&still, &base),
-        };
-        let (velocity, mut acceleration) = motion_step(body, stage.first_row, &shift, parent, qd);
-        if let Some(qdd) = qdd {
-            acceleration += joint_motion(body, stage.first_row, qdd);
-        }
-        let momentum = body.inertia.mul_motion(&velocity);
-        let mut force = body.inertia.mul_motion(&acceleration) + cross_force(&velocity, &momentum);
-        if !wrenches.is_empty() {
-            force -= wrenches[k];
-        }
-        workspace.shift[k] = shift;
-        workspace.velocity[k] = velocity;
-        workspace.acceleration[k] = acceleration;
-        workspace.z[k] = force;
+    for k in 0..model.bodies.len() {
+        step_outward(model, workspace, k, state, &base);
     }
 }
 

@@ -57,7 +57,7 @@ pub fn mass_matrix_inverse<T: Real>(
     let spread_gain = &mut scratch.spread_gain;
     let measured = &workspace.measured;
     covariance::sweep(&model.system, &workspace.shift, measured, &mut scratch.co_state_covariance, |row, lambda| {
-        spread_gain[row] = lambda.mul_vector(&measured[row].gain)
+        spread_gain[row] = lambda.mul_vector(&measured[row].gain);
     });
     for k in 0..model.bodies.len() {
         for i in 0..model.system.stages[k].rows.count() {
@@ -113,12 +113,12 @@ fn column<T: Real>(
     }
 
     // Outward over everything that comes after: the subtree of k, then the later branches.
-    for b in k + 1..stages.len() {
-        let mut y = match stages[b].parent {
+    for (b, stage) in stages.iter().enumerate().skip(k + 1) {
+        let mut y = match stage.parent {
             Some(parent) => workspace.shift[b].motion_to_child(&scratch.column[parent]),
             None => Vector6::from_element(T::zero()),
         };
-        for other in 0..stages[b].rows.count() {
+        for other in 0..stage.rows.count() {
             y = cross_row(model, measured, (b, other), &y, |row, value| put(row, j, value));
         }
         scratch.column[b] = y;

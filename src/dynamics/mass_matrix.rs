@@ -55,6 +55,7 @@ pub(crate) fn composite_inertias_tip_to_base<T: Real>(model: &Model<T>, workspac
 }
 
 /// log det M = sum of log D(k), with the factor already in the workspace; f64, since no scalar here has a logarithm.
+#[must_use]
 pub fn log_det_mass_matrix<T: Real>(workspace: &Workspace<T>) -> f64 {
     workspace.measured.iter().map(|m| m.pivot.lane(0).ln()).sum()
 }

@@ -4,6 +4,7 @@
 //! [`Workspace`](crate::Workspace), check nothing and allocate nothing. [`Scene`](crate::Scene) wraps them with checks and names.
 
 pub mod energy;
+mod forces;
 pub mod forward;
 pub mod inverse;
 pub mod mass_inverse;

@@ -58,6 +58,7 @@ pub struct PivotMonitor<T> {
 impl<T: Real> PivotMonitor<T> {
     /// A monitor that has seen nothing.
     #[inline(always)]
+    #[must_use]
     pub fn new() -> Self {
         Self { worst: T::one(), threshold: T::epsilon() * T::from_f64(PIVOT_MARGIN) }
     }

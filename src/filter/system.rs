@@ -7,9 +7,9 @@ use nalgebra::Vector6;
 /// One row of the state-to-output map H: it picks a component of the state, or mixes the two along z.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum HingeMap<T> {
-    /// H = e_i^T, i from 0 to 5, angular first.
+    /// H = `e_i^T`, i from 0 to 5, angular first.
     Axis(usize),
-    /// H = e_2^T + pitch e_5^T: rotation about z that advances along z, pitch in m/rad.
+    /// H = `e_2^T` + pitch `e_5^T`: rotation about z that advances along z, pitch in m/rad.
     Screw(T),
 }
 
@@ -120,6 +120,7 @@ pub struct System<T> {
 
 impl<T: Real> System<T> {
     /// Number of measurement rows.
+    #[must_use]
     pub fn rows(&self) -> usize {
         self.noise.len()
     }

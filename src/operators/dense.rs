@@ -120,21 +120,25 @@ impl Composite {
     }
 
     /// phi = (1 - E)^-1.
+    #[must_use]
     pub fn phi(&self) -> Mat<f64> {
         (self.identity() - &self.shifts).partial_piv_lu().solve(self.identity())
     }
 
     /// A = 1 - g H.
+    #[must_use]
     pub fn closed_loop(&self) -> Mat<f64> {
         self.identity() - &self.gain * &self.h
     }
 
     /// Psi = (1 - E A)^-1 E.
+    #[must_use]
     pub fn psi(&self) -> Mat<f64> {
         (self.identity() - &self.shifts * self.closed_loop()).partial_piv_lu().solve(&self.shifts)
     }
 
     /// The matrix of one operator, from its definition.
+    #[must_use]
     pub fn matrix(&self, kind: Kind) -> Mat<f64> {
         match kind {
             Kind::Phi => self.phi(),
@@ -163,6 +167,7 @@ impl Composite {
     }
 
     /// M = H phi Q phi* H* + r (2.8, 5.1).
+    #[must_use]
     pub fn mass_matrix(&self) -> Mat<f64> {
         let to_torque = &self.h * self.phi();
         let mut m = &to_torque * &self.q * to_torque.transpose();

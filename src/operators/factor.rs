@@ -58,11 +58,13 @@ impl<T: Real> Factor<T> {
     }
 
     /// Number of degrees of freedom.
+    #[must_use]
     pub fn nv(&self) -> usize {
         self.system.rows()
     }
 
     /// One of its operators.
+    #[must_use]
     pub fn operator(&self, kind: Kind) -> Applied<'_, T> {
         Applied { factor: self, kind }
     }
@@ -81,6 +83,7 @@ impl<T: Real> Factor<T> {
     }
 
     /// log det M = sum of log D(k).
+    #[must_use]
     pub fn log_det(&self) -> f64 {
         self.pivots().map(|pivot| pivot.lane(0).ln()).sum()
     }

@@ -69,11 +69,13 @@ pub const KINDS: [(&str, Kind); 15] = [
 
 impl Kind {
     /// The kind of that name in [`KINDS`].
+    #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         KINDS.iter().find(|(known, _)| *known == name).map(|&(_, kind)| kind)
     }
 
     /// (rows, columns) for `nv` degrees of freedom.
+    #[must_use]
     pub fn shape(self, nv: usize) -> (usize, usize) {
         match self {
             Self::Phi | Self::Shifts | Self::PhiStrict | Self::Psi | Self::Q | Self::R | Self::P | Self::PFiltered => {

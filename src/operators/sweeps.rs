@@ -76,8 +76,8 @@ pub(super) fn apply<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], y: &mut [T
                 put(y, row, &(m.gain * x[row]));
             }
         }
-        Kind::K => compose(factor, &[Kind::H, Kind::PhiStrict, Kind::Gain], x, y, apply),
-        Kind::L => compose(factor, &[Kind::H, Kind::Psi, Kind::Gain], x, y, apply),
+        Kind::K => compose(factor, [Kind::H, Kind::PhiStrict, Kind::Gain], x, y, apply),
+        Kind::L => compose(factor, [Kind::H, Kind::Psi, Kind::Gain], x, y, apply),
         Kind::Mass => {
             let (nv, mut wide, mut state) = (factor.nv(), vec![zero; 6 * factor.nv()], vec![zero; 6 * factor.nv()]);
             apply_transpose(factor, Kind::H, x, &mut wide);
@@ -132,8 +132,8 @@ pub(super) fn apply_transpose<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], 
                 y[row] = dot(&m.gain, &block(x, row));
             }
         }
-        Kind::K => compose(factor, &[Kind::Gain, Kind::PhiStrict, Kind::H], x, y, apply_transpose),
-        Kind::L => compose(factor, &[Kind::Gain, Kind::Psi, Kind::H], x, y, apply_transpose),
+        Kind::K => compose(factor, [Kind::Gain, Kind::PhiStrict, Kind::H], x, y, apply_transpose),
+        Kind::L => compose(factor, [Kind::Gain, Kind::Psi, Kind::H], x, y, apply_transpose),
         symmetric => apply(factor, symmetric, x, y),
     }
 }
@@ -168,7 +168,7 @@ fn apply_symmetric<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], y: &mut [T]
 /// The product of three, applied from the last to the first.
 fn compose<T: Real>(
     factor: &Factor<T>,
-    kinds: &[Kind; 3],
+    kinds: [Kind; 3],
     x: &[T],
     y: &mut [T],
     one: fn(&Factor<T>, Kind, &[T], &mut [T]),

@@ -9,13 +9,24 @@ use numpy::{
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use std::borrow::Cow;
+use std::ops::Range;
+
+/// Arguments up to this many numbers are copied: cheaper than keeping account of who borrows which array.
+const FEW: usize = 32;
 
 /// One array argument: C-contiguous float64, borrowed where it was that already, else converted.
 pub(super) struct Input<'py> {
     /// What messages call it.
     pub name: Cow<'static, str>,
     width: usize,
-    array: PyReadonlyArrayDyn<'py, f64>,
+    array: Bound<'py, PyArrayDyn<f64>>,
+    numbers: Numbers<'py>,
+}
+
+/// The numbers of an argument, row-major.
+enum Numbers<'py> {
+    Copied(Vec<f64>),
+    Borrowed(PyReadonlyArrayDyn<'py, f64>),
 }
 
 impl<'py> Input<'py> {
@@ -26,7 +37,16 @@ impl<'py> Input<'py> {
         if array.shape().last() != Some(&width) {
             return Err(wrong_shape(&name, array.shape(), format!("(..., {width})")));
         }
-        Ok(Self { name, width, array })
+        let numbers = if array.len() <= FEW {
+            Numbers::Copied(array.to_vec()?)
+        } else {
+            let borrowed = array.try_readonly().map_err(|_| {
+                let found = "an array that another call is writing to";
+                Error::argument(&*name, found, "an array that does not change during the call")
+            })?;
+            Numbers::Borrowed(borrowed)
+        };
+        Ok(Self { name, width, array, numbers })
     }
 
     /// The axes before the last.
@@ -42,8 +62,22 @@ impl<'py> Input<'py> {
 
     /// All numbers, row-major.
     pub fn data(&self) -> PyResult<&[f64]> {
-        Ok(self.array.as_slice()?)
+        match &self.numbers {
+            Numbers::Copied(numbers) => Ok(numbers),
+            Numbers::Borrowed(array) => Ok(array.as_slice()?),
+        }
     }
+
+    /// The addresses that the argument occupies.
+    pub fn addresses(&self) -> Range<usize> {
+        addresses(&self.array)
+    }
+}
+
+/// The addresses that a C-contiguous array occupies.
+fn addresses(array: &Bound<'_, PyArrayDyn<f64>>) -> Range<usize> {
+    let start = array.data().addr();
+    start..start + array.len() * size_of::<f64>()
 }
 
 /// An argument of exactly the given shape, as numbers in row-major order.
@@ -52,7 +86,7 @@ pub(super) fn fixed(name: &str, value: &Bound<'_, PyAny>, shape: &[usize]) -> Py
     if array.shape() != shape {
         return Err(wrong_shape(name, array.shape(), shape_text(shape)));
     }
-    Ok(array.as_slice()?.to_vec())
+    Ok(array.to_vec()?)
 }
 
 /// Three numbers.
@@ -65,18 +99,12 @@ fn wrong_shape(name: &str, found: &[usize], expected: String) -> PyErr {
     Error::Shape { argument: name.to_owned(), found: shape_text(found), expected }.into()
 }
 
-/// Contiguous float64 without a copy; anything else of real numbers converted; the rest refused by name.
-fn read<'py>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
-    if let Ok(array) = value.cast::<PyArrayDyn<f64>>()
-        && array.is_c_contiguous()
-    {
-        let borrowed = array.try_readonly().map_err(|_| in_use(name))?;
-        // Not every contiguous array is aligned; those are copied below.
-        if borrowed.as_slice().is_ok() {
-            return Ok(borrowed);
-        }
+/// C-contiguous and aligned float64 as it is; anything else of real numbers converted; the rest refused by name.
+fn read<'py>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    match value.cast::<PyArrayDyn<f64>>() {
+        Ok(array) if array.is_c_contiguous() && array.data().is_aligned() => Ok(array.clone()),
+        _ => convert(name, value),
     }
-    convert(name, value)?.try_readonly().map_err(|_| in_use(name))
 }
 
 /// A fresh C-contiguous float64 array with the numbers of `value`.
@@ -100,11 +128,6 @@ fn refused(name: &str, found: &str) -> PyErr {
     Error::argument(name, found, "an array of real numbers (float64; float32 and integers are converted)").into()
 }
 
-fn in_use(name: &str) -> PyErr {
-    Error::argument(name, "an array that another call is writing to", "an array that does not change during the call")
-        .into()
-}
-
 /// Where a call writes its result: an array of its own, or the caller's `out`.
 pub(super) struct Output<'py> {
     array: Bound<'py, PyArrayDyn<f64>>,
@@ -120,7 +143,14 @@ impl<'py> Output<'py> {
     }
 
     /// The caller's array: C-contiguous float64 of the given shape, writable, apart from the arguments.
-    pub fn given(out: &Bound<'py, PyAny>, shape: &[usize], inputs: &[&[f64]]) -> PyResult<Self> {
+    pub fn given<'a>(
+        out: &Bound<'py, PyAny>,
+        shape: &[usize],
+        inputs: impl IntoIterator<Item = &'a Input<'py>>,
+    ) -> PyResult<Self>
+    where
+        'py: 'a,
+    {
         let expected = "a C-contiguous float64 array";
         let refuse = |found: String| PyErr::from(Error::argument("out", found, expected));
         let Ok(untyped) = out.cast::<PyUntypedArray>() else {
@@ -135,19 +165,18 @@ impl<'py> Output<'py> {
         if !array.is_c_contiguous() {
             return Err(refuse(format!("an array with strides {:?} (in bytes)", array.strides())));
         }
-        let mut write = array.try_readwrite().map_err(|error| refused_output(&error))?;
-        let Ok(numbers) = write.as_slice_mut() else {
+        if !array.data().is_aligned() {
             return Err(refuse("an array that is not aligned".to_owned()));
+        }
+        let own = addresses(array);
+        let shared = |input: &Input<'_>| {
+            let other = input.addresses();
+            own.start.max(other.start) < own.end.min(other.end)
         };
-        // The borrow above has refused views of one array; this finds memory shared in any other way.
-        let own = numbers.as_ptr_range();
-        let shared = inputs
-            .iter()
-            .map(|input| input.as_ptr_range())
-            .any(|input| !own.is_empty() && !input.is_empty() && own.start < input.end && input.start < own.end);
-        if shared {
+        if inputs.into_iter().any(shared) {
             return Err(refused_output(&BorrowError::AlreadyBorrowed));
         }
+        let write = array.try_readwrite().map_err(|error| refused_output(&error))?;
         Ok(Self { array: array.clone(), write })
     }
 
@@ -180,7 +209,7 @@ fn zeros<'py>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDy
     Ok(ZEROS.import(py, "numpy", "zeros")?.call1((shape.to_vec(),))?.cast_into()?)
 }
 
-/// A new array with these numbers in row-major order; a NumPy scalar for the empty shape.
+/// A new array with these numbers in row-major order; a `NumPy` scalar for the empty shape.
 pub(super) fn from_numbers<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize]) -> PyResult<Bound<'py, PyAny>> {
     let mut output = Output::new(py, shape)?;
     output.numbers()?.copy_from_slice(numbers);

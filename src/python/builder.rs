@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 /// How far an inertia given as a 3x3 matrix may be from symmetric, relative to its largest entry.
 const ASYMMETRY: f64 = 1e-9;
 
-/// Collects links and joints by name, each call returning the builder; build() checks them and makes the Scene.
+/// Collects links and joints by name, each call returning the builder; `build()` checks them and makes the Scene.
 #[pyclass(name = "SceneBuilder", module = "phipsi")]
 pub(crate) struct PySceneBuilder {
     builder: SceneBuilder,
@@ -30,7 +30,7 @@ impl PySceneBuilder {
     /// mass: kg. com: (3,), mass centre in the link's frame, m. inertia: (3, 3), about the mass centre, axes parallel to
     /// the link's frame, kg m^2; None for a point mass. A link without mass and inertia is a mere frame.
     ///
-    /// Raises ShapeError or ArgumentError for com and inertia, naming the link; build() checks the rest.
+    /// Raises `ShapeError` or `ArgumentError` for com and inertia, naming the link; `build()` checks the rest.
     #[pyo3(signature = (name, mass=0.0, com=None, inertia=None),
            text_signature = "($self, name, mass=0.0, com=(0, 0, 0), inertia=None)")]
     fn link<'py>(
@@ -58,8 +58,8 @@ impl PySceneBuilder {
     /// or kg for each degree of freedom, part of the mass matrix. damping and friction: simulation only. lower, upper,
     /// velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow; it stays free.
     ///
-    /// Raises SceneError for an unknown type or a missing pitch; ShapeError or ArgumentError for arrays, naming the joint;
-    /// build() checks the rest.
+    /// Raises `SceneError` for an unknown type or a missing pitch; `ShapeError` or `ArgumentError` for arrays, naming the joint;
+    /// `build()` checks the rest.
     #[pyo3(signature = (name, r#type, parent, child, *, xyz=None, rpy=None, rotation=None, axis=None, pitch=None,
                         armature=0.0, damping=0.0, friction=0.0, lower=None, upper=None, velocity=None, effort=None,
                         mimic=None),
@@ -116,12 +116,12 @@ impl PySceneBuilder {
 
     /// Checks everything and makes the Scene; the builder can be used again.
     ///
-    /// floating_base: puts a free joint, "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame.
+    /// `floating_base`: puts a free joint, "`root_joint`", under the root link. gravity: (3,), m/s^2, in the base frame.
     /// strict: unphysical inertias raise instead of warning.
     ///
-    /// Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
+    /// Raises `SceneError`, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
     /// two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
-    /// friction, lower above upper. Warns InertiaWarning and MimicWarning as Scene.from_urdf does.
+    /// friction, lower above upper. Warns `InertiaWarning` and `MimicWarning` as `Scene.from_urdf` does.
     #[pyo3(signature = (floating_base=false, gravity=None, strict=false),
            text_signature = "($self, floating_base=False, gravity=(0, 0, -9.81), strict=False)")]
     fn build(

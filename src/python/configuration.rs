@@ -26,7 +26,7 @@ impl PyScene {
     /// q: (..., nq); v: (..., nv); leading axes broadcast. Returns (..., nq), quaternions of unit norm. A free joint moves
     /// along the screw of its twist, a spherical joint turns about its rate, all others add.
     ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
     #[pyo3(signature = (q, v))]
     fn integrate<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, v: &Bound<'py, PyAny>) -> Array<'py> {
         let nq = self.scene.nq();
@@ -39,7 +39,7 @@ impl PyScene {
     ///
     /// q0, q1: (..., nq); leading axes broadcast. Returns (..., nv), SI units.
     ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
     #[pyo3(signature = (q0, q1))]
     fn difference<'py>(&self, py: Python<'py>, q0: &Bound<'py, PyAny>, q1: &Bound<'py, PyAny>) -> Array<'py> {
         let nq = self.scene.nq();

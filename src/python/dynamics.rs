@@ -36,8 +36,8 @@ impl PyScene {
     ///
     /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11).
     ///
-    /// Raises SingularJointError where a joint has no inertia along its axis, ShapeError, NotFiniteError, ArgumentError,
-    /// each naming the argument and the state; NotBuiltError for the forms to come. After an error out is partly written.
+    /// Raises `SingularJointError` where a joint has no inertia along its axis, `ShapeError`, `NotFiniteError`, `ArgumentError`,
+    /// each naming the argument and the state; `NotBuiltError` for the forms to come. After an error out is partly written.
     #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, out=None))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics<'py>(
@@ -62,11 +62,11 @@ impl PyScene {
 
     /// Joint torques from joint accelerations, in O(N), gravity and armature included.
     ///
-    /// q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches and out as in forward_dynamics.
+    /// q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches and out as in `forward_dynamics`.
     ///
     /// Returns tau, (..., nv) = H phi (Q lambda + b) + armature qdd - J^T w (1.5, 2.9, 2.10).
     ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
     #[pyo3(signature = (q, qd, qdd, *, wrenches=None, out=None))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics<'py>(
@@ -91,7 +91,7 @@ impl PyScene {
     ///
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., nv), N m or N.
     ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
     #[pyo3(signature = (q, qd))]
     fn bias_torque<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, qd: &Bound<'py, PyAny>) -> Array<'py> {
         let nv = self.scene.nv();
@@ -106,8 +106,8 @@ impl PyScene {
     ///
     /// q: (..., nq). Returns (..., nv, nv), full and exactly symmetric, SI units.
     ///
-    /// Raises ArgumentError above 4000 degrees of freedom: inverse_dynamics multiplies by the matrix without forming it.
-    /// Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
+    /// Raises `ArgumentError` above 4000 degrees of freedom: `inverse_dynamics` multiplies by the matrix without forming it.
+    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
     #[pyo3(signature = (q))]
     fn mass_matrix<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> Array<'py> {
         self.check_dense("mass_matrix", "inverse_dynamics, which multiplies by it")?;
@@ -121,8 +121,8 @@ impl PyScene {
     ///
     /// q: (..., nq). Returns (..., nv, nv), full and exactly symmetric, SI units.
     ///
-    /// Raises ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse without forming it.
-    /// Raises SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
+    /// Raises `ArgumentError` above 4000 degrees of freedom: `forward_dynamics` multiplies by the inverse without forming it.
+    /// Raises `SingularJointError`, `ShapeError`, `NotFiniteError`, `ArgumentError`, naming the state.
     #[pyo3(signature = (q))]
     fn mass_matrix_inverse<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> Array<'py> {
         self.check_dense("mass_matrix_inverse", "forward_dynamics, which multiplies by it")?;

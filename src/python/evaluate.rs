@@ -14,7 +14,7 @@ use numpy::PyArrayDyn;
 use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 
-/// The GIL is kept for calls shorter than this (ns of one thread), as NumPy does: giving it up takes a tenth of a
+/// The GIL is kept for calls shorter than this (ns of one thread), as `NumPy` does: giving it up takes a tenth of a
 /// microsecond where nobody wants it, and up to five milliseconds to get back where somebody does.
 const WORTH_RELEASING: usize = 5_000;
 
@@ -94,8 +94,7 @@ impl<'a, 'py, const N: usize> Call<'a, 'py, N> {
             None => Output::new(py, &full)?,
             Some(out) => {
                 let all = self.inputs.iter().chain(self.wrenches.iter().map(|wrench| &wrench.input));
-                let data = all.map(Input::data).collect::<PyResult<Vec<_>>>()?;
-                Output::given(out, &full, &data)?
+                Output::given(out, &full, all)?
             }
         };
         self.numbers(py, output.numbers()?, kernel)?;

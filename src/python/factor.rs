@@ -50,7 +50,7 @@ impl PyScene {
     /// q: (..., nq); the factor is batched where q is. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
     /// operators compose as the paper's equations do.
     ///
-    /// Raises SingularJointError, naming joint and state; ShapeError, NotFiniteError or ArgumentError for a bad q.
+    /// Raises `SingularJointError`, naming joint and state; `ShapeError`, `NotFiniteError` or `ArgumentError` for a bad q.
     #[pyo3(signature = (q))]
     fn factor<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         static FACTOR: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
@@ -134,9 +134,9 @@ impl PyFactor {
                 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // it was an index above
                 let operator = self.factors[which.state(i)[0] as usize].operator(kind);
                 if transpose {
-                    operator.apply_transpose(x, y)
+                    operator.apply_transpose(x, y);
                 } else {
-                    operator.apply(x, y)
+                    operator.apply(x, y);
                 }
                 Ok(())
             })

@@ -21,9 +21,9 @@ mod cost {
 impl PyScene {
     /// Where every link is: a dict from link names to homogeneous matrices, link frame to base frame.
     ///
-    /// q: (..., nq). Each value: (..., 4, 4), [[R, p], [0, 1]] with p in m; an array of its own, in the order of link_names.
+    /// q: (..., nq). Each value: (..., 4, 4), [[R, p], [0, 1]] with p in m; an array of its own, in the order of `link_names`.
     ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
+    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
     #[pyo3(signature = (q))]
     fn placements<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
         let links = self.scene.links();
@@ -60,7 +60,7 @@ impl PyScene {
     ///
     /// q: (..., nq). Returns (..., 6, nv), SI units; a wrench w on the link there gives the joint torques J^T w.
     ///
-    /// Raises ArgumentError for an unknown link; ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
+    /// Raises `ArgumentError` for an unknown link; `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
     #[pyo3(signature = (q, link))]
     fn jacobian<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, link: &str) -> Array<'py> {
         // Also where the batch is empty.
@@ -76,7 +76,7 @@ impl PyScene {
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. Each (...), J; the potential is zero with the mass centre at the
     /// base's origin.
     ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
     #[pyo3(signature = (q, qd))]
     fn energy<'py>(
         &self,
@@ -104,7 +104,7 @@ impl PyScene {
     ///
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 6), N m s and N s. Armature adds nothing here.
     ///
-    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
     #[pyo3(signature = (q, qd))]
     fn momentum<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, qd: &Bound<'py, PyAny>) -> Array<'py> {
         let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, self.scene.nv())?];

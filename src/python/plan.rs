@@ -4,6 +4,7 @@ use super::scene::PyScene;
 use crate::plan::{Omission, Plan};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
+use std::fmt::Write;
 
 /// One thing that a scene does not need and that was left out.
 #[pyclass(frozen, name = "Omission", module = "phipsi._core")]
@@ -77,7 +78,7 @@ impl PyPlan {
     fn __repr__(&self) -> String {
         let mut text = format!("{} bodies from {} links; left out:", self.plan.bodies, self.plan.links);
         for item in &self.plan.items {
-            text += &format!("\n  {} {}: {}; saved {}", item.count, item.what, item.why, item.saved);
+            let _ = write!(text, "\n  {} {}: {}; saved {}", item.count, item.what, item.why, item.saved);
         }
         text
     }

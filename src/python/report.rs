@@ -71,7 +71,7 @@ impl PyScene {
     /// dynamics at a fixed rate and torque. Rounding is a few eps times nv, or times the condition number of M where an
     /// inverse is involved.
     ///
-    /// Raises SingularJointError; ArgumentError beyond 300 degrees of freedom; ShapeError or NotFiniteError for a bad q.
+    /// Raises `SingularJointError`; `ArgumentError` beyond 300 degrees of freedom; `ShapeError` or `NotFiniteError` for a bad q.
     #[pyo3(signature = (q))]
     fn check<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
         let scene = &self.scene;

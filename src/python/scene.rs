@@ -171,13 +171,11 @@ impl Source {
                 return Ok(Self::Text(text.trim_start().to_owned()));
             }
         }
-        match source.extract::<PathBuf>() {
-            Ok(path) => Ok(Self::File(path)),
-            Err(_) => {
-                let found = format!("an object of type {}", source.get_type().name()?);
-                Err(Error::argument("source", found, "a path (str or os.PathLike) or the text of a URDF").into())
-            }
+        if let Ok(path) = source.extract::<PathBuf>() {
+            return Ok(Self::File(path));
         }
+        let found = format!("an object of type {}", source.get_type().name()?);
+        Err(Error::argument("source", found, "a path (str or os.PathLike) or the text of a URDF").into())
     }
 }
 

@@ -41,15 +41,15 @@ impl<'py> Wrench<'py> {
 
     /// The same for the threads, which see no Python.
     pub fn over<'a>(&'a self, batch: &[usize]) -> PyResult<States<'a>> {
-        let states = self.input.over(batch)?;
-        Ok(States { name: &self.input.name, states, body: self.body, placement: &self.placement })
+        let numbers = self.input.over(batch)?;
+        Ok(States { name: &self.input.name, numbers, body: self.body, placement: &self.placement })
     }
 }
 
 /// One wrench over the states of a batch.
 pub(super) struct States<'a> {
     name: &'a str,
-    states: Broadcast<'a>,
+    numbers: Broadcast<'a>,
     body: Option<usize>,
     placement: &'a RigidShift<f64>,
 }
@@ -67,7 +67,7 @@ pub(super) fn on_bodies(
     }
     forces.resize(bodies, Vector6::zeros());
     for wrench in wrenches {
-        let numbers = wrench.states.state(state);
+        let numbers = wrench.numbers.state(state);
         check_finite(wrench.name, numbers)?;
         if let Some(body) = wrench.body {
             forces[body] += wrench.placement.force_to_parent(&Vector6::from_column_slice(numbers));

@@ -8,7 +8,7 @@ use crate::scene::{Model, Scene};
 use crate::workspace::Workspace;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::{ldlt, llt};
-use faer::{MatMut, Par};
+use faer::{MatMut, Par, Spec};
 use std::hint::black_box;
 
 /// A way from torques to accelerations.
@@ -95,8 +95,8 @@ impl<T: Dense> Solver<T> {
     fn new(scene: &Scene) -> Self {
         let model: Model<T> = scene.model().cast();
         let nv = model.nv();
-        let need = ldlt::factor::cholesky_in_place_scratch::<T>(nv, Par::Seq, Default::default())
-            .or(llt::factor::cholesky_in_place_scratch::<T>(nv, Par::Seq, Default::default()));
+        let need = ldlt::factor::cholesky_in_place_scratch::<T>(nv, Par::Seq, Spec::default())
+            .or(llt::factor::cholesky_in_place_scratch::<T>(nv, Par::Seq, Spec::default()));
         Self {
             workspace: Workspace::new(&model),
             scratch: InverseScratch::new(&model),
@@ -153,10 +153,10 @@ impl<T: Dense> Solver<T> {
         if with_diagonal {
             let done = ldlt::factor::cholesky_in_place(
                 matrix.as_mut(),
-                Default::default(),
+                ldlt::factor::LdltRegularization::default(),
                 Par::Seq,
                 stack,
-                Default::default(),
+                Spec::default(),
             );
             if done.is_err() {
                 return false;
@@ -166,10 +166,10 @@ impl<T: Dense> Solver<T> {
         } else {
             let done = llt::factor::cholesky_in_place(
                 matrix.as_mut(),
-                Default::default(),
+                llt::factor::LltRegularization::default(),
                 Par::Seq,
                 stack,
-                Default::default(),
+                Spec::default(),
             );
             if done.is_err() {
                 return false;
@@ -181,6 +181,7 @@ impl<T: Dense> Solver<T> {
 }
 
 /// Times `method` in the scalar `T` over all states, and compares with the reference.
+#[must_use]
 pub fn measure<T: Dense>(
     scene: &Scene,
     method: Method,

@@ -132,7 +132,7 @@ fn operators_against_definitions(
     }
 }
 
-/// |dE/dt - tau . qd| over the sum of |tau_i qd_i|, with dE/dt by a central difference in double-double.
+/// |dE/dt - tau . qd| over the sum of |`tau_i` `qd_i`|, with dE/dt by a central difference in double-double.
 fn power_residual(model: &Model<f64>, q: &[f64], qd: &[f64], qdd: &[f64], tau: &[f64]) -> f64 {
     let precise: Model<DoubleDouble> = model.cast();
     let mut workspace = Workspace::new(&precise);

@@ -38,18 +38,22 @@ pub trait Real:
     fn lane(self, index: usize) -> f64;
 
     /// `1 / self`.
+    #[must_use]
     fn recip(self) -> Self;
 
     /// The square root.
+    #[must_use]
     fn sqrt(self) -> Self;
 
     /// Sine and cosine, `self` in radians.
     fn sin_cos(self) -> (Self, Self);
 
     /// The absolute value.
+    #[must_use]
     fn abs(self) -> Self;
 
     /// The smaller of the two, NaN where either is NaN.
+    #[must_use]
     fn worst(self, other: Self) -> Self;
 
     /// The unit roundoff spacing at 1 (2.2e-16 for f64), in every lane.

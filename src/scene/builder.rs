@@ -2,9 +2,9 @@
 
 use super::description::{JointDescription, JointKind, LinkDescription, SceneWarning};
 use super::inertia_check::{check_numbers, unphysical};
-use super::{BodyName, Joint, Link, Scene};
+use super::{Joint, Link, Scene};
 use crate::error::Error;
-use crate::scene::model::{Model, Motion};
+use crate::scene::model::Motion;
 use crate::spatial::{BodyInertia, RigidShift};
 use nalgebra::{Matrix3, Vector3};
 use std::collections::{HashMap, HashSet};
@@ -51,6 +51,7 @@ impl Default for SceneBuilder {
 
 impl SceneBuilder {
     /// An empty scene with a fixed base and gravity (0, 0, -9.81).
+    #[must_use]
     pub fn new() -> Self {
         Self {
             links: Vec::new(),
@@ -82,7 +83,7 @@ impl SceneBuilder {
         self
     }
 
-    /// Puts a free joint, named "root_joint", under the root link.
+    /// Puts a free joint, named "`root_joint`", under the root link.
     #[must_use]
     pub fn floating_base(mut self, floating: bool) -> Self {
         self.floating_base = floating;
@@ -97,26 +98,31 @@ impl SceneBuilder {
     }
 
     /// Gravity as set so far, m/s^2.
+    #[must_use]
     pub fn gravity_vector(&self) -> [f64; 3] {
         self.gravity.into()
     }
 
     /// The links so far.
+    #[must_use]
     pub fn links(&self) -> &[LinkDescription] {
         &self.links
     }
 
     /// The joints so far.
+    #[must_use]
     pub fn joints(&self) -> &[JointDescription] {
         &self.joints
     }
 
     /// Whether the base floats.
+    #[must_use]
     pub fn is_floating(&self) -> bool {
         self.floating_base
     }
 
     /// Whether unphysical inertias are an error.
+    #[must_use]
     pub fn is_strict(&self) -> bool {
         self.strict
     }
@@ -134,7 +140,7 @@ impl SceneBuilder {
         let tree = self.check_tree()?;
         self.check_numbers()?;
         let warnings = self.warnings()?;
-        Ok(Assembly::new(self, warnings).run(&tree))
+        Ok(Assembly { scene: Scene::unfilled(self, warnings) }.run(&tree))
     }
 
     /// Children's joints of each link, and the root.
@@ -148,15 +154,15 @@ impl SceneBuilder {
                 return Err(Error::scene(format!("link {:?}", link.name), "the name twice", "unique link names"));
             }
         }
-        let mut names: HashMap<&str, ()> = HashMap::new();
+        let mut names: HashSet<&str> = HashSet::new();
         if self.floating_base {
-            names.insert(ROOT_JOINT, ());
+            names.insert(ROOT_JOINT);
         }
         let mut parent_joint: Vec<Option<usize>> = vec![None; self.links.len()];
         let mut children: Vec<Vec<(usize, usize)>> = vec![Vec::new(); self.links.len()];
         for (j, joint) in self.joints.iter().enumerate() {
             let subject = || format!("joint {:?}", joint.name);
-            if names.insert(&joint.name, ()).is_some() {
+            if !names.insert(&joint.name) {
                 return Err(Error::scene(subject(), "the name twice", "unique joint names"));
             }
             let find = |role: &str, name: &str| {
@@ -305,7 +311,7 @@ struct Tree {
     root: usize,
 }
 
-/// A rotation R with R e_z = axis; exact where the axis is a coordinate axis.
+/// A rotation R with R `e_z` = axis; exact where the axis is a coordinate axis.
 fn axis_onto_z(axis: &Vector3<f64>) -> Matrix3<f64> {
     let z = axis / axis.norm();
     if z == Vector3::z() {
@@ -324,37 +330,21 @@ fn turn(rotation: Matrix3<f64>) -> RigidShift<f64> {
 
 /// The scene as it grows, depth first.
 struct Assembly {
-    source: SceneBuilder,
-    warnings: Vec<SceneWarning>,
-    model: Model<f64>,
-    links: Vec<Link>,
-    joints: Vec<Joint>,
-    body_names: Vec<BodyName>,
-    /// What is attached to each body beyond its own link, for the plan.
-    merged: Vec<String>,
+    scene: Scene,
 }
 
 /// Where a link is: on a moving body or on the base, at a placement seen from there.
 type Place = (Option<usize>, RigidShift<f64>);
 
 impl Assembly {
-    fn new(source: SceneBuilder, warnings: Vec<SceneWarning>) -> Self {
-        let model = Model::empty(source.gravity);
-        Self {
-            links: Vec::with_capacity(source.links.len()),
-            joints: Vec::new(),
-            body_names: Vec::new(),
-            merged: Vec::new(),
-            source,
-            warnings,
-            model,
-        }
-    }
-
     fn run(mut self, tree: &Tree) -> Scene {
-        let place = if self.source.floating_base {
-            let root =
-                JointDescription::new(ROOT_JOINT, JointKind::Floating, "", self.source.links[tree.root].name.clone());
+        let place = if self.scene.source.floating_base {
+            let root = JointDescription::new(
+                ROOT_JOINT,
+                JointKind::Floating,
+                "",
+                self.scene.source.links[tree.root].name.clone(),
+            );
             self.add_joint(&root, (None, RigidShift::identity()))
         } else {
             (None, RigidShift::identity())
@@ -363,7 +353,7 @@ impl Assembly {
         while let Some((joint, link, at)) = stack.pop() {
             let at = match joint {
                 Some(joint) => {
-                    let joint = self.source.joints[joint].clone();
+                    let joint = self.scene.source.joints[joint].clone();
                     self.add_joint(&joint, at)
                 }
                 None => at,
@@ -374,7 +364,7 @@ impl Assembly {
                 stack.push((Some(joint), child, at));
             }
         }
-        Scene::assembled(self.source, self.warnings, self.model, self.links, self.joints, self.body_names, self.merged)
+        self.scene
     }
 
     /// Adds a joint on a parent link placed at `at`; gives the place of its child link.
@@ -382,14 +372,14 @@ impl Assembly {
         let (parent, placement) = at;
         let origin = placement.compose(&joint.origin);
         if joint.kind == JointKind::Fixed {
-            self.merged.push(joint.name.clone());
+            self.scene.merged.push(joint.name.clone());
             return (parent, origin);
         }
-        let (first_q, first_v) = (self.model.nq, self.model.nv());
+        let (first_q, first_v) = (self.scene.model.nq, self.scene.model.nv());
         let align = if joint.kind.has_axis() { axis_onto_z(&joint.axis) } else { Matrix3::identity() };
         let mut push = |parent: Option<usize>, tree: RigidShift<f64>, motion: Motion<f64>| {
-            self.body_names.push(BodyName { joint: self.joints.len() });
-            Some(self.model.push(parent, tree, motion, BodyInertia::zero(), joint.armature))
+            self.scene.joint_of_body.push(self.scene.joints.len());
+            Some(self.scene.model.push(parent, tree, motion, BodyInertia::zero(), joint.armature))
         };
         let aligned = origin.compose(&turn(align));
         let body = match joint.kind {
@@ -407,12 +397,13 @@ impl Assembly {
             JointKind::Floating => push(parent, origin, Motion::Free),
             JointKind::Fixed => parent,
         };
-        self.joints.push(Joint {
+        self.scene.joint_index.insert(joint.name.clone(), self.scene.joints.len());
+        self.scene.joints.push(Joint {
             name: joint.name.clone(),
             kind: joint.kind,
             child: joint.child.clone(),
-            q: first_q..self.model.nq,
-            v: first_v..self.model.nv(),
+            q: first_q..self.scene.model.nq,
+            v: first_v..self.scene.model.nv(),
             limits: joint.limits,
         });
         (body, turn(align.transpose()))
@@ -420,13 +411,14 @@ impl Assembly {
 
     /// Records a link, and adds its inertia to the body that carries it.
     fn add_link(&mut self, link: usize, at: &Place) {
-        let description = &self.source.links[link];
+        let description = &self.scene.source.links[link];
         let (body, placement) = *at;
         if let (Some(body), Some(inertial)) = (body, &description.inertial) {
             let own = BodyInertia::from_central(inertial.mass, &inertial.centre, &inertial.central);
-            let carrier = &mut self.model.bodies[body].inertia;
+            let carrier = &mut self.scene.model.bodies[body].inertia;
             *carrier = carrier.add(&own.to_parent(&placement));
         }
-        self.links.push(Link { name: description.name.clone(), body, placement });
+        self.scene.link_index.insert(description.name.clone(), self.scene.links.len());
+        self.scene.links.push(Link { name: description.name.clone(), body, placement });
     }
 }

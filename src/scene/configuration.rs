@@ -6,6 +6,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 impl Scene {
     /// The neutral configuration: zero everywhere, the identity for quaternions.
+    #[must_use]
     pub fn neutral(&self) -> Vec<f64> {
         let mut q = vec![0.0; self.nq()];
         for joint in self.joints() {

@@ -49,6 +49,7 @@ pub enum JointKind {
 
 impl JointKind {
     /// Number of coordinates in q.
+    #[must_use]
     pub fn nq(self) -> usize {
         match self {
             Self::Fixed => 0,
@@ -60,6 +61,7 @@ impl JointKind {
     }
 
     /// Number of degrees of freedom.
+    #[must_use]
     pub fn nv(self) -> usize {
         match self {
             Self::Spherical => 3,
@@ -69,11 +71,13 @@ impl JointKind {
     }
 
     /// Whether the joint's axis means anything.
+    #[must_use]
     pub fn has_axis(self) -> bool {
         !matches!(self, Self::Fixed | Self::Spherical | Self::Floating)
     }
 
     /// The name used in URDF, in Python and in messages.
+    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Fixed => "fixed",

@@ -50,12 +50,6 @@ pub struct Link {
     pub placement: RigidShift<f64>,
 }
 
-/// Which joint a body belongs to, for names in messages.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct BodyName {
-    joint: usize,
-}
-
 /// An articulated system: bodies, joints, gravity, and the names of them. Immutable.
 #[derive(Debug, Clone)]
 pub struct Scene {
@@ -64,64 +58,73 @@ pub struct Scene {
     model: Model<f64>,
     links: Vec<Link>,
     joints: Vec<Joint>,
-    body_names: Vec<BodyName>,
+    /// Index of the joint that moves each body.
+    joint_of_body: Vec<usize>,
     merged: Vec<String>,
     link_index: HashMap<String, usize>,
     joint_index: HashMap<String, usize>,
 }
 
 impl Scene {
-    #[allow(clippy::too_many_arguments)] // the parts of the builder's assembly, in one place only
-    fn assembled(
-        source: SceneBuilder,
-        warnings: Vec<SceneWarning>,
-        model: Model<f64>,
-        links: Vec<Link>,
-        joints: Vec<Joint>,
-        body_names: Vec<BodyName>,
-        merged: Vec<String>,
-    ) -> Self {
-        let link_index = links.iter().enumerate().map(|(i, link)| (link.name.clone(), i)).collect();
-        let joint_index = joints.iter().enumerate().map(|(i, joint)| (joint.name.clone(), i)).collect();
-        Self { source, warnings, model, links, joints, body_names, merged, link_index, joint_index }
+    /// A scene that has no links yet, for the builder to fill.
+    fn unfilled(source: SceneBuilder, warnings: Vec<SceneWarning>) -> Self {
+        Self {
+            model: Model::empty(source.gravity),
+            source,
+            warnings,
+            links: Vec::new(),
+            joints: Vec::new(),
+            joint_of_body: Vec::new(),
+            merged: Vec::new(),
+            link_index: HashMap::new(),
+            joint_index: HashMap::new(),
+        }
     }
 
     /// Number of coordinates in q.
+    #[must_use]
     pub fn nq(&self) -> usize {
         self.model.nq
     }
 
     /// Number of degrees of freedom, the length of qd, qdd and tau.
+    #[must_use]
     pub fn nv(&self) -> usize {
         self.model.nv()
     }
 
     /// The numbers that the sweeps read.
+    #[must_use]
     pub fn model(&self) -> &Model<f64> {
         &self.model
     }
 
     /// What the scene was built from; building it again gives an equal scene.
+    #[must_use]
     pub fn source(&self) -> &SceneBuilder {
         &self.source
     }
 
     /// What its user should know.
+    #[must_use]
     pub fn warnings(&self) -> &[SceneWarning] {
         &self.warnings
     }
 
     /// Movable joints in the order of q.
+    #[must_use]
     pub fn joints(&self) -> &[Joint] {
         &self.joints
     }
 
     /// Links, depth first; those on fixed joints included.
+    #[must_use]
     pub fn links(&self) -> &[Link] {
         &self.links
     }
 
     /// Names of the fixed joints that were merged away.
+    #[must_use]
     pub fn merged_joints(&self) -> &[String] {
         &self.merged
     }
@@ -151,13 +154,15 @@ impl Scene {
     }
 
     /// The joint that degree of freedom `row` belongs to.
+    #[must_use]
     pub fn joint_of_row(&self, row: usize) -> Option<&Joint> {
         self.joints.iter().find(|joint| joint.v.contains(&row))
     }
 
     /// The joint that moves body `body` of the model.
+    #[must_use]
     pub fn joint_of_body(&self, body: usize) -> Option<&Joint> {
-        self.body_names.get(body).map(|name| &self.joints[name.joint])
+        self.joint_of_body.get(body).map(|&joint| &self.joints[joint])
     }
 }
 

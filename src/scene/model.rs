@@ -99,6 +99,7 @@ impl<T: Real> Model<T> {
 
 impl Model<f64> {
     /// The same numbers, exactly where the scalar can hold them, in another scalar.
+    #[must_use]
     pub fn cast<U: Real>(&self) -> Model<U> {
         let scalar = U::from_f64;
         let vector = |v: &Vector3<f64>| Vector3::new(scalar(v[0]), scalar(v[1]), scalar(v[2]));

@@ -18,11 +18,13 @@ pub type BodyWrenches = Vec<SpatialVector<f64>>;
 
 impl Scene {
     /// Scratch for the methods below; one for each thread.
+    #[must_use]
     pub fn workspace(&self) -> Workspace<f64> {
         Workspace::new(&self.model)
     }
 
     /// Scratch for [`Scene::mass_matrix_inverse`].
+    #[must_use]
     pub fn inverse_scratch(&self) -> InverseScratch<f64> {
         InverseScratch::new(&self.model)
     }
@@ -302,6 +304,7 @@ impl Scene {
     /// Finite arguments can still overflow on the way.
     #[allow(clippy::unused_self)] // reads as the other checks do
     fn check_result(&self, what: &str, values: &[f64]) -> Result<(), Error> {
+        // The name is written only where it is needed: this is on the path of every call.
         if values.iter().all(|value| value.is_finite()) {
             return Ok(());
         }
@@ -311,6 +314,7 @@ impl Scene {
 
 impl Joint {
     /// Where its quaternion is in q, if it has one.
+    #[must_use]
     pub fn quaternion(&self) -> Option<std::ops::Range<usize>> {
         use super::JointKind::{Floating, Spherical};
         match self.kind {

@@ -20,12 +20,13 @@ pub struct BodyInertia<T> {
 impl<T: Real> BodyInertia<T> {
     /// A massless body.
     #[inline(always)]
+    #[must_use]
     pub fn zero() -> Self {
         Self { mass: T::zero(), first_moment: Vector3::from_element(T::zero()), rotational: Symmetric3::zero() }
     }
 
     /// From the mass (kg), the mass centre (m) and the inertia about the mass centre (kg m^2), all in one frame:
-    /// I = I_c + m (p.p 1 - p p^T).
+    /// I = `I_c` + m (p.p 1 - p p^T).
     pub fn from_central(mass: T, centre: &Vector3<T>, central: &Symmetric3<T>) -> Self {
         let h = centre * mass;
         let [x, y, z] = [centre[0], centre[1], centre[2]];

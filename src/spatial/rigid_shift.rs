@@ -19,6 +19,7 @@ pub struct RigidShift<T> {
 
 impl<T: Real> RigidShift<T> {
     /// The shift that changes nothing.
+    #[must_use]
     pub fn identity() -> Self {
         Self { rotation: Matrix3::identity(), lever: Vector3::from_element(T::zero()) }
     }

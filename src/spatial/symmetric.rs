@@ -20,6 +20,7 @@ impl<T: Real> Symmetric3<T> {
 
     /// The zero matrix.
     #[inline(always)]
+    #[must_use]
     pub fn zero() -> Self {
         Self { entries: [T::zero(); 6] }
     }
@@ -50,6 +51,7 @@ impl<T: Real> Symmetric3<T> {
 
     /// `r * self * r^T`, 45 products.
     #[inline(always)]
+    #[must_use]
     pub fn congruence(&self, r: &Matrix3<T>) -> Self {
         let [xx, xy, xz, yy, yz, zz] = self.entries;
         let row = |i: usize| {
@@ -63,6 +65,7 @@ impl<T: Real> Symmetric3<T> {
 
     /// The sum, entry by entry.
     #[inline(always)]
+    #[must_use]
     pub fn add(&self, other: &Self) -> Self {
         let (a, b) = (&self.entries, &other.entries);
         Self { entries: [a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]] }
@@ -84,6 +87,7 @@ pub struct Symmetric6<T: Real> {
 impl<T: Real> Symmetric6<T> {
     /// The zero matrix.
     #[inline(always)]
+    #[must_use]
     pub fn zero() -> Self {
         Self { angular: Symmetric3::zero(), coupling: Matrix3::from_element(T::zero()), linear: Symmetric3::zero() }
     }
@@ -140,6 +144,7 @@ impl<T: Real> Symmetric6<T> {
 
     /// The sum, entry by entry.
     #[inline(always)]
+    #[must_use]
     pub fn add(&self, other: &Self) -> Self {
         let (c, d) = (&self.coupling, &other.coupling);
         Self {
@@ -202,14 +207,12 @@ impl<T: Real> Symmetric6<T> {
     pub fn clear(&mut self, index: usize) {
         const PACKED: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
         let o = T::zero();
-        if index < 3 {
-            for j in 0..3 {
-                self.angular.entries[PACKED[index][j]] = o;
+        for (j, packed) in PACKED[index % 3].into_iter().enumerate() {
+            if index < 3 {
+                self.angular.entries[packed] = o;
                 self.coupling[(index, j)] = o;
-            }
-        } else {
-            for j in 0..3 {
-                self.linear.entries[PACKED[index - 3][j]] = o;
+            } else {
+                self.linear.entries[packed] = o;
                 self.coupling[(j, index - 3)] = o;
             }
         }

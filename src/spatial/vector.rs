@@ -42,7 +42,7 @@ pub fn dot<T: Real>(a: &Vector6<T>, b: &Vector6<T>) -> T {
     (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]) + (a[4] * b[4] + a[5] * b[5])
 }
 
-/// Rate of change of the motion `m` carried along by the motion `v`: (w x m_w, w x m_v + v x m_w).
+/// Rate of change of the motion `m` carried along by the motion `v`: (w x `m_w`, w x `m_v` + v x `m_w`).
 #[inline(always)]
 pub fn cross_motion<T: Real>(v: &Vector6<T>, m: &Vector6<T>) -> Vector6<T> {
     let (w, u) = (angular(v), linear(v));

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import State, methods, random_states
+from conftest import State, methods, random_scene, random_states
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from tolerances import assert_same_bits
 
 import phipsi
+from phipsi.errors import ShapeError
+
+
+TWO = random_scene(4, 2, kinds=("revolute", "prismatic"))
 
 
 @pytest.mark.parametrize("states", [1, 2, 5, 600])
@@ -61,6 +67,28 @@ def test_leading_axes_broadcast(
     assert_same_bits(mixed.bias_torque(q, qd), mixed.bias_torque(full.q, full.qd))
     assert_same_bits(np.array(mixed.energy(q, qd)), np.array(mixed.energy(full.q, full.qd)))
     assert_same_bits(mixed.integrate(q, qd), mixed.integrate(full.q, full.qd))
+
+
+AXES = st.lists(st.integers(0, 3), max_size=4).map(tuple)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.tuples(AXES, AXES, AXES, AXES))
+def test_leading_axes_broadcast_by_numpy_s_rule(axes: tuple[tuple[int, ...], ...]) -> None:
+    scene = TWO
+    q, qd, tau, wrench = (np.random.default_rng(k).normal(size=(*own, 6 if k == 3 else 2)) for k, own in enumerate(axes))
+    try:
+        batch = np.broadcast_shapes(*axes)
+    except ValueError:
+        with pytest.raises(ShapeError, match="leading axes that broadcast with"):
+            scene.forward_dynamics(q, qd, tau, wrenches={"link1": wrench})
+        return
+    found = scene.forward_dynamics(q, qd, tau, wrenches={"link1": wrench})
+    assert found.shape == (*batch, 2)
+    full = [np.broadcast_to(x, (*batch, x.shape[-1])) for x in (q, qd, tau, wrench)]
+    for i in np.ndindex(batch):
+        one = scene.forward_dynamics(full[0][i], full[1][i], full[2][i], wrenches={"link1": full[3][i]})
+        assert_same_bits(found[i], one)
 
 
 def test_a_wrench_alone_can_make_a_batch(arm: phipsi.Scene) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import pickle
+import subprocess
 import sys
 import threading
 import warnings
@@ -85,6 +87,23 @@ def test_a_forked_process_has_threads_of_its_own(arm: phipsi.Scene) -> None:
         with multiprocessing.get_context("fork").Pool(1) as pool:
             found = pool.apply_async(arm.forward_dynamics, state).get(timeout=120)
     assert_same_bits(found, expected)
+
+
+@pytest.mark.parametrize("threads", ["1", "3"])
+def test_the_number_of_threads_changes_no_bit(mixed: phipsi.Scene, threads: str) -> None:
+    state = large(mixed)
+    program = "import pickle, sys; scene, state = pickle.load(sys.stdin.buffer); "
+    program += "sys.stdout.buffer.write(scene.forward_dynamics(*state).tobytes())"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        input=pickle.dumps((mixed, tuple(state))),
+        env={**os.environ, "RAYON_NUM_THREADS": threads},
+        capture_output=True,
+        check=True,
+        timeout=120,
+    )
+    found = np.frombuffer(done.stdout).reshape(-1, mixed.nv)
+    assert_same_bits(found, mixed.forward_dynamics(*state))
 
 
 def test_eight_threads_on_one_scene(mixed: phipsi.Scene, method: str) -> None:

@@ -1,0 +1,47 @@
+"""The report on a scene: figures, plots and one HTML page."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from .. import _core
+from . import draw, page, plots
+from .collect import Report, collect, to_json
+from .progress import Reporter, Silent
+
+__all__ = ["Report", "collect", "to_json", "write"]
+
+
+def write(report: Report, directory: Path, reporter: Reporter | None = None) -> Path:
+    """Writes index.html, report.json and the plots into `directory`, made where missing; returns the page's path."""
+    directory.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(to_json(report), indent=1, allow_nan=False, ensure_ascii=False)
+    (directory / "report.json").write_text(text + "\n", encoding="utf-8")
+    drawn = _plots(report, reporter or Silent())
+    q, caption = draw.pose(report.scene, report.tree)
+    skeleton = draw.skeleton(report.scene, report.tree, q)
+    (directory / "skeleton.svg").write_text(skeleton, encoding="utf-8")
+    for plot in drawn:
+        (directory / f"{plot.name}.svg").write_text(plot.svg, encoding="utf-8")
+        (directory / f"{plot.name}.png").write_bytes(plot.png)
+    index = directory / "index.html"
+    index.write_text(page.page(report, skeleton, caption, drawn), encoding="utf-8")
+    return index
+
+
+def _plots(report: Report, reporter: Reporter) -> list[plots.Plot]:
+    drawn = []
+    tick = reporter.stage("Drawing", 4)
+    if any(row.failed < len(row.errors) for row in report.accuracy):
+        drawn.append(plots.error_against_time(report.accuracy, _core.METHODS))
+        tick()
+        if report.conditions.size:
+            drawn.append(plots.error_against_condition(report.accuracy, report.conditions, _core.METHODS))
+            tick()
+    if report.mass_matrix is not None:
+        drawn.append(plots.mass_matrix(report.mass_matrix))
+        tick()
+    drawn.append(plots.growth(report.growth))
+    tick()
+    return drawn

@@ -1,0 +1,249 @@
+"""Everything that a report says, measured; and the same as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _core, errors
+from .._core import Scene
+from . import machine, measure, states
+from .measure import Accuracy, Growth, Residual
+from .progress import Reporter
+from .structure import Tree, tree_of
+
+Array = NDArray[np.float64]
+
+#: Beyond this many degrees of freedom nothing dense is built.
+DENSE_CAP = 300
+#: Beyond this, M^-1 is not formed either.
+INVERSE_CAP = 2000
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured."""
+
+    states: int
+    residual_states: int
+    repeats: int
+    sizes: tuple[int, ...]
+    growth_repeats: int
+
+    @staticmethod
+    def of(nv: int, quick: bool, count: int | None) -> Effort:
+        """Enough for steady medians, or enough to look at."""
+        # The composite matrices cost the cube of 6 nv.
+        dense = 32 if nv <= 12 else 10 if nv <= 60 else 3
+        if quick:
+            number = count or 64
+            return Effort(number, min(number, dense), 3, (10, 30, 100, 300, 1000, 3000, 10_000), 5)
+        number = count or 400
+        sizes = tuple(m * 10**k for k in range(1, 5) for m in (1, 2, 5)) + (100_000,)
+        return Effort(number, min(number, 4 * dense), 5, sizes, 9)
+
+
+@dataclass
+class Report:
+    """What was measured on one scene; `missing` says why a part is empty."""
+
+    name: str
+    source: str
+    scene: Scene
+    tree: Tree
+    warnings: Sequence[str]
+    seed: int
+    quick: bool
+    effort: Effort
+    date: str
+    machine: dict[str, str | int | None]
+    mass_matrix: Array | None = None
+    rank: int | None = None
+    conditions: Array = field(default_factory=lambda: np.empty(0))
+    residuals: list[Residual] = field(default_factory=list)
+    accuracy: list[Accuracy] = field(default_factory=list)
+    growth: list[Growth] = field(default_factory=list)
+    missing: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def passed(self) -> bool:
+        """Whether no residual is beyond its bound."""
+        return all(residual.passed for residual in self.residuals)
+
+    def of(self, method: str, precision: str) -> Accuracy | None:
+        """The row of one method in one precision."""
+        rows = (row for row in self.accuracy if (row.method, row.precision) == (method, precision))
+        return next(rows, None)
+
+
+def collect(
+    scene: Scene,
+    reporter: Reporter,
+    *,
+    name: str,
+    source: str,
+    warnings: Sequence[str] = (),
+    quick: bool = False,
+    count: int | None = None,
+    seed: int = 0,
+) -> Report:
+    """Measures a scene; what it cannot have is noted in `missing`."""
+    effort = Effort.of(scene.nv, quick, count)
+    date = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    tree = tree_of(scene)
+    report = Report(name, source, scene, tree, warnings, seed, quick, effort, date, machine.describe())
+    if scene.nv == 0:
+        for part in ("residuals", "accuracy", "condition"):
+            report.missing[part] = (
+                "Nothing moves in this scene: it has no degree of freedom, so there is nothing to compute."
+            )
+    else:
+        _states(report, reporter)
+    tick = reporter.stage("Growth with size", measure.GROWTH_ROUNDS * len(effort.sizes))
+    report.growth = measure.growth(effort.sizes, effort.growth_repeats, tick)
+    return report
+
+
+def _states(report: Report, reporter: Reporter) -> None:
+    """The parts that need states: mass matrix, condition numbers, residuals, error against run time."""
+    scene, effort, missing = report.scene, report.effort, report.missing
+    drawn = states.draw(scene, report.tree, effort.states, report.seed)
+    few = drawn.first(effort.residual_states)
+    methods = _core.METHODS
+    if scene.nv > DENSE_CAP:
+        note = (
+            f"{scene.nv} degrees of freedom: nothing dense is built beyond {DENSE_CAP}, and this part compares with"
+            " dense algebra."
+        )
+        missing["residuals"] = missing["condition"] = note
+        methods = _core.METHODS[: 2 if scene.nv <= INVERSE_CAP else 1]
+    else:
+        report.mass_matrix = scene.mass_matrix(drawn.q[0])
+        report.rank = int(np.linalg.matrix_rank(report.mass_matrix, hermitian=True))
+        report.conditions = measure.condition_numbers(scene, drawn.q)
+    try:
+        scene.forward_dynamics(drawn.q, drawn.qd, drawn.tau)
+    except errors.PhipsiError as error:
+        missing["residuals"] = missing["accuracy"] = str(error)
+        return
+    try:
+        if "residuals" not in missing:
+            tick = reporter.stage("Residuals", len(few))
+            conditions = report.conditions[: len(few)]
+            report.residuals = measure.residuals(scene, few, conditions, tick)
+    except errors.PhipsiError as error:
+        missing["residuals"] = str(error)
+    try:
+        tick = reporter.stage("Error against run time", measure.ROUNDS)
+        report.accuracy = measure.accuracy(scene, drawn, methods, effort.repeats, tick)
+    except errors.PhipsiError as error:
+        missing["accuracy"] = str(error)
+
+
+def number(value: float) -> float | None:
+    """A number that JSON can hold; None for NaN and infinities."""
+    return float(value) if math.isfinite(value) else None
+
+
+def to_json(report: Report) -> dict[str, Any]:
+    """All numbers of a report; None where a method failed, and where a part is missing."""
+    return {
+        "format": 1,
+        "date": report.date,
+        "machine": report.machine,
+        "passed": report.passed,
+        "missing": report.missing,
+        "scene": _scene(report),
+        "states": {
+            "count": report.effort.states,
+            "for_residuals": report.effort.residual_states,
+            "seed": report.seed,
+            "quick": report.quick,
+        },
+        "plan": _plan(report.scene),
+        "residuals": [
+            {
+                "name": row.name,
+                "median": number(row.median),
+                "worst": number(row.worst),
+                "bound": number(row.bound),
+                "worst_in_bounds": number(row.ratio),
+                "bound_grows_with_condition": row.through_inverse,
+                "passed": row.passed,
+            }
+            for row in report.residuals
+        ],
+        "accuracy": [
+            {
+                "method": row.method,
+                "precision": row.precision,
+                "ns_per_state": number(row.ns),
+                "error_median": number(row.median),
+                "error_max": number(row.worst),
+                "digits_lost": number(row.digits_lost),
+                "failed_states": row.failed,
+                "errors": [number(error) for error in row.errors],
+            }
+            for row in report.accuracy
+        ],
+        "condition": _condition(report),
+        "growth": _growth(report.growth),
+    }
+
+
+def _scene(report: Report) -> dict[str, Any]:
+    scene, tree = report.scene, report.tree
+    return {
+        "name": report.name,
+        "source": report.source,
+        "nq": scene.nq,
+        "nv": scene.nv,
+        "bodies": scene.plan().bodies,
+        "links": scene.plan().links,
+        "mass": tree.mass,
+        "gravity": [float(g) for g in scene.gravity],
+        "warnings": list(report.warnings),
+        "joints": [
+            {"name": joint.name, "type": joint.kind, "parent": joint.parent, "child": joint.child}
+            for joint in tree.joints.values()
+        ],
+    }
+
+
+def _plan(scene: Scene) -> dict[str, Any]:
+    plan = scene.plan()
+    items = [
+        {"what": item.what, "count": item.count, "names": list(item.names), "why": item.why, "saved": item.saved}
+        for item in plan.items
+    ]
+    return {"bodies": plan.bodies, "links": plan.links, "items": items}
+
+
+def _condition(report: Report) -> dict[str, Any] | None:
+    values = report.conditions
+    if not values.size:
+        return None
+    return {
+        "min": number(values.min()),
+        "median": number(float(np.median(values))),
+        "max": number(values.max()),
+        "rank": report.rank,
+        "values": [number(value) for value in values],
+    }
+
+
+def _growth(rows: Sequence[Growth]) -> dict[str, Any]:
+    return {
+        "rows": [
+            {"bodies": row.bodies, "forward_ns_per_body": row.forward, "inverse_ns_per_body": row.inverse}
+            for row in rows
+        ],
+        "forward_max_over_min": measure.spread([row.forward for row in rows]),
+        "inverse_max_over_min": measure.spread([row.inverse for row in rows]),
+    }

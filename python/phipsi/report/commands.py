@@ -1,0 +1,167 @@
+"""The commands of `phipsi`."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from .. import __version__, _core, errors
+from .._core import Scene
+from . import measure, states, terminal
+from .collect import DENSE_CAP, Effort, collect
+from .progress import Silent, reporter
+from .structure import tree_of
+
+#: What the bundled arm is called.
+BUNDLED = "PUMA 560 (bundled)"
+
+#: Exit codes.
+BEYOND, BAD_INPUT = 1, 2
+
+
+class BadInput(click.ClickException):
+    """Something the user gave cannot be used; one line, exit code 2."""
+
+    exit_code = BAD_INPUT
+
+
+@contextmanager
+def _typed_errors() -> Iterator[None]:
+    """Errors of the library as one line."""
+    try:
+        yield
+    except (errors.PhipsiError, OSError) as error:
+        raise BadInput(" ".join(str(error).split())) from None
+
+
+def _load(robot: Path | None, floating_base: bool) -> tuple[Scene, str, str, list[str]]:
+    """Scene, name, source and warnings."""
+    with warnings.catch_warnings(record=True) as caught, _typed_errors():
+        warnings.simplefilter("always")
+        source = _core.BUNDLED_ARM if robot is None else robot
+        scene = Scene.from_urdf(source, floating_base=floating_base)
+    texts = [str(one.message) for one in caught]
+    if robot is None:
+        return scene, BUNDLED, "assets/puma560.urdf, in the wheel", texts
+    return scene, robot.stem, str(robot), texts
+
+
+def _warn(console: Console, texts: list[str]) -> None:
+    for text in texts[:3]:
+        console.print(f"warning: {text}", style="yellow", highlight=False, markup=False, soft_wrap=True)
+    if len(texts) > 3:
+        console.print(f"and {len(texts) - 3} more warnings", style="yellow", highlight=False)
+
+
+ROBOT = click.argument("robot", metavar="[ROBOT.urdf]", required=False, type=click.Path(path_type=Path))
+FLOATING = click.option("--floating-base", is_flag=True, help="Put a free joint under the root link.")
+SEED = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random states.")
+COUNT = click.IntRange(1, 100_000)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="phipsi")
+def group() -> None:
+    """Articulated-body dynamics as Kalman filtering: what it computes for a robot, how well, and how fast."""
+
+
+@group.command()
+@ROBOT
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder for the report."
+)
+@FLOATING
+@click.option("--quick", is_flag=True, help="Fewer states and passes: some seconds.")
+@click.option("--states", "count", type=COUNT, help="Random states.  [default: 400, quick: 64]")
+@SEED
+def report(robot: Path | None, output: Path, floating_base: bool, quick: bool, count: int | None, seed: int) -> None:
+    """Write a page about a robot: index.html, report.json and plots.
+
+    Scene and tree, what was left out, residuals of the theory's identities, error against run time of four methods in two
+    precisions, condition of the mass matrix, growth with size. Without ROBOT.urdf, the bundled arm.
+
+    Exit code 1: a residual is beyond its bound (the report says which); 2: bad input.
+    """
+    console = Console(stderr=True)
+    scene, name, source, texts = _load(robot, floating_base)
+    _warn(console, texts)
+    from . import write  # here, so that the other commands do not wait for matplotlib
+
+    with _typed_errors():
+        output.mkdir(parents=True, exist_ok=True)
+        with reporter(console) as says:
+            found = collect(scene, says, name=name, source=source, warnings=texts, quick=quick, count=count, seed=seed)
+            index = write(found, output, says)
+    click.echo(index)
+    for part, reason in found.missing.items():
+        console.print(f"no {part}: {reason}", style="yellow", highlight=False, markup=False, soft_wrap=True)
+    if not found.passed:
+        bad = [row.name for row in found.residuals if not row.passed]
+        console.print(
+            f"beyond the bound: {'; '.join(bad)}", style="bold red", highlight=False, markup=False, soft_wrap=True
+        )
+        raise SystemExit(BEYOND)
+
+
+@group.command()
+@ROBOT
+@FLOATING
+@click.option("--states", "count", type=COUNT, default=16, show_default=True, help="Random states.")
+@SEED
+def check(robot: Path | None, floating_base: bool, count: int, seed: int) -> None:
+    """Check the theory's identities on a robot.
+
+    Factorisation against faer's LDLT, operators against their definitions, M M^-1 = 1, forward then inverse dynamics, power.
+    The bound is 64 eps times the degrees of freedom, or times cond(M) where an inverse comes in. Without ROBOT.urdf, the
+    bundled arm. Exit code 1: a residual is beyond its bound; 2: bad input, or a robot that cannot be checked.
+    """
+    console = Console(width=None if Console().is_terminal else 110)
+    scene, name, _, texts = _load(robot, floating_base)
+    _warn(Console(stderr=True), texts)
+    if scene.nv == 0:
+        click.echo(f"{name}: nothing moves, nothing to check")
+        return
+    if scene.nv > DENSE_CAP:
+        raise BadInput(
+            f"scene: {scene.nv} degrees of freedom found; expected at most {DENSE_CAP}, for the dense comparison"
+        )
+    with _typed_errors():
+        drawn = states.draw(scene, tree_of(scene), count, seed)
+        with reporter(Console(stderr=True)) as says:
+            tick = says.stage("Residuals", count)
+            rows = measure.residuals(scene, drawn, measure.condition_numbers(scene, drawn.q), tick)
+    terminal.residuals(console, rows)
+    held = sum(row.passed for row in rows)
+    click.echo(f"{name}: {held} of {len(rows)} hold at {count} random states (seed {seed})")
+    if held < len(rows):
+        raise SystemExit(BEYOND)
+
+
+@group.command()
+@ROBOT
+@FLOATING
+@SEED
+def bench(robot: Path | None, floating_base: bool, seed: int) -> None:
+    """Time the ways to the accelerations, and the growth with size.
+
+    A quick look, one state a call on one thread; `cargo bench` and `make peers` in the repository measure properly.
+    """
+    console = Console()
+    scene, name, _, texts = _load(robot, floating_base)
+    _warn(Console(stderr=True), texts)
+    effort = Effort.of(scene.nv, True, None)
+    with _typed_errors():
+        if 0 < scene.nv <= DENSE_CAP:
+            drawn = states.draw(scene, tree_of(scene), effort.states, seed)
+            rows = measure.accuracy(scene, drawn, _core.METHODS, 5, lambda: None)
+            terminal.accuracy(console, f"{name}, {effort.states} random states, one at a time", rows)
+        else:
+            click.echo(f"{name}: {scene.nv} degrees of freedom; the methods are compared from 1 to {DENSE_CAP}")
+        tick = Silent().stage("", 0)
+        terminal.growth(console, measure.growth((7, 10, 100, 1000, 10_000), effort.growth_repeats, tick))
+    click.echo("For more: cargo bench, make peers; phipsi report -o DIR for error against run time as a page.")

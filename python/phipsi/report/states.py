@@ -1,0 +1,84 @@
+"""Random states of a scene, the same for the same seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._core import Scene
+from .structure import Tree
+
+Array = NDArray[np.float64]
+
+#: Limits beyond this (rad or m) stand for "none" in many files.
+LARGEST_LIMIT = 20.0
+
+
+@dataclass(frozen=True)
+class States:
+    """States of a scene, one a row, every number exact in float32."""
+
+    q: Array
+    """(n, nq)."""
+    qd: Array
+    """(n, nv)."""
+    tau: Array
+    """(n, nv)."""
+
+    def __len__(self) -> int:
+        return len(self.qd)
+
+    def first(self, count: int) -> States:
+        """The first `count` states."""
+        return States(self.q[:count], self.qd[:count], self.tau[:count])
+
+
+def draw(scene: Scene, tree: Tree, count: int, seed: int) -> States:
+    """Draws states: positions within limits, rates in (-1, 1), torques as large as the bias torque of their joint.
+
+    A joint without limits turns through (-pi, pi) or slides through (-1, 1) m. The numbers are rounded to float32, so that
+    both precisions start from the same inputs.
+    """
+    generator = np.random.default_rng(seed)
+    low, high = ranges(scene, tree)
+    steps = generator.uniform(low, high, (count, scene.nv))
+    q = in_float32(scene.integrate(scene.neutral(), steps))
+    qd = in_float32(generator.uniform(-1.0, 1.0, (count, scene.nv)))
+    size = np.abs(scene.bias_torque(q, qd)).max(axis=0, initial=0.0)
+    size = np.where(size > 0.0, size, size.max(initial=0.0) or 1.0)
+    tau = in_float32(generator.uniform(-1.0, 1.0, (count, scene.nv)) * size)
+    return States(q, qd, tau)
+
+
+def ranges(scene: Scene, tree: Tree) -> tuple[Array, Array]:
+    """Smallest and largest step from neutral of every degree of freedom."""
+    low, high = np.empty(scene.nv), np.empty(scene.nv)
+    limits = scene.limits
+    for name in scene.joint_names:
+        at = scene.v_index(name)
+        reach = np.array(REACH[tree.joints[name].kind])
+        low[at], high[at] = -reach, reach
+        if len(reach) == 1:
+            lower, upper = float(limits.lower[at][0]), float(limits.upper[at][0])
+            if -LARGEST_LIMIT <= lower < upper <= LARGEST_LIMIT:
+                low[at], high[at] = lower, upper
+    return low, high
+
+
+#: How far a joint without limits moves from neutral, by degree of freedom: rad or m.
+REACH: dict[str, list[float]] = {
+    "revolute": [np.pi],
+    "continuous": [np.pi],
+    "screw": [np.pi],
+    "prismatic": [1.0],
+    "planar": [1.0, 1.0, np.pi],
+    "spherical": [np.pi, np.pi, np.pi],
+    "floating": [1.0, 1.0, 1.0, np.pi, np.pi, np.pi],
+}
+
+
+def in_float32(values: Array) -> Array:
+    """The values rounded to float32, as float64."""
+    return values.astype(np.float32).astype(np.float64)

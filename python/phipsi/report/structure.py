@@ -1,0 +1,126 @@
+"""The tree of a scene, links and joints with what the drawing needs, from the scene's own description."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._core import Scene
+
+Array = NDArray[np.float64]
+
+#: Above the root link of a floating base.
+WORLD = "world"
+ROOT_JOINT = "root_joint"
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link as the user gave it."""
+
+    name: str
+    mass: float
+    """kg; 0 without inertia."""
+    centre: Array
+    """Mass centre in the link's frame, (3,), m."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint as the user gave it; fixed ones too, which the scene has merged."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    axis: Array
+    """(3,), in the child's frame."""
+    armature: float
+    mimic: str | None
+
+    @property
+    def fixed(self) -> bool:
+        return self.kind == "fixed"
+
+
+@dataclass
+class Row:
+    """A joint in the printed tree."""
+
+    joint: Joint
+    link: Link
+    level: int
+    """Branchings above it: a chain stays on its level."""
+    branch: bool
+    """Whether it has siblings."""
+
+
+@dataclass
+class Tree:
+    """All links and joints of a scene."""
+
+    root: str
+    links: dict[str, Link]
+    joints: dict[str, Joint]
+    children: dict[str, list[Joint]] = field(default_factory=dict)
+
+    @property
+    def mass(self) -> float:
+        """Mass of all links, kg."""
+        return sum(link.mass for link in self.links.values())
+
+    def carries_motion(self, link: str) -> bool:
+        """Whether a joint that moves is on the link or beyond it."""
+        stack = [link]
+        while stack:
+            for joint in self.children.get(stack.pop(), []):
+                if not joint.fixed:
+                    return True
+                stack.append(joint.child)
+        return False
+
+    def kinds(self) -> dict[str, int]:
+        """How many movable joints there are of each kind."""
+        counts: dict[str, int] = {}
+        for joint in self.joints.values():
+            if not joint.fixed:
+                counts[joint.kind] = counts.get(joint.kind, 0) + 1
+        return counts
+
+    def rows(self) -> Iterator[Row]:
+        """Joints depth first; the level goes up where a link has several children."""
+        first = self.children.get(self.root, [])
+        several = len(first) > 1
+        stack = [(joint, int(several), several) for joint in reversed(first)]
+        while stack:
+            joint, level, branch = stack.pop()
+            yield Row(joint, self.links[joint.child], level, branch)
+            children = self.children.get(joint.child, [])
+            several = len(children) > 1
+            stack.extend((child, level + several, several) for child in reversed(children))
+
+
+def tree_of(scene: Scene) -> Tree:
+    """The tree of a scene, from the description that it pickles by."""
+    _, (description,) = scene.__reduce__()
+    version, _gravity, floating, _strict, links, joints = description
+    if version != 1:
+        raise RuntimeError(f"description of a scene: found version {version}, expected 1")
+    tree = Tree("", {}, {})
+    for name, inertial in links:
+        mass, centre, _inertia = inertial or (0.0, (0.0, 0.0, 0.0), None)
+        tree.links[name] = Link(name, mass, np.array(centre))
+    for name, kind, _pitch, parent, child, _origin, axis, (armature, _damping, _friction), _limits, mimic in joints:
+        tree.joints[name] = Joint(name, kind, parent, child, np.array(axis), armature, mimic)
+    carried = {joint.child for joint in tree.joints.values()}
+    tree.root = next(name for name in tree.links if name not in carried)
+    if floating:
+        joint = Joint(ROOT_JOINT, "floating", WORLD, tree.root, np.zeros(3), 0.0, None)
+        tree.joints = {ROOT_JOINT: joint, **tree.joints}
+        tree.root = WORLD
+    for joint in tree.joints.values():
+        tree.children.setdefault(joint.parent, []).append(joint)
+    return tree

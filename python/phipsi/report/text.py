@@ -1,0 +1,82 @@
+"""Numbers and the names of identities, as text, as HTML and in plots."""
+
+from __future__ import annotations
+
+import html
+import math
+
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def power(exponent: int) -> str:
+    """10 to a power."""
+    return "10" + str(exponent).translate(SUPERSCRIPT)
+
+
+def scientific(value: float, digits: int = 1) -> str:
+    """Such as 2.1 × 10⁻¹⁶; plain where that is shorter."""
+    if not math.isfinite(value):
+        return "∞" if value > 0 else "–"
+    if value == 0.0:
+        return "0"
+    if 0.01 <= abs(value) < 1e4:
+        return significant(value, digits + 1)
+    mantissa, exponent = f"{value:.{digits}e}".split("e")
+    return f"{mantissa}\u00a0×\u00a0{power(int(exponent))}"
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """Plain notation with so many significant digits; thousands set apart."""
+    if not math.isfinite(value):
+        return "–"
+    if value == 0.0:
+        return "0"
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    rounded = round(value, decimals)
+    return f"{rounded:,.{decimals}f}".replace(",", "\u202f").replace("-", "−")
+
+
+def count(value: int) -> str:
+    """A whole number, thousands set apart from 10 000 on."""
+    return f"{value:,}".replace(",", "\u202f") if value >= 10_000 else str(value)
+
+
+def time(ns: float) -> str:
+    """A time with its unit."""
+    for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)):
+        if ns >= size:
+            return f"{significant(ns / size)} {unit}"
+    return f"{significant(ns)} ns"
+
+
+def plural(number: int, noun: str, several: str = "") -> str:
+    """Such as "1 body", "3 bodies"."""
+    return f"{count(number)} {noun if number == 1 else several or noun + 's'}"
+
+
+#: ASCII names of the core, as a reader of the paper knows them.
+SYMBOLS = (
+    ("M^-1", "M⁻¹"),
+    ("D^-1", "D⁻¹"),
+    ("^-1", "⁻¹"),
+    ("^+", "⁺"),
+    ("phi", "φ"),
+    ("Phi", "Φ"),
+    ("Psi", "Ψ"),
+    ("tau", "τ"),
+    (" - ", " − "),
+    (" . ", " · "),
+    (" times ", " × "),
+)
+
+
+def symbols(name: str) -> str:
+    """A name of the core with its Greek letters and exponents."""
+    for ascii_form, symbol in SYMBOLS:
+        name = name.replace(ascii_form, symbol)
+    return name
+
+
+def escape(text: str) -> str:
+    """Text for HTML."""
+    return html.escape(text, quote=True)

@@ -1,0 +1,116 @@
+"""The command line: exit codes, one-line errors, help; no times."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import phipsi
+import pytest
+from click.testing import CliRunner, Result
+from phipsi.report import commands, measure
+
+#: Two links in line, the second without mass: its joint moves nothing.
+MASSLESS_TIP = """
+<robot name="r"><link name="base"/><link name="a"><inertial><mass value="1"/><origin xyz="0 0 0.1"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="tip"/>
+<joint name="j1" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="j2" type="revolute"><parent link="a"/><child link="tip"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>
+"""
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(commands.group, list(arguments))
+
+
+def test_version_names_the_version() -> None:
+    result = run("--version")
+    assert result.exit_code == 0
+    assert phipsi.__version__ in result.output
+
+
+@pytest.mark.parametrize("command", [[], ["report"], ["check"], ["bench"]])
+def test_help(command: list[str]) -> None:
+    result = run(*command, "--help")
+    assert result.exit_code == 0
+    assert "Usage:" in result.output
+
+
+def test_check_of_the_bundled_arm_holds() -> None:
+    result = run("check", "--states", "3")
+    assert result.exit_code == 0, result.output
+    assert "FAIL" not in result.output
+    assert "at 3 random states" in result.output
+
+
+def test_check_beyond_the_bound_exits_with_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(measure, "SLACK", 1e-9)
+    result = run("check", "--states", "2")
+    assert result.exit_code == 1
+    assert "FAIL" in result.output
+
+
+def test_check_of_a_floating_base() -> None:
+    assert run("check", "--states", "2", "--floating-base").exit_code == 0
+
+
+def test_bench_names_every_method() -> None:
+    result = run("bench")
+    assert result.exit_code == 0, result.output
+    for method in phipsi._core.METHODS:
+        assert method in result.output
+
+
+@pytest.mark.parametrize("command", [("check",), ("bench",), ("report", "-o", "out")])
+def test_bad_files_are_one_line_and_exit_with_2(command: tuple[str, ...], tmp_path: Path) -> None:
+    malformed, noise = tmp_path / "malformed.urdf", tmp_path / "noise.urdf"
+    malformed.write_text("<robot name='r'><link name='a'>")
+    noise.write_bytes(bytes(range(256)) * 40)
+    for path in (tmp_path / "missing.urdf", malformed, noise, tmp_path):
+        result = run(command[0], str(path), *command[1:])
+        assert result.exit_code == 2, result.output
+        assert result.output.startswith("Error: ")
+        assert len(result.output.strip().splitlines()) == 1
+        assert "Traceback" not in result.output
+
+
+def test_singular_scenes_cannot_be_checked(tmp_path: Path) -> None:
+    path = tmp_path / "massless.urdf"
+    path.write_text(MASSLESS_TIP)
+    result = run("check", str(path))
+    assert result.exit_code == 2
+    assert "j2" in result.output
+
+
+def test_bad_options_exit_with_2() -> None:
+    assert run("check", "--states", "0").exit_code == 2
+    assert run("report").exit_code == 2
+
+
+def test_output_that_cannot_be_made_exits_with_2(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    result = run("report", "--quick", "-o", str(tmp_path / "file" / "out"))
+    assert result.exit_code == 2
+    assert "Traceback" not in result.output
+
+
+def test_without_the_extra_the_message_names_it() -> None:
+    script = (
+        "import sys, importlib.util as u\n"
+        "known = u.find_spec\n"
+        "u.find_spec = lambda name, *rest: None if name == 'rich' else known(name, *rest)\n"
+        "import phipsi.cli\n"
+        "phipsi.cli.main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert 'pip install "phipsi[report]"' in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_the_command_is_installed() -> None:
+    done = subprocess.run([sys.executable, "-m", "phipsi.cli", "--version"], capture_output=True, text=True, check=True)
+    assert phipsi.__version__ in done.stdout

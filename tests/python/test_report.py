@@ -1,0 +1,272 @@
+"""The report: its numbers, its page, and scenes that cannot have all of it. Nothing here asserts a time."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import phipsi
+import pytest
+from click.testing import CliRunner
+from phipsi import report
+from phipsi._core import BUNDLED_ARM, METHODS
+from phipsi.report import commands, draw, labels, measure, states, text
+from phipsi.report.progress import Silent
+from phipsi.report.structure import tree_of
+
+PARTS = ("scene", "plan", "residuals", "accuracy", "condition", "growth", "limits", "provenance")
+INERTIA = np.diag([0.1, 0.1, 0.05])
+
+
+def arm() -> phipsi.Scene:
+    return phipsi.Scene.from_urdf(BUNDLED_ARM)
+
+
+def mixed() -> phipsi.Scene:
+    """Branches, and every kind of joint."""
+    builder = phipsi.SceneBuilder().link("base")
+    kinds = ("spherical", "prismatic", "planar", "revolute", "fixed", "screw", "floating", "continuous")
+    for k, kind in enumerate(kinds):
+        parent = "base" if k == 0 else f"l{(k + 1) // 2}"
+        builder = builder.link(f"l{k + 1}", mass=1.0 + k, com=(0.1, 0.0, 0.2), inertia=INERTIA)
+        pitch = {"pitch": 0.1} if kind == "screw" else {}
+        builder = builder.joint(f"j{k + 1}", kind, parent, f"l{k + 1}", xyz=(0.0, 0.1, 0.3), **pitch)
+    return builder.build()
+
+
+def written(scene: phipsi.Scene, folder: Path, **options: Any) -> tuple[dict[str, Any], str]:
+    found = report.collect(scene, Silent(), name="<robot> & co", source="here", quick=True, **options)
+    page = report.write(found, folder)
+    return json.loads((folder / "report.json").read_text()), page.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def bundled(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], str, Path]:
+    folder = tmp_path_factory.mktemp("report")
+    result = CliRunner().invoke(commands.group, ["report", "--quick", "-o", str(folder)])
+    assert result.exit_code == 0, result.output
+    return json.loads((folder / "report.json").read_text()), (folder / "index.html").read_text(encoding="utf-8"), folder
+
+
+def numbers(tree: Any) -> Iterator[float]:
+    if isinstance(tree, dict):
+        tree = list(tree.values())
+    if isinstance(tree, list):
+        for item in tree:
+            yield from numbers(item)
+    elif isinstance(tree, float):
+        yield tree
+
+
+def test_numbers_of_the_bundled_arm(bundled: tuple[dict[str, Any], str, Path]) -> None:
+    found = bundled[0]
+    assert found["passed"] is True
+    assert found["missing"] == {}
+    assert found["scene"]["nv"] == 6
+    assert len(found["scene"]["joints"]) == 7
+    assert all(math.isfinite(number) for number in numbers(found))
+    assert found["states"] == {"count": 64, "for_residuals": 32, "seed": 0, "quick": True}
+    assert found["machine"]["phipsi"] == phipsi.__version__
+    assert {"cpu", "cores", "os", "python", "commit", "compiler"} <= found["machine"].keys()
+    assert found["plan"]["bodies"] == 6
+    assert found["condition"]["min"] <= found["condition"]["median"] <= found["condition"]["max"]
+    assert found["growth"]["rows"][-1]["bodies"] == 10_000
+
+
+def test_residuals_are_below_their_bounds(bundled: tuple[dict[str, Any], str, Path]) -> None:
+    rows = bundled[0]["residuals"]
+    assert len(rows) >= 15
+    for row in rows:
+        assert 0.0 <= row["median"] <= row["worst"]
+        assert row["worst_in_bounds"] <= 1.0, row["name"]
+        assert row["passed"] is True
+    for word in ("faer's LDLT", "M M^-1 = 1", "inverse dynamics of forward dynamics", "K = L + K L", "energy"):
+        assert any(word in row["name"] for row in rows), word
+
+
+def test_errors_of_every_method_and_precision(bundled: tuple[dict[str, Any], str, Path]) -> None:
+    rows = bundled[0]["accuracy"]
+    assert [(row["method"], row["precision"]) for row in rows] == [
+        (method, precision) for precision in ("float64", "float32") for method in METHODS
+    ]
+    for row in rows:
+        eps = measure.EPS[row["precision"]]
+        assert row["failed_states"] == 0
+        assert len(row["errors"]) == 64
+        assert 0.0 < row["error_median"] <= row["error_max"] <= 64 * bundled[0]["condition"]["max"] * eps
+        assert row["ns_per_state"] > 0.0
+        assert row["digits_lost"] == pytest.approx(math.log10(row["error_median"] / eps))
+
+
+def test_the_page_needs_nothing_beside_itself(bundled: tuple[dict[str, Any], str, Path]) -> None:
+    page = bundled[1]
+    for part in PARTS:
+        assert f'<section id="{part}">' in page
+    # Namespaces are names, not addresses that anything fetches.
+    fetched = re.findall(r"""(?:src|href|data)\s*=\s*["']([^"'#][^"']*)""", page)
+    assert not [address for address in fetched if not address.startswith("data:")]
+    assert not re.search(r"<script|<link|@import|url\((?!#)", page)
+    resources = re.sub(r"""xmlns(:\w+)?="[^"]*"|<metadata>.*?</metadata>|<!DOCTYPE[^>]*>""", "", page, flags=re.S)
+    assert "http://" not in resources
+    assert "https://" not in resources
+
+
+def test_the_page_names_what_it_draws(bundled: tuple[dict[str, Any], str, Path]) -> None:
+    _, page, folder = bundled
+    for name in ("joint1", "joint6", "flange_mount", *map(text.symbols, METHODS)):
+        assert name in page
+    for name in ("error-against-time", "error-against-condition", "growth", "mass-matrix"):
+        assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert (folder / f"{name}.svg").read_text(encoding="utf-8").startswith("<svg")
+    assert (folder / "skeleton.svg").read_text(encoding="utf-8").startswith("<svg")
+
+
+def test_names_are_escaped(tmp_path: Path) -> None:
+    found, page = written(arm(), tmp_path, warnings=["<b>warning</b>"], count=4)
+    assert found["scene"]["name"] == "<robot> & co"
+    assert "<robot>" not in page
+    assert "&lt;robot&gt; &amp; co" in page
+    assert "<b>warning</b>" not in page
+
+
+def without_times(tree: Any) -> Any:
+    if isinstance(tree, dict):
+        changing = ("date", "growth")
+        return {k: without_times(v) for k, v in tree.items() if k not in changing and not k.startswith("ns_")}
+    return [without_times(item) for item in tree] if isinstance(tree, list) else tree
+
+
+def test_the_same_seed_gives_the_same_numbers() -> None:
+    first, again, other = (
+        without_times(
+            report.to_json(report.collect(arm(), Silent(), name="", source="", quick=True, count=8, seed=seed))
+        )
+        for seed in (3, 3, 4)
+    )
+    assert first == again
+    assert first["accuracy"] != other["accuracy"]
+
+
+def test_a_residual_beyond_its_bound_exits_with_1_and_is_on_the_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(measure, "SLACK", 1e-9)
+    result = CliRunner().invoke(commands.group, ["report", "--quick", "--states", "4", "-o", str(tmp_path)])
+    assert result.exit_code == 1
+    assert json.loads((tmp_path / "report.json").read_text())["passed"] is False
+    assert "✗ beyond" in (tmp_path / "index.html").read_text(encoding="utf-8")
+
+
+def test_a_residual_that_is_not_a_number_fails() -> None:
+    row = measure._residual("r", np.array([0.0, math.nan]), np.ones(2), False)
+    assert not row.passed
+
+
+def test_a_singular_scene_has_a_page(tmp_path: Path) -> None:
+    scene = (
+        phipsi.SceneBuilder()
+        .link("base")
+        .link("arm", mass=1.0, com=(0, 0, 0.1), inertia=INERTIA)
+        .link("tip")
+        .joint("shoulder", "revolute", "base", "arm", axis=(0, 1, 0))
+        .joint("massless", "revolute", "arm", "tip", axis=(0, 1, 0))
+        .build()
+    )
+    found, page = written(scene, tmp_path)
+    assert found["missing"].keys() == {"residuals", "accuracy"}
+    assert "massless" in found["missing"]["accuracy"]
+    assert found["residuals"] == found["accuracy"] == []
+    assert found["condition"]["rank"] == 1
+    assert "1 of 2" in page
+    assert found["passed"] is True
+    for part in PARTS:
+        assert f'<section id="{part}">' in page
+
+
+def test_a_scene_where_nothing_moves_has_a_page(tmp_path: Path) -> None:
+    scene = phipsi.SceneBuilder().link("base", mass=1.0, com=(0, 0, 0), inertia=INERTIA).build()
+    found, page = written(scene, tmp_path)
+    assert found["missing"].keys() == {"residuals", "accuracy", "condition"}
+    assert "Nothing moves" in page
+
+
+def test_a_scene_too_large_for_dense_algebra_has_a_page(tmp_path: Path) -> None:
+    builder = phipsi.SceneBuilder().link("l0")
+    for k in range(320):
+        builder = builder.link(f"l{k + 1}", mass=1.0, com=(0, 0, 0.1), inertia=INERTIA)
+        axis = (1, 0, 0) if k % 2 else (0, 0, 1)
+        builder = builder.joint(f"j{k}", "revolute", f"l{k}", f"l{k + 1}", xyz=(0, 0, 0.2), axis=axis)
+    found, page = written(builder.build(), tmp_path, count=4)
+    assert found["missing"].keys() == {"residuals", "condition"}
+    assert {row["method"] for row in found["accuracy"]} == set(METHODS[:2])
+    assert "320 degrees of freedom" in page
+
+
+def test_every_kind_of_joint_is_drawn_and_measured(tmp_path: Path) -> None:
+    found, page = written(mixed(), tmp_path, count=6)
+    assert found["missing"] == {}
+    assert found["passed"] is True, [row for row in found["residuals"] if not row["passed"]]
+    for kind in ("spherical", "prismatic", "planar", "screw", "floating", "continuous"):
+        assert kind in page
+
+
+def test_states_are_within_limits_and_exact_in_float32() -> None:
+    scene = arm()
+    drawn = states.draw(scene, tree_of(scene), 50, 1)
+    limits = scene.limits
+    assert (drawn.q >= limits.lower - 1e-6).all()
+    assert (drawn.q <= limits.upper + 1e-6).all()
+    assert (np.abs(drawn.qd) <= 1.0).all()
+    for values in (drawn.q, drawn.qd, drawn.tau):
+        assert (values == values.astype(np.float32)).all()
+        assert np.ptp(values, axis=0).all()
+
+
+def test_the_tree_of_a_floating_base_starts_at_the_world() -> None:
+    tree = tree_of(phipsi.Scene.from_urdf(BUNDLED_ARM, floating_base=True))
+    rows = list(tree.rows())
+    assert tree.root == "world"
+    assert [row.joint.name for row in rows][:2] == ["root_joint", "joint1"]
+    assert rows[0].joint.kind == "floating"
+
+
+def test_a_straight_chain_is_bent_for_the_drawing() -> None:
+    builder = phipsi.SceneBuilder().link("l0")
+    for k in range(4):
+        builder = builder.link(f"l{k + 1}", mass=1.0, com=(0, 0, 0.1), inertia=INERTIA)
+        builder = builder.joint(f"j{k}", "revolute", f"l{k}", f"l{k + 1}", xyz=(0, 0, 0.2), axis=(0, 1, 0))
+    scene = builder.build()
+    q, caption = draw.pose(scene, tree_of(scene))
+    assert "bent" in caption
+    assert np.abs(q).min() > 0.1
+
+
+def test_labels_keep_their_order_and_their_distance() -> None:
+    sizes = [10.0, 30.0, 10.0, 10.0]
+    placed = labels.spread([50.0, 51.0, 52.0, 200.0], sizes, 0.0, 210.0)
+    for (a, b), (first, second) in zip(pairwise(placed), pairwise(sizes), strict=True):
+        assert b - a >= (first + second) / 2 - 1e-9
+    assert placed[-1] == 200.0
+    assert labels.spread([], [], 0.0, 1.0) == []
+    anchors = [labels.Anchor((f"n{k}",), float(k), 5.0 * k) for k in range(9)]
+    found = labels.columns(anchors, 100.0, 20.0, 200.0, 14.0)
+    assert sorted(name for label in found for name in label.names) == [f"n{k}" for k in range(9)]
+
+
+def test_numbers_as_text() -> None:
+    assert text.scientific(2.14e-16) == "2.1\u00a0×\u00a010⁻¹⁶"
+    assert text.scientific(math.inf) == "∞"
+    assert text.scientific(39.2) == "39"
+    assert text.significant(0.0) == "0"
+    assert text.significant(1234.5) == "1\u202f234" or text.significant(1234.5) == "1\u202f235"
+    assert text.time(1810.0) == "1.81 µs"
+    assert text.time(2.5e6) == "2.50 ms"
+    assert text.count(100_000) == "100\u202f000"
+    assert text.plural(1, "body", "bodies") == "1 body"
+    assert text.symbols("M^-1 (6.1) times torque") == "M⁻¹ (6.1) × torque"
