@@ -53,9 +53,9 @@ pub enum Error {
     },
     /// A joint about whose axis nothing is left to move: the pivot D(k) of eq. 3.6 is lost in rounding.
     #[error(
-        "joint {joint:?} (of link {link:?}){}: the inertia along its axis is {pivot:e}, lost in the rounding of the \
-         terms that form it ({terms:e}); add inertia about the axis, or give the joint armature",
-        in_state(*state)
+        "joint {joint:?} (of link {link:?}){}: the inertia along its axis is {}; add inertia about the axis, or give the joint armature",
+        in_state(*state),
+        lost(*pivot, *terms)
     )]
     SingularJoint {
         /// Name of the joint.
@@ -69,6 +69,14 @@ pub enum Error {
         /// Absolute sum of the terms that form the pivot, same unit.
         terms: f64,
     },
+}
+
+/// The words for a pivot that means nothing.
+fn lost(pivot: f64, terms: f64) -> String {
+    if pivot == 0.0 {
+        return "zero".to_owned();
+    }
+    format!("{pivot:.3e}, lost in the rounding of the terms that form it ({terms:.3e})")
 }
 
 /// The words that name one state of a batch.

@@ -29,6 +29,11 @@ pub struct Plan {
     pub items: Vec<Omission>,
 }
 
+/// A number with its noun.
+fn counted(count: usize, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { many })
+}
+
 impl Scene {
     /// What this scene does not need, and what leaving it out saved.
     #[must_use]
@@ -50,7 +55,8 @@ impl Scene {
             merged,
             count,
             "a fixed joint transmits every force: two links are one body",
-            format!("{count} shifts of an inertia and of a force, each sweep"),
+            counted(count, "shift of an inertia and of a force", "shifts of an inertia and of a force")
+                + ", each sweep",
         );
         let count = on_base.len();
         add(
@@ -58,7 +64,7 @@ impl Scene {
             on_base,
             count,
             "a link that cannot move adds nothing to M, to the bias or to the energy's changes",
-            format!("{count} bodies that are not visited"),
+            counted(count, "body that is not visited", "bodies that are not visited"),
         );
         let one_axis: usize = model
             .system

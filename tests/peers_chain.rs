@@ -18,7 +18,7 @@ fn chain_of_seven_moves_as_pinocchios() {
         91.485_986_695_787_7,
         -200.0,
     ];
-    let wave = |start: f64, step: f64| -> Vec<f64> { (0..7).map(|i| start + step * i as f64).collect() };
+    let wave = |start: f64, step: f64| -> Vec<f64> { (0..7_u8).map(|i| start + step * f64::from(i)).collect() };
     let scene = scenes::chain(7).unwrap();
     let mut qdd = [f64::NAN; 7];
     scene

@@ -291,6 +291,30 @@ proptest! {
         scene.integrate(&case.q, &back, &mut again).unwrap();
         assert_near("step by a difference", &again, &moved, tolerance::product(8, 1.0 + size(&moved)));
     }
+
+    /// Two half steps of a constant velocity are one whole step, near and far: holds for the exponential alone.
+    #[test]
+    fn half_steps_make_whole_steps(tree in tree(7), decade in -6..1_i32) {
+        let mut case = Case::new(tree);
+        let scene = &case.scene;
+        let step = case.random.array(scene.nv(), 3.0 * 10.0_f64.powi(decade));
+        let half: Vec<f64> = step.iter().map(|x| 0.5 * x).collect();
+        let (mut middle, mut end, mut whole) =
+            (vec![f64::NAN; scene.nq()], vec![f64::NAN; scene.nq()], vec![f64::NAN; scene.nq()]);
+        scene.integrate(&case.q, &half, &mut middle).unwrap();
+        scene.integrate(&middle, &half, &mut end).unwrap();
+        scene.integrate(&case.q, &step, &mut whole).unwrap();
+        assert_near("two half steps", &end, &whole, tolerance::product(8, 1.0 + size(&whole)));
+        // And it starts off at the rates of the coordinates.
+        if decade == -6 {
+            let model = scene.model();
+            let mut rates = vec![f64::NAN; scene.nq()];
+            kinematics::coordinate_rates(model, &case.q, &step, &mut rates);
+            let first: Vec<f64> = case.q.iter().zip(&rates).map(|(q, rate)| q + rate).collect();
+            let second_order = size(&step).powi(2) * 4.0 * (1.0 + size(&case.q));
+            assert_near("first order", &whole, &first, second_order);
+        }
+    }
 }
 
 proptest! {
