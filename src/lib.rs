@@ -61,3 +61,8 @@ mod workspace;
 pub use error::Error;
 pub use scene::{Scene, SceneBuilder};
 pub use workspace::Workspace;
+
+/// The README's Rust runs as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -18,8 +18,8 @@ SI units and radians throughout; spatial vectors are angular first; arrays have 
 """
 
 from . import errors
-from ._core import Omission, Plan, Scene, SceneBuilder, __version__
+from ._core import BUNDLED_ARM, Omission, Plan, Scene, SceneBuilder, __version__
 from ._results import Energy, Limits
 from .operators import Factor, Operator
 
-__all__ = ["Energy", "Factor", "Limits", "Omission", "Operator", "Plan", "Scene", "SceneBuilder", "__version__", "errors"]
+__all__ = ["BUNDLED_ARM", "Energy", "Factor", "Limits", "Omission", "Operator", "Plan", "Scene", "SceneBuilder", "__version__", "errors"]

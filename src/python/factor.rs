@@ -25,8 +25,8 @@ pub(crate) struct PyFactor {
 }
 
 impl PyScene {
-    /// The factor of every configuration of a batch.
-    fn factors(&self, input: &Input<'_>) -> PyResult<Result<Vec<Factor<f64>>, Fault>> {
+    /// The factor of every configuration of a batch, the GIL released.
+    fn factors(&self, py: Python<'_>, input: &Input<'_>) -> PyResult<Result<Vec<Factor<f64>>, Fault>> {
         let scene = &self.scene;
         let states: usize = input.leading().iter().product();
         let q = input.over(input.leading())?;
@@ -36,10 +36,10 @@ impl PyScene {
             scene.check_pivots(&scratch.workspace, monitor)?;
             Ok(factor)
         };
-        Ok(self.pool.with(
-            || Scratch::new(scene),
-            |scratch| (0..states).map(|state| one(scratch, state).map_err(|error| Fault { state, error })).collect(),
-        ))
+        let all = |scratch: &mut Scratch| {
+            (0..states).map(|state| one(scratch, state).map_err(|error| Fault { state, error })).collect()
+        };
+        Ok(py.detach(|| self.pool.with(|| Scratch::new(scene), all)))
     }
 }
 
@@ -56,7 +56,7 @@ impl PyScene {
         static FACTOR: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
         let input = Input::new("q", q, self.scene.nq())?;
         let batch = input.leading().to_vec();
-        let factors = self.factors(&input)?.map_err(|error| fault(py, error, &batch))?;
+        let factors = self.factors(py, &input)?.map_err(|error| fault(py, error, &batch))?;
         let raw = PyFactor {
             model: self.scene.model().clone(),
             factors,
