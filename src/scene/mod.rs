@@ -1,7 +1,7 @@
 //! The scene: an immutable articulated system, shareable between threads.
 //!
 //! [`description`] says what the user gives, [`builder`] checks and assembles it, [`model`] is what the sweeps read, `urdf`
-//! reads files, [`configuration`] moves on the manifold of configurations, [`queries`] are the checked algorithms.
+//! reads files, [`configuration`] moves on the manifold of configurations, and `Scene` has the checked algorithms.
 
 pub mod builder;
 pub mod configuration;

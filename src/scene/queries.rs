@@ -29,7 +29,7 @@ impl Scene {
         InverseScratch::new(&self.model)
     }
 
-    /// Checks a configuration: length, finite, quaternions within [`QUATERNION_SLACK`] of unit norm.
+    /// Checks a configuration: length, finite, quaternions within 1e-3 of unit norm.
     ///
     /// # Errors
     ///
