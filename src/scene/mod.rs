@@ -7,6 +7,7 @@ pub mod builder;
 pub mod configuration;
 pub mod description;
 mod inertia_check;
+mod joint_check;
 mod lock;
 pub mod model;
 mod queries;

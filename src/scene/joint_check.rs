@@ -1,0 +1,47 @@
+//! Whether the numbers of a joint can be used.
+
+use super::description::{JointDescription, JointKind};
+use crate::error::Error;
+use nalgebra::Matrix3;
+
+/// Numbers of one joint: finite, of the right sign, with an axis that has a direction.
+pub(super) fn check_joint(joint: &JointDescription) -> Result<(), Error> {
+    let refuse = |found: String, expected: &str| Err(Error::scene(format!("joint {:?}", joint.name), found, expected));
+    let origin = joint.origin.rotation.iter().chain(joint.origin.lever.iter());
+    if let Some(value) = origin.into_iter().find(|x| !x.is_finite()) {
+        return refuse(format!("{value} in its origin"), "finite numbers");
+    }
+    let r = &joint.origin.rotation;
+    let defect = (r.transpose() * r - Matrix3::identity()).amax();
+    if !(defect <= 1e-9 && r.determinant() > 0.0) {
+        return refuse(format!("an origin whose rotation is off by {defect:.1e}"), "a rotation matrix");
+    }
+    let norm = joint.axis.norm();
+    if joint.kind.has_axis() && !(norm.is_finite() && norm > 1e-12) {
+        let [x, y, z]: [f64; 3] = joint.axis.into();
+        return refuse(format!("axis ({x}, {y}, {z})"), "an axis with a direction");
+    }
+    if let JointKind::Screw { pitch } = joint.kind
+        && !pitch.is_finite()
+    {
+        return refuse(format!("pitch {pitch}"), "a finite pitch in m/rad");
+    }
+    for (name, value) in [("armature", joint.armature), ("damping", joint.damping), ("friction", joint.friction)] {
+        if !(value.is_finite() && value >= 0.0) {
+            return refuse(format!("{name} {value}"), "a finite number, zero or positive");
+        }
+    }
+    let limits = &joint.limits;
+    if !(limits.lower <= limits.upper) {
+        return refuse(
+            format!("limits from {} to {}", limits.lower, limits.upper),
+            "a lower limit that is not above the upper one",
+        );
+    }
+    for (name, value) in [("velocity", limits.velocity), ("effort", limits.effort)] {
+        if !(value >= 0.0) {
+            return refuse(format!("{name} limit {value}"), "a limit that is zero or positive");
+        }
+    }
+    Ok(())
+}
