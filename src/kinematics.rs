@@ -107,7 +107,7 @@ pub fn placements_base_to_tip<T: Real>(model: &Model<T>, q: &[T], shift: &mut [R
 }
 
 /// Velocity v(k) of body k, and the part of its acceleration that the rates cause, from its parent's: phi^T of both,
-/// plus the joint's own. `acceleration` may or may not contain the joint accelerations (`qdd`).
+/// plus the joint's own. The parent's acceleration may contain joint accelerations; those of this joint are the caller's to add.
 #[inline(always)]
 pub fn motion_step<T: Real>(
     body: &Body<T>,

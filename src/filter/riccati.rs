@@ -18,7 +18,7 @@ pub struct Measured<T> {
 }
 
 impl<T: Real> Measured<T> {
-    /// NaN throughout, as workspaces start.
+    /// `value` in every entry; workspaces start as NaN.
     pub fn filled(value: T) -> Self {
         Self { pivot: value, pivot_inverse: value, gain: Vector6::from_element(value) }
     }

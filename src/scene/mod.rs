@@ -154,12 +154,6 @@ impl Scene {
             .ok_or_else(|| unknown("link", name, self.links.iter().map(|link| link.name.as_str())))
     }
 
-    /// The joint that degree of freedom `row` belongs to.
-    #[must_use]
-    pub fn joint_of_row(&self, row: usize) -> Option<&Joint> {
-        self.joints.iter().find(|joint| joint.v.contains(&row))
-    }
-
     /// The joint that moves body `body` of the model.
     #[must_use]
     pub fn joint_of_body(&self, body: usize) -> Option<&Joint> {

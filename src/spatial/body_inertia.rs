@@ -4,7 +4,7 @@ use super::rigid_shift::RigidShift;
 use super::symmetric::{Symmetric3, Symmetric6};
 use super::vector::{angular, cross, linear, skew, spatial};
 use crate::scalar::Real;
-use nalgebra::{Matrix3, Vector3, Vector6};
+use nalgebra::{Vector3, Vector6};
 
 /// M(k) = [[I, m p~], [-m p~, m 1]] about the origin of the body's frame (the paper's lower right block is misprinted as 1).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -104,15 +104,5 @@ impl<T: Real> BodyInertia<T> {
                 zz + (d(0) + d(1)),
             ]),
         }
-    }
-
-    /// Rotational inertia about the mass centre, I + m p~ p~; zero mass gives I itself.
-    pub fn central(&self) -> Matrix3<T> {
-        let full = self.rotational.to_matrix();
-        if self.mass == T::zero() {
-            return full;
-        }
-        let p = self.first_moment / self.mass;
-        full + skew(&p) * skew(&self.first_moment)
     }
 }
