@@ -428,6 +428,41 @@ class Factor:
         """Kalman gain P H* D^-1, 6nv x nv (3.10)."""
         return _Leaf(self._raw, "g")
 
+    @property
+    def G(self) -> Operator:  # noqa: N802
+        """Batch Kalman gain R H* M^-1, 6nv x nv (2.2)."""
+        return _Leaf(self._raw, "G")
+
+    @property
+    def A(self) -> Operator:  # noqa: N802
+        """A = 1 - g H, block diagonal, 6nv x 6nv: what a measurement lets pass (3.9)."""
+        return _Leaf(self._raw, "A")
+
+    @property
+    def Psi_A(self) -> Operator:  # noqa: N802
+        """Psi A, from outboard side to outboard side, 6nv x 6nv: the closed loop of 5.2 (predicted) and 5.5 (lambda^-)."""
+        return _Leaf(self._raw, "Psi_A")
+
+    @property
+    def A_Psi(self) -> Operator:  # noqa: N802
+        """A Psi, from inboard side to inboard side, 6nv x 6nv: the closed loop of 5.2 (filtered) and 5.5 (lambda^+)."""
+        return _Leaf(self._raw, "A_Psi")
+
+    @property
+    def Lambda(self) -> Operator:  # noqa: N802
+        """Covariance Lambda^- of the co-states outboard of each row, block diagonal, 6nv x 6nv (5.6)."""
+        return _Leaf(self._raw, "Lambda")
+
+    @property
+    def Lambda_plus(self) -> Operator:  # noqa: N802
+        """Covariance Lambda^+ of the co-states inboard of each row, block diagonal, 6nv x 6nv (5.7)."""
+        return _Leaf(self._raw, "Lambda_plus")
+
+    @property
+    def S(self) -> Operator:  # noqa: N802
+        """S of M^-1 = D^-1 H S H* D^-1 + armature D^-2, 6nv x 6nv (6.2)."""
+        return _Leaf(self._raw, "S")
+
     def __repr__(self) -> str:
         batch = f", batch {self.batch}" if self.batch else ""
         return f"<phipsi.Factor of {self.nv} degrees of freedom{batch}>"

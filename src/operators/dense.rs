@@ -66,6 +66,11 @@ fn put(m: &mut Mat<f64>, (row, column): (usize, usize), block: &Matrix6<f64>) {
     }
 }
 
+/// The 6x6 blocks on the diagonal alone.
+fn block_diagonal(m: &Mat<f64>) -> Mat<f64> {
+    Mat::from_fn(m.nrows(), m.ncols(), |i, j| if i / 6 == j / 6 { m[(i, j)] } else { 0.0 })
+}
+
 impl Composite {
     /// Builds them at `q`. O(N^2) memory, O(N^3) for the inverses taken later.
     ///
@@ -137,6 +142,19 @@ impl Composite {
         (self.identity() - &self.shifts * self.closed_loop()).partial_piv_lu().solve(&self.shifts)
     }
 
+    /// R = phi Q phi* (2.2).
+    fn state_covariance(&self) -> Mat<f64> {
+        let phi = self.phi();
+        &phi * &self.q * phi.transpose()
+    }
+
+    /// cov(lambda^+) = Psi* H* D^-1 H Psi, whole (5.5).
+    fn co_state_covariance(&self) -> Mat<f64> {
+        let observed = &self.h * self.psi();
+        let scaled = Mat::from_fn(observed.nrows(), observed.ncols(), |i, j| observed[(i, j)] / self.d[i]);
+        observed.transpose() * scaled
+    }
+
     /// The matrix of one operator, from its definition.
     #[must_use]
     pub fn matrix(&self, kind: Kind) -> Mat<f64> {
@@ -145,16 +163,27 @@ impl Composite {
             Kind::Shifts => self.shifts.clone(),
             Kind::PhiStrict => self.phi() - self.identity(),
             Kind::Psi => self.psi(),
+            Kind::ClosedLoop => self.closed_loop(),
+            Kind::PsiA => self.psi() * self.closed_loop(),
+            Kind::APsi => self.closed_loop() * self.psi(),
             Kind::H => self.h.clone(),
             Kind::Q => self.q.clone(),
-            Kind::R => {
-                let phi = self.phi();
-                &phi * &self.q * phi.transpose()
-            }
+            Kind::R => self.state_covariance(),
             Kind::P => self.p.clone(),
             Kind::PFiltered => self.p_plus.clone(),
             Kind::D => Mat::from_fn(self.d.len(), self.d.len(), |i, j| if i == j { self.d[i] } else { 0.0 }),
             Kind::Gain => self.gain.clone(),
+            Kind::BatchGain => self.state_covariance() * self.h.transpose() * self.matrix(Kind::MassInverse),
+            // The diagonal blocks of the whole covariances, not the recursion of 5.6 and 5.7.
+            Kind::Lambda => {
+                let to_torque = &self.h * self.phi();
+                block_diagonal(&(to_torque.transpose() * self.matrix(Kind::MassInverse) * to_torque))
+            }
+            Kind::LambdaPlus => block_diagonal(&self.co_state_covariance()),
+            Kind::S => {
+                let psi_p = self.psi() * &self.p;
+                &self.p - &psi_p - psi_p.transpose() + &self.p * self.co_state_covariance() * &self.p
+            }
             Kind::K => &self.h * self.matrix(Kind::PhiStrict) * &self.gain,
             Kind::L => &self.h * self.psi() * &self.gain,
             Kind::Mass => self.mass_matrix(),

@@ -4,11 +4,13 @@
 //! triangular where the paper, counting from the tip, prints them lower. A joint with d degrees of freedom is d states with no
 //! shift between them; the body's inertia enters at the outermost. States are in body frames.
 
+mod compose;
 #[cfg(feature = "dense")]
 pub mod dense;
 mod factor;
 mod sweeps;
 
+pub use compose::{Product, Sum, Transpose};
 pub use factor::Factor;
 
 use crate::scalar::Real;
@@ -24,6 +26,12 @@ pub enum Kind {
     PhiStrict,
     /// Psi = (1 - E A)^-1 E, closed loop, from the inboard side of a joint to the outboard side of the next (3.11).
     Psi,
+    /// A = 1 - g H, a block diagonal: the measurement's side of the closed loop (3.9).
+    ClosedLoop,
+    /// Psi A, from outboard side to outboard side (5.2 for the predicted error, 5.5 for lambda^-).
+    PsiA,
+    /// A Psi, from inboard side to inboard side (5.2 for the filtered error, 5.5 for lambda^+).
+    APsi,
     /// The state-to-output map H (1.5).
     H,
     /// Process noise Q = diag M(k) (1.6).
@@ -38,6 +46,14 @@ pub enum Kind {
     D,
     /// Kalman gain g, a block diagonal column (3.10).
     Gain,
+    /// Batch Kalman gain G = R H* M^-1 (2.2).
+    BatchGain,
+    /// Covariance Lambda^- of the co-states outboard of each row, a block diagonal (5.6).
+    Lambda,
+    /// Covariance Lambda^+ of the co-states inboard of each row, a block diagonal (5.7).
+    LambdaPlus,
+    /// S = P - P Psi* - Psi P + P Psi* H* D^-1 H Psi P, with M^-1 = D^-1 H S H* D^-1 + r D^-2 (6.2).
+    S,
     /// K = H Phi g (3.8).
     K,
     /// L = H Psi g (3.14).
@@ -49,11 +65,14 @@ pub enum Kind {
 }
 
 /// Every kind with the name it has in Python.
-pub const KINDS: [(&str, Kind); 15] = [
+pub const KINDS: [(&str, Kind); 22] = [
     ("phi", Kind::Phi),
     ("E", Kind::Shifts),
     ("Phi", Kind::PhiStrict),
     ("psi", Kind::Psi),
+    ("A", Kind::ClosedLoop),
+    ("Psi_A", Kind::PsiA),
+    ("A_Psi", Kind::APsi),
     ("H", Kind::H),
     ("Q", Kind::Q),
     ("R", Kind::R),
@@ -61,6 +80,10 @@ pub const KINDS: [(&str, Kind); 15] = [
     ("P_plus", Kind::PFiltered),
     ("D", Kind::D),
     ("g", Kind::Gain),
+    ("G", Kind::BatchGain),
+    ("Lambda", Kind::Lambda),
+    ("Lambda_plus", Kind::LambdaPlus),
+    ("S", Kind::S),
     ("K", Kind::K),
     ("L", Kind::L),
     ("M", Kind::Mass),
@@ -78,12 +101,10 @@ impl Kind {
     #[must_use]
     pub fn shape(self, nv: usize) -> (usize, usize) {
         match self {
-            Self::Phi | Self::Shifts | Self::PhiStrict | Self::Psi | Self::Q | Self::R | Self::P | Self::PFiltered => {
-                (6 * nv, 6 * nv)
-            }
             Self::H => (nv, 6 * nv),
-            Self::Gain => (6 * nv, nv),
+            Self::Gain | Self::BatchGain => (6 * nv, nv),
             Self::D | Self::K | Self::L | Self::Mass | Self::MassInverse => (nv, nv),
+            _ => (6 * nv, 6 * nv),
         }
     }
 }
@@ -96,6 +117,30 @@ pub trait Operator<T: Real> {
     fn apply(&self, x: &[T], y: &mut [T]);
     /// y = A^T x.
     fn apply_transpose(&self, x: &[T], y: &mut [T]);
+
+    /// A^T as an operator.
+    fn transposed(self) -> Transpose<Self>
+    where
+        Self: Sized,
+    {
+        Transpose(self)
+    }
+
+    /// A B as an operator, `inner` being B.
+    fn compose<B: Operator<T>>(self, inner: B) -> Product<Self, B>
+    where
+        Self: Sized,
+    {
+        Product(self, inner)
+    }
+
+    /// A + scale B as an operator.
+    fn plus<B: Operator<T>>(self, scale: f64, other: B) -> Sum<Self, B>
+    where
+        Self: Sized,
+    {
+        Sum { left: self, scale, right: other }
+    }
 }
 
 /// One of the operators of a factor.

@@ -66,6 +66,18 @@ pub(super) fn apply<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], y: &mut [T
             // z^-(k) = E (x + A z^-): the state at the inboard side is x plus what passed the measurement.
             inward(factor, y, |row, z| block(x, row) + pass(factor, row, &z));
         }
+        Kind::PsiA => {
+            y.fill(zero);
+            inward(factor, y, |row, z| pass(factor, row, &(block(x, row) + z)));
+        }
+        Kind::APsi => {
+            apply(factor, Kind::Psi, x, y);
+            each_block(y, |row, z| pass(factor, row, &z));
+        }
+        Kind::ClosedLoop => {
+            y.copy_from_slice(x);
+            each_block(y, |row, z| pass(factor, row, &z));
+        }
         Kind::H => {
             for (row, hinge) in factor.hinges.iter().enumerate() {
                 y[row] = hinge.project(&block(x, row));
@@ -75,6 +87,13 @@ pub(super) fn apply<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], y: &mut [T
             for (row, m) in factor.measured.iter().enumerate() {
                 put(y, row, &(m.gain * x[row]));
             }
+        }
+        Kind::BatchGain => {
+            let mut estimate = vec![zero; x.len()];
+            factor.solve(x, &mut estimate);
+            let mut spread = vec![zero; y.len()];
+            apply_transpose(factor, Kind::H, &estimate, &mut spread);
+            apply(factor, Kind::R, &spread, y);
         }
         Kind::K => compose(factor, [Kind::H, Kind::PhiStrict, Kind::Gain], x, y, apply),
         Kind::L => compose(factor, [Kind::H, Kind::Psi, Kind::Gain], x, y, apply),
@@ -122,6 +141,19 @@ pub(super) fn apply_transpose<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], 
                 own + pass_transpose(factor, row, &carried)
             });
         }
+        Kind::PsiA => {
+            apply_transpose(factor, Kind::Psi, x, y);
+            each_block(y, |row, v| pass_transpose(factor, row, &v));
+        }
+        Kind::APsi => {
+            let mut passed = x.to_vec();
+            each_block(&mut passed, |row, v| pass_transpose(factor, row, &v));
+            apply_transpose(factor, Kind::Psi, &passed, y);
+        }
+        Kind::ClosedLoop => {
+            y.copy_from_slice(x);
+            each_block(y, |row, v| pass_transpose(factor, row, &v));
+        }
         Kind::H => {
             for (row, hinge) in factor.hinges.iter().enumerate() {
                 put(y, row, &hinge.spread_onto(&Vector6::from_element(zero), x[row]));
@@ -131,6 +163,13 @@ pub(super) fn apply_transpose<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], 
             for (row, m) in factor.measured.iter().enumerate() {
                 y[row] = dot(&m.gain, &block(x, row));
             }
+        }
+        Kind::BatchGain => {
+            let mut forces = vec![zero; x.len()];
+            apply(factor, Kind::R, x, &mut forces);
+            let mut measured = vec![zero; y.len()];
+            apply(factor, Kind::H, &forces, &mut measured);
+            factor.solve(&measured, y);
         }
         Kind::K => compose(factor, [Kind::Gain, Kind::PhiStrict, Kind::H], x, y, apply_transpose),
         Kind::L => compose(factor, [Kind::Gain, Kind::Psi, Kind::H], x, y, apply_transpose),
@@ -156,6 +195,27 @@ fn apply_symmetric<T: Real>(factor: &Factor<T>, kind: Kind, x: &[T], y: &mut [T]
         }
         Kind::P => diagonal_blocks(&factor.p_minus, x, y),
         Kind::PFiltered => diagonal_blocks(&factor.p_plus, x, y),
+        Kind::Lambda => diagonal_blocks(&factor.co_state_covariances().minus, x, y),
+        Kind::LambdaPlus => diagonal_blocks(&factor.co_state_covariances().plus, x, y),
+        Kind::S => {
+            // With u = P x and v = Psi u: S x = u - v + P Psi* (H* D^-1 H v - x).
+            let mut u = vec![T::zero(); x.len()];
+            diagonal_blocks(&factor.p_minus, x, &mut u);
+            let mut v = u.clone();
+            apply(factor, Kind::Psi, &u, &mut v);
+            let mut w: Vec<T> = x.iter().map(|&x| -x).collect();
+            for (row, (hinge, m)) in factor.hinges.iter().zip(&factor.measured).enumerate() {
+                let scaled = hinge.project(&block(&v, row)) * m.pivot_inverse;
+                let spread = hinge.spread_onto(&block(&w, row), scaled);
+                put(&mut w, row, &spread);
+            }
+            let mut co_states = vec![T::zero(); x.len()];
+            apply_transpose(factor, Kind::Psi, &w, &mut co_states);
+            diagonal_blocks(&factor.p_minus, &co_states, y);
+            for ((y, u), v) in y.iter_mut().zip(u).zip(v) {
+                *y += u - v;
+            }
+        }
         Kind::D => {
             for (row, pivot) in factor.pivots().enumerate() {
                 y[row] = pivot * x[row];
@@ -183,6 +243,14 @@ fn compose<T: Real>(
 fn diagonal_blocks<T: Real>(blocks: &[Symmetric6<T>], x: &[T], y: &mut [T]) {
     for (row, p) in blocks.iter().enumerate() {
         put(y, row, &p.mul_vector(&block(x, row)));
+    }
+}
+
+/// Replaces every block by a function of it.
+fn each_block<T: Real>(y: &mut [T], of: impl Fn(usize, Vector6<T>) -> Vector6<T>) {
+    for row in 0..y.len() / 6 {
+        let value = of(row, block(y, row));
+        put(y, row, &value);
     }
 }
 

@@ -30,15 +30,10 @@ impl PyScene {
         let scene = &self.scene;
         let states: usize = input.leading().iter().product();
         let q = input.over(input.leading())?;
-        let one = |scratch: &mut Scratch, state: usize| -> Result<Factor<f64>, Error> {
-            scene.check_configuration("q", q.state(state))?;
-            let (factor, monitor) = Factor::new(scene.model(), &mut scratch.workspace, q.state(state));
-            scene.check_pivots(&scratch.workspace, monitor)?;
-            Ok(factor)
+        let one = |scratch: &mut Scratch, state: usize| {
+            scene.factor(&mut scratch.workspace, q.state(state)).map_err(|error| Fault { state, error })
         };
-        let all = |scratch: &mut Scratch| {
-            (0..states).map(|state| one(scratch, state).map_err(|error| Fault { state, error })).collect()
-        };
+        let all = |scratch: &mut Scratch| (0..states).map(|state| one(scratch, state)).collect();
         Ok(py.detach(|| self.pool.with(|| Scratch::new(scene), all)))
     }
 }

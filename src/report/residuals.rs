@@ -70,8 +70,7 @@ pub fn residuals(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64]) -> Result<Ve
     let nv = scene.nv();
     let mut workspace = scene.workspace();
     let dense = scene.composite(q)?;
-    let (factor, monitor) = Factor::new(model, &mut workspace, q);
-    scene.check_pivots(&workspace, monitor)?;
+    let factor = scene.factor(&mut workspace, q)?;
     let mut list = Vec::new();
     let mut add = |name, value, through_inverse| list.push(Residual { name, value, through_inverse });
 
@@ -127,6 +126,10 @@ fn operators_against_definitions(
         ("P by blocks = P by full matrices (3.6)", Kind::P, true),
         ("K by sweep = H Phi g (3.8)", Kind::K, true),
         ("L by sweep = H Psi g (3.14)", Kind::L, true),
+        ("G by sweep = R H* M^-1 (2.2)", Kind::BatchGain, true),
+        ("Lambda- = diagonal of phi* H* M^-1 H phi (5.6)", Kind::Lambda, true),
+        ("Lambda+ = diagonal of Psi* H* D^-1 H Psi (5.7)", Kind::LambdaPlus, true),
+        ("S by sweep = its definition (6.2)", Kind::S, true),
     ] {
         add(name, relative(&swept(factor, kind), &dense.matrix(kind)), through_inverse);
     }

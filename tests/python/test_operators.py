@@ -7,7 +7,7 @@ import scipy.sparse.linalg
 from conftest import random_scene, random_states
 from tolerances import inverse
 
-NAMES = ("phi", "Phi", "psi", "E", "H", "Q", "R", "P", "P_plus", "D", "g", "K", "L", "M", "M_inv")
+NAMES = ("phi", "Phi", "psi", "E", "H", "Q", "R", "P", "P_plus", "D", "g", "K", "L", "M", "M_inv", "A", "Psi_A", "A_Psi", "Lambda", "Lambda_plus", "S", "G")
 
 
 @pytest.fixture(params=range(4))
