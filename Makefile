@@ -9,6 +9,8 @@
 PYTHON ?= python3
 OUT ?= report
 ROBOT ?=
+# All that needs no Python.
+FEATURES := urdf,parallel,dense,stochastic
 VENV := .venv
 BIN := $(VENV)/bin
 WHEELS := target/wheels
@@ -43,7 +45,7 @@ report: $(VENV)/report
 test: test-rust test-python
 
 test-rust:
-	cargo test --locked --features urdf,parallel,dense
+	cargo test --locked --features $(FEATURES)
 
 # From another folder, so that the installed wheel is imported and not the source.
 test-python: $(VENV)/test
@@ -52,17 +54,17 @@ test-python: $(VENV)/test
 check: $(VENV)/test
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
-	cargo clippy --locked --all-targets --features urdf,parallel,dense -- -D warnings
+	cargo clippy --locked --all-targets --features $(FEATURES) -- -D warnings
 	cargo clippy --locked --all-targets --features python -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features urdf,parallel,dense
-	cargo bench --locked --no-run --features urdf,parallel,dense
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features $(FEATURES)
+	cargo bench --locked --no-run --features $(FEATURES)
 	$(BIN)/python -m pip install --quiet 'mypy>=1.15' 'abi3audit>=0.0.20'
 	cd tests/python && ../../$(BIN)/python -m mypy.stubtest phipsi._core
 	$(BIN)/mypy python/phipsi
 	$(BIN)/abi3audit --strict $(WHEELS)/phipsi-*.whl
 
 bench:
-	cargo bench --features urdf,parallel,dense
+	cargo bench --features $(FEATURES)
 
 peers:
 	bash benches/peers/install.sh

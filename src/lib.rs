@@ -56,6 +56,8 @@ pub mod scalar;
 pub mod scene;
 pub mod scenes;
 pub mod spatial;
+#[cfg(feature = "stochastic")]
+pub mod stochastic;
 mod workspace;
 
 pub use error::Error;

@@ -10,6 +10,9 @@ pub mod inverse;
 pub mod mass_inverse;
 pub mod mass_matrix;
 
+#[cfg(feature = "stochastic")]
+pub(crate) use forces::bias_forces_base_to_tip;
+
 pub use energy::{Energy, energy, momentum};
 pub use forward::{factorise, forward_dynamics, solve};
 pub use inverse::{bias_torque, inverse_dynamics, mul_mass};

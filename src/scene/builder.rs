@@ -6,8 +6,8 @@ use super::joint_check::check_joint;
 use super::{Joint, Link, Scene};
 use crate::error::Error;
 use crate::scene::model::Motion;
-use crate::spatial::{BodyInertia, RigidShift};
-use nalgebra::{Matrix3, Vector3, Vector6};
+use crate::spatial::{BodyInertia, RigidShift, inertia_root, join_roots, root_of_merged};
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use std::collections::{HashMap, HashSet};
 
 /// Name of the joint that a floating base gets.
@@ -295,6 +295,12 @@ fn placed(inertial: &Inertial, placement: &RigidShift<f64>) -> BodyInertia<f64> 
     BodyInertia::from_central(inertial.mass, &centre, &inertial.central.congruence(&placement.rotation))
 }
 
+/// The square root of [`placed`], if the inertia is positive.
+fn placed_root(inertial: &Inertial, placement: &RigidShift<f64>) -> Option<Matrix6<f64>> {
+    let centre = placement.rotate(&inertial.centre) + placement.lever;
+    inertia_root(inertial.mass, &centre, &inertial.central.congruence(&placement.rotation))
+}
+
 /// The absolute sums of the terms that form the diagonal of [`placed`].
 fn placed_terms(inertial: &Inertial, placement: &RigidShift<f64>) -> Vector6<f64> {
     let r = placement.rotation.abs();
@@ -395,6 +401,12 @@ impl Assembly {
             let carrier = &mut self.scene.model.bodies[body];
             carrier.inertia = carrier.inertia.add(&placed(inertial, &placement));
             carrier.inertia_terms += placed_terms(inertial, &placement);
+            let root = &mut self.scene.model.inertia_roots[body];
+            *root = match (*root, placed_root(inertial, &placement)) {
+                (Some(first), Some(second)) => Some(join_roots(&first, &second)),
+                // A link that no body can be, merged with others: the sum may be one.
+                _ => root_of_merged(&carrier.inertia),
+            };
         }
         self.scene.link_index.insert(description.name.clone(), self.scene.links.len());
         self.scene.links.push(Link { name: description.name.clone(), body, placement });

@@ -3,7 +3,7 @@
 use crate::filter::{HingeMap, Rows, Stage, System};
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, RigidShift, Symmetric3};
-use nalgebra::{Matrix3, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 /// How a body moves against its parent. Axes were turned onto z when the scene was built.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,6 +62,8 @@ pub struct Body<T> {
 pub struct Model<T> {
     /// Bodies, parents before children, one for each stage of the system.
     pub bodies: Vec<Body<T>>,
+    /// S with S S^T = M(k), from mass, mass centre and central inertia; none where a body's inertia is not positive.
+    pub inertia_roots: Vec<Option<Matrix6<T>>>,
     /// Tree, measurement rows and armature (as measurement noise).
     pub system: System<T>,
     /// Number of coordinates in q.
@@ -73,7 +75,8 @@ pub struct Model<T> {
 impl<T: Real> Model<T> {
     /// A model without bodies.
     pub fn empty(gravity: Vector3<T>) -> Self {
-        Self { bodies: Vec::new(), system: System { stages: Vec::new(), noise: Vec::new() }, nq: 0, gravity }
+        let system = System { stages: Vec::new(), noise: Vec::new() };
+        Self { bodies: Vec::new(), inertia_roots: Vec::new(), system, nq: 0, gravity }
     }
 
     /// Number of degrees of freedom.
@@ -91,6 +94,7 @@ impl<T: Real> Model<T> {
             motion,
             q: self.nq,
         });
+        self.inertia_roots.push(Some(Matrix6::from_element(T::zero())));
         self.system.stages.push(Stage { parent, rows, first_row: self.nv() });
         self.system.noise.extend(std::iter::repeat_n(armature, rows.count()));
         self.nq += motion.nq();
@@ -131,6 +135,7 @@ impl Model<f64> {
                     q: body.q,
                 })
                 .collect(),
+            inertia_roots: self.inertia_roots.iter().map(|root| root.map(|s| s.map(scalar))).collect(),
             system: System {
                 stages: self
                     .system

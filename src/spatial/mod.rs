@@ -5,11 +5,13 @@
 //! symmetric, and what is zero by construction is not computed.
 
 mod body_inertia;
+mod inertia_root;
 mod rigid_shift;
 mod symmetric;
 mod vector;
 
 pub use body_inertia::BodyInertia;
+pub(crate) use inertia_root::{inertia_root, join_roots, root_of_merged};
 pub use rigid_shift::RigidShift;
 pub use symmetric::{Symmetric3, Symmetric6};
 pub use vector::{SpatialVector, angular, cross, cross_force, cross_motion, dot, linear, skew, spatial};

@@ -15,6 +15,9 @@ pub fn product(n: usize, scale: f64) -> f64 {
     8.0 * count(n.max(1)) * f64::EPSILON * scale
 }
 
+/// Standard errors that an estimate may be off: one in two billion is further, and the seeds are fixed.
+pub const SIGMAS: f64 = 6.0;
+
 /// Through the inverse of a matrix of condition number `cond`.
 pub fn inverse(cond: f64, scale: f64) -> f64 {
     16.0 * cond * f64::EPSILON * scale

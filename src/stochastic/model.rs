@@ -1,0 +1,314 @@
+//! Drawing from the model: white forces on the bodies, carried inward, measured at the joints (1.1 to 1.4).
+
+use super::points::{BLOCK, Coordinates, Lane, Points};
+use crate::batch::{Batch, Pool};
+use crate::dynamics::bias_forces_base_to_tip;
+use crate::error::Error;
+use crate::filter::{HingeMap, System};
+use crate::kinematics::placements_base_to_tip;
+use crate::scene::Scene;
+use crate::spatial::RigidShift;
+use nalgebra::{Matrix6, Vector6};
+use std::ops::Range;
+
+/// Rough time of one normal number in one sample, ns, its way through the model included.
+pub(super) const COST: usize = 8;
+
+/// The spatially random model of a scene at one configuration: w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
+///
+/// s is the `acceleration_variance`: the variance, (rad/s^2)^2, of the acceleration of one kg m^2. v has the variance s r,
+/// r the armature. Without rates the model is centred, b = 0.
+#[derive(Debug, Clone)]
+pub struct RandomModel {
+    pub(super) system: System<f64>,
+    pub(super) shift: Vec<RigidShift<f64>>,
+    pub(super) roots: Vec<Matrix6<f64>>,
+    /// b(k); zero in a centred model.
+    bias: Vec<Vector6<f64>>,
+    /// sqrt(s).
+    deviation: f64,
+    dimension: usize,
+}
+
+/// Samples, one row a sample; states are in body frames, a block of six a degree of freedom, as in [`crate::operators`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Samples {
+    /// W, (samples x 6nv): the force w(k) at the outermost row of a body, zero at its other rows.
+    pub process: Vec<f64>,
+    /// X = phi W, (samples x 6nv).
+    pub force: Vec<f64>,
+    /// T = H X + v, (samples x nv).
+    pub torque: Vec<f64>,
+}
+
+/// One block of samples on its way inward.
+pub(super) struct Block {
+    /// The normal numbers of the body at hand.
+    normals: Vec<Lane>,
+    /// w(k), six lanes a body; only where it is asked for.
+    process: Vec<Lane>,
+    /// z(k), six lanes a body.
+    force: Vec<Lane>,
+    /// tau, one lane a row.
+    pub torque: Vec<Lane>,
+}
+
+impl Scene {
+    /// The spatially random model at `q`; with rates `qd` its mean is the bias force, gravity included.
+    ///
+    /// # Errors
+    ///
+    /// Bad arguments; [`Error::Argument`] naming the link whose inertia has no square root, or the acceleration variance.
+    pub fn random_model(
+        &self,
+        q: &[f64],
+        qd: Option<&[f64]>,
+        acceleration_variance: f64,
+    ) -> Result<RandomModel, Error> {
+        self.check_configuration("q", q)?;
+        if !(acceleration_variance > 0.0 && acceleration_variance.is_finite()) {
+            let found = acceleration_variance.to_string();
+            return Err(Error::argument("acceleration_variance", found, "a positive number, (rad/s^2)^2"));
+        }
+        let (model, mut workspace) = (self.model(), self.workspace());
+        let mut bias = vec![Vector6::zeros(); model.bodies.len()];
+        if let Some(qd) = qd {
+            self.check_rates("qd", qd)?;
+            bias_forces_base_to_tip(model, &mut workspace, q, qd);
+            bias.copy_from_slice(&workspace.z);
+            for force in &bias {
+                self.check_result("bias force", force.as_slice())?;
+            }
+        }
+        placements_base_to_tip(model, q, &mut workspace.shift);
+        let roots = model.inertia_roots.iter().enumerate().map(|(k, root)| root.ok_or_else(|| self.indefinite(k)));
+        let roots = roots.collect::<Result<Vec<_>, _>>()?;
+        let columns: usize = roots.iter().map(|root| used_columns(root).count()).sum();
+        let noisy = model.system.noise.iter().filter(|&&r| r > 0.0).count();
+        Ok(RandomModel {
+            system: model.system.clone(),
+            shift: workspace.shift,
+            roots,
+            bias,
+            deviation: acceleration_variance.sqrt(),
+            dimension: columns + noisy,
+        })
+    }
+
+    fn indefinite(&self, body: usize) -> Error {
+        let link = self.joint_of_body(body).map(|joint| joint.child.clone()).unwrap_or_default();
+        Error::argument(
+            format!("inertia of link {link:?}"),
+            "a negative principal inertia",
+            "an inertia that a body can have: it is the covariance of a force",
+        )
+    }
+}
+
+/// The columns of a root that are not zero.
+pub(super) fn used_columns(root: &Matrix6<f64>) -> impl Iterator<Item = usize> + '_ {
+    (0..6).filter(|&column| root.column(column).iter().any(|&entry| entry != 0.0))
+}
+
+impl RandomModel {
+    /// Number of degrees of freedom.
+    #[must_use]
+    pub fn nv(&self) -> usize {
+        self.system.rows()
+    }
+
+    /// Random numbers a sample: six a body (fewer for rods, point masses and frames), one a joint with armature.
+    #[must_use]
+    pub fn dimension(&self) -> usize {
+        self.dimension
+    }
+
+    /// s, (rad/s^2)^2 of one kg m^2.
+    #[must_use]
+    pub fn acceleration_variance(&self) -> f64 {
+        self.deviation * self.deviation
+    }
+
+    /// W, X and T of the samples numbered `samples`; the same sample for the same number, whatever is drawn with it.
+    ///
+    /// O(N) a sample; threads share the blocks of 64.
+    #[must_use]
+    pub fn sample(&self, points: &Points, samples: Range<u64>) -> Samples {
+        let (nv, wide) = (self.nv(), 6 * self.nv());
+        let rows = self.rows_of_samples(points, &samples, 2 * wide + nv, |block, lane, row| {
+            let (process, rest) = row.split_at_mut(wide);
+            let (force, torque) = rest.split_at_mut(wide);
+            self.write_states(block, lane, process, force);
+            write_torque(block, lane, torque);
+        });
+        let part = |range: Range<usize>| -> Vec<f64> {
+            rows.chunks_exact((2 * wide + nv).max(1)).flat_map(|row| row[range.clone()].iter().copied()).collect()
+        };
+        Samples { process: part(0..wide), force: part(wide..2 * wide), torque: part(2 * wide..2 * wide + nv) }
+    }
+
+    /// T alone of the samples numbered `samples`, (samples x nv).
+    #[must_use]
+    pub fn sample_torque(&self, points: &Points, samples: Range<u64>) -> Vec<f64> {
+        self.rows_of_samples(points, &samples, self.nv(), write_torque)
+    }
+
+    /// `width` numbers of every sample, by blocks over threads.
+    fn rows_of_samples(
+        &self,
+        points: &Points,
+        samples: &Range<u64>,
+        width: usize,
+        write: impl Fn(&Block, usize, &mut [f64]) + Sync,
+    ) -> Vec<f64> {
+        let block = BLOCK as u64;
+        if samples.is_empty() {
+            return Vec::new();
+        }
+        let blocks = samples.start / block..samples.end.div_ceil(block);
+        #[allow(clippy::cast_possible_truncation)] // what has no room in memory fails to allocate below
+        let count = (blocks.end - blocks.start) as usize;
+        let mut rows = vec![f64::NAN; count * BLOCK * width];
+        let pool = Pool::default();
+        let batch = Batch { states: count, cost: COST * BLOCK * self.dimension, pool: &pool, make: || self.block() };
+        let done = batch.run(&mut rows, |scratch, i, out| {
+            self.draw(scratch, points.block(blocks.start + i as u64), Wanted::All);
+            for (lane, row) in out.chunks_exact_mut(width.max(1)).enumerate() {
+                write(scratch, lane, row);
+            }
+            Ok(())
+        });
+        debug_assert!(done.is_ok());
+        // The blocks at either end may hold samples that nobody asked for.
+        #[allow(clippy::cast_possible_truncation)] // less than a block
+        let before = (samples.start - blocks.start * block) as usize;
+        #[allow(clippy::cast_possible_truncation)] // as above
+        let wanted = (samples.end - samples.start) as usize;
+        rows.truncate((before + wanted) * width);
+        rows.drain(..before * width);
+        rows
+    }
+
+    /// Scratch for one block.
+    pub(super) fn block(&self) -> Block {
+        let unset = [f64::NAN; BLOCK];
+        let bodies = self.shift.len();
+        Block {
+            normals: vec![unset; 6],
+            process: vec![unset; 6 * bodies],
+            force: vec![unset; 6 * bodies],
+            torque: vec![unset; self.nv()],
+        }
+    }
+
+    /// Tip to base: one block of samples (1.1 to 1.4).
+    pub(super) fn draw(&self, block: &mut Block, mut coordinates: Coordinates<'_>, wanted: Wanted) {
+        block.force.iter_mut().for_each(|lane| lane.fill(0.0));
+        for (k, stage) in self.system.stages.iter().enumerate().rev() {
+            let (outboard, here) = block.force.split_at_mut(6 * k);
+            let force = &mut here[..6];
+            // 1.1: what the bodies outboard sent, plus w(k) = b(k) + S n.
+            let root = &self.roots[k];
+            for (used, column) in used_columns(root).enumerate() {
+                coordinates.next(&mut block.normals[used]);
+                for (i, lane) in force.iter_mut().enumerate() {
+                    add_scaled(lane, self.deviation * root[(i, column)], &block.normals[used]);
+                }
+            }
+            if wanted == Wanted::All {
+                let process = &mut block.process[6 * k..6 * k + 6];
+                for (i, lane) in process.iter_mut().enumerate() {
+                    lane.fill(self.bias[k][i]);
+                    for (normal, column) in block.normals.iter().zip(used_columns(root)) {
+                        add_scaled(lane, self.deviation * root[(i, column)], normal);
+                    }
+                }
+                for (i, lane) in force.iter_mut().enumerate() {
+                    for x in lane {
+                        *x += self.bias[k][i];
+                    }
+                }
+            }
+            // 1.4, with the armature's noise.
+            for i in 0..stage.rows.count() {
+                let row = stage.first_row + i;
+                let torque = &mut block.torque[row];
+                measure(&stage.rows.row(i), force, torque);
+                if self.system.noise[row] > 0.0 {
+                    coordinates.next(&mut block.normals[0]);
+                    add_scaled(torque, self.deviation * self.system.noise[row].sqrt(), &block.normals[0]);
+                }
+            }
+            if let Some(parent) = stage.parent {
+                carry(&self.shift[k], force, &mut outboard[6 * parent..6 * parent + 6]);
+            }
+        }
+    }
+
+    fn write_states(&self, block: &Block, lane: usize, process: &mut [f64], force: &mut [f64]) {
+        for (k, stage) in self.system.stages.iter().enumerate() {
+            let count = stage.rows.count();
+            for i in 0..count {
+                let at = 6 * (stage.first_row + i);
+                let outermost = i + 1 == count;
+                for j in 0..6 {
+                    process[at + j] = if outermost { block.process[6 * k + j][lane] } else { 0.0 };
+                    force[at + j] = block.force[6 * k + j][lane];
+                }
+            }
+        }
+    }
+}
+
+/// What of a block is wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Wanted {
+    /// W, X and T, with their mean.
+    All,
+    /// T without its mean.
+    CentredTorque,
+}
+
+fn write_torque(block: &Block, lane: usize, row: &mut [f64]) {
+    for (out, torque) in row.iter_mut().zip(&block.torque) {
+        *out = torque[lane];
+    }
+}
+
+/// y += scale x, nothing where the scale is zero.
+fn add_scaled(y: &mut Lane, scale: f64, x: &Lane) {
+    if scale != 0.0 {
+        for (y, x) in y.iter_mut().zip(x) {
+            *y += scale * x;
+        }
+    }
+}
+
+/// tau = H z.
+fn measure(hinge: &HingeMap<f64>, force: &[Lane], torque: &mut Lane) {
+    match *hinge {
+        HingeMap::Axis(i) => torque.copy_from_slice(&force[i]),
+        HingeMap::Screw(pitch) => {
+            torque.copy_from_slice(&force[2]);
+            add_scaled(torque, pitch, &force[5]);
+        }
+    }
+}
+
+/// z(parent) += phi z.
+fn carry(shift: &RigidShift<f64>, force: &[Lane], parent: &mut [Lane]) {
+    let (r, l) = (&shift.rotation, &shift.lever);
+    let [n0, n1, n2, f0, f1, f2] = force else { return };
+    let [p0, p1, p2, p3, p4, p5] = parent else { return };
+    for s in 0..BLOCK {
+        let turn = |v: [f64; 3], i: usize| r[(i, 0)] * v[0] + r[(i, 1)] * v[1] + r[(i, 2)] * v[2];
+        let (n, f) = ([n0[s], n1[s], n2[s]], [f0[s], f1[s], f2[s]]);
+        let g = [turn(f, 0), turn(f, 1), turn(f, 2)];
+        p0[s] += turn(n, 0) + (l[1] * g[2] - l[2] * g[1]);
+        p1[s] += turn(n, 1) + (l[2] * g[0] - l[0] * g[2]);
+        p2[s] += turn(n, 2) + (l[0] * g[1] - l[1] * g[0]);
+        p3[s] += g[0];
+        p4[s] += g[1];
+        p5[s] += g[2];
+    }
+}

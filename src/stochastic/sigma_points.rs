@@ -1,0 +1,44 @@
+//! Sigma points: the columns of +-sqrt(n) S, pushed through T = H phi W, have M as their covariance exactly.
+
+use super::model::{RandomModel, used_columns};
+use nalgebra::Vector6;
+
+impl RandomModel {
+    /// The mass matrix from the sigma points, (nv x nv) row by row, into `out`; gives the number of points.
+    ///
+    /// n is the number of random numbers a sample. The weights 1/(2n) and the squares of sqrt(n) cancel, and a point and its
+    /// mirror image contribute the same: half of the points are pushed, unscaled. Each reaches only the joints between its
+    /// body and the base. O(N depth^2).
+    pub(super) fn sigma_points(&self, out: &mut [f64]) -> usize {
+        let nv = self.nv();
+        out.fill(0.0);
+        let mut path: Vec<(usize, f64)> = Vec::with_capacity(nv);
+        for (k, root) in self.roots.iter().enumerate() {
+            for column in used_columns(root) {
+                self.push_inward(k, root.column(column).into(), &mut path);
+                for &(i, t) in &path {
+                    for &(j, other) in &path {
+                        out[i * nv + j] += t * other;
+                    }
+                }
+            }
+        }
+        for (row, &armature) in self.system.noise.iter().enumerate() {
+            out[row * nv + row] += armature;
+        }
+        2 * self.dimension()
+    }
+
+    /// The torques that a force on body `k` causes, by row.
+    fn push_inward(&self, k: usize, mut force: Vector6<f64>, path: &mut Vec<(usize, f64)>) {
+        path.clear();
+        let mut at = Some(k);
+        while let Some(body) = at {
+            let stage = &self.system.stages[body];
+            let rows = 0..stage.rows.count();
+            path.extend(rows.map(|i| (stage.first_row + i, stage.rows.row(i).project(&force))));
+            force = self.shift[body].force_to_parent(&force);
+            at = stage.parent;
+        }
+    }
+}
