@@ -18,8 +18,23 @@ SI units and radians throughout; spatial vectors are angular first; arrays have 
 """
 
 from . import errors
-from ._core import BUNDLED_ARM, Omission, Plan, Scene, SceneBuilder, __version__
-from ._results import Energy, Limits
+from ._core import BUNDLED_ARM, Omission, Plan, RandomModel, Scene, SceneBuilder, __version__
+from ._results import Energy, Limits, MassEstimate, Samples
 from .operators import Factor, Operator
 
-__all__ = ["BUNDLED_ARM", "Energy", "Factor", "Limits", "Omission", "Operator", "Plan", "Scene", "SceneBuilder", "__version__", "errors"]
+__all__ = [
+    "BUNDLED_ARM",
+    "Energy",
+    "Factor",
+    "Limits",
+    "MassEstimate",
+    "Omission",
+    "Operator",
+    "Plan",
+    "RandomModel",
+    "Samples",
+    "Scene",
+    "SceneBuilder",
+    "__version__",
+    "errors",
+]

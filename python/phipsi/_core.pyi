@@ -7,7 +7,7 @@ from typing import Any, Final, Literal, TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._results import Energy, Limits
+from ._results import Energy, Limits, MassEstimate, Samples
 from .operators import Factor
 
 __all__ = [
@@ -15,12 +15,15 @@ __all__ = [
     "METHODS",
     "Omission",
     "Plan",
+    "ROUTES",
+    "RandomModel",
     "RawFactor",
     "Reference",
     "Scene",
     "SceneBuilder",
     "__version__",
     "_rebuild_scene",
+    "emergence",
     "growth",
     "measure",
     "reference",
@@ -233,6 +236,18 @@ class Scene:
         Raises SingularJointError, naming joint and state; ShapeError, NotFiniteError or ArgumentError for a bad q.
         """
 
+    def random_model(
+        self, q: ArrayLike, qd: ArrayLike | None = None, *, acceleration_variance: float = 1.0
+    ) -> RandomModel:
+        """The spatially random model at q (1.1 to 1.6), to draw from: forces on the bodies, the joint torques that they cause.
+
+        q: (nq,). qd: (nv,), rates: the mean of the forces is then the bias force b(k), gravity included; without rates the
+        model is centred. acceleration_variance: (rad/s^2)^2, of one kg m^2 of inertia; it scales all covariances.
+
+        Raises ArgumentError for a variance that is not positive, and for an inertia that no body can have, naming the link;
+        ShapeError or NotFiniteError for bad arrays.
+        """
+
     def check(self, q: ArrayLike) -> dict[str, float]:
         """Residuals of the paper's identities at q, (nq,): name of the identity to its relative residual.
 
@@ -359,6 +374,57 @@ class Plan:
         """What was left out; only what this scene had."""
 
 @final
+class RandomModel:
+    """The spatially random model of a scene at one configuration (1.1 to 1.6): w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
+
+    Made by :meth:`Scene.random_model`. s is the acceleration variance, (rad/s^2)^2 of one kg m^2; v has the variance s times
+    the armature.
+    """
+
+    @property
+    def nv(self) -> int:
+        """Number of degrees of freedom."""
+
+    @property
+    def dimension(self) -> int:
+        """Random numbers a sample: six a body (fewer for rods, point masses and frames), one a joint with armature."""
+
+    @property
+    def acceleration_variance(self) -> float:
+        """s, (rad/s^2)^2 of one kg m^2."""
+
+    def sample(self, samples: int, *, seed: int, first: int | None = None) -> Samples:
+        """Samples of the model: the named tuple Samples(process, force, torque).
+
+        samples: how many; seed: an integer from 0 to 2^64 - 1; first: the number of the first sample, 0 if not given. Sample i
+        of a seed is the same whatever is drawn with it and on however many threads. process and force: (samples, nv, 6), W and
+        X = phi W in body frames, a block a degree of freedom as in Factor; torque: (samples, nv), T = H X + v.
+
+        Raises ArgumentError for a bad count or seed.
+        """
+
+    def sample_torque(self, samples: int, *, seed: int, first: int | None = None) -> _Array:
+        """The torques alone of the same samples, (samples, nv): arguments and errors as of sample()."""
+
+    def mass_matrix(
+        self,
+        samples: int | None = None,
+        *,
+        seed: int | None = None,
+        method: Literal["monte-carlo", "sobol", "sigma-points"] = "monte-carlo",
+        confidence: float = 0.95,
+        replicates: int = 8,
+    ) -> MassEstimate:
+        """The mass matrix as the covariance of T (5.1), with what is known of its error: the named tuple MassEstimate.
+
+        method: "monte-carlo", independent samples, whose error falls as samples^-1/2; "sobol", scrambled Sobol points, samples
+        being replicates times a power of two, about samples^-1; "sigma-points", exact, which takes neither samples nor seed.
+        confidence: of the interval of each entry, between 0 and 1. replicates: scrambles, at least 2, for "sobol" only.
+
+        Raises ArgumentError, naming the argument.
+        """
+
+@final
 class RawFactor:
     """The compiled half of phipsi.Factor: applies operators by name."""
 
@@ -394,6 +460,7 @@ class Reference:
 
 BUNDLED_ARM: str
 METHODS: tuple[str, ...]
+ROUTES: tuple[str, ...]
 
 def residuals(scene: Scene, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> list[tuple[str, float, bool]]:
     """Residuals at one state, as (name, relative residual, whether rounding grows with the condition number of M)."""
@@ -419,3 +486,9 @@ def measure(
 
 def growth(bodies: int, repeats: int) -> tuple[float, float]:
     """Forward and inverse dynamics of a chain of `bodies` equal links, median ns a body over `repeats` passes."""
+
+def emergence(scene: Scene, q: ArrayLike, route: str, samples: int, seed: int, repeats: int) -> tuple[float, float]:
+    """Median time (ns) of one route from q to the mass matrix, and its relative error (Frobenius norm, against double-double).
+
+    route: one of ROUTES; samples and seed are for "monte-carlo" and "sobol" (a power of two); repeats: how often it is timed.
+    """

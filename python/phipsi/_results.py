@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Energy", "Limits"]
+__all__ = ["Energy", "Limits", "MassEstimate", "Samples"]
 
 
 class Energy(NamedTuple):
@@ -30,3 +30,31 @@ class Limits(NamedTuple):
     """Largest speed, rad/s or m/s."""
     effort: NDArray[np.float64]
     """Largest torque or force, N m or N."""
+
+
+class Samples(NamedTuple):
+    """Samples of the spatially random model, in body frames, a block of six a degree of freedom as in Factor."""
+
+    process: NDArray[np.float64]
+    """W, (samples, nv, 6): the force w(k) at the outermost degree of freedom of a body, zero at its others."""
+    force: NDArray[np.float64]
+    """X = phi W, (samples, nv, 6): the force transmitted there."""
+    torque: NDArray[np.float64]
+    """T = H X + v, (samples, nv), N m or N."""
+
+
+class MassEstimate(NamedTuple):
+    """The mass matrix as the covariance of sampled torques (5.1); all but the first and samples are None for sigma points."""
+
+    mass_matrix: NDArray[np.float64]
+    """The estimate, (nv, nv), symmetric."""
+    standard_error: NDArray[np.float64] | None
+    """Standard error of each entry."""
+    low: NDArray[np.float64] | None
+    """Lower ends of the confidence intervals; each holds its entry with the stated confidence, not all at once."""
+    high: NDArray[np.float64] | None
+    """Upper ends."""
+    samples: int
+    """Points that were used."""
+    confidence: float | None
+    """Of each interval."""

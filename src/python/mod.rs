@@ -18,6 +18,7 @@ mod geometry;
 mod plan;
 mod report;
 mod scene;
+mod stochastic;
 mod wrenches;
 
 /// Articulated-body dynamics as Kalman filtering: the compiled half of `phipsi`.
@@ -38,11 +39,15 @@ mod core_module {
     use super::report::{PyReference, growth_of, measure_method, reference_of, residuals_at};
     #[pymodule_export]
     use super::scene::PyScene;
+    #[pymodule_export]
+    use super::stochastic::{PyRandomModel, emergence_of};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("BUNDLED_ARM", crate::scenes::BUNDLED_ARM)?;
+        let routes = crate::report::emergence::ROUTES.map(|(name, _)| name);
+        module.add("ROUTES", PyTuple::new(module.py(), routes)?)?;
         let methods = crate::report::accuracy::METHODS.map(|(name, _)| name);
         module.add("METHODS", PyTuple::new(module.py(), methods)?)
     }

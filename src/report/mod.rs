@@ -2,6 +2,8 @@
 
 #[cfg(feature = "dense")]
 pub mod accuracy;
+#[cfg(all(feature = "dense", feature = "stochastic"))]
+pub mod emergence;
 pub mod growth;
 #[cfg(feature = "dense")]
 pub mod residuals;

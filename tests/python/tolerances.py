@@ -11,6 +11,10 @@ STEP = EPS ** (1 / 3)
 """Step of a central difference: its truncation and its rounding are then both about EPS ** (2 / 3)."""
 
 
+SIGMAS = 6.0
+"""Standard errors that an estimate may be off: one in two billion is further, and the seeds are fixed."""
+
+
 def product(n: int, scale: float) -> float:
     """For products and sums over n terms without a solve."""
     return 64.0 * max(n, 1) * EPS * scale

@@ -1,0 +1,223 @@
+//! The class `RandomModel`: the spatially random model of a scene at one configuration.
+
+use super::arrays::{fixed, from_numbers};
+use super::scene::PyScene;
+use crate::error::Error;
+use crate::report::emergence::{ROUTES, emergence};
+use crate::stochastic::{MassEstimate, Method, Points, RandomModel};
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyBool;
+use std::ops::Range;
+
+/// The spatially random model of a scene at one configuration (1.1 to 1.6): w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
+///
+/// Made by Scene.random_model. s is the acceleration variance, (rad/s^2)^2 of one kg m^2; v has the variance s times the armature.
+#[pyclass(frozen, name = "RandomModel", module = "phipsi")]
+pub(crate) struct PyRandomModel {
+    model: RandomModel,
+}
+
+#[pymethods]
+impl PyScene {
+    /// The spatially random model at q (1.1 to 1.6), to draw from: forces on the bodies, the joint torques that they cause.
+    ///
+    /// q: (nq,). qd: (nv,), rates: the mean of the forces is then the bias force b(k), gravity included; without rates the
+    /// model is centred. acceleration_variance: (rad/s^2)^2, of one kg m^2 of inertia; it scales all covariances.
+    ///
+    /// Raises ArgumentError for a variance that is not positive, and for an inertia that no body can have, naming the link;
+    /// ShapeError or NotFiniteError for bad arrays.
+    #[pyo3(signature = (q, qd=None, *, acceleration_variance=1.0))]
+    fn random_model(
+        &self,
+        q: &Bound<'_, PyAny>,
+        qd: Option<&Bound<'_, PyAny>>,
+        acceleration_variance: f64,
+    ) -> PyResult<PyRandomModel> {
+        let q = fixed("q", q, &[self.scene.nq()])?;
+        let qd = qd.map(|qd| fixed("qd", qd, &[self.scene.nv()])).transpose()?;
+        Ok(PyRandomModel { model: self.scene.random_model(&q, qd.as_deref(), acceleration_variance)? })
+    }
+}
+
+#[pymethods]
+impl PyRandomModel {
+    /// Number of degrees of freedom.
+    #[getter]
+    fn nv(&self) -> usize {
+        self.model.nv()
+    }
+
+    /// Random numbers a sample: six a body (fewer for rods, point masses and frames), one a joint with armature.
+    #[getter]
+    fn dimension(&self) -> usize {
+        self.model.dimension()
+    }
+
+    /// s, (rad/s^2)^2 of one kg m^2.
+    #[getter]
+    fn acceleration_variance(&self) -> f64 {
+        self.model.acceleration_variance()
+    }
+
+    /// Samples of the model: the named tuple Samples(process, force, torque).
+    ///
+    /// samples: how many; seed: an integer from 0 to 2^64 - 1; first: the number of the first sample. Sample i of a seed is the
+    /// same whatever is drawn with it and on however many threads. process and force: (samples, nv, 6), W and X = phi W in body
+    /// frames, a block a degree of freedom as in Factor; torque: (samples, nv), T = H X + v.
+    ///
+    /// Raises ArgumentError for a bad count or seed.
+    #[pyo3(signature = (samples, *, seed, first=None))]
+    fn sample<'py>(
+        &self,
+        py: Python<'py>,
+        samples: &Bound<'py, PyAny>,
+        seed: &Bound<'py, PyAny>,
+        first: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        static SAMPLES: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+        let (points, range) = points_of(samples, seed, first)?;
+        let count = usize::try_from(range.end - range.start)?;
+        let nv = self.model.nv();
+        let drawn = py.detach(|| self.model.sample(&points, range));
+        let process = from_numbers(py, &drawn.process, &[count, nv, 6])?;
+        let force = from_numbers(py, &drawn.force, &[count, nv, 6])?;
+        let torque = from_numbers(py, &drawn.torque, &[count, nv])?;
+        SAMPLES.import(py, "phipsi._results", "Samples")?.call1((process, force, torque))
+    }
+
+    /// The torques alone of the same samples, (samples, nv): arguments and errors as of sample().
+    #[pyo3(signature = (samples, *, seed, first=None))]
+    fn sample_torque<'py>(
+        &self,
+        py: Python<'py>,
+        samples: &Bound<'py, PyAny>,
+        seed: &Bound<'py, PyAny>,
+        first: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let (points, range) = points_of(samples, seed, first)?;
+        let count = usize::try_from(range.end - range.start)?;
+        let torque = py.detach(|| self.model.sample_torque(&points, range));
+        Ok(from_numbers(py, &torque, &[count, self.model.nv()])?.cast_into()?)
+    }
+
+    /// The mass matrix as the covariance of T (5.1), with what is known of its error: the named tuple MassEstimate.
+    ///
+    /// method: "monte-carlo", independent samples, whose error falls as samples^-1/2; "sobol", scrambled Sobol points, samples
+    /// being replicates times a power of two, about samples^-1; "sigma-points", exact, which takes neither samples nor seed.
+    /// confidence: of the interval of each entry, between 0 and 1. replicates: scrambles, at least 2, for "sobol" only.
+    ///
+    /// Raises ArgumentError, naming the argument.
+    #[pyo3(signature = (samples=None, *, seed=None, method="monte-carlo", confidence=0.95, replicates=None),
+           text_signature = "($self, samples=None, *, seed=None, method='monte-carlo', confidence=0.95, replicates=8)")]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn mass_matrix<'py>(
+        &self,
+        py: Python<'py>,
+        samples: Option<&Bound<'py, PyAny>>,
+        seed: Option<&Bound<'py, PyAny>>,
+        method: &str,
+        confidence: f64,
+        replicates: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let drawn = || -> PyResult<(usize, u64)> {
+            let missing = |name: &str| Error::argument(name, "none", format!("an integer, for method {method:?}"));
+            let samples = count("samples", samples.ok_or_else(|| missing("samples"))?)?;
+            Ok((usize::try_from(samples)?, whole("seed", seed.ok_or_else(|| missing("seed"))?)?))
+        };
+        let method = match method {
+            "monte-carlo" => {
+                let (samples, seed) = drawn()?;
+                Method::MonteCarlo { samples, seed, confidence }
+            }
+            "sobol" => {
+                let (samples, seed) = drawn()?;
+                let replicates = replicates.map_or(Ok(8), |replicates| count("replicates", replicates))?;
+                let replicates = usize::try_from(replicates)?;
+                Method::Sobol { samples, seed, replicates, confidence }
+            }
+            "sigma-points" => Method::SigmaPoints,
+            _ => {
+                let expected = "one of \"monte-carlo\", \"sobol\", \"sigma-points\"";
+                return Err(Error::argument("method", format!("{method:?}"), expected).into());
+            }
+        };
+        let estimate = py.detach(|| self.model.mass_matrix(method))?;
+        to_python(py, &estimate, self.model.nv(), confidence)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<phipsi.RandomModel of {} torques, {} random numbers a sample>", self.nv(), self.dimension())
+    }
+}
+
+/// The named tuple of an estimate.
+fn to_python<'py>(py: Python<'py>, estimate: &MassEstimate, nv: usize, confidence: f64) -> PyResult<Bound<'py, PyAny>> {
+    static ESTIMATE: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    let class = ESTIMATE.import(py, "phipsi._results", "MassEstimate")?;
+    let matrix = |numbers: &[f64]| from_numbers(py, numbers, &[nv, nv]);
+    let m = matrix(&estimate.mass_matrix)?;
+    match &estimate.spread {
+        None => class.call1((m, py.None(), py.None(), py.None(), estimate.samples, py.None())),
+        Some(spread) => {
+            let (low, high) = (matrix(&spread.low)?, matrix(&spread.high)?);
+            class.call1((m, matrix(&spread.standard_error)?, low, high, estimate.samples, confidence))
+        }
+    }
+}
+
+/// The generator and the numbers of the samples asked for.
+fn points_of(
+    samples: &Bound<'_, PyAny>,
+    seed: &Bound<'_, PyAny>,
+    first: Option<&Bound<'_, PyAny>>,
+) -> PyResult<(Points, Range<u64>)> {
+    let samples = count("samples", samples)?;
+    let first = first.map_or(Ok(0), |first| whole("first", first))?;
+    let Some(end) = first.checked_add(samples) else {
+        return Err(Error::argument("first", first.to_string(), "samples that are numbered below 2^64").into());
+    };
+    Ok((Points::random(whole("seed", seed)?), first..end))
+}
+
+/// A positive integer that memory could have as many samples of.
+fn count(name: &str, value: &Bound<'_, PyAny>) -> PyResult<u64> {
+    match whole(name, value)? {
+        0 => Err(Error::argument(name, "0", "at least one").into()),
+        many if many > 1 << 40 => Err(Error::argument(name, many.to_string(), "at most 2^40").into()),
+        fine => Ok(fine),
+    }
+}
+
+/// An integer from 0 to 2^64 - 1; a truth value is none.
+fn whole(name: &str, value: &Bound<'_, PyAny>) -> PyResult<u64> {
+    let refused = || -> PyErr {
+        let found = value.repr().map_or_else(|_| "an object".to_owned(), |text| text.to_string());
+        Error::argument(name, found, "an integer from 0 to 2^64 - 1").into()
+    };
+    if value.is_instance_of::<PyBool>() { Err(refused()) } else { value.extract().map_err(|_| refused()) }
+}
+
+/// Median time (ns) of one route from q to the mass matrix, and its relative error (Frobenius norm, against double-double).
+///
+/// route: one of ROUTES; samples and seed are for "monte-carlo" and "sobol" (a power of two); repeats: how often it is timed.
+#[pyfunction(name = "emergence")]
+#[pyo3(signature = (scene, q, route, samples, seed, repeats))]
+pub(super) fn emergence_of(
+    py: Python<'_>,
+    scene: &PyScene,
+    q: &Bound<'_, PyAny>,
+    route: &str,
+    samples: usize,
+    seed: u64,
+    repeats: usize,
+) -> PyResult<(f64, f64)> {
+    let scene = &scene.scene;
+    let q = fixed("q", q, &[scene.nq()])?;
+    let Some(&(_, route)) = ROUTES.iter().find(|(name, _)| *name == route) else {
+        let names: Vec<String> = ROUTES.iter().map(|(name, _)| format!("{name:?}")).collect();
+        return Err(Error::argument("route", format!("{route:?}"), format!("one of {}", names.join(", "))).into());
+    };
+    Ok(py.detach(|| emergence(scene, &q, route, (samples, seed), repeats))?)
+}

@@ -1,0 +1,89 @@
+//! M five ways, each with its time and its error: from samples of the random model (5.1), and by algebra.
+
+use crate::dynamics;
+use crate::error::Error;
+use crate::operators::dense::Composite;
+use crate::report::growth::median_ns;
+use crate::scalar::{DoubleDouble, Real};
+use crate::scene::{Model, Scene};
+use crate::stochastic::{Method, RandomModel};
+use crate::workspace::Workspace;
+use std::hint::black_box;
+
+/// A way from q to M.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Route {
+    /// Independent samples.
+    MonteCarlo,
+    /// One scramble of Sobol points.
+    Sobol,
+    /// Sigma points.
+    SigmaPoints,
+    /// Composite inertias (3.5).
+    Recursion,
+    /// H phi Q phi* H* with dense matrices (5.1).
+    DenseProduct,
+}
+
+/// Every route with its name.
+pub const ROUTES: [(&str, Route); 5] = [
+    ("monte-carlo", Route::MonteCarlo),
+    ("sobol", Route::Sobol),
+    ("sigma-points", Route::SigmaPoints),
+    ("recursion", Route::Recursion),
+    ("dense product", Route::DenseProduct),
+];
+
+impl Route {
+    /// M at `q`; `samples` and `seed` mean something to the first two routes only.
+    fn run(self, scene: &Scene, q: &[f64], samples: usize, seed: u64) -> Result<Vec<f64>, Error> {
+        let nv = scene.nv();
+        let centred = || -> Result<RandomModel, Error> { scene.random_model(q, None, 1.0) };
+        match self {
+            Self::MonteCarlo => {
+                let method = Method::MonteCarlo { samples, seed, confidence: 0.95 };
+                Ok(centred()?.mass_matrix(method)?.mass_matrix)
+            }
+            Self::Sobol => centred()?.sobol_estimate(samples, seed, 0),
+            Self::SigmaPoints => Ok(centred()?.mass_matrix(Method::SigmaPoints)?.mass_matrix),
+            Self::Recursion => {
+                let mut m = vec![f64::NAN; nv * nv];
+                scene.mass_matrix(&mut scene.workspace(), q, &mut m)?;
+                Ok(m)
+            }
+            Self::DenseProduct => {
+                let m = Composite::new(scene.model(), q)?.mass_matrix();
+                Ok((0..nv * nv).map(|at| m[(at / nv, at % nv)]).collect())
+            }
+        }
+    }
+}
+
+/// Median time of one route, ns, its setup included, and its error: the Frobenius norm of the difference from M in double-double,
+/// over that of M.
+///
+/// # Errors
+///
+/// Those of the route.
+pub fn emergence(
+    scene: &Scene,
+    q: &[f64],
+    route: Route,
+    (samples, seed): (usize, u64),
+    repeats: usize,
+) -> Result<(f64, f64), Error> {
+    let found = route.run(scene, q, samples, seed)?;
+    let ns = median_ns(repeats, &mut || {
+        let _ = black_box(route.run(scene, black_box(q), samples, seed));
+    });
+    let model: Model<DoubleDouble> = scene.model().cast();
+    let wide: Vec<DoubleDouble> = q.iter().map(|&x| DoubleDouble::from_f64(x)).collect();
+    let mut exact = vec![DoubleDouble::from_f64(f64::NAN); found.len()];
+    dynamics::mass_matrix(&model, &mut Workspace::new(&model), &wide, &mut exact);
+    let (mut off, mut size) = (0.0, 0.0);
+    for (&found, &exact) in found.iter().zip(&exact) {
+        off += (DoubleDouble::from_f64(found) - exact).lane(0).powi(2);
+        size += exact.lane(0).powi(2);
+    }
+    Ok((ns, if size == 0.0 { 0.0 } else { (off / size).sqrt() }))
+}
