@@ -26,6 +26,7 @@ __all__ = [
     "emergence",
     "growth",
     "measure",
+    "operator_growth",
     "reference",
     "residuals",
 ]
@@ -492,3 +493,6 @@ def emergence(scene: Scene, q: ArrayLike, route: str, samples: int, seed: int, r
 
     route: one of ROUTES; samples and seed are for "monte-carlo" and "sobol" (a power of two); repeats: how often it is timed.
     """
+
+def operator_growth(bodies: int, repeats: int) -> list[tuple[str, float]]:
+    """Applying each operator, and with a star its transpose, on a chain of `bodies` equal links: (name, median ns a body)."""

@@ -168,6 +168,13 @@ pub(super) fn growth_of(py: Python<'_>, bodies: usize, repeats: usize) -> PyResu
     Ok((growth.forward, growth.inverse))
 }
 
+/// Applying each operator, and with a star its transpose, on a chain of `bodies` equal links: (name, median ns a body).
+#[pyfunction(name = "operator_growth")]
+#[pyo3(signature = (bodies, repeats))]
+pub(super) fn operator_growth_of(py: Python<'_>, bodies: usize, repeats: usize) -> PyResult<Vec<(String, f64)>> {
+    Ok(py.detach(|| growth::operator_growth(bodies, repeats))?)
+}
+
 fn find(name: &str) -> Result<Method, Error> {
     METHODS.iter().find(|(known, _)| *known == name).map(|&(_, method)| method).ok_or_else(|| {
         let names: Vec<String> = METHODS.iter().map(|(name, _)| format!("{name:?}")).collect();

@@ -2,6 +2,7 @@
 
 use crate::dynamics;
 use crate::error::Error;
+use crate::operators::{KINDS, Operator};
 use crate::scenes;
 use std::hint::black_box;
 use std::time::Instant;
@@ -26,11 +27,7 @@ pub fn growth(bodies: usize, repeats: usize) -> Result<Growth, Error> {
     let scene = scenes::chain(bodies)?;
     let model = scene.model();
     let mut workspace = scene.workspace();
-    let state = |scale: f64| -> Vec<f64> {
-        #[allow(clippy::cast_precision_loss)] // an index
-        (0..bodies).map(|i| scale * (1.0 + 0.7 * i as f64).sin()).collect()
-    };
-    let (q, qd, tau) = (state(2.0), state(0.5), state(3.0));
+    let (q, qd, tau) = (wave(bodies, 2.0), wave(bodies, 0.5), wave(bodies, 3.0));
     let mut out = vec![0.0; bodies];
     // Small chains are called many times, so that the clock's own cost and grain do not show.
     let calls = (2_000 / bodies.max(1)).max(1);
@@ -51,6 +48,37 @@ pub fn growth(bodies: usize, repeats: usize) -> Result<Growth, Error> {
     #[allow(clippy::cast_precision_loss)] // counts
     let work = (calls * bodies.max(1)) as f64;
     Ok(Growth { bodies, forward: forward_ns / work, inverse: inverse_ns / work })
+}
+
+/// Median time a body of applying each operator (and, with a star, its transpose) on the chain of `bodies` links, ns.
+///
+/// # Errors
+///
+/// Those of building the chain.
+pub fn operator_growth(bodies: usize, repeats: usize) -> Result<Vec<(String, f64)>, Error> {
+    let scene = scenes::chain(bodies)?;
+    let factor = scene.factor(&mut scene.workspace(), &wave(bodies, 2.0))?;
+    let calls = (2_000 / bodies.max(1)).max(1);
+    #[allow(clippy::cast_precision_loss)] // counts
+    let work = (calls * bodies.max(1)) as f64;
+    let mut all = Vec::with_capacity(2 * KINDS.len());
+    for (name, kind) in KINDS {
+        let operator = factor.operator(kind);
+        let (rows, columns) = operator.shape();
+        let (x, mut y) = (wave(columns, 1.0), vec![f64::NAN; rows]);
+        let mut forward = || (0..calls).for_each(|_| operator.apply(black_box(&x), black_box(&mut y)));
+        all.push((name.to_owned(), median_ns(repeats, &mut forward) / work));
+        let (x, mut y) = (wave(rows, 1.0), vec![f64::NAN; columns]);
+        let mut backward = || (0..calls).for_each(|_| operator.apply_transpose(black_box(&x), black_box(&mut y)));
+        all.push((format!("{name}*"), median_ns(repeats, &mut backward) / work));
+    }
+    Ok(all)
+}
+
+/// Numbers that are none of them zero and none alike.
+fn wave(length: usize, scale: f64) -> Vec<f64> {
+    #[allow(clippy::cast_precision_loss)] // an index
+    (0..length).map(|i| scale * (1.0 + 0.7 * i as f64).sin()).collect()
 }
 
 /// Median wall time of `call`, ns; one call beforehand warms the caches.
