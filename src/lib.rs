@@ -14,7 +14,7 @@
 //!
 //! | section of the paper | here |
 //! |---|---|
-//! | 1, the spatially random model | [`filter::system`], [`scene`], [`kinematics`] (bias b) |
+//! | 1, the spatially random model | [`filter::system`], [`scene`], [`kinematics`] (bias b), [`stochastic`] (samples) |
 //! | 2, conditional means | [`dynamics::inverse`], [`operators`] |
 //! | 3, Riccati recursion, K, L, D | [`filter::riccati`], [`operators::Factor`], [`dynamics::mass_matrix`](mod@dynamics::mass_matrix) (3.4, 3.5) |
 //! | 4, filter and smoother | [`filter::innovations`], [`filter::smoother`], [`dynamics::forward`] |
@@ -40,7 +40,7 @@
 //! ```
 //!
 //! Features, none needed by the recursions: `urdf` (scenes from files), `parallel` (batches on threads), `dense` (composite
-//! matrices and faer's LDLT as the check), `python` (the module that maturin builds).
+//! matrices and faer's LDLT as the check), `stochastic` (the random model, sampled), `python` (the module that maturin builds).
 
 pub mod batch;
 pub mod dynamics;
