@@ -19,7 +19,7 @@ SI units and radians throughout; spatial vectors are angular first; arrays have 
 
 from . import errors
 from ._core import BUNDLED_ARM, Omission, Plan, Scene, SceneBuilder, __version__
-from ._results import Energy, Limits
+from ._results import Energy, Estimate, Limits
 from .operators import Factor, Operator
 
-__all__ = ["BUNDLED_ARM", "Energy", "Factor", "Limits", "Omission", "Operator", "Plan", "Scene", "SceneBuilder", "__version__", "errors"]
+__all__ = ["BUNDLED_ARM", "Energy", "Estimate", "Factor", "Limits", "Omission", "Operator", "Plan", "Scene", "SceneBuilder", "__version__", "errors"]
