@@ -46,15 +46,15 @@ impl Room {
 
 impl Case {
     fn new(seed: u64) -> Self {
-        let armature = if seed % 2 == 0 { 0.0 } else { 0.3 };
+        let armature = if seed.is_multiple_of(2) { 0.0 } else { 0.3 };
         let tree = Tree { seed, bodies: 6, kinds: &ALL_KINDS, branching: 0.5, armature, floating: seed % 4 == 3 };
         let scene = tree.scene();
         let mut random = Random::new(seed);
         let (q, qd, torque) = random_state(&scene, &mut random);
         let noise = (0..scene.nv()).map(|_| [0.0, 0.5, 20.0, f64::INFINITY][random.below(4)]).collect();
-        let prior = (seed % 3 != 0).then(|| random.array(scene.nv(), 3.0));
+        let prior = (!seed.is_multiple_of(3)).then(|| random.array(scene.nv(), 3.0));
         let s = random.uniform(0.2, 30.0);
-        let bodies = if seed % 2 == 0 { 0 } else { scene.model().bodies.len() };
+        let bodies = if seed.is_multiple_of(2) { 0 } else { scene.model().bodies.len() };
         let wrenches = (0..bodies).map(|_| Vector6::from_fn(|_, _| random.uniform(-3.0, 3.0))).collect();
         Self { scene, q, qd, torque, noise, prior, s, wrenches }
     }

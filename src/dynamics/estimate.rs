@@ -193,12 +193,12 @@ fn log_likelihood<T: Real>(
     total
 }
 
-/// The covariances that belong to the [`estimate`] just made with the same workspace, scratch and measurements, in O(N).
+/// The covariances that belong to the [`estimate()`] just made with the same workspace, scratch and measurements, in O(N).
 ///
 /// Forces and process by 2.6 and 2.11; torques from them and from the noise; accelerations as s ((M^-1)(i,i) - W(i,i)), W the
 /// inverse of the covariance of the measurements over s, which takes a second Riccati sweep. That difference and those of 2.6
 /// and 2.11 are right to eps times the prior's variance, not to eps of what is left; the first is exactly zero where all joints
-/// are measured without noise. Nothing is clipped. About 2500 operations a one-axis joint. The returned monitor speaks of the
+/// are measured without noise. Nothing is clipped. About 3000 operations a one-axis joint. The returned monitor speaks of the
 /// scene's own pivots.
 pub fn estimate_covariance<T: Real>(
     model: &Model<T>,

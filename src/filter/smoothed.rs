@@ -1,7 +1,7 @@
 //! Covariances of what the smoother estimates: the diagonal blocks of 2.6 and 2.11, in O(N).
 //!
 //! Given the filter's P^+, D and g, base to tip with the co-state covariances (5.6, 5.7): what all measurements together leave
-//! unknown of a state, of a process noise, and of a measurement. About 300 operations a stage beside those of Lambda.
+//! unknown of a state, of a process noise, and of a measurement. About 700 operations a block beside those of Lambda.
 
 use super::covariance;
 use super::riccati::Measured;

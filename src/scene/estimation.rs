@@ -13,7 +13,7 @@ impl Scene {
         EstimateScratch::new(&self.model)
     }
 
-    /// Forces, accelerations and torques given the torques of some joints: see [`dynamics::estimate`], and
+    /// Forces, accelerations and torques given the torques of some joints: see [`dynamics::estimate()`], and
     /// [`dynamics::estimate_covariance`] for the covariances, which are computed where there is room for them.
     ///
     /// `q` (nq), `qd` (nv), SI units; `wrenches` as in [`Scene::forward_dynamics`]. `estimate` and `covariance` come from
@@ -60,7 +60,7 @@ impl Scene {
         self.check_result("variance of the torque", &covariance.torque)
     }
 
-    /// The same estimate from the definitions of section 2 with dense matrices: see [`dynamics::estimate_batch`].
+    /// The same estimate from the definitions of section 2 with dense matrices: see [`dynamics::estimate_batch()`].
     ///
     /// # Errors
     ///

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import re
+import runpy
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,7 @@ from tolerances import assert_near, assert_same_bits, inverse, product, sampling
 MEANS = ("acceleration", "torque", "force", "process")
 COVARIANCES = ("acceleration_variance", "torque_variance", "force_covariance", "process_covariance")
 SEEDS = range(12)
+ROOT = Path(__file__).parents[2]
 
 
 class Case:
@@ -514,3 +517,10 @@ def test_against_sixty_digits(seed: int) -> None:
         for part, expected in ((own[:3], turn), (own[3:], push)):
             bound = inverse(condition, float(np.abs(found.force).max()))
             assert abs(np.linalg.norm(part) - float(CONTEXT.sqrt(expected @ expected))) <= bound
+
+
+def test_the_page_shows_what_the_example_prints(capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_path(str(ROOT / "examples" / "torque_fusion.py"))
+    printed = capsys.readouterr().out
+    assert len(printed.splitlines()) == 14
+    assert printed in (ROOT / "docs" / "estimation.md").read_text(encoding="utf-8")
