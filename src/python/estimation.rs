@@ -16,9 +16,9 @@ use pyo3::types::{PyDict, PyString};
 /// Rough time of one body in one state, ns (see `Call::new`).
 mod cost {
     pub const MEANS: usize = 250;
-    pub const COVARIANCES: usize = 500;
+    pub const COVARIANCES: usize = 600;
     /// Of the cube of the degrees of freedom.
-    pub const DENSE: usize = 1000;
+    pub const DENSE: usize = 200;
 }
 
 /// Numbers a degree of freedom: means, and with covariances.
