@@ -4,8 +4,8 @@ Run it as it stands (phipsi and numpy): python examples/torque_fusion.py
 
 The truth comes from two places. First from the model itself: accelerations drawn from N(a0, s M^-1) about the planned ones. There
 the claimed sigmas must be right, and are. Then from a motion that knows nothing of the model: a plan, tracked with errors of
-0.5 rad/s^2 in each joint, whatever its inertia. There the sigmas are as good as the prior that is given, and the last two rows show
-what becomes of them when no plan is given and the two joints are taken to be at constant speed.
+0.5 rad/s^2 in each joint, whatever its inertia. There the sigmas are as good as the prior that is given, and the last two rows
+show what becomes of them when no plan is given and the two joints are taken to be at constant speed.
 """
 
 import numpy as np
