@@ -15,7 +15,7 @@
 //! | section of the paper | here |
 //! |---|---|
 //! | 1, the spatially random model | [`filter::system`], [`scene`], [`kinematics`] (bias b), [`stochastic`] (samples) |
-//! | 2, conditional means | [`dynamics::inverse`], [`operators`] |
+//! | 2, conditional means and their covariances | [`dynamics::estimate`](mod@dynamics::estimate), [`filter::smoothed`], [`dynamics::inverse`], [`operators`] |
 //! | 3, Riccati recursion, K, L, D | [`filter::riccati`], [`operators::Factor`], [`dynamics::mass_matrix`](mod@dynamics::mass_matrix) (3.4, 3.5) |
 //! | 4, filter and smoother | [`filter::innovations`], [`filter::smoother`], [`dynamics::forward`] |
 //! | 5, covariance of the co-states | [`filter::covariance`] |

@@ -1,5 +1,6 @@
 //! Every per-body array of the sweeps, allocated once.
 
+use crate::filter::System;
 use crate::filter::pivots::{Evidence, LostPivot, PivotMonitor, Scale, first_lost};
 use crate::filter::riccati::{Covariances, Measured};
 use crate::scalar::Real;
@@ -61,10 +62,20 @@ impl<T: Real> Workspace<T> {
     ///
     /// Costs nothing where the monitor is clear; else O(N) for each pivot in doubt.
     pub fn lost_pivot(&self, model: &Model<T>, monitor: &PivotMonitor<T>) -> Option<LostPivot> {
+        self.lost_pivot_of(model, &model.system, monitor)
+    }
+
+    /// The same of a sweep with other measurement noise than the model's.
+    pub(crate) fn lost_pivot_of(
+        &self,
+        model: &Model<T>,
+        system: &System<T>,
+        monitor: &PivotMonitor<T>,
+    ) -> Option<LostPivot> {
         if (0..T::LANES).all(|lane| monitor.clear(lane)) {
             return None;
         }
         let evidence = Evidence { shift: &self.shift, p: &self.p, measured: &self.measured, scale: &self.scale };
-        first_lost(&model.system, &evidence, |k| model.bodies[k].inertia_terms)
+        first_lost(system, &evidence, |k| model.bodies[k].inertia_terms)
     }
 }

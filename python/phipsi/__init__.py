@@ -19,12 +19,13 @@ SI units and radians throughout; spatial vectors are angular first; arrays have 
 
 from . import errors
 from ._core import BUNDLED_ARM, Omission, Plan, RandomModel, Scene, SceneBuilder, __version__
-from ._results import Energy, Limits, MassEstimate, Samples
+from ._results import Energy, Estimate, Limits, MassEstimate, Samples
 from .operators import Factor, Operator
 
 __all__ = [
     "BUNDLED_ARM",
     "Energy",
+    "Estimate",
     "Factor",
     "Limits",
     "MassEstimate",

@@ -7,7 +7,7 @@ from typing import Any, Final, Literal, TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._results import Energy, Limits, MassEstimate, Samples
+from ._results import Energy, Estimate, Limits, MassEstimate, Samples
 from .operators import Factor
 
 __all__ = [
@@ -227,6 +227,38 @@ class Scene:
 
     def plan(self) -> Plan:
         """What this scene does not need and was left out when it was built, why, and what that saved."""
+
+    def estimate(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        torque: ArrayLike,
+        *,
+        noise: ArrayLike = 0.0,
+        measured: Iterable[str] | ArrayLike | None = None,
+        prior_acceleration: ArrayLike | None = None,
+        acceleration_variance: float = 1.0,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        covariance: bool = False,
+        method: Literal["sequential", "batch"] = "sequential",
+    ) -> Estimate:
+        """Forces, accelerations and torques given the torques of some joints, with noise: conditional means (2.1, 2.7).
+
+        q: (..., nq); qd, torque: (..., nv). noise: variance of each measurement, (N m)^2 (or N^2), one number or (..., nv);
+        0 is exact, inf is not measured. measured: None (all), names of joints, or a boolean array (nv,); torque and noise of
+        the other joints are not read. prior_acceleration: (..., nv), mean a0 of the accelerations before, zero by default.
+        acceleration_variance: s, the variance of the acceleration of one kg m^2, (rad/s^2)^2, and of one kg, (m/s^2)^2.
+        covariance: the covariances of the errors too. method: "sequential" (filter and smoother, O(N)) or "batch" (section 2
+        with dense matrices, O(N^3), at most 300 degrees of freedom: a check).
+
+        The prior is the spatially random model: accelerations N(a0, s M^-1), torques N(T0, s M). A joint that is not measured
+        keeps its prior acceleration, mean (a0, as if locked there) and variance; its torque is what that takes. All joints
+        measured without noise: forward dynamics. Variances are right to eps times those of the prior (docs/estimation.md).
+
+        Returns a phipsi.Estimate. Raises SingularJointError where a measured joint has no inertia along its axis (with
+        covariance: any joint); ArgumentError for an unknown joint or method, noise that is negative or NaN, a variance that is
+        not positive; NotFiniteError for a torque that is measured and not finite.
+        """
 
     def factor(self, q: ArrayLike) -> Factor:
         """M = (1 + K) D (1 + K*) at q by one sweep (3.1, 3.6), and the operators phi, Psi, K, L, D, P it is made of.

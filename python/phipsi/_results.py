@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Energy", "Limits", "MassEstimate", "Samples"]
+__all__ = ["Energy", "Estimate", "Limits", "MassEstimate", "Samples"]
 
 
 class Energy(NamedTuple):
@@ -17,6 +17,33 @@ class Energy(NamedTuple):
     """Half of qd M qd, armature included."""
     potential: NDArray[np.float64] | np.float64
     """Minus gravity times the first moment of mass; zero with the mass centre at the base's origin."""
+
+
+class Estimate(NamedTuple):
+    """What measured joint torques y tell of forces, accelerations and torques: conditional means, and covariances if asked for.
+
+    Blocks of six are (moment, force) in body frames, one a degree of freedom as in phipsi.Factor: reshaped to 6 nv they are what
+    its operators apply to.
+    """
+
+    acceleration: NDArray[np.float64]
+    """E(a|y), (..., nv), rad/s^2 or m/s^2 (2.8)."""
+    torque: NDArray[np.float64]
+    """E(T|y), (..., nv), N m or N: all joints, measured or not."""
+    force: NDArray[np.float64]
+    """E(X|y), (..., nv, 6): the spatial force through each joint, a body's own at all its degrees of freedom (2.1)."""
+    process: NDArray[np.float64]
+    """E(W|y), (..., nv, 6): what each body's own motion needs, at its outermost degree of freedom, zeros elsewhere (2.7)."""
+    log_likelihood: NDArray[np.float64] | np.float64
+    """log of the density of the measured torques, (...); zero where none is measured."""
+    acceleration_variance: NDArray[np.float64] | None = None
+    """Variances of the accelerations, (..., nv), (rad/s^2)^2."""
+    torque_variance: NDArray[np.float64] | None = None
+    """Variances of the torques, (..., nv), (N m)^2."""
+    force_covariance: NDArray[np.float64] | None = None
+    """Covariance blocks of the forces, (..., nv, 6, 6) (2.6)."""
+    process_covariance: NDArray[np.float64] | None = None
+    """Covariance blocks of W, (..., nv, 6, 6) (2.11)."""
 
 
 class Limits(NamedTuple):

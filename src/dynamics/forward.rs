@@ -3,7 +3,7 @@
 use super::forces::{Motion, step_outward};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati;
-use crate::filter::{innovations, smoother};
+use crate::filter::{System, innovations, smoother};
 use crate::kinematics::{base_acceleration, placements_base_to_tip};
 use crate::scalar::Real;
 use crate::scene::Model;
@@ -24,24 +24,19 @@ pub fn forward_dynamics<T: Real>(
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
 ) -> PivotMonitor<T> {
-    bias_base_to_tip(model, workspace, q, qd, wrenches);
-    let monitor = filter_tip_to_base(model, workspace, tau, qdd);
+    forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
+    let monitor = filter_tip_to_base(&model.system, workspace, tau, qdd);
     smoother::sweep(&model.system, &workspace.shift, &workspace.measured, &mut workspace.co_state, qdd);
     monitor
 }
 
-/// Base to tip: phi, velocities, bias forces b(k), and the process noise M(k) in place for the filter.
+/// Base to tip: phi, velocities, mean forces (the bias b(k) where no joint accelerates), and the process noise M(k) in
+/// place for the filter.
 #[inline]
-fn bias_base_to_tip<T: Real>(
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    q: &[T],
-    qd: &[T],
-    wrenches: &[Vector6<T>],
-) {
+pub(super) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
     let base = base_acceleration(model);
     for (k, body) in model.bodies.iter().enumerate() {
-        step_outward(model, workspace, k, Motion { q, qd, qdd: None, wrenches }, &base);
+        step_outward(model, workspace, k, state, &base);
         workspace.p[k] = body.inertia.to_symmetric();
         workspace.scale[k] = Scale::of_noise(&body.inertia_terms);
     }
@@ -49,13 +44,12 @@ fn bias_base_to_tip<T: Real>(
 
 /// Tip to base: Riccati recursion and filter in one pass; `innovations` receives e^-.
 #[inline]
-fn filter_tip_to_base<T: Real>(
-    model: &Model<T>,
+pub(super) fn filter_tip_to_base<T: Real>(
+    system: &System<T>,
     workspace: &mut Workspace<T>,
     tau: &[T],
     innovations: &mut [T],
 ) -> PivotMonitor<T> {
-    let system = &model.system;
     let mut monitor = PivotMonitor::new();
     for k in (0..system.stages.len()).rev() {
         workspace.covariances().step(system, k, &mut monitor, |_, _| {});

@@ -43,7 +43,7 @@ pub fn bias_torque<T: Real>(
 
 /// Base to tip: the force that each body needs, into `workspace.z`.
 #[inline(always)]
-fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
+pub(super) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
     let base = base_acceleration(model);
     for k in 0..model.bodies.len() {
         step_outward(model, workspace, k, state, &base);

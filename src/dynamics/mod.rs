@@ -4,6 +4,9 @@
 //! [`Workspace`](crate::Workspace), check nothing and allocate nothing. [`Scene`](crate::Scene) wraps them with checks and names.
 
 pub mod energy;
+pub mod estimate;
+#[cfg(feature = "dense")]
+pub mod estimate_batch;
 mod forces;
 pub mod forward;
 pub mod inverse;
@@ -14,6 +17,9 @@ pub mod mass_matrix;
 pub(crate) use forces::bias_forces_base_to_tip;
 
 pub use energy::{Energy, energy, momentum};
+pub use estimate::{Estimate, EstimateCovariance, EstimateScratch, Measurements, estimate, estimate_covariance};
+#[cfg(feature = "dense")]
+pub use estimate_batch::{BatchCovariance, BatchEstimate, estimate_batch};
 pub use forward::{factorise, forward_dynamics, solve};
 pub use inverse::{bias_torque, inverse_dynamics, mul_mass};
 pub use mass_inverse::mass_matrix_inverse;

@@ -3,12 +3,14 @@
 //! The system: stage k carries a state z(k) of six numbers. States run inward along a tree, from the leaves (tips) to
 //! the root (base), `z^-(k) = sum over children c of phi(k,c) z^+(c) + b(k)` with process noise of covariance Q(k), and
 //! each stage is measured by a few scalar rows, `tau = H z^- + v`, v of variance r (often zero). The files are the paper's
-//! sections: [`system`] is section 1, [`riccati`] section 3 ([`pivots`] says where its pivots are lost), [`innovations`] and [`smoother`] section 4, [`covariance`] section 5.
+//! sections: [`system`] is section 1, [`riccati`] section 3 ([`pivots`] says where its pivots are lost), [`innovations`] and [`smoother`] section 4, [`covariance`] section 5, and
+//! [`smoothed`] the covariances of section 2 by way of it. A row whose noise is infinite is not measured: its gain is zero.
 
 pub mod covariance;
 pub mod innovations;
 pub mod pivots;
 pub mod riccati;
+pub mod smoothed;
 pub mod smoother;
 pub mod system;
 

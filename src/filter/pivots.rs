@@ -179,6 +179,10 @@ fn terms_of<T: Real>(system: &System<T>, evidence: &Evidence<'_, T>, own: &Vecto
 /// Twice |g|.w squared times D: what a measurement took off, and what it took it from.
 fn subtracted<T: Real>(measured: &Measured<T>, w: &Vector6<T>) -> T {
     let along = measured.gain.map(Real::abs).dot(w);
+    if along == T::zero() {
+        // Nothing was taken; the pivot of a row that is not measured is infinite.
+        return along;
+    }
     let taken = along * along * measured.pivot.abs();
     taken + taken
 }

@@ -102,7 +102,7 @@ pub struct Stage<T> {
 pub struct System<T> {
     /// Stages, parents before children.
     pub stages: Vec<Stage<T>>,
-    /// Measurement noise r of each row, zero or positive.
+    /// Measurement noise r of each row, zero or positive; infinite where a row is not measured.
     pub noise: Vec<T>,
 }
 

@@ -34,6 +34,27 @@ impl<'py> Input<'py> {
     pub fn new(name: impl Into<Cow<'static, str>>, value: &Bound<'py, PyAny>, width: usize) -> PyResult<Self> {
         let name = name.into();
         let array = read(&name, value)?;
+        Self::of(name, array, width)
+    }
+
+    /// Reads an argument of shape (..., width), or one number that stands for all of them.
+    pub fn spread(name: &'static str, value: &Bound<'py, PyAny>, width: usize) -> PyResult<Self> {
+        let array = read(name, value)?;
+        match (array.ndim(), array.len()) {
+            (0, 1) => Self::filled(value.py(), name, array.to_vec()?[0], width),
+            _ => Self::of(name.into(), array, width),
+        }
+    }
+
+    /// One state of `width` equal numbers, for an argument that was not given.
+    pub fn filled(py: Python<'py>, name: &'static str, number: f64, width: usize) -> PyResult<Self> {
+        let mut output = Output::new(py, &[width])?;
+        output.numbers()?.fill(number);
+        Self::of(name.into(), output.finish(), width)
+    }
+
+    /// Checks the last axis.
+    fn of(name: Cow<'static, str>, array: Bound<'py, PyArrayDyn<f64>>, width: usize) -> PyResult<Self> {
         if array.shape().last() != Some(&width) {
             return Err(wrong_shape(&name, array.shape(), format!("(..., {width})")));
         }
@@ -89,6 +110,19 @@ pub(super) fn fixed(name: &str, value: &Bound<'_, PyAny>, shape: &[usize]) -> Py
     Ok(array.to_vec()?)
 }
 
+/// A boolean array of exactly `length` entries; none where the argument has another dtype.
+pub(super) fn mask(name: &str, value: &Bound<'_, PyAny>, length: usize) -> PyResult<Option<Vec<bool>>> {
+    let Ok(array) = as_array(value) else { return Ok(None) };
+    let untyped = array.cast::<PyUntypedArray>()?;
+    if untyped.dtype().getattr("kind")?.extract::<String>()? != "b" {
+        return Ok(None);
+    }
+    if untyped.shape() != [length] {
+        return Err(wrong_shape(name, untyped.shape(), shape_text(&[length])));
+    }
+    Ok(Some(array.call_method0("tolist")?.extract()?))
+}
+
 /// Three numbers.
 pub(super) fn triple(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
     let numbers = fixed(name, value, &[3])?;
@@ -107,11 +141,16 @@ fn read<'py>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArr
     }
 }
 
+/// What NumPy makes of `value`.
+fn as_array<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    static ASARRAY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    ASARRAY.import(value.py(), "numpy", "asarray")?.call1((value,))
+}
+
 /// A fresh C-contiguous float64 array with the numbers of `value`.
 fn convert<'py>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    static ASARRAY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let py = value.py();
-    let array = ASARRAY.import(py, "numpy", "asarray")?.call1((value,)).map_err(|cause| {
+    let array = as_array(value).map_err(|cause| {
         let error = refused(name, &format!("what NumPy cannot read ({})", cause.value(py)));
         error.set_cause(py, Some(cause));
         error

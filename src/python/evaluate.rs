@@ -2,6 +2,7 @@
 
 use super::arrays::{Input, Output};
 use super::errors::fault;
+use super::estimation::Estimation;
 use super::scene::PyScene;
 use super::wrenches::{self, Wrench};
 use crate::batch::{Batch, Fault, broadcast_axes};
@@ -24,13 +25,15 @@ pub(super) struct Scratch {
     pub workspace: Workspace<f64>,
     /// For the inverse of the mass matrix only.
     pub inverse: Option<InverseScratch<f64>>,
+    /// For estimation only.
+    pub estimation: Option<Estimation>,
     /// Forces on bodies of the state at hand; empty without wrenches.
     pub forces: Vec<SpatialVector<f64>>,
 }
 
 impl Scratch {
     pub(super) fn new(scene: &Scene) -> Self {
-        Self { workspace: scene.workspace(), inverse: None, forces: Vec::new() }
+        Self { workspace: scene.workspace(), inverse: None, estimation: None, forces: Vec::new() }
     }
 }
 

@@ -12,6 +12,7 @@ mod configuration;
 mod description;
 mod dynamics;
 mod errors;
+mod estimation;
 mod evaluate;
 mod factor;
 mod geometry;

@@ -6,6 +6,7 @@
 pub mod builder;
 pub mod configuration;
 pub mod description;
+mod estimation;
 mod inertia_check;
 mod joint_check;
 mod lock;

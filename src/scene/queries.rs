@@ -4,7 +4,7 @@ use super::{Joint, Link, Scene};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::dynamics::{self, Energy};
 use crate::error::{Error, check_finite, check_length};
-use crate::filter::pivots::PivotMonitor;
+use crate::filter::pivots::{LostPivot, PivotMonitor};
 use crate::kinematics;
 use crate::spatial::{RigidShift, SpatialVector};
 use crate::workspace::Workspace;
@@ -255,24 +255,28 @@ impl Scene {
 
     /// Turns a lost pivot into an error that names the joint; a pivot that is not finite comes of overflow.
     pub(crate) fn check_pivots(&self, workspace: &Workspace<f64>, monitor: PivotMonitor<f64>) -> Result<(), Error> {
-        let Some(lost) = workspace.lost_pivot(&self.model, &monitor) else { return Ok(()) };
+        workspace.lost_pivot(&self.model, &monitor).map_or(Ok(()), |lost| Err(self.singular(lost)))
+    }
+
+    /// The error that names the joint of a lost pivot.
+    pub(super) fn singular(&self, lost: LostPivot) -> Error {
         let joint = self.joint_of_body(lost.stage);
         let name = |of: fn(&Joint) -> &String| joint.map(of).cloned().unwrap_or_default();
         if let Some(&value) = [lost.pivot, lost.terms].iter().find(|value| !value.is_finite()) {
             let what = name(|joint| &joint.name);
             let argument = format!("inertia along the axis of joint {what:?} (result; the arguments overflow)");
-            return Err(Error::NotFinite { argument, index: lost.row, value, state: None });
+            return Error::NotFinite { argument, index: lost.row, value, state: None };
         }
-        Err(Error::SingularJoint {
+        Error::SingularJoint {
             joint: name(|joint| &joint.name),
             link: name(|joint| &joint.child),
             state: None,
             pivot: lost.pivot,
             terms: lost.terms,
-        })
+        }
     }
 
-    fn check_wrenches(&self, wrenches: &[SpatialVector<f64>]) -> Result<(), Error> {
+    pub(super) fn check_wrenches(&self, wrenches: &[SpatialVector<f64>]) -> Result<(), Error> {
         if !wrenches.is_empty() {
             check_length("wrenches", wrenches.len(), self.model.bodies.len())?;
             wrenches.iter().try_for_each(|wrench| check_finite("wrenches", wrench.as_slice()))?;

@@ -164,6 +164,17 @@ impl<T: Real> Symmetric6<T> {
         }
     }
 
+    /// The matrix times a number.
+    #[inline(always)]
+    #[must_use]
+    pub fn scaled(&self, factor: T) -> Self {
+        Self {
+            angular: Symmetric3::new(self.angular.entries.map(|x| x * factor)),
+            coupling: self.coupling * factor,
+            linear: Symmetric3::new(self.linear.entries.map(|x| x * factor)),
+        }
+    }
+
     /// Adds `a b^T`, of which only the upper triangle is formed; `a` and `b` are parallel, so the result is symmetric.
     #[inline(always)]
     #[must_use]

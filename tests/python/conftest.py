@@ -119,6 +119,14 @@ def methods(scene: phipsi.Scene, state: State) -> dict[str, tuple[Method, tuple[
     def pushed(q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
         return scene.forward_dynamics(q, qd, tau, wrenches={link: np.arange(6.0), scene.link_names[0]: np.ones(6)})
 
+    def estimate(q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        noise = np.resize([0.0, 0.5, np.inf], scene.nv)
+        found = scene.estimate(q, qd, tau, noise=noise, covariance=True, wrenches={link: np.ones(6)})
+        blocks = found.force, found.process, found.force_covariance, found.process_covariance
+        # One row of each block, so that no axis is lost where there are no states.
+        flat = [block[..., i] if block.ndim == found.force.ndim else block[..., i, 0] for block in blocks for i in range(6)]
+        return np.concatenate([found.acceleration, found.torque, found.acceleration_variance, found.torque_variance, *flat], axis=-1)
+
     return {
         "forward_dynamics": (scene.forward_dynamics, (q, qd, tau)),
         "forward_dynamics with wrenches": (pushed, (q, qd, tau)),
@@ -131,6 +139,7 @@ def methods(scene: phipsi.Scene, state: State) -> dict[str, tuple[Method, tuple[
         "energy": (energy, (q, qd)),
         "momentum": (scene.momentum, (q, qd)),
         "integrate": (scene.integrate, (q, qd)),
+        "estimate": (estimate, (q, qd, tau)),
         "difference": (lambda q: scene.difference(scene.neutral(), q), (q,)),
     }
 
@@ -147,6 +156,7 @@ METHODS = (
     "energy",
     "momentum",
     "integrate",
+    "estimate",
     "difference",
 )
 

@@ -59,3 +59,8 @@ def recursion(n: int, scale: float) -> float:
 def solve(condition: float, scale: float) -> float:
     """For an inverse beside one by a backward stable program: tighter than `inverse`, which allows for Pinocchio's."""
     return 8.0 * condition * EPS * scale
+
+
+def sampling(samples: int, spread: ArrayLike) -> np.ndarray:
+    """For the mean of that many draws, each with the standard deviation `spread`: five standard deviations of the mean."""
+    return np.asarray(5.0 / np.sqrt(samples) * np.asarray(spread))

@@ -1,0 +1,266 @@
+//! Estimation (section 2): forces, accelerations and torques given the torques of some of the joints, with noise.
+//!
+//! The prior is the spatially random model itself: W ~ N(b + Q phi* H* a0, s Q), X = phi W, T = H X + v, v ~ N(r a0, s r) with
+//! the armature r. s is the `acceleration_variance`: Q is an inertia, so s Q is a covariance of forces where s is the variance
+//! of the acceleration of one kg m^2, (rad/s^2)^2, or of one kg, (m/s^2)^2. Torques are T ~ N(T0, s M), and the accelerations
+//! a = M^-1 (T - H phi b) are N(a0, s M^-1): heavy joints are expected to accelerate less. Measured is y = T + n, n ~ N(0, noise).
+//!
+//! Divided by s, this is the filter of section 3 with measurement noise r + noise/s. A joint that is not measured has infinite
+//! noise: its gain is zero, and its acceleration keeps the prior's mean, as if it were locked (a0 = 0) or driven along a0.
+
+use super::forces::Motion;
+use super::forward::{filter_tip_to_base, forces_base_to_tip};
+use super::inverse;
+use crate::filter::pivots::{PivotMonitor, Scale};
+use crate::filter::{System, covariance, innovations, riccati, smoothed, smoother};
+use crate::scalar::Real;
+use crate::scene::Model;
+use crate::spatial::Symmetric6;
+use crate::workspace::Workspace;
+use nalgebra::Vector6;
+
+/// What is measured, how well, and what is expected beforehand; slices are (nv).
+#[derive(Debug, Clone, Copy)]
+pub struct Measurements<'a, T: Real> {
+    /// Measured torques y, N m or N; not read where the noise is infinite.
+    pub torque: &'a [T],
+    /// Variance of each measurement's error, (N m)^2 or N^2: zero is exact, infinite is not measured.
+    ///
+    /// Infinity needs a scalar that has one (f64 and f32 have, `DoubleDouble` has not).
+    pub noise: &'a [T],
+    /// Mean a0 of the joint accelerations, rad/s^2 or m/s^2; none is zero.
+    pub prior_acceleration: Option<&'a [T]>,
+    /// s: the variance of the acceleration of one kg m^2, (rad/s^2)^2, and of one kg, (m/s^2)^2. Positive.
+    pub acceleration_variance: T,
+}
+
+impl<T: Real> Measurements<'_, T> {
+    /// Whether degree of freedom `row` is measured.
+    #[must_use]
+    pub fn is_measured(&self, row: usize) -> bool {
+        self.noise[row].lane(0) < f64::INFINITY
+    }
+}
+
+/// Conditional means given the measured torques y; one estimate can be used for many states.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimate<T: Real> {
+    /// E(a|y) of each degree of freedom, rad/s^2 or m/s^2 (2.8).
+    pub acceleration: Vec<T>,
+    /// E(T|y) of each degree of freedom, N m or N: H E(X|y) + r E(a|y).
+    pub torque: Vec<T>,
+    /// E(X|y) of each body, (moment, force) through its joint in its frame; the state of every row of the joint (2.1).
+    pub force: Vec<Vector6<T>>,
+    /// E(W|y) of each body, (moment, force) that its own motion needs, bias included; enters at its outermost row (2.7, 2.10).
+    pub process: Vec<Vector6<T>>,
+    /// log of the density of the measured torques before they were known; zero where none is measured.
+    pub log_likelihood: f64,
+}
+
+impl<T: Real> Estimate<T> {
+    /// Room for the estimates of `model`; starts as NaN.
+    #[must_use]
+    pub fn new(model: &Model<T>) -> Self {
+        let nan = T::from_f64(f64::NAN);
+        let bodies = vec![Vector6::from_element(nan); model.bodies.len()];
+        Self {
+            acceleration: vec![nan; model.nv()],
+            torque: vec![nan; model.nv()],
+            force: bodies.clone(),
+            process: bodies,
+            log_likelihood: f64::NAN,
+        }
+    }
+}
+
+/// Covariances of the errors of an [`Estimate`]: the diagonal, by degree of freedom or by body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EstimateCovariance<T: Real> {
+    /// Variance of each acceleration, (rad/s^2)^2 or (m/s^2)^2.
+    pub acceleration: Vec<T>,
+    /// Variance of each torque (T itself, not a new measurement of it), (N m)^2 or N^2.
+    pub torque: Vec<T>,
+    /// Covariance of each body's force X, (6 x 6), its diagonal block of 2.6.
+    pub force: Vec<Symmetric6<T>>,
+    /// Covariance of each body's W, (6 x 6), its diagonal block of 2.11.
+    pub process: Vec<Symmetric6<T>>,
+}
+
+impl<T: Real> EstimateCovariance<T> {
+    /// Room for the covariances of `model`; starts as NaN.
+    #[must_use]
+    pub fn new(model: &Model<T>) -> Self {
+        let nan = T::from_f64(f64::NAN);
+        let bodies = vec![Symmetric6::filled(nan); model.bodies.len()];
+        Self {
+            acceleration: vec![nan; model.nv()],
+            torque: vec![nan; model.nv()],
+            force: bodies.clone(),
+            process: bodies,
+        }
+    }
+}
+
+/// Scratch that only estimation needs, beside the workspace.
+#[derive(Debug, Clone)]
+pub struct EstimateScratch<T: Real> {
+    /// The scene's system with the noise of the state at hand, r + noise/s.
+    pub(crate) system: System<T>,
+    /// y - r a0; zero where not measured.
+    measurement: Vec<T>,
+    /// Lambda^- of each body.
+    co_state_covariance: Vec<Symmetric6<T>>,
+    /// The diagonal of (H R H* + r + noise/s)^-1.
+    information: Vec<T>,
+}
+
+impl<T: Real> EstimateScratch<T> {
+    /// Scratch for `model`.
+    #[must_use]
+    pub fn new(model: &Model<T>) -> Self {
+        let nan = T::from_f64(f64::NAN);
+        Self {
+            system: model.system.clone(),
+            measurement: vec![nan; model.nv()],
+            co_state_covariance: vec![Symmetric6::filled(nan); model.bodies.len()],
+            information: vec![nan; model.nv()],
+        }
+    }
+}
+
+/// E(a|y), E(T|y), E(X|y), E(W|y) and the likelihood of y in O(N): filter and smoother, then inverse dynamics at the estimate.
+///
+/// `q` (nq) and `qd` (nv) are one state, `wrenches` as in [`forward_dynamics`](super::forward_dynamics), which this is where all
+/// joints are measured without noise. About 1000 operations a one-axis joint. The pivots that the returned monitor speaks of
+/// are those of [`EstimateScratch`]'s system; where one is lost, `out` means nothing.
+#[allow(clippy::too_many_arguments)] // a state, what is known of it, and where results go
+pub fn estimate<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    scratch: &mut EstimateScratch<T>,
+    q: &[T],
+    qd: &[T],
+    measurements: &Measurements<'_, T>,
+    wrenches: &[Vector6<T>],
+    out: &mut Estimate<T>,
+) -> PivotMonitor<T> {
+    for row in 0..model.nv() {
+        let armature = model.system.noise[row];
+        scratch.system.noise[row] = armature + measurements.noise[row] / measurements.acceleration_variance;
+        // The mean of v is not part of H X.
+        let mean = measurements.prior_acceleration.map_or_else(T::zero, |prior| armature * prior[row]);
+        let is_measured = measurements.is_measured(row);
+        scratch.measurement[row] = if is_measured { measurements.torque[row] - mean } else { T::zero() };
+    }
+    forces_base_to_tip(model, workspace, Motion { q, qd, qdd: measurements.prior_acceleration, wrenches });
+    let accelerations = &mut out.acceleration;
+    let monitor = filter_tip_to_base(&scratch.system, workspace, &scratch.measurement, accelerations);
+    out.log_likelihood = log_likelihood(measurements, &workspace.measured, accelerations);
+    // The smoother gives what the measurements add to a0.
+    smoother::sweep(&scratch.system, &workspace.shift, &workspace.measured, &mut workspace.co_state, accelerations);
+    if let Some(prior) = measurements.prior_acceleration {
+        for (a, &prior) in accelerations.iter_mut().zip(prior) {
+            *a += prior;
+        }
+    }
+    // 2.10 and 2.1: W = b + Q lambda and X = phi W are what inverse dynamics computes on its way.
+    inverse::forces_base_to_tip(model, workspace, Motion { q, qd, qdd: Some(accelerations), wrenches });
+    out.process.copy_from_slice(&workspace.z);
+    innovations::predict(&model.system, &workspace.shift, &mut workspace.z, &mut out.torque);
+    out.force.copy_from_slice(&workspace.z);
+    for ((torque, &a), &armature) in out.torque.iter_mut().zip(accelerations.iter()).zip(&model.system.noise) {
+        *torque += armature * a;
+    }
+    monitor
+}
+
+/// Sum over the measured rows of -(e^2 / (s D) + log(2 pi s D)) / 2: innovations are independent; f64, since no scalar here
+/// has a logarithm.
+fn log_likelihood<T: Real>(
+    measurements: &Measurements<'_, T>,
+    measured: &[riccati::Measured<T>],
+    innovations: &[T],
+) -> f64 {
+    let s = measurements.acceleration_variance.lane(0);
+    let constant = (2.0 * std::f64::consts::PI).ln() + s.ln();
+    let mut total = 0.0;
+    for (row, (m, &e)) in measured.iter().zip(innovations).enumerate() {
+        if measurements.is_measured(row) {
+            let square = (e * e * m.pivot_inverse).lane(0) / s;
+            total -= 0.5 * (square + m.pivot.lane(0).ln() + constant);
+        }
+    }
+    total
+}
+
+/// The covariances that belong to the [`estimate()`] just made with the same workspace, scratch and measurements, in O(N).
+///
+/// Forces and process by 2.6 and 2.11; torques from them and from the noise; accelerations as s ((M^-1)(i,i) - W(i,i)), W the
+/// inverse of the covariance of the measurements over s, which takes a second Riccati sweep. That difference and those of 2.6
+/// and 2.11 are right to eps times the prior's variance, not to eps of what is left; the first is exactly zero where all joints
+/// are measured without noise. Nothing is clipped. About 3000 operations a one-axis joint. The returned monitor speaks of the
+/// scene's own pivots.
+pub fn estimate_covariance<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    scratch: &mut EstimateScratch<T>,
+    measurements: &Measurements<'_, T>,
+    out: &mut EstimateCovariance<T>,
+) -> PivotMonitor<T> {
+    let s = measurements.acceleration_variance;
+    let mut all = smoothed::Smoothed {
+        state: &mut out.force,
+        co_state: &mut scratch.co_state_covariance,
+        information: &mut scratch.information,
+    };
+    smoothed::sweep(&scratch.system, &workspace.shift, &workspace.measured, &workspace.p, &mut all);
+    for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
+        let lambda = &scratch.co_state_covariance[k];
+        out.process[k] = smoothed::remaining(&body.inertia.to_symmetric(), lambda).scaled(s);
+        for i in 0..stage.rows.count() {
+            let row = stage.first_row + i;
+            let hinge = stage.rows.row(i);
+            let remaining = hinge.project(&hinge.covariance_column(&out.force[k]));
+            let armature = model.system.noise[row];
+            out.torque[row] = torque_variance(measurements, row, remaining, armature, scratch.information[row]);
+        }
+        out.force[k] = out.force[k].scaled(s);
+    }
+
+    for (k, body) in model.bodies.iter().enumerate() {
+        workspace.p[k] = body.inertia.to_symmetric();
+        workspace.scale[k] = Scale::of_noise(&body.inertia_terms);
+    }
+    let monitor = riccati::sweep(&model.system, &mut workspace.covariances(), |_, _| {});
+    let (measured, accelerations) = (&workspace.measured, &mut out.acceleration);
+    let co_states = &mut scratch.co_state_covariance;
+    let told = &scratch.information;
+    covariance::sweep(&model.system, &workspace.shift, measured, co_states, |row, lambda| {
+        accelerations[row] = s * (smoothed::information(&measured[row], lambda) - told[row]);
+    });
+    monitor
+}
+
+/// The variance of T = H x + v given all measurements; `remaining` is H (P - P Lambda P) H* (before s), W `information`.
+///
+/// Not measured: s (H.H* + r), v being known by nothing. Measured: with h the variance of H x by the other rows and c = r +
+/// noise/s, W = 1/(h + c) and `remaining` = h c/(h + c), so that noise (1 - noise/s W) = noise (`remaining`/c + r W). The first is
+/// exact where the noise is zero, the second where it is far above what the model knows; each is used on its side.
+fn torque_variance<T: Real>(
+    measurements: &Measurements<'_, T>,
+    row: usize,
+    remaining: T,
+    armature: T,
+    information: T,
+) -> T {
+    let (s, noise) = (measurements.acceleration_variance, measurements.noise[row]);
+    if !measurements.is_measured(row) {
+        return s * (remaining + armature);
+    }
+    let told = noise / s * information;
+    if told.lane(0) <= 0.5 {
+        noise * (T::one() - told)
+    } else {
+        noise * (remaining / (armature + noise / s) + armature * information)
+    }
+}

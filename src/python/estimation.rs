@@ -1,0 +1,268 @@
+//! The method `Scene.estimate`: forces, accelerations and torques given the torques of some joints (section 2).
+
+use super::arrays::{self, Input, Output, from_numbers};
+use super::evaluate::{Call, Scratch};
+use super::scene::{PyScene, names};
+use super::wrenches::Wrench;
+use crate::dynamics::{BatchEstimate, Estimate, EstimateCovariance, EstimateScratch, Measurements};
+use crate::error::Error;
+use crate::operators::dense::DENSE_CAP;
+use crate::scene::Scene;
+use nalgebra::{Matrix6, Vector6};
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyDict, PyString};
+
+/// Rough time of one body in one state, ns (see `Call::new`).
+mod cost {
+    pub const MEANS: usize = 250;
+    pub const COVARIANCES: usize = 600;
+    /// Of the cube of the degrees of freedom.
+    pub const DENSE: usize = 200;
+}
+
+/// Numbers a degree of freedom: means, and with covariances.
+const MEANS: usize = 1 + 1 + 6 + 6;
+const WITH_COVARIANCE: usize = MEANS + 1 + 1 + 36 + 36;
+
+/// What a thread keeps for estimation.
+pub(super) struct Estimation {
+    scratch: EstimateScratch<f64>,
+    estimate: Estimate<f64>,
+    covariance: EstimateCovariance<f64>,
+    /// Noise of the state at hand, infinite where not measured.
+    noise: Vec<f64>,
+}
+
+impl Estimation {
+    fn new(scene: &Scene) -> Self {
+        let model = scene.model();
+        Self {
+            scratch: EstimateScratch::new(model),
+            estimate: Estimate::new(model),
+            covariance: EstimateCovariance::new(model),
+            noise: vec![f64::NAN; model.nv()],
+        }
+    }
+}
+
+#[pymethods]
+impl PyScene {
+    /// Forces, accelerations and torques given the torques of some joints, with noise: conditional means (2.1, 2.7), in O(N).
+    ///
+    /// q: (..., nq); qd, torque: (..., nv), N m or N; leading axes broadcast. noise: variance of each measurement, (N m)^2,
+    /// one number or (..., nv); 0 is exact, inf is not measured. measured: None (all), names of joints, or a boolean array
+    /// (nv,); torque and noise of other joints are not read. prior_acceleration: (..., nv), the mean a0 of the accelerations,
+    /// zero by default. acceleration_variance: s, the variance of the acceleration of one kg m^2, (rad/s^2)^2. wrenches as
+    /// in forward_dynamics. covariance: also the covariances of the errors. method: "sequential" (filter and smoother) or
+    /// "batch" (section 2 with dense matrices, O(N^3), at most 300 degrees of freedom).
+    ///
+    /// Under the model W ~ N(b + Q phi* H* a0, s Q), accelerations are N(a0, s M^-1) before anything is measured. The
+    /// acceleration of a joint that is not measured keeps its mean a0 (as if locked) and its variance.
+    ///
+    /// Returns a phipsi.Estimate.
+    ///
+    /// Raises `SingularJointError` where a measured joint has no inertia along its axis (with covariance: any joint);
+    /// `ArgumentError` for an unknown joint or method, noise that is negative or NaN, or a variance that is not positive;
+    /// `ShapeError`, `NotFiniteError`, naming the argument and the state.
+    #[pyo3(signature = (q, qd, torque, *, noise=None, measured=None, prior_acceleration=None, acceleration_variance=1.0,
+                        wrenches=None, covariance=false, method="sequential"),
+           text_signature = "($self, q, qd, torque, *, noise=0.0, measured=None, prior_acceleration=None, acceleration_variance=1.0, wrenches=None, covariance=False, method='sequential')")]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn estimate<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        qd: &Bound<'py, PyAny>,
+        torque: &Bound<'py, PyAny>,
+        noise: Option<&Bound<'py, PyAny>>,
+        measured: Option<&Bound<'py, PyAny>>,
+        prior_acceleration: Option<&Bound<'py, PyAny>>,
+        acceleration_variance: f64,
+        wrenches: Option<&Bound<'py, PyAny>>,
+        covariance: bool,
+        method: &str,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let nv = self.scene.nv();
+        let dense = self.is_dense(method)?;
+        let measured = measured.map(|measured| self.measured(measured)).transpose()?;
+        let has_prior = prior_acceleration.is_some();
+        let inputs = [
+            Input::new("q", q, self.scene.nq())?,
+            Input::new("qd", qd, nv)?,
+            Input::new("torque", torque, nv)?,
+            match noise {
+                Some(noise) => Input::spread("noise", noise, nv)?,
+                None => Input::filled(py, "noise", 0.0, nv)?,
+            },
+            match prior_acceleration {
+                Some(prior) => Input::new("prior_acceleration", prior, nv)?,
+                None => Input::filled(py, "prior_acceleration", 0.0, nv)?,
+            },
+        ];
+        let wrenches = Wrench::read(&self.scene, wrenches)?;
+        let bodies = (cost::MEANS + usize::from(covariance) * cost::COVARIANCES) * self.size();
+        let cost = if dense { cost::DENSE * nv * nv * nv } else { bodies };
+        let call = Call::new(self, inputs, wrenches, cost)?;
+        let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
+        let mut results = call.scratch_results(width)?;
+        call.numbers(py, &mut results, |scene, scratch, [q, qd, torque, noise, prior], out| {
+            let Scratch { workspace, estimation, forces, .. } = scratch;
+            let kept = estimation.get_or_insert_with(|| Estimation::new(scene));
+            for (row, own) in kept.noise.iter_mut().enumerate() {
+                let is_measured = measured.as_ref().is_none_or(|measured| measured[row]);
+                *own = if is_measured { noise[row] } else { f64::INFINITY };
+            }
+            let prior_acceleration = has_prior.then_some(prior);
+            let measurements = Measurements { torque, noise: &kept.noise, prior_acceleration, acceleration_variance };
+            if dense {
+                let batch = scene.estimate_batch(workspace, q, qd, &measurements, forces, covariance)?;
+                write_batch(&batch, out);
+            } else {
+                let room = covariance.then_some(&mut kept.covariance);
+                let (scratch, estimate) = (&mut kept.scratch, &mut kept.estimate);
+                scene.estimate(workspace, scratch, q, qd, &measurements, forces, estimate, room)?;
+                write_sequential(scene, estimate, covariance.then_some(&kept.covariance), out);
+            }
+            Ok(())
+        })?;
+        result(py, &results, &call.batch, nv, covariance)
+    }
+}
+
+impl PyScene {
+    /// Whether the dense method is asked for.
+    fn is_dense(&self, method: &str) -> Result<bool, Error> {
+        let nv = self.scene.nv();
+        match method {
+            "sequential" => Ok(false),
+            "batch" if nv <= DENSE_CAP => Ok(true),
+            "batch" => Err(Error::argument(
+                "method",
+                format!("\"batch\" for {nv} degrees of freedom"),
+                format!("at most {DENSE_CAP} for 6N x 6N matrices; use \"sequential\""),
+            )),
+            _ => Err(Error::argument("method", format!("{method:?}"), "\"sequential\" or \"batch\"")),
+        }
+    }
+
+    /// The argument `measured` as one flag a degree of freedom.
+    fn measured(&self, measured: &Bound<'_, PyAny>) -> PyResult<Vec<bool>> {
+        let nv = self.scene.nv();
+        if let Some(mask) = arrays::mask("measured", measured, nv)? {
+            return Ok(mask);
+        }
+        let Some(joints) = (!measured.is_instance_of::<PyString>()).then(|| names(measured)).flatten() else {
+            let found = format!("{}", measured.repr()?);
+            return Err(Error::argument("measured", found, "names of joints, or a boolean array (nv,)").into());
+        };
+        let mut mask = vec![false; nv];
+        for joint in joints {
+            mask[self.scene.joint(&joint)?.v.clone()].fill(true);
+        }
+        Ok(mask)
+    }
+}
+
+/// The results of one state, one after another in the order of the fields; a block a degree of freedom.
+struct Parts<'a>(&'a mut [f64]);
+
+impl Parts<'_> {
+    fn put(&mut self, numbers: impl IntoIterator<Item = f64>, count: usize) {
+        let (own, rest) = std::mem::take(&mut self.0).split_at_mut(count);
+        for (to, from) in own.iter_mut().zip(numbers) {
+            *to = from;
+        }
+        self.0 = rest;
+    }
+}
+
+fn write_sequential(
+    scene: &Scene,
+    estimate: &Estimate<f64>,
+    covariance: Option<&EstimateCovariance<f64>>,
+    out: &mut [f64],
+) {
+    let nv = scene.nv();
+    // (body, whether the body's inertia enters at this row)
+    let rows = || {
+        scene.model().system.stages.iter().enumerate().flat_map(|(k, stage)| {
+            let count = stage.rows.count();
+            (0..count).map(move |i| (k, i + 1 == count))
+        })
+    };
+    let mut parts = Parts(out);
+    parts.put([estimate.log_likelihood], 1);
+    parts.put(estimate.acceleration.iter().copied(), nv);
+    parts.put(estimate.torque.iter().copied(), nv);
+    let vector = |v: Vector6<f64>| <[f64; 6]>::from(v);
+    parts.put(rows().flat_map(|(k, _)| vector(estimate.force[k])), 6 * nv);
+    let process = |(k, enters): (usize, bool)| if enters { estimate.process[k] } else { Vector6::zeros() };
+    parts.put(rows().flat_map(|row| vector(process(row))), 6 * nv);
+    let Some(covariance) = covariance else { return };
+    parts.put(covariance.acceleration.iter().copied(), nv);
+    parts.put(covariance.torque.iter().copied(), nv);
+    // Symmetric, so that the order of columns is that of rows.
+    let matrix = |m: Matrix6<f64>| (0..36).map(move |i| m[i]);
+    parts.put(rows().flat_map(|(k, _)| matrix(covariance.force[k].to_matrix())), 36 * nv);
+    let process = |(k, enters): (usize, bool)| {
+        if enters { covariance.process[k].to_matrix() } else { Matrix6::zeros() }
+    };
+    parts.put(rows().flat_map(|row| matrix(process(row))), 36 * nv);
+}
+
+fn write_batch(estimate: &BatchEstimate, out: &mut [f64]) {
+    let nv = estimate.acceleration.len();
+    let mut parts = Parts(out);
+    parts.put([estimate.log_likelihood], 1);
+    parts.put(estimate.acceleration.iter().copied(), nv);
+    parts.put(estimate.torque.iter().copied(), nv);
+    parts.put(estimate.force.iter().copied(), 6 * nv);
+    parts.put(estimate.process.iter().copied(), 6 * nv);
+    let Some(covariance) = &estimate.covariance else { return };
+    parts.put((0..nv).map(|i| covariance.acceleration[(i, i)]), nv);
+    parts.put((0..nv).map(|i| covariance.torque[(i, i)]), nv);
+    for m in [&covariance.force, &covariance.process] {
+        let block = |k: usize| (0..36).map(move |i| m[(6 * k + i / 6, 6 * k + i % 6)]);
+        parts.put((0..nv).flat_map(block), 36 * nv);
+    }
+}
+
+/// The named tuple of arrays from the results of all states.
+fn result<'py>(
+    py: Python<'py>,
+    results: &[f64],
+    batch: &[usize],
+    nv: usize,
+    covariance: bool,
+) -> PyResult<Bound<'py, PyAny>> {
+    static ESTIMATE: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
+    let fields = PyDict::new(py);
+    let likelihoods: Vec<f64> = results.iter().step_by(width).copied().collect();
+    fields.set_item("log_likelihood", from_numbers(py, &likelihoods, batch)?)?;
+    let names: [(&str, &[usize]); 8] = [
+        ("acceleration", &[]),
+        ("torque", &[]),
+        ("force", &[6]),
+        ("process", &[6]),
+        ("acceleration_variance", &[]),
+        ("torque_variance", &[]),
+        ("force_covariance", &[6, 6]),
+        ("process_covariance", &[6, 6]),
+    ];
+    let mut at = 1;
+    for (name, block) in &names[..if covariance { 8 } else { 4 }] {
+        let shape = [batch, &[nv], block].concat();
+        let own = nv * block.iter().product::<usize>();
+        let mut output = Output::new(py, &shape)?;
+        if own > 0 {
+            for (to, from) in output.numbers()?.chunks_exact_mut(own).zip(results.chunks_exact(width)) {
+                to.copy_from_slice(&from[at..at + own]);
+            }
+        }
+        fields.set_item(*name, output.finish())?;
+        at += own;
+    }
+    ESTIMATE.import(py, "phipsi._results", "Estimate")?.call((), Some(&fields))
+}

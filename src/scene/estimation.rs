@@ -1,0 +1,130 @@
+//! Estimation on one state of a scene, with arguments checked and faults named.
+
+use super::Scene;
+use crate::dynamics::{self, Estimate, EstimateCovariance, EstimateScratch, Measurements};
+use crate::error::{Error, check_finite, check_length};
+use crate::spatial::SpatialVector;
+use crate::workspace::Workspace;
+
+impl Scene {
+    /// Scratch for [`Scene::estimate`].
+    #[must_use]
+    pub fn estimate_scratch(&self) -> EstimateScratch<f64> {
+        EstimateScratch::new(&self.model)
+    }
+
+    /// Forces, accelerations and torques given the torques of some joints: see [`dynamics::estimate()`], and
+    /// [`dynamics::estimate_covariance`] for the covariances, which are computed where there is room for them.
+    ///
+    /// `q` (nq), `qd` (nv), SI units; `wrenches` as in [`Scene::forward_dynamics`]. `estimate` and `covariance` come from
+    /// [`Estimate::new`] and [`EstimateCovariance::new`]. O(N), without allocation.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths; numbers that are not finite (the torque of a joint that is not measured is not read); noise that is
+    /// negative or NaN and an acceleration variance that is not positive, as [`Error::Argument`];
+    /// [`Error::SingularJoint`] where the pivot of a measured joint is lost, and, with covariances, that of any joint.
+    #[allow(clippy::too_many_arguments)] // a state is several arrays; scratch and results are the caller's
+    pub fn estimate(
+        &self,
+        workspace: &mut Workspace<f64>,
+        scratch: &mut EstimateScratch<f64>,
+        q: &[f64],
+        qd: &[f64],
+        measurements: &Measurements<'_, f64>,
+        wrenches: &[SpatialVector<f64>],
+        estimate: &mut Estimate<f64>,
+        covariance: Option<&mut EstimateCovariance<f64>>,
+    ) -> Result<(), Error> {
+        self.check_configuration("q", q)?;
+        self.check_rates("qd", qd)?;
+        self.check_measurements(measurements)?;
+        self.check_wrenches(wrenches)?;
+        let (nv, bodies) = (self.nv(), self.model.bodies.len());
+        check_length("estimate", estimate.acceleration.len().min(estimate.torque.len()), nv)?;
+        check_length("estimate (bodies)", estimate.force.len().min(estimate.process.len()), bodies)?;
+        let monitor = dynamics::estimate(&self.model, workspace, scratch, q, qd, measurements, wrenches, estimate);
+        if let Some(lost) = workspace.lost_pivot_of(&self.model, &scratch.system, &monitor) {
+            return Err(self.singular(lost));
+        }
+        self.check_result("estimated acceleration", &estimate.acceleration)?;
+        self.check_result("estimated torque", &estimate.torque)?;
+        estimate.force.iter().try_for_each(|force| self.check_result("estimated force", force.as_slice()))?;
+        self.check_result("log-likelihood", &[estimate.log_likelihood])?;
+        let Some(covariance) = covariance else { return Ok(()) };
+        check_length("covariance", covariance.acceleration.len().min(covariance.torque.len()), nv)?;
+        check_length("covariance (bodies)", covariance.force.len().min(covariance.process.len()), bodies)?;
+        let monitor = dynamics::estimate_covariance(&self.model, workspace, scratch, measurements, covariance);
+        self.check_pivots(workspace, monitor)?;
+        self.check_result("variance of the acceleration", &covariance.acceleration)?;
+        self.check_result("variance of the torque", &covariance.torque)
+    }
+
+    /// The same estimate from the definitions of section 2 with dense matrices: see [`dynamics::estimate_batch()`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::estimate`], and [`Error::Argument`] beyond 300 degrees of freedom.
+    #[cfg(feature = "dense")]
+    #[allow(clippy::too_many_arguments)] // as above
+    pub fn estimate_batch(
+        &self,
+        workspace: &mut Workspace<f64>,
+        q: &[f64],
+        qd: &[f64],
+        measurements: &Measurements<'_, f64>,
+        wrenches: &[SpatialVector<f64>],
+        with_covariance: bool,
+    ) -> Result<dynamics::BatchEstimate, Error> {
+        self.check_configuration("q", q)?;
+        self.check_rates("qd", qd)?;
+        self.check_measurements(measurements)?;
+        self.check_wrenches(wrenches)?;
+        let state = (q, qd, wrenches);
+        let estimate = dynamics::estimate_batch(&self.model, workspace, state, measurements, with_covariance)?;
+        self.check_result("estimated acceleration", &estimate.acceleration)?;
+        self.check_result("estimated force", &estimate.force)?;
+        Ok(estimate)
+    }
+
+    /// Torques finite where measured, noise zero or positive, the variance of accelerations positive.
+    fn check_measurements(&self, measurements: &Measurements<'_, f64>) -> Result<(), Error> {
+        let s = measurements.acceleration_variance;
+        if !(s > 0.0 && s.is_finite()) {
+            let expected = "a variance of the acceleration of one kg m^2, (rad/s^2)^2: positive and finite";
+            return Err(Error::argument("acceleration_variance", s.to_string(), expected));
+        }
+        check_length("torque", measurements.torque.len(), self.nv())?;
+        check_length("noise", measurements.noise.len(), self.nv())?;
+        for (row, (&noise, &torque)) in measurements.noise.iter().zip(measurements.torque).enumerate() {
+            if !(noise >= 0.0) {
+                let found = format!("{noise} for joint {:?}", self.joint_of_row(row));
+                let expected = "a variance in (N m)^2: zero or positive, infinite where not measured";
+                return Err(Error::argument("noise", found, expected));
+            }
+            if !measurements.is_measured(row) {
+                continue;
+            }
+            if !(noise / s).is_finite() {
+                let found = format!(
+                    "{noise} for joint {:?} over acceleration_variance {s}, which overflows",
+                    self.joint_of_row(row)
+                );
+                return Err(Error::argument("noise", found, "infinity where a joint is not measured"));
+            }
+            if !torque.is_finite() {
+                return Err(Error::NotFinite { argument: "torque".to_owned(), index: row, value: torque, state: None });
+            }
+        }
+        if let Some(prior) = measurements.prior_acceleration {
+            check_length("prior_acceleration", prior.len(), self.nv())?;
+            check_finite("prior_acceleration", prior)?;
+        }
+        Ok(())
+    }
+
+    /// The name of the joint of a degree of freedom.
+    fn joint_of_row(&self, row: usize) -> &str {
+        self.joints().iter().find(|joint| joint.v.contains(&row)).map_or("", |joint| &joint.name)
+    }
+}
