@@ -9,9 +9,11 @@ pub mod forward;
 pub mod inverse;
 pub mod mass_inverse;
 pub mod mass_matrix;
+pub mod operational;
 
 pub use energy::{Energy, energy, momentum};
 pub use forward::{factorise, forward_dynamics, solve};
 pub use inverse::{bias_torque, inverse_dynamics, mul_mass};
 pub use mass_inverse::mass_matrix_inverse;
 pub use mass_matrix::{log_det_mass_matrix, mass_matrix};
+pub use operational::operational_inverse_inertia;

@@ -282,7 +282,7 @@ impl Scene {
 
     /// Finite arguments can still overflow on the way.
     #[allow(clippy::unused_self)] // reads as the other checks do
-    fn check_result(&self, what: &str, values: &[f64]) -> Result<(), Error> {
+    pub(super) fn check_result(&self, what: &str, values: &[f64]) -> Result<(), Error> {
         // The name is written only where it is needed: this is on the path of every call.
         if values.iter().all(|value| value.is_finite()) {
             return Ok(());
