@@ -286,6 +286,56 @@ fn a_stretched_arm_has_an_inverse_inertia_and_no_inertia() {
     }
 }
 
+/// A frame that long levers bring back onto the axis of the only hinge: that it does not swing is known to the rounding of the
+/// levers' terms, not of what is left of them.
+#[test]
+fn a_direction_lost_in_the_rounding_of_levers_is_singular() {
+    for seed in 0..12 {
+        let mut random = Random::new(9600 + seed);
+        let (axis, rotation) = (random.vector().normalize(), random.rotation());
+        let lever = axis.cross(&random.vector()).normalize() * 1e4;
+        let mut hinge = JointDescription::new("hinge", JointKind::Revolute, "base", "light");
+        hinge.axis = axis;
+        let mut slide = JointDescription::new("slide", JointKind::Prismatic, "light", "far");
+        slide.origin = RigidShift { rotation, lever };
+        slide.axis = rotation.transpose() * axis;
+        slide.armature = 1.0;
+        let mut back = JointDescription::new("back", JointKind::Prismatic, "far", "near");
+        back.origin.lever = -(rotation.transpose() * lever);
+        back.axis = slide.axis;
+        back.armature = 1.0;
+        let scene = SceneBuilder::new()
+            .link(LinkDescription { name: "base".into(), inertial: None })
+            .link(LinkDescription { name: "light".into(), inertial: Some(random_inertial(&mut random)) })
+            .link(LinkDescription { name: "far".into(), inertial: None })
+            .link(LinkDescription { name: "near".into(), inertial: None })
+            .joint(hinge)
+            .joint(slide)
+            .joint(back)
+            .build()
+            .unwrap();
+        let turned = RigidShift { rotation: random.rotation(), lever: Vector3::zeros() };
+        let offset = RigidShift { lever: -(rotation.transpose() * lever), ..turned };
+        let far = TaskFrame { link: "far", offset };
+        let near = TaskFrame { link: "near", offset: turned };
+        let (along, none) = (rotation.transpose() * axis, Vector3::zeros());
+        let across = rotation.transpose() * lever.normalize();
+        let swing = along.cross(&across);
+        let q = [0.4, 0.3, -0.2];
+        for frame in [far, near] {
+            let (turn, rise) = (direction(&frame, along, none), direction(&frame, none, along));
+            let possible = [turn, rise].concat();
+            let found = inertia(&scene, &q, &[frame], Some(&possible)).unwrap();
+            assert_inverse(&found, &inverse_inertia(&scene, &q, &[frame]), &possible);
+            for lost in [swing, across] {
+                let s = [turn, rise, direction(&frame, none, lost)].concat();
+                let error = inertia(&scene, &q, &[frame], Some(&s)).unwrap_err();
+                assert!(matches!(error, Error::SingularTask { rank: 2, directions: 3, .. }), "seed {seed}: {error}");
+            }
+        }
+    }
+}
+
 /// `found` (S Omega S^T) = 1, and `found` is symmetric with a positive diagonal.
 #[track_caller]
 fn assert_inverse(found: &[f64], omega: &[f64], s: &[f64]) {

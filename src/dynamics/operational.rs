@@ -108,23 +108,17 @@ fn unit_forces<T: Real>(placement: &RigidShift<T>) -> [Vector6<T>; 6] {
 
 impl OperationalScratch<f64> {
     /// Sizes of the terms that a frame's motion was formed from in the last call, angular and linear, as standard deviations:
-    /// the most that any body inward of it has, moved to the frame.
+    /// the largest of its body and the bodies inward, moved by the frame's lever.
     ///
     /// The rounding of an entry of Omega is eps times the product of two of them; the entry itself may be much smaller,
     /// or zero but for rounding. Traces, since rotations mix the components of each kind, and never the kinds. O(depth).
-    pub(crate) fn term_sizes(&self, model: &Model<f64>, workspace: &Workspace<f64>, frame: &Frame<f64>) -> [f64; 2] {
-        let trace = |e: &[f64; 6]| (e[0] + e[3] + e[5]).abs().sqrt();
-        let mut reach = frame.placement.lever.norm();
-        let (mut angular, mut linear) = (0.0_f64, 0.0_f64);
-        let mut at = frame.body;
-        while let Some(k) = at {
+    pub(crate) fn term_sizes(&self, model: &Model<f64>, frame: &Frame<f64>) -> [f64; 2] {
+        let size = |e: &[f64; 6]| (e[0] + e[3] + e[5]).abs().sqrt();
+        let inward = std::iter::successors(frame.body, |&k| model.system.stages[k].parent);
+        let [angular, linear] = inward.fold([0.0_f64; 2], |[angular, linear], k| {
             let lambda = &self.co_state_covariance[k];
-            let turning = trace(&lambda.angular.entries);
-            angular = angular.max(turning);
-            linear = linear.max(trace(&lambda.linear.entries) + reach * turning);
-            reach += workspace.shift[k].lever.norm();
-            at = model.system.stages[k].parent;
-        }
-        [angular, linear]
+            [angular.max(size(&lambda.angular.entries)), linear.max(size(&lambda.linear.entries))]
+        });
+        [angular, linear + frame.placement.lever.norm() * angular]
     }
 }

@@ -100,7 +100,7 @@ impl Scene {
         // entry is zero, rounding would be scaled to one and pass for a direction of its own.
         let mut sizes = vec![0.0; k];
         for (at, frame) in scratch.frames.iter().enumerate() {
-            let of_frame = scratch.term_sizes(&self.model, workspace, frame);
+            let of_frame = scratch.term_sizes(&self.model, frame);
             for (row, size) in sizes.iter_mut().enumerate() {
                 for (half, part) in of_frame.iter().enumerate() {
                     *size += s.view((row, 6 * at + 3 * half), (1, 3)).norm() * part;
