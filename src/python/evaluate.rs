@@ -6,6 +6,7 @@ use super::scene::PyScene;
 use super::wrenches::{self, Wrench};
 use crate::batch::{Batch, Fault, broadcast_axes};
 use crate::dynamics::mass_inverse::InverseScratch;
+use crate::dynamics::operational::OperationalScratch;
 use crate::error::Error;
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
@@ -24,13 +25,15 @@ pub(super) struct Scratch {
     pub workspace: Workspace<f64>,
     /// For the inverse of the mass matrix only.
     pub inverse: Option<InverseScratch<f64>>,
+    /// For operational space only.
+    pub operational: Option<OperationalScratch<f64>>,
     /// Forces on bodies of the state at hand; empty without wrenches.
     pub forces: Vec<SpatialVector<f64>>,
 }
 
 impl Scratch {
     pub(super) fn new(scene: &Scene) -> Self {
-        Self { workspace: scene.workspace(), inverse: None, forces: Vec::new() }
+        Self { workspace: scene.workspace(), inverse: None, operational: None, forces: Vec::new() }
     }
 }
 

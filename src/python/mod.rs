@@ -15,6 +15,7 @@ mod errors;
 mod evaluate;
 mod factor;
 mod geometry;
+mod operational;
 mod plan;
 mod report;
 mod scene;

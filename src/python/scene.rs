@@ -180,7 +180,7 @@ impl Source {
 }
 
 /// The strings of an iterable; none if it is something else.
-fn names(iterable: &Bound<'_, PyAny>) -> Option<Vec<String>> {
+pub(super) fn names(iterable: &Bound<'_, PyAny>) -> Option<Vec<String>> {
     iterable.try_iter().ok()?.map(|name| name.and_then(|name| name.extract()).ok()).collect()
 }
 

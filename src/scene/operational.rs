@@ -55,9 +55,7 @@ impl Scene {
         out: &mut [f64],
     ) -> Result<(), Error> {
         self.check_configuration("q", q)?;
-        if links.is_empty() {
-            return Err(Error::argument("links", "none", "at least one link"));
-        }
+        some_link(links)?;
         check_length("out", out.len(), 36 * links.len() * links.len())?;
         let mut frames = std::mem::take(&mut scratch.frames);
         frames.clear();
@@ -134,6 +132,16 @@ impl Scene {
         self.check_result("operational inertia", out)
     }
 
+    /// Checks task frames as the methods above do: at least one, known links, rotation matrices, finite numbers.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] or [`Error::NotFinite`], naming the link.
+    pub fn check_task(&self, frames: &[TaskFrame<'_>]) -> Result<(), Error> {
+        some_link(frames)?;
+        frames.iter().try_for_each(|task| self.frame(task).map(|_| ()))
+    }
+
     /// A task frame on its body.
     fn frame(&self, task: &TaskFrame<'_>) -> Result<Frame<f64>, Error> {
         let link = self.link(task.link)?;
@@ -155,6 +163,13 @@ impl Scene {
         }
         Ok(Frame { body: link.body, placement: link.placement.compose(&task.offset) })
     }
+}
+
+fn some_link<L>(links: &[L]) -> Result<(), Error> {
+    if links.is_empty() {
+        return Err(Error::argument("links", "none", "at least one link"));
+    }
+    Ok(())
 }
 
 /// S as a matrix; the identity where none are given.
