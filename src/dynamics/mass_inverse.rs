@@ -97,14 +97,15 @@ fn column<T: Real>(
     scratch.column[k] = y;
 
     // Inward, u = Psi(c,j) g(j); where another branch leaves after this one, y = Lambda^-(c) u for it.
-    let mut u = past_rows(stage, measured, 0..i, &measured[j].gain);
+    let mut u = measured[j].gain;
+    past_rows(stage, measured, 0..i, &mut u);
     let mut child = k;
     while let Some(parent) = stages[child].parent {
         u = workspace.shift[child].force_to_parent(&u);
         if scratch.subtree_end[parent] > scratch.subtree_end[k] {
             scratch.column[parent] = scratch.co_state_covariance[parent].mul_vector(&u);
         }
-        u = past_rows(&stages[parent], measured, 0..stages[parent].rows.count(), &u);
+        past_rows(&stages[parent], measured, 0..stages[parent].rows.count(), &mut u);
         child = parent;
     }
 

@@ -90,8 +90,8 @@ fn covariance_between<T: Real>(
         let (side, k) = if i > j { (0, i) } else { (1, j) };
         let stage = &stages[k];
         for force in &mut forces[side] {
-            let passed = past_rows(stage, &workspace.measured, 0..stage.rows.count(), force);
-            *force = workspace.shift[k].force_to_parent(&passed);
+            past_rows(stage, &workspace.measured, 0..stage.rows.count(), force);
+            *force = workspace.shift[k].force_to_parent(force);
         }
         at[side] = stage.parent;
     };

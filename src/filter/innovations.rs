@@ -38,18 +38,10 @@ pub fn step<T: Real>(
 ///
 /// What measurements that see nothing else leave of x. Nine products a row.
 #[inline(always)]
-#[must_use]
-pub fn past_rows<T: Real>(
-    stage: &Stage<T>,
-    measured: &[Measured<T>],
-    rows: Range<usize>,
-    x: &Vector6<T>,
-) -> Vector6<T> {
-    let mut x = *x;
+pub fn past_rows<T: Real>(stage: &Stage<T>, measured: &[Measured<T>], rows: Range<usize>, x: &mut Vector6<T>) {
     for i in rows.rev() {
-        x -= measured[stage.first_row + i].gain * stage.rows.row(i).project(&x);
+        *x -= measured[stage.first_row + i].gain * stage.rows.row(i).project(x);
     }
-    x
 }
 
 /// Tip to base: the innovations of every row, with the factor already known.

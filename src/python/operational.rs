@@ -19,7 +19,7 @@ mod cost {
     pub const BODY: usize = 200;
     /// Of one pair of links, without the way to where they meet.
     pub const PAIR: usize = 200;
-    /// Of one entry of a k x k matrix, its eigenvalues and inverse, times k.
+    /// Of the eigenvalues and the inverse of a k x k matrix, over k^3.
     pub const INVERSE: usize = 20;
 }
 
@@ -87,7 +87,7 @@ impl PyScene {
             None => (width, None),
         };
         let inputs = [Input::new("q", q, self.scene.nq())?];
-        let of_inverse = cost::INVERSE.saturating_mul(k * k * k);
+        let of_inverse = cost::INVERSE.saturating_mul(k.saturating_pow(3));
         let call = Call::new(self, inputs, Vec::new(), self.cost_of_task(frames.len()).saturating_add(of_inverse))?;
         call.array(py, &[k, k], None, |scene, scratch, [q], out| {
             let Scratch { workspace, operational, .. } = scratch;
