@@ -4,6 +4,8 @@
 //! `make peers` has written their files.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use nalgebra::DMatrixView;
+use phipsi::dynamics::operational::Frame;
 use phipsi::{Scene, dynamics, scenes};
 use std::hint::black_box;
 
@@ -111,5 +113,50 @@ fn growth(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, chains, robots, growth);
+/// Omega of the last link, and of it and one half way, of chains: in O(N), and where M^-1 is small enough as J M^-1 J^T.
+fn operational(c: &mut Criterion) {
+    for n in [8, 64, 512] {
+        let scene = scenes::chain(n).expect("a chain");
+        let model = scene.model();
+        let states = states(&scene);
+        let mut cycle = states.iter().cycle();
+        let mut next = move || black_box(cycle.next().expect("a cycle has no end"));
+        let (mut workspace, mut scratch) = (scene.workspace(), scene.operational_scratch());
+        let mut inverse_scratch = scene.inverse_scratch();
+        let link = |body: usize| {
+            let at = scene.links().iter().find(|link| link.body == Some(body)).expect("a link");
+            (at.name.as_str(), Frame { body: at.body, placement: at.placement })
+        };
+        let (names, frames): (Vec<&str>, Vec<Frame<f64>>) = [link(n - 1), link(n / 2)].into_iter().unzip();
+        let mut group = c.benchmark_group("operational");
+        for (what, m) in [("one", 1), ("pair", 2)] {
+            let mut omega = vec![0.0; 36 * m * m];
+            group.bench_function(BenchmarkId::new(what, n), |b| {
+                b.iter(|| {
+                    let [q, ..] = next();
+                    let omega = black_box(&mut omega[..]);
+                    dynamics::operational_inverse_inertia(model, &mut workspace, &mut scratch, q, &frames[..m], omega)
+                });
+            });
+            if n > 64 {
+                continue;
+            }
+            let (mut inverse, mut jacobian) = (vec![0.0; n * n], vec![0.0; 6 * m * n]);
+            group.bench_function(BenchmarkId::new(format!("{what}_dense"), n), |b| {
+                b.iter(|| {
+                    let [q, ..] = next();
+                    dynamics::mass_matrix_inverse(model, &mut workspace, &mut inverse_scratch, q, &mut inverse);
+                    for (name, rows) in names[..m].iter().zip(jacobian.chunks_exact_mut(6 * n)) {
+                        scene.jacobian(q, name, rows).expect("a jacobian");
+                    }
+                    let j = DMatrixView::from_slice(&jacobian, n, 6 * m);
+                    black_box(j.transpose() * (DMatrixView::from_slice(&inverse, n, n) * j))
+                });
+            });
+        }
+        group.finish();
+    }
+}
+
+criterion_group!(benches, chains, robots, growth, operational);
 criterion_main!(benches);

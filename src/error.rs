@@ -69,6 +69,29 @@ pub enum Error {
         /// Absolute sum of the terms that form the pivot, same unit.
         terms: f64,
     },
+    /// Task directions without an operational-space inertia: the scene cannot move in all of them independently.
+    #[error(
+        "task of {}{}: found an inverse inertia of rank {rank} in {directions} directions, which has no inverse; it is itself defined \
+         there (operational_inverse_inertia): use that, or leave out directions so that at most {rank} independent ones remain",
+        quoted(links),
+        in_state(*state)
+    )]
+    SingularTask {
+        /// Names of the links, in the order of the call.
+        links: Vec<String>,
+        /// How many of the directions are independent.
+        rank: usize,
+        /// How many directions the task has.
+        directions: usize,
+        /// Index of the state in a batch, if there is one.
+        state: Option<usize>,
+    },
+}
+
+/// The words for one link or several.
+fn quoted(links: &[String]) -> String {
+    let names: Vec<String> = links.iter().map(|name| format!("{name:?}")).collect();
+    format!("{} {}", if names.len() == 1 { "link" } else { "links" }, names.join(", "))
 }
 
 /// The words for a pivot that means nothing.
@@ -88,7 +111,9 @@ impl Error {
     /// The same error, said of state `index` of a batch.
     #[must_use]
     pub fn in_state(mut self, index: usize) -> Self {
-        if let Self::NotFinite { state, .. } | Self::SingularJoint { state, .. } = &mut self {
+        if let Self::NotFinite { state, .. } | Self::SingularJoint { state, .. } | Self::SingularTask { state, .. } =
+            &mut self
+        {
             *state = Some(index);
         } else if let Self::Argument { found, .. } = &mut self {
             *found = format!("{found} in state {index}");

@@ -18,7 +18,7 @@
 //! | 2, conditional means and their covariances | [`dynamics::estimate`](mod@dynamics::estimate), [`filter::smoothed`], [`dynamics::inverse`], [`operators`] |
 //! | 3, Riccati recursion, K, L, D | [`filter::riccati`], [`operators::Factor`], [`dynamics::mass_matrix`](mod@dynamics::mass_matrix) (3.4, 3.5) |
 //! | 4, filter and smoother | [`filter::innovations`], [`filter::smoother`], [`dynamics::forward`] |
-//! | 5, covariance of the co-states | [`filter::covariance`] |
+//! | 5, covariance of the co-states | [`filter::covariance`], [`dynamics::operational`] |
 //! | 6, closed form of M^-1 | [`dynamics::mass_inverse`] |
 //!
 //! Conventions: SI units, radians; spatial vectors are angular first; bodies, joints and arrays run from the base outward,

@@ -192,6 +192,48 @@ class Scene:
         Raises ArgumentError for an unknown link.
         """
 
+    def operational_inverse_inertia(
+        self,
+        q: ArrayLike,
+        links: str | Iterable[str],
+        *,
+        xyz: ArrayLike | None = None,
+        rotation: ArrayLike | None = None,
+    ) -> _Array:
+        """The operational-space inverse inertia J M^-1 J^T of links, in O(N) from the co-states' covariance (5.6, 5.7, Psi A).
+
+        q: (..., nq). links: a name, or m names (links on the base and repeated ones too). xyz: (3,) or (m, 3), m, and
+        rotation: (3, 3) or (m, 3, 3): the task frame's origin and axes in its link's frame, by default the link's own; the same
+        for the whole batch.
+
+        Returns (..., 6m, 6m), full and exactly symmetric. Wrenches (moment, force) on the frames, each at its origin and in its
+        axes, stacked, times this is how they change the frames' (angular, linear) accelerations. Defined in singular
+        configurations too, where operational_inertia is not; zero for links on the base.
+
+        Raises ArgumentError for an unknown link, no link, or a rotation that is none (to within 1e-9); SingularJointError.
+        """
+
+    def operational_inertia(
+        self,
+        q: ArrayLike,
+        links: str | Iterable[str],
+        *,
+        xyz: ArrayLike | None = None,
+        rotation: ArrayLike | None = None,
+        directions: ArrayLike | None = None,
+    ) -> _Array:
+        """The operational-space inertia (S J M^-1 J^T S^T)^-1 of task directions S.
+
+        q, links, xyz and rotation as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
+        stacked (angular, linear) velocities of the frames; all 6m by default; the same for the whole batch.
+
+        Returns (..., k, k), exactly symmetric and positive definite.
+
+        Raises SingularTaskError, with .links, .rank, .directions and .state, where the scene cannot move in all directions
+        independently: an eigenvalue of the inverse inertia, each direction scaled to the terms that form it, is not above
+        64 k eps. Otherwise as operational_inverse_inertia.
+        """
+
     def energy(self, q: ArrayLike, qd: ArrayLike) -> Energy:
         """Kinetic energy (armature included) and potential energy: the named tuple Energy(kinetic, potential).
 

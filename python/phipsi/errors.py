@@ -15,6 +15,7 @@ __all__ = [
     "SceneError",
     "ShapeError",
     "SingularJointError",
+    "SingularTaskError",
 ]
 
 
@@ -63,6 +64,22 @@ class SingularJointError(PhipsiError, ArithmeticError):
     """Name of the link that the joint carries."""
     pivot: float = float("nan")
     """The pivot found, kg m^2 or kg."""
+    state: int | tuple[int, ...] | None = None
+    """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
+
+
+class SingularTaskError(PhipsiError, ArithmeticError):
+    """Task directions without an operational-space inertia: the scene cannot move in all of them independently.
+
+    The inverse inertia is defined there: use operational_inverse_inertia, or leave out directions.
+    """
+
+    links: tuple[str, ...] = ()
+    """Names of the links, in the order of the call."""
+    rank: int = 0
+    """How many of the directions are independent."""
+    directions: int = 0
+    """How many directions the task has."""
     state: int | tuple[int, ...] | None = None
     """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
 

@@ -2,6 +2,7 @@
 
 use super::forward::factorise;
 use crate::filter::covariance;
+use crate::filter::innovations::past_rows;
 use crate::filter::pivots::PivotMonitor;
 use crate::scalar::Real;
 use crate::scene::Model;
@@ -97,18 +98,14 @@ fn column<T: Real>(
 
     // Inward, u = Psi(c,j) g(j); where another branch leaves after this one, y = Lambda^-(c) u for it.
     let mut u = measured[j].gain;
-    for other in (0..i).rev() {
-        u -= measured[stage.first_row + other].gain * stage.rows.row(other).project(&u);
-    }
+    past_rows(stage, measured, 0..i, &mut u);
     let mut child = k;
     while let Some(parent) = stages[child].parent {
         u = workspace.shift[child].force_to_parent(&u);
         if scratch.subtree_end[parent] > scratch.subtree_end[k] {
             scratch.column[parent] = scratch.co_state_covariance[parent].mul_vector(&u);
         }
-        for other in (0..stages[parent].rows.count()).rev() {
-            u -= measured[stages[parent].first_row + other].gain * stages[parent].rows.row(other).project(&u);
-        }
+        past_rows(&stages[parent], measured, 0..stages[parent].rows.count(), &mut u);
         child = parent;
     }
 

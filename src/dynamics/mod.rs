@@ -12,6 +12,7 @@ pub mod forward;
 pub mod inverse;
 pub mod mass_inverse;
 pub mod mass_matrix;
+pub mod operational;
 
 #[cfg(feature = "stochastic")]
 pub(crate) use forces::bias_forces_base_to_tip;
@@ -24,3 +25,4 @@ pub use forward::{factorise, forward_dynamics, solve};
 pub use inverse::{bias_torque, inverse_dynamics, mul_mass};
 pub use mass_inverse::mass_matrix_inverse;
 pub use mass_matrix::{log_det_mass_matrix, mass_matrix};
+pub use operational::operational_inverse_inertia;

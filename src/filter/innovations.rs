@@ -1,10 +1,11 @@
 //! The filter (4.4 to 4.6) and its open-loop and adjoint relatives: what the measurements add to the prediction.
 
 use super::riccati::Measured;
-use super::system::System;
+use super::system::{Stage, System};
 use crate::scalar::Real;
 use crate::spatial::RigidShift;
 use nalgebra::Vector6;
+use std::ops::Range;
 
 /// One stage of the filter: e^- = tau - H z^- (4.2), z^+ = z^- + g e^- (4.5), z^-(parent) += phi z^+ (4.4).
 ///
@@ -30,6 +31,16 @@ pub fn step<T: Real>(
     z[k] = state;
     if let Some(parent) = stage.parent {
         z[parent] += shift[k].force_to_parent(&state);
+    }
+}
+
+/// A state past some of a stage's rows, outermost first: x becomes (1 - g H) x at each, the closed loop A (3.9).
+///
+/// What measurements that see nothing else leave of x. Nine products a row.
+#[inline(always)]
+pub fn past_rows<T: Real>(stage: &Stage<T>, measured: &[Measured<T>], rows: Range<usize>, x: &mut Vector6<T>) {
+    for i in rows.rev() {
+        *x -= measured[stage.first_row + i].gain * stage.rows.row(i).project(x);
     }
 }
 

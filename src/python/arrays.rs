@@ -123,6 +123,35 @@ pub(super) fn mask(name: &str, value: &Bound<'_, PyAny>, length: usize) -> PyRes
     Ok(Some(array.call_method0("tolist")?.extract()?))
 }
 
+/// An argument of the given shape, the same for all of `count` things, or of (count, *shape), one for each: their numbers.
+pub(super) fn one_or_each(
+    name: &str,
+    value: &Bound<'_, PyAny>,
+    count: usize,
+    shape: &[usize],
+) -> PyResult<Vec<Vec<f64>>> {
+    let array = read(name, value)?;
+    let numbers = array.to_vec()?;
+    if array.shape() == shape {
+        return Ok(vec![numbers; count]);
+    }
+    let each = [&[count], shape].concat();
+    if array.shape() != each {
+        let expected = format!("{} or {}", shape_text(shape), shape_text(&each));
+        return Err(wrong_shape(name, array.shape(), expected));
+    }
+    Ok(numbers.chunks_exact(shape.iter().product()).map(<[f64]>::to_vec).collect())
+}
+
+/// An argument of shape (rows, width), at least one row: how many, and the numbers in row-major order.
+pub(super) fn rows(name: &str, value: &Bound<'_, PyAny>, width: usize) -> PyResult<(usize, Vec<f64>)> {
+    let array = read(name, value)?;
+    match *array.shape() {
+        [rows, found] if found == width && rows > 0 => Ok((rows, array.to_vec()?)),
+        _ => Err(wrong_shape(name, array.shape(), format!("(k, {width}), k at least 1"))),
+    }
+}
+
 /// Three numbers.
 pub(super) fn triple(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
     let numbers = fixed(name, value, &[3])?;

@@ -37,7 +37,9 @@ pub(super) fn not_built(py: Python<'_>, message: String) -> PyErr {
 fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> {
     let mut message = error.to_string();
     let state = match error {
-        Error::NotFinite { state, .. } | Error::SingularJoint { state, .. } => *state,
+        Error::NotFinite { state, .. } | Error::SingularJoint { state, .. } | Error::SingularTask { state, .. } => {
+            *state
+        }
         _ => None,
     };
     let index = state.map(|state| batch_index(py, state, batch)).transpose()?;
@@ -69,6 +71,14 @@ fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> 
             instance.setattr("joint", joint)?;
             instance.setattr("link", link)?;
             instance.setattr("pivot", pivot)?;
+            instance.setattr("state", index)?;
+            instance
+        }
+        Error::SingularTask { links, rank, directions, .. } => {
+            let instance = instance("SingularTaskError")?;
+            instance.setattr("links", PyTuple::new(py, links)?)?;
+            instance.setattr("rank", rank)?;
+            instance.setattr("directions", directions)?;
             instance.setattr("state", index)?;
             instance
         }

@@ -7,6 +7,7 @@ use super::scene::PyScene;
 use super::wrenches::{self, Wrench};
 use crate::batch::{Batch, Fault, broadcast_axes};
 use crate::dynamics::mass_inverse::InverseScratch;
+use crate::dynamics::operational::OperationalScratch;
 use crate::error::Error;
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
@@ -27,13 +28,15 @@ pub(super) struct Scratch {
     pub inverse: Option<InverseScratch<f64>>,
     /// For estimation only.
     pub estimation: Option<Estimation>,
+    /// For operational space only.
+    pub operational: Option<OperationalScratch<f64>>,
     /// Forces on bodies of the state at hand; empty without wrenches.
     pub forces: Vec<SpatialVector<f64>>,
 }
 
 impl Scratch {
     pub(super) fn new(scene: &Scene) -> Self {
-        Self { workspace: scene.workspace(), inverse: None, estimation: None, forces: Vec::new() }
+        Self { workspace: scene.workspace(), inverse: None, estimation: None, operational: None, forces: Vec::new() }
     }
 }
 

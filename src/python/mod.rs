@@ -16,6 +16,7 @@ mod estimation;
 mod evaluate;
 mod factor;
 mod geometry;
+mod operational;
 mod plan;
 mod report;
 mod scene;

@@ -9,6 +9,7 @@ use crate::scalar::{DoubleDouble, Real};
 use crate::scene::{Model, Scene};
 use crate::workspace::Workspace;
 use faer::Mat;
+use faer::linalg::solvers::Solve;
 
 /// One identity and by how much it fails, relative to the largest entry of what it is compared with.
 #[derive(Debug, Clone, PartialEq)]
@@ -99,12 +100,30 @@ pub fn residuals(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64]) -> Result<Ve
     add("M M^-1 = 1, M^-1 in closed form (6.1)", relative(&(&m * &inverse), &one), true);
     add("M^-1 (6.1) = (1 - L*) D^-1 (1 - L) (3.3)", relative(&inverse, &swept(&factor, Kind::MassInverse)), true);
 
+    add("Omega of two links by Lambda and Psi A = J M^-1 J*: operational space", operational(scene, q, &dense)?, true);
+
     let (mut qdd, mut back) = (vec![f64::NAN; nv], vec![f64::NAN; nv]);
     scene.forward_dynamics(&mut workspace, q, qd, tau, &[], &mut qdd)?;
     scene.inverse_dynamics(&mut workspace, q, qd, &qdd, &[], &mut back)?;
     add("inverse dynamics of forward dynamics = tau", relative(&column(&back), &column(tau)), true);
     add("power: d(energy)/dt = tau . qd", power_residual(model, q, qd, &qdd, tau), true);
     Ok(list)
+}
+
+/// Omega of the last link and of one half way there: in O(N), against M from its definition, solved densely.
+fn operational(scene: &Scene, q: &[f64], dense: &Composite) -> Result<f64, Error> {
+    let nv = scene.nv();
+    let names: Vec<&str> = scene.links().iter().map(|link| link.name.as_str()).collect();
+    let links = [names[names.len() / 2], names[names.len() - 1]];
+    let (mut omega, mut rows) = (vec![f64::NAN; 144], vec![f64::NAN; 12 * nv]);
+    let (mut workspace, mut scratch) = (scene.workspace(), scene.operational_scratch());
+    scene.operational_inverse_inertia(&mut workspace, &mut scratch, q, &links, &mut omega)?;
+    let (first, second) = rows.split_at_mut(6 * nv);
+    scene.jacobian(q, links[0], first)?;
+    scene.jacobian(q, links[1], second)?;
+    let jacobian = Mat::from_fn(12, nv, |i, k| rows[i * nv + k]);
+    let solved = dense.mass_matrix().partial_piv_lu().solve(jacobian.transpose());
+    Ok(relative(&Mat::from_fn(12, 12, |i, k| omega[12 * i + k]), &(&jacobian * solved)))
 }
 
 /// |K L - L K| relative to the size of the products' terms.

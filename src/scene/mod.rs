@@ -11,6 +11,7 @@ mod inertia_check;
 mod joint_check;
 mod lock;
 pub mod model;
+pub mod operational;
 mod queries;
 #[cfg(feature = "urdf")]
 pub mod urdf;
@@ -18,6 +19,7 @@ pub mod urdf;
 pub use builder::{ROOT_JOINT, SceneBuilder};
 pub use description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, SceneWarning};
 pub use model::{Body, Model, Motion};
+pub use operational::TaskFrame;
 
 use crate::error::Error;
 use crate::spatial::RigidShift;

@@ -1,0 +1,124 @@
+//! Operational space: the inverse inertia of bodies and task frames, the covariance of their co-states, without M.
+
+use super::forward::factorise;
+use crate::filter::covariance;
+use crate::filter::innovations::past_rows;
+use crate::filter::pivots::PivotMonitor;
+use crate::scalar::Real;
+use crate::scene::Model;
+use crate::spatial::{RigidShift, Symmetric6, dot};
+use crate::workspace::Workspace;
+use nalgebra::{Matrix6, Vector6};
+
+/// A frame that moves with a body.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame<T> {
+    /// Index of the body; none on the base, which does not move.
+    pub body: Option<usize>,
+    /// From the frame to the body's frame.
+    pub placement: RigidShift<T>,
+}
+
+/// Scratch that only the operational-space inertia needs.
+#[derive(Debug, Clone)]
+pub struct OperationalScratch<T: Real> {
+    /// Lambda^- of each body.
+    co_state_covariance: Vec<Symmetric6<T>>,
+    /// The frames of a call by names.
+    pub(crate) frames: Vec<Frame<T>>,
+}
+
+impl<T: Real> OperationalScratch<T> {
+    /// Scratch for `model`.
+    pub fn new(model: &Model<T>) -> Self {
+        let nan = Symmetric6::filled(T::from_f64(f64::NAN));
+        Self { co_state_covariance: vec![nan; model.bodies.len()], frames: Vec::new() }
+    }
+}
+
+/// Omega = J M^-1 J^T of m frames at `q` into `out`, (6m x 6m) row by row, full and exactly symmetric.
+///
+/// J stacks the Jacobians of the frames, (angular, linear) at each frame's origin and in its axes: forces F on the frames change
+/// their accelerations by Omega F. On bodies Omega is phi* H* M^-1 H phi = cov(lambda^-) (2.9, 5.5 as it holds): with c the nearest
+/// common ancestor of bodies i and j, which may be one of them, its block is X(c,i)* Lambda^-(c) X(c,j), where X = Psi A carries
+/// forces from the outboard side of one body to that of another and X(c,c) = 1. Without a common ancestor, and on the base,
+/// it is zero. O(N + m^2 depth), and nothing is allocated. Where [`Workspace::lost_pivot`] finds one with the returned
+/// monitor, `out` means nothing. A frame's body must be one of the model's.
+pub fn operational_inverse_inertia<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    scratch: &mut OperationalScratch<T>,
+    q: &[T],
+    frames: &[Frame<T>],
+    out: &mut [T],
+) -> PivotMonitor<T> {
+    let monitor = factorise(model, workspace, q, |_, _| {});
+    let lambda = &mut scratch.co_state_covariance;
+    covariance::sweep(&model.system, &workspace.shift, &workspace.measured, lambda, |_, _| {});
+    let width = 6 * frames.len();
+    for (i, first) in frames.iter().enumerate() {
+        for (j, second) in frames.iter().enumerate().skip(i) {
+            let block = covariance_between(model, workspace, lambda, [first, second]);
+            for row in 0..6 {
+                // A diagonal block is mirrored too: its lower triangle differs from the upper one by rounding.
+                for column in if i == j { row } else { 0 }..6 {
+                    out[(6 * i + row) * width + 6 * j + column] = block[(row, column)];
+                    out[(6 * j + column) * width + 6 * i + row] = block[(row, column)];
+                }
+            }
+        }
+    }
+    monitor
+}
+
+/// The covariance of the co-states of two frames: unit forces on both run inward until they meet.
+fn covariance_between<T: Real>(
+    model: &Model<T>,
+    workspace: &Workspace<T>,
+    co_state_covariance: &[Symmetric6<T>],
+    frames: [&Frame<T>; 2],
+) -> Matrix6<T> {
+    let stages = &model.system.stages;
+    let mut forces = frames.map(|frame| unit_forces(&frame.placement));
+    let mut at = frames.map(|frame| frame.body);
+    let meeting = loop {
+        let [Some(i), Some(j)] = at else { return Matrix6::from_element(T::zero()) };
+        if i == j {
+            break i;
+        }
+        // Parents come before children: the later of two bodies is no ancestor of the other.
+        let (side, k) = if i > j { (0, i) } else { (1, j) };
+        let stage = &stages[k];
+        for force in &mut forces[side] {
+            past_rows(stage, &workspace.measured, 0..stage.rows.count(), force);
+            *force = workspace.shift[k].force_to_parent(force);
+        }
+        at[side] = stage.parent;
+    };
+    let [left, right] = forces;
+    let right = right.map(|force| co_state_covariance[meeting].mul_vector(&force));
+    Matrix6::from_fn(|row, column| dot(&left[row], &right[column]))
+}
+
+/// Unit moments and forces on a frame, as forces on its body.
+fn unit_forces<T: Real>(placement: &RigidShift<T>) -> [Vector6<T>; 6] {
+    let matrix = placement.to_matrix();
+    std::array::from_fn(|i| matrix.column(i).into_owned())
+}
+
+impl OperationalScratch<f64> {
+    /// Sizes of the terms that a frame's motion was formed from in the last call, angular and linear, as standard deviations:
+    /// the largest of its body and the bodies inward, moved by the frame's lever.
+    ///
+    /// The rounding of an entry of Omega is eps times the product of two of them; the entry itself may be much smaller,
+    /// or zero but for rounding. Traces, since rotations mix the components of each kind, and never the kinds. O(depth).
+    pub(crate) fn term_sizes(&self, model: &Model<f64>, frame: &Frame<f64>) -> [f64; 2] {
+        let size = |e: &[f64; 6]| (e[0] + e[3] + e[5]).abs().sqrt();
+        let inward = std::iter::successors(frame.body, |&k| model.system.stages[k].parent);
+        let [angular, linear] = inward.fold([0.0_f64; 2], |[angular, linear], k| {
+            let lambda = &self.co_state_covariance[k];
+            [angular.max(size(&lambda.angular.entries)), linear.max(size(&lambda.linear.entries))]
+        });
+        [angular, linear + frame.placement.lever.norm() * angular]
+    }
+}

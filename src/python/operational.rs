@@ -1,0 +1,145 @@
+//! Methods of `Scene`: operational space.
+
+use super::arrays::{Input, one_or_each, rows};
+use super::evaluate::{Call, Scratch};
+use super::scene::{PyScene, names};
+use crate::error::Error;
+use crate::scene::{Scene, TaskFrame};
+use crate::spatial::RigidShift;
+use nalgebra::{Matrix3, Vector3};
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+use pyo3::types::PyString;
+
+type Array<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
+
+/// Rough times in one state, ns (see `Call::new`).
+mod cost {
+    /// Of one body: filter, and covariance of the co-states.
+    pub const BODY: usize = 200;
+    /// Of one pair of links, without the way to where they meet.
+    pub const PAIR: usize = 200;
+    /// Of the eigenvalues and the inverse of a k x k matrix, over k^3.
+    pub const INVERSE: usize = 20;
+}
+
+#[pymethods]
+impl PyScene {
+    /// The operational-space inverse inertia J M^-1 J^T of links, in O(N) from the co-states' covariance (5.6, 5.7, Psi A).
+    ///
+    /// q: (..., nq). links: a name, or a sequence of m names (on the base and repeated ones too). xyz: (3,) or (m, 3), m, and
+    /// rotation: (3, 3) or (m, 3, 3): the task frame in its link's frame, the link's own by default; fixed for the batch.
+    ///
+    /// Returns (..., 6m, 6m), full and exactly symmetric, SI units: wrenches (moment, force) on the frames, each at its origin and
+    /// in its axes, stacked, times this is how they change the frames' (angular, linear) accelerations. Defined in singular
+    /// configurations too, where `operational_inertia` is not.
+    ///
+    /// Raises `ArgumentError` for an unknown link, no link, or a rotation that is none; `ShapeError`, `NotFiniteError`;
+    /// `SingularJointError`, naming the state.
+    #[pyo3(signature = (q, links, *, xyz=None, rotation=None))]
+    fn operational_inverse_inertia<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        links: &Bound<'py, PyAny>,
+        xyz: Option<&Bound<'py, PyAny>>,
+        rotation: Option<&Bound<'py, PyAny>>,
+    ) -> Array<'py> {
+        let task = Task::read(&self.scene, links, xyz, rotation)?;
+        let frames = task.frames();
+        let width = 6 * frames.len();
+        let inputs = [Input::new("q", q, self.scene.nq())?];
+        let call = Call::new(self, inputs, Vec::new(), self.cost_of_task(frames.len()))?;
+        call.array(py, &[width, width], None, |scene, scratch, [q], out| {
+            let Scratch { workspace, operational, .. } = scratch;
+            let operational = operational.get_or_insert_with(|| scene.operational_scratch());
+            scene.operational_inverse_inertia(workspace, operational, q, &frames, out)
+        })
+    }
+
+    /// The operational-space inertia (S J M^-1 J^T S^T)^-1 of task directions S.
+    ///
+    /// q, links, xyz, rotation: as in `operational_inverse_inertia`. directions: S, (k, 6m), each row a direction over the
+    /// stacked (angular, linear) velocities of the frames; all 6m by default.
+    ///
+    /// Returns (..., k, k), symmetric and positive definite.
+    ///
+    /// Raises `SingularTaskError`, with .links .rank .directions .state, where the scene cannot move in all directions
+    /// independently: an eigenvalue of the inverse inertia, scaled to the terms that form it, is not above 64 k eps.
+    /// Raises as `operational_inverse_inertia` besides.
+    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, directions=None))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn operational_inertia<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        links: &Bound<'py, PyAny>,
+        xyz: Option<&Bound<'py, PyAny>>,
+        rotation: Option<&Bound<'py, PyAny>>,
+        directions: Option<&Bound<'py, PyAny>>,
+    ) -> Array<'py> {
+        let task = Task::read(&self.scene, links, xyz, rotation)?;
+        let frames = task.frames();
+        let width = 6 * frames.len();
+        let directions = directions.map(|directions| rows("directions", directions, width)).transpose()?;
+        let (k, directions) = match directions {
+            Some((k, directions)) => (k, Some(directions)),
+            None => (width, None),
+        };
+        let inputs = [Input::new("q", q, self.scene.nq())?];
+        let of_inverse = cost::INVERSE.saturating_mul(k.saturating_pow(3));
+        let call = Call::new(self, inputs, Vec::new(), self.cost_of_task(frames.len()).saturating_add(of_inverse))?;
+        call.array(py, &[k, k], None, |scene, scratch, [q], out| {
+            let Scratch { workspace, operational, .. } = scratch;
+            let operational = operational.get_or_insert_with(|| scene.operational_scratch());
+            scene.operational_inertia(workspace, operational, q, &frames, directions.as_deref(), out)
+        })
+    }
+}
+
+impl PyScene {
+    fn cost_of_task(&self, frames: usize) -> usize {
+        cost::BODY * self.size() + cost::PAIR * frames * frames
+    }
+}
+
+/// The links of a call by name, and where on them its task frames are.
+struct Task {
+    links: Vec<String>,
+    offsets: Vec<RigidShift<f64>>,
+}
+
+impl Task {
+    /// Reads the arguments; names are looked up here too, since a batch can be empty.
+    fn read(
+        scene: &Scene,
+        links: &Bound<'_, PyAny>,
+        xyz: Option<&Bound<'_, PyAny>>,
+        rotation: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let several = if links.is_instance_of::<PyString>() { Some(vec![links.extract()?]) } else { names(links) };
+        let Some(links) = several else {
+            let found = format!("{}", links.repr()?);
+            return Err(Error::argument("links", found, "the name of a link, or a sequence of names").into());
+        };
+        let mut offsets = vec![RigidShift::identity(); links.len()];
+        if let Some(xyz) = xyz {
+            for (offset, xyz) in offsets.iter_mut().zip(one_or_each("xyz", xyz, links.len(), &[3])?) {
+                offset.lever = Vector3::from_column_slice(&xyz);
+            }
+        }
+        if let Some(rotation) = rotation {
+            for (offset, rotation) in offsets.iter_mut().zip(one_or_each("rotation", rotation, links.len(), &[3, 3])?) {
+                offset.rotation = Matrix3::from_row_slice(&rotation);
+            }
+        }
+        let task = Self { links, offsets };
+        scene.check_task(&task.frames())?;
+        Ok(task)
+    }
+
+    fn frames(&self) -> Vec<TaskFrame<'_>> {
+        let links = self.links.iter().zip(&self.offsets);
+        links.map(|(link, &offset)| TaskFrame { link, offset }).collect()
+    }
+}
