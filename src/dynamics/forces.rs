@@ -1,6 +1,6 @@
 //! Base to tip, one body: where it is, how it moves, and the force that this motion needs.
 
-use crate::kinematics::{base_acceleration, joint_motion, joint_shift, motion_step};
+use crate::kinematics::{joint_motion, joint_shift, motion_step};
 use crate::scalar::Real;
 use crate::scene::Model;
 use crate::spatial::cross_force;
@@ -47,13 +47,4 @@ pub(super) fn step_outward<T: Real>(
     workspace.velocity[k] = velocity;
     workspace.acceleration[k] = acceleration;
     workspace.z[k] = force;
-}
-
-/// Base to tip: the bias force b(k) of every body (1.3), in its frame, and phi, left in the workspace's `z` and `shift`.
-#[cfg(feature = "stochastic")]
-pub(crate) fn bias_forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) {
-    let base = base_acceleration(model);
-    for k in 0..model.bodies.len() {
-        step_outward(model, workspace, k, Motion { q, qd, qdd: None, wrenches: &[] }, &base);
-    }
 }

@@ -41,6 +41,12 @@ pub fn bias_torque<T: Real>(
     innovations::predict(&model.system, &workspace.shift, &mut workspace.z, tau);
 }
 
+/// Base to tip: the bias force b(k) of every body (1.3), in its frame, into `workspace.z`.
+#[cfg(feature = "stochastic")]
+pub(crate) fn bias_forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) {
+    forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches: &[] });
+}
+
 /// Base to tip: the force that each body needs, into `workspace.z`.
 #[inline(always)]
 pub(super) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {

@@ -15,7 +15,7 @@ pub mod mass_matrix;
 pub mod operational;
 
 #[cfg(feature = "stochastic")]
-pub(crate) use forces::bias_forces_base_to_tip;
+pub(crate) use inverse::bias_forces_base_to_tip;
 
 pub use energy::{Energy, energy, momentum};
 pub use estimate::{Estimate, EstimateCovariance, EstimateScratch, Measurements, estimate, estimate_covariance};
