@@ -3,6 +3,10 @@
 
 pub mod arm;
 pub mod oracle;
+#[cfg(feature = "dense")]
+pub mod paper;
+#[cfg(feature = "dense")]
+pub mod sampling;
 pub mod tolerance;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
