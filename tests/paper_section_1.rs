@@ -3,7 +3,8 @@
 
 mod common;
 
-use common::paper::{self, Matrix, Vector, block, cases, column, six, swept, trees};
+use common::matrices::{Matrix, Vector, apply, block, swept};
+use common::paper::{self, Case, cases, column, six, trees};
 use common::sampling::{DRAWS, drawn, has_covariance, has_mean};
 use common::{Random, tolerance};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
@@ -82,13 +83,13 @@ fn eq_0_2_transition_matrix() {
 }
 
 /// Forces on each body, the whole forces that `predict` makes of them, and the torques.
-fn predicted(case: &paper::Case, w: &[Vector6<f64>]) -> (Vec<Vector6<f64>>, Vector) {
+fn predicted(case: &Case, w: &[Vector6<f64>]) -> (Vec<Vector6<f64>>, Vector) {
     let (mut z, mut torque) = (w.to_vec(), vec![f64::NAN; case.nv()]);
     innovations::predict(&case.scene.model().system, &case.sweep.shift, &mut z, &mut torque);
     (z, Vector::from_vec(torque))
 }
 
-fn random_forces(case: &paper::Case, seed: u64) -> Vec<Vector6<f64>> {
+fn random_forces(case: &Case, seed: u64) -> Vec<Vector6<f64>> {
     let mut random = Random::new(seed);
     case.scene.model().bodies.iter().map(|_| Vector6::from_fn(|_, _| random.uniform(-1.0, 1.0))).collect()
 }
@@ -169,10 +170,10 @@ fn eq_1_5_composite_model() {
         let w = case.stacked(&random_forces(case, 15));
         let (_, torque) = predicted(case, &case.outermost(&w));
         let (phi, h) = (case.factor.operator(Kind::Phi), case.factor.operator(Kind::H));
-        let x = paper::apply(&phi, &column(&w));
+        let x = apply(&phi, &column(&w));
         case.holds_directly("X = phi W", &x, &column(&(&case.d.phi * &w)));
-        case.holds_directly("T = H X", &paper::apply(&h, &x), &column(&torque));
-        case.holds_directly("T = H phi W", &paper::apply(&h.compose(phi), &column(&w)), &column(&torque));
+        case.holds_directly("T = H X", &apply(&h, &x), &column(&torque));
+        case.holds_directly("T = H phi W", &apply(&h.compose(phi), &column(&w)), &column(&torque));
         case.holds_directly("H", &swept(&h), &case.d.h);
     }
 }
@@ -203,16 +204,12 @@ fn eq_1_7_phi_is_causal() {
                 let mut expected = Matrix::identity(6, 6);
                 let mut row = j;
                 while row != i {
-                    match case.inward[row] {
-                        Some(next) => {
-                            expected = block(&case.d.e, next, row) * expected;
-                            row = next;
-                        }
-                        None => {
-                            expected.fill(0.0);
-                            break;
-                        }
-                    }
+                    let Some(next) = case.inward[row] else {
+                        expected.fill(0.0);
+                        break;
+                    };
+                    expected = block(&case.d.e, next, row) * expected;
+                    row = next;
                 }
                 let bound = tolerance::product(6 * case.nv(), 1.0f64.max(expected.amax()));
                 tolerance::assert_near("phi(i,j)", found.as_slice(), expected.as_slice(), bound);
@@ -228,7 +225,7 @@ fn eq_1_7_phi_is_causal() {
 fn cases_are_what_their_names_say() {
     use phipsi::scene::JointKind;
     let kinds = |wanted: fn(&JointKind) -> bool| {
-        let joints = |case: &paper::Case| case.scene.joints().iter().any(|joint| wanted(&joint.kind));
+        let joints = |case: &Case| case.scene.joints().iter().any(|joint| wanted(&joint.kind));
         assert!(cases().iter().any(joints));
     };
     kinds(|kind| matches!(kind, JointKind::Revolute));
@@ -238,14 +235,14 @@ fn cases_are_what_their_names_say() {
     kinds(|kind| matches!(kind, JointKind::Planar));
     kinds(|kind| matches!(kind, JointKind::Spherical));
     kinds(|kind| matches!(kind, JointKind::Floating));
-    let pairs = |case: &paper::Case, meeting: bool| {
+    let pairs = |case: &Case, meeting: bool| {
         (0..case.nv()).any(|i| (0..i).any(|j| case.apart(i, j) && case.meet(i, j).is_some() == meeting))
     };
     assert!(trees().count() >= 3 && paper::chains().count() >= 3);
     assert!(trees().any(|case| pairs(case, true) && case.has_armature()));
     assert!(trees().any(|case| pairs(case, true) && !case.has_armature()));
     assert!(trees().any(|case| pairs(case, false)));
-    assert!(paper::chains().any(paper::Case::has_armature) && paper::noise_free().count() >= 4);
+    assert!(paper::chains().any(Case::has_armature) && paper::noise_free().count() >= 4);
     for case in cases() {
         assert!((3..=20).contains(&case.nv()), "{}: {} degrees of freedom", case.name, case.nv());
     }

@@ -5,19 +5,20 @@
 
 mod common;
 
-use common::paper::{self, Matrix, Vector, apply, cases, column, inverse, noise_free};
+use common::matrices::{Matrix, Vector, apply, inverse};
+use common::paper::{Case, cases, column, noise_free};
 use common::sampling::{Draws, drawn, has_covariance, has_not_covariance};
 use nalgebra::Vector6;
 use phipsi::filter::{innovations, smoother};
 use phipsi::operators::{Kind, Operator};
 
 /// T - H phi b at the case's state.
-fn centred(case: &paper::Case, b: &Vector) -> Vector {
+fn centred(case: &Case, b: &Vector) -> Vector {
     &case.tau - &case.d.h * &case.d.phi * b
 }
 
 /// The forces that bodies feel when the joints accelerate by `a`: phi (b + Q lambda), by the outward and the inward sweep.
-fn spatial_forces(case: &paper::Case, a: &Vector, b: &Vector) -> Vector {
+fn spatial_forces(case: &Case, a: &Vector, b: &Vector) -> Vector {
     let at_joints = apply(&case.factor.operator(Kind::H).transposed(), &column(a));
     let co_states = apply(&case.factor.operator(Kind::Phi).transposed(), &at_joints);
     let inertial = apply(&case.factor.operator(Kind::Q), &co_states) + column(b);
@@ -63,7 +64,7 @@ fn eq_2_3_open_loop_covariance() {
 }
 
 /// (1 - G H) phi W - G v, draw by draw: the error of the conditional mean.
-fn errors(case: &paper::Case, draws: &Draws) -> Matrix {
+fn errors(case: &Case, draws: &Draws) -> Matrix {
     &draws.x - apply(&case.factor.operator(Kind::BatchGain), &draws.t)
 }
 
@@ -74,12 +75,10 @@ fn eq_2_4_error_of_the_state_estimate() {
         let open = case.one() - &f.batch_gain * &f.h;
         let typed = &open * &f.phi * &draws.w - &f.batch_gain * &draws.v;
         case.holds_among("X - E(X/T)", &errors(case, draws), &typed, &[&draws.x]);
-        // Printed with W, which is W - b: with the mean left in, the error is another.
-        let b = case.bias();
-        let mean = column(&(&open * &case.d.phi * b));
-        let w = column(&draws.w.column(0).into_owned());
-        let printed = &open * &f.phi * &w + &mean - &f.batch_gain * &draws.v.columns(0, 1);
-        case.fails("(1 - G H) phi W", &printed, &errors(case, draws).columns(0, 1).into_owned());
+        // Printed with W where it must be W - b: the mean would be left in the error.
+        let first = column(&typed.column(0).into_owned());
+        let with_mean = &first + column(&(&open * &f.phi * case.bias()));
+        case.fails("(1 - G H) phi W", &with_mean, &first);
     }
 }
 
@@ -154,13 +153,13 @@ fn eq_2_8_joint_accelerations() {
 }
 
 /// The size of the terms that phi* H* M^-1 t is the sum of.
-fn co_state_terms(case: &paper::Case, t: &Vector) -> Matrix {
+fn co_state_terms(case: &Case, t: &Vector) -> Matrix {
     let d = &case.d;
     column(&(d.phi.abs().transpose() * d.h.abs().transpose() * d.m_inv.abs() * t.abs()))
 }
 
 /// What the smoother leaves for the centred torques `t`: lambda^- of each body, and a.
-fn smoothed(case: &paper::Case, t: &Vector) -> (Vec<Vector6<f64>>, Vector) {
+fn smoothed(case: &Case, t: &Vector) -> (Vec<Vector6<f64>>, Vector) {
     let (system, sweep) = (&case.scene.model().system, &case.sweep);
     let mut z = vec![Vector6::zeros(); sweep.shift.len()];
     let mut a = vec![f64::NAN; case.nv()];

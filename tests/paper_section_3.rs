@@ -5,7 +5,8 @@
 
 mod common;
 
-use common::paper::{Case, Matrix, block, cases, column, inverse, noise_free};
+use common::matrices::{Matrix, block, inverse};
+use common::paper::{Case, cases, column, noise_free};
 use common::tolerance;
 use nalgebra::DVector;
 use phipsi::filter::HingeMap;
@@ -109,7 +110,7 @@ fn eq_3_4_state_covariance_from_composite_inertias() {
 #[test]
 fn eq_3_5_composite_inertias() {
     for case in cases() {
-        let expected = common::paper::block_diagonal(&case.d.r);
+        let expected = common::matrices::block_diagonal(&case.d.r);
         case.holds_directly("r", &composite_inertias(case, |own| *own), &expected);
         // Printed r^-(k) = 0, which must be r^+(0) = 0: a start with r^-(1) = 0 loses the tip.
         case.fails("r^-(1) = 0", &composite_inertias(case, |_| BodyInertia::zero()), &expected);

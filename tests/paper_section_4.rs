@@ -6,7 +6,8 @@
 
 mod common;
 
-use common::paper::{Case, Matrix, Vector, cases, column, six};
+use common::matrices::{Matrix, Vector};
+use common::paper::{Case, cases, column, six};
 use nalgebra::Vector6;
 use phipsi::filter::{innovations, smoother};
 

@@ -5,7 +5,8 @@
 
 mod common;
 
-use common::paper::{Case, Matrix, apply, block, block_diagonal, cases, chains, trees};
+use common::matrices::{Matrix, apply, block, block_diagonal};
+use common::paper::{Case, cases, chains, trees};
 use common::sampling::{DRAWS, Draws, drawn, has_covariance, has_not_covariance, mean_square};
 use common::tolerance;
 use nalgebra::Vector6;

@@ -5,7 +5,8 @@
 
 mod common;
 
-use common::paper::{Case, Matrix, Vector, apply, cases, chains, column, inverse};
+use common::matrices::{Matrix, Vector, apply, inverse};
+use common::paper::{Case, cases, chains, column};
 use phipsi::dynamics;
 use phipsi::operators::Kind;
 

@@ -2,6 +2,8 @@
 #![allow(dead_code)] // each test file uses its own part
 
 pub mod arm;
+#[cfg(feature = "dense")]
+pub mod matrices;
 pub mod oracle;
 #[cfg(feature = "dense")]
 pub mod paper;

@@ -2,7 +2,8 @@
 //! moments may be off by.
 
 use super::Random;
-use super::paper::{Case, Matrix, apply, cases};
+use super::matrices::{Matrix, apply};
+use super::paper::{Case, cases};
 use super::tolerance::{self, sample_covariance, sample_mean, sample_mean_square};
 use phipsi::operators::{Kind, Operator};
 use std::sync::OnceLock;
