@@ -5,7 +5,7 @@ mod common;
 
 use common::matrices::{Matrix, Vector, apply, block, swept};
 use common::paper::{self, Case, cases, column, six, trees};
-use common::sampling::{DRAWS, drawn, has_covariance, has_mean};
+use common::sampling::{DRAWS, covariance, drawn, has_covariance, has_mean};
 use common::{Random, tolerance};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use phipsi::filter::innovations;
@@ -145,7 +145,7 @@ fn eq_1_3_bias_and_inertia_are_mean_and_covariance() {
 
         let w = Matrix::from_fn(b.len(), DRAWS, |i, j| draws.w[(i, j)] + b[i]);
         has_mean("w(k)", &w, b.as_slice(), &case.f.q);
-        has_covariance("w(k) - b(k)", &draws.w, &case.f.q);
+        has_covariance("w(k) - b(k)", &covariance(&draws.w), &case.f.q);
     }
 }
 
@@ -188,7 +188,7 @@ fn eq_1_6_noise_is_block_diagonal() {
             expected.view_mut((at, at), (6, 6)).copy_from(&body.inertia.to_symmetric().to_matrix());
         }
         case.holds_directly("Q = diag M(k)", &case.f.q, &expected);
-        has_covariance("W - b", &draws.w, &case.f.q);
+        has_covariance("W - b", &covariance(&draws.w), &case.f.q);
     }
 }
 

@@ -7,7 +7,7 @@ mod common;
 
 use common::matrices::{Matrix, Vector, apply, inverse};
 use common::paper::{Case, cases, column, noise_free};
-use common::sampling::{Draws, drawn, has_covariance, has_not_covariance};
+use common::sampling::{Draws, covariance, drawn, has_covariance, has_not_covariance};
 use nalgebra::Vector6;
 use phipsi::filter::{innovations, smoother};
 use phipsi::operators::{Kind, Operator};
@@ -59,7 +59,7 @@ fn eq_2_2_batch_gain() {
 fn eq_2_3_open_loop_covariance() {
     for (case, draws) in drawn() {
         case.holds_directly("R", &case.f.r, &(&case.d.phi * &case.d.q * case.d.phi.transpose()));
-        has_covariance("X - phi b", &draws.x, &case.f.r);
+        has_covariance("X - phi b", &covariance(&draws.x), &case.f.r);
     }
 }
 
@@ -92,7 +92,7 @@ fn eq_2_5_error_covariance_as_a_product() {
         // The covariance of X given T.
         let conditional = &d.r - &d.r * d.h.transpose() * &d.m_inv * &d.h * &d.r;
         case.holds_among("P", &with_noise, &conditional, &[&d.r]);
-        let errors = errors(case, draws);
+        let errors = covariance(&errors(case, draws));
         has_covariance("X - E(X/T)", &errors, &with_noise);
         if case.has_armature() {
             case.fails("P without G r G*", &product, &conditional);
@@ -203,7 +203,7 @@ fn eq_2_11_error_of_the_process_noise() {
         let accelerations = apply(&case.factor.operator(Kind::MassInverse), &draws.t);
         let to_inertial =
             case.factor.operator(Kind::Phi).transposed().compose(case.factor.operator(Kind::H).transposed());
-        let errors = &draws.w - &f.q * apply(&to_inertial, &accelerations);
+        let errors = covariance(&(&draws.w - &f.q * apply(&to_inertial, &accelerations)));
         let h_phi_q = &f.h * &f.phi * &f.q;
         let typed = &f.q - h_phi_q.transpose() * &f.m_inv * &h_phi_q;
         has_covariance("W - E(W/T)", &errors, &typed);

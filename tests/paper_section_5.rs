@@ -7,7 +7,7 @@ mod common;
 
 use common::matrices::{Matrix, apply, block, block_diagonal};
 use common::paper::{Case, cases, chains, trees};
-use common::sampling::{DRAWS, Draws, drawn, has_covariance, has_not_covariance, mean_square};
+use common::sampling::{self, DRAWS, Draws, drawn, has_covariance, has_not_covariance, mean_square};
 use common::tolerance;
 use nalgebra::Vector6;
 use phipsi::filter::{covariance, innovations, smoother};
@@ -45,12 +45,13 @@ fn eq_5_1_mass_matrix_is_a_covariance() {
         case.scene.mass_matrix(&mut case.scene.workspace(), &case.q, &mut m).unwrap();
         let m = Matrix::from_row_slice(case.nv(), case.nv(), &m);
         case.holds_directly("M of the scene", &m, &case.d.m);
-        has_covariance("E T T*", &draws.t, &m);
+        let sample = sampling::covariance(&draws.t);
+        has_covariance("E T T*", &sample, &m);
         // Printed as E T T* with b in the model (1.3): with the mean left in, it is not M.
         let mean = &case.d.h * &case.d.phi * case.bias();
         case.fails("E T T* with b", &(&m + &mean * mean.transpose()), &m);
         if case.has_armature() {
-            has_not_covariance("E T T* without the rotors", &draws.t, &(&m - &case.noise));
+            has_not_covariance("E T T* without the rotors", &sample, &(&m - &case.noise));
         }
     }
 }
@@ -74,7 +75,8 @@ fn eq_5_2_covariance_of_the_state_errors() {
         let of_filtered = whole(&f.p_plus, &f.a_psi);
         case.holds_among("cov(X - Z^-)", &of_predicted, &predicted, &[&case.d.r]);
         case.holds_among("cov(X - Z^+)", &of_filtered, &filtered, &[&case.d.r]);
-        let (from_predicted, from_filtered) = (&draws.x - draws.predicted(case), &draws.x - draws.filtered(case));
+        let from_predicted = sampling::covariance(&(&draws.x - draws.predicted(case)));
+        let from_filtered = sampling::covariance(&(&draws.x - draws.filtered(case)));
         has_covariance("X - Z^-", &from_predicted, &of_predicted);
         has_covariance("X - Z^+", &from_filtered, &of_filtered);
         // Printed with Psi itself, whichever P is meant.
@@ -115,8 +117,8 @@ fn eq_5_4_innovations_are_white() {
         let dense = &whitened * &d.m * whitened.transpose();
         case.holds_among("(1 - L) M (1 - L*)", &case.f.d, &dense, &[&d.m]);
         let (innovations, _) = filtered_and_smoothed(case, draws);
-        has_covariance("e^-", &innovations, &case.f.d);
-        has_not_covariance("T itself", &draws.t, &case.f.d);
+        has_covariance("e^-", &sampling::covariance(&innovations), &case.f.d);
+        has_not_covariance("T itself", &sampling::covariance(&draws.t), &case.f.d);
     }
 }
 
@@ -156,6 +158,7 @@ fn eq_5_5_covariance_of_the_co_states() {
         let at_joints = apply(&case.factor.operator(Kind::H).transposed(), &accelerations);
         let outboard = apply(&case.factor.operator(Kind::Phi).transposed(), &at_joints);
         let inboard = apply(&case.factor.operator(Kind::Shifts).transposed(), &outboard);
+        let (outboard, inboard) = (sampling::covariance(&outboard), sampling::covariance(&inboard));
         has_covariance("lambda^-", &outboard, &(&of_minus + across_minus));
         has_covariance("lambda^+", &inboard, &(&of_plus + across_plus));
         // Printed with one Lambda and Psi itself.

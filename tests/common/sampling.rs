@@ -93,18 +93,18 @@ fn distance(sample: &Matrix, expected: &Matrix) -> f64 {
     worst
 }
 
-/// Asserts that draws have this covariance.
+/// Asserts that a sample covariance is this one.
 #[track_caller]
-pub fn has_covariance(what: &str, draws: &Matrix, expected: &Matrix) {
-    assert!(draws.iter().any(|&x| x != 0.0), "{what}: draws of nothing");
-    let off = distance(&covariance(draws), expected);
+pub fn has_covariance(what: &str, sample: &Matrix, expected: &Matrix) {
+    assert!(sample.iter().any(|&x| x != 0.0), "{what}: draws of nothing");
+    let off = distance(sample, expected);
     assert!(off <= 1.0, "{what}: sample covariance off by {off} times what {DRAWS} draws allow");
 }
 
-/// Asserts that draws have clearly not the covariance that the paper prints.
+/// Asserts that a sample covariance is clearly not the one that the paper prints.
 #[track_caller]
-pub fn has_not_covariance(what: &str, draws: &Matrix, printed: &Matrix) {
-    let off = distance(&covariance(draws), printed);
+pub fn has_not_covariance(what: &str, sample: &Matrix, printed: &Matrix) {
+    let off = distance(sample, printed);
     assert!(off > 2.0, "{what}: the printed covariance is within {off} times what {DRAWS} draws allow");
 }
 
