@@ -347,7 +347,7 @@ class Paper:
 
 def inverse(of: phipsi.Operator) -> Array:
     """The dense inverse."""
-    return np.linalg.inv(of.toarray())
+    return np.asarray(np.linalg.inv(of.toarray()), dtype=np.float64)
 
 
 def covariance(draws: Array) -> Array:
@@ -367,7 +367,7 @@ def formed(value: phipsi.Operator | Array) -> Array:
 
 def swept(value: phipsi.Operator | Array) -> Array:
     """An operator's matrix by its sweeps."""
-    return value @ np.eye(value.shape[1]) if isinstance(value, phipsi.Operator) else np.asarray(value)
+    return value @ np.eye(value.shape[1]) if isinstance(value, phipsi.Operator) else np.asarray(value, dtype=np.float64)
 
 
 def check(paper: Paper, equation: Equation) -> tuple[float, float, float | None]:
