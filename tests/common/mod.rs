@@ -2,7 +2,13 @@
 #![allow(dead_code)] // each test file uses its own part
 
 pub mod arm;
+#[cfg(feature = "dense")]
+pub mod matrices;
 pub mod oracle;
+#[cfg(feature = "dense")]
+pub mod paper;
+#[cfg(feature = "dense")]
+pub mod sampling;
 pub mod tolerance;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};

@@ -23,10 +23,38 @@ pub fn inverse(cond: f64, scale: f64) -> f64 {
     16.0 * cond * f64::EPSILON * scale
 }
 
+/// An identity between the paper's matrices that goes through a factorisation: `2 cond eps scale`, of which a tenth is used.
+pub fn identity(cond: f64, scale: f64) -> f64 {
+    2.0 * cond * f64::EPSILON * scale
+}
+
 /// A solution of `M x = b` where both sides are known to a few units in the last place:
 /// `c * eps * (cond(M) |x| + |M^-1| |b|)`, with `|b|` the size of the terms that b is the sum of.
 pub fn solution(conditioning: &Conditioning, x: f64, b: f64) -> f64 {
     8.0 * f64::EPSILON * (conditioning.number * x + conditioning.inverse_norm * b)
+}
+
+/// By how much a form that the paper misprints must fail, relative to the size of what it should be: rounding is 1e-12 and
+/// less, on random data such forms are off by 0.1 to 10.
+pub const PRINTED_FORM_MARGIN: f64 = 1e-3;
+
+/// How many standard errors a sample moment may be off; seeds are fixed, so a test that passes keeps passing.
+pub const STANDARD_ERRORS: f64 = 6.0;
+
+/// A sample mean of `n` draws of variance `variance`.
+pub fn sample_mean(n: usize, variance: f64) -> f64 {
+    STANDARD_ERRORS * (variance / count(n)).sqrt()
+}
+
+/// A sample covariance of `n` Gaussian draws of known mean: the product of two components has variance
+/// `c_ii c_jj + c_ij^2`.
+pub fn sample_covariance(n: usize, c_ii: f64, c_jj: f64, c_ij: f64) -> f64 {
+    STANDARD_ERRORS * ((c_ii * c_jj + c_ij * c_ij) / count(n)).sqrt()
+}
+
+/// A sample mean of x* x over `n` Gaussian draws, of variance 2 tr(C C).
+pub fn sample_mean_square(n: usize, trace_of_square: f64) -> f64 {
+    STANDARD_ERRORS * (2.0 * trace_of_square / count(n)).sqrt()
 }
 
 /// Products and sums in double-double arithmetic, `n` terms.
