@@ -85,6 +85,10 @@ class Scene:
         """Number of degrees of freedom: the length of qd, qdd and tau."""
 
     @property
+    def armature(self) -> _Array:
+        """Armature of each degree of freedom, (nv,), kg m^2 or kg; a copy. It is the variance of the measurement noise."""
+
+    @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the movable joints, in the order of q; the free joint of a floating base is "root_joint"."""
 

@@ -2,7 +2,7 @@
 
 An operator is applied by a sweep, in O(N), and never formed; :meth:`Operator.toarray` forms it, from its definition and not by
 the sweep. Products, sums and transposes of operators are operators, so the paper's equations can be typed as they stand:
-``(f.I - f.L.T) @ (f.D.inv() @ ((f.I - f.L) @ tau))`` is (4.1).
+``(f.I - f.L.T) @ (f.D.inv() @ ((f.I - f.L) @ tau))`` is (4.1). A number in a sum stands for that many identities: ``1 - f.g @ f.H``.
 
 Rows run in the order of qd, base to tip, so phi, psi, K and L are upper triangular here and lower in the paper, which counts
 from the tip.
@@ -84,11 +84,34 @@ class Operator(ABC):
             raise ShapeError(f"operator @ x: found a scalar; expected a vector ({self.shape[1]},) or matrices")
         return self.matvec(x) if x.ndim == 1 else self.matmat(x)
 
-    def __add__(self, other: Operator) -> Operator:
-        return _Sum(self, other, 1.0) if isinstance(other, Operator) else NotImplemented
+    def __add__(self, other: Operator | float) -> Operator:
+        """The sum; a number stands for that many identities, as in the paper's 1 + K."""
+        right = self._multiple(other)
+        return NotImplemented if right is None else _Sum(self, right, 1.0)
 
-    def __sub__(self, other: Operator) -> Operator:
-        return _Sum(self, other, -1.0) if isinstance(other, Operator) else NotImplemented
+    def __radd__(self, other: float) -> Operator:
+        left = self._multiple(other)
+        return NotImplemented if left is None else _Sum(left, self, 1.0)
+
+    def __sub__(self, other: Operator | float) -> Operator:
+        """The difference; a number stands for that many identities."""
+        right = self._multiple(other)
+        return NotImplemented if right is None else _Sum(self, right, -1.0)
+
+    def __rsub__(self, other: float) -> Operator:
+        left = self._multiple(other)
+        return NotImplemented if left is None else _Sum(left, self, -1.0)
+
+    def _multiple(self, other: object) -> Operator | None:
+        """An operator as it is, a number times the identity; None for anything else."""
+        if isinstance(other, Operator):
+            return other
+        if not isinstance(other, int | float | np.number):
+            return None
+        if self.shape[0] != self.shape[1]:
+            raise ShapeError(f"{self} and {other}: found shape {self.shape}; expected a square operator beside a number")
+        identity = Identity(self.shape[0])
+        return identity if other == 1 else _Scaled(float(other), identity)
 
     def __neg__(self) -> Operator:
         return _Scaled(-1.0, self)

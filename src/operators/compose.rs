@@ -1,14 +1,13 @@
 //! Products, sums and transposes of operators, which are operators again: the paper's equations as they stand.
 //!
 //! ```
-//! use phipsi::operators::{Kind, Operator};
+//! use phipsi::operators::{Identity, Kind, Operator};
 //! # fn main() -> Result<(), phipsi::Error> {
 //! let scene = phipsi::scenes::chain(4)?;
 //! let factor = scene.factor(&mut scene.workspace(), &[0.3; 4])?;
-//! // (3.12) as it holds: Psi = Phi - Psi g H Phi.
-//! let gain_of_measured = factor.operator(Kind::Gain).compose(factor.operator(Kind::H));
-//! let corrected = factor.operator(Kind::Psi).compose(gain_of_measured).compose(factor.operator(Kind::PhiStrict));
-//! let right = factor.operator(Kind::PhiStrict).plus(-1.0, corrected);
+//! // (3.12) as it holds: Psi = (1 - Psi g H) Phi.
+//! let [psi, gain, h, phi] = [Kind::Psi, Kind::Gain, Kind::H, Kind::PhiStrict].map(|kind| factor.operator(kind));
+//! let right = Identity(24).plus(-1.0, psi.compose(gain).compose(h)).compose(phi);
 //! let (x, mut y, mut z) = ([1.0; 24], [f64::NAN; 24], [f64::NAN; 24]);
 //! factor.operator(Kind::Psi).apply(&x, &mut y);
 //! right.apply(&x, &mut z);
@@ -19,6 +18,14 @@
 
 use super::Operator;
 use crate::scalar::Real;
+
+/// The identity of that size.
+#[derive(Debug, Clone, Copy)]
+pub struct Identity(pub usize);
+
+/// A diagonal, such as D^-1.
+#[derive(Debug, Clone)]
+pub struct Diagonal<T>(pub Vec<T>);
 
 /// A^T.
 #[derive(Debug, Clone, Copy)]
@@ -37,6 +44,36 @@ pub struct Sum<A, B> {
     pub scale: f64,
     /// B.
     pub right: B,
+}
+
+impl<T: Real> Operator<T> for Identity {
+    fn shape(&self) -> (usize, usize) {
+        (self.0, self.0)
+    }
+
+    fn apply(&self, x: &[T], y: &mut [T]) {
+        y.copy_from_slice(x);
+    }
+
+    fn apply_transpose(&self, x: &[T], y: &mut [T]) {
+        y.copy_from_slice(x);
+    }
+}
+
+impl<T: Real> Operator<T> for Diagonal<T> {
+    fn shape(&self) -> (usize, usize) {
+        (self.0.len(), self.0.len())
+    }
+
+    fn apply(&self, x: &[T], y: &mut [T]) {
+        for ((y, &x), &entry) in y.iter_mut().zip(x).zip(&self.0) {
+            *y = entry * x;
+        }
+    }
+
+    fn apply_transpose(&self, x: &[T], y: &mut [T]) {
+        self.apply(x, y);
+    }
 }
 
 impl<T: Real, A: Operator<T>> Operator<T> for Transpose<A> {

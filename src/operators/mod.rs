@@ -10,7 +10,7 @@ pub mod dense;
 mod factor;
 mod sweeps;
 
-pub use compose::{Product, Sum, Transpose};
+pub use compose::{Diagonal, Identity, Product, Sum, Transpose};
 pub use factor::Factor;
 
 use crate::scalar::Real;

@@ -74,6 +74,12 @@ impl PyScene {
         self.scene.nq()
     }
 
+    /// Armature of each degree of freedom, (nv,), kg m^2 or kg; a copy. It is the variance of the measurement noise.
+    #[getter]
+    fn armature<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        arrays::from_numbers(py, &self.scene.model().system.noise, &[self.scene.nv()])
+    }
+
     /// Number of degrees of freedom: the length of qd, qdd and tau.
     #[getter]
     fn nv(&self) -> usize {

@@ -141,3 +141,12 @@ def test_everything_public_is_documented(owner: type) -> None:
 def test_the_example_of_the_package_runs() -> None:
     failed, tried = doctest.testmod(phipsi)
     assert tried and not failed
+
+
+def test_armature_is_on_the_diagonal_of_m() -> None:
+    builder = phipsi.SceneBuilder().link("base").link("a", 1.0, (0, 0.5, 0)).link("b", 1.0, (0, 0.5, 0))
+    builder.joint("one", "revolute", "base", "a", armature=0.25).joint("two", "spherical", "a", "b", armature=0.5)
+    scene = builder.build()
+    assert scene.armature.tolist() == [0.25, 0.5, 0.5, 0.5]
+    scene.armature[:] = 7.0
+    assert scene.armature.tolist() == [0.25, 0.5, 0.5, 0.5]

@@ -115,6 +115,23 @@ def test_shapes_that_do_not_compose(case: tuple[phipsi.Scene, np.ndarray]) -> No
         _ = f.H + f.phi
 
 
+def test_numbers_are_identities(case: tuple[phipsi.Scene, np.ndarray]) -> None:
+    scene, q = case
+    f = scene.factor(q)
+    one = np.eye(scene.nv)
+    k, closed = f.K.toarray(), (f.g @ f.H).toarray()
+    assert np.array_equal((1 + f.K).toarray(), one + k)
+    assert np.array_equal((f.K - 2.5).toarray(), k - 2.5 * one)
+    assert np.abs((1 - f.g @ f.H).toarray() - (np.eye(6 * scene.nv) - closed)).max() == 0.0
+    assert np.abs((1 - f.g @ f.H).toarray() - f.A.toarray()).max() <= bound(scene, q, 1.0 + float(np.abs(closed).max()))
+    tau = np.linspace(-3.0, 5.0, scene.nv)
+    assert np.array_equal((1 + f.K).inv() @ tau, (1 - f.L) @ tau)
+    with pytest.raises(phipsi.errors.ShapeError, match="square"):
+        _ = 1 - f.H
+    with pytest.raises(TypeError):
+        _ = "1" - f.K  # type: ignore[operator]
+
+
 def test_no_inverse_says_which_have_one(case: tuple[phipsi.Scene, np.ndarray]) -> None:
     scene, q = case
     with pytest.raises(phipsi.errors.ArgumentError, match="I \\+ K"):
