@@ -5,7 +5,30 @@ mod common;
 use common::{KINDS_WITH_FIXED, Random, Tree, random_state};
 use nalgebra::Vector6;
 use phipsi::dynamics::mass_inverse::InverseScratch;
+use phipsi::dynamics::operational::OperationalScratch;
+use phipsi::dynamics::{Estimate, EstimateCovariance, EstimateScratch, Measurements};
 use phipsi::{Scene, Workspace};
+
+/// What some algorithms need beside the workspace, and where estimates go.
+struct Scratch {
+    inverse: InverseScratch<f64>,
+    operational: OperationalScratch<f64>,
+    estimation: EstimateScratch<f64>,
+    estimate: Estimate<f64>,
+    covariance: EstimateCovariance<f64>,
+}
+
+impl Scratch {
+    fn new(scene: &Scene) -> Self {
+        Self {
+            inverse: scene.inverse_scratch(),
+            operational: scene.operational_scratch(),
+            estimation: scene.estimate_scratch(),
+            estimate: Estimate::new(scene.model()),
+            covariance: EstimateCovariance::new(scene.model()),
+        }
+    }
+}
 
 /// One state of a scene, and room for every result.
 struct State {
@@ -13,6 +36,7 @@ struct State {
     qd: Vec<f64>,
     tau: Vec<f64>,
     wrenches: Vec<Vector6<f64>>,
+    noise: Vec<f64>,
     vector: Vec<f64>,
     matrix: Vec<f64>,
 }
@@ -24,14 +48,22 @@ impl State {
         let nv = scene.nv();
         let wrenches =
             scene.model().bodies.iter().map(|_| Vector6::from_fn(|_, _| random.uniform(-3.0, 3.0))).collect();
-        Self { q, qd, tau, wrenches, vector: vec![f64::NAN; nv], matrix: vec![f64::NAN; nv * nv] }
+        Self {
+            q,
+            qd,
+            tau,
+            wrenches,
+            noise: vec![f64::NAN; nv],
+            vector: vec![f64::NAN; nv],
+            matrix: vec![f64::NAN; nv * nv],
+        }
     }
 }
 
-type Algorithm = fn(&Scene, &mut Workspace<f64>, &mut InverseScratch<f64>, &mut State);
+type Algorithm = fn(&Scene, &mut Workspace<f64>, &mut Scratch, &mut State);
 
 /// Every algorithm that takes a workspace, by name; results go to the state's vector or matrix.
-const ALGORITHMS: [(&str, Algorithm); 9] = [
+const ALGORITHMS: [(&str, Algorithm); 11] = [
     ("forward_dynamics", |scene, w, _, s| {
         scene.forward_dynamics(w, &s.q, &s.qd, &s.tau, &[], &mut s.vector).unwrap();
     }),
@@ -44,7 +76,26 @@ const ALGORITHMS: [(&str, Algorithm); 9] = [
     ("bias_torque", |scene, w, _, s| scene.bias_torque(w, &s.q, &s.qd, &mut s.vector).unwrap()),
     ("mass_matrix", |scene, w, _, s| scene.mass_matrix(w, &s.q, &mut s.matrix).unwrap()),
     ("mass_matrix_inverse", |scene, w, scratch, s| {
-        scene.mass_matrix_inverse(w, scratch, &s.q, &mut s.matrix).unwrap();
+        scene.mass_matrix_inverse(w, &mut scratch.inverse, &s.q, &mut s.matrix).unwrap();
+    }),
+    ("operational_inverse_inertia", |scene, w, scratch, s| {
+        let links = ["link5"];
+        let out = &mut s.matrix[..36];
+        scene.operational_inverse_inertia(w, &mut scratch.operational, &s.q, &links, out).unwrap();
+    }),
+    ("estimate", |scene, w, scratch, s| {
+        // Every third joint has no sensor, the others a noisy one.
+        for (i, noise) in s.noise.iter_mut().enumerate() {
+            *noise = if i % 3 == 0 { f64::INFINITY } else { 0.25 };
+        }
+        let prior_acceleration = Some(&s.qd[..]);
+        let measurements =
+            Measurements { torque: &s.tau, noise: &s.noise, prior_acceleration, acceleration_variance: 2.0 };
+        let Scratch { estimation, estimate, covariance, .. } = scratch;
+        let (q, qd, wrenches) = (&s.q, &s.qd, &s.wrenches);
+        scene.estimate(w, estimation, q, qd, &measurements, wrenches, estimate, Some(&mut *covariance)).unwrap();
+        s.vector.copy_from_slice(&estimate.torque);
+        s.matrix[..covariance.torque.len()].copy_from_slice(&covariance.torque);
     }),
     ("energy", |scene, w, _, s| {
         let energy = scene.energy(w, &s.q, &s.qd).unwrap();
@@ -77,7 +128,7 @@ fn the_counter_counts() {
 #[test]
 fn algorithms_allocate_nothing() {
     for scene in scenes() {
-        let (mut workspace, mut scratch) = (scene.workspace(), scene.inverse_scratch());
+        let (mut workspace, mut scratch) = (scene.workspace(), Scratch::new(&scene));
         let mut state = State::new(&scene, 1);
         for (name, algorithm) in ALGORITHMS {
             // The first call too: nothing is put off until then.
@@ -94,9 +145,9 @@ fn algorithms_use_nothing_stale() {
     for scene in scenes().take(3) {
         for (name, algorithm) in ALGORITHMS {
             let mut fresh = State::new(&scene, 2);
-            algorithm(&scene, &mut scene.workspace(), &mut scene.inverse_scratch(), &mut fresh);
+            algorithm(&scene, &mut scene.workspace(), &mut Scratch::new(&scene), &mut fresh);
             for (earlier_name, earlier) in ALGORITHMS {
-                let (mut workspace, mut scratch) = (scene.workspace(), scene.inverse_scratch());
+                let (mut workspace, mut scratch) = (scene.workspace(), Scratch::new(&scene));
                 earlier(&scene, &mut workspace, &mut scratch, &mut State::new(&scene, 3));
                 let mut again = State::new(&scene, 2);
                 algorithm(&scene, &mut workspace, &mut scratch, &mut again);
@@ -115,7 +166,7 @@ fn algorithms_write_all_of_their_results() {
             full.vector.fill(1e9);
             full.matrix.fill(1e9);
             for state in [&mut nan, &mut full] {
-                algorithm(&scene, &mut scene.workspace(), &mut scene.inverse_scratch(), state);
+                algorithm(&scene, &mut scene.workspace(), &mut Scratch::new(&scene), state);
             }
             let (results, others) =
                 if name.starts_with("mass") { (nan.matrix, full.matrix) } else { (nan.vector, full.vector) };

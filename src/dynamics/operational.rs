@@ -32,7 +32,7 @@ impl<T: Real> OperationalScratch<T> {
     /// Scratch for `model`.
     pub fn new(model: &Model<T>) -> Self {
         let nan = Symmetric6::filled(T::from_f64(f64::NAN));
-        Self { co_state_covariance: vec![nan; model.bodies.len()], frames: Vec::new() }
+        Self { co_state_covariance: vec![nan; model.bodies.len()], frames: Vec::with_capacity(4) }
     }
 }
 
