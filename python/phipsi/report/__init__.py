@@ -8,6 +8,7 @@ from pathlib import Path
 from .. import _core
 from . import draw, page, plots
 from .collect import Report, collect, to_json
+from .figure import Plot
 from .progress import Reporter, Silent
 
 __all__ = ["Report", "collect", "to_json", "write"]
@@ -30,7 +31,7 @@ def write(report: Report, directory: Path, reporter: Reporter | None = None) -> 
     return index
 
 
-def _plots(report: Report, reporter: Reporter) -> list[plots.Plot]:
+def _plots(report: Report, reporter: Reporter) -> list[Plot]:
     drawn = []
     tick = reporter.stage("Drawing", 4)
     if any(row.failed < len(row.errors) for row in report.accuracy):

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from . import sections
 from .collect import Report
+from .figure import Plot
 from .measure import EPS
-from .plots import Plot
 from .sections import FILTER
 from .structure import ROOT_JOINT
 from .style import CSS
