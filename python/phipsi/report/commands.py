@@ -13,7 +13,8 @@ from rich.console import Console
 from .. import __version__, _core, errors
 from .._core import Scene
 from . import measure, states, terminal
-from .collect import DENSE_CAP, Effort, collect
+from .collect import Effort, collect
+from .measure import DENSE_CAP
 from .progress import Silent, reporter
 from .structure import tree_of
 
