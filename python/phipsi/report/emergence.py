@@ -116,6 +116,11 @@ class Emergence:
     coverage_seeds: int = 0
     rates: list[Rate] = field(default_factory=list)
 
+    @property
+    def sampled(self) -> bool:
+        """Whether anything was drawn."""
+        return any(point.samples for point in self.points)
+
     def of(self, route: str) -> list[Point]:
         """The points of one way, by number of samples."""
         return [point for point in self.points if point.route == route]
