@@ -84,7 +84,8 @@ def report(robot: Path | None, output: Path, floating_base: bool, quick: bool, c
     """Write a page about a robot: index.html, report.json and plots.
 
     Scene and tree, what was left out, residuals of the theory's identities, error against run time of four methods in two
-    precisions, condition of the mass matrix, the mass matrix from samples of the random model, growth with size. Without ROBOT.urdf, the bundled arm.
+    precisions, condition of the mass matrix, the mass matrix from samples of the random model, growth with size. Without
+    ROBOT.urdf, the bundled arm.
 
     Exit code 1: a residual is beyond its bound (the report says which); 2: bad input.
     """
