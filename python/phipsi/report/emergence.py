@@ -47,12 +47,12 @@ class Effort:
         coverage = 400 if nv <= 100 else 100
         if quick:
             return Effort(tuple(2**k for k in range(6, 15)), 6, 6e8, coverage, 1e9, 4)
-        return Effort(tuple(2**k for k in range(6, 21)), 12, 1.6e10, coverage, 1e10, 16)
+        return Effort(tuple(2**k for k in range(6, 21)), 12, 2.6e10, coverage, 1e10, 16)
 
 
 def cost(route: str, dimension: int, nv: int) -> float:
     """About what one sample takes on one thread, ns."""
-    return (20.0 if route == SOBOL else 8.0) * dimension + 0.2 * nv * nv
+    return (16.0 if route == SOBOL else 8.0) * dimension + 0.2 * nv * nv
 
 
 @dataclass(frozen=True)

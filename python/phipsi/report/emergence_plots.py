@@ -53,7 +53,7 @@ def error_against_time(found: Emergence) -> Plot:
         axes.set_ylabel("relative error of M, Frobenius norm")
         eps = EPS["float64"]
         axes.axhline(eps, color="#8a9199", lw=0.8, ls=DASHES)
-        entries = [(axes.get_xlim()[1], eps, f"flat, at rounding:\neps = {scientific(eps)}", GREY)]
+        entries = [(axes.get_xlim()[1], eps, f"flat line of rounding,\neps = {scientific(eps)}", GREY)]
         for route in SAMPLED:
             points = found.of(route)
             if points:
@@ -119,6 +119,9 @@ def error_against_samples(found: Emergence) -> Plot:
         axes.set_xlabel("samples")
         axes.set_ylabel("relative error of M")
         power_ticks(axes.yaxis, 8)
+        if max(values) < 30.0 * min(values):
+            axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: scientific(value, 0)))
         entries = [entry for route in SAMPLED for entry in _line(axes, found, route)]
         direct_labels(axes, entries, 0.2)
         return finished("emergence-slopes", figure)

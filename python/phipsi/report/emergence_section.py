@@ -45,7 +45,8 @@ def _plots(found: Emergence, by_time: str | None, by_samples: str | None) -> str
     )
     samples_caption = (
         "The same errors against the number of samples, and the lines of least squares through their logarithms, with the"
-        " standard errors of their slopes."
+        " standard errors of their slopes. Sobol points come to theirs the later, the more random numbers a sample takes"
+        f" (here {found.dimension})."
     )
     if found.unit_error is not None:
         samples_caption += (
