@@ -15,12 +15,13 @@ import phipsi
 import pytest
 from click.testing import CliRunner
 from phipsi import report
-from phipsi._core import BUNDLED_ARM, METHODS
-from phipsi.report import commands, draw, labels, measure, states, text
+from phipsi._core import BUNDLED_ARM, METHODS, ROUTES
+from phipsi.report import commands, draw, emergence, labels, machine, measure, states, text, worker
 from phipsi.report.progress import Silent
 from phipsi.report.structure import tree_of
+from tolerances import SIGMAS, product
 
-PARTS = ("scene", "plan", "residuals", "accuracy", "condition", "growth", "limits", "provenance")
+PARTS = ("scene", "plan", "residuals", "accuracy", "condition", "emergence", "growth", "limits", "provenance")
 INERTIA = np.diag([0.1, 0.1, 0.05])
 
 
@@ -121,7 +122,14 @@ def test_the_page_names_what_it_draws(bundled: tuple[dict[str, Any], str, Path])
     _, page, folder = bundled
     for name in ("joint1", "joint6", "flange_mount", *map(text.symbols, METHODS)):
         assert name in page
-    for name in ("error-against-time", "error-against-condition", "growth", "mass-matrix"):
+    for name in (
+        "error-against-time",
+        "error-against-condition",
+        "growth",
+        "mass-matrix",
+        "emergence",
+        "emergence-slopes",
+    ):
         assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert (folder / f"{name}.svg").read_text(encoding="utf-8").startswith("<svg")
     assert (folder / "skeleton.svg").read_text(encoding="utf-8").startswith("<svg")
@@ -137,7 +145,7 @@ def test_names_are_escaped(tmp_path: Path) -> None:
 
 def without_times(tree: Any) -> Any:
     if isinstance(tree, dict):
-        changing = ("date", "growth")
+        changing = ("date", "growth", "samples_a_second")
         return {k: without_times(v) for k, v in tree.items() if k not in changing and not k.startswith("ns_")}
     return [without_times(item) for item in tree] if isinstance(tree, list) else tree
 
@@ -151,6 +159,7 @@ def test_the_same_seed_gives_the_same_numbers() -> None:
     )
     assert first == again
     assert first["accuracy"] != other["accuracy"]
+    assert first["emergence"]["points"][0] != other["emergence"]["points"][0]
 
 
 def test_a_residual_beyond_its_bound_exits_with_1_and_is_on_the_page(
@@ -192,7 +201,8 @@ def test_a_singular_scene_has_a_page(tmp_path: Path) -> None:
 def test_a_scene_where_nothing_moves_has_a_page(tmp_path: Path) -> None:
     scene = phipsi.SceneBuilder().link("base", mass=1.0, com=(0, 0, 0), inertia=INERTIA).build()
     found, page = written(scene, tmp_path)
-    assert found["missing"].keys() == {"residuals", "accuracy", "condition"}
+    assert found["missing"].keys() == {"residuals", "accuracy", "condition", "emergence"}
+    assert found["emergence"] is None
     assert "Nothing moves" in page
 
 
@@ -203,9 +213,102 @@ def test_a_scene_too_large_for_dense_algebra_has_a_page(tmp_path: Path) -> None:
         axis = (1, 0, 0) if k % 2 else (0, 0, 1)
         builder = builder.joint(f"j{k}", "revolute", f"l{k}", f"l{k + 1}", xyz=(0, 0, 0.2), axis=axis)
     found, page = written(builder.build(), tmp_path, count=4)
-    assert found["missing"].keys() == {"residuals", "condition"}
+    # How many cores there are decides whether a rate can be had in time.
+    assert found["missing"].keys() - {"samples a second"} == {"residuals", "condition", "sobol", "dense product"}
+    assert {point["route"] for point in found["emergence"]["points"]} == {"monte-carlo", "sigma-points", "recursion"}
+    assert "1920 random numbers a sample" in page
     assert {row["method"] for row in found["accuracy"]} == set(METHODS[:2])
     assert "320 degrees of freedom" in page
+
+
+def test_the_mass_matrix_emerges(bundled: tuple[dict[str, Any], str, Path]) -> None:
+    found, page, _ = bundled
+    part = found["emergence"]
+    points = part["points"]
+    assert tuple(dict.fromkeys(point["route"] for point in points)) == ROUTES
+    for point in points:
+        assert point["ns_median"] > 0.0
+        assert 0.0 < point["error"] < 1.0
+        if point["samples"] is None:
+            assert point["error"] <= product(6 * found["scene"]["nv"], 1.0)
+    sizes = [point["samples"] for point in points if point["route"] == "sobol"]
+    assert sizes == [2**k for k in range(6, 15)]
+    slopes = {row["route"]: row for row in part["slopes"]}
+    assert -0.6 < slopes["monte-carlo"]["measured"] < -0.4
+    assert -1.2 < slopes["sobol"]["measured"] < -0.8
+    assert all(0.0 < row["standard_error"] < 0.1 for row in slopes.values())
+    assert "slope −0." in page and "sigma points" in page
+
+
+def test_the_error_of_plain_sampling_is_what_theory_expects() -> None:
+    scene = arm()
+    q = np.full(scene.nq, 0.3)
+    m, model = scene.mass_matrix(q), scene.random_model(q)
+    squares = 50 * np.array([np.sum((model.mass_matrix(50, seed=k).mass_matrix - m) ** 2) for k in range(4000)])
+    squares /= np.sum(m**2)
+    standard_error = squares.std() / math.sqrt(len(squares))
+    assert standard_error <= 0.05
+    assert abs(squares.mean() - emergence._unit_error(m) ** 2) <= SIGMAS * standard_error
+
+
+def test_intervals_hold_as_often_as_they_say(bundled: tuple[dict[str, Any], str, Path]) -> None:
+    coverage = bundled[0]["emergence"]["coverage"]
+    assert (coverage["samples"], coverage["seeds"]) == (100, 400)
+    assert [row["stated"] for row in coverage["rows"]] == [0.8, 0.95, 0.99]
+    for row in coverage["rows"]:
+        for entries in (row["diagonal"], row["off_diagonal"]):
+            assert 0.0 < entries["standard_error"] < 0.02
+            assert abs(entries["share"] - row["stated"]) <= SIGMAS * entries["standard_error"]
+
+
+def test_samples_a_second_on_one_core_and_on_all(bundled: tuple[dict[str, Any], str, Path]) -> None:
+    rates = bundled[0]["emergence"]["samples_a_second"]
+    assert [rate["threads"] for rate in rates] == sorted({1, machine.threads()})
+    assert all(0.0 < rate["per_second"] < math.inf for rate in rates)
+    assert len({rate["samples"] for rate in rates}) == 1
+
+
+def test_the_slope_of_a_straight_line() -> None:
+    points = [emergence.Point("sobol", n, 1.0, 3.0 * n**-0.75) for n in (64, 256, 1024, 8192)]
+    line = emergence.slope(points, -1.0)
+    assert line is not None
+    assert line.measured == pytest.approx(-0.75)
+    assert line.standard_error == pytest.approx(0.0, abs=1e-12)
+    assert line.error(100.0) == pytest.approx(3.0 * 100.0**-0.75)
+    assert emergence.slope(points[:2], -1.0) is None
+    assert emergence.slope([*points, emergence.Point("sobol", 2, 1.0, 0.0)], -1.0) is None
+
+
+def test_an_inertia_that_no_body_has_is_not_sampled_but_reported(tmp_path: Path) -> None:
+    builder = phipsi.SceneBuilder().link("base").link("odd", 1.0, com=(0.3, 0, 0), inertia=np.diag([-0.01, 0.1, 0.1]))
+    with pytest.warns(phipsi.errors.InertiaWarning):
+        scene = builder.joint("hinge", "revolute", "base", "odd", axis=(0, 0, 1)).build()
+    found, page = written(scene, tmp_path, count=4)
+    assert "odd" in found["missing"]["sampling"]
+    assert {point["route"] for point in found["emergence"]["points"]} == {"recursion", "dense product"}
+    assert found["emergence"]["slopes"] == found["emergence"]["samples_a_second"] == []
+    assert "Samples not here: inertia of link" in page
+    assert not (tmp_path / "emergence.png").exists()
+    assert all(math.isfinite(number) for number in numbers(found))
+
+
+def test_a_process_has_the_threads_that_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worker, "CHILD", "import os; print([int(os.environ['RAYON_NUM_THREADS']), 0.5])")
+    ticks: list[None] = []
+    found = worker.run(arm(), np.zeros(6), [worker.Job("recursion")], 3, lambda: ticks.append(None))
+    assert found == [(3.0, 0.5)]
+    assert len(ticks) == 1
+
+
+def test_a_process_that_fails_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worker, "CHILD", "raise SystemExit('no such luck')")
+    found, page = written(arm(), tmp_path, count=4)
+    assert "no such luck" in found["missing"]["emergence"]
+    assert found["emergence"] is None
+    assert "no such luck" in page
+    monkeypatch.setattr(worker.sys, "executable", str(tmp_path / "nothing"))
+    with pytest.raises(worker.WorkerError, match="could not be started"):
+        worker.run(arm(), np.zeros(6), [], 1, lambda: None)
 
 
 def test_every_kind_of_joint_is_drawn_and_measured(tmp_path: Path) -> None:

@@ -6,8 +6,9 @@ import json
 from pathlib import Path
 
 from .. import _core
-from . import draw, page, plots
+from . import draw, emergence_plots, page, plots
 from .collect import Report, collect, to_json
+from .figure import Plot
 from .progress import Reporter, Silent
 
 __all__ = ["Report", "collect", "to_json", "write"]
@@ -30,9 +31,9 @@ def write(report: Report, directory: Path, reporter: Reporter | None = None) -> 
     return index
 
 
-def _plots(report: Report, reporter: Reporter) -> list[plots.Plot]:
+def _plots(report: Report, reporter: Reporter) -> list[Plot]:
     drawn = []
-    tick = reporter.stage("Drawing", 4)
+    tick = reporter.stage("Drawing", 6)
     if any(row.failed < len(row.errors) for row in report.accuracy):
         drawn.append(plots.error_against_time(report.accuracy, _core.METHODS))
         tick()
@@ -41,6 +42,11 @@ def _plots(report: Report, reporter: Reporter) -> list[plots.Plot]:
             tick()
     if report.mass_matrix is not None:
         drawn.append(plots.mass_matrix(report.mass_matrix))
+        tick()
+    if report.emergence is not None and report.emergence.sampled:
+        drawn.append(emergence_plots.error_against_time(report.emergence))
+        tick()
+        drawn.append(emergence_plots.error_against_samples(report.emergence))
         tick()
     drawn.append(plots.growth(report.growth))
     tick()

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 
 from .. import _core, errors
 from .._core import Scene
-from . import machine, measure, states
-from .measure import Accuracy, Growth, Residual
+from . import emergence, machine, measure, states
+from .emergence import Emergence
+from .measure import DENSE_CAP, Accuracy, Growth, Residual
 from .progress import Reporter
 from .structure import Tree, tree_of
+from .worker import WorkerError
 
 Array = NDArray[np.float64]
 
-#: Beyond this many degrees of freedom nothing dense is built.
-DENSE_CAP = 300
 #: Beyond this, M^-1 is not formed either.
 INVERSE_CAP = 2000
 
@@ -68,6 +68,7 @@ class Report:
     conditions: Array = field(default_factory=lambda: np.empty(0))
     residuals: list[Residual] = field(default_factory=list)
     accuracy: list[Accuracy] = field(default_factory=list)
+    emergence: Emergence | None = None
     growth: list[Growth] = field(default_factory=list)
     missing: dict[str, str] = field(default_factory=dict)
 
@@ -99,21 +100,22 @@ def collect(
     tree = tree_of(scene)
     report = Report(name, source, scene, tree, warnings, seed, quick, effort, date, machine.describe())
     if scene.nv == 0:
-        for part in ("residuals", "accuracy", "condition"):
+        for part in ("residuals", "accuracy", "condition", "emergence"):
             report.missing[part] = (
                 "Nothing moves in this scene: it has no degree of freedom, so there is nothing to compute."
             )
     else:
-        _states(report, reporter)
+        drawn = states.draw(scene, tree, effort.states, seed)
+        _states(report, drawn, reporter)
+        _emergence(report, drawn, reporter)
     tick = reporter.stage("Growth with size", measure.GROWTH_ROUNDS * len(effort.sizes))
     report.growth = measure.growth(effort.sizes, effort.growth_repeats, tick)
     return report
 
 
-def _states(report: Report, reporter: Reporter) -> None:
+def _states(report: Report, drawn: states.States, reporter: Reporter) -> None:
     """The parts that need states: mass matrix, condition numbers, residuals, error against run time."""
     scene, effort, missing = report.scene, report.effort, report.missing
-    drawn = states.draw(scene, report.tree, effort.states, report.seed)
     few = drawn.first(effort.residual_states)
     methods = _core.METHODS
     if scene.nv > DENSE_CAP:
@@ -144,6 +146,16 @@ def _states(report: Report, reporter: Reporter) -> None:
         report.accuracy = measure.accuracy(scene, drawn, methods, effort.repeats, tick)
     except errors.PhipsiError as error:
         missing["accuracy"] = str(error)
+
+
+def _emergence(report: Report, drawn: states.States, reporter: Reporter) -> None:
+    """M from the random model, at the first state."""
+    try:
+        report.emergence = emergence.measured(
+            report.scene, drawn.q[0], report.seed, report.quick, report.missing, reporter
+        )
+    except (errors.PhipsiError, WorkerError) as error:
+        report.missing["emergence"] = str(error)
 
 
 def number(value: float) -> float | None:
@@ -193,6 +205,7 @@ def to_json(report: Report) -> dict[str, Any]:
             for row in report.accuracy
         ],
         "condition": _condition(report),
+        "emergence": _emergence_numbers(report.emergence),
         "growth": _growth(report.growth),
     }
 
@@ -236,6 +249,46 @@ def _condition(report: Report) -> dict[str, Any] | None:
         "rank": report.rank,
         "values": [number(value) for value in values],
     }
+
+
+def _emergence_numbers(found: Emergence | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+
+    return {
+        "seeds": found.seeds,
+        "random_numbers_a_sample": found.dimension,
+        "unit_error_in_theory": found.unit_error,
+        "points": [
+            {"route": point.route, "samples": point.samples, "ns_median": point.ns, "error": number(point.error)}
+            for point in found.points
+        ],
+        "slopes": [
+            {
+                "route": route,
+                "measured": number(line.measured),
+                "standard_error": number(line.standard_error),
+                "theory": line.theory,
+                "at_one_sample": number(line.at_one),
+            }
+            for route, line in found.slopes.items()
+        ],
+        "coverage": {
+            "samples": emergence.COVERAGE_SAMPLES,
+            "seeds": found.coverage_seeds,
+            "rows": [
+                {"stated": row.confidence, "diagonal": _share(row.diagonal), "off_diagonal": _share(row.off_diagonal)}
+                for row in found.coverage
+            ],
+        },
+        "samples_a_second": [
+            {"threads": rate.threads, "samples": rate.samples, "per_second": rate.per_second} for rate in found.rates
+        ],
+    }
+
+
+def _share(pair: tuple[float, float] | None) -> dict[str, float] | None:
+    return {"share": pair[0], "standard_error": pair[1]} if pair else None
 
 
 def _growth(rows: Sequence[Growth]) -> dict[str, Any]:

@@ -13,7 +13,8 @@ from rich.console import Console
 from .. import __version__, _core, errors
 from .._core import Scene
 from . import measure, states, terminal
-from .collect import DENSE_CAP, Effort, collect
+from .collect import Effort, collect
+from .measure import DENSE_CAP
 from .progress import Silent, reporter
 from .structure import tree_of
 
@@ -83,7 +84,8 @@ def report(robot: Path | None, output: Path, floating_base: bool, quick: bool, c
     """Write a page about a robot: index.html, report.json and plots.
 
     Scene and tree, what was left out, residuals of the theory's identities, error against run time of four methods in two
-    precisions, condition of the mass matrix, growth with size. Without ROBOT.urdf, the bundled arm.
+    precisions, condition of the mass matrix, the mass matrix from samples of the random model, growth with size. Without
+    ROBOT.urdf, the bundled arm.
 
     Exit code 1: a residual is beyond its bound (the report says which); 2: bad input.
     """
@@ -98,6 +100,8 @@ def report(robot: Path | None, output: Path, floating_base: bool, quick: bool, c
             found = collect(scene, says, name=name, source=source, warnings=texts, quick=quick, count=count, seed=seed)
             index = write(found, output, says)
     click.echo(index)
+    if found.emergence is not None:
+        terminal.emergence(console, found.emergence)
     for part, reason in found.missing.items():
         console.print(f"no {part}: {reason}", style="yellow", highlight=False, markup=False, soft_wrap=True)
     if not found.passed:

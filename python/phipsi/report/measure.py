@@ -23,6 +23,8 @@ PRECISIONS = ("float64", "float32")
 ROUNDS = 5
 #: The same for the growth with size.
 GROWTH_ROUNDS = 3
+#: Beyond this many degrees of freedom nothing dense is built.
+DENSE_CAP = 300
 #: Residuals may be this many times eps times size or condition number.
 SLACK = 64.0
 

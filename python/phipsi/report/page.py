@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from . import sections
+from . import emergence_section, sections
 from .collect import Report
+from .figure import Plot
 from .measure import EPS
-from .plots import Plot
 from .sections import FILTER
 from .structure import ROOT_JOINT
 from .style import CSS
@@ -19,6 +19,7 @@ PARTS = (
     ("residuals", "Residuals"),
     ("accuracy", "Error against run time"),
     ("condition", "Condition"),
+    ("emergence", "The mass matrix emerges"),
     ("growth", "Growth with size"),
     ("limits", "What the figures do not show"),
     ("provenance", "How this was made"),
@@ -34,6 +35,7 @@ def page(report: Report, skeleton: str, caption: str, plots: Sequence[Plot]) -> 
         "residuals": sections.residuals(report),
         "accuracy": sections.accuracy(report, drawn.get("error-against-time")),
         "condition": sections.condition(report, drawn.get("mass-matrix"), drawn.get("error-against-condition")),
+        "emergence": emergence_section.emergence(report, drawn.get("emergence"), drawn.get("emergence-slopes")),
         "growth": sections.growth(report, drawn["growth"]),
         "limits": sections.limits(),
         "provenance": sections.provenance(report),

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import io
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -15,42 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
-from .labels import spread
+from .figure import COLOURS, FAINT, STYLE, Plot, direct_labels, finished, power_ticks, time_axis
 from .measure import EPS, PRECISIONS, Accuracy, Growth, median
 from .text import count, power, scientific, significant, symbols
 
 Array = NDArray[np.float64]
-
-#: By place in METHODS; apart for all kinds of colour vision.
-COLOURS = ("#0072b2", "#009e73", "#d55e00", "#aa3377")
-INK, FAINT = "#2b2f33", "#d9dde1"
-#: Any, for the stubs of some versions of matplotlib list every key.
-STYLE: Any = {
-    "font.family": "sans-serif",
-    "font.size": 8.5,
-    "text.color": INK,
-    "axes.edgecolor": "#8a9199",
-    "axes.labelcolor": INK,
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "xtick.color": "#555b61",
-    "ytick.color": "#555b61",
-    "xtick.major.width": 0.7,
-    "ytick.major.width": 0.7,
-    # Text stays text: it takes the page's typeface, which is narrower than the one that was measured here.
-    "svg.fonttype": "none",
-    "svg.hashsalt": "phipsi",
-}
-
-
-@dataclass(frozen=True)
-class Plot:
-    """A plot as SVG and as PNG."""
-
-    name: str
-    svg: str
-    png: bytes
 
 
 def colour(method: str, methods: Sequence[str]) -> str:
@@ -58,74 +23,8 @@ def colour(method: str, methods: Sequence[str]) -> str:
     return COLOURS[list(methods).index(method) % len(COLOURS)]
 
 
-def _finished(name: str, figure: Figure) -> Plot:
-    svg, png = io.StringIO(), io.BytesIO()
-    figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
-    figure.savefig(png, format="png", dpi=160)
-    # The licence of the metadata is an address on the network, and says nothing about the plot.
-    text = re.sub("<metadata>.*?</metadata>", "", svg.getvalue(), flags=re.DOTALL)
-    return Plot(name, text[text.index("<svg") :], png.getvalue())
-
-
-def _powers(axis: Any, most: int) -> None:
-    """Ticks at powers of ten, at most so many."""
-    axis.set_major_locator(LogLocator(numticks=most))
-    axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(FuncFormatter(lambda value, _: power(round(np.log10(value)))))
-
-
-def _times(axes: Axes, low: float, high: float) -> None:
-    """A logarithmic axis of times in ns, ticks at 1, 2, 5."""
-    axes.set_xscale("log")
-    axes.set_xlim(low, high)
-    fine = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
-    subs = fine if high / low < 12 else (1.0, 2.0, 5.0) if high / low < 300 else (1.0,)
-    axes.xaxis.set_major_locator(LogLocator(subs=subs))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _plain_time(value)))
-
-
-def _plain_time(ns: float) -> str:
-    for unit, size in (("ms", 1e6), ("µs", 1e3)):
-        if ns >= size * 0.999:
-            return f"{ns / size:g} {unit}"
-    return f"{ns:g} ns"
-
-
 def _units(value: float, _: int) -> str:
     return f"{value:g}" if value < 1e4 else power(round(np.log10(value)))
-
-
-def _direct_labels(axes: Axes, entries: Sequence[tuple[float, float, str, str]], gap: float = 0.065) -> None:
-    """Names right of the axes, each with a line to its point: (x, y, text, colour)."""
-    to_axes = axes.transData + axes.transAxes.inverted()
-    points = [to_axes.transform((x, y)) for x, y, _, _ in entries]
-    placed = []
-    for (x, y, text, ink), point in zip(entries, points, strict=True):
-        if _room(point, points):
-            paper = {"fc": "white", "ec": "none", "alpha": 0.85, "pad": 1.0}
-            axes.annotate(text, (x, y), xytext=(13, 0), textcoords="offset points", va="center", color=ink, bbox=paper)
-        else:
-            placed.append((float(point[1]), x, y, text, ink))
-    placed.sort()
-    heights = spread([entry[0] for entry in placed], [gap] * len(placed), 0.0, 1.0)
-    for (_, x, y, text, ink), height in zip(placed, heights, strict=True):
-        axes.annotate(
-            text,
-            xy=(x, y),
-            xytext=(1.025, height),
-            textcoords="axes fraction",
-            va="center",
-            color=ink,
-            arrowprops={"arrowstyle": "-", "color": ink, "lw": 0.6, "alpha": 0.55, "shrinkA": 2, "shrinkB": 5},
-            annotation_clip=False,
-        )
-
-
-def _room(point: Array, points: Sequence[Array]) -> bool:
-    """Whether a name fits right beside its point."""
-    steps = [other - point for other in points if other is not point]
-    return point[0] < 0.6 and not any(-0.05 < dx < 0.3 and abs(dy) < 0.25 for dx, dy in steps)
 
 
 def error_against_time(rows: Sequence[Accuracy], methods: Sequence[str]) -> Plot:
@@ -137,10 +36,10 @@ def error_against_time(rows: Sequence[Accuracy], methods: Sequence[str]) -> Plot
         panels = figure.subplots(2, 1, sharex=True, gridspec_kw={"hspace": 0.16})
         figure.subplots_adjust(left=0.075, right=0.775, top=0.955, bottom=0.09)
         for axes, precision in zip(panels, reversed(PRECISIONS), strict=True):
-            _times(axes, min(times) / 1.5, max(times) * 1.25)
+            time_axis(axes, min(times) / 1.5, max(times) * 1.25)
             _error_panel(axes, [row for row in usable if row.precision == precision], precision, methods)
         panels[-1].set_xlabel("median time a state")
-        return _finished("error-against-time", figure)
+        return finished("error-against-time", figure)
 
 
 def _error_panel(axes: Axes, rows: Sequence[Accuracy], precision: str, methods: Sequence[str]) -> None:
@@ -150,7 +49,7 @@ def _error_panel(axes: Axes, rows: Sequence[Accuracy], precision: str, methods: 
     high = max([eps * 12, *(float(e.max()) for e in errors)])
     axes.set_yscale("log")
     axes.set_ylim(low / 1.8, high * 2.2)
-    _powers(axes.yaxis, 9)
+    power_ticks(axes.yaxis, 9)
     axes.set_ylabel("relative error of the accelerations")
     axes.set_title(precision, loc="left", fontsize=9.5, fontweight="bold")
     axes.axhline(eps, color="#8a9199", lw=0.8, ls=(0, (4, 3)))
@@ -170,7 +69,7 @@ def _error_panel(axes: Axes, rows: Sequence[Accuracy], precision: str, methods: 
         fill = ink if precision == "float64" else "white"
         axes.plot([row.ns], [row.median], "o" if precision == "float64" else "s", ms=6.5, color=ink, mfc=fill, mew=1.5)
         entries.append((row.ns, row.median, symbols(row.method), ink))
-    _direct_labels(axes, entries, 0.085)
+    direct_labels(axes, entries, 0.085)
 
 
 def error_against_condition(rows: Sequence[Accuracy], conditions: Array, methods: Sequence[str]) -> Plot:
@@ -191,7 +90,7 @@ def error_against_condition(rows: Sequence[Accuracy], conditions: Array, methods
         lowest = min(median(row.errors) for row in chosen) / eps
         axes.set_ylim(max(0.02, lowest / 20.0), max(highest * 3.0, 30.0))
         if high / low > 30:
-            _powers(axes.xaxis, 8)
+            power_ticks(axes.xaxis, 8)
         else:
             axes.xaxis.set_major_locator(
                 LogLocator(
@@ -214,8 +113,8 @@ def error_against_condition(rows: Sequence[Accuracy], conditions: Array, methods
             axes.plot(conditions, values, "o", ms=3.2, color=ink, alpha=0.45, mew=0)
             at = int(np.argmax(np.where(np.isfinite(values), conditions, 0.0)))
             entries.append((float(conditions[at]), float(values[at]), symbols(row.method), ink))
-        _direct_labels(axes, entries, 0.08)
-        return _finished("error-against-condition", figure)
+        direct_labels(axes, entries, 0.08)
+        return finished("error-against-condition", figure)
 
 
 def growth(rows: Sequence[Growth]) -> Plot:
@@ -241,8 +140,8 @@ def growth(rows: Sequence[Growth]) -> Plot:
             entries.append((float(bodies[-1]), float(values[-1]), label, ink))
         axes.set_ylim(0.0, 1.15 * max(max(row.forward, row.inverse) for row in rows))
         axes.grid(axis="y", color=FAINT, lw=0.6)
-        _direct_labels(axes, entries, 0.2)
-        return _finished("growth", figure)
+        direct_labels(axes, entries, 0.2)
+        return finished("growth", figure)
 
 
 def mass_matrix(matrix: Array) -> Plot:
@@ -264,4 +163,4 @@ def mass_matrix(matrix: Array) -> Plot:
         axes.set_xticks([])
         axes.set_yticks([])
         axes.set_xlabel(f"{size} × {size}, base to tip in the order of qd")
-        return _finished("mass-matrix", figure)
+        return finished("mass-matrix", figure)

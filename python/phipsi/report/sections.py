@@ -26,7 +26,7 @@ def note(text: str) -> str:
     return f'<p class="note">Not here: {escape(text)}</p>'
 
 
-def _figure(svg: str, caption: str) -> str:
+def figure(svg: str, caption: str) -> str:
     return f"<figure>{svg}<figcaption>{caption}</figcaption></figure>"
 
 
@@ -55,7 +55,7 @@ def scene(report: Report, skeleton: str, caption: str) -> str:
         f" add; {_swatch(TURN)}axis of a turning joint, {_swatch(SLIDE)}of a sliding one, {_swatch(FREE)}joint of"
         f" several degrees of freedom; {_swatch('#f8dda6')}mass centre of a link, area as its mass."
     )
-    return _facts(facts) + _warnings(report) + _figure(skeleton, key) + _tree(report)
+    return _facts(facts) + _warnings(report) + figure(skeleton, key) + _tree(report)
 
 
 def _swatch(ink: str) -> str:
@@ -166,17 +166,17 @@ def residuals(report: Report) -> str:
 
 def _residual(row: Residual) -> str:
     mark = '<span class="ok">✓ holds</span>' if row.passed else '<span class="fail">✗ beyond</span>'
-    numbers = _numbers(*map(scientific, (row.median, row.worst, row.bound)), "κ" if row.through_inverse else "")
-    cells = f"<td>{escape(symbols(row.name))}</td>{numbers}<td>{_strip(row)}</td><td>{mark}</td>"
+    figures = numbers(*map(scientific, (row.median, row.worst, row.bound)), "κ" if row.through_inverse else "")
+    cells = f"<td>{escape(symbols(row.name))}</td>{figures}<td>{_strip(row)}</td><td>{mark}</td>"
     return f"<tr{'' if row.passed else ' class=bad'}>{cells}</tr>"
 
 
-def _numbers(*values: str) -> str:
+def numbers(*values: str) -> str:
     """Cells of numbers."""
     return "".join(f"<td class=n>{value}</td>" for value in values)
 
 
-def _heads(*titles: str) -> str:
+def heads(*titles: str) -> str:
     """Heads of columns of numbers."""
     return "".join(f"<th class=n>{title}</th>" for title in titles)
 
@@ -212,12 +212,12 @@ def accuracy(report: Report, plot: str | None) -> str:
     )
     titles = ("median time a state", "against filter, float64", "median error", "worst error", "digits lost", "failed")
     first = report.of(FILTER, "float64")
-    rows = [f"<tr><th>method</th><th>precision</th>{_heads(*titles)}</tr>"]
+    rows = [f"<tr><th>method</th><th>precision</th>{heads(*titles)}</tr>"]
     for row in report.accuracy:
         ink = colour(row.method, _core.METHODS)
         hollow = " hollow" if row.precision == "float32" else ""
         swatch = f'<span class="swatch{hollow}" style="background:{ink};color:{ink}"></span>'
-        numbers = _numbers(
+        figures = numbers(
             time(row.ns),
             f"{significant(row.ns / first.ns, 3)} ×" if first else "",
             scientific(row.median),
@@ -225,8 +225,8 @@ def accuracy(report: Report, plot: str | None) -> str:
             _digits(row.digits_lost),
             str(row.failed),
         )
-        rows.append(f"<tr><td>{swatch}{escape(symbols(row.method))}</td><td>{row.precision}</td>{numbers}</tr>")
-    return f"{_figure(plot, caption)}<table>{''.join(rows)}</table>{_digits_note()}"
+        rows.append(f"<tr><td>{swatch}{escape(symbols(row.method))}</td><td>{row.precision}</td>{figures}</tr>")
+    return f"{figure(plot, caption)}<table>{''.join(rows)}</table>{_digits_note()}"
 
 
 def _digits(lost: float) -> str:
@@ -256,28 +256,28 @@ def condition(report: Report, matrix: str | None, scatter: str | None) -> str:
     )
     if report.rank is not None and report.rank < report.scene.nv:
         words = f"M has rank {report.rank} of {report.scene.nv} at the first state: it cannot be inverted."
-    spread = _numbers(*map(scientific, (low, middle, high)))
+    spread = numbers(*map(scientific, (low, middle, high)))
     table = (
-        f"<table><tr><th>cond(M) over the states</th>{_heads('smallest', 'median', 'largest')}</tr>"
+        f"<table><tr><th>cond(M) over the states</th>{heads('smallest', 'median', 'largest')}</tr>"
         f"<tr><td>largest over smallest singular value</td>{spread}</tr></table>"
     )
     lost = "".join(
-        f"<tr><td>{escape(symbols(row.method))}</td>{_numbers(_digits(row.digits_lost), _digits(row.digits_lost_worst))}</tr>"
+        f"<tr><td>{escape(symbols(row.method))}</td>{numbers(_digits(row.digits_lost), _digits(row.digits_lost_worst))}</tr>"
         for row in report.accuracy
         if row.precision == "float64"
     )
     if lost:
-        titles = _heads("median state", "worst state")
+        titles = heads("median state", "worst state")
         lost = f"<table><tr><th>digits lost, float64</th>{titles}</tr>{lost}</table>"
     picture = (
-        _figure(matrix, "The mass matrix at the first state. White: zero, or less than eps times the largest entry.")
+        figure(matrix, "The mass matrix at the first state. White: zero, or less than eps times the largest entry.")
         if matrix
         else ""
     )
     text = f'<div class="two"><div><p>{words} The filter never forms M.</p>{table}{lost}</div>{picture}</div>'
     if scatter is None:
         return text
-    return text + _figure(
+    return text + figure(
         scatter, "Each dot a state, float64: what the condition number costs. The dashed line is one unit of rounding."
     )
 
@@ -300,7 +300,7 @@ def growth(report: Report, plot: str) -> str:
         f"Chains of equal links, one state a call, least of {measure.GROWTH_ROUNDS} rounds' medians. This does not"
         " depend on the robot of this page."
     )
-    return words + _figure(plot, caption)
+    return words + figure(plot, caption)
 
 
 def limits() -> str:

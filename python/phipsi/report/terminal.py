@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from . import text
+from .emergence import PLAIN, SIGMA, SOBOL, Emergence
 from .measure import Accuracy, Growth, Residual, spread
 
 
@@ -48,3 +49,17 @@ def growth(console: Console, rows: Sequence[Growth]) -> None:
     console.print(table)
     forward, inverse = spread([row.forward for row in rows]), spread([row.inverse for row in rows])
     console.print(f"largest over smallest: {forward:.2f} forward, {inverse:.2f} inverse", highlight=False)
+
+
+def emergence(console: Console, found: Emergence) -> None:
+    """M from the random model, in a line."""
+    parts = [
+        f"{name} samples^{found.slopes[route].measured:.2f}"
+        for name, route in (("Monte Carlo", PLAIN), ("Sobol", SOBOL))
+        if route in found.slopes
+    ]
+    parts += [f"sigma points {point.error:.1e}" for point in found.of(SIGMA)]
+    parts += [f"{rate.per_second:.1e} samples/s on {text.plural(rate.threads, 'thread')}" for rate in found.rates]
+    if parts:
+        line = f"M from the random model, error: {', '.join(parts)}"
+        console.print(line, highlight=False, markup=False, soft_wrap=True)

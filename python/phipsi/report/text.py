@@ -8,9 +8,9 @@ import math
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def power(exponent: int) -> str:
-    """10 to a power."""
-    return "10" + str(exponent).translate(SUPERSCRIPT)
+def power(exponent: int, base: int = 10) -> str:
+    """The base to a power."""
+    return str(base) + str(exponent).translate(SUPERSCRIPT)
 
 
 def scientific(value: float, digits: int = 1) -> str:
@@ -34,6 +34,11 @@ def significant(value: float, digits: int = 3) -> str:
     decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
     rounded = round(value, decimals)
     return f"{rounded:,.{decimals}f}".replace(",", "\u202f").replace("-", "−")
+
+
+def minus(number: str) -> str:
+    """A formatted number with the sign of mathematics."""
+    return number.replace("-", "−")
 
 
 def count(value: int) -> str:
