@@ -68,3 +68,8 @@ pub use workspace::Workspace;
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;
+
+/// So does that of the page on the random model.
+#[cfg(all(doctest, feature = "stochastic"))]
+#[doc = include_str!("../docs/stochastic.md")]
+struct RandomModelPage;

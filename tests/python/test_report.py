@@ -78,6 +78,10 @@ def test_numbers_of_the_bundled_arm(bundled: tuple[dict[str, Any], str, Path]) -
     assert found["plan"]["bodies"] == 6
     assert found["condition"]["min"] <= found["condition"]["median"] <= found["condition"]["max"]
     assert found["growth"]["rows"][-1]["bodies"] == 10_000
+    operators = found["growth"]["operators"]
+    assert operators["bodies"][-1] == 10_000
+    assert {"phi", "phi*", "Psi_A", "Lambda", "S*", "G", "M_inv"} <= {row["name"] for row in operators["rows"]}
+    assert all(len(row["ns_per_body"]) == 4 and min(row["ns_per_body"]) > 0.0 for row in operators["rows"])
 
 
 def test_residuals_are_below_their_bounds(bundled: tuple[dict[str, Any], str, Path]) -> None:

@@ -15,7 +15,7 @@ from .. import _core, errors
 from .._core import Scene
 from . import emergence, machine, measure, states
 from .emergence import Emergence
-from .measure import DENSE_CAP, Accuracy, Growth, Residual
+from .measure import DENSE_CAP, Accuracy, Growth, OperatorGrowth, Residual
 from .progress import Reporter
 from .structure import Tree, tree_of
 from .worker import WorkerError
@@ -70,6 +70,7 @@ class Report:
     accuracy: list[Accuracy] = field(default_factory=list)
     emergence: Emergence | None = None
     growth: list[Growth] = field(default_factory=list)
+    operators: list[OperatorGrowth] = field(default_factory=list)
     missing: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -110,6 +111,8 @@ def collect(
         _emergence(report, drawn, reporter)
     tick = reporter.stage("Growth with size", measure.GROWTH_ROUNDS * len(effort.sizes))
     report.growth = measure.growth(effort.sizes, effort.growth_repeats, tick)
+    tick = reporter.stage("Operators on chains", measure.GROWTH_ROUNDS * len(measure.OPERATOR_SIZES))
+    report.operators = measure.operator_growth(effort.growth_repeats, tick)
     return report
 
 
@@ -206,7 +209,7 @@ def to_json(report: Report) -> dict[str, Any]:
         ],
         "condition": _condition(report),
         "emergence": _emergence_numbers(report.emergence),
-        "growth": _growth(report.growth),
+        "growth": _growth(report.growth) | {"operators": _operators(report.operators)},
     }
 
 
@@ -289,6 +292,13 @@ def _emergence_numbers(found: Emergence | None) -> dict[str, Any] | None:
 
 def _share(pair: tuple[float, float] | None) -> dict[str, float] | None:
     return {"share": pair[0], "standard_error": pair[1]} if pair else None
+
+
+def _operators(rows: Sequence[OperatorGrowth]) -> dict[str, Any]:
+    return {
+        "bodies": list(measure.OPERATOR_SIZES),
+        "rows": [{"name": row.name, "ns_per_body": list(row.ns), "max_over_min": row.spread} for row in rows],
+    }
 
 
 def _growth(rows: Sequence[Growth]) -> dict[str, Any]:

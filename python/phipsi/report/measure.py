@@ -167,6 +167,35 @@ def growth(sizes: Sequence[int], repeats: int, tick: Tick) -> list[Growth]:
     return list(rows.values())
 
 
+#: Chains that operators are applied on.
+OPERATOR_SIZES = (10, 100, 1000, 10_000)
+
+
+@dataclass(frozen=True)
+class OperatorGrowth:
+    """Time a body of applying one operator, ns, on chains of OPERATOR_SIZES links; a star is its transpose."""
+
+    name: str
+    ns: tuple[float, ...]
+
+    @property
+    def spread(self) -> float:
+        """Largest over smallest: about 1 where applying is linear in the number of bodies."""
+        return spread(self.ns)
+
+
+def operator_growth(repeats: int, tick: Tick) -> list[OperatorGrowth]:
+    """Time a body of applying every operator and its transpose, by number of bodies."""
+    best: dict[str, list[float]] = {}
+    for _ in range(GROWTH_ROUNDS):
+        for at, bodies in enumerate(OPERATOR_SIZES):
+            for name, ns in _core.operator_growth(bodies, repeats):
+                times = best.setdefault(name, [float("inf")] * len(OPERATOR_SIZES))
+                times[at] = min(times[at], ns)
+            tick()
+    return [OperatorGrowth(name, tuple(times)) for name, times in best.items()]
+
+
 def spread(values: Sequence[float]) -> float:
     """Largest over smallest."""
     return max(values) / min(values)
