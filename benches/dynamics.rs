@@ -6,6 +6,7 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::DMatrixView;
 use phipsi::dynamics::operational::Frame;
+use phipsi::filter::FORMS;
 use phipsi::{Scene, dynamics, scenes};
 use std::hint::black_box;
 
@@ -65,6 +66,43 @@ fn algorithms(c: &mut Criterion, name: &str, scene: &Scene) {
 fn chains(c: &mut Criterion) {
     for n in [7, 16, 30, 64] {
         algorithms(c, &format!("chain_{n}"), &scenes::chain(n).expect("a chain"));
+    }
+}
+
+/// Forward dynamics and M^-1 in each form: ratios to covariance are what counts.
+fn forms(c: &mut Criterion) {
+    for n in [7, 64] {
+        let scene = scenes::chain(n).expect("a chain");
+        let model = scene.model();
+        let states = states(&scene);
+        let (mut vector, mut matrix) = (vec![0.0; scene.nv()], vec![0.0; scene.nv() * scene.nv()]);
+        let mut scratch = scene.inverse_scratch();
+        for (name, form) in FORMS {
+            let mut workspace = scene.workspace().in_form(form);
+            let mut cycle = states.iter().cycle();
+            let mut group = c.benchmark_group("forms");
+            group.bench_function(BenchmarkId::new(format!("forward_dynamics/{name}"), n), |b| {
+                b.iter(|| {
+                    let [q, qd, tau] = black_box(cycle.next().expect("a cycle has no end"));
+                    black_box(dynamics::forward_dynamics(
+                        model,
+                        &mut workspace,
+                        q,
+                        qd,
+                        tau,
+                        &[],
+                        black_box(&mut vector),
+                    ))
+                });
+            });
+            group.bench_function(BenchmarkId::new(format!("mass_matrix_inverse/{name}"), n), |b| {
+                b.iter(|| {
+                    let [q, ..] = black_box(cycle.next().expect("a cycle has no end"));
+                    let out = black_box(&mut matrix[..]);
+                    black_box(dynamics::mass_matrix_inverse(model, &mut workspace, &mut scratch, q, out))
+                });
+            });
+        }
     }
 }
 
@@ -158,5 +196,5 @@ fn operational(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, chains, robots, growth, operational);
+criterion_group!(benches, chains, robots, growth, operational, forms);
 criterion_main!(benches);

@@ -1,16 +1,18 @@
 //! Every per-body array of the sweeps, allocated once.
 
-use crate::filter::System;
 use crate::filter::pivots::{Evidence, LostPivot, PivotMonitor, Scale, first_lost};
 use crate::filter::riccati::{Covariances, Measured};
+use crate::filter::{Form, System};
 use crate::scalar::Real;
 use crate::scene::Model;
-use crate::spatial::{BodyInertia, RigidShift, Symmetric3, Symmetric6};
+use crate::spatial::{BodyInertia, RigidShift, Root6, Symmetric3, Symmetric6};
 use nalgebra::{Vector3, Vector6};
 
 /// The scratch of every algorithm for one state (or one state a lane); starts as NaN, so that nothing unset is ever used.
 #[derive(Debug, Clone)]
 pub struct Workspace<T: Real> {
+    /// How P is carried by what uses this workspace.
+    pub form: Form,
     pub(crate) shift: Vec<RigidShift<T>>,
     pub(crate) velocity: Vec<Vector6<T>>,
     pub(crate) acceleration: Vec<Vector6<T>>,
@@ -21,6 +23,10 @@ pub struct Workspace<T: Real> {
     pub(crate) scale: Vec<Scale<T>>,
     /// P^-(k), then P^+(k).
     pub(crate) p: Vec<Symmetric6<T>>,
+    /// The root of P^-(k), then of P^+(k); used by the square-root form only.
+    pub(crate) root: Vec<Root6<T>>,
+    /// y of the bias, b(k) = L y; used by the square-root form only.
+    pub(crate) coordinates: Vec<[T; 6]>,
     pub(crate) measured: Vec<Measured<T>>,
     /// r(k), the inertia of everything outboard of joint k.
     pub(crate) composite: Vec<BodyInertia<T>>,
@@ -33,6 +39,7 @@ impl<T: Real> Workspace<T> {
         let bodies = model.bodies.len();
         let vectors = || vec![Vector6::from_element(nan); bodies];
         Self {
+            form: Form::default(),
             shift: vec![RigidShift::filled(nan); bodies],
             velocity: vectors(),
             acceleration: vectors(),
@@ -40,6 +47,8 @@ impl<T: Real> Workspace<T> {
             co_state: vectors(),
             scale: vec![Scale::filled(nan); bodies],
             p: vec![Symmetric6::filled(nan); bodies],
+            root: vec![Root6::filled(nan); bodies],
+            coordinates: vec![[nan; 6]; bodies],
             measured: vec![Measured::filled(nan); model.nv()],
             composite: vec![
                 BodyInertia {
@@ -50,6 +59,13 @@ impl<T: Real> Workspace<T> {
                 bodies
             ],
         }
+    }
+
+    /// The same scratch for another form.
+    #[must_use]
+    pub fn in_form(mut self, form: Form) -> Self {
+        self.form = form;
+        self
     }
 
     /// The arrays of the Riccati recursion.
@@ -75,7 +91,14 @@ impl<T: Real> Workspace<T> {
         if (0..T::LANES).all(|lane| monitor.clear(lane)) {
             return None;
         }
-        let evidence = Evidence { shift: &self.shift, p: &self.p, measured: &self.measured, scale: &self.scale };
-        first_lost(system, &evidence, |k| model.bodies[k].inertia_terms)
+        let of_roots: Vec<Symmetric6<T>>;
+        let p = if monitor.of_roots {
+            of_roots = self.root.iter().map(Root6::to_symmetric).collect();
+            &of_roots
+        } else {
+            &self.p
+        };
+        let evidence = Evidence { shift: &self.shift, p, measured: &self.measured, scale: &self.scale };
+        first_lost(system, &evidence, monitor, |k| model.bodies[k].inertia_terms)
     }
 }

@@ -134,13 +134,13 @@ class Scene:
         """Joint accelerations from joint torques, in O(N): the smoother's estimates given the torques as measurements.
 
         q: (..., nq); qd, tau: (..., nv). wrenches: dict from link names (links on fixed joints too) to (..., 6), each a
-        (moment, force) acting on that link, at its origin and in its frame. form: "auto" or "covariance" (equation 3.6).
-        out: C-contiguous float64 of the result's shape that overlaps no argument; it is returned.
+        (moment, force) acting on that link, at its origin and in its frame. form: how P is carried: "covariance"
+        (equation 3.6), "joseph", "square-root" (right at extreme mass ratios too, at about twice the time), or "auto". out: C-contiguous float64 of the result's shape that overlaps no argument; it is returned.
 
         Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (equations 4.4 to 4.11).
 
-        Raises SingularJointError where a joint has no inertia along its axis; NotBuiltError for "joseph" and "square-root",
-        which are to come. After an error out is partly written.
+        Raises SingularJointError where a joint has no inertia along its axis; ArgumentError, naming the link, for the square-root
+        form of an inertia that no body can have. After an error out is partly written.
         """
 
     def inverse_dynamics(
@@ -173,7 +173,7 @@ class Scene:
         Raises ArgumentError above 4000 degrees of freedom: inverse_dynamics multiplies by the matrix without forming it.
         """
 
-    def mass_matrix_inverse(self, q: ArrayLike) -> _Array:
+    def mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto") -> _Array:
         """The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
 
         q: (..., nq). Returns (..., nv, nv), full and exactly symmetric.
@@ -203,6 +203,7 @@ class Scene:
         *,
         xyz: ArrayLike | None = None,
         rotation: ArrayLike | None = None,
+        form: _Form = "auto",
     ) -> _Array:
         """The operational-space inverse inertia J M^-1 J^T of links, in O(N) from the co-states' covariance (5.6, 5.7, Psi A).
 
@@ -225,6 +226,7 @@ class Scene:
         xyz: ArrayLike | None = None,
         rotation: ArrayLike | None = None,
         directions: ArrayLike | None = None,
+        form: _Form = "auto",
     ) -> _Array:
         """The operational-space inertia (S J M^-1 J^T S^T)^-1 of task directions S.
 
@@ -306,7 +308,7 @@ class Scene:
         not positive; NotFiniteError for a torque that is measured and not finite.
         """
 
-    def factor(self, q: ArrayLike) -> Factor:
+    def factor(self, q: ArrayLike, *, form: _Form = "auto") -> Factor:
         """M = (1 + K) D (1 + K*) at q by one sweep (3.1, 3.6), and the operators phi, Psi, K, L, D, P it is made of.
 
         q: (..., nq); the factor is batched where q is. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its

@@ -9,7 +9,6 @@ __all__ = [
     "ArgumentError",
     "InertiaWarning",
     "MimicWarning",
-    "NotBuiltError",
     "NotFiniteError",
     "PhipsiError",
     "SceneError",
@@ -82,10 +81,6 @@ class SingularTaskError(PhipsiError, ArithmeticError):
     """How many directions the task has."""
     state: int | tuple[int, ...] | None = None
     """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
-
-
-class NotBuiltError(PhipsiError, NotImplementedError):
-    """Something that phipsi will do and does not do yet."""
 
 
 class InertiaWarning(UserWarning):

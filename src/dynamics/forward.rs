@@ -1,9 +1,10 @@
 //! Forward dynamics: joint torques are measurements, the smoother's estimates are the joint accelerations.
 
 use super::forces::{Motion, step_outward};
+use super::forward_root;
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati;
-use crate::filter::{System, innovations, smoother};
+use crate::filter::{Form, System, innovations, smoother};
 use crate::kinematics::{base_acceleration, placements_base_to_tip};
 use crate::scalar::Real;
 use crate::scene::Model;
@@ -13,8 +14,8 @@ use nalgebra::Vector6;
 /// Joint accelerations from joint torques in O(N): filter tip to base (3.6, 4.4 to 4.6), smoother base to tip (4.9 to 4.11).
 ///
 /// `q` (nq), `qd`, `tau`, `qdd` (nv) are one state, SI units; `wrenches` is empty or holds a spatial force a body, in that
-/// body's frame at its origin, acting on it. About 700 operations a one-axis joint. Where
-/// [`Workspace::lost_pivot`] finds one with the returned monitor, `qdd` means nothing.
+/// body's frame at its origin, acting on it. P is carried as the workspace's form says. About 700 operations a one-axis joint
+/// in the covariance form. Where [`Workspace::lost_pivot`] finds one with the returned monitor, `qdd` means nothing.
 pub fn forward_dynamics<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -24,8 +25,15 @@ pub fn forward_dynamics<T: Real>(
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
 ) -> PivotMonitor<T> {
+    if workspace.form == Form::SquareRoot {
+        return forward_root::forward_dynamics(model, workspace, q, qd, tau, wrenches, qdd);
+    }
     forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
-    let monitor = filter_tip_to_base(&model.system, workspace, tau, qdd);
+    let monitor = if workspace.form == Form::Joseph {
+        filter_tip_to_base::<T, true>(&model.system, workspace, tau, qdd)
+    } else {
+        filter_tip_to_base::<T, false>(&model.system, workspace, tau, qdd)
+    };
     smoother::sweep(&model.system, &workspace.shift, &workspace.measured, &mut workspace.co_state, qdd);
     monitor
 }
@@ -44,7 +52,7 @@ pub(super) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Work
 
 /// Tip to base: Riccati recursion and filter in one pass; `innovations` receives e^-.
 #[inline]
-pub(super) fn filter_tip_to_base<T: Real>(
+pub(super) fn filter_tip_to_base<T: Real, const JOSEPH: bool>(
     system: &System<T>,
     workspace: &mut Workspace<T>,
     tau: &[T],
@@ -52,7 +60,7 @@ pub(super) fn filter_tip_to_base<T: Real>(
 ) -> PivotMonitor<T> {
     let mut monitor = PivotMonitor::new();
     for k in (0..system.stages.len()).rev() {
-        workspace.covariances().step(system, k, &mut monitor, |_, _| {});
+        workspace.covariances().step::<JOSEPH>(system, k, &mut monitor, |_, _| {});
         innovations::step(system, k, &workspace.shift, &workspace.measured, tau, &mut workspace.z, innovations);
     }
     monitor
@@ -66,11 +74,18 @@ pub fn factorise<T: Real>(
     seen: impl FnMut(usize, &crate::spatial::Symmetric6<T>),
 ) -> PivotMonitor<T> {
     placements_base_to_tip(model, q, &mut workspace.shift);
+    if workspace.form == Form::SquareRoot {
+        return forward_root::factorise(model, workspace, seen);
+    }
     for (k, body) in model.bodies.iter().enumerate() {
         workspace.p[k] = body.inertia.to_symmetric();
         workspace.scale[k] = Scale::of_noise(&body.inertia_terms);
     }
-    riccati::sweep(&model.system, &mut workspace.covariances(), seen)
+    if workspace.form == Form::Joseph {
+        riccati::sweep_joseph(&model.system, &mut workspace.covariances(), seen)
+    } else {
+        riccati::sweep(&model.system, &mut workspace.covariances(), seen)
+    }
 }
 
 /// M^-1 tau = (1 - L*) D^-1 (1 - L) tau (4.1), with the factor already in the workspace; no bias enters.

@@ -9,6 +9,7 @@ pub mod estimate;
 pub mod estimate_batch;
 mod forces;
 pub mod forward;
+mod forward_root;
 pub mod inverse;
 pub mod mass_inverse;
 pub mod mass_matrix;

@@ -7,11 +7,14 @@
 //! [`smoothed`] the covariances of section 2 by way of it. A row whose noise is infinite is not measured: its gain is zero.
 
 pub mod covariance;
+pub mod forms;
 pub mod innovations;
 pub mod pivots;
 pub mod riccati;
 pub mod smoothed;
 pub mod smoother;
+pub mod square_root;
 pub mod system;
 
+pub use forms::{FORMS, Form};
 pub use system::{HingeMap, Rows, Stage, System};

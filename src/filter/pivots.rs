@@ -7,7 +7,7 @@
 use super::riccati::Measured;
 use super::system::{HingeMap, System};
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, Symmetric6};
+use crate::spatial::{RigidShift, Root6, Symmetric6};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// How many times the rounding of its terms a pivot must exceed.
@@ -42,11 +42,23 @@ impl<T: Real> Scale<T> {
     #[must_use]
     pub fn sent_by(p: &Symmetric6<T>, shift: &RigidShift<T>) -> Self {
         let trace = |e: &[T; 6]| e[0] + e[3] + e[5];
-        let (a, b) = (trace(&p.angular.entries), trace(&p.linear.entries));
+        Self::sent((trace(&p.angular.entries), trace(&p.linear.entries)), shift)
+    }
+
+    #[inline(always)]
+    fn sent((a, b): (T, T), shift: &RigidShift<T>) -> Self {
         let l = &shift.lever;
         let four = T::from_f64(4.0);
         let square = l[0] * l[0] + l[1] * l[1] + l[2] * l[2];
         Self { angular: four * (a + square * b), linear: four * b }
+    }
+
+    /// The same of a root of P^-: the traces are sums of squares.
+    #[inline(always)]
+    #[must_use]
+    pub fn sent_by_root(root: &Root6<T>, shift: &RigidShift<T>) -> Self {
+        let square = root.diagonal();
+        Self::sent((square[3] + square[4] + square[5], square[0] + square[1] + square[2]), shift)
     }
 
     /// The sum with another.
@@ -75,6 +87,8 @@ impl<T: Real> Scale<T> {
 pub struct PivotMonitor<T> {
     worst: T,
     threshold: T,
+    /// Whether the pivots are those of the square-root form.
+    pub(crate) of_roots: bool,
 }
 
 impl<T: Real> PivotMonitor<T> {
@@ -82,7 +96,15 @@ impl<T: Real> PivotMonitor<T> {
     #[inline(always)]
     #[must_use]
     pub fn new() -> Self {
-        Self { worst: T::one(), threshold: T::epsilon() * T::from_f64(PIVOT_MARGIN) }
+        Self { worst: T::one(), threshold: T::epsilon() * T::from_f64(PIVOT_MARGIN), of_roots: false }
+    }
+
+    /// The same for the square-root form, where the rounding of a pivot is the square of that of the root's row.
+    #[inline(always)]
+    #[must_use]
+    pub fn of_roots() -> Self {
+        let threshold = T::epsilon() * T::from_f64(PIVOT_MARGIN);
+        Self { worst: T::one(), threshold: threshold * threshold, of_roots: true }
     }
 
     /// Takes note of one pivot.
@@ -137,9 +159,10 @@ pub struct Evidence<'a, T: Real> {
 pub fn first_lost<T: Real>(
     system: &System<T>,
     evidence: &Evidence<'_, T>,
+    monitor: &PivotMonitor<T>,
     noise_terms: impl Fn(usize) -> Vector6<T>,
 ) -> Option<LostPivot> {
-    let threshold = T::epsilon().lane(0) * PIVOT_MARGIN;
+    let threshold = monitor.threshold.lane(0);
     for (k, stage) in system.stages.iter().enumerate().rev() {
         for i in (0..stage.rows.count()).rev() {
             let row = stage.first_row + i;

@@ -29,11 +29,29 @@ impl<T: Real> Measured<T> {
 /// Without noise H g = 1 and H P^+ = 0 hold exactly and are written, not computed. About 60 operations.
 #[inline(always)]
 pub fn measurement_update<T: Real>(p: &mut Symmetric6<T>, hinge: &HingeMap<T>, noise: T) -> Measured<T> {
+    update::<T, false>(p, hinge, noise)
+}
+
+/// The same with P^+ formed as A P A^T + g r g^T. About 150 operations.
+#[inline(always)]
+pub fn joseph_update<T: Real>(p: &mut Symmetric6<T>, hinge: &HingeMap<T>, noise: T) -> Measured<T> {
+    update::<T, true>(p, hinge, noise)
+}
+
+#[inline(always)]
+fn update<T: Real, const JOSEPH: bool>(p: &mut Symmetric6<T>, hinge: &HingeMap<T>, noise: T) -> Measured<T> {
     let ph = hinge.covariance_column(p);
-    let pivot = hinge.project(&ph) + noise;
+    let variance = hinge.project(&ph);
+    let pivot = variance + noise;
     let pivot_inverse = pivot.recip();
     let mut gain = ph * pivot_inverse;
     *p = p.add_rank_one(&-gain, &ph);
+    if JOSEPH {
+        // A P A^T + g r g^T = (P - g H P) - c g^T + r g g^T with c = (1 - g H) P H^T, parallel to g but for rounding.
+        let left = ph - gain * variance;
+        let half = (left - gain * noise) * T::from_f64(0.5);
+        *p = p.add_rank_one(&-half, &gain).add_rank_one(&-gain, &half);
+    }
     if let HingeMap::Axis(i) = *hinge
         && noise == T::zero()
     {
@@ -59,7 +77,7 @@ pub struct Covariances<'a, T: Real> {
 impl<T: Real> Covariances<'_, T> {
     /// One stage, all its rows (last first), then the time update onto its parent; `seen` is called with each row's P^-.
     #[inline(always)]
-    pub fn step(
+    pub fn step<const JOSEPH: bool>(
         &mut self,
         system: &System<T>,
         k: usize,
@@ -75,7 +93,7 @@ impl<T: Real> Covariances<'_, T> {
         let carried = if let Rows::One(HingeMap::Axis(2)) = stage.rows {
             let (row, hinge) = (stage.first_row, HingeMap::Axis(2));
             seen(row, &p);
-            let m = measurement_update(&mut p, &hinge, system.noise[row]);
+            let m = update::<T, JOSEPH>(&mut p, &hinge, system.noise[row]);
             monitor.observe(m.pivot, &hinge, &scale);
             self.measured[row] = m;
             if system.noise[row] == T::zero() {
@@ -87,7 +105,7 @@ impl<T: Real> Covariances<'_, T> {
             for i in (0..stage.rows.count()).rev() {
                 let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
                 seen(row, &p);
-                let m = measurement_update(&mut p, &hinge, system.noise[row]);
+                let m = update::<T, JOSEPH>(&mut p, &hinge, system.noise[row]);
                 monitor.observe(m.pivot, &hinge, &scale);
                 self.measured[row] = m;
             }
@@ -102,15 +120,33 @@ impl<T: Real> Covariances<'_, T> {
     }
 }
 
-/// Tip to base: D, g and P^+ of every stage.
+/// Tip to base: D, g and P^+ of every stage, covariance form.
 pub fn sweep<T: Real>(
+    system: &System<T>,
+    covariances: &mut Covariances<'_, T>,
+    seen: impl FnMut(usize, &Symmetric6<T>),
+) -> PivotMonitor<T> {
+    sweep_as::<T, false>(system, covariances, seen)
+}
+
+/// The same, measurements in Joseph's form.
+pub fn sweep_joseph<T: Real>(
+    system: &System<T>,
+    covariances: &mut Covariances<'_, T>,
+    seen: impl FnMut(usize, &Symmetric6<T>),
+) -> PivotMonitor<T> {
+    sweep_as::<T, true>(system, covariances, seen)
+}
+
+#[inline(always)]
+fn sweep_as<T: Real, const JOSEPH: bool>(
     system: &System<T>,
     covariances: &mut Covariances<'_, T>,
     mut seen: impl FnMut(usize, &Symmetric6<T>),
 ) -> PivotMonitor<T> {
     let mut monitor = PivotMonitor::new();
     for k in (0..system.stages.len()).rev() {
-        covariances.step(system, k, &mut monitor, &mut seen);
+        covariances.step::<JOSEPH>(system, k, &mut monitor, &mut seen);
     }
     monitor
 }

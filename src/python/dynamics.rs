@@ -1,12 +1,12 @@
 //! Methods of `Scene`: forces, accelerations, and the mass matrix.
 
 use super::arrays::Input;
-use super::errors::not_built;
 use super::evaluate::{Call, Scratch};
 use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::error::Error;
+use crate::filter::{FORMS, Form};
 use crate::scene::Scene;
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
@@ -31,13 +31,13 @@ impl PyScene {
     /// Joint accelerations from joint torques, in O(N): the smoother's estimates given the torques as measurements.
     ///
     /// q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. wrenches: dict from link names to
-    /// (..., 6), each a (moment, force) acting on that link, at its origin and in its frame. form: "auto" or "covariance"
-    /// (equation 3.6). out: C-contiguous float64 of the result's shape that overlaps no argument, returned.
+    /// (..., 6), each a (moment, force) acting on that link, at its origin and in its frame. form: how P is carried, "covariance"
+    /// (3.6), "joseph", "square-root", or "auto". out: C-contiguous float64 of the result's shape that overlaps no argument, returned.
     ///
     /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11).
     ///
     /// Raises `SingularJointError` where a joint has no inertia along its axis, `ShapeError`, `NotFiniteError`, `ArgumentError`,
-    /// each naming the argument and the state; `NotBuiltError` for the forms to come. After an error out is partly written.
+    /// each naming the argument and the state. After an error out is partly written.
     #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, out=None))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics<'py>(
@@ -50,12 +50,13 @@ impl PyScene {
         wrenches: Option<&Bound<'py, PyAny>>,
         out: Option<&Bound<'py, PyAny>>,
     ) -> Array<'py> {
-        check_form(py, form)?;
+        let form = read_form(form)?;
         let nv = self.scene.nv();
         let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, nv)?, Input::new("tau", tau, nv)?];
         let wrenches = Wrench::read(&self.scene, wrenches)?;
         let call = Call::new(self, inputs, wrenches, cost::FORWARD * self.size())?;
         call.array(py, &[nv], out, |scene, scratch, [q, qd, tau], qdd| {
+            scratch.workspace.form = form;
             scene.forward_dynamics(&mut scratch.workspace, q, qd, tau, &scratch.forces, qdd)
         })
     }
@@ -123,13 +124,15 @@ impl PyScene {
     ///
     /// Raises `ArgumentError` above 4000 degrees of freedom: `forward_dynamics` multiplies by the inverse without forming it.
     /// Raises `SingularJointError`, `ShapeError`, `NotFiniteError`, `ArgumentError`, naming the state.
-    #[pyo3(signature = (q))]
-    fn mass_matrix_inverse<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> Array<'py> {
+    #[pyo3(signature = (q, *, form="auto"))]
+    fn mass_matrix_inverse<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, form: &str) -> Array<'py> {
+        let form = read_form(form)?;
         self.check_dense("mass_matrix_inverse", "forward_dynamics, which multiplies by it")?;
         let nv = self.scene.nv();
         let inputs = [Input::new("q", q, self.scene.nq())?];
         let call = Call::new(self, inputs, Vec::new(), cost::CLOSED_FORM * self.size() + cost::ENTRY * nv * nv)?;
         call.array(py, &[nv, nv], None, |scene: &Scene, scratch: &mut Scratch, [q], m| {
+            scratch.workspace.form = form;
             let inverse: &mut InverseScratch<f64> = scratch.inverse.get_or_insert_with(|| scene.inverse_scratch());
             scene.mass_matrix_inverse(&mut scratch.workspace, inverse, q, m)
         })
@@ -150,16 +153,10 @@ impl PyScene {
     }
 }
 
-/// Refuses forms that there are not, and those that there are not yet.
-fn check_form(py: Python<'_>, form: &str) -> PyResult<()> {
-    match form {
-        "auto" | "covariance" => Ok(()),
-        "joseph" | "square-root" => {
-            Err(not_built(py, format!("form: {form:?} is not built yet; expected \"auto\" or \"covariance\"")))
-        }
-        _ => {
-            let expected = "one of \"auto\", \"covariance\", \"joseph\", \"square-root\"";
-            Err(Error::argument("form", format!("{form:?}"), expected).into())
-        }
-    }
+/// The form of that name.
+pub(super) fn read_form(form: &str) -> Result<Form, Error> {
+    Form::from_name(form).ok_or_else(|| {
+        let names: Vec<String> = FORMS.iter().map(|(name, _)| format!("{name:?}")).collect();
+        Error::argument("form", format!("{form:?}"), format!("one of {}", names.join(", ")))
+    })
 }

@@ -27,12 +27,6 @@ pub(super) fn fault(py: Python<'_>, fault: Fault, batch: &[usize]) -> PyErr {
     to_python(py, &error, batch).unwrap_or_else(|failed| failed)
 }
 
-/// A capability that the contract names and that is not there yet.
-pub(super) fn not_built(py: Python<'_>, message: String) -> PyErr {
-    let make = || classes(py)?.getattr("NotBuiltError")?.call1((message,));
-    make().map_or_else(|failed| failed, PyErr::from_value)
-}
-
 /// The instance of the class that belongs to `error`, with its attributes.
 fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> {
     let mut message = error.to_string();

@@ -1,11 +1,13 @@
 //! The class `Factor`: K, L and D at one configuration or at a batch of them, and the operators they are made of.
 
 use super::arrays::{self, Input, Output};
+use super::dynamics::read_form;
 use super::errors::fault;
 use super::evaluate::Scratch;
 use super::scene::PyScene;
 use crate::batch::{Batch, Broadcast, Fault, Pool, broadcast_axes};
 use crate::error::{Error, check_finite};
+use crate::filter::Form;
 use crate::operators::dense::Composite;
 use crate::operators::{Factor, KINDS, Kind, Operator};
 use crate::scene::Model;
@@ -26,11 +28,12 @@ pub(crate) struct PyFactor {
 
 impl PyScene {
     /// The factor of every configuration of a batch, the GIL released.
-    fn factors(&self, py: Python<'_>, input: &Input<'_>) -> PyResult<Result<Vec<Factor<f64>>, Fault>> {
+    fn factors(&self, py: Python<'_>, input: &Input<'_>, form: Form) -> PyResult<Result<Vec<Factor<f64>>, Fault>> {
         let scene = &self.scene;
         let states: usize = input.leading().iter().product();
         let q = input.over(input.leading())?;
         let one = |scratch: &mut Scratch, state: usize| {
+            scratch.workspace.form = form;
             scene.factor(&mut scratch.workspace, q.state(state)).map_err(|error| Fault { state, error })
         };
         let all = |scratch: &mut Scratch| (0..states).map(|state| one(scratch, state)).collect();
@@ -46,12 +49,12 @@ impl PyScene {
     /// operators compose as the paper's equations do.
     ///
     /// Raises `SingularJointError`, naming joint and state; `ShapeError`, `NotFiniteError` or `ArgumentError` for a bad q.
-    #[pyo3(signature = (q))]
-    fn factor<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    #[pyo3(signature = (q, *, form="auto"))]
+    fn factor<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, form: &str) -> PyResult<Bound<'py, PyAny>> {
         static FACTOR: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
         let input = Input::new("q", q, self.scene.nq())?;
         let batch = input.leading().to_vec();
-        let factors = self.factors(py, &input)?.map_err(|error| fault(py, error, &batch))?;
+        let factors = self.factors(py, &input, read_form(form)?)?.map_err(|error| fault(py, error, &batch))?;
         let raw = PyFactor {
             model: self.scene.model().clone(),
             factors,

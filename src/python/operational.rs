@@ -1,6 +1,7 @@
 //! Methods of `Scene`: operational space.
 
 use super::arrays::{Input, one_or_each, rows};
+use super::dynamics::read_form;
 use super::evaluate::{Call, Scratch};
 use super::scene::{PyScene, names};
 use crate::error::Error;
@@ -36,7 +37,7 @@ impl PyScene {
     ///
     /// Raises `ArgumentError` for an unknown link, no link, or a rotation that is none; `ShapeError`, `NotFiniteError`;
     /// `SingularJointError`, naming the state.
-    #[pyo3(signature = (q, links, *, xyz=None, rotation=None))]
+    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, form="auto"))]
     fn operational_inverse_inertia<'py>(
         &self,
         py: Python<'py>,
@@ -44,7 +45,9 @@ impl PyScene {
         links: &Bound<'py, PyAny>,
         xyz: Option<&Bound<'py, PyAny>>,
         rotation: Option<&Bound<'py, PyAny>>,
+        form: &str,
     ) -> Array<'py> {
+        let form = read_form(form)?;
         let task = Task::read(&self.scene, links, xyz, rotation)?;
         let frames = task.frames();
         let width = 6 * frames.len();
@@ -52,6 +55,7 @@ impl PyScene {
         let call = Call::new(self, inputs, Vec::new(), self.cost_of_task(frames.len()))?;
         call.array(py, &[width, width], None, |scene, scratch, [q], out| {
             let Scratch { workspace, operational, .. } = scratch;
+            workspace.form = form;
             let operational = operational.get_or_insert_with(|| scene.operational_scratch());
             scene.operational_inverse_inertia(workspace, operational, q, &frames, out)
         })
@@ -67,7 +71,7 @@ impl PyScene {
     /// Raises `SingularTaskError`, with .links .rank .directions .state, where the scene cannot move in all directions
     /// independently: an eigenvalue of the inverse inertia, scaled to the terms that form it, is not above 64 k eps.
     /// Raises as `operational_inverse_inertia` besides.
-    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, directions=None))]
+    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, directions=None, form="auto"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn operational_inertia<'py>(
         &self,
@@ -77,7 +81,9 @@ impl PyScene {
         xyz: Option<&Bound<'py, PyAny>>,
         rotation: Option<&Bound<'py, PyAny>>,
         directions: Option<&Bound<'py, PyAny>>,
+        form: &str,
     ) -> Array<'py> {
+        let form = read_form(form)?;
         let task = Task::read(&self.scene, links, xyz, rotation)?;
         let frames = task.frames();
         let width = 6 * frames.len();
@@ -91,6 +97,7 @@ impl PyScene {
         let call = Call::new(self, inputs, Vec::new(), self.cost_of_task(frames.len()).saturating_add(of_inverse))?;
         call.array(py, &[k, k], None, |scene, scratch, [q], out| {
             let Scratch { workspace, operational, .. } = scratch;
+            workspace.form = form;
             let operational = operational.get_or_insert_with(|| scene.operational_scratch());
             scene.operational_inertia(workspace, operational, q, &frames, directions.as_deref(), out)
         })

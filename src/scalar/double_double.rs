@@ -293,6 +293,10 @@ impl Real for DoubleDouble {
         }
     }
 
+    fn if_zero(self, then: Self, otherwise: Self) -> Self {
+        if self == Self::zero() { then } else { otherwise }
+    }
+
     /// 2^-104, within which every operation here rounds.
     fn epsilon() -> Self {
         Self::exact(f64::EPSILON * f64::EPSILON)

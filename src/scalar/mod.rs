@@ -56,6 +56,10 @@ pub trait Real:
     #[must_use]
     fn worst(self, other: Self) -> Self;
 
+    /// `then` where `self` is zero, else `otherwise`; both have been computed.
+    #[must_use]
+    fn if_zero(self, then: Self, otherwise: Self) -> Self;
+
     /// The unit roundoff spacing at 1 (2.2e-16 for f64), in every lane.
     fn epsilon() -> Self;
 }
@@ -103,6 +107,11 @@ impl<T: nalgebra::RealField + Copy> Real for T {
         } else {
             self + other
         }
+    }
+
+    #[inline]
+    fn if_zero(self, then: Self, otherwise: Self) -> Self {
+        if self == Self::zero() { then } else { otherwise }
     }
 
     #[inline]

@@ -6,8 +6,8 @@ use super::joint_check::check_joint;
 use super::{Joint, Link, Scene};
 use crate::error::Error;
 use crate::scene::model::Motion;
-use crate::spatial::{BodyInertia, RigidShift, inertia_root, join_roots, root_of_merged};
-use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+use crate::spatial::{BodyInertia, BodyRoot, RigidShift, inertia_root, join_roots, root_of_merged};
+use nalgebra::{Matrix3, Vector3, Vector6};
 use std::collections::{HashMap, HashSet};
 
 /// Name of the joint that a floating base gets.
@@ -296,9 +296,9 @@ fn placed(inertial: &Inertial, placement: &RigidShift<f64>) -> BodyInertia<f64> 
 }
 
 /// The square root of [`placed`], if the inertia is positive.
-fn placed_root(inertial: &Inertial, placement: &RigidShift<f64>) -> Option<Matrix6<f64>> {
+fn placed_root(inertial: &Inertial, placement: &RigidShift<f64>) -> Option<BodyRoot<f64>> {
     let centre = placement.rotate(&inertial.centre) + placement.lever;
-    inertia_root(inertial.mass, &centre, &inertial.central.congruence(&placement.rotation))
+    inertia_root(inertial.mass, centre, &inertial.central, &placement.rotation)
 }
 
 /// The absolute sums of the terms that form the diagonal of [`placed`].

@@ -2,8 +2,8 @@
 
 use crate::filter::{HingeMap, Rows, Stage, System};
 use crate::scalar::Real;
-use crate::spatial::{BodyInertia, RigidShift, Symmetric3};
-use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Symmetric3};
+use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// How a body moves against its parent. Axes were turned onto z when the scene was built.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,7 +63,7 @@ pub struct Model<T> {
     /// Bodies, parents before children, one for each stage of the system.
     pub bodies: Vec<Body<T>>,
     /// S with S S^T = M(k), from mass, mass centre and central inertia; none where a body's inertia is not positive.
-    pub inertia_roots: Vec<Option<Matrix6<T>>>,
+    pub inertia_roots: Vec<Option<BodyRoot<T>>>,
     /// Tree, measurement rows and armature (as measurement noise).
     pub system: System<T>,
     /// Number of coordinates in q.
@@ -94,7 +94,7 @@ impl<T: Real> Model<T> {
             motion,
             q: self.nq,
         });
-        self.inertia_roots.push(Some(Matrix6::from_element(T::zero())));
+        self.inertia_roots.push(Some(BodyRoot::zero()));
         self.system.stages.push(Stage { parent, rows, first_row: self.nv() });
         self.system.noise.extend(std::iter::repeat_n(armature, rows.count()));
         self.nq += motion.nq();
@@ -135,7 +135,7 @@ impl Model<f64> {
                     q: body.q,
                 })
                 .collect(),
-            inertia_roots: self.inertia_roots.iter().map(|root| root.map(|s| s.map(scalar))).collect(),
+            inertia_roots: self.inertia_roots.iter().map(|root| root.as_ref().map(BodyRoot::cast)).collect(),
             system: System {
                 stages: self
                     .system

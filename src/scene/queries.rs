@@ -4,6 +4,7 @@ use super::{Joint, Link, Scene};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::dynamics::{self, Energy};
 use crate::error::{Error, check_finite, check_length};
+use crate::filter::Form;
 use crate::filter::pivots::{LostPivot, PivotMonitor};
 use crate::kinematics;
 use crate::spatial::{RigidShift, SpatialVector};
@@ -81,6 +82,7 @@ impl Scene {
         self.check_rates("tau", tau)?;
         self.check_wrenches(wrenches)?;
         check_length("qdd", qdd.len(), self.nv())?;
+        self.check_form(workspace)?;
         let monitor = dynamics::forward_dynamics(&self.model, workspace, q, qd, tau, wrenches, qdd);
         self.check_pivots(workspace, monitor)?;
         self.check_result("forward dynamics", qdd)
@@ -155,6 +157,7 @@ impl Scene {
     ) -> Result<(), Error> {
         self.check_configuration("q", q)?;
         check_length("out", out.len(), self.nv() * self.nv())?;
+        self.check_form(workspace)?;
         let monitor = dynamics::mass_matrix_inverse(&self.model, workspace, scratch, q, out);
         self.check_pivots(workspace, monitor)?;
         self.check_result("mass matrix inverse", out)
@@ -274,6 +277,24 @@ impl Scene {
             pivot: lost.pivot,
             terms: lost.terms,
         }
+    }
+
+    /// The square-root form needs a root of every inertia.
+    pub(crate) fn check_form(&self, workspace: &Workspace<f64>) -> Result<(), Error> {
+        if workspace.form != Form::SquareRoot {
+            return Ok(());
+        }
+        self.model.inertia_roots.iter().position(Option::is_none).map_or(Ok(()), |body| Err(self.indefinite(body)))
+    }
+
+    /// What is wrong with the inertia of a body that has no root.
+    pub(crate) fn indefinite(&self, body: usize) -> Error {
+        let link = self.joint_of_body(body).map(|joint| joint.child.clone()).unwrap_or_default();
+        Error::argument(
+            format!("inertia of link {link:?}"),
+            "a negative principal inertia",
+            "an inertia that a body can have: as the covariance of a force it has a square root",
+        )
     }
 
     pub(super) fn check_wrenches(&self, wrenches: &[SpatialVector<f64>]) -> Result<(), Error> {

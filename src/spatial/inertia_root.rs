@@ -1,39 +1,162 @@
-//! The square root S of a body's inertia, S S^T = M(k): what turns unit white noise into the body's process noise.
+//! The root of a body's inertia, M(k) = L W L^T, and the bias force of its motion in its terms, b = L y + r.
+//!
+//! In square-root form the bias is carried as its coordinates y, because a heavy body's bias, added as a force, would drown what the
+//! light bodies inboard of it feel.
 
 use super::body_inertia::BodyInertia;
+use super::root::{Root6, RootColumns};
 use super::symmetric::Symmetric3;
-use super::vector::skew;
-use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
+use super::vector::{angular, cross, linear};
+use crate::scalar::Real;
+use nalgebra::{Matrix3, Matrix3x6, Vector3, Vector6};
 
 /// A principal inertia this far below zero, relative to the largest, is the rounding of a zero (a rod, a point mass).
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
-/// S of one rigid body from mass, mass centre and central inertia: [[`S_c`, sqrt(m) p~], [0, sqrt(m) 1]], `S_c` `S_c`^T = `I_c`.
-///
-/// It is not a Cholesky factor of M: from M the central inertia would first have to be found again by a subtraction.
-/// None where the central inertia has a negative principal value.
-pub(crate) fn inertia_root(mass: f64, centre: &Vector3<f64>, central: &Symmetric3<f64>) -> Option<Matrix6<f64>> {
-    let root = mass.sqrt();
-    let mut s = Matrix6::zeros();
-    s.fixed_view_mut::<3, 3>(0, 0).copy_from(&central_root(central)?);
-    s.fixed_view_mut::<3, 3>(0, 3).copy_from(&(skew(centre) * root));
-    s.fixed_view_mut::<3, 3>(3, 3).copy_from(&(Matrix3::identity() * root));
-    Some(s)
+/// A body's root in its own parameters: L = [[1, 0], [p~, `L_c`]] with the linear rows first, weights m and `W_c`, where
+/// `I_c` = `L_c` `W_c` `L_c`^T is the central inertia.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BodyRoot<T> {
+    /// m.
+    mass: T,
+    /// p, from the joint to the mass centre.
+    centre: Vector3<T>,
+    /// `L_c`.
+    central: Matrix3<T>,
+    /// `W_c`.
+    weights: Vector3<T>,
+    /// B with w x `I_c` w = `L_c` B q(w) + C q(w), q(w) the six products of the components of w.
+    spin: Matrix3x6<T>,
+    /// C: zero for every inertia that a body can have.
+    rest: Matrix3x6<T>,
 }
 
-/// S of an inertia about the origin of its frame, where it is all that is known: the central inertia by subtraction.
-pub(crate) fn root_of_merged(inertia: &BodyInertia<f64>) -> Option<Matrix6<f64>> {
-    let (mass, moment) = (inertia.mass, &inertia.first_moment);
-    if mass == 0.0 {
-        return inertia_root(0.0, &Vector3::zeros(), &inertia.rotational);
+impl<T: Real> BodyRoot<T> {
+    /// The root of a massless body.
+    #[must_use]
+    pub fn zero() -> Self {
+        let o = T::zero();
+        Self {
+            mass: o,
+            centre: Vector3::from_element(o),
+            central: Matrix3::identity(),
+            weights: Vector3::from_element(o),
+            spin: Matrix3x6::from_element(o),
+            rest: Matrix3x6::from_element(o),
+        }
     }
-    let centre = moment / mass;
-    let parallel = Matrix3::identity() * moment.dot(&centre) - moment * centre.transpose();
-    inertia_root(mass, &centre, &Symmetric3::from_upper(&(inertia.rotational.to_matrix() - parallel)))
+
+    /// L and W.
+    #[inline(always)]
+    #[must_use]
+    pub fn to_root(&self) -> Root6<T> {
+        let (o, m, [x, y, z]) = (T::zero(), self.mass, [self.centre[0], self.centre[1], self.centre[2]]);
+        let (c, w) = (&self.central, &self.weights);
+        Root6 {
+            weights: [m, m, m, w[0], w[1], w[2]],
+            rows: [
+                [o; 6],
+                [o; 6],
+                [o; 6],
+                [o, -z, y, o, o, o],
+                [z, o, -x, c[(1, 0)], o, o],
+                [-y, x, o, c[(2, 0)], c[(2, 1)], o],
+            ],
+        }
+    }
+
+    /// (y, r) of the force L y + r that a body of this velocity and spatial acceleration needs: linear entries of y first, as
+    /// the columns of L. About 90 products.
+    #[inline(always)]
+    #[must_use]
+    pub fn coordinates(&self, velocity: &Vector6<T>, acceleration: &Vector6<T>) -> ([T; 6], Vector3<T>) {
+        let (w, u) = (angular(velocity), linear(velocity));
+        let (alpha, a) = (angular(acceleration), linear(acceleration));
+        // m times the acceleration of the mass centre.
+        let moving = cross(&w, &u);
+        let centre = cross(&alpha, &self.centre) + cross(&w, &cross(&w, &self.centre));
+        let along = |i: usize| (a[i] + moving[i] + centre[i]) * self.mass;
+        let c = &self.central;
+        let products = [w[0] * w[0], w[1] * w[1], w[2] * w[2], w[0] * w[1], w[0] * w[2], w[1] * w[2]];
+        let of = |m: &Matrix3x6<T>, i: usize| {
+            products.iter().enumerate().fold(T::zero(), |sum, (j, &product)| sum + m[(i, j)] * product)
+        };
+        let turned =
+            [alpha[0] + c[(1, 0)] * alpha[1] + c[(2, 0)] * alpha[2], alpha[1] + c[(2, 1)] * alpha[2], alpha[2]];
+        let turning = |i: usize| of(&self.spin, i) + self.weights[i] * turned[i];
+        let rest = Vector3::new(of(&self.rest, 0), of(&self.rest, 1), of(&self.rest, 2));
+        ([along(0), along(1), along(2), turning(0), turning(1), turning(2)], rest)
+    }
 }
 
-/// `S_c` from principal axes and values; from the entries themselves where the inertia is a diagonal.
-fn central_root(central: &Symmetric3<f64>) -> Option<Matrix3<f64>> {
+impl BodyRoot<f64> {
+    /// From mass, mass centre and the root of the central inertia.
+    fn new(mass: f64, centre: Vector3<f64>, (central, weights): (Matrix3<f64>, Vector3<f64>)) -> Self {
+        let (spin, rest) = spin_of(&central, &weights);
+        Self { mass, centre, central, weights, spin, rest }
+    }
+
+    /// The same numbers in another scalar.
+    pub(crate) fn cast<U: Real>(&self) -> BodyRoot<U> {
+        BodyRoot {
+            mass: U::from_f64(self.mass),
+            centre: self.centre.map(U::from_f64),
+            central: self.central.map(U::from_f64),
+            weights: self.weights.map(U::from_f64),
+            spin: self.spin.map(U::from_f64),
+            rest: self.rest.map(U::from_f64),
+        }
+    }
+
+    /// Whether nothing of the body resists.
+    fn is_zero(&self) -> bool {
+        self.mass == 0.0 && self.weights == Vector3::zeros()
+    }
+}
+
+/// B and C: w x `I_c` w as a linear map of the products of w, divided by `L_c` from the left; where a weight is zero nothing may
+/// remain in B, and what does is C's.
+fn spin_of(central: &Matrix3<f64>, weights: &Vector3<f64>) -> (Matrix3x6<f64>, Matrix3x6<f64>) {
+    let inertia = central * Matrix3::from_diagonal(weights) * central.transpose();
+    // A quadratic form, column by column; e_i + e_j gives the mixed products.
+    let form = |w: Vector3<f64>| w.cross(&(inertia * w));
+    let axis = |i: usize| Vector3::ith(i, 1.0);
+    let mixed = |i: usize, j: usize| form(axis(i) + axis(j)) - form(axis(i)) - form(axis(j));
+    let columns = [form(axis(0)), form(axis(1)), form(axis(2)), mixed(0, 1), mixed(0, 2), mixed(1, 2)];
+    let gyroscopic = Matrix3x6::from_columns(&columns);
+    let mut spin = gyroscopic;
+    for i in 1..3 {
+        for j in 0..i {
+            let above = spin.row(j) * central[(i, j)];
+            let mut row = spin.row_mut(i);
+            row -= above;
+        }
+    }
+    for i in (0..3).filter(|&i| weights[i] == 0.0) {
+        spin.row_mut(i).fill(0.0);
+    }
+    // What rounding left over is none.
+    let size = ROUNDING * inertia.amax();
+    let rest = (gyroscopic - central * spin).map(|entry| if entry.abs() > size { entry } else { 0.0 });
+    (spin, rest)
+}
+
+/// The root of one rigid body from mass, mass centre and central inertia, the latter given in a frame that `rotation` turns.
+///
+/// It is not a factorisation of M: from M the central inertia would first have to be found again by a subtraction. Nor is the
+/// turned inertia factored: the principal axes are turned. None where the central inertia has a negative principal value.
+pub(crate) fn inertia_root(
+    mass: f64,
+    centre: Vector3<f64>,
+    central: &Symmetric3<f64>,
+    rotation: &Matrix3<f64>,
+) -> Option<BodyRoot<f64>> {
+    let (axes, values) = principal(central)?;
+    Some(BodyRoot::new(mass, centre, triangular(&(rotation * axes), &values)))
+}
+
+/// Principal axes and values, none of these negative; the coordinate axes where the inertia is a diagonal.
+fn principal(central: &Symmetric3<f64>) -> Option<(Matrix3<f64>, Vector3<f64>)> {
     let full = central.to_matrix();
     let [_, xy, xz, _, yz, _] = central.entries;
     let (axes, values) = if xy == 0.0 && xz == 0.0 && yz == 0.0 {
@@ -42,25 +165,65 @@ fn central_root(central: &Symmetric3<f64>) -> Option<Matrix3<f64>> {
         let principal = full.symmetric_eigen();
         (principal.eigenvectors, principal.eigenvalues)
     };
-    let largest = values.amax();
-    if values.iter().any(|&value| !(value >= -ROUNDING * largest)) {
+    // A rod's zero comes out as rounding of either sign.
+    let rounding = ROUNDING * values.amax();
+    if values.iter().any(|&value| !(value >= -rounding)) {
         return None;
     }
-    Some(axes * Matrix3::from_diagonal(&values.map(|value| if value > 0.0 { value.sqrt() } else { 0.0 })))
+    let exact = axes == Matrix3::identity();
+    Some((axes, values.map(|value| if value > rounding || (exact && value > 0.0) { value } else { 0.0 })))
 }
 
-/// S of two bodies moving as one: [S1 S2] turned from the right to six columns, which leaves S1 S1^T + S2 S2^T as it is.
-pub(crate) fn join_roots(first: &Matrix6<f64>, second: &Matrix6<f64>) -> Matrix6<f64> {
-    if *first == Matrix6::zeros() {
+/// Unit lower triangle and weights of the sum of weighted outer products of columns.
+fn triangular(columns: &Matrix3<f64>, weights: &Vector3<f64>) -> (Matrix3<f64>, Vector3<f64>) {
+    let mut all = RootColumns { weights: [0.0; 6], rows: [[0.0; 6]; 6] };
+    for j in 0..3 {
+        all.weights[j + 3] = weights[j];
+        for i in 0..3 {
+            all.rows[i + 3][j + 3] = columns[(i, j)];
+        }
+    }
+    let mut root = Root6::zero();
+    root.join::<3>(&all, None);
+    angular_part(&root)
+}
+
+/// `L_c` and `W_c` of a root.
+fn angular_part(root: &Root6<f64>) -> (Matrix3<f64>, Vector3<f64>) {
+    let mut unit = Matrix3::identity();
+    for i in 1..3 {
+        for j in 0..i {
+            unit[(i, j)] = root.rows[i + 3][j + 3];
+        }
+    }
+    (unit, Vector3::new(root.weights[3], root.weights[4], root.weights[5]))
+}
+
+/// The root of an inertia about the origin of its frame, where it is all that is known: the central inertia by subtraction.
+pub(crate) fn root_of_merged(inertia: &BodyInertia<f64>) -> Option<BodyRoot<f64>> {
+    let (mass, moment) = (inertia.mass, &inertia.first_moment);
+    if mass == 0.0 {
+        return inertia_root(0.0, Vector3::zeros(), &inertia.rotational, &Matrix3::identity());
+    }
+    let centre = moment / mass;
+    let parallel = Matrix3::identity() * moment.dot(&centre) - moment * centre.transpose();
+    let central = Symmetric3::from_upper(&(inertia.rotational.to_matrix() - parallel));
+    inertia_root(mass, centre, &central, &Matrix3::identity())
+}
+
+/// The root of two bodies moving as one.
+pub(crate) fn join_roots(first: &BodyRoot<f64>, second: &BodyRoot<f64>) -> BodyRoot<f64> {
+    if first.is_zero() {
         return *second;
     }
-    if *second == Matrix6::zeros() {
+    if second.is_zero() {
         return *first;
     }
-    let mut stacked = SMatrix::<f64, 12, 6>::zeros();
-    stacked.fixed_view_mut::<6, 6>(0, 0).copy_from(&first.transpose());
-    stacked.fixed_view_mut::<6, 6>(6, 0).copy_from(&second.transpose());
-    stacked.qr().r().transpose()
+    let mut both = first.to_root();
+    both.join::<3>(&crate::spatial::RigidShift::identity().root_to_parent(&second.to_root()), None);
+    let mass = first.mass + second.mass;
+    let share = if mass == 0.0 { 0.0 } else { second.mass / mass };
+    BodyRoot::new(mass, first.centre + (second.centre - first.centre) * share, angular_part(&both))
 }
 
 #[cfg(test)]
@@ -72,14 +235,22 @@ mod tests {
         (mass, Vector3::new(0.1, -0.2 * seed, 0.3), Symmetric3::from_upper(&central))
     }
 
-    fn off(s: &Matrix6<f64>, inertia: &BodyInertia<f64>) -> f64 {
-        (s * s.transpose() - inertia.to_symmetric().to_matrix()).amax()
+    /// L with rows in the usual order.
+    fn unit(root: &Root6<f64>) -> nalgebra::Matrix6<f64> {
+        Root6 { weights: [1.0; 6], ..*root }.to_matrix()
+    }
+
+    fn off(s: &BodyRoot<f64>, inertia: &BodyInertia<f64>) -> f64 {
+        let s = s.to_root();
+        let matrix = s.to_matrix();
+        assert_eq!(s.to_symmetric().to_matrix(), s.to_symmetric().to_matrix().transpose());
+        (matrix * matrix.transpose() - inertia.to_symmetric().to_matrix()).amax()
     }
 
     #[test]
     fn root_times_its_transpose_is_the_inertia() {
         for (mass, centre, central) in [body(2.0, 1.0), body(0.5, 0.1), (1.0, Vector3::y(), Symmetric3::zero())] {
-            let s = inertia_root(mass, &centre, &central).expect("positive");
+            let s = inertia_root(mass, centre, &central, &Matrix3::identity()).expect("positive");
             assert!(off(&s, &BodyInertia::from_central(mass, &centre, &central)) <= 1e-15);
         }
     }
@@ -88,7 +259,8 @@ mod tests {
     fn joined_roots_are_the_root_of_the_sum() {
         let (a, b) = (body(2.0, 1.0), body(0.5, 0.1));
         let both = BodyInertia::from_central(a.0, &a.1, &a.2).add(&BodyInertia::from_central(b.0, &b.1, &b.2));
-        let (first, second) = (inertia_root(a.0, &a.1, &a.2), inertia_root(b.0, &b.1, &b.2));
+        let (first, second) =
+            (inertia_root(a.0, a.1, &a.2, &Matrix3::identity()), inertia_root(b.0, b.1, &b.2, &Matrix3::identity()));
         let s = join_roots(&first.expect("positive"), &second.expect("positive"));
         assert!(off(&s, &both) <= 2e-15);
     }
@@ -101,11 +273,37 @@ mod tests {
     }
 
     #[test]
+    fn coordinates_are_newtons_and_eulers() {
+        for (mass, centre, central) in [body(2.0, 1.0), body(0.5, 0.4), (1.0, Vector3::y(), Symmetric3::zero())] {
+            let inertia = BodyInertia::from_central(mass, &centre, &central);
+            let root = inertia_root(mass, centre, &central, &Matrix3::identity()).expect("positive");
+            let (v, a) = (Vector6::new(1.0, -2.0, 0.5, 0.3, 0.7, -1.1), Vector6::new(0.2, 0.9, -0.4, 9.0, -3.0, 1.0));
+            let (y, rest) = root.coordinates(&v, &a);
+            assert_eq!(rest, Vector3::zeros());
+            let expected = inertia.mul_motion(&a) + super::super::cross_force(&v, &inertia.mul_motion(&v));
+            let l = unit(&root.to_root());
+            let found = l * Vector6::from(y);
+            assert!((found - expected).amax() <= 4e-15, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn an_inertia_that_no_body_has_leaves_a_rest() {
+        // Definite in two axes only, and against the triangle inequality.
+        let odd = Symmetric3::new([0.0, 0.0, 0.0, 1.0, 0.0, 3.0]);
+        let root = inertia_root(1.0, Vector3::zeros(), &odd, &Matrix3::identity()).expect("not negative");
+        let w = Vector3::new(0.3, 0.7, -0.4);
+        let (y, rest) = root.coordinates(&super::super::spatial(&w, &Vector3::zeros()), &Vector6::zeros());
+        let moment = root.central * Vector3::new(y[3], y[4], y[5]) + rest;
+        assert!((moment - w.cross(&(odd.to_matrix() * w))).amax() <= 1e-15 && rest.amax() > 0.1);
+    }
+
+    #[test]
     fn a_rod_has_a_root_and_a_negative_inertia_none() {
         let turned = *nalgebra::Rotation3::new(Vector3::new(0.4, -0.9, 0.2)).matrix();
         let rod = turned * Matrix3::from_diagonal(&Vector3::new(0.0, 1.0, 1.0)) * turned.transpose();
-        assert!(inertia_root(1.0, &Vector3::zeros(), &Symmetric3::from_upper(&rod)).is_some());
+        assert!(inertia_root(1.0, Vector3::zeros(), &Symmetric3::from_upper(&rod), &Matrix3::identity()).is_some());
         let wrong = Symmetric3::new([-1e-3, 0.0, 0.0, 1.0, 0.0, 1.0]);
-        assert!(inertia_root(1.0, &Vector3::zeros(), &wrong).is_none());
+        assert!(inertia_root(1.0, Vector3::zeros(), &wrong, &Matrix3::identity()).is_none());
     }
 }

@@ -7,11 +7,14 @@
 mod body_inertia;
 mod inertia_root;
 mod rigid_shift;
+mod root;
 mod symmetric;
 mod vector;
 
 pub use body_inertia::BodyInertia;
+pub use inertia_root::BodyRoot;
 pub(crate) use inertia_root::{inertia_root, join_roots, root_of_merged};
 pub use rigid_shift::RigidShift;
+pub use root::{Dropped, Root6, RootColumns, root_row};
 pub use symmetric::{Symmetric3, Symmetric6};
 pub use vector::{SpatialVector, angular, cross, cross_force, cross_motion, dot, linear, skew, spatial};

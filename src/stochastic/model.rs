@@ -81,7 +81,10 @@ impl Scene {
             }
         }
         placements_base_to_tip(model, q, &mut workspace.shift);
-        let roots = model.inertia_roots.iter().enumerate().map(|(k, root)| root.ok_or_else(|| self.indefinite(k)));
+        let roots = model.inertia_roots.iter().enumerate().map(|(k, root)| {
+            let root = root.as_ref().map(|root| root.to_root().to_matrix());
+            root.ok_or_else(|| self.indefinite(k))
+        });
         let roots = roots.collect::<Result<Vec<_>, _>>()?;
         let columns: usize = roots.iter().map(|root| used_columns(root).count()).sum();
         let noisy = model.system.noise.iter().filter(|&&r| r > 0.0).count();
@@ -93,15 +96,6 @@ impl Scene {
             deviation: acceleration_variance.sqrt(),
             dimension: columns + noisy,
         })
-    }
-
-    fn indefinite(&self, body: usize) -> Error {
-        let link = self.joint_of_body(body).map(|joint| joint.child.clone()).unwrap_or_default();
-        Error::argument(
-            format!("inertia of link {link:?}"),
-            "a negative principal inertia",
-            "an inertia that a body can have: it is the covariance of a force",
-        )
     }
 }
 

@@ -18,6 +18,9 @@ pub fn product(n: usize, scale: f64) -> f64 {
 /// Standard errors that an estimate may be off: one in two billion is further, and the seeds are fixed.
 pub const SIGMAS: f64 = 6.0;
 
+/// Largest error over largest entry where a form claims to lose no digit, whatever the condition number.
+pub const ALL_DIGITS: f64 = 1e-13;
+
 /// Through the inverse of a matrix of condition number `cond`.
 pub fn inverse(cond: f64, scale: f64) -> f64 {
     16.0 * cond * f64::EPSILON * scale

@@ -11,7 +11,7 @@ from conftest import methods, random_scene, random_states
 from tolerances import assert_same_bits
 
 import phipsi
-from phipsi.errors import ArgumentError, NotBuiltError, NotFiniteError, ShapeError, SingularJointError
+from phipsi.errors import ArgumentError, NotFiniteError, ShapeError, SingularJointError
 
 NAN = np.array([0, 0, np.nan, 0, 0, 0, 0])
 
@@ -43,8 +43,6 @@ BROKEN: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "NaN": ({"qd": NAN}, NotFiniteError, "qd: found NaN at index 2; expected finite numbers"),
     "infinite": ({"tau": NAN * 0 + np.inf}, NotFiniteError, "tau: found "),
     "form": ({"form": "cholesky"}, ArgumentError, 'form: found "cholesky"; expected one of "auto", "covariance"'),
-    "joseph": ({"form": "joseph"}, NotBuiltError, 'form: "joseph" is not built yet'),
-    "square-root": ({"form": "square-root"}, NotBuiltError, 'form: "square-root" is not built yet'),
     "wrenches": ({"wrenches": [1, 2]}, ArgumentError, "wrenches: found an object of type list; expected a dict"),
     "wrench on nothing": ({"wrenches": {"hand": np.zeros(6)}}, ArgumentError, 'link: found "hand"; expected one of "base"'),
     "wrench key": ({"wrenches": {3: np.zeros(6)}}, ArgumentError, "wrenches: found the key 3"),

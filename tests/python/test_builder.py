@@ -162,7 +162,6 @@ def test_error_classes() -> None:
     for error in (SceneError, ShapeError, ArgumentError, NotFiniteError):
         assert issubclass(error, ValueError) and issubclass(error, phipsi.errors.PhipsiError)
     assert issubclass(phipsi.errors.SingularJointError, ArithmeticError)
-    assert issubclass(phipsi.errors.NotBuiltError, NotImplementedError)
     for warning in (InertiaWarning, MimicWarning):
         assert issubclass(warning, UserWarning)
 

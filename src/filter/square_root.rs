@@ -1,0 +1,165 @@
+//! The Riccati recursion (3.6, 3.10) in square-root form: P = L W L^T, and no covariance is ever subtracted.
+//!
+//! Given phi, the roots of the process noise, H and r; computes, from the leaves to the root, D, g and the root of P^+. Time update: the columns of the
+//! children are joined to those of the stage by rotations from the right. A measurement without noise deletes a column. About
+//! 650 operations a stage of one row, with about thirty divisions.
+
+use super::pivots::{PivotMonitor, Scale};
+use super::riccati::Measured;
+use super::system::{HingeMap, Rows, System};
+use crate::scalar::Real;
+use crate::spatial::{Dropped, RigidShift, Root6, root_row};
+use nalgebra::Vector6;
+
+/// The arrays of the recursion, one entry a stage or a row.
+#[derive(Debug)]
+pub struct Roots<'a, T: Real> {
+    /// phi of each stage to its parent.
+    pub shift: &'a [RigidShift<T>],
+    /// In: the root of Q(k). Out: that of P^+(k).
+    pub root: &'a mut [Root6<T>],
+    /// In: the bound of Q(k)'s terms. Out: that of P^-(k).
+    pub scale: &'a mut [Scale<T>],
+    /// D and g of each row.
+    pub measured: &'a mut [Measured<T>],
+}
+
+/// The filter's state beside the root: z = L y + t, y the mean of the process noise and t what measurements added.
+#[derive(Debug)]
+pub struct Mean<'a, T: Real> {
+    /// In: y of each stage's process noise, b(k) = L y + t. Out: y after the stage's measurements.
+    pub coordinates: &'a mut [[T; 6]],
+    /// In: t of each stage's process noise. Out: t after the stage's measurements.
+    pub added: &'a mut [Vector6<T>],
+    /// The measurements.
+    pub measurement: &'a [T],
+    /// Receives e^- of each row (4.2).
+    pub innovations: &'a mut [T],
+}
+
+/// The measurement update of eq. 3.6 on a root, and on the mean where there is one.
+///
+/// Without noise H g = 1 and H P^+ = 0 hold exactly and are written, not computed.
+#[inline(always)]
+fn measurement_update<T: Real>(
+    root: &mut Root6<T>,
+    mean: Option<&mut [T; 6]>,
+    hinge: &HingeMap<T>,
+    noise: T,
+) -> Dropped<T> {
+    let (h, last) = match *hinge {
+        HingeMap::Axis(i) => (root.row(i), root_row(i)),
+        HingeMap::Screw(pitch) => {
+            let (turn, advance) = (root.row(2), root.row(5));
+            (std::array::from_fn(|j| turn[j] + pitch * advance[j]), root_row(2))
+        }
+    };
+    let mut dropped = root.measure(&h, last, noise, mean);
+    if let HingeMap::Axis(i) = *hinge
+        && noise == T::zero()
+    {
+        dropped.gain[i] = T::one();
+        root.clear(i);
+    }
+    dropped
+}
+
+impl<T: Real> Roots<'_, T> {
+    /// One row of a stage: 3.6, and with a mean 4.2 and 4.5.
+    #[inline(always)]
+    fn row(
+        &mut self,
+        system: &System<T>,
+        (row, hinge): (usize, &HingeMap<T>),
+        root: &mut Root6<T>,
+        state: Option<(&mut [T; 6], &mut Vector6<T>, T, &mut T)>,
+    ) -> T {
+        let noise = system.noise[row];
+        let dropped = match state {
+            None => measurement_update(root, None, hinge, noise),
+            Some((y, t, measurement, innovation)) => {
+                let dropped = measurement_update(root, Some(y), hinge, noise);
+                // What y predicts leaves with the dropped column: only t meets the measurement.
+                let rest = measurement - hinge.project(t);
+                *t += dropped.gain * rest;
+                *innovation = rest - dropped.predicted;
+                dropped
+            }
+        };
+        let Dropped { pivot, pivot_inverse, gain, .. } = dropped;
+        self.measured[row] = Measured { pivot, pivot_inverse, gain };
+        dropped.pivot
+    }
+
+    /// One stage, all its rows (last first), then the time update onto its parent; `seen` is called with each row's root of P^-.
+    #[inline(always)]
+    pub fn step(
+        &mut self,
+        system: &System<T>,
+        k: usize,
+        mut mean: Option<&mut Mean<'_, T>>,
+        monitor: &mut PivotMonitor<T>,
+        mut seen: impl FnMut(usize, &Root6<T>),
+    ) {
+        let stage = &system.stages[k];
+        let shift = &self.shift[k];
+        let mut root = self.root[k];
+        let scale = self.scale[k];
+        let sent = Scale::sent_by_root(&root, shift);
+        let mut state = mean.as_ref().map(|mean| (mean.coordinates[k], mean.added[k]));
+        let mut one = |all: &mut Self, row: usize, hinge: &HingeMap<T>, root: &mut Root6<T>| {
+            seen(row, root);
+            let of_row = match (&mut state, &mut mean) {
+                (Some((y, t)), Some(mean)) => Some((y, t, mean.measurement[row], &mut mean.innovations[row])),
+                _ => None,
+            };
+            let pivot = all.row(system, (row, hinge), root, of_row);
+            monitor.observe(pivot, hinge, &scale);
+        };
+        let noise_free_turn = if let Rows::One(HingeMap::Axis(2)) = stage.rows {
+            // The commonest row is named, so that the compiler sees which columns it leaves.
+            one(self, stage.first_row, &HingeMap::Axis(2), &mut root);
+            system.noise[stage.first_row] == T::zero()
+        } else {
+            for i in (0..stage.rows.count()).rev() {
+                one(self, stage.first_row + i, &stage.rows.row(i), &mut root);
+            }
+            false
+        };
+        self.root[k] = root;
+        if let (Some((y, t)), Some(mean)) = (state, &mut mean) {
+            mean.coordinates[k] = y;
+            mean.added[k] = t;
+        }
+        let Some(parent) = stage.parent else { return };
+        let columns = shift.root_to_parent(&root);
+        let turned = match (state, mean) {
+            (Some((y, t)), Some(mean)) => {
+                mean.added[parent] += shift.force_to_parent(&t);
+                Some((&mut mean.coordinates[parent], y))
+            }
+            _ => None,
+        };
+        let at_parent = &mut self.root[parent];
+        if noise_free_turn {
+            at_parent.join::<2>(&columns, turned);
+        } else {
+            at_parent.join::<3>(&columns, turned);
+        }
+        self.scale[parent].add(&sent);
+    }
+}
+
+/// Tip to base: D, g and the root of P^+ of every stage; with a mean also e^-.
+pub fn sweep<T: Real>(
+    system: &System<T>,
+    roots: &mut Roots<'_, T>,
+    mut mean: Option<&mut Mean<'_, T>>,
+    mut seen: impl FnMut(usize, &Root6<T>),
+) -> PivotMonitor<T> {
+    let mut monitor = PivotMonitor::of_roots();
+    for k in (0..system.stages.len()).rev() {
+        roots.step(system, k, mean.as_deref_mut(), &mut monitor, &mut seen);
+    }
+    monitor
+}

@@ -1,0 +1,233 @@
+//! Symmetric 6x6 matrices as P = L W L^T, L unit lower triangular, W a diagonal of weights: square-root form without square roots.
+//!
+//! The columns of L times the roots of the weights are the columns of a square root S of P. With the linear rows first, L = [[1, 0],
+//! [p~, `L_c`]] for a body from the start, its weights its mass and what its central inertia has; what a child sends has
+//! three columns free of any linear part. So most of a 6 x 12 stack of columns is zero, and the rotations that bring it back to
+//! six touch less than half of it.
+
+use super::rigid_shift::RigidShift;
+use super::symmetric::{Symmetric3, Symmetric6};
+use crate::scalar::Real;
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+
+/// Where a row of a spatial vector (angular first) is in a root (linear first).
+#[inline(always)]
+#[must_use]
+pub const fn root_row(component: usize) -> usize {
+    (component + 3) % 6
+}
+
+/// L and W of P = L W L^T: rows in the order linear x, y, z, angular x, y, z.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Root6<T> {
+    /// The weights, zero or positive.
+    pub weights: [T; 6],
+    /// L: entry (i, j) is used for j < i only; the diagonal is one.
+    pub rows: [[T; 6]; 6],
+}
+
+/// What a child sends, phi L: three columns with both parts, three with an angular part only.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RootColumns<T> {
+    /// The weights of the columns.
+    pub weights: [T; 6],
+    /// Row by row as in [`Root6`], all entries; the last three columns are zero in linear rows.
+    pub rows: [[T; 6]; 6],
+}
+
+/// What a measurement takes out of a root.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Dropped<T> {
+    /// D.
+    pub pivot: T,
+    /// 1 / D.
+    pub pivot_inverse: T,
+    /// g.
+    pub gain: Vector6<T>,
+    /// The measurement that the mean predicts.
+    pub predicted: T,
+}
+
+impl<T: Real> Root6<T> {
+    /// The root of zero.
+    #[must_use]
+    pub fn zero() -> Self {
+        Self::filled(T::zero())
+    }
+
+    /// `value` in every entry; workspaces start as NaN.
+    #[must_use]
+    pub fn filled(value: T) -> Self {
+        Self { weights: [value; 6], rows: [[value; 6]; 6] }
+    }
+
+    /// Entry (i, j) of L.
+    #[inline(always)]
+    fn entry(&self, i: usize, j: usize) -> T {
+        match i.cmp(&j) {
+            std::cmp::Ordering::Less => T::zero(),
+            std::cmp::Ordering::Equal => T::one(),
+            std::cmp::Ordering::Greater => self.rows[i][j],
+        }
+    }
+
+    /// A square root S = L sqrt(W) with rows in the usual order, angular first.
+    pub fn to_matrix(&self) -> Matrix6<T> {
+        Matrix6::from_fn(|i, j| self.entry(root_row(i), j) * self.weights[j].sqrt())
+    }
+
+    /// P = L W L^T.
+    pub fn to_symmetric(&self) -> Symmetric6<T> {
+        let entry = |i: usize, j: usize| {
+            let (i, j) = (root_row(i), root_row(j));
+            (0..=i.min(j)).fold(T::zero(), |sum, k| sum + self.entry(i, k) * self.weights[k] * self.entry(j, k))
+        };
+        let block = |o: usize| {
+            Symmetric3::new([(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|(i, j)| entry(i + o, j + o)))
+        };
+        Symmetric6 { angular: block(0), coupling: Matrix3::from_fn(|i, j| entry(i, j + 3)), linear: block(3) }
+    }
+
+    /// The diagonal of P, in the order of the root's rows.
+    #[inline(always)]
+    #[must_use]
+    pub fn diagonal(&self) -> [T; 6] {
+        std::array::from_fn(|i| {
+            (0..i).fold(self.weights[i], |sum, k| sum + self.rows[i][k] * self.rows[i][k] * self.weights[k])
+        })
+    }
+
+    /// H L for one component of the state.
+    #[inline(always)]
+    #[must_use]
+    pub fn row(&self, component: usize) -> [T; 6] {
+        std::array::from_fn(|j| self.entry(root_row(component), j))
+    }
+
+    /// Takes in more columns: P becomes P + C W' C^T. Of the last three columns `FREE` (2 or 3) are used.
+    ///
+    /// Rotations between one column of L and one of C, scaled so that none needs a square root. Every number is a sum of two
+    /// products: errors are relative to each row's length, and to each column's where columns differ in size. `mean` is the
+    /// coordinates y and y' of a force L y + C y', turned along. About 250 products, 24 divisions.
+    #[inline(always)]
+    pub fn join<const FREE: usize>(&mut self, columns: &RootColumns<T>, mut mean: Option<(&mut [T; 6], [T; 6])>) {
+        let mut incoming = *columns;
+        self.gather::<0, 3>(&mut incoming, &mut mean);
+        self.gather::<1, 3>(&mut incoming, &mut mean);
+        self.gather::<2, 3>(&mut incoming, &mut mean);
+        if FREE == 2 {
+            self.gather::<3, 5>(&mut incoming, &mut mean);
+            self.gather::<4, 5>(&mut incoming, &mut mean);
+            self.gather::<5, 5>(&mut incoming, &mut mean);
+        } else {
+            self.gather::<3, 6>(&mut incoming, &mut mean);
+            self.gather::<4, 6>(&mut incoming, &mut mean);
+            self.gather::<5, 6>(&mut incoming, &mut mean);
+        }
+    }
+
+    /// Turns the first N incoming entries of row I into its weight. Constants, so that every loop is laid out flat.
+    #[inline(always)]
+    fn gather<const I: usize, const N: usize>(
+        &mut self,
+        incoming: &mut RootColumns<T>,
+        mean: &mut Option<(&mut [T; 6], [T; 6])>,
+    ) {
+        let one = T::one();
+        for c in 0..N {
+            let (f, weight) = (incoming.rows[I][c], incoming.weights[c]);
+            let weighted = f * weight;
+            let total = self.weights[I] + f * weighted;
+            // Two columns without weight are left as they are.
+            let inverse = total.if_zero(one, total).recip();
+            let (kept, taken) = (total.if_zero(one, self.weights[I] * inverse), weighted * inverse);
+            self.weights[I] = total;
+            incoming.weights[c] = weight * kept;
+            for r in I + 1..6 {
+                let (x, y) = (self.rows[r][I], incoming.rows[r][c]);
+                self.rows[r][I] = kept * x + taken * y;
+                incoming.rows[r][c] = y - f * x;
+            }
+            if let Some((along, other)) = mean {
+                let (x, y) = (along[I], other[c]);
+                along[I] = x + f * y;
+                other[c] = kept * y - taken * x;
+            }
+        }
+    }
+
+    /// The measurement `h` = H L of the columns 0 to `last` with noise r: P becomes P^+; gives D and g (3.6, 3.10).
+    ///
+    /// From the last column to the first, what they have along h is gathered in one column, P H*, and taken from the others: Bierman's
+    /// update. Without noise it takes a whole column's weight: no covariance is subtracted. `mean` is turned along, and what
+    /// leaves with the gathered column is given. About 80 products, 6 divisions.
+    #[inline(always)]
+    pub fn measure(&mut self, h: &[T; 6], last: usize, noise: T, mut mean: Option<&mut [T; 6]>) -> Dropped<T> {
+        let (o, one) = (T::zero(), T::one());
+        let (mut gathered, mut predicted) = ([o; 6], o);
+        let (mut variance, mut inverse) = (noise, noise.if_zero(o, noise.if_zero(one, noise).recip()));
+        for j in (0..=last).rev() {
+            let weighted = h[j] * self.weights[j];
+            let total = variance + h[j] * weighted;
+            let next = total.if_zero(one, total).recip();
+            let kept = total.if_zero(one, variance * next);
+            let share = h[j] * inverse;
+            self.weights[j] *= kept;
+            for (row, gathered) in self.rows.iter_mut().zip(&mut gathered).skip(j + 1) {
+                let x = row[j];
+                row[j] = x - share * *gathered;
+                *gathered += weighted * x;
+            }
+            gathered[j] = weighted;
+            if let Some(y) = &mut mean {
+                let along = y[j];
+                y[j] = kept * along - weighted * next * predicted;
+                predicted += h[j] * along;
+            }
+            variance = total;
+            inverse = total.if_zero(o, next);
+        }
+        let gain = Vector6::from_fn(|i, _| gathered[root_row(i)] * inverse);
+        Dropped { pivot: variance, pivot_inverse: inverse, gain, predicted }
+    }
+
+    /// Writes exact zeros into the row of one component: what a measurement without noise leaves there.
+    #[inline(always)]
+    pub fn clear(&mut self, component: usize) {
+        let row = root_row(component);
+        for entry in &mut self.rows[row][..row] {
+            *entry = T::zero();
+        }
+        self.weights[row] = T::zero();
+    }
+}
+
+impl<T: Real> RigidShift<T> {
+    /// phi L: the columns of a child's root, at its parent. About 60 products.
+    #[inline(always)]
+    pub fn root_to_parent(&self, s: &Root6<T>) -> RootColumns<T> {
+        let o = T::zero();
+        let mut columns = RootColumns { weights: s.weights, rows: [[o; 6]; 6] };
+        let r = &self.rotation;
+        for j in 0..3 {
+            let column = |i: usize| s.entry(i, j);
+            let force = match j {
+                0 => self.rotate(&Vector3::new(column(0), column(1), column(2))),
+                1 => Vector3::from_fn(|i, _| r[(i, 1)] + r[(i, 2)] * column(2)),
+                _ => r.column(2).into(),
+            };
+            let moment =
+                self.rotate(&Vector3::new(column(3), column(4), column(5))) + super::cross(&self.lever, &force);
+            for i in 0..3 {
+                columns.rows[i][j] = force[i];
+                columns.rows[i + 3][j] = moment[i];
+            }
+        }
+        for i in 0..3 {
+            columns.rows[i + 3][3] = r[(i, 0)] + r[(i, 1)] * s.rows[4][3] + r[(i, 2)] * s.rows[5][3];
+            columns.rows[i + 3][4] = r[(i, 1)] + r[(i, 2)] * s.rows[5][4];
+            columns.rows[i + 3][5] = r[(i, 2)];
+        }
+        columns
+    }
+}
