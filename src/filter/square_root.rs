@@ -64,87 +64,88 @@ fn measurement_update<T: Real>(
     dropped
 }
 
-impl<T: Real> Roots<'_, T> {
-    /// One row of a stage: 3.6, and with a mean 4.2 and 4.5.
-    #[inline(always)]
-    fn row(
-        &mut self,
-        system: &System<T>,
-        (row, hinge): (usize, &HingeMap<T>),
-        root: &mut Root6<T>,
-        state: Option<(&mut [T; 6], &mut Vector6<T>, T, &mut T)>,
-    ) -> T {
-        let noise = system.noise[row];
-        let dropped = match state {
-            None => measurement_update(root, None, hinge, noise),
-            Some((y, t, measurement, innovation)) => {
-                let dropped = measurement_update(root, Some(y), hinge, noise);
-                // What y predicts leaves with the dropped column: only t meets the measurement.
-                let rest = measurement - hinge.project(t);
-                *t += dropped.gain * rest;
-                *innovation = rest - dropped.predicted;
-                dropped
-            }
-        };
-        let Dropped { pivot, pivot_inverse, gain, .. } = dropped;
-        self.measured[row] = Measured { pivot, pivot_inverse, gain };
-        dropped.pivot
-    }
+/// The mean of one stage: y, t, and where its measurements and innovations are.
+type StageMean<'a, T> = (&'a mut [T; 6], &'a mut Vector6<T>, &'a [T], &'a mut [T]);
 
+/// One row of a stage: 3.6, and with a mean 4.2 and 4.5.
+#[inline(always)]
+fn one_row<T: Real>(
+    (row, hinge, noise): (usize, &HingeMap<T>, T),
+    root: &mut Root6<T>,
+    mean: Option<&mut StageMean<'_, T>>,
+) -> Measured<T> {
+    let dropped = match mean {
+        None => measurement_update(root, None, hinge, noise),
+        Some((y, t, measurement, innovations)) => {
+            let dropped = measurement_update(root, Some(y), hinge, noise);
+            // What y predicts leaves with the dropped column: only t meets the measurement.
+            let rest = measurement[row] - hinge.project(t);
+            **t += dropped.gain * rest;
+            innovations[row] = rest - dropped.predicted;
+            dropped
+        }
+    };
+    Measured { pivot: dropped.pivot, pivot_inverse: dropped.pivot_inverse, gain: dropped.gain }
+}
+
+impl<T: Real> Roots<'_, T> {
     /// One stage, all its rows (last first), then the time update onto its parent; `seen` is called with each row's root of P^-.
     #[inline(always)]
     pub fn step(
         &mut self,
         system: &System<T>,
         k: usize,
-        mut mean: Option<&mut Mean<'_, T>>,
+        mean: Option<&mut Mean<'_, T>>,
         monitor: &mut PivotMonitor<T>,
         mut seen: impl FnMut(usize, &Root6<T>),
     ) {
         let stage = &system.stages[k];
         let shift = &self.shift[k];
-        let mut root = self.root[k];
         let scale = self.scale[k];
-        let sent = Scale::sent_by_root(&root, shift);
-        let mut state = mean.as_ref().map(|mean| (mean.coordinates[k], mean.added[k]));
-        let mut one = |all: &mut Self, row: usize, hinge: &HingeMap<T>, root: &mut Root6<T>| {
-            seen(row, root);
-            let of_row = match (&mut state, &mut mean) {
-                (Some((y, t)), Some(mean)) => Some((y, t, mean.measurement[row], &mut mean.innovations[row])),
-                _ => None,
-            };
-            let pivot = all.row(system, (row, hinge), root, of_row);
-            monitor.observe(pivot, hinge, &scale);
+        // A parent comes before its children: what is inward and what is here can both be written to.
+        let (inward, here) = self.root.split_at_mut(k);
+        let root = &mut here[0];
+        let (mut mean, mut inward_mean) = match mean {
+            None => (None, None),
+            Some(mean) => {
+                let (y_inward, y) = mean.coordinates.split_at_mut(k);
+                let (t_inward, t) = mean.added.split_at_mut(k);
+                let of_stage: StageMean<'_, T> = (&mut y[0], &mut t[0], mean.measurement, mean.innovations);
+                (Some(of_stage), Some((y_inward, t_inward)))
+            }
         };
+        let sent = Scale::sent_by_root(root, shift);
         let noise_free_turn = if let Rows::One(HingeMap::Axis(2)) = stage.rows {
             // The commonest row is named, so that the compiler sees which columns it leaves.
-            one(self, stage.first_row, &HingeMap::Axis(2), &mut root);
-            system.noise[stage.first_row] == T::zero()
+            let (row, hinge) = (stage.first_row, HingeMap::Axis(2));
+            seen(row, root);
+            let m = one_row((row, &hinge, system.noise[row]), root, mean.as_mut());
+            monitor.observe(m.pivot, &hinge, &scale);
+            self.measured[row] = m;
+            system.noise[row] == T::zero()
         } else {
             for i in (0..stage.rows.count()).rev() {
-                one(self, stage.first_row + i, &stage.rows.row(i), &mut root);
+                let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
+                seen(row, root);
+                let m = one_row((row, &hinge, system.noise[row]), root, mean.as_mut());
+                monitor.observe(m.pivot, &hinge, &scale);
+                self.measured[row] = m;
             }
             false
         };
-        self.root[k] = root;
-        if let (Some((y, t)), Some(mean)) = (state, &mut mean) {
-            mean.coordinates[k] = y;
-            mean.added[k] = t;
-        }
         let Some(parent) = stage.parent else { return };
-        let columns = shift.root_to_parent(&root);
-        let turned = match (state, mean) {
-            (Some((y, t)), Some(mean)) => {
-                mean.added[parent] += shift.force_to_parent(&t);
-                Some((&mut mean.coordinates[parent], y))
+        let columns = shift.root_to_parent(root);
+        let turned = match (mean, &mut inward_mean) {
+            (Some((y, t, ..)), Some((y_inward, t_inward))) => {
+                t_inward[parent] += shift.force_to_parent(t);
+                Some((&mut y_inward[parent], *y))
             }
             _ => None,
         };
-        let at_parent = &mut self.root[parent];
         if noise_free_turn {
-            at_parent.join::<2>(&columns, turned);
+            inward[parent].join::<2>(columns, turned);
         } else {
-            at_parent.join::<3>(&columns, turned);
+            inward[parent].join::<3>(columns, turned);
         }
         self.scale[parent].add(&sent);
     }

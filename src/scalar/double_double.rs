@@ -293,8 +293,8 @@ impl Real for DoubleDouble {
         }
     }
 
-    fn if_zero(self, then: Self, otherwise: Self) -> Self {
-        if self == Self::zero() { then } else { otherwise }
+    fn one_if_zero(self) -> Self {
+        if self == Self::zero() { Self::one() } else { Self::zero() }
     }
 
     /// 2^-104, within which every operation here rounds.

@@ -56,9 +56,9 @@ pub trait Real:
     #[must_use]
     fn worst(self, other: Self) -> Self;
 
-    /// `then` where `self` is zero, else `otherwise`; both have been computed.
+    /// One where `self` is zero, else zero: for a division that must not be by zero, without a branch.
     #[must_use]
-    fn if_zero(self, then: Self, otherwise: Self) -> Self;
+    fn one_if_zero(self) -> Self;
 
     /// The unit roundoff spacing at 1 (2.2e-16 for f64), in every lane.
     fn epsilon() -> Self;
@@ -110,8 +110,8 @@ impl<T: nalgebra::RealField + Copy> Real for T {
     }
 
     #[inline]
-    fn if_zero(self, then: Self, otherwise: Self) -> Self {
-        if self == Self::zero() { then } else { otherwise }
+    fn one_if_zero(self) -> Self {
+        if self == Self::zero() { Self::one() } else { Self::zero() }
     }
 
     #[inline]

@@ -184,7 +184,7 @@ fn triangular(columns: &Matrix3<f64>, weights: &Vector3<f64>) -> (Matrix3<f64>, 
         }
     }
     let mut root = Root6::zero();
-    root.join::<3>(&all, None);
+    root.join::<3>(all, None);
     angular_part(&root)
 }
 
@@ -220,7 +220,7 @@ pub(crate) fn join_roots(first: &BodyRoot<f64>, second: &BodyRoot<f64>) -> BodyR
         return *first;
     }
     let mut both = first.to_root();
-    both.join::<3>(&crate::spatial::RigidShift::identity().root_to_parent(&second.to_root()), None);
+    both.join::<3>(crate::spatial::RigidShift::identity().root_to_parent(&second.to_root()), None);
     let mass = first.mass + second.mass;
     let share = if mass == 0.0 { 0.0 } else { second.mass / mass };
     BodyRoot::new(mass, first.centre + (second.centre - first.centre) * share, angular_part(&both))

@@ -110,8 +110,7 @@ impl<T: Real> Root6<T> {
     /// products: errors are relative to each row's length, and to each column's where columns differ in size. `mean` is the
     /// coordinates y and y' of a force L y + C y', turned along. About 250 products, 24 divisions.
     #[inline(always)]
-    pub fn join<const FREE: usize>(&mut self, columns: &RootColumns<T>, mut mean: Option<(&mut [T; 6], [T; 6])>) {
-        let mut incoming = *columns;
+    pub fn join<const FREE: usize>(&mut self, mut incoming: RootColumns<T>, mut mean: Option<(&mut [T; 6], [T; 6])>) {
         self.gather::<0, 3>(&mut incoming, &mut mean);
         self.gather::<1, 3>(&mut incoming, &mut mean);
         self.gather::<2, 3>(&mut incoming, &mut mean);
@@ -133,14 +132,14 @@ impl<T: Real> Root6<T> {
         incoming: &mut RootColumns<T>,
         mean: &mut Option<(&mut [T; 6], [T; 6])>,
     ) {
-        let one = T::one();
         for c in 0..N {
             let (f, weight) = (incoming.rows[I][c], incoming.weights[c]);
             let weighted = f * weight;
             let total = self.weights[I] + f * weighted;
-            // Two columns without weight are left as they are.
-            let inverse = total.if_zero(one, total).recip();
-            let (kept, taken) = (total.if_zero(one, self.weights[I] * inverse), weighted * inverse);
+            // Two columns without weight are left as they are: kept is one then.
+            let flag = total.one_if_zero();
+            let inverse = (total + flag).recip();
+            let (kept, taken) = ((self.weights[I] + flag) * inverse, weighted * inverse);
             self.weights[I] = total;
             incoming.weights[c] = weight * kept;
             for r in I + 1..6 {
@@ -163,14 +162,16 @@ impl<T: Real> Root6<T> {
     /// leaves with the gathered column is given. About 80 products, 6 divisions.
     #[inline(always)]
     pub fn measure(&mut self, h: &[T; 6], last: usize, noise: T, mut mean: Option<&mut [T; 6]>) -> Dropped<T> {
-        let (o, one) = (T::zero(), T::one());
+        let o = T::zero();
         let (mut gathered, mut predicted) = ([o; 6], o);
-        let (mut variance, mut inverse) = (noise, noise.if_zero(o, noise.if_zero(one, noise).recip()));
+        // Where nothing has been gathered yet there is nothing to share: any inverse will do.
+        let (mut variance, mut inverse) = (noise, (noise + noise.one_if_zero()).recip());
         for j in (0..=last).rev() {
             let weighted = h[j] * self.weights[j];
             let total = variance + h[j] * weighted;
-            let next = total.if_zero(one, total).recip();
-            let kept = total.if_zero(one, variance * next);
+            let flag = total.one_if_zero();
+            let next = (total + flag).recip();
+            let kept = (variance + flag) * next;
             let share = h[j] * inverse;
             self.weights[j] *= kept;
             for (row, gathered) in self.rows.iter_mut().zip(&mut gathered).skip(j + 1) {
@@ -185,7 +186,7 @@ impl<T: Real> Root6<T> {
                 predicted += h[j] * along;
             }
             variance = total;
-            inverse = total.if_zero(o, next);
+            inverse = next;
         }
         let gain = Vector6::from_fn(|i, _| gathered[root_row(i)] * inverse);
         Dropped { pivot: variance, pivot_inverse: inverse, gain, predicted }
