@@ -4,6 +4,7 @@ mod common;
 
 use common::{ALL_KINDS, Random, Tree, oracle, random_scene, random_state, tolerance};
 use phipsi::filter::{FORMS, Form};
+#[cfg(feature = "dense")]
 use phipsi::operators::{Factor, KINDS, Operator};
 use phipsi::scalar::{DoubleDouble, Real};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
@@ -55,6 +56,7 @@ fn forms_give_the_same_accelerations_as_newton_and_euler() {
     }
 }
 
+#[cfg(feature = "dense")]
 #[test]
 fn factors_and_inverses_of_every_form_match_the_definitions() {
     for (scene, seed) in cases().take(6) {

@@ -72,7 +72,7 @@ type StageMean<'a, T> = (&'a mut [T; 6], &'a mut Vector6<T>, &'a [T], &'a mut [T
 fn one_row<T: Real>(
     (row, hinge, noise): (usize, &HingeMap<T>, T),
     root: &mut Root6<T>,
-    mean: Option<&mut StageMean<'_, T>>,
+    mean: &mut Option<StageMean<'_, T>>,
 ) -> Measured<T> {
     let dropped = match mean {
         None => measurement_update(root, None, hinge, noise),
@@ -119,7 +119,7 @@ impl<T: Real> Roots<'_, T> {
             // The commonest row is named, so that the compiler sees which columns it leaves.
             let (row, hinge) = (stage.first_row, HingeMap::Axis(2));
             seen(row, root);
-            let m = one_row((row, &hinge, system.noise[row]), root, mean.as_mut());
+            let m = one_row((row, &hinge, system.noise[row]), root, &mut mean);
             monitor.observe(m.pivot, &hinge, &scale);
             self.measured[row] = m;
             system.noise[row] == T::zero()
@@ -127,7 +127,7 @@ impl<T: Real> Roots<'_, T> {
             for i in (0..stage.rows.count()).rev() {
                 let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
                 seen(row, root);
-                let m = one_row((row, &hinge, system.noise[row]), root, mean.as_mut());
+                let m = one_row((row, &hinge, system.noise[row]), root, &mut mean);
                 monitor.observe(m.pivot, &hinge, &scale);
                 self.measured[row] = m;
             }
