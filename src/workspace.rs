@@ -1,5 +1,6 @@
 //! Every per-body array of the sweeps, allocated once.
 
+use crate::filter::cancellation::weight;
 use crate::filter::pivots::{Evidence, LostPivot, PivotMonitor, Scale, first_lost};
 use crate::filter::riccati::{Covariances, Measured};
 use crate::filter::{Form, System};
@@ -28,6 +29,11 @@ pub struct Workspace<T: Real> {
     /// y of the bias, b(k) = L y; used by the square-root form only.
     pub(crate) coordinates: Vec<[T; 6]>,
     pub(crate) measured: Vec<Measured<T>>,
+    /// Two more right sides, by which the covariance form is watched and judged, and the innovations of one.
+    pub(crate) weights: Vec<T>,
+    pub(crate) probe: Vec<T>,
+    /// The estimates for a right side that nobody asked for.
+    pub(crate) estimates: Vec<T>,
     /// r(k), the inertia of everything outboard of joint k.
     pub(crate) composite: Vec<BodyInertia<T>>,
 }
@@ -50,6 +56,9 @@ impl<T: Real> Workspace<T> {
             root: vec![Root6::filled(nan); bodies],
             coordinates: vec![[nan; 6]; bodies],
             measured: vec![Measured::filled(nan); model.nv()],
+            weights: (0..2 * model.nv()).map(|row| T::from_f64(weight(row))).collect(),
+            probe: vec![nan; model.nv()],
+            estimates: vec![nan; model.nv()],
             composite: vec![
                 BodyInertia {
                     mass: nan,

@@ -3,7 +3,6 @@
 use crate::kinematics::{joint_motion, joint_shift, motion_step};
 use crate::scalar::Real;
 use crate::scene::Model;
-use crate::spatial::cross_force;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -38,8 +37,7 @@ pub(super) fn step_outward<T: Real>(
     if let Some(qdd) = state.qdd {
         acceleration += joint_motion(body, stage.first_row, qdd);
     }
-    let momentum = body.inertia.mul_motion(&velocity);
-    let mut force = body.inertia.mul_motion(&acceleration) + cross_force(&velocity, &momentum);
+    let mut force = body.inertia.bias_force(&velocity, &acceleration);
     if !state.wrenches.is_empty() {
         force -= state.wrenches[k];
     }

@@ -1,5 +1,6 @@
 //! Forward dynamics: joint torques are measurements, the smoother's estimates are the joint accelerations.
 
+use super::auto;
 use super::forces::{Motion, step_outward};
 use super::forward_root;
 use crate::filter::pivots::{PivotMonitor, Scale};
@@ -25,8 +26,10 @@ pub fn forward_dynamics<T: Real>(
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
 ) -> PivotMonitor<T> {
-    if workspace.form == Form::SquareRoot {
-        return forward_root::forward_dynamics(model, workspace, q, qd, tau, wrenches, qdd);
+    match workspace.form {
+        Form::Auto => return auto::forward_dynamics_auto(model, workspace, q, qd, tau, wrenches, qdd).pivots,
+        Form::SquareRoot => return forward_root::forward_dynamics(model, workspace, q, qd, tau, wrenches, qdd),
+        Form::Covariance | Form::Joseph => {}
     }
     forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
     let monitor = if workspace.form == Form::Joseph {
@@ -74,9 +77,20 @@ pub fn factorise<T: Real>(
     seen: impl FnMut(usize, &crate::spatial::Symmetric6<T>),
 ) -> PivotMonitor<T> {
     placements_base_to_tip(model, q, &mut workspace.shift);
-    if workspace.form == Form::SquareRoot {
-        return forward_root::factorise(model, workspace, seen);
+    match workspace.form {
+        Form::Auto => return auto::factorise(model, workspace, seen),
+        Form::SquareRoot => return forward_root::factorise(model, workspace, seen),
+        Form::Covariance | Form::Joseph => {}
     }
+    sweep_covariances(model, workspace, seen)
+}
+
+/// The factor in covariance form, or in Joseph's, with phi already in the workspace.
+pub(super) fn sweep_covariances<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    seen: impl FnMut(usize, &crate::spatial::Symmetric6<T>),
+) -> PivotMonitor<T> {
     for (k, body) in model.bodies.iter().enumerate() {
         workspace.p[k] = body.inertia.to_symmetric();
         workspace.scale[k] = Scale::of_noise(&body.inertia_terms);

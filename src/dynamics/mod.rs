@@ -3,6 +3,7 @@
 //! Each file is one problem; the functions take a [`Model`](crate::scene::Model) in any scalar, slices for one state and a
 //! [`Workspace`](crate::Workspace), check nothing and allocate nothing. [`Scene`](crate::Scene) wraps them with checks and names.
 
+pub mod auto;
 pub mod energy;
 pub mod estimate;
 #[cfg(feature = "dense")]
@@ -18,6 +19,7 @@ pub mod operational;
 #[cfg(feature = "stochastic")]
 pub(crate) use inverse::bias_forces_base_to_tip;
 
+pub use auto::{Choice, forward_dynamics_auto};
 pub use energy::{Energy, energy, momentum};
 pub use estimate::{Estimate, EstimateCovariance, EstimateScratch, Measurements, estimate, estimate_covariance};
 #[cfg(feature = "dense")]

@@ -1,7 +1,7 @@
 //! The filter (4.4 to 4.6) and its open-loop and adjoint relatives: what the measurements add to the prediction.
 
 use super::riccati::Measured;
-use super::system::{Stage, System};
+use super::system::{HingeMap, Stage, System};
 use crate::scalar::Real;
 use crate::spatial::RigidShift;
 use nalgebra::Vector6;
@@ -24,8 +24,15 @@ pub fn step<T: Real>(
     let mut state = z[k];
     for i in (0..stage.rows.count()).rev() {
         let row = stage.first_row + i;
-        let e_minus = measurement[row] - stage.rows.row(i).project(&state);
-        state += measured[row].gain * e_minus;
+        let (hinge, m) = (stage.rows.row(i), &measured[row]);
+        let e_minus = measurement[row] - hinge.project(&state);
+        state += m.gain * e_minus;
+        // H z^+ = tau - (r / D) e^-, which a sum with a large H z^- would not give.
+        if let HingeMap::Axis(i) = hinge
+            && m.pivot_inverse != T::zero()
+        {
+            state[i] = measurement[row] - e_minus * (system.noise[row] * m.pivot_inverse);
+        }
         innovations[row] = e_minus;
     }
     z[k] = state;

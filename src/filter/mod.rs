@@ -6,6 +6,7 @@
 //! sections: [`system`] is section 1, [`riccati`] section 3 ([`pivots`] says where its pivots are lost), [`innovations`] and [`smoother`] section 4, [`covariance`] section 5, and
 //! [`smoothed`] the covariances of section 2 by way of it. A row whose noise is infinite is not measured: its gain is zero.
 
+pub mod cancellation;
 pub mod covariance;
 pub mod forms;
 pub mod innovations;

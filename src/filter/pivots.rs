@@ -210,8 +210,8 @@ fn subtracted<T: Real>(measured: &Measured<T>, w: &Vector6<T>) -> T {
     taken + taken
 }
 
-/// |phi|^T h with every term taken absolutely.
-fn absolute_shift_transpose<T: Real>(shift: &RigidShift<T>, h: &Vector6<T>) -> Vector6<T> {
+/// |phi|^T |h| with every term taken absolutely; `h` has no negative entry.
+pub(super) fn absolute_shift_transpose<T: Real>(shift: &RigidShift<T>, h: &Vector6<T>) -> Vector6<T> {
     let r: Matrix3<T> = shift.rotation.map(Real::abs);
     let l: Vector3<T> = shift.lever.map(Real::abs);
     let (a, b) = (crate::spatial::angular(h), crate::spatial::linear(h));

@@ -26,7 +26,8 @@ impl<T: Real> Measured<T> {
 
 /// The measurement update of eq. 3.6: turns P^- into P^+ and gives D and g.
 ///
-/// Without noise H g = 1 and H P^+ = 0 hold exactly and are written, not computed. About 60 operations.
+/// P^+ H^T = r g, and without noise H g = 1, hold exactly and are written, not computed, where H picks one component: where the noise is small beside the
+/// prediction, nothing would be left of them. About 60 operations.
 #[inline(always)]
 pub fn measurement_update<T: Real>(p: &mut Symmetric6<T>, hinge: &HingeMap<T>, noise: T) -> Measured<T> {
     update::<T, false>(p, hinge, noise)
@@ -52,11 +53,13 @@ fn update<T: Real, const JOSEPH: bool>(p: &mut Symmetric6<T>, hinge: &HingeMap<T
         let half = (left - gain * noise) * T::from_f64(0.5);
         *p = p.add_rank_one(&-half, &gain).add_rank_one(&-gain, &half);
     }
-    if let HingeMap::Axis(i) = *hinge
-        && noise == T::zero()
-    {
-        gain[i] = T::one();
-        p.clear(i);
+    match *hinge {
+        HingeMap::Axis(i) if noise == T::zero() => {
+            gain[i] = T::one();
+            p.clear(i);
+        }
+        HingeMap::Axis(i) if pivot_inverse != T::zero() => p.write_column(i, &(gain * noise)),
+        _ => {}
     }
     Measured { pivot, pivot_inverse, gain }
 }

@@ -216,15 +216,20 @@ impl<T: Real> Symmetric6<T> {
     /// Sets one row and column to exact zeros.
     #[inline(always)]
     pub fn clear(&mut self, index: usize) {
+        self.write_column(index, &Vector6::from_element(T::zero()));
+    }
+
+    /// Sets one row and column.
+    #[inline(always)]
+    pub fn write_column(&mut self, index: usize, column: &Vector6<T>) {
         const PACKED: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
-        let o = T::zero();
         for (j, packed) in PACKED[index % 3].into_iter().enumerate() {
             if index < 3 {
-                self.angular.entries[packed] = o;
-                self.coupling[(index, j)] = o;
+                self.angular.entries[packed] = column[j];
+                self.coupling[(index, j)] = column[j + 3];
             } else {
-                self.linear.entries[packed] = o;
-                self.coupling[(j, index - 3)] = o;
+                self.linear.entries[packed] = column[j + 3];
+                self.coupling[(j, index - 3)] = column[j];
             }
         }
     }

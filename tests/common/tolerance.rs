@@ -60,6 +60,17 @@ pub fn sample_mean_square(n: usize, trace_of_square: f64) -> f64 {
     STANDARD_ERRORS * (2.0 * trace_of_square / count(n)).sqrt()
 }
 
+/// The error that forward dynamics may have, in the max norm and relative to the largest acceleration, where the problem allows it.
+pub const KEPT: f64 = 1e-12;
+
+/// Draws of one unit in the last place from which a sensitivity is taken.
+pub const ULP_DRAWS: u64 = 3;
+
+/// [`KEPT`], or twenty times the problem's own sensitivity.
+pub fn kept(sensitivity: f64) -> f64 {
+    KEPT.max(20.0 * sensitivity)
+}
+
 /// Products and sums in double-double arithmetic, `n` terms.
 pub fn double_double(n: usize, scale: f64) -> f64 {
     8.0 * count(n.max(1)) * f64::EPSILON * f64::EPSILON * scale

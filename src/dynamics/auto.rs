@@ -1,0 +1,124 @@
+//! Forward dynamics in covariance form, watched, and in square-root form where the covariance form lost digits.
+
+use super::forces::Motion;
+use super::forward::{forces_base_to_tip, sweep_covariances};
+use super::forward_root;
+use crate::filter::cancellation::{self, Cancellation, Probe};
+use crate::filter::pivots::PivotMonitor;
+use crate::filter::{Form, innovations, smoother};
+use crate::scalar::Real;
+use crate::scene::Model;
+use crate::spatial::Symmetric6;
+use crate::workspace::Workspace;
+use nalgebra::Vector6;
+
+/// How [`forward_dynamics_auto`] came to its answer.
+#[derive(Debug, Clone, Copy)]
+pub struct Choice<T> {
+    /// The form that `qdd` comes from; its P or its root is in the workspace.
+    pub form: Form,
+    /// The pivots of that form.
+    pub pivots: PivotMonitor<T>,
+    /// What the covariance form lost.
+    pub cancellation: Cancellation<T>,
+    /// Whether the covariance form lost digits, and a body without a root (its inertia is not positive) left no other form.
+    pub without_root: bool,
+}
+
+/// Joint accelerations as [`forward_dynamics`](super::forward_dynamics) gives them, and where these lost digits, as
+/// the square-root form does.
+///
+/// The choice is made after both sweeps, for all lanes of `T` together: where the watched covariance form is in doubt, it is looked
+/// at more closely, and where it stays in doubt (or a pivot is), the square-root form is run. See [`cancellation`]. Measured on one
+/// state: 1.2 times the covariance form where the first look is clear, 2.1 times where the closer one is needed, 4.5 times where
+/// the square-root form is.
+pub fn forward_dynamics_auto<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    q: &[T],
+    qd: &[T],
+    tau: &[T],
+    wrenches: &[Vector6<T>],
+    qdd: &mut [T],
+) -> Choice<T> {
+    let (pivots, mut cancellation) = forward_dynamics_watched(model, workspace, (q, qd, tau), wrenches, qdd);
+    let clear =
+        |cancellation: &Cancellation<T>| (0..T::LANES).all(|lane| pivots.clear(lane) && cancellation.clear(lane));
+    let mut kept = clear(&cancellation);
+    if !kept {
+        cancellation = judge(model, workspace, qdd);
+        kept = clear(&cancellation);
+    }
+    let without_root = !kept && model.inertia_roots.iter().any(Option::is_none);
+    if kept || without_root {
+        return Choice { form: Form::Covariance, pivots, cancellation, without_root };
+    }
+    let pivots = forward_root::forward_dynamics(model, workspace, q, qd, tau, wrenches, qdd);
+    Choice { form: Form::SquareRoot, pivots, cancellation, without_root }
+}
+
+/// The factor of M, with phi already in the workspace: in covariance form, and where that lost digits in square-root form.
+///
+/// There is no right side to watch, so two are made up: the weights of the probe, and others. What is judged is the solution of one,
+/// by the other. `seen` is called with each row's P^-, of the form that is kept.
+pub(super) fn factorise<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    mut seen: impl FnMut(usize, &Symmetric6<T>),
+) -> PivotMonitor<T> {
+    let pivots = sweep_covariances(model, workspace, &mut seen);
+    let (system, zero) = (&model.system, Vector6::from_element(T::zero()));
+    let nv = model.nv();
+    let Workspace { shift, measured, scale, p, z, co_state, velocity, weights, probe, estimates, .. } = &mut *workspace;
+    z.fill(zero);
+    innovations::sweep(system, shift, measured, &weights[nv..], z, estimates);
+    velocity.fill(zero);
+    innovations::sweep(system, shift, measured, &weights[..nv], velocity, probe);
+    let mut both = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
+    let first = cancellation::sweep(system, &mut both, co_state, estimates);
+    let clear = |seen: &Cancellation<T>| (0..T::LANES).all(|lane| pivots.clear(lane) && seen.clear(lane));
+    let kept = clear(&first) || clear(&cancellation::judge(system, &both, p, co_state, estimates));
+    if kept || model.inertia_roots.iter().any(Option::is_none) {
+        return pivots;
+    }
+    forward_root::factorise(model, workspace, seen)
+}
+
+/// The covariance form, with an estimate of its error.
+pub(crate) fn forward_dynamics_watched<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    (q, qd, tau): (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    qdd: &mut [T],
+) -> (PivotMonitor<T>, Cancellation<T>) {
+    forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
+    // Velocities have become forces by now; their place is the probe's.
+    workspace.velocity.fill(Vector6::from_element(T::zero()));
+    let system = &model.system;
+    let mut pivots = PivotMonitor::new();
+    for k in (0..system.stages.len()).rev() {
+        workspace.covariances().step::<false>(system, k, &mut pivots, |_, _| {});
+        let Workspace { shift, measured, z, velocity, weights, probe, .. } = workspace;
+        innovations::step(system, k, shift, measured, tau, z, qdd);
+        innovations::step(system, k, shift, measured, weights, velocity, probe);
+    }
+    let Workspace { shift, measured, scale, z, co_state, velocity, probe, .. } = workspace;
+    let mut probe = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
+    let cancellation = cancellation::sweep(system, &mut probe, co_state, qdd);
+    (pivots, cancellation)
+}
+
+/// The closer look at what [`forward_dynamics_watched`] has just left in the workspace.
+fn judge<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, qdd: &[T]) -> Cancellation<T> {
+    let system = &model.system;
+    let Workspace { shift, measured, scale, p, z, co_state, velocity, acceleration, weights, probe, .. } = workspace;
+    let first = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
+    let first = cancellation::judge(system, &first, p, co_state, qdd);
+    // The other weights, whose forces and co-states take the place of the accelerations.
+    acceleration.fill(Vector6::from_element(T::zero()));
+    innovations::sweep(system, shift, measured, &weights[model.nv()..], acceleration, probe);
+    smoother::sweep(system, shift, measured, acceleration, probe);
+    let second = Probe { shift, measured, scale, z, innovations: probe, co_state: acceleration };
+    first.larger(&cancellation::judge(system, &second, p, co_state, qdd))
+}

@@ -1,0 +1,258 @@
+//! `forward_dynamics_auto` over random scenes, ordinary and extreme: right wherever the problem allows it, and fast on robots.
+//!
+//! `PHIPSI_AUTO_SCENES=100000 cargo test --release --test auto -- --nocapture` is the full run, with a table of the families;
+//! `PHIPSI_AUTO_FIRST` is the number of its first scene.
+
+#[path = "../common/mod.rs"]
+mod common;
+mod families;
+
+use common::{Random, random_state, tolerance};
+use families::{Case, FAMILIES, case};
+use nalgebra::Vector6;
+use phipsi::filter::Form;
+use phipsi::scalar::{DoubleDouble, Real};
+use phipsi::scene::Model;
+use phipsi::{Scene, Workspace, dynamics, scenes};
+
+fn double(x: &[f64]) -> Vec<DoubleDouble> {
+    x.iter().map(|&x| DoubleDouble::from_f64(x)).collect()
+}
+
+/// The square-root form in double-double arithmetic; none where a pivot is lost even there.
+fn reference(case: &Case) -> Option<Vec<DoubleDouble>> {
+    let model: Model<DoubleDouble> = case.scene.model().cast();
+    let mut qdd = double(&vec![f64::NAN; model.nv()]);
+    let wrenches: Vec<Vector6<DoubleDouble>> = case.wrenches.iter().map(|w| w.map(DoubleDouble::from_f64)).collect();
+    let [q, qd, tau] = [&case.q, &case.qd, &case.tau].map(|x| double(x));
+    let mut workspace = Workspace::new(&model).in_form(Form::SquareRoot);
+    let pivots = dynamics::forward_dynamics(&model, &mut workspace, &q, &qd, &tau, &wrenches, &mut qdd);
+    (pivots.clear(0) && qdd.iter().all(|x| x.lane(0).is_finite())).then_some(qdd)
+}
+
+/// The largest error over the largest entry; NaN where there is one.
+fn error(found: &[DoubleDouble], expected: &[DoubleDouble]) -> f64 {
+    let off: Vec<f64> = found.iter().zip(expected).map(|(&x, &y)| tolerance::to_f64(x - y)).collect();
+    let size: Vec<f64> = expected.iter().map(|&x| tolerance::to_f64(x)).collect();
+    let off = tolerance::size(&off);
+    if off == 0.0 { off } else { off / tolerance::size(&size) }
+}
+
+/// How far the answer moves where every input moves by a unit in its last place, the worst of a few draws.
+fn sensitivity(case: &Case, expected: &[DoubleDouble]) -> f64 {
+    (0..tolerance::ULP_DRAWS).fold(0.0, |worst: f64, seed| {
+        let moved = reference(&case.jiggled(seed)).map_or(f64::INFINITY, |moved| error(&moved, expected));
+        worst.max(moved)
+    })
+}
+
+type Answer = (Vec<f64>, Option<Form>);
+
+fn covariance(case: &Case) -> Answer {
+    let mut qdd = vec![f64::NAN; case.scene.nv()];
+    let (model, mut w) = (case.scene.model(), case.scene.workspace().in_form(Form::Covariance));
+    dynamics::forward_dynamics(model, &mut w, &case.q, &case.qd, &case.tau, &case.wrenches, &mut qdd);
+    (qdd, None)
+}
+
+fn square_root(case: &Case) -> Answer {
+    let mut qdd = vec![f64::NAN; case.scene.nv()];
+    let (model, mut w) = (case.scene.model(), case.scene.workspace().in_form(Form::SquareRoot));
+    dynamics::forward_dynamics(model, &mut w, &case.q, &case.qd, &case.tau, &case.wrenches, &mut qdd);
+    (qdd, None)
+}
+
+fn auto(case: &Case) -> (Vec<f64>, dynamics::Choice<f64>) {
+    let mut qdd = vec![f64::NAN; case.scene.nv()];
+    let (model, mut w) = (case.scene.model(), case.scene.workspace());
+    let choice = dynamics::forward_dynamics_auto(model, &mut w, &case.q, &case.qd, &case.tau, &case.wrenches, &mut qdd);
+    (qdd, choice)
+}
+
+#[derive(Default, Clone)]
+struct Row {
+    scenes: usize,
+    singular: usize,
+    worst: [f64; 3],
+    fell_back: usize,
+    needlessly: usize,
+    missed: usize,
+    shared: usize,
+}
+
+/// One case into its family's row; what is wrong with it, if anything is.
+fn enter(row: &mut Row, number: usize) -> Option<String> {
+    let case = case(number);
+    let Some(expected) = reference(&case) else {
+        row.singular += 1;
+        return None;
+    };
+    row.scenes += 1;
+    let (watched, choice) = auto(&case);
+    let answers = [covariance(&case).0, square_root(&case).0, watched];
+    let errors = answers.map(|qdd| error(&double(&qdd), &expected));
+    for (worst, error) in row.worst.iter_mut().zip(errors) {
+        *worst = if error <= *worst || worst.is_nan() { *worst } else { error };
+    }
+    let fell_back = choice.form == Form::SquareRoot;
+    row.fell_back += usize::from(fell_back);
+    row.needlessly += usize::from(fell_back && errors[0] <= tolerance::KEPT / 10.0);
+    if errors[2] <= tolerance::KEPT {
+        return None;
+    }
+    let sensitivity = sensitivity(&case, &expected);
+    let allowed = tolerance::kept(sensitivity);
+    if errors[2] <= allowed {
+        return None;
+    }
+    // Where the square-root form is no better, there was nothing to choose.
+    if !(errors[1] <= allowed) {
+        row.shared += 1;
+        return None;
+    }
+    row.missed += 1;
+    let [c, s, a] = errors;
+    let estimate = choice.cancellation.error(0);
+    Some(format!(
+        "scene {number}, {}: covariance {c:.1e}, square-root {s:.1e}, auto {a:.1e}, estimate {estimate:.1e}, sensitivity {sensitivity:.1e}",
+        FAMILIES[number % FAMILIES.len()]
+    ))
+}
+
+fn from_environment(name: &str, otherwise: usize) -> usize {
+    std::env::var(name).map_or(otherwise, |text| text.parse().expect("a count"))
+}
+
+#[test]
+fn auto_keeps_digits_wherever_the_problem_and_the_square_root_form_do() {
+    let (first, count) = (from_environment("PHIPSI_AUTO_FIRST", 0), from_environment("PHIPSI_AUTO_SCENES", 440));
+    let mut rows = vec![Row::default(); FAMILIES.len()];
+    let failures: Vec<String> =
+        (first..first + count).filter_map(|number| enter(&mut rows[number % FAMILIES.len()], number)).collect();
+    println!(
+        "| family | scenes | singular | covariance | square-root | auto | fell back | of these needlessly | missed | square-root too |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|");
+    for (name, row) in FAMILIES.iter().zip(&rows) {
+        let [c, s, a] = row.worst;
+        println!(
+            "| {name} | {} | {} | {c:.0e} | {s:.0e} | {a:.0e} | {} | {} | {} | {} |",
+            row.scenes, row.singular, row.fell_back, row.needlessly, row.missed, row.shared
+        );
+    }
+    assert!(failures.is_empty(), "{} missed of {count}:\n{}", failures.len(), failures.join("\n"));
+    assert!(rows.iter().any(|row| row.fell_back > 0) && rows.iter().any(|row| row.fell_back < row.scenes));
+}
+
+/// The next scene of a family that the covariance form gets wrong.
+fn wrong_in_covariance_form(family: &str) -> Case {
+    let first = FAMILIES.iter().position(|&name| name == family).expect("a family");
+    (first..)
+        .step_by(FAMILIES.len())
+        .map(case)
+        .find(|case| reference(case).is_some_and(|expected| error(&double(&covariance(case).0), &expected) > 1e-6))
+        .expect("one of the first few")
+}
+
+#[test]
+fn a_heavy_tip_is_left_to_the_square_root_form() {
+    let case = wrong_in_covariance_form("heavy tip");
+    let (qdd, choice) = auto(&case);
+    assert_eq!(choice.form, Form::SquareRoot);
+    assert!(choice.pivots.clear(0) && !choice.without_root && !choice.cancellation.clear(0));
+    assert_eq!(qdd, square_root(&case).0, "nothing of the first attempt is left");
+}
+
+#[test]
+fn an_ordinary_chain_stays_in_covariance_form() {
+    let scene = scenes::chain(20).expect("a chain");
+    let (q, qd, tau) = random_state(&scene, &mut Random::new(3));
+    let case = Case { builder: scene.source().clone(), scene, q, qd, tau, wrenches: Vec::new() };
+    let (qdd, choice) = auto(&case);
+    assert_eq!(choice.form, Form::Covariance);
+    assert!(choice.cancellation.error(0) > 0.0 && choice.cancellation.clear(0));
+    assert_eq!(qdd, covariance(&case).0, "the same numbers as without a watch");
+}
+
+#[test]
+fn a_body_without_a_root_leaves_the_covariance_form_and_says_so() {
+    let case = wrong_in_covariance_form("heavy tip");
+    let mut model = case.scene.model().clone();
+    model.inertia_roots[0] = None;
+    let mut qdd = vec![f64::NAN; model.nv()];
+    let mut w = Workspace::new(&model);
+    let choice =
+        dynamics::forward_dynamics_auto(&model, &mut w, &case.q, &case.qd, &case.tau, &case.wrenches, &mut qdd);
+    assert!(choice.form == Form::Covariance && choice.without_root);
+    assert_eq!(qdd, covariance(&case).0);
+}
+
+#[test]
+fn a_state_that_is_not_a_number_is_not_clear() {
+    let scene = scenes::chain(3).expect("a chain");
+    let (q, qd, tau) = (vec![0.1; 3], vec![f64::NAN; 3], vec![1.0; 3]);
+    let case = Case { builder: scene.source().clone(), scene, q, qd, tau, wrenches: Vec::new() };
+    let (qdd, choice) = auto(&case);
+    assert!(!choice.cancellation.clear(0) && qdd.iter().all(|x| x.is_nan()));
+}
+
+/// Runs where `PHIPSI_ROBOTS` names the folder share/example-robot-data/robots of the `PyPI` package.
+#[cfg(feature = "urdf")]
+#[test]
+fn robots_stay_in_covariance_form() {
+    let Some(folder) = std::env::var_os("PHIPSI_ROBOTS") else {
+        println!("skipped: PHIPSI_ROBOTS is not set");
+        return;
+    };
+    let (mut folders, mut files) = (vec![std::path::PathBuf::from(folder)], Vec::new());
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "urdf") {
+                files.push(path);
+            }
+        }
+    }
+    let (mut states, mut singular, mut without_root, mut doubtful, mut worst, mut failures) =
+        (0, 0, 0, 0, 0.0_f64, Vec::new());
+    for file in files {
+        let Ok(builder) = phipsi::scene::SceneBuilder::from_urdf_file(&file) else { continue };
+        for floating in [false, true] {
+            let Ok(scene) = builder.clone().floating_base(floating).build() else { continue };
+            for seed in 0..u64::try_from(from_environment("PHIPSI_AUTO_STATES", 50)).expect("a count") {
+                let (answer, choice) = robot(&scene, seed);
+                if choice.cancellation.error(0).is_nan() {
+                    // A joint that carries no mass: an error in every form.
+                    singular += 1;
+                    continue;
+                }
+                states += 1;
+                doubtful += usize::from(!choice.cancellation.clear(0));
+                if choice.form != Form::Covariance {
+                    failures.push(format!("{file:?} {floating} {seed} {:e}", choice.cancellation.error(0)));
+                }
+                if choice.without_root {
+                    without_root += 1;
+                } else if let Some(expected) = reference(&answer.1) {
+                    worst = worst.max(error(&double(&answer.0), &expected));
+                }
+            }
+        }
+    }
+    println!(
+        "{states} states ({singular} singular ones left out), {doubtful} in doubt, {without_root} of these without a root, {} fell back, \
+         worst error {worst:.1e}",
+        failures.len()
+    );
+    assert!(states > 0 && failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[cfg(feature = "urdf")]
+fn robot(scene: &Scene, seed: u64) -> ((Vec<f64>, Case), dynamics::Choice<f64>) {
+    let (q, qd, tau) = random_state(scene, &mut Random::new(seed));
+    let case = Case { builder: scene.source().clone(), scene: scene.clone(), q, qd, tau, wrenches: Vec::new() };
+    let (qdd, choice) = auto(&case);
+    ((qdd, case), choice)
+}
