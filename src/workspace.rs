@@ -83,6 +83,11 @@ impl<T: Real> Workspace<T> {
         Covariances { shift: &self.shift, p: &mut self.p, scale: &mut self.scale, measured: &mut self.measured }
     }
 
+    /// Whether every pivot D of the last sweep is positive and finite (lane 0): of roots they are sums of squares.
+    pub(crate) fn pivots_are_positive(&self) -> bool {
+        self.measured.iter().all(|row| row.pivot.lane(0) > 0.0 && row.pivot.lane(0).is_finite())
+    }
+
     /// The verdict on a sweep: the lost pivot furthest from the base, if one was lost.
     ///
     /// Costs nothing where the monitor is clear; else O(N) for each pivot in doubt.

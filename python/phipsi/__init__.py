@@ -17,7 +17,7 @@ array([-1.484])
 SI units and radians throughout; spatial vectors are angular first; arrays have leading batch axes that broadcast.
 """
 
-from . import errors
+from . import errors, scenes
 from ._core import BUNDLED_ARM, Omission, Plan, RandomModel, Scene, SceneBuilder, __version__
 from ._results import Energy, Estimate, Limits, MassEstimate, Samples
 from .operators import Factor, Operator
@@ -38,4 +38,5 @@ __all__ = [
     "SceneBuilder",
     "__version__",
     "errors",
+    "scenes",
 ]

@@ -12,9 +12,12 @@ from .operators import Factor
 
 __all__ = [
     "BUNDLED_ARM",
+    "Exact",
+    "FORMS",
     "METHODS",
     "Omission",
     "Plan",
+    "QUANTITIES",
     "ROUTES",
     "RandomModel",
     "RawFactor",
@@ -23,7 +26,10 @@ __all__ = [
     "SceneBuilder",
     "__version__",
     "_rebuild_scene",
+    "chain",
     "emergence",
+    "extreme",
+    "extreme_names",
     "growth",
     "measure",
     "operator_growth",
@@ -539,7 +545,35 @@ class Reference:
     def toarray(self) -> _Array:
         """The reference rounded to float64, (n, nv)."""
 
+@final
+class Exact:
+    """A quantity of one state in double-double arithmetic, and what is measured against it.
+
+    quantity: one of QUANTITIES; q: (nq,), qd: (nv,); u: (nv,), torques, or accelerations for "inverse dynamics".
+    Raises ArgumentError for an unknown quantity, ShapeError and NotFiniteError for arrays, SingularJointError.
+    """
+
+    def __new__(cls, scene: Scene, quantity: str, q: ArrayLike, qd: ArrayLike, u: ArrayLike) -> Exact: ...
+    def toarray(self) -> _Array:
+        """The answer rounded to float64, (nv,) or (nv * nv,)."""
+
+    def difference(self, found: ArrayLike, /) -> tuple[float, _Array]:
+        """How far numbers of another program are from it, relative: the max-norm, and each component against its own size."""
+
+    def error(self, method: str, precision: str = "float64") -> tuple[float, _Array, str | None]:
+        """The error of one method (one of FORMS; the library's recursion for other quantities than forward dynamics) in
+        "float64" or "float32": (max-norm, components, reason); NaN and a reason where the method failed, else None.
+        """
+
+    def sensitivity(self, draws: int = 4, seed: int = 0) -> dict[str, tuple[float, _Array]]:
+        """By how much the answer changes when numbers move by one unit in the last place: kind of number to (max-norm, components)."""
+
+    def time(self, method: str, precision: str, repeats: int) -> float:
+        """Median time of one method on this state over `repeats` calls, ns; for forward dynamics."""
+
 BUNDLED_ARM: str
+FORMS: tuple[str, ...]
+QUANTITIES: tuple[str, ...]
 METHODS: tuple[str, ...]
 ROUTES: tuple[str, ...]
 
@@ -576,3 +610,14 @@ def emergence(scene: Scene, q: ArrayLike, route: str, samples: int, seed: int, r
 
 def operator_growth(bodies: int, repeats: int) -> list[tuple[str, float]]:
     """Applying each operator, and with a star its transpose, on a chain of `bodies` equal links: (name, median ns a body)."""
+
+def extreme(
+    name: str, value: float | None, bodies: int | None, seed: int
+) -> tuple[Scene, _Array, _Array, _Array, str, float, str, tuple[float, ...]]:
+    """The extreme case of that name, as (scene, q, qd, tau, name, value, parameter, values); see `phipsi.scenes.extreme`."""
+
+def extreme_names() -> tuple[str, ...]:
+    """The names of the extreme cases."""
+
+def chain(n: int) -> Scene:
+    """A chain of n equal links; see `phipsi.scenes.chain`."""

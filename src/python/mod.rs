@@ -20,6 +20,8 @@ mod operational;
 mod plan;
 mod report;
 mod scene;
+mod scenes;
+mod stability;
 mod stochastic;
 mod wrenches;
 
@@ -42,6 +44,10 @@ mod core_module {
     #[pymodule_export]
     use super::scene::PyScene;
     #[pymodule_export]
+    use super::scenes::{chain_of, extreme_case, extreme_names};
+    #[pymodule_export]
+    use super::stability::PyExact;
+    #[pymodule_export]
     use super::stochastic::{PyRandomModel, emergence_of};
 
     #[pymodule_init]
@@ -50,6 +56,8 @@ mod core_module {
         module.add("BUNDLED_ARM", crate::scenes::BUNDLED_ARM)?;
         let routes = crate::report::emergence::ROUTES.map(|(name, _)| name);
         module.add("ROUTES", PyTuple::new(module.py(), routes)?)?;
+        module.add("FORMS", PyTuple::new(module.py(), super::stability::forms())?)?;
+        module.add("QUANTITIES", PyTuple::new(module.py(), super::stability::quantities())?)?;
         let methods = crate::report::accuracy::METHODS.map(|(name, _)| name);
         module.add("METHODS", PyTuple::new(module.py(), methods)?)
     }

@@ -3,6 +3,7 @@
 use super::growth::median_ns;
 use crate::dynamics::{self, mass_inverse::InverseScratch};
 use crate::error::Error;
+use crate::filter::Form;
 use crate::scalar::{DoubleDouble, Real};
 use crate::scene::{Model, Scene};
 use crate::workspace::Workspace;
@@ -14,8 +15,10 @@ use std::hint::black_box;
 /// A way from torques to accelerations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
-    /// Kalman filter and Bryson-Frazier smoother, O(N).
+    /// Kalman filter and Bryson-Frazier smoother in covariance form, O(N).
     Filter,
+    /// The same in square-root form.
+    SquareRoot,
     /// M^-1 in closed form (6.1), times torque less bias.
     ClosedInverse,
     /// M and bias, then faer's LDLT of M, taken from the tip.
@@ -64,7 +67,7 @@ impl<T: Real + faer::traits::RealField> Dense for T {}
 pub fn reference(scene: &Scene, states: States<'_>) -> Result<Vec<DoubleDouble>, Error> {
     let (nq, nv) = (scene.nq(), scene.nv());
     let model: Model<DoubleDouble> = scene.model().cast();
-    let mut workspace = Workspace::new(&model);
+    let mut workspace = Workspace::new(&model).in_form(Form::Covariance);
     let wide = |x: &[f64]| -> Vec<DoubleDouble> { x.iter().map(|&v| DoubleDouble::from_f64(v)).collect() };
     let mut all = Vec::with_capacity(states.qd.len());
     let mut qdd = vec![DoubleDouble::from_f64(f64::NAN); nv];
@@ -82,7 +85,7 @@ pub fn reference(scene: &Scene, states: States<'_>) -> Result<Vec<DoubleDouble>,
 }
 
 /// Everything one method needs for one state, allocated once.
-struct Solver<T: Dense> {
+pub(super) struct Solver<T: Dense> {
     model: Model<T>,
     workspace: Workspace<T>,
     scratch: InverseScratch<T>,
@@ -92,15 +95,18 @@ struct Solver<T: Dense> {
 }
 
 impl<T: Dense> Solver<T> {
-    fn new(scene: &Scene) -> Self {
+    /// Scratch for one method; the two forms need no matrix.
+    pub fn new(scene: &Scene, method: Method) -> Self {
         let model: Model<T> = scene.model().cast();
         let nv = model.nv();
-        let need = ldlt::factor::cholesky_in_place_scratch::<T>(nv, Par::Seq, Spec::default())
-            .or(llt::factor::cholesky_in_place_scratch::<T>(nv, Par::Seq, Spec::default()));
+        let dense = !matches!(method, Method::Filter | Method::SquareRoot);
+        let order = if dense { nv } else { 0 };
+        let need = ldlt::factor::cholesky_in_place_scratch::<T>(order, Par::Seq, Spec::default())
+            .or(llt::factor::cholesky_in_place_scratch::<T>(order, Par::Seq, Spec::default()));
         Self {
             workspace: Workspace::new(&model),
             scratch: InverseScratch::new(&model),
-            matrix: vec![T::from_f64(f64::NAN); nv * nv],
+            matrix: vec![T::from_f64(f64::NAN); order * order],
             right: vec![T::from_f64(f64::NAN); nv],
             buffer: MemBuffer::new(need),
             model,
@@ -108,13 +114,21 @@ impl<T: Dense> Solver<T> {
     }
 
     /// One state; false where the method met a bad pivot.
-    fn run(&mut self, method: Method, q: &[T], qd: &[T], tau: &[T], qdd: &mut [T]) -> bool {
+    pub fn run(&mut self, method: Method, q: &[T], qd: &[T], tau: &[T], qdd: &mut [T]) -> bool {
         match method {
             Method::Filter => {
+                self.workspace.form = Form::Covariance;
                 let monitor = dynamics::forward_dynamics(&self.model, &mut self.workspace, q, qd, tau, &[], qdd);
                 self.workspace.lost_pivot(&self.model, &monitor).is_none()
             }
+            Method::SquareRoot => {
+                let (model, workspace) = (&self.model, &mut self.workspace);
+                workspace.form = Form::SquareRoot;
+                let monitor = dynamics::forward_dynamics(model, workspace, q, qd, tau, &[], qdd);
+                monitor.clear(0) || workspace.pivots_are_positive()
+            }
             Method::ClosedInverse => {
+                self.workspace.form = Form::Covariance;
                 self.centred_torque(q, qd, tau);
                 let monitor = dynamics::mass_matrix_inverse(
                     &self.model,
@@ -191,7 +205,7 @@ pub fn measure<T: Dense>(
     repeats: usize,
 ) -> Measurement {
     let (nq, nv) = (scene.nq(), scene.nv());
-    let mut solver = Solver::<T>::new(scene);
+    let mut solver = Solver::<T>::new(scene, method);
     let cast = |x: &[f64]| -> Vec<T> { x.iter().map(|&v| <T as Real>::from_f64(v)).collect() };
     let (q, qd, tau) = (cast(states.q), cast(states.qd), cast(states.tau));
     let count = qd.len().checked_div(nv).unwrap_or(0);

@@ -7,3 +7,6 @@ pub mod emergence;
 pub mod growth;
 #[cfg(feature = "dense")]
 pub mod residuals;
+pub mod sensitivity;
+#[cfg(feature = "dense")]
+pub mod stability;

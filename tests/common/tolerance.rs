@@ -155,3 +155,13 @@ fn show_ratio(what: &str, worst: f64, bound: f64) {
         eprintln!("ratio {:.3e} of bound {bound:.1e}: {what}", worst / bound);
     }
 }
+
+/// What the square-root form may be off in the max-norm, beside the problem's sensitivity to one unit in the last place.
+pub fn square_root(sensitivity: f64) -> f64 {
+    (20.0 * sensitivity).max(1e-13)
+}
+
+/// The same of one acceleration against its own size.
+pub fn square_root_component(sensitivity: f64) -> f64 {
+    (20.0 * sensitivity).max(1e-12)
+}

@@ -64,3 +64,8 @@ def solve(condition: float, scale: float) -> float:
 def sampling(samples: int, spread: ArrayLike) -> np.ndarray:
     """For the mean of that many draws, each with the standard deviation `spread`: five standard deviations of the mean."""
     return np.asarray(5.0 / np.sqrt(samples) * np.asarray(spread))
+
+
+def square_root(sensitivity: float) -> float:
+    """What the square-root form may be off in the max-norm, beside the problem's own sensitivity to one unit in the last place."""
+    return max(20.0 * sensitivity, 1e-13)

@@ -73,22 +73,45 @@ def group() -> None:
 
 @group.command()
 @ROBOT
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder for the report."
-)
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), help="Folder for the report.")
 @FLOATING
 @click.option("--quick", is_flag=True, help="Fewer states and passes: some seconds.")
 @click.option("--states", "count", type=COUNT, help="Random states.  [default: 400, quick: 64]")
 @SEED
-def report(robot: Path | None, output: Path, floating_base: bool, quick: bool, count: int | None, seed: int) -> None:
+@click.option("--stability", is_flag=True, help="The report on extreme scenes, instead of one on a robot.")
+@click.option(
+    "--markdown", type=click.Path(path_type=Path, dir_okay=False), help="With --stability: the page as Markdown, too."
+)
+def report(
+    robot: Path | None,
+    output: Path | None,
+    floating_base: bool,
+    quick: bool,
+    count: int | None,
+    seed: int,
+    stability: bool,
+    markdown: Path | None,
+) -> None:
     """Write a page about a robot: index.html, report.json and plots.
 
     Scene and tree, what was left out, residuals of the theory's identities, error against run time of four methods in two
     precisions, condition of the mass matrix, the mass matrix from samples of the random model, growth with size. Without
     ROBOT.urdf, the bundled arm.
 
+    With --stability, a page about the extreme scenes instead: the error of every form, of dense algebra and of the peers
+    installed, in two norms, beside the problems' own sensitivity.
+
     Exit code 1: a residual is beyond its bound (the report says which); 2: bad input.
     """
+    if stability:
+        if robot is not None or floating_base or count is not None:
+            raise click.UsageError("--stability has scenes of its own: leave out ROBOT.urdf, --floating-base and --states")
+        _stability(output, markdown, quick, seed)
+        return
+    if markdown is not None:
+        raise click.UsageError("--markdown needs --stability")
+    if output is None:
+        raise click.UsageError("Missing option '-o' / '--output'.")
     console = Console(stderr=True)
     scene, name, source, texts = _load(robot, floating_base)
     _warn(console, texts)
@@ -110,6 +133,21 @@ def report(robot: Path | None, output: Path, floating_base: bool, quick: bool, c
             f"beyond the bound: {'; '.join(bad)}", style="bold red", highlight=False, markup=False, soft_wrap=True
         )
         raise SystemExit(BEYOND)
+
+
+def _stability(output: Path | None, markdown: Path | None, quick: bool, seed: int) -> None:
+    """The stability report as a folder, as Markdown, or both."""
+    if output is None and markdown is None:
+        raise click.UsageError("--stability needs -o DIR, --markdown FILE or both")
+    from . import stability  # here, so that the other commands do not wait for matplotlib
+
+    with _typed_errors():
+        with reporter(Console(stderr=True)) as says:
+            found = stability.collect(says, quick=quick, seed=seed)
+        if output is not None:
+            click.echo(stability.write(found, output))
+        if markdown is not None:
+            click.echo(stability.write_markdown(found, markdown))
 
 
 @group.command()

@@ -76,10 +76,10 @@ def time_axis(axes: Axes, low: float, high: float) -> None:
     subs = fine if high / low < 12 else (1.0, 2.0, 5.0) if high / low < 300 else (1.0,)
     axes.xaxis.set_major_locator(LogLocator(subs=subs))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _plain_time(value)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: plain_time(value)))
 
 
-def _plain_time(ns: float) -> str:
+def plain_time(ns: float) -> str:
     for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)):
         if ns >= size * 0.999:
             return f"{ns / size:g} {unit}"
@@ -107,7 +107,15 @@ def direct_labels(axes: Axes, entries: Sequence[tuple[float, float, str, str]], 
             textcoords="axes fraction",
             va="center",
             color=ink,
-            arrowprops={"arrowstyle": "-", "color": ink, "lw": 0.6, "alpha": 0.55, "shrinkA": 2, "shrinkB": 5},
+            arrowprops={
+                "arrowstyle": "-",
+                "color": ink,
+                "lw": 0.6,
+                "alpha": 0.55,
+                "shrinkA": 2,
+                "shrinkB": 5,
+                "relpos": (0.0, 0.5),
+            },
             annotation_clip=False,
         )
 

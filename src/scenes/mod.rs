@@ -1,12 +1,18 @@
 //! Scenes that ship with the library: for benches, reports, examples and tests.
 
+mod blueprint;
+pub(crate) mod draw;
+pub mod extreme;
+
+pub use extreme::{Extreme, extreme, names};
+
 use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::{Matrix3, Vector3};
 
 /// The bundled arm as URDF: a PUMA 560 written from the published figures that the file names.
 #[cfg(feature = "urdf")]
-pub const BUNDLED_ARM: &str = include_str!("../assets/puma560.urdf");
+pub const BUNDLED_ARM: &str = include_str!("../../assets/puma560.urdf");
 
 /// A chain of `n` equal links, 0.3 m and 1 kg, revolute about z, successive axes at right angles.
 ///

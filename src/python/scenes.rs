@@ -1,0 +1,49 @@
+//! The scenes that ship with the library, for `phipsi.scenes`.
+
+use super::arrays;
+use super::scene::PyScene;
+use crate::scenes;
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+
+/// Scene, q, qd, tau, name, value, parameter, values.
+type Case<'py> = (
+    PyScene,
+    Bound<'py, PyAny>,
+    Bound<'py, PyAny>,
+    Bound<'py, PyAny>,
+    &'static str,
+    f64,
+    &'static str,
+    Bound<'py, PyTuple>,
+);
+
+/// The extreme case of that name, as (scene, q, qd, tau, name, value, parameter, values); see `phipsi.scenes.extreme`.
+#[pyfunction(name = "extreme")]
+#[pyo3(signature = (name, value, bodies, seed))]
+pub(super) fn extreme_case<'py>(
+    py: Python<'py>,
+    name: &str,
+    value: Option<f64>,
+    bodies: Option<usize>,
+    seed: u64,
+) -> PyResult<Case<'py>> {
+    let case = py.detach(|| scenes::extreme(name, value, bodies, seed))?;
+    let array = |numbers: &[f64]| arrays::from_numbers(py, numbers, &[numbers.len()]);
+    let (q, qd, tau) = (array(&case.q)?, array(&case.qd)?, array(&case.tau)?);
+    let values = PyTuple::new(py, case.values)?;
+    Ok((PyScene::new(case.scene), q, qd, tau, case.name, case.value, case.parameter, values))
+}
+
+/// The names of the extreme cases.
+#[pyfunction(name = "extreme_names")]
+pub(super) fn extreme_names(py: Python<'_>) -> PyResult<Bound<'_, PyTuple>> {
+    PyTuple::new(py, scenes::names())
+}
+
+/// A chain of n equal links; see `phipsi.scenes.chain`.
+#[pyfunction(name = "chain")]
+#[pyo3(signature = (n))]
+pub(super) fn chain_of(py: Python<'_>, n: usize) -> PyResult<PyScene> {
+    Ok(PyScene::new(py.detach(|| scenes::chain(n))?))
+}
