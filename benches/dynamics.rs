@@ -6,7 +6,7 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::DMatrixView;
 use phipsi::dynamics::operational::Frame;
-use phipsi::filter::FORMS;
+use phipsi::filter::{FORMS, Form};
 use phipsi::{Scene, dynamics, scenes};
 use std::hint::black_box;
 
@@ -43,7 +43,8 @@ fn algorithms(c: &mut Criterion, name: &str, scene: &Scene) {
     let states = states(scene);
     let mut cycle = states.iter().cycle();
     let mut next = move || black_box(cycle.next().expect("a cycle has no end"));
-    let (mut workspace, mut scratch) = (scene.workspace(), scene.inverse_scratch());
+    // The form that the peers run; the group `forms` has the others.
+    let (mut workspace, mut scratch) = (scene.workspace().in_form(Form::Covariance), scene.inverse_scratch());
     let mut vector = vec![0.0; scene.nv()];
     let mut matrix = vec![0.0; scene.nv() * scene.nv()];
     let mut bench = |group: &str, call: &mut dyn FnMut(&State)| {
@@ -128,7 +129,7 @@ fn growth(c: &mut Criterion) {
     for n in [10, 100, 1_000, 10_000, 100_000] {
         let scene = scenes::chain(n).expect("a chain");
         let model = scene.model();
-        let mut workspace = scene.workspace();
+        let mut workspace = scene.workspace().in_form(Form::Covariance);
         #[allow(clippy::cast_precision_loss)] // an index
         let wave = |scale: f64| -> Vec<f64> { (0..n).map(|i| scale * (1.0 + 0.7 * i as f64).sin()).collect() };
         let (q, qd, tau) = (wave(2.0), wave(0.5), wave(3.0));

@@ -170,7 +170,8 @@ fn all_measured_without_noise_is_forward_dynamics_to_the_bit() {
         case.prior = None;
         let room = case.solved();
         let mut qdd = vec![f64::NAN; case.scene.nv()];
-        let mut workspace = case.scene.workspace();
+        // The estimate's own form.
+        let mut workspace = case.scene.workspace().in_form(phipsi::filter::Form::Covariance);
         case.scene.forward_dynamics(&mut workspace, &case.q, &case.qd, &case.torque, &case.wrenches, &mut qdd).unwrap();
         assert_eq!(room.estimate.acceleration, qdd);
         assert!(room.covariance.acceleration.iter().chain(&room.covariance.torque).all(|&x| x == 0.0));

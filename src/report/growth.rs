@@ -2,6 +2,7 @@
 
 use crate::dynamics;
 use crate::error::Error;
+use crate::filter::Form;
 use crate::operators::{KINDS, Operator};
 use crate::scenes;
 use std::hint::black_box;
@@ -18,7 +19,7 @@ pub struct Growth {
     pub inverse: f64,
 }
 
-/// Median time a body of forward and inverse dynamics on the equal-link chain of `bodies` links, over `repeats` passes.
+/// Median time a body of forward (covariance form) and inverse dynamics on the equal-link chain of `bodies` links, over `repeats` passes.
 ///
 /// # Errors
 ///
@@ -26,7 +27,7 @@ pub struct Growth {
 pub fn growth(bodies: usize, repeats: usize) -> Result<Growth, Error> {
     let scene = scenes::chain(bodies)?;
     let model = scene.model();
-    let mut workspace = scene.workspace();
+    let mut workspace = scene.workspace().in_form(Form::Covariance);
     let (q, qd, tau) = (wave(bodies, 2.0), wave(bodies, 0.5), wave(bodies, 3.0));
     let mut out = vec![0.0; bodies];
     // Small chains are called many times, so that the clock's own cost and grain do not show.

@@ -10,10 +10,12 @@ mod families;
 use common::{Random, random_state, tolerance};
 use families::{Case, FAMILIES, case};
 use nalgebra::Vector6;
+#[cfg(feature = "urdf")]
+use phipsi::Scene;
 use phipsi::filter::Form;
 use phipsi::scalar::{DoubleDouble, Real};
 use phipsi::scene::Model;
-use phipsi::{Scene, Workspace, dynamics, scenes};
+use phipsi::{Workspace, dynamics, scenes};
 
 fn double(x: &[f64]) -> Vec<DoubleDouble> {
     x.iter().map(|&x| DoubleDouble::from_f64(x)).collect()

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from importlib import resources
 
 from ... import scenes
-from ..plots import Plot
+from ..figure import Plot
 from ..style import CSS
 from ..text import escape, plural, scientific, time
 from .collect import COVARIANCE, NOISE, ROOT, TIMED, Error, Point, Recursion, Stability, Worse, worse
