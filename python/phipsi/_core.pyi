@@ -182,7 +182,7 @@ class Scene:
     def mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto") -> _Array:
         """The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
 
-        q: (..., nq). Returns (..., nv, nv), full and exactly symmetric.
+        q: (..., nq). form: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric.
 
         Raises SingularJointError; ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse
         without forming it.
@@ -215,7 +215,7 @@ class Scene:
 
         q: (..., nq). links: a name, or m names (links on the base and repeated ones too). xyz: (3,) or (m, 3), m, and
         rotation: (3, 3) or (m, 3, 3): the task frame's origin and axes in its link's frame, by default the link's own; the same
-        for the whole batch.
+        for the whole batch. form: as in forward_dynamics.
 
         Returns (..., 6m, 6m), full and exactly symmetric. Wrenches (moment, force) on the frames, each at its origin and in its
         axes, stacked, times this is how they change the frames' (angular, linear) accelerations. Defined in singular
@@ -236,7 +236,7 @@ class Scene:
     ) -> _Array:
         """The operational-space inertia (S J M^-1 J^T S^T)^-1 of task directions S.
 
-        q, links, xyz and rotation as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
+        q, links, xyz, rotation and form as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
         stacked (angular, linear) velocities of the frames; all 6m by default; the same for the whole batch.
 
         Returns (..., k, k), exactly symmetric and positive definite.
@@ -317,7 +317,7 @@ class Scene:
     def factor(self, q: ArrayLike, *, form: _Form = "auto") -> Factor:
         """M = (1 + K) D (1 + K*) at q by one sweep (3.1, 3.6), and the operators phi, Psi, K, L, D, P it is made of.
 
-        q: (..., nq); the factor is batched where q is. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
+        q: (..., nq); the factor is batched where q is. form: as in forward_dynamics. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
         operators compose as the paper's equations do.
 
         Raises SingularJointError, naming joint and state; ShapeError, NotFiniteError or ArgumentError for a bad q.

@@ -120,7 +120,7 @@ impl PyScene {
 
     /// The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
     ///
-    /// q: (..., nq). Returns (..., nv, nv), full and exactly symmetric, SI units.
+    /// q: (..., nq). form: as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units.
     ///
     /// Raises `ArgumentError` above 4000 degrees of freedom: `forward_dynamics` multiplies by the inverse without forming it.
     /// Raises `SingularJointError`, `ShapeError`, `NotFiniteError`, `ArgumentError`, naming the state.

@@ -45,7 +45,7 @@ impl PyScene {
 impl PyScene {
     /// M = (1 + K) D (1 + K*) at q by one sweep (3.1, 3.6), and the operators phi, Psi, K, L, D, P it is made of.
     ///
-    /// q: (..., nq); the factor is batched where q is. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
+    /// q: (..., nq); the factor is batched where q is. form: as in `forward_dynamics`. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
     /// operators compose as the paper's equations do.
     ///
     /// Raises `SingularJointError`, naming joint and state; `ShapeError`, `NotFiniteError` or `ArgumentError` for a bad q.
