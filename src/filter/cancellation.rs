@@ -14,9 +14,9 @@
 //! added. The whole costs a filter and a smoother more for w, about 160 operations a stage, no branch on a value, and one comparison
 //! in the end.
 //!
-//! It is an estimate, not a bound: as a rule ten times the true error in the max norm of all rows. It is in doubt too often, for the bound
-//! on the terms of P^- knows no directions; [`judge`] then looks again, entry by entry, and with weights of its own, because the weights of
-//! one right side may cancel. What neither sees: errors made before the sweep (in phi, in velocities, in b), which every form
+//! It is an estimate, not a bound: as a rule ten times the true error in the max norm of all rows. It is in doubt too often, for
+//! the bound on the terms of P^- knows no directions; [`judge`] then looks again, entry by entry, and where that is not far from
+//! doubt once more with other weights, because the weights of one right side may cancel. What neither sees: errors made before the sweep (in phi, in velocities, in b), which every form
 //! shares; a component that is small beside the largest; in float32, squares of what is below 1e-19.
 
 use super::pivots::{Scale, absolute_shift_transpose};
@@ -30,6 +30,9 @@ use nalgebra::Vector6;
 ///
 /// Estimates fall short of the true error by a tenth at worst, where weights cancel: 1e-12 is kept.
 pub const CANCELLATION_MARGIN: f64 = 450.0;
+
+/// The same where [`judge`] has looked with one set of weights only: 1e-14 in f64, for one set may cancel.
+pub const CLOSE_MARGIN: f64 = 45.0;
 
 /// The square of the terms that [`Scale`] bounds, against that of the rounding of a usual entry in eps.
 const BOUND_SQUARED: f64 = 64.0;
@@ -79,6 +82,14 @@ impl<T: Real> Cancellation<T> {
     #[must_use]
     pub fn clear(&self, lane: usize) -> bool {
         self.error(lane) <= CANCELLATION_MARGIN * T::epsilon().lane(lane)
+    }
+}
+
+impl<T: Real> Cancellation<T> {
+    /// Whether one closer look is enough for one lane.
+    #[must_use]
+    pub fn far_from_doubt(&self, lane: usize) -> bool {
+        self.error(lane) <= CLOSE_MARGIN * T::epsilon().lane(lane)
     }
 }
 
