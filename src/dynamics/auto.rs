@@ -30,8 +30,7 @@ pub struct Choice<T> {
 ///
 /// The choice is made after both sweeps, for all lanes of `T` together: where the watched covariance form is in doubt, it is looked
 /// at more closely, with other weights where that is not clear either, and where it stays in doubt (or a pivot is), the
-/// square-root form is run. See [`cancellation`]. Measured on one state: 1.2 times the covariance form where the first look is
-/// clear, 1.4 to 1.5 with one closer look, 2.1 with two, about 3 with the square-root form.
+/// square-root form is run. See [`cancellation`]; `cargo bench --bench dynamics forms` has what it costs.
 pub fn forward_dynamics_auto<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -42,15 +41,12 @@ pub fn forward_dynamics_auto<T: Real>(
     qdd: &mut [T],
 ) -> Choice<T> {
     let (pivots, mut cancellation) = forward_dynamics_watched(model, workspace, (q, qd, tau), wrenches, qdd);
-    let clear =
-        |cancellation: &Cancellation<T>| (0..T::LANES).all(|lane| pivots.clear(lane) && cancellation.clear(lane));
-    let mut kept = clear(&cancellation);
+    let mut kept = every_lane(&pivots, |lane| cancellation.clear(lane));
     if !kept {
         cancellation = judge(model, workspace, qdd);
-        let far = (0..T::LANES).all(|lane| pivots.clear(lane) && cancellation.far_from_doubt(lane));
-        kept = far || {
+        kept = every_lane(&pivots, |lane| cancellation.far_from_doubt(lane)) || {
             cancellation = judge_again(model, workspace, &cancellation, qdd);
-            clear(&cancellation)
+            every_lane(&pivots, |lane| cancellation.clear(lane))
         };
     }
     let without_root = !kept && model.inertia_roots.iter().any(Option::is_none);
@@ -80,16 +76,23 @@ pub(super) fn factorise<T: Real>(
     innovations::sweep(system, shift, measured, &weights[..nv], velocity, probe);
     let mut both = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
     let first = cancellation::sweep(system, &mut both, co_state, estimates);
-    let clear = |seen: &Cancellation<T>| (0..T::LANES).all(|lane| pivots.clear(lane) && seen.clear(lane));
-    let kept = clear(&first) || clear(&cancellation::judge(system, &both, p, co_state, estimates));
+    let kept = every_lane(&pivots, |lane| first.clear(lane)) || {
+        let judged = cancellation::judge(system, &both, p, co_state, estimates);
+        every_lane(&pivots, |lane| judged.clear(lane))
+    };
     if kept || model.inertia_roots.iter().any(Option::is_none) {
         return pivots;
     }
     forward_root::factorise(model, workspace, seen)
 }
 
+/// Whether the pivots of every lane are clear, and what is asked of the lane holds.
+fn every_lane<T: Real>(pivots: &PivotMonitor<T>, holds: impl Fn(usize) -> bool) -> bool {
+    (0..T::LANES).all(|lane| pivots.clear(lane) && holds(lane))
+}
+
 /// The covariance form, with an estimate of its error.
-pub(crate) fn forward_dynamics_watched<T: Real>(
+fn forward_dynamics_watched<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
     (q, qd, tau): (&[T], &[T], &[T]),

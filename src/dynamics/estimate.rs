@@ -9,9 +9,9 @@
 //! noise: its gain is zero, and its acceleration keeps the prior's mean, as if it were locked (a0 = 0) or driven along a0.
 
 use super::forces::Motion;
-use super::forward::{filter_tip_to_base, forces_base_to_tip};
+use super::forward::{filter_tip_to_base, forces_base_to_tip, process_noise};
 use super::inverse;
-use crate::filter::pivots::{PivotMonitor, Scale};
+use crate::filter::pivots::PivotMonitor;
 use crate::filter::{System, covariance, innovations, riccati, smoothed, smoother};
 use crate::scalar::Real;
 use crate::scene::Model;
@@ -227,10 +227,7 @@ pub fn estimate_covariance<T: Real>(
         out.force[k] = out.force[k].scaled(s);
     }
 
-    for (k, body) in model.bodies.iter().enumerate() {
-        workspace.p[k] = body.inertia.to_symmetric();
-        workspace.scale[k] = Scale::of_noise(&body.inertia_terms);
-    }
+    process_noise(model, workspace);
     let monitor = riccati::sweep(&model.system, &mut workspace.covariances(), |_, _| {});
     let (measured, accelerations) = (&workspace.measured, &mut out.acceleration);
     let co_states = &mut scratch.co_state_covariance;

@@ -85,16 +85,21 @@ pub fn factorise<T: Real>(
     sweep_covariances(model, workspace, seen)
 }
 
+/// M(k) in place for the filter, with the bounds on its terms.
+pub(super) fn process_noise<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
+    for (k, body) in model.bodies.iter().enumerate() {
+        workspace.p[k] = body.inertia.to_symmetric();
+        workspace.scale[k] = Scale::of_noise(&body.inertia_terms);
+    }
+}
+
 /// The factor in covariance form, or in Joseph's, with phi already in the workspace.
 pub(super) fn sweep_covariances<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
     seen: impl FnMut(usize, &crate::spatial::Symmetric6<T>),
 ) -> PivotMonitor<T> {
-    for (k, body) in model.bodies.iter().enumerate() {
-        workspace.p[k] = body.inertia.to_symmetric();
-        workspace.scale[k] = Scale::of_noise(&body.inertia_terms);
-    }
+    process_noise(model, workspace);
     if workspace.form == Form::Joseph {
         riccati::sweep_joseph(&model.system, &mut workspace.covariances(), seen)
     } else {

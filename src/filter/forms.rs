@@ -21,17 +21,3 @@ pub const FORMS: [(&str, Form); 4] = [
     ("joseph", Form::Joseph),
     ("square-root", Form::SquareRoot),
 ];
-
-impl Form {
-    /// The form of that name in [`FORMS`].
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        FORMS.iter().find(|(known, _)| *known == name).map(|&(_, form)| form)
-    }
-
-    /// Its name in [`FORMS`].
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        FORMS.iter().find(|&&(_, form)| form == self).map_or("", |(name, _)| name)
-    }
-}

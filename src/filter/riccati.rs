@@ -33,12 +33,7 @@ pub fn measurement_update<T: Real>(p: &mut Symmetric6<T>, hinge: &HingeMap<T>, n
     update::<T, false>(p, hinge, noise)
 }
 
-/// The same with P^+ formed as A P A^T + g r g^T. About 150 operations.
-#[inline(always)]
-pub fn joseph_update<T: Real>(p: &mut Symmetric6<T>, hinge: &HingeMap<T>, noise: T) -> Measured<T> {
-    update::<T, true>(p, hinge, noise)
-}
-
+/// The same; with `JOSEPH` P^+ is formed as A P A^T + g r g^T, about 150 operations.
 #[inline(always)]
 fn update<T: Real, const JOSEPH: bool>(p: &mut Symmetric6<T>, hinge: &HingeMap<T>, noise: T) -> Measured<T> {
     let ph = hinge.covariance_column(p);

@@ -1,6 +1,7 @@
 //! Methods of `Scene`: forces, accelerations, and the mass matrix.
 
 use super::arrays::Input;
+use super::choice::choose;
 use super::evaluate::{Call, Scratch};
 use super::scene::PyScene;
 use super::wrenches::Wrench;
@@ -155,8 +156,5 @@ impl PyScene {
 
 /// The form of that name.
 pub(super) fn read_form(form: &str) -> Result<Form, Error> {
-    Form::from_name(form).ok_or_else(|| {
-        let names: Vec<String> = FORMS.iter().map(|(name, _)| format!("{name:?}")).collect();
-        Error::argument("form", format!("{form:?}"), format!("one of {}", names.join(", ")))
-    })
+    choose("form", form, &FORMS)
 }

@@ -8,6 +8,7 @@
 
 mod arrays;
 mod builder;
+mod choice;
 mod configuration;
 mod description;
 mod dynamics;

@@ -1,9 +1,10 @@
 //! What the report measures: residuals, reference, error and time of each method, growth.
 
 use super::arrays::{self, Input};
+use super::choice::choose;
 use super::scene::PyScene;
 use crate::error::Error;
-use crate::report::accuracy::{METHODS, Method, States, measure, reference};
+use crate::report::accuracy::{METHODS, States, measure, reference};
 use crate::report::{growth, residuals};
 use crate::scalar::DoubleDouble;
 use numpy::PyArrayDyn;
@@ -140,7 +141,7 @@ pub(super) fn measure_method<'py>(
     reference: &PyReference,
     repeats: usize,
 ) -> PyResult<(f64, Bound<'py, PyArrayDyn<f64>>)> {
-    let method = find(method)?;
+    let method = choose("method", method, &METHODS)?;
     let arguments = Arguments::read(scene, q, qd, tau)?;
     let states = arguments.states()?;
     if reference.values.len() != states.tau.len() {
@@ -173,11 +174,4 @@ pub(super) fn growth_of(py: Python<'_>, bodies: usize, repeats: usize) -> PyResu
 #[pyo3(signature = (bodies, repeats))]
 pub(super) fn operator_growth_of(py: Python<'_>, bodies: usize, repeats: usize) -> PyResult<Vec<(String, f64)>> {
     Ok(py.detach(|| growth::operator_growth(bodies, repeats))?)
-}
-
-fn find(name: &str) -> Result<Method, Error> {
-    METHODS.iter().find(|(known, _)| *known == name).map(|&(_, method)| method).ok_or_else(|| {
-        let names: Vec<String> = METHODS.iter().map(|(name, _)| format!("{name:?}")).collect();
-        Error::argument("method", format!("{name:?}"), format!("one of {}", names.join(", ")))
-    })
 }

@@ -1,6 +1,7 @@
 //! Exact answers, their sensitivity, and the error and time of each method on one state.
 
 use super::arrays;
+use super::choice::choose;
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::report::accuracy::{Method, States, measure};
@@ -44,7 +45,7 @@ impl PyExact {
         qd: &Bound<'_, PyAny>,
         u: &Bound<'_, PyAny>,
     ) -> PyResult<Self> {
-        let quantity = find("quantity", quantity, &QUANTITIES)?;
+        let quantity = choose("quantity", quantity, &QUANTITIES)?;
         let inner = &scene.get().scene;
         let q = arrays::fixed("q", q, &[inner.nq()])?;
         let qd = arrays::fixed("qd", qd, &[inner.nv()])?;
@@ -77,7 +78,7 @@ impl PyExact {
         method: &str,
         precision: &str,
     ) -> PyResult<(f64, Bound<'py, PyAny>, Option<&'static str>)> {
-        let (method, single) = (find("method", method, &FORMS)?, is_single(precision)?);
+        let (method, single) = (choose("method", method, &FORMS)?, is_single(precision)?);
         let (scene, state, exact) = (&self.scene.get().scene, self.state(), &self.exact);
         let found = py.detach(|| match (self.quantity, single) {
             (Quantity::ForwardDynamics, false) => forward_error::<f64>(scene, method, state, exact),
@@ -108,7 +109,7 @@ impl PyExact {
     /// Median time of one method on this state over `repeats` calls, ns; for forward dynamics.
     #[pyo3(signature = (method, precision, repeats))]
     fn time(&self, py: Python<'_>, method: &str, precision: &str, repeats: usize) -> PyResult<f64> {
-        let (method, single) = (find("method", method, &FORMS)?, is_single(precision)?);
+        let (method, single) = (choose("method", method, &FORMS)?, is_single(precision)?);
         if self.quantity != Quantity::ForwardDynamics {
             return Err(Error::argument("quantity", format!("{:?}", self.quantity), "forward dynamics").into());
         }
@@ -139,14 +140,6 @@ fn is_single(precision: &str) -> Result<bool, Error> {
         "float32" => Ok(true),
         _ => Err(Error::argument("precision", format!("{precision:?}"), "\"float64\" or \"float32\"")),
     }
-}
-
-/// The thing of that name.
-fn find<T: Copy>(argument: &str, name: &str, known: &[(&'static str, T)]) -> Result<T, Error> {
-    known.iter().find(|(known, _)| *known == name).map(|&(_, thing)| thing).ok_or_else(|| {
-        let names: Vec<String> = known.iter().map(|(name, _)| format!("{name:?}")).collect();
-        Error::argument(argument, format!("{name:?}"), format!("one of {}", names.join(", ")))
-    })
 }
 
 /// The names of FORMS, for Python.

@@ -1,6 +1,7 @@
 //! The class `RandomModel`: the spatially random model of a scene at one configuration.
 
 use super::arrays::{fixed, from_numbers};
+use super::choice::choose;
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::report::emergence::{ROUTES, emergence};
@@ -215,9 +216,6 @@ pub(super) fn emergence_of(
 ) -> PyResult<(f64, f64)> {
     let scene = &scene.scene;
     let q = fixed("q", q, &[scene.nq()])?;
-    let Some(&(_, route)) = ROUTES.iter().find(|(name, _)| *name == route) else {
-        let names: Vec<String> = ROUTES.iter().map(|(name, _)| format!("{name:?}")).collect();
-        return Err(Error::argument("route", format!("{route:?}"), format!("one of {}", names.join(", "))).into());
-    };
+    let route = choose("route", route, &ROUTES)?;
     Ok(py.detach(|| emergence(scene, &q, route, (samples, seed), repeats))?)
 }
