@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from phipsi.report import commands, stability
 from phipsi.report.progress import Silent
-from phipsi.report.stability import page
-from phipsi.report.stability.collect import COVARIANCE, ROOT, Error, Point, Stability, collect, to_json, worse
+from phipsi.report.stability import page, peers
+from phipsi.report.stability.collect import (
+    AGREEMENT,
+    COVARIANCE,
+    ORDINARY,
+    ROOT,
+    Error,
+    Point,
+    Stability,
+    collect,
+    compared,
+    to_json,
+    worse,
+)
 from phipsi.report.stability.peers import Peer
+from tolerances import assert_near
 
 import phipsi
 
@@ -85,6 +100,85 @@ def test_where_phipsi_is_worse_is_found(found: Stability, ours: float, theirs: f
     text = page.markdown(made, [], "numerics")
     assert text.index("Where phipsi is worse than a peer") < text.index("## Where the square-root form misses")
     assert ("| heavy-tip | Peer |" in text) == bool(expected)
+
+
+MODULES = {"MuJoCo": "mujoco", "Drake": "pydrake.all", "dynibo": "dynibo"}
+
+
+def of_name(name: str) -> Peer:
+    return next(peer for peer in peers.installed()[0] if peer.name == name)
+
+
+@pytest.mark.parametrize("case", ORDINARY)
+@pytest.mark.parametrize("name", MODULES)
+def test_a_peer_agrees_with_pinocchio_where_nothing_is_extreme(name: str, case: str) -> None:
+    pytest.importorskip("pinocchio")
+    pytest.importorskip(MODULES[name])
+    peer = of_name(name)
+    made = phipsi.scenes.extreme(case, 1.0, seed=3)
+    scene = made.scene if peer.gravity is None else peers.under_gravity(made.scene, peer.gravity)
+    state = (made.q, made.qd, made.tau)
+    if (name, case) == ("dynibo", "armature"):
+        with pytest.raises(peers.Refused, match="armature"):
+            peer.solver(scene)(*state)
+        return
+    expected = of_name("Pinocchio, local").solver(scene)(*state)
+    assert_near(peer.solver(scene)(*state), expected, AGREEMENT * np.max(np.abs(expected)))
+
+
+def test_every_peer_installed_is_compared() -> None:
+    assert [peer.name for peer in compared()[0]] == [peer.name for peer in peers.installed()[0]]
+
+
+@pytest.mark.parametrize(
+    ("name", "case", "value", "message"),
+    [
+        ("MuJoCo", "massless-middle", 0.0, "mjMINVAL"),
+        ("dynibo", "heavy-tip", 1.0, "gravity"),
+        ("Drake", "long-chain", 1000, "beyond"),
+    ],
+)
+def test_what_a_peer_does_not_take_it_says(name: str, case: str, value: float, message: str) -> None:
+    pytest.importorskip(MODULES[name])
+    with pytest.raises(peers.Refused, match=message):
+        of_name(name).solver(phipsi.scenes.extreme(case, value).scene)
+
+
+def test_programs_that_are_not_there_are_named(monkeypatch: pytest.MonkeyPatch, found: Stability) -> None:
+    def absent(name: str) -> None:
+        raise ModuleNotFoundError(name)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(importlib, "import_module", absent)
+        others, lines = compared()
+    assert others == []
+    assert [line.split(" is not installed")[0] for line in lines] == ["Pinocchio", "MuJoCo", "Drake", "dynibo"]
+    made = Stability(True, [0], found.date, found.machine, others, [point(1.0, 1.0)], found.timed, absent=lines)
+    for text in (page.markdown(made, [], "numerics"), page.html(made, [])):
+        assert text.index("pip install drake") < text.index("Where the square-root form misses")
+    assert to_json(made)["not_compared"] == lines
+
+
+@pytest.mark.parametrize("wrong", [1.0 + 1e-9, math.nan])
+def test_a_peer_that_is_wrong_on_ordinary_scenes_is_left_out(wrong: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    good = Peer("Good", "Good 1", lambda scene: lambda q, qd, tau: scene.forward_dynamics(q, qd, tau))
+    bad = Peer("Bad", "Bad 1", lambda scene: lambda q, qd, tau: wrong * scene.forward_dynamics(q, qd, tau))
+    monkeypatch.setattr(peers, "installed", lambda: ([good, bad], ["Other is not installed."]))
+    kept, lines = compared()
+    assert kept == [good]
+    assert lines[0] == "Other is not installed."
+    assert lines[1].startswith("Bad (Bad 1) is off by ")
+    assert len(lines) == 2
+
+
+def test_a_peer_that_takes_no_ordinary_scene_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: phipsi.Scene) -> peers.Solver:
+        raise peers.Refused("never")
+
+    monkeypatch.setattr(peers, "installed", lambda: ([Peer("Shy", "Shy 1", refuse)], []))
+    kept, lines = compared()
+    assert kept == []
+    assert len(lines) == 1
 
 
 def test_the_pages_are_written(found: Stability, tmp_path: Path) -> None:

@@ -29,6 +29,10 @@ STATES = 8
 QUICK_LINKS = 1000
 #: Cases whose methods are timed: name, value.
 TIMED = (("heavy-tip", 1.0), ("heavy-tip", 1e9), ("growing-masses", 100.0), ("alternating-masses", 1e-9))
+#: A peer's numbers are shown if it is right to this on the cases below at 1, where nothing is extreme.
+AGREEMENT = 1e-10
+ORDINARY = ("heavy-tip", "prismatic-chain", "heavy-leaves", "armature", "far-base")
+NOT_FINITE = "a result is not finite"
 #: Errors below these, max-norm and component by component, are rounding: no comparison is made of them.
 NOISE = {"max-norm": 1e-15, "components": 1e-14}
 
@@ -108,6 +112,8 @@ class Stability:
     recursions: list[Recursion] = field(default_factory=list)
     singular: str = ""
     """What the singular case raised."""
+    absent: Sequence[str] = ()
+    """A line on each program that was not compared: not installed, or wrong on an ordinary scene."""
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -149,7 +155,8 @@ def collect(reporter: Reporter, *, quick: bool = False, seed: int = 0) -> Stabil
     """
     date = datetime.now(timezone.utc).isoformat(timespec="seconds")
     seeds = range(seed, seed + (2 if quick else STATES))
-    found = Stability(quick, seeds, date, machine.describe(), peers.installed())
+    others, absent = compared(seed)
+    found = Stability(quick, seeds, date, machine.describe(), others, absent=absent)
     cases = [
         (one, scenes.extreme(name, value, seed=one))
         for name in scenes.names()
@@ -202,16 +209,47 @@ def _point(case: scenes.Extreme, seed: int, others: Sequence[peers.Peer]) -> Poi
     return Point(case.name, case.value, seed, case.scene.nv, sensitivity, found)
 
 
+def compared(seed: int = 0) -> tuple[list[peers.Peer], list[str]]:
+    """The peers to compare with, and a line on each program that is not one of them."""
+    others, absent = peers.installed()
+    kept, lines = [], list(absent)
+    for peer in others:
+        off = _off(peer, seed)
+        if off <= AGREEMENT:
+            kept.append(peer)
+        else:
+            lines.append(f"{peer.name} ({peer.version}) is off by {off:.0e} on scenes that are not extreme: left out.")
+    return kept, lines
+
+
+def _off(peer: peers.Peer, seed: int) -> float:
+    """The peer's largest error on the ordinary scenes that it takes, max-norm; infinite where it takes none."""
+    found = []
+    for name in ORDINARY:
+        case = scenes.extreme(name, 1.0, seed=seed)
+        exact = _core.Exact(case.scene, "forward dynamics", case.q, case.qd, case.tau)
+        error = _of_peer(peer, case, exact)
+        if error.reason in (None, NOT_FINITE):
+            found.append(math.inf if error.reason else error.norm)
+    return max(found, default=math.inf)
+
+
 def _of_peer(peer: peers.Peer, case: scenes.Extreme, exact: _core.Exact) -> Error:
     nan = float("nan")
+    scene = case.scene
+    if peer.gravity is not None:
+        # Its own gravity cannot be set: the same scene under that, and the exact answer to that.
+        scene = peers.under_gravity(scene, peer.gravity)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            accelerations = peer.solver(case.scene)(case.q, case.qd, case.tau)
+            accelerations = peer.solver(scene)(case.q, case.qd, case.tau)
     except peers.Refused as refused:
         return Error(nan, nan, str(refused))
     if not np.all(np.isfinite(accelerations)):
-        return Error(nan, nan, "a result is not finite")
+        return Error(nan, nan, NOT_FINITE)
+    if peer.gravity is not None:
+        exact = _core.Exact(scene, "forward dynamics", case.q, case.qd, case.tau)
     return _worst(exact.difference(accelerations))
 
 
@@ -307,6 +345,7 @@ def to_json(found: Stability) -> dict[str, Any]:
         "quick": found.quick,
         "seeds": list(found.seeds),
         "peers": [peer.version for peer in found.peers],
+        "not_compared": list(found.absent),
         "singular": found.singular,
         "cases": [
             {

@@ -84,7 +84,7 @@ def _worse_rows(found: Stability, method: str) -> Table:
 def _worse_text(found: Stability, method: str) -> str:
     """A sentence on how the method stands beside the peers, by counts."""
     if not found.peers:
-        return f"No peer is installed: the {method} was compared with dense algebra only."
+        return f"No peer was compared: the {method} stands beside dense algebra only."
     pairs = [
         (point.errors[method, "float64"], point.errors[peer.name, "float64"])
         for point in found.points
@@ -100,13 +100,20 @@ def _worse_text(found: Stability, method: str) -> str:
             ("components", mine.component, other.component),
         )
     )
-    versions = " and ".join(dict.fromkeys(peer.version for peer in found.peers))
+    versions = ", ".join(dict.fromkeys(peer.version for peer in found.peers))
     return (
         f"Of {2 * len(pairs)} comparisons with {versions} (every case, value, state and peer, in two norms), the {method} has the"
         f" larger error in {number}: more than twice the peer's, above four times the sensitivity, and above"
         f" {NOISE['max-norm']:.0e} (max-norm) or {NOISE['components']:.0e} (component by component). It has less than half of the"
         f" peer's in {ahead}."
     )
+
+
+def _absent_text(found: Stability) -> str:
+    """Which programs were not compared, and why."""
+    if not found.absent:
+        return "Every peer that this report knows was compared."
+    return " ".join(["Not compared:", *found.absent])
 
 
 def _slower_text(found: Stability) -> str:
@@ -234,8 +241,9 @@ def markdown(found: Stability, plots: Sequence[Plot], stem: str) -> str:
         plot.name: f"![{plot.name.replace('-', ' ')}]({stem}-{plot.name}.png)\n\n{_caption(found, plot)}"
         for plot in plots
     }
+    first = f"{_worse_text(found, ROOT)} {_absent_text(found)} {_slower_text(found)}"
     parts = {
-        "worse-root": f"{_worse_text(found, ROOT)} {_slower_text(found)}\n\n" + _md_table(_worse_rows(found, ROOT)),
+        "worse-root": f"{first}\n\n" + _md_table(_worse_rows(found, ROOT)),
         "worse-covariance": _worse_text(found, COVARIANCE) + "\n\n" + _md_table(_worse_rows(found, COVARIANCE)),
         "beyond": _md_table((BEYOND_HEAD, _beyond(found))),
         "cases": "\n".join(cases),
@@ -302,10 +310,11 @@ def html(found: Stability, plots: Sequence[Plot]) -> str:
     figures = "".join(
         f"<figure>{plot.svg}<figcaption>{escape(_caption(found, plot))}</figcaption></figure>" for plot in plots
     )
+    first = f"{_worse_text(found, ROOT)} {_absent_text(found)} {_slower_text(found)}"
     sections = [
         (
             "Where phipsi is worse than a peer",
-            f"<p>{escape(_worse_text(found, ROOT))} {escape(_slower_text(found))}</p>{_html_table(_worse_rows(found, ROOT), 4)}"
+            f"<p>{escape(first)}</p>{_html_table(_worse_rows(found, ROOT), 4)}"
             f"<p>{escape(_worse_text(found, COVARIANCE))}</p>{_html_table(_worse_rows(found, COVARIANCE), 4)}",
         ),
         (

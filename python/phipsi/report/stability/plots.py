@@ -23,6 +23,8 @@ COLOURS = {
     "Pinocchio, local": "#222222",
     "Pinocchio, world": "#7f7f7f",
     "MuJoCo": "#b8860b",
+    "Drake": "#56b4e9",
+    "dynibo": "#e377c2",
 }
 FLOOR = "#c9ced3"
 
