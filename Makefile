@@ -3,20 +3,22 @@
 #   make report [ROBOT=some.urdf] [OUT=report]   build, install into .venv, run the main job
 #   make test      Rust tests, then the Python tests against the built wheel
 #   make check     what CI adds: format, clippy, docs, benches compile, stubs, abi3
-#   make bench     criterion benches
-#   make peers     Pinocchio and its C++ harness, to measure against (Debian: apt-get, as root)
+#   make peers     what to measure against: the peers, and Pinocchio's C++ harness (Debian: apt-get, as root)
+#   make bench     after make peers: measures all of it, writes docs/benchmarks.md (BENCH=--quick: a trial)
 
 PYTHON ?= python3
 OUT ?= report
 ROBOT ?=
+BENCH ?=
 # All that needs no Python.
 FEATURES := urdf,parallel,dense,stochastic
 VENV := .venv
 BIN := $(VENV)/bin
+PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: report test test-rust test-python check bench peers clean
+.PHONY: report test test-rust test-python check bench peers peers-there clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -63,8 +65,14 @@ check: $(VENV)/test
 	$(BIN)/mypy python/phipsi
 	$(BIN)/abi3audit --strict $(WHEELS)/phipsi-*.whl
 
-bench:
-	cargo bench --features $(FEATURES)
+# phipsi goes into the peers' environment: all of them are measured in one process.
+bench: peers-there $(VENV)/wheel
+	$(PEERS) -m pip install --quiet --force-reinstall --no-deps $(WHEELS)/phipsi-*.whl
+	$(PEERS) -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[report]"
+	$(PEERS) benches/report.py $(BENCH)
+
+peers-there:
+	@test -x $(PEERS) -a -x target/peers/pinocchio_bench || { echo "make bench measures against the peers: run make peers first"; exit 1; }
 
 peers:
 	bash benches/peers/install.sh

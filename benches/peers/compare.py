@@ -155,7 +155,7 @@ def processor() -> str:
     return platform.processor() or platform.machine()
 
 
-def describe(harness: Report, load_at_start: float) -> Report:
+def describe_machine(load_at_start: float) -> Report:
     return {
         "date": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "processor": processor(),
@@ -164,6 +164,11 @@ def describe(harness: Report, load_at_start: float) -> Report:
         "commit": first_line("git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"),
         "rustc": first_line("rustc", "--version"),
         "rustflags": os.environ.get("RUSTFLAGS", ""),
+    }
+
+
+def describe(harness: Report, load_at_start: float) -> Report:
+    return describe_machine(load_at_start) | {
         "cxx": f"{harness['compiler']} {harness['flags']}",
         "pinocchio": harness["pinocchio"],
         "eigen": harness["eigen"],

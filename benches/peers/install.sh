@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Installs the peers and builds their harness; `make peers` calls it. Safe to call again: what is up to date is kept.
 #
-#   .venv-peers/                       pin and example-robot-data, of the versions in requirements.txt
+#   .venv-peers/                       the peers and example-robot-data, of the versions in requirements.txt
 #   target/peers/models/               the models, and the URDF of each robot
 #   target/peers/pinocchio_bench       the harness
 #   target/peers/accelerations.csv     what both sides must compute before their times are compared
@@ -44,7 +44,7 @@ install_packages() {
 }
 
 refresh_venv() {
-  "$python" -c 'import sys; sys.exit(sys.version_info < (3, 10))' || die "$("$python" --version) is too old: 3.10 or newer"
+  "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || die "$("$python" --version) is too old: 3.11 or newer, for MuJoCo"
   local version='import sys; print(sys.version)'
   if [[ "$("$venv/bin/python" -c "$version" 2>/dev/null)" != "$("$python" -c "$version")" ]]; then
     say "creating $venv"
@@ -64,7 +64,8 @@ definitions=(
 # Everything that the harness depends on; -march=native makes the processor one of those.
 stamp() {
   echo "${compile_flags[*]} ${definitions[*]}"
-  cat "$here"/{requirements.txt,pinocchio_bench.cpp} | sha256sum
+  sha256sum <"$here/pinocchio_bench.cpp"
+  grep -E '^(pin|libpinocchio|cmeel-boost)==' "$here/requirements.txt"
   g++ --version | head -n 1
   g++ -march=native -Q --help=target | sha256sum
   grep -h EIGEN_ "$eigen/Eigen/src/Core/util/Macros.h" | sha256sum

@@ -1,0 +1,172 @@
+"""The models and states that python_peers.py gives to every library, and how their coordinates map onto each other.
+
+phipsi's coordinates are the reference: q of a free joint is (x, y, z, qx, qy, qz, qw), its rates are (linear, angular)
+along the base's own axes. A peer may order joints otherwise, put the angular part first, or use the axes of the world.
+"""
+
+import warnings
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+
+import dump_models
+import numpy as np
+import phipsi
+from phipsi.report.stability.peers.model import World
+
+#: dynibo has this one and no other; so all of them have it.
+GRAVITY = (0.0, 0.0, -9.80665)
+MODELS = ("chain_7", "ur5", "panda", "g1", "talos")
+ONE_STATES, BATCH_STATES = 256, 4096
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A model as phipsi's scene and as URDF text without shapes, damping and transmissions; and states."""
+
+    name: str
+    floating: bool
+    scene: phipsi.Scene
+    urdf: str
+    q: Array
+    qd: Array
+    tau: Array
+    qdd: Array
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def first(self) -> int:
+        """Degrees of freedom of the base."""
+        return 6 if self.floating else 0
+
+    @property
+    def joints(self) -> list[str]:
+        """Without the free joint."""
+        return list(self.scene.joint_names)[1 if self.floating else 0 :]
+
+
+def chain_urdf(scene: phipsi.Scene) -> str:
+    """dump_models.chain as URDF, with the names of phipsi's."""
+    ixx, iyy, izz = dump_models.LINK_INERTIA
+    base, *links = ["base", *scene.body_names]
+    lines = [f'<link name="{base}"/>']
+    for k, (joint, parent, child) in enumerate(zip(scene.joint_names, [base, *links], links, strict=False)):
+        roll = repr(np.pi / 2) if k % 2 == 1 else "0"
+        offset = dump_models.LINK_LENGTH if k > 0 else 0.0
+        lines.append(
+            f'<link name="{child}"><inertial><origin xyz="0 0 {dump_models.LINK_LENGTH / 2}"/>'
+            f'<mass value="{dump_models.LINK_MASS}"/>'
+            f'<inertia ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"/></inertial></link>'
+            f'<joint name="{joint}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="0 0 {offset}" rpy="{roll} 0 0"/><axis xyz="0 0 1"/>'
+            '<limit lower="-1e9" upper="1e9" effort="1e9" velocity="1e9"/></joint>'
+        )
+    return '<robot name="chain">' + "".join(lines) + "</robot>"
+
+
+def robot_urdf(relative: str) -> str:
+    """The robot's file with what is not dynamics left out; and damping, which phipsi has in simulation only."""
+    root = ET.parse(dump_models.urdf_path(relative)).getroot()
+    unwanted = {"link": ("visual", "collision"), "joint": ("dynamics", "safety_controller", "calibration")}
+    for child in list(root):
+        if child.tag not in unwanted:
+            root.remove(child)
+            continue
+        for tag in unwanted[child.tag]:
+            for element in child.findall(tag):
+                child.remove(element)
+    return ET.tostring(root, encoding="unicode")
+
+
+def problem(name: str, states: int) -> Problem:
+    """Random states: rates, torques and accelerations within 1, configurations that far from the neutral one."""
+    if name.startswith("chain_"):
+        floating = False
+        scene = phipsi.scenes.chain(int(name.removeprefix("chain_")))
+        urdf = chain_urdf(scene)
+        rebuild, ((version, _, *rest),) = scene.__reduce__()
+        scene = rebuild((version, list(GRAVITY), *rest))
+    else:
+        relative, base = next((path, base) for known, path, base in dump_models.ROBOTS if known == name)
+        floating = base == "floating"
+        urdf = robot_urdf(relative)
+        with warnings.catch_warnings():  # mimic joints are joints of their own, inertias are as the file has them
+            warnings.simplefilter("ignore", UserWarning)
+            scene = phipsi.Scene.from_urdf(urdf, floating_base=floating, gravity=GRAVITY)
+    rng = np.random.default_rng(1)
+
+    def draw() -> Array:
+        return rng.uniform(-1.0, 1.0, (states, scene.nv))
+
+    q = scene.integrate(np.tile(scene.neutral(), (states, 1)), draw())
+    return Problem(name, floating, scene, urdf, q, draw(), draw(), draw())
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """How a peer's vectors of degrees of freedom relate to phipsi's: theirs = turn @ ours, an orthogonal matrix."""
+
+    problem: Problem
+    at: Array
+    """Where each of phipsi's joints is in the peer's vectors, free joint not counted."""
+    angular_first: bool = False
+    world: str = ""
+    """Which parts of the base's rates are along the axes of the world: of "linear angular"."""
+
+    def turn(self, state: int) -> Array:
+        """The matrix of that state."""
+        problem = self.problem
+        first, nv = problem.first, problem.scene.nv
+        turn = np.zeros((nv, nv))
+        turn[first + self.at, first + np.arange(nv - first)] = 1.0
+        if first:
+            rotation = World.of(problem.q[state], problem.qd[state]).rotation
+            linear, angular = (3, 0) if self.angular_first else (0, 3)
+            turn[linear : linear + 3, :3] = rotation if "linear" in self.world else np.eye(3)
+            turn[angular : angular + 3, 3:6] = rotation if "angular" in self.world else np.eye(3)
+        return turn
+
+    def extra(self, state: int) -> Array:
+        """Acceleration of the base's origin less the derivative of its rate along its own axes; phipsi's order."""
+        extra = np.zeros(self.problem.scene.nv)
+        if self.problem.first and "linear" in self.world:
+            extra[:3] = np.cross(self.problem.qd[state, 3:6], self.problem.qd[state, :3])
+        return extra
+
+    def positions(self, state: int) -> Array:
+        """q of the joints in the peer's order, free joint not counted."""
+        q = np.empty(len(self.at))
+        q[self.at] = self.problem.q[state, 7 if self.problem.first else 0 :]
+        return q
+
+    def base(self, state: int) -> Array:
+        """(x, y, z, qw, qx, qy, qz) of the base; empty where it is fixed."""
+        return self.problem.q[state, [0, 1, 2, 6, 3, 4, 5]] if self.problem.first else np.empty(0)
+
+    def rates(self, state: int) -> Array:
+        """qd there."""
+        return self.turn(state) @ self.problem.qd[state]
+
+    def forces(self, state: int) -> Array:
+        """tau there."""
+        return self.turn(state) @ self.problem.tau[state]
+
+    def accelerations(self, state: int) -> Array:
+        """qdd there."""
+        return self.turn(state) @ (self.problem.qdd[state] + self.extra(state))
+
+    def our_accelerations(self, theirs: Array, state: int) -> Array:
+        """Back to phipsi's."""
+        return self.turn(state).T @ theirs - self.extra(state)
+
+    def our_forces(self, theirs: Array, state: int) -> Array:
+        """Back to phipsi's."""
+        return self.turn(state).T @ theirs
+
+    def our_matrix(self, theirs: Array, state: int) -> Array:
+        """The mass matrix or its inverse, back to phipsi's."""
+        turn = self.turn(state)
+        return turn.T @ theirs @ turn

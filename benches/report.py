@@ -1,0 +1,147 @@
+"""Measures everything and writes docs/benchmarks.md with its plots: what `make bench` runs.
+
+Usage: .venv-peers/bin/python benches/report.py [--passes N] [--quick] [--write-only]
+
+It runs under the interpreter of the peers, in which `make bench` has installed the wheel of phipsi (with the extra `report`,
+for matplotlib): python_peers.py needs all of them in one process. In this order: criterion's groups that no peer takes part in;
+compare.py, where criterion and Pinocchio in C++ take turns; python_peers.py. What was run is kept in target/peers/run.json,
+so that --write-only can write the page again. --quick has few repeats: to see that all works, not for figures.
+"""
+
+import argparse
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any, NoReturn
+
+import tomllib
+
+ROOT = Path(__file__).resolve().parents[1]
+PEERS = ROOT / "target" / "peers"
+sys.path.insert(0, str(ROOT / "benches" / "peers"))
+
+from compare import BATCH, OPERATIONS
+
+import report_page
+
+FEATURES = "urdf,parallel,dense,stochastic"
+COMPARED = [operation + suffix for operation in OPERATIONS for suffix in ("", BATCH)]
+#: Criterion's options where there is no need to be exact; and where five passes make up for short ones.
+QUICK = ("--warm-up-time", "0.1", "--measurement-time", "0.2", "--sample-size", "10")
+SHORT = ("--warm-up-time", "1", "--measurement-time", "2")
+
+
+def fail(message: str) -> NoReturn:
+    sys.exit(f"report.py: {message}")
+
+
+def run(command: list[str], *, capture: bool = False) -> str:
+    """What the command prints, where it is captured."""
+    print(f"$ {shlex.join(command)}", file=sys.stderr, flush=True)
+    try:
+        done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE if capture else None, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError) as error:
+        fail(str(error))
+    return done.stdout or ""
+
+
+def cargo_bench() -> list[str]:
+    """The benches by name, because the tests of the library do not know criterion's options."""
+    benches = tomllib.loads((ROOT / "Cargo.toml").read_text(encoding="utf-8"))["bench"]
+    return ["cargo", "bench", "--features", FEATURES, *(part for one in benches for part in ("--bench", one["name"]))]
+
+
+def groups_of(bench: list[str]) -> list[str]:
+    """Criterion's groups, as the benches list them."""
+    lines = run([*bench, "--", "--list"], capture=True).splitlines()
+    found = [line.removesuffix(": benchmark").split("/")[0] for line in lines if line.endswith(": benchmark")]
+    return list(dict.fromkeys(found))
+
+
+def only(groups: list[str]) -> str:
+    """A filter for those groups."""
+    return f"^({'|'.join(map(re.escape, groups))})/"
+
+
+def measure(passes: int, quick: bool) -> dict[str, Any]:
+    """Runs everything; the commands, and when it began."""
+    began = time.time() - 1.0
+    bench = cargo_bench()
+    groups = groups_of(bench)
+    others = [group for group in groups if group not in COMPARED]
+    alone = [*bench, "--", only(["growth"] if quick else others), *(QUICK if quick else ())]
+    shared = [*bench, "--", only([group for group in groups if group in COMPARED]), *(QUICK if quick else SHORT)]
+    # One core: batches are compared with Pinocchio on one.
+    compare = ["env", "RAYON_NUM_THREADS=1", sys.executable, "benches/peers/compare.py"]
+    compare += ["--passes", str(passes), "--rerun", shlex.join(shared)]
+    few = ["--passes", "3", "--seconds", "0.001"] if quick else []
+    python = [sys.executable, "benches/peers/python_peers.py", *few]
+    for command in (alone, compare, python):
+        run(command)
+    commands = {"alone": alone, "compare": compare, "python": python}
+    # As somebody would type it here.
+    written = {name: shlex.join(command).replace(f"{ROOT}/", "") for name, command in commands.items()}
+    return {"began": began, "quick": quick, "commands": written}
+
+
+def criterion(folder: Path, since: float) -> list[dict[str, Any]]:
+    """Every estimate written after `since`: full id, median in ns, and how many elements an iteration works on."""
+    found = []
+    for benchmark in sorted(folder.glob("**/new/benchmark.json")):
+        estimates = benchmark.with_name("estimates.json")
+        if not estimates.exists() or estimates.stat().st_mtime < since:
+            continue
+        about = json.loads(benchmark.read_text())
+        median = json.loads(estimates.read_text())["median"]
+        interval = median["confidence_interval"]
+        found.append(
+            {
+                "group": about["group_id"],
+                "id": about["full_id"],
+                "elements": (about["throughput"] or {}).get("Elements"),
+                "ns": median["point_estimate"],
+                "low": interval["lower_bound"],
+                "high": interval["upper_bound"],
+            }
+        )
+    return found
+
+
+def load(name: str) -> dict[str, Any]:
+    path = PEERS / name
+    if not path.exists():
+        fail(f"no {path}: run without --write-only first")
+    content: dict[str, Any] = json.loads(path.read_text())
+    return content
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--passes", type=int, help="of compare.py; default: 5, with --quick 1")
+    parser.add_argument("--quick", action="store_true", help="few repeats: no figure counts")
+    parser.add_argument("--write-only", action="store_true", help="measure nothing, write the page again")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=ROOT / "docs" / "benchmarks.md", help="default: %(default)s"
+    )
+    options = parser.parse_args()
+    if not options.write_only:
+        missing = [path for path in (PEERS / "pinocchio_bench", PEERS / "models") if not path.exists()]
+        if missing:
+            fail(f"not there: {', '.join(map(str, missing))}; run `make peers`")
+        passes = options.passes or (1 if options.quick else 5)
+        ran = measure(passes, options.quick)
+        (PEERS / "run.json").write_text(json.dumps(ran, indent=1) + "\n")
+    ran = load("run.json")
+    folder = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "criterion"
+    alone = [row for row in criterion(folder, ran["began"]) if row["group"] not in COMPARED]
+    report_page.write(options.output, ran, load("comparison.json"), load("python.json"), alone)
+    print(f"written: {options.output}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,270 @@
+"""docs/benchmarks.md from what report.py has measured. Ratios are the peer's time over phipsi's: above 1 phipsi is faster."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import report_plots
+
+Row = dict[str, Any]
+
+BATCH = "_batch"
+THREADS = ", 2 threads"
+TITLES = {
+    "forward_dynamics": "Forward dynamics",
+    "inverse_dynamics": "Inverse dynamics",
+    "mass_matrix": "Mass matrix",
+    "mass_matrix_inverse": "Inverse of the mass matrix",
+    "factor": "Factor",
+}
+#: What the project wants to reach on these models (issue 5), as ratios to Pinocchio in C++.
+AIMED_AT = ("chain_7", "g1", "talos")
+AIMS = {"forward_dynamics": 4.0, "inverse_dynamics": 4.0, "mass_matrix": 2.0, "mass_matrix_inverse": 3.0}
+AIMS_BATCH = {"forward_dynamics": 25.0, "inverse_dynamics": 20.0, "mass_matrix": 20.0, "mass_matrix_inverse": 20.0}
+#: The same from Python, of one core, against a loop over Pinocchio; and one state a call against pin.aba, chain of 7.
+AIM_PYTHON_BATCH, AIM_PYTHON_CALL = 30.0, 2.0
+
+LIMITS = """\
+- One machine, on one day. Two machines need not agree on a ratio; minimum and maximum say how steady this one was.
+- Against Pinocchio in C++ phipsi runs its kernels without the checks of the arguments, as Pinocchio does. From Python everything is in: the
+  call, the checks, the new array for the result; for Drake and MuJoCo also what sets the state.
+- `mj_step` and `mujoco.rollout` do a step, with more kinematics than accelerations need; `mj_forward` and `mj_inverse` too. MuJoCo fuses
+  fixed links, as phipsi does; contacts, limits and other constraints are off.
+- Pinocchio fills the upper triangle of the mass matrix and of its inverse; phipsi fills both.
+- A loop over Pinocchio is a Python loop that stores each result; `pin.abaInParallel` is its own batch, which it has for two algorithms.
+- Drake's and dynibo's calls from C++ and Rust are faster than from Python; so is phipsi's.
+- Models without shapes and damping; mimic joints are joints of their own. Gravity is 9.80665 m/s^2 everywhere from Python: dynibo has no other.
+- Caches are warm, and 256 states (batches: 4096) are drawn beforehand and taken in turn.
+"""
+
+
+class Loss(NamedTuple):
+    """A peer that is faster."""
+
+    where: str
+    operation: str
+    model: str
+    ours: float
+    peer: str
+    theirs: float
+
+    @property
+    def times(self) -> float:
+        return self.ours / self.theirs
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    body = [f"| {' | '.join(row)} |" for row in rows]
+    if not body:
+        return "None.\n"
+    return "\n".join([f"| {' | '.join(head)} |", f"|{'---|' * len(head)}", *body]) + "\n"
+
+
+def command(text: str) -> str:
+    return f"Made by\n\n```\n{text}\n```\n"
+
+
+def title(operation: str) -> str:
+    return TITLES.get(operation.removesuffix(BATCH), operation)
+
+
+def number(ns: float) -> str:
+    return f"{ns:.0f}" if ns >= 100 else f"{ns:.3g}"
+
+
+def spread(one: Row) -> str:
+    if one["passes"] == 1:
+        return number(one["median"])
+    return f"{number(one['median'])} ({number(one['min'])} to {number(one['max'])})"
+
+
+# Where we lose
+
+
+def losses(compared: Sequence[Row], python: Sequence[Row]) -> list[Loss]:
+    """Every pair in which the peer's median is smaller, the worst first; the default form, on as many threads."""
+    found = []
+    for row in compared:
+        if row["phipsi_ns"] and row["ratio"] < 1.0:
+            where = "C++ and Rust, batch" if row["group"].endswith(BATCH) else "C++ and Rust"
+            ours, theirs = row["phipsi_ns"]["median"], row["pinocchio_ns"]["median"]
+            found.append(
+                Loss(where, row["group"], row["model"], ours, f"Pinocchio, {row['pinocchio_algorithm']}", theirs)
+            )
+    for row in python:
+        if not row["library"].startswith("phipsi") and row["ratio"] and row["ratio"] < 1.0:
+            where = "Python, batch" if row["operation"].endswith(BATCH) else "Python"
+            theirs = row["ns"]["median"]
+            peer = f"{row['library']}, {row['call']}"
+            found.append(Loss(where, row["operation"], row["model"], theirs / row["ratio"], peer, theirs))
+    return sorted(found, key=lambda loss: -loss.times)
+
+
+def losses_text(found: Sequence[Loss], count: int) -> str:
+    head = ("from", "operation", "model", "phipsi, ns", "the peer", "ns", "the peer is faster by")
+    rows = [
+        (
+            loss.where,
+            title(loss.operation),
+            loss.model,
+            number(loss.ours),
+            loss.peer,
+            number(loss.theirs),
+            f"{loss.times:.2f}",
+        )
+        for loss in found
+    ]
+    return (
+        f"Of {count} comparisons, medians against medians, phipsi is the slower one in {len(found)}, the worst first. From Python it is the"
+        f" default form (`auto`), on as many threads as the peer; in Rust the covariance form.\n\n{table(head, rows)}"
+    )
+
+
+def aims_text(compared: Sequence[Row], python: Sequence[Row]) -> str:
+    """Every aim that was measured and is not reached."""
+    rows = []
+    measured = 0
+
+    def check(what: str, model: str, found: float, aim: float) -> None:
+        nonlocal measured
+        measured += 1
+        if found < aim:
+            rows.append((what, model, f"{found:.2f}", f"{aim:g}"))
+
+    for row in compared:
+        operation, model = row["group"].removesuffix(BATCH), row["model"]
+        batch = row["group"].endswith(BATCH)
+        aim = (AIMS_BATCH if batch else AIMS).get(operation)
+        if aim and model in AIMED_AT and row["ratio"]:
+            check(
+                f"{title(operation)}, {'a state of a batch' if batch else 'one state'}, Rust", model, row["ratio"], aim
+            )
+    ours = [row for row in python if row["library"] == "phipsi"]
+    for row in python:
+        single = row["call"] == "pin.aba" and row["model"] == "chain_7"
+        if not single and not row["call"].startswith("loop over"):
+            continue
+        for mine in ours:
+            if (mine["model"], mine["operation"]) == (row["model"], row["operation"]):
+                what = f"{mine['call']}, {'one state' if single else 'batch, one core'}, from Python"
+                aim = AIM_PYTHON_CALL if single else AIM_PYTHON_BATCH
+                check(what, row["model"], row["ns"]["median"] / mine["ns"]["median"], aim)
+    head = ("what", "model", "times faster than Pinocchio", "aim")
+    return (
+        f"Of {measured} figures with an aim (issue 5: {', '.join(AIMED_AT)} in Rust with AVX-512, where AVX2 is to reach 14 and not 25;"
+        f" batches from Python on every model) these fall short:\n\n{table(head, rows)}"
+    )
+
+
+# The tables
+
+
+def compared_text(rows: Sequence[Row]) -> str:
+    head = ("operation", "model", "phipsi, ns a state", "Pinocchio, ns", "by", "ratio")
+    cells = []
+    for row in rows:
+        if row["phipsi_ns"]:
+            ours, theirs = spread(row["phipsi_ns"]), spread(row["pinocchio_ns"])
+            by, ratio = row["pinocchio_algorithm"], f"{row['ratio']:.2f}"
+            cells.append((title(row["group"]), row["model"], ours, theirs, by, ratio))
+    absent: dict[str, list[str]] = {}
+    for row in rows:
+        if not row["phipsi_ns"]:
+            absent.setdefault(row["group"], []).append(row["model"])
+    lines = [f"Not measured on phipsi's side: `{group}` of {', '.join(models)}." for group, models in absent.items()]
+    return "\n".join([table(head, cells), *(line + "\n" for line in lines)])
+
+
+def python_text(rows: Sequence[Row]) -> str:
+    """A table an operation: a row a call, a column a model."""
+    parts = []
+    for operation in dict.fromkeys(row["operation"] for row in rows):
+        chosen = [row for row in rows if row["operation"] == operation]
+        models = list(dict.fromkeys(row["model"] for row in chosen))
+        calls = list(dict.fromkeys((row["library"], row["call"]) for row in chosen))
+        by_place = {(row["library"], row["call"], row["model"]): row for row in chosen}
+        cells = []
+        for library, call in calls:
+            line = [library, call]
+            for model in models:
+                row = by_place.get((library, call, model))
+                ratio = f"{row['ratio']:.2f}" if row and row["ratio"] else "-"
+                line.append(f"{spread(row['ns'])}: {ratio}" if row else "-")
+            cells.append(line)
+        parts.append(f"### {title(operation)}\n\n{table(('library', 'call', *models), cells)}")
+    return "\n".join(parts)
+
+
+def alone_text(rows: Sequence[Row]) -> str:
+    def cells(row: Row) -> tuple[str, ...]:
+        each = number(row["ns"] / row["elements"]) if row["elements"] else "-"
+        return row["id"], f"{number(row['ns'])} ({number(row['low'])} to {number(row['high'])})", each
+
+    return table(("criterion's id", "median, ns (95 % interval)", "ns an element"), map(cells, rows))
+
+
+def machine_text(compared: Row, python: Row) -> str:
+    known = compared["machine"] | {"python": python["machine"]["python"]}
+    known |= {name: number for name, number in python["machine"]["versions"].items() if name != "pin"}
+    return table(("", ""), ((name, str(value) or "none") for name, value in known.items()))
+
+
+def write(path: Path, ran: Row, compared: Row, python: Row, alone: Sequence[Row]) -> None:
+    """The page, and its plots beside it."""
+    commands = ran["commands"]
+    rows, called = compared["rows"], python["rows"]
+    one, batches = ([row for row in rows if row["group"].endswith(BATCH) == batch] for batch in (False, True))
+    calls, arrays = ([row for row in called if row["operation"].endswith(BATCH) == batch] for batch in (False, True))
+    growth = [row for row in alone if row["group"] == "growth"]
+    pictures = {}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    for plot in report_plots.draw(one, batches, calls, arrays, growth):
+        target = path.with_name(f"{path.stem}-{plot.name}.png")
+        target.write_bytes(plot.png)
+        pictures[plot.name] = f"![{plot.name.replace('-', ' ')}]({target.name})\n"
+    count = sum(bool(row["ratio"]) for row in rows) + sum(
+        not row["library"].startswith("phipsi") and bool(row["ratio"]) for row in called
+    )
+    missing = "The benches have no group for this.\n"
+    refused = [(row["model"], row["library"], row["reason"]) for row in python["refused"]]
+    warning = "**A trial with few repeats (`--quick`): no figure on this page counts.**\n\n" if ran["quick"] else ""
+    sections = [
+        (
+            "# Benchmarks",
+            f"{warning}Generated by `make bench` (`benches/report.py`) from what it measured; nothing on this page is written by hand but these"
+            f" words. Ratios are the peer's time over phipsi's: above 1 phipsi is faster. Times are medians over the passes of one run in which"
+            f" all take turns, with minimum and maximum.\n\n{machine_text(compared, python)}",
+        ),
+        ("## Where we lose", losses_text(losses(rows, called), count)),
+        ("## Short of the aims", aims_text(rows, called)),
+        ("## What the figures do not show", LIMITS),
+        (
+            "## One state, against Pinocchio in C++",
+            f"{command(commands['compare'])}\n{pictures.get('one-state', '')}\n{compared_text(one)}",
+        ),
+        (
+            "## Batches on one core, against Pinocchio in C++",
+            f"Time a state of 4096; Pinocchio has no batches on one core, so it is its time for one state. {command(commands['compare'])}\n"
+            f"{pictures.get('batches', '')}\n{compared_text(batches)}"
+            if batches
+            else missing,
+        ),
+        (
+            "## From Python, one state a call",
+            f"ns a call: ratio to phipsi's default form. {command(commands['python'])}\n"
+            f"{pictures.get('python', '')}\n{python_text(calls)}",
+        ),
+        (
+            "## From Python, batches of 4096",
+            f"ns a state: ratio to phipsi's default form on as many threads. {command(commands['python'])}\n"
+            f"{pictures.get('python-batches', '')}\n{python_text(arrays)}",
+        ),
+        (
+            "## Not timed",
+            "A library that refuses a model, in its own words; or whose answer differs from phipsi's.\n\n"
+            + table(("model", "library", "reason"), refused),
+        ),
+        ("## Growth with the number of bodies", f"{command(commands['alone'])}\n{pictures.get('growth', missing)}"),
+        ("## All other groups", f"{command(commands['alone'])}\n{alone_text(alone)}"),
+    ]
+    path.write_text("\n".join(f"{heading}\n\n{text}" for heading, text in sections), encoding="utf-8")

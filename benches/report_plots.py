@@ -1,0 +1,144 @@
+"""The plots of docs/benchmarks.md: ratios by model, and growth with the number of bodies."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from phipsi.report.figure import COLOURS, FAINT, STYLE, Plot, finished, plain_time, power_ticks
+
+Row = dict[str, Any]
+
+NAMES = {
+    "forward_dynamics": "forward dynamics",
+    "inverse_dynamics": "inverse dynamics",
+    "mass_matrix": "mass matrix",
+    "mass_matrix_inverse": "inverse of the mass matrix",
+    "factor": "factor",
+}
+MARKERS = "osD^vPX*"
+#: By library in front of a series' name, as in the stability report; else by place.
+LIBRARIES = {"Pinocchio": "#222222", "MuJoCo": "#b8860b", "Drake": "#56b4e9", "dynibo": "#e377c2"}
+#: model, series, ratio
+Dot = tuple[str, str, float]
+
+
+def _ink(series: str, index: int) -> str:
+    library = series.partition(":")[0].partition(",")[0]
+    return LIBRARIES.get(library, COLOURS[index % len(COLOURS)])
+
+
+def draw(
+    one: Sequence[Row], batches: Sequence[Row], calls: Sequence[Row], arrays: Sequence[Row], growth: Sequence[Row]
+) -> list[Plot]:
+    """Those that there are figures for."""
+    plots = []
+    for name, rows in (("one-state", one), ("batches", batches)):
+        dots = [
+            (row["model"], NAMES.get(row["group"].removesuffix("_batch"), row["group"]), row["ratio"])
+            for row in rows
+            if row["ratio"]
+        ]
+        plots += _ratios(name, [("", dots)], "times faster than Pinocchio in C++")
+    for name, rows in (("python", calls), ("python-batches", arrays)):
+        panels = []
+        for operation in dict.fromkeys(row["operation"] for row in rows):
+            dots = [
+                (row["model"], f"{row['library']}: {row['call']}", row["ratio"])
+                for row in rows
+                if row["operation"] == operation and row["ratio"] and not row["library"].startswith("phipsi")
+            ]
+            panels.append((NAMES.get(operation.removesuffix("_batch"), operation), dots))
+        plots += _ratios(name, [panel for panel in panels if panel[1]], "times faster than the peer")
+    return [*plots, *_growth(growth)]
+
+
+def _ratios(name: str, panels: Sequence[tuple[str, Sequence[Dot]]], label: str) -> list[Plot]:
+    """A panel an operation, a column a model, a mark a series; at 1 both are alike."""
+    panels = [panel for panel in panels if panel[1]]
+    if not panels:
+        return []
+    with mpl.rc_context(STYLE):
+        rows = (len(panels) + 1) // 2
+        columns = min(2, len(panels))
+        width, height, under = 10.0, 2.7, 0.95  # inches; under: names of models, and the legend
+        figure = Figure(figsize=(width, rows * (height + under) + 0.3))
+        every = figure.subplots(rows, columns, squeeze=False)
+        whole = figure.get_figheight()
+        figure.subplots_adjust(
+            left=0.06,
+            right=0.985,
+            top=1 - 0.3 / whole,
+            bottom=under / whole,
+            hspace=(under + 0.15) / height,
+            wspace=0.14,
+        )
+        for axes in every.flat[len(panels) :]:
+            axes.set_visible(False)
+        for axes, (heading, dots) in zip(every.flat, panels, strict=False):
+            _panel(axes, heading, dots, label)
+        return [finished(name, figure)]
+
+
+def _panel(axes: Axes, heading: str, dots: Sequence[Dot], label: str) -> None:
+    models = list(dict.fromkeys(model for model, _, _ in dots))
+    series = list(dict.fromkeys(which for _, which, _ in dots))
+    for index, which in enumerate(series):
+        shift = 0.5 * (index - (len(series) - 1) / 2) / max(len(series), 1)
+        chosen = [(models.index(model) + shift, ratio) for model, one, ratio in dots if one == which]
+        ink = _ink(which, index)
+        fill = "white" if "threads" in which else ink
+        axes.plot(
+            *zip(*chosen, strict=True), MARKERS[index % len(MARKERS)], color=ink, mfc=fill, mew=1.2, ms=5, label=which
+        )
+    axes.axhline(1.0, color="#8a9199", lw=1.0, zorder=0)
+    axes.set_yscale("log")
+    ratios = [ratio for _, _, ratio in dots]
+    low, high = min([*ratios, 1.0]) / 1.3, max([*ratios, 1.0]) * 1.3
+    axes.set_ylim(low, high)
+    marks = [m * 10.0**e for e in range(-2, 4) for m in (1, 2, 5)]
+    axes.yaxis.set_major_locator(FixedLocator([mark for mark in marks if low <= mark <= high]))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.set_xticks(range(len(models)), models)
+    axes.tick_params(axis="x", length=0)
+    axes.grid(axis="y", color=FAINT, lw=0.6)
+    axes.set_ylabel(label)
+    axes.set_title(heading, loc="left", fontsize=9.5, fontweight="bold")
+    axes.legend(
+        frameon=False,
+        fontsize=7,
+        loc="upper left",
+        bbox_to_anchor=(0.0, -0.07),
+        ncols=2,
+        handletextpad=0.2,
+        columnspacing=1.0,
+    )
+
+
+def _growth(rows: Sequence[Row]) -> list[Plot]:
+    """Time a body against the number of bodies, a curve an algorithm: flat is linear growth."""
+    curves: dict[str, list[tuple[int, float]]] = {}
+    for row in rows:
+        if row["elements"]:
+            which = "/".join(row["id"].split("/")[1:-1])
+            curves.setdefault(which, []).append((row["elements"], row["ns"] / row["elements"]))
+    if not curves:
+        return []
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(7.0, 3.6), layout="constrained")
+        axes = figure.subplots()
+        for index, (which, points) in enumerate(curves.items()):
+            axes.plot(*zip(*sorted(points), strict=True), f"-{MARKERS[index % len(MARKERS)]}", color=_ink(which, index),
+                      ms=4, lw=1.4, label=NAMES.get(which, which))  # fmt: skip
+        axes.set_xscale("log")
+        power_ticks(axes.xaxis, 8)
+        axes.set_ylim(0.0, 1.15 * max(ns for points in curves.values() for _, ns in points))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: plain_time(value) if value else "0"))
+        axes.grid(axis="y", color=FAINT, lw=0.6)
+        axes.set_xlabel("bodies of a chain")
+        axes.set_ylabel("time a body, one thread")
+        axes.legend(frameon=False, fontsize=8)
+        return [finished("growth", figure)]
