@@ -92,7 +92,7 @@ def measure(passes: int, quick: bool) -> dict[str, Any]:
 def criterion(folder: Path, since: float) -> list[dict[str, Any]]:
     """Every estimate written after `since`: full id, median in ns, and how many elements an iteration works on."""
     found = []
-    for benchmark in sorted(folder.glob("**/new/benchmark.json")):
+    for benchmark in folder.glob("**/new/benchmark.json"):
         estimates = benchmark.with_name("estimates.json")
         if not estimates.exists() or estimates.stat().st_mtime < since:
             continue
@@ -109,7 +109,10 @@ def criterion(folder: Path, since: float) -> list[dict[str, Any]]:
                 "high": interval["upper_bound"],
             }
         )
-    return found
+    # Numbers in the order of numbers.
+    return sorted(
+        found, key=lambda row: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", row["id"])]
+    )
 
 
 def load(name: str) -> dict[str, Any]:

@@ -152,7 +152,23 @@ def aims_text(compared: Sequence[Row], python: Sequence[Row]) -> str:
     head = ("what", "model", "times faster than Pinocchio", "aim")
     return (
         f"Of {measured} figures with an aim (issue 5: {', '.join(AIMED_AT)} in Rust with AVX-512, where AVX2 is to reach 14 and not 25;"
-        f" batches from Python on every model) these fall short:\n\n{table(head, rows)}"
+        f" batches from Python on every model) these fall short:\n\n{table(head, rows)}\n{threads_text(python)}"
+    )
+
+
+def threads_text(python: Sequence[Row]) -> str:
+    """What a second thread brings to phipsi's batches; the aim is near 2."""
+    by_call = {(row["library"], row["model"], row["operation"], row["call"]): row["ns"]["median"] for row in python}
+    gains = [
+        ns / by_call["phipsi" + THREADS, *key]
+        for (library, *key), ns in by_call.items()
+        if library == "phipsi" and ("phipsi" + THREADS, *key) in by_call
+    ]
+    if not gains:
+        return "Two threads were not measured: there is one core.\n"
+    return (
+        f"Two threads are {min(gains):.2f} to {max(gains):.2f} times as fast as one on batches from Python (all models and calls);"
+        " the aim is near 2.\n"
     )
 
 
