@@ -4,6 +4,8 @@
 //! piece changes nothing in it. Arguments broadcast by strides ([`Broadcast`]): a state that is shared is not copied.
 //! Scratch comes from a [`Pool`], so that the second call allocates none.
 
+pub mod arms;
+pub mod chunk;
 #[cfg(feature = "parallel")]
 mod threads;
 

@@ -2,11 +2,11 @@
 
 use crate::scalar::Real;
 use crate::scene::{Body, Model, Motion};
-use crate::spatial::{RigidShift, cross_motion, spatial};
+use crate::spatial::{RigidShift, cross_motion, from_rows, minus, product, row, spatial, sum};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// Rotation matrix of a quaternion (x, y, z, w), normalised by its squared norm.
-#[inline]
+#[inline(always)]
 pub fn quaternion_rotation<T: Real>(q: &[T]) -> Matrix3<T> {
     let (x, y, z, w) = (q[0], q[1], q[2], q[3]);
     let one = T::one();
@@ -32,7 +32,11 @@ pub fn joint_shift<T: Real>(body: &Body<T>, q: &[T]) -> RigidShift<T> {
     let along_z = |distance: T| {
         let r = &tree.rotation;
         let l = &tree.lever;
-        Vector3::new(l[0] + r[(0, 2)] * distance, l[1] + r[(1, 2)] * distance, l[2] + r[(2, 2)] * distance)
+        Vector3::new(
+            r[(0, 2)].mul_add(distance, l[0]),
+            r[(1, 2)].mul_add(distance, l[1]),
+            r[(2, 2)].mul_add(distance, l[2]),
+        )
     };
     match body.motion {
         Motion::Revolute => RigidShift { rotation: turned_about_z(&tree.rotation, q[body.q]), lever: tree.lever },
@@ -41,12 +45,12 @@ pub fn joint_shift<T: Real>(body: &Body<T>, q: &[T]) -> RigidShift<T> {
             RigidShift { rotation: turned_about_z(&tree.rotation, q[body.q]), lever: along_z(pitch * q[body.q]) }
         }
         Motion::Spherical => {
-            RigidShift { rotation: tree.rotation * quaternion_rotation(&q[body.q..body.q + 4]), lever: tree.lever }
+            RigidShift { rotation: product(&tree.rotation, &quaternion_rotation(&q[body.q..body.q + 4])), lever: tree.lever }
         }
         Motion::Free => {
             let at = &q[body.q..body.q + 7];
             RigidShift {
-                rotation: tree.rotation * quaternion_rotation(&at[3..]),
+                rotation: product(&tree.rotation, &quaternion_rotation(&at[3..])),
                 lever: tree.rotate(&Vector3::new(at[0], at[1], at[2])) + tree.lever,
             }
         }
@@ -57,9 +61,13 @@ pub fn joint_shift<T: Real>(body: &Body<T>, q: &[T]) -> RigidShift<T> {
 #[inline(always)]
 fn turned_about_z<T: Real>(r: &Matrix3<T>, angle: T) -> Matrix3<T> {
     let (s, c) = angle.sin_cos();
-    let x = |i: usize| r[(i, 0)] * c + r[(i, 1)] * s;
-    let y = |i: usize| r[(i, 1)] * c - r[(i, 0)] * s;
-    Matrix3::new(x(0), y(0), r[(0, 2)], x(1), y(1), r[(1, 2)], x(2), y(2), r[(2, 2)])
+    from_rows(turned_row(row(r, 0), s, c), turned_row(row(r, 1), s, c), turned_row(row(r, 2), s, c))
+}
+
+/// One row of R Rz.
+#[inline(always)]
+fn turned_row<T: Real>(r: [T; 3], s: T, c: T) -> [T; 3] {
+    [r[0].mul_add(c, r[1] * s), minus(r[1], c, r[0], s), r[2]]
 }
 
 /// H^T u in the body's frame, for the joint rates (or accelerations) `u` of all joints; `row` is the joint's first.
@@ -99,7 +107,7 @@ pub fn base_acceleration<T: Real>(model: &Model<T>) -> Vector6<T> {
 }
 
 /// Base to tip: phi of every body at `q`.
-#[inline]
+#[inline(always)]
 pub fn placements_base_to_tip<T: Real>(model: &Model<T>, q: &[T], shift: &mut [RigidShift<T>]) {
     for (shift, body) in shift.iter_mut().zip(&model.bodies) {
         *shift = joint_shift(body, q);
@@ -117,8 +125,8 @@ pub fn motion_step<T: Real>(
     qd: &[T],
 ) -> (Vector6<T>, Vector6<T>) {
     let joint = joint_motion(body, row, qd);
-    let velocity = shift.motion_to_child(parent.0) + joint;
-    let acceleration = shift.motion_to_child(parent.1) + velocity_product(body, &velocity, &joint);
+    let velocity = sum(&shift.motion_to_child(parent.0), &joint);
+    let acceleration = sum(&shift.motion_to_child(parent.1), &velocity_product(body, &velocity, &joint));
     (velocity, acceleration)
 }
 

@@ -3,6 +3,7 @@
 use crate::kinematics::{joint_motion, joint_shift, motion_step};
 use crate::scalar::Real;
 use crate::scene::Model;
+use crate::spatial::sum;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -35,7 +36,7 @@ pub(super) fn step_outward<T: Real>(
     };
     let (velocity, mut acceleration) = motion_step(body, stage.first_row, &shift, parent, state.qd);
     if let Some(qdd) = state.qdd {
-        acceleration += joint_motion(body, stage.first_row, qdd);
+        acceleration = sum(&acceleration, &joint_motion(body, stage.first_row, qdd));
     }
     let mut force = body.inertia.bias_force(&velocity, &acceleration);
     if !state.wrenches.is_empty() {

@@ -31,19 +31,33 @@ pub fn forward_dynamics<T: Real>(
         Form::SquareRoot => return forward_root::forward_dynamics(model, workspace, q, qd, tau, wrenches, qdd),
         Form::Covariance | Form::Joseph => {}
     }
-    forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
-    let monitor = if workspace.form == Form::Joseph {
-        filter_tip_to_base::<T, true>(&model.system, workspace, tau, qdd)
+    if workspace.form == Form::Joseph {
+        covariance_form::<T, true>(model, workspace, q, qd, tau, wrenches, qdd)
     } else {
-        filter_tip_to_base::<T, false>(&model.system, workspace, tau, qdd)
-    };
+        covariance_form::<T, false>(model, workspace, q, qd, tau, wrenches, qdd)
+    }
+}
+
+/// [`forward_dynamics`] in covariance form, or in Joseph's.
+#[inline(always)]
+pub(crate) fn covariance_form<T: Real, const JOSEPH: bool>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    q: &[T],
+    qd: &[T],
+    tau: &[T],
+    wrenches: &[Vector6<T>],
+    qdd: &mut [T],
+) -> PivotMonitor<T> {
+    forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
+    let monitor = filter_tip_to_base::<T, JOSEPH>(&model.system, workspace, tau, qdd);
     smoother::sweep(&model.system, &workspace.shift, &workspace.measured, &mut workspace.co_state, qdd);
     monitor
 }
 
 /// Base to tip: phi, velocities, mean forces (the bias b(k) where no joint accelerates), and the process noise M(k) in
 /// place for the filter.
-#[inline]
+#[inline(always)]
 pub(super) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
     let base = base_acceleration(model);
     for (k, body) in model.bodies.iter().enumerate() {
@@ -54,7 +68,7 @@ pub(super) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Work
 }
 
 /// Tip to base: Riccati recursion and filter in one pass; `innovations` receives e^-.
-#[inline]
+#[inline(always)]
 pub(super) fn filter_tip_to_base<T: Real, const JOSEPH: bool>(
     system: &System<T>,
     workspace: &mut Workspace<T>,

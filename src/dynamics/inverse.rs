@@ -5,6 +5,7 @@ use crate::filter::innovations;
 use crate::kinematics::{base_acceleration, joint_motion};
 use crate::scalar::Real;
 use crate::scene::Model;
+use crate::spatial::sum;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -12,6 +13,7 @@ use nalgebra::Vector6;
 ///
 /// Arguments as in [`forward_dynamics`](super::forward_dynamics). Armature adds `r qdd` to its joint. About 300 operations
 /// a one-axis joint.
+#[inline(always)]
 pub fn inverse_dynamics<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -62,7 +64,7 @@ pub fn mul_mass<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, a: &[T]
         let stage = &model.system.stages[k];
         let mut lambda = joint_motion(body, stage.first_row, a);
         if let Some(parent) = stage.parent {
-            lambda += workspace.shift[k].motion_to_child(&workspace.co_state[parent]);
+            lambda = sum(&lambda, &workspace.shift[k].motion_to_child(&workspace.co_state[parent]));
         }
         workspace.co_state[k] = lambda;
         workspace.z[k] = body.inertia.mul_motion(&lambda);

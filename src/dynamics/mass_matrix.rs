@@ -8,6 +8,7 @@ use crate::workspace::Workspace;
 /// M at `q` into `out`, (nv x nv) row by row, full and symmetric, armature on the diagonal.
 ///
 /// r(k) runs tip to base; column k of R H* is r(k) H*(k) carried inward (3.4). O(N depth).
+#[inline(always)]
 pub fn mass_matrix<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
     let nv = model.nv();
     let stages = &model.system.stages;
@@ -42,6 +43,7 @@ pub fn mass_matrix<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &
 }
 
 /// Tip to base: r(k) = M(k) + sum over children of phi r phi* (3.5); a composite of rigid bodies is a rigid body.
+#[inline(always)]
 pub(crate) fn composite_inertias_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
     for (composite, body) in workspace.composite.iter_mut().zip(&model.bodies) {
         *composite = body.inertia;

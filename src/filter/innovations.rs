@@ -3,7 +3,7 @@
 use super::riccati::Measured;
 use super::system::{HingeMap, Stage, System};
 use crate::scalar::Real;
-use crate::spatial::RigidShift;
+use crate::spatial::{RigidShift, scaled_add, sum};
 use nalgebra::Vector6;
 use std::ops::Range;
 
@@ -26,18 +26,18 @@ pub fn step<T: Real>(
         let row = stage.first_row + i;
         let (hinge, m) = (stage.rows.row(i), &measured[row]);
         let e_minus = measurement[row] - hinge.project(&state);
-        state += m.gain * e_minus;
+        state = scaled_add(&m.gain, e_minus, &state);
         // H z^+ = tau - (r / D) e^-, which a sum with a large H z^- would not give.
         if let HingeMap::Axis(i) = hinge
-            && m.pivot_inverse != T::zero()
+            && system.is_measured(row)
         {
-            state[i] = measurement[row] - e_minus * (system.noise[row] * m.pivot_inverse);
+            state[i] = measurement[row].minus_product(e_minus, system.noise[row] * m.pivot_inverse);
         }
         innovations[row] = e_minus;
     }
     z[k] = state;
     if let Some(parent) = stage.parent {
-        z[parent] += shift[k].force_to_parent(&state);
+        z[parent] = sum(&z[parent], &shift[k].force_to_parent(&state));
     }
 }
 
@@ -47,7 +47,7 @@ pub fn step<T: Real>(
 #[inline(always)]
 pub fn past_rows<T: Real>(stage: &Stage<T>, measured: &[Measured<T>], rows: Range<usize>, x: &mut Vector6<T>) {
     for i in rows.rev() {
-        *x -= measured[stage.first_row + i].gain * stage.rows.row(i).project(x);
+        *x = scaled_add(&measured[stage.first_row + i].gain, -stage.rows.row(i).project(x), x);
     }
 }
 
@@ -68,14 +68,14 @@ pub fn sweep<T: Real>(
 /// Tip to base, open loop: T = H phi W (1.5), the measurements that the process noise `z` causes.
 ///
 /// `z` holds w(k) on entry and the whole force z(k) on return.
-#[inline]
+#[inline(always)]
 pub fn predict<T: Real>(system: &System<T>, shift: &[RigidShift<T>], z: &mut [Vector6<T>], predicted: &mut [T]) {
     for (k, stage) in system.stages.iter().enumerate().rev() {
         for i in 0..stage.rows.count() {
             predicted[stage.first_row + i] = stage.rows.row(i).project(&z[k]);
         }
         if let Some(parent) = stage.parent {
-            z[parent] += shift[k].force_to_parent(&z[k]);
+            z[parent] = sum(&z[parent], &shift[k].force_to_parent(&z[k]));
         }
     }
 }

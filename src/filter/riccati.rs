@@ -3,7 +3,7 @@
 use super::pivots::{PivotMonitor, Scale};
 use super::system::{HingeMap, Rows, System};
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, Symmetric6};
+use crate::spatial::{RigidShift, Symmetric6, scaled, scaled_add};
 use nalgebra::Vector6;
 
 /// What one scalar measurement leaves: pivot D, its inverse, and the gain g = P^- H^T / D.
@@ -40,20 +40,22 @@ fn update<T: Real, const JOSEPH: bool>(p: &mut Symmetric6<T>, hinge: &HingeMap<T
     let variance = hinge.project(&ph);
     let pivot = variance + noise;
     let pivot_inverse = pivot.recip();
-    let mut gain = ph * pivot_inverse;
-    *p = p.add_rank_one(&-gain, &ph);
+    let mut gain = scaled(&ph, pivot_inverse);
+    *p = p.add_rank_one(&scaled(&ph, -pivot_inverse), &ph);
+    // The noise is the model's, the same in every lane.
+    let (is_noise_free, is_measured) = (noise.lane(0) == 0.0, noise.lane(0) < f64::INFINITY);
     if JOSEPH {
         // A P A^T + g r g^T = (P - g H P) - c g^T + r g g^T with c = (1 - g H) P H^T, parallel to g but for rounding.
-        let left = ph - gain * variance;
+        let left = scaled_add(&gain, -variance, &ph);
         let half = (left - gain * noise) * T::from_f64(0.5);
         *p = p.add_rank_one(&-half, &gain).add_rank_one(&-gain, &half);
     }
     match *hinge {
-        HingeMap::Axis(i) if noise == T::zero() => {
+        HingeMap::Axis(i) if is_noise_free => {
             gain[i] = T::one();
             p.clear(i);
         }
-        HingeMap::Axis(i) if pivot_inverse != T::zero() => p.write_column(i, &(gain * noise)),
+        HingeMap::Axis(i) if is_measured => p.write_column(i, &(gain * noise)),
         _ => {}
     }
     Measured { pivot, pivot_inverse, gain }
@@ -94,7 +96,7 @@ impl<T: Real> Covariances<'_, T> {
             let m = update::<T, JOSEPH>(&mut p, &hinge, system.noise[row]);
             monitor.observe(m.pivot, &hinge, &scale);
             self.measured[row] = m;
-            if system.noise[row] == T::zero() {
+            if system.is_noise_free(row) {
                 shift.inertia_to_parent_past_z(&p)
             } else {
                 shift.inertia_to_parent(&p)

@@ -10,7 +10,7 @@ use nalgebra::Vector6;
 ///
 /// lambda^+(k) = phi^T lambda^-(parent) (4.10); then row by row, from the root outward, a = e^+ - g* lambda^+ (4.9) and
 /// lambda^- = lambda^+ + H^T a (4.11). `estimates` holds e^- on entry and a on return; `co_state` receives lambda^-.
-#[inline]
+#[inline(always)]
 pub fn sweep<T: Real>(
     system: &System<T>,
     shift: &[RigidShift<T>],
@@ -26,7 +26,7 @@ pub fn sweep<T: Real>(
         for i in 0..stage.rows.count() {
             let row = stage.first_row + i;
             let m = &measured[row];
-            let a = estimates[row] * m.pivot_inverse - crate::spatial::dot(&m.gain, &lambda);
+            let a = estimates[row].mul_add(m.pivot_inverse, -crate::spatial::dot(&m.gain, &lambda));
             lambda = stage.rows.row(i).spread_onto(&lambda, a);
             estimates[row] = a;
         }

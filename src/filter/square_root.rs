@@ -56,7 +56,7 @@ fn measurement_update<T: Real>(
     };
     let mut dropped = root.measure(&h, last, noise, mean);
     if let HingeMap::Axis(i) = *hinge
-        && noise == T::zero()
+        && noise.lane(0) == 0.0
     {
         dropped.gain[i] = T::one();
         root.clear(i);
@@ -122,7 +122,7 @@ impl<T: Real> Roots<'_, T> {
             let m = one_row((row, &hinge, system.noise[row]), root, &mut mean);
             monitor.observe(m.pivot, &hinge, &scale);
             self.measured[row] = m;
-            system.noise[row] == T::zero()
+            system.is_noise_free(row)
         } else {
             for i in (0..stage.rows.count()).rev() {
                 let (row, hinge) = (stage.first_row + i, stage.rows.row(i));

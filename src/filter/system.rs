@@ -19,7 +19,7 @@ impl<T: Real> HingeMap<T> {
     pub fn project(&self, x: &Vector6<T>) -> T {
         match *self {
             Self::Axis(i) => x[i],
-            Self::Screw(pitch) => x[2] + pitch * x[5],
+            Self::Screw(pitch) => pitch.mul_add(x[5], x[2]),
         }
     }
 
@@ -111,5 +111,19 @@ impl<T: Real> System<T> {
     #[must_use]
     pub fn rows(&self) -> usize {
         self.noise.len()
+    }
+
+    /// Whether a row is measured without noise. The noise is the system's, so all lanes of a scalar have the same.
+    #[inline(always)]
+    #[must_use]
+    pub fn is_noise_free(&self, row: usize) -> bool {
+        self.noise[row].lane(0) == 0.0
+    }
+
+    /// Whether a row is measured at all.
+    #[inline(always)]
+    #[must_use]
+    pub fn is_measured(&self, row: usize) -> bool {
+        self.noise[row].lane(0) < f64::INFINITY
     }
 }

@@ -241,6 +241,10 @@ impl Real for DoubleDouble {
         self.high
     }
 
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        self * b + c
+    }
+
     fn recip(self) -> Self {
         Self::one() / self
     }

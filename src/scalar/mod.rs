@@ -5,8 +5,13 @@
 //! [`DoubleDouble`], the reference of about 31 digits.
 
 mod double_double;
+mod fused;
+mod lanes;
+mod trigonometry;
 
 pub use double_double::DoubleDouble;
+pub use fused::Fused;
+pub use lanes::{Instructions, Lanes};
 
 use nalgebra::{ClosedAddAssign, ClosedDivAssign, ClosedMulAssign, ClosedSubAssign, Scalar};
 use num_traits::{One, Zero};
@@ -36,6 +41,16 @@ pub trait Real:
 
     /// The number in one lane, rounded to f64.
     fn lane(self, index: usize) -> f64;
+
+    /// `self * b + c`: one instruction rounded once where the scalar has that, else product and sum.
+    #[must_use]
+    fn mul_add(self, b: Self, c: Self) -> Self;
+
+    /// `self - b * c`, likewise.
+    #[must_use]
+    fn minus_product(self, b: Self, c: Self) -> Self {
+        (-b).mul_add(c, self)
+    }
 
     /// `1 / self`.
     #[must_use]
@@ -76,6 +91,17 @@ impl<T: nalgebra::RealField + Copy> Real for T {
     fn lane(self, _index: usize) -> f64 {
         // Exact for f64 and f32; a dual number gives its real part.
         nalgebra::try_convert(self).unwrap_or(f64::NAN)
+    }
+
+    #[inline]
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        // Without the instruction std's fused product is a call into libm.
+        self * b + c
+    }
+
+    #[inline]
+    fn minus_product(self, b: Self, c: Self) -> Self {
+        self - b * c
     }
 
     #[inline]

@@ -2,7 +2,7 @@
 
 use super::rigid_shift::RigidShift;
 use super::symmetric::{Symmetric3, Symmetric6};
-use super::vector::{angular, cross, linear, skew, spatial};
+use super::vector::{angular, cross, cross_add, linear, skew, spatial};
 use crate::scalar::Real;
 use nalgebra::{Vector3, Vector6};
 
@@ -50,11 +50,9 @@ impl<T: Real> BodyInertia<T> {
     pub fn mul_motion(&self, v: &Vector6<T>) -> Vector6<T> {
         let (w, u) = (angular(v), linear(v));
         let h = &self.first_moment;
-        let moment = self.rotational.mul_vector(&w) + cross(h, &u);
-        let turned = cross(h, &w);
-        let force =
-            Vector3::new(self.mass * u[0] - turned[0], self.mass * u[1] - turned[1], self.mass * u[2] - turned[2]);
-        spatial(&moment, &force)
+        let moment = cross_add(h, &u, &self.rotational.mul_vector(&w));
+        let pushed = Vector3::new(self.mass * u[0], self.mass * u[1], self.mass * u[2]);
+        spatial(&moment, &cross_add(&w, h, &pushed))
     }
 
     /// M a + v x* (M v): the force that a body of velocity `v` and spatial acceleration `a` needs.
@@ -65,10 +63,10 @@ impl<T: Real> BodyInertia<T> {
     #[inline(always)]
     pub fn bias_force(&self, velocity: &Vector6<T>, acceleration: &Vector6<T>) -> Vector6<T> {
         let (w, u) = (angular(velocity), linear(velocity));
-        let origin = spatial(&angular(acceleration), &(linear(acceleration) + cross(&w, &u)));
-        let spin = cross(&w, &self.rotational.mul_vector(&w));
-        let centripetal = cross(&w, &cross(&w, &self.first_moment));
-        self.mul_motion(&origin) + spatial(&spin, &centripetal)
+        let needed = self.mul_motion(&spatial(&angular(acceleration), &cross_add(&w, &u, &linear(acceleration))));
+        let momentum = self.rotational.mul_vector(&w);
+        let centripetal = cross(&w, &self.first_moment);
+        spatial(&cross_add(&w, &momentum, &angular(&needed)), &cross_add(&w, &centripetal, &linear(&needed)))
     }
 
     /// M as a packed symmetric matrix.
@@ -103,9 +101,9 @@ impl<T: Real> BodyInertia<T> {
         let [xx, xy, xz, yy, yz, zz] = self.rotational.congruence(&shift.rotation).entries;
         // I' = I - l~ h~ - h~ l~ - m l~ l~ = I + 2 (l.h) 1 - (l h^T + h l^T) + m (l.l 1 - l l^T); with s = h + m l this is
         // I + (l.h + l.s) 1 - (h l^T + l s^T), symmetric because s - h is parallel to l.
-        let s = Vector3::new(h[0] + m * l[0], h[1] + m * l[1], h[2] + m * l[2]);
-        let d = |i: usize| l[i] * h[i] + l[i] * s[i];
-        let off = |i: usize, j: usize| h[i] * l[j] + l[i] * s[j];
+        let s = Vector3::new(m.mul_add(l[0], h[0]), m.mul_add(l[1], h[1]), m.mul_add(l[2], h[2]));
+        let d = |i: usize| l[i].mul_add(h[i], l[i] * s[i]);
+        let off = |i: usize, j: usize| h[i].mul_add(l[j], l[i] * s[j]);
         Self {
             mass: m,
             first_moment: s,

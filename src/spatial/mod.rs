@@ -17,4 +17,7 @@ pub(crate) use inertia_root::{inertia_root, join_roots, root_of_merged};
 pub use rigid_shift::RigidShift;
 pub use root::{Dropped, Root6, RootColumns, root_row};
 pub use symmetric::{Symmetric3, Symmetric6};
-pub use vector::{SpatialVector, angular, cross, cross_force, cross_motion, dot, linear, skew, spatial};
+pub use vector::{
+    SpatialVector, angular, cross, cross_force, cross_motion, dot, linear, scaled, scaled_add, skew, spatial, sum,
+};
+pub(crate) use vector::{from_rows, minus, product, row};

@@ -1,7 +1,7 @@
 //! The rigid shift phi: the transition matrix that carries spatial forces from a child's frame to its parent's.
 
 use super::symmetric::{Symmetric3, Symmetric6};
-use super::vector::{angular, cross, linear, skew, spatial};
+use super::vector::{angular, column, cross_add, from_rows, linear, product, row, skew, spatial, sum3, times};
 use crate::scalar::Real;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
@@ -42,7 +42,7 @@ impl<T: Real> RigidShift<T> {
     #[inline]
     #[must_use]
     pub fn compose(&self, inner: &Self) -> Self {
-        Self { rotation: self.rotation * inner.rotation, lever: self.rotate(&inner.lever) + self.lever }
+        Self { rotation: product(&self.rotation, &inner.rotation), lever: self.rotate(&inner.lever) + self.lever }
     }
 
     /// The shift the other way, from the parent's frame to the child's. The rotation is transposed, not inverted.
@@ -56,29 +56,23 @@ impl<T: Real> RigidShift<T> {
     #[inline(always)]
     pub fn rotate(&self, v: &Vector3<T>) -> Vector3<T> {
         let r = &self.rotation;
-        Vector3::new(
-            r[(0, 0)] * v[0] + r[(0, 1)] * v[1] + r[(0, 2)] * v[2],
-            r[(1, 0)] * v[0] + r[(1, 1)] * v[1] + r[(1, 2)] * v[2],
-            r[(2, 0)] * v[0] + r[(2, 1)] * v[1] + r[(2, 2)] * v[2],
-        )
+        let v = [v[0], v[1], v[2]];
+        Vector3::new(sum3(row(r, 0), v), sum3(row(r, 1), v), sum3(row(r, 2), v))
     }
 
     /// A free vector, parent to child coordinates.
     #[inline(always)]
     pub fn rotate_back(&self, v: &Vector3<T>) -> Vector3<T> {
         let r = &self.rotation;
-        Vector3::new(
-            r[(0, 0)] * v[0] + r[(1, 0)] * v[1] + r[(2, 0)] * v[2],
-            r[(0, 1)] * v[0] + r[(1, 1)] * v[1] + r[(2, 1)] * v[2],
-            r[(0, 2)] * v[0] + r[(1, 2)] * v[1] + r[(2, 2)] * v[2],
-        )
+        let v = [v[0], v[1], v[2]];
+        Vector3::new(sum3(column(r, 0), v), sum3(column(r, 1), v), sum3(column(r, 2), v))
     }
 
     /// phi f: a force, child to parent. 24 products.
     #[inline(always)]
     pub fn force_to_parent(&self, f: &Vector6<T>) -> Vector6<T> {
         let force = self.rotate(&linear(f));
-        let moment = self.rotate(&angular(f)) + cross(&self.lever, &force);
+        let moment = cross_add(&self.lever, &force, &self.rotate(&angular(f)));
         spatial(&moment, &force)
     }
 
@@ -86,7 +80,7 @@ impl<T: Real> RigidShift<T> {
     #[inline(always)]
     pub fn motion_to_child(&self, v: &Vector6<T>) -> Vector6<T> {
         let w = angular(v);
-        let at_child = linear(v) + cross(&w, &self.lever);
+        let at_child = cross_add(&w, &self.lever, &linear(v));
         spatial(&self.rotate_back(&w), &self.rotate_back(&at_child))
     }
 
@@ -105,18 +99,19 @@ impl<T: Real> RigidShift<T> {
     pub fn inertia_to_parent_past_z(&self, p: &Symmetric6<T>) -> Symmetric6<T> {
         let r = &self.rotation;
         let [xx, xy, _, yy, ..] = p.angular.entries;
-        let c = &p.coupling;
         // Rows of R A and R C, from the first two columns of R.
-        let turned_a = |i: usize| [r[(i, 0)] * xx + r[(i, 1)] * xy, r[(i, 0)] * xy + r[(i, 1)] * yy];
-        let turned_c = |i: usize| {
-            let (x, y) = (r[(i, 0)], r[(i, 1)]);
-            [x * c[(0, 0)] + y * c[(1, 0)], x * c[(0, 1)] + y * c[(1, 1)], x * c[(0, 2)] + y * c[(1, 2)]]
-        };
-        let (a0, a1, a2) = (turned_a(0), turned_a(1), turned_a(2));
-        let entry = |t: &[T; 2], j: usize| t[0] * r[(j, 0)] + t[1] * r[(j, 1)];
-        let a =
-            Symmetric3::new([entry(&a0, 0), entry(&a0, 1), entry(&a0, 2), entry(&a1, 1), entry(&a1, 2), entry(&a2, 2)]);
-        let c = times_transpose(&[turned_c(0), turned_c(1), turned_c(2)], r);
+        let top = [[xx, xy], [xy, yy]];
+        let (a0, a1, a2) = (turned(r, 0, &top), turned(r, 1, &top), turned(r, 2, &top));
+        let a = Symmetric3::new([
+            entry_past_z(a0, r, 0),
+            entry_past_z(a0, r, 1),
+            entry_past_z(a0, r, 2),
+            entry_past_z(a1, r, 1),
+            entry_past_z(a1, r, 2),
+            entry_past_z(a2, r, 2),
+        ]);
+        let upper = [row(&p.coupling, 0), row(&p.coupling, 1)];
+        let c = times_transpose(&[turned(r, 0, &upper), turned(r, 1, &upper), turned(r, 2, &upper)], r);
         self.lever_terms(&a, &c, p.linear.congruence(r))
     }
 
@@ -124,7 +119,7 @@ impl<T: Real> RigidShift<T> {
     #[inline(always)]
     fn lever_terms(&self, a: &Symmetric3<T>, c: &Matrix3<T>, b: Symmetric3<T>) -> Symmetric6<T> {
         let l = &self.lever;
-        let shifted = c + skew_times(l, &b.to_matrix());
+        let shifted = skew_times_add(l, &b.to_matrix(), c);
         Symmetric6 {
             angular: Symmetric3::new(add_lever_terms(&a.entries, l, c, &shifted)),
             coupling: shifted,
@@ -139,7 +134,7 @@ impl<T: Real> RigidShift<T> {
         let l = -self.lever;
         // (1, 0; l~, 1) Lambda (1, l~^T; 0, 1), l = -lever: the roles of the two halves change places.
         let flipped = lambda.coupling.transpose();
-        let shifted = flipped + skew_times(&l, &lambda.angular.to_matrix());
+        let shifted = skew_times_add(&l, &lambda.angular.to_matrix(), &flipped);
         let linear = Symmetric3::new(add_lever_terms(&lambda.linear.entries, &l, &flipped, &shifted));
         let back = self.rotation.transpose();
         Symmetric6 {
@@ -150,65 +145,72 @@ impl<T: Real> RigidShift<T> {
     }
 }
 
+/// Row `i` of R M, where M has two rows that are not zero.
+#[inline(always)]
+fn turned<T: Real, const N: usize>(r: &Matrix3<T>, i: usize, m: &[[T; N]; 2]) -> [T; N] {
+    let (x, y) = (r[(i, 0)], r[(i, 1)]);
+    let mut row = m[1];
+    for (entry, &first) in row.iter_mut().zip(&m[0]) {
+        *entry = x.mul_add(first, y * *entry);
+    }
+    row
+}
+
+/// Entry `j` of t R^T where the last entry of t is zero.
+#[inline(always)]
+fn entry_past_z<T: Real>(t: [T; 2], r: &Matrix3<T>, j: usize) -> T {
+    t[0].mul_add(r[(j, 0)], t[1] * r[(j, 1)])
+}
+
 /// R C R^T for a general 3x3 block.
 #[inline(always)]
 fn rotate_block<T: Real>(r: &Matrix3<T>, c: &Matrix3<T>) -> Matrix3<T> {
-    let row = |i: usize| {
-        let (x, y, z) = (r[(i, 0)], r[(i, 1)], r[(i, 2)]);
-        [
-            x * c[(0, 0)] + y * c[(1, 0)] + z * c[(2, 0)],
-            x * c[(0, 1)] + y * c[(1, 1)] + z * c[(2, 1)],
-            x * c[(0, 2)] + y * c[(1, 2)] + z * c[(2, 2)],
-        ]
-    };
-    times_transpose(&[row(0), row(1), row(2)], r)
+    times_transpose(&[times(row(r, 0), c), times(row(r, 1), c), times(row(r, 2), c)], r)
 }
 
 /// T R^T, T by rows.
 #[inline(always)]
 fn times_transpose<T: Real>(t: &[[T; 3]; 3], r: &Matrix3<T>) -> Matrix3<T> {
-    let entry = |i: usize, j: usize| t[i][0] * r[(j, 0)] + t[i][1] * r[(j, 1)] + t[i][2] * r[(j, 2)];
-    Matrix3::new(
-        entry(0, 0),
-        entry(0, 1),
-        entry(0, 2),
-        entry(1, 0),
-        entry(1, 1),
-        entry(1, 2),
-        entry(2, 0),
-        entry(2, 1),
-        entry(2, 2),
-    )
+    from_rows(turned_back(t[0], r), turned_back(t[1], r), turned_back(t[2], r))
 }
 
-/// l~ M, column by column a cross product.
+/// t R^T, t a row.
 #[inline(always)]
-fn skew_times<T: Real>(l: &Vector3<T>, m: &Matrix3<T>) -> Matrix3<T> {
-    let column = |j: usize| cross(l, &Vector3::new(m[(0, j)], m[(1, j)], m[(2, j)]));
-    Matrix3::from_columns(&[column(0), column(1), column(2)])
+fn turned_back<T: Real>(t: [T; 3], r: &Matrix3<T>) -> [T; 3] {
+    [sum3(t, row(r, 0)), sum3(t, row(r, 1)), sum3(t, row(r, 2))]
+}
+
+/// l~ M + C, column by column a cross product.
+#[inline(always)]
+fn skew_times_add<T: Real>(l: &Vector3<T>, m: &Matrix3<T>, c: &Matrix3<T>) -> Matrix3<T> {
+    Matrix3::from_columns(&[column_add(l, m, c, 0), column_add(l, m, c, 1), column_add(l, m, c, 2)])
+}
+
+#[inline(always)]
+fn column_add<T: Real>(l: &Vector3<T>, m: &Matrix3<T>, c: &Matrix3<T>, j: usize) -> Vector3<T> {
+    let (m, c) = (column(m, j), column(c, j));
+    cross_add(l, &Vector3::new(m[0], m[1], m[2]), &Vector3::new(c[0], c[1], c[2]))
 }
 
 /// Upper triangle of A + l~ C^T + C' l~^T.
 #[inline(always)]
 fn add_lever_terms<T: Real>(a: &[T; 6], l: &Vector3<T>, c: &Matrix3<T>, shifted: &Matrix3<T>) -> [T; 6] {
     let s = shifted;
-    // (l~ C^T)(i,j) = (l x c_j)_i with c_j row j of C; (C' l~^T)(i,j) = (l x s_i)_j with s_i row i of C'.
-    let first = |i: usize, j: usize| match i {
-        0 => l[1] * c[(j, 2)] - l[2] * c[(j, 1)],
-        1 => l[2] * c[(j, 0)] - l[0] * c[(j, 2)],
-        _ => l[0] * c[(j, 1)] - l[1] * c[(j, 0)],
-    };
-    let second = |i: usize, j: usize| match j {
-        0 => l[1] * s[(i, 2)] - l[2] * s[(i, 1)],
-        1 => l[2] * s[(i, 0)] - l[0] * s[(i, 2)],
-        _ => l[0] * s[(i, 1)] - l[1] * s[(i, 0)],
-    };
     [
-        a[0] + (first(0, 0) + second(0, 0)),
-        a[1] + (first(0, 1) + second(0, 1)),
-        a[2] + (first(0, 2) + second(0, 2)),
-        a[3] + (first(1, 1) + second(1, 1)),
-        a[4] + (first(1, 2) + second(1, 2)),
-        a[5] + (first(2, 2) + second(2, 2)),
+        lever_entry(a[0], l, c, s, (0, 0)),
+        lever_entry(a[1], l, c, s, (0, 1)),
+        lever_entry(a[2], l, c, s, (0, 2)),
+        lever_entry(a[3], l, c, s, (1, 1)),
+        lever_entry(a[4], l, c, s, (1, 2)),
+        lever_entry(a[5], l, c, s, (2, 2)),
     ]
+}
+
+/// a + (l x c_j)_i + (l x s_i)_j, with c_j row j of C, which is (l~ C^T)(i,j), and s_i row i of C', which is (C' l~^T)(i,j).
+#[inline(always)]
+fn lever_entry<T: Real>(a: T, l: &Vector3<T>, c: &Matrix3<T>, s: &Matrix3<T>, (i, j): (usize, usize)) -> T {
+    let (y, z) = ((i + 1) % 3, (i + 2) % 3);
+    let (u, v) = ((j + 1) % 3, (j + 2) % 3);
+    let first = l[y].mul_add(c[(j, z)], a.minus_product(l[z], c[(j, y)]));
+    l[u].mul_add(s[(i, v)], first.minus_product(l[v], s[(i, u)]))
 }

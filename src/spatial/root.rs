@@ -7,6 +7,7 @@
 
 use super::rigid_shift::RigidShift;
 use super::symmetric::{Symmetric3, Symmetric6};
+use super::vector::{cross_add, minus};
 use crate::scalar::Real;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
@@ -135,7 +136,7 @@ impl<T: Real> Root6<T> {
         for c in 0..N {
             let (f, weight) = (incoming.rows[I][c], incoming.weights[c]);
             let weighted = f * weight;
-            let total = self.weights[I] + f * weighted;
+            let total = f.mul_add(weighted, self.weights[I]);
             // Two columns without weight are left as they are: kept is one then.
             let flag = total.one_if_zero();
             let inverse = (total + flag).recip();
@@ -144,13 +145,13 @@ impl<T: Real> Root6<T> {
             incoming.weights[c] = weight * kept;
             for r in I + 1..6 {
                 let (x, y) = (self.rows[r][I], incoming.rows[r][c]);
-                self.rows[r][I] = kept * x + taken * y;
-                incoming.rows[r][c] = y - f * x;
+                self.rows[r][I] = kept.mul_add(x, taken * y);
+                incoming.rows[r][c] = y.minus_product(f, x);
             }
             if let Some((along, other)) = mean {
                 let (x, y) = (along[I], other[c]);
-                along[I] = x + f * y;
-                other[c] = kept * y - taken * x;
+                along[I] = f.mul_add(y, x);
+                other[c] = minus(kept, y, taken, x);
             }
         }
     }
@@ -168,7 +169,7 @@ impl<T: Real> Root6<T> {
         let (mut variance, mut inverse) = (noise, (noise + noise.one_if_zero()).recip());
         for j in (0..=last).rev() {
             let weighted = h[j] * self.weights[j];
-            let total = variance + h[j] * weighted;
+            let total = h[j].mul_add(weighted, variance);
             let flag = total.one_if_zero();
             let next = (total + flag).recip();
             let kept = (variance + flag) * next;
@@ -176,14 +177,14 @@ impl<T: Real> Root6<T> {
             self.weights[j] *= kept;
             for (row, gathered) in self.rows.iter_mut().zip(&mut gathered).skip(j + 1) {
                 let x = row[j];
-                row[j] = x - share * *gathered;
-                *gathered += weighted * x;
+                row[j] = x.minus_product(share, *gathered);
+                *gathered = weighted.mul_add(x, *gathered);
             }
             gathered[j] = weighted;
             if let Some(y) = &mut mean {
                 let along = y[j];
-                y[j] = kept * along - weighted * next * predicted;
-                predicted += h[j] * along;
+                y[j] = minus(kept, along, weighted * next, predicted);
+                predicted = h[j].mul_add(along, predicted);
             }
             variance = total;
             inverse = next;
@@ -214,19 +215,19 @@ impl<T: Real> RigidShift<T> {
             let column = |i: usize| s.entry(i, j);
             let force = match j {
                 0 => self.rotate(&Vector3::new(column(0), column(1), column(2))),
-                1 => Vector3::from_fn(|i, _| r[(i, 1)] + r[(i, 2)] * column(2)),
+                1 => Vector3::from_fn(|i, _| r[(i, 2)].mul_add(column(2), r[(i, 1)])),
                 _ => r.column(2).into(),
             };
             let moment =
-                self.rotate(&Vector3::new(column(3), column(4), column(5))) + super::cross(&self.lever, &force);
+                cross_add(&self.lever, &force, &self.rotate(&Vector3::new(column(3), column(4), column(5))));
             for i in 0..3 {
                 columns.rows[i][j] = force[i];
                 columns.rows[i + 3][j] = moment[i];
             }
         }
         for i in 0..3 {
-            columns.rows[i + 3][3] = r[(i, 0)] + r[(i, 1)] * s.rows[4][3] + r[(i, 2)] * s.rows[5][3];
-            columns.rows[i + 3][4] = r[(i, 1)] + r[(i, 2)] * s.rows[5][4];
+            columns.rows[i + 3][3] = r[(i, 2)].mul_add(s.rows[5][3], r[(i, 1)].mul_add(s.rows[4][3], r[(i, 0)]));
+            columns.rows[i + 3][4] = r[(i, 2)].mul_add(s.rows[5][4], r[(i, 1)]);
             columns.rows[i + 3][5] = r[(i, 2)];
         }
         columns

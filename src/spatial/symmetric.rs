@@ -1,6 +1,6 @@
 //! Packed symmetric matrices: 3x3 in six numbers, 6x6 in 21.
 
-use super::vector::{angular, linear, spatial};
+use super::vector::{angular, column, from_rows, linear, row, spatial, sum3};
 use crate::scalar::Real;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
@@ -42,25 +42,40 @@ impl<T: Real> Symmetric3<T> {
     #[inline(always)]
     pub fn mul_vector(&self, v: &Vector3<T>) -> Vector3<T> {
         let [xx, xy, xz, yy, yz, zz] = self.entries;
-        Vector3::new(
-            xx * v[0] + xy * v[1] + xz * v[2],
-            xy * v[0] + yy * v[1] + yz * v[2],
-            xz * v[0] + yz * v[1] + zz * v[2],
-        )
+        let v = [v[0], v[1], v[2]];
+        Vector3::new(sum3([xx, xy, xz], v), sum3([xy, yy, yz], v), sum3([xz, yz, zz], v))
     }
 
     /// `r * self * r^T`, 45 products.
     #[inline(always)]
     #[must_use]
     pub fn congruence(&self, r: &Matrix3<T>) -> Self {
+        let (t0, t1, t2) = (self.times_row(row(r, 0)), self.times_row(row(r, 1)), self.times_row(row(r, 2)));
+        let (r0, r1, r2) = (row(r, 0), row(r, 1), row(r, 2));
+        Self { entries: [sum3(t0, r0), sum3(t0, r1), sum3(t0, r2), sum3(t1, r1), sum3(t1, r2), sum3(t2, r2)] }
+    }
+
+    /// t times the matrix, t a row.
+    #[inline(always)]
+    fn times_row(&self, t: [T; 3]) -> [T; 3] {
         let [xx, xy, xz, yy, yz, zz] = self.entries;
-        let row = |i: usize| {
-            let (a, b, c) = (r[(i, 0)], r[(i, 1)], r[(i, 2)]);
-            [a * xx + b * xy + c * xz, a * xy + b * yy + c * yz, a * xz + b * yz + c * zz]
-        };
-        let (t0, t1, t2) = (row(0), row(1), row(2));
-        let entry = |t: &[T; 3], j: usize| t[0] * r[(j, 0)] + t[1] * r[(j, 1)] + t[2] * r[(j, 2)];
-        Self { entries: [entry(&t0, 0), entry(&t0, 1), entry(&t0, 2), entry(&t1, 1), entry(&t1, 2), entry(&t2, 2)] }
+        [sum3(t, [xx, xy, xz]), sum3(t, [xy, yy, yz]), sum3(t, [xz, yz, zz])]
+    }
+
+    /// Adds the upper triangle of a b^T.
+    #[inline(always)]
+    fn add_product(&self, a: [T; 3], b: [T; 3]) -> Self {
+        let e = &self.entries;
+        Self {
+            entries: [
+                a[0].mul_add(b[0], e[0]),
+                a[0].mul_add(b[1], e[1]),
+                a[0].mul_add(b[2], e[2]),
+                a[1].mul_add(b[1], e[3]),
+                a[1].mul_add(b[2], e[4]),
+                a[2].mul_add(b[2], e[5]),
+            ],
+        }
     }
 
     /// The sum, entry by entry.
@@ -70,6 +85,12 @@ impl<T: Real> Symmetric3<T> {
         let (a, b) = (&self.entries, &other.entries);
         Self { entries: [a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]] }
     }
+}
+
+/// x b + c.
+#[inline(always)]
+fn row_add<T: Real>(x: T, b: [T; 3], c: [T; 3]) -> [T; 3] {
+    [x.mul_add(b[0], c[0]), x.mul_add(b[1], c[1]), x.mul_add(b[2], c[2])]
 }
 
 /// A symmetric 6x6 matrix [[angular, coupling], [coupling^T, linear]] of spatial vectors: an inertia P or M, or a
@@ -118,11 +139,18 @@ impl<T: Real> Symmetric6<T> {
         let c = &self.coupling;
         let top = self.angular.mul_vector(&a);
         let bottom = self.linear.mul_vector(&l);
-        let row = |i: usize| c[(i, 0)] * l[0] + c[(i, 1)] * l[1] + c[(i, 2)] * l[2];
-        let column = |j: usize| c[(0, j)] * a[0] + c[(1, j)] * a[1] + c[(2, j)] * a[2];
+        let (la, aa) = ([l[0], l[1], l[2]], [a[0], a[1], a[2]]);
         spatial(
-            &Vector3::new(top[0] + row(0), top[1] + row(1), top[2] + row(2)),
-            &Vector3::new(bottom[0] + column(0), bottom[1] + column(1), bottom[2] + column(2)),
+            &Vector3::new(
+                top[0] + sum3(row(c, 0), la),
+                top[1] + sum3(row(c, 1), la),
+                top[2] + sum3(row(c, 2), la),
+            ),
+            &Vector3::new(
+                bottom[0] + sum3(column(c, 0), aa),
+                bottom[1] + sum3(column(c, 1), aa),
+                bottom[2] + sum3(column(c, 2), aa),
+            ),
         )
     }
 
@@ -179,37 +207,17 @@ impl<T: Real> Symmetric6<T> {
     #[inline(always)]
     #[must_use]
     pub fn add_rank_one(&self, a: &Vector6<T>, b: &Vector6<T>) -> Self {
-        let p = &self.angular.entries;
         let c = &self.coupling;
-        let l = &self.linear.entries;
+        let (ha, hb) = ([a[0], a[1], a[2]], [b[0], b[1], b[2]]);
+        let (la, lb) = ([a[3], a[4], a[5]], [b[3], b[4], b[5]]);
         Self {
-            angular: Symmetric3::new([
-                p[0] + a[0] * b[0],
-                p[1] + a[0] * b[1],
-                p[2] + a[0] * b[2],
-                p[3] + a[1] * b[1],
-                p[4] + a[1] * b[2],
-                p[5] + a[2] * b[2],
-            ]),
-            coupling: Matrix3::new(
-                c[(0, 0)] + a[0] * b[3],
-                c[(0, 1)] + a[0] * b[4],
-                c[(0, 2)] + a[0] * b[5],
-                c[(1, 0)] + a[1] * b[3],
-                c[(1, 1)] + a[1] * b[4],
-                c[(1, 2)] + a[1] * b[5],
-                c[(2, 0)] + a[2] * b[3],
-                c[(2, 1)] + a[2] * b[4],
-                c[(2, 2)] + a[2] * b[5],
+            angular: self.angular.add_product(ha, hb),
+            coupling: from_rows(
+                row_add(a[0], lb, row(c, 0)),
+                row_add(a[1], lb, row(c, 1)),
+                row_add(a[2], lb, row(c, 2)),
             ),
-            linear: Symmetric3::new([
-                l[0] + a[3] * b[3],
-                l[1] + a[3] * b[4],
-                l[2] + a[3] * b[5],
-                l[3] + a[4] * b[4],
-                l[4] + a[4] * b[5],
-                l[5] + a[5] * b[5],
-            ]),
+            linear: self.linear.add_product(la, lb),
         }
     }
 

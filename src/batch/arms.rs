@@ -1,0 +1,138 @@
+//! The instruction sets that the same generic code is compiled for, one of which is picked when the program runs.
+//!
+//! A *kernel* is generic over the scalar; an *arm* is a scalar together with the instructions it is compiled for. Which arm runs
+//! is decided once, from what the processor has and from the environment variable `PHIPSI_ARM`.
+
+use crate::scalar::{Fused, Lanes, Real};
+use std::sync::OnceLock;
+
+/// The variable that forces an arm: "baseline", "avx2" or "avx512".
+pub const VARIABLE: &str = "PHIPSI_ARM";
+
+/// A set of instructions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Arm {
+    /// Those that every processor of the target has: SSE2 on x86-64, NEON on aarch64.
+    Baseline,
+    /// AVX2 and fused products (x86-64-v3).
+    Avx2,
+    /// AVX-512 F, BW, CD, DQ, VL (x86-64-v4).
+    Avx512,
+}
+
+/// Every arm with its name, the narrowest first.
+pub const ARMS: [(&str, Arm); 3] = [("baseline", Arm::Baseline), ("avx2", Arm::Avx2), ("avx512", Arm::Avx512)];
+
+impl Arm {
+    /// The name, as [`VARIABLE`] takes it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        ARMS.iter().find(|(_, arm)| *arm == self).map_or("", |(name, _)| name)
+    }
+
+    /// Whether this processor can run it.
+    #[must_use]
+    pub fn available(self) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        return match self {
+            Self::Baseline => true,
+            Self::Avx2 => pulp::x86::V3::try_new().is_some(),
+            Self::Avx512 => pulp::x86::V4::try_new().is_some(),
+        };
+        #[cfg(not(target_arch = "x86_64"))]
+        return self == Self::Baseline;
+    }
+
+    /// The arm of this process: what [`VARIABLE`] names if that can run here, else the widest that can.
+    #[must_use]
+    pub fn of_process() -> Self {
+        static PICKED: OnceLock<Arm> = OnceLock::new();
+        *PICKED.get_or_init(|| {
+            let widest = ARMS.iter().rev().map(|&(_, arm)| arm).find(|arm| arm.available()).unwrap_or(Self::Baseline);
+            let wanted = std::env::var(VARIABLE).unwrap_or_default();
+            ARMS.iter().find(|(name, arm)| *name == wanted && arm.available()).map_or(widest, |&(_, arm)| arm)
+        })
+    }
+}
+
+/// Work that an arm compiles for its instructions; everything that it calls must be inlined into it.
+pub trait Work {
+    /// What it gives.
+    type Output;
+
+    /// Does it.
+    fn call(self) -> Self::Output;
+}
+
+/// A scalar with the instructions that it wants.
+pub trait Vectorised: Real {
+    /// Does `work` with these instructions where the processor has them.
+    fn within<W: Work>(work: W) -> W::Output;
+
+    /// The same numbers, lane by lane.
+    fn lanes_mut(&mut self) -> &mut [f64];
+}
+
+struct Job<W>(W);
+
+impl<W: Work> pulp::NullaryFnOnce for Job<W> {
+    type Output = W::Output;
+
+    #[inline(always)]
+    fn call(self) -> W::Output {
+        self.0.call()
+    }
+}
+
+impl Vectorised for f64 {
+    #[inline(always)]
+    fn within<W: Work>(work: W) -> W::Output {
+        work.call()
+    }
+
+    #[inline(always)]
+    fn lanes_mut(&mut self) -> &mut [f64] {
+        std::slice::from_mut(self)
+    }
+}
+
+impl Vectorised for Fused {
+    #[inline(always)]
+    fn within<W: Work>(work: W) -> W::Output {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(simd) = pulp::x86::V3::try_new() {
+            return simd.vectorize(Job(work));
+        }
+        work.call()
+    }
+
+    #[inline(always)]
+    fn lanes_mut(&mut self) -> &mut [f64] {
+        std::slice::from_mut(&mut self.0)
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+macro_rules! arm {
+    ($level:ident) => {
+        impl Vectorised for Lanes<pulp::x86::$level> {
+            #[inline(always)]
+            fn within<W: Work>(work: W) -> W::Output {
+                match pulp::x86::$level::try_new() {
+                    Some(simd) => simd.vectorize(Job(work)),
+                    None => work.call(),
+                }
+            }
+
+            #[inline(always)]
+            fn lanes_mut(&mut self) -> &mut [f64] {
+                Lanes::lanes_mut(self)
+            }
+        }
+    };
+}
+
+#[cfg(target_arch = "x86_64")]
+arm!(V3);
+#[cfg(target_arch = "x86_64")]
+arm!(V4);

@@ -1,0 +1,124 @@
+//! One number with fused products: what one state runs on where the processor has the instruction.
+
+use super::Real;
+use super::trigonometry::sine_and_cosine;
+use num_traits::{One, Zero};
+use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
+
+/// An f64 whose [`Real::mul_add`] is one instruction; outside an arm that has it, a slow call.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
+#[repr(transparent)]
+pub struct Fused(pub f64);
+
+macro_rules! operator {
+    ($operator:ident, $function:ident, $assigning:ident, $assign:ident) => {
+        impl $operator for Fused {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $function(self, other: Self) -> Self {
+                Self(self.0.$function(other.0))
+            }
+        }
+
+        impl $assigning for Fused {
+            #[inline(always)]
+            fn $assign(&mut self, other: Self) {
+                self.0.$assign(other.0);
+            }
+        }
+    };
+}
+
+operator!(Add, add, AddAssign, add_assign);
+operator!(Sub, sub, SubAssign, sub_assign);
+operator!(Mul, mul, MulAssign, mul_assign);
+operator!(Div, div, DivAssign, div_assign);
+
+impl Neg for Fused {
+    type Output = Self;
+
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(-self.0)
+    }
+}
+
+impl Zero for Fused {
+    #[inline(always)]
+    fn zero() -> Self {
+        Self(0.0)
+    }
+
+    #[inline(always)]
+    fn is_zero(&self) -> bool {
+        self.0 == 0.0
+    }
+}
+
+impl One for Fused {
+    #[inline(always)]
+    fn one() -> Self {
+        Self(1.0)
+    }
+}
+
+impl Real for Fused {
+    const LANES: usize = 1;
+
+    #[inline(always)]
+    fn from_f64(x: f64) -> Self {
+        Self(x)
+    }
+
+    #[inline(always)]
+    fn lane(self, _index: usize) -> f64 {
+        self.0
+    }
+
+    #[inline(always)]
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        Self(self.0.mul_add(b.0, c.0))
+    }
+
+    #[inline(always)]
+    fn minus_product(self, b: Self, c: Self) -> Self {
+        Self((-b.0).mul_add(c.0, self.0))
+    }
+
+    #[inline(always)]
+    fn recip(self) -> Self {
+        Self(1.0 / self.0)
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0.sqrt())
+    }
+
+    #[inline(always)]
+    fn sin_cos(self) -> (Self, Self) {
+        let (s, c) = sine_and_cosine::<true>(self.0);
+        (Self(s), Self(c))
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0.abs())
+    }
+
+    #[inline(always)]
+    fn worst(self, other: Self) -> Self {
+        Self(Real::worst(self.0, other.0))
+    }
+
+    #[inline(always)]
+    fn one_if_zero(self) -> Self {
+        Self(Real::one_if_zero(self.0))
+    }
+
+    #[inline(always)]
+    fn epsilon() -> Self {
+        Self(f64::EPSILON)
+    }
+}
