@@ -1,8 +1,10 @@
-//! Forward dynamics in covariance form, watched, and in square-root form where the covariance form lost digits.
+//! Forward dynamics in covariance form, watched; in square-root form, judged, where the covariance form lost digits; and with
+//! twice the digits where that is in doubt too.
 
 use super::forces::Motion;
 use super::forward::{forces_base_to_tip, sweep_covariances};
 use super::forward_root;
+use super::refined::{Judged, forward_dynamics_judged};
 use crate::filter::cancellation::{self, Cancellation, Probe};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{Form, innovations, smoother};
@@ -21,6 +23,8 @@ pub struct Choice<T> {
     pub pivots: PivotMonitor<T>,
     /// What the covariance form lost.
     pub cancellation: Cancellation<T>,
+    /// How the square-root form did, where it was run; it says whether double-double arithmetic had the last word.
+    pub judged: Option<Judged<T>>,
     /// Whether the covariance form lost digits, and a body without a root (its inertia is not positive) left no other form.
     pub without_root: bool,
 }
@@ -30,7 +34,7 @@ pub struct Choice<T> {
 ///
 /// The choice is made after both sweeps, for all lanes of `T` together: where the watched covariance form is in doubt, it is looked
 /// at more closely, with other weights where that is not clear either, and where it stays in doubt (or a pivot is), the
-/// square-root form is run. See [`cancellation`]; `cargo bench --bench dynamics forms` has what it costs.
+/// square-root form is run, and judged in its turn. See [`cancellation`] and [`rounding`](crate::filter::rounding); `cargo bench --bench dynamics forms` has what it costs.
 pub fn forward_dynamics_auto<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -51,10 +55,12 @@ pub fn forward_dynamics_auto<T: Real>(
     }
     let without_root = !kept && model.inertia_roots.iter().any(Option::is_none);
     if kept || without_root {
-        return Choice { form: Form::Covariance, pivots, cancellation, without_root };
+        workspace.tally.in_doubt += usize::from(without_root);
+        return Choice { form: Form::Covariance, pivots, cancellation, judged: None, without_root };
     }
-    let pivots = forward_root::forward_dynamics(model, workspace, q, qd, tau, wrenches, qdd);
-    Choice { form: Form::SquareRoot, pivots, cancellation, without_root }
+    workspace.tally.square_root += 1;
+    let judged = forward_dynamics_judged(model, workspace, q, qd, tau, wrenches, qdd);
+    Choice { form: Form::SquareRoot, pivots: judged.pivots, cancellation, judged: Some(judged), without_root }
 }
 
 /// The factor of M, with phi already in the workspace: in covariance form, and where that lost digits in square-root form.

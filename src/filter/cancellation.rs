@@ -21,6 +21,7 @@
 
 use super::pivots::{Scale, absolute_shift_transpose};
 use super::riccati::Measured;
+use super::rounding::squares;
 use super::system::{HingeMap, Rows, System};
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, Symmetric6, dot};
@@ -114,12 +115,6 @@ pub struct Probe<'a, T: Real> {
     pub innovations: &'a [T],
     /// Receives nu(k).
     pub co_state: &'a mut [Vector6<T>],
-}
-
-/// Squares of the two halves.
-#[inline(always)]
-fn squares<T: Real>(x: &Vector6<T>) -> (T, T) {
-    (x[0] * x[0] + x[1] * x[1] + x[2] * x[2], x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
 }
 
 /// Base to tip: the smoother, as [`smoother::sweep`](super::smoother::sweep), for both right sides, and what their products say.
