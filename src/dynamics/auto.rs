@@ -47,7 +47,7 @@ pub fn forward_dynamics_auto<T: Real>(
     let (pivots, mut cancellation) = forward_dynamics_watched(model, workspace, (q, qd, tau), wrenches, qdd);
     let mut kept = every_lane(&pivots, |lane| cancellation.clear(lane));
     if !kept {
-        cancellation = judge(model, workspace, qdd);
+        cancellation = judge(model, workspace, &cancellation, qdd);
         kept = every_lane(&pivots, |lane| cancellation.far_from_doubt(lane)) || {
             cancellation = judge_again(model, workspace, &cancellation, qdd);
             every_lane(&pivots, |lane| cancellation.clear(lane))
@@ -83,7 +83,7 @@ pub(super) fn factorise<T: Real>(
     let mut both = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
     let first = cancellation::sweep(system, &mut both, co_state, estimates);
     let kept = every_lane(&pivots, |lane| first.clear(lane)) || {
-        let judged = cancellation::judge(system, &both, p, co_state, estimates);
+        let judged = cancellation::judge(system, &both, p, co_state, estimates, &first);
         every_lane(&pivots, |lane| judged.clear(lane))
     };
     if kept || model.inertia_roots.iter().any(Option::is_none) {
@@ -123,10 +123,15 @@ fn forward_dynamics_watched<T: Real>(
 }
 
 /// The closer look at what [`forward_dynamics_watched`] has just left in the workspace.
-fn judge<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, qdd: &[T]) -> Cancellation<T> {
+fn judge<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    watched: &Cancellation<T>,
+    qdd: &[T],
+) -> Cancellation<T> {
     let Workspace { shift, measured, scale, p, z, co_state, velocity, probe, .. } = workspace;
     let first = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
-    cancellation::judge(&model.system, &first, p, co_state, qdd)
+    cancellation::judge(&model.system, &first, p, co_state, qdd, watched)
 }
 
 /// The same with other weights, whose forces and co-states take the place of the accelerations; the larger of both.
@@ -142,5 +147,5 @@ fn judge_again<T: Real>(
     innovations::sweep(system, shift, measured, &weights[model.nv()..], acceleration, probe);
     smoother::sweep(system, shift, measured, acceleration, probe);
     let second = Probe { shift, measured, scale, z, innovations: probe, co_state: acceleration };
-    first.larger(&cancellation::judge(system, &second, p, co_state, qdd))
+    first.larger(&cancellation::judge(system, &second, p, co_state, qdd, first))
 }

@@ -28,7 +28,9 @@ pub fn forward_dynamics<T: Real>(
 ) -> PivotMonitor<T> {
     match workspace.form {
         Form::Auto => return auto::forward_dynamics_auto(model, workspace, q, qd, tau, wrenches, qdd).pivots,
-        Form::SquareRoot => return refined::forward_dynamics_judged(model, workspace, q, qd, tau, wrenches, qdd).pivots,
+        Form::SquareRoot => {
+            return refined::forward_dynamics_judged(model, workspace, q, qd, tau, wrenches, qdd).pivots;
+        }
         Form::Covariance | Form::Joseph => {}
     }
     forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });

@@ -65,7 +65,18 @@ fn judge<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, tau: &[T], qdd
     let system = &model.system;
     // What the bodies' motion was kept in is free by now.
     let Workspace {
-        shift, root, coordinates, z, measured, co_state, velocity, acceleration, weights, probe, estimates, ..
+        shift,
+        root,
+        coordinates,
+        z,
+        measured,
+        co_state,
+        velocity,
+        acceleration,
+        weights,
+        probe,
+        estimates,
+        ..
     } = workspace;
     let swept = Swept { shift, root, coordinates, added: z, measured, measurement: tau, estimates: qdd, co_state };
     let (state, second, e, c) = (velocity, acceleration, probe, estimates);
@@ -78,14 +89,7 @@ fn judge<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, tau: &[T], qdd
 
 /// The same state in double-double arithmetic, rounded into `qdd`; false, and `qdd` as it was, where there is no model to widen
 /// or the wider numbers overflow as well.
-fn refine<T: Real>(
-    model: &Model<T>,
-    q: &[T],
-    qd: &[T],
-    tau: &[T],
-    wrenches: &[Vector6<T>],
-    qdd: &mut [T],
-) -> bool {
+fn refine<T: Real>(model: &Model<T>, q: &[T], qd: &[T], tau: &[T], wrenches: &[Vector6<T>], qdd: &mut [T]) -> bool {
     // Numbers that hold more than a value, such as derivatives, would come back without the rest.
     let Some(model) = (model as &dyn Any).downcast_ref::<Model<f64>>() else { return false };
     if model.inertia_roots.iter().any(Option::is_none) {

@@ -59,7 +59,8 @@ impl<T: Real> RootMonitor<T> {
     pub fn observe_root(&mut self, root: &Root6<T>, diagonal: &[T; 6]) {
         let reach = T::from_f64(WEIGHT_REACH);
         for (&weight, &whole) in root.weights.iter().zip(diagonal).skip(1) {
-            self.margin = self.margin.worst(weight * reach - whole);
+            // A weight of exactly zero is none that was nearly lost: the child of a massless body has five columns.
+            self.margin = self.margin.worst((weight + weight.one_if_zero() * whole) * reach - whole);
         }
     }
 
@@ -192,11 +193,10 @@ pub fn judge<T: Real>(system: &System<T>, swept: &Swept<'_, T>, weighed: &Weighe
         for i in 0..stage.rows.count() {
             let row = stage.first_row + i;
             let (m, a) = (&swept.measured[row], swept.estimates[row]);
-            let products = m.gain.component_mul(&lambda);
-            let share = a + products.sum();
+            let (share, terms_of_a) = shares(a, &m.gain, &lambda);
             let e = m.pivot * share;
             let tau = swept.measurement[row];
-            let smoothed = products.iter().fold(share.abs(), |sum, term| sum + term.abs()) * weighed.innovations[row];
+            let smoothed = terms_of_a * weighed.innovations[row];
             let measured = weighed.estimates[row];
             let (turned, moved) = squares(&nu.component_mul(&m.gain));
             seen.noise += smoothed * smoothed + measured * measured * (tau * tau + e * e) + (turned + moved) * (e * e);
@@ -218,11 +218,20 @@ pub fn judge<T: Real>(system: &System<T>, swept: &Swept<'_, T>, weighed: &Weighe
 }
 
 /// The square of zeta* dlambda^+: eps of the terms that the lever makes of the parent's co-state.
-fn carried<T: Real>(zeta: &Vector6<T>, outer: &Vector6<T>, shift: &RigidShift<T>) -> T {
+#[inline(always)]
+pub(super) fn carried<T: Real>(zeta: &Vector6<T>, outer: &Vector6<T>, shift: &RigidShift<T>) -> T {
     let ((turned, moved), (angular, linear)) = (squares(zeta), squares(outer));
     let lever = shift.lever.dot(&shift.lever);
     let two = T::one() + T::one();
     turned * angular + moved * (linear + lever * angular) * two
+}
+
+/// e/D of an estimate a = e/D - g* lambda, and the absolute sum of the terms.
+#[inline(always)]
+pub(super) fn shares<T: Real>(a: T, gain: &Vector6<T>, lambda: &Vector6<T>) -> (T, T) {
+    let products = gain.component_mul(lambda);
+    let share = a + products.sum();
+    (share, products.iter().fold(share.abs(), |sum, term| sum + term.abs()))
 }
 
 /// What the rounding of a stage's P^- and b is relative to.
