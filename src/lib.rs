@@ -62,7 +62,7 @@ mod workspace;
 
 pub use error::Error;
 pub use scene::{Scene, SceneBuilder};
-pub use workspace::Workspace;
+pub use workspace::{Tally, Workspace};
 
 /// The README's Rust runs as a test.
 #[cfg(doctest)]

@@ -9,11 +9,24 @@ use crate::scene::Model;
 use crate::spatial::{BodyInertia, RigidShift, Root6, Symmetric3, Symmetric6};
 use nalgebra::{Vector3, Vector6};
 
+/// How many calls of forward dynamics needed more than their form's first attempt, all lanes of a call counted as one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Tally {
+    /// `auto` went on to the square-root form.
+    pub square_root: usize,
+    /// The square-root form was in doubt, and double-double arithmetic gave the answer.
+    pub refined: usize,
+    /// The answer was in doubt and there was nothing better: not f64, several lanes, a body without a root, or an overflow.
+    pub in_doubt: usize,
+}
+
 /// The scratch of every algorithm for one state (or one state a lane); starts as NaN, so that nothing unset is ever used.
 #[derive(Debug, Clone)]
 pub struct Workspace<T: Real> {
     /// How P is carried by what uses this workspace.
     pub form: Form,
+    /// What was not plain sailing, since this workspace was made.
+    pub tally: Tally,
     pub(crate) shift: Vec<RigidShift<T>>,
     pub(crate) velocity: Vec<Vector6<T>>,
     pub(crate) acceleration: Vec<Vector6<T>>,
@@ -46,6 +59,7 @@ impl<T: Real> Workspace<T> {
         let vectors = || vec![Vector6::from_element(nan); bodies];
         Self {
             form: Form::default(),
+            tally: Tally::default(),
             shift: vec![RigidShift::filled(nan); bodies],
             velocity: vectors(),
             acceleration: vectors(),

@@ -20,11 +20,11 @@ use phipsi::{Error, Scene, dynamics};
 const MOST: f64 = 100.0;
 
 /// Every case at every value of its sweep.
-fn sweeps() -> impl Iterator<Item = Extreme> {
-    names().flat_map(|name| {
+fn sweeps(seed: u64) -> impl Iterator<Item = Extreme> {
+    names().flat_map(move |name| {
         let usual = extreme(name, None, None, 0).unwrap();
         let values = usual.values.iter().filter(move |&&value| name != "long-chain" || value <= MOST);
-        values.map(move |&value| extreme(name, Some(value), None, 0).unwrap())
+        values.map(move |&value| extreme(name, Some(value), None, seed).unwrap())
     })
 }
 
@@ -39,7 +39,7 @@ fn is_singular(case: &Extreme) -> bool {
 #[test]
 fn every_case_is_the_same_from_the_same_arguments_and_generic() {
     assert!(names().len() >= 16);
-    for case in sweeps() {
+    for case in sweeps(0) {
         let again = extreme(case.name, Some(case.value), None, 0).unwrap();
         assert_eq!(case.scene.source(), again.scene.source(), "{}", case.name);
         assert_eq!((&case.q, &case.qd, &case.tau), (&again.q, &again.qd, &again.tau));
@@ -117,12 +117,6 @@ fn the_singular_case_names_its_joint() {
     }
 }
 
-/// Where the square-root form, as it is, misses its bound: cases, and the errors that all their values are held to instead, in
-/// the max-norm and component by component. Poses in which the columns of a heavy body (or of a body on a long lever) are nearly
-/// parallel lose what they have in common; see docs/numerics.md.
-const SHORTFALLS: [(&str, f64, f64); 3] =
-    [("heavy-tip", 3e-13, 1e-12), ("light-links", 3e-13, 1e-11), ("long-lever", 1e-11, 2e-10)];
-
 /// The error of the square-root form on one state, in both norms, in units of its bounds.
 struct Measured {
     norm: f64,
@@ -167,14 +161,9 @@ impl Measured {
 
 #[test]
 fn the_square_root_form_is_right_on_every_case_in_both_norms() {
-    for case in sweeps().filter(|case| !is_singular(case)) {
+    for case in (0..8).flat_map(sweeps).filter(|case| !is_singular(case)) {
         let what = format!("{} {:e}", case.name, case.value);
-        let mut found = Measured::new(&what, &case.scene, state(&case));
-        if let Some(known) = SHORTFALLS.iter().find(|known| known.0 == case.name) {
-            found.norm_bound = found.norm_bound.max(known.1);
-            found.component_bound = found.component_bound.max(known.2);
-        }
-        let Measured { norm, norm_bound, component, component_bound } = found;
+        let Measured { norm, norm_bound, component, component_bound } = Measured::new(&what, &case.scene, state(&case));
         assert!(norm <= norm_bound, "{what}: off by {norm:e}, bound {norm_bound:e}");
         assert!(component <= component_bound, "{what}: a component is off by {component:e}, bound {component_bound:e}");
     }
@@ -198,26 +187,22 @@ fn log_uniform_tree(seed: u64, bodies: usize) -> Scene {
     tree.joints().iter().fold(builder, |builder, joint| builder.joint(joint.clone())).build().unwrap()
 }
 
-/// In the max-norm; component by component is open, and printed.
+/// In the max-norm, and component by component: every tree of the test that is in doubt is refined.
 #[test]
 fn the_square_root_form_is_right_on_trees_of_masses_over_24_decades() {
-    let (mut beyond, mut all) = (0, 0);
-    for (seed, bodies) in (0..).zip([1, 2, 3, 5, 8, 13, 20, 30, 45, 60].repeat(2)) {
+    for (seed, bodies) in (0..).zip([1, 2, 3, 5, 8, 13, 20, 30, 45, 60, 90, 130, 200].repeat(2)) {
         let scene = log_uniform_tree(seed, bodies);
         let (q, qd, tau) = random_state(&scene, &mut Random::new(seed));
         let what = format!("tree {seed} of {bodies}");
         let found = Measured::new(&what, &scene, State { q: &q, qd: &qd, u: &tau });
-        assert!(found.norm <= found.norm_bound, "{what}: off by {:e}, bound {:e}", found.norm, found.norm_bound);
-        all += 1;
-        beyond += usize::from(!found.holds());
+        let Measured { norm, norm_bound, component, component_bound } = found;
+        assert!(norm <= norm_bound, "{what}: off by {norm:e}, bound {norm_bound:e}");
+        assert!(component <= component_bound, "{what}: a component is off by {component:e}, bound {component_bound:e}");
         let mut workspace = scene.workspace().in_form(phipsi::filter::Form::SquareRoot);
         let mut qdd = vec![f64::NAN; scene.nv()];
         let (model, none) = (scene.model(), &[]);
         let monitor = dynamics::forward_dynamics(model, &mut workspace, &q, &qd, &tau, none, &mut qdd);
         assert!(monitor.clear(0), "{what}: positive pivots");
-    }
-    if std::env::var_os("PHIPSI_SHOW_RATIOS").is_some() {
-        eprintln!("{beyond} of {all} trees have a component beyond its bound");
     }
 }
 

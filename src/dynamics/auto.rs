@@ -1,8 +1,10 @@
-//! Forward dynamics in covariance form, watched, and in square-root form where the covariance form lost digits.
+//! Forward dynamics in covariance form, watched; in square-root form, judged, where the covariance form lost digits; and with
+//! twice the digits where that is in doubt too.
 
 use super::forces::Motion;
 use super::forward::{forces_base_to_tip, sweep_covariances};
 use super::forward_root;
+use super::refined::{Judged, forward_dynamics_judged};
 use crate::filter::cancellation::{self, Cancellation, Probe};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{Form, innovations, smoother};
@@ -21,6 +23,8 @@ pub struct Choice<T> {
     pub pivots: PivotMonitor<T>,
     /// What the covariance form lost.
     pub cancellation: Cancellation<T>,
+    /// How the square-root form did, where it was run; it says whether double-double arithmetic had the last word.
+    pub judged: Option<Judged<T>>,
     /// Whether the covariance form lost digits, and a body without a root (its inertia is not positive) left no other form.
     pub without_root: bool,
 }
@@ -30,7 +34,7 @@ pub struct Choice<T> {
 ///
 /// The choice is made after both sweeps, for all lanes of `T` together: where the watched covariance form is in doubt, it is looked
 /// at more closely, with other weights where that is not clear either, and where it stays in doubt (or a pivot is), the
-/// square-root form is run. See [`cancellation`]; `cargo bench --bench dynamics forms` has what it costs.
+/// square-root form is run, and judged in its turn. See [`cancellation`] and [`rounding`](crate::filter::rounding); `cargo bench --bench dynamics forms` has what it costs.
 pub fn forward_dynamics_auto<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -43,7 +47,7 @@ pub fn forward_dynamics_auto<T: Real>(
     let (pivots, mut cancellation) = forward_dynamics_watched(model, workspace, (q, qd, tau), wrenches, qdd);
     let mut kept = every_lane(&pivots, |lane| cancellation.clear(lane));
     if !kept {
-        cancellation = judge(model, workspace, qdd);
+        cancellation = judge(model, workspace, &cancellation, qdd);
         kept = every_lane(&pivots, |lane| cancellation.far_from_doubt(lane)) || {
             cancellation = judge_again(model, workspace, &cancellation, qdd);
             every_lane(&pivots, |lane| cancellation.clear(lane))
@@ -51,10 +55,12 @@ pub fn forward_dynamics_auto<T: Real>(
     }
     let without_root = !kept && model.inertia_roots.iter().any(Option::is_none);
     if kept || without_root {
-        return Choice { form: Form::Covariance, pivots, cancellation, without_root };
+        workspace.tally.in_doubt += usize::from(without_root);
+        return Choice { form: Form::Covariance, pivots, cancellation, judged: None, without_root };
     }
-    let pivots = forward_root::forward_dynamics(model, workspace, q, qd, tau, wrenches, qdd);
-    Choice { form: Form::SquareRoot, pivots, cancellation, without_root }
+    workspace.tally.square_root += 1;
+    let judged = forward_dynamics_judged(model, workspace, q, qd, tau, wrenches, qdd);
+    Choice { form: Form::SquareRoot, pivots: judged.pivots, cancellation, judged: Some(judged), without_root }
 }
 
 /// The factor of M, with phi already in the workspace: in covariance form, and where that lost digits in square-root form.
@@ -77,7 +83,7 @@ pub(super) fn factorise<T: Real>(
     let mut both = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
     let first = cancellation::sweep(system, &mut both, co_state, estimates);
     let kept = every_lane(&pivots, |lane| first.clear(lane)) || {
-        let judged = cancellation::judge(system, &both, p, co_state, estimates);
+        let judged = cancellation::judge(system, &both, p, co_state, estimates, &first);
         every_lane(&pivots, |lane| judged.clear(lane))
     };
     if kept || model.inertia_roots.iter().any(Option::is_none) {
@@ -117,10 +123,15 @@ fn forward_dynamics_watched<T: Real>(
 }
 
 /// The closer look at what [`forward_dynamics_watched`] has just left in the workspace.
-fn judge<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, qdd: &[T]) -> Cancellation<T> {
+fn judge<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    watched: &Cancellation<T>,
+    qdd: &[T],
+) -> Cancellation<T> {
     let Workspace { shift, measured, scale, p, z, co_state, velocity, probe, .. } = workspace;
     let first = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
-    cancellation::judge(&model.system, &first, p, co_state, qdd)
+    cancellation::judge(&model.system, &first, p, co_state, qdd, watched)
 }
 
 /// The same with other weights, whose forces and co-states take the place of the accelerations; the larger of both.
@@ -136,5 +147,5 @@ fn judge_again<T: Real>(
     innovations::sweep(system, shift, measured, &weights[model.nv()..], acceleration, probe);
     smoother::sweep(system, shift, measured, acceleration, probe);
     let second = Probe { shift, measured, scale, z, innovations: probe, co_state: acceleration };
-    first.larger(&cancellation::judge(system, &second, p, co_state, qdd))
+    first.larger(&cancellation::judge(system, &second, p, co_state, qdd, first))
 }

@@ -2,7 +2,7 @@
 
 use super::auto;
 use super::forces::{Motion, step_outward};
-use super::forward_root;
+use super::{forward_root, refined};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati;
 use crate::filter::{Form, System, innovations, smoother};
@@ -28,7 +28,9 @@ pub fn forward_dynamics<T: Real>(
 ) -> PivotMonitor<T> {
     match workspace.form {
         Form::Auto => return auto::forward_dynamics_auto(model, workspace, q, qd, tau, wrenches, qdd).pivots,
-        Form::SquareRoot => return forward_root::forward_dynamics(model, workspace, q, qd, tau, wrenches, qdd),
+        Form::SquareRoot => {
+            return refined::forward_dynamics_judged(model, workspace, q, qd, tau, wrenches, qdd).pivots;
+        }
         Form::Covariance | Form::Joseph => {}
     }
     if workspace.form == Form::Joseph {

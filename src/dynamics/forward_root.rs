@@ -1,6 +1,7 @@
 //! Forward dynamics in square-root form: roots of inertias, and bias forces in their coordinates.
 
 use crate::filter::pivots::{PivotMonitor, Scale};
+use crate::filter::rounding::RootMonitor;
 use crate::filter::smoother;
 use crate::filter::square_root::{self, Mean, Roots};
 use crate::kinematics::{base_acceleration, joint_shift, motion_step};
@@ -10,7 +11,7 @@ use crate::spatial::{BodyRoot, Root6, Symmetric6, spatial};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
-/// Joint accelerations as [`forward_dynamics`](super::forward_dynamics) documents them.
+/// Joint accelerations as [`forward_dynamics`](super::forward_dynamics) documents them, before anyone judges them.
 ///
 /// The body forces enter as L y, y = L^-1 b in the body's own parameters, and never as a sum with what joints transmit: a heavy
 /// body's weight is turned into the columns of the bodies inboard of it, not subtracted there. A body whose inertia has no root
@@ -23,7 +24,7 @@ pub(super) fn forward_dynamics<T: Real>(
     tau: &[T],
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
-) -> PivotMonitor<T> {
+) -> RootMonitor<T> {
     bias_base_to_tip(model, workspace, q, qd, wrenches);
     let Workspace { shift, root, scale, measured, coordinates, z, .. } = workspace;
     let mut roots = Roots { shift, root, scale, measured };
@@ -86,5 +87,5 @@ pub(super) fn factorise<T: Real>(
     for (p, root) in p.iter_mut().zip(root) {
         *p = root.to_symmetric();
     }
-    monitor
+    monitor.pivots
 }

@@ -15,6 +15,7 @@ pub mod inverse;
 pub mod mass_inverse;
 pub mod mass_matrix;
 pub mod operational;
+pub mod refined;
 
 #[cfg(feature = "stochastic")]
 pub(crate) use inverse::bias_forces_base_to_tip;
@@ -29,3 +30,4 @@ pub use inverse::{bias_torque, inverse_dynamics, mul_mass};
 pub use mass_inverse::mass_matrix_inverse;
 pub use mass_matrix::{log_det_mass_matrix, mass_matrix};
 pub use operational::operational_inverse_inertia;
+pub use refined::{Judged, forward_dynamics_judged};

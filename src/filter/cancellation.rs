@@ -9,7 +9,7 @@
 //!
 //! One more right side, irregular numbers of either sign, therefore sees the error of every row through every gain, with the
 //! contraction of the closed loop (a bound that adds up norms has none, and calls every long chain lost) and with what the outward
-//! sweep makes of a small error at the root of a long lever. Rounding is taken as dP about eps times the terms of P^-
+//! sweep makes of a small error at the root of a long lever. The smoother's own rounding is added as in [`rounding`](super::rounding). Rounding is taken as dP about eps times the terms of P^-
 //! ([`Scale`]: the angular ones, and the linear ones), df about eps times z^+ and g e^-, independent from stage to stage: squares are
 //! added. The whole costs a filter and a smoother more for w, about 160 operations a stage, no branch on a value, and one comparison
 //! in the end.
@@ -21,6 +21,7 @@
 
 use super::pivots::{Scale, absolute_shift_transpose};
 use super::riccati::Measured;
+use super::rounding::{carried, squares};
 use super::system::{HingeMap, Rows, System};
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, Symmetric6, dot};
@@ -51,8 +52,10 @@ pub fn weight(row: usize) -> f64 {
 /// What a smoothing sweep found out about its own rounding.
 #[derive(Debug, Clone, Copy)]
 pub struct Cancellation<T> {
-    /// The estimated square of w* da, over eps^2.
+    /// The estimated square of w* da, over eps^2: what P and the forces make of it.
     noise: T,
+    /// The same of the smoother.
+    smoother: T,
     /// Minus the largest estimate.
     size: T,
 }
@@ -62,20 +65,20 @@ impl<T: Real> Cancellation<T> {
     #[inline(always)]
     #[must_use]
     pub fn new() -> Self {
-        Self { noise: T::zero(), size: T::zero() }
+        Self { noise: T::zero(), smoother: T::zero(), size: T::zero() }
     }
 
     /// The estimated error of one lane's estimates, relative to the largest of them; NaN where it cannot be told.
     #[must_use]
     pub fn error(&self, lane: usize) -> f64 {
-        let (noise, size) = (self.noise.lane(lane), -self.size.lane(lane));
+        let (noise, size) = ((self.noise + self.smoother).lane(lane), -self.size.lane(lane));
         if noise == 0.0 { noise } else { noise.sqrt() * T::epsilon().lane(lane) / size }
     }
 
     /// The larger of two estimates of the same sweep.
     #[must_use]
     pub fn larger(&self, other: &Self) -> Self {
-        Self { noise: -(-self.noise).worst(-other.noise), size: self.size }
+        Self { noise: -(-self.noise).worst(-other.noise), ..*self }
     }
 
     /// Whether the covariance form of one lane kept its digits.
@@ -112,14 +115,8 @@ pub struct Probe<'a, T: Real> {
     pub z: &'a [Vector6<T>],
     /// e^- of each row for the measurements w.
     pub innovations: &'a [T],
-    /// Receives nu(k).
+    /// In, for [`sweep`]: zeta^+(k), the filtered states of the measurements w. Out: nu(k).
     pub co_state: &'a mut [Vector6<T>],
-}
-
-/// Squares of the two halves.
-#[inline(always)]
-fn squares<T: Real>(x: &Vector6<T>) -> (T, T) {
-    (x[0] * x[0] + x[1] * x[1] + x[2] * x[2], x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
 }
 
 /// Base to tip: the smoother, as [`smoother::sweep`](super::smoother::sweep), for both right sides, and what their products say.
@@ -137,6 +134,7 @@ pub fn sweep<T: Real>(
         let (mut lambda, mut nu) = match stage.parent {
             Some(parent) => {
                 let shift = &probe.shift[k];
+                seen.smoother += carried(&probe.co_state[k], &co_state[parent], shift);
                 (shift.motion_to_child(&co_state[parent]), shift.motion_to_child(&probe.co_state[parent]))
             }
             None => (zero, zero),
@@ -145,9 +143,11 @@ pub fn sweep<T: Real>(
         for i in 0..stage.rows.count() {
             let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
             let m = &probe.measured[row];
-            let e = estimates[row];
-            let a = e * m.pivot_inverse - dot(&m.gain, &lambda);
-            let c = probe.innovations[row] * m.pivot_inverse - dot(&m.gain, &nu);
+            let (e, e_w) = (estimates[row], probe.innovations[row]);
+            let share = e * m.pivot_inverse;
+            let a = share - dot(&m.gain, &lambda);
+            seen.smoother += e_w * e_w * (share * share + a * a);
+            let c = e_w * m.pivot_inverse - dot(&m.gain, &nu);
             lambda = hinge.spread_onto(&lambda, a);
             nu = hinge.spread_onto(&nu, c);
             let (turned, moved) = squares(&m.gain);
@@ -166,7 +166,7 @@ pub fn sweep<T: Real>(
     seen
 }
 
-/// The same estimate once more, entry by entry, after [`sweep`]: called where that one is in doubt.
+/// The same estimate once more, entry by entry, after [`sweep`], whose `first` has the smoother's part: called where that one is in doubt.
 ///
 /// The bound of the sweep takes the terms of P^- for equal in all directions; joints whose axes meet in a point leave exact zeros, and
 /// large co-states along them. Here the rounding of an entry of P^- is that of the terms that form it: P^+ and what its
@@ -177,9 +177,10 @@ pub fn judge<T: Real>(
     p: &[Symmetric6<T>],
     co_state: &[Vector6<T>],
     estimates: &[T],
+    first: &Cancellation<T>,
 ) -> Cancellation<T> {
     let o = T::zero();
-    let mut seen = Cancellation::<T>::new();
+    let mut seen = Cancellation { smoother: first.smoother, ..Cancellation::new() };
     let weighed = |terms: &Vector6<T>, x: &Vector6<T>| terms.component_mul(x).dot(x);
     for (k, stage) in system.stages.iter().enumerate() {
         let (a, l) = (&p[k].angular.entries, &p[k].linear.entries);

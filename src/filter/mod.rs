@@ -12,6 +12,7 @@ pub mod forms;
 pub mod innovations;
 pub mod pivots;
 pub mod riccati;
+pub mod rounding;
 pub mod smoothed;
 pub mod smoother;
 pub mod square_root;

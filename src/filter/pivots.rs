@@ -7,7 +7,7 @@
 use super::riccati::Measured;
 use super::system::{HingeMap, System};
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, Root6, Symmetric6};
+use crate::spatial::{RigidShift, Symmetric6};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// How many times the rounding of its terms a pivot must exceed.
@@ -53,11 +53,10 @@ impl<T: Real> Scale<T> {
         Self { angular: four * (a + square * b), linear: four * b }
     }
 
-    /// The same of a root of P^-: the traces are sums of squares.
+    /// The same of a root of P^-, from its [`diagonal`](crate::spatial::Root6::diagonal).
     #[inline(always)]
     #[must_use]
-    pub fn sent_by_root(root: &Root6<T>, shift: &RigidShift<T>) -> Self {
-        let square = root.diagonal();
+    pub fn sent_by_root(square: &[T; 6], shift: &RigidShift<T>) -> Self {
         Self::sent((square[3] + square[4] + square[5], square[0] + square[1] + square[2]), shift)
     }
 
@@ -70,7 +69,7 @@ impl<T: Real> Scale<T> {
 
     /// The bound for one row.
     #[inline(always)]
-    fn of_row(&self, hinge: &HingeMap<T>) -> T {
+    pub(super) fn of_row(&self, hinge: &HingeMap<T>) -> T {
         match *hinge {
             HingeMap::Axis(i) if i < 3 => self.angular,
             HingeMap::Axis(_) => self.linear,

@@ -4,8 +4,9 @@
 //! children are joined to those of the stage by rotations from the right. A measurement without noise deletes a column. About
 //! 650 operations a stage of one row, with about thirty divisions.
 
-use super::pivots::{PivotMonitor, Scale};
+use super::pivots::Scale;
 use super::riccati::Measured;
+use super::rounding::RootMonitor;
 use super::system::{HingeMap, Rows, System};
 use crate::scalar::Real;
 use crate::spatial::{Dropped, RigidShift, Root6, root_row};
@@ -96,7 +97,7 @@ impl<T: Real> Roots<'_, T> {
         system: &System<T>,
         k: usize,
         mean: Option<&mut Mean<'_, T>>,
-        monitor: &mut PivotMonitor<T>,
+        monitor: &mut RootMonitor<T>,
         mut seen: impl FnMut(usize, &Root6<T>),
     ) {
         let stage = &system.stages[k];
@@ -114,13 +115,15 @@ impl<T: Real> Roots<'_, T> {
                 (Some(of_stage), Some((y_inward, t_inward)))
             }
         };
-        let sent = Scale::sent_by_root(root, shift);
+        let diagonal = root.diagonal();
+        monitor.observe_root(root, &diagonal);
+        let sent = Scale::sent_by_root(&diagonal, shift);
         let noise_free_turn = if let Rows::One(HingeMap::Axis(2)) = stage.rows {
             // The commonest row is named, so that the compiler sees which columns it leaves.
             let (row, hinge) = (stage.first_row, HingeMap::Axis(2));
             seen(row, root);
             let m = one_row((row, &hinge, system.noise[row]), root, &mut mean);
-            monitor.observe(m.pivot, &hinge, &scale);
+            monitor.observe(&m, &hinge, &scale);
             self.measured[row] = m;
             system.is_noise_free(row)
         } else {
@@ -128,7 +131,7 @@ impl<T: Real> Roots<'_, T> {
                 let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
                 seen(row, root);
                 let m = one_row((row, &hinge, system.noise[row]), root, &mut mean);
-                monitor.observe(m.pivot, &hinge, &scale);
+                monitor.observe(&m, &hinge, &scale);
                 self.measured[row] = m;
             }
             false
@@ -157,8 +160,8 @@ pub fn sweep<T: Real>(
     roots: &mut Roots<'_, T>,
     mut mean: Option<&mut Mean<'_, T>>,
     mut seen: impl FnMut(usize, &Root6<T>),
-) -> PivotMonitor<T> {
-    let mut monitor = PivotMonitor::of_roots();
+) -> RootMonitor<T> {
+    let mut monitor = RootMonitor::new();
     for k in (0..system.stages.len()).rev() {
         roots.step(system, k, mean.as_deref_mut(), &mut monitor, &mut seen);
     }

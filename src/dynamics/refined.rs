@@ -1,0 +1,112 @@
+//! The square-root form, judged; and where it is in doubt, once more with twice the digits.
+
+use super::forward_root;
+use crate::filter::pivots::PivotMonitor;
+use crate::filter::rounding::{self, Reach, Rounding, Swept, Weighed};
+use crate::filter::{Form, innovations, smoother};
+use crate::scalar::{DoubleDouble, Real};
+use crate::scene::Model;
+use crate::workspace::Workspace;
+use nalgebra::Vector6;
+use std::any::Any;
+
+/// How [`forward_dynamics_judged`] came to its answer.
+#[derive(Debug, Clone, Copy)]
+pub struct Judged<T> {
+    /// The pivots of the square-root form.
+    pub pivots: PivotMonitor<T>,
+    /// What the judge says of the square-root form; none where the first look was clear in every lane.
+    pub rounding: Option<Rounding<T>>,
+    /// Whether `qdd` comes from double-double arithmetic, rounded.
+    pub refined: bool,
+}
+
+impl<T: Real> Judged<T> {
+    /// Whether the answer of one lane may have lost digits: in doubt, and not refined.
+    #[must_use]
+    pub fn in_doubt(&self, lane: usize) -> bool {
+        !self.refined && self.rounding.is_some_and(|rounding| !rounding.clear(lane))
+    }
+}
+
+/// Joint accelerations in square-root form, whatever form the workspace has, judged: a state in doubt is done once more in
+/// double-double arithmetic and rounded.
+///
+/// Only f64 is refined, one state at a time; the answers of other scalars, lanes among them, stay and are told to be
+/// [`in_doubt`](Judged::in_doubt). A refined state takes about forty times as long, and scratch of 2 kB a body for as long as it
+/// lasts. The workspace counts both, see [`Workspace::tally`]; the roots and pivots in it stay those of the square-root form.
+pub fn forward_dynamics_judged<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    q: &[T],
+    qd: &[T],
+    tau: &[T],
+    wrenches: &[Vector6<T>],
+    qdd: &mut [T],
+) -> Judged<T> {
+    let monitor = forward_root::forward_dynamics(model, workspace, q, qd, tau, wrenches, qdd);
+    let reach = Reach::new(&monitor, &model.system, &workspace.shift, &workspace.co_state, qdd);
+    let pivots = monitor.pivots;
+    if (0..T::LANES).all(|lane| reach.clear(lane)) {
+        return Judged { pivots, rounding: None, refined: false };
+    }
+    let rounding = judge(model, workspace, tau, qdd);
+    if (0..T::LANES).all(|lane| rounding.clear(lane)) {
+        return Judged { pivots, rounding: Some(rounding), refined: false };
+    }
+    let refined = refine(model, q, qd, tau, wrenches, qdd);
+    workspace.tally.refined += usize::from(refined);
+    workspace.tally.in_doubt += usize::from(!refined);
+    Judged { pivots, rounding: Some(rounding), refined }
+}
+
+/// The closer look at what the square-root form has just left in the workspace: a filter and a smoother more.
+fn judge<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, tau: &[T], qdd: &[T]) -> Rounding<T> {
+    let system = &model.system;
+    // What the bodies' motion was kept in is free by now.
+    let Workspace {
+        shift,
+        root,
+        coordinates,
+        z,
+        measured,
+        co_state,
+        velocity,
+        acceleration,
+        weights,
+        probe,
+        estimates,
+        ..
+    } = workspace;
+    let swept = Swept { shift, root, coordinates, added: z, measured, measurement: tau, estimates: qdd, co_state };
+    let (state, second, e, c) = (velocity, acceleration, probe, estimates);
+    state.fill(Vector6::from_element(T::zero()));
+    innovations::sweep(system, shift, measured, &weights[..model.nv()], state, e);
+    c.copy_from_slice(e);
+    smoother::sweep(system, shift, measured, second, c);
+    rounding::judge(system, &swept, &Weighed { state, innovations: e, estimates: c, co_state: second })
+}
+
+/// The same state in double-double arithmetic, rounded into `qdd`; false, and `qdd` as it was, where there is no model to widen
+/// or the wider numbers overflow as well.
+fn refine<T: Real>(model: &Model<T>, q: &[T], qd: &[T], tau: &[T], wrenches: &[Vector6<T>], qdd: &mut [T]) -> bool {
+    // Numbers that hold more than a value, such as derivatives, would come back without the rest.
+    let Some(model) = (model as &dyn Any).downcast_ref::<Model<f64>>() else { return false };
+    if model.inertia_roots.iter().any(Option::is_none) {
+        return false;
+    }
+    let widened = |x: T| DoubleDouble::from_f64(x.lane(0));
+    let [q, qd, tau] = [q, qd, tau].map(|x| x.iter().map(|&x| widened(x)).collect::<Vec<_>>());
+    let wrenches: Vec<_> = wrenches.iter().map(|wrench| wrench.map(widened)).collect();
+    let model: Model<DoubleDouble> = model.cast();
+    let mut workspace = Workspace::new(&model).in_form(Form::SquareRoot);
+    let mut wide = vec![DoubleDouble::from_f64(f64::NAN); qdd.len()];
+    forward_root::forward_dynamics(&model, &mut workspace, &q, &qd, &tau, &wrenches, &mut wide);
+    let finite = wide.iter().all(|x| x.lane(0).is_finite());
+    if finite {
+        for (qdd, wide) in qdd.iter_mut().zip(wide) {
+            *qdd = T::from_f64(wide.lane(0));
+        }
+    }
+    finite
+}

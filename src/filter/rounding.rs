@@ -1,0 +1,274 @@
+//! How many digits the square-root form lost: a first look that costs next to nothing, and a judge for what it doubts.
+//!
+//! Rotations keep each row of a root relative to its length. Where heavy columns are nearly parallel in what the remaining rows
+//! see of them, what is left is shorter, and its error is not. The smoother adds up what the levers multiply. To first order,
+//! for any weights w on the rows, with nu = the co-states of M c = w and zeta = the filtered states of the measurements w
+//! (compare [`cancellation`](super::cancellation)),
+//!
+//! `w* da = sum of nu(k)* (dP(k) lambda(k) + df(k)) + c* dtau - zeta^+(k)* dlambda^+(k) + e_w* d(e/D - g* lambda)`.
+//!
+//! The terms are what rounding makes of each, taken as independent, squares added: with P = S S*, b = S eta and rows of S known
+//! to eps of their length, dP lambda = dS (S* lambda) + S (dS* lambda), which needs the diagonal of P and two quadratic forms of it;
+//! df = dS eta + S d(eta) + dt + g de; dlambda^+ is eps of the terms that a lever makes of the parent's co-state. Measured over 44,000 random scenes,
+//! ordinary and extreme, the true error was 0.08 of the estimate in the median, and above it in one of a thousand.
+//!
+//! A judge costs about as much as half the covariance form. It is asked only where [`RootMonitor`] saw a pivot or a weight that is
+//! small beside the terms that form it, or where [`Reach`] finds gains times levers that could carry the smoother's rounding far.
+
+use super::pivots::{PivotMonitor, Scale};
+use super::riccati::Measured;
+use super::system::{HingeMap, System};
+use crate::scalar::Real;
+use crate::spatial::{RigidShift, Root6, dot, root_row};
+use nalgebra::Vector6;
+
+/// The estimated error, in eps and relative to the largest estimate, above which digits are in doubt: 2e-14 in f64, where true
+/// errors are below 1e-13.
+pub const ROUNDING_MARGIN: f64 = 100.0;
+
+/// How far a pivot may be below the bound of its terms, so that the first look calls it clear.
+const PIVOT_REACH: f64 = 1e6;
+
+/// The same of a weight beside its diagonal entry of P^-.
+const WEIGHT_REACH: f64 = 1e4;
+
+/// Gains times co-states, over the largest estimate, so that the first look calls the smoother clear.
+const SMOOTHER_REACH: f64 = 30.0;
+
+/// What the square-root sweep keeps an eye on: the pivots, what is small beside its terms, and the largest gains.
+#[derive(Debug, Clone, Copy)]
+pub struct RootMonitor<T> {
+    /// The verdict on the pivots.
+    pub pivots: PivotMonitor<T>,
+    /// The least of what the first look wants not to be negative.
+    margin: T,
+    /// Minus the largest square of the angular part of a gain, and of the linear part.
+    gain: [T; 2],
+}
+
+impl<T: Real> RootMonitor<T> {
+    /// A monitor that has seen nothing.
+    #[inline(always)]
+    #[must_use]
+    pub fn new() -> Self {
+        Self { pivots: PivotMonitor::of_roots(), margin: T::one(), gain: [T::zero(); 2] }
+    }
+
+    /// Takes note of the root of P^- of a stage, with the diagonal of P^-.
+    #[inline(always)]
+    pub fn observe_root(&mut self, root: &Root6<T>, diagonal: &[T; 6]) {
+        let reach = T::from_f64(WEIGHT_REACH);
+        for (&weight, &whole) in root.weights.iter().zip(diagonal).skip(1) {
+            // A weight of exactly zero is none that was nearly lost: the child of a massless body has five columns.
+            self.margin = self.margin.worst((weight + weight.one_if_zero() * whole) * reach - whole);
+        }
+    }
+
+    /// Takes note of one row.
+    #[inline(always)]
+    pub fn observe(&mut self, measured: &Measured<T>, hinge: &HingeMap<T>, scale: &Scale<T>) {
+        self.pivots.observe(measured.pivot, hinge, scale);
+        self.margin = self.margin.worst(measured.pivot * T::from_f64(PIVOT_REACH) - scale.of_row(hinge));
+        let (turned, moved) = squares(&measured.gain);
+        self.gain = [self.gain[0].worst(-turned), self.gain[1].worst(-moved)];
+    }
+}
+
+impl<T: Real> Default for RootMonitor<T> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// How far rounding can have come: the first look, after the smoother.
+#[derive(Debug, Clone, Copy)]
+pub struct Reach<T> {
+    margin: T,
+    /// Of the estimates: largest gains times largest co-states, squared, less what is allowed.
+    smoother: T,
+}
+
+impl<T: Real> Reach<T> {
+    /// From what the sweep saw, the co-states and the estimates. About 25 operations a stage.
+    #[inline]
+    pub fn new(
+        monitor: &RootMonitor<T>,
+        system: &System<T>,
+        shift: &[RigidShift<T>],
+        co_state: &[Vector6<T>],
+        estimates: &[T],
+    ) -> Self {
+        let o = T::zero();
+        let (mut turned, mut moved) = (o, o);
+        for (k, stage) in system.stages.iter().enumerate() {
+            let Some(parent) = stage.parent else { continue };
+            let (angular, linear) = squares(&co_state[parent]);
+            let lever = &shift[k].lever;
+            turned = turned.worst(-angular);
+            moved = moved.worst(-(linear + lever.dot(lever) * angular));
+        }
+        let size = estimates.iter().fold(o, |size, &a| size.worst(-(a * a)));
+        let [angular, linear] = monitor.gain;
+        // Two products of two negative numbers, and minus the square of the size.
+        let carried = angular * turned + linear * moved;
+        Self { margin: monitor.margin, smoother: carried + size * T::from_f64(SMOOTHER_REACH * SMOOTHER_REACH) }
+    }
+
+    /// Whether the rounding of one lane cannot have come far; where not, [`judge`] is to say.
+    #[must_use]
+    pub fn clear(&self, lane: usize) -> bool {
+        self.margin.lane(lane) >= 0.0 && self.smoother.lane(lane) <= 0.0
+    }
+}
+
+/// The estimated rounding of the square-root form.
+#[derive(Debug, Clone, Copy)]
+pub struct Rounding<T> {
+    /// The estimated square of w* da, over eps^2.
+    noise: T,
+    /// Minus the largest estimate.
+    size: T,
+}
+
+impl<T: Real> Rounding<T> {
+    /// The estimated error of one lane's estimates, relative to the largest of them; NaN where it cannot be told.
+    #[must_use]
+    pub fn error(&self, lane: usize) -> f64 {
+        let (noise, size) = (self.noise.lane(lane), -self.size.lane(lane));
+        if noise == 0.0 { noise } else { noise.sqrt() * T::epsilon().lane(lane) / size }
+    }
+
+    /// Whether the square-root form of one lane kept its digits.
+    #[must_use]
+    pub fn clear(&self, lane: usize) -> bool {
+        self.error(lane) <= ROUNDING_MARGIN * T::epsilon().lane(lane)
+    }
+}
+
+/// What the sweeps of the square-root form left.
+#[derive(Debug, Clone, Copy)]
+pub struct Swept<'a, T: Real> {
+    /// phi of each stage to its parent.
+    pub shift: &'a [RigidShift<T>],
+    /// The root of P^+(k).
+    pub root: &'a [Root6<T>],
+    /// y after the stage's measurements.
+    pub coordinates: &'a [[T; 6]],
+    /// t after the stage's measurements.
+    pub added: &'a [Vector6<T>],
+    /// D and g of each row.
+    pub measured: &'a [Measured<T>],
+    /// The measurements.
+    pub measurement: &'a [T],
+    /// a of each row.
+    pub estimates: &'a [T],
+    /// lambda^-(k).
+    pub co_state: &'a [Vector6<T>],
+}
+
+/// The second right side, w: its filter and smoother.
+#[derive(Debug, Clone, Copy)]
+pub struct Weighed<'a, T: Real> {
+    /// zeta^+(k).
+    pub state: &'a [Vector6<T>],
+    /// e_w of each row.
+    pub innovations: &'a [T],
+    /// c of each row, M c = w.
+    pub estimates: &'a [T],
+    /// nu^-(k).
+    pub co_state: &'a [Vector6<T>],
+}
+
+/// The estimate, from both right sides. About 250 operations a stage.
+pub fn judge<T: Real>(system: &System<T>, swept: &Swept<'_, T>, weighed: &Weighed<'_, T>) -> Rounding<T> {
+    let mut seen = Rounding { noise: T::zero(), size: T::zero() };
+    for (k, stage) in system.stages.iter().enumerate() {
+        let mut lambda = Vector6::from_element(T::zero());
+        if let Some(parent) = stage.parent {
+            let outer = &swept.co_state[parent];
+            lambda = swept.shift[k].motion_to_child(outer);
+            seen.noise += carried(&weighed.state[k], outer, &swept.shift[k]);
+        }
+        let (nu, mut terms) = (&weighed.co_state[k], Terms::of_root(&swept.root[k], &swept.coordinates[k]));
+        for i in 0..stage.rows.count() {
+            let row = stage.first_row + i;
+            let (m, a) = (&swept.measured[row], swept.estimates[row]);
+            let (share, terms_of_a) = shares(a, &m.gain, &lambda);
+            let e = m.pivot * share;
+            let tau = swept.measurement[row];
+            let smoothed = terms_of_a * weighed.innovations[row];
+            let measured = weighed.estimates[row];
+            let (turned, moved) = squares(&nu.component_mul(&m.gain));
+            seen.noise += smoothed * smoothed + measured * measured * (tau * tau + e * e) + (turned + moved) * (e * e);
+            terms.add_row(m, (tau * tau + e * e) * m.pivot_inverse);
+            lambda = stage.rows.row(i).spread_onto(&lambda, a);
+            seen.size = seen.size.worst(-a.abs());
+        }
+        let (mut of_lambda, mut of_nu) = (terms.squared_length(&lambda), terms.squared_length(nu));
+        for m in &swept.measured[stage.first_row..stage.first_row + stage.rows.count()] {
+            let (along_lambda, along_nu) = (dot(&m.gain, &lambda), dot(&m.gain, nu));
+            of_lambda += along_lambda * along_lambda * m.pivot;
+            of_nu += along_nu * along_nu * m.pivot;
+        }
+        let rows = |x: &Vector6<T>| terms.diagonal.component_mul(x).dot(x);
+        let (turned, moved) = squares(&nu.component_mul(&swept.added[k]));
+        seen.noise += rows(nu) * (of_lambda + terms.mean) + of_nu * (rows(&lambda) + terms.mean) + turned + moved;
+    }
+    seen
+}
+
+/// The square of zeta* dlambda^+: eps of the terms that the lever makes of the parent's co-state.
+#[inline(always)]
+pub(super) fn carried<T: Real>(zeta: &Vector6<T>, outer: &Vector6<T>, shift: &RigidShift<T>) -> T {
+    let ((turned, moved), (angular, linear)) = (squares(zeta), squares(outer));
+    let lever = shift.lever.dot(&shift.lever);
+    let two = T::one() + T::one();
+    turned * angular + moved * (linear + lever * angular) * two
+}
+
+/// e/D of an estimate a = e/D - g* lambda, and the absolute sum of the terms.
+#[inline(always)]
+pub(super) fn shares<T: Real>(a: T, gain: &Vector6<T>, lambda: &Vector6<T>) -> (T, T) {
+    let products = gain.component_mul(lambda);
+    let share = a + products.sum();
+    (share, products.iter().fold(share.abs(), |sum, term| sum + term.abs()))
+}
+
+/// What the rounding of a stage's P^- and b is relative to.
+struct Terms<'a, T: Real> {
+    root: &'a Root6<T>,
+    /// The diagonal of P^-, in the order of the state.
+    diagonal: Vector6<T>,
+    /// The square of eta, b = S eta.
+    mean: T,
+}
+
+impl<'a, T: Real> Terms<'a, T> {
+    /// Those of P^+.
+    fn of_root(root: &'a Root6<T>, y: &[T; 6]) -> Self {
+        let kept = root.diagonal();
+        // A column without weight has nothing along it.
+        let mean = root.weights.iter().zip(y).fold(T::zero(), |sum, (&w, &y)| sum + y * y / (w + w.one_if_zero()));
+        Self { root, diagonal: Vector6::from_fn(|i, _| kept[root_row(i)]), mean }
+    }
+
+    /// With one measurement undone: P^- = P^+ + g D g*.
+    fn add_row(&mut self, m: &Measured<T>, mean: T) {
+        self.diagonal += m.gain.component_mul(&m.gain) * m.pivot;
+        self.mean += mean;
+    }
+
+    /// x* P^+ x.
+    fn squared_length(&self, x: &Vector6<T>) -> T {
+        (0..6).fold(T::zero(), |sum, j| {
+            let along = (j + 1..6).fold(x[root_row(j)], |along, i| along + self.root.rows[i][j] * x[root_row(i)]);
+            sum + along * along * self.root.weights[j]
+        })
+    }
+}
+
+/// Squares of the two halves.
+#[inline(always)]
+pub(super) fn squares<T: Real>(x: &Vector6<T>) -> (T, T) {
+    (x[0] * x[0] + x[1] * x[1] + x[2] * x[2], x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
+}
