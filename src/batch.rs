@@ -6,10 +6,12 @@
 
 pub mod arms;
 pub mod chunk;
+pub mod evaluator;
 #[cfg(feature = "parallel")]
 mod threads;
 
 use crate::error::Error;
+use std::ops::Range;
 use std::sync::Mutex;
 
 /// Threads are woken where a batch takes longer than this, in ns of one thread; waking them takes about a tenth of it.
@@ -226,8 +228,27 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
         K: Fn(&mut S, usize, &mut [f64]) -> Result<(), Error> + Sync,
     {
         let width = results.len().checked_div(self.states).unwrap_or(0);
+        self.run_pieces(1, results, |scratch, states, results| {
+            for (i, state) in states.enumerate() {
+                kernel(scratch, state, &mut results[i * width..(i + 1) * width])
+                    .map_err(|error| Fault { state, error })?;
+            }
+            Ok(())
+        })
+    }
+
+    /// The same for neighbouring states at once: `kernel(scratch, range, out)`, the range beginning at a multiple of `grain`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Batch::run`]; a kernel's fault is the lowest of its range.
+    pub fn run_pieces<K>(&self, grain: usize, results: &mut [f64], kernel: K) -> Result<(), Fault>
+    where
+        K: Fn(&mut S, Range<usize>, &mut [f64]) -> Result<(), Fault> + Sync,
+    {
+        let width = results.len().checked_div(self.states).unwrap_or(0);
         debug_assert_eq!(results.len(), width * self.states);
-        let piece = Piece { first: 0, states: self.states, width };
+        let piece = Piece { first: 0, states: self.states, width, grain };
         #[cfg(feature = "parallel")]
         if self.states > 1 && self.states.saturating_mul(self.cost) >= WORTH_THREADS {
             return match threads::pool() {
@@ -239,41 +260,31 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
         self.serial(piece, results, &kernel)
     }
 
-    /// One piece after another on this thread.
+    /// One piece on this thread.
     fn serial<K>(&self, piece: Piece, results: &mut [f64], kernel: &K) -> Result<(), Fault>
     where
-        K: Fn(&mut S, usize, &mut [f64]) -> Result<(), Error>,
+        K: Fn(&mut S, Range<usize>, &mut [f64]) -> Result<(), Fault>,
     {
         if piece.states == 0 {
             return Ok(());
         }
-        self.pool.with(&self.make, |scratch| {
-            for i in 0..piece.states {
-                let state = piece.first + i;
-                kernel(scratch, state, &mut results[i * piece.width..(i + 1) * piece.width])
-                    .map_err(|error| Fault { state, error })?;
-            }
-            Ok(())
-        })
+        self.pool.with(&self.make, |scratch| kernel(scratch, piece.first..piece.first + piece.states, results))
     }
 
     /// Halves until a piece is small, each half free to go to another thread.
     #[cfg(feature = "parallel")]
     fn cut<K>(&self, piece: Piece, results: &mut [f64], kernel: &K) -> Result<(), Fault>
     where
-        K: Fn(&mut S, usize, &mut [f64]) -> Result<(), Error> + Sync,
+        K: Fn(&mut S, Range<usize>, &mut [f64]) -> Result<(), Fault> + Sync,
     {
-        if piece.states < 2 || piece.states.saturating_mul(self.cost) <= WORTH_A_PIECE {
+        let half = piece.states / 2 / piece.grain * piece.grain;
+        if half == 0 || piece.states.saturating_mul(self.cost) <= WORTH_A_PIECE {
             return self.serial(piece, results, kernel);
         }
-        let half = piece.states / 2;
         let (low, high) = results.split_at_mut(half * piece.width);
         let (first, second) = rayon::join(
             || self.cut(Piece { states: half, ..piece }, low, kernel),
-            || {
-                let rest = Piece { first: piece.first + half, states: piece.states - half, width: piece.width };
-                self.cut(rest, high, kernel)
-            },
+            || self.cut(Piece { first: piece.first + half, states: piece.states - half, ..piece }, high, kernel),
         );
         first.and(second)
     }
@@ -281,10 +292,12 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
 
 /// Neighbouring states of a batch.
 #[derive(Debug, Clone, Copy)]
+#[cfg_attr(not(feature = "parallel"), allow(dead_code))] // only threads cut it
 struct Piece {
     first: usize,
     states: usize,
     width: usize,
+    grain: usize,
 }
 
 #[cfg(test)]

@@ -1,54 +1,137 @@
 //! A few states at once, one in each lane of a scalar, through one algorithm compiled for one arm.
+//!
+//! Nothing is raised here: a lane whose arguments, pivots, digits or results are not in order is in *doubt*, and whoever
+//! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
 use super::arms::{Vectorised, Work};
-use crate::dynamics;
 use crate::dynamics::mass_inverse::InverseScratch;
+use crate::dynamics::{self, auto, forward, mass_inverse, refined};
 use crate::filter::Form;
-use crate::scene::Model;
+use crate::scalar::Real;
+use crate::scene::queries::QUATERNION_SLACK;
+use crate::scene::{Model, Motion};
+use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
-use std::sync::Arc;
+use nalgebra::Vector6;
 
-/// What is computed from (q, qd, u) of a state.
+/// What is computed from one state (q, qd, u).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Algorithm {
-    /// u = tau to qdd.
+    /// u = tau; gives qdd, (nv).
     ForwardDynamics(Form),
-    /// u = qdd to tau.
+    /// u = qdd; gives tau, (nv).
     InverseDynamics,
-    /// q to M.
+    /// No u; gives the torque of the bias, (nv).
+    BiasTorque,
+    /// q alone; gives M, (nv x nv) row by row.
     MassMatrix,
-    /// q to M^-1.
+    /// q alone; gives M^-1, (nv x nv) row by row.
     MassMatrixInverse(Form),
 }
 
-/// The arguments of one state: q, qd, u.
-pub type Arguments<'a> = [&'a [f64]; 3];
+/// The arguments of one state; what an algorithm does not take is empty.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Arguments<'a> {
+    /// Configuration, (nq).
+    pub q: &'a [f64],
+    /// Rates, (nv).
+    pub qd: &'a [f64],
+    /// Torques or accelerations, (nv).
+    pub u: &'a [f64],
+    /// Forces on bodies, each in the body's frame; empty where there are none.
+    pub wrenches: &'a [SpatialVector<f64>],
+}
 
-/// Scratch for as many states as there are lanes.
+/// What runs chunks, whatever its scalar.
+pub(super) trait Chunks: Send + Sync {
+    /// How many states at once.
+    fn lanes(&self) -> usize;
+
+    /// Runs `algorithm` on one state or more, at most as many as there are lanes, of equal shapes; results one after another in
+    /// `out`. Gives the lanes in doubt as bits; their results mean nothing.
+    fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64;
+}
+
+/// Scratch for as many states as `T` has lanes.
 #[derive(Debug)]
-pub struct Chunk<T: Vectorised> {
-    model: Arc<Model<T>>,
+pub(super) struct Chunk<T: Real> {
+    model: Model<T>,
+    /// Where the quaternions are in q.
+    quaternions: Vec<usize>,
     workspace: Workspace<T>,
     inverse: Option<InverseScratch<T>>,
     arguments: [Vec<T>; 3],
+    wrenches: Vec<Vector6<T>>,
     results: Vec<T>,
 }
 
 impl<T: Vectorised> Chunk<T> {
-    /// Scratch for `model`.
     pub fn new(model: &Model<f64>) -> Self {
-        let model: Model<T> = model.cast();
+        let quaternions = model.bodies.iter().filter_map(|body| match body.motion {
+            Motion::Spherical => Some(body.q),
+            Motion::Free => Some(body.q + 3),
+            _ => None,
+        });
+        let (quaternions, model) = (quaternions.collect(), model.cast::<T>());
         let workspace = Workspace::new(&model);
-        Self { model: Arc::new(model), workspace, inverse: None, arguments: Default::default(), results: Vec::new() }
+        let arguments = [vec![T::zero(); model.nq], vec![T::zero(); model.nv()], vec![T::zero(); model.nv()]];
+        Self { model, quaternions, workspace, inverse: None, arguments, wrenches: Vec::new(), results: Vec::new() }
+    }
+}
+
+impl<T: Vectorised> Chunks for Chunk<T> {
+    fn lanes(&self) -> usize {
+        T::LANES
     }
 
-    /// Runs `algorithm` on up to as many states as there are lanes, results one after another; which lanes are in doubt, as bits.
-    pub fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
+    fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
+        if states.is_empty() || out.is_empty() {
+            return 0;
+        }
+        self.gather_wrenches(states);
         T::within(Run { chunk: self, algorithm, states, out })
     }
 }
 
-struct Run<'a, T: Vectorised> {
+impl<T: Vectorised> Chunk<T> {
+    /// Forces on bodies into lanes; none at all where no state has any.
+    fn gather_wrenches(&mut self, states: &[Arguments<'_>]) {
+        self.wrenches.clear();
+        if states.iter().all(|state| state.wrenches.is_empty()) {
+            return;
+        }
+        self.wrenches.resize(self.model.bodies.len(), Vector6::from_element(T::zero()));
+        for lane in 0..T::LANES {
+            let state = &states[lane.min(states.len() - 1)];
+            for (force, given) in self.wrenches.iter_mut().zip(state.wrenches) {
+                for (number, &value) in force.iter_mut().zip(given) {
+                    number.lanes_mut()[lane] = value;
+                }
+            }
+        }
+    }
+}
+
+/// One argument of every state into lanes; lanes without a state of their own repeat the last. Zero where all is finite, else NaN.
+#[inline(always)]
+fn gather<'a, T: Vectorised>(numbers: &mut [T], states: &'a [Arguments<'_>], of: impl Fn(&'a Arguments<'_>) -> &'a [f64]) -> T {
+    for lane in 0..T::LANES {
+        let state = of(&states[lane.min(states.len() - 1)]);
+        for (number, &value) in numbers.iter_mut().zip(state) {
+            number.lanes_mut()[lane] = value;
+        }
+    }
+    let mut fault = T::zero();
+    if !of(&states[0]).is_empty() {
+        for &number in numbers.iter() {
+            fault += number - number;
+        }
+    }
+    fault
+}
+
+/// A chunk's arguments, to be run inside an arm.
+struct Run<'a, T: Real> {
     chunk: &'a mut Chunk<T>,
     algorithm: Algorithm,
     states: &'a [Arguments<'a>],
@@ -60,48 +143,94 @@ impl<T: Vectorised> Work for Run<'_, T> {
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Chunk { model, workspace, arguments, results, inverse } = self.chunk;
-        let (nv, states, count) = (model.nv(), self.states, self.states.len());
-        for (k, argument) in arguments.iter_mut().enumerate() {
-            let width = states[0][k].len();
-            argument.resize(width, T::zero());
-            for lane in 0..T::LANES {
-                // Lanes without a state of their own repeat the last.
-                let state = states[lane.min(count - 1)][k];
-                for (number, &value) in argument.iter_mut().zip(state) {
-                    number.lanes_mut()[lane] = value;
-                }
+        let Chunk { model, quaternions, workspace, arguments, wrenches, results, inverse } = self.chunk;
+        let states = self.states;
+        let [q, qd, u] = arguments;
+        let mut fault = gather(q, states, |state| state.q);
+        fault += gather(qd, states, |state| state.qd);
+        fault += gather(u, states, |state| state.u);
+        let mut nearness = T::zero();
+        for &at in quaternions.iter() {
+            let [x, y, z, w] = [q[at], q[at + 1], q[at + 2], q[at + 3]];
+            let off = x.mul_add(x, y.mul_add(y, z.mul_add(z, w * w))) - T::one();
+            nearness = nearness.worst(-off.abs());
+        }
+        for force in wrenches.iter() {
+            for &number in force.iter() {
+                fault += number - number;
             }
         }
-        let width = self.out.len() / count;
+        let width = self.out.len() / states.len();
         results.resize(width, T::zero());
-        let [q, qd, u] = &*arguments;
-        let mut doubt = 0;
-        match self.algorithm {
-            Algorithm::ForwardDynamics(form) => {
-                let _ = form;
-                let monitor = dynamics::forward::covariance_form::<T, false>(model, workspace, q, qd, u, &[], results);
-                for lane in 0..count {
-                    doubt |= u64::from(!monitor.clear(lane)) << lane;
-                }
-            }
-            Algorithm::InverseDynamics => dynamics::inverse_dynamics(model, workspace, q, qd, u, &[], results),
-            Algorithm::MassMatrix => dynamics::mass_matrix(model, workspace, q, results),
-            Algorithm::MassMatrixInverse(form) => {
-                workspace.form = form;
-                let scratch = inverse.get_or_insert_with(|| InverseScratch::new(model));
-                let monitor = dynamics::mass_matrix_inverse(model, workspace, scratch, q, results);
-                for lane in 0..count {
-                    doubt |= u64::from(!monitor.clear(lane)) << lane;
-                }
-            }
+        let mut doubt = compute(self.algorithm, model, workspace, inverse, (q, qd, u), wrenches, results);
+        for &number in results.iter() {
+            fault += number - number;
         }
-        let _ = nv;
         for (lane, out) in self.out.chunks_exact_mut(width).enumerate() {
             for (value, number) in out.iter_mut().zip(results.iter()) {
                 *value = number.lane(lane);
             }
+            // A norm may be off by as much as this bounds its square: half of what is allowed passes here.
+            let far = !(nearness.lane(lane) >= -QUATERNION_SLACK);
+            doubt |= u64::from(far || fault.lane(lane) != 0.0) << lane;
         }
         doubt
+    }
+}
+
+/// The lanes for which `holds` does not, as bits.
+#[inline(always)]
+fn lanes_but<T: Real>(holds: impl Fn(usize) -> bool) -> u64 {
+    let mut bits = 0;
+    for lane in 0..T::LANES {
+        bits |= u64::from(!holds(lane)) << lane;
+    }
+    bits
+}
+
+/// The algorithm itself; gives the lanes that it doubts.
+#[inline(always)]
+fn compute<T: Real>(
+    algorithm: Algorithm,
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    inverse: &mut Option<InverseScratch<T>>,
+    (q, qd, u): (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    results: &mut [T],
+) -> u64 {
+    match algorithm {
+        Algorithm::ForwardDynamics(Form::Auto) => {
+            let watched = auto::forward_dynamics_watched(model, workspace, (q, qd, u), wrenches, results);
+            lanes_but::<T>(|lane| watched.kept(lane))
+        }
+        Algorithm::ForwardDynamics(Form::Covariance) => {
+            let pivots = forward::covariance_form::<T, false>(model, workspace, q, qd, u, wrenches, results);
+            lanes_but::<T>(|lane| pivots.clear(lane))
+        }
+        Algorithm::ForwardDynamics(Form::SquareRoot) => {
+            let (pivots, reach) = refined::forward_dynamics_looked_at(model, workspace, q, qd, u, wrenches, results);
+            lanes_but::<T>(|lane| pivots.clear(lane) && reach.clear(lane))
+        }
+        Algorithm::InverseDynamics => {
+            dynamics::inverse_dynamics(model, workspace, q, qd, u, wrenches, results);
+            0
+        }
+        Algorithm::BiasTorque => {
+            dynamics::bias_torque(model, workspace, q, qd, wrenches, results);
+            0
+        }
+        Algorithm::MassMatrix => {
+            dynamics::mass_matrix(model, workspace, q, results);
+            0
+        }
+        Algorithm::MassMatrixInverse(form @ (Form::Covariance | Form::Auto)) => {
+            let scratch = inverse.get_or_insert_with(|| InverseScratch::new(model));
+            let watched = auto::factorise_watched(model, workspace, q, form == Form::Auto);
+            mass_inverse::closed_form(model, workspace, scratch, results);
+            lanes_but::<T>(|lane| watched.kept(lane))
+        }
+        // Rare, or not worth code of its own for every arm.
+        Algorithm::ForwardDynamics(Form::Joseph) | Algorithm::MassMatrixInverse(_) => u64::MAX,
     }
 }

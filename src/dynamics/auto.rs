@@ -2,12 +2,13 @@
 //! twice the digits where that is in doubt too.
 
 use super::forces::Motion;
-use super::forward::{forces_base_to_tip, sweep_covariances};
+use super::forward::{covariances_of_noise, forces_base_to_tip};
 use super::forward_root;
 use super::refined::{Judged, forward_dynamics_judged};
 use crate::filter::cancellation::{self, Cancellation, Probe};
 use crate::filter::pivots::PivotMonitor;
-use crate::filter::{Form, innovations, smoother};
+use crate::filter::{Form, innovations, riccati, smoother};
+use crate::kinematics::placements_base_to_tip;
 use crate::scalar::Real;
 use crate::scene::Model;
 use crate::spatial::Symmetric6;
@@ -44,15 +45,9 @@ pub fn forward_dynamics_auto<T: Real>(
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
 ) -> Choice<T> {
-    let (pivots, mut cancellation) = forward_dynamics_watched(model, workspace, (q, qd, tau), wrenches, qdd);
-    let mut kept = every_lane(&pivots, |lane| cancellation.clear(lane));
-    if !kept {
-        cancellation = judge(model, workspace, &cancellation, qdd);
-        kept = every_lane(&pivots, |lane| cancellation.far_from_doubt(lane)) || {
-            cancellation = judge_again(model, workspace, &cancellation, qdd);
-            every_lane(&pivots, |lane| cancellation.clear(lane))
-        };
-    }
+    let watched = forward_dynamics_watched(model, workspace, (q, qd, tau), wrenches, qdd);
+    let Watched { pivots, cancellation, .. } = watched;
+    let kept = watched.kept_in_every_lane();
     let without_root = !kept && model.inertia_roots.iter().any(Option::is_none);
     if kept || without_root {
         workspace.tally.in_doubt += usize::from(without_root);
@@ -72,7 +67,37 @@ pub(super) fn factorise<T: Real>(
     workspace: &mut Workspace<T>,
     mut seen: impl FnMut(usize, &Symmetric6<T>),
 ) -> PivotMonitor<T> {
-    let pivots = sweep_covariances(model, workspace, &mut seen);
+    let watched = watch_factor(model, workspace, &mut seen);
+    if watched.kept_in_every_lane() || model.inertia_roots.iter().any(Option::is_none) {
+        return watched.pivots;
+    }
+    forward_root::factorise(model, workspace, seen)
+}
+
+/// The factor of M at `q` in covariance form; watched where `watch` says so, else trusted wherever its pivots are clear.
+#[inline(always)]
+pub(crate) fn factorise_watched<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    q: &[T],
+    watch: bool,
+) -> Watched<T> {
+    placements_base_to_tip(model, q, &mut workspace.shift);
+    if watch {
+        return watch_factor(model, workspace, |_, _| {});
+    }
+    let pivots = riccati::sweep(&model.system, &mut covariances_of_noise(model, workspace), |_, _| {});
+    Watched { pivots, cancellation: Cancellation::new(), margin: Margin::Usual }
+}
+
+/// The factor in covariance form with phi in the workspace, and what two made-up right sides say of it.
+#[inline(always)]
+fn watch_factor<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    seen: impl FnMut(usize, &Symmetric6<T>),
+) -> Watched<T> {
+    let pivots = riccati::sweep(&model.system, &mut covariances_of_noise(model, workspace), seen);
     let (system, zero) = (&model.system, Vector6::from_element(T::zero()));
     let nv = model.nv();
     let Workspace { shift, measured, scale, p, z, co_state, velocity, weights, probe, estimates, .. } = &mut *workspace;
@@ -82,29 +107,63 @@ pub(super) fn factorise<T: Real>(
     innovations::sweep(system, shift, measured, &weights[..nv], velocity, probe);
     let mut both = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
     let first = cancellation::sweep(system, &mut both, co_state, estimates);
-    let kept = every_lane(&pivots, |lane| first.clear(lane)) || {
-        let judged = cancellation::judge(system, &both, p, co_state, estimates, &first);
-        every_lane(&pivots, |lane| judged.clear(lane))
-    };
-    if kept || model.inertia_roots.iter().any(Option::is_none) {
-        return pivots;
+    let first = Watched { pivots, cancellation: first, margin: Margin::Usual };
+    if first.kept_in_every_lane() {
+        return first;
     }
-    forward_root::factorise(model, workspace, seen)
+    let judged = cancellation::judge(system, &both, p, co_state, estimates, &first.cancellation);
+    Watched { cancellation: judged, ..first }
 }
 
-/// Whether the pivots of every lane are clear, and what is asked of the lane holds.
-fn every_lane<T: Real>(pivots: &PivotMonitor<T>, holds: impl Fn(usize) -> bool) -> bool {
-    (0..T::LANES).all(|lane| pivots.clear(lane) && holds(lane))
+/// The covariance form's answer, and what is known of the digits that it lost.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Watched<T> {
+    pub pivots: PivotMonitor<T>,
+    pub cancellation: Cancellation<T>,
+    /// What the estimate must stay below.
+    margin: Margin,
 }
 
-/// The covariance form, with an estimate of its error.
-fn forward_dynamics_watched<T: Real>(
+/// How far an estimate must be from doubt.
+#[derive(Debug, Clone, Copy)]
+enum Margin {
+    /// It has seen two sets of weights, or is far too large as a rule.
+    Usual,
+    /// It has seen one set, which may cancel.
+    Close,
+}
+
+impl<T: Real> Watched<T> {
+    /// Whether one lane kept its digits.
+    #[inline(always)]
+    pub fn kept(&self, lane: usize) -> bool {
+        self.pivots.clear(lane)
+            && match self.margin {
+                Margin::Usual => self.cancellation.clear(lane),
+                Margin::Close => self.cancellation.far_from_doubt(lane),
+            }
+    }
+
+    #[inline(always)]
+    fn kept_in_every_lane(&self) -> bool {
+        let mut all = true;
+        for lane in 0..T::LANES {
+            all &= self.kept(lane);
+        }
+        all
+    }
+}
+
+/// The covariance form, with an estimate of its error: looked at more closely, and once more with other weights, while a lane is in
+/// doubt.
+#[inline(always)]
+pub(crate) fn forward_dynamics_watched<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
     (q, qd, tau): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
-) -> (PivotMonitor<T>, Cancellation<T>) {
+) -> Watched<T> {
     forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
     // Velocities have become forces by now; their place is the probe's.
     workspace.velocity.fill(Vector6::from_element(T::zero()));
@@ -119,10 +178,20 @@ fn forward_dynamics_watched<T: Real>(
     let Workspace { shift, measured, scale, z, co_state, velocity, probe, .. } = workspace;
     let mut probe = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
     let cancellation = cancellation::sweep(system, &mut probe, co_state, qdd);
-    (pivots, cancellation)
+    let mut watched = Watched { pivots, cancellation, margin: Margin::Usual };
+    if !watched.kept_in_every_lane() {
+        watched.cancellation = judge(model, workspace, &cancellation, qdd);
+        watched.margin = Margin::Close;
+        if !watched.kept_in_every_lane() {
+            watched.cancellation = judge_again(model, workspace, &watched.cancellation, qdd);
+            watched.margin = Margin::Usual;
+        }
+    }
+    watched
 }
 
 /// The closer look at what [`forward_dynamics_watched`] has just left in the workspace.
+#[inline(always)]
 fn judge<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -135,6 +204,7 @@ fn judge<T: Real>(
 }
 
 /// The same with other weights, whose forces and co-states take the place of the accelerations; the larger of both.
+#[inline(always)]
 fn judge_again<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,

@@ -9,7 +9,7 @@
 //! noise: its gain is zero, and its acceleration keeps the prior's mean, as if it were locked (a0 = 0) or driven along a0.
 
 use super::forces::Motion;
-use super::forward::{filter_tip_to_base, forces_base_to_tip, process_noise};
+use super::forward::{covariances_of_noise, filter_tip_to_base, forces_base_to_tip};
 use super::inverse;
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{System, covariance, innovations, riccati, smoothed, smoother};
@@ -227,8 +227,7 @@ pub fn estimate_covariance<T: Real>(
         out.force[k] = out.force[k].scaled(s);
     }
 
-    process_noise(model, workspace);
-    let monitor = riccati::sweep(&model.system, &mut workspace.covariances(), |_, _| {});
+    let monitor = riccati::sweep(&model.system, &mut covariances_of_noise(model, workspace), |_, _| {});
     let (measured, accelerations) = (&workspace.measured, &mut out.acceleration);
     let co_states = &mut scratch.co_state_covariance;
     let told = &scratch.information;

@@ -4,7 +4,7 @@ use super::auto;
 use super::forces::{Motion, step_outward};
 use super::{forward_root, refined};
 use crate::filter::pivots::{PivotMonitor, Scale};
-use crate::filter::riccati;
+use crate::filter::riccati::{self, Covariances};
 use crate::filter::{Form, System, innovations, smoother};
 use crate::kinematics::{base_acceleration, placements_base_to_tip};
 use crate::scalar::Real;
@@ -94,33 +94,24 @@ pub fn factorise<T: Real>(
 ) -> PivotMonitor<T> {
     placements_base_to_tip(model, q, &mut workspace.shift);
     match workspace.form {
-        Form::Auto => return auto::factorise(model, workspace, seen),
-        Form::SquareRoot => return forward_root::factorise(model, workspace, seen),
-        Form::Covariance | Form::Joseph => {}
+        Form::Auto => auto::factorise(model, workspace, seen),
+        Form::SquareRoot => forward_root::factorise(model, workspace, seen),
+        Form::Covariance => riccati::sweep(&model.system, &mut covariances_of_noise(model, workspace), seen),
+        Form::Joseph => riccati::sweep_joseph(&model.system, &mut covariances_of_noise(model, workspace), seen),
     }
-    sweep_covariances(model, workspace, seen)
 }
 
-/// M(k) in place for the filter, with the bounds on its terms.
-pub(super) fn process_noise<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
+/// The arrays of the Riccati recursion, M(k) in place with the bounds on its terms.
+#[inline(always)]
+pub(super) fn covariances_of_noise<'a, T: Real>(
+    model: &Model<T>,
+    workspace: &'a mut Workspace<T>,
+) -> Covariances<'a, T> {
     for (k, body) in model.bodies.iter().enumerate() {
         workspace.p[k] = body.inertia.to_symmetric();
         workspace.scale[k] = Scale::of_noise(&body.inertia_terms);
     }
-}
-
-/// The factor in covariance form, or in Joseph's, with phi already in the workspace.
-pub(super) fn sweep_covariances<T: Real>(
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    seen: impl FnMut(usize, &crate::spatial::Symmetric6<T>),
-) -> PivotMonitor<T> {
-    process_noise(model, workspace);
-    if workspace.form == Form::Joseph {
-        riccati::sweep_joseph(&model.system, &mut workspace.covariances(), seen)
-    } else {
-        riccati::sweep(&model.system, &mut workspace.covariances(), seen)
-    }
+    workspace.covariances()
 }
 
 /// M^-1 tau = (1 - L*) D^-1 (1 - L) tau (4.1), with the factor already in the workspace; no bias enters.

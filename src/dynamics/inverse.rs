@@ -31,6 +31,7 @@ pub fn inverse_dynamics<T: Real>(
 }
 
 /// The bias torque H phi b: what the joints must give when no joint accelerates (velocity effects, gravity, wrenches).
+#[inline(always)]
 pub fn bias_torque<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,

@@ -55,6 +55,18 @@ pub fn mass_matrix_inverse<T: Real>(
     out: &mut [T],
 ) -> PivotMonitor<T> {
     let monitor = factorise(model, workspace, q, |_, _| {});
+    closed_form(model, workspace, scratch, out);
+    monitor
+}
+
+/// [`mass_matrix_inverse`] with the factor already in the workspace.
+#[inline(always)]
+pub(crate) fn closed_form<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    scratch: &mut InverseScratch<T>,
+    out: &mut [T],
+) {
     let spread_gain = &mut scratch.spread_gain;
     let measured = &workspace.measured;
     covariance::sweep(&model.system, &workspace.shift, measured, &mut scratch.co_state_covariance, |row, lambda| {
@@ -65,10 +77,10 @@ pub fn mass_matrix_inverse<T: Real>(
             column(model, workspace, scratch, (k, i), out);
         }
     }
-    monitor
 }
 
 /// The column of row `i` of body `k`, from the diagonal downward, mirrored to the right.
+#[inline(always)]
 fn column<T: Real>(
     model: &Model<T>,
     workspace: &Workspace<T>,

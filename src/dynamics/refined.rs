@@ -44,9 +44,7 @@ pub fn forward_dynamics_judged<T: Real>(
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
 ) -> Judged<T> {
-    let monitor = forward_root::forward_dynamics(model, workspace, q, qd, tau, wrenches, qdd);
-    let reach = Reach::new(&monitor, &model.system, &workspace.shift, &workspace.co_state, qdd);
-    let pivots = monitor.pivots;
+    let (pivots, reach) = forward_dynamics_looked_at(model, workspace, q, qd, tau, wrenches, qdd);
     if (0..T::LANES).all(|lane| reach.clear(lane)) {
         return Judged { pivots, rounding: None, refined: false };
     }
@@ -58,6 +56,22 @@ pub fn forward_dynamics_judged<T: Real>(
     workspace.tally.refined += usize::from(refined);
     workspace.tally.in_doubt += usize::from(!refined);
     Judged { pivots, rounding: Some(rounding), refined }
+}
+
+/// The square-root form, and the first look at it.
+#[inline(always)]
+pub(crate) fn forward_dynamics_looked_at<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    q: &[T],
+    qd: &[T],
+    tau: &[T],
+    wrenches: &[Vector6<T>],
+    qdd: &mut [T],
+) -> (PivotMonitor<T>, Reach<T>) {
+    let monitor = forward_root::forward_dynamics(model, workspace, q, qd, tau, wrenches, qdd);
+    let reach = Reach::new(&monitor, &model.system, &workspace.shift, &workspace.co_state, qdd);
+    (monitor.pivots, reach)
 }
 
 /// The closer look at what the square-root form has just left in the workspace: a filter and a smoother more.

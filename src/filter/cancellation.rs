@@ -120,7 +120,7 @@ pub struct Probe<'a, T: Real> {
 }
 
 /// Base to tip: the smoother, as [`smoother::sweep`](super::smoother::sweep), for both right sides, and what their products say.
-#[inline]
+#[inline(always)]
 pub fn sweep<T: Real>(
     system: &System<T>,
     probe: &mut Probe<'_, T>,
@@ -171,6 +171,7 @@ pub fn sweep<T: Real>(
 /// The bound of the sweep takes the terms of P^- for equal in all directions; joints whose axes meet in a point leave exact zeros, and
 /// large co-states along them. Here the rounding of an entry of P^- is that of the terms that form it: P^+ and what its
 /// measurements subtracted, seen from the stage itself, and |phi| |P^+| |phi|*, seen from its parent.
+#[inline(always)]
 pub fn judge<T: Real>(
     system: &System<T>,
     probe: &Probe<'_, T>,

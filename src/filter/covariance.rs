@@ -32,6 +32,7 @@ pub fn row_update<T: Real>(lambda: &Symmetric6<T>, hinge: &HingeMap<T>, measured
 }
 
 /// Base to tip: Lambda^- of every stage; `seen` is called with each row's Lambda^+.
+#[inline(always)]
 pub fn sweep<T: Real>(
     system: &System<T>,
     shift: &[RigidShift<T>],

@@ -52,6 +52,7 @@ pub fn past_rows<T: Real>(stage: &Stage<T>, measured: &[Measured<T>], rows: Rang
 }
 
 /// Tip to base: the innovations of every row, with the factor already known.
+#[inline(always)]
 pub fn sweep<T: Real>(
     system: &System<T>,
     shift: &[RigidShift<T>],

@@ -121,6 +121,7 @@ impl<T: Real> Covariances<'_, T> {
 }
 
 /// Tip to base: D, g and P^+ of every stage, covariance form.
+#[inline(always)]
 pub fn sweep<T: Real>(
     system: &System<T>,
     covariances: &mut Covariances<'_, T>,

@@ -90,7 +90,7 @@ pub struct Reach<T> {
 
 impl<T: Real> Reach<T> {
     /// From what the sweep saw, the co-states and the estimates. About 25 operations a stage.
-    #[inline]
+    #[inline(always)]
     pub fn new(
         monitor: &RootMonitor<T>,
         system: &System<T>,

@@ -155,6 +155,7 @@ impl<T: Real> Roots<'_, T> {
 }
 
 /// Tip to base: D, g and the root of P^+ of every stage; with a mean also e^-.
+#[inline(always)]
 pub fn sweep<T: Real>(
     system: &System<T>,
     roots: &mut Roots<'_, T>,

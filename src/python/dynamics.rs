@@ -2,13 +2,12 @@
 
 use super::arrays::Input;
 use super::choice::choose;
-use super::evaluate::{Call, Scratch};
+use super::evaluate::Call;
 use super::scene::PyScene;
 use super::wrenches::Wrench;
-use crate::dynamics::mass_inverse::InverseScratch;
+use crate::batch::chunk::Algorithm;
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
-use crate::scene::Scene;
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
@@ -56,10 +55,7 @@ impl PyScene {
         let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, nv)?, Input::new("tau", tau, nv)?];
         let wrenches = Wrench::read(&self.scene, wrenches)?;
         let call = Call::new(self, inputs, wrenches, cost::FORWARD * self.size())?;
-        call.array(py, &[nv], out, |scene, scratch, [q, qd, tau], qdd| {
-            scratch.workspace.form = form;
-            scene.forward_dynamics(&mut scratch.workspace, q, qd, tau, &scratch.forces, qdd)
-        })
+        call.algorithm(py, Algorithm::ForwardDynamics(form), &[nv], out)
     }
 
     /// Joint torques from joint accelerations, in O(N), gravity and armature included.
@@ -84,9 +80,7 @@ impl PyScene {
         let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, nv)?, Input::new("qdd", qdd, nv)?];
         let wrenches = Wrench::read(&self.scene, wrenches)?;
         let call = Call::new(self, inputs, wrenches, cost::INVERSE * self.size())?;
-        call.array(py, &[nv], out, |scene, scratch, [q, qd, qdd], tau| {
-            scene.inverse_dynamics(&mut scratch.workspace, q, qd, qdd, &scratch.forces, tau)
-        })
+        call.algorithm(py, Algorithm::InverseDynamics, &[nv], out)
     }
 
     /// The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
@@ -99,9 +93,7 @@ impl PyScene {
         let nv = self.scene.nv();
         let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, nv)?];
         let call = Call::new(self, inputs, Vec::new(), cost::INVERSE * self.size())?;
-        call.array(py, &[nv], None, |scene, scratch, [q, qd], tau| {
-            scene.bias_torque(&mut scratch.workspace, q, qd, tau)
-        })
+        call.algorithm(py, Algorithm::BiasTorque, &[nv], None)
     }
 
     /// The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
@@ -116,7 +108,7 @@ impl PyScene {
         let nv = self.scene.nv();
         let inputs = [Input::new("q", q, self.scene.nq())?];
         let call = Call::new(self, inputs, Vec::new(), cost::COMPOSITE * self.size() + cost::ENTRY * nv * nv)?;
-        call.array(py, &[nv, nv], None, |scene, scratch, [q], m| scene.mass_matrix(&mut scratch.workspace, q, m))
+        call.algorithm(py, Algorithm::MassMatrix, &[nv, nv], None)
     }
 
     /// The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
@@ -132,11 +124,7 @@ impl PyScene {
         let nv = self.scene.nv();
         let inputs = [Input::new("q", q, self.scene.nq())?];
         let call = Call::new(self, inputs, Vec::new(), cost::CLOSED_FORM * self.size() + cost::ENTRY * nv * nv)?;
-        call.array(py, &[nv, nv], None, |scene: &Scene, scratch: &mut Scratch, [q], m| {
-            scratch.workspace.form = form;
-            let inverse: &mut InverseScratch<f64> = scratch.inverse.get_or_insert_with(|| scene.inverse_scratch());
-            scene.mass_matrix_inverse(&mut scratch.workspace, inverse, q, m)
-        })
+        call.algorithm(py, Algorithm::MassMatrixInverse(form), &[nv, nv], None)
     }
 }
 

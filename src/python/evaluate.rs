@@ -5,8 +5,9 @@ use super::errors::fault;
 use super::estimation::Estimation;
 use super::scene::PyScene;
 use super::wrenches::{self, Wrench};
-use crate::batch::{Batch, Fault, broadcast_axes};
-use crate::dynamics::mass_inverse::InverseScratch;
+use crate::batch::chunk::{Algorithm, Arguments};
+use crate::batch::evaluator::Evaluator;
+use crate::batch::{Batch, Broadcast, Fault, broadcast_axes};
 use crate::dynamics::operational::OperationalScratch;
 use crate::error::Error;
 use crate::scene::Scene;
@@ -24,19 +25,31 @@ const WORTH_RELEASING: usize = 5_000;
 pub(super) struct Scratch {
     /// Per-body arrays.
     pub workspace: Workspace<f64>,
-    /// For the inverse of the mass matrix only.
-    pub inverse: Option<InverseScratch<f64>>,
     /// For estimation only.
     pub estimation: Option<Estimation>,
     /// For operational space only.
     pub operational: Option<OperationalScratch<f64>>,
+    /// What runs the kernels in lanes.
+    evaluator: Option<Evaluator>,
     /// Forces on bodies of the state at hand; empty without wrenches.
     pub forces: Vec<SpatialVector<f64>>,
+    /// The same of as many states as there are lanes.
+    lane_forces: Vec<Vec<SpatialVector<f64>>>,
 }
+
+/// More than any arm has lanes.
+const MOST_LANES: usize = 16;
 
 impl Scratch {
     pub(super) fn new(scene: &Scene) -> Self {
-        Self { workspace: scene.workspace(), inverse: None, estimation: None, operational: None, forces: Vec::new() }
+        Self {
+            workspace: scene.workspace(),
+            estimation: None,
+            operational: None,
+            evaluator: None,
+            forces: Vec::new(),
+            lane_forces: vec![Vec::new(); MOST_LANES],
+        }
     }
 }
 
@@ -93,18 +106,96 @@ impl<'a, 'py, const N: usize> Call<'a, 'py, N> {
     where
         K: Fn(&Scene, &mut Scratch, [&[f64]; N], &mut [f64]) -> Result<(), Error> + Sync,
     {
+        let mut output = self.output(py, shape, out)?;
+        self.numbers(py, output.numbers()?, kernel)?;
+        Ok(output.finish())
+    }
+
+    /// Runs `algorithm` on every state, in lanes, into an array of shape batch + `shape`; the inputs are q, then qd, then u.
+    pub fn algorithm(
+        &self,
+        py: Python<'py>,
+        algorithm: Algorithm,
+        shape: &[usize],
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let mut output = self.output(py, shape, out)?;
+        let results = output.numbers()?;
+        let scene = &self.scene.scene;
+        let (arguments, wrenches) = self.over()?;
+        let empty: &[f64] = &[];
+        let of_state = |i: usize| -> [&[f64]; 3] {
+            std::array::from_fn(|k| arguments.get(k).map_or(empty, |argument| argument.state(i)))
+        };
+        let width = scene.width(algorithm);
+        let bodies = scene.model().bodies.len();
+        self.run(py, |batch| {
+            batch.run_pieces(MOST_LANES, results, |scratch, states, results| {
+                let Scratch { evaluator, lane_forces: forces, .. } = scratch;
+                let evaluator = evaluator.get_or_insert_with(|| scene.evaluator());
+                let (mut first, last) = (states.start, states.end);
+                while first < last {
+                    let count = evaluator.lanes().min(last - first);
+                    let mut chunk = [Arguments::default(); MOST_LANES];
+                    for (lane, forces) in forces.iter_mut().enumerate().take(count) {
+                        wrenches::on_bodies(&wrenches, bodies, first + lane, forces)
+                            .map_err(|error| Fault { state: first + lane, error })?;
+                    }
+                    for (lane, (state, wrenches)) in chunk.iter_mut().zip(&*forces).enumerate().take(count) {
+                        let [q, qd, u] = of_state(first + lane);
+                        *state = Arguments { q, qd, u, wrenches };
+                    }
+                    let from = (first - states.start) * width;
+                    let out = &mut results[from..from + count * width];
+                    scene
+                        .evaluate(evaluator, algorithm, &chunk[..count], out)
+                        .map_err(|fault| Fault { state: first + fault.state, ..fault })?;
+                    first += count;
+                }
+                Ok(())
+            })
+        })?;
+        Ok(output.finish())
+    }
+
+    /// The array of shape batch + `shape` that receives the results: a new one, or the caller's `out`.
+    fn output(&self, py: Python<'py>, shape: &[usize], out: Option<&Bound<'py, PyAny>>) -> PyResult<Output<'py>> {
         let mut full = Vec::with_capacity(self.batch.len() + shape.len());
         full.extend_from_slice(&self.batch);
         full.extend_from_slice(shape);
-        let mut output = match out {
-            None => Output::new(py, &full)?,
+        match out {
+            None => Output::new(py, &full),
             Some(out) => {
                 let all = self.inputs.iter().chain(self.wrenches.iter().map(|wrench| &wrench.input));
-                Output::given(out, &full, all)?
+                Output::given(out, &full, all)
             }
+        }
+    }
+
+    /// The arguments for the threads, which see no Python.
+    fn over(&self) -> PyResult<(Vec<Broadcast<'_>>, Vec<wrenches::States<'_>>)> {
+        let arguments = self.inputs.iter().map(|input| input.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
+        let wrenches = self.wrenches.iter().map(|wrench| wrench.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
+        Ok((arguments, wrenches))
+    }
+
+    /// Runs a batch without the GIL, but for short calls.
+    fn run(
+        &self,
+        py: Python<'py>,
+        work: impl FnOnce(Batch<'_, Scratch, &(dyn Fn() -> Scratch + Sync)>) -> Result<(), Fault> + Send,
+    ) -> PyResult<()> {
+        let scene = &self.scene.scene;
+        let make = || Scratch::new(scene);
+        let batch = Batch {
+            states: self.states,
+            cost: self.cost,
+            pool: &self.scene.pool,
+            make: &make as &(dyn Fn() -> Scratch + Sync),
         };
-        self.numbers(py, output.numbers()?, kernel)?;
-        Ok(output.finish())
+        let short = self.states.saturating_mul(self.cost) < WORTH_RELEASING;
+        let outcome = if short { work(batch) } else { py.detach(|| work(batch)) };
+        outcome.map_err(|error| fault(py, error, &self.batch))
     }
 
     /// Evaluates every state into `results`, row-major over the batch.
@@ -113,19 +204,13 @@ impl<'a, 'py, const N: usize> Call<'a, 'py, N> {
         K: Fn(&Scene, &mut Scratch, [&[f64]; N], &mut [f64]) -> Result<(), Error> + Sync,
     {
         let scene = &self.scene.scene;
-        let arguments = self.inputs.iter().map(|input| input.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
-        let wrenches = self.wrenches.iter().map(|wrench| wrench.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
+        let (arguments, wrenches) = self.over()?;
         let bodies = scene.model().bodies.len();
-        let batch =
-            Batch { states: self.states, cost: self.cost, pool: &self.scene.pool, make: || Scratch::new(scene) };
-        let mut run = || -> Result<(), Fault> {
+        self.run(py, |batch| {
             batch.run(results, |scratch, i, out| {
                 wrenches::on_bodies(&wrenches, bodies, i, &mut scratch.forces)?;
                 kernel(scene, scratch, std::array::from_fn(|k| arguments[k].state(i)), out)
             })
-        };
-        let short = self.states.saturating_mul(self.cost) < WORTH_RELEASING;
-        let outcome = if short { run() } else { py.detach(run) };
-        outcome.map_err(|error| fault(py, error, &self.batch))
+        })
     }
 }

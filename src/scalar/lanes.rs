@@ -54,7 +54,8 @@ impl Instructions for pulp::x86::V4 {
 /// One f64 of each state, as many as a register of `S` holds.
 #[derive(Debug, Clone, Copy)]
 pub struct Lanes<S: Instructions> {
-    alignment: [S::Alignment; 0],
+    /// Of no size; aligns the rest.
+    _alignment: [S::Alignment; 0],
     simd: S,
     value: S::f64s,
 }
@@ -62,7 +63,7 @@ pub struct Lanes<S: Instructions> {
 impl<S: Instructions> Lanes<S> {
     #[inline(always)]
     fn new(simd: S, value: S::f64s) -> Self {
-        Self { alignment: [], simd, value }
+        Self { _alignment: [], simd, value }
     }
 
     /// The same number in every lane.

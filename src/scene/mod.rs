@@ -12,7 +12,7 @@ mod joint_check;
 mod lock;
 pub mod model;
 pub mod operational;
-mod queries;
+pub(crate) mod queries;
 #[cfg(feature = "urdf")]
 pub mod urdf;
 

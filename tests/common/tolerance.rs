@@ -18,6 +18,12 @@ pub fn product(n: usize, scale: f64) -> f64 {
 /// Standard errors that an estimate may be off: one in two billion is further, and the seeds are fixed.
 pub const SIGMAS: f64 = 6.0;
 
+/// The condition number of M that the random trees of `tests/lanes.rs` stay below.
+pub const CONDITION_OF_TREES: f64 = 1e6;
+
+/// How much larger than the results the terms are that they are sums of, on those trees.
+pub const TERMS_OF_TREES: f64 = 1e2;
+
 /// Largest error over largest entry where a form claims to lose no digit, whatever the condition number.
 pub const ALL_DIGITS: f64 = 1e-13;
 

@@ -1,0 +1,252 @@
+//! States in lanes, on every arm that this processor has: the same numbers as one state at a time in plain f64, the same bits in any
+//! lane, and the same errors.
+
+mod common;
+
+use common::{ALL_KINDS, Random, Tree, random_state, tolerance};
+use phipsi::batch::arms::{ARMS, Arm};
+use phipsi::batch::chunk::{Algorithm, Arguments};
+use phipsi::batch::evaluator::Evaluator;
+use phipsi::filter::Form;
+use phipsi::scalar::{Fused, Real};
+use phipsi::spatial::SpatialVector;
+use phipsi::{Error, Scene};
+
+const ALGORITHMS: [Algorithm; 9] = [
+    Algorithm::ForwardDynamics(Form::Auto),
+    Algorithm::ForwardDynamics(Form::Covariance),
+    Algorithm::ForwardDynamics(Form::Joseph),
+    Algorithm::ForwardDynamics(Form::SquareRoot),
+    Algorithm::InverseDynamics,
+    Algorithm::BiasTorque,
+    Algorithm::MassMatrix,
+    Algorithm::MassMatrixInverse(Form::Auto),
+    Algorithm::MassMatrixInverse(Form::Covariance),
+];
+
+/// Those of this machine; the baseline is always there.
+fn arms() -> impl Iterator<Item = Arm> {
+    ARMS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available())
+}
+
+type State = (Vec<f64>, Vec<f64>, Vec<f64>);
+
+fn states(scene: &Scene, count: u64) -> Vec<State> {
+    (0..count).map(|seed| random_state(scene, &mut Random::new(seed))).collect()
+}
+
+/// The arguments that an algorithm reads.
+fn arguments<'a>(algorithm: Algorithm, (q, qd, u): &'a State, wrenches: &'a [SpatialVector<f64>]) -> Arguments<'a> {
+    let mut all = Arguments { q, qd, u, wrenches };
+    match algorithm {
+        Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => {}
+        Algorithm::BiasTorque => (all.u, all.wrenches) = (&[], &[]),
+        Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => (all.qd, all.u, all.wrenches) = (&[], &[], &[]),
+    }
+    all
+}
+
+fn evaluate(scene: &Scene, evaluator: &mut Evaluator, algorithm: Algorithm, states: &[Arguments<'_>]) -> Vec<f64> {
+    let mut out = vec![f64::NAN; scene.width(algorithm) * states.len()];
+    scene.evaluate(evaluator, algorithm, states, &mut out).unwrap_or_else(|fault| panic!("{algorithm:?}: {fault:?}"));
+    out
+}
+
+/// One state by the checked method of plain f64, which other tests hold to dense algebra and higher precision.
+fn plainly(scene: &Scene, algorithm: Algorithm, state: &Arguments<'_>) -> Vec<f64> {
+    let mut workspace = scene.workspace();
+    let mut out = vec![f64::NAN; scene.width(algorithm)];
+    let &Arguments { q, qd, u, wrenches } = state;
+    match algorithm {
+        Algorithm::ForwardDynamics(form) => {
+            workspace.form = form;
+            scene.forward_dynamics(&mut workspace, q, qd, u, wrenches, &mut out)
+        }
+        Algorithm::InverseDynamics => scene.inverse_dynamics(&mut workspace, q, qd, u, wrenches, &mut out),
+        Algorithm::BiasTorque => scene.bias_torque(&mut workspace, q, qd, &mut out),
+        Algorithm::MassMatrix => scene.mass_matrix(&mut workspace, q, &mut out),
+        Algorithm::MassMatrixInverse(form) => {
+            workspace.form = form;
+            scene.mass_matrix_inverse(&mut workspace, &mut scene.inverse_scratch(), q, &mut out)
+        }
+    }
+    .unwrap();
+    out
+}
+
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |size, x| x.abs().max(size))
+}
+
+/// How far apart two ways of rounding may be; through M^-1 the condition number is that of the trees of these tests.
+fn allowed(scene: &Scene, algorithm: Algorithm, plain: &[f64]) -> f64 {
+    match algorithm {
+        Algorithm::ForwardDynamics(_) | Algorithm::MassMatrixInverse(_) => {
+            tolerance::inverse(tolerance::CONDITION_OF_TREES, largest(plain))
+        }
+        _ => tolerance::product(scene.nv(), tolerance::TERMS_OF_TREES * largest(plain)),
+    }
+}
+
+fn trees() -> impl Iterator<Item = Scene> {
+    [(1, 1, false), (2, 5, false), (3, 12, true), (4, 30, false)].into_iter().map(|(seed, bodies, floating)| {
+        let armature = if seed % 2 == 0 { 0.1 } else { 0.0 };
+        let tree = Tree { seed, bodies, kinds: &ALL_KINDS, branching: 0.4, armature, floating };
+        tree.builder().build().unwrap()
+    })
+}
+
+#[test]
+fn every_arm_gives_what_plain_numbers_give() {
+    for scene in trees() {
+        let states = states(&scene, 21);
+        let mut random = Random::new(99);
+        let forces: Vec<Vec<SpatialVector<f64>>> = (0..states.len())
+            .map(|_| scene.model().bodies.iter().map(|_| SpatialVector::from_fn(|_, _| random.uniform(-1.0, 1.0))).collect())
+            .collect();
+        for arm in arms() {
+            let mut evaluator = Evaluator::on(arm, &scene);
+            assert_eq!(evaluator.arm(), arm);
+            for algorithm in ALGORITHMS {
+                let all: Vec<_> = states.iter().zip(&forces).map(|(s, w)| arguments(algorithm, s, w)).collect();
+                let width = scene.width(algorithm);
+                let found = evaluate(&scene, &mut evaluator, algorithm, &all);
+                for (state, found) in all.iter().zip(found.chunks_exact(width)) {
+                    let plain = plainly(&scene, algorithm, state);
+                    let bound = allowed(&scene, algorithm, &plain);
+                    for (a, b) in found.iter().zip(&plain) {
+                        assert!((a - b).abs() <= bound, "{arm:?} {algorithm:?}: {a} beside {b}, bound {bound:e}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// A state's bits depend on nothing but the state: alone, in any lane, beside any others, in a chunk that is not full.
+#[test]
+fn neighbours_change_no_bit() {
+    let scene = trees().nth(2).unwrap();
+    let states = states(&scene, 19);
+    for arm in arms() {
+        let mut evaluator = Evaluator::on(arm, &scene);
+        for algorithm in ALGORITHMS {
+            let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
+            let width = scene.width(algorithm);
+            let together = evaluate(&scene, &mut evaluator, algorithm, &all);
+            let mut backwards = all.clone();
+            backwards.reverse();
+            let reversed = evaluate(&scene, &mut evaluator, algorithm, &backwards);
+            let last = all.len() - 1;
+            for (i, state) in all.iter().enumerate() {
+                let bits = |x: &[f64]| x.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+                let here = bits(&together[i * width..(i + 1) * width]);
+                assert_eq!(here, bits(&reversed[(last - i) * width..(last - i + 1) * width]), "{arm:?} {algorithm:?}");
+                let alone = evaluate(&scene, &mut evaluator, algorithm, std::slice::from_ref(state));
+                assert_eq!(here, bits(&alone), "{arm:?} {algorithm:?}: state {i} alone");
+            }
+        }
+    }
+}
+
+/// What is wrong with one state is told of that state, and the others are computed.
+#[test]
+fn a_bad_state_is_named() {
+    let scene = trees().nth(2).unwrap();
+    for arm in arms() {
+        let mut evaluator = Evaluator::on(arm, &scene);
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            for (argument, name) in ["q", "qd", "tau"].into_iter().enumerate() {
+                let mut states = states(&scene, 11);
+                let state = &mut states[6];
+                let numbers = [&mut state.0, &mut state.1, &mut state.2];
+                numbers.into_iter().nth(argument).unwrap()[0] = bad;
+                let algorithm = Algorithm::ForwardDynamics(Form::Auto);
+                let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
+                let mut out = vec![0.0; scene.nv() * all.len()];
+                let fault = scene.evaluate(&mut evaluator, algorithm, &all, &mut out).unwrap_err();
+                assert_eq!(fault.state, 6);
+                assert!(matches!(fault.error, Error::NotFinite { ref argument, .. } if argument == name), "{fault:?}");
+            }
+        }
+        let mut states = states(&scene, 3);
+        for x in &mut states[1].0[3..7] {
+            *x *= 1.01;
+        }
+        let all: Vec<_> = states.iter().map(|s| arguments(Algorithm::MassMatrix, s, &[])).collect();
+        let mut out = vec![0.0; scene.width(Algorithm::MassMatrix) * all.len()];
+        let fault = scene.evaluate(&mut evaluator, Algorithm::MassMatrix, &all, &mut out).unwrap_err();
+        assert!(fault.state == 1 && fault.error.to_string().contains("quaternion"), "{fault:?}");
+    }
+}
+
+#[test]
+fn wrong_lengths_are_refused() {
+    let scene = trees().nth(1).unwrap();
+    let mut evaluator = scene.evaluator();
+    let states = states(&scene, 2);
+    let algorithm = Algorithm::InverseDynamics;
+    let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
+    let mut out = vec![0.0; 2 * scene.nv()];
+    let mut refused = |all: &[Arguments<'_>], out: &mut [f64]| {
+        scene.evaluate(&mut evaluator, algorithm, all, out).is_err_and(|fault| matches!(fault.error, Error::Shape { .. }))
+    };
+    assert!(!refused(&all, &mut out));
+    assert!(refused(&all, &mut out[1..]));
+    for field in 0..3 {
+        let mut short = all.clone();
+        let state = &mut short[1];
+        let numbers = [&mut state.q, &mut state.qd, &mut state.u].into_iter().nth(field).unwrap();
+        *numbers = &numbers[1..];
+        assert!(refused(&short, &mut out));
+    }
+    let wrench = [SpatialVector::zeros()];
+    let mut wrong = all.clone();
+    wrong[0].wrenches = &wrench;
+    assert!(refused(&wrong, &mut out));
+}
+
+/// States that lose digits in covariance form are done again, and only those.
+#[test]
+fn auto_is_as_exact_in_lanes_as_alone() {
+    let case = phipsi::scenes::extreme("heavy-tip", Some(1e9), None, 0).unwrap();
+    let scene = &case.scene;
+    let algorithm = Algorithm::ForwardDynamics(Form::Auto);
+    let states = states(scene, 16);
+    let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
+    for arm in arms() {
+        let found = evaluate(scene, &mut Evaluator::on(arm, scene), algorithm, &all);
+        for (state, found) in all.iter().zip(found.chunks_exact(scene.nv())) {
+            let plain = plainly(scene, Algorithm::ForwardDynamics(Form::SquareRoot), state);
+            let size = largest(&plain);
+            for (a, b) in found.iter().zip(&plain) {
+                assert!((a - b).abs() <= 2.0 * tolerance::ALL_DIGITS * size, "{arm:?}: {a} beside {b}");
+            }
+        }
+    }
+}
+
+/// Sine and cosine of the fused scalar, against the standard library in double-double's place: a unit in the last place or so.
+#[test]
+fn sine_and_cosine_are_good_to_two_units_in_the_last_place() {
+    let mut random = Random::new(5);
+    let ulp = |x: f64| (f64::from_bits(x.abs().to_bits() + 1) - x.abs()).max(f64::MIN_POSITIVE);
+    let mut angles: Vec<f64> = [1.0, 10.0, 1e3, 1e6, 1e-3, 1e-9, 1e-300, 1e12, 1e300]
+        .iter()
+        .flat_map(|&size| (0..5_000).map(|_| random.uniform(-size, size)).collect::<Vec<_>>())
+        .collect();
+    angles.extend((0..4_000).map(|k| f64::from(k) * std::f64::consts::FRAC_PI_2));
+    angles.extend([0.0, -0.0, f64::MIN_POSITIVE, 1e6, -1e6]);
+    for angle in angles {
+        let (s, c) = Fused(angle).sin_cos();
+        let (exact_s, exact_c) = angle.sin_cos();
+        assert!((s.0 - exact_s).abs() <= 2.0 * ulp(exact_s), "sin {angle}: {} beside {exact_s}", s.0);
+        assert!((c.0 - exact_c).abs() <= 2.0 * ulp(exact_c), "cos {angle}: {} beside {exact_c}", c.0);
+    }
+    let (s, c) = Fused(-0.0).sin_cos();
+    assert!(s.0 == 0.0 && s.0.is_sign_negative() && c.0 == 1.0);
+    for bad in [f64::NAN, f64::INFINITY] {
+        let (s, c) = Fused(bad).sin_cos();
+        assert!(s.0.is_nan() && c.0.is_nan());
+    }
+}
