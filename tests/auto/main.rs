@@ -266,3 +266,44 @@ fn robot(scene: &Scene, seed: u64) -> ((Vec<f64>, Case), dynamics::Choice<f64>) 
     let (qdd, choice) = auto(&case);
     ((qdd, case), choice)
 }
+
+/// In float32 nothing is refined: what is not in doubt is right to what float32 allows, and what is in doubt is told.
+#[test]
+fn float32_tells_its_doubts() {
+    let count = from_environment("PHIPSI_AUTO_SCENES", 440);
+    // Digits of float32 to those of float64.
+    let coarser = f64::from(f32::EPSILON) / f64::EPSILON;
+    #[allow(clippy::cast_possible_truncation)] // that is the question
+    let single = |x: &[f64]| x.iter().map(|&x| x as f32).collect::<Vec<_>>();
+    let (mut scenes, mut by_form, mut in_doubt, mut failures) = (0, 0, 0, Vec::new());
+    for number in 0..count {
+        let case = case(number);
+        let Some(expected) = reference(&case) else { continue };
+        let model: Model<f32> = case.scene.model().cast();
+        let [q, qd, tau] = [&case.q, &case.qd, &case.tau].map(|x| single(x));
+        #[allow(clippy::cast_possible_truncation)]
+        let wrenches: Vec<_> = case.wrenches.iter().map(|wrench| wrench.map(|x| x as f32)).collect();
+        let mut qdd = vec![f32::NAN; model.nv()];
+        let mut w = Workspace::new(&model);
+        let choice = dynamics::forward_dynamics_auto(&model, &mut w, &q, &qd, &tau, &wrenches, &mut qdd);
+        scenes += 1;
+        by_form += usize::from(choice.form == Form::SquareRoot);
+        if choice.in_doubt(0) {
+            in_doubt += 1;
+            assert_eq!(w.tally.in_doubt, 1);
+            continue;
+        }
+        let found: Vec<f64> = qdd.iter().map(|&x| f64::from(x)).collect();
+        let error = error(&double(&found), &expected);
+        if !(error <= tolerance::KEPT * coarser) && !(error <= tolerance::kept(sensitivity(&case, &expected)) * coarser)
+        {
+            failures.push(format!("scene {number}, {}: {error:.1e}", FAMILIES[number % FAMILIES.len()]));
+        }
+    }
+    println!(
+        "float32: {scenes} scenes, {by_form} to square-root, {in_doubt} in doubt, {} missed\n{}",
+        failures.len(),
+        failures.join("\n")
+    );
+    assert!(scenes > 0 && in_doubt > 0 && failures.is_empty());
+}
