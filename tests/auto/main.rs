@@ -15,7 +15,7 @@ use phipsi::Scene;
 use phipsi::filter::Form;
 use phipsi::scalar::{DoubleDouble, Real};
 use phipsi::scene::Model;
-use phipsi::{Workspace, dynamics, scenes};
+use phipsi::{Tally, Workspace, dynamics, scenes};
 
 fn double(x: &[f64]) -> Vec<DoubleDouble> {
     x.iter().map(|&x| DoubleDouble::from_f64(x)).collect()
@@ -171,6 +171,38 @@ fn a_heavy_tip_is_left_to_the_square_root_form() {
     assert_eq!(choice.form, Form::SquareRoot);
     assert!(choice.pivots.clear(0) && !choice.without_root && !choice.cancellation.clear(0));
     assert_eq!(qdd, square_root(&case).0, "nothing of the first attempt is left");
+}
+
+#[test]
+fn a_state_in_doubt_is_refined_to_the_last_digit_and_counted() {
+    let case =
+        (5..).step_by(FAMILIES.len()).map(case).find(|case| square_root(case).1.refined).expect("one of the first");
+    let expected: Vec<f64> = reference(&case).expect("positive pivots").into_iter().map(tolerance::to_f64).collect();
+    for (form, fell_back) in [(Form::SquareRoot, 0), (Form::Auto, 1)] {
+        let (model, mut w) = (case.scene.model(), case.scene.workspace().in_form(form));
+        let mut qdd = vec![f64::NAN; model.nv()];
+        for times in 1..3 {
+            dynamics::forward_dynamics(model, &mut w, &case.q, &case.qd, &case.tau, &case.wrenches, &mut qdd);
+            assert_eq!(w.tally, Tally { square_root: times * fell_back, refined: times, in_doubt: 0 });
+        }
+        assert_eq!(qdd, expected, "{form:?}");
+    }
+    let (choice, judged) = (auto(&case).1, square_root(&case).1);
+    assert!(choice.judged.is_some_and(|judged| judged.refined) && !choice.in_doubt(0) && !judged.in_doubt(0));
+    assert!(judged.rounding.is_some_and(|rounding| !rounding.clear(0)));
+}
+
+/// A body without a root leaves nothing to refine: NaN, and a doubt.
+#[test]
+fn what_cannot_be_refined_stays_in_doubt() {
+    let case = wrong_in_covariance_form("heavy tip");
+    let mut model = case.scene.model().clone();
+    model.inertia_roots[0] = None;
+    let (mut w, mut qdd) = (Workspace::new(&model), vec![f64::NAN; model.nv()]);
+    let judged =
+        dynamics::forward_dynamics_judged(&model, &mut w, &case.q, &case.qd, &case.tau, &case.wrenches, &mut qdd);
+    assert!(judged.in_doubt(0) && !judged.refined);
+    assert_eq!(w.tally, Tally { in_doubt: 1, ..Tally::default() });
 }
 
 #[test]
