@@ -30,6 +30,17 @@ pub struct Choice<T> {
     pub without_root: bool,
 }
 
+impl<T: Real> Choice<T> {
+    /// Whether the answer of one lane may have lost digits: in doubt, and nothing better to be had.
+    #[must_use]
+    pub fn in_doubt(&self, lane: usize) -> bool {
+        match &self.judged {
+            Some(judged) => judged.in_doubt(lane),
+            None => self.without_root && !self.cancellation.clear(lane),
+        }
+    }
+}
+
 /// Joint accelerations as [`forward_dynamics`](super::forward_dynamics) gives them, and where these lost digits, as
 /// the square-root form does.
 ///

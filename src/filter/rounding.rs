@@ -171,7 +171,7 @@ pub struct Swept<'a, T: Real> {
 pub struct Weighed<'a, T: Real> {
     /// zeta^+(k).
     pub state: &'a [Vector6<T>],
-    /// e_w of each row.
+    /// The innovations `e_w` of each row.
     pub innovations: &'a [T],
     /// c of each row, M c = w.
     pub estimates: &'a [T],
@@ -180,6 +180,7 @@ pub struct Weighed<'a, T: Real> {
 }
 
 /// The estimate, from both right sides. About 250 operations a stage.
+#[must_use]
 pub fn judge<T: Real>(system: &System<T>, swept: &Swept<'_, T>, weighed: &Weighed<'_, T>) -> Rounding<T> {
     let mut seen = Rounding { noise: T::zero(), size: T::zero() };
     for (k, stage) in system.stages.iter().enumerate() {

@@ -15,7 +15,7 @@ use phipsi::Scene;
 use phipsi::filter::Form;
 use phipsi::scalar::{DoubleDouble, Real};
 use phipsi::scene::Model;
-use phipsi::{Workspace, dynamics, scenes};
+use phipsi::{Tally, Workspace, dynamics, scenes};
 
 fn double(x: &[f64]) -> Vec<DoubleDouble> {
     x.iter().map(|&x| DoubleDouble::from_f64(x)).collect()
@@ -174,6 +174,38 @@ fn a_heavy_tip_is_left_to_the_square_root_form() {
 }
 
 #[test]
+fn a_state_in_doubt_is_refined_to_the_last_digit_and_counted() {
+    let case =
+        (5..).step_by(FAMILIES.len()).map(case).find(|case| square_root(case).1.refined).expect("one of the first");
+    let expected: Vec<f64> = reference(&case).expect("positive pivots").into_iter().map(tolerance::to_f64).collect();
+    for (form, fell_back) in [(Form::SquareRoot, 0), (Form::Auto, 1)] {
+        let (model, mut w) = (case.scene.model(), case.scene.workspace().in_form(form));
+        let mut qdd = vec![f64::NAN; model.nv()];
+        for times in 1..3 {
+            dynamics::forward_dynamics(model, &mut w, &case.q, &case.qd, &case.tau, &case.wrenches, &mut qdd);
+            assert_eq!(w.tally, Tally { square_root: times * fell_back, refined: times, in_doubt: 0 });
+        }
+        assert_eq!(qdd, expected, "{form:?}");
+    }
+    let (choice, judged) = (auto(&case).1, square_root(&case).1);
+    assert!(choice.judged.is_some_and(|judged| judged.refined) && !choice.in_doubt(0) && !judged.in_doubt(0));
+    assert!(judged.rounding.is_some_and(|rounding| !rounding.clear(0)));
+}
+
+/// A body without a root leaves nothing to refine: NaN, and a doubt.
+#[test]
+fn what_cannot_be_refined_stays_in_doubt() {
+    let case = wrong_in_covariance_form("heavy tip");
+    let mut model = case.scene.model().clone();
+    model.inertia_roots[0] = None;
+    let (mut w, mut qdd) = (Workspace::new(&model), vec![f64::NAN; model.nv()]);
+    let judged =
+        dynamics::forward_dynamics_judged(&model, &mut w, &case.q, &case.qd, &case.tau, &case.wrenches, &mut qdd);
+    assert!(judged.in_doubt(0) && !judged.refined);
+    assert_eq!(w.tally, Tally { in_doubt: 1, ..Tally::default() });
+}
+
+#[test]
 fn an_ordinary_chain_stays_in_covariance_form() {
     let scene = scenes::chain(20).expect("a chain");
     let (q, qd, tau) = random_state(&scene, &mut Random::new(3));
@@ -265,4 +297,45 @@ fn robot(scene: &Scene, seed: u64) -> ((Vec<f64>, Case), dynamics::Choice<f64>) 
     let case = Case { builder: scene.source().clone(), scene: scene.clone(), q, qd, tau, wrenches: Vec::new() };
     let (qdd, choice) = auto(&case);
     ((qdd, case), choice)
+}
+
+/// In float32 nothing is refined: what is not in doubt is right to what float32 allows, and what is in doubt is told.
+#[test]
+fn float32_tells_its_doubts() {
+    let count = from_environment("PHIPSI_AUTO_SCENES", 440);
+    // Digits of float32 to those of float64.
+    let coarser = f64::from(f32::EPSILON) / f64::EPSILON;
+    #[allow(clippy::cast_possible_truncation)] // that is the question
+    let single = |x: &[f64]| x.iter().map(|&x| x as f32).collect::<Vec<_>>();
+    let (mut scenes, mut by_form, mut in_doubt, mut failures) = (0, 0, 0, Vec::new());
+    for number in 0..count {
+        let case = case(number);
+        let Some(expected) = reference(&case) else { continue };
+        let model: Model<f32> = case.scene.model().cast();
+        let [q, qd, tau] = [&case.q, &case.qd, &case.tau].map(|x| single(x));
+        #[allow(clippy::cast_possible_truncation)]
+        let wrenches: Vec<_> = case.wrenches.iter().map(|wrench| wrench.map(|x| x as f32)).collect();
+        let mut qdd = vec![f32::NAN; model.nv()];
+        let mut w = Workspace::new(&model);
+        let choice = dynamics::forward_dynamics_auto(&model, &mut w, &q, &qd, &tau, &wrenches, &mut qdd);
+        scenes += 1;
+        by_form += usize::from(choice.form == Form::SquareRoot);
+        if choice.in_doubt(0) {
+            in_doubt += 1;
+            assert_eq!(w.tally.in_doubt, 1);
+            continue;
+        }
+        let found: Vec<f64> = qdd.iter().map(|&x| f64::from(x)).collect();
+        let error = error(&double(&found), &expected);
+        if !(error <= tolerance::KEPT * coarser) && !(error <= tolerance::kept(sensitivity(&case, &expected)) * coarser)
+        {
+            failures.push(format!("scene {number}, {}: {error:.1e}", FAMILIES[number % FAMILIES.len()]));
+        }
+    }
+    println!(
+        "float32: {scenes} scenes, {by_form} to square-root, {in_doubt} in doubt, {} missed\n{}",
+        failures.len(),
+        failures.join("\n")
+    );
+    assert!(scenes > 0 && in_doubt > 0 && failures.is_empty());
 }
