@@ -5,6 +5,7 @@
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::DMatrixView;
+use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::dynamics::operational::Frame;
 use phipsi::filter::{FORMS, Form};
 use phipsi::{Scene, dynamics, scenes};
@@ -37,36 +38,62 @@ fn states(scene: &Scene) -> Vec<State> {
         .collect()
 }
 
-/// Every algorithm on one scene, as group/name.
-fn algorithms(c: &mut Criterion, name: &str, scene: &Scene) {
-    let model = scene.model();
+/// States of a batch.
+const BATCH: usize = 4096;
+
+/// The algorithms that the peers have too, in the form that they run; the group `forms` has the others.
+const ALGORITHMS: [(&str, Algorithm); 4] = [
+    ("forward_dynamics", Algorithm::ForwardDynamics(Form::Covariance)),
+    ("inverse_dynamics", Algorithm::InverseDynamics),
+    ("mass_matrix", Algorithm::MassMatrix),
+    ("mass_matrix_inverse", Algorithm::MassMatrixInverse(Form::Covariance)),
+];
+
+/// The arguments that an algorithm reads of a state.
+fn arguments(algorithm: Algorithm, [q, qd, u]: &State) -> Arguments<'_> {
+    match algorithm {
+        Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => Arguments { q, qd, u, wrenches: &[] },
+        Algorithm::BiasTorque => Arguments { q, qd, ..Arguments::default() },
+        Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => Arguments { q, ..Arguments::default() },
+    }
+}
+
+/// Every algorithm on one scene, as group/name: one state a call, and with `batches` a batch a call on one thread.
+///
+/// The checked calls: lengths, NaN, pivots and results are looked at, as for any user.
+fn algorithms(c: &mut Criterion, name: &str, scene: &Scene, batches: bool) {
     let states = states(scene);
-    let mut cycle = states.iter().cycle();
-    let mut next = move || black_box(cycle.next().expect("a cycle has no end"));
-    // The form that the peers run; the group `forms` has the others.
-    let (mut workspace, mut scratch) = (scene.workspace().in_form(Form::Covariance), scene.inverse_scratch());
-    let mut vector = vec![0.0; scene.nv()];
-    let mut matrix = vec![0.0; scene.nv() * scene.nv()];
-    let mut bench = |group: &str, call: &mut dyn FnMut(&State)| {
-        c.benchmark_group(group).bench_function(name, |b| b.iter(|| call(next())));
-    };
-    bench("forward_dynamics", &mut |[q, qd, tau]| {
-        black_box(dynamics::forward_dynamics(model, &mut workspace, q, qd, tau, &[], black_box(&mut vector)));
-    });
-    bench("inverse_dynamics", &mut |[q, qd, qdd]| {
-        dynamics::inverse_dynamics(model, &mut workspace, q, qd, qdd, &[], black_box(&mut vector));
-    });
-    bench("mass_matrix", &mut |[q, ..]| {
-        dynamics::mass_matrix(model, &mut workspace, q, black_box(&mut matrix));
-    });
-    bench("mass_matrix_inverse", &mut |[q, ..]| {
-        black_box(dynamics::mass_matrix_inverse(model, &mut workspace, &mut scratch, q, black_box(&mut matrix)));
-    });
+    let mut evaluator = scene.evaluator();
+    for (group, algorithm) in ALGORITHMS {
+        let mut out = vec![0.0; scene.width(algorithm)];
+        let all: Vec<_> = states.iter().map(|state| arguments(algorithm, state)).collect();
+        let mut cycle = all.iter().cycle();
+        c.benchmark_group(group).bench_function(name, |b| {
+            b.iter(|| {
+                let state = black_box(cycle.next().expect("a cycle has no end"));
+                let out = black_box(&mut out[..]);
+                scene.evaluate(&mut evaluator, algorithm, std::slice::from_ref(state), out).expect("a state");
+            });
+        });
+        if !batches {
+            continue;
+        }
+        let many: Vec<_> = all.iter().cycle().take(BATCH).copied().collect();
+        let mut out = vec![0.0; scene.width(algorithm) * BATCH];
+        let mut group = c.benchmark_group(format!("{group}_batch"));
+        group.throughput(Throughput::Elements(BATCH as u64)).sample_size(20);
+        group.bench_function(name, |b| {
+            b.iter(|| {
+                let states = black_box(&many[..]);
+                scene.evaluate(&mut evaluator, algorithm, states, black_box(&mut out)).expect("states");
+            });
+        });
+    }
 }
 
 fn chains(c: &mut Criterion) {
     for n in [7, 16, 30, 64] {
-        algorithms(c, &format!("chain_{n}"), &scenes::chain(n).expect("a chain"));
+        algorithms(c, &format!("chain_{n}"), &scenes::chain(n).expect("a chain"), n == 7);
     }
 }
 
@@ -74,35 +101,34 @@ fn chains(c: &mut Criterion) {
 fn forms(c: &mut Criterion) {
     for n in [7, 64] {
         let scene = scenes::chain(n).expect("a chain");
-        let model = scene.model();
         let states = states(&scene);
-        let (mut vector, mut matrix) = (vec![0.0; scene.nv()], vec![0.0; scene.nv() * scene.nv()]);
-        let mut scratch = scene.inverse_scratch();
+        let mut evaluator = scene.evaluator();
         for (name, form) in FORMS {
-            let mut workspace = scene.workspace().in_form(form);
-            let mut cycle = states.iter().cycle();
-            let mut group = c.benchmark_group("forms");
-            group.bench_function(BenchmarkId::new(format!("forward_dynamics/{name}"), n), |b| {
-                b.iter(|| {
-                    let [q, qd, tau] = black_box(cycle.next().expect("a cycle has no end"));
-                    black_box(dynamics::forward_dynamics(
-                        model,
-                        &mut workspace,
-                        q,
-                        qd,
-                        tau,
-                        &[],
-                        black_box(&mut vector),
-                    ))
+            for (what, algorithm) in [
+                ("forward_dynamics", Algorithm::ForwardDynamics(form)),
+                ("mass_matrix_inverse", Algorithm::MassMatrixInverse(form)),
+            ] {
+                let all: Vec<_> = states.iter().map(|state| arguments(algorithm, state)).collect();
+                let mut out = vec![0.0; scene.width(algorithm)];
+                let mut cycle = all.iter().cycle();
+                let mut group = c.benchmark_group("forms");
+                group.bench_function(BenchmarkId::new(format!("{what}/{name}"), n), |b| {
+                    b.iter(|| {
+                        let state = black_box(cycle.next().expect("a cycle has no end"));
+                        let out = black_box(&mut out[..]);
+                        scene.evaluate(&mut evaluator, algorithm, std::slice::from_ref(state), out).expect("a state");
+                    });
                 });
-            });
-            group.bench_function(BenchmarkId::new(format!("mass_matrix_inverse/{name}"), n), |b| {
-                b.iter(|| {
-                    let [q, ..] = black_box(cycle.next().expect("a cycle has no end"));
-                    let out = black_box(&mut matrix[..]);
-                    black_box(dynamics::mass_matrix_inverse(model, &mut workspace, &mut scratch, q, out))
+                let lanes = evaluator.lanes();
+                let mut out = vec![0.0; scene.width(algorithm) * lanes];
+                group.throughput(Throughput::Elements(lanes as u64));
+                group.bench_function(BenchmarkId::new(format!("{what}_lanes/{name}"), n), |b| {
+                    b.iter(|| {
+                        let states = black_box(&all[..lanes]);
+                        scene.evaluate(&mut evaluator, algorithm, states, black_box(&mut out)).expect("states");
+                    });
                 });
-            });
+            }
         }
     }
 }
@@ -117,7 +143,7 @@ fn robots(c: &mut Criterion) {
             continue;
         }
         let builder = phipsi::SceneBuilder::from_urdf_file(&path).expect("a robot").floating_base(floating);
-        algorithms(c, name, &builder.build().expect("a robot"));
+        algorithms(c, name, &builder.build().expect("a robot"), name == "g1" || name == "talos");
     }
 }
 
@@ -128,26 +154,21 @@ fn robots(_: &mut Criterion) {}
 fn growth(c: &mut Criterion) {
     for n in [10, 100, 1_000, 10_000, 100_000] {
         let scene = scenes::chain(n).expect("a chain");
-        let model = scene.model();
-        let mut workspace = scene.workspace().in_form(Form::Covariance);
+        let mut evaluator = scene.evaluator();
         #[allow(clippy::cast_precision_loss)] // an index
         let wave = |scale: f64| -> Vec<f64> { (0..n).map(|i| scale * (1.0 + 0.7 * i as f64).sin()).collect() };
         let (q, qd, tau) = (wave(2.0), wave(0.5), wave(3.0));
         let mut out = vec![0.0; n];
         let mut group = c.benchmark_group("growth");
         group.throughput(Throughput::Elements(n as u64)).sample_size(20);
-        group.bench_function(BenchmarkId::new("forward_dynamics", n), |b| {
-            b.iter(|| {
-                let (q, qd, tau) = black_box((&q, &qd, &tau));
-                dynamics::forward_dynamics(model, &mut workspace, q, qd, tau, &[], black_box(&mut out))
+        for (what, algorithm) in &ALGORITHMS[..2] {
+            group.bench_function(BenchmarkId::new(*what, n), |b| {
+                b.iter(|| {
+                    let state = black_box(Arguments { q: &q, qd: &qd, u: &tau, wrenches: &[] });
+                    scene.evaluate(&mut evaluator, *algorithm, &[state], black_box(&mut out)).expect("a state");
+                });
             });
-        });
-        group.bench_function(BenchmarkId::new("inverse_dynamics", n), |b| {
-            b.iter(|| {
-                let (q, qd, tau) = black_box((&q, &qd, &tau));
-                dynamics::inverse_dynamics(model, &mut workspace, q, qd, tau, &[], black_box(&mut out));
-            });
-        });
+        }
         group.finish();
     }
 }

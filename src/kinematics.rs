@@ -2,7 +2,7 @@
 
 use crate::scalar::Real;
 use crate::scene::{Body, Model, Motion};
-use crate::spatial::{RigidShift, cross_motion, from_rows, minus, product, row, spatial, sum};
+use crate::spatial::{RigidShift, cross_motion, from_rows, minus, product, row, sum};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// Rotation matrix of a quaternion (x, y, z, w), normalised by its squared norm.
@@ -44,9 +44,10 @@ pub fn joint_shift<T: Real>(body: &Body<T>, q: &[T]) -> RigidShift<T> {
         Motion::Screw(pitch) => {
             RigidShift { rotation: turned_about_z(&tree.rotation, q[body.q]), lever: along_z(pitch * q[body.q]) }
         }
-        Motion::Spherical => {
-            RigidShift { rotation: product(&tree.rotation, &quaternion_rotation(&q[body.q..body.q + 4])), lever: tree.lever }
-        }
+        Motion::Spherical => RigidShift {
+            rotation: product(&tree.rotation, &quaternion_rotation(&q[body.q..body.q + 4])),
+            lever: tree.lever,
+        },
         Motion::Free => {
             let at = &q[body.q..body.q + 7];
             RigidShift {
@@ -103,7 +104,8 @@ fn velocity_product<T: Real>(body: &Body<T>, v: &Vector6<T>, joint: &Vector6<T>)
 /// The acceleration of the base: minus gravity, so that weight enters every b(k).
 #[inline(always)]
 pub fn base_acceleration<T: Real>(model: &Model<T>) -> Vector6<T> {
-    spatial(&Vector3::from_element(T::zero()), &-model.gravity)
+    let (o, g) = (T::zero(), &model.gravity);
+    Vector6::new(o, o, o, -g[0], -g[1], -g[2])
 }
 
 /// Base to tip: phi of every body at `q`.

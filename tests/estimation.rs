@@ -232,9 +232,9 @@ fn the_smoothed_block_is_the_same_on_both_sides_of_a_measurement() {
         let pivots: Vec<f64> = factor.pivots().collect();
         let largest = tolerance::size(&pivots);
         let mut seen = 0;
-        covariance::sweep(system, &shift, &measured, &mut lambdas, |row, plus| {
+        covariance::sweep(system, &shift, &measured, &mut lambdas, |row, plus, _| {
             let (_, _, hinge, _) = case.rows()[row];
-            let minus = covariance::row_update(plus, &hinge, &measured[row]);
+            let (minus, _) = covariance::row_update(plus, &hinge, &measured[row]);
             let outside = remaining(&p_minus[row], &minus).to_matrix();
             let inside = remaining(&p_plus[row], plus).to_matrix();
             let size = p_minus[row].to_matrix().amax();

@@ -102,7 +102,9 @@ fn every_arm_gives_what_plain_numbers_give() {
         let states = states(&scene, 21);
         let mut random = Random::new(99);
         let forces: Vec<Vec<SpatialVector<f64>>> = (0..states.len())
-            .map(|_| scene.model().bodies.iter().map(|_| SpatialVector::from_fn(|_, _| random.uniform(-1.0, 1.0))).collect())
+            .map(|_| {
+                scene.model().bodies.iter().map(|_| SpatialVector::from_fn(|_, _| random.uniform(-1.0, 1.0))).collect()
+            })
             .collect();
         for arm in arms() {
             let mut evaluator = Evaluator::on(arm, &scene);
@@ -189,7 +191,9 @@ fn wrong_lengths_are_refused() {
     let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
     let mut out = vec![0.0; 2 * scene.nv()];
     let mut refused = |all: &[Arguments<'_>], out: &mut [f64]| {
-        scene.evaluate(&mut evaluator, algorithm, all, out).is_err_and(|fault| matches!(fault.error, Error::Shape { .. }))
+        scene
+            .evaluate(&mut evaluator, algorithm, all, out)
+            .is_err_and(|fault| matches!(fault.error, Error::Shape { .. }))
     };
     assert!(!refused(&all, &mut out));
     assert!(refused(&all, &mut out[1..]));

@@ -205,7 +205,7 @@ fn swept(case: &Case) -> (Vec<Matrix>, Vec<Matrix>) {
     let full = |lambda: &Symmetric6<f64>| Matrix::from_column_slice(6, 6, lambda.to_matrix().as_slice());
     let mut plus = vec![Matrix::zeros(0, 0); case.nv()];
     let mut minus = vec![Symmetric6::filled(f64::NAN); sweep.shift.len()];
-    covariance::sweep(system, &sweep.shift, &sweep.measured, &mut minus, |row, lambda| plus[row] = full(lambda));
+    covariance::sweep(system, &sweep.shift, &sweep.measured, &mut minus, |row, lambda, _| plus[row] = full(lambda));
     (plus, minus.iter().map(full).collect())
 }
 
@@ -233,7 +233,7 @@ fn eq_5_6_across_a_joint() {
                 (given.to_matrix(), block(&d.a, row, row), d.h.view((row, 6 * row), (1, 6)).into_owned());
             let full = Matrix::from_column_slice(6, 6, full.as_slice());
             let expected = a.transpose() * &full * &a + h.transpose() * &h * measured.pivot_inverse;
-            let found = covariance::row_update(&given, &stage.rows.row(row - stage.first_row), measured);
+            let (found, _) = covariance::row_update(&given, &stage.rows.row(row - stage.first_row), measured);
             let found = Matrix::from_column_slice(6, 6, found.to_matrix().as_slice());
             case.holds("row_update", &found, &expected);
         }

@@ -112,9 +112,20 @@ impl<T: Vectorised> Chunk<T> {
     }
 }
 
+/// Zero where `x` is finite, else NaN; no branch.
+#[inline(always)]
+#[allow(clippy::eq_op)] // that is the point
+fn not_finite<T: Real>(x: T) -> T {
+    x - x
+}
+
 /// One argument of every state into lanes; lanes without a state of their own repeat the last. Zero where all is finite, else NaN.
 #[inline(always)]
-fn gather<'a, T: Vectorised>(numbers: &mut [T], states: &'a [Arguments<'_>], of: impl Fn(&'a Arguments<'_>) -> &'a [f64]) -> T {
+fn gather<'a, T: Vectorised>(
+    numbers: &mut [T],
+    states: &'a [Arguments<'_>],
+    of: impl Fn(&'a Arguments<'_>) -> &'a [f64],
+) -> T {
     for lane in 0..T::LANES {
         let state = of(&states[lane.min(states.len() - 1)]);
         for (number, &value) in numbers.iter_mut().zip(state) {
@@ -124,7 +135,7 @@ fn gather<'a, T: Vectorised>(numbers: &mut [T], states: &'a [Arguments<'_>], of:
     let mut fault = T::zero();
     if !of(&states[0]).is_empty() {
         for &number in numbers.iter() {
-            fault += number - number;
+            fault += not_finite(number);
         }
     }
     fault
@@ -157,14 +168,14 @@ impl<T: Vectorised> Work for Run<'_, T> {
         }
         for force in wrenches.iter() {
             for &number in force.iter() {
-                fault += number - number;
+                fault += not_finite(number);
             }
         }
         let width = self.out.len() / states.len();
         results.resize(width, T::zero());
         let mut doubt = compute(self.algorithm, model, workspace, inverse, (q, qd, u), wrenches, results);
         for &number in results.iter() {
-            fault += number - number;
+            fault += not_finite(number);
         }
         for (lane, out) in self.out.chunks_exact_mut(width).enumerate() {
             for (value, number) in out.iter_mut().zip(results.iter()) {

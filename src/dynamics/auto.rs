@@ -109,7 +109,7 @@ fn watch_factor<T: Real>(
     seen: impl FnMut(usize, &Symmetric6<T>),
 ) -> Watched<T> {
     let pivots = riccati::sweep(&model.system, &mut covariances_of_noise(model, workspace), seen);
-    let (system, zero) = (&model.system, Vector6::from_element(T::zero()));
+    let (system, zero) = (&model.system, crate::spatial::zero());
     let nv = model.nv();
     let Workspace { shift, measured, scale, p, z, co_state, velocity, weights, probe, estimates, .. } = &mut *workspace;
     z.fill(zero);
@@ -177,7 +177,7 @@ pub(crate) fn forward_dynamics_watched<T: Real>(
 ) -> Watched<T> {
     forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
     // Velocities have become forces by now; their place is the probe's.
-    workspace.velocity.fill(Vector6::from_element(T::zero()));
+    workspace.velocity.fill(crate::spatial::zero());
     let system = &model.system;
     let mut pivots = PivotMonitor::new();
     for k in (0..system.stages.len()).rev() {
@@ -224,7 +224,7 @@ fn judge_again<T: Real>(
 ) -> Cancellation<T> {
     let system = &model.system;
     let Workspace { shift, measured, scale, p, z, co_state, acceleration, weights, probe, .. } = workspace;
-    acceleration.fill(Vector6::from_element(T::zero()));
+    acceleration.fill(crate::spatial::zero());
     innovations::sweep(system, shift, measured, &weights[model.nv()..], acceleration, probe);
     smoother::sweep(system, shift, measured, acceleration, probe);
     let second = Probe { shift, measured, scale, z, innovations: probe, co_state: acceleration };

@@ -231,7 +231,7 @@ pub fn estimate_covariance<T: Real>(
     let (measured, accelerations) = (&workspace.measured, &mut out.acceleration);
     let co_states = &mut scratch.co_state_covariance;
     let told = &scratch.information;
-    covariance::sweep(&model.system, &workspace.shift, measured, co_states, |row, lambda| {
+    covariance::sweep(&model.system, &workspace.shift, measured, co_states, |row, lambda, _| {
         accelerations[row] = s * (smoothed::information(&measured[row], lambda) - told[row]);
     });
     monitor

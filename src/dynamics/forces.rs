@@ -3,7 +3,7 @@
 use crate::kinematics::{joint_motion, joint_shift, motion_step};
 use crate::scalar::Real;
 use crate::scene::Model;
-use crate::spatial::sum;
+use crate::spatial::{scaled_add, sum};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -28,7 +28,7 @@ pub(super) fn step_outward<T: Real>(
     base: &Vector6<T>,
 ) {
     let (body, stage) = (&model.bodies[k], &model.system.stages[k]);
-    let still = Vector6::from_element(T::zero());
+    let still = crate::spatial::zero();
     let shift = joint_shift(body, state.q);
     let parent = match stage.parent {
         Some(parent) => (&workspace.velocity[parent], &workspace.acceleration[parent]),
@@ -40,7 +40,7 @@ pub(super) fn step_outward<T: Real>(
     }
     let mut force = body.inertia.bias_force(&velocity, &acceleration);
     if !state.wrenches.is_empty() {
-        force -= state.wrenches[k];
+        force = scaled_add(&state.wrenches[k], -T::one(), &force);
     }
     workspace.shift[k] = shift;
     workspace.velocity[k] = velocity;

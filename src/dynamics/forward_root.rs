@@ -7,7 +7,7 @@ use crate::filter::square_root::{self, Mean, Roots};
 use crate::kinematics::{base_acceleration, joint_shift, motion_step};
 use crate::scalar::Real;
 use crate::scene::Model;
-use crate::spatial::{BodyRoot, Root6, Symmetric6, spatial};
+use crate::spatial::{BodyRoot, Root6, Symmetric6, scaled_add, spatial};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
@@ -44,8 +44,8 @@ fn bias_base_to_tip<T: Real>(
     qd: &[T],
     wrenches: &[Vector6<T>],
 ) {
-    let (still, base) = (Vector6::from_element(T::zero()), base_acceleration(model));
-    let none = Vector3::from_element(T::zero());
+    let (still, base) = (crate::spatial::zero(), base_acceleration(model));
+    let none = Vector3::new(T::zero(), T::zero(), T::zero());
     for (k, body) in model.bodies.iter().enumerate() {
         let stage = &model.system.stages[k];
         let shift = joint_shift(body, q);
@@ -63,7 +63,7 @@ fn bias_base_to_tip<T: Real>(
         workspace.coordinates[k] = y;
         workspace.z[k] = spatial(&rest, &none);
         if !wrenches.is_empty() {
-            workspace.z[k] -= wrenches[k];
+            workspace.z[k] = scaled_add(&wrenches[k], -T::one(), &workspace.z[k]);
         }
         workspace.scale[k] = Scale::of_noise(&body.inertia_terms);
         workspace.shift[k] = shift;

@@ -69,8 +69,8 @@ pub(crate) fn closed_form<T: Real>(
 ) {
     let spread_gain = &mut scratch.spread_gain;
     let measured = &workspace.measured;
-    covariance::sweep(&model.system, &workspace.shift, measured, &mut scratch.co_state_covariance, |row, lambda| {
-        spread_gain[row] = lambda.mul_vector(&measured[row].gain);
+    covariance::sweep(&model.system, &workspace.shift, measured, &mut scratch.co_state_covariance, |row, _, u| {
+        spread_gain[row] = *u;
     });
     for k in 0..model.bodies.len() {
         for i in 0..model.system.stages[k].rows.count() {
@@ -91,20 +91,16 @@ fn column<T: Real>(
     let nv = model.nv();
     let stages = &model.system.stages;
     let measured = &workspace.measured;
-    let mut put = |row: usize, column: usize, value: T| {
-        out[row * nv + column] = value;
-        out[column * nv + row] = value;
-    };
 
     // The diagonal, and y = A* L+ g - H*/D just outboard of this row.
     let stage = &stages[k];
     let j = stage.first_row + i;
     let y = scratch.spread_gain[j];
     let diagonal = measured[j].pivot_inverse + dot(&measured[j].gain, &y);
-    put(j, j, diagonal);
+    put(out, nv, (j, j), diagonal);
     let mut y = stage.rows.row(i).spread_onto(&y, -diagonal);
     for other in i + 1..stage.rows.count() {
-        y = cross_row(model, measured, (k, other), &y, |row, value| put(row, j, value));
+        y = cross_row(model, measured, (k, other), &y, (j, out));
     }
     scratch.column[k] = y;
 
@@ -125,27 +121,34 @@ fn column<T: Real>(
     for (b, stage) in stages.iter().enumerate().skip(k + 1) {
         let mut y = match stage.parent {
             Some(parent) => workspace.shift[b].motion_to_child(&scratch.column[parent]),
-            None => Vector6::from_element(T::zero()),
+            None => crate::spatial::zero(),
         };
         for other in 0..stage.rows.count() {
-            y = cross_row(model, measured, (b, other), &y, |row, value| put(row, j, value));
+            y = cross_row(model, measured, (b, other), &y, (j, out));
         }
         scratch.column[b] = y;
     }
 }
 
-/// Outward across one row: the entry g* y, and A* y.
+/// One entry and its mirror image.
+#[inline(always)]
+fn put<T: Real>(out: &mut [T], nv: usize, (row, column): (usize, usize), value: T) {
+    out[row * nv + column] = value;
+    out[column * nv + row] = value;
+}
+
+/// Outward across one row: the entry g* y of `column`, and A* y.
 #[inline(always)]
 fn cross_row<T: Real>(
     model: &Model<T>,
     measured: &[crate::filter::riccati::Measured<T>],
     (k, i): (usize, usize),
     y: &Vector6<T>,
-    mut put: impl FnMut(usize, T),
+    (column, out): (usize, &mut [T]),
 ) -> Vector6<T> {
     let stage = &model.system.stages[k];
     let row = stage.first_row + i;
     let entry = dot(&measured[row].gain, y);
-    put(row, entry);
+    put(out, model.nv(), (row, column), entry);
     stage.rows.row(i).spread_onto(y, -entry)
 }

@@ -54,7 +54,7 @@ pub fn operational_inverse_inertia<T: Real>(
 ) -> PivotMonitor<T> {
     let monitor = factorise(model, workspace, q, |_, _| {});
     let lambda = &mut scratch.co_state_covariance;
-    covariance::sweep(&model.system, &workspace.shift, &workspace.measured, lambda, |_, _| {});
+    covariance::sweep(&model.system, &workspace.shift, &workspace.measured, lambda, |_, _, _| {});
     let width = 6 * frames.len();
     for (i, first) in frames.iter().enumerate() {
         for (j, second) in frames.iter().enumerate().skip(i) {

@@ -94,7 +94,7 @@ fn judge<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, tau: &[T], qdd
     } = workspace;
     let swept = Swept { shift, root, coordinates, added: z, measured, measurement: tau, estimates: qdd, co_state };
     let (state, second, e, c) = (velocity, acceleration, probe, estimates);
-    state.fill(Vector6::from_element(T::zero()));
+    state.fill(crate::spatial::zero());
     innovations::sweep(system, shift, measured, &weights[..model.nv()], state, e);
     c.copy_from_slice(e);
     smoother::sweep(system, shift, measured, second, c);

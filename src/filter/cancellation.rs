@@ -24,7 +24,7 @@ use super::riccati::Measured;
 use super::rounding::{carried, squares};
 use super::system::{HingeMap, Rows, System};
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, Symmetric6, dot};
+use crate::spatial::{RigidShift, Symmetric6, absolute, dot, scaled_add, times_each, zero};
 use nalgebra::Vector6;
 
 /// The estimated error, in eps and relative to the largest estimate, above which digits were lost: 1e-13 in f64.
@@ -69,6 +69,7 @@ impl<T: Real> Cancellation<T> {
     }
 
     /// The estimated error of one lane's estimates, relative to the largest of them; NaN where it cannot be told.
+    #[inline(always)]
     #[must_use]
     pub fn error(&self, lane: usize) -> f64 {
         let (noise, size) = ((self.noise + self.smoother).lane(lane), -self.size.lane(lane));
@@ -76,12 +77,14 @@ impl<T: Real> Cancellation<T> {
     }
 
     /// The larger of two estimates of the same sweep.
+    #[inline(always)]
     #[must_use]
     pub fn larger(&self, other: &Self) -> Self {
         Self { noise: -(-self.noise).worst(-other.noise), ..*self }
     }
 
     /// Whether the covariance form of one lane kept its digits.
+    #[inline(always)]
     #[must_use]
     pub fn clear(&self, lane: usize) -> bool {
         self.error(lane) <= CANCELLATION_MARGIN * T::epsilon().lane(lane)
@@ -90,6 +93,7 @@ impl<T: Real> Cancellation<T> {
 
 impl<T: Real> Cancellation<T> {
     /// Whether one closer look is enough for one lane.
+    #[inline(always)]
     #[must_use]
     pub fn far_from_doubt(&self, lane: usize) -> bool {
         self.error(lane) <= CLOSE_MARGIN * T::epsilon().lane(lane)
@@ -119,6 +123,12 @@ pub struct Probe<'a, T: Real> {
     pub co_state: &'a mut [Vector6<T>],
 }
 
+/// The sum of t x^2.
+#[inline(always)]
+fn weighed<T: Real>(terms: &Vector6<T>, x: &Vector6<T>) -> T {
+    dot(&times_each(terms, x), x)
+}
+
 /// Base to tip: the smoother, as [`smoother::sweep`](super::smoother::sweep), for both right sides, and what their products say.
 #[inline(always)]
 pub fn sweep<T: Real>(
@@ -127,7 +137,6 @@ pub fn sweep<T: Real>(
     co_state: &mut [Vector6<T>],
     estimates: &mut [T],
 ) -> Cancellation<T> {
-    let zero = Vector6::from_element(T::zero());
     let usual = T::from_f64(1.0 / BOUND_SQUARED);
     let mut seen = Cancellation::<T>::new();
     for (k, stage) in system.stages.iter().enumerate() {
@@ -137,7 +146,7 @@ pub fn sweep<T: Real>(
                 seen.smoother += carried(&probe.co_state[k], &co_state[parent], shift);
                 (shift.motion_to_child(&co_state[parent]), shift.motion_to_child(&probe.co_state[parent]))
             }
-            None => (zero, zero),
+            None => (zero(), zero()),
         };
         let (mut moment, mut force) = squares(&probe.z[k]);
         for i in 0..stage.rows.count() {
@@ -180,25 +189,23 @@ pub fn judge<T: Real>(
     estimates: &[T],
     first: &Cancellation<T>,
 ) -> Cancellation<T> {
-    let o = T::zero();
     let mut seen = Cancellation { smoother: first.smoother, ..Cancellation::new() };
-    let weighed = |terms: &Vector6<T>, x: &Vector6<T>| terms.component_mul(x).dot(x);
     for (k, stage) in system.stages.iter().enumerate() {
         let (a, l) = (&p[k].angular.entries, &p[k].linear.entries);
-        let kept = Vector6::new(a[0], a[3], a[5], l[0], l[3], l[5]).map(Real::abs);
-        let force = probe.z[k].component_mul(&probe.z[k]);
+        let kept = absolute(&Vector6::new(a[0], a[3], a[5], l[0], l[3], l[5]));
+        let force = times_each(&probe.z[k], &probe.z[k]);
         let (mut variances, mut forces) = (kept, force);
         let mut lambda = match stage.parent {
             Some(parent) => probe.shift[k].motion_to_child(&co_state[parent]),
-            None => Vector6::from_element(o),
+            None => zero(),
         };
         for i in 0..stage.rows.count() {
             let row = stage.first_row + i;
             let m = &probe.measured[row];
             let e = m.pivot * (estimates[row] + dot(&m.gain, &lambda));
-            let square = m.gain.component_mul(&m.gain);
-            variances += square * m.pivot.abs();
-            forces += square * (e * e);
+            let square = times_each(&m.gain, &m.gain);
+            variances = scaled_add(&square, m.pivot.abs(), &variances);
+            forces = scaled_add(&square, e * e, &forces);
             lambda = stage.rows.row(i).spread_onto(&lambda, estimates[row]);
             seen.size = seen.size.worst(-estimates[row].abs());
         }
@@ -206,8 +213,8 @@ pub fn judge<T: Real>(
         seen.noise += weighed(&variances, nu) * weighed(&variances, &lambda) + weighed(&forces, nu);
         if let Some(parent) = stage.parent {
             let shift = &probe.shift[k];
-            let [nu, lambda] = [&probe.co_state[parent], &co_state[parent]]
-                .map(|x| absolute_shift_transpose(shift, &x.map(Real::abs)));
+            let nu = absolute_shift_transpose(shift, &absolute(&probe.co_state[parent]));
+            let lambda = absolute_shift_transpose(shift, &absolute(&co_state[parent]));
             // Of a row that mixes components H P^+ = 0 holds to rounding only, and across it the parent moves as the stage does not.
             let mixed = matches!(stage.rows, Rows::One(HingeMap::Screw(_)));
             let (variances, forces) = if mixed { (variances, forces) } else { (kept, force) };

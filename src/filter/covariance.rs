@@ -3,20 +3,33 @@
 use super::riccati::Measured;
 use super::system::{HingeMap, System};
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, Symmetric6};
+use crate::spatial::{RigidShift, Symmetric6, scaled, sum};
 use nalgebra::Vector6;
 
 /// Lambda^- from Lambda^+ across one row: (1 - gH)^T Lambda^+ (1 - gH) + H^T H / D (5.6).
 ///
-/// Written as Lambda^+ - H^T u^T - u H + H^T H (g.u + 1/D) with u = Lambda^+ g, so only one row and column change.
+/// Also gives u = Lambda^+ g. Written as Lambda^+ - H^T u^T - u H + H^T H (g.u + 1/D) so only one row and column change.
 #[inline(always)]
 #[must_use]
-pub fn row_update<T: Real>(lambda: &Symmetric6<T>, hinge: &HingeMap<T>, measured: &Measured<T>) -> Symmetric6<T> {
+pub fn row_update<T: Real>(
+    lambda: &Symmetric6<T>,
+    hinge: &HingeMap<T>,
+    measured: &Measured<T>,
+) -> (Symmetric6<T>, Vector6<T>) {
     let u = lambda.mul_vector(&measured.gain);
+    let whole = crate::spatial::dot(&measured.gain, &u) + measured.pivot_inverse;
+    if let HingeMap::Axis(i) = *hinge {
+        // One row and column: minus u, and on the diagonal what is left of the whole.
+        let column = lambda.column(i);
+        let mut next = *lambda;
+        let mut changed = sum(&column, &scaled(&u, -T::one()));
+        changed[i] = column[i] + (whole - (u[i] + u[i]));
+        next.write_column(i, &changed);
+        return (next, u);
+    }
     let h = hinge.to_column();
-    let half = (crate::spatial::dot(&measured.gain, &u) + measured.pivot_inverse) * T::from_f64(0.5);
     // The change is H^T w^T + w H with w = H^T half - u.
-    let w: Vector6<T> = h * half - u;
+    let w: Vector6<T> = h * (whole * T::from_f64(0.5)) - u;
     let mut next = *lambda;
     for i in 0..3 {
         for j in 0..3 {
@@ -28,17 +41,17 @@ pub fn row_update<T: Real>(lambda: &Symmetric6<T>, hinge: &HingeMap<T>, measured
         next.angular.entries[entry] += h[i] * w[j] + w[i] * h[j];
         next.linear.entries[entry] += h[i + 3] * w[j + 3] + w[i + 3] * h[j + 3];
     }
-    next
+    (next, u)
 }
 
-/// Base to tip: Lambda^- of every stage; `seen` is called with each row's Lambda^+.
+/// Base to tip: Lambda^- of every stage; `seen` is called with each row's Lambda^+ and Lambda^+ g.
 #[inline(always)]
 pub fn sweep<T: Real>(
     system: &System<T>,
     shift: &[RigidShift<T>],
     measured: &[Measured<T>],
     co_state_covariance: &mut [Symmetric6<T>],
-    mut seen: impl FnMut(usize, &Symmetric6<T>),
+    mut seen: impl FnMut(usize, &Symmetric6<T>, &Vector6<T>),
 ) {
     for (k, stage) in system.stages.iter().enumerate() {
         // 5.7, from Lambda^+ = 0 at the root.
@@ -48,8 +61,9 @@ pub fn sweep<T: Real>(
         };
         for i in 0..stage.rows.count() {
             let row = stage.first_row + i;
-            seen(row, &lambda);
-            lambda = row_update(&lambda, &stage.rows.row(i), &measured[row]);
+            let (next, spread_gain) = row_update(&lambda, &stage.rows.row(i), &measured[row]);
+            seen(row, &lambda, &spread_gain);
+            lambda = next;
         }
         co_state_covariance[k] = lambda;
     }

@@ -113,6 +113,7 @@ impl<T: Real> PivotMonitor<T> {
     }
 
     /// Whether every pivot of one lane stood clear of the bound; where not, [`first_lost`] is to judge.
+    #[inline(always)]
     #[must_use]
     pub fn clear(&self, lane: usize) -> bool {
         self.worst.lane(lane) > 0.0
@@ -210,10 +211,27 @@ fn subtracted<T: Real>(measured: &Measured<T>, w: &Vector6<T>) -> T {
 }
 
 /// |phi|^T |h| with every term taken absolutely; `h` has no negative entry.
+#[inline(always)]
 pub(super) fn absolute_shift_transpose<T: Real>(shift: &RigidShift<T>, h: &Vector6<T>) -> Vector6<T> {
-    let r: Matrix3<T> = shift.rotation.map(Real::abs);
-    let l: Vector3<T> = shift.lever.map(Real::abs);
+    let r = &shift.rotation;
+    let r = Matrix3::new(
+        r[(0, 0)].abs(),
+        r[(0, 1)].abs(),
+        r[(0, 2)].abs(),
+        r[(1, 0)].abs(),
+        r[(1, 1)].abs(),
+        r[(1, 2)].abs(),
+        r[(2, 0)].abs(),
+        r[(2, 1)].abs(),
+        r[(2, 2)].abs(),
+    );
+    let l = Vector3::new(shift.lever[0].abs(), shift.lever[1].abs(), shift.lever[2].abs());
+    let turned = RigidShift { rotation: r, lever: l };
     let (a, b) = (crate::spatial::angular(h), crate::spatial::linear(h));
-    let turned = b + Vector3::new(l[1] * a[2] + l[2] * a[1], l[2] * a[0] + l[0] * a[2], l[0] * a[1] + l[1] * a[0]);
-    crate::spatial::spatial(&(r.transpose() * a), &(r.transpose() * turned))
+    let moved = Vector3::new(
+        l[1].mul_add(a[2], l[2].mul_add(a[1], b[0])),
+        l[2].mul_add(a[0], l[0].mul_add(a[2], b[1])),
+        l[0].mul_add(a[1], l[1].mul_add(a[0], b[2])),
+    );
+    crate::spatial::spatial(&turned.rotate_back(&a), &turned.rotate_back(&moved))
 }

@@ -55,7 +55,7 @@ fn update<T: Real, const JOSEPH: bool>(p: &mut Symmetric6<T>, hinge: &HingeMap<T
             gain[i] = T::one();
             p.clear(i);
         }
-        HingeMap::Axis(i) if is_measured => p.write_column(i, &(gain * noise)),
+        HingeMap::Axis(i) if is_measured => p.write_column(i, &scaled(&gain, noise)),
         _ => {}
     }
     Measured { pivot, pivot_inverse, gain }
@@ -96,11 +96,7 @@ impl<T: Real> Covariances<'_, T> {
             let m = update::<T, JOSEPH>(&mut p, &hinge, system.noise[row]);
             monitor.observe(m.pivot, &hinge, &scale);
             self.measured[row] = m;
-            if system.is_noise_free(row) {
-                shift.inertia_to_parent_past_z(&p)
-            } else {
-                shift.inertia_to_parent(&p)
-            }
+            if system.is_noise_free(row) { shift.inertia_to_parent_past_z(&p) } else { shift.inertia_to_parent(&p) }
         } else {
             for i in (0..stage.rows.count()).rev() {
                 let (row, hinge) = (stage.first_row + i, stage.rows.row(i));

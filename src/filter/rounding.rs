@@ -105,9 +105,13 @@ impl<T: Real> Reach<T> {
             let (angular, linear) = squares(&co_state[parent]);
             let lever = &shift[k].lever;
             turned = turned.worst(-angular);
-            moved = moved.worst(-(linear + lever.dot(lever) * angular));
+            moved =
+                moved.worst(-(linear + (lever[0] * lever[0] + lever[1] * lever[1] + lever[2] * lever[2]) * angular));
         }
-        let size = estimates.iter().fold(o, |size, &a| size.worst(-(a * a)));
+        let mut size = o;
+        for &a in estimates {
+            size = size.worst(-(a * a));
+        }
         let [angular, linear] = monitor.gain;
         // Two products of two negative numbers, and minus the square of the size.
         let carried = angular * turned + linear * moved;
@@ -115,6 +119,7 @@ impl<T: Real> Reach<T> {
     }
 
     /// Whether the rounding of one lane cannot have come far; where not, [`judge`] is to say.
+    #[inline(always)]
     #[must_use]
     pub fn clear(&self, lane: usize) -> bool {
         self.margin.lane(lane) >= 0.0 && self.smoother.lane(lane) <= 0.0

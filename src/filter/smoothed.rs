@@ -56,7 +56,7 @@ pub fn sweep<T: Real>(
 ) {
     let mut stages = system.stages.iter().zip(p_plus).zip(smoothed.state.iter_mut()).peekable();
     let information_of = &mut smoothed.information;
-    covariance::sweep(system, shift, measured, smoothed.co_state, |row, lambda| {
+    covariance::sweep(system, shift, measured, smoothed.co_state, |row, lambda, _| {
         information_of[row] = information(&measured[row], lambda);
         // Rows come in order, a stage's innermost first.
         if let Some(((_, p), state)) = stages.next_if(|((stage, _), _)| stage.first_row == row) {

@@ -21,7 +21,7 @@ pub fn sweep<T: Real>(
     for (k, stage) in system.stages.iter().enumerate() {
         let mut lambda = match stage.parent {
             Some(parent) => shift[k].motion_to_child(&co_state[parent]),
-            None => Vector6::from_element(T::zero()),
+            None => crate::spatial::zero(),
         };
         for i in 0..stage.rows.count() {
             let row = stage.first_row + i;

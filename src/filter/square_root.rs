@@ -9,7 +9,7 @@ use super::riccati::Measured;
 use super::rounding::RootMonitor;
 use super::system::{HingeMap, Rows, System};
 use crate::scalar::Real;
-use crate::spatial::{Dropped, RigidShift, Root6, root_row};
+use crate::spatial::{Dropped, RigidShift, Root6, root_row, scaled_add, sum};
 use nalgebra::Vector6;
 
 /// The arrays of the recursion, one entry a stage or a row.
@@ -52,7 +52,11 @@ fn measurement_update<T: Real>(
         HingeMap::Axis(i) => (root.row(i), root_row(i)),
         HingeMap::Screw(pitch) => {
             let (turn, advance) = (root.row(2), root.row(5));
-            (std::array::from_fn(|j| turn[j] + pitch * advance[j]), root_row(2))
+            let mut row = turn;
+            for (entry, &along) in row.iter_mut().zip(&advance) {
+                *entry = pitch.mul_add(along, *entry);
+            }
+            (row, root_row(2))
         }
     };
     let mut dropped = root.measure(&h, last, noise, mean);
@@ -81,7 +85,7 @@ fn one_row<T: Real>(
             let dropped = measurement_update(root, Some(y), hinge, noise);
             // What y predicts leaves with the dropped column: only t meets the measurement.
             let rest = measurement[row] - hinge.project(t);
-            **t += dropped.gain * rest;
+            **t = scaled_add(&dropped.gain, rest, t);
             innovations[row] = rest - dropped.predicted;
             dropped
         }
@@ -140,7 +144,7 @@ impl<T: Real> Roots<'_, T> {
         let columns = shift.root_to_parent(root);
         let turned = match (mean, &mut inward_mean) {
             (Some((y, t, ..)), Some((y_inward, t_inward))) => {
-                t_inward[parent] += shift.force_to_parent(t);
+                t_inward[parent] = sum(&t_inward[parent], &shift.force_to_parent(t));
                 Some((&mut y_inward[parent], *y))
             }
             _ => None,

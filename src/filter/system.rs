@@ -39,8 +39,9 @@ impl<T: Real> HingeMap<T> {
     }
 
     /// H^T as a column.
+    #[inline(always)]
     pub fn to_column(&self) -> Vector6<T> {
-        self.spread_onto(&Vector6::from_element(T::zero()), T::one())
+        self.spread_onto(&crate::spatial::zero(), T::one())
     }
 
     /// P H^T.

@@ -98,7 +98,7 @@ impl<T: Real> Factor<T> {
             let unset = Symmetric6::filled(T::from_f64(f64::NAN));
             let mut outboard = vec![unset; self.shift.len()];
             let mut plus = vec![unset; self.nv()];
-            covariance::sweep(&self.system, &self.shift, &self.measured, &mut outboard, |row, lambda| {
+            covariance::sweep(&self.system, &self.shift, &self.measured, &mut outboard, |row, lambda, _| {
                 plus[row] = *lambda;
             });
             let mut minus = plus.clone();

@@ -141,7 +141,8 @@ impl<S: Instructions> Neg for Lanes<S> {
 
     #[inline(always)]
     fn neg(self) -> Self {
-        Self::new(self.simd, self.simd.neg_f64s(self.value))
+        let s = self.simd;
+        Self::new(s, s.xor_f64s(self.value, s.splat_f64s(-0.0)))
     }
 }
 
@@ -213,7 +214,8 @@ impl<S: Instructions> Real for Lanes<S> {
 
         let z = y * y;
         let v = z * y;
-        let of_sine = z.affine(t::SINE[5], t::SINE[4]).horner(z, t::SINE[3]).horner(z, t::SINE[2]).horner(z, t::SINE[1]);
+        let of_sine =
+            z.affine(t::SINE[5], t::SINE[4]).horner(z, t::SINE[3]).horner(z, t::SINE[2]).horner(z, t::SINE[1]);
         let half_tail = (tail * part(0.5)).minus_product(v, of_sine);
         let sine = y - (z.mul_add(half_tail, -tail) - v * part(t::SINE[0]));
         let half = z * part(0.5);
@@ -227,12 +229,10 @@ impl<S: Instructions> Real for Lanes<S> {
         let swapped = s.equal_u64s(s.and_u64s(quadrant, one), one);
         let sine_turned = s.equal_u64s(s.and_u64s(quadrant, two), two);
         let cosine_turned = s.equal_u64s(s.and_u64s(s.add_u64s(quadrant, one), two), two);
-        let (sine, cosine) = (
-            s.select_f64s(swapped, cosine.value, sine.value),
-            s.select_f64s(swapped, sine.value, cosine.value),
-        );
-        let mut sine = Self::new(s, s.select_f64s(sine_turned, s.neg_f64s(sine), sine));
-        let mut cosine = Self::new(s, s.select_f64s(cosine_turned, s.neg_f64s(cosine), cosine));
+        let (sine, cosine) =
+            (s.select_f64s(swapped, cosine.value, sine.value), s.select_f64s(swapped, sine.value, cosine.value));
+        let mut sine = Self::new(s, s.select_f64s(sine_turned, (-Self::new(s, sine)).value, sine));
+        let mut cosine = Self::new(s, s.select_f64s(cosine_turned, (-Self::new(s, cosine)).value, cosine));
         // Rare: each lane that the reduction is not good for, by itself, so that no lane changes another's bits.
         let largest = s.reduce_max_f64s(self.abs().value);
         if !(largest <= t::LARGEST) || !self.is_finite() {
@@ -243,7 +243,8 @@ impl<S: Instructions> Real for Lanes<S> {
 
     #[inline(always)]
     fn abs(self) -> Self {
-        Self::new(self.simd, self.simd.abs_f64s(self.value))
+        let s = self.simd;
+        Self::new(s, s.and_f64s(self.value, s.splat_f64s(f64::from_bits(!(1 << 63)))))
     }
 
     #[inline(always)]

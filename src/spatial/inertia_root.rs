@@ -6,7 +6,7 @@
 use super::body_inertia::BodyInertia;
 use super::root::{Root6, RootColumns};
 use super::symmetric::Symmetric3;
-use super::vector::{angular, cross, linear};
+use super::vector::{angular, cross, cross_add, linear};
 use crate::scalar::Real;
 use nalgebra::{Matrix3, Matrix3x6, Vector3, Vector6};
 
@@ -74,19 +74,38 @@ impl<T: Real> BodyRoot<T> {
         let (alpha, a) = (angular(acceleration), linear(acceleration));
         // m times the acceleration of the mass centre.
         let moving = cross(&w, &u);
-        let centre = cross(&alpha, &self.centre) + cross(&w, &cross(&w, &self.centre));
-        let along = |i: usize| (a[i] + moving[i] + centre[i]) * self.mass;
+        let centre = cross_add(&alpha, &self.centre, &cross(&w, &cross(&w, &self.centre)));
+        let pushed = [
+            (a[0] + moving[0] + centre[0]) * self.mass,
+            (a[1] + moving[1] + centre[1]) * self.mass,
+            (a[2] + moving[2] + centre[2]) * self.mass,
+        ];
         let c = &self.central;
         let products = [w[0] * w[0], w[1] * w[1], w[2] * w[2], w[0] * w[1], w[0] * w[2], w[1] * w[2]];
-        let of = |m: &Matrix3x6<T>, i: usize| {
-            products.iter().enumerate().fold(T::zero(), |sum, (j, &product)| sum + m[(i, j)] * product)
-        };
-        let turned =
-            [alpha[0] + c[(1, 0)] * alpha[1] + c[(2, 0)] * alpha[2], alpha[1] + c[(2, 1)] * alpha[2], alpha[2]];
-        let turning = |i: usize| of(&self.spin, i) + self.weights[i] * turned[i];
-        let rest = Vector3::new(of(&self.rest, 0), of(&self.rest, 1), of(&self.rest, 2));
-        ([along(0), along(1), along(2), turning(0), turning(1), turning(2)], rest)
+        let turned = [
+            c[(2, 0)].mul_add(alpha[2], c[(1, 0)].mul_add(alpha[1], alpha[0])),
+            c[(2, 1)].mul_add(alpha[2], alpha[1]),
+            alpha[2],
+        ];
+        let (spin, rest) = (&self.spin, &self.rest);
+        let turning = [
+            self.weights[0].mul_add(turned[0], form(spin, 0, &products)),
+            self.weights[1].mul_add(turned[1], form(spin, 1, &products)),
+            self.weights[2].mul_add(turned[2], form(spin, 2, &products)),
+        ];
+        let rest = Vector3::new(form(rest, 0, &products), form(rest, 1, &products), form(rest, 2, &products));
+        ([pushed[0], pushed[1], pushed[2], turning[0], turning[1], turning[2]], rest)
     }
+}
+
+/// Row `i` of a matrix times the products of w.
+#[inline(always)]
+fn form<T: Real>(m: &Matrix3x6<T>, i: usize, products: &[T; 6]) -> T {
+    let mut sum = m[(i, 0)] * products[0];
+    for j in 1..6 {
+        sum = m[(i, j)].mul_add(products[j], sum);
+    }
+    sum
 }
 
 impl BodyRoot<f64> {

@@ -18,6 +18,6 @@ pub use rigid_shift::RigidShift;
 pub use root::{Dropped, Root6, RootColumns, root_row};
 pub use symmetric::{Symmetric3, Symmetric6};
 pub use vector::{
-    SpatialVector, angular, cross, cross_force, cross_motion, dot, linear, scaled, scaled_add, skew, spatial, sum,
+    SpatialVector, angular, cross, cross_force, cross_motion, dot, linear, scaled, scaled_add, skew, spatial, sum, zero,
 };
-pub(crate) use vector::{from_rows, minus, product, row};
+pub(crate) use vector::{absolute, from_rows, minus, product, row, times_each};

@@ -206,7 +206,7 @@ fn add_lever_terms<T: Real>(a: &[T; 6], l: &Vector3<T>, c: &Matrix3<T>, shifted:
     ]
 }
 
-/// a + (l x c_j)_i + (l x s_i)_j, with c_j row j of C, which is (l~ C^T)(i,j), and s_i row i of C', which is (C' l~^T)(i,j).
+/// Entry (i, j): a + (`l` x row j of C, which is `l~ C^T`) at i + (`l` x row i of C', which is `C' l~^T`) at j.
 #[inline(always)]
 fn lever_entry<T: Real>(a: T, l: &Vector3<T>, c: &Matrix3<T>, s: &Matrix3<T>, (i, j): (usize, usize)) -> T {
     let (y, z) = ((i + 1) % 3, (i + 2) % 3);

@@ -7,7 +7,7 @@
 
 use super::rigid_shift::RigidShift;
 use super::symmetric::{Symmetric3, Symmetric6};
-use super::vector::{cross_add, minus};
+use super::vector::{cross_add, minus, scaled};
 use crate::scalar::Real;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
@@ -93,16 +93,25 @@ impl<T: Real> Root6<T> {
     #[inline(always)]
     #[must_use]
     pub fn diagonal(&self) -> [T; 6] {
-        std::array::from_fn(|i| {
-            (0..i).fold(self.weights[i], |sum, k| sum + self.rows[i][k] * self.rows[i][k] * self.weights[k])
-        })
+        let mut diagonal = self.weights;
+        for (i, sum) in diagonal.iter_mut().enumerate() {
+            for k in 0..i {
+                *sum = (self.rows[i][k] * self.rows[i][k]).mul_add(self.weights[k], *sum);
+            }
+        }
+        diagonal
     }
 
     /// H L for one component of the state.
     #[inline(always)]
     #[must_use]
     pub fn row(&self, component: usize) -> [T; 6] {
-        std::array::from_fn(|j| self.entry(root_row(component), j))
+        let i = root_row(component);
+        let mut row = self.rows[i];
+        for (j, entry) in row.iter_mut().enumerate().skip(i) {
+            *entry = if i == j { T::one() } else { T::zero() };
+        }
+        row
     }
 
     /// Takes in more columns: P becomes P + C W' C^T. Of the last three columns `FREE` (2 or 3) are used.
@@ -189,7 +198,8 @@ impl<T: Real> Root6<T> {
             variance = total;
             inverse = next;
         }
-        let gain = Vector6::from_fn(|i, _| gathered[root_row(i)] * inverse);
+        let g = gathered;
+        let gain = scaled(&Vector6::new(g[3], g[4], g[5], g[0], g[1], g[2]), inverse);
         Dropped { pivot: variance, pivot_inverse: inverse, gain, predicted }
     }
 
@@ -212,14 +222,17 @@ impl<T: Real> RigidShift<T> {
         let mut columns = RootColumns { weights: s.weights, rows: [[o; 6]; 6] };
         let r = &self.rotation;
         for j in 0..3 {
-            let column = |i: usize| s.entry(i, j);
             let force = match j {
-                0 => self.rotate(&Vector3::new(column(0), column(1), column(2))),
-                1 => Vector3::from_fn(|i, _| r[(i, 2)].mul_add(column(2), r[(i, 1)])),
-                _ => r.column(2).into(),
+                0 => self.rotate(&Vector3::new(T::one(), s.rows[1][0], s.rows[2][0])),
+                1 => Vector3::new(
+                    r[(0, 2)].mul_add(s.rows[2][1], r[(0, 1)]),
+                    r[(1, 2)].mul_add(s.rows[2][1], r[(1, 1)]),
+                    r[(2, 2)].mul_add(s.rows[2][1], r[(2, 1)]),
+                ),
+                _ => Vector3::new(r[(0, 2)], r[(1, 2)], r[(2, 2)]),
             };
-            let moment =
-                cross_add(&self.lever, &force, &self.rotate(&Vector3::new(column(3), column(4), column(5))));
+            let turned = self.rotate(&Vector3::new(s.rows[3][j], s.rows[4][j], s.rows[5][j]));
+            let moment = cross_add(&self.lever, &force, &turned);
             for i in 0..3 {
                 columns.rows[i][j] = force[i];
                 columns.rows[i + 3][j] = moment[i];

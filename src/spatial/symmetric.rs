@@ -141,11 +141,7 @@ impl<T: Real> Symmetric6<T> {
         let bottom = self.linear.mul_vector(&l);
         let (la, aa) = ([l[0], l[1], l[2]], [a[0], a[1], a[2]]);
         spatial(
-            &Vector3::new(
-                top[0] + sum3(row(c, 0), la),
-                top[1] + sum3(row(c, 1), la),
-                top[2] + sum3(row(c, 2), la),
-            ),
+            &Vector3::new(top[0] + sum3(row(c, 0), la), top[1] + sum3(row(c, 1), la), top[2] + sum3(row(c, 2), la)),
             &Vector3::new(
                 bottom[0] + sum3(column(c, 0), aa),
                 bottom[1] + sum3(column(c, 1), aa),
@@ -224,7 +220,7 @@ impl<T: Real> Symmetric6<T> {
     /// Sets one row and column to exact zeros.
     #[inline(always)]
     pub fn clear(&mut self, index: usize) {
-        self.write_column(index, &Vector6::from_element(T::zero()));
+        self.write_column(index, &super::vector::zero());
     }
 
     /// Sets one row and column.

@@ -101,6 +101,26 @@ pub fn dot<T: Real>(a: &Vector6<T>, b: &Vector6<T>) -> T {
     even + odd
 }
 
+/// The zero vector.
+#[inline(always)]
+#[must_use]
+pub fn zero<T: Real>() -> Vector6<T> {
+    let o = T::zero();
+    Vector6::new(o, o, o, o, o, o)
+}
+
+/// Products entry by entry.
+#[inline(always)]
+pub(crate) fn times_each<T: Real>(x: &Vector6<T>, y: &Vector6<T>) -> Vector6<T> {
+    Vector6::new(x[0] * y[0], x[1] * y[1], x[2] * y[2], x[3] * y[3], x[4] * y[4], x[5] * y[5])
+}
+
+/// Absolute values, entry by entry.
+#[inline(always)]
+pub(crate) fn absolute<T: Real>(x: &Vector6<T>) -> Vector6<T> {
+    Vector6::new(x[0].abs(), x[1].abs(), x[2].abs(), x[3].abs(), x[4].abs(), x[5].abs())
+}
+
 /// x s + y.
 #[inline(always)]
 pub fn scaled_add<T: Real>(x: &Vector6<T>, s: T, y: &Vector6<T>) -> Vector6<T> {
