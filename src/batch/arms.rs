@@ -3,7 +3,9 @@
 //! A *kernel* is generic over the scalar; an *arm* is a scalar together with the instructions it is compiled for. Which arm runs
 //! is decided once, from what the processor has and from the environment variable `PHIPSI_ARM`.
 
-use crate::scalar::{Fused, Lanes, Real};
+#[cfg(target_arch = "x86_64")]
+use crate::scalar::Lanes;
+use crate::scalar::{ColumnsOf, Fused, Real};
 use std::sync::OnceLock;
 
 /// The variable that forces an arm: "baseline", "avx2" or "avx512".
@@ -66,6 +68,9 @@ pub trait Work {
 
 /// A scalar with the instructions that it wants.
 pub trait Vectorised: Real {
+    /// What holds several columns of a matrix of one state.
+    type Columns: ColumnsOf<Self>;
+
     /// Does `work` with these instructions where the processor has them.
     fn within<W: Work>(work: W) -> W::Output;
 
@@ -85,6 +90,8 @@ impl<W: Work> pulp::NullaryFnOnce for Job<W> {
 }
 
 impl Vectorised for f64 {
+    type Columns = Self;
+
     #[inline(always)]
     fn within<W: Work>(work: W) -> W::Output {
         work.call()
@@ -97,6 +104,11 @@ impl Vectorised for f64 {
 }
 
 impl Vectorised for Fused {
+    #[cfg(target_arch = "x86_64")]
+    type Columns = Lanes<pulp::x86::V3>;
+    #[cfg(not(target_arch = "x86_64"))]
+    type Columns = Self;
+
     #[inline(always)]
     fn within<W: Work>(work: W) -> W::Output {
         #[cfg(target_arch = "x86_64")]
@@ -116,6 +128,8 @@ impl Vectorised for Fused {
 macro_rules! arm {
     ($level:ident) => {
         impl Vectorised for Lanes<pulp::x86::$level> {
+            type Columns = Self;
+
             #[inline(always)]
             fn within<W: Work>(work: W) -> W::Output {
                 match pulp::x86::$level::try_new() {

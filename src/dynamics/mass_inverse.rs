@@ -1,44 +1,48 @@
 //! The inverse of the mass matrix in closed form (6.1, as it holds), without forming or factoring M.
 
+use super::columns::{
+    Block, Columns, body_of_row, put, put_row, spread_hinge, spread_shift, spread_symmetric, spread_vector,
+};
 use super::forward::factorise;
 use crate::filter::covariance;
 use crate::filter::innovations::past_rows;
 use crate::filter::pivots::PivotMonitor;
-use crate::scalar::Real;
+use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
-use crate::spatial::{Symmetric6, dot};
+use crate::spatial::{Symmetric6, dot, scaled_add, zero};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
-/// Scratch that only the closed form needs.
+/// Scratch that only the closed form needs, for as many columns side by side as `C` holds.
 #[derive(Debug, Clone)]
-pub struct InverseScratch<T: Real> {
+pub struct InverseScratch<T: Real, C: Real = T> {
     /// Lambda^- of each body.
     co_state_covariance: Vec<Symmetric6<T>>,
     /// Lambda^+ g of each row.
     spread_gain: Vec<Vector6<T>>,
-    /// Minus the co-state of the column at hand, outboard of each body.
-    column: Vec<Vector6<T>>,
-    /// One past the last body of each body's subtree.
-    subtree_end: Vec<usize>,
+    /// Psi(k,j) g(j) of the columns at hand, on their way inward.
+    inward: Columns<C>,
+    /// Minus their co-states, outboard of each body; where another branch leaves, Lambda^- Psi g.
+    outward: Columns<C>,
+    /// Whether more than one body hangs on each body.
+    branches: Vec<bool>,
 }
 
-impl<T: Real> InverseScratch<T> {
+impl<T: Real, C: ColumnsOf<T>> InverseScratch<T, C> {
     /// Scratch for `model`.
     pub fn new(model: &Model<T>) -> Self {
         let nan = T::from_f64(f64::NAN);
         let bodies = model.bodies.len();
-        let mut subtree_end: Vec<usize> = (1..=bodies).collect();
-        for (k, stage) in model.system.stages.iter().enumerate().rev() {
-            if let Some(parent) = stage.parent {
-                subtree_end[parent] = subtree_end[parent].max(subtree_end[k]);
-            }
+        let mut children = vec![0_usize; bodies];
+        for parent in model.system.stages.iter().filter_map(|stage| stage.parent) {
+            children[parent] += 1;
         }
         Self {
             co_state_covariance: vec![Symmetric6::filled(nan); bodies],
             spread_gain: vec![Vector6::from_element(nan); model.nv()],
-            column: vec![Vector6::from_element(nan); bodies],
-            subtree_end,
+            inward: Columns::new(bodies),
+            outward: Columns::new(bodies),
+            branches: children.into_iter().map(|count| count > 1).collect(),
         }
     }
 }
@@ -59,12 +63,12 @@ pub fn mass_matrix_inverse<T: Real>(
     monitor
 }
 
-/// [`mass_matrix_inverse`] with the factor already in the workspace.
+/// [`mass_matrix_inverse`] with the factor already in the workspace, a block of columns at a time.
 #[inline(always)]
-pub(crate) fn closed_form<T: Real>(
+pub(crate) fn closed_form<T: Real, C: ColumnsOf<T>>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
-    scratch: &mut InverseScratch<T>,
+    scratch: &mut InverseScratch<T, C>,
     out: &mut [T],
 ) {
     let spread_gain = &mut scratch.spread_gain;
@@ -72,83 +76,114 @@ pub(crate) fn closed_form<T: Real>(
     covariance::sweep(&model.system, &workspace.shift, measured, &mut scratch.co_state_covariance, |row, _, u| {
         spread_gain[row] = *u;
     });
-    for k in 0..model.bodies.len() {
-        for i in 0..model.system.stages[k].rows.count() {
-            column(model, workspace, scratch, (k, i), out);
+    let nv = model.nv();
+    let mut first = 0;
+    while first < nv {
+        let block = Block::from(first, C::COLUMNS, nv);
+        first = block.end;
+        inward(model, workspace, scratch, block);
+        outward(model, workspace, scratch, block, out);
+    }
+}
+
+/// Tip to base from the block's last body: u = Psi(c,j) g(j) at every body c inboard, and y = Lambda^-(c) u where branches part.
+#[inline(always)]
+fn inward<T: Real, C: ColumnsOf<T>>(
+    model: &Model<T>,
+    workspace: &Workspace<T>,
+    scratch: &mut InverseScratch<T, C>,
+    block: Block,
+) {
+    let last = body_of_row(model, block.end - 1);
+    let InverseScratch { inward, outward, branches, co_state_covariance, .. } = scratch;
+    inward.clear(last);
+    outward.clear(last);
+    for k in (0..=last).rev() {
+        let stage = &model.system.stages[k];
+        let rows = stage.first_row..stage.first_row + stage.rows.count();
+        if inward.active[k] {
+            if branches[k] {
+                outward.at[k] = spread_symmetric::<T, C>(&co_state_covariance[k]).mul_vector(&inward.at[k]);
+            }
+            for row in rows.clone().rev() {
+                let hinge = spread_hinge::<T, C>(stage.rows.row(row - rows.start));
+                let gain = spread_vector::<T, C>(&workspace.measured[row].gain);
+                inward.at[k] = scaled_add(&gain, -hinge.project(&inward.at[k]), &inward.at[k]);
+            }
+        }
+        for column in block.between(rows.start, rows.end) {
+            let mut u = workspace.measured[column].gain;
+            past_rows(stage, &workspace.measured, 0..column - rows.start, &mut u);
+            inward.insert(k, column - block.first, &u);
+        }
+        if inward.active[k]
+            && let Some(parent) = stage.parent
+        {
+            let carried = spread_shift::<T, C>(&workspace.shift[k]).force_to_parent(&inward.at[k]);
+            inward.add(parent, &carried);
         }
     }
 }
 
-/// The column of row `i` of body `k`, from the diagonal downward, mirrored to the right.
+/// Base to tip from the block's first body: the entries of every row further out, mirrored.
 #[inline(always)]
-fn column<T: Real>(
+fn outward<T: Real, C: ColumnsOf<T>>(
     model: &Model<T>,
     workspace: &Workspace<T>,
-    scratch: &mut InverseScratch<T>,
-    (k, i): (usize, usize),
+    scratch: &mut InverseScratch<T, C>,
+    block: Block,
     out: &mut [T],
 ) {
     let nv = model.nv();
-    let stages = &model.system.stages;
-    let measured = &workspace.measured;
-
-    // The diagonal, and y = A* L+ g - H*/D just outboard of this row.
-    let stage = &stages[k];
-    let j = stage.first_row + i;
-    let y = scratch.spread_gain[j];
-    let diagonal = measured[j].pivot_inverse + dot(&measured[j].gain, &y);
-    put(out, nv, (j, j), diagonal);
-    let mut y = stage.rows.row(i).spread_onto(&y, -diagonal);
-    for other in i + 1..stage.rows.count() {
-        y = cross_row(model, measured, (k, other), &y, (j, out));
-    }
-    scratch.column[k] = y;
-
-    // Inward, u = Psi(c,j) g(j); where another branch leaves after this one, y = Lambda^-(c) u for it.
-    let mut u = measured[j].gain;
-    past_rows(stage, measured, 0..i, &mut u);
-    let mut child = k;
-    while let Some(parent) = stages[child].parent {
-        u = workspace.shift[child].force_to_parent(&u);
-        if scratch.subtree_end[parent] > scratch.subtree_end[k] {
-            scratch.column[parent] = scratch.co_state_covariance[parent].mul_vector(&u);
-        }
-        past_rows(&stages[parent], measured, 0..stages[parent].rows.count(), &mut u);
-        child = parent;
-    }
-
-    // Outward over everything that comes after: the subtree of k, then the later branches.
-    for (b, stage) in stages.iter().enumerate().skip(k + 1) {
-        let mut y = match stage.parent {
-            Some(parent) => workspace.shift[b].motion_to_child(&scratch.column[parent]),
-            None => crate::spatial::zero(),
+    let (first, last) = (body_of_row(model, block.first), body_of_row(model, block.end - 1));
+    let InverseScratch { outward, spread_gain, .. } = scratch;
+    for (k, stage) in model.system.stages.iter().enumerate().skip(first) {
+        let rows = stage.first_row..stage.first_row + stage.rows.count();
+        // Of columns that belong further out: what they have here for other branches.
+        let parted = if k <= last { outward.at[k] } else { zero() };
+        outward.at[k] = match stage.parent {
+            Some(parent) => spread_shift::<T, C>(&workspace.shift[k]).motion_to_child(&outward.at[parent]),
+            None => zero(),
         };
-        for other in 0..stage.rows.count() {
-            y = cross_row(model, measured, (b, other), &y, (j, out));
+        for row in rows.clone() {
+            let y = &outward.at[k];
+            let entry = dot(&spread_vector::<T, C>(&workspace.measured[row].gain), y);
+            put_row(out, nv, row, (block, block.between(block.first, rows.start)), &entry);
+            outward.at[k] = spread_hinge::<T, C>(stage.rows.row(row - rows.start)).spread_onto(y, -entry);
         }
-        scratch.column[b] = y;
+        if k > last {
+            continue;
+        }
+        for column in block.between(rows.start, rows.end) {
+            let y = own_rows(model, workspace, (k, column), &spread_gain[column], out);
+            outward.insert(k, column - block.first, &y);
+        }
+        for column in block.between(rows.end, nv) {
+            let lane = column - block.first;
+            for (entry, parted) in outward.at[k].iter_mut().zip(parted.iter()) {
+                entry.set_column(lane, parted.column(lane));
+            }
+        }
     }
 }
 
-/// One entry and its mirror image.
+/// The entries of a column in the rows of its own joint, from the diagonal on; gives y = A* L+ g - H*/D past all of them.
 #[inline(always)]
-fn put<T: Real>(out: &mut [T], nv: usize, (row, column): (usize, usize), value: T) {
-    out[row * nv + column] = value;
-    out[column * nv + row] = value;
-}
-
-/// Outward across one row: the entry g* y of `column`, and A* y.
-#[inline(always)]
-fn cross_row<T: Real>(
+fn own_rows<T: Real>(
     model: &Model<T>,
-    measured: &[crate::filter::riccati::Measured<T>],
-    (k, i): (usize, usize),
-    y: &Vector6<T>,
-    (column, out): (usize, &mut [T]),
+    workspace: &Workspace<T>,
+    (k, column): (usize, usize),
+    spread_gain: &Vector6<T>,
+    out: &mut [T],
 ) -> Vector6<T> {
-    let stage = &model.system.stages[k];
-    let row = stage.first_row + i;
-    let entry = dot(&measured[row].gain, y);
-    put(out, model.nv(), (row, column), entry);
-    stage.rows.row(i).spread_onto(y, -entry)
+    let (stage, measured) = (&model.system.stages[k], &workspace.measured);
+    let mut y = *spread_gain;
+    let end = stage.first_row + stage.rows.count();
+    for (row, of_row) in measured.iter().enumerate().take(end).skip(column) {
+        let along = dot(&of_row.gain, &y);
+        let entry = if row == column { of_row.pivot_inverse + along } else { along };
+        put(out, model.nv(), (row, column), entry);
+        y = stage.rows.row(row - stage.first_row).spread_onto(&y, -entry);
+    }
+    y
 }
