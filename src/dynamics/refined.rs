@@ -33,7 +33,7 @@ impl<T: Real> Judged<T> {
 /// double-double arithmetic and rounded.
 ///
 /// Only f64 is refined, one state at a time; the answers of other scalars, lanes among them, stay and are told to be
-/// [`in_doubt`](Judged::in_doubt). A refined state takes about forty times as long, and scratch of 2 kB a body for as long as it
+/// [`in_doubt`](Judged::in_doubt). A refined state takes about thirty times as long, and scratch of 2 kB a body for as long as it
 /// lasts. The workspace counts both, see [`Workspace::tally`]; the roots and pivots in it stay those of the square-root form.
 pub fn forward_dynamics_judged<T: Real>(
     model: &Model<T>,

@@ -3,7 +3,8 @@
 /// How P is carried.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Form {
-    /// The covariance form while it keeps its digits, else the square-root form.
+    /// The covariance form while it keeps its digits, else the square-root form; forward dynamics with twice the digits where that
+    /// is in doubt too.
     #[default]
     Auto,
     /// P itself, eq. 3.6: the fastest; what a measurement takes away is subtracted.

@@ -40,8 +40,8 @@ const SMOOTHER_REACH: f64 = 30.0;
 pub struct RootMonitor<T> {
     /// The verdict on the pivots.
     pub pivots: PivotMonitor<T>,
-    /// The least of what the first look wants not to be negative.
-    margin: T,
+    /// Twice the sum of what was below its bound; zero where nothing was.
+    shortfall: T,
     /// Minus the largest square of the angular part of a gain, and of the linear part.
     gain: [T; 2],
 }
@@ -51,7 +51,13 @@ impl<T: Real> RootMonitor<T> {
     #[inline(always)]
     #[must_use]
     pub fn new() -> Self {
-        Self { pivots: PivotMonitor::of_roots(), margin: T::one(), gain: [T::zero(); 2] }
+        Self { pivots: PivotMonitor::of_roots(), shortfall: T::zero(), gain: [T::zero(); 2] }
+    }
+
+    /// Without a branch; NaN stays.
+    #[inline(always)]
+    fn want_positive(&mut self, margin: T) {
+        self.shortfall += margin.abs() - margin;
     }
 
     /// Takes note of the root of P^- of a stage, with the diagonal of P^-.
@@ -59,8 +65,8 @@ impl<T: Real> RootMonitor<T> {
     pub fn observe_root(&mut self, root: &Root6<T>, diagonal: &[T; 6]) {
         let reach = T::from_f64(WEIGHT_REACH);
         for (&weight, &whole) in root.weights.iter().zip(diagonal).skip(1) {
-            // A weight of exactly zero is none that was nearly lost: the child of a massless body has five columns.
-            self.margin = self.margin.worst((weight + weight.one_if_zero() * whole) * reach - whole);
+            // Times the weight: one of exactly zero is none that was nearly lost, the child of a massless body has five columns.
+            self.want_positive(weight * (weight * reach - whole));
         }
     }
 
@@ -68,7 +74,7 @@ impl<T: Real> RootMonitor<T> {
     #[inline(always)]
     pub fn observe(&mut self, measured: &Measured<T>, hinge: &HingeMap<T>, scale: &Scale<T>) {
         self.pivots.observe(measured.pivot, hinge, scale);
-        self.margin = self.margin.worst(measured.pivot * T::from_f64(PIVOT_REACH) - scale.of_row(hinge));
+        self.want_positive(measured.pivot * T::from_f64(PIVOT_REACH) - scale.of_row(hinge));
         let (turned, moved) = squares(&measured.gain);
         self.gain = [self.gain[0].worst(-turned), self.gain[1].worst(-moved)];
     }
@@ -83,7 +89,8 @@ impl<T: Real> Default for RootMonitor<T> {
 /// How far rounding can have come: the first look, after the smoother.
 #[derive(Debug, Clone, Copy)]
 pub struct Reach<T> {
-    margin: T,
+    /// Of the sweep.
+    shortfall: T,
     /// Of the estimates: largest gains times largest co-states, squared, less what is allowed.
     smoother: T,
 }
@@ -115,14 +122,14 @@ impl<T: Real> Reach<T> {
         let [angular, linear] = monitor.gain;
         // Two products of two negative numbers, and minus the square of the size.
         let carried = angular * turned + linear * moved;
-        Self { margin: monitor.margin, smoother: carried + size * T::from_f64(SMOOTHER_REACH * SMOOTHER_REACH) }
+        Self { shortfall: monitor.shortfall, smoother: carried + size * T::from_f64(SMOOTHER_REACH * SMOOTHER_REACH) }
     }
 
     /// Whether the rounding of one lane cannot have come far; where not, [`judge`] is to say.
     #[inline(always)]
     #[must_use]
     pub fn clear(&self, lane: usize) -> bool {
-        self.margin.lane(lane) >= 0.0 && self.smoother.lane(lane) <= 0.0
+        self.shortfall.lane(lane) <= 0.0 && self.smoother.lane(lane) <= 0.0
     }
 }
 
