@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector3, Vector6};
 #[inline(always)]
 pub fn quaternion_rotation<T: Real>(q: &[T]) -> Matrix3<T> {
     let (x, y, z, w) = (q[0], q[1], q[2], q[3]);
-    let one = T::one();
+    let one = x.constant(1.0);
     let two = one + one;
     let s = two / (x * x + y * y + z * z + w * w);
     Matrix3::new(
@@ -74,7 +74,7 @@ fn turned_row<T: Real>(r: [T; 3], s: T, c: T) -> [T; 3] {
 /// H^T u in the body's frame, for the joint rates (or accelerations) `u` of all joints; `row` is the joint's first.
 #[inline(always)]
 pub fn joint_motion<T: Real>(body: &Body<T>, row: usize, u: &[T]) -> Vector6<T> {
-    let o = T::zero();
+    let o = u[row].constant(0.0);
     match body.motion {
         Motion::Revolute => Vector6::new(o, o, u[row], o, o, o),
         Motion::Prismatic => Vector6::new(o, o, o, o, o, u[row]),
@@ -87,7 +87,7 @@ pub fn joint_motion<T: Real>(body: &Body<T>, row: usize, u: &[T]) -> Vector6<T> 
 /// v x (H^T qd), the acceleration that the joint's rate adds; for one-axis joints most of it is zero.
 #[inline(always)]
 fn velocity_product<T: Real>(body: &Body<T>, v: &Vector6<T>, joint: &Vector6<T>) -> Vector6<T> {
-    let o = T::zero();
+    let o = v[0].constant(0.0);
     match body.motion {
         Motion::Revolute => {
             let w = joint[2];

@@ -53,58 +53,65 @@ impl<C: Real> Columns<C> {
     }
 }
 
-/// phi for every column.
+/// phi for every column; `like` says only of which kind, here and below.
 #[inline(always)]
-pub(super) fn spread_shift<T: Real, C: ColumnsOf<T>>(shift: &RigidShift<T>) -> RigidShift<C> {
+pub(super) fn spread_shift<T: Real, C: ColumnsOf<T>>(like: C, shift: &RigidShift<T>) -> RigidShift<C> {
     let l = &shift.lever;
     RigidShift {
-        rotation: spread_matrix(&shift.rotation),
-        lever: Vector3::new(C::spread(l[0]), C::spread(l[1]), C::spread(l[2])),
+        rotation: spread_matrix(like, &shift.rotation),
+        lever: Vector3::new(like.spread(l[0]), like.spread(l[1]), like.spread(l[2])),
     }
 }
 
 #[inline(always)]
-fn spread_matrix<T: Real, C: ColumnsOf<T>>(m: &Matrix3<T>) -> Matrix3<C> {
+fn spread_matrix<T: Real, C: ColumnsOf<T>>(like: C, m: &Matrix3<T>) -> Matrix3<C> {
     Matrix3::new(
-        C::spread(m[(0, 0)]),
-        C::spread(m[(0, 1)]),
-        C::spread(m[(0, 2)]),
-        C::spread(m[(1, 0)]),
-        C::spread(m[(1, 1)]),
-        C::spread(m[(1, 2)]),
-        C::spread(m[(2, 0)]),
-        C::spread(m[(2, 1)]),
-        C::spread(m[(2, 2)]),
+        like.spread(m[(0, 0)]),
+        like.spread(m[(0, 1)]),
+        like.spread(m[(0, 2)]),
+        like.spread(m[(1, 0)]),
+        like.spread(m[(1, 1)]),
+        like.spread(m[(1, 2)]),
+        like.spread(m[(2, 0)]),
+        like.spread(m[(2, 1)]),
+        like.spread(m[(2, 2)]),
     )
 }
 
 /// The same vector for every column.
 #[inline(always)]
-pub(super) fn spread_vector<T: Real, C: ColumnsOf<T>>(x: &Vector6<T>) -> Vector6<C> {
-    Vector6::new(C::spread(x[0]), C::spread(x[1]), C::spread(x[2]), C::spread(x[3]), C::spread(x[4]), C::spread(x[5]))
+pub(super) fn spread_vector<T: Real, C: ColumnsOf<T>>(like: C, x: &Vector6<T>) -> Vector6<C> {
+    Vector6::new(
+        like.spread(x[0]),
+        like.spread(x[1]),
+        like.spread(x[2]),
+        like.spread(x[3]),
+        like.spread(x[4]),
+        like.spread(x[5]),
+    )
 }
 
 /// The same symmetric matrix for every column.
 #[inline(always)]
-pub(super) fn spread_symmetric<T: Real, C: ColumnsOf<T>>(m: &Symmetric6<T>) -> Symmetric6<C> {
+pub(super) fn spread_symmetric<T: Real, C: ColumnsOf<T>>(like: C, m: &Symmetric6<T>) -> Symmetric6<C> {
     Symmetric6 {
-        angular: Symmetric3::new(spread_six(&m.angular.entries)),
-        coupling: spread_matrix(&m.coupling),
-        linear: Symmetric3::new(spread_six(&m.linear.entries)),
+        angular: Symmetric3::new(spread_six(like, &m.angular.entries)),
+        coupling: spread_matrix(like, &m.coupling),
+        linear: Symmetric3::new(spread_six(like, &m.linear.entries)),
     }
 }
 
 #[inline(always)]
-fn spread_six<T: Real, C: ColumnsOf<T>>(x: &[T; 6]) -> [C; 6] {
-    [C::spread(x[0]), C::spread(x[1]), C::spread(x[2]), C::spread(x[3]), C::spread(x[4]), C::spread(x[5])]
+fn spread_six<T: Real, C: ColumnsOf<T>>(like: C, x: &[T; 6]) -> [C; 6] {
+    [like.spread(x[0]), like.spread(x[1]), like.spread(x[2]), like.spread(x[3]), like.spread(x[4]), like.spread(x[5])]
 }
 
 /// The hinge map for every column.
 #[inline(always)]
-pub(super) fn spread_hinge<T: Real, C: ColumnsOf<T>>(hinge: HingeMap<T>) -> HingeMap<C> {
+pub(super) fn spread_hinge<T: Real, C: ColumnsOf<T>>(like: C, hinge: HingeMap<T>) -> HingeMap<C> {
     match hinge {
         HingeMap::Axis(i) => HingeMap::Axis(i),
-        HingeMap::Screw(pitch) => HingeMap::Screw(C::spread(pitch)),
+        HingeMap::Screw(pitch) => HingeMap::Screw(like.spread(pitch)),
     }
 }
 

@@ -25,14 +25,13 @@ pub(super) fn step_outward<T: Real>(
     workspace: &mut Workspace<T>,
     k: usize,
     state: Motion<'_, T>,
-    base: &Vector6<T>,
+    (still, base): (&Vector6<T>, &Vector6<T>),
 ) {
     let (body, stage) = (&model.bodies[k], &model.system.stages[k]);
-    let still = crate::spatial::zero();
     let shift = joint_shift(body, state.q);
     let parent = match stage.parent {
         Some(parent) => (&workspace.velocity[parent], &workspace.acceleration[parent]),
-        None => (&still, base),
+        None => (still, base),
     };
     let (velocity, mut acceleration) = motion_step(body, stage.first_row, &shift, parent, state.qd);
     if let Some(qdd) = state.qdd {
@@ -40,7 +39,7 @@ pub(super) fn step_outward<T: Real>(
     }
     let mut force = body.inertia.bias_force(&velocity, &acceleration);
     if !state.wrenches.is_empty() {
-        force = scaled_add(&state.wrenches[k], -T::one(), &force);
+        force = scaled_add(&state.wrenches[k], force[0].constant(-1.0), &force);
     }
     workspace.shift[k] = shift;
     workspace.velocity[k] = velocity;

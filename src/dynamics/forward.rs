@@ -9,6 +9,7 @@ use crate::filter::{Form, System, innovations, smoother};
 use crate::kinematics::{base_acceleration, placements_base_to_tip};
 use crate::scalar::Real;
 use crate::scene::Model;
+use crate::spatial::zero;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -61,9 +62,9 @@ pub(crate) fn covariance_form<T: Real, const JOSEPH: bool>(
 /// place for the filter.
 #[inline(always)]
 pub(super) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
-    let base = base_acceleration(model);
+    let (still, base) = (zero(), base_acceleration(model));
     for (k, body) in model.bodies.iter().enumerate() {
-        step_outward(model, workspace, k, state, &base);
+        step_outward(model, workspace, k, state, (&still, &base));
         workspace.p[k] = body.inertia.to_symmetric();
         workspace.scale[k] = Scale::of_noise(&body.inertia_terms);
     }
@@ -116,7 +117,7 @@ pub(super) fn covariances_of_noise<'a, T: Real>(
 
 /// M^-1 tau = (1 - L*) D^-1 (1 - L) tau (4.1), with the factor already in the workspace; no bias enters.
 pub fn solve<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, tau: &[T], qdd: &mut [T]) {
-    workspace.z.fill(Vector6::from_element(T::zero()));
+    workspace.z.fill(zero());
     innovations::sweep(&model.system, &workspace.shift, &workspace.measured, tau, &mut workspace.z, qdd);
     smoother::sweep(&model.system, &workspace.shift, &workspace.measured, &mut workspace.co_state, qdd);
 }

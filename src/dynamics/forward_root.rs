@@ -54,16 +54,18 @@ fn bias_base_to_tip<T: Real>(
             None => (&still, &base),
         };
         let (velocity, acceleration) = motion_step(body, stage.first_row, &shift, parent, qd);
-        let nan = T::from_f64(f64::NAN);
         let (root, (y, rest)) = match &model.inertia_roots[k] {
             Some(root) => (root.to_root(), root.coordinates(&velocity, &acceleration)),
-            None => (Root6::filled(nan), ([nan; 6], none)),
+            None => {
+                let nan = T::from_f64(f64::NAN);
+                (Root6::filled(nan), ([nan; 6], none))
+            }
         };
         workspace.root[k] = root;
         workspace.coordinates[k] = y;
         workspace.z[k] = spatial(&rest, &none);
         if !wrenches.is_empty() {
-            workspace.z[k] = scaled_add(&wrenches[k], -T::one(), &workspace.z[k]);
+            workspace.z[k] = scaled_add(&wrenches[k], none[0].constant(-1.0), &workspace.z[k]);
         }
         workspace.scale[k] = Scale::of_noise(&body.inertia_terms);
         workspace.shift[k] = shift;

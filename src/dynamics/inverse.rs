@@ -5,7 +5,7 @@ use crate::filter::innovations;
 use crate::kinematics::{base_acceleration, joint_motion};
 use crate::scalar::Real;
 use crate::scene::Model;
-use crate::spatial::sum;
+use crate::spatial::{sum, zero};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -53,9 +53,9 @@ pub(crate) fn bias_forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut
 /// Base to tip: the force that each body needs, into `workspace.z`.
 #[inline(always)]
 pub(super) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
-    let base = base_acceleration(model);
+    let (still, base) = (zero(), base_acceleration(model));
     for k in 0..model.bodies.len() {
-        step_outward(model, workspace, k, state, &base);
+        step_outward(model, workspace, k, state, (&still, &base));
     }
 }
 

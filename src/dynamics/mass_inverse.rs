@@ -98,16 +98,17 @@ fn inward<T: Real, C: ColumnsOf<T>>(
     let InverseScratch { inward, outward, branches, co_state_covariance, .. } = scratch;
     inward.clear(last);
     outward.clear(last);
+    let like = inward.at[0][0];
     for k in (0..=last).rev() {
         let stage = &model.system.stages[k];
         let rows = stage.first_row..stage.first_row + stage.rows.count();
         if inward.active[k] {
             if branches[k] {
-                outward.at[k] = spread_symmetric::<T, C>(&co_state_covariance[k]).mul_vector(&inward.at[k]);
+                outward.at[k] = spread_symmetric(like, &co_state_covariance[k]).mul_vector(&inward.at[k]);
             }
             for row in rows.clone().rev() {
-                let hinge = spread_hinge::<T, C>(stage.rows.row(row - rows.start));
-                let gain = spread_vector::<T, C>(&workspace.measured[row].gain);
+                let hinge = spread_hinge(like, stage.rows.row(row - rows.start));
+                let gain = spread_vector(like, &workspace.measured[row].gain);
                 inward.at[k] = scaled_add(&gain, -hinge.project(&inward.at[k]), &inward.at[k]);
             }
         }
@@ -119,7 +120,7 @@ fn inward<T: Real, C: ColumnsOf<T>>(
         if inward.active[k]
             && let Some(parent) = stage.parent
         {
-            let carried = spread_shift::<T, C>(&workspace.shift[k]).force_to_parent(&inward.at[k]);
+            let carried = spread_shift(like, &workspace.shift[k]).force_to_parent(&inward.at[k]);
             inward.add(parent, &carried);
         }
     }
@@ -137,19 +138,22 @@ fn outward<T: Real, C: ColumnsOf<T>>(
     let nv = model.nv();
     let (first, last) = (body_of_row(model, block.first), body_of_row(model, block.end - 1));
     let InverseScratch { outward, spread_gain, .. } = scratch;
+    // Of what is zero or idle.
+    let like = outward.at[0][0];
+    let nothing = zero();
     for (k, stage) in model.system.stages.iter().enumerate().skip(first) {
         let rows = stage.first_row..stage.first_row + stage.rows.count();
         // Of columns that belong further out: what they have here for other branches.
-        let parted = if k <= last { outward.at[k] } else { zero() };
+        let parted = if k <= last { outward.at[k] } else { nothing };
         outward.at[k] = match stage.parent {
-            Some(parent) => spread_shift::<T, C>(&workspace.shift[k]).motion_to_child(&outward.at[parent]),
-            None => zero(),
+            Some(parent) => spread_shift(like, &workspace.shift[k]).motion_to_child(&outward.at[parent]),
+            None => nothing,
         };
         for row in rows.clone() {
             let y = &outward.at[k];
-            let entry = dot(&spread_vector::<T, C>(&workspace.measured[row].gain), y);
+            let entry = dot(&spread_vector(like, &workspace.measured[row].gain), y);
             put_row(out, nv, row, (block, block.between(block.first, rows.start)), &entry);
-            outward.at[k] = spread_hinge::<T, C>(stage.rows.row(row - rows.start)).spread_onto(y, -entry);
+            outward.at[k] = spread_hinge(like, stage.rows.row(row - rows.start)).spread_onto(y, -entry);
         }
         if k > last {
             continue;

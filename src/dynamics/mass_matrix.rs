@@ -35,13 +35,14 @@ pub fn mass_matrix_in_columns<T: Real, C: ColumnsOf<T>>(
         // No column of the block has anything further out than this.
         let last = body_of_row(model, block.end - 1);
         columns.clear(last);
+        let like = columns.at[0][0];
         for k in (0..=last).rev() {
             let stage = &model.system.stages[k];
             let rows = stage.first_row..stage.first_row + stage.rows.count();
             if columns.active[k] {
                 // Columns further out: their forces have come this far.
                 for row in rows.clone() {
-                    let hinge = spread_hinge::<T, C>(stage.rows.row(row - rows.start));
+                    let hinge = spread_hinge(like, stage.rows.row(row - rows.start));
                     put_row(out, nv, row, (block, block.between(rows.end, nv)), &hinge.project(&columns.at[k]));
                 }
             }
@@ -57,7 +58,7 @@ pub fn mass_matrix_in_columns<T: Real, C: ColumnsOf<T>>(
             if columns.active[k]
                 && let Some(parent) = stage.parent
             {
-                let carried = spread_shift::<T, C>(&workspace.shift[k]).force_to_parent(&columns.at[k]);
+                let carried = spread_shift(like, &workspace.shift[k]).force_to_parent(&columns.at[k]);
                 columns.add(parent, &carried);
             }
         }

@@ -3,7 +3,7 @@
 use super::riccati::Measured;
 use super::system::{HingeMap, System};
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, Symmetric6, scaled, sum};
+use crate::spatial::{RigidShift, Symmetric6, scaled_add};
 use nalgebra::Vector6;
 
 /// Lambda^- from Lambda^+ across one row: (1 - gH)^T Lambda^+ (1 - gH) + H^T H / D (5.6).
@@ -22,7 +22,7 @@ pub fn row_update<T: Real>(
         // One row and column: minus u, and on the diagonal what is left of the whole.
         let column = lambda.column(i);
         let mut next = *lambda;
-        let mut changed = sum(&column, &scaled(&u, -T::one()));
+        let mut changed = scaled_add(&u, whole.constant(-1.0), &column);
         changed[i] = column[i] + (whole - (u[i] + u[i]));
         next.write_column(i, &changed);
         return (next, u);

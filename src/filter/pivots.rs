@@ -48,7 +48,7 @@ impl<T: Real> Scale<T> {
     #[inline(always)]
     fn sent((a, b): (T, T), shift: &RigidShift<T>) -> Self {
         let l = &shift.lever;
-        let four = T::from_f64(4.0);
+        let four = a.constant(4.0);
         let square = l[0] * l[0] + l[1] * l[1] + l[2] * l[2];
         Self { angular: four * (a + square * b), linear: four * b }
     }

@@ -52,7 +52,7 @@ fn update<T: Real, const JOSEPH: bool>(p: &mut Symmetric6<T>, hinge: &HingeMap<T
     }
     match *hinge {
         HingeMap::Axis(i) if is_noise_free => {
-            gain[i] = T::one();
+            gain[i] = pivot.constant(1.0);
             p.clear(i);
         }
         HingeMap::Axis(i) if is_measured => p.write_column(i, &scaled(&gain, noise)),

@@ -63,7 +63,7 @@ impl<T: Real> RootMonitor<T> {
     /// Takes note of the root of P^- of a stage, with the diagonal of P^-.
     #[inline(always)]
     pub fn observe_root(&mut self, root: &Root6<T>, diagonal: &[T; 6]) {
-        let reach = T::from_f64(WEIGHT_REACH);
+        let reach = diagonal[0].constant(WEIGHT_REACH);
         for (&weight, &whole) in root.weights.iter().zip(diagonal).skip(1) {
             // Times the weight: one of exactly zero is none that was nearly lost, the child of a massless body has five columns.
             self.want_positive(weight * (weight * reach - whole));
@@ -74,7 +74,7 @@ impl<T: Real> RootMonitor<T> {
     #[inline(always)]
     pub fn observe(&mut self, measured: &Measured<T>, hinge: &HingeMap<T>, scale: &Scale<T>) {
         self.pivots.observe(measured.pivot, hinge, scale);
-        self.want_positive(measured.pivot * T::from_f64(PIVOT_REACH) - scale.of_row(hinge));
+        self.want_positive(measured.pivot * measured.pivot.constant(PIVOT_REACH) - scale.of_row(hinge));
         let (turned, moved) = squares(&measured.gain);
         self.gain = [self.gain[0].worst(-turned), self.gain[1].worst(-moved)];
     }

@@ -63,7 +63,7 @@ fn measurement_update<T: Real>(
     if let HingeMap::Axis(i) = *hinge
         && noise.lane(0) == 0.0
     {
-        dropped.gain[i] = T::one();
+        dropped.gain[i] = dropped.pivot.constant(1.0);
         root.clear(i);
     }
     dropped

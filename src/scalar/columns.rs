@@ -7,8 +7,9 @@ pub trait ColumnsOf<T: Real>: Real {
     /// How many.
     const COLUMNS: usize;
 
-    /// The same number in every column.
-    fn spread(x: T) -> Self;
+    /// The same number in every column; `self` says only of which kind.
+    #[must_use]
+    fn spread(self, x: T) -> Self;
 
     /// The number in one column.
     fn column(&self, index: usize) -> T;
@@ -22,7 +23,7 @@ impl<T: Real> ColumnsOf<T> for T {
     const COLUMNS: usize = 1;
 
     #[inline(always)]
-    fn spread(x: T) -> Self {
+    fn spread(self, x: T) -> Self {
         x
     }
 
@@ -42,8 +43,8 @@ impl<S: Instructions> ColumnsOf<Fused> for Lanes<S> {
     const COLUMNS: usize = <Self as Real>::LANES;
 
     #[inline(always)]
-    fn spread(x: Fused) -> Self {
-        Self::splat(x.0)
+    fn spread(self, x: Fused) -> Self {
+        self.constant(x.0)
     }
 
     #[inline(always)]

@@ -174,6 +174,11 @@ impl<S: Instructions> Real for Lanes<S> {
     }
 
     #[inline(always)]
+    fn constant(self, x: f64) -> Self {
+        Self::new(self.simd, self.simd.splat_f64s(x))
+    }
+
+    #[inline(always)]
     fn lane(self, index: usize) -> f64 {
         self.lanes()[index]
     }

@@ -41,6 +41,14 @@ pub trait Real:
     /// The nearest value to `x`, in every lane.
     fn from_f64(x: f64) -> Self;
 
+    /// `x` in every lane, as [`Real::from_f64`]: `self` says only of which kind. In lanes that one has to ask the processor each
+    /// time, which costs more than the kernels' arithmetic; this one does not.
+    #[must_use]
+    #[inline(always)]
+    fn constant(self, x: f64) -> Self {
+        Self::from_f64(x)
+    }
+
     /// The number in one lane, rounded to f64.
     fn lane(self, index: usize) -> f64;
 

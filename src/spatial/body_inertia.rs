@@ -72,7 +72,7 @@ impl<T: Real> BodyInertia<T> {
     /// M as a packed symmetric matrix.
     #[inline(always)]
     pub fn to_symmetric(&self) -> Symmetric6<T> {
-        let (o, m) = (T::zero(), self.mass);
+        let (o, m) = (self.mass.constant(0.0), self.mass);
         Symmetric6 {
             angular: self.rotational,
             coupling: skew(&self.first_moment),

@@ -50,7 +50,7 @@ impl<T: Real> BodyRoot<T> {
     #[inline(always)]
     #[must_use]
     pub fn to_root(&self) -> Root6<T> {
-        let (o, m, [x, y, z]) = (T::zero(), self.mass, [self.centre[0], self.centre[1], self.centre[2]]);
+        let (o, m, [x, y, z]) = (self.mass.constant(0.0), self.mass, [self.centre[0], self.centre[1], self.centre[2]]);
         let (c, w) = (&self.central, &self.weights);
         Root6 {
             weights: [m, m, m, w[0], w[1], w[2]],

@@ -109,7 +109,7 @@ impl<T: Real> Root6<T> {
         let i = root_row(component);
         let mut row = self.rows[i];
         for (j, entry) in row.iter_mut().enumerate().skip(i) {
-            *entry = if i == j { T::one() } else { T::zero() };
+            *entry = entry.constant(if i == j { 1.0 } else { 0.0 });
         }
         row
     }
@@ -172,7 +172,7 @@ impl<T: Real> Root6<T> {
     /// leaves with the gathered column is given. About 80 products, 6 divisions.
     #[inline(always)]
     pub fn measure(&mut self, h: &[T; 6], last: usize, noise: T, mut mean: Option<&mut [T; 6]>) -> Dropped<T> {
-        let o = T::zero();
+        let o = noise.constant(0.0);
         let (mut gathered, mut predicted) = ([o; 6], o);
         // Where nothing has been gathered yet there is nothing to share: any inverse will do.
         let (mut variance, mut inverse) = (noise, (noise + noise.one_if_zero()).recip());
@@ -208,9 +208,9 @@ impl<T: Real> Root6<T> {
     pub fn clear(&mut self, component: usize) {
         let row = root_row(component);
         for entry in &mut self.rows[row][..row] {
-            *entry = T::zero();
+            *entry = entry.constant(0.0);
         }
-        self.weights[row] = T::zero();
+        self.weights[row] = self.weights[row].constant(0.0);
     }
 }
 
@@ -218,12 +218,12 @@ impl<T: Real> RigidShift<T> {
     /// phi L: the columns of a child's root, at its parent. About 60 products.
     #[inline(always)]
     pub fn root_to_parent(&self, s: &Root6<T>) -> RootColumns<T> {
-        let o = T::zero();
+        let o = s.weights[0].constant(0.0);
         let mut columns = RootColumns { weights: s.weights, rows: [[o; 6]; 6] };
         let r = &self.rotation;
         for j in 0..3 {
             let force = match j {
-                0 => self.rotate(&Vector3::new(T::one(), s.rows[1][0], s.rows[2][0])),
+                0 => self.rotate(&Vector3::new(o.constant(1.0), s.rows[1][0], s.rows[2][0])),
                 1 => Vector3::new(
                     r[(0, 2)].mul_add(s.rows[2][1], r[(0, 1)]),
                     r[(1, 2)].mul_add(s.rows[2][1], r[(1, 1)]),

@@ -220,7 +220,8 @@ impl<T: Real> Symmetric6<T> {
     /// Sets one row and column to exact zeros.
     #[inline(always)]
     pub fn clear(&mut self, index: usize) {
-        self.write_column(index, &super::vector::zero());
+        let o = self.linear.entries[0].constant(0.0);
+        self.write_column(index, &Vector6::new(o, o, o, o, o, o));
     }
 
     /// Sets one row and column.

