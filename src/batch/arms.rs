@@ -74,7 +74,10 @@ pub trait Vectorised: Real {
     /// Does `work` with these instructions where the processor has them.
     fn within<W: Work>(work: W) -> W::Output;
 
-    /// The same numbers, lane by lane.
+    /// The numbers, lane by lane, where they are: a copy would go through memory for each.
+    fn lanes(&self) -> &[f64];
+
+    /// The same, to be written.
     fn lanes_mut(&mut self) -> &mut [f64];
 }
 
@@ -95,6 +98,11 @@ impl Vectorised for f64 {
     #[inline(always)]
     fn within<W: Work>(work: W) -> W::Output {
         work.call()
+    }
+
+    #[inline(always)]
+    fn lanes(&self) -> &[f64] {
+        std::slice::from_ref(self)
     }
 
     #[inline(always)]
@@ -119,6 +127,11 @@ impl Vectorised for Fused {
     }
 
     #[inline(always)]
+    fn lanes(&self) -> &[f64] {
+        std::slice::from_ref(&self.0)
+    }
+
+    #[inline(always)]
     fn lanes_mut(&mut self) -> &mut [f64] {
         std::slice::from_mut(&mut self.0)
     }
@@ -136,6 +149,11 @@ macro_rules! arm {
                     Some(simd) => simd.vectorize(Job(work)),
                     None => work.call(),
                 }
+            }
+
+            #[inline(always)]
+            fn lanes(&self) -> &[f64] {
+                Lanes::lanes(self)
             }
 
             #[inline(always)]

@@ -191,7 +191,7 @@ impl<T: Vectorised> Work for Run<'_, T> {
         }
         for (lane, out) in self.out.chunks_exact_mut(width).enumerate() {
             for (value, number) in out.iter_mut().zip(results.iter()) {
-                *value = number.lane(lane);
+                *value = number.lanes()[lane];
             }
             // A norm may be off by as much as this bounds its square: half of what is allowed passes here.
             let far = !(nearness.lane(lane) >= -QUATERNION_SLACK);

@@ -54,12 +54,11 @@ fn bias_base_to_tip<T: Real>(
             None => (&still, &base),
         };
         let (velocity, acceleration) = motion_step(body, stage.first_row, &shift, parent, qd);
-        let (root, (y, rest)) = match &model.inertia_roots[k] {
-            Some(root) => (root.to_root(), root.coordinates(&velocity, &acceleration)),
-            None => {
-                let nan = T::from_f64(f64::NAN);
-                (Root6::filled(nan), ([nan; 6], none))
-            }
+        let (root, (y, rest)) = if let Some(root) = &model.inertia_roots[k] {
+            (root.to_root(), root.coordinates(&velocity, &acceleration))
+        } else {
+            let nan = T::from_f64(f64::NAN);
+            (Root6::filled(nan), ([nan; 6], none))
         };
         workspace.root[k] = root;
         workspace.coordinates[k] = y;

@@ -203,7 +203,7 @@ impl<S: Instructions> Real for Lanes<S> {
         Self::new(self.simd, self.simd.sqrt_f64s(self.value))
     }
 
-    /// As [`sin_cos`](super::trigonometry::sin_cos) does it, in all lanes.
+    /// As `trigonometry::sin_cos` does it, in all lanes.
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
         let s = self.simd;
