@@ -4,11 +4,13 @@
 //! sweeps call. Every `nalgebra::RealField + Copy` type has it (f64, f32, dual numbers), and so has our own
 //! [`DoubleDouble`], the reference of about 31 digits.
 
+mod counting;
 mod double_double;
 mod fused;
 mod lanes;
 mod trigonometry;
 
+pub use counting::{Counted, Operations};
 pub use double_double::DoubleDouble;
 pub use fused::Fused;
 pub use lanes::{Instructions, Lanes};
