@@ -280,9 +280,9 @@ def draw(found: Row, rows: Sequence[Row]) -> bytes:
 
 def roofs(axes: Axes, arm: Row, intensities: Sequence[float]) -> None:
     """Peak of a register full, of one lane, of operations that wait; and the slopes of L1 and L2."""
-    low, high = min(intensities) / 2.5, max(intensities) * 2.5
+    low, high = min(intensities) / 2.5, max(intensities) * 7.0
     axes.set(xscale="log", yscale="log", xlim=(low, high))
-    axes.xaxis.set_major_locator(FixedLocator([0.25, 0.5, 1, 2, 4, 8]))
+    axes.xaxis.set_major_locator(FixedLocator([0.25, 0.5, 1, 2, 4, 8, 16]))
     axes.yaxis.set_major_locator(FixedLocator([1, 2, 5, 10, 20, 50, 100]))
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_minor_locator(NullLocator())
