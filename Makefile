@@ -4,12 +4,15 @@
 #   make test      Rust tests, then the Python tests against the built wheel
 #   make check     what CI adds: format, clippy, docs, benches compile, stubs, abi3
 #   make peers     what to measure against: the peers, and Pinocchio's C++ harness (Debian: apt-get, as root)
+#   make instructions   counts instructions with valgrind, fails where there are more than before
+#   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
 #   make bench     after make peers: measures all of it, writes docs/benchmarks.md (BENCH=--quick: a trial)
 
 PYTHON ?= python3
 OUT ?= report
 ROBOT ?=
 BENCH ?=
+ROOFLINE ?=
 # All that needs no Python.
 FEATURES := urdf,parallel,dense,stochastic
 VENV := .venv
@@ -18,7 +21,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: report test test-rust test-python check bench peers peers-there clean
+.PHONY: report test test-rust test-python check bench instructions roofline peers peers-there clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -70,6 +73,14 @@ bench: peers-there $(VENV)/wheel
 	$(PEERS) -m pip install --quiet --force-reinstall --no-deps $(WHEELS)/phipsi-*.whl
 	$(PEERS) -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[report]"
 	$(PEERS) benches/report.py $(BENCH)
+
+# Builds the bench, runs it under valgrind, compares with benches/instructions/expected.json.
+instructions:
+	$(PYTHON) benches/instructions/count.py
+
+# ROOFLINE=--write-only: the page again from what was measured last.
+roofline: $(VENV)/report
+	$(BIN)/python benches/roofline.py $(ROOFLINE)
 
 peers-there:
 	@test -x $(PEERS) -a -x target/peers/pinocchio_bench || { echo "make bench measures against the peers: run make peers first"; exit 1; }

@@ -3,6 +3,9 @@
 //! 256 random states are drawn outside the timed part and cycled through; none is zero. The robots are there once
 //! `make peers` has written their files.
 
+mod common;
+
+use common::{BATCH, arguments, robot, states};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::DMatrixView;
 use phipsi::batch::chunk::{Algorithm, Arguments};
@@ -11,36 +14,6 @@ use phipsi::filter::{FORMS, Form};
 use phipsi::{Scene, dynamics, scenes};
 use std::hint::black_box;
 
-const STATES: usize = 256;
-
-/// (q, qd, tau) of one state.
-type State = [Vec<f64>; 3];
-
-/// Random states of a scene: velocities and torques in -1 to 1, configurations that far from the neutral one.
-fn states(scene: &Scene) -> Vec<State> {
-    let mut seed = 0x1234_5678_9abc_def0_u64;
-    let mut draw = |n: usize| -> Vec<f64> {
-        (0..n)
-            .map(|_| {
-                seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                #[allow(clippy::cast_precision_loss)] // 53 bits
-                let unit = (seed >> 11) as f64 / (1u64 << 53) as f64;
-                2.0 * unit - 1.0
-            })
-            .collect()
-    };
-    (0..STATES)
-        .map(|_| {
-            let mut q = scene.neutral();
-            scene.integrate(&scene.neutral(), &draw(scene.nv()), &mut q).expect("a configuration");
-            [q, draw(scene.nv()), draw(scene.nv())]
-        })
-        .collect()
-}
-
-/// States of a batch.
-const BATCH: usize = 4096;
-
 /// The algorithms that the peers have too, in the form that they run; the group `forms` has the others.
 const ALGORITHMS: [(&str, Algorithm); 4] = [
     ("forward_dynamics", Algorithm::ForwardDynamics(Form::Covariance)),
@@ -48,15 +21,6 @@ const ALGORITHMS: [(&str, Algorithm); 4] = [
     ("mass_matrix", Algorithm::MassMatrix),
     ("mass_matrix_inverse", Algorithm::MassMatrixInverse(Form::Covariance)),
 ];
-
-/// The arguments that an algorithm reads of a state.
-fn arguments(algorithm: Algorithm, [q, qd, u]: &State) -> Arguments<'_> {
-    match algorithm {
-        Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => Arguments { q, qd, u, wrenches: &[] },
-        Algorithm::BiasTorque => Arguments { q, qd, ..Arguments::default() },
-        Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => Arguments { q, ..Arguments::default() },
-    }
-}
 
 /// Every algorithm on one scene, as group/name: one state a call, and with `batches` a batch a call on one thread.
 ///
@@ -134,21 +98,12 @@ fn forms(c: &mut Criterion) {
 }
 
 /// The robots of `make peers`, on the base that the peers give them.
-#[cfg(feature = "urdf")]
 fn robots(c: &mut Criterion) {
     for (name, floating) in [("ur5", false), ("panda", false), ("anymal", true), ("g1", true), ("talos", true)] {
-        let path = format!("{}/target/peers/models/{name}.urdf", env!("CARGO_MANIFEST_DIR"));
-        if !std::path::Path::new(&path).exists() {
-            eprintln!("{name}: no {path}; `make peers` writes it");
-            continue;
-        }
-        let builder = phipsi::SceneBuilder::from_urdf_file(&path).expect("a robot").floating_base(floating);
-        algorithms(c, name, &builder.build().expect("a robot"), name == "g1" || name == "talos");
+        let Some(scene) = robot(name, floating) else { continue };
+        algorithms(c, name, &scene, name == "g1" || name == "talos");
     }
 }
-
-#[cfg(not(feature = "urdf"))]
-fn robots(_: &mut Criterion) {}
 
 /// Time a body from 10 to 100,000 bodies: criterion's throughput is bodies a second.
 fn growth(c: &mut Criterion) {

@@ -131,7 +131,7 @@ impl<T: Real> EstimateScratch<T> {
 /// E(a|y), E(T|y), E(X|y), E(W|y) and the likelihood of y in O(N): filter and smoother, then inverse dynamics at the estimate.
 ///
 /// `q` (nq) and `qd` (nv) are one state, `wrenches` as in [`forward_dynamics`](super::forward_dynamics), which this is where all
-/// joints are measured without noise. About 1000 operations a one-axis joint. The pivots that the returned monitor speaks of
+/// joints are measured without noise. About 1150 operations a one-axis joint. The pivots that the returned monitor speaks of
 /// are those of [`EstimateScratch`]'s system; where one is lost, `out` means nothing.
 #[allow(clippy::too_many_arguments)] // a state, what is known of it, and where results go
 pub fn estimate<T: Real>(
@@ -198,7 +198,7 @@ fn log_likelihood<T: Real>(
 /// Forces and process by 2.6 and 2.11; torques from them and from the noise; accelerations as s ((M^-1)(i,i) - W(i,i)), W the
 /// inverse of the covariance of the measurements over s, which takes a second Riccati sweep. That difference and those of 2.6
 /// and 2.11 are right to eps times the prior's variance, not to eps of what is left; the first is exactly zero where all joints
-/// are measured without noise. Nothing is clipped. About 3000 operations a one-axis joint. The returned monitor speaks of the
+/// are measured without noise. Nothing is clipped. About 2700 operations a one-axis joint. The returned monitor speaks of the
 /// scene's own pivots.
 pub fn estimate_covariance<T: Real>(
     model: &Model<T>,

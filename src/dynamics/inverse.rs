@@ -11,7 +11,7 @@ use nalgebra::Vector6;
 
 /// Joint torques from joint accelerations in O(N): accelerations base to tip (2.9), forces tip to base (1.5, 2.10).
 ///
-/// Arguments as in [`forward_dynamics`](super::forward_dynamics). Armature adds `r qdd` to its joint. About 300 operations
+/// Arguments as in [`forward_dynamics`](super::forward_dynamics). Armature adds `r qdd` to its joint. About 330 operations
 /// a one-axis joint.
 #[inline(always)]
 pub fn inverse_dynamics<T: Real>(

@@ -11,7 +11,7 @@
 //! contraction of the closed loop (a bound that adds up norms has none, and calls every long chain lost) and with what the outward
 //! sweep makes of a small error at the root of a long lever. The smoother's own rounding is added as in [`rounding`](super::rounding). Rounding is taken as dP about eps times the terms of P^-
 //! ([`Scale`]: the angular ones, and the linear ones), df about eps times z^+ and g e^-, independent from stage to stage: squares are
-//! added. The whole costs a filter and a smoother more for w, about 160 operations a stage, no branch on a value, and one comparison
+//! added. The whole costs a filter and a smoother more for w, about 220 operations a stage, no branch on a value, and one comparison
 //! in the end.
 //!
 //! It is an estimate, not a bound: as a rule ten times the true error in the max norm of all rows. It is in doubt too often, for

@@ -96,7 +96,7 @@ pub struct Reach<T> {
 }
 
 impl<T: Real> Reach<T> {
-    /// From what the sweep saw, the co-states and the estimates. About 25 operations a stage.
+    /// From what the sweep saw, the co-states and the estimates. About 18 operations a stage.
     #[inline(always)]
     pub fn new(
         monitor: &RootMonitor<T>,
@@ -191,7 +191,7 @@ pub struct Weighed<'a, T: Real> {
     pub co_state: &'a [Vector6<T>],
 }
 
-/// The estimate, from both right sides. About 250 operations a stage.
+/// The estimate, from both right sides. About 420 operations a stage.
 #[must_use]
 pub fn judge<T: Real>(system: &System<T>, swept: &Swept<'_, T>, weighed: &Weighed<'_, T>) -> Rounding<T> {
     let mut seen = Rounding { noise: T::zero(), size: T::zero() };

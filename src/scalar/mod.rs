@@ -5,12 +5,14 @@
 //! [`DoubleDouble`], the reference of about 31 digits.
 
 mod columns;
+mod counting;
 mod double_double;
 mod fused;
 mod lanes;
 mod trigonometry;
 
 pub use columns::ColumnsOf;
+pub use counting::{Counted, Operations};
 pub use double_double::DoubleDouble;
 pub use fused::Fused;
 pub use lanes::{Instructions, Lanes};

@@ -1,0 +1,53 @@
+//! The algorithms, again and again, for callgrind to count instructions: `make instructions`, see benches/instructions/count.py.
+//!
+//! `instructions count <scene> <algorithm> <states> <repeats>` evaluates that many states a call, on the arm of `PHIPSI_ARM`; without
+//! `count` (as `cargo bench` starts it) it does nothing.
+
+mod common;
+
+use common::{arguments, states};
+use phipsi::batch::arms::Arm;
+use phipsi::batch::chunk::Algorithm;
+use phipsi::filter::Form;
+use phipsi::{Scene, scenes};
+use std::hint::black_box;
+
+const ALGORITHMS: [(&str, Algorithm); 9] = [
+    ("forward_dynamics/auto", Algorithm::ForwardDynamics(Form::Auto)),
+    ("forward_dynamics/covariance", Algorithm::ForwardDynamics(Form::Covariance)),
+    ("forward_dynamics/joseph", Algorithm::ForwardDynamics(Form::Joseph)),
+    ("forward_dynamics/square-root", Algorithm::ForwardDynamics(Form::SquareRoot)),
+    ("inverse_dynamics", Algorithm::InverseDynamics),
+    ("bias_torque", Algorithm::BiasTorque),
+    ("mass_matrix", Algorithm::MassMatrix),
+    ("mass_matrix_inverse/auto", Algorithm::MassMatrixInverse(Form::Auto)),
+    ("mass_matrix_inverse/covariance", Algorithm::MassMatrixInverse(Form::Covariance)),
+];
+
+fn run(scene: &Scene, algorithm: Algorithm, count: usize, repeats: usize) {
+    let mut evaluator = scene.evaluator();
+    let kept = states(scene);
+    let states: Vec<_> = kept.iter().take(count).map(|state| arguments(algorithm, state)).collect();
+    let mut out = vec![0.0; scene.width(algorithm) * count];
+    for _ in 0..repeats {
+        scene.evaluate(&mut evaluator, algorithm, black_box(&states), black_box(&mut out)).expect("states");
+    }
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    match &arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        // What there is to count: a line each.
+        ["list"] => ALGORITHMS.iter().for_each(|(name, _)| println!("{name}")),
+        ["count", bodies, algorithm, states, repeats] => {
+            let number = |text: &str| text.parse().unwrap_or_else(|_| panic!("not a number: {text}"));
+            let (_, found) =
+                *ALGORITHMS.iter().find(|(name, _)| name == algorithm).unwrap_or_else(|| panic!("no {algorithm}"));
+            // Another arm than the one asked for would be counted as that.
+            let (wanted, arm) = (std::env::var("PHIPSI_ARM").unwrap_or_default(), Arm::of_process().name());
+            assert!(wanted == arm, "PHIPSI_ARM is {wanted:?}, this processor runs {arm:?}");
+            run(&scenes::chain(number(bodies)).expect("a chain"), found, number(states), number(repeats));
+        }
+        _ => eprintln!("instructions: counted by `make instructions`, nothing to do here"),
+    }
+}

@@ -1,0 +1,117 @@
+"""Counts the instructions of every algorithm with callgrind, and fails where one takes more than it did: `make instructions`.
+
+Usage: python3 benches/instructions/count.py [--update] [--binary PATH]
+
+Each case runs twice, with different numbers of calls; the difference is the calls alone. Counts are compared with those
+of expected.json beside this file: more than 3 % above is a failure, more than 3 % below is told. They depend on the compiler: under
+another rustc than the one that expected.json names nothing is compared. --update writes the file anew.
+Arms: baseline and avx2 (valgrind has no AVX-512); one state, and on avx2 four, a register full of them.
+"""
+
+import argparse
+import concurrent.futures
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NoReturn
+
+ROOT = Path(__file__).resolve().parents[2]
+EXPECTED = Path(__file__).with_name("expected.json")
+BODIES = "7"
+#: Calls of the shorter and of the longer run.
+REPEATS = (4, 24)
+#: (arm, states of a call).
+RUNS = (("baseline", 1), ("avx2", 1), ("avx2", 4))
+SLACK = 0.03
+
+
+def fail(message: str) -> NoReturn:
+    sys.exit(f"count.py: {message}")
+
+
+def output(command: list[str], **environment: str) -> str:
+    done = subprocess.run(
+        command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True, check=False
+    )
+    if done.returncode != 0:
+        fail(f"{' '.join(command)}\n{done.stdout}{done.stderr}")
+    return done.stdout + done.stderr
+
+
+def built() -> str:
+    """The path of the bench, after building it."""
+    command = ["cargo", "bench", "--locked", "--no-run", "--features", "urdf,parallel,dense,stochastic"]
+    found = re.search(r"\(([^)]*instructions-[0-9a-f]+)\)", output([*command, "--bench", "instructions"]))
+    if found is None:
+        fail("cargo does not say where it put the bench")
+    return str(ROOT / found[1])
+
+
+def instructions(binary: str, arm: str, algorithm: str, states: int, repeats: int) -> int:
+    """Of one whole run."""
+    with tempfile.TemporaryDirectory() as folder:
+        valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/out"]
+        program = [binary, "count", BODIES, algorithm, str(states), str(repeats)]
+        said = output([*valgrind, *program], PHIPSI_ARM=arm)
+    found = re.search(r"Collected : (\d+)", said)
+    if found is None:
+        fail(f"callgrind counted nothing:\n{said}")
+    return int(found[1])
+
+
+def a_call(binary: str, arm: str, algorithm: str, states: int) -> int:
+    few, many = (instructions(binary, arm, algorithm, states, repeats) for repeats in REPEATS)
+    return round((many - few) / (REPEATS[1] - REPEATS[0]))
+
+
+def counted(binary: str) -> dict[str, int]:
+    """Instructions of one call, by case."""
+    algorithms = output([binary, "list"]).split()
+    cases = [(arm, algorithm, states) for arm, states in RUNS for algorithm in algorithms]
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        counts = pool.map(lambda case: a_call(binary, *case), cases)
+    return {f"{arm}/{states}/{algorithm}": count for (arm, algorithm, states), count in zip(cases, counts, strict=True)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--update", action="store_true", help="write expected.json from what is counted now")
+    parser.add_argument("--binary", help="the bench where it is built already")
+    options = parser.parse_args()
+    if shutil.which("valgrind") is None:
+        fail("valgrind is not here (Debian: apt-get install valgrind)")
+    compiler = output(["rustc", "--version"]).strip()
+    stored = json.loads(EXPECTED.read_text(encoding="utf-8")) if EXPECTED.exists() else {}
+    if not options.update and stored.get("rustc") != compiler:
+        print(f"skipped: expected.json was counted with {stored.get('rustc')}, this is {compiler}; --update counts anew")
+        return
+    counts = counted(options.binary or built())
+    if options.update:
+        content = {"rustc": compiler, "scene": f"chain of {BODIES}", "instructions a call": counts}
+        EXPECTED.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        print(f"written: {EXPECTED}")
+        return
+    expected = stored["instructions a call"]
+    if expected.keys() != counts.keys():
+        fail(f"not the cases of expected.json: {', '.join(sorted(expected.keys() ^ counts.keys()))}; run with --update")
+    worse = 0
+    for case, count in counts.items():
+        ratio = count / expected[case]
+        mark = "MORE" if ratio > 1 + SLACK else "less" if ratio < 1 - SLACK else ""
+        worse += mark == "MORE"
+        print(f"{case:48} {count:8} of {expected[case]:8} {100 * ratio - 100:+6.1f} % {mark}")
+    if worse:
+        fail(
+            f"{worse} of {len(counts)} take over {SLACK:.0%} more instructions than before. Find out why; if it is worth it, "
+            "run benches/instructions/count.py --update and say why in the commit."
+        )
+    print("no algorithm takes more instructions than before; --update keeps what became less")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,330 @@
+"""Operations, time and share of the machine's measured peak of each algorithm: docs/roofline.md, what `make roofline` runs.
+
+Usage: .venv/bin/python benches/roofline.py [--seconds S] [--write-only] [-o docs/roofline.md]
+
+Needs matplotlib and phipsi with the extra `report`. Builds and runs the bench roofline.rs, which takes S seconds for each of some
+130 figures, and keeps what it printed in target/roofline.json, from which --write-only writes the page again.
+"""
+
+import argparse
+import json
+import os
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from phipsi.report.figure import FAINT, INK, STYLE, finished
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "benches" / "peers"))
+
+from compare import describe_machine
+
+Row = dict[str, Any]
+
+KEPT = ROOT / "target" / "roofline.json"
+BUILD = ["cargo", "bench", "--locked", "--features", "urdf,parallel,dense,stochastic", "--bench", "roofline", "--"]
+INSTRUCTIONS = ROOT / "benches" / "instructions" / "expected.json"
+#: As the bench of instructions calls them.
+COUNTED_AS = {
+    "forward dynamics, covariance": "forward_dynamics/covariance",
+    "forward dynamics, auto": "forward_dynamics/auto",
+    "forward dynamics, square-root": "forward_dynamics/square-root",
+    "inverse dynamics": "inverse_dynamics",
+    "mass matrix": "mass_matrix",
+    "inverse of the mass matrix": "mass_matrix_inverse/covariance",
+}
+COLOURS = ("#0072b2", "#56b4e9", "#d55e00", "#009e73", "#aa3377", "#b8860b")
+MARKERS = "osD^v"
+#: A limit that explains this much of the time is said to bound it.
+MOST = 0.5
+
+TERMS = """\
+- Operations are counted by running the generic code on a counting scalar (`phipsi::report::operations`): a product with a sum is two, a
+  division one, a sine with its cosine 52, as our polynomials have it. The baseline calls the standard library's instead.
+- A batch is 4096 states, of which a chunk of as many as there are lanes is computed at a time. One state runs one number to a register
+  where the compiler finds no pairs.
+- Peak: products with sums on twelve registers that do not wait for each other, on the same arm, the fastest of many; for one state the
+  peak of one lane. On the baseline, which has no fused products, a product and a sum in SSE2 registers of two numbers, of which one
+  state is likewise held to one.
+- Bytes (kB): model, arguments, scratch and results of one state, each array counted once however often it is read; a chunk has as many
+  times that. Bandwidth: numbers read, changed and written back, in L1 or L2, wherever the chunk fits.
+- The limit is the largest of four times that hold for any code of so many numbers a register: operations at the peak; divisions at the
+  measured rate of divisions that do not wait for each other; bytes at the bandwidth; of a batch the results, where all of them do not
+  fit in L2, at the bandwidth beyond it. Where the largest is less than half of the time, none of these bounds it: what is left is operations
+  that wait for each other's results, and instructions that are not arithmetic.
+"""
+MACHINE = (
+    "arm",
+    "numbers a register",
+    "peak, Gflop/s",
+    "a product with its sum, waiting, ns",
+    "a division, ns",
+    "L1, GB/s",
+    "L2, GB/s",
+    "beyond, GB/s",
+)
+CASES = ("algorithm", "arm", "flop", "kB", "ns a state", "Gflop/s", "of peak", "largest limit", "of time", "bound by")
+COUNTED = ("algorithm", "arm", "instructions a call", "instructions an operation", "instructions a cycle")
+COUNTS = """\
+Of the chain of 7, where `make instructions` has counted the same calls (of few states, while 256 are timed here: for `auto` that is
+not quite the same work). An operation is one of those counted above, a product with its sum being one, a sine with its cosine too; the
+rest moves numbers between registers and memory, or decides. A processor of today begins four to six instructions a cycle at the most.
+"""
+
+
+def measured(seconds: float) -> Row:
+    command = [*BUILD, "measure", str(seconds)]
+    print(f"$ {shlex.join(command)}", file=sys.stderr, flush=True)
+    machine = describe_machine(os.getloadavg()[0])
+    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
+    machine["load_at_end"] = round(os.getloadavg()[0], 2)
+    found: Row = json.loads(done.stdout)
+    return found | {"machine": machine, "caches": caches(), "command": f"benches/roofline.py --seconds {seconds:g}"}
+
+
+def caches() -> list[int]:
+    """Bytes of L1 (data) and L2, where the system tells; else those of many machines."""
+    sizes = {1: 32 << 10, 2: 1 << 20}
+    for entry in sorted(Path("/sys/devices/system/cpu/cpu0/cache").glob("index*")):
+        level, kind, size = ((entry / name).read_text().strip() for name in ("level", "type", "size"))
+        if kind != "Instruction" and int(level) in sizes:
+            sizes[int(level)] = int(size.removesuffix("K")) << 10
+    return [sizes[1], sizes[2]]
+
+
+def judged(found: Row) -> list[Row]:
+    """Each case with its share of the peak and what bounds it."""
+    arms = {arm["name"]: arm for arm in found["arms"]}
+    rows = []
+    for case in found["cases"]:
+        arm, ns = arms[case["arm"]], case["ns"]
+        # The registers of SSE2 hold two numbers, though the baseline's scalar is one.
+        width = 2 if case["arm"] == "baseline" else arm["lanes"]
+        peak = arm["gflops"] / (width if case["states"] == 1 else 1)
+        # At the rate of full registers, which one number a register cannot reach.
+        divisions = case["operations"]["divisions"] * arm["division_ns"]
+        level = "l1" if case["bytes"] * case["lanes"] <= found["caches"][0] else "l2"
+        bandwidth = arm[f"{level}_update"] / (width if case["states"] == 1 else 1)
+        limits = {
+            "operations": case["flops"] / peak,
+            "divisions": divisions,
+            f"{level.upper()} bandwidth": case["bytes"] / bandwidth,
+        }
+        if case["results"] * case["states"] > found["caches"][1]:
+            # The cache reads what it is to write.
+            limits["results to memory"] = 2 * case["results"] / arm["far_update"]
+        name = max(limits, key=lambda limit: limits[limit])
+        rows.append(
+            case
+            | {
+                "gflops": case["flops"] / ns,
+                "share": case["flops"] / ns / peak,
+                "limit": name,
+                "of_limit": limits[name] / ns,
+                "bound": name if limits[name] / ns >= MOST else "none of these",
+            }
+        )
+    return rows
+
+
+def instructions_a_cycle(found: Row) -> list[list[str]]:
+    """Where benches/instructions has counted the same: instructions, those for each operation, and how many a cycle."""
+    counted = json.loads(INSTRUCTIONS.read_text(encoding="utf-8")) if INSTRUCTIONS.exists() else {}
+    rows = []
+    for case in found["cases"]:
+        key = f"{case['arm']}/{case['lanes']}/{COUNTED_AS[case['algorithm']]}"
+        count = counted.get("instructions a call", {}).get(key)
+        if count is None or case["scene"] != counted["scene"]:
+            continue
+        done = sum(case["operations"].values())
+        a_cycle = count / (case["ns"] * case["lanes"] * found["clock_ghz"])
+        rows.append([case["algorithm"], where(case), f"{count:,}", f"{count / done:.1f}", f"{a_cycle:.1f}"])
+    return rows
+
+
+def where(case: Row) -> str:
+    return f"{case['arm']}, {'one state' if case['states'] == 1 else 'batch'}"
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    rows = list(rows)
+    numeric = [all(row[i][:1].isdigit() for row in rows) for i in range(len(head))]
+    rule = "|".join("---:" if right else "---" for right in numeric)
+    return "\n".join([f"| {' | '.join(head)} |", f"|{rule}|", *(f"| {' | '.join(row)} |" for row in rows)]) + "\n"
+
+
+def page(found: Row, rows: Sequence[Row]) -> str:
+    machine = found["machine"]
+    text = ["# Roofline\n", "What each algorithm computes, how long it takes, and how much of this machine's measured peak that is.\n"]
+    bound = [row for row in rows if row["bound"] != "none of these"]
+    best = max((row for row in rows if row["states"] > 1), key=lambda row: row["share"])
+    text.append(
+        f"In {len(rows) - len(bound)} of {len(rows)} cases neither operations, divisions nor memory account for half of the time. "
+        f"The best share of the peak in a batch is {best['share']:.0%}, of {best['algorithm']}, {best['scene']}, "
+        f"{where(best)}.\n"
+    )
+    cycles = instructions_a_cycle(found)
+    if cycles:
+        each, a_cycle = ([float(row[i]) for row in cycles] for i in (3, 4))
+        text.append(
+            "On the chain of 7 much of the time goes into instructions that are not arithmetic: each operation comes with "
+            f"{min(each):.1f} to {max(each):.1f} instructions, itself one of them, of which {min(a_cycle):.1f} to {max(a_cycle):.1f} begin a "
+            "cycle (last table).\n"
+        )
+    text.append(
+        f"{machine['processor']}, {machine['cores']} cores, one used; {machine['rustc']}; commit {machine['commit']}; "
+        f"{machine['date']}. Load at the start {machine['load_at_start']}, at the end {machine['load_at_end']}. Made by `make roofline` "
+        f"(`{found['command']}`).\n"
+    )
+    if max(machine["load_at_start"], machine["load_at_end"]) > 1.5:
+        text.append("**A trial on a machine that others used at the same time: times are too long, shares too small.**\n")
+    text.append("![Gflop/s against operations a byte](roofline.png)\n")
+    text += ["## What is measured\n", TERMS]
+    text.append("## The machine\n")
+    text.append(
+        table(
+            MACHINE,
+            [
+                (
+                    arm["name"],
+                    str(2 if arm["name"] == "baseline" else arm["lanes"]),
+                    f"{arm['gflops']:.1f}",
+                    f"{arm['dependent_ns']:.2f}",
+                    f"{arm['division_ns']:.2f}",
+                    f"{arm['l1_update']:.0f}",
+                    f"{arm['l2_update']:.0f}",
+                    f"{arm['far_update']:.0f}",
+                )
+                for arm in found["arms"]
+            ],
+        )
+    )
+    text.append(
+        f"Clock {found['clock_ghz']:.2f} GHz, if a product of integers takes three cycles. L1 {found['caches'][0] >> 10} KiB, "
+        f"L2 {found['caches'][1] >> 10} KiB.\n"
+    )
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        text.append(f"## {scene[:1].upper()}{scene[1:]}\n")
+        here = [row for row in rows if row["scene"] == scene]
+        text.append(
+            table(
+                CASES,
+                [
+                    (
+                        row["algorithm"],
+                        where(row),
+                        f"{row['flops']:,.0f}",
+                        f"{row['bytes'] / 1e3:.1f}",
+                        f"{row['ns']:,.0f}",
+                        f"{row['gflops']:.1f}",
+                        f"{row['share']:.0%}",
+                        row["limit"],
+                        f"{row['of_limit']:.0%}",
+                        row["bound"],
+                    )
+                    for row in here
+                ],
+            )
+        )
+    if cycles:
+        text.append("## Instructions\n")
+        text += [COUNTS, table(COUNTED, cycles)]
+    return "\n".join(text)
+
+
+def draw(found: Row, rows: Sequence[Row]) -> bytes:
+    """Two panels: one state, and batches on the widest arm."""
+    arms = found["arms"]
+    widest = arms[-1]
+    single = next((arm for arm in reversed(arms) if any(r["arm"] == arm["name"] and r["states"] == 1 for r in rows)), widest)
+    algorithms = list(dict.fromkeys(row["algorithm"] for row in rows))
+    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9.2, 4.3), layout="constrained")
+        panels = figure.subplots(1, 2, sharey=True, sharex=True)
+        chosen = [
+            (f"one state, {single['name']}", single, [r for r in rows if r["arm"] == single["name"] and r["states"] == 1]),
+            (f"batches, {widest['name']}", widest, [r for r in rows if r["arm"] == widest["name"] and r["states"] > 1]),
+        ]
+        for axes, (title, arm, here) in zip(panels, chosen, strict=True):
+            roofs(axes, arm, [row["flops"] / row["bytes"] for row in rows])
+            for row in here:
+                axes.plot(
+                    row["flops"] / row["bytes"],
+                    row["gflops"],
+                    MARKERS[scenes.index(row["scene"]) % len(MARKERS)],
+                    color=COLOURS[algorithms.index(row["algorithm"]) % len(COLOURS)],
+                    markersize=5.5,
+                    markeredgecolor="white",
+                    markeredgewidth=0.5,
+                )
+            axes.set_title(title, loc="left", fontsize=9)
+            axes.set_xlabel("operations a byte")
+        panels[0].set_ylabel("Gflop/s")
+        handles = [
+            *(Line2D([], [], marker="s", ls="", color=COLOURS[i % len(COLOURS)], label=name) for i, name in enumerate(algorithms)),
+            *(Line2D([], [], marker=MARKERS[i % len(MARKERS)], ls="", color="#555b61", label=name) for i, name in enumerate(scenes)),
+        ]
+        figure.legend(handles=handles, loc="outside right center", frameon=False)
+        return finished("roofline", figure).png
+
+
+def roofs(axes: Axes, arm: Row, intensities: Sequence[float]) -> None:
+    """Peak of a register full, of one lane, of operations that wait; and the slopes of L1 and L2."""
+    low, high = min(intensities) / 2.5, max(intensities) * 7.0
+    axes.set(xscale="log", yscale="log", xlim=(low, high))
+    axes.xaxis.set_major_locator(FixedLocator([0.25, 0.5, 1, 2, 4, 8, 16]))
+    axes.yaxis.set_major_locator(FixedLocator([1, 2, 5, 10, 20, 50, 100]))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_minor_locator(NullLocator())
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.grid(True, which="major", color=FAINT, linewidth=0.5)
+    axes.set_axisbelow(True)
+    width = 2 if arm["name"] == "baseline" else arm["lanes"]
+    lines = {
+        f"peak, {width} numbers a register": arm["gflops"],
+        "peak, one number a register": arm["gflops"] / width,
+        "one after another, waiting": 2.0 / arm["dependent_ns"],
+    }
+    for name, height in lines.items():
+        axes.plot((low, high), (height, height), color=INK, linewidth=0.9, ls="-" if "peak" in name else ":")
+        axes.annotate(name, (high, height), xytext=(-3, 2), textcoords="offset points", ha="right", fontsize=7, color=INK)
+    for level, style in (("l1", "--"), ("l2", "-.")):
+        bandwidth = arm[f"{level}_update"]
+        end = min(high, arm["gflops"] / bandwidth)
+        if end > low:
+            axes.plot((low, end), (low * bandwidth, end * bandwidth), color=INK, linewidth=0.9, ls=style)
+            axes.annotate(
+                f"{level.upper()}", (low, low * bandwidth), xytext=(3, 6), textcoords="offset points", fontsize=7, color=INK
+            )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=0.3, help="for each figure; default: %(default)s")
+    parser.add_argument("--write-only", action="store_true", help="measure nothing, write the page again")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=ROOT / "docs" / "roofline.md", help="default: %(default)s; the plot beside it"
+    )
+    options = parser.parse_args()
+    if not options.write_only:
+        KEPT.parent.mkdir(exist_ok=True)
+        KEPT.write_text(json.dumps(measured(options.seconds), indent=1) + "\n", encoding="utf-8")
+    found = json.loads(KEPT.read_text(encoding="utf-8"))
+    rows = judged(found)
+    options.output.write_text(page(found, rows), encoding="utf-8")
+    options.output.with_suffix(".png").write_bytes(draw(found, rows))
+    print(f"written: {options.output}")
+
+
+if __name__ == "__main__":
+    main()

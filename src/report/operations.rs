@@ -1,0 +1,136 @@
+//! Operations of each algorithm on a scene, counted: the code that computes, run on [`Counted`] numbers; and the memory it touches.
+
+use crate::batch::chunk::{Algorithm, Arguments};
+use crate::dynamics;
+use crate::dynamics::mass_inverse::InverseScratch;
+use crate::filter::pivots::Scale;
+use crate::filter::riccati::Measured;
+use crate::filter::{FORMS, Form, Stage};
+use crate::scalar::{Counted, Operations, Real};
+use crate::scene::{Body, Model, Scene};
+use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Root6, SpatialVector, Symmetric6};
+use crate::workspace::Workspace;
+
+/// What is counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Task {
+    /// One of the algorithms, its results included.
+    Algorithm(Algorithm),
+    /// The factor of M at q in some form: phi, D, g and P^+ of every joint.
+    Factor(Form),
+}
+
+/// Every task with its name; a form stands after the colon.
+#[must_use]
+pub fn tasks() -> Vec<(String, Task)> {
+    let mut all = vec![
+        ("inverse dynamics".to_owned(), Task::Algorithm(Algorithm::InverseDynamics)),
+        ("bias torque".to_owned(), Task::Algorithm(Algorithm::BiasTorque)),
+        ("mass matrix".to_owned(), Task::Algorithm(Algorithm::MassMatrix)),
+    ];
+    for (name, form) in FORMS {
+        all.push((format!("forward dynamics: {name}"), Task::Algorithm(Algorithm::ForwardDynamics(form))));
+        all.push((format!("inverse of the mass matrix: {name}"), Task::Algorithm(Algorithm::MassMatrixInverse(form))));
+        all.push((format!("factor: {name}"), Task::Factor(form)));
+    }
+    all
+}
+
+/// What one task did for one state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Count {
+    /// Operations, those of looking for lost digits included where the form does that.
+    pub operations: Operations,
+    /// What was computed, with the bits of f64's results; of a factor the pivots D.
+    pub results: Vec<f64>,
+}
+
+/// Counts one task on one state: the unchecked functions of [`dynamics`], scratch made beforehand. Arguments that a task does not
+/// take are not read.
+///
+/// The counts are those of any scalar without double-double arithmetic: a state that stays in doubt after the square-root form
+/// would cost f64 more.
+///
+/// # Panics
+///
+/// Where an argument that the task takes is too short for the scene.
+#[must_use]
+pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
+    let model: Model<Counted> = scene.model().cast();
+    let [q, qd, u] = [state.q, state.qd, state.u].map(|given| given.iter().map(|&x| Counted(x)).collect::<Vec<_>>());
+    let wrenches: Vec<SpatialVector<Counted>> = state.wrenches.iter().map(|force| force.map(Counted)).collect();
+    let mut workspace = Workspace::new(&model);
+    let mut inverse = InverseScratch::new(&model);
+    let width = match task {
+        Task::Algorithm(algorithm) => scene.width(algorithm),
+        Task::Factor(_) => 0,
+    };
+    let mut out = vec![Counted(f64::NAN); width];
+    let ((), operations) = Counted::during(|| match task {
+        Task::Algorithm(Algorithm::ForwardDynamics(form)) => {
+            workspace.form = form;
+            dynamics::forward_dynamics(&model, &mut workspace, &q, &qd, &u, &wrenches, &mut out);
+        }
+        Task::Algorithm(Algorithm::InverseDynamics) => {
+            dynamics::inverse_dynamics(&model, &mut workspace, &q, &qd, &u, &wrenches, &mut out);
+        }
+        Task::Algorithm(Algorithm::BiasTorque) => {
+            dynamics::bias_torque(&model, &mut workspace, &q, &qd, &wrenches, &mut out);
+        }
+        Task::Algorithm(Algorithm::MassMatrix) => dynamics::mass_matrix(&model, &mut workspace, &q, &mut out),
+        Task::Algorithm(Algorithm::MassMatrixInverse(form)) => {
+            workspace.form = form;
+            dynamics::mass_matrix_inverse(&model, &mut workspace, &mut inverse, &q, &mut out);
+        }
+        Task::Factor(form) => {
+            workspace.form = form;
+            dynamics::factorise(&model, &mut workspace, &q, |_, _| {});
+        }
+    });
+    if let Task::Factor(_) = task {
+        out.extend(workspace.measured.iter().map(|row| row.pivot));
+    }
+    Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() }
+}
+
+/// Bytes of the arrays that an algorithm reads or writes for one state in f64, each counted once: model, arguments, scratch, results.
+///
+/// A chunk of states in lanes has every number in every lane, the model's too: as many times this.
+#[must_use]
+pub fn footprint(scene: &Scene, algorithm: Algorithm) -> usize {
+    let vector = size_of::<SpatialVector<f64>>();
+    let symmetric = size_of::<Symmetric6<f64>>();
+    let (number, scale) = (size_of::<f64>(), size_of::<Scale<f64>>());
+    let root = size_of::<Option<BodyRoot<f64>>>() + size_of::<Root6<f64>>();
+    let measured = size_of::<Measured<f64>>();
+    // Of a body: velocity, acceleration and force, or P and its bounds, or root, bounds and the force's coordinates.
+    let motion = 3 * vector;
+    let covariance = symmetric + scale;
+    let square_root = root + scale + vector;
+    // (a body, a row): what the algorithm has beside model, phi, arguments and results.
+    let (body, row) = match algorithm {
+        Algorithm::InverseDynamics | Algorithm::BiasTorque => (motion, 0),
+        Algorithm::MassMatrix => (size_of::<BodyInertia<f64>>(), 0),
+        Algorithm::ForwardDynamics(Form::Covariance | Form::Joseph) => (motion + vector + covariance, measured),
+        Algorithm::ForwardDynamics(Form::Auto) => (motion + vector + covariance, measured + 2 * number),
+        Algorithm::ForwardDynamics(Form::SquareRoot) => (motion + vector + square_root, measured),
+        Algorithm::MassMatrixInverse(form) => {
+            let closed_form = (symmetric + vector + size_of::<usize>(), measured + vector);
+            let (body, row) = match form {
+                Form::Covariance | Form::Joseph => (covariance, 0),
+                Form::Auto => (covariance + 3 * vector, 4 * number),
+                Form::SquareRoot => (square_root + symmetric, 0),
+            };
+            (closed_form.0 + body, closed_form.1 + row)
+        }
+    };
+    let model = size_of::<Body<f64>>() + size_of::<Stage<f64>>();
+    let arguments = match algorithm {
+        Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => scene.nq() + 2 * scene.nv(),
+        Algorithm::BiasTorque => scene.nq() + scene.nv(),
+        Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => scene.nq(),
+    };
+    scene.model().bodies.len() * (model + size_of::<RigidShift<f64>>() + body)
+        + scene.nv() * (number + row)
+        + (arguments + scene.width(algorithm)) * number
+}
