@@ -1,7 +1,7 @@
 //! Forward dynamics: joint torques are measurements, the smoother's estimates are the joint accelerations.
 
 use super::auto;
-use super::forces::{Motion, step_outward};
+use super::forces::{Motion, Needed, step_outward};
 use super::{forward_root, refined};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Covariances};
@@ -61,9 +61,9 @@ pub(crate) fn covariance_form<T: Real, const JOSEPH: bool>(
 /// place for the filter.
 #[inline(always)]
 pub(super) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
-    let base = base_acceleration(model);
+    let (base, needed) = (base_acceleration(model), Needed::of(model, state));
     for (k, body) in model.bodies.iter().enumerate() {
-        step_outward(model, workspace, k, state, &base);
+        step_outward(model, workspace, k, state, needed, &base);
         workspace.p[k] = body.inertia.to_symmetric();
         workspace.scale[k] = Scale::of_noise(&body.inertia_terms);
     }

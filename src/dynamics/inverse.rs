@@ -1,6 +1,6 @@
 //! Inverse dynamics: the torques that the model predicts, T = H phi (Q lambda + b).
 
-use super::forces::{Motion, step_outward};
+use super::forces::{Motion, Needed, step_outward};
 use crate::filter::innovations;
 use crate::kinematics::{base_acceleration, joint_motion};
 use crate::scalar::Real;
@@ -53,9 +53,9 @@ pub(crate) fn bias_forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut
 /// Base to tip: the force that each body needs, into `workspace.z`.
 #[inline(always)]
 pub(super) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
-    let base = base_acceleration(model);
+    let (base, needed) = (base_acceleration(model), Needed::of(model, state));
     for k in 0..model.bodies.len() {
-        step_outward(model, workspace, k, state, &base);
+        step_outward(model, workspace, k, state, needed, &base);
     }
 }
 
