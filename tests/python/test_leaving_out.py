@@ -35,7 +35,7 @@ def but(switch: str) -> list[str]:
 def test_results_are_the_same(leave_out: list[str], gravity: tuple[float, ...]) -> None:
     scene = builder().build(gravity=gravity)
     other = builder().build(gravity=gravity, leave_out=leave_out)
-    q, qd, tau = random_states(scene, 3, 7)
+    q, qd, tau = random_states(scene, 3, (7,))
     mass = scene.mass_matrix(q)
     condition = np.linalg.cond(mass).max()
     for rates in (qd, np.zeros_like(qd)):
