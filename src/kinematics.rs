@@ -2,7 +2,7 @@
 
 use crate::scalar::Real;
 use crate::scene::{Body, Model, Motion};
-use crate::spatial::{RigidShift, cross_motion, from_rows, minus, product, row, sum};
+use crate::spatial::{RigidShift, cross_motion, from_rows, minus, product, row, sum, zero};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// Rotation matrix of a quaternion (x, y, z, w), normalised by its squared norm.
@@ -55,6 +55,7 @@ pub fn joint_shift<T: Real>(body: &Body<T>, q: &[T]) -> RigidShift<T> {
                 lever: tree.rotate(&Vector3::new(at[0], at[1], at[2])) + tree.lever,
             }
         }
+        Motion::Fixed => *tree,
     }
 }
 
@@ -81,6 +82,7 @@ pub fn joint_motion<T: Real>(body: &Body<T>, row: usize, u: &[T]) -> Vector6<T> 
         Motion::Screw(pitch) => Vector6::new(o, o, u[row], o, o, pitch * u[row]),
         Motion::Spherical => Vector6::new(u[row], u[row + 1], u[row + 2], o, o, o),
         Motion::Free => Vector6::new(u[row + 3], u[row + 4], u[row + 5], u[row], u[row + 1], u[row + 2]),
+        Motion::Fixed => zero(),
     }
 }
 
@@ -97,6 +99,7 @@ fn velocity_product<T: Real>(body: &Body<T>, v: &Vector6<T>, joint: &Vector6<T>)
             let u = joint[5];
             Vector6::new(o, o, o, v[1] * u, -(v[0] * u), o)
         }
+        Motion::Fixed => zero(),
         _ => cross_motion(v, joint),
     }
 }
@@ -155,6 +158,7 @@ pub fn coordinate_rates<T: Real>(model: &Model<T>, q: &[T], v: &[T], rates: &mut
                 rates[at..at + 3].copy_from_slice(turned.as_slice());
                 quaternion_rates(&q[at + 3..at + 7], &v[row + 3..row + 6], &mut rates[at + 3..at + 7]);
             }
+            Motion::Fixed => {}
             _ => rates[at] = v[row],
         }
     }

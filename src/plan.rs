@@ -1,13 +1,17 @@
 //! What a scene does not need, and what leaving it out saved.
 
-use crate::filter::HingeMap;
-use crate::scene::Scene;
+use crate::filter::{HingeMap, Rows};
+use crate::scene::{Body, JointKind, Motion, Omissions, Scene};
+use crate::spatial::Symmetric3;
+use std::collections::HashSet;
 
 /// One thing left out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Omission {
     /// What, in a few words.
     pub what: &'static str,
+    /// The switch of [`Omissions`](crate::scene::Omissions) that turns it off; none where there is one way to compute only.
+    pub switch: Option<&'static str>,
     /// How many.
     pub count: usize,
     /// The joints or links, where they have names.
@@ -16,17 +20,59 @@ pub struct Omission {
     pub why: &'static str,
     /// What that saved.
     pub saved: String,
+    /// How many floating-point operations (a product with a sum is two) forward dynamics of one state in covariance form does
+    /// less, in a call that needs nothing of this; zero where nothing was counted.
+    pub operations: usize,
 }
 
-/// What was left out when the scene was built.
+/// An item yet to be filled in: no switch, and no operations counted.
+const NOTHING: Omission =
+    Omission { what: "", switch: None, count: 0, names: Vec::new(), why: "", saved: String::new(), operations: 0 };
+
+/// What was left out when the scene was built, and what its calls leave out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    /// Moving bodies that the sweeps visit.
+    /// Bodies that the sweeps visit.
     pub bodies: usize,
     /// Links that the user gave.
     pub links: usize,
     /// What was left out; only what this scene had.
     pub items: Vec<Omission>,
+}
+
+/// Operations of one body in the covariance form. Counted by running it on a scalar that counts: docs/leaving-out.md.
+mod operations {
+    use super::{Body, Motion};
+
+    /// A body without rows and without mass: shifts of motions, of its force and of P, and their sums.
+    pub const FIXED_BODY: usize = 550;
+    /// What a body sends inward: phi z, and both sums.
+    pub const INWARD: usize = 113;
+    /// phi P phi* in full, less the same with row and column 2 of P zero.
+    pub const ZEROS: usize = 57;
+    /// M a + v x* M v.
+    pub const FORCE: usize = 102;
+    /// M a.
+    pub const WEIGHT: usize = 42;
+    /// phi* a.
+    pub const SHIFTED: usize = 42;
+
+    /// Velocities of a body, and what they cause: phi* v, v x H* qd, v x* M v.
+    pub fn of_velocity(body: &Body<f64>) -> usize {
+        let motion = match body.motion {
+            Motion::Revolute => 58,
+            Motion::Prismatic => 56,
+            Motion::Screw(_) => 85,
+            Motion::Spherical | Motion::Free => 84,
+            Motion::Fixed => 54,
+        };
+        motion + if body.needs_no_force { 0 } else { FORCE - WEIGHT }
+    }
+
+    /// The acceleration of gravity at a body, and its weight.
+    pub fn of_weight(body: &Body<f64>) -> usize {
+        SHIFTED + if body.needs_no_force { 0 } else { WEIGHT }
+    }
 }
 
 /// A number with its noun.
@@ -38,55 +84,173 @@ impl Scene {
     /// What this scene does not need, and what leaving it out saved.
     #[must_use]
     pub fn plan(&self) -> Plan {
-        let model = self.model();
-        let nv = self.nv();
-        let mut items = Vec::new();
-        let mut add = |what, names: Vec<String>, count: usize, why, saved: String| {
-            if count > 0 {
-                items.push(Omission { what, count, names, why, saved });
-            }
+        let built = [self.merged_item(), self.base_item(), self.zeros_item(), self.massless_item()];
+        let called = [self.velocity_item(), self.gravity_item()];
+        let always = [self.axes_item(), self.armature_item()];
+        let items = built.into_iter().chain(called).chain(always).filter(|item| item.count > 0).collect();
+        Plan { bodies: self.model().bodies.len(), links: self.links().len(), items }
+    }
+
+    /// An item that is left out where its switch is on; `operations` a call.
+    fn switched(&self, switch: &'static str, item: Omission) -> Omission {
+        let mut omissions = self.source().left_out();
+        let on = Omissions::SWITCHES.iter().any(|&(name, of)| name == switch && *of(&mut omissions));
+        Omission { switch: Some(switch), count: if on { item.count } else { 0 }, ..item }
+    }
+
+    fn merged_item(&self) -> Omission {
+        let names = self.merged_joints().to_vec();
+        // What is fixed to the base is not merged for the sake of a sweep: it cannot move and is dropped.
+        let children: HashSet<&str> = self
+            .source()
+            .joints()
+            .iter()
+            .filter(|joint| joint.kind == JointKind::Fixed)
+            .map(|joint| joint.child.as_str())
+            .collect();
+        let moving = self.links().iter().filter(|link| link.body.is_some());
+        let bodies = moving.clone().filter(|link| children.contains(link.name.as_str())).count();
+        let forces = if self.model().omissions.massless_bodies {
+            let with_force = self.model().bodies.iter().filter(|body| !body.needs_no_force).count();
+            moving.filter(|link| self.has_inertia(&link.name)).count() - with_force
+        } else {
+            bodies
         };
-        let on_base: Vec<String> =
-            self.links().iter().filter(|link| link.body.is_none()).map(|link| link.name.clone()).collect();
-        let merged = self.merged_joints().to_vec();
-        let count = merged.len();
-        add(
-            "fixed joints, merged into their parents",
-            merged,
-            count,
-            "a fixed joint transmits every force: two links are one body",
-            counted(count, "shift of an inertia and of a force", "shifts of an inertia and of a force")
-                + ", each sweep",
-        );
-        let count = on_base.len();
-        add(
-            "links on the base",
-            on_base,
-            count,
-            "a link that cannot move adds nothing to M, to the bias or to the energy's changes",
-            counted(count, "body that is not visited", "bodies that are not visited"),
-        );
-        let one_axis: usize = model
-            .system
+        let saved = counted(names.len(), "shift of an inertia and of a force", "shifts of an inertia and of a force");
+        self.switched(
+            "fixed_joints",
+            Omission {
+                what: "fixed joints, merged into their parents",
+                count: names.len(),
+                names,
+                why: "a fixed joint transmits every force: two links are one body",
+                saved: saved + ", each sweep",
+                operations: bodies * operations::FIXED_BODY + forces * operations::FORCE,
+                ..NOTHING
+            },
+        )
+    }
+
+    /// Whether a link has mass or inertia.
+    fn has_inertia(&self, name: &str) -> bool {
+        let inertial = self.source().links().iter().find(|link| link.name == name).and_then(|link| link.inertial);
+        inertial.is_some_and(|inertial| inertial.mass != 0.0 || inertial.central != Symmetric3::zero())
+    }
+
+    fn base_item(&self) -> Omission {
+        let links = self.links().iter().filter(|link| link.body.is_none());
+        let names: Vec<String> = links.map(|link| link.name.clone()).collect();
+        // Kept, they are one body where fixed joints are merged.
+        let omissions = self.model().omissions;
+        let most = if omissions.fixed_joints { 1 } else { usize::MAX };
+        let bodies = names.len().min(most);
+        let massive = names.iter().filter(|name| self.has_inertia(name)).count().min(most);
+        let forces = if omissions.massless_bodies { massive } else { bodies };
+        let carried = self.model().system.stages.iter().filter(|stage| stage.parent.is_none()).count();
+        // The body of the base sends nothing inward itself.
+        let kept = bodies * operations::FIXED_BODY + forces * operations::FORCE + carried * operations::INWARD;
+        self.switched(
+            "base_links",
+            Omission {
+                what: "links on the base",
+                count: names.len(),
+                names,
+                why: "a link that cannot move adds nothing to M, to the bias or to the energy's changes",
+                saved: counted(bodies, "body that is not visited", "bodies that are not visited"),
+                operations: kept.saturating_sub(operations::INWARD),
+                ..NOTHING
+            },
+        )
+    }
+
+    fn zeros_item(&self) -> Omission {
+        let system = &self.model().system;
+        let count = system
             .stages
             .iter()
-            .filter(|stage| stage.rows.count() == 1 && matches!(stage.rows.row(0), HingeMap::Axis(_)))
+            .filter(|stage| stage.rows == Rows::One(HingeMap::Axis(2)) && system.is_noise_free(stage.first_row))
             .count();
-        add(
-            "general joint axes, turned onto z when the scene was built",
-            Vec::new(),
-            one_axis,
-            "in a frame with the axis on z, H picks a row: P H* is a column of P, not a product",
-            format!("{one_axis} products of P with an axis (36 multiplications each), each factorisation"),
-        );
-        let quiet: usize = (0..nv).filter(|&row| model.system.noise[row] == 0.0).count();
-        add(
-            "measurement noise (armature)",
-            Vec::new(),
-            quiet,
-            "without armature H g = 1 and H P^+ = 0 hold exactly and are written, not computed",
-            format!("the rounding of {quiet} rows of P^+"),
-        );
-        Plan { bodies: model.bodies.len(), links: self.links().len(), items }
+        self.switched(
+            "exact_zeros",
+            Omission {
+                what: "products with the zeros of P^+",
+                count,
+                why: "past a joint that turns without armature H P^+ = 0 holds exactly",
+                saved: counted(count, "shift of P", "shifts of P") + ", a row and a column less each",
+                operations: count * operations::ZEROS,
+                ..NOTHING
+            },
+        )
+    }
+
+    fn massless_item(&self) -> Omission {
+        let count = self.model().bodies.iter().filter(|body| body.needs_no_force).count();
+        self.switched(
+            "massless_bodies",
+            Omission {
+                what: "forces of bodies without mass",
+                count,
+                why: "M(k) = 0 needs no force, however it moves",
+                saved: counted(count, "force M a + v x* M v", "forces M a + v x* M v"),
+                operations: count * operations::FORCE,
+                ..NOTHING
+            },
+        )
+    }
+
+    fn velocity_item(&self) -> Omission {
+        let bodies = &self.model().bodies;
+        self.switched(
+            "zero_velocity",
+            Omission {
+                what: "velocities, in a call whose rates are all zero",
+                count: bodies.len(),
+                why: "without velocity there is no velocity product",
+                saved: counted(bodies.len(), "velocity and what it causes", "velocities and what they cause"),
+                // Looking whether they are zero is a sum a rate.
+                operations: bodies.iter().map(operations::of_velocity).sum::<usize>().saturating_sub(self.nv()),
+                ..NOTHING
+            },
+        )
+    }
+
+    fn gravity_item(&self) -> Omission {
+        let model = self.model();
+        let weightless = model.omissions.zero_velocity && model.gravity.iter().all(|&g| g == 0.0);
+        self.switched(
+            "zero_gravity",
+            Omission {
+                what: "the bias, in a call whose rates are all zero",
+                count: if weightless { model.bodies.len() } else { 0 },
+                why: "without velocity and gravity b = 0",
+                saved: counted(model.bodies.len(), "acceleration and force", "accelerations and forces"),
+                // Looking at gravity is three sums.
+                operations: model.bodies.iter().map(operations::of_weight).sum::<usize>().saturating_sub(3),
+                ..NOTHING
+            },
+        )
+    }
+
+    fn axes_item(&self) -> Omission {
+        let stages = self.model().system.stages.iter();
+        let count = stages.filter(|stage| matches!(stage.rows, Rows::One(HingeMap::Axis(_)))).count();
+        Omission {
+            what: "general joint axes, turned onto z when the scene was built",
+            count,
+            why: "in a frame with the axis on z, H picks a row: P H* is a column of P, not a product",
+            saved: format!("{count} products of P with an axis (36 multiplications each), each factorisation"),
+            ..NOTHING
+        }
+    }
+
+    fn armature_item(&self) -> Omission {
+        let count = self.model().system.noise.iter().filter(|&&noise| noise == 0.0).count();
+        Omission {
+            what: "measurement noise (armature)",
+            count,
+            why: "without armature H g = 1 and H P^+ = 0 hold exactly and are written, not computed",
+            saved: format!("the rounding of {count} rows of P^+"),
+            ..NOTHING
+        }
     }
 }

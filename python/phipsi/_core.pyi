@@ -1,7 +1,7 @@
 """The compiled half of phipsi: scenes, and the algorithms on them."""
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, Final, Literal, TypeAlias, final
 
 import numpy as np
@@ -72,11 +72,15 @@ class Scene:
         floating_base: bool = False,
         gravity: ArrayLike = (0, 0, -9.81),
         strict: bool = False,
+        leave_out: Collection[str] | None = None,
     ) -> Scene:
         """The scene of a URDF file or text.
 
         source: a path, or the XML itself: a str that starts with "<" after white space. floating_base: puts a free joint,
         "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame. strict: unphysical inertias raise.
+        leave_out: names of what may be left out, of "fixed_joints", "base_links", "exact_zeros", "massless_bodies",
+        "zero_velocity" and "zero_gravity"; None: all. Results are the same to rounding, but operators and estimates need the
+        first two (ArgumentError).
 
         Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for another source.
         Warns InertiaWarning for inertias that no body can have, MimicWarning for mimic joints (they stay free).
@@ -407,11 +411,13 @@ class SceneBuilder:
         floating_base: bool = False,
         gravity: ArrayLike = (0, 0, -9.81),
         strict: bool = False,
+        *,
+        leave_out: Collection[str] | None = None,
     ) -> Scene:
         """Checks everything and makes the Scene; the builder can be used again.
 
         floating_base: puts a free joint, "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame.
-        strict: unphysical inertias raise instead of warning.
+        strict: unphysical inertias raise instead of warning. leave_out: as in Scene.from_urdf.
 
         Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
         two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
@@ -423,6 +429,17 @@ def _rebuild_scene(description: tuple[Any, ...], /) -> Scene: ...
 @final
 class Omission:
     """One thing that a scene does not need and that was left out."""
+
+    @property
+    def switch(self) -> str | None:
+        """The name in leave_out that stands for it; None where there is one way to compute only."""
+
+    @property
+    def operations(self) -> int:
+        """Floating-point operations (a product with a sum is two) that forward dynamics of one state in covariance form does less.
+
+        In a call that needs nothing of this; 0 where nothing was counted.
+        """
 
     @property
     def what(self) -> str:

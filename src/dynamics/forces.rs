@@ -18,6 +18,41 @@ pub(super) struct Motion<'a, T: Real> {
     pub wrenches: &'a [Vector6<T>],
 }
 
+/// What a call computes of a body's motion and of the force that this needs.
+#[derive(Clone, Copy)]
+pub(super) struct Needed {
+    /// Some rate is not zero.
+    velocity: bool,
+    /// Some acceleration is not zero: gravity, what velocities cause, or joint accelerations.
+    acceleration: bool,
+}
+
+impl Needed {
+    /// For all lanes together; a rate that is NaN is not zero.
+    #[inline(always)]
+    pub fn of<T: Real>(model: &Model<T>, state: Motion<'_, T>) -> Self {
+        let omissions = &model.omissions;
+        let velocity = !(omissions.zero_velocity && is_zero(state.qd));
+        let weightless = omissions.zero_gravity && is_zero(model.gravity.as_slice());
+        Self { velocity, acceleration: velocity || state.qdd.is_some() || !weightless }
+    }
+}
+
+/// Whether all numbers are zero in all lanes.
+#[inline(always)]
+fn is_zero<T: Real>(numbers: &[T]) -> bool {
+    let mut size = T::zero();
+    for &number in numbers {
+        size += number.abs();
+    }
+    for lane in 0..T::LANES {
+        if size.lane(lane) != 0.0 {
+            return false;
+        }
+    }
+    true
+}
+
 /// The step of body `k`: phi, velocity, acceleration, and `z` = M a + v x* (M v) - wrench; parents must have been done.
 #[inline(always)]
 pub(super) fn step_outward<T: Real>(
@@ -25,24 +60,43 @@ pub(super) fn step_outward<T: Real>(
     workspace: &mut Workspace<T>,
     k: usize,
     state: Motion<'_, T>,
+    needed: Needed,
     (still, base): (&Vector6<T>, &Vector6<T>),
 ) {
     let (body, stage) = (&model.bodies[k], &model.system.stages[k]);
     let shift = joint_shift(body, state.q);
-    let parent = match stage.parent {
-        Some(parent) => (&workspace.velocity[parent], &workspace.acceleration[parent]),
-        None => (still, base),
+    workspace.shift[k] = shift;
+    let mut force = if needed.velocity {
+        let parent = match stage.parent {
+            Some(parent) => (&workspace.velocity[parent], &workspace.acceleration[parent]),
+            None => (still, base),
+        };
+        let (velocity, mut acceleration) = motion_step(body, stage.first_row, &shift, parent, state.qd);
+        if let Some(qdd) = state.qdd {
+            acceleration = sum(&acceleration, &joint_motion(body, stage.first_row, qdd));
+        }
+        workspace.velocity[k] = velocity;
+        workspace.acceleration[k] = acceleration;
+        if body.needs_no_force { *still } else { body.inertia.bias_force(&velocity, &acceleration) }
+    } else if needed.acceleration {
+        let parent = match stage.parent {
+            Some(parent) => &workspace.acceleration[parent],
+            None => base,
+        };
+        let mut acceleration = shift.motion_to_child(parent);
+        if let Some(qdd) = state.qdd {
+            acceleration = sum(&acceleration, &joint_motion(body, stage.first_row, qdd));
+        }
+        workspace.velocity[k] = *still;
+        workspace.acceleration[k] = acceleration;
+        if body.needs_no_force { *still } else { body.inertia.mul_motion(&acceleration) }
+    } else {
+        workspace.velocity[k] = *still;
+        workspace.acceleration[k] = *still;
+        *still
     };
-    let (velocity, mut acceleration) = motion_step(body, stage.first_row, &shift, parent, state.qd);
-    if let Some(qdd) = state.qdd {
-        acceleration = sum(&acceleration, &joint_motion(body, stage.first_row, qdd));
-    }
-    let mut force = body.inertia.bias_force(&velocity, &acceleration);
     if !state.wrenches.is_empty() {
         force = scaled_add(&state.wrenches[k], force[0].constant(-1.0), &force);
     }
-    workspace.shift[k] = shift;
-    workspace.velocity[k] = velocity;
-    workspace.acceleration[k] = acceleration;
     workspace.z[k] = force;
 }

@@ -1,7 +1,7 @@
 //! Forward dynamics: joint torques are measurements, the smoother's estimates are the joint accelerations.
 
 use super::auto;
-use super::forces::{Motion, step_outward};
+use super::forces::{Motion, Needed, step_outward};
 use super::{forward_root, refined};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Covariances};
@@ -64,8 +64,9 @@ pub(crate) fn covariance_form<T: Real, const JOSEPH: bool>(
 #[inline(always)]
 pub(super) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
     let (still, base) = (zero(), base_acceleration(model));
+    let needed = Needed::of(model, state);
     for (k, body) in model.bodies.iter().enumerate() {
-        step_outward(model, workspace, k, state, (&still, &base));
+        step_outward(model, workspace, k, state, needed, (&still, &base));
         workspace.p[k] = body.inertia.to_symmetric();
         workspace.scale[k] = Scale::of_noise(&body.inertia_terms);
     }

@@ -1,6 +1,6 @@
 //! Inverse dynamics: the torques that the model predicts, T = H phi (Q lambda + b).
 
-use super::forces::{Motion, step_outward};
+use super::forces::{Motion, Needed, step_outward};
 use crate::filter::innovations;
 use crate::kinematics::{base_acceleration, joint_motion};
 use crate::scalar::Real;
@@ -54,8 +54,9 @@ pub(crate) fn bias_forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut
 #[inline(always)]
 pub(super) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
     let (still, base) = (zero(), base_acceleration(model));
+    let needed = Needed::of(model, state);
     for k in 0..model.bodies.len() {
-        step_outward(model, workspace, k, state, (&still, &base));
+        step_outward(model, workspace, k, state, needed, (&still, &base));
     }
 }
 

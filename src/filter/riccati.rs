@@ -96,7 +96,7 @@ impl<T: Real> Covariances<'_, T> {
             let m = update::<T, JOSEPH>(&mut p, &hinge, system.noise[row]);
             monitor.observe(m.pivot, &hinge, &scale);
             self.measured[row] = m;
-            if system.is_noise_free(row) { shift.inertia_to_parent_past_z(&p) } else { shift.inertia_to_parent(&p) }
+            if system.skips_zeros_of(row) { shift.inertia_to_parent_past_z(&p) } else { shift.inertia_to_parent(&p) }
         } else {
             for i in (0..stage.rows.count()).rev() {
                 let (row, hinge) = (stage.first_row + i, stage.rows.row(i));

@@ -63,6 +63,8 @@ pub enum Rows<T> {
     Angular,
     /// The three linear components, then the three angular ones.
     Six,
+    /// No row: a stage that nothing is measured at.
+    None,
 }
 
 impl<T: Real> Rows<T> {
@@ -73,6 +75,7 @@ impl<T: Real> Rows<T> {
             Self::One(_) => 1,
             Self::Angular => 3,
             Self::Six => 6,
+            Self::None => 0,
         }
     }
 
@@ -82,7 +85,8 @@ impl<T: Real> Rows<T> {
         match *self {
             Self::One(hinge) => hinge,
             Self::Angular => HingeMap::Axis(index),
-            Self::Six => HingeMap::Axis((index + 3) % 6),
+            // No row is asked for where there is none.
+            Self::Six | Self::None => HingeMap::Axis((index + 3) % 6),
         }
     }
 }
@@ -105,6 +109,8 @@ pub struct System<T> {
     pub stages: Vec<Stage<T>>,
     /// Measurement noise r of each row, zero or positive; infinite where a row is not measured.
     pub noise: Vec<T>,
+    /// Whether the zeros of P^+ past a noise-free rotation are left out of what is computed.
+    pub skips_zeros: bool,
 }
 
 impl<T: Real> System<T> {
@@ -119,6 +125,13 @@ impl<T: Real> System<T> {
     #[must_use]
     pub fn is_noise_free(&self, row: usize) -> bool {
         self.noise[row].lane(0) == 0.0
+    }
+
+    /// Whether the row and column of P^+ that a row's measurement leaves zero are left out of the time update.
+    #[inline(always)]
+    #[must_use]
+    pub fn skips_zeros_of(&self, row: usize) -> bool {
+        self.skips_zeros && self.is_noise_free(row)
     }
 
     /// Whether a row is measured at all.

@@ -233,6 +233,7 @@ impl Scene {
     ///
     /// A bad configuration, or too many degrees of freedom.
     pub fn composite(&self, q: &[f64]) -> Result<Composite, Error> {
+        self.model().omissions.check_every_body_moves("scene")?;
         self.check_configuration("q", q)?;
         Composite::new(self.model(), q)
     }

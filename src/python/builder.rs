@@ -2,7 +2,7 @@
 
 use super::description::joint_kind;
 use super::scene::PyScene;
-use super::{arrays, errors};
+use super::{arrays, errors, plan};
 use crate::error::Error;
 use crate::scene::{Inertial, JointDescription, Limits, LinkDescription, SceneBuilder};
 use crate::spatial::{RigidShift, Symmetric3};
@@ -117,21 +117,23 @@ impl PySceneBuilder {
     /// Checks everything and makes the Scene; the builder can be used again.
     ///
     /// `floating_base`: puts a free joint, "`root_joint`", under the root link. gravity: (3,), m/s^2, in the base frame.
-    /// strict: unphysical inertias raise instead of warning.
+    /// strict: unphysical inertias raise instead of warning. `leave_out`: as in `Scene.from_urdf`.
     ///
     /// Raises `SceneError`, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
     /// two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
     /// friction, lower above upper. Warns `InertiaWarning` and `MimicWarning` as `Scene.from_urdf` does.
-    #[pyo3(signature = (floating_base=false, gravity=None, strict=false),
-           text_signature = "($self, floating_base=False, gravity=(0, 0, -9.81), strict=False)")]
+    #[pyo3(signature = (floating_base=false, gravity=None, strict=false, *, leave_out=None),
+           text_signature = "($self, floating_base=False, gravity=(0, 0, -9.81), strict=False, *, leave_out=None)")]
     fn build(
         &self,
         py: Python<'_>,
         floating_base: bool,
         gravity: Option<&Bound<'_, PyAny>>,
         strict: bool,
+        leave_out: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<PyScene> {
-        let mut builder = self.builder.clone().floating_base(floating_base).strict(strict);
+        let omissions = plan::left_out(leave_out)?;
+        let mut builder = self.builder.clone().floating_base(floating_base).strict(strict).omissions(omissions);
         if let Some(gravity) = gravity {
             builder = builder.gravity(arrays::triple("gravity", gravity)?);
         }

@@ -1,5 +1,6 @@
 //! A scene as plain tuples of numbers and names, for pickling; and in one line, for `repr`.
 
+use super::plan;
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::scene::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Scene, SceneBuilder};
@@ -8,7 +9,7 @@ use nalgebra::Matrix3;
 use pyo3::prelude::*;
 
 /// Counts up when the tuples change.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// Name, then mass, mass centre and inertia about it (xx, xy, xz, yy, yz, zz) if it has any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
@@ -18,24 +19,28 @@ type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
 type JointTuple =
     (String, String, Option<f64>, String, String, ([f64; 9], [f64; 3]), [f64; 3], [f64; 3], [f64; 4], Option<String>);
 
-/// Version, gravity, floating base, strict, links, joints.
+/// Version, gravity, floating base, strict, links, joints, names of what is left out.
 #[derive(IntoPyObject, FromPyObject)]
-pub(super) struct Description(u32, [f64; 3], bool, bool, Vec<LinkTuple>, Vec<JointTuple>);
+pub(super) struct Description(u32, [f64; 3], bool, bool, Vec<LinkTuple>, Vec<JointTuple>, Vec<String>);
 
 impl Description {
     /// Everything that a scene was built from.
     pub fn of(source: &SceneBuilder) -> Self {
         let links = source.links().iter().map(link_tuple).collect();
         let joints = source.joints().iter().map(joint_tuple).collect();
-        Self(VERSION, source.gravity_vector(), source.is_floating(), source.is_strict(), links, joints)
+        let left_out = plan::names_of(source.left_out());
+        Self(VERSION, source.gravity_vector(), source.is_floating(), source.is_strict(), links, joints, left_out)
     }
 
     fn build(self) -> Result<Scene, Error> {
-        let Self(version, gravity, floating, strict, links, joints) = self;
+        let Self(version, gravity, floating, strict, links, joints, left_out) = self;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
-        let mut builder = SceneBuilder::new().gravity(gravity).floating_base(floating).strict(strict);
+        let left_out: Vec<&str> = left_out.iter().map(String::as_str).collect();
+        let omissions = plan::of_names("what is left out", &left_out)?;
+        let mut builder =
+            SceneBuilder::new().gravity(gravity).floating_base(floating).strict(strict).omissions(omissions);
         for (name, inertial) in links {
             let inertial = inertial.map(|(mass, centre, central)| Inertial {
                 mass,

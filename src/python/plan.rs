@@ -1,9 +1,12 @@
 //! What a scene leaves out, as Python objects.
 
-use super::scene::PyScene;
+use super::choice::choose;
+use super::scene::{PyScene, names};
+use crate::error::Error;
 use crate::plan::{Omission, Plan};
+use crate::scene::Omissions;
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
+use pyo3::types::{PyString, PyTuple};
 use std::fmt::Write;
 
 /// One thing that a scene does not need and that was left out.
@@ -18,6 +21,20 @@ impl PyOmission {
     #[getter]
     fn what(&self) -> &'static str {
         self.omission.what
+    }
+
+    /// The name in leave_out that stands for it; None where there is one way to compute only.
+    #[getter]
+    fn switch(&self) -> Option<&'static str> {
+        self.omission.switch
+    }
+
+    /// Floating-point operations (a product with a sum is two) that forward dynamics of one state in covariance form does less.
+    ///
+    /// In a call that needs nothing of this; 0 where nothing was counted.
+    #[getter]
+    fn operations(&self) -> usize {
+        self.omission.operations
     }
 
     /// How many.
@@ -79,9 +96,37 @@ impl PyPlan {
         let mut text = format!("{} bodies from {} links; left out:", self.plan.bodies, self.plan.links);
         for item in &self.plan.items {
             let _ = write!(text, "\n  {} {}: {}; saved {}", item.count, item.what, item.why, item.saved);
+            if item.operations > 0 {
+                let _ = write!(text, ", {} operations a call", item.operations);
+            }
         }
         text
     }
+}
+
+/// What is left out, by name; everything where nothing is said.
+pub(super) fn left_out(leave_out: Option<&Bound<'_, PyAny>>) -> PyResult<Omissions> {
+    let Some(given) = leave_out else { return Ok(Omissions::all()) };
+    let Some(named) = (!given.is_instance_of::<PyString>()).then(|| names(given)).flatten() else {
+        return Err(Error::argument("leave_out", given.repr()?.to_string(), "a collection of names, or None").into());
+    };
+    let named: Vec<&str> = named.iter().map(String::as_str).collect();
+    Ok(of_names("leave_out", &named)?)
+}
+
+/// The switches of these names on, the others off.
+pub(super) fn of_names(argument: &str, names: &[&str]) -> Result<Omissions, Error> {
+    let mut omissions = Omissions::none();
+    for name in names {
+        *choose(argument, name, &Omissions::SWITCHES)?(&mut omissions) = true;
+    }
+    Ok(omissions)
+}
+
+/// The names of the switches that are on.
+pub(super) fn names_of(mut omissions: Omissions) -> Vec<String> {
+    let on = Omissions::SWITCHES.iter().filter(|(_, switch)| *switch(&mut omissions));
+    on.map(|&(name, _)| name.to_owned()).collect()
 }
 
 #[pymethods]

@@ -2,7 +2,7 @@
 
 use super::description::{self, Description};
 use super::evaluate::Scratch;
-use super::{arrays, errors};
+use super::{arrays, errors, plan};
 use crate::batch::Pool;
 use crate::error::Error;
 use crate::scene::{Scene, SceneBuilder};
@@ -37,20 +37,24 @@ impl PyScene {
     ///
     /// source: a path (str or os.PathLike), or the XML itself: a str that starts with "<" after white space.
     /// floating_base: puts a free joint, "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame.
-    /// strict: unphysical inertias raise instead of warning.
+    /// strict: unphysical inertias raise instead of warning. leave_out: names of what may be left out, of "fixed_joints",
+    /// "base_links", "exact_zeros", "massless_bodies", "zero_velocity" and "zero_gravity"; None: all. Results are the same to rounding,
+    /// but operators and estimates need the first two (ArgumentError).
     ///
     /// Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for a source that is
     /// neither. Warns InertiaWarning for inertias that no body can have, MimicWarning for mimic joints (they stay free).
     #[staticmethod]
-    #[pyo3(signature = (source, *, floating_base=false, gravity=None, strict=false),
-           text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False)")]
+    #[pyo3(signature = (source, *, floating_base=false, gravity=None, strict=false, leave_out=None),
+           text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False, leave_out=None)")]
     fn from_urdf(
         py: Python<'_>,
         source: &Bound<'_, PyAny>,
         floating_base: bool,
         gravity: Option<&Bound<'_, PyAny>>,
         strict: bool,
+        leave_out: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
+        let omissions = plan::left_out(leave_out)?;
         let gravity = gravity.map(|gravity| arrays::triple("gravity", gravity)).transpose()?;
         let source = Source::read(source)?;
         let scene = py.detach(|| {
@@ -62,7 +66,7 @@ impl PyScene {
                 Some(gravity) => builder.gravity(gravity),
                 None => builder,
             };
-            builder.floating_base(floating_base).strict(strict).build()
+            builder.floating_base(floating_base).strict(strict).omissions(omissions).build()
         })?;
         errors::warn(py, &scene)?;
         Ok(Self::new(scene))

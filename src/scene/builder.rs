@@ -1,13 +1,13 @@
-//! From links and joints by name to a [`Scene`]: the checks, the order, the merging.
+//! From links and joints by name to a [`Scene`]: what the user says, and the checks of it.
 
-use super::description::{Inertial, JointDescription, JointKind, LinkDescription, SceneWarning};
+use super::Scene;
+use super::assembly::{Tree, assemble};
+use super::description::{JointDescription, JointKind, LinkDescription, SceneWarning};
 use super::inertia_check::{check_numbers, unphysical};
 use super::joint_check::check_joint;
-use super::{Joint, Link, Scene};
+use super::omissions::Omissions;
 use crate::error::Error;
-use crate::scene::model::Motion;
-use crate::spatial::{BodyInertia, BodyRoot, RigidShift, inertia_root, join_roots, root_of_merged};
-use nalgebra::{Matrix3, Vector3, Vector6};
+use nalgebra::Vector3;
 use std::collections::{HashMap, HashSet};
 
 /// Name of the joint that a floating base gets.
@@ -42,6 +42,7 @@ pub struct SceneBuilder {
     pub(super) gravity: Vector3<f64>,
     pub(super) floating_base: bool,
     pub(super) strict: bool,
+    pub(super) omissions: Omissions,
 }
 
 impl Default for SceneBuilder {
@@ -60,6 +61,7 @@ impl SceneBuilder {
             gravity: Vector3::new(0.0, 0.0, -9.81),
             floating_base: false,
             strict: false,
+            omissions: Omissions::default(),
         }
     }
 
@@ -98,6 +100,13 @@ impl SceneBuilder {
         self
     }
 
+    /// Sets what is left out; all that can be, unless this is called.
+    #[must_use]
+    pub fn omissions(mut self, omissions: Omissions) -> Self {
+        self.omissions = omissions;
+        self
+    }
+
     /// Gravity as set so far, m/s^2.
     #[must_use]
     pub fn gravity_vector(&self) -> [f64; 3] {
@@ -122,6 +131,12 @@ impl SceneBuilder {
         self.floating_base
     }
 
+    /// What is left out.
+    #[must_use]
+    pub fn left_out(&self) -> Omissions {
+        self.omissions
+    }
+
     /// Whether unphysical inertias are an error.
     #[must_use]
     pub fn is_strict(&self) -> bool {
@@ -129,7 +144,7 @@ impl SceneBuilder {
     }
 
     /// Checks everything and makes the scene: bodies in depth-first order, siblings in the order of their joints, fixed
-    /// joints merged, axes turned onto z.
+    /// joints merged (unless [`SceneBuilder::omissions`] says otherwise), axes turned onto z.
     ///
     /// # Errors
     ///
@@ -141,7 +156,7 @@ impl SceneBuilder {
         let tree = self.check_tree()?;
         self.check_numbers()?;
         let warnings = self.warnings()?;
-        Ok(Assembly { scene: Scene::unfilled(self, warnings) }.run(&tree))
+        Ok(assemble(Scene::unfilled(self, warnings), &tree))
     }
 
     /// Children's joints of each link, and the root.
@@ -262,153 +277,5 @@ impl SceneBuilder {
             }
         }
         Ok(warnings)
-    }
-}
-
-/// The checked tree: for each link its children as (joint, link), and the root.
-struct Tree {
-    children: Vec<Vec<(usize, usize)>>,
-    root: usize,
-}
-
-/// A rotation R with R `e_z` = axis; exact where the axis is a coordinate axis.
-fn axis_onto_z(axis: &Vector3<f64>) -> Matrix3<f64> {
-    let z = axis / axis.norm();
-    if z == Vector3::z() {
-        return Matrix3::identity();
-    }
-    // The coordinate axis least along z gives x by projection; along z itself it would be lost.
-    let helper = Vector3::ith(z.iamin(), 1.0);
-    let x = (helper - z * z.dot(&helper)).normalize();
-    Matrix3::from_columns(&[x, z.cross(&x), z])
-}
-
-/// A pure rotation.
-fn turn(rotation: Matrix3<f64>) -> RigidShift<f64> {
-    RigidShift { rotation, lever: Vector3::zeros() }
-}
-
-/// A link's inertia in the frame of the body that carries it: centre and axes are moved first, so that nothing cancels in
-/// the parallel-axis terms.
-fn placed(inertial: &Inertial, placement: &RigidShift<f64>) -> BodyInertia<f64> {
-    let centre = placement.rotate(&inertial.centre) + placement.lever;
-    BodyInertia::from_central(inertial.mass, &centre, &inertial.central.congruence(&placement.rotation))
-}
-
-/// The square root of [`placed`], if the inertia is positive.
-fn placed_root(inertial: &Inertial, placement: &RigidShift<f64>) -> Option<BodyRoot<f64>> {
-    let centre = placement.rotate(&inertial.centre) + placement.lever;
-    inertia_root(inertial.mass, centre, &inertial.central, &placement.rotation)
-}
-
-/// The absolute sums of the terms that form the diagonal of [`placed`].
-fn placed_terms(inertial: &Inertial, placement: &RigidShift<f64>) -> Vector6<f64> {
-    let r = placement.rotation.abs();
-    let centre = r * inertial.centre.abs() + placement.lever.abs();
-    let central = r * inertial.central.to_matrix().abs() * r.transpose();
-    let square = centre.component_mul(&centre) * inertial.mass;
-    let total = square.sum();
-    let angular = |i: usize| central[(i, i)] + (total - square[i]);
-    Vector6::new(angular(0), angular(1), angular(2), inertial.mass, inertial.mass, inertial.mass)
-}
-
-/// The scene as it grows, depth first.
-struct Assembly {
-    scene: Scene,
-}
-
-/// Where a link is: on a moving body or on the base, at a placement seen from there.
-type Place = (Option<usize>, RigidShift<f64>);
-
-impl Assembly {
-    fn run(mut self, tree: &Tree) -> Scene {
-        let place = if self.scene.source.floating_base {
-            let root = JointDescription::new(
-                ROOT_JOINT,
-                JointKind::Floating,
-                "",
-                self.scene.source.links[tree.root].name.clone(),
-            );
-            self.add_joint(&root, (None, RigidShift::identity()))
-        } else {
-            (None, RigidShift::identity())
-        };
-        let mut stack: Vec<(Option<usize>, usize, Place)> = vec![(None, tree.root, place)];
-        while let Some((joint, link, at)) = stack.pop() {
-            let at = match joint {
-                Some(joint) => {
-                    let joint = self.scene.source.joints[joint].clone();
-                    self.add_joint(&joint, at)
-                }
-                None => at,
-            };
-            self.add_link(link, &at);
-            // Reversed, so that the first child in file order is taken first.
-            for &(joint, child) in tree.children[link].iter().rev() {
-                stack.push((Some(joint), child, at));
-            }
-        }
-        self.scene
-    }
-
-    /// Adds a joint on a parent link placed at `at`; gives the place of its child link.
-    fn add_joint(&mut self, joint: &JointDescription, at: Place) -> Place {
-        let (parent, placement) = at;
-        let origin = placement.compose(&joint.origin);
-        if joint.kind == JointKind::Fixed {
-            self.scene.merged.push(joint.name.clone());
-            return (parent, origin);
-        }
-        let (first_q, first_v) = (self.scene.model.nq, self.scene.model.nv());
-        let align = if joint.kind.has_axis() { axis_onto_z(&joint.axis) } else { Matrix3::identity() };
-        let mut push = |parent: Option<usize>, tree: RigidShift<f64>, motion: Motion<f64>| {
-            self.scene.joint_of_body.push(self.scene.joints.len());
-            Some(self.scene.model.push(parent, tree, motion, joint.armature))
-        };
-        let aligned = origin.compose(&turn(align));
-        let body = match joint.kind {
-            JointKind::Revolute | JointKind::Continuous => push(parent, aligned, Motion::Revolute),
-            JointKind::Prismatic => push(parent, aligned, Motion::Prismatic),
-            JointKind::Screw { pitch } => push(parent, aligned, Motion::Screw(pitch)),
-            JointKind::Planar => {
-                // u, v, theta one after another, through two massless bodies; each frame has its own axis on z.
-                let (along_u, along_v) = (axis_onto_z(&Vector3::x()), axis_onto_z(&Vector3::y()));
-                let u = push(parent, aligned.compose(&turn(along_u)), Motion::Prismatic);
-                let v = push(u, turn(along_u.transpose() * along_v), Motion::Prismatic);
-                push(v, turn(along_v.transpose()), Motion::Revolute)
-            }
-            JointKind::Spherical => push(parent, origin, Motion::Spherical),
-            JointKind::Floating => push(parent, origin, Motion::Free),
-            JointKind::Fixed => parent,
-        };
-        self.scene.joint_index.insert(joint.name.clone(), self.scene.joints.len());
-        self.scene.joints.push(Joint {
-            name: joint.name.clone(),
-            kind: joint.kind,
-            child: joint.child.clone(),
-            q: first_q..self.scene.model.nq,
-            v: first_v..self.scene.model.nv(),
-            limits: joint.limits,
-        });
-        (body, turn(align.transpose()))
-    }
-
-    /// Records a link, and adds its inertia to the body that carries it.
-    fn add_link(&mut self, link: usize, at: &Place) {
-        let description = &self.scene.source.links[link];
-        let (body, placement) = *at;
-        if let (Some(body), Some(inertial)) = (body, &description.inertial) {
-            let carrier = &mut self.scene.model.bodies[body];
-            carrier.inertia = carrier.inertia.add(&placed(inertial, &placement));
-            carrier.inertia_terms += placed_terms(inertial, &placement);
-            let root = &mut self.scene.model.inertia_roots[body];
-            *root = match (*root, placed_root(inertial, &placement)) {
-                (Some(first), Some(second)) => Some(join_roots(&first, &second)),
-                // A link that no body can be, merged with others: the sum may be one.
-                _ => root_of_merged(&carrier.inertia),
-            };
-        }
-        self.scene.link_index.insert(description.name.clone(), self.scene.links.len());
-        self.scene.links.push(Link { name: description.name.clone(), body, placement });
     }
 }

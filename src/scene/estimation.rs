@@ -89,6 +89,7 @@ impl Scene {
 
     /// Torques finite where measured, noise zero or positive, the variance of accelerations positive.
     fn check_measurements(&self, measurements: &Measurements<'_, f64>) -> Result<(), Error> {
+        self.model.omissions.check_every_body_moves("scene")?;
         let s = measurements.acceleration_variance;
         if !(s > 0.0 && s.is_finite()) {
             let expected = "a variance of the acceleration of one kg m^2, (rad/s^2)^2: positive and finite";

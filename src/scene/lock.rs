@@ -36,9 +36,8 @@ impl Scene {
     /// The child link's frame seen from the parent link's, at `q`.
     fn child_placement(&self, joint: &super::Joint, q: &[f64]) -> RigidShift<f64> {
         let model = self.model();
-        let bodies = (0..model.bodies.len()).filter(|&k| {
-            model.system.stages[k].first_row >= joint.v.start && model.system.stages[k].first_row < joint.v.end
-        });
+        let bodies =
+            (0..model.bodies.len()).filter(|&k| self.joint_of_body(k).is_some_and(|mover| mover.name == joint.name));
         // From the carrier of the parent link to the child's body, then the frames of the two links on them.
         let on_carrier =
             bodies.fold(RigidShift::identity(), |shift, k| shift.compose(&joint_shift(&model.bodies[k], q)));

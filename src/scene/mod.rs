@@ -1,8 +1,9 @@
 //! The scene: an immutable articulated system, shareable between threads.
 //!
-//! [`description`] says what the user gives, [`builder`] checks and assembles it, [`model`] is what the sweeps read, `urdf`
+//! [`description`] says what the user gives, [`builder`] checks it, `assembly` makes the scene of it but for its [`omissions`], [`model`] is what the sweeps read, `urdf`
 //! reads files, [`configuration`] moves on the manifold of configurations, and `Scene` has the checked algorithms.
 
+mod assembly;
 pub mod builder;
 pub mod configuration;
 pub mod description;
@@ -11,6 +12,7 @@ mod inertia_check;
 mod joint_check;
 mod lock;
 pub mod model;
+pub mod omissions;
 pub mod operational;
 pub(crate) mod queries;
 #[cfg(feature = "urdf")]
@@ -19,6 +21,7 @@ pub mod urdf;
 pub use builder::{ROOT_JOINT, SceneBuilder};
 pub use description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, SceneWarning};
 pub use model::{Body, Model, Motion};
+pub use omissions::Omissions;
 pub use operational::TaskFrame;
 
 use crate::error::Error;
@@ -62,8 +65,8 @@ pub struct Scene {
     model: Model<f64>,
     links: Vec<Link>,
     joints: Vec<Joint>,
-    /// Index of the joint that moves each body.
-    joint_of_body: Vec<usize>,
+    /// Index of the joint that moves each body; none for a body that stays where it is on its parent.
+    joint_of_body: Vec<Option<usize>>,
     merged: Vec<String>,
     link_index: HashMap<String, usize>,
     joint_index: HashMap<String, usize>,
@@ -73,7 +76,7 @@ impl Scene {
     /// A scene that has no links yet, for the builder to fill.
     fn unfilled(source: SceneBuilder, warnings: Vec<SceneWarning>) -> Self {
         Self {
-            model: Model::empty(source.gravity),
+            model: Model::empty(source.gravity, source.omissions),
             source,
             warnings,
             links: Vec::new(),
@@ -157,10 +160,10 @@ impl Scene {
             .ok_or_else(|| unknown("link", name, self.links.iter().map(|link| link.name.as_str())))
     }
 
-    /// The joint that moves body `body` of the model.
+    /// The joint that moves body `body` of the model; none for a fixed one that was not merged.
     #[must_use]
     pub fn joint_of_body(&self, body: usize) -> Option<&Joint> {
-        self.joint_of_body.get(body).map(|&joint| &self.joints[joint])
+        self.joint_of_body.get(body).copied().flatten().map(|joint| &self.joints[joint])
     }
 }
 

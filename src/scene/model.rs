@@ -1,5 +1,6 @@
 //! The numbers of a scene, ready for the sweeps: what the recursions read, in any scalar.
 
+use super::omissions::Omissions;
 use crate::filter::{HingeMap, Rows, Stage, System};
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Symmetric3};
@@ -18,6 +19,8 @@ pub enum Motion<T> {
     Spherical,
     /// Position, then quaternion; rates are (linear, angular) velocity in the body frame.
     Free,
+    /// None: a fixed joint that was not merged, or what is on the base and was not dropped.
+    Fixed,
 }
 
 impl<T: Real> Motion<T> {
@@ -26,6 +29,7 @@ impl<T: Real> Motion<T> {
         match self {
             Self::Spherical => 4,
             Self::Free => 7,
+            Self::Fixed => 0,
             _ => 1,
         }
     }
@@ -38,11 +42,12 @@ impl<T: Real> Motion<T> {
             Self::Screw(pitch) => Rows::One(HingeMap::Screw(pitch)),
             Self::Spherical => Rows::Angular,
             Self::Free => Rows::Six,
+            Self::Fixed => Rows::None,
         }
     }
 }
 
-/// One moving body: fixed joints are merged, a planar joint is three of these.
+/// One moving body: fixed joints are merged unless asked not to be, a planar joint is three of these.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Body<T> {
     /// Shift from the body's frame at zero configuration to its parent's frame.
@@ -51,6 +56,8 @@ pub struct Body<T> {
     pub inertia: BodyInertia<T>,
     /// Absolute sum of the terms that form each diagonal entry of M(k): what its rounding is measured by.
     pub inertia_terms: Vector6<T>,
+    /// Whether M(k) is zero and what it would add is left out.
+    pub needs_no_force: bool,
     /// The joint to the parent.
     pub motion: Motion<T>,
     /// Index of its first coordinate in q.
@@ -70,13 +77,15 @@ pub struct Model<T> {
     pub nq: usize,
     /// Gravity in the base frame, m/s^2.
     pub gravity: Vector3<T>,
+    /// What calls leave out.
+    pub omissions: Omissions,
 }
 
 impl<T: Real> Model<T> {
     /// A model without bodies.
-    pub fn empty(gravity: Vector3<T>) -> Self {
-        let system = System { stages: Vec::new(), noise: Vec::new() };
-        Self { bodies: Vec::new(), inertia_roots: Vec::new(), system, nq: 0, gravity }
+    pub fn empty(gravity: Vector3<T>, omissions: Omissions) -> Self {
+        let system = System { stages: Vec::new(), noise: Vec::new(), skips_zeros: omissions.exact_zeros };
+        Self { bodies: Vec::new(), inertia_roots: Vec::new(), system, nq: 0, gravity, omissions }
     }
 
     /// Number of degrees of freedom.
@@ -91,6 +100,7 @@ impl<T: Real> Model<T> {
             tree,
             inertia: BodyInertia::zero(),
             inertia_terms: Vector6::from_element(T::zero()),
+            needs_no_force: self.omissions.massless_bodies,
             motion,
             q: self.nq,
         });
@@ -118,6 +128,7 @@ impl Model<f64> {
             Motion::Screw(pitch) => Motion::Screw(scalar(pitch)),
             Motion::Spherical => Motion::Spherical,
             Motion::Free => Motion::Free,
+            Motion::Fixed => Motion::Fixed,
         };
         Model {
             bodies: self
@@ -131,6 +142,7 @@ impl Model<f64> {
                         rotational: Symmetric3::new(body.inertia.rotational.entries.map(scalar)),
                     },
                     inertia_terms: body.inertia_terms.map(scalar),
+                    needs_no_force: body.needs_no_force,
                     motion: motion(&body.motion),
                     q: body.q,
                 })
@@ -149,9 +161,11 @@ impl Model<f64> {
                     })
                     .collect(),
                 noise: self.system.noise.iter().copied().map(scalar).collect(),
+                skips_zeros: self.system.skips_zeros,
             },
             nq: self.nq,
             gravity: vector(&self.gravity),
+            omissions: self.omissions,
         }
     }
 }

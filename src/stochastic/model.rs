@@ -65,6 +65,7 @@ impl Scene {
         qd: Option<&[f64]>,
         acceleration_variance: f64,
     ) -> Result<RandomModel, Error> {
+        self.model().omissions.check_every_body_moves("scene")?;
         self.check_configuration("q", q)?;
         if !(acceleration_variance > 0.0 && acceleration_variance.is_finite()) {
             let found = acceleration_variance.to_string();

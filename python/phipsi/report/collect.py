@@ -235,7 +235,15 @@ def _scene(report: Report) -> dict[str, Any]:
 def _plan(scene: Scene) -> dict[str, Any]:
     plan = scene.plan()
     items = [
-        {"what": item.what, "count": item.count, "names": list(item.names), "why": item.why, "saved": item.saved}
+        {
+            "what": item.what,
+            "switch": item.switch,
+            "count": item.count,
+            "names": list(item.names),
+            "why": item.why,
+            "saved": item.saved,
+            "operations": item.operations,
+        }
         for item in plan.items
     ]
     return {"bodies": plan.bodies, "links": plan.links, "items": items}

@@ -133,13 +133,19 @@ def plan(report: Report) -> str:
         return f"{intro}<p>Nothing could be left out.</p>"
     rows = "".join(
         f"<tr><td>{escape(symbols(item.what))}{_names(item.names)}</td><td class=n>{count(item.count)}</td>"
-        f"<td>{escape(symbols(item.why))}</td><td>{escape(symbols(item.saved))}</td></tr>"
+        f"<td>{escape(symbols(item.why))}</td><td>{escape(symbols(item.saved))}</td>"
+        f"<td class=n>{count(item.operations) if item.operations else ''}</td></tr>"
         for item in plan.items
     )
     head = (
-        "<tr><th>left out</th><th class=n>how many</th><th>why the results are the same</th><th>what it saves</th></tr>"
+        "<tr><th>left out</th><th class=n>how many</th><th>why the results are the same</th><th>what it saves</th>"
+        "<th class=n>operations</th></tr>"
     )
-    return f"{intro}<table>{head}{rows}</table>"
+    note = (
+        "<p class=small>Operations: what forward dynamics of one state in covariance form does less, where it needs nothing of "
+        "this; a product with a sum is two.</p>"
+    )
+    return f"{intro}<table>{head}{rows}</table>{note}"
 
 
 def _names(names: tuple[str, ...]) -> str:

@@ -1,0 +1,92 @@
+//! What a scene leaves out, switch by switch.
+
+use crate::error::Error;
+
+/// The switches: what is left out wherever a scene or a call does not need it. All are on unless one is turned off, by
+/// [`SceneBuilder::omissions`](super::SceneBuilder::omissions); results are the same to rounding either way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(clippy::struct_excessive_bools)] // switches
+pub struct Omissions {
+    /// Fixed joints: two links on one are one body. Off, the child is a body of its own, without measurement rows.
+    pub fixed_joints: bool,
+    /// Links on the base. Off, they are a body that cannot move.
+    pub base_links: bool,
+    /// What is exactly zero past a rotation measured without noise (armature). Off, the products with these zeros are formed.
+    pub exact_zeros: bool,
+    /// The force that a body without inertia needs.
+    pub massless_bodies: bool,
+    /// Velocities, and what they cause, in a call whose rates are all zero.
+    pub zero_velocity: bool,
+    /// The whole bias, in a call whose rates are all zero in a scene without gravity; needs `zero_velocity`.
+    pub zero_gravity: bool,
+}
+
+/// One of the switches.
+pub type Switch = fn(&mut Omissions) -> &mut bool;
+
+impl Omissions {
+    /// The switches by name.
+    pub const SWITCHES: [(&'static str, Switch); 6] = [
+        ("fixed_joints", |of| &mut of.fixed_joints),
+        ("base_links", |of| &mut of.base_links),
+        ("exact_zeros", |of| &mut of.exact_zeros),
+        ("massless_bodies", |of| &mut of.massless_bodies),
+        ("zero_velocity", |of| &mut of.zero_velocity),
+        ("zero_gravity", |of| &mut of.zero_gravity),
+    ];
+
+    /// Every switch on.
+    #[must_use]
+    pub const fn all() -> Self {
+        Self {
+            fixed_joints: true,
+            base_links: true,
+            exact_zeros: true,
+            massless_bodies: true,
+            zero_velocity: true,
+            zero_gravity: true,
+        }
+    }
+
+    /// Every switch off.
+    #[must_use]
+    pub const fn none() -> Self {
+        Self {
+            fixed_joints: false,
+            base_links: false,
+            exact_zeros: false,
+            massless_bodies: false,
+            zero_velocity: false,
+            zero_gravity: false,
+        }
+    }
+
+    /// All but one.
+    #[must_use]
+    pub fn all_but(switch: Switch) -> Self {
+        let mut omissions = Self::all();
+        *switch(&mut omissions) = false;
+        omissions
+    }
+
+    /// Whether every body moves: what the operators and the estimation count on, whose states belong to measurement rows.
+    #[must_use]
+    pub fn every_body_moves(&self) -> bool {
+        self.fixed_joints && self.base_links
+    }
+
+    /// An error where a body of the scene may have no measurement row.
+    pub(crate) fn check_every_body_moves(self, what: &str) -> Result<(), Error> {
+        if self.every_body_moves() {
+            return Ok(());
+        }
+        let found = "a scene that keeps bodies which cannot move";
+        Err(Error::argument(what, found, "fixed_joints and base_links left out: a state belongs to a row of H"))
+    }
+}
+
+impl Default for Omissions {
+    fn default() -> Self {
+        Self::all()
+    }
+}

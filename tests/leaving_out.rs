@@ -1,0 +1,307 @@
+//! Every switch of [`Omissions`]: the results are the same to rounding with it on and off, and it does leave something out.
+
+mod common;
+
+use common::oracle::{Oracle, ds};
+use common::tolerance::{self, Conditioning, assert_near, conditioning, size};
+use common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_inertial, random_state};
+use nalgebra::{DMatrix, DVector};
+use phipsi::batch::chunk::{Algorithm, Arguments};
+use phipsi::filter::Form;
+use phipsi::scene::{JointDescription, JointKind, LinkDescription, Omissions, SceneBuilder};
+use phipsi::spatial::SpatialVector;
+use phipsi::{Error, Scene};
+
+/// A random mixed tree on a base that has mass and carries a second link, with a link and a slide without mass, and with a
+/// fixed joint after a moving one.
+fn builder(seed: u64) -> SceneBuilder {
+    let odd = seed % 2 == 1;
+    let tree = Tree {
+        seed,
+        bodies: 2 + usize::try_from(seed % 5).unwrap(),
+        kinds: if odd { &KINDS_WITH_FIXED } else { &ALL_KINDS },
+        branching: 0.5,
+        armature: if seed.is_multiple_of(3) { 0.0 } else { 0.2 },
+        floating: seed % 4 == 1,
+    };
+    let source = tree.builder();
+    let mut random = Random::new(1000 + seed);
+    let mut builder = SceneBuilder::new().gravity(source.gravity_vector()).floating_base(tree.floating);
+    for link in source.links() {
+        let inertial = link.inertial.or_else(|| Some(random_inertial(&mut random)));
+        builder = builder.link(LinkDescription { name: link.name.clone(), inertial });
+    }
+    for joint in source.joints() {
+        builder = builder.joint(joint.clone());
+    }
+    let mut add = |builder: SceneBuilder, name: &str, kind: JointKind, parent: &str, has_mass: bool| {
+        let inertial = has_mass.then(|| random_inertial(&mut random));
+        let mut joint = JointDescription::new(format!("to {name}"), kind, parent, name);
+        joint.origin.rotation = random.rotation();
+        joint.origin.lever = random.vector() * 0.5;
+        joint.axis = random.vector();
+        builder.link(LinkDescription { name: name.to_owned(), inertial }).joint(joint)
+    };
+    builder = add(builder, "column", JointKind::Fixed, "base", true);
+    builder = add(builder, "slide", JointKind::Prismatic, "column", false);
+    builder = add(builder, "carried", JointKind::Revolute, "slide", true);
+    builder = add(builder, "welded", JointKind::Fixed, "carried", true);
+    builder = add(builder, "frame", JointKind::Fixed, "welded", false);
+    builder = add(builder, "turned", JointKind::Continuous, "welded", true);
+    builder
+}
+
+/// What is left out: all, all but one, nothing.
+fn choices() -> Vec<(String, Omissions)> {
+    let but = Omissions::SWITCHES.map(|(name, switch)| (format!("all but {name}"), Omissions::all_but(switch)));
+    but.into_iter().chain([("nothing".to_owned(), Omissions::none())]).collect()
+}
+
+struct State {
+    q: Vec<f64>,
+    qd: Vec<f64>,
+    u: Vec<f64>,
+    wrenches: Vec<(String, SpatialVector<f64>)>,
+}
+
+/// A moving state, and one at rest; with and without wrenches.
+fn states(scene: &Scene, seed: u64) -> Vec<State> {
+    let mut random = Random::new(seed);
+    let mut all = Vec::new();
+    for (moving, pushed) in [(true, false), (true, true), (false, false), (false, true)] {
+        let (q, mut qd, u) = random_state(scene, &mut random);
+        if !moving {
+            qd.fill(0.0);
+        }
+        let mut wrench = |link: &str| (link.to_owned(), SpatialVector::from_fn(|_, _| random.uniform(-3.0, 3.0)));
+        let wrenches = if pushed { vec![wrench("base"), wrench("welded"), wrench("link0")] } else { Vec::new() };
+        all.push(State { q, qd, u, wrenches });
+    }
+    all
+}
+
+/// What a scene gives at a state, by name.
+fn results(scene: &Scene, state: &State) -> Vec<(String, Vec<f64>)> {
+    let State { q, qd, u, wrenches } = state;
+    let nv = scene.nv();
+    let mut workspace = scene.workspace();
+    let mut scratch = scene.inverse_scratch();
+    let forces = scene.body_wrenches(wrenches.iter().map(|(link, wrench)| (link.as_str(), *wrench))).unwrap();
+    let forces = if wrenches.is_empty() { Vec::new() } else { forces };
+    let mut all = Vec::new();
+    let mut keep = |what: &str, values: &[f64]| all.push((what.to_owned(), values.to_vec()));
+    let mut wide = vec![f64::NAN; nv * nv];
+    let mut vector = vec![f64::NAN; nv];
+    scene.mass_matrix(&mut workspace, q, &mut wide).unwrap();
+    keep("M", &wide);
+    scene.bias_torque(&mut workspace, q, qd, &mut vector).unwrap();
+    keep("torque: bias", &vector);
+    scene.inverse_dynamics(&mut workspace, q, qd, u, &forces, &mut vector).unwrap();
+    keep("torque: inverse dynamics", &vector);
+    for (name, form) in phipsi::filter::FORMS {
+        workspace.form = form;
+        scene.forward_dynamics(&mut workspace, q, qd, u, &forces, &mut vector).unwrap();
+        keep(&format!("acceleration: {name}"), &vector);
+        scene.mass_matrix_inverse(&mut workspace, &mut scratch, q, &mut wide).unwrap();
+        keep(&format!("inverse: {name}"), &wide);
+    }
+    let mut evaluator = scene.evaluator();
+    let one = Arguments { q, qd, u, wrenches: &forces };
+    let many = vec![one; 2 * evaluator.lanes() + 1];
+    let mut out = vec![f64::NAN; nv * many.len()];
+    scene.evaluate(&mut evaluator, Algorithm::ForwardDynamics(Form::Auto), &many, &mut out).unwrap();
+    for out in out.chunks(nv) {
+        keep("acceleration: in lanes", out);
+    }
+    let energy = scene.energy(&mut workspace, q, qd).unwrap();
+    let neutral = scene.energy(&mut workspace, &scene.neutral(), qd).unwrap();
+    keep("kinetic energy", &[energy.kinetic]);
+    keep("potential energy", &[energy.potential - neutral.potential]);
+    keep("momentum", scene.momentum(&mut workspace, q, qd).unwrap().as_slice());
+    for (link, placement) in scene.links().iter().zip(scene.placements(q).unwrap()) {
+        keep(&format!("where {} is", link.name), placement.to_matrix().as_slice());
+        let mut jacobian = vec![f64::NAN; 6 * nv];
+        scene.jacobian(q, &link.name, &mut jacobian).unwrap();
+        keep(&format!("jacobian of {}", link.name), &jacobian);
+    }
+    all
+}
+
+/// What each result may be off by.
+struct Bounds {
+    n: usize,
+    terms: f64,
+    matrix: Conditioning,
+    mass: f64,
+}
+
+impl Bounds {
+    fn new(scene: &Scene, state: &State, found: &[(String, Vec<f64>)]) -> Self {
+        let (_, terms) = Oracle::new(scene.source()).at(&ds(&state.q), &ds(&state.qd)).bias(&[]);
+        let mass = &found[0].1;
+        let pushes: f64 = state.wrenches.iter().map(|(_, wrench)| 10.0 * wrench.amax()).sum();
+        // Every term of a torque: bias, wrenches at levers of metres, M times accelerations.
+        let terms = terms + pushes + size(mass) * size(&state.u) * tolerance::count(scene.nv());
+        Self { n: scene.links().len(), terms, matrix: conditioning(scene.nv(), mass), mass: size(mass) }
+    }
+
+    fn of(&self, what: &str, values: &[f64]) -> f64 {
+        match what.split(':').next().unwrap() {
+            "M" => tolerance::product(self.n, self.mass),
+            "torque" => tolerance::product(self.n, self.terms),
+            "acceleration" => tolerance::solution(&self.matrix, size(values), self.terms),
+            "inverse" => tolerance::inverse(self.matrix.number, self.matrix.inverse_norm),
+            // Heights of metres, times weight.
+            "potential energy" => tolerance::product(self.n, 100.0 * self.mass),
+            _ => tolerance::product(self.n, size(values).max(10.0)),
+        }
+    }
+}
+
+#[test]
+fn results_are_the_same_with_every_switch_on_and_off() {
+    for seed in 0..12 {
+        for gravity in [[0.3, -0.5, -9.6], [0.0; 3]] {
+            let source = builder(seed).gravity(gravity);
+            let scene = source.clone().build().unwrap();
+            for (i, state) in states(&scene, seed).iter().enumerate() {
+                let expected = results(&scene, state);
+                let bounds = Bounds::new(&scene, state, &expected);
+                for (left_out, omissions) in choices() {
+                    let found = results(&source.clone().omissions(omissions).build().unwrap(), state);
+                    assert_eq!(found.len(), expected.len());
+                    for ((what, found), (_, expected)) in found.iter().zip(&expected) {
+                        let say = format!("seed {seed}, state {i}, left out {left_out}: {what}");
+                        assert_near(&say, found, expected, bounds.of(what, expected));
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_wrench_of_zero_is_none() {
+    for seed in 0..12 {
+        let scene = builder(seed).build().unwrap();
+        let (q, qd, tau) = random_state(&scene, &mut Random::new(seed));
+        let mut workspace = scene.workspace();
+        let (mut with, mut without) = (vec![f64::NAN; scene.nv()], vec![f64::NAN; scene.nv()]);
+        let zeros = vec![SpatialVector::zeros(); scene.model().bodies.len()];
+        scene.forward_dynamics(&mut workspace, &q, &qd, &tau, &zeros, &mut with).unwrap();
+        scene.forward_dynamics(&mut workspace, &q, &qd, &tau, &[], &mut without).unwrap();
+        assert_near("accelerations", &with, &without, 0.0);
+    }
+}
+
+#[test]
+fn switches_that_are_off_keep_what_they_name() {
+    let bodies = |omissions| builder(0).omissions(omissions).build().unwrap().model().bodies.len();
+    let all = bodies(Omissions::all());
+    // "welded" and "frame"; the column is on the base.
+    assert_eq!(bodies(Omissions { fixed_joints: false, ..Omissions::all() }), all + 2);
+    assert_eq!(bodies(Omissions { base_links: false, ..Omissions::all() }), all + 1);
+    assert_eq!(bodies(Omissions::none()), all + 4);
+    let massless = |omissions| {
+        let scene = builder(0).omissions(omissions).build().unwrap();
+        scene.model().bodies.iter().filter(|body| body.needs_no_force).count()
+    };
+    assert!(massless(Omissions::all()) >= 1);
+    assert_eq!(massless(Omissions::none()), 0);
+    let scene = builder(0).omissions(Omissions::none()).build().unwrap();
+    assert!(scene.plan().items.iter().all(|item| item.switch.is_none()));
+    assert_eq!(scene.source().left_out(), Omissions::none());
+    assert_eq!(scene.lock(&["to slide"], &scene.neutral()).unwrap().source().left_out(), Omissions::none());
+}
+
+#[test]
+fn the_plan_names_every_switch_and_what_it_saves() {
+    let plan = builder(0).gravity([0.0; 3]).build().unwrap().plan();
+    for (name, _) in Omissions::SWITCHES {
+        let item = plan.items.iter().find(|item| item.switch == Some(name));
+        let item = item.unwrap_or_else(|| panic!("no item for {name}"));
+        assert!(item.count > 0 && item.operations > 0, "{name}: {item:?}");
+    }
+    // With gravity there is no bias to leave out.
+    let plan = builder(0).build().unwrap().plan();
+    assert!(plan.items.iter().all(|item| item.switch != Some("zero_gravity")));
+}
+
+#[test]
+fn operators_and_estimation_refuse_bodies_that_cannot_move() {
+    for omissions in
+        [Omissions { fixed_joints: false, ..Omissions::all() }, Omissions { base_links: false, ..Omissions::all() }]
+    {
+        let scene = builder(0).omissions(omissions).build().unwrap();
+        let found = scene.factor(&mut scene.workspace(), &scene.neutral());
+        assert!(matches!(found, Err(Error::Argument { .. })), "{:?}", found.err());
+    }
+}
+
+/// The entries of a matrix, or of a vector, that belong to some rows.
+fn kept(matrix: &[f64], nv: usize, rows: &[usize]) -> Vec<f64> {
+    rows.iter().flat_map(|&i| rows.iter().map(move |&j| matrix[i * nv + j])).collect()
+}
+
+#[test]
+fn locked_joints_are_rows_removed() {
+    for seed in 0..12 {
+        let scene = builder(seed).build().unwrap();
+        // Every second joint; with all that it carries, where its children are locked too.
+        let locked: Vec<&str> = scene.joints().iter().skip(1).step_by(2).map(|joint| joint.name.as_str()).collect();
+        let (q, mut qd, tau) = random_state(&scene, &mut Random::new(seed));
+        let (mut rows, mut coordinates) = (Vec::new(), Vec::new());
+        for joint in scene.joints() {
+            if locked.contains(&joint.name.as_str()) {
+                qd[joint.v.clone()].fill(0.0);
+            } else {
+                rows.extend(joint.v.clone());
+                coordinates.extend(joint.q.clone());
+            }
+        }
+        let nv = scene.nv();
+        let (mut workspace, mut mass, mut bias) = (scene.workspace(), vec![f64::NAN; nv * nv], vec![f64::NAN; nv]);
+        scene.mass_matrix(&mut workspace, &q, &mut mass).unwrap();
+        scene.bias_torque(&mut workspace, &q, &qd, &mut bias).unwrap();
+        let pick = |values: &[f64], at: &[usize]| at.iter().map(|&i| values[i]).collect::<Vec<f64>>();
+        let mass = kept(&mass, nv, &rows);
+        let (bias, tau, qd_kept) = (pick(&bias, &rows), pick(&tau, &rows), pick(&qd, &rows));
+        let state = State { q: pick(&q, &coordinates), qd: qd_kept, u: tau.clone(), wrenches: Vec::new() };
+        let smaller = scene.lock(&locked, &q).unwrap();
+        assert_eq!(smaller.nv(), rows.len());
+        let found = results(&smaller, &state);
+        let bounds = Bounds::new(&smaller, &state, &found);
+        let matrix = DMatrix::from_row_slice(rows.len(), rows.len(), &mass);
+        let right = DVector::from_vec(tau) - DVector::from_column_slice(&bias);
+        let acceleration = matrix.cholesky().unwrap().solve(&right);
+        for (what, found) in &found {
+            let expected = match what.as_str() {
+                "M" => &mass[..],
+                "torque: bias" => &bias[..],
+                what if what.starts_with("acceleration") => acceleration.as_slice(),
+                _ => continue,
+            };
+            assert_near(&format!("seed {seed}: {what}"), found, expected, bounds.of(what, expected));
+        }
+    }
+}
+
+#[test]
+fn one_factor_serves_many_right_sides() {
+    for seed in 0..12 {
+        let scene = builder(seed).gravity([0.0; 3]).build().unwrap();
+        let mut random = Random::new(seed);
+        let (q, still) = (random_state(&scene, &mut random).0, vec![0.0; scene.nv()]);
+        let mut workspace = scene.workspace();
+        let factor = scene.factor(&mut workspace, &q).unwrap();
+        for _ in 0..3 {
+            let tau = random.array(scene.nv(), 5.0);
+            let (mut once, mut again) = (vec![f64::NAN; scene.nv()], vec![f64::NAN; scene.nv()]);
+            factor.solve(&tau, &mut once);
+            scene.forward_dynamics(&mut workspace, &q, &still, &tau, &[], &mut again).unwrap();
+            let state = State { q: q.clone(), qd: still.clone(), u: tau, wrenches: Vec::new() };
+            let bounds = Bounds::new(&scene, &state, &results(&scene, &state));
+            assert_near(&format!("seed {seed}"), &once, &again, bounds.of("acceleration:", &again));
+        }
+    }
+}
