@@ -21,7 +21,7 @@ fn builder(seed: u64) -> SceneBuilder {
         bodies: 2 + usize::try_from(seed % 5).unwrap(),
         kinds: if odd { &KINDS_WITH_FIXED } else { &ALL_KINDS },
         branching: 0.5,
-        armature: if seed % 3 == 0 { 0.0 } else { 0.2 },
+        armature: if seed.is_multiple_of(3) { 0.0 } else { 0.2 },
         floating: seed % 4 == 1,
     };
     let source = tree.builder();
