@@ -91,7 +91,7 @@ impl Scene {
         Plan { bodies: self.model().bodies.len(), links: self.links().len(), items }
     }
 
-    /// An item that is left out where its switch is on; `operations` a call.
+    /// An item that is left out where its switch is on.
     fn switched(&self, switch: &'static str, item: Omission) -> Omission {
         let mut omissions = self.source().left_out();
         let on = Omissions::SWITCHES.iter().any(|&(name, of)| name == switch && *of(&mut omissions));

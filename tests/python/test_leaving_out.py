@@ -11,6 +11,8 @@ from conftest import random_states
 
 import phipsi
 from phipsi.errors import ArgumentError
+from phipsi.report import left_out, states
+from phipsi.report.structure import tree_of
 
 SWITCHES = ("fixed_joints", "base_links", "exact_zeros", "massless_bodies", "zero_velocity", "zero_gravity")
 
@@ -93,3 +95,12 @@ def test_operators_need_bodies_that_move() -> None:
 def test_other_names_raise(leave_out: object) -> None:
     with pytest.raises(ArgumentError, match="leave_out"):
         builder().build(leave_out=leave_out)  # type: ignore[arg-type]
+
+
+def test_the_report_times_what_is_left_out() -> None:
+    scene = builder().build()
+    times = left_out.measured(scene, states.draw(scene, tree_of(scene), 8, 0))
+    assert set(times) == {item.switch for item in scene.plan().items if item.switch}
+    assert all(np.isfinite(row).all() and min(row) > 0 for row in times.values())
+    kept = {item.switch for item in left_out.without(scene, "base_links").plan().items}
+    assert kept == {item.switch for item in scene.plan().items} - {"base_links"}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .. import _core, errors
 from .._core import Scene
-from . import emergence, machine, measure, states
+from . import emergence, left_out, machine, measure, states
 from .emergence import Emergence
 from .measure import DENSE_CAP, Accuracy, Growth, OperatorGrowth, Residual
 from .progress import Reporter
@@ -71,6 +71,7 @@ class Report:
     emergence: Emergence | None = None
     growth: list[Growth] = field(default_factory=list)
     operators: list[OperatorGrowth] = field(default_factory=list)
+    left_out: dict[str, left_out.Times] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -137,6 +138,7 @@ def _states(report: Report, drawn: states.States, reporter: Reporter) -> None:
     except errors.PhipsiError as error:
         missing["residuals"] = missing["accuracy"] = str(error)
         return
+    report.left_out = left_out.measured(scene, drawn)
     try:
         if "residuals" not in missing:
             tick = reporter.stage("Residuals", len(few))
@@ -181,7 +183,7 @@ def to_json(report: Report) -> dict[str, Any]:
             "seed": report.seed,
             "quick": report.quick,
         },
-        "plan": _plan(report.scene),
+        "plan": _plan(report),
         "residuals": [
             {
                 "name": row.name,
@@ -232,8 +234,9 @@ def _scene(report: Report) -> dict[str, Any]:
     }
 
 
-def _plan(scene: Scene) -> dict[str, Any]:
-    plan = scene.plan()
+def _plan(report: Report) -> dict[str, Any]:
+    plan = report.scene.plan()
+    times = report.left_out
     items = [
         {
             "what": item.what,
@@ -243,6 +246,8 @@ def _plan(scene: Scene) -> dict[str, Any]:
             "why": item.why,
             "saved": item.saved,
             "operations": item.operations,
+            "ns_on": number(times[item.switch].on) if item.switch in times else None,
+            "ns_off": number(times[item.switch].off) if item.switch in times else None,
         }
         for item in plan.items
     ]
