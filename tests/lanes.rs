@@ -29,6 +29,11 @@ fn arms() -> impl Iterator<Item = Arm> {
     ARMS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available())
 }
 
+/// Without optimisation the kernels of the lanes need more stack than a thread has by default.
+fn on_a_large_stack(work: impl FnOnce() + Send + 'static) {
+    std::thread::Builder::new().stack_size(256 << 20).spawn(work).unwrap().join().unwrap();
+}
+
 type State = (Vec<f64>, Vec<f64>, Vec<f64>);
 
 fn states(scene: &Scene, count: u64) -> Vec<State> {
@@ -98,137 +103,159 @@ fn trees() -> impl Iterator<Item = Scene> {
 
 #[test]
 fn every_arm_gives_what_plain_numbers_give() {
-    for scene in trees() {
-        let states = states(&scene, 21);
-        let mut random = Random::new(99);
-        let forces: Vec<Vec<SpatialVector<f64>>> = (0..states.len())
-            .map(|_| {
-                scene.model().bodies.iter().map(|_| SpatialVector::from_fn(|_, _| random.uniform(-1.0, 1.0))).collect()
-            })
-            .collect();
-        for arm in arms() {
-            let mut evaluator = Evaluator::on(arm, &scene);
-            assert_eq!(evaluator.arm(), arm);
-            for algorithm in ALGORITHMS {
-                let all: Vec<_> = states.iter().zip(&forces).map(|(s, w)| arguments(algorithm, s, w)).collect();
-                let width = scene.width(algorithm);
-                let found = evaluate(&scene, &mut evaluator, algorithm, &all);
-                for (state, found) in all.iter().zip(found.chunks_exact(width)) {
-                    let plain = plainly(&scene, algorithm, state);
-                    let bound = allowed(&scene, algorithm, &plain);
-                    for (a, b) in found.iter().zip(&plain) {
-                        assert!((a - b).abs() <= bound, "{arm:?} {algorithm:?}: {a} beside {b}, bound {bound:e}");
+    on_a_large_stack(|| {
+        for scene in trees() {
+            let states = states(&scene, 21);
+            let mut random = Random::new(99);
+            let forces: Vec<Vec<SpatialVector<f64>>> = (0..states.len())
+                .map(|_| {
+                    scene
+                        .model()
+                        .bodies
+                        .iter()
+                        .map(|_| SpatialVector::from_fn(|_, _| random.uniform(-1.0, 1.0)))
+                        .collect()
+                })
+                .collect();
+            for arm in arms() {
+                let mut evaluator = Evaluator::on(arm, &scene);
+                assert_eq!(evaluator.arm(), arm);
+                for algorithm in ALGORITHMS {
+                    let all: Vec<_> = states.iter().zip(&forces).map(|(s, w)| arguments(algorithm, s, w)).collect();
+                    let width = scene.width(algorithm);
+                    let found = evaluate(&scene, &mut evaluator, algorithm, &all);
+                    for (state, found) in all.iter().zip(found.chunks_exact(width)) {
+                        let plain = plainly(&scene, algorithm, state);
+                        let bound = allowed(&scene, algorithm, &plain);
+                        for (a, b) in found.iter().zip(&plain) {
+                            assert!((a - b).abs() <= bound, "{arm:?} {algorithm:?}: {a} beside {b}, bound {bound:e}");
+                        }
                     }
                 }
             }
         }
-    }
+    });
 }
 
 /// A state's bits depend on nothing but the state: alone, in any lane, beside any others, in a chunk that is not full.
 #[test]
 fn neighbours_change_no_bit() {
-    let scene = trees().nth(2).unwrap();
-    let states = states(&scene, 19);
-    for arm in arms() {
-        let mut evaluator = Evaluator::on(arm, &scene);
-        for algorithm in ALGORITHMS {
-            let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
-            let width = scene.width(algorithm);
-            let together = evaluate(&scene, &mut evaluator, algorithm, &all);
-            let mut backwards = all.clone();
-            backwards.reverse();
-            let reversed = evaluate(&scene, &mut evaluator, algorithm, &backwards);
-            let last = all.len() - 1;
-            for (i, state) in all.iter().enumerate() {
-                // A zero may differ in its sign: lanes that are idle at a body add zeros there.
-                let bits = |x: &[f64]| x.iter().map(|x| (x + 0.0).to_bits()).collect::<Vec<_>>();
-                let here = bits(&together[i * width..(i + 1) * width]);
-                assert_eq!(here, bits(&reversed[(last - i) * width..(last - i + 1) * width]), "{arm:?} {algorithm:?}");
-                let alone = evaluate(&scene, &mut evaluator, algorithm, std::slice::from_ref(state));
-                assert_eq!(here, bits(&alone), "{arm:?} {algorithm:?}: state {i} alone");
+    on_a_large_stack(|| {
+        let scene = trees().nth(2).unwrap();
+        let states = states(&scene, 19);
+        for arm in arms() {
+            let mut evaluator = Evaluator::on(arm, &scene);
+            for algorithm in ALGORITHMS {
+                let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
+                let width = scene.width(algorithm);
+                let together = evaluate(&scene, &mut evaluator, algorithm, &all);
+                let mut backwards = all.clone();
+                backwards.reverse();
+                let reversed = evaluate(&scene, &mut evaluator, algorithm, &backwards);
+                let last = all.len() - 1;
+                for (i, state) in all.iter().enumerate() {
+                    // A zero may differ in its sign: lanes that are idle at a body add zeros there.
+                    let bits = |x: &[f64]| x.iter().map(|x| (x + 0.0).to_bits()).collect::<Vec<_>>();
+                    let here = bits(&together[i * width..(i + 1) * width]);
+                    assert_eq!(
+                        here,
+                        bits(&reversed[(last - i) * width..(last - i + 1) * width]),
+                        "{arm:?} {algorithm:?}"
+                    );
+                    let alone = evaluate(&scene, &mut evaluator, algorithm, std::slice::from_ref(state));
+                    assert_eq!(here, bits(&alone), "{arm:?} {algorithm:?}: state {i} alone");
+                }
             }
         }
-    }
+    });
 }
 
 /// What is wrong with one state is told of that state, and the others are computed.
 #[test]
 fn a_bad_state_is_named() {
-    let scene = trees().nth(2).unwrap();
-    for arm in arms() {
-        let mut evaluator = Evaluator::on(arm, &scene);
-        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-            for (argument, name) in ["q", "qd", "tau"].into_iter().enumerate() {
-                let mut states = states(&scene, 11);
-                let state = &mut states[6];
-                let numbers = [&mut state.0, &mut state.1, &mut state.2];
-                numbers.into_iter().nth(argument).unwrap()[0] = bad;
-                let algorithm = Algorithm::ForwardDynamics(Form::Auto);
-                let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
-                let mut out = vec![0.0; scene.nv() * all.len()];
-                let fault = scene.evaluate(&mut evaluator, algorithm, &all, &mut out).unwrap_err();
-                assert_eq!(fault.state, 6);
-                assert!(matches!(fault.error, Error::NotFinite { ref argument, .. } if argument == name), "{fault:?}");
+    on_a_large_stack(|| {
+        let scene = trees().nth(2).unwrap();
+        for arm in arms() {
+            let mut evaluator = Evaluator::on(arm, &scene);
+            for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                for (argument, name) in ["q", "qd", "tau"].into_iter().enumerate() {
+                    let mut states = states(&scene, 11);
+                    let state = &mut states[6];
+                    let numbers = [&mut state.0, &mut state.1, &mut state.2];
+                    numbers.into_iter().nth(argument).unwrap()[0] = bad;
+                    let algorithm = Algorithm::ForwardDynamics(Form::Auto);
+                    let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
+                    let mut out = vec![0.0; scene.nv() * all.len()];
+                    let fault = scene.evaluate(&mut evaluator, algorithm, &all, &mut out).unwrap_err();
+                    assert_eq!(fault.state, 6);
+                    assert!(
+                        matches!(fault.error, Error::NotFinite { ref argument, .. } if argument == name),
+                        "{fault:?}"
+                    );
+                }
             }
+            let mut states = states(&scene, 3);
+            for x in &mut states[1].0[3..7] {
+                *x *= 1.01;
+            }
+            let all: Vec<_> = states.iter().map(|s| arguments(Algorithm::MassMatrix, s, &[])).collect();
+            let mut out = vec![0.0; scene.width(Algorithm::MassMatrix) * all.len()];
+            let fault = scene.evaluate(&mut evaluator, Algorithm::MassMatrix, &all, &mut out).unwrap_err();
+            assert!(fault.state == 1 && fault.error.to_string().contains("quaternion"), "{fault:?}");
         }
-        let mut states = states(&scene, 3);
-        for x in &mut states[1].0[3..7] {
-            *x *= 1.01;
-        }
-        let all: Vec<_> = states.iter().map(|s| arguments(Algorithm::MassMatrix, s, &[])).collect();
-        let mut out = vec![0.0; scene.width(Algorithm::MassMatrix) * all.len()];
-        let fault = scene.evaluate(&mut evaluator, Algorithm::MassMatrix, &all, &mut out).unwrap_err();
-        assert!(fault.state == 1 && fault.error.to_string().contains("quaternion"), "{fault:?}");
-    }
+    });
 }
 
 #[test]
 fn wrong_lengths_are_refused() {
-    let scene = trees().nth(1).unwrap();
-    let mut evaluator = scene.evaluator();
-    let states = states(&scene, 2);
-    let algorithm = Algorithm::InverseDynamics;
-    let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
-    let mut out = vec![0.0; 2 * scene.nv()];
-    let mut refused = |all: &[Arguments<'_>], out: &mut [f64]| {
-        scene
-            .evaluate(&mut evaluator, algorithm, all, out)
-            .is_err_and(|fault| matches!(fault.error, Error::Shape { .. }))
-    };
-    assert!(!refused(&all, &mut out));
-    assert!(refused(&all, &mut out[1..]));
-    for field in 0..3 {
-        let mut short = all.clone();
-        let state = &mut short[1];
-        let numbers = [&mut state.q, &mut state.qd, &mut state.u].into_iter().nth(field).unwrap();
-        *numbers = &numbers[1..];
-        assert!(refused(&short, &mut out));
-    }
-    let wrench = [SpatialVector::zeros()];
-    let mut wrong = all.clone();
-    wrong[0].wrenches = &wrench;
-    assert!(refused(&wrong, &mut out));
+    on_a_large_stack(|| {
+        let scene = trees().nth(1).unwrap();
+        let mut evaluator = scene.evaluator();
+        let states = states(&scene, 2);
+        let algorithm = Algorithm::InverseDynamics;
+        let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
+        let mut out = vec![0.0; 2 * scene.nv()];
+        let mut refused = |all: &[Arguments<'_>], out: &mut [f64]| {
+            scene
+                .evaluate(&mut evaluator, algorithm, all, out)
+                .is_err_and(|fault| matches!(fault.error, Error::Shape { .. }))
+        };
+        assert!(!refused(&all, &mut out));
+        assert!(refused(&all, &mut out[1..]));
+        for field in 0..3 {
+            let mut short = all.clone();
+            let state = &mut short[1];
+            let numbers = [&mut state.q, &mut state.qd, &mut state.u].into_iter().nth(field).unwrap();
+            *numbers = &numbers[1..];
+            assert!(refused(&short, &mut out));
+        }
+        let wrench = [SpatialVector::zeros()];
+        let mut wrong = all.clone();
+        wrong[0].wrenches = &wrench;
+        assert!(refused(&wrong, &mut out));
+    });
 }
 
 /// States that lose digits in covariance form are done again, and only those.
 #[test]
 fn auto_is_as_exact_in_lanes_as_alone() {
-    let case = phipsi::scenes::extreme("heavy-tip", Some(1e9), None, 0).unwrap();
-    let scene = &case.scene;
-    let algorithm = Algorithm::ForwardDynamics(Form::Auto);
-    let states = states(scene, 16);
-    let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
-    for arm in arms() {
-        let found = evaluate(scene, &mut Evaluator::on(arm, scene), algorithm, &all);
-        for (state, found) in all.iter().zip(found.chunks_exact(scene.nv())) {
-            let plain = plainly(scene, Algorithm::ForwardDynamics(Form::SquareRoot), state);
-            let size = largest(&plain);
-            for (a, b) in found.iter().zip(&plain) {
-                assert!((a - b).abs() <= 2.0 * tolerance::ALL_DIGITS * size, "{arm:?}: {a} beside {b}");
+    on_a_large_stack(|| {
+        let case = phipsi::scenes::extreme("heavy-tip", Some(1e9), None, 0).unwrap();
+        let scene = &case.scene;
+        let algorithm = Algorithm::ForwardDynamics(Form::Auto);
+        let states = states(scene, 16);
+        let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
+        for arm in arms() {
+            let found = evaluate(scene, &mut Evaluator::on(arm, scene), algorithm, &all);
+            for (state, found) in all.iter().zip(found.chunks_exact(scene.nv())) {
+                let plain = plainly(scene, Algorithm::ForwardDynamics(Form::SquareRoot), state);
+                let size = largest(&plain);
+                for (a, b) in found.iter().zip(&plain) {
+                    assert!((a - b).abs() <= 2.0 * tolerance::ALL_DIGITS * size, "{arm:?}: {a} beside {b}");
+                }
             }
         }
-    }
+    });
 }
 
 /// Sine and cosine of the fused scalar, against the standard library in double-double's place: a unit in the last place or so.
