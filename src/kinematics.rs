@@ -75,7 +75,8 @@ fn turned_row<T: Real>(r: [T; 3], s: T, c: T) -> [T; 3] {
 /// H^T u in the body's frame, for the joint rates (or accelerations) `u` of all joints; `row` is the joint's first.
 #[inline(always)]
 pub fn joint_motion<T: Real>(body: &Body<T>, row: usize, u: &[T]) -> Vector6<T> {
-    let o = u[row].constant(0.0);
+    // Not from `u`: a body that does not move has no row.
+    let o = body.tree.lever[0].constant(0.0);
     match body.motion {
         Motion::Revolute => Vector6::new(o, o, u[row], o, o, o),
         Motion::Prismatic => Vector6::new(o, o, o, o, o, u[row]),
