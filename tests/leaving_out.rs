@@ -48,6 +48,8 @@ fn builder(seed: u64) -> SceneBuilder {
     builder = add(builder, "welded", JointKind::Fixed, "carried", true);
     builder = add(builder, "frame", JointKind::Fixed, "welded", false);
     builder = add(builder, "turned", JointKind::Continuous, "welded", true);
+    // The last body of all has no row where fixed joints are kept.
+    builder = add(builder, "tool", JointKind::Fixed, "turned", true);
     builder
 }
 
@@ -198,10 +200,10 @@ fn a_wrench_of_zero_is_none() {
 fn switches_that_are_off_keep_what_they_name() {
     let bodies = |omissions| builder(0).omissions(omissions).build().unwrap().model().bodies.len();
     let all = bodies(Omissions::all());
-    // "welded" and "frame"; the column is on the base.
-    assert_eq!(bodies(Omissions { fixed_joints: false, ..Omissions::all() }), all + 2);
+    // "welded", "frame" and "tool"; the column is on the base.
+    assert_eq!(bodies(Omissions { fixed_joints: false, ..Omissions::all() }), all + 3);
     assert_eq!(bodies(Omissions { base_links: false, ..Omissions::all() }), all + 1);
-    assert_eq!(bodies(Omissions::none()), all + 4);
+    assert_eq!(bodies(Omissions::none()), all + 5);
     let massless = |omissions| {
         let scene = builder(0).omissions(omissions).build().unwrap();
         scene.model().bodies.iter().filter(|body| body.needs_no_force).count()
