@@ -10,7 +10,7 @@ use std::collections::HashSet;
 pub struct Omission {
     /// What, in a few words.
     pub what: &'static str,
-    /// The switch of [`Omissions`](crate::scene::Omissions) that turns it off; none where there is one way to compute only.
+    /// The switch of [`Omissions`] that turns it off; none where there is one way to compute only.
     pub switch: Option<&'static str>,
     /// How many.
     pub count: usize,
