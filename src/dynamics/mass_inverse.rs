@@ -96,8 +96,12 @@ fn inward<T: Real, C: ColumnsOf<T>>(
 ) {
     let last = body_of_row(model, block.end - 1);
     let InverseScratch { inward, outward, branches, co_state_covariance, .. } = scratch;
-    inward.clear(last);
     outward.clear(last);
+    // Without branches nothing but the columns' own way outward is asked for.
+    if !branches[..=last].contains(&true) {
+        return;
+    }
+    inward.clear(last);
     let like = inward.at[0][0];
     for k in (0..=last).rev() {
         let stage = &model.system.stages[k];

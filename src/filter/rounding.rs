@@ -235,8 +235,7 @@ pub fn judge<T: Real>(system: &System<T>, swept: &Swept<'_, T>, weighed: &Weighe
 pub(super) fn carried<T: Real>(zeta: &Vector6<T>, outer: &Vector6<T>, shift: &RigidShift<T>) -> T {
     let ((turned, moved), (angular, linear)) = (squares(zeta), squares(outer));
     let lever = shift.lever.dot(&shift.lever);
-    let two = T::one() + T::one();
-    turned * angular + moved * (linear + lever * angular) * two
+    turned * angular + moved * (linear + lever * angular) * lever.constant(2.0)
 }
 
 /// e/D of an estimate a = e/D - g* lambda, and the absolute sum of the terms.

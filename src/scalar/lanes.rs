@@ -89,20 +89,6 @@ impl<S: Instructions> Lanes<S> {
     pub fn lanes_mut(&mut self) -> &mut [f64] {
         cast_slice_mut(from_mut(&mut self.value))
     }
-
-    /// a * self + b for constants.
-    #[inline(always)]
-    fn affine(self, a: f64, b: f64) -> Self {
-        let s = self.simd;
-        Self::new(s, s.mul_add_f64s(self.value, s.splat_f64s(a), s.splat_f64s(b)))
-    }
-
-    /// self * z + c.
-    #[inline(always)]
-    fn horner(self, z: Self, c: f64) -> Self {
-        let s = self.simd;
-        Self::new(s, s.mul_add_f64s(self.value, z.value, s.splat_f64s(c)))
-    }
 }
 
 impl<S: Instructions> PartialEq for Lanes<S> {
@@ -203,32 +189,13 @@ impl<S: Instructions> Real for Lanes<S> {
         Self::new(self.simd, self.simd.sqrt_f64s(self.value))
     }
 
-    /// As `trigonometry::sin_cos` does it, in all lanes.
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
         let s = self.simd;
-        let shifted = self.affine(std::f64::consts::FRAC_2_PI, t::ROUNDER);
-        let turns = shifted.affine(1.0, -t::ROUNDER);
-        let part = |c: f64| Self::new(s, s.splat_f64s(c));
-        let first = self.minus_product(turns, part(t::HALF_PI[0]));
-        let second = turns * part(t::HALF_PI[1]);
-        let reduced = first - second;
-        let rest = turns * part(t::HALF_PI_REST) - ((first - reduced) - second);
-        let y = reduced - rest;
-        let tail = (reduced - y) - rest;
+        let shifted = self.mul_add(self.constant(std::f64::consts::FRAC_2_PI), self.constant(t::ROUNDER));
+        let (sine, cosine) = t::of_reduced(self, shifted - self.constant(t::ROUNDER));
 
-        let z = y * y;
-        let v = z * y;
-        let of_sine =
-            z.affine(t::SINE[5], t::SINE[4]).horner(z, t::SINE[3]).horner(z, t::SINE[2]).horner(z, t::SINE[1]);
-        let half_tail = (tail * part(0.5)).minus_product(v, of_sine);
-        let sine = y - (z.mul_add(half_tail, -tail) - v * part(t::SINE[0]));
-        let half = z * part(0.5);
-        let whole = part(1.0) - half;
-        let c = &t::COSINE;
-        let of_cosine = z.affine(c[5], c[4]).horner(z, c[3]).horner(z, c[2]).horner(z, c[1]).horner(z, c[0]);
-        let cosine = whole + (((part(1.0) - whole) - half) + z.mul_add(z * of_cosine, -(y * tail)));
-
+        // As `Fused` chooses, in every lane.
         let quadrant = s.transmute_u64s_f64s(shifted.value);
         let (one, two) = (s.splat_u64s(1), s.splat_u64s(2));
         let swapped = s.equal_u64s(s.and_u64s(quadrant, one), one);
@@ -241,7 +208,7 @@ impl<S: Instructions> Real for Lanes<S> {
         // Rare: each lane that the reduction is not good for, by itself, so that no lane changes another's bits.
         let largest = s.reduce_max_f64s(self.abs().value);
         if !(largest <= t::LARGEST) || !self.is_finite() {
-            t::far_lanes(self.lanes(), sine.lanes_mut(), cosine.lanes_mut());
+            t::far(self.lanes(), sine.lanes_mut(), cosine.lanes_mut());
         }
         (sine, cosine)
     }
