@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..figure import FAINT, STYLE, Plot, direct_labels, finished, plain_time, power_ticks
+from ..figure import FAINT, STYLE, Plot, direct_labels, finished, power_ticks, time_axis
 from ..text import power
 from .collect import CHOLESKY, COVARIANCE, LDLT, ROOT, TIMED, Error, Point, Stability
 
@@ -131,10 +131,8 @@ def _against_time(found: Stability) -> Plot:
                     axes.plot([row.ns], [max(row.error.norm, 1e-18)], "o" if double else "s", ms=7, color=ink,
                               mfc=ink if double else "white", mew=1.5)  # fmt: skip
             _log(axes, f"{name}, {_plain(value)}")
-            axes.set_xscale("log")
             times = [row.ns for row in rows]
-            axes.set_xlim(min(times) / 1.25, max(times) * 1.25)
-            _ticks(axes)
+            time_axis(axes, min(times) / 1.25, max(times) * 1.25)
             point = next(p for p in found.of(name) if p.value == value)
             axes.axhline(point.floor, color="#8a9199", lw=0.9, ls=(0, (4, 3)))
             axes.set_ylim(1e-17, 1e2)
@@ -157,17 +155,6 @@ def _against_time(found: Stability) -> Plot:
         figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False, fontsize=8,
                       columnspacing=1.4, handletextpad=0.4)  # fmt: skip
         return finished("error-against-run-time", figure)
-
-
-def _ticks(axes: Axes) -> None:
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-
-    low, high = axes.get_xlim()
-    steps = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
-    marks = [m * 10.0**e for e in range(1, 8) for m in steps]
-    axes.xaxis.set_major_locator(FixedLocator([m for m in marks if low <= m <= high]))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: plain_time(value)))
 
 
 def _plain(value: float) -> str:
