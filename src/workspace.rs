@@ -1,6 +1,5 @@
 //! Every per-body array of the sweeps, allocated once.
 
-use crate::dynamics::columns::Columns;
 use crate::filter::cancellation::weight;
 use crate::filter::pivots::{Evidence, LostPivot, PivotMonitor, Scale, first_lost};
 use crate::filter::riccati::{Covariances, Measured};
@@ -48,8 +47,6 @@ pub struct Workspace<T: Real> {
     pub(crate) probe: Vec<T>,
     /// The estimates for a right side that nobody asked for.
     pub(crate) estimates: Vec<T>,
-    /// Columns of M on their way inward.
-    pub(crate) columns: Columns<T>,
     /// r(k), the inertia of everything outboard of joint k.
     pub(crate) composite: Vec<BodyInertia<T>>,
 }
@@ -76,7 +73,6 @@ impl<T: Real> Workspace<T> {
             weights: (0..2 * model.nv()).map(|row| T::from_f64(weight(row))).collect(),
             probe: vec![nan; model.nv()],
             estimates: vec![nan; model.nv()],
-            columns: Columns::new(bodies),
             composite: vec![
                 BodyInertia {
                     mass: nan,

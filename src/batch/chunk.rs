@@ -4,9 +4,8 @@
 //! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
 use super::arms::{Vectorised, Work};
-use crate::dynamics::columns::Columns;
 use crate::dynamics::mass_inverse::InverseScratch;
-use crate::dynamics::{self, auto, forward, mass_inverse, mass_matrix, refined};
+use crate::dynamics::{self, auto, forward, mass_inverse, refined};
 use crate::filter::Form;
 use crate::scalar::Real;
 use crate::scene::queries::QUATERNION_SLACK;
@@ -61,7 +60,6 @@ pub(super) struct Chunk<T: Vectorised> {
     quaternions: Vec<usize>,
     workspace: Workspace<T>,
     inverse: Option<InverseScratch<T, T::Columns>>,
-    columns: Columns<T::Columns>,
     arguments: [Vec<T>; 3],
     wrenches: Vec<Vector6<T>>,
     results: Vec<T>,
@@ -76,18 +74,8 @@ impl<T: Vectorised> Chunk<T> {
         });
         let (quaternions, model) = (quaternions.collect(), model.cast::<T>());
         let workspace = Workspace::new(&model);
-        let columns = Columns::new(model.bodies.len());
         let arguments = [vec![T::zero(); model.nq], vec![T::zero(); model.nv()], vec![T::zero(); model.nv()]];
-        Self {
-            model,
-            quaternions,
-            workspace,
-            inverse: None,
-            columns,
-            arguments,
-            wrenches: Vec::new(),
-            results: Vec::new(),
-        }
+        Self { model, quaternions, workspace, inverse: None, arguments, wrenches: Vec::new(), results: Vec::new() }
     }
 }
 
@@ -166,7 +154,7 @@ impl<T: Vectorised> Work for Run<'_, T> {
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Chunk { model, quaternions, workspace, arguments, wrenches, results, inverse, columns } = self.chunk;
+        let Chunk { model, quaternions, workspace, arguments, wrenches, results, inverse } = self.chunk;
         let states = self.states;
         let [q, qd, u] = arguments;
         let mut fault = gather(q, states, |state| state.q);
@@ -185,7 +173,7 @@ impl<T: Vectorised> Work for Run<'_, T> {
         }
         let width = self.out.len() / states.len();
         results.resize(width, T::zero());
-        let mut doubt = compute(self.algorithm, model, workspace, (inverse, columns), (q, qd, u), wrenches, results);
+        let mut doubt = compute(self.algorithm, model, workspace, inverse, (q, qd, u), wrenches, results);
         for &number in results.iter() {
             fault += not_finite(number);
         }
@@ -211,17 +199,13 @@ fn lanes_but<T: Real>(holds: impl Fn(usize) -> bool) -> u64 {
     bits
 }
 
-/// What only M and M^-1 need.
-type OfMatrices<'a, T> =
-    (&'a mut Option<InverseScratch<T, <T as Vectorised>::Columns>>, &'a mut Columns<<T as Vectorised>::Columns>);
-
 /// The algorithm itself; gives the lanes that it doubts.
 #[inline(always)]
 fn compute<T: Vectorised>(
     algorithm: Algorithm,
     model: &Model<T>,
     workspace: &mut Workspace<T>,
-    (inverse, columns): OfMatrices<'_, T>,
+    inverse: &mut Option<InverseScratch<T, T::Columns>>,
     (q, qd, u): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     results: &mut [T],
@@ -248,7 +232,7 @@ fn compute<T: Vectorised>(
             0
         }
         Algorithm::MassMatrix => {
-            mass_matrix::mass_matrix_in_columns(model, workspace, columns, q, results);
+            dynamics::mass_matrix(model, workspace, q, results);
             0
         }
         Algorithm::MassMatrixInverse(form @ (Form::Covariance | Form::Auto)) => {

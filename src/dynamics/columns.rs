@@ -1,4 +1,4 @@
-//! Columns of N x N matrices, a few side by side: what M and M^-1 share.
+//! Columns of M^-1, a few side by side.
 //!
 //! A block is as many neighbouring columns as `C` holds. Each has a vector of its own at each body; a lane whose column has nothing
 //! at a body holds zeros there, so that lanes of different branches go through one sweep.

@@ -4,7 +4,7 @@
 //! [`Workspace`](crate::Workspace), check nothing and allocate nothing. [`Scene`](crate::Scene) wraps them with checks and names.
 
 pub mod auto;
-pub mod columns;
+mod columns;
 pub mod energy;
 pub mod estimate;
 #[cfg(feature = "dense")]
