@@ -11,7 +11,7 @@ use crate::workspace::Workspace;
 
 /// Scratch for the algorithms of one scene on one thread, for one state and for as many as fit in a register.
 ///
-/// What it computes has the same bits in any lane and with any neighbours, but for the sign of a zero in M and M^-1.
+/// What it computes has the same bits in any lane and with any neighbours, but for the sign of a zero in M^-1.
 pub struct Evaluator {
     arm: Arm,
     one: Box<dyn Chunks>,
