@@ -84,6 +84,28 @@ pub trait Vectorised: Real {
 
     /// The same, to be written.
     fn lanes_mut(&mut self) -> &mut [f64];
+
+    /// Numbers into lanes: `states` has a slice for each lane, `numbers` becomes entry by entry what they hold.
+    ///
+    /// Slices that are empty leave all as it is.
+    #[inline(always)]
+    fn take_lanes(states: &[&[f64]], numbers: &mut [Self]) {
+        for (lane, state) in states.iter().enumerate() {
+            for (number, &value) in numbers.iter_mut().zip(*state) {
+                number.lanes_mut()[lane] = value;
+            }
+        }
+    }
+
+    /// Lanes into numbers: of each state as many as there are in `numbers`, one state after another; as many states as `out` has.
+    #[inline(always)]
+    fn put_lanes(numbers: &[Self], out: &mut [f64]) {
+        for (lane, out) in out.chunks_exact_mut(numbers.len()).enumerate() {
+            for (value, number) in out.iter_mut().zip(numbers) {
+                *value = number.lanes()[lane];
+            }
+        }
+    }
 }
 
 struct Job<W>(W);
@@ -164,6 +186,16 @@ macro_rules! arm {
             #[inline(always)]
             fn lanes_mut(&mut self) -> &mut [f64] {
                 Lanes::lanes_mut(self)
+            }
+
+            #[inline(always)]
+            fn take_lanes(states: &[&[f64]], numbers: &mut [Self]) {
+                Lanes::take_lanes(states, numbers);
+            }
+
+            #[inline(always)]
+            fn put_lanes(numbers: &[Self], out: &mut [f64]) {
+                Lanes::put_lanes(numbers, out);
             }
         }
     };

@@ -4,8 +4,8 @@
 //! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
 use super::arms::{Vectorised, Work};
-use crate::dynamics::mass_inverse::InverseScratch;
-use crate::dynamics::{self, auto, forward, mass_inverse, refined};
+use crate::dynamics::lean::{self, LeanModel, LeanScratch};
+use crate::dynamics::{auto, refined};
 use crate::filter::Form;
 use crate::scalar::Real;
 use crate::scene::queries::QUATERNION_SLACK;
@@ -42,6 +42,9 @@ pub struct Arguments<'a> {
     pub wrenches: &'a [SpatialVector<f64>],
 }
 
+/// As many lanes as any scalar has.
+const MOST_LANES: usize = 8;
+
 /// What runs chunks, whatever its scalar.
 pub(super) trait Chunks: Send + Sync {
     /// How many states at once.
@@ -56,10 +59,11 @@ pub(super) trait Chunks: Send + Sync {
 #[derive(Debug)]
 pub(super) struct Chunk<T: Vectorised> {
     model: Model<T>,
+    lean: LeanModel<T>,
+    lean_scratch: LeanScratch<T>,
     /// Where the quaternions are in q.
     quaternions: Vec<usize>,
     workspace: Workspace<T>,
-    inverse: Option<InverseScratch<T, T::Columns>>,
     arguments: [Vec<T>; 3],
     wrenches: Vec<Vector6<T>>,
     results: Vec<T>,
@@ -72,10 +76,12 @@ impl<T: Vectorised> Chunk<T> {
             Motion::Free => Some(body.q + 3),
             _ => None,
         });
+        let lean = LeanModel::new(model);
         let (quaternions, model) = (quaternions.collect(), model.cast::<T>());
-        let workspace = Workspace::new(&model);
+        let (workspace, lean_scratch) = (Workspace::new(&model), LeanScratch::new(&model, &lean));
         let arguments = [vec![T::zero(); model.nq], vec![T::zero(); model.nv()], vec![T::zero(); model.nv()]];
-        Self { model, quaternions, workspace, inverse: None, arguments, wrenches: Vec::new(), results: Vec::new() }
+        let (wrenches, results) = (Vec::new(), Vec::new());
+        Self { model, lean, lean_scratch, quaternions, workspace, arguments, wrenches, results }
     }
 }
 
@@ -126,12 +132,11 @@ fn gather<'a, T: Vectorised>(
     states: &'a [Arguments<'_>],
     of: impl Fn(&'a Arguments<'_>) -> &'a [f64],
 ) -> T {
-    for lane in 0..T::LANES {
-        let state = of(&states[lane.min(states.len() - 1)]);
-        for (number, &value) in numbers.iter_mut().zip(state) {
-            number.lanes_mut()[lane] = value;
-        }
+    let mut given: [&[f64]; MOST_LANES] = [&[]; MOST_LANES];
+    for (lane, given) in given.iter_mut().enumerate().take(T::LANES) {
+        *given = of(&states[lane.min(states.len() - 1)]);
     }
+    T::take_lanes(&given[..T::LANES], numbers);
     let mut fault = T::zero();
     if !of(&states[0]).is_empty() {
         for &number in numbers.iter() {
@@ -154,7 +159,7 @@ impl<T: Vectorised> Work for Run<'_, T> {
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Chunk { model, quaternions, workspace, arguments, wrenches, results, inverse } = self.chunk;
+        let Chunk { model, lean, lean_scratch, quaternions, workspace, arguments, wrenches, results } = self.chunk;
         let states = self.states;
         let [q, qd, u] = arguments;
         let mut fault = gather(q, states, |state| state.q);
@@ -173,14 +178,13 @@ impl<T: Vectorised> Work for Run<'_, T> {
         }
         let width = self.out.len() / states.len();
         results.resize(width, T::zero());
-        let mut doubt = compute(self.algorithm, model, workspace, inverse, (q, qd, u), wrenches, results);
+        let scene = (&*model, &*lean);
+        let mut doubt = compute(self.algorithm, scene, (lean_scratch, workspace), (q, qd, u), wrenches, results);
         for &number in results.iter() {
             fault += not_finite(number);
         }
-        for (lane, out) in self.out.chunks_exact_mut(width).enumerate() {
-            for (value, number) in out.iter_mut().zip(results.iter()) {
-                *value = number.lanes()[lane];
-            }
+        T::put_lanes(results, self.out);
+        for lane in 0..states.len() {
             // A norm may be off by as much as this bounds its square: half of what is allowed passes here.
             let far = !(nearness.lane(lane) >= -QUATERNION_SLACK);
             doubt |= u64::from(far || fault.lane(lane) != 0.0) << lane;
@@ -203,20 +207,25 @@ fn lanes_but<T: Real>(holds: impl Fn(usize) -> bool) -> u64 {
 #[inline(always)]
 fn compute<T: Vectorised>(
     algorithm: Algorithm,
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    inverse: &mut Option<InverseScratch<T, T::Columns>>,
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    (scratch, workspace): (&mut LeanScratch<T>, &mut Workspace<T>),
     (q, qd, u): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     results: &mut [T],
 ) -> u64 {
+    let scene = (model, lean);
     match algorithm {
         Algorithm::ForwardDynamics(Form::Auto) => {
-            let watched = auto::forward_dynamics_watched(model, workspace, (q, qd, u), wrenches, results);
-            lanes_but::<T>(|lane| watched.kept(lane))
+            let (pivots, cancellation) = lean::forward_dynamics_watched(scene, scratch, (q, qd, u), wrenches, results);
+            let first = auto::Watched::at_first_look(pivots, cancellation);
+            if first.kept_in_every_lane() {
+                0
+            } else {
+                look_closer(&first, model, workspace, (q, qd, u), wrenches, results)
+            }
         }
         Algorithm::ForwardDynamics(Form::Covariance) => {
-            let pivots = forward::covariance_form::<T, false>(model, workspace, q, qd, u, wrenches, results);
+            let pivots = lean::forward_dynamics(scene, scratch, (q, qd, u), wrenches, results);
             lanes_but::<T>(|lane| pivots.clear(lane))
         }
         Algorithm::ForwardDynamics(Form::SquareRoot) => {
@@ -224,24 +233,54 @@ fn compute<T: Vectorised>(
             lanes_but::<T>(|lane| pivots.clear(lane) && reach.clear(lane))
         }
         Algorithm::InverseDynamics => {
-            dynamics::inverse_dynamics(model, workspace, q, qd, u, wrenches, results);
+            lean::inverse_dynamics(scene, scratch, (q, qd, Some(u)), wrenches, results);
             0
         }
         Algorithm::BiasTorque => {
-            dynamics::bias_torque(model, workspace, q, qd, wrenches, results);
+            lean::inverse_dynamics(scene, scratch, (q, qd, None), wrenches, results);
             0
         }
         Algorithm::MassMatrix => {
-            dynamics::mass_matrix(model, workspace, q, results);
+            lean::mass_matrix(scene, scratch, q, results);
             0
         }
-        Algorithm::MassMatrixInverse(form @ (Form::Covariance | Form::Auto)) => {
-            let scratch = inverse.get_or_insert_with(|| InverseScratch::new(model));
-            let watched = auto::factorise_watched(model, workspace, q, form == Form::Auto);
-            mass_inverse::closed_form(model, workspace, scratch, results);
-            lanes_but::<T>(|lane| watched.kept(lane))
+        Algorithm::MassMatrixInverse(Form::Covariance) => {
+            let pivots = lean::mass_matrix_inverse(scene, scratch, q, results);
+            lanes_but::<T>(|lane| pivots.clear(lane))
+        }
+        Algorithm::MassMatrixInverse(Form::Auto) => {
+            let (pivots, cancellation) = lean::factor_watched(scene, scratch, q, &mut results[..model.nv()]);
+            let first = auto::Watched::at_first_look(pivots, cancellation);
+            lean::closed_form(scene, scratch, results);
+            if first.kept_in_every_lane() {
+                return 0;
+            }
+            let closer = auto::factorise_watched(model, workspace, q);
+            lanes_but::<T>(|lane| first.kept(lane) || closer.kept(lane))
         }
         // Rare, or not worth code of its own for every arm.
         Algorithm::ForwardDynamics(Form::Joseph) | Algorithm::MassMatrixInverse(_) => u64::MAX,
     }
+}
+
+/// The closer looks of [`auto`] at the lanes that the first one left in doubt; the others keep their bits.
+#[inline(always)]
+fn look_closer<T: Vectorised>(
+    first: &auto::Watched<T>,
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    (q, qd, u): (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    results: &mut [T],
+) -> u64 {
+    let kept = results.to_vec();
+    let watched = auto::forward_dynamics_watched(model, workspace, (q, qd, u), wrenches, results);
+    for lane in 0..T::LANES {
+        if first.kept(lane) {
+            for (result, kept) in results.iter_mut().zip(&kept) {
+                result.lanes_mut()[lane] = kept.lanes()[lane];
+            }
+        }
+    }
+    lanes_but::<T>(|lane| first.kept(lane) || watched.kept(lane))
 }

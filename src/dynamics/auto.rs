@@ -85,20 +85,11 @@ pub(super) fn factorise<T: Real>(
     forward_root::factorise(model, workspace, seen)
 }
 
-/// The factor of M at `q` in covariance form; watched where `watch` says so, else trusted wherever its pivots are clear.
+/// The factor of M at `q` in covariance form, and how it kept its digits, with a closer look where that is in doubt.
 #[inline(always)]
-pub(crate) fn factorise_watched<T: Real>(
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    q: &[T],
-    watch: bool,
-) -> Watched<T> {
+pub(crate) fn factorise_watched<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Watched<T> {
     placements_base_to_tip(model, q, &mut workspace.shift);
-    if watch {
-        return watch_factor(model, workspace, |_, _| {});
-    }
-    let pivots = riccati::sweep(&model.system, &mut covariances_of_noise(model, workspace), |_, _| {});
-    Watched { pivots, cancellation: Cancellation::new(), margin: Margin::Usual }
+    watch_factor(model, workspace, |_, _| {})
 }
 
 /// The factor in covariance form with phi in the workspace, and what two made-up right sides say of it.
@@ -145,6 +136,12 @@ enum Margin {
 }
 
 impl<T: Real> Watched<T> {
+    /// After the first look.
+    #[inline(always)]
+    pub fn at_first_look(pivots: PivotMonitor<T>, cancellation: Cancellation<T>) -> Self {
+        Self { pivots, cancellation, margin: Margin::Usual }
+    }
+
     /// Whether one lane kept its digits.
     #[inline(always)]
     pub fn kept(&self, lane: usize) -> bool {
@@ -156,7 +153,7 @@ impl<T: Real> Watched<T> {
     }
 
     #[inline(always)]
-    fn kept_in_every_lane(&self) -> bool {
+    pub fn kept_in_every_lane(&self) -> bool {
         let mut all = true;
         for lane in 0..T::LANES {
             all &= self.kept(lane);

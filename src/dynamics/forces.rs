@@ -22,9 +22,9 @@ pub(super) struct Motion<'a, T: Real> {
 #[derive(Clone, Copy)]
 pub(super) struct Needed {
     /// Some rate is not zero.
-    velocity: bool,
+    pub velocity: bool,
     /// Some acceleration is not zero: gravity, what velocities cause, or joint accelerations.
-    acceleration: bool,
+    pub acceleration: bool,
 }
 
 impl Needed {

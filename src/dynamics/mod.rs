@@ -13,6 +13,7 @@ mod forces;
 pub mod forward;
 mod forward_root;
 pub mod inverse;
+pub(crate) mod lean;
 pub mod mass_inverse;
 pub mod mass_matrix;
 pub mod operational;

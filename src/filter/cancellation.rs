@@ -22,7 +22,7 @@
 use super::pivots::{Scale, absolute_shift_transpose};
 use super::riccati::Measured;
 use super::rounding::{carried, squares};
-use super::system::{HingeMap, Rows, System};
+use super::system::{HingeMap, Rows, Stage, System};
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, Symmetric6, absolute, dot, scaled_add, times_each, zero};
 use nalgebra::Vector6;
@@ -123,6 +123,58 @@ pub struct Probe<'a, T: Real> {
     pub co_state: &'a mut [Vector6<T>],
 }
 
+/// What the filter left of one stage.
+#[derive(Debug)]
+pub(crate) struct Swept<'a, T: Real> {
+    /// z^+.
+    pub z: &'a Vector6<T>,
+    /// The bound of the terms of P^-.
+    pub scale: &'a Scale<T>,
+    /// D and g of every row.
+    pub measured: &'a [Measured<T>],
+}
+
+impl<T: Real> Cancellation<T> {
+    /// What the smoother's rounding is, of a co-state `outer` carried past a lever of this square to where zeta^+ is.
+    #[inline(always)]
+    pub(crate) fn carried(&mut self, zeta: &Vector6<T>, outer: &Vector6<T>, lever_square: T) {
+        self.smoother += carried(zeta, outer, lever_square);
+    }
+
+    /// The rows of one stage for both right sides, as [`smoother::through_stage`](super::smoother::through_stage): co-states lambda^+ and
+    /// nu^+ in, lambda^- and nu out; e^- in, estimates out for the first, e^- of the second.
+    #[inline(always)]
+    pub(crate) fn through_stage(
+        &mut self,
+        stage: &Stage<T>,
+        swept: &Swept<'_, T>,
+        (lambda, nu): (&mut Vector6<T>, &mut Vector6<T>),
+        (estimates, weighed): (&mut [T], &[T]),
+    ) {
+        let (mut moment, mut force) = squares(swept.z);
+        for i in 0..stage.rows.count() {
+            let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
+            let m = &swept.measured[row];
+            let (e, e_w) = (estimates[row], weighed[row]);
+            let share = e * m.pivot_inverse;
+            let a = share - dot(&m.gain, lambda);
+            self.smoother += e_w * e_w * (share * share + a * a);
+            let c = e_w * m.pivot_inverse - dot(&m.gain, nu);
+            *lambda = hinge.spread_onto(lambda, a);
+            *nu = hinge.spread_onto(nu, c);
+            let (turned, moved) = squares(&m.gain);
+            moment += turned * (e * e);
+            force += moved * (e * e);
+            estimates[row] = a;
+            self.size = self.size.worst(-a.abs());
+        }
+        let Scale { angular, linear } = *swept.scale;
+        let ((turning, moving), (turned, moved)) = (squares(nu), squares(lambda));
+        let of_p = (angular * turning + linear * moving) * (angular * turned + linear * moved);
+        self.noise += of_p * of_p.constant(1.0 / BOUND_SQUARED) + (turning * moment + moving * force);
+    }
+}
+
 /// The sum of t x^2.
 #[inline(always)]
 fn weighed<T: Real>(terms: &Vector6<T>, x: &Vector6<T>) -> T {
@@ -137,38 +189,18 @@ pub fn sweep<T: Real>(
     co_state: &mut [Vector6<T>],
     estimates: &mut [T],
 ) -> Cancellation<T> {
-    let usual = T::from_f64(1.0 / BOUND_SQUARED);
     let mut seen = Cancellation::<T>::new();
     for (k, stage) in system.stages.iter().enumerate() {
         let (mut lambda, mut nu) = match stage.parent {
             Some(parent) => {
                 let shift = &probe.shift[k];
-                seen.smoother += carried(&probe.co_state[k], &co_state[parent], shift);
+                seen.carried(&probe.co_state[k], &co_state[parent], shift.lever.dot(&shift.lever));
                 (shift.motion_to_child(&co_state[parent]), shift.motion_to_child(&probe.co_state[parent]))
             }
             None => (zero(), zero()),
         };
-        let (mut moment, mut force) = squares(&probe.z[k]);
-        for i in 0..stage.rows.count() {
-            let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
-            let m = &probe.measured[row];
-            let (e, e_w) = (estimates[row], probe.innovations[row]);
-            let share = e * m.pivot_inverse;
-            let a = share - dot(&m.gain, &lambda);
-            seen.smoother += e_w * e_w * (share * share + a * a);
-            let c = e_w * m.pivot_inverse - dot(&m.gain, &nu);
-            lambda = hinge.spread_onto(&lambda, a);
-            nu = hinge.spread_onto(&nu, c);
-            let (turned, moved) = squares(&m.gain);
-            moment += turned * (e * e);
-            force += moved * (e * e);
-            estimates[row] = a;
-            seen.size = seen.size.worst(-a.abs());
-        }
-        let Scale { angular, linear } = probe.scale[k];
-        let ((turning, moving), (turned, moved)) = (squares(&nu), squares(&lambda));
-        let of_p = (angular * turning + linear * moving) * (angular * turned + linear * moved);
-        seen.noise += of_p * usual + (turning * moment + moving * force);
+        let swept = Swept { z: &probe.z[k], scale: &probe.scale[k], measured: probe.measured };
+        seen.through_stage(stage, &swept, (&mut lambda, &mut nu), (estimates, probe.innovations));
         co_state[k] = lambda;
         probe.co_state[k] = nu;
     }

@@ -20,13 +20,29 @@ pub fn step<T: Real>(
     z: &mut [Vector6<T>],
     innovations: &mut [T],
 ) {
-    let stage = &system.stages[k];
     let mut state = z[k];
+    through_stage((system, k), measured, measurement, &mut state, innovations);
+    z[k] = state;
+    if let Some(parent) = system.stages[k].parent {
+        z[parent] = sum(&z[parent], &shift[k].force_to_parent(&state));
+    }
+}
+
+/// The rows of one stage, last first: z^- becomes z^+ (4.5), `innovations` receives e^- (4.2).
+#[inline(always)]
+pub fn through_stage<T: Real>(
+    (system, k): (&System<T>, usize),
+    measured: &[Measured<T>],
+    measurement: &[T],
+    state: &mut Vector6<T>,
+    innovations: &mut [T],
+) {
+    let stage = &system.stages[k];
     for i in (0..stage.rows.count()).rev() {
         let row = stage.first_row + i;
         let (hinge, m) = (stage.rows.row(i), &measured[row]);
-        let e_minus = measurement[row] - hinge.project(&state);
-        state = scaled_add(&m.gain, e_minus, &state);
+        let e_minus = measurement[row] - hinge.project(state);
+        *state = scaled_add(&m.gain, e_minus, state);
         // H z^+ = tau - (r / D) e^-, which a sum with a large H z^- would not give.
         if let HingeMap::Axis(i) = hinge
             && system.is_measured(row)
@@ -34,10 +50,6 @@ pub fn step<T: Real>(
             state[i] = measurement[row].minus_product(e_minus, system.noise[row] * m.pivot_inverse);
         }
         innovations[row] = e_minus;
-    }
-    z[k] = state;
-    if let Some(parent) = stage.parent {
-        z[parent] = sum(&z[parent], &shift[k].force_to_parent(&state));
     }
 }
 

@@ -84,36 +84,51 @@ impl<T: Real> Covariances<'_, T> {
         monitor: &mut PivotMonitor<T>,
         mut seen: impl FnMut(usize, &Symmetric6<T>),
     ) {
-        let stage = &system.stages[k];
-        let shift = &self.shift[k];
-        let mut p = self.p[k];
-        let scale = self.scale[k];
-        let sent = Scale::sent_by(&p, shift);
-        // The commonest row is named, so that the compiler sees which column of P is meant and which zeros it leaves.
-        let carried = if let Rows::One(HingeMap::Axis(2)) = stage.rows {
-            let (row, hinge) = (stage.first_row, HingeMap::Axis(2));
-            seen(row, &p);
-            let m = update::<T, JOSEPH>(&mut p, &hinge, system.noise[row]);
-            monitor.observe(m.pivot, &hinge, &scale);
-            self.measured[row] = m;
-            if system.skips_zeros_of(row) { shift.inertia_to_parent_past_z(&p) } else { shift.inertia_to_parent(&p) }
-        } else {
-            for i in (0..stage.rows.count()).rev() {
-                let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
-                seen(row, &p);
-                let m = update::<T, JOSEPH>(&mut p, &hinge, system.noise[row]);
-                monitor.observe(m.pivot, &hinge, &scale);
-                self.measured[row] = m;
-            }
-            shift.inertia_to_parent(&p)
-        };
-        self.p[k] = p;
-        if let Some(parent) = stage.parent {
+        let (shift, p, scale) = (&self.shift[k], &mut self.p[k], self.scale[k]);
+        let sent = Scale::sent_by(p, shift);
+        let carried = through_stage::<T, JOSEPH>((system, k), shift, (p, &scale), self.measured, monitor, &mut seen);
+        if let Some(parent) = system.stages[k].parent {
             let at_parent = &mut self.p[parent];
             *at_parent = at_parent.add(&carried);
             self.scale[parent].add(&sent);
         }
     }
+}
+
+/// One stage: all its rows, last first, turn P^- into P^+; gives phi P^+ phi*. `seen` is called with each row's P^-.
+#[inline(always)]
+pub fn through_stage<T: Real, const JOSEPH: bool>(
+    (system, k): (&System<T>, usize),
+    shift: &RigidShift<T>,
+    (p, scale): (&mut Symmetric6<T>, &Scale<T>),
+    measured: &mut [Measured<T>],
+    monitor: &mut PivotMonitor<T>,
+    mut seen: impl FnMut(usize, &Symmetric6<T>),
+) -> Symmetric6<T> {
+    let stage = &system.stages[k];
+    // The commonest row is named, so that the compiler sees which column of P is meant and which zeros it leaves.
+    if let Rows::One(HingeMap::Axis(2)) = stage.rows {
+        let (row, hinge) = (stage.first_row, HingeMap::Axis(2));
+        let mut carried = *p;
+        seen(row, &carried);
+        let m = update::<T, JOSEPH>(&mut carried, &hinge, system.noise[row]);
+        monitor.observe(m.pivot, &hinge, scale);
+        measured[row] = m;
+        *p = carried;
+        return if system.skips_zeros_of(row) {
+            shift.inertia_to_parent_past_z(&carried)
+        } else {
+            shift.inertia_to_parent(&carried)
+        };
+    }
+    for i in (0..stage.rows.count()).rev() {
+        let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
+        seen(row, p);
+        let m = update::<T, JOSEPH>(p, &hinge, system.noise[row]);
+        monitor.observe(m.pivot, &hinge, scale);
+        measured[row] = m;
+    }
+    shift.inertia_to_parent(p)
 }
 
 /// Tip to base: D, g and P^+ of every stage, covariance form.

@@ -200,7 +200,7 @@ pub fn judge<T: Real>(system: &System<T>, swept: &Swept<'_, T>, weighed: &Weighe
         if let Some(parent) = stage.parent {
             let outer = &swept.co_state[parent];
             lambda = swept.shift[k].motion_to_child(outer);
-            seen.noise += carried(&weighed.state[k], outer, &swept.shift[k]);
+            seen.noise += carried(&weighed.state[k], outer, swept.shift[k].lever.dot(&swept.shift[k].lever));
         }
         let (nu, mut terms) = (&weighed.co_state[k], Terms::of_root(&swept.root[k], &swept.coordinates[k]));
         for i in 0..stage.rows.count() {
@@ -232,10 +232,9 @@ pub fn judge<T: Real>(system: &System<T>, swept: &Swept<'_, T>, weighed: &Weighe
 
 /// The square of zeta* dlambda^+: eps of the terms that the lever makes of the parent's co-state.
 #[inline(always)]
-pub(super) fn carried<T: Real>(zeta: &Vector6<T>, outer: &Vector6<T>, shift: &RigidShift<T>) -> T {
+pub(super) fn carried<T: Real>(zeta: &Vector6<T>, outer: &Vector6<T>, lever_square: T) -> T {
     let ((turned, moved), (angular, linear)) = (squares(zeta), squares(outer));
-    let lever = shift.lever.dot(&shift.lever);
-    turned * angular + moved * (linear + lever * angular) * lever.constant(2.0)
+    turned * angular + moved * (linear + lever_square * angular) * turned.constant(2.0)
 }
 
 /// e/D of an estimate a = e/D - g* lambda, and the absolute sum of the terms.

@@ -1,7 +1,7 @@
 //! The Bryson-Frazier smoother (4.7 to 4.11, with 4.11 as it holds).
 
 use super::riccati::Measured;
-use super::system::System;
+use super::system::{Stage, System};
 use crate::scalar::Real;
 use crate::spatial::RigidShift;
 use nalgebra::Vector6;
@@ -23,13 +23,24 @@ pub fn sweep<T: Real>(
             Some(parent) => shift[k].motion_to_child(&co_state[parent]),
             None => crate::spatial::zero(),
         };
-        for i in 0..stage.rows.count() {
-            let row = stage.first_row + i;
-            let m = &measured[row];
-            let a = estimates[row].mul_add(m.pivot_inverse, -crate::spatial::dot(&m.gain, &lambda));
-            lambda = stage.rows.row(i).spread_onto(&lambda, a);
-            estimates[row] = a;
-        }
+        through_stage(stage, measured, &mut lambda, estimates);
         co_state[k] = lambda;
+    }
+}
+
+/// The rows of one stage, first to last: lambda^+ becomes lambda^- (4.11), `estimates` holds e^- on entry and a on return (4.9).
+#[inline(always)]
+pub fn through_stage<T: Real>(
+    stage: &Stage<T>,
+    measured: &[Measured<T>],
+    lambda: &mut Vector6<T>,
+    estimates: &mut [T],
+) {
+    for i in 0..stage.rows.count() {
+        let row = stage.first_row + i;
+        let m = &measured[row];
+        let a = estimates[row].mul_add(m.pivot_inverse, -crate::spatial::dot(&m.gain, lambda));
+        *lambda = stage.rows.row(i).spread_onto(lambda, a);
+        estimates[row] = a;
     }
 }

@@ -137,6 +137,18 @@ impl Real for Counted {
         Self(x)
     }
 
+    type Number = Self;
+
+    #[inline(always)]
+    fn number(x: f64) -> Self {
+        Self::from_f64(x)
+    }
+
+    #[inline(always)]
+    fn everywhere(self, x: Self) -> Self {
+        x
+    }
+
     fn lane(self, _index: usize) -> f64 {
         self.0
     }

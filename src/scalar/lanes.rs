@@ -8,6 +8,8 @@ use super::trigonometry as t;
 use num_traits::{One, Zero};
 use pulp::Simd;
 use pulp::bytemuck::{cast_slice, cast_slice_mut};
+#[cfg(target_arch = "x86_64")]
+use pulp::cast;
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use std::slice::{from_mut, from_ref};
@@ -19,6 +21,9 @@ pub trait Instructions: Simd {
 
     /// The set, where this processor has it.
     fn token() -> Option<Self>;
+
+    /// As many registers as each has lanes: what was number j of register i becomes number i of register j.
+    fn transpose(self, block: &mut [Self::f64s]);
 }
 
 /// 32 bytes.
@@ -36,6 +41,20 @@ impl Instructions for pulp::x86::V3 {
     type Alignment = Align32;
 
     #[inline(always)]
+    fn transpose(self, block: &mut [Self::f64s]) {
+        let [a, b, c, d] = block else { return };
+        let s = self.avx;
+        let [ra, rb, rc, rd] = [cast(*a), cast(*b), cast(*c), cast(*d)];
+        // Numbers 0 and 2, and 1 and 3, of two registers.
+        let (ab, ab_odd) = (s._mm256_unpacklo_pd(ra, rb), s._mm256_unpackhi_pd(ra, rb));
+        let (cd, cd_odd) = (s._mm256_unpacklo_pd(rc, rd), s._mm256_unpackhi_pd(rc, rd));
+        *a = cast(s._mm256_permute2f128_pd::<0x20>(ab, cd));
+        *b = cast(s._mm256_permute2f128_pd::<0x20>(ab_odd, cd_odd));
+        *c = cast(s._mm256_permute2f128_pd::<0x31>(ab, cd));
+        *d = cast(s._mm256_permute2f128_pd::<0x31>(ab_odd, cd_odd));
+    }
+
+    #[inline(always)]
     fn token() -> Option<Self> {
         Self::try_new()
     }
@@ -44,6 +63,35 @@ impl Instructions for pulp::x86::V3 {
 #[cfg(target_arch = "x86_64")]
 impl Instructions for pulp::x86::V4 {
     type Alignment = Align64;
+
+    #[inline(always)]
+    fn transpose(self, block: &mut [Self::f64s]) {
+        /// Quarters 0 and 2, and 1 and 3, of two registers.
+        const EVEN: i32 = 0b10_00_10_00;
+        const ODD: i32 = 0b11_01_11_01;
+        let [a, b, c, d, e, f, g, h] = block else { return };
+        let s = self.avx512f;
+        let r = [cast(*a), cast(*b), cast(*c), cast(*d), cast(*e), cast(*f), cast(*g), cast(*h)];
+        // Even numbers of two registers, then odd ones.
+        let (ab, ab_odd) = (s._mm512_unpacklo_pd(r[0], r[1]), s._mm512_unpackhi_pd(r[0], r[1]));
+        let (cd, cd_odd) = (s._mm512_unpacklo_pd(r[2], r[3]), s._mm512_unpackhi_pd(r[2], r[3]));
+        let (ef, ef_odd) = (s._mm512_unpacklo_pd(r[4], r[5]), s._mm512_unpackhi_pd(r[4], r[5]));
+        let (gh, gh_odd) = (s._mm512_unpacklo_pd(r[6], r[7]), s._mm512_unpackhi_pd(r[6], r[7]));
+        let (low, high) = (s._mm512_shuffle_f64x2::<EVEN>(ab, cd), s._mm512_shuffle_f64x2::<EVEN>(ef, gh));
+        *a = cast(s._mm512_shuffle_f64x2::<EVEN>(low, high));
+        *e = cast(s._mm512_shuffle_f64x2::<ODD>(low, high));
+        let (low, high) = (s._mm512_shuffle_f64x2::<ODD>(ab, cd), s._mm512_shuffle_f64x2::<ODD>(ef, gh));
+        *c = cast(s._mm512_shuffle_f64x2::<EVEN>(low, high));
+        *g = cast(s._mm512_shuffle_f64x2::<ODD>(low, high));
+        let (low, high) =
+            (s._mm512_shuffle_f64x2::<EVEN>(ab_odd, cd_odd), s._mm512_shuffle_f64x2::<EVEN>(ef_odd, gh_odd));
+        *b = cast(s._mm512_shuffle_f64x2::<EVEN>(low, high));
+        *f = cast(s._mm512_shuffle_f64x2::<ODD>(low, high));
+        let (low, high) =
+            (s._mm512_shuffle_f64x2::<ODD>(ab_odd, cd_odd), s._mm512_shuffle_f64x2::<ODD>(ef_odd, gh_odd));
+        *d = cast(s._mm512_shuffle_f64x2::<EVEN>(low, high));
+        *h = cast(s._mm512_shuffle_f64x2::<ODD>(low, high));
+    }
 
     #[inline(always)]
     fn token() -> Option<Self> {
@@ -89,7 +137,60 @@ impl<S: Instructions> Lanes<S> {
     pub fn lanes_mut(&mut self) -> &mut [f64] {
         cast_slice_mut(from_mut(&mut self.value))
     }
+
+    /// A slice of each lane's numbers into lanes; empty slices leave all as it is.
+    #[inline(always)]
+    pub(crate) fn take_lanes(states: &[&[f64]], numbers: &mut [Self]) {
+        let Some(simd) = numbers.first().map(|first| first.simd) else { return };
+        let length = numbers.len().min(states.iter().map(|state| state.len()).min().unwrap_or(0));
+        let whole = length - length % S::F64_LANES;
+        let mut block = [numbers[0].value; MOST_LANES];
+        let mut registers: [&[S::f64s]; MOST_LANES] = [&[]; MOST_LANES];
+        for (registers, state) in registers.iter_mut().zip(states) {
+            *registers = S::as_simd_f64s(&state[..whole]).0;
+        }
+        for (at, numbers) in numbers[..whole].chunks_exact_mut(S::F64_LANES).enumerate() {
+            for (row, registers) in block.iter_mut().zip(&registers[..S::F64_LANES]) {
+                *row = registers[at];
+            }
+            simd.transpose(&mut block[..S::F64_LANES]);
+            for (number, &row) in numbers.iter_mut().zip(&block) {
+                number.value = row;
+            }
+        }
+        for (lane, state) in states.iter().enumerate() {
+            for (number, &value) in numbers[whole..length].iter_mut().zip(&state[whole..length]) {
+                number.lanes_mut()[lane] = value;
+            }
+        }
+    }
+
+    /// Each lane's numbers one after another, of as many lanes as `out` has room for.
+    #[inline(always)]
+    pub(crate) fn put_lanes(numbers: &[Self], out: &mut [f64]) {
+        let Some(simd) = numbers.first().map(|first| first.simd) else { return };
+        let length = numbers.len();
+        let whole = length - length % S::F64_LANES;
+        let mut block = [numbers[0].value; MOST_LANES];
+        for (at, numbers) in numbers[..whole].chunks_exact(S::F64_LANES).enumerate() {
+            for (row, number) in block.iter_mut().zip(numbers) {
+                *row = number.value;
+            }
+            simd.transpose(&mut block[..S::F64_LANES]);
+            for (row, out) in block.iter().zip(out.chunks_exact_mut(length)) {
+                S::as_mut_simd_f64s(&mut out[..whole]).0[at] = *row;
+            }
+        }
+        for (lane, out) in out.chunks_exact_mut(length).enumerate() {
+            for (value, number) in out[whole..].iter_mut().zip(&numbers[whole..]) {
+                *value = number.lanes()[lane];
+            }
+        }
+    }
 }
+
+/// As many lanes as any set of instructions has.
+const MOST_LANES: usize = 8;
 
 impl<S: Instructions> PartialEq for Lanes<S> {
     fn eq(&self, other: &Self) -> bool {
@@ -164,6 +265,18 @@ impl<S: Instructions> Real for Lanes<S> {
         Self::new(self.simd, self.simd.splat_f64s(x))
     }
 
+    type Number = f64;
+
+    #[inline(always)]
+    fn number(x: f64) -> f64 {
+        x
+    }
+
+    #[inline(always)]
+    fn everywhere(self, x: f64) -> Self {
+        self.constant(x)
+    }
+
     #[inline(always)]
     fn lane(self, index: usize) -> f64 {
         self.lanes()[index]
@@ -203,12 +316,15 @@ impl<S: Instructions> Real for Lanes<S> {
         let cosine_turned = s.equal_u64s(s.and_u64s(s.add_u64s(quadrant, one), two), two);
         let (sine, cosine) =
             (s.select_f64s(swapped, cosine.value, sine.value), s.select_f64s(swapped, sine.value, cosine.value));
-        let mut sine = Self::new(s, s.select_f64s(sine_turned, (-Self::new(s, sine)).value, sine));
-        let mut cosine = Self::new(s, s.select_f64s(cosine_turned, (-Self::new(s, cosine)).value, cosine));
-        // Rare: each lane that the reduction is not good for, by itself, so that no lane changes another's bits.
-        let largest = s.reduce_max_f64s(self.abs().value);
-        if !(largest <= t::LARGEST) || !self.is_finite() {
+        let sine = Self::new(s, s.select_f64s(sine_turned, (-Self::new(s, sine)).value, sine));
+        let cosine = Self::new(s, s.select_f64s(cosine_turned, (-Self::new(s, cosine)).value, cosine));
+        // Rare: each lane that the reduction is not good for, by itself, so that no lane changes another's bits. A NaN is not below.
+        let good = s.less_than_or_equal_f64s(self.abs().value, s.splat_f64s(t::LARGEST));
+        if s.first_true_m64s(s.not_m64s(good)) < S::F64_LANES {
+            // Copies, or sine and cosine would live in memory from the start.
+            let (mut sine, mut cosine) = (sine, cosine);
             t::far(self.lanes(), sine.lanes_mut(), cosine.lanes_mut());
+            return (sine, cosine);
         }
         (sine, cosine)
     }
@@ -238,15 +354,5 @@ impl<S: Instructions> Real for Lanes<S> {
     #[inline(always)]
     fn epsilon() -> Self {
         Self::splat(f64::EPSILON)
-    }
-}
-
-impl<S: Instructions> Lanes<S> {
-    /// Whether no lane is NaN: x - x is zero then, and NaN for infinities too.
-    #[inline(always)]
-    fn is_finite(self) -> bool {
-        let s = self.simd;
-        let zero = s.sub_f64s(self.value, self.value);
-        s.reduce_sum_f64s(zero) == 0.0
     }
 }

@@ -51,6 +51,16 @@ pub trait Real:
         Self::from_f64(x)
     }
 
+    /// What a constant of a scene is kept in: one number for all lanes.
+    type Number: Copy + std::fmt::Debug + Send + Sync + 'static;
+
+    /// The nearest number to `x`.
+    fn number(x: f64) -> Self::Number;
+
+    /// A number in every lane; `self` says only of which kind, as for [`Real::constant`].
+    #[must_use]
+    fn everywhere(self, x: Self::Number) -> Self;
+
     /// The number in one lane, rounded to f64.
     fn lane(self, index: usize) -> f64;
 
@@ -97,6 +107,18 @@ impl<T: nalgebra::RealField + Copy> Real for T {
     #[inline]
     fn from_f64(x: f64) -> Self {
         nalgebra::convert(x)
+    }
+
+    type Number = Self;
+
+    #[inline]
+    fn number(x: f64) -> Self {
+        nalgebra::convert(x)
+    }
+
+    #[inline]
+    fn everywhere(self, x: Self) -> Self {
+        x
     }
 
     #[inline]

@@ -1,0 +1,131 @@
+//! The constants of a scene as these sweeps read them: one number for all lanes.
+
+use super::slots::Slots;
+use super::turn::Renaming;
+use crate::filter::pivots::Scale;
+use crate::scalar::Real;
+use crate::scene::{Model, Motion};
+use crate::spatial::{BodyInertia, RigidShift};
+
+/// How a body hangs on its parent.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Carrier<N> {
+    /// A revolute joint whose frame is its parent's with the axes renamed.
+    Turn(Renaming<N>),
+    /// Any other: index among those.
+    Shift(usize),
+}
+
+/// One body.
+#[allow(clippy::struct_excessive_bools)] // facts, each by itself
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct LeanBody<N> {
+    pub carrier: Carrier<N>,
+    /// The body inward.
+    pub parent: Option<usize>,
+    /// Its first row.
+    pub row: usize,
+    /// Its first coordinate.
+    pub q: usize,
+    /// From the parent's origin to the body's, in the joint's frame (after the renaming, before the turn).
+    pub lever: [N; 3],
+    /// Whether the lever is not zero.
+    pub has_lever: bool,
+    /// The lever's square.
+    pub lever_square: N,
+    /// Mass, first moment, rotational inertia about the origin.
+    pub mass: N,
+    pub first_moment: [N; 3],
+    pub rotational: [N; 6],
+    /// Mass of it and of all outboard of it, and that times the lever.
+    pub composite_mass: N,
+    pub composite_lever: [N; 3],
+    /// The bounds on the terms of M(k).
+    pub scale: [N; 2],
+    pub needs_no_force: bool,
+    /// Armature of the first row.
+    pub noise: N,
+    /// Whether row and column 2 of P^+ are zero and not formed.
+    pub skips_zeros: bool,
+    /// Its place and its parent's, outward; 0 is the base's.
+    pub outward: usize,
+    pub parent_outward: usize,
+    /// Its place and its parent's, inward.
+    pub inward: usize,
+    pub parent_inward: usize,
+    /// Whether anything hangs on it.
+    pub is_leaf: bool,
+    /// Whether it is the first to arrive at its parent, inward: outward, the last that reads it.
+    pub arrives_first: bool,
+}
+
+/// The bodies of a scene.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct LeanModel<T: Real> {
+    pub(super) bodies: Vec<LeanBody<T::Number>>,
+    pub(super) outward_slots: usize,
+    pub(super) inward_slots: usize,
+    pub(super) shifts: usize,
+    /// Whether anything branches.
+    pub(super) branches: bool,
+}
+
+impl<T: Real> LeanModel<T> {
+    pub fn new(model: &Model<f64>) -> Self {
+        let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();
+        let (outward, inward) = (Slots::outward(&parents), Slots::inward(&parents));
+        let mut shifts = 0;
+        let mut composite_mass: Vec<f64> = model.bodies.iter().map(|body| body.inertia.mass).collect();
+        for (k, parent) in parents.iter().enumerate().rev() {
+            if let Some(parent) = *parent {
+                composite_mass[parent] += composite_mass[k];
+            }
+        }
+        let place = |slots: &Slots, body: Option<usize>| body.map_or(0, |body| slots.of[body]);
+        let bodies = model.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
+            let renaming = match body.motion {
+                Motion::Revolute => Renaming::of(&body.tree.rotation, T::number),
+                _ => None,
+            };
+            let tree = &body.tree;
+            let turned = RigidShift { rotation: tree.rotation, lever: tree.lever }.rotate_back(&tree.lever);
+            let BodyInertia { mass, first_moment, rotational } = &body.inertia;
+            let scale = Scale::of_noise(&body.inertia_terms);
+            let carrier = renaming.map_or_else(
+                || {
+                    shifts += 1;
+                    Carrier::Shift(shifts - 1)
+                },
+                Carrier::Turn,
+            );
+            let number = T::number;
+            LeanBody {
+                carrier,
+                parent: stage.parent,
+                row: stage.first_row,
+                q: body.q,
+                lever: [number(turned[0]), number(turned[1]), number(turned[2])],
+                has_lever: tree.lever.iter().any(|&x| x != 0.0),
+                lever_square: number(turned.dot(&turned)),
+                mass: number(*mass),
+                first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],
+                rotational: rotational.entries.map(number),
+                composite_mass: number(composite_mass[k]),
+                composite_lever: [0, 1, 2].map(|i| number(composite_mass[k] * turned[i])),
+                scale: [number(scale.angular), number(scale.linear)],
+                needs_no_force: body.needs_no_force,
+                noise: number(model.system.noise.get(stage.first_row).copied().unwrap_or(0.0)),
+                skips_zeros: stage.rows.count() > 0 && model.system.skips_zeros_of(stage.first_row),
+                outward: outward.of[k],
+                parent_outward: place(&outward, stage.parent),
+                inward: inward.of[k],
+                parent_inward: place(&inward, stage.parent),
+                is_leaf: !parents.contains(&Some(k)),
+                arrives_first: stage.parent.is_some() && !parents[k + 1..].contains(&stage.parent),
+            }
+        });
+        let bodies: Vec<_> = bodies.collect();
+        let branches = bodies.iter().any(|body| body.parent.is_some() && !body.arrives_first);
+        Self { bodies, outward_slots: outward.count, inward_slots: inward.count, shifts, branches }
+    }
+}

@@ -1,0 +1,261 @@
+//! M^-1 in closed form (6.1, as it holds), a column at a time.
+
+use super::accelerations::{along, carried, split, whole};
+use super::body::{Carrier, LeanBody, LeanModel};
+use super::filter::{self, add_force, in_joint_frame, unpacked};
+use super::motion::{carriers, four};
+use super::scratch::LeanScratch;
+use super::turn::{Renaming, Turn};
+use crate::dynamics::columns::put;
+use crate::filter::covariance::row_update;
+use crate::filter::innovations::past_rows;
+use crate::filter::pivots::PivotMonitor;
+use crate::filter::riccati::Measured;
+use crate::scalar::Real;
+use crate::scene::Model;
+use crate::spatial::{Symmetric6, dot};
+use nalgebra::Vector6;
+
+/// M^-1 at `q` into `out`, (nv x nv) row by row, as [`mass_matrix_inverse`](crate::dynamics::mass_matrix_inverse) gives it in
+/// covariance form to rounding.
+#[inline(always)]
+pub(crate) fn mass_matrix_inverse<T: Real>(
+    scene: (&Model<T>, &LeanModel<T>),
+    scratch: &mut LeanScratch<T>,
+    q: &[T],
+    out: &mut [T],
+) -> PivotMonitor<T> {
+    carriers(scene, scratch, q);
+    let monitor = filter::tip_to_base::<T, { filter::FACTOR }>(scene, scratch, &[], &mut []);
+    closed_form(scene, scratch, out);
+    monitor
+}
+
+/// The same with the factor already in the scratch.
+#[inline(always)]
+pub(crate) fn closed_form<T: Real>(
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    scratch: &mut LeanScratch<T>,
+    out: &mut [T],
+) {
+    let nv = model.nv();
+    out.fill(T::zero());
+    co_covariances_base_to_tip((model, lean), scratch);
+    for (k, body) in lean.bodies.iter().enumerate() {
+        let stage = &model.system.stages[k];
+        for column in body.row..body.row + stage.rows.count() {
+            if lean.branches {
+                parted_inward((model, lean), scratch, (k, column));
+            }
+            // Its own rows, from the diagonal on: y = A* L+ g - H*/D past all of them.
+            let mut y = scratch.spread_gains[column];
+            for row in column..body.row + stage.rows.count() {
+                let m = &scratch.measured[row];
+                let along = dot(&m.gain, &y);
+                let entry = if row == column { m.pivot_inverse + along } else { along };
+                put(out, nv, (row, column), entry);
+                y = stage.rows.row(row - body.row).spread_onto(&y, -entry);
+            }
+            if !body.is_leaf {
+                scratch.co_states[body.outward] = split(&y);
+            }
+            column_outward((model, lean), scratch, (k, column), out);
+        }
+    }
+}
+
+/// Base to tip: Lambda^- of every body (5.6, 5.7), and Lambda^+ g of every row.
+#[inline(always)]
+fn co_covariances_base_to_tip<T: Real>((model, lean): (&Model<T>, &LeanModel<T>), scratch: &mut LeanScratch<T>) {
+    let o = T::zero();
+    for (k, body) in lean.bodies.iter().enumerate() {
+        let outer = body.parent.map_or([o; 21], |parent| scratch.co_covariances[parent]);
+        scratch.co_covariances[k] = match &body.carrier {
+            Carrier::Turn(renaming) => {
+                let lambda =
+                    if body.parent.is_some() { co_carried(body, renaming, scratch.turns[k], &outer) } else { outer };
+                let (lambda, u) = updated(&lambda, &scratch.measured[body.row]);
+                scratch.spread_gains[body.row] = u;
+                lambda
+            }
+            Carrier::Shift(at) => {
+                let mut lambda = match body.parent {
+                    Some(_) => scratch.shifts[*at].co_covariance_to_child(&unpacked(&outer)),
+                    None => Symmetric6::zero(),
+                };
+                let stage = &model.system.stages[k];
+                for i in 0..stage.rows.count() {
+                    let row = body.row + i;
+                    (lambda, scratch.spread_gains[row]) =
+                        row_update(&lambda, &stage.rows.row(i), &scratch.measured[row]);
+                }
+                packed(&lambda)
+            }
+        };
+    }
+}
+
+/// phi* Lambda phi across a turn: renamed, along the lever, about z.
+#[inline(always)]
+fn co_carried<T: Real>(
+    body: &LeanBody<T::Number>,
+    renaming: &Renaming<T::Number>,
+    turn: Turn<T>,
+    lambda: &[T; 21],
+) -> [T; 21] {
+    let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] =
+        renaming.packed_back(lambda);
+    let (mut c, mut b) = ([[c0, c1, c2], [c3, c4, c5], [c6, c7, c8]], [b0, b1, b2, b3, b4, b5]);
+    if body.has_lever {
+        let [x, y, z] = body.lever;
+        let l = [a0.everywhere(x), a0.everywhere(y), a0.everywhere(z)];
+        // v becomes v + w x l: C' = C + a x l, a the rows of A; B' = B + (C' x l) + (C x l)^T, column by column.
+        let moved = [crossed([a0, a1, a2], l, c[0]), crossed([a1, a3, a4], l, c[1]), crossed([a2, a4, a5], l, c[2])];
+        b = [
+            both(b[0], &moved, &c, l, 0, 0),
+            both(b[1], &moved, &c, l, 0, 1),
+            both(b[2], &moved, &c, l, 0, 2),
+            both(b[3], &moved, &c, l, 1, 1),
+            both(b[4], &moved, &c, l, 1, 2),
+            both(b[5], &moved, &c, l, 2, 2),
+        ];
+        c = moved;
+    }
+    let turn = turn.inverse();
+    let (a0, a1, a3) = turn.symmetric((a0, a1, a3));
+    let (a2, a4) = turn.pair(a2, a4);
+    let (b0, b1, b3) = turn.symmetric((b[0], b[1], b[3]));
+    let (b2, b4) = turn.pair(b[2], b[4]);
+    let [[c0, c1, c2], [c3, c4, c5], [c6, c7, c8]] = c;
+    let ((c0, c3), (c1, c4), (c2, c5)) = (turn.pair(c0, c3), turn.pair(c1, c4), turn.pair(c2, c5));
+    let ((c0, c1), (c3, c4), (c6, c7)) = (turn.pair(c0, c1), turn.pair(c3, c4), turn.pair(c6, c7));
+    [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b[5]]
+}
+
+/// a x l + c.
+#[inline(always)]
+fn crossed<T: Real>(a: [T; 3], l: [T; 3], c: [T; 3]) -> [T; 3] {
+    super::motion::cross(a, l, c)
+}
+
+/// b + (column j of C' x l) at i + (column i of C x l) at j.
+#[inline(always)]
+fn both<T: Real>(b: T, moved: &[[T; 3]; 3], c: &[[T; 3]; 3], l: [T; 3], i: usize, j: usize) -> T {
+    let (y, z) = ((i + 1) % 3, (i + 2) % 3);
+    let (u, v) = ((j + 1) % 3, (j + 2) % 3);
+    let first = moved[y][j].mul_add(l[z], b.minus_product(moved[z][j], l[y]));
+    c[u][i].mul_add(l[v], first.minus_product(c[v][i], l[u]))
+}
+
+/// Lambda^- and Lambda^+ g across a turn's row, as [`row_update`] has it.
+#[inline(always)]
+fn updated<T: Real>(lambda: &[T; 21], m: &Measured<T>) -> ([T; 21], Vector6<T>) {
+    let u = unpacked(lambda).mul_vector(&m.gain);
+    let whole = dot(&m.gain, &u) + m.pivot_inverse;
+    let mut next = *lambda;
+    next[2] -= u[0];
+    next[4] -= u[1];
+    next[5] += whole - (u[2] + u[2]);
+    next[12] -= u[3];
+    next[13] -= u[4];
+    next[14] -= u[5];
+    (next, u)
+}
+
+/// Tip to base from the column's body: Lambda^-(c) Psi(c,j) g(j) at every body c inboard that carries further branches, in its place.
+#[inline(always)]
+fn parted_inward<T: Real>(
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    scratch: &mut LeanScratch<T>,
+    (k, column): (usize, usize),
+) {
+    let mut body = &lean.bodies[k];
+    let mut u = scratch.measured[column].gain;
+    past_rows(&model.system.stages[k], &scratch.measured, 0..column - body.row, &mut u);
+    let mut at = k;
+    while let Some(parent) = body.parent {
+        u = match &body.carrier {
+            Carrier::Turn(renaming) => {
+                let mut there = [u[0].constant(0.0); 6];
+                add_force(renaming, in_joint_frame(body, scratch.turns[at], &u.into()), &mut there);
+                there.into()
+            }
+            Carrier::Shift(shift) => scratch.shifts[*shift].force_to_parent(&u),
+        };
+        let others_follow = !body.arrives_first;
+        (at, body) = (parent, &lean.bodies[parent]);
+        // Where none does, the place may be another's by now.
+        if others_follow {
+            scratch.co_states[body.outward] = split(&unpacked(&scratch.co_covariances[at]).mul_vector(&u));
+        }
+        let stage = &model.system.stages[at];
+        past_rows(stage, &scratch.measured, 0..stage.rows.count(), &mut u);
+    }
+}
+
+/// Base to tip: the entries of every row further out than the column's body, mirrored.
+#[inline(always)]
+fn column_outward<T: Real>(
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    scratch: &mut LeanScratch<T>,
+    (k, column): (usize, usize),
+    out: &mut [T],
+) {
+    let nv = model.nv();
+    for (i, body) in lean.bodies.iter().enumerate().skip(k + 1) {
+        // Another tree on the same base: nothing of this column, nor of what follows.
+        if body.parent.is_none() {
+            break;
+        }
+        let outer = &scratch.co_states[body.parent_outward];
+        let y = match &body.carrier {
+            Carrier::Turn(renaming) => {
+                let [w, v] = carried(body, renaming, scratch.turns[i], outer);
+                let entry = along(&scratch.measured[body.row].gain, &w, &v);
+                put(out, nv, (body.row, column), entry);
+                [four([w[0], w[1], w[2] - entry]), four(v)]
+            }
+            Carrier::Shift(at) => {
+                let mut y = scratch.shifts[*at].motion_to_child(&whole(outer));
+                let stage = &model.system.stages[i];
+                for row in 0..stage.rows.count() {
+                    let entry = dot(&scratch.measured[body.row + row].gain, &y);
+                    put(out, nv, (body.row + row, column), entry);
+                    y = stage.rows.row(row).spread_onto(&y, -entry);
+                }
+                split(&y)
+            }
+        };
+        if !body.is_leaf {
+            scratch.co_states[body.outward] = y;
+        }
+    }
+}
+
+#[inline(always)]
+fn packed<T: Real>(p: &Symmetric6<T>) -> [T; 21] {
+    let ([a0, a1, a2, a3, a4, a5], [b0, b1, b2, b3, b4, b5], c) = (p.angular.entries, p.linear.entries, &p.coupling);
+    [
+        a0,
+        a1,
+        a2,
+        a3,
+        a4,
+        a5,
+        c[(0, 0)],
+        c[(0, 1)],
+        c[(0, 2)],
+        c[(1, 0)],
+        c[(1, 1)],
+        c[(1, 2)],
+        c[(2, 0)],
+        c[(2, 1)],
+        c[(2, 2)],
+        b0,
+        b1,
+        b2,
+        b3,
+        b4,
+        b5,
+    ]
+}

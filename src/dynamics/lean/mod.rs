@@ -1,0 +1,65 @@
+//! Forward and inverse dynamics where nothing but the result is wanted: the covariance form, for states in lanes and for one state.
+//!
+//! The recursions are those of [`forward`](super::forward) and [`inverse`](super::inverse), which keep everything for whoever asks
+//! later, and are what these are tested against. Three things are different. What is read once more only by the next body (motions,
+//! P, co-states) has a *slot*, which another body takes over; of a chain there are two. Constants of the scene are one number for all
+//! lanes. And a revolute joint whose frame differs from its parent's by an exact renaming of axes (as all do that a URDF gives without rpy) is
+//! carried by its angle alone: first about z, where H P^+ = 0 leaves a third out, then along the lever, a constant there, then renamed.
+//! Every other body goes through the general shift.
+
+mod accelerations;
+mod body;
+mod filter;
+mod mass_inverse;
+mod mass_matrix;
+mod motion;
+mod scratch;
+mod slots;
+mod turn;
+mod watch;
+
+pub(crate) use body::LeanModel;
+pub(crate) use mass_inverse::{closed_form, mass_matrix_inverse};
+pub(crate) use mass_matrix::mass_matrix;
+pub(crate) use scratch::LeanScratch;
+pub(crate) use watch::{factor_watched, forward_dynamics_watched};
+
+use super::forces::{Motion, Needed};
+use crate::filter::pivots::PivotMonitor;
+use crate::scalar::Real;
+use crate::scene::Model;
+
+/// Joint accelerations, as [`forward_dynamics`](super::forward_dynamics) in covariance form gives them to rounding.
+#[inline(always)]
+pub(crate) fn forward_dynamics<T: Real>(
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    scratch: &mut LeanScratch<T>,
+    (q, qd, tau): (&[T], &[T], &[T]),
+    wrenches: &[nalgebra::Vector6<T>],
+    qdd: &mut [T],
+) -> PivotMonitor<T> {
+    let state = Motion { q, qd, qdd: None, wrenches };
+    motion::forces_base_to_tip((model, lean), scratch, state, Needed::of(model, state));
+    let monitor = filter::tip_to_base::<T, { filter::FILTER }>((model, lean), scratch, tau, qdd);
+    accelerations::base_to_tip((model, lean), scratch, qdd);
+    monitor
+}
+
+/// Joint torques, as [`inverse_dynamics`](super::inverse_dynamics) gives them to rounding; those of the bias without `qdd`.
+#[inline(always)]
+pub(crate) fn inverse_dynamics<T: Real>(
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    scratch: &mut LeanScratch<T>,
+    (q, qd, qdd): (&[T], &[T], Option<&[T]>),
+    wrenches: &[nalgebra::Vector6<T>],
+    tau: &mut [T],
+) {
+    let state = Motion { q, qd, qdd, wrenches };
+    motion::forces_base_to_tip((model, lean), scratch, state, Needed::of(model, state));
+    filter::predict((model, lean), scratch, tau);
+    if let Some(qdd) = qdd {
+        for ((tau, &qdd), &armature) in tau.iter_mut().zip(qdd).zip(&model.system.noise) {
+            *tau += armature * qdd;
+        }
+    }
+}

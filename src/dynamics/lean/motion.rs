@@ -1,0 +1,231 @@
+//! Base to tip: how each body moves, and the force that this motion needs.
+//!
+//! The acceleration here is that of the point at the frame's origin, a + w x v of the spatial one: three vectors are carried instead of
+//! four, and nothing large is added that would have to cancel again.
+
+use super::body::{Carrier, LeanBody, LeanModel};
+use super::scratch::{LeanScratch, Moving};
+use super::turn::Turn;
+use crate::dynamics::forces::{Motion, Needed};
+use crate::kinematics::{joint_motion, joint_shift};
+use crate::scalar::Real;
+use crate::scene::{self, Model};
+use nalgebra::Vector3;
+
+/// a x k + c, k in every lane.
+#[inline(always)]
+pub(super) fn cross_number<T: Real>(a: [T; 3], k: [T::Number; 3], c: [T; 3]) -> [T; 3] {
+    let (x, y, z) = (a[0].everywhere(k[0]), a[0].everywhere(k[1]), a[0].everywhere(k[2]));
+    [
+        a[1].mul_add(z, c[0].minus_product(a[2], y)),
+        a[2].mul_add(x, c[1].minus_product(a[0], z)),
+        a[0].mul_add(y, c[2].minus_product(a[1], x)),
+    ]
+}
+
+/// c - a x k, k in every lane.
+#[inline(always)]
+pub(super) fn minus_cross_number<T: Real>(a: [T; 3], k: [T::Number; 3], c: [T; 3]) -> [T; 3] {
+    let (x, y, z) = (a[0].everywhere(k[0]), a[0].everywhere(k[1]), a[0].everywhere(k[2]));
+    [
+        a[2].mul_add(y, c[0].minus_product(a[1], z)),
+        a[0].mul_add(z, c[1].minus_product(a[2], x)),
+        a[1].mul_add(x, c[2].minus_product(a[0], y)),
+    ]
+}
+
+/// a x k, k in every lane.
+#[inline(always)]
+fn crossed_number<T: Real>(a: [T; 3], k: [T::Number; 3]) -> [T; 3] {
+    let (x, y, z) = (a[0].everywhere(k[0]), a[0].everywhere(k[1]), a[0].everywhere(k[2]));
+    [(a[1] * z).minus_product(a[2], y), (a[2] * x).minus_product(a[0], z), (a[0] * y).minus_product(a[1], x)]
+}
+
+/// a x b + c.
+#[inline(always)]
+pub(super) fn cross<T: Real>(a: [T; 3], b: [T; 3], c: [T; 3]) -> [T; 3] {
+    [
+        a[1].mul_add(b[2], c[0].minus_product(a[2], b[1])),
+        a[2].mul_add(b[0], c[1].minus_product(a[0], b[2])),
+        a[0].mul_add(b[1], c[2].minus_product(a[1], b[0])),
+    ]
+}
+
+/// I v + c, I symmetric, in every lane.
+#[inline(always)]
+fn inertia_times<T: Real>(i: [T::Number; 6], v: [T; 3], c: [T; 3]) -> [T; 3] {
+    let [xx, xy, xz, yy, yz, zz] = i;
+    let o = v[0];
+    [
+        v[0].mul_add(o.everywhere(xx), v[1].mul_add(o.everywhere(xy), v[2].mul_add(o.everywhere(xz), c[0]))),
+        v[0].mul_add(o.everywhere(xy), v[1].mul_add(o.everywhere(yy), v[2].mul_add(o.everywhere(yz), c[1]))),
+        v[0].mul_add(o.everywhere(xz), v[1].mul_add(o.everywhere(yz), v[2].mul_add(o.everywhere(zz), c[2]))),
+    ]
+}
+
+/// Three numbers of four.
+#[inline(always)]
+pub(super) fn three<T: Copy>(v: &[T; 4]) -> [T; 3] {
+    [v[0], v[1], v[2]]
+}
+
+/// With a fourth that nobody reads.
+#[inline(always)]
+pub(super) fn four<T: Copy>(v: [T; 3]) -> [T; 4] {
+    [v[0], v[1], v[2], v[0]]
+}
+
+/// The turn or shift of every body at `q`: they wait for nothing.
+#[inline(always)]
+pub(super) fn carriers<T: Real>((model, lean): (&Model<T>, &LeanModel<T>), scratch: &mut LeanScratch<T>, q: &[T]) {
+    for ((k, body), turn) in lean.bodies.iter().enumerate().zip(&mut scratch.turns) {
+        match body.carrier {
+            Carrier::Turn(_) => {
+                let (s, c) = q[body.q].sin_cos();
+                *turn = Turn { s, c };
+            }
+            Carrier::Shift(at) => scratch.shifts[at] = joint_shift(&model.bodies[k], q),
+        }
+    }
+}
+
+/// Base to tip: the force of every body.
+#[inline(always)]
+pub(super) fn forces_base_to_tip<T: Real>(
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    scratch: &mut LeanScratch<T>,
+    state: Motion<'_, T>,
+    needed: Needed,
+) {
+    let o = T::zero();
+    let g = &model.gravity;
+    scratch.motions[0] = [[o; 4], [o; 4], [-g[0], -g[1], -g[2], o]];
+    carriers((model, lean), scratch, state.q);
+    for (k, body) in lean.bodies.iter().enumerate() {
+        let moving = match &body.carrier {
+            Carrier::Turn(renaming) => {
+                let turn = scratch.turns[k];
+                let parent = &scratch.motions[body.parent_outward];
+                let [w, dw, a] = [renaming.back(&parent[0]), renaming.back(&parent[1]), renaming.back(&parent[2])];
+                turned(body, turn, [w, dw, a], (state.qd, state.qdd), needed)
+            }
+            Carrier::Shift(at) => {
+                let parent = &scratch.motions[body.parent_outward];
+                shifted(&model.bodies[k], body.row, &scratch.shifts[*at], parent, state, needed)
+            }
+        };
+        let mut force = force_of(body, &moving, needed, o);
+        if !state.wrenches.is_empty() {
+            for (f, &given) in force.iter_mut().zip(state.wrenches[k].iter()) {
+                *f -= given;
+            }
+        }
+        scratch.forces[k] = force;
+        let [w, dw, a] = moving;
+        scratch.motions[body.outward] =
+            if body.is_leaf { scratch.motions[body.outward] } else { [four(w), four(dw), four(a)] };
+    }
+}
+
+/// Across a turn, the parent's motion in the joint's frame: along the lever, about z, and the joint's own.
+#[inline(always)]
+fn turned<T: Real>(
+    body: &LeanBody<T::Number>,
+    turn: Turn<T>,
+    [w, dw, mut a]: [[T; 3]; 3],
+    (qd, qdd): (&[T], Option<&[T]>),
+    needed: Needed,
+) -> [[T; 3]; 3] {
+    let still = w;
+    if body.has_lever {
+        a = cross_number(dw, body.lever, a);
+        if needed.velocity {
+            a = cross(w, crossed_number(w, body.lever), a);
+        }
+    }
+    let mut dw = turn.rotate_back(dw);
+    let w = if needed.velocity {
+        let rate = qd[body.row];
+        let [x, y, z] = turn.rotate_back(w);
+        dw = [y.mul_add(rate, dw[0]), dw[1].minus_product(x, rate), dw[2]];
+        [x, y, z + rate]
+    } else {
+        still
+    };
+    if let Some(qdd) = qdd {
+        dw[2] += qdd[body.row];
+    }
+    [w, dw, turn.rotate_back(a)]
+}
+
+/// Across any joint.
+#[inline(always)]
+fn shifted<T: Real>(
+    body: &scene::Body<T>,
+    row: usize,
+    shift: &crate::spatial::RigidShift<T>,
+    parent: &Moving<T>,
+    state: Motion<'_, T>,
+    needed: Needed,
+) -> [[T; 3]; 3] {
+    let [w, dw, a] = [three(&parent[0]), three(&parent[1]), three(&parent[2])];
+    let l = [shift.lever[0], shift.lever[1], shift.lever[2]];
+    let mut carried = cross(dw, l, a);
+    let o = w[0].constant(0.0);
+    if needed.velocity {
+        carried = cross(w, cross(w, l, [o; 3]), carried);
+    }
+    let mut dw = back(shift, dw);
+    let mut a = back(shift, carried);
+    let mut w = w;
+    if needed.velocity {
+        w = back(shift, w);
+        if let scene::Motion::Revolute = body.motion {
+            let rate = state.qd[row];
+            dw = [w[1].mul_add(rate, dw[0]), dw[1].minus_product(w[0], rate), dw[2]];
+            w[2] += rate;
+        } else {
+            let joint = joint_motion(body, row, state.qd);
+            let (turning, moving) = ([joint[0], joint[1], joint[2]], [joint[3], joint[4], joint[5]]);
+            let before = w;
+            w = [w[0] + turning[0], w[1] + turning[1], w[2] + turning[2]];
+            dw = cross(before, turning, dw);
+            let both = [before[0] + w[0], before[1] + w[1], before[2] + w[2]];
+            a = cross(both, moving, a);
+        }
+    }
+    if let Some(qdd) = state.qdd {
+        let joint = joint_motion(body, row, qdd);
+        for i in 0..3 {
+            dw[i] += joint[i];
+            a[i] += joint[3 + i];
+        }
+    }
+    [w, dw, a]
+}
+
+/// A free vector, parent to child.
+#[inline(always)]
+fn back<T: Real>(shift: &crate::spatial::RigidShift<T>, v: [T; 3]) -> [T; 3] {
+    let turned = shift.rotate_back(&Vector3::new(v[0], v[1], v[2]));
+    [turned[0], turned[1], turned[2]]
+}
+
+/// (I dw + w x I w + m p x a, m a + dw x m p + w x (w x m p)).
+#[inline(always)]
+fn force_of<T: Real>(body: &LeanBody<T::Number>, [w, dw, a]: &[[T; 3]; 3], needed: Needed, like: T) -> [T; 6] {
+    let o = like.constant(0.0);
+    if body.needs_no_force || !needed.acceleration {
+        return [o; 6];
+    }
+    let h = body.first_moment;
+    let m = like.everywhere(body.mass);
+    let mut force = cross_number(*dw, h, [m * a[0], m * a[1], m * a[2]]);
+    let mut moment = inertia_times(body.rotational, *dw, [o; 3]);
+    if needed.velocity {
+        force = cross(*w, crossed_number(*w, h), force);
+        moment = cross(*w, inertia_times(body.rotational, *w, [o; 3]), moment);
+    }
+    let moment = minus_cross_number(*a, h, moment);
+    [moment[0], moment[1], moment[2], force[0], force[1], force[2]]
+}
