@@ -1,6 +1,8 @@
 //! What a scene does not need, and what leaving it out saved.
 
-use crate::filter::{HingeMap, Rows};
+use crate::batch::chunk::{Algorithm, Arguments};
+use crate::filter::{Form, HingeMap, Rows};
+use crate::report::operations::{Count, Task, count, count_in_six_vectors};
 use crate::scene::{Body, JointKind, Motion, Omissions, Scene};
 use crate::spatial::Symmetric3;
 use std::collections::HashSet;
@@ -84,7 +86,7 @@ impl Scene {
     /// What this scene does not need, and what leaving it out saved.
     #[must_use]
     pub fn plan(&self) -> Plan {
-        let built = [self.merged_item(), self.base_item(), self.zeros_item(), self.massless_item()];
+        let built = [self.merged_item(), self.base_item(), self.zeros_item(), self.massless_item(), self.planar_item()];
         let called = [self.velocity_item(), self.gravity_item()];
         let always = [self.axes_item(), self.armature_item()];
         let items = built.into_iter().chain(called).chain(always).filter(|item| item.count > 0).collect();
@@ -196,6 +198,31 @@ impl Scene {
                 ..NOTHING
             },
         )
+    }
+
+    fn planar_item(&self) -> Omission {
+        let count = self.planar().map_or(0, |planar| planar.bodies.len());
+        let (three, six) = if count > 0 { self.in_the_plane_and_out() } else { (0, 0) };
+        self.switched(
+            "planar",
+            Omission {
+                what: "components across the plane that all joints move in",
+                count,
+                why: "turns about one direction and slides across it: what is across does no work",
+                saved: format!("3-vectors instead of 6-vectors: {three} operations instead of {six}"),
+                operations: six.saturating_sub(three),
+                ..NOTHING
+            },
+        )
+    }
+
+    /// Operations of forward dynamics in covariance form in 3-vectors and in 6-vectors, counted.
+    fn in_the_plane_and_out(&self) -> (usize, usize) {
+        let (q, ones) = (self.neutral(), vec![1.0; self.nv()]);
+        let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[] };
+        let task = Task::Algorithm(Algorithm::ForwardDynamics(Form::Covariance));
+        let flops = |count: Count| usize::try_from(count.operations.flops()).unwrap_or(usize::MAX);
+        (flops(count(self, task, &state)), flops(count_in_six_vectors(self, task, &state)))
     }
 
     fn velocity_item(&self) -> Omission {

@@ -7,9 +7,10 @@ use super::arms::{Vectorised, Work};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::dynamics::{self, auto, forward, mass_inverse, refined};
 use crate::filter::Form;
+use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::Real;
 use crate::scene::queries::QUATERNION_SLACK;
-use crate::scene::{Model, Motion};
+use crate::scene::{Model, Motion, Scene};
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
@@ -60,13 +61,16 @@ pub(super) struct Chunk<T: Vectorised> {
     quaternions: Vec<usize>,
     workspace: Workspace<T>,
     inverse: Option<InverseScratch<T, T::Columns>>,
+    /// The same scene in its plane, with scratch.
+    planar: Option<(PlanarModel<T>, PlanarScratch<T, T::Columns>)>,
     arguments: [Vec<T>; 3],
     wrenches: Vec<Vector6<T>>,
     results: Vec<T>,
 }
 
 impl<T: Vectorised> Chunk<T> {
-    pub fn new(model: &Model<f64>) -> Self {
+    pub fn new(scene: &Scene) -> Self {
+        let model = scene.model();
         let quaternions = model.bodies.iter().filter_map(|body| match body.motion {
             Motion::Spherical => Some(body.q),
             Motion::Free => Some(body.q + 3),
@@ -75,7 +79,12 @@ impl<T: Vectorised> Chunk<T> {
         let (quaternions, model) = (quaternions.collect(), model.cast::<T>());
         let workspace = Workspace::new(&model);
         let arguments = [vec![T::zero(); model.nq], vec![T::zero(); model.nv()], vec![T::zero(); model.nv()]];
-        Self { model, quaternions, workspace, inverse: None, arguments, wrenches: Vec::new(), results: Vec::new() }
+        let planar = scene.planar().map(PlanarModel::cast).map(|model| {
+            let scratch = PlanarScratch::new(&model);
+            (model, scratch)
+        });
+        let (inverse, wrenches, results) = (None, Vec::new(), Vec::new());
+        Self { model, quaternions, workspace, inverse, planar, arguments, wrenches, results }
     }
 }
 
@@ -154,7 +163,7 @@ impl<T: Vectorised> Work for Run<'_, T> {
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Chunk { model, quaternions, workspace, arguments, wrenches, results, inverse } = self.chunk;
+        let Chunk { model, quaternions, workspace, arguments, wrenches, results, inverse, planar } = self.chunk;
         let states = self.states;
         let [q, qd, u] = arguments;
         let mut fault = gather(q, states, |state| state.q);
@@ -173,7 +182,12 @@ impl<T: Vectorised> Work for Run<'_, T> {
         }
         let width = self.out.len() / states.len();
         results.resize(width, T::zero());
-        let mut doubt = compute(self.algorithm, model, workspace, inverse, (q, qd, u), wrenches, results);
+        let mut doubt = match planar {
+            Some((model, scratch)) if planar::covers(self.algorithm) => {
+                planar::run(self.algorithm, model, scratch, (q, qd, u), wrenches, results)
+            }
+            _ => compute(self.algorithm, model, workspace, inverse, (q, qd, u), wrenches, results),
+        };
         for &number in results.iter() {
             fault += not_finite(number);
         }

@@ -6,6 +6,7 @@ use crate::dynamics::mass_inverse::InverseScratch;
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
 use crate::filter::{FORMS, Form, Stage};
+use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::{Counted, Operations, Real};
 use crate::scene::{Body, Model, Scene};
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Root6, SpatialVector, Symmetric6};
@@ -45,8 +46,8 @@ pub struct Count {
     pub results: Vec<f64>,
 }
 
-/// Counts one task on one state: the unchecked functions of [`dynamics`], scratch made beforehand. Arguments that a task does not
-/// take are not read.
+/// Counts one task on one state: what the scene runs for it, in the plane where it has one ([`planar`]), scratch made beforehand.
+/// Arguments that a task does not take are not read.
 ///
 /// The counts are those of any scalar without double-double arithmetic: a state that stays in doubt after the square-root form
 /// would cost f64 more.
@@ -56,9 +57,36 @@ pub struct Count {
 /// Where an argument that the task takes is too short for the scene.
 #[must_use]
 pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
+    let (Task::Algorithm(algorithm), Some(model)) = (task, scene.planar()) else {
+        return count_in_six_vectors(scene, task, state);
+    };
+    if !planar::covers(algorithm) {
+        return count_in_six_vectors(scene, task, state);
+    }
+    let model: PlanarModel<Counted> = model.cast();
+    let ([q, qd, u], wrenches) = on_counted(state);
+    let mut scratch: PlanarScratch<Counted> = PlanarScratch::new(&model);
+    let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
+    let (_, operations) =
+        Counted::during(|| planar::run(algorithm, &model, &mut scratch, (&q, &qd, &u), &wrenches, &mut out));
+    Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() }
+}
+
+/// The arguments of a state as numbers that count.
+fn on_counted(state: &Arguments<'_>) -> ([Vec<Counted>; 3], Vec<SpatialVector<Counted>>) {
+    let numbers = [state.q, state.qd, state.u].map(|given| given.iter().map(|&x| Counted(x)).collect());
+    (numbers, state.wrenches.iter().map(|force| force.map(Counted)).collect())
+}
+
+/// The same of the unchecked functions of [`dynamics`], in 6-vectors whether the scene is planar or not.
+///
+/// # Panics
+///
+/// As [`count`].
+#[must_use]
+pub fn count_in_six_vectors(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
     let model: Model<Counted> = scene.model().cast();
-    let [q, qd, u] = [state.q, state.qd, state.u].map(|given| given.iter().map(|&x| Counted(x)).collect::<Vec<_>>());
-    let wrenches: Vec<SpatialVector<Counted>> = state.wrenches.iter().map(|force| force.map(Counted)).collect();
+    let ([q, qd, u], wrenches) = on_counted(state);
     let mut workspace = Workspace::new(&model);
     let mut inverse = InverseScratch::new(&model);
     let width = match task {
