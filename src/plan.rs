@@ -1,8 +1,8 @@
 //! What a scene does not need, and what leaving it out saved.
 
-use crate::batch::chunk::{Algorithm, Arguments};
-use crate::filter::{Form, HingeMap, Rows};
-use crate::report::operations::{Count, Task, count, count_in_six_vectors};
+mod counted;
+
+use crate::filter::{HingeMap, Rows};
 use crate::scene::{Body, JointKind, Motion, Omissions, Scene};
 use crate::spatial::Symmetric3;
 use std::collections::HashSet;
@@ -23,7 +23,8 @@ pub struct Omission {
     /// What that saved.
     pub saved: String,
     /// How many floating-point operations (a product with a sum is two) forward dynamics of one state in covariance form does
-    /// less, in a call that needs nothing of this; zero where nothing was counted.
+    /// less, in a call that needs nothing of this; zero where nothing was counted. In 6-vectors, of a planar scene too: what only the
+    /// plane leaves out is the item `planar`. Items of calls on the factor say beside what they count.
     pub operations: usize,
 }
 
@@ -84,12 +85,15 @@ fn counted(count: usize, one: &str, many: &str) -> String {
 
 impl Scene {
     /// What this scene does not need, and what leaving it out saved.
+    ///
+    /// Some of it is counted by running the algorithms on numbers that count: O(N), some microseconds a body.
     #[must_use]
     pub fn plan(&self) -> Plan {
         let built = [self.merged_item(), self.base_item(), self.zeros_item(), self.massless_item(), self.planar_item()];
         let called = [self.velocity_item(), self.gravity_item()];
+        let others = [self.locked_item(), self.factor_item(), self.branch_item(), self.outputs_item()];
         let always = [self.axes_item(), self.armature_item()];
-        let items = built.into_iter().chain(called).chain(always).filter(|item| item.count > 0).collect();
+        let items = built.into_iter().chain(called).chain(others).chain(always).filter(|item| item.count > 0).collect();
         Plan { bodies: self.model().bodies.len(), links: self.links().len(), items }
     }
 
@@ -198,31 +202,6 @@ impl Scene {
                 ..NOTHING
             },
         )
-    }
-
-    fn planar_item(&self) -> Omission {
-        let count = self.planar().map_or(0, |planar| planar.bodies.len());
-        let (three, six) = if count > 0 { self.in_the_plane_and_out() } else { (0, 0) };
-        self.switched(
-            "planar",
-            Omission {
-                what: "components across the plane that all joints move in",
-                count,
-                why: "turns about one direction and slides across it: what is across does no work",
-                saved: format!("3-vectors instead of 6-vectors: {three} operations instead of {six}"),
-                operations: six.saturating_sub(three),
-                ..NOTHING
-            },
-        )
-    }
-
-    /// Operations of forward dynamics in covariance form in 3-vectors and in 6-vectors, counted.
-    fn in_the_plane_and_out(&self) -> (usize, usize) {
-        let (q, ones) = (self.neutral(), vec![1.0; self.nv()]);
-        let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[] };
-        let task = Task::Algorithm(Algorithm::ForwardDynamics(Form::Covariance));
-        let flops = |count: Count| usize::try_from(count.operations.flops()).unwrap_or(usize::MAX);
-        (flops(count(self, task, &state)), flops(count_in_six_vectors(self, task, &state)))
     }
 
     fn velocity_item(&self) -> Omission {

@@ -78,7 +78,7 @@ class Scene:
 
         source: a path, or the XML itself: a str that starts with "<" after white space. floating_base: puts a free joint,
         "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame. strict: unphysical inertias raise.
-        leave_out: names of what may be left out, of "fixed_joints", "base_links", "exact_zeros", "massless_bodies",
+        leave_out: names of what may be left out, of "fixed_joints", "base_links", "exact_zeros", "massless_bodies", "planar",
         "zero_velocity" and "zero_gravity"; None: all. Results are the same to rounding, but operators and estimates need the
         first two (ArgumentError).
 
@@ -551,6 +551,12 @@ class RawFactor:
 
     def apply(self, kind: str, transpose: bool, x: ArrayLike, /) -> _Array:
         """The operator of that name times x, (..., columns), by a sweep; its transpose's if so said."""
+
+    def update(self, q: ArrayLike, /) -> int:
+        """Moves every factor to its configuration in q, the shape that the factor was made with.
+
+        Returns how many bodies were computed anew, in all.
+        """
 
     def dense(self, kind: str, /) -> _Array:
         """The operator of that name as a matrix, (..., rows, columns), built from its definition and not by a sweep."""

@@ -53,6 +53,9 @@ pub(super) trait Chunks: Send + Sync {
     fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64;
 }
 
+/// A planar scene's numbers in the plane, and scratch for them.
+type Plane<T> = (PlanarModel<T>, PlanarScratch<T, <T as Vectorised>::Columns>);
+
 /// Scratch for as many states as `T` has lanes.
 #[derive(Debug)]
 pub(super) struct Chunk<T: Vectorised> {
@@ -62,7 +65,7 @@ pub(super) struct Chunk<T: Vectorised> {
     workspace: Workspace<T>,
     inverse: Option<InverseScratch<T, T::Columns>>,
     /// The same scene in its plane, with scratch.
-    planar: Option<(PlanarModel<T>, PlanarScratch<T, T::Columns>)>,
+    planar: Option<Plane<T>>,
     arguments: [Vec<T>; 3],
     wrenches: Vec<Vector6<T>>,
     results: Vec<T>,

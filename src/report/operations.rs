@@ -6,6 +6,7 @@ use crate::dynamics::mass_inverse::InverseScratch;
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
 use crate::filter::{FORMS, Form, Stage};
+use crate::operators::{Factor, Updated};
 use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::{Counted, Operations, Real};
 use crate::scene::{Body, Model, Scene};
@@ -119,6 +120,37 @@ pub fn count_in_six_vectors(scene: &Scene, task: Task, state: &Arguments<'_>) ->
         out.extend(workspace.measured.iter().map(|row| row.pivot));
     }
     Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() }
+}
+
+/// Operations of calls on the factor of M in covariance form.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct OfFactor {
+    /// Making it.
+    pub made: Operations,
+    /// One [`solve`](Factor::solve).
+    pub solved: Operations,
+    /// One [`update`](Factor::update) to the second configuration.
+    pub updated: Operations,
+    /// How many bodies that computed anew.
+    pub bodies: usize,
+}
+
+/// Counts the calls on a factor made at `q` and moved to `moved`.
+///
+/// # Panics
+///
+/// Where a configuration is too short for the scene, or the scene keeps bodies that cannot move (see
+/// [`Omissions::every_body_moves`](crate::scene::Omissions::every_body_moves)).
+#[must_use]
+pub fn of_factor(scene: &Scene, q: &[f64], moved: &[f64]) -> OfFactor {
+    let model: Model<Counted> = scene.model().cast();
+    let [q, moved] = [q, moved].map(|given| given.iter().map(|&x| Counted(x)).collect::<Vec<_>>());
+    let mut workspace = Workspace::new(&model).in_form(Form::Covariance);
+    let ((mut factor, _), made) = Counted::during(|| Factor::new(&model, &mut workspace, &q));
+    let (tau, mut out) = (vec![Counted(1.0); scene.nv()], vec![Counted(f64::NAN); scene.nv()]);
+    let ((), solved) = Counted::during(|| factor.solve(&tau, &mut out));
+    let (Updated { bodies, .. }, updated) = Counted::during(|| factor.update(&model, &mut workspace, &moved));
+    OfFactor { made, solved, updated, bodies }
 }
 
 /// Bytes of the arrays that an algorithm reads or writes for one state in f64, each counted once: model, arguments, scratch, results.

@@ -28,8 +28,8 @@ class Times(NamedTuple):
 def without(scene: Scene, switch: str) -> Scene:
     """The same scene with one switch off."""
     rebuild, (description,) = scene.__reduce__()
-    *rest, left_out = description
-    again: Scene = rebuild((*rest, [name for name in left_out if name != switch]))
+    *rest, left_out, locked = description
+    again: Scene = rebuild((*rest, [name for name in left_out if name != switch], locked))
     return again
 
 
