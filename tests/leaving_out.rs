@@ -356,7 +356,7 @@ fn an_updated_factor_has_the_bits_of_a_new_one() {
                 assert_eq!(bits(&factor), bits(&scene.factor(&mut workspace, &q).unwrap()), "{say}");
                 if matches!(form, Form::Covariance | Form::Joseph) {
                     // A planar joint is three bodies, of which only those that turn or slide anew, and what carries them, change.
-                    assert!(bodies < all && (bodies > 0) == !moved.is_empty(), "{say}: {bodies} of {all}");
+                    assert!(bodies < all && (bodies > 0) != moved.is_empty(), "{say}: {bodies} of {all}");
                     assert!(moved != ["turn"] || bodies == 1, "{say}: {bodies}");
                 } else {
                     assert_eq!(bodies, all, "{say}");
