@@ -49,6 +49,7 @@ pub mod filter;
 pub mod kinematics;
 pub mod operators;
 pub mod plan;
+pub mod planar;
 #[cfg(feature = "python")]
 mod python;
 pub mod report;

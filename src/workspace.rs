@@ -4,6 +4,7 @@ use crate::filter::cancellation::weight;
 use crate::filter::pivots::{Evidence, LostPivot, PivotMonitor, Scale, first_lost};
 use crate::filter::riccati::{Covariances, Measured};
 use crate::filter::{Form, System};
+use crate::planar::PlanarScratch;
 use crate::scalar::Real;
 use crate::scene::Model;
 use crate::spatial::{BodyInertia, RigidShift, Root6, Symmetric3, Symmetric6};
@@ -49,6 +50,8 @@ pub struct Workspace<T: Real> {
     pub(crate) estimates: Vec<T>,
     /// r(k), the inertia of everything outboard of joint k.
     pub(crate) composite: Vec<BodyInertia<T>>,
+    /// For a planar scene, where the scene made this workspace.
+    pub(crate) planar: Option<PlanarScratch<T>>,
 }
 
 impl<T: Real> Workspace<T> {
@@ -81,6 +84,7 @@ impl<T: Real> Workspace<T> {
                 };
                 bodies
             ],
+            planar: None,
         }
     }
 

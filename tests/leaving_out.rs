@@ -5,11 +5,13 @@ mod common;
 use common::oracle::{Oracle, ds};
 use common::tolerance::{self, Conditioning, assert_near, conditioning, size};
 use common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_inertial, random_state};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Vector3};
 use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::filter::Form;
-use phipsi::scene::{JointDescription, JointKind, LinkDescription, Omissions, SceneBuilder};
-use phipsi::spatial::SpatialVector;
+use phipsi::operators::{Factor, KINDS, Operator};
+use phipsi::report::operations::{Task, count_in_six_vectors, of_factor};
+use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Omissions, SceneBuilder};
+use phipsi::spatial::{SpatialVector, Symmetric3};
 use phipsi::{Error, Scene};
 
 /// A random mixed tree on a base that has mass and carries a second link, with a link and a slide without mass, and with a
@@ -219,7 +221,8 @@ fn switches_that_are_off_keep_what_they_name() {
 #[test]
 fn the_plan_names_every_switch_and_what_it_saves() {
     let plan = builder(0).gravity([0.0; 3]).build().unwrap().plan();
-    for (name, _) in Omissions::SWITCHES {
+    // What planar scenes leave out is in tests/planar.rs.
+    for (name, _) in Omissions::SWITCHES.into_iter().filter(|&(name, _)| name != "planar") {
         let item = plan.items.iter().find(|item| item.switch == Some(name));
         let item = item.unwrap_or_else(|| panic!("no item for {name}"));
         assert!(item.count > 0 && item.operations > 0, "{name}: {item:?}");
@@ -286,6 +289,182 @@ fn locked_joints_are_rows_removed() {
             assert_near(&format!("seed {seed}: {what}"), found, expected, bounds.of(what, expected));
         }
     }
+}
+
+/// A hub that turns on the base, with three arms of three joints each; some joints of several degrees of freedom.
+fn arms(seed: u64) -> Scene {
+    let mut random = Random::new(seed);
+    let base = LinkDescription { name: "base".into(), inertial: None };
+    let hub = LinkDescription { name: "hub".into(), inertial: Some(random_inertial(&mut random)) };
+    let turn = JointDescription::new("turn", JointKind::Revolute, "base", "hub");
+    let mut builder = SceneBuilder::new().link(base).link(hub).joint(turn);
+    for arm in ["a", "b", "c"] {
+        let mut parent = "hub".to_owned();
+        for k in 0..3 {
+            let name = format!("{arm}{k}");
+            let kind = ALL_KINDS[random.below(ALL_KINDS.len())];
+            let mut joint = JointDescription::new(format!("to {name}"), kind, parent, name.clone());
+            joint.origin.rotation = random.rotation();
+            joint.origin.lever = random.vector() * 0.5;
+            joint.axis = random.vector();
+            joint.armature = if seed.is_multiple_of(2) { 0.1 } else { 0.0 };
+            let inertial = Some(random_inertial(&mut random));
+            builder = builder.link(LinkDescription { name: name.clone(), inertial }).joint(joint);
+            parent = name;
+        }
+    }
+    builder.build().unwrap()
+}
+
+/// Every number of a factor that can be asked for, as bits: pivots, and all operators on some vectors.
+fn bits(factor: &Factor<f64>) -> Vec<u64> {
+    let mut all: Vec<u64> = factor.pivots().map(f64::to_bits).collect();
+    let mut random = Random::new(1);
+    for (_, kind) in KINDS {
+        let (rows, columns) = kind.shape(factor.nv());
+        let (mut y, mut x) = (vec![f64::NAN; rows], random.array(columns, 1.0));
+        factor.operator(kind).apply(&x, &mut y);
+        all.extend(y.iter().map(|y| y.to_bits()));
+        (y, x) = (vec![f64::NAN; columns], random.array(rows, 1.0));
+        factor.operator(kind).apply_transpose(&x, &mut y);
+        all.extend(y.iter().map(|y| y.to_bits()));
+    }
+    all
+}
+
+#[test]
+fn an_updated_factor_has_the_bits_of_a_new_one() {
+    for seed in 0..8 {
+        let scene = arms(seed);
+        let mut random = Random::new(seed);
+        for (_, form) in phipsi::filter::FORMS {
+            let mut workspace = scene.workspace().in_form(form);
+            let (mut q, ..) = random_state(&scene, &mut random);
+            let mut factor = scene.factor(&mut workspace, &q).unwrap();
+            let all = scene.model().bodies.len();
+            // Nothing, one joint of one arm, the hub, two arms, everything.
+            for moved in [&[][..], &["to b2"], &["to c0"], &["turn"], &["to a1", "to c2"], &["turn", "to a2", "to b2"]]
+            {
+                let (other, ..) = random_state(&scene, &mut random);
+                for joint in scene.joints().iter().filter(|joint| moved.contains(&joint.name.as_str())) {
+                    q[joint.q.clone()].copy_from_slice(&other[joint.q.clone()]);
+                }
+                // Lambda is made when asked for: it must be made again.
+                let _ = bits(&factor);
+                let bodies = scene.update_factor(&mut workspace, &mut factor, &q).unwrap();
+                let say = format!("seed {seed}, {form:?}, moved {moved:?}");
+                assert_eq!(bits(&factor), bits(&scene.factor(&mut workspace, &q).unwrap()), "{say}");
+                if matches!(form, Form::Covariance | Form::Joseph) {
+                    // A planar joint is three bodies, of which only those that turn or slide anew, and what carries them, change.
+                    assert!(bodies < all && (bodies > 0) != moved.is_empty(), "{say}: {bodies} of {all}");
+                    assert!(moved != ["turn"] || bodies == 1, "{say}: {bodies}");
+                } else {
+                    assert_eq!(bodies, all, "{say}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn an_update_to_where_a_pivot_is_lost_changes_nothing() {
+    // A slide along x on a slide: at q = 0 of the turn between them the last one's mass is all that either moves.
+    let point = Inertial { mass: 1.0, centre: Vector3::zeros(), central: Symmetric3::zero() };
+    let mut builder = SceneBuilder::new();
+    for (name, inertial) in [("base", None), ("carriage", None), ("wheel", None), ("weight", Some(point))] {
+        builder = builder.link(LinkDescription { name: name.into(), inertial });
+    }
+    let mut first = JointDescription::new("first", JointKind::Prismatic, "base", "carriage");
+    let mut turn = JointDescription::new("turn", JointKind::Revolute, "carriage", "wheel");
+    let mut last = JointDescription::new("last", JointKind::Prismatic, "wheel", "weight");
+    (first.axis, last.axis, turn.armature) = (Vector3::x(), Vector3::x(), 0.1);
+    let scene = builder.joint(first).joint(turn).joint(last).build().unwrap();
+    let mut workspace = scene.workspace().in_form(Form::Covariance);
+    let mut factor = scene.factor(&mut workspace, &[0.0, 1.0, 0.2]).unwrap();
+    let before = bits(&factor);
+    let error = scene.update_factor(&mut workspace, &mut factor, &[0.0, 0.0, 0.3]).unwrap_err();
+    assert_eq!(error, scene.factor(&mut workspace, &[0.0, 0.0, 0.3]).unwrap_err());
+    assert!(matches!(error, Error::SingularJoint { ref joint, .. } if joint == "first"), "{error}");
+    assert_eq!(bits(&factor), before);
+    let error = scene.update_factor(&mut workspace, &mut factor, &[0.0, f64::NAN, 0.3]).unwrap_err();
+    assert!(matches!(error, Error::NotFinite { .. }), "{error}");
+    let other = arms(0);
+    let error = other.update_factor(&mut workspace, &mut factor, &other.neutral()).unwrap_err();
+    assert!(matches!(error, Error::Argument { .. }), "{error}");
+    assert_eq!(bits(&factor), before);
+}
+
+#[test]
+fn the_plan_counts_what_calls_on_a_factor_save() {
+    let scene = arms(1);
+    let (q, mut moved) = (scene.neutral(), scene.neutral());
+    let last = scene.joints().last().unwrap();
+    let mut step = vec![0.0; scene.nv()];
+    step[last.v.end - 1] = 0.1;
+    scene.integrate(&q, &step, &mut moved).unwrap();
+    let calls = of_factor(&scene, &q, &moved);
+    // One arm of three and the hub: no more than that is computed anew, the ends of the other two arms sent again.
+    assert!(2 * calls.updated.flops() < calls.made.flops(), "{calls:?}");
+    // The threshold of the pivots is a product.
+    assert!(of_factor(&scene, &q, &q).updated.flops() <= 1);
+    let plan = scene.plan();
+    let found =
+        |what: &str| plan.items.iter().find(|item| item.what.contains(what)).unwrap_or_else(|| panic!("{what}"));
+    let branch = found("last joint alone");
+    assert_eq!(branch.count, scene.model().bodies.len() - calls.bodies);
+    assert_eq!(u64::try_from(branch.operations).unwrap(), calls.made.flops() - calls.updated.flops());
+    let shared = found("calls that share q");
+    assert!(shared.operations > 0 && shared.saved.contains(&format!("{} operations", calls.solved.flops())));
+    assert_eq!(found("outputs").count, 4);
+    assert!(found("outputs").operations > 0);
+    // On a chain all of it carries the last joint.
+    let chain = phipsi::scenes::chain(5).unwrap().plan();
+    assert!(chain.items.iter().all(|item| !item.what.contains("last joint alone")));
+}
+
+#[test]
+fn a_locked_subtree_is_one_body() {
+    for seed in 0..6 {
+        let scene = arms(seed);
+        let (q, ..) = random_state(&scene, &mut Random::new(seed));
+        let arm = ["to b0", "to b1", "to b2"];
+        let locked = scene.lock(&arm, &q).unwrap();
+        // All four links of it are one body, the hub's.
+        let hub = locked.link("hub").unwrap().body;
+        assert!(hub.is_some());
+        assert!(["b0", "b1", "b2"].iter().all(|link| locked.link(link).unwrap().body == hub));
+        let mass =
+            |scene: &Scene, link: &str| scene.model().bodies[scene.link(link).unwrap().body.unwrap()].inertia.mass;
+        let parts: f64 = ["hub", "b0", "b1", "b2"].iter().map(|link| mass(&scene, link)).sum();
+        assert_near("mass", &[mass(&locked, "hub")], &[parts], tolerance::product(4, parts));
+        // With the joint to the hub locked too, the arm is on the base and is no body.
+        let fixed = scene.lock(&["turn", "to b0", "to b1", "to b2"], &q).unwrap();
+        assert!(["hub", "b0", "b1", "b2"].iter().all(|link| fixed.link(link).unwrap().body.is_none()));
+        // One by one, or all at once.
+        let (first, rest) = (scene.lock(&arm[..1], &q).unwrap(), &arm[1..]);
+        let mut kept = q.clone();
+        kept.drain(scene.joint("to b0").unwrap().q.clone());
+        let twice = first.lock(rest, &kept).unwrap();
+        for scene in [&locked, &twice] {
+            assert_eq!(scene.source().locked_joints().collect::<Vec<_>>(), arm);
+            let plan = scene.plan();
+            let item = plan.items.iter().find(|item| item.what.contains("locked")).unwrap();
+            assert_eq!((item.count, &item.names[..]), (3, &arm.map(str::to_owned)[..]));
+            // Against the scene where they move, counted.
+            let of = |scene: &Scene| {
+                let ones = vec![1.0; scene.nv()];
+                let state = Arguments { q: &scene.neutral(), qd: &ones, u: &ones, wrenches: &[] };
+                let task = Task::Algorithm(Algorithm::ForwardDynamics(Form::Covariance));
+                count_in_six_vectors(scene, task, &state).operations.flops()
+            };
+            assert_eq!(u64::try_from(item.operations).unwrap(), of(&arms(seed)) - of(scene));
+        }
+        let (before, after) = (scene.model().bodies.len(), locked.model().bodies.len());
+        let noun = if before - after == 1 { "body that is" } else { "bodies that are" };
+        assert!(locked.plan().items.iter().any(|item| item.saved == format!("{} {noun} not visited", before - after)));
+    }
+    let scene = arms(0);
+    assert!(scene.plan().items.iter().all(|item| !item.what.contains("locked")));
 }
 
 #[test]

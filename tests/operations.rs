@@ -13,7 +13,7 @@ use phipsi::filter::rounding::{self, Reach, Swept, Weighed};
 use phipsi::filter::square_root::{self, Mean, Roots};
 use phipsi::filter::{Form, HingeMap, innovations, smoothed, smoother};
 use phipsi::kinematics::placements_base_to_tip;
-use phipsi::report::operations::{Count, Task, count, tasks};
+use phipsi::report::operations::{Count, Task, count, count_in_six_vectors, tasks};
 use phipsi::scalar::{Counted, Operations, Real};
 use phipsi::scene::{JointKind, Model};
 use phipsi::spatial::RigidShift;
@@ -22,7 +22,8 @@ use phipsi::{Scene, Workspace, scenes};
 /// A state of a chain, no number of it zero.
 fn counted(scene: &Scene, task: Task) -> Count {
     let (q, qd, u) = random_state(scene, &mut Random::new(5));
-    count(scene, task, &Arguments { q: &q, qd: &qd, u: &u, wrenches: &[] })
+    // A chain of one is planar.
+    count_in_six_vectors(scene, task, &Arguments { q: &q, qd: &qd, u: &u, wrenches: &[] })
 }
 
 fn of_chain(bodies: usize, task: Task) -> Operations {

@@ -78,7 +78,7 @@ class Scene:
 
         source: a path, or the XML itself: a str that starts with "<" after white space. floating_base: puts a free joint,
         "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame. strict: unphysical inertias raise.
-        leave_out: names of what may be left out, of "fixed_joints", "base_links", "exact_zeros", "massless_bodies",
+        leave_out: names of what may be left out, of "fixed_joints", "base_links", "exact_zeros", "massless_bodies", "planar",
         "zero_velocity" and "zero_gravity"; None: all. Results are the same to rounding, but operators and estimates need the
         first two (ArgumentError).
 
@@ -438,7 +438,8 @@ class Omission:
     def operations(self) -> int:
         """Floating-point operations (a product with a sum is two) that forward dynamics of one state in covariance form does less.
 
-        In a call that needs nothing of this; 0 where nothing was counted.
+        In a call that needs nothing of this; 0 where nothing was counted. In 6-vectors, of a planar scene too, but for the item
+        "planar"; items of calls on the factor say beside what they count.
         """
 
     @property
@@ -551,6 +552,12 @@ class RawFactor:
 
     def apply(self, kind: str, transpose: bool, x: ArrayLike, /) -> _Array:
         """The operator of that name times x, (..., columns), by a sweep; its transpose's if so said."""
+
+    def update(self, q: ArrayLike, /) -> int:
+        """Moves every factor to its configuration in q, the shape that the factor was made with.
+
+        Returns how many bodies were computed anew, in all.
+        """
 
     def dense(self, kind: str, /) -> _Array:
         """The operator of that name as a matrix, (..., rows, columns), built from its definition and not by a sweep."""

@@ -361,6 +361,20 @@ class Factor:
         """M a by sweeps (2.8): (..., nv) to (..., nv), rad/s^2 to N m."""
         return self._raw.apply("M", False, a)
 
+    def update(self, q: ArrayLike) -> int:
+        """Moves the factor to the configuration q, (..., nq) with the leading axes it was made with, to the bits of a new one.
+
+        A body's phi depends on its own joint, its P, D and g on the joints that it carries: where only some joints differ from the factor's
+        configuration, only their phi and what carries them is computed. So it is for form="covariance" and "joseph"; "auto" and
+        "square-root" judge the factor as a whole and compute it anew. Operators of this factor follow, but not what was computed
+        from them (arrays, and ``D.inv()``, which holds numbers).
+
+        Returns how many bodies were computed anew, over all configurations.
+
+        Raises SingularJointError, naming joint and state; ShapeError, NotFiniteError or ArgumentError for a bad q. The factor is as it was then.
+        """
+        return self._raw.update(q)
+
     @property
     def log_det(self) -> Any:
         """log det M = sum of log D(k): a number, or an array of the batch's shape."""

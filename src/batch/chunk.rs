@@ -7,9 +7,10 @@ use super::arms::{Vectorised, Work};
 use crate::dynamics::lean::{self, LeanModel, LeanScratch};
 use crate::dynamics::{auto, refined};
 use crate::filter::Form;
+use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::Real;
 use crate::scene::queries::QUATERNION_SLACK;
-use crate::scene::{Model, Motion};
+use crate::scene::{Model, Motion, Scene};
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
@@ -55,6 +56,9 @@ pub(super) trait Chunks: Send + Sync {
     fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64;
 }
 
+/// A planar scene's numbers in the plane, and scratch for them.
+type Plane<T> = (PlanarModel<T>, PlanarScratch<T, <T as Vectorised>::Columns>);
+
 /// Scratch for as many states as `T` has lanes.
 #[derive(Debug)]
 pub(super) struct Chunk<T: Vectorised> {
@@ -64,13 +68,16 @@ pub(super) struct Chunk<T: Vectorised> {
     /// Where the quaternions are in q.
     quaternions: Vec<usize>,
     workspace: Workspace<T>,
+    /// The same scene in its plane, with scratch.
+    planar: Option<Plane<T>>,
     arguments: [Vec<T>; 3],
     wrenches: Vec<Vector6<T>>,
     results: Vec<T>,
 }
 
 impl<T: Vectorised> Chunk<T> {
-    pub fn new(model: &Model<f64>) -> Self {
+    pub fn new(scene: &Scene) -> Self {
+        let model = scene.model();
         let quaternions = model.bodies.iter().filter_map(|body| match body.motion {
             Motion::Spherical => Some(body.q),
             Motion::Free => Some(body.q + 3),
@@ -80,8 +87,12 @@ impl<T: Vectorised> Chunk<T> {
         let (quaternions, model) = (quaternions.collect(), model.cast::<T>());
         let (workspace, lean_scratch) = (Workspace::new(&model), LeanScratch::new(&model, &lean));
         let arguments = [vec![T::zero(); model.nq], vec![T::zero(); model.nv()], vec![T::zero(); model.nv()]];
+        let planar = scene.planar().map(PlanarModel::cast).map(|model| {
+            let scratch = PlanarScratch::new(&model);
+            (model, scratch)
+        });
         let (wrenches, results) = (Vec::new(), Vec::new());
-        Self { model, lean, lean_scratch, quaternions, workspace, arguments, wrenches, results }
+        Self { model, lean, lean_scratch, quaternions, workspace, planar, arguments, wrenches, results }
     }
 }
 
@@ -159,7 +170,8 @@ impl<T: Vectorised> Work for Run<'_, T> {
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Chunk { model, lean, lean_scratch, quaternions, workspace, arguments, wrenches, results } = self.chunk;
+        let Chunk { model, lean, lean_scratch, quaternions, workspace, planar, arguments, wrenches, results } =
+            self.chunk;
         let states = self.states;
         let [q, qd, u] = arguments;
         let mut fault = gather(q, states, |state| state.q);
@@ -179,7 +191,12 @@ impl<T: Vectorised> Work for Run<'_, T> {
         let width = self.out.len() / states.len();
         results.resize(width, T::zero());
         let scene = (&*model, &*lean);
-        let mut doubt = compute(self.algorithm, scene, (lean_scratch, workspace), (q, qd, u), wrenches, results);
+        let mut doubt = match planar {
+            Some((model, scratch)) if planar::covers(self.algorithm) => {
+                planar::run(self.algorithm, model, scratch, (q, qd, u), wrenches, results)
+            }
+            _ => compute(self.algorithm, scene, (lean_scratch, workspace), (q, qd, u), wrenches, results),
+        };
         for &number in results.iter() {
             fault += not_finite(number);
         }

@@ -41,21 +41,22 @@ impl Evaluator {
     /// The same on an arm of the caller's choice; on the baseline where this processor cannot run it.
     #[must_use]
     pub fn on(arm: Arm, scene: &Scene) -> Self {
-        let model = scene.model();
         let arm = if arm.available() { arm } else { Arm::Baseline };
         let one: Box<dyn Chunks> = match arm {
-            Arm::Baseline => Box::new(Chunk::<f64>::new(model)),
-            Arm::Avx2 | Arm::Avx512 => Box::new(Chunk::<Fused>::new(model)),
+            Arm::Baseline => Box::new(Chunk::<f64>::new(scene)),
+            Arm::Avx2 | Arm::Avx512 => Box::new(Chunk::<Fused>::new(scene)),
         };
         #[cfg(target_arch = "x86_64")]
         let many: Option<Box<dyn Chunks>> = match arm {
             Arm::Baseline => None,
-            Arm::Avx2 => Some(Box::new(Chunk::<crate::scalar::Lanes<pulp::x86::V3>>::new(model))),
-            Arm::Avx512 => Some(Box::new(Chunk::<crate::scalar::Lanes<pulp::x86::V4>>::new(model))),
+            Arm::Avx2 => Some(Box::new(Chunk::<crate::scalar::Lanes<pulp::x86::V3>>::new(scene))),
+            Arm::Avx512 => Some(Box::new(Chunk::<crate::scalar::Lanes<pulp::x86::V4>>::new(scene))),
         };
         #[cfg(not(target_arch = "x86_64"))]
         let many = None;
-        Self { arm, one, many, checked: Checked { workspace: scene.workspace(), inverse: None } }
+        // Without scratch for the plane: what was in doubt there is done in 6-vectors.
+        let workspace = Workspace::new(scene.model());
+        Self { arm, one, many, checked: Checked { workspace, inverse: None } }
     }
 
     /// The arm that it runs on.

@@ -3,9 +3,9 @@
 use super::{Applied, Kind};
 use crate::dynamics::factorise;
 use crate::error::Error;
-use crate::filter::pivots::PivotMonitor;
+use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::Measured;
-use crate::filter::{HingeMap, System, covariance, innovations, smoother};
+use crate::filter::{Form, HingeMap, System, covariance, innovations, smoother};
 use crate::scalar::Real;
 use crate::scene::{Model, Scene};
 use crate::spatial::{BodyInertia, RigidShift, Symmetric6};
@@ -28,8 +28,22 @@ pub struct Factor<T: Real> {
     pub(super) p_minus: Vec<Symmetric6<T>>,
     /// P^+ of each row.
     pub(super) p_plus: Vec<Symmetric6<T>>,
+    /// What [`update`](super::update) goes on from.
+    pub(super) sweep: Sweep<T>,
     /// Made when first asked for: most uses of a factor need none.
-    co_states: OnceLock<CoStateCovariances<T>>,
+    pub(super) co_states: OnceLock<CoStateCovariances<T>>,
+}
+
+/// What the sweep left that the operators do not read.
+#[derive(Debug, Clone)]
+pub(super) struct Sweep<T: Real> {
+    pub form: Form,
+    /// The configuration.
+    pub q: Vec<T>,
+    /// P^+ of each stage.
+    pub p: Vec<Symmetric6<T>>,
+    /// The bound on the terms of P^- of each stage.
+    pub scale: Vec<Scale<T>>,
 }
 
 /// Lambda of each row, on both sides (5.6, 5.7).
@@ -67,6 +81,12 @@ impl<T: Real> Factor<T> {
                 .collect(),
             p_minus,
             p_plus,
+            sweep: Sweep {
+                form: workspace.form,
+                q: q.to_vec(),
+                p: workspace.p.clone(),
+                scale: workspace.scale.clone(),
+            },
             co_states: OnceLock::new(),
         };
         (factor, monitor)

@@ -9,9 +9,11 @@ mod compose;
 pub mod dense;
 mod factor;
 mod sweeps;
+mod update;
 
 pub use compose::{Diagonal, Identity, Product, Sum, Transpose};
 pub use factor::Factor;
+pub use update::Updated;
 
 use crate::scalar::Real;
 

@@ -9,7 +9,7 @@ use nalgebra::Matrix3;
 use pyo3::prelude::*;
 
 /// Counts up when the tuples change.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// Name, then mass, mass centre and inertia about it (xx, xy, xz, yy, yz, zz) if it has any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
@@ -19,9 +19,21 @@ type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
 type JointTuple =
     (String, String, Option<f64>, String, String, ([f64; 9], [f64; 3]), [f64; 3], [f64; 3], [f64; 4], Option<String>);
 
-/// Version, gravity, floating base, strict, links, joints, names of what is left out.
+/// A joint that was locked: name, kind, pitch.
+type LockedTuple = (String, String, Option<f64>);
+
+/// Version, gravity, floating base, strict, links, joints, names of what is left out, joints that were locked.
 #[derive(IntoPyObject, FromPyObject)]
-pub(super) struct Description(u32, [f64; 3], bool, bool, Vec<LinkTuple>, Vec<JointTuple>, Vec<String>);
+pub(super) struct Description(
+    u32,
+    [f64; 3],
+    bool,
+    bool,
+    Vec<LinkTuple>,
+    Vec<JointTuple>,
+    Vec<String>,
+    Vec<LockedTuple>,
+);
 
 impl Description {
     /// Everything that a scene was built from.
@@ -29,11 +41,14 @@ impl Description {
         let links = source.links().iter().map(link_tuple).collect();
         let joints = source.joints().iter().map(joint_tuple).collect();
         let left_out = plan::names_of(source.left_out());
-        Self(VERSION, source.gravity_vector(), source.is_floating(), source.is_strict(), links, joints, left_out)
+        let locked = source.locked().iter();
+        let locked = locked.map(|(name, kind)| (name.clone(), kind.name().to_owned(), pitch_of(*kind))).collect();
+        let (gravity, floating, strict) = (source.gravity_vector(), source.is_floating(), source.is_strict());
+        Self(VERSION, gravity, floating, strict, links, joints, left_out, locked)
     }
 
     fn build(self) -> Result<Scene, Error> {
-        let Self(version, gravity, floating, strict, links, joints, left_out) = self;
+        let Self(version, gravity, floating, strict, links, joints, left_out, locked) = self;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
@@ -52,7 +67,8 @@ impl Description {
         for joint in joints {
             builder = builder.joint(joint_of(joint)?);
         }
-        builder.build()
+        let kind = |(name, kind, pitch): LockedTuple| joint_kind(&name, &kind, pitch).map(|kind| (name, kind));
+        builder.with_locked(locked.into_iter().map(kind).collect::<Result<_, _>>()?).build()
     }
 }
 
@@ -66,13 +82,12 @@ fn joint_tuple(joint: &JointDescription) -> JointTuple {
     let JointDescription { name, kind, parent, child, origin, axis, armature, damping, friction, limits, mimic } =
         joint;
     let Limits { lower, upper, velocity, effort } = *limits;
-    let pitch = if let JointKind::Screw { pitch } = *kind { Some(pitch) } else { None };
     let mut rotation = [0.0; 9];
     rotation.copy_from_slice(origin.rotation.transpose().as_slice());
     (
         name.clone(),
         kind.name().to_owned(),
-        pitch,
+        pitch_of(*kind),
         parent.clone(),
         child.clone(),
         (rotation, origin.lever.into()),
@@ -81,6 +96,11 @@ fn joint_tuple(joint: &JointDescription) -> JointTuple {
         [lower, upper, velocity, effort],
         mimic.clone(),
     )
+}
+
+/// A screw's pitch.
+fn pitch_of(kind: JointKind) -> Option<f64> {
+    if let JointKind::Screw { pitch } = kind { Some(pitch) } else { None }
 }
 
 fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {

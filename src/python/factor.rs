@@ -10,20 +10,61 @@ use crate::error::{Error, check_finite};
 use crate::filter::Form;
 use crate::operators::dense::Composite;
 use crate::operators::{Factor, KINDS, Kind, Operator};
-use crate::scene::Model;
+use crate::scene::{Model, Scene};
+use crate::workspace::Workspace;
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyTuple;
+use std::sync::{PoisonError, RwLock, RwLockReadGuard};
 
 /// The compiled half of `phipsi.operators.Factor`: applies operators by name.
 #[pyclass(frozen, name = "RawFactor", module = "phipsi._core")]
 pub(crate) struct PyFactor {
-    model: Model<f64>,
-    factors: Vec<Factor<f64>>,
-    configurations: Vec<f64>,
+    scene: Py<PyScene>,
     batch: Vec<usize>,
     pool: Pool<()>,
+    /// Never waited for by a thread that another waits for with the GIL in hand: who holds it takes no GIL.
+    state: RwLock<State>,
+}
+
+/// What an update changes.
+struct State {
+    factors: Vec<Factor<f64>>,
+    configurations: Vec<f64>,
+}
+
+impl PyFactor {
+    fn model(&self) -> &Model<f64> {
+        self.scene.get().scene.model()
+    }
+
+    /// The factors and configurations; a panic cannot have left them half written that this hides, for updates are undone or whole.
+    fn read(&self) -> RwLockReadGuard<'_, State> {
+        self.state.read().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl State {
+    /// Every factor to its configuration in `q`, or none of them.
+    fn update(&mut self, scene: &Scene, workspace: &mut Workspace<f64>, q: &[f64]) -> Result<usize, Fault> {
+        let nq = scene.nq();
+        let mut bodies = 0;
+        for i in 0..self.factors.len() {
+            match scene.update_factor(workspace, &mut self.factors[i], &q[i * nq..(i + 1) * nq]) {
+                Ok(count) => bodies += count,
+                Err(error) => {
+                    // Those before it go back; where they were they had no fault.
+                    for (factor, q) in self.factors.iter_mut().zip(self.configurations.chunks(nq.max(1))).take(i) {
+                        let _ = scene.update_factor(workspace, factor, q);
+                    }
+                    return Err(Fault { state: i, error });
+                }
+            }
+        }
+        self.configurations.copy_from_slice(q);
+        Ok(bodies)
+    }
 }
 
 impl PyScene {
@@ -50,17 +91,17 @@ impl PyScene {
     ///
     /// Raises `SingularJointError`, naming joint and state; `ShapeError`, `NotFiniteError` or `ArgumentError` for a bad q.
     #[pyo3(signature = (q, *, form="auto"))]
-    fn factor<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, form: &str) -> PyResult<Bound<'py, PyAny>> {
+    fn factor<'py>(slf: &Bound<'py, Self>, q: &Bound<'py, PyAny>, form: &str) -> PyResult<Bound<'py, PyAny>> {
         static FACTOR: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-        let input = Input::new("q", q, self.scene.nq())?;
+        let (py, scene) = (slf.py(), slf.get());
+        let input = Input::new("q", q, scene.scene.nq())?;
         let batch = input.leading().to_vec();
-        let factors = self.factors(py, &input, read_form(form)?)?.map_err(|error| fault(py, error, &batch))?;
+        let factors = scene.factors(py, &input, read_form(form)?)?.map_err(|error| fault(py, error, &batch))?;
         let raw = PyFactor {
-            model: self.scene.model().clone(),
-            factors,
-            configurations: input.data()?.to_vec(),
+            scene: slf.clone().unbind(),
             batch,
             pool: Pool::default(),
+            state: RwLock::new(State { factors, configurations: input.data()?.to_vec() }),
         };
         FACTOR.import(py, "phipsi.operators", "Factor")?.call1((raw,))
     }
@@ -71,7 +112,7 @@ impl PyFactor {
     /// Number of degrees of freedom.
     #[getter]
     fn nv(&self) -> usize {
-        self.model.nv()
+        self.model().nv()
     }
 
     /// Leading axes of the configurations.
@@ -82,22 +123,22 @@ impl PyFactor {
 
     /// log det M of every configuration, shape of the batch.
     fn log_det<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let values: Vec<f64> = self.factors.iter().map(Factor::log_det).collect();
+        let values: Vec<f64> = self.read().factors.iter().map(Factor::log_det).collect();
         arrays::from_numbers(py, &values, &self.batch)
     }
 
     /// D of every configuration, (..., nv).
     fn pivots<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let values: Vec<f64> = self.factors.iter().flat_map(Factor::pivots).collect();
+        let values: Vec<f64> = self.read().factors.iter().flat_map(Factor::pivots).collect();
         let mut shape = self.batch.clone();
-        shape.push(self.model.nv());
+        shape.push(self.model().nv());
         arrays::from_numbers(py, &values, &shape)
     }
 
     /// (rows, columns) of the operator of that name.
     #[pyo3(signature = (kind, /))]
     fn shape(&self, kind: &str) -> PyResult<(usize, usize)> {
-        Ok(find(kind)?.shape(self.model.nv()))
+        Ok(find(kind)?.shape(self.model().nv()))
     }
 
     /// The operator of that name times x, (..., columns), by a sweep; its transpose's if so said.
@@ -110,13 +151,13 @@ impl PyFactor {
         x: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let kind = find(kind)?;
-        let (rows, columns) = kind.shape(self.model.nv());
+        let (rows, columns) = kind.shape(self.model().nv());
         let (from, to) = if transpose { (rows, columns) } else { (columns, rows) };
         let x = Input::new("x", x, from)?;
         let batch = broadcast_axes([("the factor", &self.batch[..]), ("x", x.leading())])?;
         // Which factor belongs to a state: broadcast over their indices.
         #[allow(clippy::cast_precision_loss)] // an index far below 2^53
-        let indices: Vec<f64> = (0..self.factors.len()).map(|i| i as f64).collect();
+        let indices: Vec<f64> = (0..self.batch.iter().product()).map(|i: usize| i as f64).collect();
         let which = Broadcast::new("the factor", &indices, 1, &self.batch, &batch)?;
         let vectors = x.over(&batch)?;
         let mut shape = batch.clone();
@@ -125,12 +166,14 @@ impl PyFactor {
         let results = output.numbers()?;
         let states = batch.iter().product();
         let run = || {
-            let batch = Batch { states, cost: 500 * self.model.nv().max(1), pool: &self.pool, make: || () };
+            let state = self.read();
+            let factors = &state.factors;
+            let batch = Batch { states, cost: 500 * self.model().nv().max(1), pool: &self.pool, make: || () };
             batch.run(results, |(), i, y| {
                 let x = vectors.state(i);
                 check_finite("x", x)?;
                 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // it was an index above
-                let operator = self.factors[which.state(i)[0] as usize].operator(kind);
+                let operator = factors[which.state(i)[0] as usize].operator(kind);
                 if transpose {
                     operator.apply_transpose(x, y);
                 } else {
@@ -143,16 +186,30 @@ impl PyFactor {
         Ok(output.finish())
     }
 
+    /// Moves every factor to its configuration in q, the shape that the factor was made with; how many bodies were computed anew, in all.
+    #[pyo3(signature = (q, /))]
+    fn update(&self, py: Python<'_>, q: &Bound<'_, PyAny>) -> PyResult<usize> {
+        let PyScene { scene, pool } = self.scene.get();
+        let mut shape = self.batch.clone();
+        shape.push(scene.nq());
+        let q = arrays::fixed("q", q, &shape)?;
+        let update = |scratch: &mut Scratch| {
+            self.state.write().unwrap_or_else(PoisonError::into_inner).update(scene, &mut scratch.workspace, &q)
+        };
+        py.detach(|| pool.with(|| Scratch::new(scene), update)).map_err(|error| fault(py, error, &self.batch))
+    }
+
     /// The operator of that name as a matrix, (..., rows, columns), built from its definition and not by a sweep.
     #[pyo3(signature = (kind, /))]
     fn dense<'py>(&self, py: Python<'py>, kind: &str) -> PyResult<Bound<'py, PyAny>> {
         let kind = find(kind)?;
-        let (rows, columns) = kind.shape(self.model.nv());
-        let nq = self.model.nq;
+        let (rows, columns) = kind.shape(self.model().nv());
+        let nq = self.model().nq;
         let mut values = Vec::with_capacity(rows * columns);
-        for state in 0..self.factors.len() {
-            let q = &self.configurations[state * nq..(state + 1) * nq];
-            let matrix = py.detach(|| Composite::new(&self.model, q).map(|composite| composite.matrix(kind)))?;
+        let configurations = self.read().configurations.clone();
+        for state in 0..self.batch.iter().product() {
+            let q = &configurations[state * nq..(state + 1) * nq];
+            let matrix = py.detach(|| Composite::new(self.model(), q).map(|composite| composite.matrix(kind)))?;
             values.extend((0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))).map(|at| matrix[at]));
         }
         let mut shape = self.batch.clone();

@@ -31,7 +31,8 @@ impl PyOmission {
 
     /// Floating-point operations (a product with a sum is two) that forward dynamics of one state in covariance form does less.
     ///
-    /// In a call that needs nothing of this; 0 where nothing was counted.
+    /// In a call that needs nothing of this; 0 where nothing was counted. In 6-vectors, of a planar scene too, but for the item
+    /// "planar"; items of calls on the factor say beside what they count.
     #[getter]
     fn operations(&self) -> usize {
         self.omission.operations

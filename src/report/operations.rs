@@ -6,6 +6,8 @@ use crate::dynamics::mass_inverse::InverseScratch;
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
 use crate::filter::{FORMS, Form, Stage};
+use crate::operators::{Factor, Updated};
+use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::{Counted, Operations, Real};
 use crate::scene::{Body, Model, Scene};
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Root6, SpatialVector, Symmetric6};
@@ -45,8 +47,8 @@ pub struct Count {
     pub results: Vec<f64>,
 }
 
-/// Counts one task on one state: the unchecked functions of [`dynamics`], scratch made beforehand. Arguments that a task does not
-/// take are not read.
+/// Counts one task on one state: what the scene runs for it, in the plane where it has one ([`planar`]), scratch made beforehand.
+/// Arguments that a task does not take are not read.
 ///
 /// The counts are those of any scalar without double-double arithmetic: a state that stays in doubt after the square-root form
 /// would cost f64 more.
@@ -56,9 +58,36 @@ pub struct Count {
 /// Where an argument that the task takes is too short for the scene.
 #[must_use]
 pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
+    let (Task::Algorithm(algorithm), Some(model)) = (task, scene.planar()) else {
+        return count_in_six_vectors(scene, task, state);
+    };
+    if !planar::covers(algorithm) {
+        return count_in_six_vectors(scene, task, state);
+    }
+    let model: PlanarModel<Counted> = model.cast();
+    let ([q, qd, u], wrenches) = on_counted(state);
+    let mut scratch: PlanarScratch<Counted> = PlanarScratch::new(&model);
+    let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
+    let (_, operations) =
+        Counted::during(|| planar::run(algorithm, &model, &mut scratch, (&q, &qd, &u), &wrenches, &mut out));
+    Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() }
+}
+
+/// The arguments of a state as numbers that count.
+fn on_counted(state: &Arguments<'_>) -> ([Vec<Counted>; 3], Vec<SpatialVector<Counted>>) {
+    let numbers = [state.q, state.qd, state.u].map(|given| given.iter().map(|&x| Counted(x)).collect());
+    (numbers, state.wrenches.iter().map(|force| force.map(Counted)).collect())
+}
+
+/// The same of the unchecked functions of [`dynamics`], in 6-vectors whether the scene is planar or not.
+///
+/// # Panics
+///
+/// As [`count`].
+#[must_use]
+pub fn count_in_six_vectors(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
     let model: Model<Counted> = scene.model().cast();
-    let [q, qd, u] = [state.q, state.qd, state.u].map(|given| given.iter().map(|&x| Counted(x)).collect::<Vec<_>>());
-    let wrenches: Vec<SpatialVector<Counted>> = state.wrenches.iter().map(|force| force.map(Counted)).collect();
+    let ([q, qd, u], wrenches) = on_counted(state);
     let mut workspace = Workspace::new(&model);
     let mut inverse = InverseScratch::new(&model);
     let width = match task {
@@ -91,6 +120,37 @@ pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
         out.extend(workspace.measured.iter().map(|row| row.pivot));
     }
     Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() }
+}
+
+/// Operations of calls on the factor of M in covariance form.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct OfFactor {
+    /// Making it.
+    pub made: Operations,
+    /// One [`solve`](Factor::solve).
+    pub solved: Operations,
+    /// One [`update`](Factor::update) to the second configuration.
+    pub updated: Operations,
+    /// How many bodies that computed anew.
+    pub bodies: usize,
+}
+
+/// Counts the calls on a factor made at `q` and moved to `moved`.
+///
+/// # Panics
+///
+/// Where a configuration is too short for the scene, or the scene keeps bodies that cannot move (see
+/// [`Omissions::every_body_moves`](crate::scene::Omissions::every_body_moves)).
+#[must_use]
+pub fn of_factor(scene: &Scene, q: &[f64], moved: &[f64]) -> OfFactor {
+    let model: Model<Counted> = scene.model().cast();
+    let [q, moved] = [q, moved].map(|given| given.iter().map(|&x| Counted(x)).collect::<Vec<_>>());
+    let mut workspace = Workspace::new(&model).in_form(Form::Covariance);
+    let ((mut factor, _), made) = Counted::during(|| Factor::new(&model, &mut workspace, &q));
+    let (tau, mut out) = (vec![Counted(1.0); scene.nv()], vec![Counted(f64::NAN); scene.nv()]);
+    let ((), solved) = Counted::during(|| factor.solve(&tau, &mut out));
+    let (Updated { bodies, .. }, updated) = Counted::during(|| factor.update(&model, &mut workspace, &moved));
+    OfFactor { made, solved, updated, bodies }
 }
 
 /// Bytes of the arrays that an algorithm reads or writes for one state in f64, each counted once: model, arguments, scratch, results.

@@ -2,6 +2,7 @@
 
 use super::description::{Inertial, JointDescription, JointKind};
 use super::{Joint, Link, ROOT_JOINT, Scene};
+use crate::planar::PlanarModel;
 use crate::scene::model::Motion;
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, inertia_root, join_roots, root_of_merged};
 use nalgebra::{Matrix3, Vector3, Vector6};
@@ -96,6 +97,7 @@ impl Assembly {
                 stack.push((Some(joint), child, at));
             }
         }
+        self.scene.planar = PlanarModel::of(&self.scene.model);
         self.scene
     }
 

@@ -43,6 +43,8 @@ pub struct SceneBuilder {
     pub(super) floating_base: bool,
     pub(super) strict: bool,
     pub(super) omissions: Omissions,
+    /// The joints that [`Scene::lock`] fixed, with what they were.
+    pub(super) locked: Vec<(String, JointKind)>,
 }
 
 impl Default for SceneBuilder {
@@ -62,6 +64,7 @@ impl SceneBuilder {
             floating_base: false,
             strict: false,
             omissions: Omissions::default(),
+            locked: Vec::new(),
         }
     }
 
@@ -135,6 +138,37 @@ impl SceneBuilder {
     #[must_use]
     pub fn left_out(&self) -> Omissions {
         self.omissions
+    }
+
+    /// Names of the joints that were movable before [`Scene::lock`] fixed them.
+    pub fn locked_joints(&self) -> impl Iterator<Item = &str> {
+        self.locked.iter().map(|(name, _)| name.as_str())
+    }
+
+    /// The same joints with what they were, for a copy of the description elsewhere.
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) fn locked(&self) -> &[(String, JointKind)] {
+        &self.locked
+    }
+
+    /// Notes that these joints were locked; they are fixed joints of the description already.
+    #[must_use]
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) fn with_locked(mut self, locked: Vec<(String, JointKind)>) -> Self {
+        self.locked = locked;
+        self
+    }
+
+    /// The description with the locked joints movable again, at zero where they were locked.
+    #[must_use]
+    pub(crate) fn unlocked(&self) -> Self {
+        let mut source = self.clone();
+        for (name, kind) in source.locked.drain(..) {
+            if let Some(joint) = source.joints.iter_mut().find(|joint| joint.name == name) {
+                joint.kind = kind;
+            }
+        }
+        source
     }
 
     /// Whether unphysical inertias are an error.

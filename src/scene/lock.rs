@@ -10,6 +10,10 @@ use nalgebra::Matrix3;
 impl Scene {
     /// The scene with `joints` fixed where the configuration `q` has them; names of links stay.
     ///
+    /// A link on a locked joint becomes part of the body that carries it, and so a subtree whose joints are all locked; what is
+    /// locked onto the base is no body at all. M, bias and accelerations are those of this scene with the locked rows left out and the locked
+    /// rates zero.
+    ///
     /// # Errors
     ///
     /// An unknown joint, or a bad configuration.
@@ -19,6 +23,7 @@ impl Scene {
         for name in joints {
             let joint = self.joint(name)?;
             let moved = self.child_placement(joint, q);
+            source.locked.push((joint.name.clone(), joint.kind));
             if *name == ROOT_JOINT && source.floating_base {
                 source.floating_base = false;
                 source = on_a_base(source, joint.child.clone(), moved);

@@ -25,6 +25,7 @@ pub use omissions::Omissions;
 pub use operational::TaskFrame;
 
 use crate::error::Error;
+use crate::planar::PlanarModel;
 use crate::spatial::RigidShift;
 use std::collections::HashMap;
 use std::ops::Range;
@@ -63,6 +64,8 @@ pub struct Scene {
     source: SceneBuilder,
     warnings: Vec<SceneWarning>,
     model: Model<f64>,
+    /// The same in the plane that all joints move in, if there is one.
+    planar: Option<PlanarModel<f64>>,
     links: Vec<Link>,
     joints: Vec<Joint>,
     /// Index of the joint that moves each body; none for a body that stays where it is on its parent.
@@ -79,6 +82,7 @@ impl Scene {
             model: Model::empty(source.gravity, source.omissions),
             source,
             warnings,
+            planar: None,
             links: Vec::new(),
             joints: Vec::new(),
             joint_of_body: Vec::new(),
@@ -104,6 +108,12 @@ impl Scene {
     #[must_use]
     pub fn model(&self) -> &Model<f64> {
         &self.model
+    }
+
+    /// The numbers in the plane that all joints move in; none where there is no such plane, or the switch `planar` is off.
+    #[must_use]
+    pub fn planar(&self) -> Option<&PlanarModel<f64>> {
+        self.planar.as_ref()
     }
 
     /// What the scene was built from; building it again gives an equal scene.

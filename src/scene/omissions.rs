@@ -15,6 +15,9 @@ pub struct Omissions {
     pub exact_zeros: bool,
     /// The force that a body without inertia needs.
     pub massless_bodies: bool,
+    /// Components of forces and motions across the plane, where all joints move in one: 3-vectors instead of 6-vectors, in the algorithms of
+    /// [`planar`](mod@crate::planar).
+    pub planar: bool,
     /// Velocities, and what they cause, in a call whose rates are all zero.
     pub zero_velocity: bool,
     /// The whole bias, in a call whose rates are all zero in a scene without gravity; needs `zero_velocity`.
@@ -26,11 +29,12 @@ pub type Switch = fn(&mut Omissions) -> &mut bool;
 
 impl Omissions {
     /// The switches by name.
-    pub const SWITCHES: [(&'static str, Switch); 6] = [
+    pub const SWITCHES: [(&'static str, Switch); 7] = [
         ("fixed_joints", |of| &mut of.fixed_joints),
         ("base_links", |of| &mut of.base_links),
         ("exact_zeros", |of| &mut of.exact_zeros),
         ("massless_bodies", |of| &mut of.massless_bodies),
+        ("planar", |of| &mut of.planar),
         ("zero_velocity", |of| &mut of.zero_velocity),
         ("zero_gravity", |of| &mut of.zero_gravity),
     ];
@@ -43,6 +47,7 @@ impl Omissions {
             base_links: true,
             exact_zeros: true,
             massless_bodies: true,
+            planar: true,
             zero_velocity: true,
             zero_gravity: true,
         }
@@ -56,6 +61,7 @@ impl Omissions {
             base_links: false,
             exact_zeros: false,
             massless_bodies: false,
+            planar: false,
             zero_velocity: false,
             zero_gravity: false,
         }

@@ -1,12 +1,14 @@
 //! The algorithms on one state of a scene, with arguments checked and faults named.
 
 use super::{Joint, Link, Scene};
+use crate::batch::chunk::Algorithm;
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::dynamics::{self, Energy};
 use crate::error::{Error, check_finite, check_length};
 use crate::filter::Form;
 use crate::filter::pivots::{LostPivot, PivotMonitor};
 use crate::kinematics;
+use crate::planar::{self, PlanarScratch};
 use crate::spatial::{RigidShift, SpatialVector};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
@@ -21,7 +23,7 @@ impl Scene {
     /// Scratch for the methods below; one for each thread.
     #[must_use]
     pub fn workspace(&self) -> Workspace<f64> {
-        Workspace::new(&self.model)
+        Workspace { planar: self.planar.as_ref().map(PlanarScratch::new), ..Workspace::new(&self.model) }
     }
 
     /// Scratch for [`Scene::mass_matrix_inverse`].
@@ -83,6 +85,9 @@ impl Scene {
         self.check_wrenches(wrenches)?;
         check_length("qdd", qdd.len(), self.nv())?;
         self.check_form(workspace)?;
+        if self.in_the_plane(Algorithm::ForwardDynamics(workspace.form), workspace, (q, qd, tau), wrenches, qdd) {
+            return Ok(());
+        }
         let monitor = dynamics::forward_dynamics(&self.model, workspace, q, qd, tau, wrenches, qdd);
         self.check_pivots(workspace, monitor)?;
         self.check_result("forward dynamics", qdd)
@@ -108,6 +113,9 @@ impl Scene {
         self.check_rates("qdd", qdd)?;
         self.check_wrenches(wrenches)?;
         check_length("tau", tau.len(), self.nv())?;
+        if self.in_the_plane(Algorithm::InverseDynamics, workspace, (q, qd, qdd), wrenches, tau) {
+            return Ok(());
+        }
         dynamics::inverse_dynamics(&self.model, workspace, q, qd, qdd, wrenches, tau);
         self.check_result("inverse dynamics", tau)
     }
@@ -127,6 +135,9 @@ impl Scene {
         self.check_configuration("q", q)?;
         self.check_rates("qd", qd)?;
         check_length("tau", tau.len(), self.nv())?;
+        if self.in_the_plane(Algorithm::BiasTorque, workspace, (q, qd, &[]), &[], tau) {
+            return Ok(());
+        }
         dynamics::bias_torque(&self.model, workspace, q, qd, &[], tau);
         self.check_result("bias torque", tau)
     }
@@ -139,6 +150,9 @@ impl Scene {
     pub fn mass_matrix(&self, workspace: &mut Workspace<f64>, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
         self.check_configuration("q", q)?;
         check_length("out", out.len(), self.nv() * self.nv())?;
+        if self.in_the_plane(Algorithm::MassMatrix, workspace, (q, &[], &[]), &[], out) {
+            return Ok(());
+        }
         dynamics::mass_matrix(&self.model, workspace, q, out);
         self.check_result("mass matrix", out)
     }
@@ -158,6 +172,9 @@ impl Scene {
         self.check_configuration("q", q)?;
         check_length("out", out.len(), self.nv() * self.nv())?;
         self.check_form(workspace)?;
+        if self.in_the_plane(Algorithm::MassMatrixInverse(workspace.form), workspace, (q, &[], &[]), &[], out) {
+            return Ok(());
+        }
         let monitor = dynamics::mass_matrix_inverse(&self.model, workspace, scratch, q, out);
         self.check_pivots(workspace, monitor)?;
         self.check_result("mass matrix inverse", out)
@@ -256,13 +273,29 @@ impl Scene {
         Ok(on_bodies)
     }
 
+    /// Runs an algorithm in the plane, where the scene has one and the workspace is this scene's; false where 6-vectors are to do it:
+    /// no planar way, a pivot near the bound of its terms, or a result that is not finite.
+    fn in_the_plane(
+        &self,
+        algorithm: Algorithm,
+        workspace: &mut Workspace<f64>,
+        state: (&[f64], &[f64], &[f64]),
+        wrenches: &[SpatialVector<f64>],
+        out: &mut [f64],
+    ) -> bool {
+        let (Some(model), Some(scratch)) = (&self.planar, &mut workspace.planar) else { return false };
+        planar::covers(algorithm)
+            && planar::run(algorithm, model, scratch, state, wrenches, out) == 0
+            && out.iter().all(|x| x.is_finite())
+    }
+
     /// Turns a lost pivot into an error that names the joint; a pivot that is not finite comes of overflow.
     pub(crate) fn check_pivots(&self, workspace: &Workspace<f64>, monitor: PivotMonitor<f64>) -> Result<(), Error> {
         workspace.lost_pivot(&self.model, &monitor).map_or(Ok(()), |lost| Err(self.singular(lost)))
     }
 
     /// The error that names the joint of a lost pivot.
-    pub(super) fn singular(&self, lost: LostPivot) -> Error {
+    pub(crate) fn singular(&self, lost: LostPivot) -> Error {
         let joint = self.joint_of_body(lost.stage);
         let name = |of: fn(&Joint) -> &String| joint.map(of).cloned().unwrap_or_default();
         if let Some(&value) = [lost.pivot, lost.terms].iter().find(|value| !value.is_finite()) {

@@ -10,11 +10,13 @@ import tolerances
 from conftest import random_states
 
 import phipsi
-from phipsi.errors import ArgumentError
+from phipsi.errors import ArgumentError, NotFiniteError, ShapeError, SingularJointError
 from phipsi.report import left_out, states
 from phipsi.report.structure import tree_of
 
-SWITCHES = ("fixed_joints", "base_links", "exact_zeros", "massless_bodies", "zero_velocity", "zero_gravity")
+SWITCHES = ("fixed_joints", "base_links", "exact_zeros", "massless_bodies", "planar", "zero_velocity", "zero_gravity")
+#: What a scene that is not planar leaves out.
+USUAL = tuple(switch for switch in SWITCHES if switch != "planar")
 
 
 def builder() -> phipsi.SceneBuilder:
@@ -59,11 +61,11 @@ def test_results_are_the_same(leave_out: list[str], gravity: tuple[float, ...]) 
 
 def test_the_plan_lists_what_was_left_out() -> None:
     items = {item.switch: item for item in builder().build(gravity=(0, 0, 0)).plan().items}
-    assert set(SWITCHES) < set(items)
+    assert set(USUAL) < set(items) and "planar" not in items
     assert items["fixed_joints"].names == ("column", "weld")
     assert items["base_links"].names == ("base", "column")
     assert items["massless_bodies"].count == 2
-    assert all(items[switch].operations > 0 for switch in SWITCHES)
+    assert all(items[switch].operations > 0 for switch in USUAL)
     assert "operations a call" in repr(builder().build().plan())
     kept = builder().build(leave_out=()).plan()
     assert all(item.switch is None for item in kept.items)
@@ -100,7 +102,159 @@ def test_other_names_raise(leave_out: object) -> None:
 def test_the_report_times_what_is_left_out() -> None:
     scene = builder().build()
     times = left_out.measured(scene, states.draw(scene, tree_of(scene), 8, 0))
-    assert set(times) == {item.switch for item in scene.plan().items if item.switch}
+    switches = {item.switch for item in scene.plan().items if item.switch}
+    # On a chain every body carries the last joint, and an update saves nothing.
+    assert set(times) == switches | {"the factor of M, in calls that share q"}
     assert all(np.isfinite(row).all() and min(row) > 0 for row in times.values())
     kept = {item.switch for item in left_out.without(scene, "base_links").plan().items}
     assert kept == {item.switch for item in scene.plan().items} - {"base_links"}
+
+
+def planar_builder() -> phipsi.SceneBuilder:
+    """Two arms on a cart, in the plane across y."""
+    builder = phipsi.SceneBuilder().link("base")
+    builder.link("cart", mass=3.0)
+    builder.joint("slide", "prismatic", "base", "cart", axis=(1, 0, 0), armature=0.1)
+    for arm in "ab":
+        parent = "cart"
+        for k in range(3):
+            builder.link(f"{arm}{k}", mass=1.0, com=(0.1, 0.05, 0.2), inertia=np.diag((0.03, 0.02, 0.04)))
+            turned = {"rpy": (np.pi / 2, 0, 0), "axis": (0, 0, -1)} if arm == "b" and k == 0 else {"axis": (0, 1, 0)}
+            turned = {"axis": (0, 0, 1)} if arm == "b" and k > 0 else turned
+            builder.joint(f"{arm}{k}", "revolute", parent, f"{arm}{k}", xyz=(0.1, 0.2, 0.3), **turned)  # type: ignore[arg-type]
+            parent = f"{arm}{k}"
+    return builder
+
+
+def test_planar_scenes() -> None:
+    scene = planar_builder().build()
+    other = planar_builder().build(leave_out=but("planar"))
+    item = next(item for item in scene.plan().items if item.switch == "planar")
+    assert item.count == scene.nv and item.operations > 0
+    assert all(item.switch != "planar" for item in other.plan().items)
+    q, qd, tau = random_states(scene, 5, (7,))
+    mass = scene.mass_matrix(q)
+    condition = np.linalg.cond(mass).max()
+    wrenches = {"b1": np.array([1.0, 2.0, -3.0, 2.0, 1.0, 4.0])}
+    for of in (
+        lambda s: s.forward_dynamics(q, qd, tau, form="covariance"),
+        lambda s: s.forward_dynamics(q, qd, tau, form="covariance", wrenches=wrenches),
+        lambda s: s.forward_dynamics(q[0], qd[0], tau[0], form="covariance"),
+        lambda s: s.inverse_dynamics(q, qd, tau, wrenches=wrenches),
+        lambda s: s.bias_torque(q, qd),
+        lambda s: s.mass_matrix(q),
+        lambda s: s.mass_matrix_inverse(q, form="covariance"),
+    ):
+        found, expected = of(scene), of(other)
+        bound = tolerances.inverse(condition, 100.0 + np.abs(expected).max())
+        np.testing.assert_allclose(found, expected, rtol=0, atol=bound)
+    inverse = scene.mass_matrix_inverse(q, form="covariance")
+    np.testing.assert_allclose(inverse @ mass, np.broadcast_to(np.eye(scene.nv), mass.shape), rtol=0, atol=tolerances.inverse(condition, 1.0))
+
+
+def test_a_planar_urdf() -> None:
+    """Quarter turns written as rpy are off by 6e-17; an axis that is off by 1e-9 is not in the plane."""
+    links = "".join(
+        f'<link name="{name}"><inertial><mass value="1"/><origin xyz="0.1 0 0.2"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        for name in ("base", "upper", "lower")
+    )
+
+    def urdf(axis: str) -> str:
+        joints = (
+            '<joint name="a" type="continuous"><origin rpy="1.5707963267948966 0 0"/><parent link="base"/><child link="upper"/>'
+            '<axis xyz="0 0 1"/></joint><joint name="b" type="continuous"><origin rpy="-1.5707963267948966 0 0" xyz="0 0.3 0"/>'
+            f'<parent link="upper"/><child link="lower"/><axis xyz="{axis}"/></joint>'
+        )
+        return f'<robot name="r">{links}{joints}</robot>'
+
+    def is_planar(axis: str) -> bool:
+        return any(item.switch == "planar" for item in phipsi.Scene.from_urdf(urdf(axis)).plan().items)
+
+    assert is_planar("0 1 0") and is_planar("0 -1 0")
+    assert not is_planar("1e-9 1 0") and not is_planar("0 0 1")
+
+
+def test_a_singular_joint_of_a_planar_scene_raises() -> None:
+    builder = phipsi.SceneBuilder().link("base").link("rod", mass=1.0)
+    scene = builder.joint("hinge", "revolute", "base", "rod").build()
+    with pytest.raises(SingularJointError) as caught:
+        scene.forward_dynamics(np.zeros((3, 1)), [0.0], [0.0], form="covariance")
+    assert (caught.value.joint, caught.value.state) == ("hinge", 0)
+
+
+@pytest.mark.parametrize("form", ["covariance", "joseph", "auto", "square-root"])
+def test_an_updated_factor_is_a_new_one(form: str) -> None:
+    scene = planar_builder().build()
+    q = random_states(scene, 3, (4,)).q
+    factor = scene.factor(q, form=form)
+    gains = factor.K
+    tau = np.linspace(-1.0, 1.0, scene.nv)
+    bodies = 4 * scene.plan().bodies
+    whole = form in ("auto", "square-root")
+    # The last joint of arm b has three bodies and the cart on its path; the slide has none but its own.
+    for joint, count in (("b2", 4 * 4), ("slide", 4 * 1)):
+        q = q.copy()
+        q[:, scene.q_index(joint)] += 0.3
+        assert factor.update(q) == (bodies if whole else count)
+        new = scene.factor(q, form=form)
+        np.testing.assert_array_equal(factor.solve(tau), new.solve(tau))
+        np.testing.assert_array_equal(factor.log_det, new.log_det)
+        np.testing.assert_array_equal(gains @ tau, new.K @ tau)
+        np.testing.assert_array_equal(factor.M.toarray(), new.M.toarray())
+    assert factor.update(q) == (bodies if whole else 0)
+
+
+def test_a_bad_update_changes_nothing() -> None:
+    """Two slides, of which the second has all the mass: along one line, the first has none of its own."""
+    builder = phipsi.SceneBuilder().link("base").link("carriage").link("wheel").link("weight", mass=1.0)
+    builder.joint("first", "prismatic", "base", "carriage", axis=(1, 0, 0))
+    builder.joint("turn", "revolute", "carriage", "wheel", armature=0.1)
+    builder.joint("last", "prismatic", "wheel", "weight", axis=(1, 0, 0))
+    scene = builder.build()
+    q = np.array([[0.0, 0.5, 0.1], [0.0, 1.0, 0.2]])
+    factor = scene.factor(q, form="covariance")
+    before = factor.solve(np.ones(3))
+    bad = np.array([[0.3, 0.6, 0.2], [0.0, 0.0, 0.2]])
+    with pytest.raises(SingularJointError) as caught:
+        factor.update(bad)
+    assert (caught.value.joint, caught.value.state) == ("first", 1)
+    np.testing.assert_array_equal(factor.solve(np.ones(3)), before)
+    for wrong, error in ((q[0], ShapeError), (np.full((2, 3), np.nan), NotFiniteError)):
+        with pytest.raises(error):
+            factor.update(wrong)
+    np.testing.assert_array_equal(factor.solve(np.ones(3)), before)
+
+
+def test_a_locked_arm_is_one_body_and_is_listed() -> None:
+    scene = planar_builder().build()
+    q, qd, tau = random_states(scene, 3, ())
+    names = ["b0", "b1", "b2"]
+    locked = scene.lock(names, q)
+    assert locked.plan().bodies == scene.plan().bodies - 3
+    rows = [i for i in range(scene.nv) if i not in range(scene.v_index("b0").start, scene.v_index("b2").stop)]
+    qd[[i for i in range(scene.nv) if i not in rows]] = 0.0
+    mass, bias = scene.mass_matrix(q)[np.ix_(rows, rows)], scene.bias_torque(q, qd)[rows]
+    expected = np.linalg.solve(mass, tau[rows] - bias)
+    bound = tolerances.inverse(float(np.linalg.cond(mass)), 100.0 + np.abs(expected).max())
+    for form in ("auto", "covariance", "square-root"):
+        found = locked.forward_dynamics(q[rows], qd[rows], tau[rows], form=form)  # type: ignore[arg-type]
+        np.testing.assert_allclose(found, expected, rtol=0, atol=bound)
+    for each in (locked, pickle.loads(pickle.dumps(locked))):
+        item = next(item for item in each.plan().items if "locked" in item.what)
+        assert (item.count, item.names, item.switch) == (3, ("b0", "b1", "b2"), None)
+        assert item.operations > 0 and "3 bodies" in item.saved
+    assert all("locked" not in item.what for item in scene.plan().items)
+
+
+def test_the_plan_lists_calls_and_outputs() -> None:
+    scene = planar_builder().build()
+    items = {item.what: item for item in scene.plan().items}
+    shared = items["the factor of M, in calls that share q"]
+    branch = items["bodies beside the path to the base, in a factor of which the last joint alone has moved"]
+    outputs = items["outputs that are not asked for"]
+    assert branch.count == 3
+    assert min(shared.operations, branch.operations, outputs.operations) > 0
+    assert "its inverse" in outputs.saved
+    times = left_out.measured(scene, states.draw(scene, tree_of(scene), 8, 0))
+    assert {shared.what, branch.what, "planar"} <= set(times)

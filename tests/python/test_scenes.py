@@ -91,7 +91,7 @@ def test_bad_values_are_refused_by_name(argument: str, call: object) -> None:
 
 def tree_of(scene: phipsi.Scene) -> Tree:
     """The oracle's reading of a scene: the numbers that it was built from."""
-    _, gravity, floating, _, links, joints, _ = scene.__reduce__()[1][0]
+    _, gravity, floating, _, links, joints, *_ = scene.__reduce__()[1][0]
     assert not floating
     found = []
     for name, inertial in links:

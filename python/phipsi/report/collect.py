@@ -246,8 +246,8 @@ def _plan(report: Report) -> dict[str, Any]:
             "why": item.why,
             "saved": item.saved,
             "operations": item.operations,
-            "ns_on": number(times[item.switch].on) if item.switch in times else None,
-            "ns_off": number(times[item.switch].off) if item.switch in times else None,
+            "ns_on": number(times[left_out.name_of(item)].on) if left_out.name_of(item) in times else None,
+            "ns_off": number(times[left_out.name_of(item)].off) if left_out.name_of(item) in times else None,
         }
         for item in plan.items
     ]

@@ -106,9 +106,9 @@ class Tree:
 def tree_of(scene: Scene) -> Tree:
     """The tree of a scene, from the description that it pickles by."""
     _, (description,) = scene.__reduce__()
-    version, _gravity, floating, _strict, links, joints, _left_out = description
-    if version != 2:
-        raise RuntimeError(f"description of a scene: found version {version}, expected 2")
+    version, _gravity, floating, _strict, links, joints, *_rest = description
+    if version != 3:
+        raise RuntimeError(f"description of a scene: found version {version}, expected 3")
     tree = Tree("", {}, {})
     for name, inertial in links:
         mass, centre, _inertia = inertial or (0.0, (0.0, 0.0, 0.0), None)

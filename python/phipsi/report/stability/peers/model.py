@@ -65,7 +65,7 @@ def read(scene: Scene) -> Model:
     if len(scene.joint_names) > LARGEST:
         raise Refused(f"not compared beyond {LARGEST} bodies")
     _, (description,) = scene.__reduce__()
-    _, gravity, floating, _strict, links, joints, _left_out = description
+    _, gravity, floating, _strict, links, joints, *_rest = description
     inertials: dict[str, Inertial | None] = {}
     for name, inertial in links:
         if inertial is None:

@@ -1,0 +1,158 @@
+//! The factor at another configuration, from where the two differ on.
+
+use super::Factor;
+use crate::error::Error;
+use crate::filter::Form;
+use crate::filter::pivots::{Evidence, LostPivot, PivotMonitor, Scale, first_lost};
+use crate::filter::riccati::Covariances;
+use crate::kinematics::joint_shift;
+use crate::scalar::Real;
+use crate::scene::{Model, Scene};
+use crate::workspace::Workspace;
+
+/// What an update did.
+#[derive(Debug, Clone, Copy)]
+pub struct Updated<T> {
+    /// How many bodies were computed anew: those whose joints moved (phi), and all that carry them (P, D and g).
+    pub bodies: usize,
+    /// The pivots that were.
+    pub pivots: PivotMonitor<T>,
+}
+
+/// What becomes of a body.
+#[derive(Clone, Copy, PartialEq)]
+enum Change {
+    /// Nothing.
+    None,
+    /// Its joint moved: phi.
+    Joint,
+    /// Something outboard of it moved: P, D and g; phi where its joint moved too.
+    Inertia,
+}
+
+impl<T: Real> Factor<T> {
+    /// The factor at `q` from that at the configuration it has, to the bits that [`Factor::new`] gives.
+    ///
+    /// phi(k) depends on joint k alone, and P(k), D(k), g(k) on the joints outboard of body k: only phi of the joints that differ is computed,
+    /// and P, D, g of what carries them, from P^+ of what did not change. In the covariance and Joseph's form; the others judge the factor
+    /// as a whole and compute it anew, with `workspace`. `model` is the one that the factor was made of.
+    pub fn update(&mut self, model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Updated<T> {
+        match self.sweep.form {
+            Form::Covariance => self.update_as::<false>(model, q),
+            Form::Joseph => self.update_as::<true>(model, q),
+            form @ (Form::Auto | Form::SquareRoot) => {
+                workspace.form = form;
+                let (factor, pivots) = Self::new(model, workspace, q);
+                *self = factor;
+                Updated { bodies: model.bodies.len(), pivots }
+            }
+        }
+    }
+
+    fn update_as<const JOSEPH: bool>(&mut self, model: &Model<T>, q: &[T]) -> Updated<T> {
+        let changes = self.take_configuration(model, q);
+        let (system, mut monitor) = (&self.system, PivotMonitor::new());
+        let sweep = &mut self.sweep;
+        let carries_change = |k: usize| changes[k] == Change::Inertia;
+        // Before what children send: they come later in the order.
+        for (k, body) in model.bodies.iter().enumerate().filter(|&(k, _)| carries_change(k)) {
+            sweep.p[k] = body.inertia.to_symmetric();
+            sweep.scale[k] = Scale::of_noise(&body.inertia_terms);
+        }
+        for (k, stage) in system.stages.iter().enumerate().rev() {
+            if !carries_change(k) {
+                if !stage.parent.is_some_and(carries_change) {
+                    continue;
+                }
+                // Its own P has not changed, but is to be sent again: its measurements are repeated, to the same bits.
+                sweep.p[k] = self.p_minus[stage.first_row + stage.rows.count() - 1];
+            }
+            let (p_minus, measured) = (&mut self.p_minus, &mut self.measured);
+            let mut covariances =
+                Covariances { shift: &self.shift, p: &mut sweep.p, scale: &mut sweep.scale, measured };
+            covariances.step::<JOSEPH>(system, k, &mut monitor, |row, p| p_minus[row] = *p);
+            for i in 0..stage.rows.count() {
+                let row = stage.first_row + i;
+                self.p_plus[row] = if i == 0 { sweep.p[k] } else { self.p_minus[row - 1] };
+            }
+        }
+        self.co_states.take();
+        Updated { bodies: changes.iter().filter(|&&change| change != Change::None).count(), pivots: monitor }
+    }
+
+    /// Takes `q` with phi of every joint that differs, and says what that changes.
+    fn take_configuration(&mut self, model: &Model<T>, q: &[T]) -> Vec<Change> {
+        let mut changes = vec![Change::None; model.bodies.len()];
+        for (k, (body, stage)) in model.bodies.iter().zip(&self.system.stages).enumerate() {
+            let own = body.q..body.q + body.motion.nq();
+            if self.sweep.q[own.clone()].iter().zip(&q[own]).all(|(&before, &after)| is_same(before, after)) {
+                continue;
+            }
+            self.shift[k] = joint_shift(body, q);
+            if changes[k] == Change::None {
+                changes[k] = Change::Joint;
+            }
+            let mut carrier = stage.parent;
+            while let Some(parent) = carrier.filter(|&parent| changes[parent] != Change::Inertia) {
+                changes[parent] = Change::Inertia;
+                carrier = self.system.stages[parent].parent;
+            }
+        }
+        self.sweep.q.copy_from_slice(q);
+        changes
+    }
+
+    /// The lost pivot furthest from the base, if the monitor of an update in covariance or Joseph's form is in doubt.
+    fn lost_pivot(&self, model: &Model<T>, monitor: &PivotMonitor<T>) -> Option<LostPivot> {
+        if (0..T::LANES).all(|lane| monitor.clear(lane)) {
+            return None;
+        }
+        let (shift, measured) = (&self.shift, &self.measured);
+        let evidence = Evidence { shift, p: &self.sweep.p, measured, scale: &self.sweep.scale };
+        first_lost(&self.system, &evidence, monitor, |k| model.bodies[k].inertia_terms)
+    }
+}
+
+/// Whether two numbers are the same, the sign of a zero included: it is a bit of a sine.
+fn is_same<T: Real>(before: T, after: T) -> bool {
+    before == after && (0..T::LANES).all(|lane| before.lane(lane).to_bits() == after.lane(lane).to_bits())
+}
+
+impl Scene {
+    /// Moves a factor of this scene to `q`, to the bits of a new one there; gives how many bodies were computed anew: see
+    /// [`Factor::update`].
+    ///
+    /// In the form that the factor was made in. What it costs is that of the bodies between the joints that differ and the base, and a
+    /// comparison a coordinate.
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::factor`], and [`Error::Argument`] for a factor of a scene of another size; the factor is as it was then.
+    pub fn update_factor(
+        &self,
+        workspace: &mut Workspace<f64>,
+        factor: &mut Factor<f64>,
+        q: &[f64],
+    ) -> Result<usize, Error> {
+        let model = self.model();
+        if (factor.shift.len(), factor.nv(), factor.sweep.q.len()) != (model.bodies.len(), self.nv(), self.nq()) {
+            let found = format!("one of {} bodies and nv = {}", factor.shift.len(), factor.nv());
+            let expected = format!("one of this scene, {} bodies and nv = {}", model.bodies.len(), self.nv());
+            return Err(Error::argument("factor", found, expected));
+        }
+        self.check_configuration("q", q)?;
+        if matches!(factor.sweep.form, Form::Auto | Form::SquareRoot) {
+            workspace.form = factor.sweep.form;
+            *factor = self.factor(workspace, q)?;
+            return Ok(model.bodies.len());
+        }
+        let before = factor.sweep.q.clone();
+        let Updated { bodies, pivots } = factor.update(model, workspace, q);
+        if let Some(lost) = factor.lost_pivot(model, &pivots) {
+            let error = self.singular(lost);
+            factor.update(model, workspace, &before);
+            return Err(error);
+        }
+        Ok(bodies)
+    }
+}

@@ -1,0 +1,134 @@
+//! What is saved where that is counted by running the algorithms on numbers that count.
+
+use super::{NOTHING, Omission, counted};
+use crate::batch::chunk::{Algorithm, Arguments};
+use crate::filter::Form;
+use crate::report::operations::{Count, Task, count as count_as_run, count_in_six_vectors, of_factor};
+use crate::scalar::Operations;
+use crate::scene::Scene;
+
+/// Dense results are counted up to this many degrees of freedom: they are O(N^2).
+const MOST_DENSE: usize = 256;
+
+/// Floating-point operations.
+fn flops(operations: &Operations) -> usize {
+    usize::try_from(operations.flops()).unwrap_or(usize::MAX)
+}
+
+/// Operations of one algorithm on a state that moves.
+fn of(scene: &Scene, algorithm: Algorithm, how: fn(&Scene, Task, &Arguments<'_>) -> Count) -> usize {
+    let (q, ones) = (scene.neutral(), vec![1.0; scene.nv()]);
+    let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[] };
+    flops(&how(scene, Task::Algorithm(algorithm), &state).operations)
+}
+
+/// The same of forward dynamics in covariance form.
+fn forward(scene: &Scene, how: fn(&Scene, Task, &Arguments<'_>) -> Count) -> usize {
+    of(scene, Algorithm::ForwardDynamics(Form::Covariance), how)
+}
+
+impl Scene {
+    pub(super) fn planar_item(&self) -> Omission {
+        let count = self.planar().map_or(0, |planar| planar.bodies.len());
+        let (three, six) =
+            if count > 0 { (forward(self, count_as_run), forward(self, count_in_six_vectors)) } else { (0, 0) };
+        self.switched(
+            "planar",
+            Omission {
+                what: "components across the plane that all joints move in",
+                count,
+                why: "turns about one direction and slides across it: what is across does no work",
+                saved: format!("3-vectors instead of 6-vectors: {three} operations instead of {six}"),
+                operations: six.saturating_sub(three),
+                ..NOTHING
+            },
+        )
+    }
+
+    /// The joints that [`Scene::lock`] fixed, beside the scene where they move.
+    pub(super) fn locked_item(&self) -> Omission {
+        let names: Vec<String> = self.source().locked_joints().map(str::to_owned).collect();
+        let before = if names.is_empty() { None } else { self.source().unlocked().build().ok() };
+        let (bodies, operations) = before.map_or((0, 0), |before| {
+            let saved = forward(&before, count_in_six_vectors).saturating_sub(forward(self, count_in_six_vectors));
+            (before.model().bodies.len().saturating_sub(self.model().bodies.len()), saved)
+        });
+        Omission {
+            what: "locked joints, folded into the bodies around them",
+            count: names.len(),
+            names,
+            why: "a joint that cannot move is a fixed joint: the rows and columns of M that move are the same",
+            saved: counted(bodies, "body that is not visited", "bodies that are not visited"),
+            operations,
+            ..NOTHING
+        }
+    }
+
+    /// Whether there is a factor to speak of.
+    fn has_factor(&self) -> bool {
+        self.nv() > 0 && self.model().omissions.every_body_moves()
+    }
+
+    /// Calls that share q.
+    pub(super) fn factor_item(&self) -> Omission {
+        if !self.has_factor() {
+            return NOTHING;
+        }
+        let q = self.neutral();
+        let (whole, solve) = (forward(self, count_in_six_vectors), flops(&of_factor(self, &q, &q).solved));
+        Omission {
+            what: "the factor of M, in calls that share q",
+            count: self.model().bodies.len(),
+            why: "P, D and g depend on q alone: factor(q) once, solve(tau - bias) for each right side",
+            saved: format!("{solve} operations for each right side after the first, instead of {whole}"),
+            operations: whole.saturating_sub(solve),
+            ..NOTHING
+        }
+    }
+
+    /// Calls in which the last joint alone moves: the end of the last branch.
+    pub(super) fn branch_item(&self) -> Omission {
+        if !self.has_factor() {
+            return NOTHING;
+        }
+        let (q, mut step, mut moved) = (self.neutral(), vec![0.0; self.nv()], self.neutral());
+        step[self.nv() - 1] = 0.1;
+        if self.integrate(&q, &step, &mut moved).is_err() {
+            return NOTHING;
+        }
+        let calls = of_factor(self, &q, &moved);
+        let (made, updated) = (flops(&calls.made), flops(&calls.updated));
+        Omission {
+            what: "bodies beside the path to the base, in a factor of which the last joint alone has moved",
+            count: self.model().bodies.len() - calls.bodies,
+            why: "P, D and g of a body depend on the joints that it carries: factor.update(q)",
+            saved: format!("{updated} operations instead of the {made} of a new factor in covariance form"),
+            operations: made.saturating_sub(updated),
+            ..NOTHING
+        }
+    }
+
+    /// What forward dynamics does not compute.
+    pub(super) fn outputs_item(&self) -> Omission {
+        let (nv, inverse) = (self.nv(), Algorithm::MassMatrixInverse(Form::Covariance));
+        if nv == 0 {
+            return NOTHING;
+        }
+        let mut outputs =
+            vec![("inverse dynamics", Algorithm::InverseDynamics), ("bias torque", Algorithm::BiasTorque)];
+        if nv <= MOST_DENSE {
+            outputs.extend([("mass matrix", Algorithm::MassMatrix), ("its inverse", inverse)]);
+        }
+        let each: Vec<(&str, usize)> =
+            outputs.into_iter().map(|(name, output)| (name, of(self, output, count_in_six_vectors))).collect();
+        let text: Vec<String> = each.iter().map(|(name, operations)| format!("{name} {operations}")).collect();
+        Omission {
+            what: "outputs that are not asked for",
+            count: each.len(),
+            why: "each method computes what it returns",
+            saved: format!("operations, in a call of forward dynamics: {}", text.join(", ")),
+            operations: each.iter().map(|(_, operations)| operations).sum(),
+            ..NOTHING
+        }
+    }
+}
