@@ -89,7 +89,15 @@ impl Scene {
     /// Some of it is counted by running the algorithms on numbers that count: O(N), some microseconds a body.
     #[must_use]
     pub fn plan(&self) -> Plan {
-        let built = [self.merged_item(), self.base_item(), self.zeros_item(), self.massless_item(), self.planar_item()];
+        let built = [
+            self.merged_item(),
+            self.base_item(),
+            self.zeros_item(),
+            self.renamed_item(),
+            self.levers_item(),
+            self.massless_item(),
+            self.planar_item(),
+        ];
         let called = [self.velocity_item(), self.gravity_item()];
         let others = [self.locked_item(), self.factor_item(), self.branch_item(), self.outputs_item()];
         let always = [self.axes_item(), self.armature_item()];

@@ -241,29 +241,9 @@ fn compute<T: Vectorised>(
                 look_closer(&first, model, workspace, (q, qd, u), wrenches, results)
             }
         }
-        Algorithm::ForwardDynamics(Form::Covariance) => {
-            let pivots = lean::forward_dynamics(scene, scratch, (q, qd, u), wrenches, results);
-            lanes_but::<T>(|lane| pivots.clear(lane))
-        }
         Algorithm::ForwardDynamics(Form::SquareRoot) => {
             let (pivots, reach) = refined::forward_dynamics_looked_at(model, workspace, q, qd, u, wrenches, results);
             lanes_but::<T>(|lane| pivots.clear(lane) && reach.clear(lane))
-        }
-        Algorithm::InverseDynamics => {
-            lean::inverse_dynamics(scene, scratch, (q, qd, Some(u)), wrenches, results);
-            0
-        }
-        Algorithm::BiasTorque => {
-            lean::inverse_dynamics(scene, scratch, (q, qd, None), wrenches, results);
-            0
-        }
-        Algorithm::MassMatrix => {
-            lean::mass_matrix(scene, scratch, q, results);
-            0
-        }
-        Algorithm::MassMatrixInverse(Form::Covariance) => {
-            let pivots = lean::mass_matrix_inverse(scene, scratch, q, results);
-            lanes_but::<T>(|lane| pivots.clear(lane))
         }
         Algorithm::MassMatrixInverse(Form::Auto) => {
             let (pivots, cancellation) = lean::factor_watched(scene, scratch, q, &mut results[..model.nv()]);
@@ -276,7 +256,11 @@ fn compute<T: Vectorised>(
             lanes_but::<T>(|lane| first.kept(lane) || closer.kept(lane))
         }
         // Rare, or not worth code of its own for every arm.
-        Algorithm::ForwardDynamics(Form::Joseph) | Algorithm::MassMatrixInverse(_) => u64::MAX,
+        _ if !lean::covers(algorithm) => u64::MAX,
+        _ => {
+            let pivots = lean::run(algorithm, scene, scratch, (q, qd, u), wrenches, results);
+            lanes_but::<T>(|lane| pivots.clear(lane))
+        }
     }
 }
 

@@ -109,12 +109,12 @@ fn watch_factor<T: Real>(
     innovations::sweep(system, shift, measured, &weights[..nv], velocity, probe);
     let mut both = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
     let first = cancellation::sweep(system, &mut both, co_state, estimates);
-    let first = Watched { pivots, cancellation: first, margin: Margin::Usual };
+    let first = Watched { pivots, cancellation: first, margin: Margin::Usual, clear_before: 0 };
     if first.kept_in_every_lane() {
         return first;
     }
     let judged = cancellation::judge(system, &both, p, co_state, estimates, &first.cancellation);
-    Watched { cancellation: judged, ..first }
+    Watched { cancellation: judged, clear_before: first.kept_lanes(), ..first }
 }
 
 /// The covariance form's answer, and what is known of the digits that it lost.
@@ -124,6 +124,8 @@ pub(crate) struct Watched<T> {
     pub cancellation: Cancellation<T>,
     /// What the estimate must stay below.
     margin: Margin,
+    /// Lanes that an earlier look found clear, as bits: what their neighbours need does not touch them.
+    clear_before: u64,
 }
 
 /// How far an estimate must be from doubt.
@@ -139,17 +141,27 @@ impl<T: Real> Watched<T> {
     /// After the first look.
     #[inline(always)]
     pub fn at_first_look(pivots: PivotMonitor<T>, cancellation: Cancellation<T>) -> Self {
-        Self { pivots, cancellation, margin: Margin::Usual }
+        Self { pivots, cancellation, margin: Margin::Usual, clear_before: 0 }
     }
 
     /// Whether one lane kept its digits.
     #[inline(always)]
     pub fn kept(&self, lane: usize) -> bool {
-        self.pivots.clear(lane)
-            && match self.margin {
-                Margin::Usual => self.cancellation.clear(lane),
-                Margin::Close => self.cancellation.far_from_doubt(lane),
-            }
+        let by_margin = match self.margin {
+            Margin::Usual => self.cancellation.clear(lane),
+            Margin::Close => self.cancellation.far_from_doubt(lane),
+        };
+        self.clear_before >> lane & 1 == 1 || (self.pivots.clear(lane) && by_margin)
+    }
+
+    /// The lanes that kept their digits, as bits.
+    #[inline(always)]
+    fn kept_lanes(&self) -> u64 {
+        let mut bits = 0;
+        for lane in 0..T::LANES {
+            bits |= u64::from(self.kept(lane)) << lane;
+        }
+        bits
     }
 
     #[inline(always)]
@@ -186,11 +198,13 @@ pub(crate) fn forward_dynamics_watched<T: Real>(
     let Workspace { shift, measured, scale, z, co_state, velocity, probe, .. } = workspace;
     let mut probe = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
     let cancellation = cancellation::sweep(system, &mut probe, co_state, qdd);
-    let mut watched = Watched { pivots, cancellation, margin: Margin::Usual };
+    let mut watched = Watched { pivots, cancellation, margin: Margin::Usual, clear_before: 0 };
     if !watched.kept_in_every_lane() {
+        watched.clear_before = watched.kept_lanes();
         watched.cancellation = judge(model, workspace, &cancellation, qdd);
         watched.margin = Margin::Close;
         if !watched.kept_in_every_lane() {
+            watched.clear_before = watched.kept_lanes();
             watched.cancellation = judge_again(model, workspace, &watched.cancellation, qdd);
             watched.margin = Margin::Usual;
         }

@@ -2,10 +2,11 @@
 
 use super::{NOTHING, Omission, counted};
 use crate::batch::chunk::{Algorithm, Arguments};
+use crate::dynamics::lean::Renaming;
 use crate::filter::Form;
-use crate::report::operations::{Count, Task, count as count_as_run, count_in_six_vectors, of_factor};
+use crate::report::operations::{Count, Task, count as count_as_run, count_in_six_vectors, count_lean, of_factor};
 use crate::scalar::Operations;
-use crate::scene::Scene;
+use crate::scene::{Body, Motion, Omissions, Scene};
 
 /// Dense results are counted up to this many degrees of freedom: they are O(N^2).
 const MOST_DENSE: usize = 256;
@@ -28,6 +29,66 @@ fn forward(scene: &Scene, how: fn(&Scene, Task, &Arguments<'_>) -> Count) -> usi
 }
 
 impl Scene {
+    /// Rotations of the tree that only rename axes.
+    pub(super) fn renamed_item(&self) -> Omission {
+        let count = self.bodies_on_renamed_axes().count();
+        let saved = self.saved_of_lean(count, |omissions| omissions.renamed_axes = false);
+        self.switched(
+            "renamed_axes",
+            Omission {
+                what: "rotations of the tree that only rename axes",
+                count,
+                why: "they are exact: the angle is all there is to carry, about z, and entries change places and signs",
+                saved: counted(count, "rotation matrix", "rotation matrices")
+                    + ", and P turned by an angle instead of by it",
+                operations: saved,
+                ..NOTHING
+            },
+        )
+    }
+
+    /// Levers of these that are zero.
+    pub(super) fn levers_item(&self) -> Omission {
+        let renamed = self.model().omissions.renamed_axes;
+        let zero = self.bodies_on_renamed_axes().filter(|body| body.tree.lever.iter().all(|&x| x == 0.0)).count();
+        let count = if renamed { zero } else { 0 };
+        let saved = self.saved_of_lean(count, |omissions| omissions.zero_levers = false);
+        self.switched(
+            "zero_levers",
+            Omission {
+                what: "levers of the tree that are zero",
+                count,
+                why: "the origins coincide: nothing has a moment about the other",
+                saved: counted(count, "lever", "levers") + ", in P, forces and motions",
+                operations: saved,
+                ..NOTHING
+            },
+        )
+    }
+
+    fn bodies_on_renamed_axes(&self) -> impl Iterator<Item = &Body<f64>> {
+        let renames = |body: &&Body<f64>| {
+            matches!(body.motion, Motion::Revolute) && Renaming::of(&body.tree.rotation, |x| x).is_some()
+        };
+        self.model().bodies.iter().filter(renames)
+    }
+
+    /// Operations of forward dynamics with a switch off, less those with it on.
+    fn saved_of_lean(&self, count: usize, turn_off: impl Fn(&mut Omissions)) -> usize {
+        let mut off = self.model().omissions;
+        turn_off(&mut off);
+        if count == 0 || off == self.model().omissions {
+            return 0;
+        }
+        let (q, ones) = (self.neutral(), vec![1.0; self.nv()]);
+        let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[] };
+        let of = |omissions| {
+            let algorithm = Algorithm::ForwardDynamics(Form::Covariance);
+            flops(&count_lean(self, omissions, algorithm, &state).operations)
+        };
+        of(off).saturating_sub(of(self.model().omissions))
+    }
+
     pub(super) fn planar_item(&self) -> Omission {
         let count = self.planar().map_or(0, |planar| planar.bodies.len());
         let (three, six) =

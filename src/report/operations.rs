@@ -2,6 +2,7 @@
 
 use crate::batch::chunk::{Algorithm, Arguments};
 use crate::dynamics;
+use crate::dynamics::lean::{self, LeanModel, LeanScratch};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
@@ -9,7 +10,7 @@ use crate::filter::{FORMS, Form, Stage};
 use crate::operators::{Factor, Updated};
 use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::{Counted, Operations, Real};
-use crate::scene::{Body, Model, Scene};
+use crate::scene::{Body, Model, Omissions, Scene};
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Root6, SpatialVector, Symmetric6};
 use crate::workspace::Workspace;
 
@@ -47,7 +48,8 @@ pub struct Count {
     pub results: Vec<f64>,
 }
 
-/// Counts one task on one state: what the scene runs for it, in the plane where it has one ([`planar`]), scratch made beforehand.
+/// Counts one task on one state: what [`Scene::evaluate`] runs for it (of the covariance form the sweeps that keep nothing but the result, in the plane
+/// where the scene has one), scratch made beforehand.
 /// Arguments that a task does not take are not read.
 ///
 /// The counts are those of any scalar without double-double arithmetic: a state that stays in doubt after the square-root form
@@ -58,18 +60,33 @@ pub struct Count {
 /// Where an argument that the task takes is too short for the scene.
 #[must_use]
 pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
-    let (Task::Algorithm(algorithm), Some(model)) = (task, scene.planar()) else {
-        return count_in_six_vectors(scene, task, state);
+    let Task::Algorithm(algorithm) = task else { return count_in_six_vectors(scene, task, state) };
+    let Some(model) = scene.planar().filter(|_| planar::covers(algorithm)) else {
+        return if lean::covers(algorithm) {
+            count_lean(scene, scene.model().omissions, algorithm, state)
+        } else {
+            count_in_six_vectors(scene, task, state)
+        };
     };
-    if !planar::covers(algorithm) {
-        return count_in_six_vectors(scene, task, state);
-    }
     let model: PlanarModel<Counted> = model.cast();
     let ([q, qd, u], wrenches) = on_counted(state);
     let mut scratch: PlanarScratch<Counted> = PlanarScratch::new(&model);
     let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
     let (_, operations) =
         Counted::during(|| planar::run(algorithm, &model, &mut scratch, (&q, &qd, &u), &wrenches, &mut out));
+    Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() }
+}
+
+/// The same of the sweeps that keep nothing but the result, in 6-vectors, with other switches than the scene's.
+pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorithm, state: &Arguments<'_>) -> Count {
+    let model = Model { omissions, ..scene.model().clone() };
+    let (lean, model) = (LeanModel::<Counted>::new(&model), model.cast());
+    let ([q, qd, u], wrenches) = on_counted(state);
+    let mut scratch = LeanScratch::new(&model, &lean);
+    let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
+    let (_, operations) = Counted::during(|| {
+        lean::run(algorithm, (&model, &lean), &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
+    });
     Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() }
 }
 

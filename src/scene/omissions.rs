@@ -13,6 +13,11 @@ pub struct Omissions {
     pub base_links: bool,
     /// What is exactly zero past a rotation measured without noise (armature). Off, the products with these zeros are formed.
     pub exact_zeros: bool,
+    /// The rotation of the tree where it only renames the axes, exactly (the identity is one), at a joint that turns: the angle alone is
+    /// carried. Off, a rotation matrix. For one state and lanes, in the algorithms that [`Scene::evaluate`](super::Scene::evaluate) runs in covariance form.
+    pub renamed_axes: bool,
+    /// Levers that are zero, of the same joints.
+    pub zero_levers: bool,
     /// The force that a body without inertia needs.
     pub massless_bodies: bool,
     /// Components of forces and motions across the plane, where all joints move in one: 3-vectors instead of 6-vectors, in the algorithms of
@@ -29,10 +34,12 @@ pub type Switch = fn(&mut Omissions) -> &mut bool;
 
 impl Omissions {
     /// The switches by name.
-    pub const SWITCHES: [(&'static str, Switch); 7] = [
+    pub const SWITCHES: [(&'static str, Switch); 9] = [
         ("fixed_joints", |of| &mut of.fixed_joints),
         ("base_links", |of| &mut of.base_links),
         ("exact_zeros", |of| &mut of.exact_zeros),
+        ("renamed_axes", |of| &mut of.renamed_axes),
+        ("zero_levers", |of| &mut of.zero_levers),
         ("massless_bodies", |of| &mut of.massless_bodies),
         ("planar", |of| &mut of.planar),
         ("zero_velocity", |of| &mut of.zero_velocity),
@@ -46,6 +53,8 @@ impl Omissions {
             fixed_joints: true,
             base_links: true,
             exact_zeros: true,
+            renamed_axes: true,
+            zero_levers: true,
             massless_bodies: true,
             planar: true,
             zero_velocity: true,
@@ -60,6 +69,8 @@ impl Omissions {
             fixed_joints: false,
             base_links: false,
             exact_zeros: false,
+            renamed_axes: false,
+            zero_levers: false,
             massless_bodies: false,
             planar: false,
             zero_velocity: false,

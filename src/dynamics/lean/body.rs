@@ -29,7 +29,7 @@ pub(super) struct LeanBody<N> {
     pub q: usize,
     /// From the parent's origin to the body's, in the joint's frame (after the renaming, before the turn).
     pub lever: [N; 3],
-    /// Whether the lever is not zero.
+    /// Whether the lever is there: not zero, or not left out.
     pub has_lever: bool,
     /// The lever's square.
     pub lever_square: N,
@@ -84,7 +84,7 @@ impl<T: Real> LeanModel<T> {
         let place = |slots: &Slots, body: Option<usize>| body.map_or(0, |body| slots.of[body]);
         let bodies = model.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
             let renaming = match body.motion {
-                Motion::Revolute => Renaming::of(&body.tree.rotation, T::number),
+                Motion::Revolute if model.omissions.renamed_axes => Renaming::of(&body.tree.rotation, T::number),
                 _ => None,
             };
             let tree = &body.tree;
@@ -105,7 +105,7 @@ impl<T: Real> LeanModel<T> {
                 row: stage.first_row,
                 q: body.q,
                 lever: [number(turned[0]), number(turned[1]), number(turned[2])],
-                has_lever: tree.lever.iter().any(|&x| x != 0.0),
+                has_lever: !model.omissions.zero_levers || tree.lever.iter().any(|&x| x != 0.0),
                 lever_square: number(turned.dot(&turned)),
                 mass: number(*mass),
                 first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],

@@ -19,23 +19,55 @@ mod turn;
 mod watch;
 
 pub(crate) use body::LeanModel;
-pub(crate) use mass_inverse::{closed_form, mass_matrix_inverse};
-pub(crate) use mass_matrix::mass_matrix;
+pub(crate) use mass_inverse::closed_form;
 pub(crate) use scratch::LeanScratch;
+pub(crate) use turn::Renaming;
 pub(crate) use watch::{factor_watched, forward_dynamics_watched};
 
 use super::forces::{Motion, Needed};
+use crate::batch::chunk::Algorithm;
+use crate::filter::Form;
 use crate::filter::pivots::PivotMonitor;
 use crate::scalar::Real;
 use crate::scene::Model;
+use nalgebra::Vector6;
+
+/// Whether an algorithm is done by [`run`].
+pub(crate) fn covers(algorithm: Algorithm) -> bool {
+    !matches!(
+        algorithm,
+        Algorithm::ForwardDynamics(Form::Auto | Form::SquareRoot | Form::Joseph)
+            | Algorithm::MassMatrixInverse(Form::Auto | Form::SquareRoot | Form::Joseph)
+    )
+}
+
+/// An algorithm that is [covered](covers), of one state or one a lane. Where a pivot is not clear the results mean nothing.
+#[inline(always)]
+pub(crate) fn run<T: Real>(
+    algorithm: Algorithm,
+    scene: (&Model<T>, &LeanModel<T>),
+    scratch: &mut LeanScratch<T>,
+    (q, qd, u): (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    out: &mut [T],
+) -> PivotMonitor<T> {
+    match algorithm {
+        Algorithm::InverseDynamics => inverse_dynamics(scene, scratch, (q, qd, Some(u)), wrenches, out),
+        Algorithm::BiasTorque => inverse_dynamics(scene, scratch, (q, qd, None), wrenches, out),
+        Algorithm::MassMatrix => mass_matrix::mass_matrix(scene, scratch, q, out),
+        Algorithm::ForwardDynamics(_) => return forward_dynamics(scene, scratch, (q, qd, u), wrenches, out),
+        Algorithm::MassMatrixInverse(_) => return mass_inverse::mass_matrix_inverse(scene, scratch, q, out),
+    }
+    PivotMonitor::new()
+}
 
 /// Joint accelerations, as [`forward_dynamics`](super::forward_dynamics) in covariance form gives them to rounding.
 #[inline(always)]
-pub(crate) fn forward_dynamics<T: Real>(
+fn forward_dynamics<T: Real>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     (q, qd, tau): (&[T], &[T], &[T]),
-    wrenches: &[nalgebra::Vector6<T>],
+    wrenches: &[Vector6<T>],
     qdd: &mut [T],
 ) -> PivotMonitor<T> {
     let state = Motion { q, qd, qdd: None, wrenches };
@@ -47,11 +79,11 @@ pub(crate) fn forward_dynamics<T: Real>(
 
 /// Joint torques, as [`inverse_dynamics`](super::inverse_dynamics) gives them to rounding; those of the bias without `qdd`.
 #[inline(always)]
-pub(crate) fn inverse_dynamics<T: Real>(
+fn inverse_dynamics<T: Real>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     (q, qd, qdd): (&[T], &[T], Option<&[T]>),
-    wrenches: &[nalgebra::Vector6<T>],
+    wrenches: &[Vector6<T>],
     tau: &mut [T],
 ) {
     let state = Motion { q, qd, qdd, wrenches };

@@ -5,7 +5,7 @@ use nalgebra::Matrix3;
 
 /// A rotation whose entries are all exactly 0, 1 or -1, joint's frame to parent's: which axis each becomes, and its sign.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Renaming<N> {
+pub(crate) struct Renaming<N> {
     order: Order,
     /// Entry i of a vector in the parent's frame is `sign[i]` times entry `from[i]` of it in the joint's.
     sign: [N; 3],
