@@ -7,7 +7,7 @@ use super::arms::{Vectorised, Work};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::dynamics::{self, auto, forward, mass_inverse, refined};
 use crate::filter::Form;
-use crate::scalar::Real;
+use crate::scalar::{Precision, Real};
 use crate::scene::queries::QUATERNION_SLACK;
 use crate::scene::{Model, Motion};
 use crate::spatial::SpatialVector;
@@ -29,32 +29,32 @@ pub enum Algorithm {
     MassMatrixInverse(Form),
 }
 
-/// The arguments of one state; what an algorithm does not take is empty.
+/// The arguments of one state, in f64 or f32; what an algorithm does not take is empty.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Arguments<'a> {
+pub struct Arguments<'a, P = f64> {
     /// Configuration, (nq).
-    pub q: &'a [f64],
+    pub q: &'a [P],
     /// Rates, (nv).
-    pub qd: &'a [f64],
+    pub qd: &'a [P],
     /// Torques or accelerations, (nv).
-    pub u: &'a [f64],
-    /// Forces on bodies, each in the body's frame; empty where there are none.
+    pub u: &'a [P],
+    /// Forces on bodies, each in the body's frame, f64 always; empty where there are none.
     pub wrenches: &'a [SpatialVector<f64>],
 }
 
-/// What runs chunks, whatever its scalar.
-pub(super) trait Chunks: Send + Sync {
+/// What runs chunks of states in `P`, whatever its scalar.
+pub trait Chunks<P>: Send + Sync {
     /// How many states at once.
     fn lanes(&self) -> usize;
 
     /// Runs `algorithm` on one state or more, at most as many as there are lanes, of equal shapes; results one after another in
     /// `out`. Gives the lanes in doubt as bits; their results mean nothing.
-    fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64;
+    fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
 }
 
 /// Scratch for as many states as `T` has lanes.
 #[derive(Debug)]
-pub(super) struct Chunk<T: Vectorised> {
+pub struct Chunk<T: Vectorised> {
     model: Model<T>,
     /// Where the quaternions are in q.
     quaternions: Vec<usize>,
@@ -66,6 +66,8 @@ pub(super) struct Chunk<T: Vectorised> {
 }
 
 impl<T: Vectorised> Chunk<T> {
+    /// Scratch for `model`, its constants rounded to the numbers of the lanes.
+    #[must_use]
     pub fn new(model: &Model<f64>) -> Self {
         let quaternions = model.bodies.iter().filter_map(|body| match body.motion {
             Motion::Spherical => Some(body.q),
@@ -79,12 +81,12 @@ impl<T: Vectorised> Chunk<T> {
     }
 }
 
-impl<T: Vectorised> Chunks for Chunk<T> {
+impl<T: Vectorised> Chunks<T::Number> for Chunk<T> {
     fn lanes(&self) -> usize {
         T::LANES
     }
 
-    fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
+    fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, T::Number>], out: &mut [T::Number]) -> u64 {
         if states.is_empty() || out.is_empty() {
             return 0;
         }
@@ -95,7 +97,7 @@ impl<T: Vectorised> Chunks for Chunk<T> {
 
 impl<T: Vectorised> Chunk<T> {
     /// Forces on bodies into lanes; none at all where no state has any.
-    fn gather_wrenches(&mut self, states: &[Arguments<'_>]) {
+    fn gather_wrenches(&mut self, states: &[Arguments<'_, T::Number>]) {
         self.wrenches.clear();
         if states.iter().all(|state| state.wrenches.is_empty()) {
             return;
@@ -105,7 +107,7 @@ impl<T: Vectorised> Chunk<T> {
             let state = &states[lane.min(states.len() - 1)];
             for (force, given) in self.wrenches.iter_mut().zip(state.wrenches) {
                 for (number, &value) in force.iter_mut().zip(given) {
-                    number.lanes_mut()[lane] = value;
+                    number.lanes_mut()[lane] = T::Number::nearest(value);
                 }
             }
         }
@@ -123,8 +125,8 @@ fn not_finite<T: Real>(x: T) -> T {
 #[inline(always)]
 fn gather<'a, T: Vectorised>(
     numbers: &mut [T],
-    states: &'a [Arguments<'_>],
-    of: impl Fn(&'a Arguments<'_>) -> &'a [f64],
+    states: &'a [Arguments<'_, T::Number>],
+    of: impl Fn(&'a Arguments<'_, T::Number>) -> &'a [T::Number],
 ) -> T {
     for lane in 0..T::LANES {
         let state = of(&states[lane.min(states.len() - 1)]);
@@ -145,8 +147,8 @@ fn gather<'a, T: Vectorised>(
 struct Run<'a, T: Vectorised> {
     chunk: &'a mut Chunk<T>,
     algorithm: Algorithm,
-    states: &'a [Arguments<'a>],
-    out: &'a mut [f64],
+    states: &'a [Arguments<'a, T::Number>],
+    out: &'a mut [T::Number],
 }
 
 impl<T: Vectorised> Work for Run<'_, T> {
@@ -219,7 +221,7 @@ fn compute<T: Vectorised>(
             let pivots = forward::covariance_form::<T, false>(model, workspace, q, qd, u, wrenches, results);
             lanes_but::<T>(|lane| pivots.clear(lane))
         }
-        Algorithm::ForwardDynamics(Form::SquareRoot) => {
+        Algorithm::ForwardDynamics(Form::SquareRoot) if T::Number::SQUARE_ROOT => {
             let (pivots, reach) = refined::forward_dynamics_looked_at(model, workspace, q, qd, u, wrenches, results);
             lanes_but::<T>(|lane| pivots.clear(lane) && reach.clear(lane))
         }
@@ -242,6 +244,6 @@ fn compute<T: Vectorised>(
             lanes_but::<T>(|lane| watched.kept(lane))
         }
         // Rare, or not worth code of its own for every arm.
-        Algorithm::ForwardDynamics(Form::Joseph) | Algorithm::MassMatrixInverse(_) => u64::MAX,
+        Algorithm::ForwardDynamics(_) | Algorithm::MassMatrixInverse(_) => u64::MAX,
     }
 }

@@ -9,6 +9,7 @@ mod counting;
 mod double_double;
 mod fused;
 mod lanes;
+mod precision;
 mod trigonometry;
 
 pub use columns::ColumnsOf;
@@ -16,6 +17,8 @@ pub use counting::{Counted, Operations};
 pub use double_double::DoubleDouble;
 pub use fused::Fused;
 pub use lanes::{Instructions, Lanes};
+pub use precision::Precision;
+pub use trigonometry::Circle;
 
 use nalgebra::{ClosedAddAssign, ClosedDivAssign, ClosedMulAssign, ClosedSubAssign, Scalar};
 use num_traits::{One, Zero};
