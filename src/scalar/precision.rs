@@ -9,7 +9,7 @@ use std::fmt::Debug;
 /// A kind of number that registers hold side by side.
 ///
 /// The functions that take registers are one or a few instructions each, of the set `S`.
-pub trait Precision: Circle + Pod + PartialEq + Debug + Send + Sync {
+pub trait Precision: Circle + Pod + Default + PartialEq + Debug + Send + Sync {
     /// A register of `S` full of them.
     type Register<S: Simd>: Pod + Debug + Send + Sync;
 
