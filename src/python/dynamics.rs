@@ -73,7 +73,8 @@ impl PyScene {
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         let cost = cost::FORWARD * self.size();
         in_dtype!(dtype, P => {
-            let inputs = [Input::<P>::in_kind("q", q, nq)?, Input::in_kind("qd", qd, nv)?, Input::in_kind("tau", tau, nv)?];
+            let inputs =
+                [Input::<P>::in_kind("q", q, nq)?, Input::in_kind("qd", qd, nv)?, Input::in_kind("tau", tau, nv)?];
             let wrenches = Wrench::read(&self.scene, wrenches)?;
             let call = Call::new(self, inputs, wrenches, cost)?;
             Ok(call.algorithm(py, Algorithm::ForwardDynamics(form), &[nv], out)?.into_any())
@@ -102,7 +103,8 @@ impl PyScene {
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         let cost = cost::INVERSE * self.size();
         in_dtype!(dtype, P => {
-            let inputs = [Input::<P>::in_kind("q", q, nq)?, Input::in_kind("qd", qd, nv)?, Input::in_kind("qdd", qdd, nv)?];
+            let inputs =
+                [Input::<P>::in_kind("q", q, nq)?, Input::in_kind("qd", qd, nv)?, Input::in_kind("qdd", qdd, nv)?];
             let wrenches = Wrench::read(&self.scene, wrenches)?;
             let call = Call::new(self, inputs, wrenches, cost)?;
             Ok(call.algorithm(py, Algorithm::InverseDynamics, &[nv], out)?.into_any())
