@@ -44,6 +44,7 @@ __version__: Final[str]
 _Array: TypeAlias = NDArray[np.float64]
 _Single: TypeAlias = NDArray[np.float32]
 _Float64: TypeAlias = type[np.float64] | np.dtype[np.float64] | Literal["float64"] | None
+# mypy takes type[np.float32] for something of type[np.float64]: overloads of the two are told to ignore that.
 _Float32: TypeAlias = type[np.float32] | np.dtype[np.float32] | Literal["float32"]
 _Form: TypeAlias = Literal["auto", "covariance", "joseph", "square-root"]
 _JointType: TypeAlias = Literal[
@@ -137,7 +138,7 @@ class Scene:
         """The neutral configuration, (nq,): zero everywhere, the identity (0, 0, 0, 1) for quaternions."""
 
     @overload
-    def forward_dynamics(
+    def forward_dynamics(  # type: ignore[overload-overlap]
         self,
         q: ArrayLike,
         qd: ArrayLike,
@@ -177,7 +178,7 @@ class Scene:
     ) -> _Single: ...
 
     @overload
-    def inverse_dynamics(
+    def inverse_dynamics(  # type: ignore[overload-overlap]
         self,
         q: ArrayLike,
         qd: ArrayLike,
@@ -207,7 +208,7 @@ class Scene:
     ) -> _Single: ...
 
     @overload
-    def bias_torque(self, q: ArrayLike, qd: ArrayLike, *, dtype: _Float64 = None) -> _Array:
+    def bias_torque(self, q: ArrayLike, qd: ArrayLike, *, dtype: _Float64 = None) -> _Array:  # type: ignore[overload-overlap]
         """The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
 
         q: (..., nq); qd: (..., nv); dtype as in forward_dynamics. Returns (..., nv), N m or N.
@@ -217,7 +218,7 @@ class Scene:
     def bias_torque(self, q: ArrayLike, qd: ArrayLike, *, dtype: _Float32) -> _Single: ...
 
     @overload
-    def mass_matrix(self, q: ArrayLike, *, dtype: _Float64 = None) -> _Array:
+    def mass_matrix(self, q: ArrayLike, *, dtype: _Float64 = None) -> _Array:  # type: ignore[overload-overlap]
         """The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
 
         q: (..., nq); dtype as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric.
@@ -229,7 +230,7 @@ class Scene:
     def mass_matrix(self, q: ArrayLike, *, dtype: _Float32) -> _Single: ...
 
     @overload
-    def mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto", dtype: _Float64 = None) -> _Array:
+    def mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto", dtype: _Float64 = None) -> _Array:  # type: ignore[overload-overlap]
         """The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
 
         q: (..., nq). form and dtype: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric.

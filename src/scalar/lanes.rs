@@ -110,6 +110,7 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
 
     /// Whether every lane is finite: x - x is zero then, else NaN.
     #[inline(always)]
+    #[allow(clippy::eq_op)] // that is the point
     fn is_finite(self) -> bool {
         P::sum(self.simd, (self - self).value) == 0.0
     }
