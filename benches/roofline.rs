@@ -168,7 +168,10 @@ fn arm<T: Vectorised, const K: usize>(name: &str, seconds: f64) -> String {
 
 fn arms(seconds: f64) -> Vec<String> {
     // f64 in pairs fills as many registers as twelve vectors.
+    #[cfg_attr(not(any(target_arch = "x86_64", target_arch = "aarch64")), allow(unused_mut))]
     let mut all = vec![arm::<f64, 20>("baseline", seconds)];
+    #[cfg(target_arch = "aarch64")]
+    all.push(arm::<phipsi::scalar::Lanes<pulp::aarch64::Neon>, 20>("neon", seconds));
     #[cfg(target_arch = "x86_64")]
     {
         use phipsi::scalar::Lanes;

@@ -2,13 +2,17 @@
 //!
 //! States are independent, so a batch is cut in halves until a piece is worth a thread's time; which thread computes a
 //! piece changes nothing in it. Arguments broadcast by strides ([`Broadcast`]): a state that is shared is not copied.
-//! Scratch comes from a [`Pool`], so that the second call allocates none.
+//! Scratch comes from a [`Pool`], so that the second call allocates none. With the feature `parallel`, `set_threads` says how many
+//! threads there are.
 
 pub mod arms;
 pub mod chunk;
 pub mod evaluator;
 #[cfg(feature = "parallel")]
 mod threads;
+
+#[cfg(feature = "parallel")]
+pub use threads::{set_threads, threads};
 
 use crate::error::Error;
 use std::ops::Range;
@@ -24,8 +28,8 @@ const WORTH_A_PIECE: usize = 20_000;
 
 /// One argument of a batch: `width` numbers a state, with leading axes that broadcast against those of the batch.
 #[derive(Debug, Clone)]
-pub struct Broadcast<'a> {
-    data: &'a [f64],
+pub struct Broadcast<'a, P = f64> {
+    data: &'a [P],
     width: usize,
     steps: Steps,
 }
@@ -41,20 +45,14 @@ enum Steps {
     Axes(Vec<(usize, usize)>),
 }
 
-impl<'a> Broadcast<'a> {
+impl<'a, P> Broadcast<'a, P> {
     /// States of `width` numbers, row-major over the leading axes `leading`, seen over the axes `batch` (from
     /// [`broadcast_axes`]).
     ///
     /// # Errors
     ///
     /// [`Error::Shape`] where the length of `data` is not that of its axes, or the axes do not broadcast to the batch's.
-    pub fn new(
-        argument: &str,
-        data: &'a [f64],
-        width: usize,
-        leading: &[usize],
-        batch: &[usize],
-    ) -> Result<Self, Error> {
+    pub fn new(argument: &str, data: &'a [P], width: usize, leading: &[usize], batch: &[usize]) -> Result<Self, Error> {
         let own: usize = leading.iter().product();
         if data.len() != own * width {
             return Err(Error::Shape {
@@ -92,7 +90,7 @@ impl<'a> Broadcast<'a> {
     /// The numbers that the argument holds for state `index` of the batch.
     #[must_use]
     #[inline]
-    pub fn state(&self, index: usize) -> &'a [f64] {
+    pub fn state(&self, index: usize) -> &'a [P] {
         let at = match &self.steps {
             Steps::Shared => 0,
             Steps::Own => index,
@@ -242,9 +240,10 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
     /// # Errors
     ///
     /// As [`Batch::run`]; a kernel's fault is the lowest of its range.
-    pub fn run_pieces<K>(&self, grain: usize, results: &mut [f64], kernel: K) -> Result<(), Fault>
+    pub fn run_pieces<P, K>(&self, grain: usize, results: &mut [P], kernel: K) -> Result<(), Fault>
     where
-        K: Fn(&mut S, Range<usize>, &mut [f64]) -> Result<(), Fault> + Sync,
+        P: Send,
+        K: Fn(&mut S, Range<usize>, &mut [P]) -> Result<(), Fault> + Sync,
     {
         let width = results.len().checked_div(self.states).unwrap_or(0);
         debug_assert_eq!(results.len(), width * self.states);
@@ -261,9 +260,9 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
     }
 
     /// One piece on this thread.
-    fn serial<K>(&self, piece: Piece, results: &mut [f64], kernel: &K) -> Result<(), Fault>
+    fn serial<P, K>(&self, piece: Piece, results: &mut [P], kernel: &K) -> Result<(), Fault>
     where
-        K: Fn(&mut S, Range<usize>, &mut [f64]) -> Result<(), Fault>,
+        K: Fn(&mut S, Range<usize>, &mut [P]) -> Result<(), Fault>,
     {
         if piece.states == 0 {
             return Ok(());
@@ -273,9 +272,10 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
 
     /// Halves until a piece is small, each half free to go to another thread.
     #[cfg(feature = "parallel")]
-    fn cut<K>(&self, piece: Piece, results: &mut [f64], kernel: &K) -> Result<(), Fault>
+    fn cut<P, K>(&self, piece: Piece, results: &mut [P], kernel: &K) -> Result<(), Fault>
     where
-        K: Fn(&mut S, Range<usize>, &mut [f64]) -> Result<(), Fault> + Sync,
+        P: Send,
+        K: Fn(&mut S, Range<usize>, &mut [P]) -> Result<(), Fault> + Sync,
     {
         let half = piece.states / 2 / piece.grain * piece.grain;
         if half == 0 || piece.states.saturating_mul(self.cost) <= WORTH_A_PIECE {

@@ -3,81 +3,14 @@
 
 mod common;
 
-use common::{ALL_KINDS, Random, Tree, random_state, tolerance};
-use phipsi::batch::arms::{ARMS, Arm};
+use common::lanes::{ALGORITHMS, arguments, arms, evaluate, forces, on_a_large_stack, plainly, states, trees};
+use common::{Random, tolerance};
 use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::batch::evaluator::Evaluator;
 use phipsi::filter::Form;
 use phipsi::scalar::{Fused, Real};
 use phipsi::spatial::SpatialVector;
 use phipsi::{Error, Scene};
-
-const ALGORITHMS: [Algorithm; 9] = [
-    Algorithm::ForwardDynamics(Form::Auto),
-    Algorithm::ForwardDynamics(Form::Covariance),
-    Algorithm::ForwardDynamics(Form::Joseph),
-    Algorithm::ForwardDynamics(Form::SquareRoot),
-    Algorithm::InverseDynamics,
-    Algorithm::BiasTorque,
-    Algorithm::MassMatrix,
-    Algorithm::MassMatrixInverse(Form::Auto),
-    Algorithm::MassMatrixInverse(Form::Covariance),
-];
-
-/// Those of this machine; the baseline is always there.
-fn arms() -> impl Iterator<Item = Arm> {
-    ARMS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available())
-}
-
-/// Without optimisation the kernels of the lanes need more stack than a thread has by default.
-fn on_a_large_stack(work: impl FnOnce() + Send + 'static) {
-    std::thread::Builder::new().stack_size(256 << 20).spawn(work).unwrap().join().unwrap();
-}
-
-type State = (Vec<f64>, Vec<f64>, Vec<f64>);
-
-fn states(scene: &Scene, count: u64) -> Vec<State> {
-    (0..count).map(|seed| random_state(scene, &mut Random::new(seed))).collect()
-}
-
-/// The arguments that an algorithm reads.
-fn arguments<'a>(algorithm: Algorithm, (q, qd, u): &'a State, wrenches: &'a [SpatialVector<f64>]) -> Arguments<'a> {
-    let mut all = Arguments { q, qd, u, wrenches };
-    match algorithm {
-        Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => {}
-        Algorithm::BiasTorque => (all.u, all.wrenches) = (&[], &[]),
-        Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => (all.qd, all.u, all.wrenches) = (&[], &[], &[]),
-    }
-    all
-}
-
-fn evaluate(scene: &Scene, evaluator: &mut Evaluator, algorithm: Algorithm, states: &[Arguments<'_>]) -> Vec<f64> {
-    let mut out = vec![f64::NAN; scene.width(algorithm) * states.len()];
-    scene.evaluate(evaluator, algorithm, states, &mut out).unwrap_or_else(|fault| panic!("{algorithm:?}: {fault:?}"));
-    out
-}
-
-/// One state by the checked method of plain f64, which other tests hold to dense algebra and higher precision.
-fn plainly(scene: &Scene, algorithm: Algorithm, state: &Arguments<'_>) -> Vec<f64> {
-    let mut workspace = scene.workspace();
-    let mut out = vec![f64::NAN; scene.width(algorithm)];
-    let &Arguments { q, qd, u, wrenches } = state;
-    match algorithm {
-        Algorithm::ForwardDynamics(form) => {
-            workspace.form = form;
-            scene.forward_dynamics(&mut workspace, q, qd, u, wrenches, &mut out)
-        }
-        Algorithm::InverseDynamics => scene.inverse_dynamics(&mut workspace, q, qd, u, wrenches, &mut out),
-        Algorithm::BiasTorque => scene.bias_torque(&mut workspace, q, qd, &mut out),
-        Algorithm::MassMatrix => scene.mass_matrix(&mut workspace, q, &mut out),
-        Algorithm::MassMatrixInverse(form) => {
-            workspace.form = form;
-            scene.mass_matrix_inverse(&mut workspace, &mut scene.inverse_scratch(), q, &mut out)
-        }
-    }
-    .unwrap();
-    out
-}
 
 fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |size, x| x.abs().max(size))
@@ -93,30 +26,12 @@ fn allowed(scene: &Scene, algorithm: Algorithm, plain: &[f64]) -> f64 {
     }
 }
 
-fn trees() -> impl Iterator<Item = Scene> {
-    [(1, 1, false), (2, 5, false), (3, 12, true), (4, 30, false)].into_iter().map(|(seed, bodies, floating)| {
-        let armature = if seed % 2 == 0 { 0.1 } else { 0.0 };
-        let tree = Tree { seed, bodies, kinds: &ALL_KINDS, branching: 0.4, armature, floating };
-        tree.builder().build().unwrap()
-    })
-}
-
 #[test]
 fn every_arm_gives_what_plain_numbers_give() {
     on_a_large_stack(|| {
         for scene in trees() {
             let states = states(&scene, 21);
-            let mut random = Random::new(99);
-            let forces: Vec<Vec<SpatialVector<f64>>> = (0..states.len())
-                .map(|_| {
-                    scene
-                        .model()
-                        .bodies
-                        .iter()
-                        .map(|_| SpatialVector::from_fn(|_, _| random.uniform(-1.0, 1.0)))
-                        .collect()
-                })
-                .collect();
+            let forces = forces(&scene, states.len());
             for arm in arms() {
                 let mut evaluator = Evaluator::on(arm, &scene);
                 assert_eq!(evaluator.arm(), arm);

@@ -18,7 +18,17 @@ SI units and radians throughout; spatial vectors are angular first; arrays have 
 """
 
 from . import errors, scenes
-from ._core import BUNDLED_ARM, Omission, Plan, RandomModel, Scene, SceneBuilder, __version__
+from ._core import (
+    BUNDLED_ARM,
+    Omission,
+    Plan,
+    RandomModel,
+    Scene,
+    SceneBuilder,
+    __version__,
+    get_num_threads,
+    set_num_threads,
+)
 from ._results import Energy, Estimate, Limits, MassEstimate, Samples
 from .operators import Factor, Operator
 
@@ -38,5 +48,7 @@ __all__ = [
     "SceneBuilder",
     "__version__",
     "errors",
+    "get_num_threads",
     "scenes",
+    "set_num_threads",
 ]

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Collection, Iterable, Mapping
-from typing import Any, Final, Literal, TypeAlias, final
+from typing import Any, Final, Literal, TypeAlias, final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,16 +30,22 @@ __all__ = [
     "emergence",
     "extreme",
     "extreme_names",
+    "get_num_threads",
     "growth",
     "measure",
     "operator_growth",
     "reference",
     "residuals",
+    "set_num_threads",
 ]
 
 __version__: Final[str]
 
 _Array: TypeAlias = NDArray[np.float64]
+_Single: TypeAlias = NDArray[np.float32]
+_Float64: TypeAlias = type[np.float64] | np.dtype[np.float64] | Literal["float64"] | None
+# mypy takes type[np.float32] for something of type[np.float64]: overloads of the two are told to ignore that.
+_Float32: TypeAlias = type[np.float32] | np.dtype[np.float32] | Literal["float32"]
 _Form: TypeAlias = Literal["auto", "covariance", "joseph", "square-root"]
 _JointType: TypeAlias = Literal[
     "fixed", "revolute", "continuous", "prismatic", "screw", "planar", "spherical", "floating"
@@ -131,7 +137,8 @@ class Scene:
     def neutral(self) -> _Array:
         """The neutral configuration, (nq,): zero everywhere, the identity (0, 0, 0, 1) for quaternions."""
 
-    def forward_dynamics(
+    @overload
+    def forward_dynamics(  # type: ignore[overload-overlap]
         self,
         q: ArrayLike,
         qd: ArrayLike,
@@ -140,12 +147,16 @@ class Scene:
         form: _Form = "auto",
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Array | None = None,
+        dtype: _Float64 = None,
     ) -> _Array:
         """Joint accelerations from joint torques, in O(N): the smoother's estimates given the torques as measurements.
 
         q: (..., nq); qd, tau: (..., nv). wrenches: dict from link names (links on fixed joints too) to (..., 6), each a
         (moment, force) acting on that link, at its origin and in its frame. form: how P is carried: "covariance"
-        (equation 3.6), "joseph", "square-root" (right at extreme mass ratios too, at about twice the time), or "auto". out: C-contiguous float64 of the result's shape that overlaps no argument; it is returned.
+        (equation 3.6), "joseph", "square-root" (right at extreme mass ratios too, at about twice the time), or "auto".
+        out: C-contiguous, of the result's shape and dtype, overlapping no argument; it is returned. dtype: float64, or float32 to
+        compute in twice as many SIMD lanes: about 6 digits, fewer by those of the condition number of M; a state that loses more
+        than 4 in form "auto" is done in float64 and rounded, and so is all that docs/lanes.md lists. Arguments are converted.
 
         Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (equations 4.4 to 4.11).
 
@@ -153,7 +164,21 @@ class Scene:
         form of an inertia that no body can have. After an error out is partly written.
         """
 
-    def inverse_dynamics(
+    @overload
+    def forward_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        form: _Form = "auto",
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        out: _Single | None = None,
+        dtype: _Float32,
+    ) -> _Single: ...
+
+    @overload
+    def inverse_dynamics(  # type: ignore[overload-overlap]
         self,
         q: ArrayLike,
         qd: ArrayLike,
@@ -161,36 +186,61 @@ class Scene:
         *,
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Array | None = None,
+        dtype: _Float64 = None,
     ) -> _Array:
         """Joint torques from joint accelerations, in O(N), gravity and armature included.
 
-        q: (..., nq); qd, qdd: (..., nv); wrenches and out as in forward_dynamics.
+        q: (..., nq); qd, qdd: (..., nv); wrenches, out and dtype as in forward_dynamics.
 
         Returns tau, (..., nv) = H phi (Q lambda + b) + armature qdd - J^T w (equations 1.5, 2.9, 2.10).
         """
 
-    def bias_torque(self, q: ArrayLike, qd: ArrayLike) -> _Array:
+    @overload
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        *,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        out: _Single | None = None,
+        dtype: _Float32,
+    ) -> _Single: ...
+
+    @overload
+    def bias_torque(self, q: ArrayLike, qd: ArrayLike, *, dtype: _Float64 = None) -> _Array:  # type: ignore[overload-overlap]
         """The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
 
-        q: (..., nq); qd: (..., nv). Returns (..., nv), N m or N.
+        q: (..., nq); qd: (..., nv); dtype as in forward_dynamics. Returns (..., nv), N m or N.
         """
 
-    def mass_matrix(self, q: ArrayLike) -> _Array:
+    @overload
+    def bias_torque(self, q: ArrayLike, qd: ArrayLike, *, dtype: _Float32) -> _Single: ...
+
+    @overload
+    def mass_matrix(self, q: ArrayLike, *, dtype: _Float64 = None) -> _Array:  # type: ignore[overload-overlap]
         """The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
 
-        q: (..., nq). Returns (..., nv, nv), full and exactly symmetric.
+        q: (..., nq); dtype as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric.
 
         Raises ArgumentError above 4000 degrees of freedom: inverse_dynamics multiplies by the matrix without forming it.
         """
 
-    def mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto") -> _Array:
+    @overload
+    def mass_matrix(self, q: ArrayLike, *, dtype: _Float32) -> _Single: ...
+
+    @overload
+    def mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto", dtype: _Float64 = None) -> _Array:  # type: ignore[overload-overlap]
         """The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
 
-        q: (..., nq). form: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric.
+        q: (..., nq). form and dtype: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric.
 
         Raises SingularJointError; ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse
         without forming it.
         """
+
+    @overload
+    def mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto", dtype: _Float32) -> _Single: ...
 
     def placements(self, q: ArrayLike) -> dict[str, _Array]:
         """Where every link is: a dict from link names to homogeneous matrices, link frame to base frame.
@@ -645,3 +695,15 @@ def extreme_names() -> tuple[str, ...]:
 
 def chain(n: int) -> Scene:
     """A chain of n equal links; see `phipsi.scenes.chain`."""
+
+def set_num_threads(threads: int | None) -> None:
+    """Sets how many threads batches use from now on, in this process and those that it forks; calls under way keep theirs.
+
+    threads: 1 for none beside the caller; None or 0 for what the environment variable RAYON_NUM_THREADS says, or as many as the
+    machine has, which is what a process begins with. Results have the same bits for any number.
+
+    Raises ArgumentError for what is no number of threads, or for more than the system gives; what was set before then stays.
+    """
+
+def get_num_threads() -> int:
+    """How many threads the next batch uses; 1 where it runs on the caller's alone. Starts them where they are not there yet."""

@@ -3,27 +3,34 @@
 //! A *kernel* is generic over the scalar; an *arm* is a scalar together with the instructions it is compiled for. Which arm runs
 //! is decided once, from what the processor has and from the environment variable `PHIPSI_ARM`.
 
+use crate::scalar::{ColumnsOf, Fused, Precision, Real};
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+use crate::scalar::{Instructions, Lanes};
+#[cfg(target_arch = "aarch64")]
+use pulp::aarch64::Neon;
 #[cfg(target_arch = "x86_64")]
-use crate::scalar::Lanes;
-use crate::scalar::{ColumnsOf, Fused, Real};
+use pulp::x86::{V3, V4};
 use std::sync::OnceLock;
 
-/// The variable that forces an arm: "baseline", "avx2" or "avx512".
+/// The variable that forces an arm: "baseline", "avx2", "avx512" or "neon".
 pub const VARIABLE: &str = "PHIPSI_ARM";
 
 /// A set of instructions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Arm {
-    /// Those that every processor of the target has: SSE2 on x86-64, NEON on aarch64.
+    /// Those that every processor of the target has, one number at a time.
     Baseline,
     /// AVX2 and fused products (x86-64-v3).
     Avx2,
     /// AVX-512 F, BW, CD, DQ, VL (x86-64-v4).
     Avx512,
+    /// NEON (aarch64).
+    Neon,
 }
 
-/// Every arm with its name, the narrowest first.
-pub const ARMS: [(&str, Arm); 3] = [("baseline", Arm::Baseline), ("avx2", Arm::Avx2), ("avx512", Arm::Avx512)];
+/// Every arm of every processor with its name, those of one processor the narrowest first.
+pub const ARMS: [(&str, Arm); 4] =
+    [("baseline", Arm::Baseline), ("avx2", Arm::Avx2), ("avx512", Arm::Avx512), ("neon", Arm::Neon)];
 
 impl Arm {
     /// The name, as [`VARIABLE`] takes it.
@@ -35,14 +42,17 @@ impl Arm {
     /// Whether this processor can run it.
     #[must_use]
     pub fn available(self) -> bool {
-        #[cfg(target_arch = "x86_64")]
-        return match self {
+        match self {
             Self::Baseline => true,
-            Self::Avx2 => pulp::x86::V3::try_new().is_some(),
-            Self::Avx512 => pulp::x86::V4::try_new().is_some(),
-        };
-        #[cfg(not(target_arch = "x86_64"))]
-        return self == Self::Baseline;
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => V3::try_new().is_some(),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => V4::try_new().is_some(),
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => Neon::try_new().is_some(),
+            #[allow(unreachable_patterns)] // the arms of other processors
+            _ => false,
+        }
     }
 
     /// The arm of this process: what [`VARIABLE`] names if that can run here, else the widest that can.
@@ -73,6 +83,9 @@ pub trait Work {
 
 /// A scalar with the instructions that it wants.
 pub trait Vectorised: Real {
+    /// The numbers in its lanes.
+    type Number: Precision;
+
     /// What holds several columns of a matrix of one state.
     type Columns: ColumnsOf<Self>;
 
@@ -80,16 +93,16 @@ pub trait Vectorised: Real {
     fn within<W: Work>(work: W) -> W::Output;
 
     /// The numbers, lane by lane, where they are: a copy would go through memory for each.
-    fn lanes(&self) -> &[f64];
+    fn lanes(&self) -> &[Self::Number];
 
     /// The same, to be written.
-    fn lanes_mut(&mut self) -> &mut [f64];
+    fn lanes_mut(&mut self) -> &mut [Self::Number];
 
     /// Numbers into lanes: `states` has a slice for each lane, `numbers` becomes entry by entry what they hold.
     ///
     /// Slices that are empty leave all as it is.
     #[inline(always)]
-    fn take_lanes(states: &[&[f64]], numbers: &mut [Self]) {
+    fn take_lanes(states: &[&[Self::Number]], numbers: &mut [Self]) {
         for (lane, state) in states.iter().enumerate() {
             for (number, &value) in numbers.iter_mut().zip(*state) {
                 number.lanes_mut()[lane] = value;
@@ -99,7 +112,7 @@ pub trait Vectorised: Real {
 
     /// Lanes into numbers: of each state as many as there are in `numbers`, one state after another; as many states as `out` has.
     #[inline(always)]
-    fn put_lanes(numbers: &[Self], out: &mut [f64]) {
+    fn put_lanes(numbers: &[Self], out: &mut [Self::Number]) {
         for (lane, out) in out.chunks_exact_mut(numbers.len()).enumerate() {
             for (value, number) in out.iter_mut().zip(numbers) {
                 *value = number.lanes()[lane];
@@ -120,6 +133,7 @@ impl<W: Work> pulp::NullaryFnOnce for Job<W> {
 }
 
 impl Vectorised for f64 {
+    type Number = Self;
     type Columns = Self;
 
     #[inline(always)]
@@ -138,16 +152,23 @@ impl Vectorised for f64 {
     }
 }
 
+/// The instructions of this target that have fused products.
+#[cfg(target_arch = "x86_64")]
+type WithFused = V3;
+#[cfg(target_arch = "aarch64")]
+type WithFused = Neon;
+
 impl Vectorised for Fused {
-    #[cfg(target_arch = "x86_64")]
-    type Columns = Lanes<pulp::x86::V3>;
-    #[cfg(not(target_arch = "x86_64"))]
+    type Number = f64;
+    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+    type Columns = Lanes<WithFused>;
+    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
     type Columns = Self;
 
     #[inline(always)]
     fn within<W: Work>(work: W) -> W::Output {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(simd) = pulp::x86::V3::try_new() {
+        #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+        if let Some(simd) = WithFused::try_new() {
             return simd.vectorize(Job(work));
         }
         work.call()
@@ -164,44 +185,36 @@ impl Vectorised for Fused {
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-macro_rules! arm {
-    ($level:ident) => {
-        impl Vectorised for Lanes<pulp::x86::$level> {
-            type Columns = Self;
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+impl<S: Instructions, P: Precision> Vectorised for Lanes<S, P> {
+    type Number = P;
+    type Columns = Self;
 
-            #[inline(always)]
-            fn within<W: Work>(work: W) -> W::Output {
-                match pulp::x86::$level::try_new() {
-                    Some(simd) => simd.vectorize(Job(work)),
-                    None => work.call(),
-                }
-            }
-
-            #[inline(always)]
-            fn lanes(&self) -> &[f64] {
-                Lanes::lanes(self)
-            }
-
-            #[inline(always)]
-            fn lanes_mut(&mut self) -> &mut [f64] {
-                Lanes::lanes_mut(self)
-            }
-
-            #[inline(always)]
-            fn take_lanes(states: &[&[f64]], numbers: &mut [Self]) {
-                Lanes::take_lanes(states, numbers);
-            }
-
-            #[inline(always)]
-            fn put_lanes(numbers: &[Self], out: &mut [f64]) {
-                Lanes::put_lanes(numbers, out);
-            }
+    #[inline(always)]
+    fn within<W: Work>(work: W) -> W::Output {
+        match S::token() {
+            Some(simd) => simd.vectorize(Job(work)),
+            None => work.call(),
         }
-    };
-}
+    }
 
-#[cfg(target_arch = "x86_64")]
-arm!(V3);
-#[cfg(target_arch = "x86_64")]
-arm!(V4);
+    #[inline(always)]
+    fn lanes(&self) -> &[P] {
+        Lanes::lanes(self)
+    }
+
+    #[inline(always)]
+    fn lanes_mut(&mut self) -> &mut [P] {
+        Lanes::lanes_mut(self)
+    }
+
+    #[inline(always)]
+    fn take_lanes(states: &[&[P]], numbers: &mut [Self]) {
+        P::take_lanes(states, numbers);
+    }
+
+    #[inline(always)]
+    fn put_lanes(numbers: &[Self], out: &mut [P]) {
+        P::put_lanes(numbers, out);
+    }
+}

@@ -8,7 +8,7 @@ use crate::dynamics::lean::{self, LeanModel, LeanScratch};
 use crate::dynamics::{auto, refined};
 use crate::filter::Form;
 use crate::planar::{self, PlanarModel, PlanarScratch};
-use crate::scalar::Real;
+use crate::scalar::{Precision, Real};
 use crate::scene::queries::QUATERNION_SLACK;
 use crate::scene::{Model, Motion, Scene};
 use crate::spatial::SpatialVector;
@@ -30,30 +30,30 @@ pub enum Algorithm {
     MassMatrixInverse(Form),
 }
 
-/// The arguments of one state; what an algorithm does not take is empty.
+/// The arguments of one state, in f64 or f32; what an algorithm does not take is empty.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Arguments<'a> {
+pub struct Arguments<'a, P = f64> {
     /// Configuration, (nq).
-    pub q: &'a [f64],
+    pub q: &'a [P],
     /// Rates, (nv).
-    pub qd: &'a [f64],
+    pub qd: &'a [P],
     /// Torques or accelerations, (nv).
-    pub u: &'a [f64],
-    /// Forces on bodies, each in the body's frame; empty where there are none.
+    pub u: &'a [P],
+    /// Forces on bodies, each in the body's frame, f64 always; empty where there are none.
     pub wrenches: &'a [SpatialVector<f64>],
 }
 
 /// As many lanes as any scalar has.
-const MOST_LANES: usize = 8;
+const MOST_LANES: usize = 16;
 
-/// What runs chunks, whatever its scalar.
-pub(super) trait Chunks: Send + Sync {
+/// What runs chunks of states in `P`, whatever its scalar.
+pub trait Chunks<P>: Send + Sync {
     /// How many states at once.
     fn lanes(&self) -> usize;
 
     /// Runs `algorithm` on one state or more, at most as many as there are lanes, of equal shapes; results one after another in
     /// `out`. Gives the lanes in doubt as bits; their results mean nothing.
-    fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64;
+    fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
 }
 
 /// A planar scene's numbers in the plane, and scratch for them.
@@ -61,7 +61,7 @@ type Plane<T> = (PlanarModel<T>, PlanarScratch<T, <T as Vectorised>::Columns>);
 
 /// Scratch for as many states as `T` has lanes.
 #[derive(Debug)]
-pub(super) struct Chunk<T: Vectorised> {
+pub struct Chunk<T: Vectorised> {
     model: Model<T>,
     lean: LeanModel<T>,
     lean_scratch: LeanScratch<T>,
@@ -76,6 +76,8 @@ pub(super) struct Chunk<T: Vectorised> {
 }
 
 impl<T: Vectorised> Chunk<T> {
+    /// Scratch for a scene, its constants rounded to the numbers of the lanes.
+    #[must_use]
     pub fn new(scene: &Scene) -> Self {
         let model = scene.model();
         let quaternions = model.bodies.iter().filter_map(|body| match body.motion {
@@ -96,12 +98,12 @@ impl<T: Vectorised> Chunk<T> {
     }
 }
 
-impl<T: Vectorised> Chunks for Chunk<T> {
+impl<T: Vectorised> Chunks<T::Number> for Chunk<T> {
     fn lanes(&self) -> usize {
         T::LANES
     }
 
-    fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
+    fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, T::Number>], out: &mut [T::Number]) -> u64 {
         if states.is_empty() || out.is_empty() {
             return 0;
         }
@@ -112,7 +114,7 @@ impl<T: Vectorised> Chunks for Chunk<T> {
 
 impl<T: Vectorised> Chunk<T> {
     /// Forces on bodies into lanes; none at all where no state has any.
-    fn gather_wrenches(&mut self, states: &[Arguments<'_>]) {
+    fn gather_wrenches(&mut self, states: &[Arguments<'_, T::Number>]) {
         self.wrenches.clear();
         if states.iter().all(|state| state.wrenches.is_empty()) {
             return;
@@ -122,7 +124,7 @@ impl<T: Vectorised> Chunk<T> {
             let state = &states[lane.min(states.len() - 1)];
             for (force, given) in self.wrenches.iter_mut().zip(state.wrenches) {
                 for (number, &value) in force.iter_mut().zip(given) {
-                    number.lanes_mut()[lane] = value;
+                    number.lanes_mut()[lane] = T::Number::nearest(value);
                 }
             }
         }
@@ -140,10 +142,10 @@ fn not_finite<T: Real>(x: T) -> T {
 #[inline(always)]
 fn gather<'a, T: Vectorised>(
     numbers: &mut [T],
-    states: &'a [Arguments<'_>],
-    of: impl Fn(&'a Arguments<'_>) -> &'a [f64],
+    states: &'a [Arguments<'_, T::Number>],
+    of: impl Fn(&'a Arguments<'_, T::Number>) -> &'a [T::Number],
 ) -> T {
-    let mut given: [&[f64]; MOST_LANES] = [&[]; MOST_LANES];
+    let mut given: [&[T::Number]; MOST_LANES] = [&[]; MOST_LANES];
     for (lane, given) in given.iter_mut().enumerate().take(T::LANES) {
         *given = of(&states[lane.min(states.len() - 1)]);
     }
@@ -161,8 +163,8 @@ fn gather<'a, T: Vectorised>(
 struct Run<'a, T: Vectorised> {
     chunk: &'a mut Chunk<T>,
     algorithm: Algorithm,
-    states: &'a [Arguments<'a>],
-    out: &'a mut [f64],
+    states: &'a [Arguments<'a, T::Number>],
+    out: &'a mut [T::Number],
 }
 
 impl<T: Vectorised> Work for Run<'_, T> {
@@ -241,7 +243,7 @@ fn compute<T: Vectorised>(
                 look_closer(&first, model, workspace, (q, qd, u), wrenches, results)
             }
         }
-        Algorithm::ForwardDynamics(Form::SquareRoot) => {
+        Algorithm::ForwardDynamics(Form::SquareRoot) if T::Number::SQUARE_ROOT => {
             let (pivots, reach) = refined::forward_dynamics_looked_at(model, workspace, q, qd, u, wrenches, results);
             lanes_but::<T>(|lane| pivots.clear(lane) && reach.clear(lane))
         }

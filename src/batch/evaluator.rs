@@ -5,33 +5,99 @@ use super::arms::Arm;
 use super::chunk::{Algorithm, Arguments, Chunk, Chunks};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::error::Error;
-use crate::scalar::Fused;
+use crate::scalar::{Fused, Precision};
 use crate::scene::Scene;
 use crate::workspace::Workspace;
 
 /// Scratch for the algorithms of one scene on one thread, for one state and for as many as fit in a register.
 ///
-/// What it computes has the same bits in any lane and with any neighbours, but for the sign of a zero in M^-1.
-pub struct Evaluator {
+/// States and results are f64, or f32 and then twice as many in a register. What it computes has the same bits in any lane and with
+/// any neighbours, but for the sign of a zero in M^-1.
+pub struct Evaluator<P = f64> {
     arm: Arm,
-    one: Box<dyn Chunks>,
-    many: Option<Box<dyn Chunks>>,
+    kernels: Kernels<P>,
     checked: Checked,
 }
 
-/// What a state in doubt is done again with.
-struct Checked {
-    workspace: Workspace<f64>,
-    inverse: Option<InverseScratch<f64>>,
+/// The compiled kernels of one arm; a state for which there are none is done by the checked method.
+pub struct Kernels<P> {
+    /// For one state.
+    one: Option<Box<dyn Chunks<P>>>,
+    /// For as many as there are lanes.
+    many: Option<Box<dyn Chunks<P>>>,
 }
 
-impl std::fmt::Debug for Evaluator {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Evaluator").field("arm", &self.arm).field("lanes", &self.lanes()).finish_non_exhaustive()
+/// A kind of number that states can be given in.
+pub trait Evaluated: Precision {
+    /// The kernels of an arm that this processor has.
+    fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self>;
+}
+
+impl Evaluated for f64 {
+    fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self> {
+        let one: Box<dyn Chunks<Self>> = match arm {
+            Arm::Baseline => Box::new(Chunk::<Self>::new(scene)),
+            Arm::Avx2 | Arm::Avx512 | Arm::Neon => Box::new(Chunk::<Fused>::new(scene)),
+        };
+        Kernels { one: Some(one), many: in_lanes(arm, scene) }
     }
 }
 
-impl Evaluator {
+/// In lanes or not at all: one state leaves the others idle, for code of its own would not be worth the time to compile it.
+impl Evaluated for f32 {
+    fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self> {
+        Kernels { one: None, many: in_lanes(arm, scene) }
+    }
+}
+
+/// The kernels in lanes of one arm, where it has them.
+#[cfg(target_arch = "x86_64")]
+fn in_lanes<P: Precision>(arm: Arm, scene: &Scene) -> Option<Box<dyn Chunks<P>>> {
+    use crate::scalar::Lanes;
+    use pulp::x86::{V3, V4};
+    match arm {
+        Arm::Avx2 => Some(Box::new(Chunk::<Lanes<V3, P>>::new(scene))),
+        Arm::Avx512 => Some(Box::new(Chunk::<Lanes<V4, P>>::new(scene))),
+        Arm::Baseline | Arm::Neon => None,
+    }
+}
+
+/// The kernels in lanes of one arm, where it has them.
+#[cfg(target_arch = "aarch64")]
+fn in_lanes<P: Precision>(arm: Arm, scene: &Scene) -> Option<Box<dyn Chunks<P>>> {
+    use crate::scalar::Lanes;
+    use pulp::aarch64::Neon;
+    match arm {
+        Arm::Neon => Some(Box::new(Chunk::<Lanes<Neon, P>>::new(scene))),
+        Arm::Baseline | Arm::Avx2 | Arm::Avx512 => None,
+    }
+}
+
+/// No lanes for other processors.
+#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+fn in_lanes<P: Precision>(_arm: Arm, _scene: &Scene) -> Option<Box<dyn Chunks<P>>> {
+    None
+}
+
+/// What a state in doubt is done again with, in f64.
+struct Checked {
+    workspace: Workspace<f64>,
+    inverse: Option<InverseScratch<f64>>,
+    /// Results that are to be rounded.
+    results: Vec<f64>,
+}
+
+impl<P: Evaluated> std::fmt::Debug for Evaluator<P> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Evaluator")
+            .field("numbers", &P::NAME)
+            .field("arm", &self.arm)
+            .field("lanes", &self.lanes())
+            .finish_non_exhaustive()
+    }
+}
+
+impl<P: Evaluated> Evaluator<P> {
     /// Scratch for `scene` on the arm of this process.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
@@ -42,21 +108,10 @@ impl Evaluator {
     #[must_use]
     pub fn on(arm: Arm, scene: &Scene) -> Self {
         let arm = if arm.available() { arm } else { Arm::Baseline };
-        let one: Box<dyn Chunks> = match arm {
-            Arm::Baseline => Box::new(Chunk::<f64>::new(scene)),
-            Arm::Avx2 | Arm::Avx512 => Box::new(Chunk::<Fused>::new(scene)),
-        };
-        #[cfg(target_arch = "x86_64")]
-        let many: Option<Box<dyn Chunks>> = match arm {
-            Arm::Baseline => None,
-            Arm::Avx2 => Some(Box::new(Chunk::<crate::scalar::Lanes<pulp::x86::V3>>::new(scene))),
-            Arm::Avx512 => Some(Box::new(Chunk::<crate::scalar::Lanes<pulp::x86::V4>>::new(scene))),
-        };
-        #[cfg(not(target_arch = "x86_64"))]
-        let many = None;
         // Without scratch for the plane: what was in doubt there is done in 6-vectors.
         let workspace = Workspace::new(scene.model());
-        Self { arm, one, many, checked: Checked { workspace, inverse: None } }
+        let checked = Checked { workspace, inverse: None, results: Vec::new() };
+        Self { arm, kernels: P::kernels(arm, scene), checked }
     }
 
     /// The arm that it runs on.
@@ -68,15 +123,17 @@ impl Evaluator {
     /// How many states one call of a kernel takes at the most.
     #[must_use]
     pub fn lanes(&self) -> usize {
-        self.many.as_ref().map_or(1, |many| many.lanes())
+        self.kernels.many.as_ref().map_or(1, |many| many.lanes())
     }
 
     /// The kernel alone, on one state or at most as many as there are lanes, of equal shapes: no lengths are checked. Results one
     /// after another in `out`; the bits of the result are the states in doubt, which [`Scene::evaluate`] would do again.
-    pub fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
-        match &mut self.many {
-            Some(many) if states.len() > 1 => many.run(algorithm, states, out),
-            _ => self.one.run(algorithm, states, out),
+    pub fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
+        match (&mut self.kernels.one, &mut self.kernels.many) {
+            (Some(one), None) => one.run(algorithm, states, out),
+            (Some(one), _) if states.len() == 1 => one.run(algorithm, states, out),
+            (_, Some(many)) => many.run(algorithm, states, out),
+            (None, None) => u64::MAX,
         }
     }
 }
@@ -88,6 +145,17 @@ impl Scene {
         Evaluator::new(self)
     }
 
+    /// The same for states and results in f32, twice as many at once: about 6 digits, fewer by those of the condition number of M
+    /// where accelerations are computed.
+    ///
+    /// The scene's constants are rounded to f32 too. A state in doubt is done in f64 and its results rounded: one that loses more
+    /// than 4 digits in form `auto`, a lost pivot, an overflow, the square-root and Joseph's form, and every state on the baseline
+    /// arm, which has no lanes. Results that f32 cannot hold are refused. What becomes less than 1e-38 on the way becomes zero.
+    #[must_use]
+    pub fn evaluator_f32(&self) -> Evaluator<f32> {
+        Evaluator::new(self)
+    }
+
     /// One algorithm on any number of states: the results one after another in `out`, as long for each state.
     ///
     /// As many states at once as the processor's registers hold; a state whose arguments, pivots or digits are in doubt is done
@@ -96,12 +164,12 @@ impl Scene {
     /// # Errors
     ///
     /// [`Fault`] of the lowest state that failed, with the error of the checked method; `out` is then partly written.
-    pub fn evaluate(
+    pub fn evaluate<P: Evaluated>(
         &self,
-        evaluator: &mut Evaluator,
+        evaluator: &mut Evaluator<P>,
         algorithm: Algorithm,
-        states: &[Arguments<'_>],
-        out: &mut [f64],
+        states: &[Arguments<'_, P>],
+        out: &mut [P],
     ) -> Result<(), Fault> {
         let width = self.width(algorithm);
         if out.len() != width * states.len() {
@@ -138,7 +206,7 @@ impl Scene {
     }
 
     /// Whether the arguments of a state have the lengths that an algorithm reads.
-    fn fits(&self, algorithm: Algorithm, state: &Arguments<'_>) -> bool {
+    fn fits<P>(&self, algorithm: Algorithm, state: &Arguments<'_, P>) -> bool {
         let nv = self.nv();
         let (qd, u) = match algorithm {
             Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => (nv, nv),
@@ -150,29 +218,53 @@ impl Scene {
             && (forces == 0 || forces == self.model().bodies.len())
     }
 
-    /// One state by the checked method.
-    fn evaluate_checked(
+    /// One state by the checked method, in f64.
+    fn evaluate_checked<P: Evaluated>(
         &self,
         scratch: &mut Checked,
         algorithm: Algorithm,
-        state: &Arguments<'_>,
-        out: &mut [f64],
+        state: &Arguments<'_, P>,
+        out: &mut [P],
     ) -> Result<(), Error> {
-        let Checked { workspace, inverse } = scratch;
-        let &Arguments { q, qd, u, wrenches } = state;
+        let Checked { workspace, inverse, results } = scratch;
+        let (q, qd, u) = (P::all_widened(state.q), P::all_widened(state.qd), P::all_widened(state.u));
+        let (q, qd, u, wrenches, full) = (&*q, &*qd, &*u, state.wrenches, P::in_f64(out, results));
         match algorithm {
             Algorithm::ForwardDynamics(form) => {
                 workspace.form = form;
-                self.forward_dynamics(workspace, q, qd, u, wrenches, out)
+                self.forward_dynamics(workspace, q, qd, u, wrenches, full)
             }
-            Algorithm::InverseDynamics => self.inverse_dynamics(workspace, q, qd, u, wrenches, out),
-            Algorithm::BiasTorque => self.bias_torque(workspace, q, qd, out),
-            Algorithm::MassMatrix => self.mass_matrix(workspace, q, out),
+            Algorithm::InverseDynamics => self.inverse_dynamics(workspace, q, qd, u, wrenches, full),
+            Algorithm::BiasTorque => self.bias_torque(workspace, q, qd, full),
+            Algorithm::MassMatrix => self.mass_matrix(workspace, q, full),
             Algorithm::MassMatrixInverse(form) => {
                 workspace.form = form;
                 let scratch = inverse.get_or_insert_with(|| self.inverse_scratch());
-                self.mass_matrix_inverse(workspace, scratch, q, out)
+                self.mass_matrix_inverse(workspace, scratch, q, full)
+            }
+        }?;
+        // Nothing, where `out` is f64 and was written in place.
+        for (i, (rounded, &value)) in out.iter_mut().zip(&*results).enumerate() {
+            *rounded = P::nearest(value);
+            if !rounded.widened().is_finite() {
+                let found = format!("{value:e} at index {i}, which {} cannot hold", P::NAME);
+                return Err(Error::argument(
+                    result_of(algorithm),
+                    found,
+                    "results below 3.4e38; float64 holds this one",
+                ));
             }
         }
+        Ok(())
+    }
+}
+
+/// What the results are, in messages.
+fn result_of(algorithm: Algorithm) -> &'static str {
+    match algorithm {
+        Algorithm::ForwardDynamics(_) => "qdd (result)",
+        Algorithm::InverseDynamics | Algorithm::BiasTorque => "tau (result)",
+        Algorithm::MassMatrix => "M (result)",
+        Algorithm::MassMatrixInverse(_) => "M^-1 (result)",
     }
 }

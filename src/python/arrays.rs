@@ -1,10 +1,11 @@
-//! Arguments to contiguous float64 and results to arrays: the one place where either is done.
+//! Arguments to contiguous float64 (or float32, where that was asked for) and results to arrays: the one place where either is done.
 
 use crate::batch::{Broadcast, shape_text};
 use crate::error::Error;
+use crate::scalar::Precision;
 use numpy::{
-    BorrowError, IxDyn, PyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn, PyUntypedArray,
-    PyUntypedArrayMethods,
+    BorrowError, Element, IxDyn, PyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
+    PyUntypedArray, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -14,27 +15,25 @@ use std::ops::Range;
 /// Arguments up to this many numbers are copied: cheaper than keeping account of who borrows which array.
 const FEW: usize = 32;
 
-/// One array argument: C-contiguous float64, borrowed where it was that already, else converted.
-pub(super) struct Input<'py> {
+/// One array argument: C-contiguous numbers of kind `P`, borrowed where it was that already, else converted.
+pub(super) struct Input<'py, P: Element = f64> {
     /// What messages call it.
     pub name: Cow<'static, str>,
     width: usize,
-    array: Bound<'py, PyArrayDyn<f64>>,
-    numbers: Numbers<'py>,
+    array: Bound<'py, PyArrayDyn<P>>,
+    numbers: Numbers<'py, P>,
 }
 
 /// The numbers of an argument, row-major.
-enum Numbers<'py> {
-    Copied(Vec<f64>),
-    Borrowed(PyReadonlyArrayDyn<'py, f64>),
+enum Numbers<'py, P: Element> {
+    Copied(Vec<P>),
+    Borrowed(PyReadonlyArrayDyn<'py, P>),
 }
 
 impl<'py> Input<'py> {
-    /// Reads an argument of shape (..., width).
+    /// Reads an argument of shape (..., width) as float64.
     pub fn new(name: impl Into<Cow<'static, str>>, value: &Bound<'py, PyAny>, width: usize) -> PyResult<Self> {
-        let name = name.into();
-        let array = read(&name, value)?;
-        Self::of(name, array, width)
+        Self::in_kind(name, value, width)
     }
 
     /// Reads an argument of shape (..., width), or one number that stands for all of them.
@@ -52,9 +51,18 @@ impl<'py> Input<'py> {
         output.numbers()?.fill(number);
         Self::of(name.into(), output.finish(), width)
     }
+}
+
+impl<'py, P: Precision + Element> Input<'py, P> {
+    /// Reads an argument of shape (..., width) as numbers of kind `P`.
+    pub fn in_kind(name: impl Into<Cow<'static, str>>, value: &Bound<'py, PyAny>, width: usize) -> PyResult<Self> {
+        let name = name.into();
+        let array = read(&name, value)?;
+        Self::of(name, array, width)
+    }
 
     /// Checks the last axis.
-    fn of(name: Cow<'static, str>, array: Bound<'py, PyArrayDyn<f64>>, width: usize) -> PyResult<Self> {
+    fn of(name: Cow<'static, str>, array: Bound<'py, PyArrayDyn<P>>, width: usize) -> PyResult<Self> {
         if array.shape().last() != Some(&width) {
             return Err(wrong_shape(&name, array.shape(), format!("(..., {width})")));
         }
@@ -77,12 +85,12 @@ impl<'py> Input<'py> {
     }
 
     /// Its states over those of a batch.
-    pub fn over(&self, batch: &[usize]) -> PyResult<Broadcast<'_>> {
+    pub fn over(&self, batch: &[usize]) -> PyResult<Broadcast<'_, P>> {
         Ok(Broadcast::new(&self.name, self.data()?, self.width, self.leading(), batch)?)
     }
 
     /// All numbers, row-major.
-    pub fn data(&self) -> PyResult<&[f64]> {
+    pub fn data(&self) -> PyResult<&[P]> {
         match &self.numbers {
             Numbers::Copied(numbers) => Ok(numbers),
             Numbers::Borrowed(array) => Ok(array.as_slice()?),
@@ -96,14 +104,14 @@ impl<'py> Input<'py> {
 }
 
 /// The addresses that a C-contiguous array occupies.
-fn addresses(array: &Bound<'_, PyArrayDyn<f64>>) -> Range<usize> {
+fn addresses<P: Element>(array: &Bound<'_, PyArrayDyn<P>>) -> Range<usize> {
     let start = array.data().addr();
-    start..start + array.len() * size_of::<f64>()
+    start..start + array.len() * size_of::<P>()
 }
 
 /// An argument of exactly the given shape, as numbers in row-major order.
 pub(super) fn fixed(name: &str, value: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<Vec<f64>> {
-    let array = read(name, value)?;
+    let array = read::<f64>(name, value)?;
     if array.shape() != shape {
         return Err(wrong_shape(name, array.shape(), shape_text(shape)));
     }
@@ -130,7 +138,7 @@ pub(super) fn one_or_each(
     count: usize,
     shape: &[usize],
 ) -> PyResult<Vec<Vec<f64>>> {
-    let array = read(name, value)?;
+    let array = read::<f64>(name, value)?;
     let numbers = array.to_vec()?;
     if array.shape() == shape {
         return Ok(vec![numbers; count]);
@@ -145,7 +153,7 @@ pub(super) fn one_or_each(
 
 /// An argument of shape (rows, width), at least one row: how many, and the numbers in row-major order.
 pub(super) fn rows(name: &str, value: &Bound<'_, PyAny>, width: usize) -> PyResult<(usize, Vec<f64>)> {
-    let array = read(name, value)?;
+    let array = read::<f64>(name, value)?;
     match *array.shape() {
         [rows, found] if found == width && rows > 0 => Ok((rows, array.to_vec()?)),
         _ => Err(wrong_shape(name, array.shape(), format!("(k, {width}), k at least 1"))),
@@ -162,9 +170,9 @@ fn wrong_shape(name: &str, found: &[usize], expected: String) -> PyErr {
     Error::Shape { argument: name.to_owned(), found: shape_text(found), expected }.into()
 }
 
-/// C-contiguous and aligned float64 as it is; anything else of real numbers converted; the rest refused by name.
-fn read<'py>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    match value.cast::<PyArrayDyn<f64>>() {
+/// C-contiguous and aligned numbers of kind `P` as they are; any other real numbers converted; the rest refused by name.
+fn read<'py, P: Precision + Element>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
+    match value.cast::<PyArrayDyn<P>>() {
         Ok(array) if array.is_c_contiguous() && array.data().is_aligned() => Ok(array.clone()),
         _ => convert(name, value),
     }
@@ -176,8 +184,8 @@ fn as_array<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     ASARRAY.import(value.py(), "numpy", "asarray")?.call1((value,))
 }
 
-/// A fresh C-contiguous float64 array with the numbers of `value`.
-fn convert<'py>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+/// A fresh C-contiguous array of kind `P` with the numbers of `value`.
+fn convert<'py, P: Precision + Element>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     let py = value.py();
     let array = as_array(value).map_err(|cause| {
         let error = refused(name, &format!("what NumPy cannot read ({})", cause.value(py)));
@@ -189,7 +197,7 @@ fn convert<'py>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, Py
     if !matches!(kind.as_str(), "f" | "i" | "u") {
         return Err(refused(name, &format!("dtype {dtype}")));
     }
-    Ok(array.call_method1("astype", ("float64", "C"))?.cast_into()?)
+    Ok(array.call_method1("astype", (P::NAME, "C"))?.cast_into()?)
 }
 
 fn refused(name: &str, found: &str) -> PyErr {
@@ -197,12 +205,12 @@ fn refused(name: &str, found: &str) -> PyErr {
 }
 
 /// Where a call writes its result: an array of its own, or the caller's `out`.
-pub(super) struct Output<'py> {
-    array: Bound<'py, PyArrayDyn<f64>>,
-    write: PyReadwriteArrayDyn<'py, f64>,
+pub(super) struct Output<'py, P: Element = f64> {
+    array: Bound<'py, PyArrayDyn<P>>,
+    write: PyReadwriteArrayDyn<'py, P>,
 }
 
-impl<'py> Output<'py> {
+impl<'py, P: Precision + Element> Output<'py, P> {
     /// A new array of the given shape.
     pub fn new(py: Python<'py>, shape: &[usize]) -> PyResult<Self> {
         let array = zeros(py, shape)?;
@@ -210,21 +218,18 @@ impl<'py> Output<'py> {
         Ok(Self { array, write })
     }
 
-    /// The caller's array: C-contiguous float64 of the given shape, writable, apart from the arguments.
-    pub fn given<'a>(
+    /// The caller's array: C-contiguous numbers of kind `P` in the given shape, writable, apart from the addresses of the arguments.
+    pub fn given(
         out: &Bound<'py, PyAny>,
         shape: &[usize],
-        inputs: impl IntoIterator<Item = &'a Input<'py>>,
-    ) -> PyResult<Self>
-    where
-        'py: 'a,
-    {
-        let expected = "a C-contiguous float64 array";
-        let refuse = |found: String| PyErr::from(Error::argument("out", found, expected));
+        inputs: impl IntoIterator<Item = Range<usize>>,
+    ) -> PyResult<Self> {
+        let expected = || format!("a C-contiguous {} array", P::NAME);
+        let refuse = |found: String| PyErr::from(Error::argument("out", found, expected()));
         let Ok(untyped) = out.cast::<PyUntypedArray>() else {
             return Err(refuse(format!("an object of type {}", out.get_type().name()?)));
         };
-        let Ok(array) = out.cast::<PyArrayDyn<f64>>() else {
+        let Ok(array) = out.cast::<PyArrayDyn<P>>() else {
             return Err(refuse(format!("dtype {}", untyped.dtype())));
         };
         if array.shape() != shape {
@@ -237,10 +242,7 @@ impl<'py> Output<'py> {
             return Err(refuse("an array that is not aligned".to_owned()));
         }
         let own = addresses(array);
-        let shared = |input: &Input<'_>| {
-            let other = input.addresses();
-            own.start.max(other.start) < own.end.min(other.end)
-        };
+        let shared = |other: Range<usize>| own.start.max(other.start) < own.end.min(other.end);
         if inputs.into_iter().any(shared) {
             return Err(refused_output(&BorrowError::AlreadyBorrowed));
         }
@@ -249,12 +251,12 @@ impl<'py> Output<'py> {
     }
 
     /// The numbers, row-major.
-    pub fn numbers(&mut self) -> PyResult<&mut [f64]> {
+    pub fn numbers(&mut self) -> PyResult<&mut [P]> {
         Ok(self.write.as_slice_mut()?)
     }
 
     /// The array, written.
-    pub fn finish(self) -> Bound<'py, PyArrayDyn<f64>> {
+    pub fn finish(self) -> Bound<'py, PyArrayDyn<P>> {
         self.array
     }
 }
@@ -268,13 +270,13 @@ fn refused_output(error: &BorrowError) -> PyErr {
 }
 
 /// A new array of zeros; large ones through Python, which raises where memory runs out.
-fn zeros<'py>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+fn zeros<'py, P: Precision + Element>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     static ZEROS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let entries = shape.iter().try_fold(1, |product: usize, &length| product.checked_mul(length));
     if entries.is_some_and(|entries| entries <= 1 << 16) {
         return Ok(PyArray::zeros(py, IxDyn(shape), false));
     }
-    Ok(ZEROS.import(py, "numpy", "zeros")?.call1((shape.to_vec(),))?.cast_into()?)
+    Ok(ZEROS.import(py, "numpy", "zeros")?.call1((shape.to_vec(), P::NAME))?.cast_into()?)
 }
 
 /// A new array with these numbers in row-major order; a `NumPy` scalar for the empty shape.

@@ -1,17 +1,33 @@
 //! Methods of `Scene`: forces, accelerations, and the mass matrix.
 
 use super::arrays::Input;
-use super::choice::choose;
+use super::choice::{Precise, choose, read_dtype};
 use super::evaluate::Call;
 use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::batch::chunk::Algorithm;
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
-use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-type Array<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
+/// An array of float64, or of float32 where that was asked for.
+type Array<'py> = PyResult<Bound<'py, PyAny>>;
+
+/// `body` with `P` standing for the dtype that was asked for.
+macro_rules! in_dtype {
+    ($dtype:expr, $P:ident => $body:block) => {
+        match read_dtype($dtype)? {
+            Precise::Float64 => {
+                type $P = f64;
+                $body
+            }
+            Precise::Float32 => {
+                type $P = f32;
+                $body
+            }
+        }
+    };
+}
 
 /// Dense matrices stop here: (4000, 4000) are 128 MB a state.
 const DENSE_LIMIT: usize = 4000;
@@ -32,13 +48,15 @@ impl PyScene {
     ///
     /// q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. wrenches: dict from link names to
     /// (..., 6), each a (moment, force) acting on that link, at its origin and in its frame. form: how P is carried, "covariance"
-    /// (3.6), "joseph", "square-root", or "auto". out: C-contiguous float64 of the result's shape that overlaps no argument, returned.
+    /// (3.6), "joseph", "square-root", or "auto". out: C-contiguous, of the result's shape and dtype, overlapping no argument; returned.
+    /// dtype: float64, or float32 to compute in twice as many SIMD lanes (docs/lanes.md has what that costs in digits, and when a state
+    /// is done in float64 all the same); arguments are converted to it where they have another.
     ///
     /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11).
     ///
     /// Raises `SingularJointError` where a joint has no inertia along its axis, `ShapeError`, `NotFiniteError`, `ArgumentError`,
     /// each naming the argument and the state. After an error out is partly written.
-    #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, out=None))]
+    #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, out=None, dtype=None))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics<'py>(
         &self,
@@ -49,23 +67,28 @@ impl PyScene {
         form: &str,
         wrenches: Option<&Bound<'py, PyAny>>,
         out: Option<&Bound<'py, PyAny>>,
+        dtype: Option<&Bound<'py, PyAny>>,
     ) -> Array<'py> {
         let form = read_form(form)?;
-        let nv = self.scene.nv();
-        let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, nv)?, Input::new("tau", tau, nv)?];
-        let wrenches = Wrench::read(&self.scene, wrenches)?;
-        let call = Call::new(self, inputs, wrenches, cost::FORWARD * self.size())?;
-        call.algorithm(py, Algorithm::ForwardDynamics(form), &[nv], out)
+        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        let cost = cost::FORWARD * self.size();
+        in_dtype!(dtype, P => {
+            let inputs =
+                [Input::<P>::in_kind("q", q, nq)?, Input::in_kind("qd", qd, nv)?, Input::in_kind("tau", tau, nv)?];
+            let wrenches = Wrench::read(&self.scene, wrenches)?;
+            let call = Call::new(self, inputs, wrenches, cost)?;
+            Ok(call.algorithm(py, Algorithm::ForwardDynamics(form), &[nv], out)?.into_any())
+        })
     }
 
     /// Joint torques from joint accelerations, in O(N), gravity and armature included.
     ///
-    /// q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches and out as in `forward_dynamics`.
+    /// q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches, out and dtype as in `forward_dynamics`.
     ///
     /// Returns tau, (..., nv) = H phi (Q lambda + b) + armature qdd - J^T w (1.5, 2.9, 2.10).
     ///
     /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, qdd, *, wrenches=None, out=None))]
+    #[pyo3(signature = (q, qd, qdd, *, wrenches=None, out=None, dtype=None))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics<'py>(
         &self,
@@ -75,56 +98,88 @@ impl PyScene {
         qdd: &Bound<'py, PyAny>,
         wrenches: Option<&Bound<'py, PyAny>>,
         out: Option<&Bound<'py, PyAny>>,
+        dtype: Option<&Bound<'py, PyAny>>,
     ) -> Array<'py> {
-        let nv = self.scene.nv();
-        let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, nv)?, Input::new("qdd", qdd, nv)?];
-        let wrenches = Wrench::read(&self.scene, wrenches)?;
-        let call = Call::new(self, inputs, wrenches, cost::INVERSE * self.size())?;
-        call.algorithm(py, Algorithm::InverseDynamics, &[nv], out)
+        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        let cost = cost::INVERSE * self.size();
+        in_dtype!(dtype, P => {
+            let inputs =
+                [Input::<P>::in_kind("q", q, nq)?, Input::in_kind("qd", qd, nv)?, Input::in_kind("qdd", qdd, nv)?];
+            let wrenches = Wrench::read(&self.scene, wrenches)?;
+            let call = Call::new(self, inputs, wrenches, cost)?;
+            Ok(call.algorithm(py, Algorithm::InverseDynamics, &[nv], out)?.into_any())
+        })
     }
 
     /// The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
     ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., nv), N m or N.
+    /// q: (..., nq); qd: (..., nv); leading axes broadcast; dtype as in `forward_dynamics`. Returns (..., nv), N m or N.
     ///
     /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
-    #[pyo3(signature = (q, qd))]
-    fn bias_torque<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, qd: &Bound<'py, PyAny>) -> Array<'py> {
-        let nv = self.scene.nv();
-        let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, nv)?];
-        let call = Call::new(self, inputs, Vec::new(), cost::INVERSE * self.size())?;
-        call.algorithm(py, Algorithm::BiasTorque, &[nv], None)
+    #[pyo3(signature = (q, qd, *, dtype=None))]
+    fn bias_torque<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        qd: &Bound<'py, PyAny>,
+        dtype: Option<&Bound<'py, PyAny>>,
+    ) -> Array<'py> {
+        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        let cost = cost::INVERSE * self.size();
+        in_dtype!(dtype, P => {
+            let inputs = [Input::<P>::in_kind("q", q, nq)?, Input::in_kind("qd", qd, nv)?];
+            let call = Call::new(self, inputs, Vec::new(), cost)?;
+            Ok(call.algorithm(py, Algorithm::BiasTorque, &[nv], None)?.into_any())
+        })
     }
 
     /// The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
     ///
-    /// q: (..., nq). Returns (..., nv, nv), full and exactly symmetric, SI units.
+    /// q: (..., nq); dtype as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units.
     ///
     /// Raises `ArgumentError` above 4000 degrees of freedom: `inverse_dynamics` multiplies by the matrix without forming it.
     /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
-    #[pyo3(signature = (q))]
-    fn mass_matrix<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> Array<'py> {
+    #[pyo3(signature = (q, *, dtype=None))]
+    fn mass_matrix<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        dtype: Option<&Bound<'py, PyAny>>,
+    ) -> Array<'py> {
         self.check_dense("mass_matrix", "inverse_dynamics, which multiplies by it")?;
-        let nv = self.scene.nv();
-        let inputs = [Input::new("q", q, self.scene.nq())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::COMPOSITE * self.size() + cost::ENTRY * nv * nv)?;
-        call.algorithm(py, Algorithm::MassMatrix, &[nv, nv], None)
+        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        let cost = cost::COMPOSITE * self.size() + cost::ENTRY * nv * nv;
+        in_dtype!(dtype, P => {
+            let inputs = [Input::<P>::in_kind("q", q, nq)?];
+            let call = Call::new(self, inputs, Vec::new(), cost)?;
+            Ok(call.algorithm(py, Algorithm::MassMatrix, &[nv, nv], None)?.into_any())
+        })
     }
 
     /// The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
     ///
-    /// q: (..., nq). form: as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units.
+    /// q: (..., nq). form and dtype: as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units.
     ///
     /// Raises `ArgumentError` above 4000 degrees of freedom: `forward_dynamics` multiplies by the inverse without forming it.
     /// Raises `SingularJointError`, `ShapeError`, `NotFiniteError`, `ArgumentError`, naming the state.
-    #[pyo3(signature = (q, *, form="auto"))]
-    fn mass_matrix_inverse<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, form: &str) -> Array<'py> {
+    #[pyo3(signature = (q, *, form="auto", dtype=None))]
+    fn mass_matrix_inverse<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        form: &str,
+        dtype: Option<&Bound<'py, PyAny>>,
+    ) -> Array<'py> {
         let form = read_form(form)?;
         self.check_dense("mass_matrix_inverse", "forward_dynamics, which multiplies by it")?;
-        let nv = self.scene.nv();
-        let inputs = [Input::new("q", q, self.scene.nq())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::CLOSED_FORM * self.size() + cost::ENTRY * nv * nv)?;
-        call.algorithm(py, Algorithm::MassMatrixInverse(form), &[nv, nv], None)
+        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        let cost = cost::CLOSED_FORM * self.size() + cost::ENTRY * nv * nv;
+        let algorithm = Algorithm::MassMatrixInverse(form);
+        in_dtype!(dtype, P => {
+            let inputs = [Input::<P>::in_kind("q", q, nq)?];
+            let call = Call::new(self, inputs, Vec::new(), cost)?;
+            Ok(call.algorithm(py, algorithm, &[nv, nv], None)?.into_any())
+        })
     }
 }
 

@@ -6,14 +6,14 @@ use super::estimation::Estimation;
 use super::scene::PyScene;
 use super::wrenches::{self, Wrench};
 use crate::batch::chunk::{Algorithm, Arguments};
-use crate::batch::evaluator::Evaluator;
+use crate::batch::evaluator::{Evaluated, Evaluator};
 use crate::batch::{Batch, Broadcast, Fault, broadcast_axes};
 use crate::dynamics::operational::OperationalScratch;
 use crate::error::Error;
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
-use numpy::PyArrayDyn;
+use numpy::{Element, PyArrayDyn};
 use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 
@@ -29,8 +29,9 @@ pub(super) struct Scratch {
     pub estimation: Option<Estimation>,
     /// For operational space only.
     pub operational: Option<OperationalScratch<f64>>,
-    /// What runs the kernels in lanes.
+    /// What runs the kernels in lanes, of float64 and of float32.
     evaluator: Option<Evaluator>,
+    evaluator_f32: Option<Evaluator<f32>>,
     /// Forces on bodies of the state at hand; empty without wrenches.
     pub forces: Vec<SpatialVector<f64>>,
     /// The same of as many states as there are lanes.
@@ -47,16 +48,35 @@ impl Scratch {
             estimation: None,
             operational: None,
             evaluator: None,
+            evaluator_f32: None,
             forces: Vec::new(),
             lane_forces: vec![Vec::new(); MOST_LANES],
         }
     }
 }
 
+/// A dtype that the algorithms in lanes compute in.
+pub(super) trait Dtype: Evaluated + Element {
+    /// What runs them, and the forces on bodies of the states at hand.
+    fn parts(scratch: &mut Scratch) -> (&mut Option<Evaluator<Self>>, &mut [Vec<SpatialVector<f64>>]);
+}
+
+impl Dtype for f64 {
+    fn parts(scratch: &mut Scratch) -> (&mut Option<Evaluator<Self>>, &mut [Vec<SpatialVector<f64>>]) {
+        (&mut scratch.evaluator, &mut scratch.lane_forces)
+    }
+}
+
+impl Dtype for f32 {
+    fn parts(scratch: &mut Scratch) -> (&mut Option<Evaluator<Self>>, &mut [Vec<SpatialVector<f64>>]) {
+        (&mut scratch.evaluator_f32, &mut scratch.lane_forces)
+    }
+}
+
 /// The arguments of a call, the leading axes they broadcast to, and about how long one state takes.
-pub(super) struct Call<'a, 'py, const N: usize> {
+pub(super) struct Call<'a, 'py, const N: usize, P: Element = f64> {
     scene: &'a PyScene,
-    inputs: [Input<'py>; N],
+    inputs: [Input<'py, P>; N],
     wrenches: Vec<Wrench<'py>>,
     /// The leading axes of the result.
     pub batch: Vec<usize>,
@@ -64,15 +84,17 @@ pub(super) struct Call<'a, 'py, const N: usize> {
     cost: usize,
 }
 
-impl<'a, 'py, const N: usize> Call<'a, 'py, N> {
+impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
     /// A call with these arguments; `cost` is the time of one state in ns, roughly.
-    pub fn new(scene: &'a PyScene, inputs: [Input<'py>; N], wrenches: Vec<Wrench<'py>>, cost: usize) -> PyResult<Self> {
-        let all = || inputs.iter().chain(wrenches.iter().map(|wrench| &wrench.input));
-        let batch = if all().all(|input| input.leading().is_empty()) {
-            Vec::new()
-        } else {
-            broadcast_axes(all().map(|input| (&*input.name, input.leading())))?
-        };
+    pub fn new(
+        scene: &'a PyScene,
+        inputs: [Input<'py, P>; N],
+        wrenches: Vec<Wrench<'py>>,
+        cost: usize,
+    ) -> PyResult<Self> {
+        let given = inputs.iter().map(|input| (&*input.name, input.leading()));
+        let all = given.chain(wrenches.iter().map(|Wrench { input, .. }| (&*input.name, input.leading())));
+        let batch = if all.clone().all(|(_, leading)| leading.is_empty()) { Vec::new() } else { broadcast_axes(all)? };
         let states = batch.iter().try_fold(1, |product: usize, &length| product.checked_mul(length));
         let Some(states) = states else {
             return Err(Error::argument("batch", "more states than memory has addresses", "fewer").into());
@@ -80,6 +102,95 @@ impl<'a, 'py, const N: usize> Call<'a, 'py, N> {
         Ok(Self { scene, inputs, wrenches, batch, states, cost })
     }
 
+    /// Runs `algorithm` on every state, in lanes, into an array of shape batch + `shape`; the inputs are q, then qd, then u.
+    pub fn algorithm(
+        &self,
+        py: Python<'py>,
+        algorithm: Algorithm,
+        shape: &[usize],
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
+        let mut output = self.output(py, shape, out)?;
+        let results = output.numbers()?;
+        let scene = &self.scene.scene;
+        let (arguments, wrenches) = self.over()?;
+        let empty: &[P] = &[];
+        let of_state = |i: usize| -> [&[P]; 3] {
+            std::array::from_fn(|k| arguments.get(k).map_or(empty, |argument| argument.state(i)))
+        };
+        let width = scene.width(algorithm);
+        let bodies = scene.model().bodies.len();
+        self.run(py, |batch| {
+            batch.run_pieces(MOST_LANES, results, |scratch, states, results| {
+                let (evaluator, forces) = P::parts(scratch);
+                let evaluator = evaluator.get_or_insert_with(|| Evaluator::new(scene));
+                let (mut first, last) = (states.start, states.end);
+                while first < last {
+                    let count = evaluator.lanes().min(last - first);
+                    let mut chunk = [Arguments::default(); MOST_LANES];
+                    for (lane, forces) in forces.iter_mut().enumerate().take(count) {
+                        wrenches::on_bodies(&wrenches, bodies, first + lane, forces)
+                            .map_err(|error| Fault { state: first + lane, error })?;
+                    }
+                    for (lane, (state, wrenches)) in chunk.iter_mut().zip(&*forces).enumerate().take(count) {
+                        let [q, qd, u] = of_state(first + lane);
+                        *state = Arguments { q, qd, u, wrenches };
+                    }
+                    let from = (first - states.start) * width;
+                    let out = &mut results[from..from + count * width];
+                    scene
+                        .evaluate(evaluator, algorithm, &chunk[..count], out)
+                        .map_err(|fault| Fault { state: first + fault.state, ..fault })?;
+                    first += count;
+                }
+                Ok(())
+            })
+        })?;
+        Ok(output.finish())
+    }
+
+    /// The array of shape batch + `shape` that receives the results: a new one, or the caller's `out`.
+    fn output(&self, py: Python<'py>, shape: &[usize], out: Option<&Bound<'py, PyAny>>) -> PyResult<Output<'py, P>> {
+        let mut full = Vec::with_capacity(self.batch.len() + shape.len());
+        full.extend_from_slice(&self.batch);
+        full.extend_from_slice(shape);
+        match out {
+            None => Output::new(py, &full),
+            Some(out) => {
+                let wrenches = self.wrenches.iter().map(|wrench| wrench.input.addresses());
+                Output::given(out, &full, self.inputs.iter().map(Input::addresses).chain(wrenches))
+            }
+        }
+    }
+
+    /// The arguments for the threads, which see no Python.
+    fn over(&self) -> PyResult<(Vec<Broadcast<'_, P>>, Vec<wrenches::States<'_>>)> {
+        let arguments = self.inputs.iter().map(|input| input.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
+        let wrenches = self.wrenches.iter().map(|wrench| wrench.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
+        Ok((arguments, wrenches))
+    }
+
+    /// Runs a batch without the GIL, but for short calls.
+    fn run(
+        &self,
+        py: Python<'py>,
+        work: impl FnOnce(Batch<'_, Scratch, &(dyn Fn() -> Scratch + Sync)>) -> Result<(), Fault> + Send,
+    ) -> PyResult<()> {
+        let scene = &self.scene.scene;
+        let make = || Scratch::new(scene);
+        let batch = Batch {
+            states: self.states,
+            cost: self.cost,
+            pool: &self.scene.pool,
+            make: &make as &(dyn Fn() -> Scratch + Sync),
+        };
+        let short = self.states.saturating_mul(self.cost) < WORTH_RELEASING;
+        let outcome = if short { work(batch) } else { py.detach(|| work(batch)) };
+        outcome.map_err(|error| fault(py, error, &self.batch))
+    }
+}
+
+impl<'py, const N: usize> Call<'_, 'py, N> {
     /// Room for `width` numbers a state, where the result is not one array.
     pub fn scratch_results(&self, width: usize) -> PyResult<Vec<f64>> {
         let mut results = Vec::new();
@@ -109,93 +220,6 @@ impl<'a, 'py, const N: usize> Call<'a, 'py, N> {
         let mut output = self.output(py, shape, out)?;
         self.numbers(py, output.numbers()?, kernel)?;
         Ok(output.finish())
-    }
-
-    /// Runs `algorithm` on every state, in lanes, into an array of shape batch + `shape`; the inputs are q, then qd, then u.
-    pub fn algorithm(
-        &self,
-        py: Python<'py>,
-        algorithm: Algorithm,
-        shape: &[usize],
-        out: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let mut output = self.output(py, shape, out)?;
-        let results = output.numbers()?;
-        let scene = &self.scene.scene;
-        let (arguments, wrenches) = self.over()?;
-        let empty: &[f64] = &[];
-        let of_state = |i: usize| -> [&[f64]; 3] {
-            std::array::from_fn(|k| arguments.get(k).map_or(empty, |argument| argument.state(i)))
-        };
-        let width = scene.width(algorithm);
-        let bodies = scene.model().bodies.len();
-        self.run(py, |batch| {
-            batch.run_pieces(MOST_LANES, results, |scratch, states, results| {
-                let Scratch { evaluator, lane_forces: forces, .. } = scratch;
-                let evaluator = evaluator.get_or_insert_with(|| scene.evaluator());
-                let (mut first, last) = (states.start, states.end);
-                while first < last {
-                    let count = evaluator.lanes().min(last - first);
-                    let mut chunk = [Arguments::default(); MOST_LANES];
-                    for (lane, forces) in forces.iter_mut().enumerate().take(count) {
-                        wrenches::on_bodies(&wrenches, bodies, first + lane, forces)
-                            .map_err(|error| Fault { state: first + lane, error })?;
-                    }
-                    for (lane, (state, wrenches)) in chunk.iter_mut().zip(&*forces).enumerate().take(count) {
-                        let [q, qd, u] = of_state(first + lane);
-                        *state = Arguments { q, qd, u, wrenches };
-                    }
-                    let from = (first - states.start) * width;
-                    let out = &mut results[from..from + count * width];
-                    scene
-                        .evaluate(evaluator, algorithm, &chunk[..count], out)
-                        .map_err(|fault| Fault { state: first + fault.state, ..fault })?;
-                    first += count;
-                }
-                Ok(())
-            })
-        })?;
-        Ok(output.finish())
-    }
-
-    /// The array of shape batch + `shape` that receives the results: a new one, or the caller's `out`.
-    fn output(&self, py: Python<'py>, shape: &[usize], out: Option<&Bound<'py, PyAny>>) -> PyResult<Output<'py>> {
-        let mut full = Vec::with_capacity(self.batch.len() + shape.len());
-        full.extend_from_slice(&self.batch);
-        full.extend_from_slice(shape);
-        match out {
-            None => Output::new(py, &full),
-            Some(out) => {
-                let all = self.inputs.iter().chain(self.wrenches.iter().map(|wrench| &wrench.input));
-                Output::given(out, &full, all)
-            }
-        }
-    }
-
-    /// The arguments for the threads, which see no Python.
-    fn over(&self) -> PyResult<(Vec<Broadcast<'_>>, Vec<wrenches::States<'_>>)> {
-        let arguments = self.inputs.iter().map(|input| input.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
-        let wrenches = self.wrenches.iter().map(|wrench| wrench.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
-        Ok((arguments, wrenches))
-    }
-
-    /// Runs a batch without the GIL, but for short calls.
-    fn run(
-        &self,
-        py: Python<'py>,
-        work: impl FnOnce(Batch<'_, Scratch, &(dyn Fn() -> Scratch + Sync)>) -> Result<(), Fault> + Send,
-    ) -> PyResult<()> {
-        let scene = &self.scene.scene;
-        let make = || Scratch::new(scene);
-        let batch = Batch {
-            states: self.states,
-            cost: self.cost,
-            pool: &self.scene.pool,
-            make: &make as &(dyn Fn() -> Scratch + Sync),
-        };
-        let short = self.states.saturating_mul(self.cost) < WORTH_RELEASING;
-        let outcome = if short { work(batch) } else { py.detach(|| work(batch)) };
-        outcome.map_err(|error| fault(py, error, &self.batch))
     }
 
     /// Evaluates every state into `results`, row-major over the batch.

@@ -24,6 +24,7 @@ mod scene;
 mod scenes;
 mod stability;
 mod stochastic;
+mod threads;
 mod wrenches;
 
 /// Articulated-body dynamics as Kalman filtering: the compiled half of `phipsi`.
@@ -50,6 +51,8 @@ mod core_module {
     use super::stability::PyExact;
     #[pymodule_export]
     use super::stochastic::{PyRandomModel, emergence_of};
+    #[pymodule_export]
+    use super::threads::{get_num_threads, set_num_threads};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

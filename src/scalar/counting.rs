@@ -137,10 +137,10 @@ impl Real for Counted {
         Self(x)
     }
 
-    type Number = Self;
+    type Parameter = Self;
 
     #[inline(always)]
-    fn number(x: f64) -> Self {
+    fn parameter(x: f64) -> Self {
         Self::from_f64(x)
     }
 

@@ -237,10 +237,10 @@ impl Real for DoubleDouble {
         Self::exact(x)
     }
 
-    type Number = Self;
+    type Parameter = Self;
 
     #[inline(always)]
-    fn number(x: f64) -> Self {
+    fn parameter(x: f64) -> Self {
         Self::from_f64(x)
     }
 

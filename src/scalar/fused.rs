@@ -1,7 +1,7 @@
 //! One number with fused products: what one state runs on where the processor has the instruction.
 
 use super::Real;
-use super::trigonometry::{LARGEST, ROUNDER, far, of_reduced};
+use super::trigonometry::{Circle, far, of_reduced};
 use num_traits::{One, Zero};
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use std::slice::from_mut;
@@ -72,10 +72,10 @@ impl Real for Fused {
         Self(x)
     }
 
-    type Number = Self;
+    type Parameter = Self;
 
     #[inline(always)]
-    fn number(x: f64) -> Self {
+    fn parameter(x: f64) -> Self {
         Self::from_f64(x)
     }
 
@@ -111,14 +111,15 @@ impl Real for Fused {
 
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
-        let shifted = self.0.mul_add(std::f64::consts::FRAC_2_PI, ROUNDER);
-        let (sine, cosine) = of_reduced(self, Self(shifted - ROUNDER));
-        // Quadrants 1 and 3 swap, 2 and 3 turn the sine's sign, 1 and 2 the cosine's.
+        let rounder = <f64 as Circle>::ROUNDER;
+        let shifted = self.0.mul_add(std::f64::consts::FRAC_2_PI, rounder);
+        let (sine, cosine) = of_reduced::<f64, _>(self, Self(shifted - rounder));
+        // As in lanes.
         let quadrant = shifted.to_bits();
         let (s, c) = if quadrant & 1 == 1 { (cosine.0, sine.0) } else { (sine.0, cosine.0) };
         let (of_sine, of_cosine) = ((quadrant & 2) << 62, (quadrant.wrapping_add(1) & 2) << 62);
         let (mut s, mut c) = (f64::from_bits(s.to_bits() ^ of_sine), f64::from_bits(c.to_bits() ^ of_cosine));
-        if !(self.0.abs() <= LARGEST) {
+        if !(self.0.abs() <= <f64 as Circle>::LARGEST) {
             far(&[self.0], from_mut(&mut s), from_mut(&mut c));
         }
         (Self(s), Self(c))

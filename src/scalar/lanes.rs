@@ -3,12 +3,12 @@
 //! The registers and their instructions are pulp's, for the instruction set `S`. Operations are one instruction inside work that an
 //! arm runs (see [`arms`](crate::batch::arms)), and slow calls outside.
 
-use super::Real;
 use super::trigonometry as t;
+use super::{Precision, Real};
 use num_traits::{One, Zero};
 use pulp::Simd;
 use pulp::bytemuck::{cast_slice, cast_slice_mut};
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 use pulp::cast;
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
@@ -26,12 +26,20 @@ pub trait Instructions: Simd {
     fn transpose(self, block: &mut [Self::f64s]);
 }
 
+/// 16 bytes.
+#[cfg(target_arch = "aarch64")]
+#[derive(Debug, Clone, Copy)]
+#[repr(align(16))]
+pub struct Align16;
+
 /// 32 bytes.
+#[cfg(target_arch = "x86_64")]
 #[derive(Debug, Clone, Copy)]
 #[repr(align(32))]
 pub struct Align32;
 
 /// 64 bytes.
+#[cfg(target_arch = "x86_64")]
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
 pub struct Align64;
@@ -99,22 +107,39 @@ impl Instructions for pulp::x86::V4 {
     }
 }
 
-/// One f64 of each state, as many as a register of `S` holds.
+#[cfg(target_arch = "aarch64")]
+impl Instructions for pulp::aarch64::Neon {
+    type Alignment = Align16;
+
+    #[inline(always)]
+    fn transpose(self, block: &mut [Self::f64s]) {
+        let [a, b] = block else { return };
+        let (x, y): ([f64; 2], [f64; 2]) = (cast(*a), cast(*b));
+        (*a, *b) = (cast([x[0], y[0]]), cast([x[1], y[1]]));
+    }
+
+    #[inline(always)]
+    fn token() -> Option<Self> {
+        Self::try_new()
+    }
+}
+
+/// One number of each state, as many as a register of `S` holds: f64, or f32 and then twice as many.
 #[derive(Debug, Clone, Copy)]
-pub struct Lanes<S: Instructions> {
+pub struct Lanes<S: Instructions, P: Precision = f64> {
     /// Of no size; aligns the rest.
     _alignment: [S::Alignment; 0],
     simd: S,
-    value: S::f64s,
+    value: P::Register<S>,
 }
 
-impl<S: Instructions> Lanes<S> {
+impl<S: Instructions, P: Precision> Lanes<S, P> {
     #[inline(always)]
-    fn new(simd: S, value: S::f64s) -> Self {
+    fn new(simd: S, value: P::Register<S>) -> Self {
         Self { _alignment: [], simd, value }
     }
 
-    /// The same number in every lane.
+    /// The number nearest to `x` in every lane.
     ///
     /// # Panics
     ///
@@ -123,24 +148,29 @@ impl<S: Instructions> Lanes<S> {
     #[must_use]
     pub fn splat(x: f64) -> Self {
         let simd = S::token().expect("an arm of this processor");
-        Self::new(simd, simd.splat_f64s(x))
+        Self::new(simd, P::splat(simd, x))
     }
 
     /// The numbers, lane by lane.
     #[inline(always)]
-    pub fn lanes(&self) -> &[f64] {
+    pub fn lanes(&self) -> &[P] {
         cast_slice(from_ref(&self.value))
     }
 
     /// The numbers, lane by lane.
     #[inline(always)]
-    pub fn lanes_mut(&mut self) -> &mut [f64] {
+    pub fn lanes_mut(&mut self) -> &mut [P] {
         cast_slice_mut(from_mut(&mut self.value))
     }
+}
 
+/// As many lanes of f64 as any set of instructions has.
+const MOST_LANES: usize = 8;
+
+impl<S: Instructions> Lanes<S> {
     /// A slice of each lane's numbers into lanes; empty slices leave all as it is.
     #[inline(always)]
-    pub(crate) fn take_lanes(states: &[&[f64]], numbers: &mut [Self]) {
+    pub(super) fn take_lanes(states: &[&[f64]], numbers: &mut [Self]) {
         let Some(simd) = numbers.first().map(|first| first.simd) else { return };
         let length = numbers.len().min(states.iter().map(|state| state.len()).min().unwrap_or(0));
         let whole = length - length % S::F64_LANES;
@@ -167,7 +197,7 @@ impl<S: Instructions> Lanes<S> {
 
     /// Each lane's numbers one after another, of as many lanes as `out` has room for.
     #[inline(always)]
-    pub(crate) fn put_lanes(numbers: &[Self], out: &mut [f64]) {
+    pub(super) fn put_lanes(numbers: &[Self], out: &mut [f64]) {
         let Some(simd) = numbers.first().map(|first| first.simd) else { return };
         let length = numbers.len();
         let whole = length - length % S::F64_LANES;
@@ -189,51 +219,47 @@ impl<S: Instructions> Lanes<S> {
     }
 }
 
-/// As many lanes as any set of instructions has.
-const MOST_LANES: usize = 8;
-
-impl<S: Instructions> PartialEq for Lanes<S> {
+impl<S: Instructions, P: Precision> PartialEq for Lanes<S, P> {
     fn eq(&self, other: &Self) -> bool {
         self.lanes() == other.lanes()
     }
 }
 
 macro_rules! operator {
-    ($operator:ident, $function:ident, $assigning:ident, $assign:ident, $instruction:ident) => {
-        impl<S: Instructions> $operator for Lanes<S> {
+    ($operator:ident, $function:ident, $assigning:ident, $assign:ident) => {
+        impl<S: Instructions, P: Precision> $operator for Lanes<S, P> {
             type Output = Self;
 
             #[inline(always)]
             fn $function(self, other: Self) -> Self {
-                Self::new(self.simd, self.simd.$instruction(self.value, other.value))
+                Self::new(self.simd, P::$function(self.simd, self.value, other.value))
             }
         }
 
-        impl<S: Instructions> $assigning for Lanes<S> {
+        impl<S: Instructions, P: Precision> $assigning for Lanes<S, P> {
             #[inline(always)]
             fn $assign(&mut self, other: Self) {
-                self.value = self.simd.$instruction(self.value, other.value);
+                self.value = P::$function(self.simd, self.value, other.value);
             }
         }
     };
 }
 
-operator!(Add, add, AddAssign, add_assign, add_f64s);
-operator!(Sub, sub, SubAssign, sub_assign, sub_f64s);
-operator!(Mul, mul, MulAssign, mul_assign, mul_f64s);
-operator!(Div, div, DivAssign, div_assign, div_f64s);
+operator!(Add, add, AddAssign, add_assign);
+operator!(Sub, sub, SubAssign, sub_assign);
+operator!(Mul, mul, MulAssign, mul_assign);
+operator!(Div, div, DivAssign, div_assign);
 
-impl<S: Instructions> Neg for Lanes<S> {
+impl<S: Instructions, P: Precision> Neg for Lanes<S, P> {
     type Output = Self;
 
     #[inline(always)]
     fn neg(self) -> Self {
-        let s = self.simd;
-        Self::new(s, s.xor_f64s(self.value, s.splat_f64s(-0.0)))
+        Self::new(self.simd, P::negated(self.simd, self.value))
     }
 }
 
-impl<S: Instructions> Zero for Lanes<S> {
+impl<S: Instructions, P: Precision> Zero for Lanes<S, P> {
     #[inline(always)]
     fn zero() -> Self {
         Self::splat(0.0)
@@ -241,19 +267,19 @@ impl<S: Instructions> Zero for Lanes<S> {
 
     #[inline(always)]
     fn is_zero(&self) -> bool {
-        self.lanes().iter().all(Zero::is_zero)
+        self.lanes().iter().all(|x| x.widened() == 0.0)
     }
 }
 
-impl<S: Instructions> One for Lanes<S> {
+impl<S: Instructions, P: Precision> One for Lanes<S, P> {
     #[inline(always)]
     fn one() -> Self {
         Self::splat(1.0)
     }
 }
 
-impl<S: Instructions> Real for Lanes<S> {
-    const LANES: usize = S::F64_LANES;
+impl<S: Instructions, P: Precision> Real for Lanes<S, P> {
+    const LANES: usize = size_of::<P::Register<S>>() / size_of::<P>();
 
     #[inline(always)]
     fn from_f64(x: f64) -> Self {
@@ -262,65 +288,56 @@ impl<S: Instructions> Real for Lanes<S> {
 
     #[inline(always)]
     fn constant(self, x: f64) -> Self {
-        Self::new(self.simd, self.simd.splat_f64s(x))
+        Self::new(self.simd, P::splat(self.simd, x))
     }
 
-    type Number = f64;
+    type Parameter = P;
 
     #[inline(always)]
-    fn number(x: f64) -> f64 {
-        x
+    fn parameter(x: f64) -> P {
+        P::nearest(x)
     }
 
     #[inline(always)]
-    fn everywhere(self, x: f64) -> Self {
-        self.constant(x)
+    fn everywhere(self, x: P) -> Self {
+        self.constant(x.widened())
     }
 
     #[inline(always)]
     fn lane(self, index: usize) -> f64 {
-        self.lanes()[index]
+        self.lanes()[index].widened()
     }
 
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
-        Self::new(self.simd, self.simd.mul_add_f64s(self.value, b.value, c.value))
+        Self::new(self.simd, P::mul_add(self.simd, self.value, b.value, c.value))
     }
 
     #[inline(always)]
     fn minus_product(self, b: Self, c: Self) -> Self {
-        Self::new(self.simd, self.simd.negate_mul_add_f64s(b.value, c.value, self.value))
+        Self::new(self.simd, P::minus_product(self.simd, b.value, c.value, self.value))
     }
 
     #[inline(always)]
     fn recip(self) -> Self {
-        Self::new(self.simd, self.simd.div_f64s(self.simd.splat_f64s(1.0), self.value))
+        self.constant(1.0) / self
     }
 
     #[inline(always)]
     fn sqrt(self) -> Self {
-        Self::new(self.simd, self.simd.sqrt_f64s(self.value))
+        Self::new(self.simd, P::sqrt(self.simd, self.value))
     }
 
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
         let s = self.simd;
-        let shifted = self.mul_add(self.constant(std::f64::consts::FRAC_2_PI), self.constant(t::ROUNDER));
-        let (sine, cosine) = t::of_reduced(self, shifted - self.constant(t::ROUNDER));
-
-        // As `Fused` chooses, in every lane.
-        let quadrant = s.transmute_u64s_f64s(shifted.value);
-        let (one, two) = (s.splat_u64s(1), s.splat_u64s(2));
-        let swapped = s.equal_u64s(s.and_u64s(quadrant, one), one);
-        let sine_turned = s.equal_u64s(s.and_u64s(quadrant, two), two);
-        let cosine_turned = s.equal_u64s(s.and_u64s(s.add_u64s(quadrant, one), two), two);
-        let (sine, cosine) =
-            (s.select_f64s(swapped, cosine.value, sine.value), s.select_f64s(swapped, sine.value, cosine.value));
-        let sine = Self::new(s, s.select_f64s(sine_turned, (-Self::new(s, sine)).value, sine));
-        let cosine = Self::new(s, s.select_f64s(cosine_turned, (-Self::new(s, cosine)).value, cosine));
-        // Rare: each lane that the reduction is not good for, by itself, so that no lane changes another's bits. A NaN is not below.
-        let good = s.less_than_or_equal_f64s(self.abs().value, s.splat_f64s(t::LARGEST));
-        if s.first_true_m64s(s.not_m64s(good)) < S::F64_LANES {
+        let rounder = self.constant(P::ROUNDER);
+        let shifted = self.mul_add(self.constant(std::f64::consts::FRAC_2_PI), rounder);
+        let (sine, cosine) = t::of_reduced::<P, _>(self, shifted - rounder);
+        let (sine, cosine) = P::turned(s, shifted.value, sine.value, cosine.value);
+        let (sine, cosine) = (Self::new(s, sine), Self::new(s, cosine));
+        // Rare: each lane that the reduction is not good for, by itself, so that no lane changes another's bits.
+        if !P::all_within(s, self.value, P::LARGEST) {
             // Copies, or sine and cosine would live in memory from the start.
             let (mut sine, mut cosine) = (sine, cosine);
             t::far(self.lanes(), sine.lanes_mut(), cosine.lanes_mut());
@@ -331,28 +348,21 @@ impl<S: Instructions> Real for Lanes<S> {
 
     #[inline(always)]
     fn abs(self) -> Self {
-        let s = self.simd;
-        Self::new(s, s.and_f64s(self.value, s.splat_f64s(f64::from_bits(!(1 << 63)))))
+        Self::new(self.simd, P::absolute(self.simd, self.value))
     }
 
     #[inline(always)]
     fn worst(self, other: Self) -> Self {
-        let s = self.simd;
-        let (a, b) = (self.value, other.value);
-        // A NaN on either side compares false: the sum keeps it.
-        let (less, more) = (s.less_than_or_equal_f64s(a, b), s.less_than_or_equal_f64s(b, a));
-        Self::new(s, s.select_f64s(less, a, s.select_f64s(more, b, s.add_f64s(a, b))))
+        Self::new(self.simd, P::worst(self.simd, self.value, other.value))
     }
 
     #[inline(always)]
     fn one_if_zero(self) -> Self {
-        let s = self.simd;
-        let zero = s.splat_f64s(0.0);
-        Self::new(s, s.select_f64s(s.equal_f64s(self.value, zero), s.splat_f64s(1.0), zero))
+        Self::new(self.simd, P::one_if_zero(self.simd, self.value))
     }
 
     #[inline(always)]
     fn epsilon() -> Self {
-        Self::splat(f64::EPSILON)
+        Self::splat(P::EPSILON)
     }
 }

@@ -9,6 +9,7 @@ mod counting;
 mod double_double;
 mod fused;
 mod lanes;
+mod precision;
 mod trigonometry;
 
 pub use columns::ColumnsOf;
@@ -16,6 +17,8 @@ pub use counting::{Counted, Operations};
 pub use double_double::DoubleDouble;
 pub use fused::Fused;
 pub use lanes::{Instructions, Lanes};
+pub use precision::Precision;
+pub use trigonometry::Circle;
 
 use nalgebra::{ClosedAddAssign, ClosedDivAssign, ClosedMulAssign, ClosedSubAssign, Scalar};
 use num_traits::{One, Zero};
@@ -52,14 +55,14 @@ pub trait Real:
     }
 
     /// What a constant of a scene is kept in: one number for all lanes.
-    type Number: Copy + std::fmt::Debug + Send + Sync + 'static;
+    type Parameter: Copy + std::fmt::Debug + Send + Sync + 'static;
 
     /// The nearest number to `x`.
-    fn number(x: f64) -> Self::Number;
+    fn parameter(x: f64) -> Self::Parameter;
 
     /// A number in every lane; `self` says only of which kind, as for [`Real::constant`].
     #[must_use]
-    fn everywhere(self, x: Self::Number) -> Self;
+    fn everywhere(self, x: Self::Parameter) -> Self;
 
     /// The number in one lane, rounded to f64.
     fn lane(self, index: usize) -> f64;
@@ -109,10 +112,10 @@ impl<T: nalgebra::RealField + Copy> Real for T {
         nalgebra::convert(x)
     }
 
-    type Number = Self;
+    type Parameter = Self;
 
     #[inline]
-    fn number(x: f64) -> Self {
+    fn parameter(x: f64) -> Self {
         nalgebra::convert(x)
     }
 

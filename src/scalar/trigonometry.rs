@@ -1,71 +1,93 @@
 //! Sine and cosine without a branch on a value: what one number and the lanes of a register share.
 //!
-//! Reduction by pi/2 in three parts of 33 bits (the split and the polynomials' coefficients are those of Sun's fdlibm, known for
-//! errors below one unit in the last place); what is left beside the reduced argument enters both polynomials. Valid to
-//! [`LARGEST`]; beyond, and for what is not finite, the caller asks the standard library. Rounding to whole quadrants and choosing by
-//! them is the scalar's own.
+//! Reduction by pi/2 in three parts, and polynomials; what is left beside the reduced argument enters both. In f64 the parts have
+//! 33 bits (the split and the polynomials' coefficients are those of Sun's fdlibm, known for errors below one unit in the last
+//! place). In f32 they have 24, products with them are fused, and the polynomials are minimax fits of our own to |y| <= 0.82, good
+//! to a tenth of a unit. Valid to [`Circle::LARGEST`]; beyond, and for what is not finite, the caller asks the standard library.
+//! Rounding to whole quadrants and choosing by them is the scalar's own.
 
-use super::Real;
+use super::{Precision, Real};
 
-/// The largest absolute value, in radians, that the reduction is good for.
-pub const LARGEST: f64 = 1.0e6;
+/// The constants of one kind of number.
+pub trait Circle: Copy + 'static {
+    /// The largest absolute value, in radians, that the reduction is good for.
+    const LARGEST: f64;
 
-/// pi/2 in parts of 33 bits.
-const HALF_PI: [f64; 2] = [1.570_796_326_734_125_6, 6.077_100_506_303_966e-11];
-/// What is left of pi/2.
-const HALF_PI_REST: f64 = 2.022_266_248_795_950_6e-21;
+    /// Three quarters of the number above which only even integers are: added and taken away again, it rounds to an integer.
+    const ROUNDER: f64;
 
-/// 1.5 * 2^52: added and taken away again, it rounds to an integer.
-pub const ROUNDER: f64 = 6_755_399_441_055_744.0;
+    /// pi/2 in parts.
+    const HALF_PI: [f64; 3];
 
-/// Of sin y = y + y^3 (c0 + c1 y^2 + ...).
-const SINE: [f64; 6] = [
-    -0.166_666_666_666_666_32,
-    0.008_333_333_333_322_49,
-    -0.000_198_412_698_298_579_5,
-    2.755_731_370_707_006_8e-06,
-    -2.505_076_025_340_686_3e-08,
-    1.589_690_995_211_55e-10,
-];
+    /// Of sin y = y + y^3 (c0 + c1 y^2 + ...).
+    const SINE: &'static [f64];
 
-/// Of cos y = 1 - y^2 / 2 + y^4 (c0 + c1 y^2 + ...).
-const COSINE: [f64; 6] = [
-    0.041_666_666_666_666_6,
-    -0.001_388_888_888_887_411,
-    2.480_158_728_947_673e-05,
-    -2.755_731_435_139_066_3e-07,
-    2.087_572_321_298_175e-09,
-    -1.135_964_755_778_819_5e-11,
-];
+    /// Of cos y = 1 - y^2 / 2 + y^4 (c0 + c1 y^2 + ...).
+    const COSINE: &'static [f64];
+}
 
-/// Sine and cosine of `x` less `turns` quarter turns, |x| up to [`LARGEST`], to about one unit in the last place.
+impl Circle for f64 {
+    const LARGEST: f64 = 1.0e6;
+    const ROUNDER: f64 = 6_755_399_441_055_744.0;
+    const HALF_PI: [f64; 3] = [1.570_796_326_734_125_6, 6.077_100_506_303_966e-11, 2.022_266_248_795_950_6e-21];
+    const SINE: &'static [f64] = &[
+        -0.166_666_666_666_666_32,
+        0.008_333_333_333_322_49,
+        -0.000_198_412_698_298_579_5,
+        2.755_731_370_707_006_8e-06,
+        -2.505_076_025_340_686_3e-08,
+        1.589_690_995_211_55e-10,
+    ];
+    const COSINE: &'static [f64] = &[
+        0.041_666_666_666_666_6,
+        -0.001_388_888_888_887_411,
+        2.480_158_728_947_673e-05,
+        -2.755_731_435_139_066_3e-07,
+        2.087_572_321_298_175e-09,
+        -1.135_964_755_778_819_5e-11,
+    ];
+}
+
+impl Circle for f32 {
+    const LARGEST: f64 = 1.0e5;
+    const ROUNDER: f64 = 12_582_912.0;
+    // Each is a number of f32, and positive: so the sine of -0 is -0.
+    const HALF_PI: [f64; 3] = [1.570_796_251_296_997, 7.549_789_415_861_596e-08, 5.390_302_953_474_238e-15];
+    const SINE: &'static [f64] = &[-0.166_666_507_720_947_27, 0.008_331_939_578_056_335, -0.000_194_859_763_723_798_1];
+    const COSINE: &'static [f64] = &[0.041_666_638_106_107_71, -0.001_388_701_493_851_840_5, 2.439_963_645_883_836e-05];
+}
+
+/// Sine and cosine of `x` less `turns` quarter turns, |x| up to [`Circle::LARGEST`], to about one unit in the last place of `P`.
 #[inline(always)]
-pub fn of_reduced<T: Real>(x: T, turns: T) -> (T, T) {
-    // Products of 20 and 33 bits are exact; each difference is exact or leaves its rounding to the next.
-    let first = x.minus_product(turns, x.constant(HALF_PI[0]));
-    let second = turns * x.constant(HALF_PI[1]);
+pub fn of_reduced<P: Circle, T: Real>(x: T, turns: T) -> (T, T) {
+    // This difference is exact, by the 33 bits in f64 and fused in f32; each other is exact or leaves its rounding to the next. The
+    // product is exact in f64, and leaves its own rounding too in f32.
+    let part = P::HALF_PI.map(|part| x.constant(part));
+    let first = x.minus_product(turns, part[0]);
+    let second = turns * part[1];
+    let slip = turns.mul_add(part[1], -second);
     let reduced = first - second;
-    let rest = turns * x.constant(HALF_PI_REST) - ((first - reduced) - second);
+    let rest = turns.mul_add(part[2], slip) - ((first - reduced) - second);
     let y = reduced - rest;
     let tail = (reduced - y) - rest;
 
     let z = y * y;
     let v = z * y;
-    let of_sine = horner(z, [SINE[5], SINE[4], SINE[3], SINE[2], SINE[1]]);
+    let of_sine = horner(z, &P::SINE[1..]);
     let half_tail = (tail * x.constant(0.5)).minus_product(v, of_sine);
-    let sine = y - (z.mul_add(half_tail, -tail) - v * x.constant(SINE[0]));
+    let sine = y - (z.mul_add(half_tail, -tail) - v * x.constant(P::SINE[0]));
     let (one, half) = (x.constant(1.0), z * x.constant(0.5));
     let whole = one - half;
-    let of_cosine = horner(z, [COSINE[5], COSINE[4], COSINE[3], COSINE[2], COSINE[1], COSINE[0]]);
+    let of_cosine = horner(z, P::COSINE);
     let cosine = whole + (((one - whole) - half) + z.mul_add(z * of_cosine, -(y * tail)));
     (sine, cosine)
 }
 
-/// The polynomial of these coefficients, the highest first.
+/// The polynomial of these coefficients, the lowest first.
 #[inline(always)]
-fn horner<T: Real, const N: usize>(z: T, coefficients: [f64; N]) -> T {
-    let mut sum = z.constant(coefficients[0]);
-    for &c in &coefficients[1..] {
+fn horner<T: Real>(z: T, coefficients: &[f64]) -> T {
+    let mut sum = z.constant(coefficients[coefficients.len() - 1]);
+    for &c in coefficients[..coefficients.len() - 1].iter().rev() {
         sum = sum.mul_add(z, z.constant(c));
     }
     sum
@@ -74,10 +96,10 @@ fn horner<T: Real, const N: usize>(z: T, coefficients: [f64; N]) -> T {
 /// Overwrites the sines and cosines of those angles that the reduction is not good for.
 #[cold]
 #[inline(never)]
-pub fn far(angles: &[f64], sines: &mut [f64], cosines: &mut [f64]) {
+pub fn far<P: Precision>(angles: &[P], sines: &mut [P], cosines: &mut [P]) {
     for ((s, c), &x) in sines.iter_mut().zip(cosines).zip(angles) {
-        if !(x.abs() <= LARGEST) {
-            (*s, *c) = x.sin_cos();
+        if !(x.widened().abs() <= P::LARGEST) {
+            (*s, *c) = x.exact_sin_cos();
         }
     }
 }

@@ -10,6 +10,14 @@ pub fn count(n: usize) -> f64 {
     n as f64
 }
 
+/// What a bound on rounding in float64 is in float32, where the numbers of the scene are rounded too.
+pub fn single(bound: f64) -> f64 {
+    bound * (f64::from(f32::EPSILON) / f64::EPSILON)
+}
+
+/// How far sine and cosine in float32 may be off, in units in the last place: 0.80 is the most for any angle up to 1e5.
+pub const SINGLE_ULPS: f64 = 0.81;
+
 /// For products and sums without a solve: `c * n * eps * scale`.
 pub fn product(n: usize, scale: f64) -> f64 {
     8.0 * count(n.max(1)) * f64::EPSILON * scale

@@ -18,7 +18,7 @@ from conftest import State, methods, random_scene, random_states
 from tolerances import assert_same_bits
 
 import phipsi
-from phipsi.errors import SceneError, SingularJointError
+from phipsi.errors import ArgumentError, SceneError, SingularJointError
 
 
 @pytest.mark.parametrize("protocol", range(2, pickle.HIGHEST_PROTOCOL + 1))
@@ -104,6 +104,49 @@ def test_the_number_of_threads_changes_no_bit(mixed: phipsi.Scene, threads: str)
     )
     found = np.frombuffer(done.stdout).reshape(-1, mixed.nv)
     assert_same_bits(found, mixed.forward_dynamics(*state))
+
+
+@pytest.fixture
+def threads_of_the_machine() -> Iterator[int]:
+    """Tests that set the number of threads leave it as it was."""
+    phipsi.set_num_threads(None)
+    yield phipsi.get_num_threads()
+    phipsi.set_num_threads(None)
+
+
+def test_the_number_of_threads_is_set(mixed: phipsi.Scene, threads_of_the_machine: int) -> None:
+    state = large(mixed)
+    expected = mixed.forward_dynamics(*state)
+    for threads in (1, 2, 3, 7, 1):
+        phipsi.set_num_threads(threads)
+        assert phipsi.get_num_threads() == threads
+        assert_same_bits(mixed.forward_dynamics(*state), expected)
+    phipsi.set_num_threads(0)
+    assert phipsi.get_num_threads() == threads_of_the_machine >= 1
+
+
+@pytest.mark.parametrize("nonsense", [-1, 1.5, "two", 2**70, True, 10**9, [2]])
+def test_numbers_of_threads_that_are_refused(threads_of_the_machine: int, nonsense: object) -> None:
+    phipsi.set_num_threads(2)
+    with pytest.raises(ArgumentError, match="threads: found"):
+        phipsi.set_num_threads(nonsense)  # type: ignore[arg-type]
+    assert phipsi.get_num_threads() == 2
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork on this system")
+def test_a_forked_process_keeps_the_number_of_threads(mixed: phipsi.Scene, threads_of_the_machine: int) -> None:
+    state = large(mixed)
+    phipsi.set_num_threads(3)
+    expected = mixed.forward_dynamics(*state)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        with multiprocessing.get_context("fork").Pool(1) as pool:
+            assert pool.apply_async(phipsi.get_num_threads).get(timeout=120) == 3
+            assert_same_bits(pool.apply_async(mixed.forward_dynamics, state).get(timeout=120), expected)
+            pool.apply_async(phipsi.set_num_threads, (2,)).get(timeout=120)
+            assert pool.apply_async(phipsi.get_num_threads).get(timeout=120) == 2
+            assert_same_bits(pool.apply_async(mixed.forward_dynamics, state).get(timeout=120), expected)
+    assert phipsi.get_num_threads() == 3
 
 
 def test_eight_threads_on_one_scene(mixed: phipsi.Scene, method: str) -> None:

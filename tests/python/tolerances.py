@@ -25,6 +25,11 @@ def inverse(condition: float, scale: float) -> float:
     return 64.0 * condition * EPS * scale
 
 
+def in_float32(bound: float) -> float:
+    """What a bound on rounding in float64 is in float32, where the numbers of the scene are rounded too."""
+    return bound * float(np.finfo(np.float32).eps) / EPS
+
+
 def central_difference(scale: float) -> float:
     """For a derivative by differences with STEP; scale is the size of the function and its third derivative."""
     return 32.0 * EPS ** (2 / 3) * scale

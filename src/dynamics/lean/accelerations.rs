@@ -41,8 +41,8 @@ pub(super) fn base_to_tip<T: Real>(
 /// phi* lambda across a turn.
 #[inline(always)]
 pub(super) fn carried<T: Real>(
-    body: &LeanBody<T::Number>,
-    renaming: &Renaming<T::Number>,
+    body: &LeanBody<T::Parameter>,
+    renaming: &Renaming<T::Parameter>,
     turn: Turn<T>,
     lambda: &Halves<T>,
 ) -> [[T; 3]; 2] {

@@ -62,7 +62,7 @@ pub(super) struct LeanBody<N> {
 /// The bodies of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LeanModel<T: Real> {
-    pub(super) bodies: Vec<LeanBody<T::Number>>,
+    pub(super) bodies: Vec<LeanBody<T::Parameter>>,
     pub(super) outward_slots: usize,
     pub(super) inward_slots: usize,
     pub(super) shifts: usize,
@@ -84,7 +84,7 @@ impl<T: Real> LeanModel<T> {
         let place = |slots: &Slots, body: Option<usize>| body.map_or(0, |body| slots.of[body]);
         let bodies = model.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
             let renaming = match body.motion {
-                Motion::Revolute if model.omissions.renamed_axes => Renaming::of(&body.tree.rotation, T::number),
+                Motion::Revolute if model.omissions.renamed_axes => Renaming::of(&body.tree.rotation, T::parameter),
                 _ => None,
             };
             let tree = &body.tree;
@@ -98,7 +98,7 @@ impl<T: Real> LeanModel<T> {
                 },
                 Carrier::Turn,
             );
-            let number = T::number;
+            let number = T::parameter;
             LeanBody {
                 carrier,
                 parent: stage.parent,

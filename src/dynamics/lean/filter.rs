@@ -161,7 +161,7 @@ pub(super) fn predict<T: Real>(
 
 /// M(k), and the bounds on its terms.
 #[inline(always)]
-fn noise_of<T: Real>(body: &LeanBody<T::Number>, like: T) -> Covariance<T> {
+fn noise_of<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> Covariance<T> {
     let o = like.constant(0.0);
     let [xx, xy, xz, yy, yz, zz] = body.rotational;
     let [x, y, z] = body.first_moment;
@@ -196,7 +196,7 @@ fn noise_of<T: Real>(body: &LeanBody<T::Number>, like: T) -> Covariance<T> {
 
 /// D and g of a turn (3.6, 3.10), with P^- H^T but for the entry that H picks.
 #[inline(always)]
-fn measured<T: Real>(body: &LeanBody<T::Number>, p: &[T; 21]) -> (Measured<T>, [T; 5]) {
+fn measured<T: Real>(body: &LeanBody<T::Parameter>, p: &[T; 21]) -> (Measured<T>, [T; 5]) {
     let pivot = p[5] + p[5].everywhere(body.noise);
     let pivot_inverse = pivot.recip();
     let column = [p[2], p[4], p[12], p[13], p[14]];
@@ -214,7 +214,7 @@ fn measured<T: Real>(body: &LeanBody<T::Number>, p: &[T; 21]) -> (Measured<T>, [
 
 /// The filter across a turn: z^- becomes z^+ (4.5); gives e^- (4.2).
 #[inline(always)]
-fn measure<T: Real>(body: &LeanBody<T::Number>, m: &Measured<T>, measurement: T, z: &mut [T; 6]) -> T {
+fn measure<T: Real>(body: &LeanBody<T::Parameter>, m: &Measured<T>, measurement: T, z: &mut [T; 6]) -> T {
     let e = measurement - z[ABOUT_Z];
     let g = &m.gain;
     // H z^+ = tau - (r / D) e^-, which a sum with a large H z^- would not give.
@@ -236,7 +236,7 @@ fn measure<T: Real>(body: &LeanBody<T::Number>, m: &Measured<T>, measurement: T,
 
 /// What P^- of a stage can bring to the entries of its parent, as [`Scale::sent_by`] has it.
 #[inline(always)]
-fn sent<T: Real>(body: &LeanBody<T::Number>, p: &[T; 21], like: T) -> Scale<T> {
+fn sent<T: Real>(body: &LeanBody<T::Parameter>, p: &[T; 21], like: T) -> Scale<T> {
     let four = like.constant(4.0);
     let (a, b) = (p[0] + p[3] + p[5], p[15] + p[18] + p[20]);
     Scale { angular: four * b.mul_add(like.everywhere(body.lever_square), a), linear: four * b }
@@ -247,8 +247,8 @@ fn sent<T: Real>(body: &LeanBody<T::Number>, p: &[T; 21], like: T) -> Scale<T> {
 #[inline(always)]
 #[allow(clippy::too_many_lines)] // 21 entries, each in its place
 fn carry<T: Real, const NOISY: bool>(
-    body: &LeanBody<T::Number>,
-    renaming: &Renaming<T::Number>,
+    body: &LeanBody<T::Parameter>,
+    renaming: &Renaming<T::Parameter>,
     turn: Turn<T>,
     p: &[T; 21],
     column: &[T; 5],
@@ -318,7 +318,7 @@ fn carry<T: Real, const NOISY: bool>(
 
 /// A force in the joint's frame, about the parent's origin.
 #[inline(always)]
-pub(super) fn in_joint_frame<T: Real>(body: &LeanBody<T::Number>, turn: Turn<T>, z: &[T; 6]) -> [[T; 3]; 2] {
+pub(super) fn in_joint_frame<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, z: &[T; 6]) -> [[T; 3]; 2] {
     let force = turn.rotate([z[3], z[4], z[5]]);
     let moment = turn.rotate([z[0], z[1], z[2]]);
     // l x f = - f x l.
@@ -327,7 +327,7 @@ pub(super) fn in_joint_frame<T: Real>(body: &LeanBody<T::Number>, turn: Turn<T>,
 
 /// Adds it to what is at the parent.
 #[inline(always)]
-pub(super) fn add_force<N: Copy, T: Real<Number = N>>(
+pub(super) fn add_force<N: Copy, T: Real<Parameter = N>>(
     renaming: &Renaming<N>,
     [moment, force]: [[T; 3]; 2],
     to: &mut [T; 6],

@@ -98,8 +98,8 @@ fn co_covariances_base_to_tip<T: Real>((model, lean): (&Model<T>, &LeanModel<T>)
 /// phi* Lambda phi across a turn: renamed, along the lever, about z.
 #[inline(always)]
 fn co_carried<T: Real>(
-    body: &LeanBody<T::Number>,
-    renaming: &Renaming<T::Number>,
+    body: &LeanBody<T::Parameter>,
+    renaming: &Renaming<T::Parameter>,
     turn: Turn<T>,
     lambda: &[T; 21],
 ) -> [T; 21] {

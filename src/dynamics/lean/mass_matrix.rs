@@ -114,7 +114,7 @@ fn column_inward<T: Real>(
 
 /// A body by itself.
 #[inline(always)]
-fn own<T: Real>(body: &LeanBody<T::Number>, like: T) -> Composite<T> {
+fn own<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> Composite<T> {
     let ([x, y, z], [xx, xy, xz, yy, yz, zz]) = (body.first_moment, body.rotational);
     Composite {
         first_moment: [like.everywhere(x), like.everywhere(y), like.everywhere(z)],
@@ -132,8 +132,8 @@ fn own<T: Real>(body: &LeanBody<T::Number>, like: T) -> Composite<T> {
 /// phi r phi* across a turn, added to what the parent has: about z, along the lever as in [`BodyInertia::to_parent`], renamed.
 #[inline(always)]
 fn to_parent<T: Real>(
-    body: &LeanBody<T::Number>,
-    renaming: &Renaming<T::Number>,
+    body: &LeanBody<T::Parameter>,
+    renaming: &Renaming<T::Parameter>,
     turn: Turn<T>,
     composite: &Composite<T>,
     to: &mut Composite<T>,

@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 
 /// a x k + c, k in every lane.
 #[inline(always)]
-pub(super) fn cross_number<T: Real>(a: [T; 3], k: [T::Number; 3], c: [T; 3]) -> [T; 3] {
+pub(super) fn cross_number<T: Real>(a: [T; 3], k: [T::Parameter; 3], c: [T; 3]) -> [T; 3] {
     let (x, y, z) = (a[0].everywhere(k[0]), a[0].everywhere(k[1]), a[0].everywhere(k[2]));
     [
         a[1].mul_add(z, c[0].minus_product(a[2], y)),
@@ -25,7 +25,7 @@ pub(super) fn cross_number<T: Real>(a: [T; 3], k: [T::Number; 3], c: [T; 3]) -> 
 
 /// c - a x k, k in every lane.
 #[inline(always)]
-pub(super) fn minus_cross_number<T: Real>(a: [T; 3], k: [T::Number; 3], c: [T; 3]) -> [T; 3] {
+pub(super) fn minus_cross_number<T: Real>(a: [T; 3], k: [T::Parameter; 3], c: [T; 3]) -> [T; 3] {
     let (x, y, z) = (a[0].everywhere(k[0]), a[0].everywhere(k[1]), a[0].everywhere(k[2]));
     [
         a[2].mul_add(y, c[0].minus_product(a[1], z)),
@@ -36,7 +36,7 @@ pub(super) fn minus_cross_number<T: Real>(a: [T; 3], k: [T::Number; 3], c: [T; 3
 
 /// a x k, k in every lane.
 #[inline(always)]
-fn crossed_number<T: Real>(a: [T; 3], k: [T::Number; 3]) -> [T; 3] {
+fn crossed_number<T: Real>(a: [T; 3], k: [T::Parameter; 3]) -> [T; 3] {
     let (x, y, z) = (a[0].everywhere(k[0]), a[0].everywhere(k[1]), a[0].everywhere(k[2]));
     [(a[1] * z).minus_product(a[2], y), (a[2] * x).minus_product(a[0], z), (a[0] * y).minus_product(a[1], x)]
 }
@@ -53,7 +53,7 @@ pub(super) fn cross<T: Real>(a: [T; 3], b: [T; 3], c: [T; 3]) -> [T; 3] {
 
 /// I v + c, I symmetric, in every lane.
 #[inline(always)]
-fn inertia_times<T: Real>(i: [T::Number; 6], v: [T; 3], c: [T; 3]) -> [T; 3] {
+fn inertia_times<T: Real>(i: [T::Parameter; 6], v: [T; 3], c: [T; 3]) -> [T; 3] {
     let [xx, xy, xz, yy, yz, zz] = i;
     let o = v[0];
     [
@@ -130,7 +130,7 @@ pub(super) fn forces_base_to_tip<T: Real>(
 /// Across a turn, the parent's motion in the joint's frame: along the lever, about z, and the joint's own.
 #[inline(always)]
 fn turned<T: Real>(
-    body: &LeanBody<T::Number>,
+    body: &LeanBody<T::Parameter>,
     turn: Turn<T>,
     [w, dw, mut a]: [[T; 3]; 3],
     (qd, qdd): (&[T], Option<&[T]>),
@@ -213,7 +213,7 @@ fn back<T: Real>(shift: &crate::spatial::RigidShift<T>, v: [T; 3]) -> [T; 3] {
 
 /// (I dw + w x I w + m p x a, m a + dw x m p + w x (w x m p)).
 #[inline(always)]
-fn force_of<T: Real>(body: &LeanBody<T::Number>, [w, dw, a]: &[[T; 3]; 3], needed: Needed, like: T) -> [T; 6] {
+fn force_of<T: Real>(body: &LeanBody<T::Parameter>, [w, dw, a]: &[[T; 3]; 3], needed: Needed, like: T) -> [T; 6] {
     let o = like.constant(0.0);
     if body.needs_no_force || !needed.acceleration {
         return [o; 6];

@@ -72,7 +72,7 @@ impl<N: Copy> Renaming<N> {
 impl<N: Copy> Renaming<N> {
     /// A vector from the parent's frame to the joint's; of `v` the last number is not read.
     #[inline(always)]
-    pub fn back<T: Real<Number = N>>(&self, v: &[T; 4]) -> [T; 3] {
+    pub fn back<T: Real<Parameter = N>>(&self, v: &[T; 4]) -> [T; 3] {
         let [x, y, z] = self.sign;
         let signed = [v[0] * v[0].everywhere(x), v[1] * v[0].everywhere(y), v[2] * v[0].everywhere(z)];
         let mut turned = signed;
@@ -82,7 +82,7 @@ impl<N: Copy> Renaming<N> {
 
     /// Adds a vector in the joint's frame to one in the parent's.
     #[inline(always)]
-    pub fn add<T: Real<Number = N>>(&self, v: [T; 3], to: &mut [T]) {
+    pub fn add<T: Real<Parameter = N>>(&self, v: [T; 3], to: &mut [T]) {
         let [x, y, z] = self.sign;
         let [p, q, r] = in_order!(self.order, X, Y, Z, [v[X], v[Y], v[Z]]);
         to[0] = p.mul_add(p.everywhere(x), to[0]);
@@ -92,13 +92,13 @@ impl<N: Copy> Renaming<N> {
 
     /// Adds a packed matrix in the joint's frame to one in the parent's: 6 + 9 + 6 numbers (angular, coupling by rows, linear).
     #[inline(always)]
-    pub fn add_packed<T: Real<Number = N>>(&self, p: &[T; 21], to: &mut [T; 21]) {
+    pub fn add_packed<T: Real<Parameter = N>>(&self, p: &[T; 21], to: &mut [T; 21]) {
         in_order!(self.order, X, Y, Z, self.add_in_order::<T, X, Y, Z>(p, to));
     }
 
     /// Adds a packed symmetric 3x3 matrix in the joint's frame to one in the parent's.
     #[inline(always)]
-    pub fn add_symmetric<T: Real<Number = N>>(&self, p: &[T; 6], to: &mut [T; 6]) {
+    pub fn add_symmetric<T: Real<Parameter = N>>(&self, p: &[T; 6], to: &mut [T; 6]) {
         let [yz, zx, xy] = self.signs;
         let [xx, of_xy, of_zx, yy, of_yz, zz] = in_order!(self.order, X, Y, Z, {
             [p[PACKED[X][X]], p[PACKED[X][Y]], p[PACKED[X][Z]], p[PACKED[Y][Y]], p[PACKED[Y][Z]], p[PACKED[Z][Z]]]
@@ -113,7 +113,7 @@ impl<N: Copy> Renaming<N> {
 
     /// A packed 6x6 matrix from the parent's frame to the joint's.
     #[inline(always)]
-    pub fn packed_back<T: Real<Number = N>>(&self, p: &[T; 21]) -> [T; 21] {
+    pub fn packed_back<T: Real<Parameter = N>>(&self, p: &[T; 21]) -> [T; 21] {
         let like = p[0];
         let [yz, zx, xy] = self.signs;
         let (yz, zx, xy) = (like.everywhere(yz), like.everywhere(zx), like.everywhere(xy));
@@ -138,7 +138,7 @@ impl<N: Copy> Renaming<N> {
     }
 
     #[inline(always)]
-    fn add_in_order<T: Real<Number = N>, const X: usize, const Y: usize, const Z: usize>(
+    fn add_in_order<T: Real<Parameter = N>, const X: usize, const Y: usize, const Z: usize>(
         &self,
         p: &[T; 21],
         to: &mut [T; 21],

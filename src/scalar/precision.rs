@@ -1,0 +1,327 @@
+//! The numbers that fill a lane, f64 and f32: pulp's instructions for each under one name.
+
+use super::trigonometry::Circle;
+use super::{Instructions, Lanes};
+use pulp::Simd;
+use pulp::bytemuck::Pod;
+use std::borrow::Cow;
+use std::fmt::Debug;
+
+/// A kind of number that registers hold side by side.
+///
+/// The functions that take registers are one or a few instructions each, of the set `S`.
+pub trait Precision: Circle + Pod + Default + PartialEq + Debug + Send + Sync {
+    /// A register of `S` full of them.
+    type Register<S: Simd>: Pod + Debug + Send + Sync;
+
+    /// What the kind is called: "float64", "float32".
+    const NAME: &'static str;
+
+    /// Whether the square-root form is compiled for it.
+    const SQUARE_ROOT: bool;
+
+    /// The spacing of numbers at 1.
+    const EPSILON: f64;
+
+    /// The nearest one; infinite beyond the largest.
+    fn nearest(x: f64) -> Self;
+
+    /// The same number as f64.
+    fn widened(self) -> f64;
+
+    /// All of `numbers` as f64; those that are f64 are not copied.
+    fn all_widened(numbers: &[Self]) -> Cow<'_, [f64]>;
+
+    /// Where f64 results for `numbers` can be written: in place where they are f64, else in `room`, made as long.
+    fn in_f64<'a>(numbers: &'a mut [Self], room: &'a mut Vec<f64>) -> &'a mut [f64];
+
+    /// Sine and cosine by the standard library.
+    fn exact_sin_cos(self) -> (Self, Self);
+
+    /// `x` in every lane.
+    fn splat<S: Simd>(simd: S, x: f64) -> Self::Register<S>;
+
+    /// a + b.
+    fn add<S: Simd>(simd: S, a: Self::Register<S>, b: Self::Register<S>) -> Self::Register<S>;
+
+    /// a - b.
+    fn sub<S: Simd>(simd: S, a: Self::Register<S>, b: Self::Register<S>) -> Self::Register<S>;
+
+    /// a b.
+    fn mul<S: Simd>(simd: S, a: Self::Register<S>, b: Self::Register<S>) -> Self::Register<S>;
+
+    /// a / b.
+    fn div<S: Simd>(simd: S, a: Self::Register<S>, b: Self::Register<S>) -> Self::Register<S>;
+
+    /// a b + c, rounded once.
+    fn mul_add<S: Simd>(simd: S, a: Self::Register<S>, b: Self::Register<S>, c: Self::Register<S>)
+    -> Self::Register<S>;
+
+    /// c - a b, rounded once.
+    fn minus_product<S: Simd>(
+        simd: S,
+        a: Self::Register<S>,
+        b: Self::Register<S>,
+        c: Self::Register<S>,
+    ) -> Self::Register<S>;
+
+    /// The square root.
+    fn sqrt<S: Simd>(simd: S, a: Self::Register<S>) -> Self::Register<S>;
+
+    /// -a, of zeros too.
+    fn negated<S: Simd>(simd: S, a: Self::Register<S>) -> Self::Register<S>;
+
+    /// |a|.
+    fn absolute<S: Simd>(simd: S, a: Self::Register<S>) -> Self::Register<S>;
+
+    /// The smaller of the two, NaN where either is NaN.
+    fn worst<S: Simd>(simd: S, a: Self::Register<S>, b: Self::Register<S>) -> Self::Register<S>;
+
+    /// 1 where a is 0, else 0.
+    fn one_if_zero<S: Simd>(simd: S, a: Self::Register<S>) -> Self::Register<S>;
+
+    /// Whether no lane is above `bound` in size, or NaN.
+    fn all_within<S: Simd>(simd: S, a: Self::Register<S>, bound: f64) -> bool;
+
+    /// Sine and cosine of the whole angle from those of the reduced one. `shifted` is the number of quarter turns plus
+    /// [`Circle::ROUNDER`], which leaves its last bits in those of the fraction.
+    fn turned<S: Simd>(
+        simd: S,
+        shifted: Self::Register<S>,
+        sine: Self::Register<S>,
+        cosine: Self::Register<S>,
+    ) -> (Self::Register<S>, Self::Register<S>);
+
+    /// A slice for each lane into lanes: `numbers` becomes entry by entry what they hold; empty slices leave all as it is.
+    #[inline(always)]
+    fn take_lanes<S: Instructions>(states: &[&[Self]], numbers: &mut [Lanes<S, Self>]) {
+        for (lane, state) in states.iter().enumerate() {
+            for (number, &value) in numbers.iter_mut().zip(*state) {
+                number.lanes_mut()[lane] = value;
+            }
+        }
+    }
+
+    /// Each lane's numbers one after another, of as many lanes as `out` has room for.
+    #[inline(always)]
+    fn put_lanes<S: Instructions>(numbers: &[Lanes<S, Self>], out: &mut [Self]) {
+        for (lane, out) in out.chunks_exact_mut(numbers.len()).enumerate() {
+            for (value, number) in out.iter_mut().zip(numbers) {
+                *value = number.lanes()[lane];
+            }
+        }
+    }
+}
+
+/// What both kinds say in the same words: pulp's names end in that of the kind.
+macro_rules! instructions {
+    (
+        $registers:ident, $add:ident, $sub:ident, $mul:ident, $div:ident, $mul_add:ident, $negate_mul_add:ident, $sqrt:ident,
+        $splat:ident, $xor:ident, $and:ident, $select:ident, $equal:ident, $at_most:ident, $first_true:ident, $not:ident,
+        $bits:ident, $splat_bits:ident, $add_bits:ident, $and_bits:ident, $equal_bits:ident
+    ) => {
+        type Register<S: Simd> = S::$registers;
+
+        const EPSILON: f64 = Self::EPSILON as f64;
+
+        #[inline(always)]
+        fn exact_sin_cos(self) -> (Self, Self) {
+            self.sin_cos()
+        }
+
+        #[inline(always)]
+        #[allow(clippy::cast_possible_truncation)] // rounding is what it is for
+        fn splat<S: Simd>(simd: S, x: f64) -> S::$registers {
+            simd.$splat(x as Self)
+        }
+
+        #[inline(always)]
+        fn add<S: Simd>(simd: S, a: S::$registers, b: S::$registers) -> S::$registers {
+            simd.$add(a, b)
+        }
+
+        #[inline(always)]
+        fn sub<S: Simd>(simd: S, a: S::$registers, b: S::$registers) -> S::$registers {
+            simd.$sub(a, b)
+        }
+
+        #[inline(always)]
+        fn mul<S: Simd>(simd: S, a: S::$registers, b: S::$registers) -> S::$registers {
+            simd.$mul(a, b)
+        }
+
+        #[inline(always)]
+        fn div<S: Simd>(simd: S, a: S::$registers, b: S::$registers) -> S::$registers {
+            simd.$div(a, b)
+        }
+
+        #[inline(always)]
+        fn mul_add<S: Simd>(simd: S, a: S::$registers, b: S::$registers, c: S::$registers) -> S::$registers {
+            simd.$mul_add(a, b, c)
+        }
+
+        #[inline(always)]
+        fn minus_product<S: Simd>(simd: S, a: S::$registers, b: S::$registers, c: S::$registers) -> S::$registers {
+            simd.$negate_mul_add(a, b, c)
+        }
+
+        #[inline(always)]
+        fn sqrt<S: Simd>(simd: S, a: S::$registers) -> S::$registers {
+            simd.$sqrt(a)
+        }
+
+        #[inline(always)]
+        fn negated<S: Simd>(simd: S, a: S::$registers) -> S::$registers {
+            simd.$xor(a, simd.$splat(-0.0))
+        }
+
+        #[inline(always)]
+        fn absolute<S: Simd>(simd: S, a: S::$registers) -> S::$registers {
+            simd.$and(a, simd.$splat(Self::from_bits(!(-0.0 as Self).to_bits())))
+        }
+
+        #[inline(always)]
+        fn worst<S: Simd>(simd: S, a: S::$registers, b: S::$registers) -> S::$registers {
+            // A NaN on either side compares false: the sum keeps it.
+            let (less, more) = (simd.$at_most(a, b), simd.$at_most(b, a));
+            simd.$select(less, a, simd.$select(more, b, simd.$add(a, b)))
+        }
+
+        #[inline(always)]
+        fn one_if_zero<S: Simd>(simd: S, a: S::$registers) -> S::$registers {
+            let zero = simd.$splat(0.0);
+            simd.$select(simd.$equal(a, zero), simd.$splat(1.0), zero)
+        }
+
+        #[inline(always)]
+        fn all_within<S: Simd>(simd: S, a: S::$registers, bound: f64) -> bool {
+            let within = simd.$at_most(Self::absolute(simd, a), Self::splat(simd, bound));
+            simd.$first_true(simd.$not(within)) >= size_of::<S::$registers>() / size_of::<Self>()
+        }
+
+        #[inline(always)]
+        fn turned<S: Simd>(
+            simd: S,
+            shifted: S::$registers,
+            sine: S::$registers,
+            cosine: S::$registers,
+        ) -> (S::$registers, S::$registers) {
+            // Quadrants 1 and 3 swap, 2 and 3 turn the sine's sign, 1 and 2 the cosine's.
+            let quadrant = simd.$bits(shifted);
+            let (one, two) = (simd.$splat_bits(1), simd.$splat_bits(2));
+            let swapped = simd.$equal_bits(simd.$and_bits(quadrant, one), one);
+            let sine_turned = simd.$equal_bits(simd.$and_bits(quadrant, two), two);
+            let cosine_turned = simd.$equal_bits(simd.$and_bits(simd.$add_bits(quadrant, one), two), two);
+            let (s, c) = (simd.$select(swapped, cosine, sine), simd.$select(swapped, sine, cosine));
+            let sine = simd.$select(sine_turned, Self::negated(simd, s), s);
+            (sine, simd.$select(cosine_turned, Self::negated(simd, c), c))
+        }
+    };
+}
+
+impl Precision for f64 {
+    const NAME: &'static str = "float64";
+    const SQUARE_ROOT: bool = true;
+
+    #[inline(always)]
+    fn nearest(x: f64) -> Self {
+        x
+    }
+
+    #[inline(always)]
+    fn widened(self) -> f64 {
+        self
+    }
+
+    fn all_widened(numbers: &[Self]) -> Cow<'_, [f64]> {
+        Cow::Borrowed(numbers)
+    }
+
+    fn in_f64<'a>(numbers: &'a mut [Self], _room: &'a mut Vec<f64>) -> &'a mut [f64] {
+        numbers
+    }
+
+    #[inline(always)]
+    fn take_lanes<S: Instructions>(states: &[&[Self]], numbers: &mut [Lanes<S, Self>]) {
+        Lanes::take_lanes(states, numbers);
+    }
+
+    #[inline(always)]
+    fn put_lanes<S: Instructions>(numbers: &[Lanes<S, Self>], out: &mut [Self]) {
+        Lanes::put_lanes(numbers, out);
+    }
+
+    instructions!(
+        f64s,
+        add_f64s,
+        sub_f64s,
+        mul_f64s,
+        div_f64s,
+        mul_add_f64s,
+        negate_mul_add_f64s,
+        sqrt_f64s,
+        splat_f64s,
+        xor_f64s,
+        and_f64s,
+        select_f64s,
+        equal_f64s,
+        less_than_or_equal_f64s,
+        first_true_m64s,
+        not_m64s,
+        transmute_u64s_f64s,
+        splat_u64s,
+        add_u64s,
+        and_u64s,
+        equal_u64s
+    );
+}
+
+impl Precision for f32 {
+    const NAME: &'static str = "float32";
+    const SQUARE_ROOT: bool = false;
+
+    #[inline(always)]
+    #[allow(clippy::cast_possible_truncation)] // rounding is what it is for
+    fn nearest(x: f64) -> Self {
+        x as Self
+    }
+
+    #[inline(always)]
+    fn widened(self) -> f64 {
+        f64::from(self)
+    }
+
+    fn all_widened(numbers: &[Self]) -> Cow<'_, [f64]> {
+        numbers.iter().map(|&x| f64::from(x)).collect()
+    }
+
+    fn in_f64<'a>(numbers: &'a mut [Self], room: &'a mut Vec<f64>) -> &'a mut [f64] {
+        room.clear();
+        room.resize(numbers.len(), f64::NAN);
+        room
+    }
+
+    instructions!(
+        f32s,
+        add_f32s,
+        sub_f32s,
+        mul_f32s,
+        div_f32s,
+        mul_add_f32s,
+        negate_mul_add_f32s,
+        sqrt_f32s,
+        splat_f32s,
+        xor_f32s,
+        and_f32s,
+        select_f32s,
+        equal_f32s,
+        less_than_or_equal_f32s,
+        first_true_m32s,
+        not_m32s,
+        transmute_u32s_f32s,
+        splat_u32s,
+        add_u32s,
+        and_u32s,
+        equal_u32s
+    );
+}

@@ -1,0 +1,107 @@
+//! States in lanes: the arms of this machine, scenes and states, and the plain way beside them.
+
+use super::{ALL_KINDS, Random, Tree, random_state};
+use phipsi::Scene;
+use phipsi::batch::arms::{ARMS, Arm};
+use phipsi::batch::chunk::{Algorithm, Arguments};
+use phipsi::batch::evaluator::{Evaluated, Evaluator};
+use phipsi::filter::Form;
+use phipsi::spatial::SpatialVector;
+
+/// Everything that runs in lanes, or is done one state at a time beside them.
+pub const ALGORITHMS: [Algorithm; 9] = [
+    Algorithm::ForwardDynamics(Form::Auto),
+    Algorithm::ForwardDynamics(Form::Covariance),
+    Algorithm::ForwardDynamics(Form::Joseph),
+    Algorithm::ForwardDynamics(Form::SquareRoot),
+    Algorithm::InverseDynamics,
+    Algorithm::BiasTorque,
+    Algorithm::MassMatrix,
+    Algorithm::MassMatrixInverse(Form::Auto),
+    Algorithm::MassMatrixInverse(Form::Covariance),
+];
+
+/// Those of this machine; the baseline is always there.
+pub fn arms() -> impl Iterator<Item = Arm> {
+    ARMS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available())
+}
+
+/// Without optimisation the kernels of the lanes need more stack than a thread has by default.
+pub fn on_a_large_stack(work: impl FnOnce() + Send + 'static) {
+    std::thread::Builder::new().stack_size(256 << 20).spawn(work).unwrap().join().unwrap();
+}
+
+/// q, qd, u.
+pub type State<P = f64> = (Vec<P>, Vec<P>, Vec<P>);
+
+/// States from seeds.
+pub fn states(scene: &Scene, count: u64) -> Vec<State> {
+    (0..count).map(|seed| random_state(scene, &mut Random::new(seed))).collect()
+}
+
+/// The arguments that an algorithm reads.
+pub fn arguments<'a, P>(
+    algorithm: Algorithm,
+    (q, qd, u): &'a State<P>,
+    wrenches: &'a [SpatialVector<f64>],
+) -> Arguments<'a, P> {
+    let mut all = Arguments { q, qd, u, wrenches };
+    match algorithm {
+        Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => {}
+        Algorithm::BiasTorque => (all.u, all.wrenches) = (&[], &[]),
+        Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => (all.qd, all.u, all.wrenches) = (&[], &[], &[]),
+    }
+    all
+}
+
+/// The results, one state after another.
+pub fn evaluate<P: Evaluated>(
+    scene: &Scene,
+    evaluator: &mut Evaluator<P>,
+    algorithm: Algorithm,
+    states: &[Arguments<'_, P>],
+) -> Vec<P> {
+    let mut out = vec![P::nearest(f64::NAN); scene.width(algorithm) * states.len()];
+    scene.evaluate(evaluator, algorithm, states, &mut out).unwrap_or_else(|fault| panic!("{algorithm:?}: {fault:?}"));
+    out
+}
+
+/// One state by the checked method of plain f64, which other tests hold to dense algebra and higher precision.
+pub fn plainly(scene: &Scene, algorithm: Algorithm, state: &Arguments<'_>) -> Vec<f64> {
+    let mut workspace = scene.workspace();
+    let mut out = vec![f64::NAN; scene.width(algorithm)];
+    let &Arguments { q, qd, u, wrenches } = state;
+    match algorithm {
+        Algorithm::ForwardDynamics(form) => {
+            workspace.form = form;
+            scene.forward_dynamics(&mut workspace, q, qd, u, wrenches, &mut out)
+        }
+        Algorithm::InverseDynamics => scene.inverse_dynamics(&mut workspace, q, qd, u, wrenches, &mut out),
+        Algorithm::BiasTorque => scene.bias_torque(&mut workspace, q, qd, &mut out),
+        Algorithm::MassMatrix => scene.mass_matrix(&mut workspace, q, &mut out),
+        Algorithm::MassMatrixInverse(form) => {
+            workspace.form = form;
+            scene.mass_matrix_inverse(&mut workspace, &mut scene.inverse_scratch(), q, &mut out)
+        }
+    }
+    .unwrap();
+    out
+}
+
+/// Forces on the bodies of each state.
+pub fn forces(scene: &Scene, states: usize) -> Vec<Vec<SpatialVector<f64>>> {
+    let mut random = Random::new(99);
+    let bodies = scene.model().bodies.len();
+    (0..states)
+        .map(|_| (0..bodies).map(|_| SpatialVector::from_fn(|_, _| random.uniform(-1.0, 1.0))).collect())
+        .collect()
+}
+
+/// Trees of every kind of joint, with and without armature.
+pub fn trees() -> impl Iterator<Item = Scene> {
+    [(1, 1, false), (2, 5, false), (3, 12, true), (4, 30, false)].into_iter().map(|(seed, bodies, floating)| {
+        let armature = if seed % 2 == 0 { 0.1 } else { 0.0 };
+        let tree = Tree { seed, bodies, kinds: &ALL_KINDS, branching: 0.4, armature, floating };
+        tree.builder().build().unwrap()
+    })
+}
