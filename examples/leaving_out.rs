@@ -3,6 +3,7 @@
 //!
 //! `leaving_out SWITCH|none rest|moving weight|weightless CALLS`
 
+use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::filter::Form;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, Omissions};
 use phipsi::{Error, Scene, scenes};
@@ -33,10 +34,12 @@ fn main() -> Result<(), Error> {
     let scene = scene(omissions, gravity)?;
     let rate = if given(1) == "rest" { 0.0 } else { 0.3 };
     let (mut q, qd, tau) = (vec![0.4; scene.nq()], vec![rate; scene.nv()], vec![1.0; scene.nv()]);
-    let (mut workspace, mut qdd) = (scene.workspace().in_form(Form::Covariance), vec![f64::NAN; scene.nv()]);
+    let (mut evaluator, mut qdd) = (scene.evaluator(), vec![f64::NAN; scene.nv()]);
+    let algorithm = Algorithm::ForwardDynamics(Form::Covariance);
     for _ in 0..calls {
         q[0] += 1e-3;
-        scene.forward_dynamics(&mut workspace, black_box(&q), &qd, &tau, &[], &mut qdd)?;
+        let state = Arguments { q: black_box(&q), qd: &qd, u: &tau, wrenches: &[] };
+        scene.evaluate(&mut evaluator, algorithm, &[state], &mut qdd).map_err(|fault| fault.error)?;
         black_box(&qdd);
     }
     println!("qdd of the first joint: {}", qdd[0]);

@@ -14,6 +14,22 @@ use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Omis
 use phipsi::spatial::{SpatialVector, Symmetric3};
 use phipsi::{Error, Scene};
 
+/// A link on a joint anywhere.
+fn attached(
+    builder: SceneBuilder,
+    random: &mut Random,
+    name: &str,
+    (kind, parent): (JointKind, &str),
+    has_mass: bool,
+) -> SceneBuilder {
+    let inertial = has_mass.then(|| random_inertial(random));
+    let mut joint = JointDescription::new(format!("to {name}"), kind, parent, name);
+    joint.origin.rotation = random.rotation();
+    joint.origin.lever = random.vector() * 0.5;
+    joint.axis = random.vector();
+    builder.link(LinkDescription { name: name.to_owned(), inertial }).joint(joint)
+}
+
 /// A random mixed tree on a base that has mass and carries a second link, with a link and a slide without mass, and with a
 /// fixed joint after a moving one.
 fn builder(seed: u64) -> SceneBuilder {
@@ -37,12 +53,7 @@ fn builder(seed: u64) -> SceneBuilder {
         builder = builder.joint(joint.clone());
     }
     let mut add = |builder: SceneBuilder, name: &str, kind: JointKind, parent: &str, has_mass: bool| {
-        let inertial = has_mass.then(|| random_inertial(&mut random));
-        let mut joint = JointDescription::new(format!("to {name}"), kind, parent, name);
-        joint.origin.rotation = random.rotation();
-        joint.origin.lever = random.vector() * 0.5;
-        joint.axis = random.vector();
-        builder.link(LinkDescription { name: name.to_owned(), inertial }).joint(joint)
+        attached(builder, &mut random, name, (kind, parent), has_mass)
     };
     builder = add(builder, "column", JointKind::Fixed, "base", true);
     builder = add(builder, "slide", JointKind::Prismatic, "column", false);
@@ -50,6 +61,16 @@ fn builder(seed: u64) -> SceneBuilder {
     builder = add(builder, "welded", JointKind::Fixed, "carried", true);
     builder = add(builder, "frame", JointKind::Fixed, "welded", false);
     builder = add(builder, "turned", JointKind::Continuous, "welded", true);
+    // A wrist: axes along those of the parent, origins in one point.
+    for (parent, name, axis) in [("turned", "pitched", Vector3::y()), ("pitched", "rolled", -Vector3::x())] {
+        let mut joint = JointDescription::new(format!("to {name}"), JointKind::Revolute, parent, name);
+        joint.axis = axis;
+        let inertial = Some(random_inertial(&mut random));
+        builder = builder.link(LinkDescription { name: name.to_owned(), inertial }).joint(joint);
+    }
+    let mut add = |builder: SceneBuilder, name: &str, kind: JointKind, parent: &str, has_mass: bool| {
+        attached(builder, &mut random, name, (kind, parent), has_mass)
+    };
     // The last body of all has no row where fixed joints are kept.
     builder = add(builder, "tool", JointKind::Fixed, "turned", true);
     builder
@@ -111,11 +132,30 @@ fn results(scene: &Scene, state: &State) -> Vec<(String, Vec<f64>)> {
     }
     let mut evaluator = scene.evaluator();
     let one = Arguments { q, qd, u, wrenches: &forces };
-    let many = vec![one; 2 * evaluator.lanes() + 1];
-    let mut out = vec![f64::NAN; nv * many.len()];
-    scene.evaluate(&mut evaluator, Algorithm::ForwardDynamics(Form::Auto), &many, &mut out).unwrap();
-    for out in out.chunks(nv) {
-        keep("acceleration: in lanes", out);
+    let many = 2 * evaluator.lanes() + 1;
+    for (what, algorithm) in [
+        ("acceleration: in lanes", Algorithm::ForwardDynamics(Form::Auto)),
+        ("acceleration: in lanes, covariance", Algorithm::ForwardDynamics(Form::Covariance)),
+        ("torque: inverse dynamics in lanes", Algorithm::InverseDynamics),
+        ("torque: bias in lanes", Algorithm::BiasTorque),
+        ("M: in lanes", Algorithm::MassMatrix),
+        ("inverse: in lanes, auto", Algorithm::MassMatrixInverse(Form::Auto)),
+        ("inverse: in lanes, covariance", Algorithm::MassMatrixInverse(Form::Covariance)),
+    ] {
+        let given = match algorithm {
+            Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => one,
+            Algorithm::BiasTorque => Arguments { q, qd, ..Arguments::default() },
+            Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => Arguments { q, ..Arguments::default() },
+        };
+        let width = scene.width(algorithm);
+        // One alone, which has code of its own, and enough for every lane.
+        for count in [1, many] {
+            let mut out = vec![f64::NAN; width * count];
+            scene.evaluate(&mut evaluator, algorithm, &vec![given; count], &mut out).unwrap();
+            for out in out.chunks(width) {
+                keep(what, out);
+            }
+        }
     }
     let energy = scene.energy(&mut workspace, q, qd).unwrap();
     let neutral = scene.energy(&mut workspace, &scene.neutral(), qd).unwrap();

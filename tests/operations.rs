@@ -4,7 +4,9 @@ mod common;
 
 use common::{ALL_KINDS, Random, random_scene, random_state};
 use nalgebra::Vector6;
+use phipsi::batch::arms::Arm;
 use phipsi::batch::chunk::{Algorithm, Arguments};
+use phipsi::batch::evaluator::Evaluator;
 use phipsi::dynamics::mass_inverse::InverseScratch;
 use phipsi::dynamics::{self, Estimate, EstimateCovariance, EstimateScratch, Measurements};
 use phipsi::filter::pivots::Scale;
@@ -139,10 +141,45 @@ fn the_bits_of_f64() {
             scene.model().bodies.iter().map(|_| Vector6::from_fn(|_, _| random.uniform(-1.0, 1.0))).collect();
         let state = Arguments { q: &q, qd: &qd, u: &u, wrenches: &wrenches };
         for (name, task) in tasks() {
-            let (found, expected) = (count(&scene, task, &state).results, plainly(&scene, task, &state));
+            let found = count_in_six_vectors(&scene, task, &state).results;
+            let expected = plainly(&scene, task, &state);
             assert!(!expected.is_empty() && expected.iter().all(|x| x.is_finite()), "{name}, scene {seed}");
             let bits = |values: &[f64]| values.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
             assert_eq!(bits(&found), bits(&expected), "{name}, scene {seed}: {found:?} {expected:?}");
+        }
+    }
+}
+
+#[test]
+fn what_is_counted_is_what_is_evaluated() {
+    let algorithms = [
+        Algorithm::ForwardDynamics(Form::Covariance),
+        Algorithm::InverseDynamics,
+        Algorithm::BiasTorque,
+        Algorithm::MassMatrix,
+        Algorithm::MassMatrixInverse(Form::Covariance),
+    ];
+    for seed in 0..6 {
+        for kinds in [&ALL_KINDS[..], &[JointKind::Revolute]] {
+            let scene = random_scene(seed, 9, kinds, 0.4, 0.1);
+            let (q, qd, u) = random_state(&scene, &mut Random::new(seed));
+            // Numbers of their own, products and sums apart, as they are counted.
+            let mut evaluator = Evaluator::on(Arm::Baseline, &scene);
+            for algorithm in algorithms {
+                let state = match algorithm {
+                    Algorithm::BiasTorque => Arguments { q: &q, qd: &qd, ..Arguments::default() },
+                    Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => {
+                        Arguments { q: &q, ..Arguments::default() }
+                    }
+                    _ => Arguments { q: &q, qd: &qd, u: &u, wrenches: &[] },
+                };
+                let mut expected = vec![f64::NAN; scene.width(algorithm)];
+                scene.evaluate(&mut evaluator, algorithm, &[state], &mut expected).unwrap();
+                let found = count(&scene, Task::Algorithm(algorithm), &state);
+                let bits = |values: &[f64]| values.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+                assert_eq!(bits(&found.results), bits(&expected), "{algorithm:?}, scene {seed}");
+                assert!(found.operations.flops() > 0);
+            }
         }
     }
 }

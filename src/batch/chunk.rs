@@ -238,10 +238,11 @@ fn compute<T: Vectorised>(
             let (pivots, cancellation) = lean::forward_dynamics_watched(scene, scratch, (q, qd, u), wrenches, results);
             let first = auto::Watched::at_first_look(pivots, cancellation);
             if first.kept_in_every_lane() {
-                0
-            } else {
-                look_closer(&first, model, workspace, (q, qd, u), wrenches, results)
+                return 0;
             }
+            lean::hand_over(scene, scratch, workspace);
+            let closer = auto::look_closer(model, workspace, first, results);
+            lanes_but::<T>(|lane| closer.kept(lane))
         }
         Algorithm::ForwardDynamics(Form::SquareRoot) if T::Number::SQUARE_ROOT => {
             let (pivots, reach) = refined::forward_dynamics_looked_at(model, workspace, q, qd, u, wrenches, results);
@@ -250,12 +251,14 @@ fn compute<T: Vectorised>(
         Algorithm::MassMatrixInverse(Form::Auto) => {
             let (pivots, cancellation) = lean::factor_watched(scene, scratch, q, &mut results[..model.nv()]);
             let first = auto::Watched::at_first_look(pivots, cancellation);
+            let judged = if first.kept_in_every_lane() {
+                first
+            } else {
+                lean::hand_over(scene, scratch, workspace);
+                auto::look_closer_at_factor(model, workspace, first, &results[..model.nv()])
+            };
             lean::closed_form(scene, scratch, results);
-            if first.kept_in_every_lane() {
-                return 0;
-            }
-            let closer = auto::factorise_watched(model, workspace, q);
-            lanes_but::<T>(|lane| first.kept(lane) || closer.kept(lane))
+            lanes_but::<T>(|lane| judged.kept(lane))
         }
         // Rare, or not worth code of its own for every arm.
         _ if !lean::covers(algorithm) => u64::MAX,
@@ -264,26 +267,4 @@ fn compute<T: Vectorised>(
             lanes_but::<T>(|lane| pivots.clear(lane))
         }
     }
-}
-
-/// The closer looks of [`auto`] at the lanes that the first one left in doubt; the others keep their bits.
-#[inline(always)]
-fn look_closer<T: Vectorised>(
-    first: &auto::Watched<T>,
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    (q, qd, u): (&[T], &[T], &[T]),
-    wrenches: &[Vector6<T>],
-    results: &mut [T],
-) -> u64 {
-    let kept = results.to_vec();
-    let watched = auto::forward_dynamics_watched(model, workspace, (q, qd, u), wrenches, results);
-    for lane in 0..T::LANES {
-        if first.kept(lane) {
-            for (result, kept) in results.iter_mut().zip(&kept) {
-                result.lanes_mut()[lane] = kept.lanes()[lane];
-            }
-        }
-    }
-    lanes_but::<T>(|lane| first.kept(lane) || watched.kept(lane))
 }

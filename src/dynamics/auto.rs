@@ -8,7 +8,6 @@ use super::refined::{Judged, forward_dynamics_judged};
 use crate::filter::cancellation::{self, Cancellation, Probe};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{Form, innovations, riccati, smoother};
-use crate::kinematics::placements_base_to_tip;
 use crate::scalar::Real;
 use crate::scene::Model;
 use crate::spatial::Symmetric6;
@@ -85,13 +84,6 @@ pub(super) fn factorise<T: Real>(
     forward_root::factorise(model, workspace, seen)
 }
 
-/// The factor of M at `q` in covariance form, and how it kept its digits, with a closer look where that is in doubt.
-#[inline(always)]
-pub(crate) fn factorise_watched<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Watched<T> {
-    placements_base_to_tip(model, q, &mut workspace.shift);
-    watch_factor(model, workspace, |_, _| {})
-}
-
 /// The factor in covariance form with phi in the workspace, and what two made-up right sides say of it.
 #[inline(always)]
 fn watch_factor<T: Real>(
@@ -102,19 +94,33 @@ fn watch_factor<T: Real>(
     let pivots = riccati::sweep(&model.system, &mut covariances_of_noise(model, workspace), seen);
     let (system, zero) = (&model.system, crate::spatial::zero());
     let nv = model.nv();
-    let Workspace { shift, measured, scale, p, z, co_state, velocity, weights, probe, estimates, .. } = &mut *workspace;
+    let Workspace { shift, measured, scale, z, co_state, velocity, weights, probe, estimates, .. } = &mut *workspace;
     z.fill(zero);
     innovations::sweep(system, shift, measured, &weights[nv..], z, estimates);
     velocity.fill(zero);
     innovations::sweep(system, shift, measured, &weights[..nv], velocity, probe);
     let mut both = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
     let first = cancellation::sweep(system, &mut both, co_state, estimates);
-    let first = Watched { pivots, cancellation: first, margin: Margin::Usual, clear_before: 0 };
+    let first = Watched::at_first_look(pivots, first);
     if first.kept_in_every_lane() {
         return first;
     }
-    let judged = cancellation::judge(system, &both, p, co_state, estimates, &first.cancellation);
-    Watched { cancellation: judged, clear_before: first.kept_lanes(), ..first }
+    let estimates = std::mem::take(estimates);
+    let judged = look_closer_at_factor(model, workspace, first, &estimates);
+    workspace.estimates = estimates;
+    judged
+}
+
+/// The closer look at what [`watch_factor`] or its like has just left in the workspace, where a lane is in doubt.
+#[inline(always)]
+pub(crate) fn look_closer_at_factor<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    first: Watched<T>,
+    estimates: &[T],
+) -> Watched<T> {
+    let cancellation = judge(model, workspace, &first.cancellation, estimates);
+    Watched { cancellation, clear_before: first.kept_lanes(), ..first }
 }
 
 /// The covariance form's answer, and what is known of the digits that it lost.
@@ -198,16 +204,26 @@ pub(crate) fn forward_dynamics_watched<T: Real>(
     let Workspace { shift, measured, scale, z, co_state, velocity, probe, .. } = workspace;
     let mut probe = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
     let cancellation = cancellation::sweep(system, &mut probe, co_state, qdd);
-    let mut watched = Watched { pivots, cancellation, margin: Margin::Usual, clear_before: 0 };
+    let watched = Watched::at_first_look(pivots, cancellation);
+    if watched.kept_in_every_lane() { watched } else { look_closer(model, workspace, watched, qdd) }
+}
+
+/// The closer looks at what [`forward_dynamics_watched`] or its like has just left in the workspace, where a lane is in doubt: entry by
+/// entry, and once more with other weights.
+#[inline(always)]
+pub(crate) fn look_closer<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    mut watched: Watched<T>,
+    qdd: &[T],
+) -> Watched<T> {
+    watched.clear_before = watched.kept_lanes();
+    watched.cancellation = judge(model, workspace, &watched.cancellation, qdd);
+    watched.margin = Margin::Close;
     if !watched.kept_in_every_lane() {
         watched.clear_before = watched.kept_lanes();
-        watched.cancellation = judge(model, workspace, &cancellation, qdd);
-        watched.margin = Margin::Close;
-        if !watched.kept_in_every_lane() {
-            watched.clear_before = watched.kept_lanes();
-            watched.cancellation = judge_again(model, workspace, &watched.cancellation, qdd);
-            watched.margin = Margin::Usual;
-        }
+        watched.cancellation = judge_again(model, workspace, &watched.cancellation, qdd);
+        watched.margin = Margin::Usual;
     }
     watched
 }

@@ -14,7 +14,17 @@ from phipsi.errors import ArgumentError, NotFiniteError, ShapeError, SingularJoi
 from phipsi.report import left_out, states
 from phipsi.report.structure import tree_of
 
-SWITCHES = ("fixed_joints", "base_links", "exact_zeros", "massless_bodies", "planar", "zero_velocity", "zero_gravity")
+SWITCHES = (
+    "fixed_joints",
+    "base_links",
+    "exact_zeros",
+    "renamed_axes",
+    "zero_levers",
+    "massless_bodies",
+    "planar",
+    "zero_velocity",
+    "zero_gravity",
+)
 #: What a scene that is not planar leaves out.
 USUAL = tuple(switch for switch in SWITCHES if switch != "planar")
 

@@ -52,6 +52,9 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
                 let row = body.row;
                 let (m, column) = measured(body, &p);
                 scratch.measured[row] = m;
+                if SIDES == WATCH {
+                    scratch.watching.kept[k] = kept_diagonal(body, &p, &column, &m);
+                }
                 monitor.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
                 if SIDES >= FILTER {
                     innovations[row] = measure(body, &m, tau[row], &mut scratch.forces[k]);
@@ -96,6 +99,10 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
                     &mut monitor,
                     |_, _| {},
                 );
+                if SIDES == WATCH {
+                    let (a, b) = (&p.angular.entries, &p.linear.entries);
+                    scratch.watching.kept[k] = Vector6::new(a[0], a[3], a[5], b[0], b[3], b[5]);
+                }
                 if SIDES >= FILTER {
                     through_general_stage(at_stage, shift, measured, (tau, innovations), &mut scratch.forces);
                 }
@@ -210,6 +217,26 @@ fn measured<T: Real>(body: &LeanBody<T::Parameter>, p: &[T; 21]) -> (Measured<T>
         column[4] * pivot_inverse,
     );
     (Measured { pivot, pivot_inverse, gain }, column)
+}
+
+/// The diagonal of P^+.
+#[inline(always)]
+fn kept_diagonal<T: Real>(
+    body: &LeanBody<T::Parameter>,
+    p: &[T; 21],
+    [ph0, ph1, ph3, ph4, ph5]: &[T; 5],
+    m: &Measured<T>,
+) -> Vector6<T> {
+    let g = &m.gain;
+    let own = if body.skips_zeros { g[2].constant(0.0) } else { g[2].everywhere(body.noise) * g[2] };
+    Vector6::new(
+        p[0].minus_product(g[0], *ph0),
+        p[3].minus_product(g[1], *ph1),
+        own,
+        p[15].minus_product(g[3], *ph3),
+        p[18].minus_product(g[4], *ph4),
+        p[20].minus_product(g[5], *ph5),
+    )
 }
 
 /// The filter across a turn: z^- becomes z^+ (4.5); gives e^- (4.2).

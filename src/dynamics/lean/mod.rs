@@ -22,7 +22,7 @@ pub(crate) use body::LeanModel;
 pub(crate) use mass_inverse::closed_form;
 pub(crate) use scratch::LeanScratch;
 pub(crate) use turn::Renaming;
-pub(crate) use watch::{factor_watched, forward_dynamics_watched};
+pub(crate) use watch::{factor_watched, forward_dynamics_watched, hand_over};
 
 use super::forces::{Motion, Needed};
 use crate::batch::chunk::Algorithm;

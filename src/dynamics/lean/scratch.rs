@@ -43,8 +43,10 @@ pub(super) struct Watching<T> {
     pub zeta: Vec<[T; 6]>,
     /// Bounds on the terms of P^-.
     pub scale: Vec<Scale<T>>,
-    /// nu, in slots.
-    pub co_states: Vec<Halves<T>>,
+    /// The diagonal of P^+ of each body.
+    pub kept: Vec<Vector6<T>>,
+    /// lambda^- and nu of each body.
+    pub co_states: Vec<[Vector6<T>; 2]>,
 }
 
 /// One for each thread; starts as NaN.
@@ -94,7 +96,8 @@ impl<T: Real> LeanScratch<T> {
                 innovations: vec![nan; nv],
                 zeta: vec![[nan; 6]; bodies],
                 scale: vec![Scale::filled(nan); bodies],
-                co_states: co_states.clone(),
+                kept: vec![Vector6::from_element(nan); bodies],
+                co_states: vec![[Vector6::from_element(nan); 2]; bodies],
             },
             co_states,
             co_covariances: vec![[nan; 21]; bodies],

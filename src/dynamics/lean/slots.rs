@@ -93,7 +93,7 @@ mod tests {
                 }
             }
         }
-        assert_eq!(Slots::outward(&TREE).count, 4);
+        assert_eq!(Slots::outward(&TREE).count, 3);
         assert_eq!(Slots::inward(&[None, Some(0), Some(1), Some(2)]).count, 3);
     }
 }

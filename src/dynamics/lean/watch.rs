@@ -4,14 +4,18 @@ use super::accelerations::split;
 use super::body::{Carrier, LeanModel};
 use super::motion;
 use super::scratch::LeanScratch;
+use super::turn::Turn;
 use super::{accelerations, filter};
 use crate::dynamics::forces::{Motion, Needed};
 use crate::filter::cancellation::{Cancellation, Swept};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{HingeMap, Rows, Stage};
+use crate::kinematics::turned_by;
 use crate::scalar::Real;
 use crate::scene::Model;
-use nalgebra::Vector6;
+use crate::spatial::{RigidShift, Symmetric3, Symmetric6};
+use crate::workspace::Workspace;
+use nalgebra::{Matrix3, Vector6};
 
 /// [`forward_dynamics`](super::forward_dynamics), and what [`cancellation::sweep`](crate::filter::cancellation::sweep) finds.
 #[inline(always)]
@@ -45,6 +49,37 @@ pub(crate) fn factor_watched<T: Real>(
     (monitor, base_to_tip((model, lean), scratch, estimates))
 }
 
+/// What the first look left, as the closer looks of [`auto`](crate::dynamics::auto) read it: of P^+ the diagonal alone.
+#[inline(always)]
+pub(crate) fn hand_over<T: Real>(
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    scratch: &LeanScratch<T>,
+    workspace: &mut Workspace<T>,
+) {
+    let watching = &scratch.watching;
+    workspace.measured.copy_from_slice(&scratch.measured);
+    workspace.scale.copy_from_slice(&watching.scale);
+    for (k, body) in lean.bodies.iter().enumerate() {
+        workspace.shift[k] = match &body.carrier {
+            Carrier::Turn(_) => {
+                let Turn { s, c } = scratch.turns[k];
+                let tree = &model.bodies[k].tree;
+                RigidShift { rotation: turned_by(&tree.rotation, s, c), lever: tree.lever }
+            }
+            Carrier::Shift(at) => scratch.shifts[*at],
+        };
+        workspace.z[k] = Vector6::from(scratch.forces[k]);
+        [workspace.co_state[k], workspace.velocity[k]] = watching.co_states[k];
+        let kept = &watching.kept[k];
+        let o = kept[0].constant(0.0);
+        workspace.p[k] = Symmetric6 {
+            angular: Symmetric3::new([kept[0], o, o, kept[1], o, kept[2]]),
+            coupling: Matrix3::new(o, o, o, o, o, o, o, o, o),
+            linear: Symmetric3::new([kept[3], o, o, kept[4], o, kept[5]]),
+        };
+    }
+}
+
 /// The smoother for both right sides.
 #[inline(always)]
 fn base_to_tip<T: Real>(
@@ -53,10 +88,10 @@ fn base_to_tip<T: Real>(
     estimates: &mut [T],
 ) -> Cancellation<T> {
     let mut seen = Cancellation::new();
+    let still = crate::spatial::zero();
     let watching = &mut scratch.watching;
     for (k, body) in lean.bodies.iter().enumerate() {
-        let (of_lambda, of_nu) = (&scratch.co_states[body.parent_outward], &watching.co_states[body.parent_outward]);
-        let outer = accelerations::whole(of_lambda);
+        let [outer, outer_nu] = body.parent.map_or([still; 2], |parent| watching.co_states[parent]);
         let (zeta, z) = (Vector6::from(watching.zeta[k]), Vector6::from(scratch.forces[k]));
         let swept = Swept { z: &z, scale: &watching.scale[k], measured: &scratch.measured };
         let (mut lambda, mut nu);
@@ -64,8 +99,8 @@ fn base_to_tip<T: Real>(
             Carrier::Turn(renaming) => {
                 let turn = scratch.turns[k];
                 seen.carried(&zeta, &outer, outer[0].everywhere(body.lever_square));
-                lambda = joined(accelerations::carried(body, renaming, turn, of_lambda));
-                nu = joined(accelerations::carried(body, renaming, turn, of_nu));
+                lambda = joined(accelerations::carried(body, renaming, turn, &split(&outer)));
+                nu = joined(accelerations::carried(body, renaming, turn, &split(&outer_nu)));
                 // Spelt out, so that the compiler sees which entry is meant.
                 let stage = Stage { parent: body.parent, rows: Rows::One(HingeMap::Axis(2)), first_row: body.row };
                 seen.through_stage(&stage, &swept, (&mut lambda, &mut nu), (estimates, &watching.innovations));
@@ -74,15 +109,12 @@ fn base_to_tip<T: Real>(
                 let shift = &scratch.shifts[*at];
                 seen.carried(&zeta, &outer, shift.lever.dot(&shift.lever));
                 lambda = shift.motion_to_child(&outer);
-                nu = shift.motion_to_child(&accelerations::whole(of_nu));
+                nu = shift.motion_to_child(&outer_nu);
                 let stage = &model.system.stages[k];
                 seen.through_stage(stage, &swept, (&mut lambda, &mut nu), (estimates, &watching.innovations));
             }
         }
-        if !body.is_leaf {
-            scratch.co_states[body.outward] = split(&lambda);
-            watching.co_states[body.outward] = split(&nu);
-        }
+        watching.co_states[k] = [lambda, nu];
     }
     seen
 }
