@@ -19,6 +19,7 @@ SI units and radians throughout; spatial vectors are angular first; arrays have 
 
 from . import errors, scenes
 from ._core import BUNDLED_ARM, Omission, Plan, RandomModel, Scene, SceneBuilder, __version__
+from ._motion import PD, MotionEnergy, Trajectory, Violation
 from ._results import Energy, Estimate, Limits, MassEstimate, Samples
 from .operators import Factor, Operator
 
@@ -29,13 +30,17 @@ __all__ = [
     "Factor",
     "Limits",
     "MassEstimate",
+    "MotionEnergy",
     "Omission",
     "Operator",
+    "PD",
     "Plan",
     "RandomModel",
     "Samples",
     "Scene",
     "SceneBuilder",
+    "Trajectory",
+    "Violation",
     "__version__",
     "errors",
     "scenes",

@@ -3,21 +3,32 @@
 use super::plan;
 use super::scene::PyScene;
 use crate::error::Error;
-use crate::scene::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Scene, SceneBuilder};
+use crate::scene::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Scene, SceneBuilder, Spring};
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Matrix3;
 use pyo3::prelude::*;
 
 /// Counts up when the tuples change.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// Name, then mass, mass centre and inertia about it (xx, xy, xz, yy, yz, zz) if it has any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
 
 /// Name, kind, pitch, parent, child, origin (rotation row by row, lever), axis, (armature, damping, friction), limits
-/// (lower, upper, velocity, effort), mimic.
-type JointTuple =
-    (String, String, Option<f64>, String, String, ([f64; 9], [f64; 3]), [f64; 3], [f64; 3], [f64; 4], Option<String>);
+/// (lower, upper, velocity, effort), mimic, spring (stiffness, rest).
+type JointTuple = (
+    String,
+    String,
+    Option<f64>,
+    String,
+    String,
+    ([f64; 9], [f64; 3]),
+    [f64; 3],
+    [f64; 3],
+    [f64; 4],
+    Option<String>,
+    (f64, Vec<f64>),
+);
 
 /// Version, gravity, floating base, strict, links, joints, names of what is left out.
 #[derive(IntoPyObject, FromPyObject)]
@@ -63,8 +74,20 @@ fn link_tuple(link: &LinkDescription) -> LinkTuple {
 
 fn joint_tuple(joint: &JointDescription) -> JointTuple {
     // Named one by one, so that a new field cannot be forgotten.
-    let JointDescription { name, kind, parent, child, origin, axis, armature, damping, friction, limits, mimic } =
-        joint;
+    let JointDescription {
+        name,
+        kind,
+        parent,
+        child,
+        origin,
+        axis,
+        armature,
+        damping,
+        friction,
+        spring,
+        limits,
+        mimic,
+    } = joint;
     let Limits { lower, upper, velocity, effort } = *limits;
     let pitch = if let JointKind::Screw { pitch } = *kind { Some(pitch) } else { None };
     let mut rotation = [0.0; 9];
@@ -80,12 +103,25 @@ fn joint_tuple(joint: &JointDescription) -> JointTuple {
         [*armature, *damping, *friction],
         [lower, upper, velocity, effort],
         mimic.clone(),
+        (spring.stiffness, spring.rest.clone()),
     )
 }
 
 fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
-    let (name, kind, pitch, parent, child, (rotation, lever), axis, [armature, damping, friction], limits, mimic) =
-        tuple;
+    let (
+        name,
+        kind,
+        pitch,
+        parent,
+        child,
+        (rotation, lever),
+        axis,
+        [armature, damping, friction],
+        limits,
+        mimic,
+        spring,
+    ) = tuple;
+    let (stiffness, rest) = spring;
     let [lower, upper, velocity, effort] = limits;
     let kind = joint_kind(&name, &kind, pitch)?;
     Ok(JointDescription {
@@ -98,6 +134,7 @@ fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
         armature,
         damping,
         friction,
+        spring: Spring { stiffness, rest },
         limits: Limits { lower, upper, velocity, effort },
         mimic,
     })

@@ -262,7 +262,7 @@ impl Scene {
     }
 
     /// The error that names the joint of a lost pivot.
-    pub(super) fn singular(&self, lost: LostPivot) -> Error {
+    pub(crate) fn singular(&self, lost: LostPivot) -> Error {
         let joint = self.joint_of_body(lost.stage);
         let name = |of: fn(&Joint) -> &String| joint.map(of).cloned().unwrap_or_default();
         if let Some(&value) = [lost.pivot, lost.terms].iter().find(|value| !value.is_finite()) {

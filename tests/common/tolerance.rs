@@ -171,3 +171,12 @@ pub fn square_root(sensitivity: f64) -> f64 {
 pub fn square_root_component(sensitivity: f64) -> f64 {
     (20.0 * sensitivity).max(1e-12)
 }
+
+/// How far a measured order of convergence may be from the method's.
+pub const ORDER: f64 = 0.1;
+
+/// How far a spring of 1e8 N m/rad and more gives way to the torques of the tests, rad.
+pub const BENT: f64 = 1e-6;
+
+/// What the rounding of a spring of 1e9 N m/rad leaves of the slow motion.
+pub const SLOW: f64 = 1e-8;

@@ -107,13 +107,13 @@ def tree_of(scene: Scene) -> Tree:
     """The tree of a scene, from the description that it pickles by."""
     _, (description,) = scene.__reduce__()
     version, _gravity, floating, _strict, links, joints, _left_out = description
-    if version != 2:
-        raise RuntimeError(f"description of a scene: found version {version}, expected 2")
+    if version != 3:
+        raise RuntimeError(f"description of a scene: found version {version}, expected 3")
     tree = Tree("", {}, {})
     for name, inertial in links:
         mass, centre, _inertia = inertial or (0.0, (0.0, 0.0, 0.0), None)
         tree.links[name] = Link(name, mass, np.array(centre))
-    for name, kind, _pitch, parent, child, _origin, axis, (armature, _damping, _friction), _limits, mimic in joints:
+    for name, kind, _pitch, parent, child, _origin, axis, (armature, _damping, _friction), _limits, mimic, _spring in joints:
         tree.joints[name] = Joint(name, kind, parent, child, np.array(axis), armature, mimic)
     carried = {joint.child for joint in tree.joints.values()}
     tree.root = next(name for name in tree.links if name not in carried)
