@@ -20,6 +20,7 @@ SI units and radians throughout; spatial vectors are angular first; arrays have 
 from . import errors, scenes
 from ._core import BUNDLED_ARM, Omission, Plan, RandomModel, Scene, SceneBuilder, __version__
 from ._motion import PD, MotionEnergy, Trajectory, Violation
+from ._ode import Ode
 from ._results import Energy, Estimate, Limits, MassEstimate, Samples
 from .operators import Factor, Operator
 
@@ -31,6 +32,7 @@ __all__ = [
     "Limits",
     "MassEstimate",
     "MotionEnergy",
+    "Ode",
     "Omission",
     "Operator",
     "PD",

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._motion import PD, Trajectory
+from ._ode import Ode
 from ._results import Energy, Estimate, Limits, MassEstimate, Samples
 from .operators import Factor
 
@@ -203,8 +204,8 @@ class Scene:
         tau: (..., nv), constant, or a function of (t, q, qd) that is called once a step with the whole batch and returns
         (..., nv); tau_steps: (..., steps, nv) instead. Either is held over each step, so that a function is followed to first
         order in dt by every method. pd: PD(kp, kd, target, target_rate), followed within the step.
-        method: "semi-implicit-euler" (order 1), "rk4" (order 4), "implicit-euler" (order 1) or "rosenbrock-2" (order 2). The last two
-        take springs, damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit
+        method: "semi-implicit-euler" (order 1), "rk4" (order 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3).
+        The last three take springs, damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit
         stage each; they are L-stable for them: what is faster than the step is damped, not followed. record_every: a row
         after so many steps. armature, damping, stiffness, friction: (nv,) or a number, rest: (nq,), instead of the
         scene's. friction_speed: rad/s or m/s, where friction becomes viscous. form: "auto" does a step whose digits are in
@@ -217,6 +218,25 @@ class Scene:
         Raises SimulationError where motion diverges, a pivot is lost, or tau raises, with the rows of the finished
         steps; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; MemoryError where the rows have no room;
         ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
+
+    def ode(
+        self,
+        *,
+        tau: ArrayLike | Callable[[float, _Array, _Array], ArrayLike] | None = None,
+        pd: PD | tuple[ArrayLike, ...] | None = None,
+        damping: ArrayLike | None = None,
+        stiffness: ArrayLike | None = None,
+        rest: ArrayLike | None = None,
+        friction: ArrayLike | None = None,
+        friction_speed: float = 0.01,
+    ) -> Ode:
+        """The equations of motion for SciPy's solve_ivp: right side, Jacobian, and a solver with error control on the manifold.
+
+        tau: (nv,), constant, or a function of (t, q, qd), which is asked at every stage. pd, damping, stiffness, rest, friction,
+        friction_speed: as in simulate. Returns an Ode; Ode.solve(q, qd, t_span, ...) gives a Trajectory.
+
+        Raises ImportError without SciPy; ShapeError, NotFiniteError, ArgumentError.
         """
 
     def inverse_dynamics(

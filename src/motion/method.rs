@@ -53,24 +53,31 @@ pub enum Method {
     /// Two stages, order 2 with any A, L-stable for springs and damping, g = 1 - 1/sqrt(2). ROS2 of J. G. Verwer, E. J. Spee,
     /// J. G. Blom and W. Hundsdorfer, SIAM J. Sci. Comput. 20, 1999, 1456-1480.
     Rosenbrock2,
+    /// Four stages, order 3 with any A that may differ from stage to stage, L-stable for springs and damping, stiffly accurate, g =
+    /// 1/3. Of the solutions of the nine conditions above, one with small conditions of order 4 and small coefficients.
+    Rosenbrock3,
 }
 
+/// Short names.
+const SHORT: [(&str, Method); 2] = [("semi-implicit", Method::SemiImplicitEuler), ("implicit", Method::ImplicitEuler)];
+
 /// Every method with its name.
-pub const METHODS: [(&str, Method); 4] = [
+pub const METHODS: [(&str, Method); 5] = [
     ("semi-implicit-euler", Method::SemiImplicitEuler),
     ("rk4", Method::RungeKutta4),
     ("implicit-euler", Method::ImplicitEuler),
     ("rosenbrock-2", Method::Rosenbrock2),
+    ("rosenbrock-3", Method::Rosenbrock3),
 ];
 
 impl Method {
-    /// The method of that name.
+    /// The method of that name; "semi-implicit" and "implicit" are short for the Euler steps.
     ///
     /// # Errors
     ///
     /// [`Error::Argument`] with the names that there are.
     pub fn named(name: &str) -> Result<Self, Error> {
-        METHODS.iter().find(|(known, _)| *known == name).map(|&(_, method)| method).ok_or_else(|| {
+        METHODS.iter().chain(&SHORT).find(|(known, _)| *known == name).map(|&(_, method)| method).ok_or_else(|| {
             let names: Vec<String> = METHODS.iter().map(|(name, _)| format!("{name:?}")).collect();
             Error::argument("method", format!("{name:?}"), format!("one of {}", names.join(", ")))
         })
@@ -88,6 +95,7 @@ impl Method {
         match self {
             Self::SemiImplicitEuler | Self::ImplicitEuler => 1,
             Self::Rosenbrock2 => 2,
+            Self::Rosenbrock3 => 3,
             Self::RungeKutta4 => 4,
         }
     }
@@ -95,7 +103,7 @@ impl Method {
     /// Whether springs and damping are taken implicitly.
     #[must_use]
     pub fn is_implicit(self) -> bool {
-        matches!(self, Self::ImplicitEuler | Self::Rosenbrock2)
+        matches!(self, Self::ImplicitEuler | Self::Rosenbrock2 | Self::Rosenbrock3)
     }
 
     pub(crate) fn tableau(self) -> Tableau {
@@ -122,6 +130,24 @@ impl Method {
                     gamma: [[g, 0.0, 0.0, 0.0], [-2.0 * g, g, 0.0, 0.0], o, o],
                     weights: [0.5, 0.5, 0.0, 0.0],
                 }
+            }
+            Self::Rosenbrock3 => {
+                let g = 1.0 / 3.0;
+                let alpha = [
+                    o,
+                    [0.43, 0.0, 0.0, 0.0],
+                    [0.76, -0.342_311_564_274_196_3, 0.0, 0.0],
+                    [0.05, 1.319_192_490_141_570_6, -0.524_975_613_684_137_7, 0.0],
+                ];
+                let gamma = [
+                    [g, 0.0, 0.0, 0.0],
+                    [-0.211_431_805_443_481_3, g, 0.0, 0.0],
+                    [-0.555_783_210_976_123_3, 0.834_520_966_160_829_2, g, 0.0],
+                    [0.118_164_642_334_620_23, -0.476_420_318_084_064_34, 0.180_705_465_958_677_85, g],
+                ];
+                // The last stage is the step's end.
+                let weights = std::array::from_fn(|j| alpha[3][j] + gamma[3][j]);
+                Tableau { stages: 4, alpha, gamma, weights }
             }
         }
     }

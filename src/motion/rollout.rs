@@ -267,6 +267,9 @@ impl<'a> Rollout<'a> {
         last: usize,
     ) -> Result<Vec<Mutex<Rows<'r>>>, Error> {
         let Some(Records { q, qd, every }) = records else { return Ok(Vec::new()) };
+        if self.states == 0 {
+            return Ok(Vec::new());
+        }
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         let width = nq.max(nv);
         let numbers = if nq >= nv { q.len() } else { qd.len() };

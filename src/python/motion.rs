@@ -53,7 +53,7 @@ impl PyScene {
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s. steps: how many. tau: (..., nv), constant, or a function
     /// of (t, q, qd) called once a step with the whole batch that returns (..., nv); tau_steps: (..., steps, nv) instead; held
     /// over each step. pd: PD(kp, kd, target, target_rate), followed within the step. method: "semi-implicit-euler" (order 1), "rk4" (4),
-    /// "implicit-euler" (1) or "rosenbrock-2" (2): the last two are L-stable for springs, damping and pd. record_every: a row after so many
+    /// "implicit-euler" (1), "rosenbrock-2" (2) or "rosenbrock-3" (3): the last three are L-stable for springs, damping and pd. record_every: a row after so many
     /// steps. armature, damping, stiffness, friction: (nv,) or a number, rest: (nq,), instead of the scene's; friction_speed: v0,
     /// rad/s or m/s. form: "auto" redoes a step whose digits are in doubt in square-root form, "covariance" watches pivots only.
     /// progress: called with (steps done, steps) now and then.
@@ -164,6 +164,43 @@ impl PyScene {
             None => Ok(trajectory),
             Some(stopped) => Err(stopped.raise(py, &trajectory, done, dt, &batch)?),
         }
+    }
+}
+
+#[pymethods]
+impl PyScene {
+    /// The equations of motion for SciPy's solve_ivp: right side and Jacobian in tangent coordinates, and a solver with error control
+    /// on the manifold.
+    ///
+    /// tau: (nv,), constant, or a function of (t, q, qd); pd, damping, stiffness, rest, friction, friction_speed: as in simulate.
+    ///
+    /// Returns an Ode; Ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) gives a Trajectory. Needs SciPy (ImportError).
+    #[pyo3(signature = (*, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED),
+           text_signature = "($self, *, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01)")]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn ode<'py>(
+        slf: &Bound<'py, Self>,
+        tau: Option<&Bound<'py, PyAny>>,
+        pd: Option<&Bound<'py, PyAny>>,
+        damping: Option<&Bound<'py, PyAny>>,
+        stiffness: Option<&Bound<'py, PyAny>>,
+        rest: Option<&Bound<'py, PyAny>>,
+        friction: Option<&Bound<'py, PyAny>>,
+        friction_speed: f64,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let given = PyDict::new(slf.py());
+        for (name, value) in [
+            ("tau", tau),
+            ("pd", pd),
+            ("damping", damping),
+            ("stiffness", stiffness),
+            ("rest", rest),
+            ("friction", friction),
+        ] {
+            given.set_item(name, value)?;
+        }
+        given.set_item("friction_speed", friction_speed)?;
+        slf.py().import("phipsi._ode")?.getattr("Ode")?.call((slf,), Some(&given))
     }
 }
 
