@@ -143,7 +143,7 @@ class Trajectory:
             return []
         worst = values.reshape(-1)[np.argmax(size)]
         rows = beyond.any(axis=-1)
-        first = rows.any(axis=tuple(range(rows.ndim - 1))).argmax()
+        first = rows.reshape(-1, rows.shape[-1]).any(axis=0).argmax()
         return [Violation(joint, limit, bound, float(worst), float(self.t[first]), int(rows.sum()))]
 
 
@@ -162,7 +162,7 @@ def trajectory_of(
 ) -> Trajectory:
     """The trajectory of the rows that `steps` steps have filled."""
     rows = steps // record_every + 1
-    t = np.arange(rows) * (record_every * dt)
+    t: _Array = np.arange(rows, dtype=np.float64) * (record_every * dt)
     if rows < q.shape[-2]:
         q, qd = q[..., :rows, :], qd[..., :rows, :]
     return Trajectory(scene, t, q, qd, dt, steps, method, armature, stiffness, rest)

@@ -225,7 +225,7 @@ class Ode:
         Raises SimulationError, with .trajectory, where the integrator gives up; ImportError without SciPy; ArgumentError and its like.
         """
         try:
-            from scipy import integrate
+            from scipy import integrate  # type: ignore[import-untyped,unused-ignore]
         except ImportError:
             raise ImportError('Ode.solve needs SciPy; install with: pip install "phipsi[motion]"') from None
         methods = {name: getattr(integrate, name) for name in ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")}

@@ -10,9 +10,10 @@ use crate::motion::{Gains, Method, Properties, Records, Rollout, Settings, StepF
 use pyo3::exceptions::{PyException, PyKeyboardInterrupt, PyMemoryError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
+use std::time::{Duration, Instant};
 
-/// Between looks at signals and reports of progress, ns of one thread.
-const BLOCK: usize = 50_000_000;
+/// Between looks at signals and reports of progress.
+const BLOCK: Duration = Duration::from_millis(50);
 
 /// The class or function of that name in `phipsi._motion`.
 fn of_motion<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
@@ -424,11 +425,6 @@ fn run<'py>(
     records: &mut Records<'_>,
     plan: &Plan<'_, 'py>,
 ) -> Result<(), Stopped> {
-    let per_step = rollout.cost().saturating_mul(rollout.states()).max(1);
-    let block = match plan.given {
-        Given::Function(_) => 1,
-        _ => (BLOCK / per_step).max(1),
-    };
     let constant = match plan.given {
         Given::Constant(tau) => Torque::Constant(tau.over(plan.batch)?),
         Given::Steps(tau) => {
@@ -442,9 +438,12 @@ fn run<'py>(
     if plan.steps == 0 {
         return py.detach(|| rollout.advance(0, &constant, Some(records))).map_err(Stopped::Fault);
     }
-    let mut reported = 0;
+    // Doubled or halved until a block takes as long as it should: where steps are cut changes nothing in them.
+    let mut block = 1_usize;
+    let mut reported = Instant::now();
     while rollout.steps() < plan.steps {
         let count = block.min(plan.steps - rollout.steps());
+        let began = Instant::now();
         if let Given::Function(tau) = plan.given {
             let tau = asked(tau, rollout, plan)?;
             let torque = Torque::Constant(tau.over(plan.batch)?);
@@ -453,11 +452,19 @@ fn run<'py>(
             py.detach(|| rollout.advance(count, &constant, Some(records))).map_err(Stopped::Fault)?;
         }
         py.check_signals()?;
+        if !matches!(plan.given, Given::Function(_)) {
+            let elapsed = began.elapsed();
+            if elapsed < BLOCK / 2 {
+                block = block.saturating_mul(2);
+            } else if elapsed > BLOCK {
+                block = (block / 2).max(1);
+            }
+        }
         let done = rollout.steps();
         if let Some(progress) = plan.progress
-            && (done == plan.steps || (done - reported).saturating_mul(per_step) >= BLOCK)
+            && (done == plan.steps || reported.elapsed() >= BLOCK)
         {
-            reported = done;
+            reported = Instant::now();
             progress.call1((done, plan.steps))?;
         }
     }

@@ -164,8 +164,8 @@ def stroboscope(path: Trajectory, tree: Tree, flashes: int = FLASHES) -> Plot:
         for i, shade in enumerate(shades):
             lines = [np.stack(_flat(view, np.stack([origins[a][i], origins[b][i]])), axis=-1) for a, b in bones]
             axes.add_collection(LineCollection(lines, colors=COLOURS[0], alpha=shade, linewidths=1.0 + 1.4 * shade))
-            joints = _flat(view, np.stack([origins[b][i] for _, b in bones])) if bones else ([], [])
-            axes.plot(*joints, "o", color=INK, alpha=shade, ms=2.6, lw=0)
+            right, up = _flat(view, np.stack([origins[b][i] for _, b in bones])) if bones else (np.empty(0), np.empty(0))
+            axes.plot(right, up, "o", color=INK, alpha=shade, ms=2.6, lw=0)
         axes.set_aspect("equal", "datalim")
         axes.autoscale()
         axes.margins(0.08)
