@@ -204,7 +204,7 @@ impl<'a> Rollout<'a> {
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
         let cost = self.cost().saturating_mul(steps);
         let Self { scene, law, form, arm, current, pool, .. } = self;
-        let make = || Stepper::new(scene, law, *form, *arm);
+        let make = || Stepper::new(*form, *arm);
         let batch = Batch { states: self.states, cost, pool, make };
         let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {
             let lanes = stepper.lanes();

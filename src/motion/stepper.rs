@@ -7,7 +7,9 @@ use crate::batch::arms::{Arm, Vectorised, Work};
 use crate::error::Error;
 use crate::filter::Form;
 use crate::scalar::Fused;
-use crate::scene::Scene;
+#[cfg(target_arch = "x86_64")]
+use crate::scalar::{Lanes, Real};
+use crate::scene::{Model, Scene};
 use std::ops::Range;
 
 /// A joint that moves by more than this in one step (rad or m) has left what can be called motion.
@@ -41,47 +43,54 @@ pub(super) struct Job<'a, 'r> {
 
 /// What advances states, whatever its scalar.
 trait Stepping: Send + Sync {
-    fn lanes(&self) -> usize;
     fn run(&mut self, form: Form, checked: &mut Alone, job: Job<'_, '_>) -> Result<(), StepFault>;
 }
 
-/// Scratch for one rollout on one thread.
+/// Scratch for one rollout on one thread, made when it is first used.
 pub(super) struct Stepper {
-    one: Box<dyn Stepping>,
+    arm: Arm,
+    one: Option<Box<dyn Stepping>>,
     many: Option<Box<dyn Stepping>>,
     checked: Alone,
     form: Form,
 }
 
 impl Stepper {
-    pub fn new(scene: &Scene, law: &Law, form: Form, arm: Arm) -> Self {
-        let model = scene.model();
+    pub fn new(form: Form, arm: Arm) -> Self {
         let arm = if arm.available() { arm } else { Arm::Baseline };
-        let one: Box<dyn Stepping> = match arm {
-            Arm::Baseline => Box::new(Scratch::<f64>::new(model, law)),
-            Arm::Avx2 | Arm::Avx512 => Box::new(Scratch::<Fused>::new(model, law)),
-        };
+        Self { arm, one: None, many: None, checked: Alone { scratch: None }, form }
+    }
+
+    /// How many states a job may have.
+    pub fn lanes(&self) -> usize {
         #[cfg(target_arch = "x86_64")]
-        let many: Option<Box<dyn Stepping>> = match arm {
-            Arm::Baseline => None,
-            Arm::Avx2 => Some(Box::new(Scratch::<crate::scalar::Lanes<pulp::x86::V3>>::new(model, law))),
-            Arm::Avx512 => Some(Box::new(Scratch::<crate::scalar::Lanes<pulp::x86::V4>>::new(model, law))),
+        return match self.arm {
+            Arm::Baseline => 1,
+            Arm::Avx2 => Lanes::<pulp::x86::V3>::LANES,
+            Arm::Avx512 => Lanes::<pulp::x86::V4>::LANES,
         };
         #[cfg(not(target_arch = "x86_64"))]
-        let many = None;
-        Self { one, many, checked: Alone { scratch: None }, form }
+        return 1;
     }
 
-    pub fn lanes(&self) -> usize {
-        self.many.as_ref().map_or(1, |many| many.lanes())
-    }
-
-    /// Runs a job of at most as many states as there are lanes; the fault is that of its earliest step, then of its lowest state.
+    /// Runs a job; the fault is that of its earliest step, then of its lowest state.
     pub fn run(&mut self, job: Job<'_, '_>) -> Result<(), StepFault> {
-        match &mut self.many {
-            Some(many) if job.states.len() > 1 => many.run(self.form, &mut self.checked, job),
-            _ => self.one.run(self.form, &mut self.checked, job),
-        }
+        let (arm, alone) = (self.arm, job.states.len() == 1);
+        let place = if alone { &mut self.one } else { &mut self.many };
+        let scratch = place.get_or_insert_with(|| scratch(job.scene.model(), job.law, arm, alone));
+        scratch.run(self.form, &mut self.checked, job)
+    }
+}
+
+/// Scratch in the scalar of an arm, for one state or for several.
+fn scratch(model: &Model<f64>, law: &Law, arm: Arm, alone: bool) -> Box<dyn Stepping> {
+    match (arm, alone) {
+        #[cfg(target_arch = "x86_64")]
+        (Arm::Avx2, false) => Box::new(Scratch::<Lanes<pulp::x86::V3>>::new(model, law)),
+        #[cfg(target_arch = "x86_64")]
+        (Arm::Avx512, false) => Box::new(Scratch::<Lanes<pulp::x86::V4>>::new(model, law)),
+        (Arm::Baseline, _) => Box::new(Scratch::<f64>::new(model, law)),
+        _ => Box::new(Scratch::<Fused>::new(model, law)),
     }
 }
 
@@ -91,10 +100,6 @@ struct Alone {
 }
 
 impl<T: Vectorised> Stepping for Scratch<T> {
-    fn lanes(&self) -> usize {
-        T::LANES
-    }
-
     fn run(&mut self, form: Form, checked: &mut Alone, job: Job<'_, '_>) -> Result<(), StepFault> {
         T::within(Run { scratch: self, form, checked, job })
     }
