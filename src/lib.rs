@@ -47,6 +47,7 @@ pub mod dynamics;
 pub mod error;
 pub mod filter;
 pub mod kinematics;
+pub mod motion;
 pub mod operators;
 pub mod plan;
 pub mod planar;

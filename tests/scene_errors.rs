@@ -226,7 +226,25 @@ fn joint_parameters_below_zero() {
         refused(|_, joints| joints[0].armature = bad, ("joint \"shoulder\"", &words("armature"), expected));
         refused(|_, joints| joints[0].damping = bad, ("joint \"shoulder\"", &words("damping"), expected));
         refused(|_, joints| joints[0].friction = bad, ("joint \"shoulder\"", &words("friction"), expected));
+        refused(|_, joints| joints[0].spring.stiffness = bad, ("joint \"shoulder\"", &words("stiffness"), expected));
     }
+}
+
+#[test]
+fn rests_that_are_no_configurations() {
+    let shoulder = "joint \"shoulder\"";
+    refused(
+        |_, joints| joints[0].spring.rest = vec![0.1, 0.2],
+        (shoulder, "2 coordinates of rest", "1 coordinates, as a revolute joint has"),
+    );
+    refused(|_, joints| joints[0].spring.rest = vec![f64::NAN], (shoulder, "rest NaN", "finite numbers"));
+    refused(
+        |_, joints| {
+            joints[0].kind = JointKind::Spherical;
+            joints[0].spring.rest = vec![0.0, 0.0, 0.0, 2.0];
+        },
+        (shoulder, "a quaternion of norm 2 at rest", "unit norm"),
+    );
 }
 
 #[test]

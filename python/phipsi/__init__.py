@@ -29,6 +29,8 @@ from ._core import (
     get_num_threads,
     set_num_threads,
 )
+from ._motion import PD, MotionEnergy, Trajectory, Violation
+from ._ode import Ode
 from ._results import Energy, Estimate, Limits, MassEstimate, Samples
 from .operators import Factor, Operator
 
@@ -39,13 +41,18 @@ __all__ = [
     "Factor",
     "Limits",
     "MassEstimate",
+    "MotionEnergy",
+    "Ode",
     "Omission",
     "Operator",
+    "PD",
     "Plan",
     "RandomModel",
     "Samples",
     "Scene",
     "SceneBuilder",
+    "Trajectory",
+    "Violation",
     "__version__",
     "errors",
     "get_num_threads",

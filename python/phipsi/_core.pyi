@@ -1,12 +1,14 @@
 """The compiled half of phipsi: scenes, and the algorithms on them."""
 
 import os
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, Final, Literal, TypeAlias, final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._motion import PD, Trajectory
+from ._ode import Ode
 from ._results import Energy, Estimate, Limits, MassEstimate, Samples
 from .operators import Factor
 
@@ -105,6 +107,22 @@ class Scene:
         """Armature of each degree of freedom, (nv,), kg m^2 or kg; a copy. It is the variance of the measurement noise."""
 
     @property
+    def damping(self) -> _Array:
+        """Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m; a copy. Simulation only."""
+
+    @property
+    def friction(self) -> _Array:
+        """Coulomb friction of each degree of freedom, (nv,), N m or N; a copy. Simulation only."""
+
+    @property
+    def stiffness(self) -> _Array:
+        """Stiffness of each degree of freedom's spring, (nv,), N m/rad or N/m; a copy. Simulation only."""
+
+    @property
+    def rest(self) -> _Array:
+        """The configuration where the springs are at rest, (nq,); a copy."""
+
+    @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the movable joints, in the order of q; the free joint of a floating base is "root_joint"."""
 
@@ -176,6 +194,74 @@ class Scene:
         out: _Single | None = None,
         dtype: _Float32,
     ) -> _Single: ...
+
+    def simulate(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        *,
+        dt: float,
+        steps: int,
+        tau: ArrayLike | Callable[[float, _Array, _Array], ArrayLike] | None = None,
+        tau_steps: ArrayLike | None = None,
+        method: str = "semi-implicit-euler",
+        record_every: int = 1,
+        pd: PD | tuple[ArrayLike, ...] | None = None,
+        armature: ArrayLike | None = None,
+        damping: ArrayLike | None = None,
+        stiffness: ArrayLike | None = None,
+        rest: ArrayLike | None = None,
+        friction: ArrayLike | None = None,
+        friction_speed: float = 0.01,
+        form: Literal["auto", "covariance"] = "auto",
+        progress: Callable[[int, int], object] | None = None,
+    ) -> Trajectory:
+        """Advances states in time: fixed steps, whole batches, springs and damping implicitly where the method says so.
+
+        With d damping, f friction, k stiffness, v0 friction_speed, differences on the manifold,
+
+            M(q) dv/dt + bias(q, v) = tau - d v - f v / sqrt(v^2 + v0^2) - k (q - rest) + kp (target - q) + kd (target_rate - v)
+
+        and dq/dt = v on the manifold: quaternions stay unit, free joints move on SE(3).
+
+        q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s, finite and positive. steps: how many.
+        tau: (..., nv), constant, or a function of (t, q, qd) that is called once a step with the whole batch and returns
+        (..., nv); tau_steps: (..., steps, nv) instead. Either is held over each step, so that a function is followed to first
+        order in dt by every method. pd: PD(kp, kd, target, target_rate), followed within the step.
+        method: "semi-implicit-euler" (order 1), "rk4" (order 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3).
+        The last three take springs, damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit
+        stage each; they are L-stable for them: what is faster than the step is damped, not followed. record_every: a row
+        after so many steps. armature, damping, stiffness, friction: (nv,) or a number, rest: (nq,), instead of the
+        scene's. friction_speed: rad/s or m/s, where friction becomes viscous. form: "auto" does a step whose digits are in
+        doubt once more in square-root form; "covariance" watches the pivots only. progress: called with (steps done, steps)
+        some twenty times a second at the most.
+
+        Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first
+        the start. The same bits for any number of threads.
+
+        Raises SimulationError where motion diverges, a pivot is lost, or tau raises, with the rows of the finished
+        steps; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; MemoryError where the rows have no room;
+        ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
+
+    def ode(
+        self,
+        *,
+        tau: ArrayLike | Callable[[float, _Array, _Array], ArrayLike] | None = None,
+        pd: PD | tuple[ArrayLike, ...] | None = None,
+        damping: ArrayLike | None = None,
+        stiffness: ArrayLike | None = None,
+        rest: ArrayLike | None = None,
+        friction: ArrayLike | None = None,
+        friction_speed: float = 0.01,
+    ) -> Ode:
+        """The equations of motion for SciPy's solve_ivp: right side, Jacobian, and a solver with error control on the manifold.
+
+        tau: (nv,), constant, or a function of (t, q, qd), which is asked at every stage. pd, damping, stiffness, rest, friction,
+        friction_speed: as in simulate. Returns an Ode; Ode.solve(q, qd, t_span, ...) gives a Trajectory.
+
+        Raises ImportError without SciPy; ShapeError, NotFiniteError, ArgumentError.
+        """
 
     @overload
     def inverse_dynamics(  # type: ignore[overload-overlap]
@@ -438,6 +524,8 @@ class SceneBuilder:
         armature: float = 0.0,
         damping: float = 0.0,
         friction: float = 0.0,
+        stiffness: float = 0.0,
+        rest: ArrayLike | None = None,
         lower: float | None = None,
         upper: float | None = None,
         velocity: float | None = None,
@@ -448,7 +536,8 @@ class SceneBuilder:
 
         xyz: (3,), m, and rpy: (3,), rad, R = Rz(yaw) Ry(pitch) Rx(roll), or rotation: (3, 3): the child's frame at zero
         configuration seen from the parent's. axis: (3,), in the child's frame, of any length. pitch: m/rad, for a screw.
-        armature: kg m^2 or kg for each degree of freedom, part of the mass matrix. damping and friction: simulation only.
+        armature: kg m^2 or kg for each degree of freedom, part of the mass matrix. damping (N m s/rad or N s/m),
+        friction (N m or N), stiffness (N m/rad or N/m) and rest (the joint's coordinates there; None: the neutral ones): simulation only.
         lower, upper, velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow; it
         stays free.
 

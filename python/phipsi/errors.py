@@ -5,6 +5,11 @@ Every message names the argument, link or joint, what was found, what was expect
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ._motion import Trajectory
+
 __all__ = [
     "ArgumentError",
     "InertiaWarning",
@@ -13,6 +18,8 @@ __all__ = [
     "PhipsiError",
     "SceneError",
     "ShapeError",
+    "SimulationError",
+    "SimulationInterrupted",
     "SingularJointError",
     "SingularTaskError",
 ]
@@ -81,6 +88,31 @@ class SingularTaskError(PhipsiError, ArithmeticError):
     """How many directions the task has."""
     state: int | tuple[int, ...] | None = None
     """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
+
+
+class SimulationError(PhipsiError, ArithmeticError):
+    """A simulation that could not go on: motion diverged, a pivot was lost, or the function for tau raised.
+
+    The cause is chained (__cause__); the steps before are kept.
+    """
+
+    trajectory: Trajectory
+    """The rows of the steps that were finished."""
+    step: int = 0
+    """Index of the step at fault, from zero: so many were finished."""
+    joint: str = ""
+    """Name of the joint at fault; empty where tau raised."""
+    state: int | tuple[int, ...] | None = None
+    """Index of the state in the batch, a tuple if the batch has several axes; None for a single state, or where tau raised."""
+
+
+class SimulationInterrupted(KeyboardInterrupt):
+    """A simulation that was stopped by Ctrl-C; the steps before are kept."""
+
+    trajectory: Trajectory
+    """The rows of the steps that were finished."""
+    step: int = 0
+    """How many steps were finished."""
 
 
 class InertiaWarning(UserWarning):

@@ -235,30 +235,18 @@ fn compute<T: Vectorised>(
     let scene = (model, lean);
     match algorithm {
         Algorithm::ForwardDynamics(Form::Auto) => {
-            let (pivots, cancellation) = lean::forward_dynamics_watched(scene, scratch, (q, qd, u), wrenches, results);
-            let first = auto::Watched::at_first_look(pivots, cancellation);
-            if first.kept_in_every_lane() {
-                return 0;
-            }
-            lean::hand_over(scene, scratch, workspace);
-            let closer = auto::look_closer(model, workspace, first, results);
-            lanes_but::<T>(|lane| closer.kept(lane))
+            let watched =
+                auto::forward_dynamics_watched_lean(scene, (scratch, workspace), (q, qd, u), wrenches, results);
+            lanes_but::<T>(|lane| watched.kept(lane))
         }
         Algorithm::ForwardDynamics(Form::SquareRoot) if T::Number::SQUARE_ROOT => {
             let (pivots, reach) = refined::forward_dynamics_looked_at(model, workspace, q, qd, u, wrenches, results);
             lanes_but::<T>(|lane| pivots.clear(lane) && reach.clear(lane))
         }
         Algorithm::MassMatrixInverse(Form::Auto) => {
-            let (pivots, cancellation) = lean::factor_watched(scene, scratch, q, &mut results[..model.nv()]);
-            let first = auto::Watched::at_first_look(pivots, cancellation);
-            let judged = if first.kept_in_every_lane() {
-                first
-            } else {
-                lean::hand_over(scene, scratch, workspace);
-                auto::look_closer_at_factor(model, workspace, first, &results[..model.nv()])
-            };
+            let watched = auto::factor_watched_lean(scene, (scratch, workspace), q, &mut results[..model.nv()]);
             lean::closed_form(scene, scratch, results);
-            lanes_but::<T>(|lane| judged.kept(lane))
+            lanes_but::<T>(|lane| watched.kept(lane))
         }
         // Rare, or not worth code of its own for every arm.
         _ if !lean::covers(algorithm) => u64::MAX,

@@ -4,6 +4,7 @@
 use super::forces::Motion;
 use super::forward::{covariances_of_noise, forces_base_to_tip};
 use super::forward_root;
+use super::lean::{self, LeanModel, LeanScratch};
 use super::refined::{Judged, forward_dynamics_judged};
 use crate::filter::cancellation::{self, Cancellation, Probe};
 use crate::filter::pivots::PivotMonitor;
@@ -113,7 +114,7 @@ fn watch_factor<T: Real>(
 
 /// The closer look at what [`watch_factor`] or its like has just left in the workspace, where a lane is in doubt.
 #[inline(always)]
-pub(crate) fn look_closer_at_factor<T: Real>(
+fn look_closer_at_factor<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
     first: Watched<T>,
@@ -146,7 +147,7 @@ enum Margin {
 impl<T: Real> Watched<T> {
     /// After the first look.
     #[inline(always)]
-    pub fn at_first_look(pivots: PivotMonitor<T>, cancellation: Cancellation<T>) -> Self {
+    fn at_first_look(pivots: PivotMonitor<T>, cancellation: Cancellation<T>) -> Self {
         Self { pivots, cancellation, margin: Margin::Usual, clear_before: 0 }
     }
 
@@ -171,7 +172,7 @@ impl<T: Real> Watched<T> {
     }
 
     #[inline(always)]
-    pub fn kept_in_every_lane(&self) -> bool {
+    fn kept_in_every_lane(&self) -> bool {
         let mut all = true;
         for lane in 0..T::LANES {
             all &= self.kept(lane);
@@ -208,10 +209,45 @@ pub(crate) fn forward_dynamics_watched<T: Real>(
     if watched.kept_in_every_lane() { watched } else { look_closer(model, workspace, watched, qdd) }
 }
 
+/// The same by the sweeps that keep nothing but the result; the general ones are asked only where a lane is in doubt.
+#[inline(always)]
+pub(crate) fn forward_dynamics_watched_lean<T: Real>(
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    (scratch, workspace): (&mut LeanScratch<T>, &mut Workspace<T>),
+    state: (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    qdd: &mut [T],
+) -> Watched<T> {
+    let (pivots, cancellation) = lean::forward_dynamics_watched((model, lean), scratch, state, wrenches, qdd);
+    let first = Watched::at_first_look(pivots, cancellation);
+    if first.kept_in_every_lane() {
+        return first;
+    }
+    lean::hand_over((model, lean), scratch, workspace);
+    look_closer(model, workspace, first, qdd)
+}
+
+/// The factor of M by the same sweeps, in the scratch; `estimates` is scratch, (nv).
+#[inline(always)]
+pub(crate) fn factor_watched_lean<T: Real>(
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    (scratch, workspace): (&mut LeanScratch<T>, &mut Workspace<T>),
+    q: &[T],
+    estimates: &mut [T],
+) -> Watched<T> {
+    let (pivots, cancellation) = lean::factor_watched((model, lean), scratch, q, estimates);
+    let first = Watched::at_first_look(pivots, cancellation);
+    if first.kept_in_every_lane() {
+        return first;
+    }
+    lean::hand_over((model, lean), scratch, workspace);
+    look_closer_at_factor(model, workspace, first, estimates)
+}
+
 /// The closer looks at what [`forward_dynamics_watched`] or its like has just left in the workspace, where a lane is in doubt: entry by
 /// entry, and once more with other weights.
 #[inline(always)]
-pub(crate) fn look_closer<T: Real>(
+fn look_closer<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
     mut watched: Watched<T>,

@@ -118,6 +118,16 @@ pub(super) fn fixed(name: &str, value: &Bound<'_, PyAny>, shape: &[usize]) -> Py
     Ok(array.to_vec()?)
 }
 
+/// One number for all of `width`, or an array (width,): the numbers.
+pub(super) fn spread(name: &str, value: &Bound<'_, PyAny>, width: usize) -> PyResult<Vec<f64>> {
+    let array = read(name, value)?;
+    match (array.ndim(), array.len()) {
+        (0, 1) => Ok(vec![array.to_vec()?[0]; width]),
+        (1, found) if found == width => Ok(array.to_vec()?),
+        _ => Err(wrong_shape(name, array.shape(), format!("() or ({width},)"))),
+    }
+}
+
 /// A boolean array of exactly `length` entries; none where the argument has another dtype.
 pub(super) fn mask(name: &str, value: &Bound<'_, PyAny>, length: usize) -> PyResult<Option<Vec<bool>>> {
     let Ok(array) = as_array(value) else { return Ok(None) };

@@ -4,7 +4,7 @@ use super::description::joint_kind;
 use super::scene::PyScene;
 use super::{arrays, errors, plan};
 use crate::error::Error;
-use crate::scene::{Inertial, JointDescription, Limits, LinkDescription, SceneBuilder};
+use crate::scene::{Inertial, JointDescription, Limits, LinkDescription, SceneBuilder, Spring};
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::{Matrix3, Rotation3};
 use pyo3::prelude::*;
@@ -55,17 +55,18 @@ impl PySceneBuilder {
     /// type: "fixed", "revolute", "continuous", "prismatic", "screw", "planar", "spherical" or "floating". xyz: (3,), m,
     /// and rpy: (3,), rad, R = Rz(yaw) Ry(pitch) Rx(roll), or rotation: (3, 3): the child's frame at zero configuration
     /// seen from the parent's. axis: (3,), in the child's frame, of any length. pitch: m/rad, for a screw. armature: kg m^2
-    /// or kg for each degree of freedom, part of the mass matrix. damping and friction: simulation only. lower, upper,
+    /// or kg for each degree of freedom, part of the mass matrix. damping (N m s/rad or N s/m), friction (N m or N),
+    /// stiffness (N m/rad or N/m) and rest (the joint's coordinates there, None: the neutral ones): simulation only. lower, upper,
     /// velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow; it stays free.
     ///
     /// Raises `SceneError` for an unknown type or a missing pitch; `ShapeError` or `ArgumentError` for arrays, naming the joint;
     /// `build()` checks the rest.
     #[pyo3(signature = (name, r#type, parent, child, *, xyz=None, rpy=None, rotation=None, axis=None, pitch=None,
-                        armature=0.0, damping=0.0, friction=0.0, lower=None, upper=None, velocity=None, effort=None,
-                        mimic=None),
+                        armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, lower=None, upper=None, velocity=None,
+                        effort=None, mimic=None),
            text_signature = "($self, name, type, parent, child, *, xyz=(0, 0, 0), rpy=None, rotation=None, \
-                             axis=(0, 0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, lower=None, \
-                             upper=None, velocity=None, effort=None, mimic=None)")]
+                             axis=(0, 0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, \
+                             lower=None, upper=None, velocity=None, effort=None, mimic=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn joint<'py>(
         mut slf: PyRefMut<'py, Self>,
@@ -81,6 +82,8 @@ impl PySceneBuilder {
         armature: f64,
         damping: f64,
         friction: f64,
+        stiffness: f64,
+        rest: Option<&Bound<'py, PyAny>>,
         lower: Option<f64>,
         upper: Option<f64>,
         velocity: Option<f64>,
@@ -89,8 +92,14 @@ impl PySceneBuilder {
     ) -> PyResult<PyRefMut<'py, Self>> {
         let of_joint = |argument: &str| format!("{argument} of joint {name:?}");
         let none = Limits::default();
+        let kind = joint_kind(&name, r#type, pitch)?;
+        let rest = match rest {
+            None => Vec::new(),
+            Some(rest) if kind.nq() == 1 => arrays::spread(&of_joint("rest"), rest, 1)?,
+            Some(rest) => arrays::fixed(&of_joint("rest"), rest, &[kind.nq()])?,
+        };
         let joint = JointDescription {
-            kind: joint_kind(&name, r#type, pitch)?,
+            kind,
             parent,
             child,
             origin: RigidShift {
@@ -101,6 +110,7 @@ impl PySceneBuilder {
             armature,
             damping,
             friction,
+            spring: Spring { stiffness, rest },
             limits: Limits {
                 lower: lower.unwrap_or(none.lower),
                 upper: upper.unwrap_or(none.upper),

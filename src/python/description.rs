@@ -3,7 +3,7 @@
 use super::plan;
 use super::scene::PyScene;
 use crate::error::Error;
-use crate::scene::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Scene, SceneBuilder};
+use crate::scene::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Scene, SceneBuilder, Spring};
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Matrix3;
 use pyo3::prelude::*;
@@ -15,9 +15,20 @@ const VERSION: u32 = 3;
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
 
 /// Name, kind, pitch, parent, child, origin (rotation row by row, lever), axis, (armature, damping, friction), limits
-/// (lower, upper, velocity, effort), mimic.
-type JointTuple =
-    (String, String, Option<f64>, String, String, ([f64; 9], [f64; 3]), [f64; 3], [f64; 3], [f64; 4], Option<String>);
+/// (lower, upper, velocity, effort), mimic, spring (stiffness, rest).
+type JointTuple = (
+    String,
+    String,
+    Option<f64>,
+    String,
+    String,
+    ([f64; 9], [f64; 3]),
+    [f64; 3],
+    [f64; 3],
+    [f64; 4],
+    Option<String>,
+    (f64, Vec<f64>),
+);
 
 /// A joint that was locked: name, kind, pitch.
 type LockedTuple = (String, String, Option<f64>);
@@ -79,8 +90,20 @@ fn link_tuple(link: &LinkDescription) -> LinkTuple {
 
 fn joint_tuple(joint: &JointDescription) -> JointTuple {
     // Named one by one, so that a new field cannot be forgotten.
-    let JointDescription { name, kind, parent, child, origin, axis, armature, damping, friction, limits, mimic } =
-        joint;
+    let JointDescription {
+        name,
+        kind,
+        parent,
+        child,
+        origin,
+        axis,
+        armature,
+        damping,
+        friction,
+        spring,
+        limits,
+        mimic,
+    } = joint;
     let Limits { lower, upper, velocity, effort } = *limits;
     let mut rotation = [0.0; 9];
     rotation.copy_from_slice(origin.rotation.transpose().as_slice());
@@ -95,6 +118,7 @@ fn joint_tuple(joint: &JointDescription) -> JointTuple {
         [*armature, *damping, *friction],
         [lower, upper, velocity, effort],
         mimic.clone(),
+        (spring.stiffness, spring.rest.clone()),
     )
 }
 
@@ -104,8 +128,20 @@ fn pitch_of(kind: JointKind) -> Option<f64> {
 }
 
 fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
-    let (name, kind, pitch, parent, child, (rotation, lever), axis, [armature, damping, friction], limits, mimic) =
-        tuple;
+    let (
+        name,
+        kind,
+        pitch,
+        parent,
+        child,
+        (rotation, lever),
+        axis,
+        [armature, damping, friction],
+        limits,
+        mimic,
+        spring,
+    ) = tuple;
+    let (stiffness, rest) = spring;
     let [lower, upper, velocity, effort] = limits;
     let kind = joint_kind(&name, &kind, pitch)?;
     Ok(JointDescription {
@@ -118,6 +154,7 @@ fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
         armature,
         damping,
         friction,
+        spring: Spring { stiffness, rest },
         limits: Limits { lower, upper, velocity, effort },
         mimic,
     })

@@ -27,6 +27,11 @@ pub(super) fn fault(py: Python<'_>, fault: Fault, batch: &[usize]) -> PyErr {
     to_python(py, &error, batch).unwrap_or_else(|failed| failed)
 }
 
+/// The error of a call over a batch with the given leading axes; it may name a state of it.
+pub(super) fn of_batch(py: Python<'_>, error: &Error, batch: &[usize]) -> PyErr {
+    to_python(py, error, batch).unwrap_or_else(|failed| failed)
+}
+
 /// The instance of the class that belongs to `error`, with its attributes.
 fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> {
     let mut message = error.to_string();
@@ -81,7 +86,7 @@ fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> 
 }
 
 /// What indexes a state in Python: a number for one leading axis, a tuple for several.
-fn batch_index<'py>(py: Python<'py>, state: usize, batch: &[usize]) -> PyResult<Bound<'py, PyAny>> {
+pub(super) fn batch_index<'py>(py: Python<'py>, state: usize, batch: &[usize]) -> PyResult<Bound<'py, PyAny>> {
     if batch.len() < 2 {
         return Ok(state.into_pyobject(py)?.into_any());
     }

@@ -17,6 +17,7 @@ mod estimation;
 mod evaluate;
 mod factor;
 mod geometry;
+mod motion;
 mod operational;
 mod plan;
 mod report;

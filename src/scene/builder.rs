@@ -184,7 +184,7 @@ impl SceneBuilder {
     ///
     /// [`Error::Scene`], naming the link or joint, for: no link, a name used twice, an unknown parent or child, a link
     /// with two parents, two roots, a cycle, an axis of no direction, numbers that are not finite, a negative mass,
-    /// armature, damping or friction, lower limit above upper; with `strict`, an unphysical inertia or a mimic of an
+    /// armature, damping, friction or stiffness, a rest that is no configuration of the joint, lower limit above upper; with `strict`, an unphysical inertia or a mimic of an
     /// unknown joint.
     pub fn build(self) -> Result<Scene, Error> {
         let tree = self.check_tree()?;

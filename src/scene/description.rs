@@ -1,5 +1,6 @@
 //! What a scene is made of, as the user says it: links and joints by name.
 
+use super::spring::Spring;
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Vector3;
 
@@ -132,6 +133,8 @@ pub struct JointDescription {
     pub damping: f64,
     /// Coulomb friction, N m or N (simulation only).
     pub friction: f64,
+    /// Spring (simulation only).
+    pub spring: Spring,
     /// Limits.
     pub limits: Limits,
     /// Name of the joint that this one should mimic; it stays an independent coordinate.
@@ -139,7 +142,7 @@ pub struct JointDescription {
 }
 
 impl JointDescription {
-    /// A joint at the parent's origin, axis z, with no armature, damping, friction or limits.
+    /// A joint at the parent's origin, axis z, with no armature, damping, friction, spring or limits.
     pub fn new(name: impl Into<String>, kind: JointKind, parent: impl Into<String>, child: impl Into<String>) -> Self {
         Self {
             name: name.into(),
@@ -151,6 +154,7 @@ impl JointDescription {
             armature: 0.0,
             damping: 0.0,
             friction: 0.0,
+            spring: Spring::default(),
             limits: Limits::default(),
             mimic: None,
         }

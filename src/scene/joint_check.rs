@@ -1,6 +1,7 @@
 //! Whether the numbers of a joint can be used.
 
 use super::description::{JointDescription, JointKind};
+use super::spring::check_spring;
 use crate::error::Error;
 use nalgebra::Matrix3;
 
@@ -31,6 +32,7 @@ pub(super) fn check_joint(joint: &JointDescription) -> Result<(), Error> {
             return refuse(format!("{name} {value}"), "a finite number, zero or positive");
         }
     }
+    check_spring(&joint.name, joint.kind, &joint.spring)?;
     let limits = &joint.limits;
     if !(limits.lower <= limits.upper) {
         return refuse(

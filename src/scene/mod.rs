@@ -15,6 +15,7 @@ pub mod model;
 pub mod omissions;
 pub mod operational;
 pub(crate) mod queries;
+pub mod spring;
 #[cfg(feature = "urdf")]
 pub mod urdf;
 
@@ -23,6 +24,7 @@ pub use description::{Inertial, JointDescription, JointKind, Limits, LinkDescrip
 pub use model::{Body, Model, Motion};
 pub use omissions::Omissions;
 pub use operational::TaskFrame;
+pub use spring::Spring;
 
 use crate::error::Error;
 use crate::planar::PlanarModel;

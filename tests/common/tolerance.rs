@@ -179,3 +179,12 @@ pub fn square_root(sensitivity: f64) -> f64 {
 pub fn square_root_component(sensitivity: f64) -> f64 {
     (20.0 * sensitivity).max(1e-12)
 }
+
+/// How far a measured order of convergence may be from the method's.
+pub const ORDER: f64 = 0.1;
+
+/// How far a spring of 1e8 N m/rad and more gives way to the torques of the tests, rad.
+pub const BENT: f64 = 1e-6;
+
+/// The error of 200 implicit steps of 1 ms along the slow motion beside springs of 1e9 N m/rad, the first order's the largest.
+pub const SLOW: f64 = 2e-3;

@@ -22,3 +22,12 @@ def test_paper_shows_every_equation() -> None:
         shown = set(re.findall(r"^ +(\d\.\d+) +\d\.\de[+-]\d\d  ", scene, flags=re.MULTILINE))
         assert shown == every
         assert scene.count("as printed") >= 15
+
+
+def test_mppi_brings_the_arm_towards_its_goal() -> None:
+    command = [sys.executable, str(PAPER.with_name("mppi.py")), "--samples", "32", "--cycles", "25"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert run.returncode == 0, run.stdout[-2000:] + run.stderr
+    before, after = (float(x) for x in re.findall(r"(\d\.\d+) m from", run.stdout))
+    assert after < 0.5 * before
+    assert "thousand states a second" in run.stdout

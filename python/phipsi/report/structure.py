@@ -113,7 +113,7 @@ def tree_of(scene: Scene) -> Tree:
     for name, inertial in links:
         mass, centre, _inertia = inertial or (0.0, (0.0, 0.0, 0.0), None)
         tree.links[name] = Link(name, mass, np.array(centre))
-    for name, kind, _pitch, parent, child, _origin, axis, (armature, _damping, _friction), _limits, mimic in joints:
+    for name, kind, _pitch, parent, child, _origin, axis, (armature, _damping, _friction), _limits, mimic, _spring in joints:
         tree.joints[name] = Joint(name, kind, parent, child, np.array(axis), armature, mimic)
     carried = {joint.child for joint in tree.joints.values()}
     tree.root = next(name for name in tree.links if name not in carried)

@@ -43,10 +43,6 @@ pub(super) struct LeanBody<N> {
     /// The bounds on the terms of M(k).
     pub scale: [N; 2],
     pub needs_no_force: bool,
-    /// Armature of the first row.
-    pub noise: N,
-    /// Whether row and column 2 of P^+ are zero and not formed.
-    pub skips_zeros: bool,
     /// Its place and its parent's, outward; 0 is the base's.
     pub outward: usize,
     pub parent_outward: usize,
@@ -114,8 +110,6 @@ impl<T: Real> LeanModel<T> {
                 composite_lever: [0, 1, 2].map(|i| number(composite_mass[k] * turned[i])),
                 scale: [number(scale.angular), number(scale.linear)],
                 needs_no_force: body.needs_no_force,
-                noise: number(model.system.noise.get(stage.first_row).copied().unwrap_or(0.0)),
-                skips_zeros: stage.rows.count() > 0 && model.system.skips_zeros_of(stage.first_row),
                 outward: outward.of[k],
                 parent_outward: place(&outward, stage.parent),
                 inward: inward.of[k],

@@ -5,7 +5,7 @@ use super::scratch::{Covariance, LeanScratch};
 use super::turn::{Renaming, Turn};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
-use crate::filter::{HingeMap, innovations};
+use crate::filter::{HingeMap, System, innovations};
 use crate::scalar::Real;
 use crate::scene::Model;
 use crate::spatial::{RigidShift, Symmetric3, Symmetric6};
@@ -20,6 +20,21 @@ pub(super) const FACTOR: usize = 0;
 pub(super) const FILTER: usize = 1;
 /// The factor, and the filters of the right side and of the weights.
 pub(super) const WATCH: usize = 2;
+
+/// The noise of one row's measurement.
+#[derive(Clone, Copy)]
+struct Noise<T> {
+    variance: T,
+    /// Whether row and column 2 of P^+ are zero and not formed.
+    skips_zeros: bool,
+}
+
+impl<T: Real> Noise<T> {
+    #[inline(always)]
+    fn of(system: &System<T>, row: usize) -> Self {
+        Self { variance: system.noise[row], skips_zeros: system.skips_zeros_of(row) }
+    }
+}
 
 /// Every stage's measurements (3.6, 4.2, 4.5) and the way to its parent; `innovations` receives e^-. `SIDES` is [`FACTOR`], [`FILTER`] or
 /// [`WATCH`].
@@ -50,28 +65,29 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
             Carrier::Turn(renaming) => {
                 let turn = scratch.turns[k];
                 let row = body.row;
-                let (m, column) = measured(body, &p);
+                let noise = Noise::of(&model.system, row);
+                let (m, column) = measured(noise, &p);
                 scratch.measured[row] = m;
                 if SIDES == WATCH {
-                    scratch.watching.kept[k] = kept_diagonal(body, &p, &column, &m);
+                    scratch.watching.kept[k] = kept_diagonal(noise, &p, &column, &m);
                 }
                 monitor.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
                 if SIDES >= FILTER {
-                    innovations[row] = measure(body, &m, tau[row], &mut scratch.forces[k]);
+                    innovations[row] = measure(noise, &m, tau[row], &mut scratch.forces[k]);
                 }
                 let Some(parent) = body.parent else {
                     if SIDES == WATCH {
                         let Watched { weight, zeta } = Watched::of(&mut scratch.watching, k, row);
-                        scratch.watching.innovations[row] = measure(body, &m, weight, zeta);
+                        scratch.watching.innovations[row] = measure(noise, &m, weight, zeta);
                     }
                     continue;
                 };
                 let at_parent = &mut scratch.covariances[body.parent_inward];
                 at_parent.scale.add(&sent(body, &p, like));
-                if body.skips_zeros {
-                    carry::<T, false>(body, renaming, turn, &p, &column, &m, &mut at_parent.p);
+                if noise.skips_zeros {
+                    carry::<T, false>(body, renaming, turn, &p, &column, (&m, noise.variance), &mut at_parent.p);
                 } else {
-                    carry::<T, true>(body, renaming, turn, &p, &column, &m, &mut at_parent.p);
+                    carry::<T, true>(body, renaming, turn, &p, &column, (&m, noise.variance), &mut at_parent.p);
                 }
                 if SIDES >= FILTER {
                     let sent = in_joint_frame(body, turn, &scratch.forces[k]);
@@ -79,7 +95,7 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
                 }
                 if SIDES == WATCH {
                     let Watched { weight, zeta } = Watched::of(&mut scratch.watching, k, row);
-                    let e_w = measure(body, &m, weight, zeta);
+                    let e_w = measure(noise, &m, weight, zeta);
                     let sent = in_joint_frame(body, turn, zeta);
                     scratch.watching.innovations[row] = e_w;
                     add_force(renaming, sent, &mut scratch.watching.zeta[parent]);
@@ -203,11 +219,11 @@ fn noise_of<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> Covariance<T> {
 
 /// D and g of a turn (3.6, 3.10), with P^- H^T but for the entry that H picks.
 #[inline(always)]
-fn measured<T: Real>(body: &LeanBody<T::Parameter>, p: &[T; 21]) -> (Measured<T>, [T; 5]) {
-    let pivot = p[5] + p[5].everywhere(body.noise);
+fn measured<T: Real>(noise: Noise<T>, p: &[T; 21]) -> (Measured<T>, [T; 5]) {
+    let pivot = p[5] + noise.variance;
     let pivot_inverse = pivot.recip();
     let column = [p[2], p[4], p[12], p[13], p[14]];
-    let own = if body.skips_zeros { pivot.constant(1.0) } else { p[5] * pivot_inverse };
+    let own = if noise.skips_zeros { pivot.constant(1.0) } else { p[5] * pivot_inverse };
     let gain = Vector6::new(
         column[0] * pivot_inverse,
         column[1] * pivot_inverse,
@@ -222,13 +238,13 @@ fn measured<T: Real>(body: &LeanBody<T::Parameter>, p: &[T; 21]) -> (Measured<T>
 /// The diagonal of P^+.
 #[inline(always)]
 fn kept_diagonal<T: Real>(
-    body: &LeanBody<T::Parameter>,
+    noise: Noise<T>,
     p: &[T; 21],
     [ph0, ph1, ph3, ph4, ph5]: &[T; 5],
     m: &Measured<T>,
 ) -> Vector6<T> {
     let g = &m.gain;
-    let own = if body.skips_zeros { g[2].constant(0.0) } else { g[2].everywhere(body.noise) * g[2] };
+    let own = if noise.skips_zeros { g[2].constant(0.0) } else { noise.variance * g[2] };
     Vector6::new(
         p[0].minus_product(g[0], *ph0),
         p[3].minus_product(g[1], *ph1),
@@ -241,15 +257,12 @@ fn kept_diagonal<T: Real>(
 
 /// The filter across a turn: z^- becomes z^+ (4.5); gives e^- (4.2).
 #[inline(always)]
-fn measure<T: Real>(body: &LeanBody<T::Parameter>, m: &Measured<T>, measurement: T, z: &mut [T; 6]) -> T {
+fn measure<T: Real>(noise: Noise<T>, m: &Measured<T>, measurement: T, z: &mut [T; 6]) -> T {
     let e = measurement - z[ABOUT_Z];
     let g = &m.gain;
     // H z^+ = tau - (r / D) e^-, which a sum with a large H z^- would not give.
-    let own = if body.skips_zeros {
-        measurement
-    } else {
-        measurement.minus_product(e, e.everywhere(body.noise) * m.pivot_inverse)
-    };
+    let own =
+        if noise.skips_zeros { measurement } else { measurement.minus_product(e, noise.variance * m.pivot_inverse) };
     *z = [
         g[0].mul_add(e, z[0]),
         g[1].mul_add(e, z[1]),
@@ -279,7 +292,7 @@ fn carry<T: Real, const NOISY: bool>(
     turn: Turn<T>,
     p: &[T; 21],
     column: &[T; 5],
-    m: &Measured<T>,
+    (m, variance): (&Measured<T>, T),
     to: &mut [T; 21],
 ) {
     let (g, [ph0, ph1, ph3, ph4, ph5]) = (&m.gain, *column);
@@ -303,7 +316,7 @@ fn carry<T: Real, const NOISY: bool>(
     // What the noise leaves of the row that H picks.
     let (mut a2, mut a4, mut a5, mut c6, mut c7, mut c8) = (o, o, o, o, o, o);
     if NOISY {
-        let r = o.everywhere(body.noise);
+        let r = variance;
         (a2, a4) = turn.pair(r * g[0], r * g[1]);
         a5 = r * g[2];
         (c6, c7) = turn.pair(r * g[3], r * g[4]);
@@ -366,7 +379,7 @@ pub(super) fn add_force<N: Copy, T: Real<Parameter = N>>(
 /// The filter at a stage with any joint: its rows, and the way to its parent.
 #[inline(always)]
 fn through_general_stage<T: Real>(
-    (system, k): (&crate::filter::System<T>, usize),
+    (system, k): (&System<T>, usize),
     shift: &RigidShift<T>,
     measured: &[Measured<T>],
     (measurement, innovations): (&[T], &mut [T]),

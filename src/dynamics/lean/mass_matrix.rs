@@ -35,7 +35,7 @@ pub(crate) fn mass_matrix<T: Real>(
                 let Composite { first_moment: h, rotational: i } = &composite;
                 // r(k) H*(k), H picking the rotation about z.
                 let force = [i[2], i[4], i[5], -h[1], h[0], like];
-                put(out, nv, (body.row, body.row), i[5] + like.everywhere(body.noise));
+                put(out, nv, (body.row, body.row), i[5] + model.system.noise[body.row]);
                 column_inward((model, lean), scratch, (k, body.row), force, out);
                 if body.parent.is_some() {
                     to_parent(

@@ -63,7 +63,7 @@ pub(crate) fn run<T: Real>(
 
 /// Joint accelerations, as [`forward_dynamics`](super::forward_dynamics) in covariance form gives them to rounding.
 #[inline(always)]
-fn forward_dynamics<T: Real>(
+pub(crate) fn forward_dynamics<T: Real>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     (q, qd, tau): (&[T], &[T], &[T]),

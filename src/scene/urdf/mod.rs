@@ -1,14 +1,15 @@
 //! Scenes from URDF: `<link>` and `<joint>` elements under `<robot>`, by the specification at wiki.ros.org/urdf/XML.
 //!
 //! Read: names, `<inertial>`, and the joint's type, parent, child, origin, axis, limit, dynamics and mimic (the name). One
-//! extension: `<dynamics armature="...">`, in kg m^2 or kg. Everything else (visual, collision, transmission, gazebo,
+//! extension: `<dynamics armature="..." stiffness="..." rest="...">`, in kg m^2 or kg, N m/rad or N/m, and rad or m (rest: for
+//! joints of one coordinate only). Everything else (visual, collision, transmission, gazebo,
 //! ...) is passed over. What a link or joint says wrongly is an error that names it; whether the links and joints make
 //! a tree of physical bodies is checked by [`SceneBuilder::build`].
 
 mod xml;
 
-use super::SceneBuilder;
 use super::description::{Inertial, JointDescription, JointKind, Limits, LinkDescription};
+use super::{SceneBuilder, Spring};
 use crate::error::Error;
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::{Matrix3, Vector3};
@@ -128,11 +129,18 @@ fn joint(element: &Element) -> Result<JointDescription, Error> {
         joint.damping = dynamics.number("damping")?.unwrap_or(0.0);
         joint.friction = dynamics.number("friction")?.unwrap_or(0.0);
         joint.armature = dynamics.number("armature")?.unwrap_or(0.0);
+        joint.spring = spring(&dynamics)?;
     }
     if let Some(mimic) = element.child("mimic") {
         joint.mimic = Some(mimic.required("joint")?.to_owned());
     }
     Ok(joint)
+}
+
+/// Stiffness and rest; whether the joint has one coordinate is checked by the builder.
+fn spring(dynamics: &Element) -> Result<Spring, Error> {
+    let rest = dynamics.number("rest")?;
+    Ok(Spring { stiffness: dynamics.number("stiffness")?.unwrap_or(0.0), rest: rest.into_iter().collect() })
 }
 
 fn joint_kind(element: &Element) -> Result<JointKind, Error> {

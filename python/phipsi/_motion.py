@@ -1,0 +1,168 @@
+"""What a simulation gives: trajectories, their energy, and the limits they break."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from ._core import Scene
+
+__all__ = ["PD", "MotionEnergy", "Trajectory", "Violation"]
+
+_Array = NDArray[np.float64]
+
+
+class PD(NamedTuple):
+    """A control law for Scene.simulate: the torque kp (target - q) + kd (target_rate - v), the difference on the manifold.
+
+    Methods that are implicit take it implicitly: gains may be as stiff as one likes.
+    """
+
+    kp: ArrayLike
+    """Proportional gains, (nv,) or a number, N m/rad or N/m."""
+    kd: ArrayLike
+    """Derivative gains, (nv,) or a number, N m s/rad or N s/m."""
+    target: ArrayLike
+    """Configurations to go to, (..., nq)."""
+    target_rate: ArrayLike | None = None
+    """Rates to go to, (..., nv); None: zero."""
+
+
+class MotionEnergy(NamedTuple):
+    """Energy along a trajectory, (..., rows) each, J."""
+
+    kinetic: _Array
+    """Half of qd M qd, armature included."""
+    potential: _Array
+    """Of gravity; zero with the mass centre at the base's origin."""
+    spring: _Array
+    """Of the joints' springs; the control law's not among them."""
+
+    @property
+    def total(self) -> _Array:
+        """The sum."""
+        return self.kinetic + self.potential + self.spring
+
+
+class Violation(NamedTuple):
+    """A limit that a trajectory breaks in some recorded row."""
+
+    joint: str
+    """Name of the joint."""
+    limit: str
+    """Which: "lower", "upper" or "velocity"."""
+    bound: float
+    """The limit."""
+    worst: float
+    """The coordinate or rate that is furthest beyond."""
+    time: float
+    """When it is first broken, s."""
+    rows: int
+    """In how many rows of how many states, all together."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory:
+    """States through time: what Scene.simulate gives."""
+
+    scene: Scene
+    """The scene that moved."""
+    t: _Array
+    """Times of the rows, (rows,), s."""
+    q: _Array
+    """Configurations, (..., rows, nq)."""
+    qd: _Array
+    """Rates, (..., rows, nv)."""
+    dt: float
+    """The step, s."""
+    steps: int
+    """Steps that were made."""
+    method: str
+    """How."""
+    armature: _Array = field(repr=False)
+    """What it was computed with, (nv,)."""
+    stiffness: _Array = field(repr=False)
+    """The springs', (nv,)."""
+    rest: _Array = field(repr=False)
+    """Where they are at rest, (nq,)."""
+
+    def __len__(self) -> int:
+        """The number of rows."""
+        return len(self.t)
+
+    def __repr__(self) -> str:
+        batch = self.q.shape[:-2]
+        states = f"{batch} states, " if batch else ""
+        return f"<phipsi.Trajectory: {states}{len(self)} rows to t = {self.t[-1]:g} s, {self.steps} steps of {self.dt:g} s by {self.method}>"
+
+    def energy(self) -> MotionEnergy:
+        """Kinetic energy, that of gravity and that of the springs in every row, with the armature and springs of the run."""
+        energy = self.scene.energy(self.q, self.qd)
+        rotors = 0.5 * ((self.armature - self.scene.armature) * self.qd**2).sum(axis=-1)
+        return MotionEnergy(np.asarray(energy.kinetic + rotors), np.asarray(energy.potential), self._springs())
+
+    def _springs(self) -> _Array:
+        away = self.scene.difference(self.rest, self.q)
+        for joint in self.scene.joint_names:
+            q, v = self.scene.q_index(joint), self.scene.v_index(joint)
+            if q.stop - q.start == 7:  # a free joint's spring measures distance, not the length of a screw
+                away[..., v.start : v.start + 3] = self.q[..., q.start : q.start + 3] - self.rest[q.start : q.start + 3]
+        springs: _Array = 0.5 * (self.stiffness * away**2).sum(axis=-1)
+        return springs
+
+    def momentum(self) -> _Array:
+        """Spatial momentum (angular about the base's origin, linear) in every row, (..., rows, 6), in the base frame."""
+        return self.scene.momentum(self.q, self.qd)
+
+    def violations(self) -> list[Violation]:
+        """The limits of position and velocity that recorded rows break, in the order of the joints; none is ever enforced."""
+        found = []
+        limits = self.scene.limits
+        for joint in self.scene.joint_names:
+            q, v = self.scene.q_index(joint), self.scene.v_index(joint)
+            cases = [("velocity", self.qd[..., v], limits.velocity[v], 1.0)]
+            if q.stop - q.start == v.stop - v.start:
+                cases = [
+                    ("lower", self.q[..., q], limits.lower[v], -1.0),
+                    ("upper", self.q[..., q], limits.upper[v], 1.0),
+                    *cases,
+                ]
+            for limit, values, bounds, sign in cases:
+                if not np.all(np.isinf(bounds)):
+                    found += self._beyond(joint, limit, values, float(bounds[0]), sign)
+        return found
+
+    def _beyond(self, joint: str, limit: str, values: _Array, bound: float, sign: float) -> list[Violation]:
+        size = np.abs(values) if limit == "velocity" else sign * values
+        beyond = size > sign * bound
+        if not beyond.any():
+            return []
+        worst = values.reshape(-1)[np.argmax(size)]
+        rows = beyond.any(axis=-1)
+        first = rows.reshape(-1, rows.shape[-1]).any(axis=0).argmax()
+        return [Violation(joint, limit, bound, float(worst), float(self.t[first]), int(rows.sum()))]
+
+
+def trajectory_of(
+    q: _Array,
+    qd: _Array,
+    *,
+    scene: Scene,
+    dt: float,
+    record_every: int,
+    steps: int,
+    method: str,
+    armature: _Array,
+    stiffness: _Array,
+    rest: _Array,
+) -> Trajectory:
+    """The trajectory of the rows that `steps` steps have filled."""
+    rows = steps // record_every + 1
+    t: _Array = np.arange(rows, dtype=np.float64) * (record_every * dt)
+    if rows < q.shape[-2]:
+        q, qd = q[..., :rows, :], qd[..., :rows, :]
+    return Trajectory(scene, t, q, qd, dt, steps, method, armature, stiffness, rest)

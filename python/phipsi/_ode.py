@@ -1,0 +1,320 @@
+"""The equations of motion for SciPy's adaptive integrators, in tangent coordinates that are centred anew as the motion turns.
+
+Around a centre q0 the configuration is q = q0 * x, x of nv numbers: a joint of one axis adds its own; a spherical joint turns by
+the rotation vector w, R = R0 exp(w); a free joint is moved to p0 + R0 a and turned likewise. With the body's velocity v,
+
+    da/dt = exp(w) v_linear,    dw/dt = w-part of v, carried back: u + w x u / 2 + c w x (w x u),    c = (1 - (t/2) cot(t/2)) / t^2, t = |w|,
+
+so that the state (x, v) is a vector, and the integrator's error control on it one on the manifold: no quaternion's norm is
+integrated. The chart is good to |w| < 2 pi; a step that ends beyond 1 rad is the last before a new centre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import errors
+from ._motion import PD, Trajectory
+
+if TYPE_CHECKING:
+    from ._core import Scene
+
+__all__ = ["Ode"]
+
+_Array = NDArray[np.float64]
+_Torque = Callable[[float, _Array, _Array], ArrayLike]
+
+#: A rotation further than this from the centre, rad, asks for a new one.
+TURNED = 1.0
+#: Step of the differences of the Jacobian, relative to one unit: truncation and rounding are then alike.
+DIFFERENCE = float(np.finfo(np.float64).eps) ** (1 / 3)
+
+
+def _carried_back(w: _Array, u: _Array) -> _Array:
+    """The rate of the rotation vector w of a body that turns with u, in its own frame."""
+    t = np.linalg.norm(w, axis=-1, keepdims=True)
+    small = t < 0.05
+    half = np.where(small, 0.5, 0.5 * t)
+    series = 1 / 12 + t**2 / 720 + t**4 / 30240
+    c = np.where(small, series, (1 - half / np.tan(half)) / np.where(small, 1.0, t) ** 2)
+    once = np.cross(w, u)
+    return np.asarray(u + 0.5 * once + c * np.cross(w, once))
+
+
+def _turned(w: _Array, u: _Array) -> _Array:
+    """exp(w) u."""
+    t = np.linalg.norm(w, axis=-1, keepdims=True)
+    once = np.cross(w, u)
+    return np.asarray(u + np.sinc(t / np.pi) * once + 0.5 * np.sinc(0.5 * t / np.pi) ** 2 * np.cross(w, once))
+
+
+class _Frame:
+    """Rotations of a quaternion (x, y, z, w) of any batch."""
+
+    def __init__(self, quaternion: _Array) -> None:
+        unit = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+        self.vector, self.scalar = unit[..., :3], unit[..., 3:]
+
+    def turn(self, u: _Array) -> _Array:
+        once = np.cross(self.vector, u)
+        return np.asarray(u + 2 * (self.scalar * once + np.cross(self.vector, once)))
+
+    def turn_back(self, u: _Array) -> _Array:
+        once = np.cross(self.vector, u)
+        return np.asarray(u + 2 * (np.cross(self.vector, once) - self.scalar * once))
+
+
+class Ode:
+    """The right side dy/dt = f(t, y) and its Jacobian for y = (x, v), x the tangent coordinates around a centre; made by Scene.ode.
+
+    rhs and jacobian go to scipy.integrate.solve_ivp as they are (vectorized=True is allowed); solve does it all, with new centres.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        tau: ArrayLike | _Torque | None = None,
+        pd: PD | tuple[ArrayLike, ...] | None = None,
+        damping: ArrayLike | None = None,
+        stiffness: ArrayLike | None = None,
+        rest: ArrayLike | None = None,
+        friction: ArrayLike | None = None,
+        friction_speed: float = 0.01,
+    ) -> None:
+        self.scene = scene
+        nv = scene.nv
+
+        def rates(name: str, given: ArrayLike | None, default: ArrayLike, *, signed: bool = False) -> _Array:
+            value = np.asarray(default if given is None else given, dtype=np.float64)
+            if value.ndim == 0:
+                value = np.full(nv, value)
+            if value.shape != (nv,):
+                raise _error("ShapeError", name, f"{name}: found shape {value.shape}; expected () or ({nv},)")
+            if not np.all(np.isfinite(value)):
+                raise _error("NotFiniteError", name, f"{name}: found {value}; expected finite numbers")
+            if not signed and np.any(value < 0):
+                raise _error("ArgumentError", name, f"{name}: found {value}; expected numbers that are zero or positive")
+            return value
+
+        self._damping = rates("damping", damping, scene.damping)
+        self._stiffness = rates("stiffness", stiffness, scene.stiffness)
+        self._friction = rates("friction", friction, scene.friction)
+        if not (np.isfinite(friction_speed) and friction_speed > 0):
+            message = f"friction_speed: found {friction_speed}; expected a speed, finite and positive"
+            raise _error("ArgumentError", "friction_speed", message)
+        self._speed = float(friction_speed)
+        self._rest = self._configuration("rest", scene.rest if rest is None else rest)
+        self._tau = tau if callable(tau) else rates("tau", tau, 0.0, signed=True)
+        self._pd: tuple[_Array, _Array, _Array, _Array] | None = None
+        if pd is not None:
+            law = PD(*pd)
+            self._pd = (
+                rates("pd.kp", law.kp, 0.0),
+                rates("pd.kd", law.kd, 0.0),
+                self._configuration("pd.target", law.target),
+                rates("pd.target_rate", law.target_rate, 0.0, signed=True),
+            )
+        #: Where the rotations are: (in q, in v) of the vectors and of the quaternions, and of what a free joint moves by.
+        self._turns: list[tuple[slice, slice]] = []
+        self._moves: list[tuple[slice, slice, slice, slice]] = []
+        for joint in scene.joint_names:
+            q, v = scene.q_index(joint), scene.v_index(joint)
+            if q.stop - q.start == 4:
+                self._turns.append((slice(q.start, q.stop), slice(v.start, v.stop)))
+            elif q.stop - q.start == 7:
+                place, turn = slice(q.start, q.start + 3), slice(q.start + 3, q.stop)
+                linear, angular = slice(v.start, v.start + 3), slice(v.start + 3, v.stop)
+                self._turns.append((turn, angular))
+                self._moves.append((place, turn, linear, angular))
+        self._centre = scene.neutral()
+
+    def _configuration(self, name: str, value: ArrayLike) -> _Array:
+        q = np.asarray(value, dtype=np.float64)
+        if q.shape != (self.scene.nq,):
+            raise _error("ShapeError", name, f"{name}: found shape {q.shape}; expected ({self.scene.nq},)")
+        return self.scene.integrate(q, np.zeros(self.scene.nv))
+
+    @property
+    def centre(self) -> _Array:
+        """The configuration that the tangent coordinates are around, (nq,)."""
+        return self._centre.copy()
+
+    def centre_at(self, q: ArrayLike) -> None:
+        """Centres the tangent coordinates at q, (nq,): x is zero there."""
+        self._centre = self._configuration("q", q)
+
+    def configuration(self, x: ArrayLike) -> _Array:
+        """q of tangent coordinates, (..., nv) to (..., nq)."""
+        x = np.asarray(x, dtype=np.float64)
+        step = x.copy()
+        for _, _, linear, _ in self._moves:
+            step[..., linear] = 0.0
+        q = self.scene.integrate(self._centre, step)
+        for place, turn, linear, _ in self._moves:
+            q[..., place] = self._centre[place] + _Frame(self._centre[turn]).turn(x[..., linear])
+        return q
+
+    def torque(self, t: float, q: _Array, v: _Array) -> _Array:
+        """All joint torques: given, damping, friction, springs and control law, (..., nv)."""
+        given = self._tau(t, q, v) if callable(self._tau) else self._tau
+        u = np.asarray(given, dtype=np.float64) - self._damping * v
+        u = u - self._friction * v / np.hypot(v, self._speed)
+        if self._stiffness.any():
+            u = u - self._stiffness * self._away(self._rest, q)
+        if self._pd is not None:
+            kp, kd, target, rate = self._pd
+            u = u + kd * (rate - v) - kp * self._away(target, q)
+        return u
+
+    def _away(self, rest: _Array, q: _Array) -> _Array:
+        away = self.scene.difference(rest, q)
+        for place, turn, linear, _ in self._moves:
+            away[..., linear] = _Frame(q[..., turn]).turn_back(q[..., place] - rest[place])
+        return away
+
+    def rhs(self, t: float, y: ArrayLike) -> _Array:
+        """dy/dt: y is (2 nv,) or, as SciPy's vectorized=True has it, (2 nv, k)."""
+        y = np.asarray(y, dtype=np.float64)
+        x, v = np.split(np.ascontiguousarray(y.T), 2, axis=-1)
+        q = self.configuration(x)
+        rates = v.copy()
+        for _, angular in self._turns:
+            rates[..., angular] = _carried_back(x[..., angular], v[..., angular])
+        for _, _, linear, angular in self._moves:
+            rates[..., linear] = _turned(x[..., angular], v[..., linear])
+        accelerations = self.scene.forward_dynamics(q, v, self.torque(t, q, v))
+        return np.ascontiguousarray(np.concatenate([rates, accelerations], axis=-1).T)
+
+    def jacobian(self, t: float, y: ArrayLike) -> _Array:
+        """df/dy, (2 nv, 2 nv), by central differences, all states of them in one batch; with a function for tau, one call a column."""
+        y = np.asarray(y, dtype=np.float64)
+        step = DIFFERENCE * np.maximum(1.0, np.abs(y))
+        ahead, behind = y + np.diag(step), y - np.diag(step)
+        both = np.concatenate([ahead, behind]).T
+        if callable(self._tau):
+            f = np.stack([self.rhs(t, column) for column in both.T])
+        else:
+            f = self.rhs(t, both).T
+        n = len(y)
+        return np.ascontiguousarray(((f[:n] - f[n:]) / (ahead - behind).diagonal()[:, None]).T)
+
+    def solve(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        t_span: tuple[float, float],
+        *,
+        method: str = "DOP853",
+        rtol: float = 1e-9,
+        atol: float = 1e-9,
+        t_eval: ArrayLike | None = None,
+        max_step: float = np.inf,
+    ) -> Trajectory:
+        """Solves from (q, qd) over t_span with a method of scipy.integrate.solve_ivp; the implicit ones get the Jacobian.
+
+        q: (nq,); qd: (nv,); t_eval: times to report, in order; None: those of the integrator's steps. rtol and atol bound the
+        error of a step in (x, v). For springs much faster than the motion take "Radau" or "BDF".
+
+        Returns a Trajectory (its dt is NaN, its steps those of the integrator).
+
+        Raises SimulationError, with .trajectory, where the integrator gives up; ImportError without SciPy; ArgumentError and its like.
+        """
+        try:
+            from scipy import integrate  # type: ignore[import-untyped,unused-ignore]
+        except ImportError:
+            raise ImportError('Ode.solve needs SciPy; install with: pip install "phipsi[motion]"') from None
+        methods = {name: getattr(integrate, name) for name in ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")}
+        if method not in methods:
+            names = ", ".join(f'"{name}"' for name in methods)
+            raise _error("ArgumentError", "method", f'method: found "{method}"; expected one of {names}')
+        start, end = (float(t) for t in t_span)
+        if not (np.isfinite(start) and np.isfinite(end) and end > start):
+            raise _error("ArgumentError", "t_span", f"t_span: found ({start}, {end}); expected finite times, the second later")
+        wanted = None if t_eval is None else np.asarray(t_eval, dtype=np.float64)
+        if wanted is not None and not (
+            wanted.ndim == 1 and np.all(np.diff(wanted) > 0) and np.all((wanted >= start) & (wanted <= end))
+        ):
+            raise _error("ArgumentError", "t_eval", "t_eval: found other; expected times within t_span, each later than the last")
+        v = np.asarray(qd, dtype=np.float64)
+        if v.shape != (self.scene.nv,):
+            raise _error("ShapeError", "qd", f"qd: found shape {v.shape}; expected ({self.scene.nv},)")
+        rows = _Rows(self, wanted)
+        self.centre_at(q)
+        rows.first(start, v)
+        steps, t, first_step = 0, start, None
+        while t < end:
+            options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": max_step}
+            if first_step is not None:
+                options["first_step"] = min(first_step, end - t)
+            if method in ("Radau", "BDF", "LSODA"):
+                options["jac"] = self.jacobian
+            y = np.concatenate([np.zeros(self.scene.nv), v])
+            solver = methods[method](self.rhs, t, y, end, **options)
+            while solver.status == "running":
+                message = solver.step()
+                if solver.status == "failed":
+                    raise self._failed(rows, method, steps, solver.t, message)
+                steps += 1
+                rows.step(solver)
+                if self._is_turned(solver.y):
+                    break
+            first_step = solver.step_size
+            t, v = float(solver.t), solver.y[self.scene.nv :]
+            self.centre_at(self.configuration(solver.y[: self.scene.nv]))
+        return self._trajectory(rows, method, steps)
+
+    def _is_turned(self, y: _Array) -> bool:
+        return any(np.linalg.norm(y[angular]) > TURNED for _, angular in self._turns)
+
+    def _trajectory(self, rows: _Rows, method: str, steps: int) -> Trajectory:
+        q, qd = (np.reshape(values, (len(rows.t), -1)) for values in (rows.q, rows.qd))
+        t = np.array(rows.t, dtype=np.float64)
+        return Trajectory(
+            self.scene, t, q, qd, np.nan, steps, method, self.scene.armature, self._stiffness.copy(), self._rest.copy()
+        )
+
+    def _failed(self, rows: _Rows, method: str, steps: int, t: float, message: str | None) -> errors.SimulationError:
+        error = errors.SimulationError(f"step {steps} (t = {t:.6f} s): {method}: {message}")
+        error.trajectory, error.step = self._trajectory(rows, method, steps), steps
+        return error
+
+
+class _Rows:
+    """What a solution reports: every step, or the times asked for."""
+
+    def __init__(self, ode: Ode, wanted: _Array | None) -> None:
+        self.ode, self.wanted = ode, wanted
+        self.t: list[float] = []
+        self.q: list[_Array] = []
+        self.qd: list[_Array] = []
+
+    def first(self, t: float, v: _Array) -> None:
+        if self.wanted is None or (len(self.wanted) and self.wanted[0] == t):
+            self._add(t, np.concatenate([np.zeros(len(v)), v]))
+
+    def step(self, solver: Any) -> None:
+        if self.wanted is None:
+            self._add(solver.t, solver.y)
+            return
+        due = self.wanted[(self.wanted > solver.t_old) & (self.wanted <= solver.t)]
+        if len(due):
+            dense = solver.dense_output()
+            for t in due:
+                self._add(t, solver.y if t == solver.t else dense(t))
+
+    def _add(self, t: float, y: _Array) -> None:
+        nv = self.ode.scene.nv
+        self.t.append(float(t))
+        self.q.append(self.ode.configuration(y[:nv]))
+        self.qd.append(np.array(y[nv:]))
+
+
+def _error(name: str, argument: str, message: str) -> Exception:
+    error: Exception = getattr(errors, name)(message)
+    error.argument = argument  # type: ignore[attr-defined]
+    return error

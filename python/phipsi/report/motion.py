@@ -1,0 +1,183 @@
+"""A trajectory as files and pictures: state files in, npz and CSV out, joints and energy over time, a stroboscopic figure."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from .. import errors
+from .._core import Scene
+from .._motion import Trajectory
+from .draw import View, _best
+from .figure import COLOURS, FAINT, INK, STYLE, Plot, finished
+from .structure import WORLD, Tree
+
+Array = NDArray[np.float64]
+
+#: What a state file may say.
+KEYS = ("q", "qd", "tau")
+#: Figures of the robot in a stroboscopic picture.
+FLASHES = 9
+#: Curves with names; more are drawn without.
+MOST_NAMES = 12
+
+
+def read_state(path: Path, scene: Scene) -> dict[str, Array]:
+    """q, qd and tau of a state file, JSON or npz; neutral and zeros where it says nothing.
+
+    In JSON each is a list, or a mapping from joint names to a number or a list. Raises ArgumentError, naming file and key.
+    """
+    state = {"q": scene.neutral(), "qd": np.zeros(scene.nv), "tau": np.zeros(scene.nv)}
+    for key, value in _read(path).items():
+        if key not in KEYS:
+            raise errors.ArgumentError(f"{path}: found {key!r}; expected {', '.join(KEYS)}")
+        indices = scene.q_index if key == "q" else scene.v_index
+        if isinstance(value, Mapping):
+            for joint, own in value.items():
+                at = indices(joint)
+                state[key][at] = _numbers(own, f"{path}: {key} of {joint}", at.stop - at.start)
+        else:
+            state[key] = _numbers(value, f"{path}: {key}", len(state[key]))
+    return state
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    try:
+        if path.suffix == ".npz":
+            with np.load(path, allow_pickle=False) as archive:
+                return {key: archive[key] for key in archive.files}
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, EOFError) as error:
+        raise errors.ArgumentError(f"{path}: found {error}; expected a state as JSON or .npz") from None
+    if not isinstance(found, Mapping):
+        raise errors.ArgumentError(f"{path}: found a {type(found).__name__}; expected an object with {', '.join(KEYS)}")
+    return found
+
+
+def _numbers(value: Any, name: str, length: int) -> Array:
+    try:
+        numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
+    except (TypeError, ValueError):
+        raise errors.ArgumentError(f"{name}: found {value!r}; expected {length} numbers") from None
+    if numbers.shape != (length,):
+        raise errors.ShapeError(f"{name}: found shape {numbers.shape}; expected ({length},)")
+    return numbers
+
+
+def write(path: Trajectory, tree: Tree, folder: Path, *, table: bool) -> list[Path]:
+    """Writes trajectory.npz, the pictures, and trajectory.csv where a table is asked for; gives the files."""
+    scene = path.scene
+    archive = folder / "trajectory.npz"
+    np.savez(
+        archive, t=path.t, q=path.q, qd=path.qd, dt=path.dt, method=path.method, joint_names=np.array(scene.joint_names)
+    )
+    files = [archive]
+    if table:
+        files.append(folder / "trajectory.csv")
+        _table(path, files[-1])
+    for plot in (motion_plot(path), stroboscope(path, tree)):
+        files.append(folder / f"{plot.name}.png")
+        files[-1].write_bytes(plot.png)
+        files[-1].with_suffix(".svg").write_text(plot.svg, encoding="utf-8")
+    return files
+
+
+def _columns(scene: Scene, letter: str) -> list[str]:
+    index = scene.q_index if letter == "q" else scene.v_index
+    names = []
+    for joint in scene.joint_names:
+        at = index(joint)
+        count = at.stop - at.start
+        names += [f"{letter}:{joint}"] if count == 1 else [f"{letter}:{joint}[{i}]" for i in range(count)]
+    return names
+
+
+def _table(path: Trajectory, file: Path) -> None:
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        out = csv.writer(stream)
+        out.writerow(["t", *_columns(path.scene, "q"), *_columns(path.scene, "qd")])
+        # repr: every digit comes back.
+        out.writerows([repr(float(x)) for x in row] for row in np.column_stack([path.t, path.q, path.qd]))
+
+
+def motion_plot(path: Trajectory) -> Plot:
+    """Coordinates, rates, and energy over time."""
+    scene, energy = path.scene, path.energy()
+    names = _columns(scene, "q")
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 6.6), layout="constrained")
+        top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(1.25, 1.0, 1.0))
+        _curves(top, path.t, path.q, [name[2:] for name in names])
+        _curves(middle, path.t, path.qd, [])
+        top.set_ylabel("coordinates (rad, m)")
+        middle.set_ylabel("rates (rad/s, m/s)")
+        kinds = [("kinetic", energy.kinetic), ("of gravity", energy.potential), ("of springs", energy.spring)]
+        shown = [(name, values) for name, values in kinds if np.any(values)]
+        for colour, (name, values) in zip(COLOURS, shown, strict=False):
+            bottom.plot(path.t, values, color=colour, lw=1.2, label=name)
+        bottom.plot(path.t, energy.total, color=INK, lw=1.6, label="total")
+        bottom.set_ylabel("energy (J)")
+        bottom.set_xlabel("time (s)")
+        bottom.legend(frameon=False, ncols=4, loc="best", fontsize=7.5)
+        for axes in (top, middle, bottom):
+            axes.grid(color=FAINT, lw=0.5)
+            axes.margins(x=0.01)
+        if 0 < len(names) <= MOST_NAMES:
+            top.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.02), fontsize=7.5)
+        return finished("motion", figure)
+
+
+def _curves(axes: Axes, t: Array, values: Array, names: Sequence[str]) -> None:
+    colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.92, max(values.shape[1], 1)))
+    for i in range(values.shape[1]):
+        axes.plot(t, values[:, i], color=colours[i], lw=1.1, label=names[i] if i < len(names) else None)
+
+
+def stroboscope(path: Trajectory, tree: Tree, flashes: int = FLASHES) -> Plot:
+    """The robot at instants evenly through the motion, links as lines between joints, from pale to dark; its tips' paths between."""
+    scene = path.scene
+    at = np.unique(np.linspace(0, len(path) - 1, flashes).round().astype(int))
+    dense = np.unique(np.linspace(0, len(path) - 1, 400).round().astype(int))
+    bones = [(joint.parent, joint.child) for joint in tree.joints.values() if joint.parent != WORLD]
+    tips = [link for link in tree.links if link != WORLD and not tree.children.get(link)] or [tree.root]
+    frozen, flown = scene.placements(path.q[at]), scene.placements(path.q[dense])
+    origins = {name: placement[:, :3, 3] for name, placement in frozen.items()}
+    cloud = np.concatenate([points for points in origins.values()])
+    size = float(np.ptp(cloud, axis=0).max()) or 1.0
+    view = _best(cloud, size)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 5.4), layout="constrained")
+        axes = figure.add_subplot()
+        for tip in tips:
+            axes.plot(*_flat(view, flown[tip][:, :3, 3]), color=COLOURS[2], lw=0.7, alpha=0.6)
+        shades = np.linspace(0.18, 1.0, len(at))
+        for i, shade in enumerate(shades):
+            lines = [np.stack(_flat(view, np.stack([origins[a][i], origins[b][i]])), axis=-1) for a, b in bones]
+            axes.add_collection(LineCollection(lines, colors=COLOURS[0], alpha=shade, linewidths=1.0 + 1.4 * shade))
+            right, up = _flat(view, np.stack([origins[b][i] for _, b in bones])) if bones else (np.empty(0), np.empty(0))
+            axes.plot(right, up, "o", color=INK, alpha=shade, ms=2.6, lw=0)
+        axes.set_aspect("equal", "datalim")
+        axes.autoscale()
+        axes.margins(0.08)
+        axes.set_axis_off()
+        axes.set_title(
+            f"{len(at)} instants from t = {path.t[0]:g} s (pale) to {path.t[-1]:g} s (dark); z up; orange: paths of the tips",
+            fontsize=8.5,
+            color="#5c646c",
+        )
+        return finished("stroboscope", figure)
+
+
+def _flat(view: View, points: Array) -> tuple[Array, Array]:
+    """Right and up in the picture."""
+    return points @ view.right, points @ view.up

@@ -1,0 +1,119 @@
+"""The command `phipsi simulate`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from .. import errors
+from .._motion import PD, Trajectory
+from .commands import BEYOND, FLOATING, ROBOT, BadInput, _load, _typed_errors, _warn, group
+from .structure import tree_of
+
+#: The exit code of a run that was stopped, as shells have it.
+STOPPED = 130
+METHODS = ("semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3")
+#: Rows of a trajectory, unless --record-every says otherwise.
+ROWS = 2000
+
+
+@contextmanager
+def _bar(console: Console) -> Iterator[Callable[[int, int], object] | None]:
+    """A bar of simulated steps on a terminal; nothing elsewhere."""
+    if not console.is_terminal:
+        yield None
+        return
+    columns = (TextColumn("Simulating"), BarColumn(40), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("")
+        yield lambda done, steps: progress.update(task, completed=done, total=steps)
+
+
+@group.command()
+@ROBOT
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the results.")
+@FLOATING
+@click.option(
+    "--state", type=click.Path(path_type=Path, dir_okay=False), help="The start: JSON or npz with q, qd, tau.  [default: neutral, at rest]"
+)
+@click.option("--time", "duration", type=float, default=2.0, show_default=True, help="How long, s.")
+@click.option("--dt", type=float, default=1e-3, show_default=True, help="The step, s.")
+@click.option("--method", type=click.Choice(METHODS), default="rk4", show_default=True, help="How steps are made.")
+@click.option("--record-every", type=click.IntRange(1), help=f"A row after so many steps.  [default: about {ROWS} rows]")
+@click.option("--hold", nargs=2, type=float, metavar="KP KD", help="Hold the start with a control law of these gains.")
+@click.option("--csv", "table", is_flag=True, help="The trajectory as CSV, too.")
+def simulate(
+    robot: Path | None,
+    output: Path,
+    floating_base: bool,
+    state: Path | None,
+    duration: float,
+    dt: float,
+    method: str,
+    record_every: int | None,
+    hold: tuple[float, float] | None,
+    table: bool,
+) -> None:
+    """Simulate a robot: trajectory.npz, a plot of joints and energy, and a stroboscopic figure.
+
+    Damping, friction, stiffness and armature are those of the file. The state file has q, qd and tau (held throughout), each a
+    list or, in JSON, a mapping from joint names: {"q": {"elbow": 0.5}}. Limits are reported, never enforced. Ctrl-C stops
+    and writes what was computed. Without ROBOT.urdf, the bundled arm.
+
+    Exit code 1: the motion diverged or a pivot was lost (what came before is written); 2: bad input; 130: stopped.
+    """
+    console = Console(stderr=True)
+    scene, name, _, texts = _load(robot, floating_base)
+    _warn(console, texts)
+    if not (np.isfinite(dt) and dt > 0.0 and np.isfinite(duration) and duration >= 0.0):
+        raise BadInput(f"--time, --dt: found {duration} and {dt}; expected finite times, the step positive")
+    if duration / dt > 1e12:
+        raise BadInput(f"--dt: found {duration / dt:.1e} steps; expected at most 1e12")
+    steps = round(duration / dt)
+    every = record_every or max(1, steps // ROWS)
+    from . import motion  # here, so that the other commands do not wait for matplotlib
+
+    code, path = 0, None
+    with _typed_errors():
+        start = motion.read_state(state, scene) if state is not None else {}
+        q, qd = start.get("q", scene.neutral()), start.get("qd", np.zeros(scene.nv))
+        law = PD(hold[0], hold[1], q) if hold is not None else None
+        output.mkdir(parents=True, exist_ok=True)
+        try:
+            with _bar(console) as progress:
+                path = scene.simulate(
+                    q, qd, dt=dt, steps=steps, tau=start.get("tau"), method=method, record_every=every, pd=law, progress=progress
+                )
+        except errors.SimulationError as error:
+            code, path = BEYOND, error.trajectory
+            console.print(str(error), style="bold red", highlight=False, markup=False, soft_wrap=True)
+        except errors.SimulationInterrupted as stopped:
+            code, path = STOPPED, stopped.trajectory
+            console.print(str(stopped), style="yellow", highlight=False, markup=False)
+        except MemoryError as error:
+            raise BadInput(str(error)) from None
+        for file in motion.write(path, tree_of(scene), output, table=table):
+            click.echo(file)
+    _tell(name, path)
+    if code:
+        raise SystemExit(code)
+
+
+def _tell(name: str, path: Trajectory) -> None:
+    """The run in a line, and the limits that it broke."""
+    total = path.energy().total
+    click.echo(
+        f"{name}: {path.steps} steps of {path.dt:g} s by {path.method}; "
+        f"energy from {total[0]:.6g} to {total[-1]:.6g} J"
+    )
+    for found in path.violations():
+        click.echo(
+            f"beyond its limit: {found.joint}, {found.limit} {found.bound:g}, first at t = {found.time:g} s, "
+            f"worst {found.worst:.4g} (not enforced)"
+        )

@@ -1,0 +1,239 @@
+//! The methods: coefficients of Runge-Kutta and Rosenbrock-W steps.
+//!
+//! All are one scheme. With y = (q, v), f its rate, and A an approximation of df/dy, the stages of a step h are
+//!
+//! ```text
+//! k_i = f(Y_i) + h A_i sum_{j <= i} gamma_ij k_j,   Y_i = y + h sum_{j < i} alpha_ij k_j,   y(t + h) = y + h sum_i b_i k_i
+//! ```
+//!
+//! Without gamma this is an explicit Runge-Kutta method; with it a Rosenbrock method, and a W-method where the order does not
+//! rest on A being the Jacobian (T. Steihaug and A. Wolfbrandt, Math. Comp. 33, 1979, 521-534; E. Hairer and G. Wanner, Solving
+//! Ordinary Differential Equations II, IV.7). Here A knows springs and damping only, joint by joint:
+//!
+//! ```text
+//! A_i = ( 0  1 ; -M(q_i)^-1 k  -M(q_i)^-1 d ),     q_i of the stage
+//! ```
+//!
+//! so that with `k_i = (l_i, m_i)` a stage is one forward dynamics whose measurement noise is r + h g d + h^2 g^2 k, `g = gamma_ii`:
+//!
+//! ```text
+//! l_i = c_i + h g m_i,    c_i = V_i + h sum_{j < i} gamma_ij m_j
+//! (M + h g d + h^2 g^2 k) m_i = F(Y_i) - h k (g c_i + sum_{j < i} gamma_ij l_j) - h d sum_{j < i} gamma_ij m_j
+//! ```
+//!
+//! Since the mass matrix is the stage's own, `A_i` differs from stage to stage. Expanding `k_i` in h with A an arbitrary function
+//! of y, `alpha_i = sum_j alpha_ij` and `gamma_i = sum_{j<=i} gamma_ij`, the conditions are those of W-methods and one more:
+//!
+//! ```text
+//! order 1   sum b_i = 1
+//! order 2   sum b_i alpha_i = 1/2      sum b_i gamma_i = 0
+//! order 3   sum b_i alpha_i^2 = 1/3    sum b_i alpha_ij alpha_j = 1/6    sum b_i alpha_ij gamma_j = 0
+//!           sum b_i gamma_ij alpha_j = 0   sum b_i gamma_ij gamma_j = 0      sum b_i alpha_i gamma_i = 0  (A' f, of A_i)
+//! ```
+//!
+//! On the manifold the stages are increments in the Lie algebra and `Y_i = y exp(h sum alpha_ij k_j)`, with f carried back by the
+//! inverse of the exponential's derivative (H. Munthe-Kaas, Appl. Numer. Math. 29, 1999, 115-127).
+
+use crate::error::Error;
+
+/// The most stages that a method has.
+pub(crate) const STAGES: usize = 4;
+
+/// A method by which a state is advanced.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Method {
+    /// v' = v + h a(q, v), then q' = q exp(h v'). Order 1; symplectic for constant M.
+    #[default]
+    SemiImplicitEuler,
+    /// The classical explicit method of order 4.
+    RungeKutta4,
+    /// The linearly implicit Euler step, order 1: springs and damping at the end of the step, whatever their size. L-stable
+    /// for them: what is faster than the step is damped.
+    ImplicitEuler,
+    /// Two stages, order 2 with any A, L-stable for springs and damping, g = 1 - 1/sqrt(2). ROS2 of J. G. Verwer, E. J. Spee,
+    /// J. G. Blom and W. Hundsdorfer, SIAM J. Sci. Comput. 20, 1999, 1456-1480.
+    Rosenbrock2,
+    /// Four stages, order 3 with any A that may differ from stage to stage, L-stable for springs and damping, stiffly accurate, g =
+    /// 1/3. Of the solutions of the nine conditions above, one with small conditions of order 4 and small coefficients.
+    Rosenbrock3,
+}
+
+/// Short names.
+const SHORT: [(&str, Method); 2] = [("semi-implicit", Method::SemiImplicitEuler), ("implicit", Method::ImplicitEuler)];
+
+/// Every method with its name.
+pub const METHODS: [(&str, Method); 5] = [
+    ("semi-implicit-euler", Method::SemiImplicitEuler),
+    ("rk4", Method::RungeKutta4),
+    ("implicit-euler", Method::ImplicitEuler),
+    ("rosenbrock-2", Method::Rosenbrock2),
+    ("rosenbrock-3", Method::Rosenbrock3),
+];
+
+impl Method {
+    /// The method of that name; "semi-implicit" and "implicit" are short for the Euler steps.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] with the names that there are.
+    pub fn named(name: &str) -> Result<Self, Error> {
+        METHODS.iter().chain(&SHORT).find(|(known, _)| *known == name).map(|&(_, method)| method).ok_or_else(|| {
+            let names: Vec<String> = METHODS.iter().map(|(name, _)| format!("{name:?}")).collect();
+            Error::argument("method", format!("{name:?}"), format!("one of {}", names.join(", ")))
+        })
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        METHODS.iter().find(|(_, method)| *method == self).map_or("", |(name, _)| name)
+    }
+
+    /// The power of the step that its error falls with, on smooth motion.
+    #[must_use]
+    pub fn order(self) -> u32 {
+        match self {
+            Self::SemiImplicitEuler | Self::ImplicitEuler => 1,
+            Self::Rosenbrock2 => 2,
+            Self::Rosenbrock3 => 3,
+            Self::RungeKutta4 => 4,
+        }
+    }
+
+    /// Whether springs and damping are taken implicitly.
+    #[must_use]
+    pub fn is_implicit(self) -> bool {
+        matches!(self, Self::ImplicitEuler | Self::Rosenbrock2 | Self::Rosenbrock3)
+    }
+
+    pub(crate) fn tableau(self) -> Tableau {
+        let o = [0.0; STAGES];
+        match self {
+            // The position sees the velocity at the end of the step; forces do not.
+            Self::SemiImplicitEuler | Self::ImplicitEuler => Tableau {
+                stages: 1,
+                alpha: [o; STAGES],
+                gamma: [[1.0, 0.0, 0.0, 0.0], o, o, o],
+                weights: [1.0, 0.0, 0.0, 0.0],
+            },
+            Self::RungeKutta4 => Tableau {
+                stages: 4,
+                alpha: [o, [0.5, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+                gamma: [o; STAGES],
+                weights: [1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0],
+            },
+            Self::Rosenbrock2 => {
+                let g = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
+                Tableau {
+                    stages: 2,
+                    alpha: [o, [1.0, 0.0, 0.0, 0.0], o, o],
+                    gamma: [[g, 0.0, 0.0, 0.0], [-2.0 * g, g, 0.0, 0.0], o, o],
+                    weights: [0.5, 0.5, 0.0, 0.0],
+                }
+            }
+            Self::Rosenbrock3 => {
+                let g = 1.0 / 3.0;
+                let alpha = [
+                    o,
+                    [0.43, 0.0, 0.0, 0.0],
+                    [0.76, -0.342_311_564_274_196_3, 0.0, 0.0],
+                    [0.05, 1.319_192_490_141_570_6, -0.524_975_613_684_137_7, 0.0],
+                ];
+                let gamma = [
+                    [g, 0.0, 0.0, 0.0],
+                    [-0.211_431_805_443_481_3, g, 0.0, 0.0],
+                    [-0.555_783_210_976_123_3, 0.834_520_966_160_829_2, g, 0.0],
+                    [0.118_164_642_334_620_23, -0.476_420_318_084_064_3, 0.180_705_465_958_677_85, g],
+                ];
+                // The last stage is the step's end.
+                let weights = std::array::from_fn(|j| alpha[3][j] + gamma[3][j]);
+                Tableau { stages: 4, alpha, gamma, weights }
+            }
+        }
+    }
+}
+
+/// The coefficients of a method.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Tableau {
+    pub stages: usize,
+    pub alpha: [[f64; STAGES]; STAGES],
+    pub gamma: [[f64; STAGES]; STAGES],
+    pub weights: [f64; STAGES],
+}
+
+impl Tableau {
+    /// Every coefficient times the step.
+    pub fn times(mut self, step: f64) -> Self {
+        self.alpha.iter_mut().chain(&mut self.gamma).flatten().for_each(|x| *x *= step);
+        self.weights.iter_mut().for_each(|x| *x *= step);
+        self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The sum of `b_i x_i`.
+    fn weighed(t: &Tableau, x: impl Fn(usize) -> f64) -> f64 {
+        (0..t.stages).map(|i| t.weights[i] * x(i)).sum()
+    }
+
+    fn row(of: &[[f64; STAGES]; STAGES], i: usize) -> f64 {
+        of[i].iter().sum()
+    }
+
+    fn product(of: &[[f64; STAGES]; STAGES], i: usize, x: impl Fn(usize) -> f64) -> f64 {
+        (0..STAGES).map(|j| of[i][j] * x(j)).sum()
+    }
+
+    #[test]
+    fn the_conditions_of_the_orders_hold() {
+        for (name, method) in METHODS {
+            let t = method.tableau();
+            let (a, g) = (|i: usize| row(&t.alpha, i), |i: usize| row(&t.gamma, i));
+            let mut found = vec![(weighed(&t, |_| 1.0), 1.0)];
+            if method.order() >= 2 {
+                found.extend([(weighed(&t, a), 0.5), (weighed(&t, g), 0.0)]);
+            }
+            if method.order() >= 3 {
+                found.extend([
+                    (weighed(&t, |i| a(i) * a(i)), 1.0 / 3.0),
+                    (weighed(&t, |i| product(&t.alpha, i, a)), 1.0 / 6.0),
+                    (weighed(&t, |i| product(&t.alpha, i, g)), 0.0),
+                    (weighed(&t, |i| product(&t.gamma, i, a)), 0.0),
+                    (weighed(&t, |i| product(&t.gamma, i, g)), 0.0),
+                    (weighed(&t, |i| a(i) * g(i)), 0.0),
+                ]);
+            }
+            for (k, (found, expected)) in found.into_iter().enumerate() {
+                assert!((found - expected).abs() <= 16.0 * f64::EPSILON, "{name}, condition {k}: {found}");
+            }
+        }
+    }
+
+    /// R(z) = 1 + z b^T (1 - z B)^-1 1 with B = alpha + gamma: what a step makes of y' = lambda y, z = h lambda, with A exact.
+    fn stability(t: &Tableau, z: f64) -> f64 {
+        let mut k = [0.0; STAGES];
+        for i in 0..t.stages {
+            let sum: f64 = (0..i).map(|j| (t.alpha[i][j] + t.gamma[i][j]) * k[j]).sum();
+            k[i] = (1.0 + z * sum) / (1.0 - z * t.gamma[i][i]);
+        }
+        1.0 + z * weighed(t, |i| k[i])
+    }
+
+    #[test]
+    fn the_implicit_methods_forget_what_is_infinitely_fast() {
+        for (name, method) in METHODS {
+            if !method.is_implicit() {
+                continue;
+            }
+            let t = method.tableau();
+            assert!(stability(&t, -1e12).abs() <= 1e-9, "{name}");
+            for z in [-1e-3, -0.1, -1.0, -10.0, -1e3, -1e6] {
+                assert!(stability(&t, z).abs() <= 1.0, "{name} at {z}");
+            }
+        }
+    }
+}

@@ -1,0 +1,310 @@
+//! A batch of states through time: on threads, in lanes, some steps at a call.
+
+use super::method::Method;
+use super::properties::{Gains, Properties};
+use super::step::Law;
+use super::stepper::{Job, Rows, Stepper};
+use crate::batch::arms::Arm;
+use crate::batch::{Batch, Broadcast, Pool};
+use crate::error::Error;
+use crate::filter::{FORMS, Form};
+use crate::scene::Scene;
+use std::sync::{Mutex, PoisonError};
+
+/// What does not change during a rollout.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// The step, s.
+    pub dt: f64,
+    /// How a state is advanced.
+    pub method: Method,
+    /// How the filter carries P: [`Form::Auto`] watches the covariance form and redoes a step whose digits are in doubt in
+    /// square-root form; [`Form::Covariance`] watches its pivots only, in less time. No other.
+    pub form: Form,
+    /// What the joints do by themselves.
+    pub properties: Properties,
+    /// A control law, if there is one.
+    pub gains: Option<Gains>,
+    /// The instructions to use; the baseline where this processor lacks them.
+    pub arm: Arm,
+}
+
+impl Settings {
+    /// The default method with the properties of the scene.
+    #[must_use]
+    pub fn new(scene: &Scene, dt: f64) -> Self {
+        let properties = Properties::of(scene);
+        Self { dt, method: Method::default(), form: Form::Auto, properties, gains: None, arm: Arm::of_process() }
+    }
+}
+
+/// The torques that are given, (nv), held over each step; springs, damping, friction and control law come to them.
+#[derive(Debug, Clone)]
+pub enum Torque<'a> {
+    /// None.
+    Zero,
+    /// The same in every step: (nv) a state.
+    Constant(Broadcast<'a>),
+    /// Their own in every step: (steps, nv) a state.
+    Steps {
+        /// The torques.
+        torque: Broadcast<'a>,
+        /// The step of the run that the first are for.
+        first: usize,
+    },
+}
+
+/// Where a rollout records: (states, rows, nq) and (states, rows, nv), row 0 the state at the start, row i after i * every steps.
+#[derive(Debug)]
+pub struct Records<'a> {
+    /// Configurations.
+    pub q: &'a mut [f64],
+    /// Rates.
+    pub qd: &'a mut [f64],
+    /// A row after so many steps.
+    pub every: usize,
+}
+
+/// The earliest step that failed, and in it the lowest state of those that are known to have.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StepFault {
+    /// Index of the step, from zero: so many were finished in every state.
+    pub step: usize,
+    /// Index of the state in the batch.
+    pub state: usize,
+    /// The joint at fault.
+    pub joint: String,
+    /// What was wrong.
+    pub error: Error,
+}
+
+/// States on their way.
+///
+/// ```
+/// use phipsi::motion::{Method, Rollout, Settings, Torque};
+/// # fn main() -> Result<(), phipsi::Error> {
+/// let scene = phipsi::scenes::chain(7)?;
+/// let mut settings = Settings::new(&scene, 1e-3);
+/// settings.method = Method::RungeKutta4;
+/// let mut rollout = Rollout::new(&scene, settings, &[0.3; 7], &[0.0; 7])?;
+/// rollout.advance(100, &Torque::Zero, None).map_err(|fault| fault.error)?;
+/// assert_eq!(rollout.steps(), 100);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug)]
+pub struct Rollout<'a> {
+    scene: &'a Scene,
+    law: Law,
+    form: Form,
+    arm: Arm,
+    states: usize,
+    /// (q, qd) of every state.
+    current: Vec<f64>,
+    done: usize,
+    pool: Pool<Stepper>,
+}
+
+impl std::fmt::Debug for Stepper {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Stepper").field("lanes", &self.lanes()).finish_non_exhaustive()
+    }
+}
+
+/// States are given to threads in multiples of this: more than any arm has lanes.
+const GRAIN: usize = 16;
+
+impl<'a> Rollout<'a> {
+    /// States to start from, one after another: `q` (states, nq), `qd` (states, nv).
+    ///
+    /// # Errors
+    ///
+    /// A step that is not finite and positive, a form other than auto and covariance; wrong lengths, numbers that are not finite,
+    /// negative properties, quaternions that are not unit.
+    pub fn new(scene: &'a Scene, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
+        let Settings { dt, method, form, properties, gains, arm } = settings;
+        if !(dt.is_finite() && dt > 0.0) {
+            return Err(Error::argument("dt", format!("{dt}"), "a step in s, finite and positive"));
+        }
+        if !matches!(form, Form::Auto | Form::Covariance) {
+            let found = FORMS.iter().find(|(_, known)| *known == form).map_or("", |(name, _)| name);
+            return Err(Error::argument("form", format!("{found:?}"), "\"auto\" or \"covariance\" for a rollout"));
+        }
+        properties.check(scene)?;
+        let (nq, nv) = (scene.nq(), scene.nv());
+        let states = q.len().checked_div(nq).unwrap_or(1);
+        if q.len() != states * nq || qd.len() != states * nv {
+            return Err(Error::Shape {
+                argument: "q, qd".to_owned(),
+                found: format!("({},), ({},)", q.len(), qd.len()),
+                expected: format!("{nq} and {nv} numbers for each state"),
+            });
+        }
+        if let Some(gains) = &gains {
+            gains.check(scene, states)?;
+        }
+        let mut current = Vec::with_capacity(states * (nq + nv));
+        for state in 0..states {
+            let (q, qd) = (&q[state * nq..(state + 1) * nq], &qd[state * nv..(state + 1) * nv]);
+            let named = |error: Error| if states > 1 { error.in_state(state) } else { error };
+            scene.check_configuration("q", q).map_err(named)?;
+            scene.check_rates("qd", qd).map_err(named)?;
+            current.extend_from_slice(q);
+            current.extend_from_slice(qd);
+        }
+        let law = Law::new(scene.model(), dt, method, properties, gains);
+        Ok(Self { scene, law, form, arm, states, current, done: 0, pool: Pool::default() })
+    }
+
+    /// How many steps were made.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.done
+    }
+
+    /// How many states there are.
+    #[must_use]
+    pub fn states(&self) -> usize {
+        self.states
+    }
+
+    /// Configuration and rates of one state now.
+    #[must_use]
+    pub fn state(&self, index: usize) -> (&[f64], &[f64]) {
+        let width = self.scene.nq() + self.scene.nv();
+        self.current[index * width..(index + 1) * width].split_at(self.scene.nq())
+    }
+
+    /// Rough time of one step of one state on one thread, ns; decides about threads, not about results.
+    #[must_use]
+    pub fn cost(&self) -> usize {
+        const ONE_BODY: usize = 40;
+        ONE_BODY * self.law.tableau.stages * self.scene.model().bodies.len().max(1)
+    }
+
+    /// Makes `steps` steps in every state; rows are recorded where they fall due, the first before the first step.
+    ///
+    /// The results have the same bits for any number of threads and for any division into calls.
+    ///
+    /// # Errors
+    ///
+    /// [`StepFault`] where a joint runs away or its pivot is lost. The rows of earlier steps are all there; states are then at
+    /// different steps, and the rollout is at its end. Records and torques of the wrong size are a fault of the step at hand.
+    pub fn advance(
+        &mut self,
+        steps: usize,
+        torque: &Torque<'_>,
+        records: Option<&mut Records<'_>>,
+    ) -> Result<(), StepFault> {
+        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        let (first, last) = (self.done, self.done + steps);
+        let refuse = |error| StepFault { step: first, state: 0, joint: String::new(), error };
+        self.check_torque(torque, last).map_err(refuse)?;
+        let pieces = self.pieces(records, first, last).map_err(refuse)?;
+        let fault: Mutex<Option<StepFault>> = Mutex::new(None);
+        let cost = self.cost().saturating_mul(steps);
+        let Self { scene, law, form, arm, current, pool, .. } = self;
+        let make = || Stepper::new(*form, *arm);
+        let batch = Batch { states: self.states, cost, pool, make };
+        let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {
+            let lanes = stepper.lanes();
+            let mut from = states.start;
+            while from < states.end {
+                let to = (from + lanes).min(states.end);
+                let mut rows = pieces.get(from / GRAIN).map(|rows| rows.lock().unwrap_or_else(PoisonError::into_inner));
+                let current = &mut current[(from - states.start) * (nq + nv)..(to - states.start) * (nq + nv)];
+                if first == 0
+                    && let Some(rows) = rows.as_deref_mut()
+                {
+                    record_start(rows, from..to, current, (nq, nv));
+                }
+                let rows = rows.as_deref_mut();
+                let job = Job { scene, law, steps: first..last, states: from..to, current, torque, rows };
+                if let Err(found) = stepper.run(job) {
+                    let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
+                    let earlier = |known: &StepFault| (found.step, found.state) < (known.step, known.state);
+                    if fault.as_ref().is_none_or(earlier) {
+                        *fault = Some(found);
+                    }
+                }
+                from = to;
+            }
+            Ok(())
+        });
+        debug_assert_eq!(outcome, Ok(()));
+        if let Some(fault) = fault.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            self.done = fault.step;
+            return Err(fault);
+        }
+        self.done = last;
+        Ok(())
+    }
+
+    fn check_torque(&self, torque: &Torque<'_>, last: usize) -> Result<(), Error> {
+        let nv = self.scene.nv();
+        let (given, steps, expected) = match torque {
+            Torque::Constant(torque) if self.states > 0 => (torque, 1, nv),
+            Torque::Steps { torque, first } if self.states > 0 => {
+                (torque, last.saturating_sub(*first), last.saturating_sub(*first).saturating_mul(nv))
+            }
+            _ => return Ok(()),
+        };
+        let found = given.state(0).len();
+        let fits = if matches!(torque, Torque::Constant(_)) { found == nv } else { found >= expected };
+        if fits {
+            return Ok(());
+        }
+        let expected = format!("{nv} torques for each of {steps} steps");
+        Err(Error::Shape { argument: "torque".to_owned(), found: format!("({found},)"), expected })
+    }
+
+    #[allow(clippy::needless_pass_by_value)] // a reference that is passed on
+    /// The rows of each [`GRAIN`] states, by themselves.
+    fn pieces<'r>(
+        &self,
+        records: Option<&'r mut Records<'_>>,
+        first: usize,
+        last: usize,
+    ) -> Result<Vec<Mutex<Rows<'r>>>, Error> {
+        let Some(Records { q, qd, every }) = records else { return Ok(Vec::new()) };
+        if self.states == 0 {
+            return Ok(Vec::new());
+        }
+        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        let width = nq.max(nv);
+        let numbers = if nq >= nv { q.len() } else { qd.len() };
+        let rows = numbers.checked_div(self.states * width).unwrap_or(0);
+        let every = *every;
+        let fits = every > 0 && (width == 0 || rows > last / every || (last == first && rows > 0));
+        if !fits || q.len() != self.states * rows * nq || qd.len() != self.states * rows * nv {
+            return Err(Error::Shape {
+                argument: "records".to_owned(),
+                found: format!("{} and {} numbers, a row every {every} steps", q.len(), qd.len()),
+                expected: format!("{} states, a row for every so many of {last} steps, ({nq}) and ({nv})", self.states),
+            });
+        }
+        let (mut q, mut qd): (&mut [f64], &mut [f64]) = (q, qd);
+        let mut pieces = Vec::with_capacity(self.states.div_ceil(GRAIN));
+        for first in (0..self.states).step_by(GRAIN) {
+            let count = GRAIN.min(self.states - first) * rows;
+            let (own_q, rest_q) = q.split_at_mut(count * nq);
+            let (own_qd, rest_qd) = qd.split_at_mut(count * nv);
+            pieces.push(Mutex::new(Rows { q: own_q, qd: own_qd, first, of_state: rows, every }));
+            (q, qd) = (rest_q, rest_qd);
+        }
+        Ok(pieces)
+    }
+}
+
+/// Row 0: the states at the start.
+fn record_start(rows: &mut Rows<'_>, states: std::ops::Range<usize>, current: &[f64], (nq, nv): (usize, usize)) {
+    if nq == 0 {
+        return;
+    }
+    for (state, numbers) in states.zip(current.chunks_exact(nq + nv)) {
+        let at = (state - rows.first) * rows.of_state;
+        let (q, qd) = numbers.split_at(nq);
+        rows.q[at * nq..(at + 1) * nq].copy_from_slice(q);
+        rows.qd[at * nv..(at + 1) * nv].copy_from_slice(qd);
+    }
+}

@@ -1,0 +1,357 @@
+//! One step of one state, or of one state a lane, by any method.
+
+use super::manifold::{advance, carry_back, displacement};
+use super::method::{Method, STAGES, Tableau};
+use super::properties::{Gains, Properties};
+use crate::dynamics::lean::{self, LeanModel, LeanScratch};
+use crate::dynamics::{self, auto};
+use crate::filter::pivots::LostPivot;
+use crate::scalar::Real;
+use crate::scene::Model;
+use crate::workspace::Workspace;
+
+/// What every step of a rollout has in common, in numbers of one state.
+#[derive(Debug)]
+pub(super) struct Law {
+    pub step: f64,
+    /// The coefficients, times the step.
+    pub tableau: Tableau,
+    pub implicit: bool,
+    pub properties: Properties,
+    pub gains: Option<Gains>,
+    /// Whether some joint has friction.
+    rubs: bool,
+    /// Bodies whose joints have a spring, and bodies that the control law pulls.
+    sprung: Vec<bool>,
+    pulled: Vec<bool>,
+}
+
+impl Law {
+    pub fn new(model: &Model<f64>, step: f64, method: Method, properties: Properties, gains: Option<Gains>) -> Self {
+        let stiff = |values: &[f64]| {
+            let stages = model.system.stages.iter();
+            stages.map(|s| values[s.first_row..][..s.rows.count()].iter().any(|&k| k != 0.0)).collect()
+        };
+        Self {
+            step,
+            tableau: method.tableau().times(step),
+            implicit: method.is_implicit(),
+            rubs: properties.friction.iter().any(|&f| f != 0.0),
+            sprung: stiff(&properties.stiffness),
+            pulled: gains.as_ref().map_or_else(|| vec![false; model.bodies.len()], |g| stiff(&g.proportional)),
+            properties,
+            gains,
+        }
+    }
+
+    /// Damping and stiffness of one degree of freedom, the control law's with the joint's own.
+    fn implicit_terms(&self, row: usize) -> (f64, f64) {
+        let (d, k) = (self.properties.damping[row], self.properties.stiffness[row]);
+        self.gains.as_ref().map_or((d, k), |gains| (d + gains.derivative[row], k + gains.proportional[row]))
+    }
+
+    /// Measurement noise r + h g d + h^2 g^2 k of every row, but for friction's part.
+    pub fn noise(&self) -> Vec<f64> {
+        // All stages of a method have the same g.
+        let hg = if self.implicit { self.tableau.gamma[0][0] } else { 0.0 };
+        let armature = self.properties.armature.iter().enumerate();
+        armature
+            .map(|(row, r)| {
+                let (d, k) = self.implicit_terms(row);
+                r + hg * (d + hg * k)
+            })
+            .collect()
+    }
+}
+
+/// One row's constants in the scalar of the lanes.
+#[derive(Debug, Clone, Copy)]
+struct RowTerms<T> {
+    /// Noise without friction's part.
+    noise: T,
+    damping: T,
+    stiffness: T,
+    friction: T,
+    proportional: T,
+    derivative: T,
+}
+
+/// The arrays of a step.
+#[derive(Debug)]
+pub(super) struct Scratch<T: Real> {
+    pub model: Model<T>,
+    lean: LeanModel<T>,
+    lean_scratch: LeanScratch<T>,
+    pub workspace: Workspace<T>,
+    rows: Vec<RowTerms<T>>,
+    rest: Vec<T>,
+    pub target: Vec<T>,
+    pub target_rate: Vec<T>,
+    /// The torque that is given, held over the step.
+    pub torque: Vec<T>,
+    pub q: Vec<T>,
+    pub v: Vec<T>,
+    pub q_next: Vec<T>,
+    pub v_next: Vec<T>,
+    /// Stages: rates of the increment, and accelerations.
+    l: [Vec<T>; STAGES],
+    m: [Vec<T>; STAGES],
+    /// Increment, configuration, velocity and carried velocity of a stage.
+    x: Vec<T>,
+    q_stage: Vec<T>,
+    v_stage: Vec<T>,
+    c: Vec<T>,
+    u: Vec<T>,
+    /// Friction's damping, f / sqrt(v^2 + v0^2) at the step's start.
+    chord: Vec<T>,
+    displaced: Vec<T>,
+    displaced_target: Vec<T>,
+}
+
+impl<T: Real> Scratch<T> {
+    pub fn new(scene_model: &Model<f64>, law: &Law) -> Self {
+        let mut of_step = scene_model.clone();
+        of_step.system.noise = law.noise();
+        let (lean, model) = (LeanModel::new(&of_step), of_step.cast::<T>());
+        let (nq, nv) = (model.nq, model.nv());
+        let row = |row: usize| {
+            let p = &law.properties;
+            let (kp, kd) =
+                law.gains.as_ref().map_or((0.0, 0.0), |gains| (gains.proportional[row], gains.derivative[row]));
+            RowTerms {
+                noise: T::from_f64(of_step.system.noise[row]),
+                damping: T::from_f64(p.damping[row]),
+                stiffness: T::from_f64(p.stiffness[row]),
+                friction: T::from_f64(p.friction[row]),
+                proportional: T::from_f64(kp),
+                derivative: T::from_f64(kd),
+            }
+        };
+        let coordinates = || vec![T::zero(); nq];
+        let rates = || vec![T::zero(); nv];
+        Self {
+            lean_scratch: LeanScratch::new(&model, &lean),
+            lean,
+            workspace: Workspace::new(&model),
+            rows: (0..nv).map(row).collect(),
+            rest: law.properties.rest.iter().map(|&x| T::from_f64(x)).collect(),
+            target: coordinates(),
+            target_rate: rates(),
+            torque: rates(),
+            q: coordinates(),
+            v: rates(),
+            q_next: coordinates(),
+            v_next: rates(),
+            l: std::array::from_fn(|_| rates()),
+            m: std::array::from_fn(|_| rates()),
+            x: rates(),
+            q_stage: coordinates(),
+            v_stage: rates(),
+            c: rates(),
+            u: rates(),
+            chord: rates(),
+            displaced: rates(),
+            displaced_target: rates(),
+            model,
+        }
+    }
+}
+
+/// How the accelerations of a stage are found.
+pub(super) trait Solver<T: Real> {
+    /// Writes qdd; gives the lanes that it doubts as bits.
+    fn solve(
+        &mut self,
+        scene: (&Model<T>, &LeanModel<T>),
+        scratch: (&mut LeanScratch<T>, &mut Workspace<T>),
+        state: (&[T], &[T], &[T]),
+        qdd: &mut [T],
+    ) -> u64;
+}
+
+/// The covariance form, trusted where its pivots are clear.
+pub(super) struct Plain;
+
+impl<T: Real> Solver<T> for Plain {
+    #[inline(always)]
+    fn solve(
+        &mut self,
+        scene: (&Model<T>, &LeanModel<T>),
+        (scratch, _): (&mut LeanScratch<T>, &mut Workspace<T>),
+        state: (&[T], &[T], &[T]),
+        qdd: &mut [T],
+    ) -> u64 {
+        let pivots = lean::forward_dynamics(scene, scratch, state, &[], qdd);
+        let mut doubt = 0;
+        for lane in 0..T::LANES {
+            doubt |= u64::from(!pivots.clear(lane)) << lane;
+        }
+        doubt
+    }
+}
+
+/// The covariance form, watched.
+pub(super) struct Watched;
+
+impl<T: Real> Solver<T> for Watched {
+    #[inline(always)]
+    fn solve(
+        &mut self,
+        scene: (&Model<T>, &LeanModel<T>),
+        scratch: (&mut LeanScratch<T>, &mut Workspace<T>),
+        state: (&[T], &[T], &[T]),
+        qdd: &mut [T],
+    ) -> u64 {
+        let watched = auto::forward_dynamics_watched_lean(scene, scratch, state, &[], qdd);
+        let mut doubt = 0;
+        for lane in 0..T::LANES {
+            doubt |= u64::from(!watched.kept(lane)) << lane;
+        }
+        doubt
+    }
+}
+
+/// One state with every check, in the form of the workspace.
+#[derive(Default)]
+pub(super) struct Checked {
+    /// The first pivot that was lost.
+    pub lost: Option<LostPivot>,
+}
+
+impl Solver<f64> for Checked {
+    fn solve(
+        &mut self,
+        (model, _): (&Model<f64>, &LeanModel<f64>),
+        (_, workspace): (&mut LeanScratch<f64>, &mut Workspace<f64>),
+        (q, v, u): (&[f64], &[f64], &[f64]),
+        qdd: &mut [f64],
+    ) -> u64 {
+        let monitor = dynamics::forward_dynamics(model, workspace, q, v, u, &[], qdd);
+        if self.lost.is_none() {
+            self.lost = workspace.lost_pivot(model, &monitor);
+        }
+        0
+    }
+}
+
+/// sum + c x, in place.
+#[inline(always)]
+fn add_scaled<T: Real>(sum: &mut [T], c: f64, x: &[T]) {
+    if c == 0.0 {
+        return;
+    }
+    for (sum, &x) in sum.iter_mut().zip(x) {
+        *sum = x.mul_add(x.constant(c), *sum);
+    }
+}
+
+/// From `q`, `v` to `q_next`, `v_next`; gives the lanes in doubt as bits.
+#[inline(always)]
+pub(super) fn step<T: Real, S: Solver<T>>(law: &Law, s: &mut Scratch<T>, solver: &mut S) -> u64 {
+    let t = &law.tableau;
+    let mut doubt = 0;
+    if law.rubs {
+        set_friction(law, s);
+    }
+    for i in 0..t.stages {
+        s.v_stage.copy_from_slice(&s.v);
+        if i == 0 {
+            s.q_stage.copy_from_slice(&s.q);
+            s.c.copy_from_slice(&s.v);
+        } else {
+            for x in &mut s.x {
+                *x = x.constant(0.0);
+            }
+            for j in 0..i {
+                add_scaled(&mut s.x, t.alpha[i][j], &s.l[j]);
+                add_scaled(&mut s.v_stage, t.alpha[i][j], &s.m[j]);
+            }
+            advance(&s.model, &s.q, &s.x, &mut s.q_stage);
+            s.c.copy_from_slice(&s.v_stage);
+            carry_back(&s.model, &s.x, &mut s.c);
+            for j in 0..i {
+                add_scaled(&mut s.c, t.gamma[i][j], &s.m[j]);
+            }
+        }
+        forces(law, s, i);
+        let scratch = (&mut s.lean_scratch, &mut s.workspace);
+        doubt |= solver.solve((&s.model, &s.lean), scratch, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[i]);
+        s.l[i].copy_from_slice(&s.c);
+        add_scaled(&mut s.l[i], t.gamma[i][i], &s.m[i]);
+    }
+    for x in &mut s.x {
+        *x = x.constant(0.0);
+    }
+    s.v_next.copy_from_slice(&s.v);
+    for i in 0..t.stages {
+        add_scaled(&mut s.x, t.weights[i], &s.l[i]);
+        add_scaled(&mut s.v_next, t.weights[i], &s.m[i]);
+    }
+    advance(&s.model, &s.q, &s.x, &mut s.q_next);
+    doubt
+}
+
+/// Friction as damping, f / sqrt(v^2 + v0^2) at the step's start: never zero where f is not, so a row has noise in all lanes or
+/// in none. Taken implicitly, it cannot turn a velocity round.
+#[inline(always)]
+fn set_friction<T: Real>(law: &Law, s: &mut Scratch<T>) {
+    let hg = law.tableau.gamma[0][0];
+    for (row, of) in s.rows.iter().enumerate() {
+        if law.properties.friction[row] == 0.0 {
+            continue;
+        }
+        let chord = of.friction * rounded_speed(law, s.v[row]).recip();
+        s.chord[row] = chord;
+        if law.implicit {
+            s.model.system.noise[row] = chord.mul_add(chord.constant(hg), of.noise);
+        }
+    }
+}
+
+/// sqrt(v^2 + v0^2).
+#[inline(always)]
+fn rounded_speed<T: Real>(law: &Law, v: T) -> T {
+    let v0 = v.constant(law.properties.friction_speed);
+    v.mul_add(v, v0 * v0).sqrt()
+}
+
+/// The right side of stage `i`.
+#[inline(always)]
+fn forces<T: Real>(law: &Law, s: &mut Scratch<T>, i: usize) {
+    let t = &law.tableau;
+    for (k, body) in s.model.bodies.iter().enumerate() {
+        let stage = &s.model.system.stages[k];
+        let (row, at) = (stage.first_row, body.q);
+        if law.sprung[k] {
+            displacement(&body.motion, &s.rest[at..], &s.q_stage[at..], &mut s.displaced[row..]);
+        }
+        if law.pulled[k] {
+            displacement(&body.motion, &s.target[at..], &s.q_stage[at..], &mut s.displaced_target[row..]);
+        }
+    }
+    for (row, of) in s.rows.iter().enumerate() {
+        let v = s.v_stage[row];
+        let mut u = s.torque[row];
+        u = u.minus_product(of.damping, v);
+        u = u.minus_product(of.stiffness, s.displaced[row]);
+        u = u.minus_product(of.derivative, v - s.target_rate[row]);
+        u = u.minus_product(of.proportional, s.displaced_target[row]);
+        let mut damping = of.damping + of.derivative;
+        if law.rubs {
+            u = u.minus_product(of.friction * v, rounded_speed(law, v).recip());
+            damping += s.chord[row];
+        }
+        if law.implicit {
+            let c = s.c[row];
+            let (mut moved, mut sped) = (c * c.constant(t.gamma[i][i]), c.constant(0.0));
+            for j in 0..i {
+                let gamma = c.constant(t.gamma[i][j]);
+                moved = s.l[j][row].mul_add(gamma, moved);
+                sped = s.m[j][row].mul_add(gamma, sped);
+            }
+            u = u.minus_product(of.stiffness + of.proportional, moved);
+            u = u.minus_product(damping, sped);
+        }
+        s.u[row] = u;
+    }
+}

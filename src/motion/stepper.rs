@@ -1,0 +1,271 @@
+//! A few states at once, one in each lane, through many steps compiled for one arm.
+
+use super::properties::{joint_of_row, of_state};
+use super::rollout::{StepFault, Torque};
+use super::step::{Checked, Law, Plain, Scratch, Watched, step};
+use crate::batch::arms::{Arm, Vectorised, Work};
+use crate::error::Error;
+use crate::filter::Form;
+use crate::scalar::Fused;
+#[cfg(target_arch = "x86_64")]
+use crate::scalar::{Lanes, Real};
+use crate::scene::{Model, Scene};
+use std::ops::Range;
+
+/// A joint that moves by more than this in one step (rad or m) has left what can be called motion.
+const FARTHEST: f64 = 1e9;
+
+/// Where the recorded rows of a few neighbouring states go: (state, row, coordinate).
+pub(super) struct Rows<'a> {
+    pub q: &'a mut [f64],
+    pub qd: &'a mut [f64],
+    /// Index of the first of the states.
+    pub first: usize,
+    /// How many rows a state has room for.
+    pub of_state: usize,
+    /// A row is written after every so many steps of the whole run, and before the first.
+    pub every: usize,
+}
+
+/// Some steps of neighbouring states, as many as there are lanes or fewer.
+pub(super) struct Job<'a, 'r> {
+    pub scene: &'a Scene,
+    pub law: &'a Law,
+    /// The steps, counted from the start of the run.
+    pub steps: Range<usize>,
+    /// Which states of the batch.
+    pub states: Range<usize>,
+    /// (q, qd) of each, one after another; in and out.
+    pub current: &'a mut [f64],
+    pub torque: &'a Torque<'a>,
+    pub rows: Option<&'a mut Rows<'r>>,
+}
+
+/// What advances states, whatever its scalar.
+trait Stepping: Send + Sync {
+    fn run(&mut self, form: Form, checked: &mut Alone, job: Job<'_, '_>) -> Result<(), StepFault>;
+}
+
+/// Scratch for one rollout on one thread, made when it is first used.
+pub(super) struct Stepper {
+    arm: Arm,
+    one: Option<Box<dyn Stepping>>,
+    many: Option<Box<dyn Stepping>>,
+    checked: Alone,
+    form: Form,
+}
+
+impl Stepper {
+    pub fn new(form: Form, arm: Arm) -> Self {
+        let arm = if arm.available() { arm } else { Arm::Baseline };
+        Self { arm, one: None, many: None, checked: Alone { scratch: None }, form }
+    }
+
+    /// How many states a job may have.
+    pub fn lanes(&self) -> usize {
+        #[cfg(target_arch = "x86_64")]
+        return match self.arm {
+            Arm::Baseline | Arm::Neon => 1,
+            Arm::Avx2 => Lanes::<pulp::x86::V3>::LANES,
+            Arm::Avx512 => Lanes::<pulp::x86::V4>::LANES,
+        };
+        #[cfg(not(target_arch = "x86_64"))]
+        return 1;
+    }
+
+    /// Runs a job; the fault is that of its earliest step, then of its lowest state.
+    pub fn run(&mut self, job: Job<'_, '_>) -> Result<(), StepFault> {
+        let (arm, alone) = (self.arm, job.states.len() == 1);
+        let place = if alone { &mut self.one } else { &mut self.many };
+        let scratch = place.get_or_insert_with(|| scratch(job.scene.model(), job.law, arm, alone));
+        scratch.run(self.form, &mut self.checked, job)
+    }
+}
+
+/// Scratch in the scalar of an arm, for one state or for several.
+fn scratch(model: &Model<f64>, law: &Law, arm: Arm, alone: bool) -> Box<dyn Stepping> {
+    match (arm, alone) {
+        #[cfg(target_arch = "x86_64")]
+        (Arm::Avx2, false) => Box::new(Scratch::<Lanes<pulp::x86::V3>>::new(model, law)),
+        #[cfg(target_arch = "x86_64")]
+        (Arm::Avx512, false) => Box::new(Scratch::<Lanes<pulp::x86::V4>>::new(model, law)),
+        (Arm::Baseline, _) => Box::new(Scratch::<f64>::new(model, law)),
+        _ => Box::new(Scratch::<Fused>::new(model, law)),
+    }
+}
+
+/// One state, for the steps that a lane was in doubt at.
+struct Alone {
+    scratch: Option<Scratch<f64>>,
+}
+
+impl<T: Vectorised<Number = f64>> Stepping for Scratch<T> {
+    fn run(&mut self, form: Form, checked: &mut Alone, job: Job<'_, '_>) -> Result<(), StepFault> {
+        T::within(Run { scratch: self, form, checked, job })
+    }
+}
+
+struct Run<'a, 'r, T: Vectorised> {
+    scratch: &'a mut Scratch<T>,
+    form: Form,
+    checked: &'a mut Alone,
+    job: Job<'a, 'r>,
+}
+
+/// One array of every state into lanes; lanes without a state of their own repeat the last.
+#[inline(always)]
+fn gather<'a, T: Vectorised<Number = f64>>(numbers: &mut [T], states: usize, of: impl Fn(usize) -> &'a [f64]) {
+    for lane in 0..T::LANES {
+        for (number, &value) in numbers.iter_mut().zip(of(lane.min(states - 1))) {
+            number.lanes_mut()[lane] = value;
+        }
+    }
+}
+
+/// One lane of an array.
+#[inline(always)]
+fn scatter<T: Vectorised<Number = f64>>(numbers: &[T], lane: usize, out: &mut [f64]) {
+    for (value, number) in out.iter_mut().zip(numbers) {
+        *value = number.lanes()[lane];
+    }
+}
+
+impl<T: Vectorised<Number = f64>> Work for Run<'_, '_, T> {
+    type Output = Result<(), StepFault>;
+
+    #[inline(always)]
+    fn call(self) -> Result<(), StepFault> {
+        let Self { scratch: s, form, checked, job } = self;
+        let Job { scene, law, steps, states, current, torque, mut rows } = job;
+        let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
+        gather(&mut s.q, count, |lane| &current[lane * (nq + nv)..][..nq]);
+        gather(&mut s.v, count, |lane| &current[lane * (nq + nv) + nq..][..nv]);
+        if let Some(gains) = &law.gains {
+            gather(&mut s.target, count, |lane| of_state(&gains.target, nq, states.start + lane));
+            gather(&mut s.target_rate, count, |lane| of_state(&gains.target_rate, nv, states.start + lane));
+        }
+        if let Torque::Constant(torque) = torque {
+            gather(&mut s.torque, count, |lane| torque.state(states.start + lane));
+        } else {
+            for u in &mut s.torque {
+                *u = u.constant(0.0);
+            }
+        }
+        let mut outcome = Ok(());
+        for n in steps {
+            if let Torque::Steps { torque, first } = torque {
+                let at = (n - first) * nv;
+                gather(&mut s.torque, count, |lane| &torque.state(states.start + lane)[at..at + nv]);
+            }
+            let mut doubt = match form {
+                Form::Covariance => step(law, s, &mut Plain),
+                _ => step(law, s, &mut Watched),
+            };
+            doubt |= strayed(law, s);
+            doubt &= u64::MAX >> (64 - count);
+            if doubt != 0 {
+                outcome = again(s, (scene, law, form), checked, (n, states.start), doubt);
+                if outcome.is_err() {
+                    break;
+                }
+            }
+            std::mem::swap(&mut s.q, &mut s.q_next);
+            std::mem::swap(&mut s.v, &mut s.v_next);
+            if let Some(rows) = &mut rows
+                && (n + 1) % rows.every == 0
+            {
+                let row = (n + 1) / rows.every;
+                for lane in 0..count {
+                    let at = (states.start - rows.first + lane) * rows.of_state + row;
+                    scatter(&s.q, lane, &mut rows.q[at * nq..(at + 1) * nq]);
+                    scatter(&s.v, lane, &mut rows.qd[at * nv..(at + 1) * nv]);
+                }
+            }
+        }
+        for lane in 0..count {
+            let (q, v) = current[lane * (nq + nv)..(lane + 1) * (nq + nv)].split_at_mut(nq);
+            scatter(&s.q, lane, q);
+            scatter(&s.v, lane, v);
+        }
+        outcome
+    }
+}
+
+#[allow(clippy::eq_op)] // x - x is zero where x is finite, else NaN
+/// The lanes whose next state is not finite, or further away than a joint moves in one step.
+#[inline(always)]
+fn strayed<T: Vectorised>(law: &Law, s: &Scratch<T>) -> u64 {
+    let mut worst = T::one();
+    let limit = FARTHEST / law.step;
+    for &v in &s.v_next {
+        worst = worst.worst(v.constant(limit) - v.abs());
+    }
+    for &q in &s.q_next {
+        worst += q - q;
+    }
+    let mut bits = 0;
+    for lane in 0..T::LANES {
+        bits |= u64::from(!(worst.lane(lane) >= 0.0)) << lane;
+    }
+    bits
+}
+
+/// The step once more, with every check, for the lanes in doubt.
+#[cold]
+#[inline(never)]
+fn again<T: Vectorised<Number = f64>>(
+    s: &mut Scratch<T>,
+    (scene, law, form): (&Scene, &Law, Form),
+    alone: &mut Alone,
+    (n, first): (usize, usize),
+    mut doubt: u64,
+) -> Result<(), StepFault> {
+    let one = alone.scratch.get_or_insert_with(|| Scratch::new(scene.model(), law));
+    one.workspace.form = form;
+    while doubt != 0 {
+        let lane = doubt.trailing_zeros() as usize;
+        doubt &= doubt - 1;
+        scatter(&s.q, lane, &mut one.q);
+        scatter(&s.v, lane, &mut one.v);
+        scatter(&s.torque, lane, &mut one.torque);
+        scatter(&s.target, lane, &mut one.target);
+        scatter(&s.target_rate, lane, &mut one.target_rate);
+        let mut solver = Checked::default();
+        step(law, one, &mut solver);
+        if let Some(fault) = fault_of(scene, law, one, &solver) {
+            let (joint, error) = fault;
+            return Err(StepFault { step: n, state: first + lane, joint, error });
+        }
+        for (number, &value) in s.q_next.iter_mut().zip(&one.q_next) {
+            number.lanes_mut()[lane] = value;
+        }
+        for (number, &value) in s.v_next.iter_mut().zip(&one.v_next) {
+            number.lanes_mut()[lane] = value;
+        }
+    }
+    Ok(())
+}
+
+/// What is wrong with a checked step: the joint and the error.
+fn fault_of(scene: &Scene, law: &Law, s: &Scratch<f64>, solver: &Checked) -> Option<(String, Error)> {
+    let limit = FARTHEST / law.step;
+    let strayed = s.v_next.iter().position(|v| !(v.abs() <= limit));
+    let finite = s.v.iter().chain(&s.q).all(|x| x.is_finite());
+    if let Some(lost) = solver.lost {
+        // A pivot that is not finite comes of a state that ran away within the step.
+        if lost.pivot.is_finite() && lost.terms.is_finite() && finite {
+            let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
+            return Some((joint, scene.singular(lost)));
+        }
+    }
+    let row = strayed.or_else(|| s.q_next.iter().any(|q| !q.is_finite()).then_some(0))?;
+    let joint = joint_of_row(scene, row);
+    let error = Error::Argument {
+        argument: format!("rate of joint {joint:?}"),
+        found: format!("{} after a step of {} s, from {}", s.v_next[row], law.step, s.v[row]),
+        expected: format!(
+            "a rate below {limit:.1e}: motion has diverged; take a smaller dt, or an implicit method for stiff joints"
+        ),
+    };
+    Some((joint, error))
+}

@@ -1,0 +1,490 @@
+//! Methods of `Scene`: states through time.
+
+use super::arrays::{self, Input, Output, from_numbers};
+use super::scene::PyScene;
+use crate::batch::{Broadcast, broadcast_axes};
+use crate::error::{Error, check_finite};
+use crate::filter::FORMS;
+use crate::motion::properties::FRICTION_SPEED;
+use crate::motion::{Gains, Method, Properties, Records, Rollout, Settings, StepFault, Torque};
+use pyo3::exceptions::{PyException, PyKeyboardInterrupt, PyMemoryError};
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyTuple};
+use std::time::{Duration, Instant};
+
+/// Between looks at signals and reports of progress.
+const BLOCK: Duration = Duration::from_millis(50);
+
+/// The class or function of that name in `phipsi._motion`.
+fn of_motion<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+    py.import("phipsi._motion")?.getattr(name)
+}
+
+#[pymethods]
+impl PyScene {
+    /// Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m; a copy. Simulation only.
+    #[getter]
+    fn damping<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        from_numbers(py, &Properties::of(&self.scene).damping, &[self.scene.nv()])
+    }
+
+    /// Coulomb friction of each degree of freedom, (nv,), N m or N; a copy. Simulation only.
+    #[getter]
+    fn friction<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        from_numbers(py, &Properties::of(&self.scene).friction, &[self.scene.nv()])
+    }
+
+    /// Stiffness of each degree of freedom's spring, (nv,), N m/rad or N/m; a copy. Simulation only.
+    #[getter]
+    fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        from_numbers(py, &Properties::of(&self.scene).stiffness, &[self.scene.nv()])
+    }
+
+    /// The configuration where the springs are at rest, (nq,); a copy.
+    #[getter]
+    fn rest<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        from_numbers(py, &Properties::of(&self.scene).rest, &[self.scene.nq()])
+    }
+
+    /// Advances states in time: fixed steps, whole batches, springs and damping implicitly where the method says so.
+    ///
+    /// M(q) dv/dt + bias(q, v) = tau - d v - f v / sqrt(v^2 + v0^2) - k (q - rest) + kp (target - q) + kd (target_rate - v), and
+    /// dq/dt = v on the manifold: quaternions stay unit, free joints move on SE(3).
+    ///
+    /// q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s. steps: how many. tau: (..., nv), constant, or a function
+    /// of (t, q, qd) called once a step with the whole batch that returns (..., nv); tau_steps: (..., steps, nv) instead; held
+    /// over each step. pd: PD(kp, kd, target, target_rate), followed within the step. method: "semi-implicit-euler" (order 1), "rk4" (4),
+    /// "implicit-euler" (1), "rosenbrock-2" (2) or "rosenbrock-3" (3): the last three are L-stable for springs, damping and pd. record_every: a row after so many
+    /// steps. armature, damping, stiffness, friction: (nv,) or a number, rest: (nq,), instead of the scene's; friction_speed: v0,
+    /// rad/s or m/s. form: "auto" redoes a step whose digits are in doubt in square-root form, "covariance" watches pivots only.
+    /// progress: called with (steps done, steps) now and then.
+    ///
+    /// Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first the start.
+    ///
+    /// Raises SimulationError where motion diverges, a pivot is lost or tau raises, with .trajectory (the rows of the steps finished),
+    /// .step, .joint and .state; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, with .trajectory; MemoryError where the rows have no
+    /// room; ShapeError, NotFiniteError, ArgumentError.
+    #[pyo3(signature = (q, qd, *, dt, steps, tau=None, tau_steps=None, method="semi-implicit-euler", record_every=None, pd=None,
+                        armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED, form="auto",
+                        progress=None),
+           text_signature = "($self, q, qd, *, dt, steps, tau=None, tau_steps=None, method='semi-implicit-euler', record_every=1, \
+                             pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01, \
+                             form='auto', progress=None)")]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn simulate<'py>(
+        slf: &Bound<'py, Self>,
+        q: &Bound<'py, PyAny>,
+        qd: &Bound<'py, PyAny>,
+        dt: f64,
+        steps: &Bound<'py, PyAny>,
+        tau: Option<&Bound<'py, PyAny>>,
+        tau_steps: Option<&Bound<'py, PyAny>>,
+        method: &str,
+        record_every: Option<&Bound<'py, PyAny>>,
+        pd: Option<&Bound<'py, PyAny>>,
+        armature: Option<&Bound<'py, PyAny>>,
+        damping: Option<&Bound<'py, PyAny>>,
+        stiffness: Option<&Bound<'py, PyAny>>,
+        rest: Option<&Bound<'py, PyAny>>,
+        friction: Option<&Bound<'py, PyAny>>,
+        friction_speed: f64,
+        form: &str,
+        progress: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let py = slf.py();
+        let scene = &slf.get().scene;
+        let (nq, nv) = (scene.nq(), scene.nv());
+        let steps = count("steps", steps, 0)?;
+        let every = record_every.map_or(Ok(1), |every| count("record_every", every, 1))?;
+        let mut settings = Settings::new(scene, dt);
+        settings.method = Method::named(method)?;
+        settings.form = super::choice::choose("form", form, &FORMS)?;
+        let properties = &mut settings.properties;
+        for (name, given, place) in [
+            ("armature", armature, &mut properties.armature),
+            ("damping", damping, &mut properties.damping),
+            ("stiffness", stiffness, &mut properties.stiffness),
+            ("friction", friction, &mut properties.friction),
+        ] {
+            if let Some(given) = given {
+                *place = arrays::spread(name, given, nv)?;
+            }
+        }
+        if let Some(rest) = rest {
+            properties.rest = arrays::fixed("rest", rest, &[nq])?;
+        }
+        properties.friction_speed = friction_speed;
+
+        let [q, qd] = [Input::new("q", q, nq)?, Input::new("qd", qd, nv)?];
+        let given = Given::read(tau, tau_steps, steps, nv)?;
+        let pd = pd.map(|pd| Pd::read(pd, nq, nv)).transpose()?;
+        let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
+        axes.extend(given.leading());
+        if let Some(pd) = &pd {
+            axes.extend([("pd.target", pd.target.leading()), ("pd.target_rate", pd.rate.leading())]);
+        }
+        let batch = broadcast_axes(axes)?;
+        let room = Room { states: product(&batch), rows: steps / every + 1, numbers: nq + nv };
+        let states = room.checked()?;
+        if let Some(pd) = pd {
+            settings.gains = Some(pd.over(&batch, states)?);
+        }
+        let mut outputs = [room.output(py, &batch, nq)?, room.output(py, &batch, nv)?];
+        let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];
+        let kept = [
+            settings.properties.armature.clone(),
+            settings.properties.stiffness.clone(),
+            settings.properties.rest.clone(),
+        ];
+        let rollout = py.detach(|| {
+            let (q, qd): (&[f64], &[f64]) = (&all_q, &all_qd);
+            Rollout::new(scene, settings, q, qd)
+        });
+        let mut rollout = rollout.map_err(|error| super::errors::of_batch(py, &error, &batch))?;
+        drop((all_q, all_qd));
+        let stopped = {
+            let [out_q, out_qd] = &mut outputs;
+            let mut records = Records { q: out_q.numbers()?, qd: out_qd.numbers()?, every };
+            run(py, &mut rollout, &mut records, &Plan { given: &given, batch: &batch, steps, dt, progress, nq, nv })
+                .err()
+        };
+        let done = rollout.steps();
+        let [out_q, out_qd] = outputs;
+        let fields = PyDict::new(py);
+        fields.set_item("scene", slf)?;
+        fields.set_item("dt", dt)?;
+        fields.set_item("record_every", every)?;
+        fields.set_item("steps", done)?;
+        fields.set_item("method", Method::named(method)?.name())?;
+        for (name, numbers) in ["armature", "stiffness", "rest"].into_iter().zip(&kept) {
+            fields.set_item(name, from_numbers(py, numbers, &[numbers.len()])?)?;
+        }
+        let whole = (out_q.finish(), out_qd.finish());
+        let trajectory = of_motion(py, "trajectory_of")?.call(whole, Some(&fields))?;
+        match stopped {
+            None => Ok(trajectory),
+            Some(stopped) => Err(stopped.raise(py, &trajectory, done, dt, &batch)?),
+        }
+    }
+}
+
+#[pymethods]
+impl PyScene {
+    /// The equations of motion for SciPy's solve_ivp: right side and Jacobian in tangent coordinates, and a solver with error control
+    /// on the manifold.
+    ///
+    /// tau: (nv,), constant, or a function of (t, q, qd); pd, damping, stiffness, rest, friction, friction_speed: as in simulate.
+    ///
+    /// Returns an Ode; Ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) gives a Trajectory. Needs SciPy (ImportError).
+    #[pyo3(signature = (*, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED),
+           text_signature = "($self, *, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01)")]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn ode<'py>(
+        slf: &Bound<'py, Self>,
+        tau: Option<&Bound<'py, PyAny>>,
+        pd: Option<&Bound<'py, PyAny>>,
+        damping: Option<&Bound<'py, PyAny>>,
+        stiffness: Option<&Bound<'py, PyAny>>,
+        rest: Option<&Bound<'py, PyAny>>,
+        friction: Option<&Bound<'py, PyAny>>,
+        friction_speed: f64,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let given = PyDict::new(slf.py());
+        for (name, value) in [
+            ("tau", tau),
+            ("pd", pd),
+            ("damping", damping),
+            ("stiffness", stiffness),
+            ("rest", rest),
+            ("friction", friction),
+        ] {
+            given.set_item(name, value)?;
+        }
+        given.set_item("friction_speed", friction_speed)?;
+        slf.py().import("phipsi._ode")?.getattr("Ode")?.call((slf,), Some(&given))
+    }
+}
+
+/// A count that is not negative.
+fn count(name: &str, value: &Bound<'_, PyAny>, least: usize) -> PyResult<usize> {
+    let refuse = |found: String| Error::argument(name, found, format!("a whole number, at least {least}"));
+    let index = value.call_method0("__index__").map_err(|_| {
+        let found = value.repr().map_or_else(|_| "an object".to_owned(), |text| text.to_string());
+        PyErr::from(refuse(found))
+    })?;
+    match index.extract::<usize>() {
+        Ok(number) if number >= least => Ok(number),
+        _ => Err(refuse(index.to_string()).into()),
+    }
+}
+
+fn product(axes: &[usize]) -> Option<usize> {
+    axes.iter().try_fold(1, |product: usize, &length| product.checked_mul(length))
+}
+
+/// What is to be recorded.
+struct Room {
+    states: Option<usize>,
+    rows: usize,
+    numbers: usize,
+}
+
+impl Room {
+    /// The number of states, if what they record has addresses.
+    fn checked(&self) -> PyResult<usize> {
+        let states = self.states.filter(|states| {
+            let numbers = states.checked_mul(self.rows).and_then(|n| n.checked_mul(self.numbers.max(1)));
+            numbers.and_then(|n| n.checked_mul(size_of::<f64>())).is_some_and(|n| isize::try_from(n).is_ok())
+        });
+        states.ok_or_else(|| self.none())
+    }
+
+    fn none(&self) -> PyErr {
+        let states = self.states.map_or_else(|| "so many".to_owned(), |states| states.to_string());
+        PyMemoryError::new_err(format!(
+            "steps: no room for {} rows of {} numbers for {states} states; expected fewer steps, or a larger record_every",
+            self.rows, self.numbers
+        ))
+    }
+
+    fn output<'py>(&self, py: Python<'py>, batch: &[usize], width: usize) -> PyResult<Output<'py>> {
+        Output::new(py, &[batch, &[self.rows, width]].concat())
+            .map_err(|error| if error.is_instance_of::<PyMemoryError>(py) { self.none() } else { error })
+    }
+}
+
+/// The numbers of every state of the batch, one after another.
+fn everyone(input: &Input<'_>, batch: &[usize], states: usize) -> PyResult<Vec<f64>> {
+    let own = input.over(batch)?;
+    Ok((0..states).flat_map(|state| own.state(state)).copied().collect())
+}
+
+/// The torques of a call, as given.
+enum Given<'py> {
+    Nothing,
+    Constant(Input<'py>),
+    Steps(Input<'py>),
+    Function(Bound<'py, PyAny>),
+}
+
+impl<'py> Given<'py> {
+    fn read(
+        tau: Option<&Bound<'py, PyAny>>,
+        tau_steps: Option<&Bound<'py, PyAny>>,
+        steps: usize,
+        nv: usize,
+    ) -> PyResult<Self> {
+        match (tau, tau_steps) {
+            (None, None) => Ok(Self::Nothing),
+            (Some(_), Some(_)) => Err(Error::argument("tau_steps", "tau as well", "one of the two").into()),
+            (Some(tau), None) if tau.is_callable() => Ok(Self::Function(tau.clone())),
+            (Some(tau), None) => {
+                let tau = Input::new("tau", tau, nv)?;
+                check_finite("tau", tau.data()?)?;
+                Ok(Self::Constant(tau))
+            }
+            (None, Some(tau)) => {
+                let tau = Input::new("tau_steps", tau, nv)?;
+                if tau.leading().last() != Some(&steps) {
+                    let found = crate::batch::shape_text(&[tau.leading(), &[nv]].concat());
+                    let expected = format!("(..., {steps}, {nv})");
+                    return Err(Error::Shape { argument: "tau_steps".to_owned(), found, expected }.into());
+                }
+                check_finite("tau_steps", tau.data()?)?;
+                Ok(Self::Steps(tau))
+            }
+        }
+    }
+
+    /// The leading axes that the batch must have.
+    fn leading(&self) -> Option<(&'static str, &[usize])> {
+        match self {
+            Self::Nothing | Self::Function(_) => None,
+            Self::Constant(tau) => Some(("tau", tau.leading())),
+            Self::Steps(tau) => {
+                let axes = tau.leading();
+                Some(("tau_steps", &axes[..axes.len() - 1]))
+            }
+        }
+    }
+}
+
+/// The control law of a call, as given.
+struct Pd<'py> {
+    gains: [Vec<f64>; 2],
+    target: Input<'py>,
+    rate: Input<'py>,
+}
+
+impl<'py> Pd<'py> {
+    fn read(pd: &Bound<'py, PyAny>, nq: usize, nv: usize) -> PyResult<Self> {
+        let expected = "PD(kp, kd, target) or PD(kp, kd, target, target_rate)";
+        let refuse = |found: String| PyErr::from(Error::argument("pd", found, expected));
+        let Ok(parts) = pd.cast::<PyTuple>() else {
+            return Err(refuse(format!("an object of type {}", pd.get_type().name()?)));
+        };
+        if !(3..=4).contains(&parts.len()) {
+            return Err(refuse(format!("{} parts", parts.len())));
+        }
+        let rate = match parts.get_item(3) {
+            Ok(rate) if !rate.is_none() => Input::new("pd.target_rate", &rate, nv)?,
+            _ => Input::filled(pd.py(), "pd.target_rate", 0.0, nv)?,
+        };
+        Ok(Self {
+            gains: [
+                arrays::spread("pd.kp", &parts.get_item(0)?, nv)?,
+                arrays::spread("pd.kd", &parts.get_item(1)?, nv)?,
+            ],
+            target: Input::new("pd.target", &parts.get_item(2)?, nq)?,
+            rate,
+        })
+    }
+
+    fn over(self, batch: &[usize], states: usize) -> PyResult<Gains> {
+        let each = |input: &Input<'_>| {
+            if input.leading().is_empty() { Ok(input.data()?.to_vec()) } else { everyone(input, batch, states) }
+        };
+        let (target, target_rate) = (each(&self.target)?, each(&self.rate)?);
+        let [proportional, derivative] = self.gains;
+        Ok(Gains { proportional, derivative, target, target_rate })
+    }
+}
+
+/// Why a run ended early.
+enum Stopped {
+    Fault(StepFault),
+    Raised(PyErr),
+}
+
+impl From<PyErr> for Stopped {
+    fn from(error: PyErr) -> Self {
+        Self::Raised(error)
+    }
+}
+
+impl Stopped {
+    /// The exception, with what was computed.
+    fn raise(
+        self,
+        py: Python<'_>,
+        trajectory: &Bound<'_, PyAny>,
+        done: usize,
+        dt: f64,
+        batch: &[usize],
+    ) -> PyResult<PyErr> {
+        let errors = py.import("phipsi.errors")?;
+        #[allow(clippy::cast_precision_loss)] // a time, for a message
+        let place = format!("step {done} (t = {:.6} s)", done as f64 * dt);
+        let (class, message, cause) = match &self {
+            Self::Fault(fault) => {
+                let named = fault.error.clone();
+                let named = if batch.is_empty() { named } else { named.in_state(fault.state) };
+                let cause = super::errors::of_batch(py, &named, batch);
+                ("SimulationError", format!("{place}: {}", cause.value(py)), Some(cause))
+            }
+            Self::Raised(error) if error.is_instance_of::<PyKeyboardInterrupt>(py) => {
+                ("SimulationInterrupted", format!("stopped before {place}"), None)
+            }
+            // SystemExit and its like go their way.
+            Self::Raised(error) if !error.is_instance_of::<PyException>(py) => return Ok(error.clone_ref(py)),
+            Self::Raised(error) => {
+                let name = error.get_type(py).name()?;
+                ("SimulationError", format!("{place}: {name}: {}", error.value(py)), Some(error.clone_ref(py)))
+            }
+        };
+        let instance = errors.getattr(class)?.call1((message,))?;
+        instance.setattr("trajectory", trajectory)?;
+        instance.setattr("step", done)?;
+        if let Self::Fault(fault) = &self {
+            instance.setattr("joint", &fault.joint)?;
+            if !batch.is_empty() {
+                instance.setattr("state", super::errors::batch_index(py, fault.state, batch)?)?;
+            }
+        }
+        let error = PyErr::from_value(instance);
+        error.set_cause(py, cause);
+        Ok(error)
+    }
+}
+
+/// What a run follows.
+struct Plan<'a, 'py> {
+    given: &'a Given<'py>,
+    batch: &'a [usize],
+    steps: usize,
+    dt: f64,
+    progress: Option<&'a Bound<'py, PyAny>>,
+    nq: usize,
+    nv: usize,
+}
+
+/// All steps, in blocks between which signals are looked at.
+fn run<'py>(
+    py: Python<'py>,
+    rollout: &mut Rollout<'_>,
+    records: &mut Records<'_>,
+    plan: &Plan<'_, 'py>,
+) -> Result<(), Stopped> {
+    let constant = match plan.given {
+        Given::Constant(tau) => Torque::Constant(tau.over(plan.batch)?),
+        Given::Steps(tau) => {
+            let axes = tau.leading();
+            let width = plan.steps * plan.nv;
+            let torque = Broadcast::new("tau_steps", tau.data()?, width, &axes[..axes.len() - 1], plan.batch);
+            Torque::Steps { torque: torque.map_err(PyErr::from)?, first: 0 }
+        }
+        _ => Torque::Zero,
+    };
+    if plan.steps == 0 {
+        return py.detach(|| rollout.advance(0, &constant, Some(records))).map_err(Stopped::Fault);
+    }
+    // Doubled or halved until a block takes as long as it should: where steps are cut changes nothing in them.
+    let mut block = 1_usize;
+    let mut reported = Instant::now();
+    while rollout.steps() < plan.steps {
+        let count = block.min(plan.steps - rollout.steps());
+        let began = Instant::now();
+        if let Given::Function(tau) = plan.given {
+            let tau = asked(tau, rollout, plan)?;
+            let torque = Torque::Constant(tau.over(plan.batch)?);
+            py.detach(|| rollout.advance(count, &torque, Some(records))).map_err(Stopped::Fault)?;
+        } else {
+            py.detach(|| rollout.advance(count, &constant, Some(records))).map_err(Stopped::Fault)?;
+        }
+        py.check_signals()?;
+        if !matches!(plan.given, Given::Function(_)) {
+            let elapsed = began.elapsed();
+            if elapsed < BLOCK / 2 {
+                block = block.saturating_mul(2);
+            } else if elapsed > BLOCK {
+                block = (block / 2).max(1);
+            }
+        }
+        let done = rollout.steps();
+        if let Some(progress) = plan.progress
+            && (done == plan.steps || reported.elapsed() >= BLOCK)
+        {
+            reported = Instant::now();
+            progress.call1((done, plan.steps))?;
+        }
+    }
+    Ok(())
+}
+
+/// The torques that the caller's function gives for the states as they are.
+fn asked<'py>(tau: &Bound<'py, PyAny>, rollout: &Rollout<'_>, plan: &Plan<'_, 'py>) -> PyResult<Input<'py>> {
+    let py = tau.py();
+    let (mut q, mut qd) = (Vec::new(), Vec::new());
+    for state in 0..rollout.states() {
+        let (own_q, own_qd) = rollout.state(state);
+        q.extend_from_slice(own_q);
+        qd.extend_from_slice(own_qd);
+    }
+    let shape = |width: usize| [plan.batch, &[width]].concat();
+    #[allow(clippy::cast_precision_loss)] // a time
+    let t = rollout.steps() as f64 * plan.dt;
+    let value = tau.call1((t, from_numbers(py, &q, &shape(plan.nq))?, from_numbers(py, &qd, &shape(plan.nv))?))?;
+    let tau = Input::new("tau(t, q, qd)", &value, plan.nv)?;
+    check_finite("tau(t, q, qd)", tau.data()?)?;
+    Ok(tau)
+}

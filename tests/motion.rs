@@ -1,0 +1,516 @@
+//! States through time: the order of every method beside an independent integration in coordinates, stiff joints, momentum, energy,
+//! lanes, and what is refused.
+
+mod common;
+
+use common::{ALL_KINDS, Random, Tree, random_state, tolerance};
+use phipsi::batch::Broadcast;
+use phipsi::batch::arms::{ARMS, Arm};
+use phipsi::dynamics;
+use phipsi::filter::Form;
+use phipsi::kinematics::coordinate_rates;
+use phipsi::motion::{Gains, METHODS, Method, Properties, Records, Rollout, Settings, StepFault, Torque};
+use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
+use phipsi::spatial::Symmetric3;
+use phipsi::{Error, Scene};
+
+/// Joints whose motion is smooth over the horizon of the tests.
+fn tree(kinds: &[JointKind], floating: bool) -> Scene {
+    Tree { seed: 5, bodies: 5, kinds, branching: 0.4, armature: 0.3, floating }.scene()
+}
+
+/// Everything that a joint can do by itself, of moderate size, rest and target near `q`.
+fn settings(scene: &Scene, q: &[f64], random: &mut Random) -> Settings {
+    let mut settings = Settings::new(scene, 1.0);
+    let nv = scene.nv();
+    let mut near = |size: f64| {
+        let mut out = vec![0.0; scene.nq()];
+        scene.integrate(q, &random.array(nv, size), &mut out).unwrap();
+        out
+    };
+    let (rest, target) = (near(0.4), near(0.4));
+    let positive = |random: &mut Random, size: f64| random.array(nv, size).iter().map(|x| x.abs() + 0.1).collect();
+    let p = &mut settings.properties;
+    (p.rest, p.friction_speed) = (rest, 0.5);
+    (p.damping, p.stiffness, p.friction) = (positive(random, 0.5), positive(random, 3.0), positive(random, 0.3));
+    settings.gains = Some(Gains {
+        proportional: positive(random, 3.0),
+        derivative: positive(random, 0.5),
+        target,
+        target_rate: random.array(nv, 0.3),
+    });
+    settings
+}
+
+/// The torque that joints and control law add, from the definitions: distances by [`Scene::difference`], but for the
+/// linear part of a free joint, which is a distance in space seen from the child.
+fn own_torque(scene: &Scene, settings: &Settings, q: &[f64], v: &[f64]) -> Vec<f64> {
+    let p = &settings.properties;
+    let away = |from: &[f64]| {
+        let mut s = vec![f64::NAN; scene.nv()];
+        scene.difference(from, q, &mut s).unwrap();
+        for joint in scene.joints().iter().filter(|joint| joint.kind == JointKind::Floating) {
+            let at = joint.q.start;
+            let turn = nalgebra::UnitQuaternion::new_normalize(nalgebra::Quaternion::new(
+                q[at + 6],
+                q[at + 3],
+                q[at + 4],
+                q[at + 5],
+            ));
+            let moved = nalgebra::Vector3::from_fn(|i, _| q[at + i] - from[at + i]);
+            s[joint.v.start..joint.v.start + 3].copy_from_slice(turn.inverse_transform_vector(&moved).as_slice());
+        }
+        s
+    };
+    let (s, mut torque) = (away(&p.rest), vec![0.0; scene.nv()]);
+    for i in 0..scene.nv() {
+        let friction = p.friction[i] * v[i] / (v[i] * v[i] + p.friction_speed * p.friction_speed).sqrt();
+        torque[i] = -p.damping[i] * v[i] - p.stiffness[i] * s[i] - friction;
+    }
+    if let Some(gains) = &settings.gains {
+        let s = away(&gains.target);
+        for i in 0..scene.nv() {
+            torque[i] += gains.derivative[i] * (gains.target_rate[i] - v[i]) - gains.proportional[i] * s[i];
+        }
+    }
+    torque
+}
+
+/// The same motion in coordinates, quaternions as four numbers: the classical method of order 4 with very small steps.
+fn reference(
+    scene: &Scene,
+    settings: &Settings,
+    (q, v, u): (&[f64], &[f64], &[f64]),
+    time: f64,
+    steps: usize,
+) -> (Vec<f64>, Vec<f64>) {
+    let mut model = scene.model().clone();
+    model.system.noise.clone_from(&settings.properties.armature);
+    let mut workspace = phipsi::Workspace::new(&model);
+    let (nq, nv) = (scene.nq(), scene.nv());
+    let mut rate = |y: &[f64]| {
+        let (q, v) = y.split_at(nq);
+        let mut unit = q.to_vec();
+        scene.integrate(q, &vec![0.0; nv], &mut unit).unwrap();
+        let torque: Vec<f64> = own_torque(scene, settings, &unit, v).iter().zip(u).map(|(a, b)| a + b).collect();
+        let mut out = vec![f64::NAN; nq + nv];
+        let (dq, dv) = out.split_at_mut(nq);
+        coordinate_rates(&model, q, v, dq);
+        dynamics::forward_dynamics(&model, &mut workspace, q, v, &torque, &[], dv);
+        out
+    };
+    let h = time / tolerance::count(steps);
+    let mut y = [q, v].concat();
+    let plus = |y: &[f64], h: f64, k: &[f64]| -> Vec<f64> { y.iter().zip(k).map(|(y, k)| y + h * k).collect() };
+    for _ in 0..steps {
+        let k1 = rate(&y);
+        let k2 = rate(&plus(&y, h / 2.0, &k1));
+        let k3 = rate(&plus(&y, h / 2.0, &k2));
+        let k4 = rate(&plus(&y, h, &k3));
+        for i in 0..y.len() {
+            y[i] += h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]);
+        }
+    }
+    let v = y.split_off(nq);
+    let mut unit = y.clone();
+    scene.integrate(&y, &vec![0.0; nv], &mut unit).unwrap();
+    (unit, v)
+}
+
+/// One state after `time`.
+fn after(
+    scene: &Scene,
+    settings: &Settings,
+    (q, v, u): (&[f64], &[f64], &[f64]),
+    time: f64,
+    steps: usize,
+) -> (Vec<f64>, Vec<f64>) {
+    let settings = Settings { dt: time / tolerance::count(steps), ..settings.clone() };
+    let mut rollout = Rollout::new(scene, settings, q, v).unwrap();
+    let torque = Torque::Constant(Broadcast::new("tau", u, scene.nv(), &[], &[]).unwrap());
+    rollout.advance(steps, &torque, None).unwrap();
+    let (q, v) = rollout.state(0);
+    (q.to_vec(), v.to_vec())
+}
+
+/// The largest difference, positions on the manifold.
+fn distance(scene: &Scene, a: &(Vec<f64>, Vec<f64>), b: &(Vec<f64>, Vec<f64>)) -> f64 {
+    let mut s = vec![f64::NAN; scene.nv()];
+    scene.difference(&a.0, &b.0, &mut s).unwrap();
+    let rates = a.1.iter().zip(&b.1).map(|(a, b)| a - b);
+    // A NaN wins.
+    s.iter().copied().chain(rates).map(f64::abs).fold(0.0, |m, x| if x <= m { m } else { x })
+}
+
+#[test]
+fn every_method_has_its_order() {
+    let cases = [
+        (tree(&[JointKind::Revolute, JointKind::Prismatic, JointKind::Screw { pitch: 0.2 }], false), 0.2),
+        (tree(&[JointKind::Spherical, JointKind::Revolute, JointKind::Planar], true), 0.1),
+        (tree(&[JointKind::Floating, JointKind::Spherical], false), 0.1),
+    ];
+    for (k, (scene, time)) in cases.iter().enumerate() {
+        let mut random = Random::new(7);
+        let (q, v, u) = random_state(scene, &mut random);
+        let mut settings = settings(scene, &q, &mut random);
+        let state = (&q[..], &v[..], &u[..]);
+        let exact = reference(scene, &settings, state, *time, 400);
+        for (name, method) in METHODS {
+            settings.method = method;
+            let steps = [0, 128, 64, 32, 24][method.order() as usize];
+            let errors =
+                [steps, 2 * steps].map(|steps| distance(scene, &after(scene, &settings, state, *time, steps), &exact));
+            let order = (errors[0] / errors[1]).log2();
+            println!("case {k}, {name}: errors {errors:?}, order {order:.3}");
+            assert!((order - f64::from(method.order())).abs() <= tolerance::ORDER, "{name}: {order}, {errors:?}");
+        }
+    }
+}
+
+#[test]
+fn rows_are_recorded_and_calls_may_be_cut_anywhere() {
+    let scene = tree(&ALL_KINDS, true);
+    let mut random = Random::new(3);
+    let states: Vec<_> = (0..19).map(|_| random_state(&scene, &mut random)).collect();
+    let q: Vec<f64> = states.iter().flat_map(|state| state.0.clone()).collect();
+    let v: Vec<f64> = states.iter().flat_map(|state| state.1.clone()).collect();
+    let (nq, nv, rows, every) = (scene.nq(), scene.nv(), 4, 3);
+    let torques = random.array(19 * 10 * nv, 2.0);
+    let torque = Broadcast::new("tau", &torques, 10 * nv, &[19], &[19]).unwrap();
+    let mut settings = settings(&scene, &q[..nq], &mut random);
+    settings.dt = 1e-3;
+    for (_, method) in METHODS {
+        settings.method = method;
+        let run = |cuts: &[usize]| {
+            let mut rollout = Rollout::new(&scene, settings.clone(), &q, &v).unwrap();
+            let (mut out_q, mut out_v) = (vec![f64::NAN; 19 * rows * nq], vec![f64::NAN; 19 * rows * nv]);
+            for &cut in cuts {
+                let mut records = Records { q: &mut out_q, qd: &mut out_v, every };
+                let torque = Torque::Steps { torque: torque.clone(), first: 0 };
+                rollout.advance(cut, &torque, Some(&mut records)).unwrap();
+            }
+            (out_q, out_v)
+        };
+        let whole = run(&[10]);
+        assert!(whole.0.iter().chain(&whole.1).all(|x| x.is_finite()));
+        assert_eq!(whole.0[..nq], q[..nq]);
+        assert_eq!(whole, run(&[1, 2, 4, 3]));
+        // One state by itself, step by step.
+        let mut alone = Rollout::new(&scene, settings.clone(), &q[11 * nq..12 * nq], &v[11 * nv..12 * nv]).unwrap();
+        for n in 0..9 {
+            let u = &torques[(11 * 10 + n) * nv..][..nv];
+            let torque = Torque::Constant(Broadcast::new("tau", u, nv, &[], &[]).unwrap());
+            alone.advance(1, &torque, None).unwrap();
+        }
+        assert_eq!(alone.state(0).0, &whole.0[(11 * rows + 3) * nq..][..nq]);
+        assert_eq!(alone.state(0).1, &whole.1[(11 * rows + 3) * nv..][..nv]);
+    }
+}
+
+/// Without optimisation the kernels of the lanes need more stack than a thread has by default.
+fn on_a_large_stack(work: impl FnOnce() + Send + 'static) {
+    std::thread::Builder::new().stack_size(256 << 20).spawn(work).unwrap().join().unwrap();
+}
+
+#[test]
+fn lanes_move_as_one_state_does() {
+    on_a_large_stack(|| {
+        for (seed, floating) in [(1, false), (2, true)] {
+            let scene = Tree { seed, bodies: 4, kinds: &ALL_KINDS, branching: 0.4, armature: 0.2, floating }.scene();
+            let mut random = Random::new(seed);
+            let states: Vec<_> = (0..11).map(|_| random_state(&scene, &mut random)).collect();
+            let q: Vec<f64> = states.iter().flat_map(|state| state.0.clone()).collect();
+            let v: Vec<f64> = states.iter().flat_map(|state| state.1.clone()).collect();
+            let mut settings = settings(&scene, &states[0].0, &mut random);
+            settings.dt = 1e-3;
+            for form in [Form::Auto, Form::Covariance] {
+                for (name, method) in METHODS {
+                    (settings.method, settings.form) = (method, form);
+                    let mut found = Vec::new();
+                    for arm in ARMS.into_iter().map(|(_, arm)| arm).filter(|arm| arm.available()) {
+                        settings.arm = arm;
+                        // Few enough steps that no other thread, with less stack, is asked.
+                        let mut rollout = Rollout::new(&scene, settings.clone(), &q, &v).unwrap();
+                        rollout.advance(2, &Torque::Zero, None).unwrap();
+                        let all: Vec<_> = (0..11).map(|i| rollout.state(i)).collect();
+                        found.push(all.iter().map(|(q, v)| (q.to_vec(), v.to_vec())).collect::<Vec<_>>());
+                    }
+                    for other in &found[1..] {
+                        for (a, b) in found[0].iter().zip(other) {
+                            let size = a.1.iter().fold(1.0_f64, |m, x| m.max(x.abs()));
+                            let off = distance(&scene, a, b);
+                            assert!(off <= tolerance::inverse(1e3, size), "{name}: {off:e}");
+                        }
+                    }
+                }
+            }
+        }
+    });
+}
+
+/// A pendulum of three rods, all joints but the first sprung.
+fn sprung(stiffness: f64, damping: f64) -> (Scene, Settings) {
+    let scene = phipsi::scenes::chain(3).unwrap().source().clone().gravity([2.0, -9.0, 0.5]).build().unwrap();
+    let mut settings = Settings::new(&scene, 1e-3);
+    settings.properties.stiffness = vec![0.0, stiffness, stiffness];
+    settings.properties.damping = vec![0.0, damping, damping];
+    (scene, settings)
+}
+
+/// Where the springs of [`sprung`] rest, the chain is one body: the scene with its sprung joints locked.
+fn rigid(scene: &Scene) -> Scene {
+    scene.lock(&["j1", "j2"], &[0.0; 3]).unwrap()
+}
+
+#[test]
+fn springs_of_a_billion_are_stable_and_followed_on_the_slow_manifold() {
+    let (scene, mut settings) = sprung(1e9, 0.0);
+    let (q, v, u) = ([0.3, 0.0, 0.0], [0.5, 0.0, 0.0], [0.4, 0.0, 0.0]);
+    let slow = rigid(&scene);
+    let exact = reference(&slow, &Settings::new(&slow, 1.0), (&q[..1], &v[..1], &u[..1]), 0.2, 2000);
+    for method in [Method::ImplicitEuler, Method::Rosenbrock2, Method::Rosenbrock3] {
+        settings.method = method;
+        let errors = [200, 400].map(|steps| {
+            let (q, v) = after(&scene, &settings, (&q, &v, &u), 0.2, steps);
+            let bent = q[1].abs().max(q[2].abs());
+            assert!(bent <= tolerance::BENT, "{method:?}: {bent:e}");
+            (q[0] - exact.0[0]).abs().max((v[0] - exact.1[0]).abs())
+        });
+        println!("{method:?}: {errors:?}");
+        let order = (errors[0] / errors[1]).log2();
+        // No reduction here: the fast modes are dead, and their rows are exact.
+        assert!((order - f64::from(method.order())).abs() <= tolerance::ORDER, "{method:?}: {order}, {errors:?}");
+        assert!(errors[0] <= tolerance::SLOW, "{method:?}: {errors:?}");
+    }
+    for method in [Method::SemiImplicitEuler, Method::RungeKutta4] {
+        settings.method = method;
+        let mut rollout = Rollout::new(&scene, settings.clone(), &[0.3, 1e-9, 0.0], &v).unwrap();
+        let fault = rollout.advance(200, &Torque::Zero, None).expect_err("an explicit step of a stiff spring");
+        assert!(fault.joint.starts_with('j') && fault.error.to_string().contains("diverged"), "{fault:?}");
+    }
+}
+
+#[test]
+fn stiff_gains_hold_a_target_that_explicit_steps_lose() {
+    let scene = phipsi::scenes::chain(5).unwrap();
+    let mut settings = Settings::new(&scene, 1e-2);
+    settings.method = Method::ImplicitEuler;
+    let target = vec![0.4, -0.3, 0.2, 0.5, -0.6];
+    settings.gains = Some(Gains {
+        proportional: vec![1e8; 5],
+        derivative: vec![1e6; 5],
+        target: target.clone(),
+        target_rate: vec![0.0; 5],
+    });
+    let mut rollout = Rollout::new(&scene, settings, &[0.0; 5], &[0.0; 5]).unwrap();
+    rollout.advance(1000, &Torque::Zero, None).unwrap();
+    for (q, target) in rollout.state(0).0.iter().zip(&target) {
+        assert!((q - target).abs() <= tolerance::BENT, "{q} beside {target}");
+    }
+}
+
+#[test]
+fn friction_stops_a_joint_and_does_not_turn_it_round() {
+    let rod = Inertial { mass: 1.0, centre: [0.0; 3].into(), central: Symmetric3::new([0.1, 0.0, 0.0, 0.1, 0.0, 0.1]) };
+    let mut joint = JointDescription::new("wheel", JointKind::Continuous, "base", "rod");
+    (joint.friction, joint.damping) = (2.0, 0.1);
+    let scene = SceneBuilder::new()
+        .link(LinkDescription { name: "base".into(), inertial: None })
+        .link(LinkDescription { name: "rod".into(), inertial: Some(rod) })
+        .joint(joint)
+        .build()
+        .unwrap();
+    assert_eq!(Properties::of(&scene).friction, [2.0]);
+    let mut settings = Settings::new(&scene, 0.01);
+    settings.method = Method::ImplicitEuler;
+    let mut rollout = Rollout::new(&scene, settings, &[0.0], &[3.0]).unwrap();
+    let mut before = 3.0;
+    for _ in 0..100 {
+        rollout.advance(1, &Torque::Zero, None).unwrap();
+        let v = rollout.state(0).1[0];
+        assert!(v >= 0.0 && v <= before, "{v} after {before}");
+        before = v;
+    }
+    assert!(before <= 1e-6, "{before}");
+}
+
+fn momentum(scene: &Scene, q: &[f64], v: &[f64]) -> nalgebra::Vector6<f64> {
+    scene.momentum(&mut scene.workspace(), q, v).unwrap()
+}
+
+/// The linear momentum of a body that slides on others is linear in the rates where nothing turns: every method keeps it.
+#[test]
+fn momentum_of_what_only_slides_is_kept_to_rounding() {
+    let mut builder =
+        Tree { seed: 4, bodies: 5, kinds: &[JointKind::Prismatic], branching: 0.5, armature: 0.0, floating: false }
+            .builder();
+    builder = builder.gravity([0.0; 3]);
+    // Three rails in place of a base: without axes to turn about.
+    let mut rails = SceneBuilder::new().gravity([0.0; 3]);
+    for name in ["world", "x", "y"] {
+        rails = rails.link(LinkDescription { name: name.into(), inertial: None });
+    }
+    for link in builder.links() {
+        let mut link = link.clone();
+        if link.name == "base" {
+            link.inertial = builder.links()[1].inertial;
+        }
+        rails = rails.link(link);
+    }
+    for (k, (name, parent, child)) in
+        [("rail x", "world", "x"), ("rail y", "x", "y"), ("rail z", "y", "base")].into_iter().enumerate()
+    {
+        let mut joint = JointDescription::new(name, JointKind::Prismatic, parent, child);
+        joint.axis = nalgebra::Vector3::ith(k, 1.0);
+        rails = rails.joint(joint);
+    }
+    for joint in builder.joints() {
+        rails = rails.joint(joint.clone());
+    }
+    let scene = rails.build().unwrap();
+    let mut random = Random::new(9);
+    let (q, v, u) = random_state(&scene, &mut random);
+    let u: Vec<f64> = u.iter().enumerate().map(|(i, u)| if i < 3 { 0.0 } else { *u }).collect();
+    let start = momentum(&scene, &q, &v);
+    let settings = Settings::new(&scene, 1.0);
+    for (name, method) in METHODS {
+        let settings = Settings { method, ..settings.clone() };
+        let (q, v) = after(&scene, &settings, (&q, &v, &u), 1.0, 200);
+        let end = momentum(&scene, &q, &v);
+        let off = (0..3).map(|i| (end[3 + i] - start[3 + i]).abs()).fold(0.0, f64::max);
+        let size = v.iter().fold(1.0_f64, |m, x| m.max(x.abs()));
+        assert!(off <= tolerance::inverse(1e2, size), "{name}: {off:e}");
+    }
+}
+
+/// What turns has momentum that is not linear in the rates: its drift falls with the order of the method.
+#[test]
+fn drift_of_momentum_and_energy_falls_with_the_order() {
+    let scene = Tree {
+        seed: 6,
+        bodies: 4,
+        kinds: &[JointKind::Revolute, JointKind::Spherical],
+        branching: 0.4,
+        armature: 0.0,
+        floating: true,
+    }
+    .builder()
+    .gravity([0.0; 3])
+    .build()
+    .unwrap();
+    let mut random = Random::new(2);
+    let (q, v, _) = random_state(&scene, &mut random);
+    let u = vec![0.0; scene.nv()];
+    let start = momentum(&scene, &q, &v);
+    let energy = |q: &[f64], v: &[f64]| scene.energy(&mut scene.workspace(), q, v).unwrap().kinetic;
+    for (name, method) in METHODS {
+        let settings = Settings { method, ..Settings::new(&scene, 1.0) };
+        let steps = if method.order() >= 3 { 20 } else { 200 };
+        let drift = [steps, 2 * steps].map(|steps| {
+            let (q1, v1) = after(&scene, &settings, (&q, &v, &u), 0.4, steps);
+            [(momentum(&scene, &q1, &v1) - start).amax(), (energy(&q1, &v1) - energy(&q, &v)).abs()]
+        });
+        println!(
+            "{name}: momentum {:.1e} {:.1e}, energy {:.1e} {:.1e}",
+            drift[0][0], drift[1][0], drift[0][1], drift[1][1]
+        );
+        let least = 0.8 * f64::from(method.order());
+        for (coarse, fine) in drift[0].into_iter().zip(drift[1]) {
+            assert!((coarse / fine).log2() >= least, "{name}: {drift:?}");
+        }
+    }
+}
+
+#[test]
+fn a_lost_pivot_is_told_with_step_state_and_joint() {
+    // The elbow's inertia vanishes: a point mass on its axis.
+    let point = Inertial { mass: 1.0, centre: [0.0; 3].into(), central: Symmetric3::zero() };
+    let arm = Inertial {
+        mass: 1.0,
+        centre: [0.5, 0.0, 0.0].into(),
+        central: Symmetric3::new([0.1, 0.0, 0.0, 0.1, 0.0, 0.1]),
+    };
+    let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
+    for (name, inertial) in [("upper", arm), ("lower", point)] {
+        builder = builder.link(LinkDescription { name: name.into(), inertial: Some(inertial) });
+    }
+    let scene = builder
+        .joint(JointDescription::new("shoulder", JointKind::Revolute, "base", "upper"))
+        .joint(JointDescription::new("elbow", JointKind::Revolute, "upper", "lower"))
+        .build()
+        .unwrap();
+    for (_, method) in METHODS {
+        let mut settings = Settings { method, ..Settings::new(&scene, 1e-3) };
+        let fault = Rollout::new(&scene, settings.clone(), &[0.0; 6], &[0.0; 6])
+            .unwrap()
+            .advance(5, &Torque::Zero, None)
+            .expect_err("no inertia");
+        assert_eq!((fault.step, fault.state, fault.joint.as_str()), (0, 0, "elbow"));
+        assert!(matches!(fault.error, Error::SingularJoint { .. }));
+        // Armature cures it, and so does damping where it is implicit.
+        settings.properties.damping[1] = 0.1;
+        let outcome =
+            Rollout::new(&scene, settings.clone(), &[0.0; 2], &[0.0; 2]).unwrap().advance(5, &Torque::Zero, None);
+        assert_eq!(outcome.is_ok(), method.is_implicit());
+        settings.properties.armature[1] = 0.1;
+        let outcome = Rollout::new(&scene, settings, &[0.0; 2], &[0.0; 2]).unwrap().advance(5, &Torque::Zero, None);
+        assert!(outcome.is_ok());
+    }
+}
+
+#[test]
+fn the_earliest_step_and_the_lowest_state_are_told_and_rows_before_are_kept() {
+    let scene = phipsi::scenes::chain(2).unwrap();
+    let mut settings = Settings::new(&scene, 1e-2);
+    settings.properties.stiffness = vec![1e5; 2];
+    let mut q = vec![0.0; 40];
+    // The further from rest the earlier.
+    (q[2 * 3], q[2 * 17]) = (1e-2, 1.0);
+    let mut rollout = Rollout::new(&scene, settings, &q, &[0.0; 40]).unwrap();
+    let (mut out_q, mut out_v) = (vec![f64::NAN; 20 * 101 * 2], vec![f64::NAN; 20 * 101 * 2]);
+    let mut records = Records { q: &mut out_q, qd: &mut out_v, every: 1 };
+    let StepFault { step, state, joint, error } =
+        rollout.advance(100, &Torque::Zero, Some(&mut records)).expect_err("an explicit step of a stiff spring");
+    assert_eq!(state, 17);
+    assert!(joint.starts_with('j') && error.to_string().contains(&joint), "{error}");
+    assert!(step > 2 && rollout.steps() == step);
+    for state in 0..20 {
+        assert!(out_q[state * 202..][..2 * (step + 1)].iter().all(|x| x.is_finite()));
+    }
+}
+
+#[test]
+fn what_cannot_be_used_is_refused_by_name() {
+    let scene = phipsi::scenes::chain(2).unwrap();
+    let good = Settings::new(&scene, 1e-3);
+    let refused = |change: &dyn Fn(&mut Settings), words: &[&str]| {
+        let mut settings = good.clone();
+        change(&mut settings);
+        let error = Rollout::new(&scene, settings, &[0.0; 2], &[0.0; 2]).expect_err("refused").to_string();
+        for word in words {
+            assert!(error.contains(word), "{error}");
+        }
+    };
+    for dt in [0.0, -1e-3, f64::NAN, f64::INFINITY] {
+        refused(&|s| s.dt = dt, &["dt", &format!("{dt}"), "positive"]);
+    }
+    refused(&|s| s.form = Form::Joseph, &["form", "joseph"]);
+    refused(&|s| s.properties.damping = vec![0.0; 3], &["damping", "(3,)", "(2,)"]);
+    refused(&|s| s.properties.stiffness[1] = -1.0, &["stiffness", "-1", "j1"]);
+    refused(&|s| s.properties.friction[0] = f64::NAN, &["friction", "NaN"]);
+    refused(&|s| s.properties.friction_speed = 0.0, &["friction_speed"]);
+    refused(&|s| s.properties.rest = vec![0.0; 1], &["rest"]);
+    let bad = Rollout::new(&scene, good.clone(), &[0.0, f64::NAN], &[0.0; 2]).expect_err("refused");
+    assert!(bad.to_string().contains("q: found NaN"), "{bad}");
+    let mut rollout = Rollout::new(&scene, good, &[0.0; 2], &[0.0; 2]).unwrap();
+    let torque = Torque::Constant(Broadcast::new("tau", &[0.0; 3], 3, &[], &[]).unwrap());
+    assert!(matches!(rollout.advance(1, &torque, None).expect_err("refused").error, Error::Shape { .. }));
+    let (mut q, mut qd) = (vec![0.0; 4], vec![0.0; 4]);
+    let mut records = Records { q: &mut q, qd: &mut qd, every: 1 };
+    assert!(matches!(
+        rollout.advance(2, &Torque::Zero, Some(&mut records)).expect_err("refused").error,
+        Error::Shape { .. }
+    ));
+    assert!(Method::named("euler").expect_err("refused").to_string().contains("\"rk4\""));
+    let _ = Arm::of_process();
+}

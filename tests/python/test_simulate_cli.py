@@ -1,0 +1,116 @@
+"""The command `phipsi simulate`: what it writes, what it refuses, and what it keeps of a run that fails."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import phipsi
+import pytest
+from click.testing import CliRunner, Result
+from phipsi.report import commands, simulate  # noqa: F401  # the second registers its command
+from tolerances import assert_same_bits
+
+PICTURES = ("motion.png", "motion.svg", "stroboscope.png", "stroboscope.svg")
+
+SPRING = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="continuous">
+<parent link="a"/><child link="b"/><dynamics stiffness="1e9"/></joint></robot>"""
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(commands.group, ["simulate", *map(str, arguments)])
+
+
+def test_the_bundled_arm_from_a_state_file(tmp_path: Path) -> None:
+    state = tmp_path / "state.json"
+    state.write_text(json.dumps({"q": {"joint2": 0.4}, "qd": [0.1, 0, 0, 0, 0, 0], "tau": {"joint1": 2.0}}))
+    result = run("-o", tmp_path / "out", "--state", state, "--time", 0.02, "--csv", "--record-every", 2)
+    assert result.exit_code == 0, result.output
+    scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)
+    q, qd, tau = np.zeros(6), np.zeros(6), np.zeros(6)
+    q[1], qd[0], tau[0] = 0.4, 0.1, 2.0
+    path = scene.simulate(q, qd, dt=1e-3, steps=20, tau=tau, method="rk4", record_every=2)
+    with np.load(tmp_path / "out" / "trajectory.npz") as found:
+        assert_same_bits(found["q"], path.q)
+        assert_same_bits(found["qd"], path.qd)
+        assert_same_bits(found["t"], path.t)
+        assert tuple(found["joint_names"]) == scene.joint_names
+    with (tmp_path / "out" / "trajectory.csv").open(newline="") as stream:
+        header, *rows = csv.reader(stream)
+    assert header[:2] == ["t", "q:joint1"] and header[-1] == "qd:joint6"
+    assert_same_bits(np.array(rows, dtype=float), np.column_stack([path.t, path.q, path.qd]))
+    for name in PICTURES:
+        assert (tmp_path / "out" / name).stat().st_size > 1000
+    # What it wrote is a state file for another run, by npz.
+    np.savez(tmp_path / "end.npz", q=path.q[-1], qd=path.qd[-1])
+    again = run("-o", tmp_path / "again", "--state", tmp_path / "end.npz", "--time", 0.002, "--hold", "10", "1")
+    assert again.exit_code == 0, again.output
+
+
+def test_a_floating_base_moves_and_breaks_no_limit(tmp_path: Path) -> None:
+    result = run("-o", tmp_path, "--floating-base", "--time", 0.01, "--method", "rosenbrock-2")
+    assert result.exit_code == 0, result.output
+    with np.load(tmp_path / "trajectory.npz") as found:
+        assert found["q"].shape == (11, 13)
+
+
+def test_limits_broken_are_told(tmp_path: Path) -> None:
+    state = tmp_path / "state.json"
+    state.write_text('{"q": {"joint2": 3.0}}')
+    result = run("-o", tmp_path, "--state", state, "--time", 0.002)
+    assert result.exit_code == 0
+    assert "beyond its limit: joint2, upper 0.785398, first at t = 0 s" in result.output
+
+
+def test_what_diverges_exits_with_1_and_keeps_its_rows(tmp_path: Path) -> None:
+    robot, state = tmp_path / "spring.urdf", tmp_path / "state.json"
+    robot.write_text(SPRING)
+    state.write_text('{"q": [0.1]}')
+    result = run(robot, "-o", tmp_path / "out", "--state", state, "--time", 1)
+    assert result.exit_code == 1
+    assert "diverged" in result.output and '"j"' in result.output
+    with np.load(tmp_path / "out" / "trajectory.npz") as found:
+        assert np.all(np.isfinite(found["q"])) and 0 < len(found["q"]) < 1001
+    assert run(robot, "-o", tmp_path / "out", "--state", state, "--time", 0.1, "--method", "implicit-euler").exit_code == 0
+
+
+STATES = {
+    "not JSON": ("{", "expected a state as JSON"),
+    "a list": ("[1]", "expected an object"),
+    "unknown key": ('{"x": [1]}', "expected q, qd, tau"),
+    "unknown joint": ('{"q": {"elbow": 1}}', "elbow"),
+    "length": ('{"q": [1, 2]}', r"found shape (2,); expected (6,)"),
+    "words": ('{"q": {"joint1": "far"}}', "joint1"),
+    "not finite": ('{"q": [NaN, 0, 0, 0, 0, 0]}', "NaN"),
+}
+
+
+@pytest.mark.parametrize("case", STATES)
+def test_bad_state_files_are_one_line_and_exit_with_2(case: str, tmp_path: Path) -> None:
+    text, words = STATES[case]
+    state = tmp_path / "state.json"
+    state.write_text(text)
+    result = run("-o", tmp_path / "out", "--state", state, "--time", 0.01)
+    assert result.exit_code == 2, result.output
+    assert result.output.startswith("Error: ") and len(result.output.strip().splitlines()) == 1
+    assert words in result.output
+
+
+@pytest.mark.parametrize(
+    "options",
+    [("--dt", "0"), ("--dt", "nan"), ("--time", "-1"), ("--method", "euler"), ("--time", "1e300"), ("--state", "missing.json")],
+)
+def test_bad_options_exit_with_2(options: tuple[str, str], tmp_path: Path) -> None:
+    result = run("-o", tmp_path, *options)
+    assert result.exit_code == 2, result.output
+    assert "Traceback" not in result.output
+
+
+def test_the_command_is_installed() -> None:
+    done = subprocess.run([sys.executable, "-m", "phipsi.cli", "--help"], capture_output=True, text=True, check=True)
+    assert "simulate" in done.stdout
