@@ -68,12 +68,8 @@ fn builder(seed: u64) -> SceneBuilder {
         let inertial = Some(random_inertial(&mut random));
         builder = builder.link(LinkDescription { name: name.to_owned(), inertial }).joint(joint);
     }
-    let mut add = |builder: SceneBuilder, name: &str, kind: JointKind, parent: &str, has_mass: bool| {
-        attached(builder, &mut random, name, (kind, parent), has_mass)
-    };
     // The last body of all has no row where fixed joints are kept.
-    builder = add(builder, "tool", JointKind::Fixed, "turned", true);
-    builder
+    attached(builder, &mut random, "tool", (JointKind::Fixed, "turned"), true)
 }
 
 /// What is left out: all, all but one, nothing.

@@ -81,7 +81,7 @@ struct RowTerms<T> {
 pub(super) struct Scratch<T: Real> {
     pub model: Model<T>,
     lean: LeanModel<T>,
-    lean_scratch: LeanScratch<T>,
+    sweeps: LeanScratch<T>,
     pub workspace: Workspace<T>,
     rows: Vec<RowTerms<T>>,
     rest: Vec<T>,
@@ -130,7 +130,7 @@ impl<T: Real> Scratch<T> {
         let coordinates = || vec![T::zero(); nq];
         let rates = || vec![T::zero(); nv];
         Self {
-            lean_scratch: LeanScratch::new(&model, &lean),
+            sweeps: LeanScratch::new(&model, &lean),
             lean,
             workspace: Workspace::new(&model),
             rows: (0..nv).map(row).collect(),
@@ -274,7 +274,7 @@ pub(super) fn step<T: Real, S: Solver<T>>(law: &Law, s: &mut Scratch<T>, solver:
             }
         }
         forces(law, s, i);
-        let scratch = (&mut s.lean_scratch, &mut s.workspace);
+        let scratch = (&mut s.sweeps, &mut s.workspace);
         doubt |= solver.solve((&s.model, &s.lean), scratch, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[i]);
         s.l[i].copy_from_slice(&s.c);
         add_scaled(&mut s.l[i], t.gamma[i][i], &s.m[i]);

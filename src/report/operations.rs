@@ -84,7 +84,7 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
     let ([q, qd, u], wrenches) = on_counted(state);
     let mut scratch = LeanScratch::new(&model, &lean);
     let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
-    let (_, operations) = Counted::during(|| {
+    let ((), operations) = Counted::during(|| {
         lean::run(algorithm, (&model, &lean), &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
     });
     Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() }

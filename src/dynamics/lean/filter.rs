@@ -2,7 +2,7 @@
 
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::scratch::{Covariance, LeanScratch};
-use super::turn::{Renaming, Turn};
+use super::turn::{BRANCH, Renaming, Turn};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
 use crate::filter::{HingeMap, System, innovations};
@@ -91,14 +91,14 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
                 }
                 if SIDES >= FILTER {
                     let sent = in_joint_frame(body, turn, &scratch.forces[k]);
-                    add_force(renaming, sent, &mut scratch.forces[parent]);
+                    add_force::<_, T, BRANCH>(renaming, sent, &mut scratch.forces[parent]);
                 }
                 if SIDES == WATCH {
                     let Watched { weight, zeta } = Watched::of(&mut scratch.watching, k, row);
                     let e_w = measure(noise, &m, weight, zeta);
                     let sent = in_joint_frame(body, turn, zeta);
                     scratch.watching.innovations[row] = e_w;
-                    add_force(renaming, sent, &mut scratch.watching.zeta[parent]);
+                    add_force::<_, T, BRANCH>(renaming, sent, &mut scratch.watching.zeta[parent]);
                 }
             }
             Carrier::Shift(at) => {
@@ -165,7 +165,7 @@ pub(super) fn predict<T: Real>(
                 torques[body.row] = force[ABOUT_Z];
                 if let Some(parent) = body.parent {
                     let sent = in_joint_frame(body, scratch.turns[k], force);
-                    add_force(renaming, sent, &mut scratch.forces[parent]);
+                    add_force::<_, T, BRANCH>(renaming, sent, &mut scratch.forces[parent]);
                 }
             }
             Carrier::Shift(at) => {
@@ -367,13 +367,13 @@ pub(super) fn in_joint_frame<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<
 
 /// Adds it to what is at the parent.
 #[inline(always)]
-pub(super) fn add_force<N: Copy, T: Real<Parameter = N>>(
+pub(super) fn add_force<N: Copy, T: Real<Parameter = N>, const BY: bool>(
     renaming: &Renaming<N>,
     [moment, force]: [[T; 3]; 2],
     to: &mut [T; 6],
 ) {
-    renaming.add(moment, &mut to[..3]);
-    renaming.add(force, &mut to[3..]);
+    renaming.add::<T, BY>(moment, &mut to[..3]);
+    renaming.add::<T, BY>(force, &mut to[3..]);
 }
 
 /// The filter at a stage with any joint: its rows, and the way to its parent.

@@ -5,7 +5,7 @@ use super::body::{Carrier, LeanBody, LeanModel};
 use super::filter::{self, add_force, in_joint_frame, unpacked};
 use super::motion::{carriers, four};
 use super::scratch::LeanScratch;
-use super::turn::{Renaming, Turn};
+use super::turn::{Renaming, TABLE, Turn};
 use crate::dynamics::columns::put;
 use crate::filter::covariance::row_update;
 use crate::filter::innovations::past_rows;
@@ -177,7 +177,7 @@ fn parted_inward<T: Real>(
         u = match &body.carrier {
             Carrier::Turn(renaming) => {
                 let mut there = [u[0].constant(0.0); 6];
-                add_force(renaming, in_joint_frame(body, scratch.turns[at], &u.into()), &mut there);
+                add_force::<_, T, TABLE>(renaming, in_joint_frame(body, scratch.turns[at], &u.into()), &mut there);
                 there.into()
             }
             Carrier::Shift(shift) => scratch.shifts[*shift].force_to_parent(&u),
@@ -210,7 +210,7 @@ fn column_outward<T: Real>(
         let outer = &scratch.co_states[body.parent_outward];
         let y = match &body.carrier {
             Carrier::Turn(renaming) => {
-                let [w, v] = carried(body, renaming, scratch.turns[i], outer);
+                let [w, v] = carried::<T, TABLE>(body, renaming, scratch.turns[i], outer);
                 let entry = along(&scratch.measured[body.row].gain, &w, &v);
                 put(out, nv, (body.row, column), entry);
                 [four([w[0], w[1], w[2] - entry]), four(v)]

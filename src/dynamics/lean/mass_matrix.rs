@@ -4,7 +4,7 @@ use super::body::{Carrier, LeanBody, LeanModel};
 use super::filter::{add_force, in_joint_frame};
 use super::motion::carriers;
 use super::scratch::{Composite, LeanScratch};
-use super::turn::{Renaming, Turn};
+use super::turn::{BRANCH, Renaming, TABLE, Turn};
 use crate::dynamics::columns::put;
 use crate::scalar::Real;
 use crate::scene::Model;
@@ -94,7 +94,7 @@ fn column_inward<T: Real>(
         force = match &body.carrier {
             Carrier::Turn(renaming) => {
                 let mut there = [force[0].constant(0.0); 6];
-                add_force(renaming, in_joint_frame(body, scratch.turns[k], &force), &mut there);
+                add_force::<_, T, TABLE>(renaming, in_joint_frame(body, scratch.turns[k], &force), &mut there);
                 there
             }
             Carrier::Shift(at) => scratch.shifts[*at].force_to_parent(&Vector6::from(force)).into(),
@@ -160,6 +160,6 @@ fn to_parent<T: Real>(
     } else {
         (h, [xx, xy, xz, yy, yz, zz])
     };
-    renaming.add(h, &mut to.first_moment);
+    renaming.add::<T, BRANCH>(h, &mut to.first_moment);
     renaming.add_symmetric(&rotational, &mut to.rotational);
 }

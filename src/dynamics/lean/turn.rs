@@ -7,6 +7,9 @@ use nalgebra::Matrix3;
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Renaming<N> {
     order: Order,
+    /// The same as indices, and those of the way back: entry i in the joint's frame is entry `from_back[i]` in the parent's, signed.
+    from: [u8; 3],
+    from_back: [u8; 3],
     /// Entry i of a vector in the parent's frame is `sign[i]` times entry `from[i]` of it in the joint's.
     sign: [N; 3],
     /// The sign of the product of entries yz, zx and xy.
@@ -26,6 +29,11 @@ enum Order {
     Zyx,
     Yxz,
 }
+
+/// Renames vectors by a table of indices instead of by a branch for each order.
+pub(super) const TABLE: bool = true;
+/// By a branch.
+pub(super) const BRANCH: bool = false;
 
 /// Does `$do` with the order's indices as constants.
 macro_rules! in_order {
@@ -65,26 +73,46 @@ impl<N: Copy> Renaming<N> {
             _ => return None,
         };
         let [x, y, z] = [0, 1, 2].map(|i| rotation.row(i).sum());
-        Some(Self { order, sign: [x, y, z].map(&number), signs: [y * z, z * x, x * y].map(number) })
+        let [a, b, c] = from.map(Option::unwrap_or_default);
+        let mut from_back = [0; 3];
+        (from_back[a], from_back[b], from_back[c]) = (0, 1, 2);
+        #[allow(clippy::cast_possible_truncation)] // below three
+        let from = [a as u8, b as u8, c as u8];
+        Some(Self { order, from, from_back, sign: [x, y, z].map(&number), signs: [y * z, z * x, x * y].map(number) })
     }
 }
 
 impl<N: Copy> Renaming<N> {
     /// A vector from the parent's frame to the joint's; of `v` the last number is not read.
+    ///
+    /// By a branch for each order, or by a [`TABLE`] of indices: a branch costs less in one sweep over the bodies, and far more where
+    /// sweeps over some of them follow each other so fast that no branch is foreseen.
     #[inline(always)]
-    pub fn back<T: Real<Parameter = N>>(&self, v: &[T; 4]) -> [T; 3] {
+    pub fn back<T: Real<Parameter = N>, const TABLE: bool>(&self, v: &[T; 4]) -> [T; 3] {
         let [x, y, z] = self.sign;
         let signed = [v[0] * v[0].everywhere(x), v[1] * v[0].everywhere(y), v[2] * v[0].everywhere(z)];
+        if TABLE {
+            // Four, so that no index is out of bounds.
+            let [a, b, c] = self.from_back;
+            let padded = [signed[0], signed[1], signed[2], signed[0]];
+            return [padded[usize::from(a & 3)], padded[usize::from(b & 3)], padded[usize::from(c & 3)]];
+        }
         let mut turned = signed;
         in_order!(self.order, X, Y, Z, (turned[X], turned[Y], turned[Z]) = (signed[0], signed[1], signed[2]));
         turned
     }
 
-    /// Adds a vector in the joint's frame to one in the parent's.
+    /// Adds a vector in the joint's frame to one in the parent's, as [`Renaming::back`].
     #[inline(always)]
-    pub fn add<T: Real<Parameter = N>>(&self, v: [T; 3], to: &mut [T]) {
+    pub fn add<T: Real<Parameter = N>, const TABLE: bool>(&self, v: [T; 3], to: &mut [T]) {
         let [x, y, z] = self.sign;
-        let [p, q, r] = in_order!(self.order, X, Y, Z, [v[X], v[Y], v[Z]]);
+        let [p, q, r] = if TABLE {
+            let [a, b, c] = self.from;
+            let padded = [v[0], v[1], v[2], v[0]];
+            [padded[usize::from(a & 3)], padded[usize::from(b & 3)], padded[usize::from(c & 3)]]
+        } else {
+            in_order!(self.order, X, Y, Z, [v[X], v[Y], v[Z]])
+        };
         to[0] = p.mul_add(p.everywhere(x), to[0]);
         to[1] = q.mul_add(p.everywhere(y), to[1]);
         to[2] = r.mul_add(p.everywhere(z), to[2]);
