@@ -6,6 +6,7 @@ import os
 import pickle
 import signal
 import threading
+from collections.abc import Iterator
 
 import numpy as np
 import phipsi
@@ -205,8 +206,16 @@ def test_a_lost_pivot_is_a_cause_with_its_joint() -> None:
     assert np.isfinite(scene.simulate([0.0], [0.0], dt=1e-3, steps=3, damping=1.0, method="implicit-euler").q).all()
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Started in the background of a shell, Python ignores SIGINT, as the shell told it to."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.skipif(os.name == "nt", reason="signals to oneself")
-def test_ctrl_c_keeps_what_was_computed(arm: phipsi.Scene) -> None:
+def test_ctrl_c_keeps_what_was_computed(arm: phipsi.Scene, interruptible: None) -> None:
     started = threading.Event()
     timer = threading.Thread(target=lambda: (started.wait(), os.kill(os.getpid(), signal.SIGINT)))
     timer.start()
