@@ -111,7 +111,7 @@ def tree_of(scene: phipsi.Scene) -> Tree:
                 pitch,
                 numbers[0],
             )  # fmt: skip
-            for name, kind, pitch, parent, child, (rotation, lever), axis, numbers, _, _ in joints
+            for name, kind, pitch, parent, child, (rotation, lever), axis, numbers, _, _, _ in joints
         ),
         tuple(gravity),
     )
