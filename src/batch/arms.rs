@@ -121,6 +121,19 @@ pub trait Vectorised: Real {
     }
 }
 
+/// As many lanes as any scalar has.
+const MOST_LANES: usize = 16;
+
+/// One array of every state into lanes; lanes without a state of their own repeat the last.
+#[inline(always)]
+pub(crate) fn take_states<'a, T: Vectorised>(numbers: &mut [T], states: usize, of: impl Fn(usize) -> &'a [T::Number]) {
+    let mut given: [&[T::Number]; MOST_LANES] = [&[]; MOST_LANES];
+    for (lane, given) in given.iter_mut().enumerate().take(T::LANES) {
+        *given = of(lane.min(states - 1));
+    }
+    T::take_lanes(&given[..T::LANES], numbers);
+}
+
 struct Job<W>(W);
 
 impl<W: Work> pulp::NullaryFnOnce for Job<W> {

@@ -3,12 +3,12 @@
 //! Nothing is raised here: a lane whose arguments, pivots, digits or results are not in order is in *doubt*, and whoever
 //! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
-use super::arms::{Vectorised, Work};
+use super::arms::{Vectorised, Work, take_states};
 use crate::dynamics::lean::{self, LeanModel, LeanScratch};
 use crate::dynamics::{auto, refined};
 use crate::filter::Form;
 use crate::planar::{self, PlanarModel, PlanarScratch};
-use crate::scalar::{Precision, Real};
+use crate::scalar::{Precision, Real, lanes_but};
 use crate::scene::queries::QUATERNION_SLACK;
 use crate::scene::{Model, Motion, Scene};
 use crate::spatial::SpatialVector;
@@ -42,9 +42,6 @@ pub struct Arguments<'a, P = f64> {
     /// Forces on bodies, each in the body's frame, f64 always; empty where there are none.
     pub wrenches: &'a [SpatialVector<f64>],
 }
-
-/// As many lanes as any scalar has.
-const MOST_LANES: usize = 16;
 
 /// What runs chunks of states in `P`, whatever its scalar.
 pub trait Chunks<P>: Send + Sync {
@@ -145,11 +142,7 @@ fn gather<'a, T: Vectorised>(
     states: &'a [Arguments<'_, T::Number>],
     of: impl Fn(&'a Arguments<'_, T::Number>) -> &'a [T::Number],
 ) -> T {
-    let mut given: [&[T::Number]; MOST_LANES] = [&[]; MOST_LANES];
-    for (lane, given) in given.iter_mut().enumerate().take(T::LANES) {
-        *given = of(&states[lane.min(states.len() - 1)]);
-    }
-    T::take_lanes(&given[..T::LANES], numbers);
+    take_states(numbers, states.len(), |state| of(&states[state]));
     let mut fault = T::zero();
     if !of(&states[0]).is_empty() {
         for &number in numbers.iter() {
@@ -210,16 +203,6 @@ impl<T: Vectorised> Work for Run<'_, T> {
         }
         doubt
     }
-}
-
-/// The lanes for which `holds` does not, as bits.
-#[inline(always)]
-fn lanes_but<T: Real>(holds: impl Fn(usize) -> bool) -> u64 {
-    let mut bits = 0;
-    for lane in 0..T::LANES {
-        bits |= u64::from(!holds(lane)) << lane;
-    }
-    bits
 }
 
 /// The algorithm itself; gives the lanes that it doubts.

@@ -9,7 +9,7 @@ use super::refined::{Judged, forward_dynamics_judged};
 use crate::filter::cancellation::{self, Cancellation, Probe};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{Form, innovations, riccati, smoother};
-use crate::scalar::Real;
+use crate::scalar::{Real, lanes_but};
 use crate::scene::Model;
 use crate::spatial::Symmetric6;
 use crate::workspace::Workspace;
@@ -164,11 +164,7 @@ impl<T: Real> Watched<T> {
     /// The lanes that kept their digits, as bits.
     #[inline(always)]
     fn kept_lanes(&self) -> u64 {
-        let mut bits = 0;
-        for lane in 0..T::LANES {
-            bits |= u64::from(self.kept(lane)) << lane;
-        }
-        bits
+        lanes_but::<T>(|lane| !self.kept(lane))
     }
 
     #[inline(always)]

@@ -6,7 +6,7 @@ use super::properties::{Gains, Properties};
 use crate::dynamics::lean::{self, LeanModel, LeanScratch};
 use crate::dynamics::{self, auto};
 use crate::filter::pivots::LostPivot;
-use crate::scalar::Real;
+use crate::scalar::{Real, lanes_but};
 use crate::scene::Model;
 use crate::workspace::Workspace;
 
@@ -182,11 +182,7 @@ impl<T: Real> Solver<T> for Plain {
         qdd: &mut [T],
     ) -> u64 {
         let pivots = lean::forward_dynamics(scene, scratch, state, &[], qdd);
-        let mut doubt = 0;
-        for lane in 0..T::LANES {
-            doubt |= u64::from(!pivots.clear(lane)) << lane;
-        }
-        doubt
+        lanes_but::<T>(|lane| pivots.clear(lane))
     }
 }
 
@@ -203,11 +199,7 @@ impl<T: Real> Solver<T> for Watched {
         qdd: &mut [T],
     ) -> u64 {
         let watched = auto::forward_dynamics_watched_lean(scene, scratch, state, &[], qdd);
-        let mut doubt = 0;
-        for lane in 0..T::LANES {
-            doubt |= u64::from(!watched.kept(lane)) << lane;
-        }
-        doubt
+        lanes_but::<T>(|lane| watched.kept(lane))
     }
 }
 

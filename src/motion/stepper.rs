@@ -3,10 +3,10 @@
 use super::properties::{joint_of_row, of_state};
 use super::rollout::{StepFault, Torque};
 use super::step::{Checked, Law, Plain, Scratch, Watched, step};
-use crate::batch::arms::{Arm, Vectorised, Work};
+use crate::batch::arms::{Arm, Vectorised, Work, take_states};
 use crate::error::Error;
 use crate::filter::Form;
-use crate::scalar::Fused;
+use crate::scalar::{Fused, lanes_but};
 #[cfg(target_arch = "x86_64")]
 use crate::scalar::{Lanes, Real};
 use crate::scene::{Model, Scene};
@@ -112,16 +112,6 @@ struct Run<'a, 'r, T: Vectorised> {
     job: Job<'a, 'r>,
 }
 
-/// One array of every state into lanes; lanes without a state of their own repeat the last.
-#[inline(always)]
-fn gather<'a, T: Vectorised<Number = f64>>(numbers: &mut [T], states: usize, of: impl Fn(usize) -> &'a [f64]) {
-    for lane in 0..T::LANES {
-        for (number, &value) in numbers.iter_mut().zip(of(lane.min(states - 1))) {
-            number.lanes_mut()[lane] = value;
-        }
-    }
-}
-
 /// One lane of an array.
 #[inline(always)]
 fn scatter<T: Vectorised<Number = f64>>(numbers: &[T], lane: usize, out: &mut [f64]) {
@@ -138,14 +128,14 @@ impl<T: Vectorised<Number = f64>> Work for Run<'_, '_, T> {
         let Self { scratch: s, form, checked, job } = self;
         let Job { scene, law, steps, states, current, torque, mut rows } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
-        gather(&mut s.q, count, |lane| &current[lane * (nq + nv)..][..nq]);
-        gather(&mut s.v, count, |lane| &current[lane * (nq + nv) + nq..][..nv]);
+        take_states(&mut s.q, count, |lane| &current[lane * (nq + nv)..][..nq]);
+        take_states(&mut s.v, count, |lane| &current[lane * (nq + nv) + nq..][..nv]);
         if let Some(gains) = &law.gains {
-            gather(&mut s.target, count, |lane| of_state(&gains.target, nq, states.start + lane));
-            gather(&mut s.target_rate, count, |lane| of_state(&gains.target_rate, nv, states.start + lane));
+            take_states(&mut s.target, count, |lane| of_state(&gains.target, nq, states.start + lane));
+            take_states(&mut s.target_rate, count, |lane| of_state(&gains.target_rate, nv, states.start + lane));
         }
         if let Torque::Constant(torque) = torque {
-            gather(&mut s.torque, count, |lane| torque.state(states.start + lane));
+            take_states(&mut s.torque, count, |lane| torque.state(states.start + lane));
         } else {
             for u in &mut s.torque {
                 *u = u.constant(0.0);
@@ -155,7 +145,7 @@ impl<T: Vectorised<Number = f64>> Work for Run<'_, '_, T> {
         for n in steps {
             if let Torque::Steps { torque, first } = torque {
                 let at = (n - first) * nv;
-                gather(&mut s.torque, count, |lane| &torque.state(states.start + lane)[at..at + nv]);
+                take_states(&mut s.torque, count, |lane| &torque.state(states.start + lane)[at..at + nv]);
             }
             let mut doubt = match form {
                 Form::Covariance => step(law, s, &mut Plain),
@@ -203,11 +193,7 @@ fn strayed<T: Vectorised>(law: &Law, s: &Scratch<T>) -> u64 {
     for &q in &s.q_next {
         worst += q - q;
     }
-    let mut bits = 0;
-    for lane in 0..T::LANES {
-        bits |= u64::from(!(worst.lane(lane) >= 0.0)) << lane;
-    }
-    bits
+    lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
 }
 
 /// The step once more, with every check, for the lanes in doubt.

@@ -72,17 +72,7 @@ impl Real for Fused {
         Self(x)
     }
 
-    type Parameter = Self;
-
-    #[inline(always)]
-    fn parameter(x: f64) -> Self {
-        Self::from_f64(x)
-    }
-
-    #[inline(always)]
-    fn everywhere(self, x: Self) -> Self {
-        x
-    }
+    super::its_own_parameter!();
 
     #[inline(always)]
     fn lane(self, _index: usize) -> f64 {

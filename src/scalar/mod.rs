@@ -104,6 +104,34 @@ pub trait Real:
     fn epsilon() -> Self;
 }
 
+/// For a scalar of one lane: constants of a scene are such scalars themselves.
+macro_rules! its_own_parameter {
+    () => {
+        type Parameter = Self;
+
+        #[inline(always)]
+        fn parameter(x: f64) -> Self {
+            <Self as Real>::from_f64(x)
+        }
+
+        #[inline(always)]
+        fn everywhere(self, x: Self) -> Self {
+            x
+        }
+    };
+}
+use its_own_parameter;
+
+/// The lanes of `T` for which `holds` does not, as bits.
+#[inline(always)]
+pub(crate) fn lanes_but<T: Real>(holds: impl Fn(usize) -> bool) -> u64 {
+    let mut bits = 0;
+    for lane in 0..T::LANES {
+        bits |= u64::from(!holds(lane)) << lane;
+    }
+    bits
+}
+
 impl<T: nalgebra::RealField + Copy> Real for T {
     const LANES: usize = 1;
 
@@ -112,17 +140,7 @@ impl<T: nalgebra::RealField + Copy> Real for T {
         nalgebra::convert(x)
     }
 
-    type Parameter = Self;
-
-    #[inline]
-    fn parameter(x: f64) -> Self {
-        nalgebra::convert(x)
-    }
-
-    #[inline]
-    fn everywhere(self, x: Self) -> Self {
-        x
-    }
+    its_own_parameter!();
 
     #[inline]
     fn lane(self, _index: usize) -> f64 {

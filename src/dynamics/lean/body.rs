@@ -5,7 +5,7 @@ use super::turn::Renaming;
 use crate::filter::pivots::Scale;
 use crate::scalar::Real;
 use crate::scene::{Model, Motion};
-use crate::spatial::{BodyInertia, RigidShift};
+use crate::spatial::BodyInertia;
 
 /// How a body hangs on its parent.
 #[derive(Debug, Clone, PartialEq)]
@@ -84,7 +84,7 @@ impl<T: Real> LeanModel<T> {
                 _ => None,
             };
             let tree = &body.tree;
-            let turned = RigidShift { rotation: tree.rotation, lever: tree.lever }.rotate_back(&tree.lever);
+            let turned = tree.rotate_back(&tree.lever);
             let BodyInertia { mass, first_moment, rotational } = &body.inertia;
             let scale = Scale::of_noise(&body.inertia_terms);
             let carrier = renaming.map_or_else(

@@ -75,13 +75,11 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
                 if SIDES >= FILTER {
                     innovations[row] = measure(noise, &m, tau[row], &mut scratch.forces[k]);
                 }
-                let Some(parent) = body.parent else {
-                    if SIDES == WATCH {
-                        let Watched { weight, zeta } = Watched::of(&mut scratch.watching, k, row);
-                        scratch.watching.innovations[row] = measure(noise, &m, weight, zeta);
-                    }
-                    continue;
-                };
+                if SIDES == WATCH {
+                    let watching = &mut scratch.watching;
+                    watching.innovations[row] = measure(noise, &m, watching.weights[row], &mut watching.zeta[k]);
+                }
+                let Some(parent) = body.parent else { continue };
                 let at_parent = &mut scratch.covariances[body.parent_inward];
                 at_parent.scale.add(&sent(body, &p, like));
                 if noise.skips_zeros {
@@ -94,10 +92,7 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
                     add_force::<_, T, BRANCH>(renaming, sent, &mut scratch.forces[parent]);
                 }
                 if SIDES == WATCH {
-                    let Watched { weight, zeta } = Watched::of(&mut scratch.watching, k, row);
-                    let e_w = measure(noise, &m, weight, zeta);
-                    let sent = in_joint_frame(body, turn, zeta);
-                    scratch.watching.innovations[row] = e_w;
+                    let sent = in_joint_frame(body, turn, &scratch.watching.zeta[k]);
                     add_force::<_, T, BRANCH>(renaming, sent, &mut scratch.watching.zeta[parent]);
                 }
             }
@@ -136,19 +131,6 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
         }
     }
     monitor
-}
-
-/// The second right side at one body.
-struct Watched<'a, T> {
-    weight: T,
-    zeta: &'a mut [T; 6],
-}
-
-impl<'a, T: Real> Watched<'a, T> {
-    #[inline(always)]
-    fn of(watching: &'a mut super::scratch::Watching<T>, k: usize, row: usize) -> Self {
-        Self { weight: watching.weights[row], zeta: &mut watching.zeta[k] }
-    }
 }
 
 /// Tip to base, open loop: the torque H z of every row, z carried inward (1.5).

@@ -3,7 +3,7 @@
 use super::accelerations::{along, carried, split, whole};
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::filter::{self, add_force, in_joint_frame, unpacked};
-use super::motion::{carriers, four};
+use super::motion::{carriers, cross, four};
 use super::scratch::LeanScratch;
 use super::turn::{Renaming, TABLE, Turn};
 use crate::dynamics::columns::put;
@@ -110,7 +110,7 @@ fn co_carried<T: Real>(
         let [x, y, z] = body.lever;
         let l = [a0.everywhere(x), a0.everywhere(y), a0.everywhere(z)];
         // v becomes v + w x l: C' = C + a x l, a the rows of A; B' = B + (C' x l) + (C x l)^T, column by column.
-        let moved = [crossed([a0, a1, a2], l, c[0]), crossed([a1, a3, a4], l, c[1]), crossed([a2, a4, a5], l, c[2])];
+        let moved = [cross([a0, a1, a2], l, c[0]), cross([a1, a3, a4], l, c[1]), cross([a2, a4, a5], l, c[2])];
         b = [
             both(b[0], &moved, &c, l, 0, 0),
             both(b[1], &moved, &c, l, 0, 1),
@@ -130,12 +130,6 @@ fn co_carried<T: Real>(
     let ((c0, c3), (c1, c4), (c2, c5)) = (turn.pair(c0, c3), turn.pair(c1, c4), turn.pair(c2, c5));
     let ((c0, c1), (c3, c4), (c6, c7)) = (turn.pair(c0, c1), turn.pair(c3, c4), turn.pair(c6, c7));
     [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b[5]]
-}
-
-/// a x l + c.
-#[inline(always)]
-fn crossed<T: Real>(a: [T; 3], l: [T; 3], c: [T; 3]) -> [T; 3] {
-    super::motion::cross(a, l, c)
 }
 
 /// b + (column j of C' x l) at i + (column i of C x l) at j.

@@ -125,9 +125,10 @@ pub(super) fn forces_base_to_tip<T: Real>(
             }
         }
         scratch.forces[k] = force;
-        let [w, dw, a] = moving;
-        scratch.motions[body.outward] =
-            if body.is_leaf { scratch.motions[body.outward] } else { [four(w), four(dw), four(a)] };
+        if !body.is_leaf {
+            let [w, dw, a] = moving;
+            scratch.motions[body.outward] = [four(w), four(dw), four(a)];
+        }
     }
 }
 
