@@ -7,6 +7,7 @@
 
 pub mod arms;
 pub mod chunk;
+mod compiled;
 pub mod evaluator;
 #[cfg(feature = "parallel")]
 mod threads;

@@ -3,8 +3,8 @@
 
 mod common;
 
-use common::lanes::{ALGORITHMS, arguments, arms, evaluate, forces, on_a_large_stack, plainly, states, trees};
-use common::{Random, tolerance};
+use common::lanes::{ALGORITHMS, aligned, arguments, arms, evaluate, forces, on_a_large_stack, plainly, states, trees};
+use common::{ALL_KINDS, Random, Tree, tolerance};
 use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::batch::evaluator::Evaluator;
 use phipsi::filter::Form;
@@ -44,6 +44,48 @@ fn every_arm_gives_what_plain_numbers_give() {
                         let bound = allowed(&scene, algorithm, &plain);
                         for (a, b) in found.iter().zip(&plain) {
                             assert!((a - b).abs() <= bound, "{arm:?} {algorithm:?}: {a} beside {b}, bound {bound:e}");
+                        }
+                    }
+                }
+            }
+        }
+    });
+}
+
+/// M and M^-1 are computed a row at a time, M^-1 in one way where joints are shallow and in another where they are deep; frames
+/// that only signs and angles turn have ways of their own.
+#[test]
+fn mass_matrices_of_deep_trees_and_of_aligned_ones() {
+    on_a_large_stack(|| {
+        let scenes = [
+            aligned(31, 7, 0.0),
+            aligned(32, 13, 0.4),
+            aligned(33, 40, 0.0),
+            aligned(34, 61, 0.03),
+            aligned(35, 61, 0.3),
+            Tree { seed: 36, bodies: 45, kinds: &ALL_KINDS, branching: 0.04, armature: 1.0, floating: true }.scene(),
+        ];
+        for (which, scene) in scenes.iter().enumerate() {
+            let states = states(scene, 9);
+            for arm in arms() {
+                let mut evaluator = Evaluator::on(arm, scene);
+                for algorithm in ALGORITHMS {
+                    if !matches!(algorithm, Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_)) {
+                        continue;
+                    }
+                    let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
+                    // Twice: nothing of the first may be left.
+                    for all in [&all[..], &all[4..5], &all[..]] {
+                        let found = evaluate(scene, &mut evaluator, algorithm, all);
+                        for (state, found) in all.iter().zip(found.chunks_exact(scene.width(algorithm))) {
+                            let plain = plainly(scene, algorithm, state);
+                            let bound = allowed(scene, algorithm, &plain);
+                            for (at, (a, b)) in found.iter().zip(&plain).enumerate() {
+                                assert!(
+                                    (a - b).abs() <= bound,
+                                    "scene {which}, {arm:?} {algorithm:?}, entry {at}: {a} beside {b}, bound {bound:e}"
+                                );
+                            }
                         }
                     }
                 }

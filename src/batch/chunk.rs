@@ -4,7 +4,7 @@
 //! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
 use super::arms::{Vectorised, Work, take_states};
-use crate::dynamics::lean::{self, LeanModel, LeanScratch};
+use crate::dynamics::lean::{self, LeanColumns, LeanModel, LeanScratch};
 use crate::dynamics::{auto, refined};
 use crate::filter::Form;
 use crate::planar::{self, PlanarModel, PlanarScratch};
@@ -62,6 +62,7 @@ pub struct Chunk<T: Vectorised> {
     model: Model<T>,
     lean: LeanModel<T>,
     lean_scratch: LeanScratch<T>,
+    lean_columns: LeanColumns<T::Columns>,
     /// Where the quaternions are in q.
     quaternions: Vec<usize>,
     workspace: Workspace<T>,
@@ -91,25 +92,28 @@ impl<T: Vectorised> Chunk<T> {
             (model, scratch)
         });
         let (wrenches, results) = (Vec::new(), Vec::new());
-        Self { model, lean, lean_scratch, quaternions, workspace, planar, arguments, wrenches, results }
+        let lean_columns = LeanColumns::new();
+        Self { model, lean, lean_scratch, lean_columns, quaternions, workspace, planar, arguments, wrenches, results }
     }
 }
 
-impl<T: Vectorised> Chunks<T::Number> for Chunk<T> {
-    fn lanes(&self) -> usize {
+impl<T: Vectorised> Chunk<T> {
+    /// As [`Chunks::lanes`].
+    #[must_use]
+    pub fn lanes(&self) -> usize {
         T::LANES
     }
 
-    fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, T::Number>], out: &mut [T::Number]) -> u64 {
+    /// As [`Chunks::run`]; all that the scalar needs becomes part of whatever calls it.
+    #[inline(always)]
+    pub fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, T::Number>], out: &mut [T::Number]) -> u64 {
         if states.is_empty() || out.is_empty() {
             return 0;
         }
         self.gather_wrenches(states);
         T::within(Run { chunk: self, algorithm, states, out })
     }
-}
 
-impl<T: Vectorised> Chunk<T> {
     /// Forces on bodies into lanes; none at all where no state has any.
     fn gather_wrenches(&mut self, states: &[Arguments<'_, T::Number>]) {
         self.wrenches.clear();
@@ -135,6 +139,23 @@ fn not_finite<T: Real>(x: T) -> T {
     x - x
 }
 
+/// Zero where all are finite, else NaN, in eight sums that do not wait for each other: there can be thousands.
+#[inline(always)]
+fn any_not_finite<T: Real>(numbers: &[T]) -> T {
+    let mut sums = [T::zero(); 8];
+    let (eights, rest) = numbers.as_chunks::<8>();
+    for eight in eights {
+        for (sum, &number) in sums.iter_mut().zip(eight) {
+            *sum += not_finite(number);
+        }
+    }
+    for &number in rest {
+        sums[0] += not_finite(number);
+    }
+    let [a, b, c, d, e, f, g, h] = sums;
+    ((a + b) + (c + d)) + ((e + f) + (g + h))
+}
+
 /// One argument of every state into lanes; lanes without a state of their own repeat the last. Zero where all is finite, else NaN.
 #[inline(always)]
 fn gather<'a, T: Vectorised>(
@@ -143,13 +164,7 @@ fn gather<'a, T: Vectorised>(
     of: impl Fn(&'a Arguments<'_, T::Number>) -> &'a [T::Number],
 ) -> T {
     take_states(numbers, states.len(), |state| of(&states[state]));
-    let mut fault = T::zero();
-    if !of(&states[0]).is_empty() {
-        for &number in numbers.iter() {
-            fault += not_finite(number);
-        }
-    }
-    fault
+    if of(&states[0]).is_empty() { T::zero() } else { any_not_finite(numbers) }
 }
 
 /// A chunk's arguments, to be run inside an arm.
@@ -165,8 +180,18 @@ impl<T: Vectorised> Work for Run<'_, T> {
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Chunk { model, lean, lean_scratch, quaternions, workspace, planar, arguments, wrenches, results } =
-            self.chunk;
+        let Chunk {
+            model,
+            lean,
+            lean_scratch,
+            lean_columns,
+            quaternions,
+            workspace,
+            planar,
+            arguments,
+            wrenches,
+            results,
+        } = self.chunk;
         let states = self.states;
         let [q, qd, u] = arguments;
         let mut fault = gather(q, states, |state| state.q);
@@ -190,11 +215,9 @@ impl<T: Vectorised> Work for Run<'_, T> {
             Some((model, scratch)) if planar::covers(self.algorithm) => {
                 planar::run(self.algorithm, model, scratch, (q, qd, u), wrenches, results)
             }
-            _ => compute(self.algorithm, scene, (lean_scratch, workspace), (q, qd, u), wrenches, results),
+            _ => compute(self.algorithm, scene, (lean_scratch, lean_columns, workspace), (q, qd, u), wrenches, results),
         };
-        for &number in results.iter() {
-            fault += not_finite(number);
-        }
+        fault += any_not_finite(results);
         T::put_lanes(results, self.out);
         for lane in 0..states.len() {
             // A norm may be off by as much as this bounds its square: half of what is allowed passes here.
@@ -210,7 +233,7 @@ impl<T: Vectorised> Work for Run<'_, T> {
 fn compute<T: Vectorised>(
     algorithm: Algorithm,
     (model, lean): (&Model<T>, &LeanModel<T>),
-    (scratch, workspace): (&mut LeanScratch<T>, &mut Workspace<T>),
+    (scratch, columns, workspace): (&mut LeanScratch<T>, &mut LeanColumns<T::Columns>, &mut Workspace<T>),
     (q, qd, u): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     results: &mut [T],
@@ -228,13 +251,13 @@ fn compute<T: Vectorised>(
         }
         Algorithm::MassMatrixInverse(Form::Auto) => {
             let watched = auto::factor_watched_lean(scene, (scratch, workspace), q, &mut results[..model.nv()]);
-            lean::closed_form(scene, scratch, results);
+            lean::closed_form(scene, (scratch, columns), results);
             lanes_but::<T>(|lane| watched.kept(lane))
         }
         // Rare, or not worth code of its own for every arm.
         _ if !lean::covers(algorithm) => u64::MAX,
         _ => {
-            let pivots = lean::run(algorithm, scene, scratch, (q, qd, u), wrenches, results);
+            let pivots = lean::run(algorithm, scene, (scratch, columns), (q, qd, u), wrenches, results);
             lanes_but::<T>(|lane| pivots.clear(lane))
         }
     }

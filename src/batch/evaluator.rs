@@ -2,10 +2,11 @@
 
 use super::Fault;
 use super::arms::Arm;
-use super::chunk::{Algorithm, Arguments, Chunk, Chunks};
+use super::chunk::{Algorithm, Arguments, Chunks};
+use super::compiled;
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::error::Error;
-use crate::scalar::{Fused, Precision};
+use crate::scalar::Precision;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
 
@@ -35,48 +36,38 @@ pub trait Evaluated: Precision {
 
 impl Evaluated for f64 {
     fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self> {
-        let one: Box<dyn Chunks<Self>> = match arm {
-            Arm::Baseline => Box::new(Chunk::<Self>::new(scene)),
-            Arm::Avx2 | Arm::Avx512 | Arm::Neon => Box::new(Chunk::<Fused>::new(scene)),
+        let one = match arm {
+            Arm::Baseline => compiled::plain::kernels(scene),
+            Arm::Avx2 | Arm::Avx512 | Arm::Neon => compiled::fused::kernels(scene),
         };
-        Kernels { one: Some(one), many: in_lanes(arm, scene) }
+        let many = match arm {
+            #[cfg(target_arch = "x86_64")]
+            Arm::Avx2 => Some(compiled::avx2::kernels(scene)),
+            #[cfg(target_arch = "x86_64")]
+            Arm::Avx512 => Some(compiled::avx512::kernels(scene)),
+            #[cfg(target_arch = "aarch64")]
+            Arm::Neon => Some(compiled::neon::kernels(scene)),
+            _ => None,
+        };
+        Kernels { one: Some(one), many }
     }
 }
 
 /// In lanes or not at all: one state leaves the others idle, for code of its own would not be worth the time to compile it.
 impl Evaluated for f32 {
+    #[allow(unused_variables)] // where there are no lanes
     fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self> {
-        Kernels { one: None, many: in_lanes(arm, scene) }
+        let many = match arm {
+            #[cfg(target_arch = "x86_64")]
+            Arm::Avx2 => Some(compiled::avx2_f32::kernels(scene)),
+            #[cfg(target_arch = "x86_64")]
+            Arm::Avx512 => Some(compiled::avx512_f32::kernels(scene)),
+            #[cfg(target_arch = "aarch64")]
+            Arm::Neon => Some(compiled::neon_f32::kernels(scene)),
+            _ => None,
+        };
+        Kernels { one: None, many }
     }
-}
-
-/// The kernels in lanes of one arm, where it has them.
-#[cfg(target_arch = "x86_64")]
-fn in_lanes<P: Precision>(arm: Arm, scene: &Scene) -> Option<Box<dyn Chunks<P>>> {
-    use crate::scalar::Lanes;
-    use pulp::x86::{V3, V4};
-    match arm {
-        Arm::Avx2 => Some(Box::new(Chunk::<Lanes<V3, P>>::new(scene))),
-        Arm::Avx512 => Some(Box::new(Chunk::<Lanes<V4, P>>::new(scene))),
-        Arm::Baseline | Arm::Neon => None,
-    }
-}
-
-/// The kernels in lanes of one arm, where it has them.
-#[cfg(target_arch = "aarch64")]
-fn in_lanes<P: Precision>(arm: Arm, scene: &Scene) -> Option<Box<dyn Chunks<P>>> {
-    use crate::scalar::Lanes;
-    use pulp::aarch64::Neon;
-    match arm {
-        Arm::Neon => Some(Box::new(Chunk::<Lanes<Neon, P>>::new(scene))),
-        Arm::Baseline | Arm::Avx2 | Arm::Avx512 => None,
-    }
-}
-
-/// No lanes for other processors.
-#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-fn in_lanes<P: Precision>(_arm: Arm, _scene: &Scene) -> Option<Box<dyn Chunks<P>>> {
-    None
 }
 
 /// What a state in doubt is done again with, in f64.

@@ -2,7 +2,7 @@
 
 use crate::batch::chunk::{Algorithm, Arguments};
 use crate::dynamics;
-use crate::dynamics::lean::{self, LeanModel, LeanScratch};
+use crate::dynamics::lean::{self, LeanColumns, LeanModel, LeanScratch};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
@@ -83,9 +83,10 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
     let (lean, model) = (LeanModel::<Counted>::new(&model), model.cast());
     let ([q, qd, u], wrenches) = on_counted(state);
     let mut scratch = LeanScratch::new(&model, &lean);
+    let mut columns: LeanColumns<Counted> = LeanColumns::new();
     let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
     let ((), operations) = Counted::during(|| {
-        lean::run(algorithm, (&model, &lean), &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
+        lean::run(algorithm, (&model, &lean), (&mut scratch, &mut columns), (&q, &qd, &u), &wrenches, &mut out);
     });
     Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() }
 }

@@ -1,12 +1,14 @@
 //! States in lanes: the arms of this machine, scenes and states, and the plain way beside them.
 
-use super::{ALL_KINDS, Random, Tree, random_state};
-use phipsi::Scene;
+use super::{ALL_KINDS, Random, Tree, random_inertial, random_state};
+use nalgebra::Vector3;
 use phipsi::batch::arms::{ARMS, Arm};
 use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::batch::evaluator::{Evaluated, Evaluator};
 use phipsi::filter::Form;
+use phipsi::scene::{JointDescription, JointKind, LinkDescription};
 use phipsi::spatial::SpatialVector;
+use phipsi::{Scene, SceneBuilder};
 
 /// Everything that runs in lanes, or is done one state at a time beside them.
 pub const ALGORITHMS: [Algorithm; 9] = [
@@ -104,4 +106,23 @@ pub fn trees() -> impl Iterator<Item = Scene> {
         let tree = Tree { seed, bodies, kinds: &ALL_KINDS, branching: 0.4, armature, floating };
         tree.builder().build().unwrap()
     })
+}
+
+/// A tree of revolute joints about the axes of their parents, some of them on the base: only signs and angles turn its frames.
+pub fn aligned(seed: u64, bodies: usize, branching: f64) -> Scene {
+    let mut random = Random::new(seed);
+    let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
+    for k in 0..bodies {
+        let apart = random.uniform(0.0, 1.0) < branching;
+        let parent = if apart { random.below(k + 1) } else { k };
+        let parent = parent.checked_sub(1).map_or("base".to_owned(), |link| format!("link{link}"));
+        let mut joint = JointDescription::new(format!("joint{k}"), JointKind::Revolute, parent, format!("link{k}"));
+        joint.axis = Vector3::zeros();
+        joint.axis[random.below(3)] = if random.uniform(0.0, 1.0) < 0.5 { 1.0 } else { -1.0 };
+        joint.origin.lever = random.vector() * 0.3;
+        joint.armature = random.uniform(0.2, 1.0);
+        let inertial = Some(random_inertial(&mut random));
+        builder = builder.link(LinkDescription { name: format!("link{k}"), inertial }).joint(joint);
+    }
+    builder.build().expect("a tree")
 }

@@ -12,7 +12,7 @@ use crate::spatial::{RigidShift, Symmetric3, Symmetric6};
 use nalgebra::{Matrix3, Vector6};
 
 /// The row of a turn.
-const ABOUT_Z: usize = 2;
+pub(super) const ABOUT_Z: usize = 2;
 
 /// Only the factor: D and g of each row.
 pub(super) const FACTOR: usize = 0;

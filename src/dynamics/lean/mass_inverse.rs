@@ -1,17 +1,23 @@
-//! M^-1 in closed form (6.1, as it holds), a column at a time.
+//! M^-1: of shallow scenes its factors [multiplied out](super::inverse_product), else in closed form (6.1, as it holds), a row at a
+//! time, several columns of it side by side.
+//!
+//! At a body every column inward of it, and every one of the branches before it, goes the same way: what the way is made of is read once,
+//! and no column waits for another.
 
-use super::accelerations::{along, carried, split, whole};
 use super::body::{Carrier, LeanBody, LeanModel};
-use super::filter::{self, add_force, in_joint_frame, unpacked};
-use super::motion::{carriers, cross, four};
+use super::columns::{LeanColumns, blocks_of, put_block, set_column};
+use super::filter::{self, ABOUT_Z, add_force, in_joint_frame, unpacked};
+use super::inverse_product;
+use super::motion::{carriers, cross};
 use super::scratch::LeanScratch;
 use super::turn::{Renaming, TABLE, Turn};
-use crate::dynamics::columns::put;
+use super::way::Way;
+use crate::dynamics::columns::{put, spread_hinge, spread_shift, spread_vector};
 use crate::filter::covariance::row_update;
 use crate::filter::innovations::past_rows;
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::riccati::Measured;
-use crate::scalar::Real;
+use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
 use crate::spatial::{Symmetric6, dot};
 use nalgebra::Vector6;
@@ -19,49 +25,50 @@ use nalgebra::Vector6;
 /// M^-1 at `q` into `out`, (nv x nv) row by row, as [`mass_matrix_inverse`](crate::dynamics::mass_matrix_inverse) gives it in
 /// covariance form to rounding.
 #[inline(always)]
-pub(crate) fn mass_matrix_inverse<T: Real>(
+pub(crate) fn mass_matrix_inverse<T: Real, C: ColumnsOf<T>>(
     scene: (&Model<T>, &LeanModel<T>),
-    scratch: &mut LeanScratch<T>,
+    (scratch, columns): (&mut LeanScratch<T>, &mut LeanColumns<C>),
     q: &[T],
     out: &mut [T],
 ) -> PivotMonitor<T> {
     carriers(scene, scratch, q);
     let monitor = filter::tip_to_base::<T, { filter::FACTOR }>(scene, scratch, &[], &mut []);
-    closed_form(scene, scratch, out);
+    closed_form(scene, (scratch, columns), out);
     monitor
 }
 
 /// The same with the factor already in the scratch.
 #[inline(always)]
-pub(crate) fn closed_form<T: Real>(
+pub(crate) fn closed_form<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
-    scratch: &mut LeanScratch<T>,
+    (scratch, columns): (&mut LeanScratch<T>, &mut LeanColumns<C>),
     out: &mut [T],
 ) {
     let nv = model.nv();
-    out.fill(T::zero());
+    columns.prepare(lean, nv);
+    if lean.is_shallow {
+        inverse_product::multiplied_out((model, lean), (scratch, columns), out);
+    } else {
+        by_co_covariances((model, lean), (scratch, columns), out);
+    }
+}
+
+/// (6.1) as it holds: O(N^2), the order of the output.
+#[inline(always)]
+fn by_co_covariances<T: Real, C: ColumnsOf<T>>(
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    (scratch, columns): (&mut LeanScratch<T>, &mut LeanColumns<C>),
+    out: &mut [T],
+) {
     co_covariances_base_to_tip((model, lean), scratch);
-    for (k, body) in lean.bodies.iter().enumerate() {
-        let stage = &model.system.stages[k];
-        for column in body.row..body.row + stage.rows.count() {
-            if lean.branches {
-                parted_inward((model, lean), scratch, (k, column));
+    if lean.branches {
+        for (k, body) in lean.bodies.iter().enumerate().filter(|(_, body)| body.is_parted) {
+            for column in body.row..body.row + model.system.stages[k].rows.count() {
+                parted_inward((model, lean), (scratch, columns), (k, column));
             }
-            // Its own rows, from the diagonal on: y = A* L+ g - H*/D past all of them.
-            let mut y = scratch.spread_gains[column];
-            for row in column..body.row + stage.rows.count() {
-                let m = &scratch.measured[row];
-                let along = dot(&m.gain, &y);
-                let entry = if row == column { m.pivot_inverse + along } else { along };
-                put(out, nv, (row, column), entry);
-                y = stage.rows.row(row - body.row).spread_onto(&y, -entry);
-            }
-            if !body.is_leaf {
-                scratch.co_states[body.outward] = split(&y);
-            }
-            column_outward((model, lean), scratch, (k, column), out);
         }
     }
+    rows_base_to_tip((model, lean), (scratch, columns), out);
 }
 
 /// Base to tip: Lambda^- of every body (5.6, 5.7), and Lambda^+ g of every row.
@@ -156,11 +163,11 @@ fn updated<T: Real>(lambda: &[T; 21], m: &Measured<T>) -> ([T; 21], Vector6<T>) 
     (next, u)
 }
 
-/// Tip to base from the column's body: Lambda^-(c) Psi(c,j) g(j) at every body c inboard that carries further branches, in its place.
+/// Tip to base from the column's body: Psi(c,j) g(j) at every body c inboard that later branches leave.
 #[inline(always)]
-fn parted_inward<T: Real>(
+fn parted_inward<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
-    scratch: &mut LeanScratch<T>,
+    (scratch, columns): (&LeanScratch<T>, &mut LeanColumns<C>),
     (k, column): (usize, usize),
 ) {
     let mut body = &lean.bodies[k];
@@ -176,53 +183,89 @@ fn parted_inward<T: Real>(
             }
             Carrier::Shift(shift) => scratch.shifts[*shift].force_to_parent(&u),
         };
-        let others_follow = !body.arrives_first;
+        if body.sibling_follows() {
+            columns.part((at, body.row), column, &u.into());
+        }
         (at, body) = (parent, &lean.bodies[parent]);
-        // Where none does, the place may be another's by now.
-        if others_follow {
-            scratch.co_states[body.outward] = split(&unpacked(&scratch.co_covariances[at]).mul_vector(&u));
+        if !body.is_parted {
+            break;
         }
         let stage = &model.system.stages[at];
         past_rows(stage, &scratch.measured, 0..stage.rows.count(), &mut u);
     }
 }
 
-/// Base to tip: the entries of every row further out than the column's body, mirrored.
+/// Base to tip: of every row the entries up to the diagonal. Minus a co-state is carried: of a body's own columns
+/// y = A* L+ g - H*/D, of the others phi* y past its rows.
 #[inline(always)]
-fn column_outward<T: Real>(
+fn rows_base_to_tip<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
-    scratch: &mut LeanScratch<T>,
-    (k, column): (usize, usize),
+    (scratch, columns): (&LeanScratch<T>, &mut LeanColumns<C>),
     out: &mut [T],
 ) {
     let nv = model.nv();
-    for (i, body) in lean.bodies.iter().enumerate().skip(k + 1) {
-        // Another tree on the same base: nothing of this column, nor of what follows.
+    let mut tree = 0;
+    for (k, body) in lean.bodies.iter().enumerate() {
+        let stage = &model.system.stages[k];
+        let rows = body.row..body.row + stage.rows.count();
         if body.parent.is_none() {
-            break;
+            tree = body.row;
         }
-        let outer = &scratch.co_states[body.parent_outward];
-        let y = match &body.carrier {
-            Carrier::Turn(renaming) => {
-                let [w, v] = carried::<T, TABLE>(body, renaming, scratch.turns[i], outer);
-                let entry = along(&scratch.measured[body.row].gain, &w, &v);
-                put(out, nv, (body.row, column), entry);
-                [four([w[0], w[1], w[2] - entry]), four(v)]
-            }
-            Carrier::Shift(at) => {
-                let mut y = scratch.shifts[*at].motion_to_child(&whole(outer));
-                let stage = &model.system.stages[i];
-                for row in 0..stage.rows.count() {
-                    let entry = dot(&scratch.measured[body.row + row].gain, &y);
-                    put(out, nv, (body.row + row, column), entry);
-                    y = stage.rows.row(row).spread_onto(&y, -entry);
+        if let (Some(parent), Some((sibling, row))) = (body.parent, body.sibling) {
+            let lambda = unpacked(&scratch.co_covariances[parent]);
+            columns.arrive(body.parent_outward, sibling, row..body.row, &lambda);
+        }
+        let mut own = columns.take(body.outward);
+        if body.parent.is_some() {
+            let blocks = blocks_of::<T, C>(&(tree..body.row));
+            let parents = columns.at(body.parent_outward);
+            match &body.carrier {
+                Carrier::Turn(renaming) => {
+                    let way = Way::new(body, renaming, scratch.turns[k], &scratch.measured[body.row].gain, C::zero());
+                    for block in blocks {
+                        let mut y = way.carried(&parents[block]);
+                        let entry = way.entry(&y);
+                        put_block(out, nv, body.row, block, &entry);
+                        if !body.is_leaf {
+                            y[ABOUT_Z] -= entry;
+                            own[block] = y;
+                        }
+                    }
                 }
-                split(&y)
+                Carrier::Shift(at) => {
+                    let shift = spread_shift(C::zero(), &scratch.shifts[*at]);
+                    for block in blocks {
+                        let mut y = shift.motion_to_child(&parents[block].into());
+                        for row in rows.clone() {
+                            let entry = dot(&spread_vector(y[0], &scratch.measured[row].gain), &y);
+                            put_block(out, nv, row, block, &entry);
+                            y = spread_hinge(entry, stage.rows.row(row - body.row)).spread_onto(&y, -entry);
+                        }
+                        own[block] = y.into();
+                    }
+                }
             }
-        };
-        if !body.is_leaf {
-            scratch.co_states[body.outward] = y;
         }
+        // Of another tree on the same base nothing, though a block that begins there may hold something.
+        for row in rows.clone() {
+            for column in 0..tree {
+                put(out, nv, (row, column), T::zero());
+            }
+        }
+        for column in rows.clone() {
+            let mut y = scratch.spread_gains[column];
+            for row in column..rows.end {
+                let m = &scratch.measured[row];
+                let along = dot(&m.gain, &y);
+                let entry = if row == column { m.pivot_inverse + along } else { along };
+                put(out, nv, (row, column), entry);
+                y = stage.rows.row(row - body.row).spread_onto(&y, -entry);
+            }
+            if !body.is_leaf {
+                set_column(&mut own[column / C::COLUMNS], column % C::COLUMNS, &y.into());
+            }
+        }
+        columns.give_back(body.outward, own);
     }
 }
 

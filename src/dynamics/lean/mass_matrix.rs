@@ -6,6 +6,7 @@ use super::motion::carriers;
 use super::scratch::{Composite, LeanScratch};
 use super::turn::{BRANCH, Renaming, TABLE, Turn};
 use crate::dynamics::columns::put;
+use crate::filter::Rows;
 use crate::scalar::Real;
 use crate::scene::Model;
 use crate::spatial::{BodyInertia, Symmetric3};
@@ -100,12 +101,21 @@ fn column_inward<T: Real>(
             Carrier::Shift(at) => scratch.shifts[*at].force_to_parent(&Vector6::from(force)).into(),
         };
         let inward = &lean.bodies[parent];
+        let rows = &model.system.stages[parent].rows;
         if let Carrier::Turn(_) = inward.carrier {
             put(out, nv, (column, inward.row), force[2]);
+        } else if let Rows::Six = rows {
+            // Linear rows first; spelt out, for every column of a floating robot ends here.
+            let [a, b, c, d, e, f] = force;
+            let six = [d, e, f, a, b, c];
+            out[column * nv + inward.row..][..6].copy_from_slice(&six);
+            for (above, &value) in out[inward.row * nv + column..].iter_mut().step_by(nv).zip(&six) {
+                *above = value;
+            }
         } else {
-            let (stage, force) = (&model.system.stages[parent], Vector6::from(force));
-            for row in 0..stage.rows.count() {
-                put(out, nv, (column, inward.row + row), stage.rows.row(row).project(&force));
+            let force = Vector6::from(force);
+            for row in 0..rows.count() {
+                put(out, nv, (column, inward.row + row), rows.row(row).project(&force));
             }
         }
         k = parent;

@@ -9,7 +9,9 @@
 
 mod accelerations;
 mod body;
+mod columns;
 mod filter;
+mod inverse_product;
 mod mass_inverse;
 mod mass_matrix;
 mod motion;
@@ -17,8 +19,10 @@ mod scratch;
 mod slots;
 mod turn;
 mod watch;
+mod way;
 
 pub(crate) use body::LeanModel;
+pub(crate) use columns::LeanColumns;
 pub(crate) use mass_inverse::closed_form;
 pub(crate) use scratch::LeanScratch;
 pub(crate) use turn::Renaming;
@@ -28,7 +32,7 @@ use super::forces::{Motion, Needed};
 use crate::batch::chunk::Algorithm;
 use crate::filter::Form;
 use crate::filter::pivots::PivotMonitor;
-use crate::scalar::Real;
+use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
 use nalgebra::Vector6;
 
@@ -43,10 +47,10 @@ pub(crate) fn covers(algorithm: Algorithm) -> bool {
 
 /// An algorithm that is [covered](covers), of one state or one a lane. Where a pivot is not clear the results mean nothing.
 #[inline(always)]
-pub(crate) fn run<T: Real>(
+pub(crate) fn run<T: Real, C: ColumnsOf<T>>(
     algorithm: Algorithm,
     scene: (&Model<T>, &LeanModel<T>),
-    scratch: &mut LeanScratch<T>,
+    (scratch, columns): (&mut LeanScratch<T>, &mut LeanColumns<C>),
     (q, qd, u): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     out: &mut [T],
@@ -56,7 +60,7 @@ pub(crate) fn run<T: Real>(
         Algorithm::BiasTorque => inverse_dynamics(scene, scratch, (q, qd, None), wrenches, out),
         Algorithm::MassMatrix => mass_matrix::mass_matrix(scene, scratch, q, out),
         Algorithm::ForwardDynamics(_) => return forward_dynamics(scene, scratch, (q, qd, u), wrenches, out),
-        Algorithm::MassMatrixInverse(_) => return mass_inverse::mass_matrix_inverse(scene, scratch, q, out),
+        Algorithm::MassMatrixInverse(_) => return mass_inverse::mass_matrix_inverse(scene, (scratch, columns), q, out),
     }
     PivotMonitor::new()
 }

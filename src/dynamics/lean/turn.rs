@@ -102,6 +102,15 @@ impl<N: Copy> Renaming<N> {
         turned
     }
 
+    /// Which entry of a vector in the parent's frame each one in the joint's is, and its sign.
+    #[inline(always)]
+    pub fn entries_back(&self) -> ([usize; 3], [N; 3]) {
+        // Never more than two: said so that no index has to be looked at.
+        let [a, b, c] = self.from_back;
+        let [a, b, c] = [usize::from(a).min(2), usize::from(b).min(2), usize::from(c).min(2)];
+        ([a, b, c], [self.sign[a], self.sign[b], self.sign[c]])
+    }
+
     /// Adds a vector in the joint's frame to one in the parent's, as [`Renaming::back`].
     #[inline(always)]
     pub fn add<T: Real<Parameter = N>, const TABLE: bool>(&self, v: [T; 3], to: &mut [T]) {
