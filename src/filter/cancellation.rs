@@ -56,8 +56,10 @@ pub struct Cancellation<T> {
     noise: T,
     /// The same of the smoother.
     smoother: T,
-    /// Minus the largest estimate.
+    /// Minus the largest estimate, or minus what errors are seen beside where that is larger.
     size: T,
+    /// What errors are seen beside, whatever the estimates are.
+    beside: T,
 }
 
 impl<T: Real> Cancellation<T> {
@@ -65,10 +67,17 @@ impl<T: Real> Cancellation<T> {
     #[inline(always)]
     #[must_use]
     pub fn new() -> Self {
-        Self { noise: T::zero(), smoother: T::zero(), size: T::zero() }
+        Self::beside(T::zero())
     }
 
-    /// The estimated error of one lane's estimates, relative to the largest of them; NaN where it cannot be told.
+    /// The same for estimates whose digits below eps times `size` nobody asks for.
+    #[inline(always)]
+    #[must_use]
+    pub fn beside(size: T) -> Self {
+        Self { noise: T::zero(), smoother: T::zero(), size: -size, beside: size }
+    }
+
+    /// The estimated error of one lane's estimates, relative to the largest of them, or to what they are seen [beside](Self::beside); NaN where it cannot be told.
     #[inline(always)]
     #[must_use]
     pub fn error(&self, lane: usize) -> f64 {
@@ -221,7 +230,7 @@ pub fn judge<T: Real>(
     estimates: &[T],
     first: &Cancellation<T>,
 ) -> Cancellation<T> {
-    let mut seen = Cancellation { smoother: first.smoother, ..Cancellation::new() };
+    let mut seen = Cancellation { smoother: first.smoother, ..Cancellation::beside(first.beside) };
     for (k, stage) in system.stages.iter().enumerate() {
         let (a, l) = (&p[k].angular.entries, &p[k].linear.entries);
         let kept = absolute(&Vector6::new(a[0], a[3], a[5], l[0], l[3], l[5]));

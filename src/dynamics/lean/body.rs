@@ -82,6 +82,8 @@ pub(crate) struct LeanModel<T: Real> {
     pub(super) outward_slots: usize,
     pub(super) inward_slots: usize,
     pub(super) shifts: usize,
+    /// The acceleration that errors are seen beside where the digits are watched; zero where each digit of the result counts.
+    pub(super) beside: f64,
     /// Whether M^-1 is its factors multiplied out.
     pub(super) is_shallow: bool,
     /// Whether anything branches.
@@ -166,6 +168,18 @@ impl<T: Real> LeanModel<T> {
         }
         let branches = bodies.iter().any(|body| body.parent.is_some() && !body.arrives_first);
         let is_shallow = steps <= SHALLOW * model.nv().pow(2);
-        Self { bodies, is_shallow, outward_slots: outward.count, inward_slots: inward.count, shifts, branches }
+        Self {
+            bodies,
+            beside: 0.0,
+            is_shallow,
+            outward_slots: outward.count,
+            inward_slots: inward.count,
+            shifts,
+            branches,
+        }
+    }
+    /// The same, watched for errors beside an acceleration of this size (m/s^2, rad/s^2) where the result is smaller.
+    pub fn beside(self, acceleration: f64) -> Self {
+        Self { beside: acceleration, ..self }
     }
 }

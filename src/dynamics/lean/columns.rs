@@ -23,8 +23,8 @@ pub(crate) struct LeanColumns<C> {
     parted: Vec<Vec<Block<C>>>,
     /// 1 - L by rows, in blocks of columns; zero where the column's joint is not outward of the row's.
     pub(super) factors: Vec<Tile<C>>,
-    /// Where the rows from the base to the one at hand begin in them.
-    pub(super) path: Vec<usize>,
+    /// The rows from the base to the one at hand, and where they begin in the factors.
+    pub(super) path: Vec<(usize, usize)>,
     /// w / D of that row, along the path.
     pub(super) weights: Vec<C>,
 }
@@ -54,7 +54,7 @@ impl<C: Real> LeanColumns<C> {
         self.slots = vec![vec![nan; blocks]; lean.outward_slots];
         if lean.is_shallow {
             self.factors = vec![[C::zero(); TILE]; nv * blocks.div_ceil(TILE)];
-            self.path = vec![0; nv];
+            self.path = vec![(0, 0); nv];
             self.weights = vec![nan[0]; nv];
             return;
         }
@@ -88,7 +88,7 @@ impl<C: Real> LeanColumns<C> {
     where
         C: ColumnsOf<T>,
     {
-        self.path[depth] = row * self.tiles::<T>();
+        self.path[depth] = (row, row * self.tiles::<T>());
         self.put_factor(depth, row, one);
     }
 
@@ -99,7 +99,7 @@ impl<C: Real> LeanColumns<C> {
         C: ColumnsOf<T>,
     {
         let block = row / C::COLUMNS;
-        self.factors[self.path[depth] + block / TILE][block % TILE].set_column(row % C::COLUMNS, w);
+        self.factors[self.path[depth].1 + block / TILE][block % TILE].set_column(row % C::COLUMNS, w);
     }
 
     /// Of one row.
@@ -118,7 +118,7 @@ impl<C: Real> LeanColumns<C> {
         C: ColumnsOf<T>,
     {
         let (first, of_row) = (block * C::COLUMNS, row / C::COLUMNS);
-        for (lane, at) in self.path[first..length.min(first + C::COLUMNS)].iter().enumerate() {
+        for (lane, (_, at)) in self.path[first..length.min(first + C::COLUMNS)].iter().enumerate() {
             self.factors[at + of_row / TILE][of_row % TILE].set_column(row % C::COLUMNS, w.column(lane));
         }
     }

@@ -88,25 +88,26 @@ fn product<T: Real, C: ColumnsOf<T>>(
     out: &mut [T],
 ) {
     let (nv, tiles) = (model.nv(), columns.tiles::<T>());
+    let none = C::zero();
     let LeanColumns { path, factors, weights, .. } = columns;
     for (k, body) in lean.bodies.iter().enumerate() {
         for i in 0..model.system.stages[k].rows.count() {
             let row = body.row + i;
             let depth = body.depth + i + 1;
-            path[depth - 1] = row * tiles;
+            path[depth - 1] = (row, row * tiles);
             let (block, lane) = (row / C::COLUMNS, row % C::COLUMNS);
-            for (weight, &at) in weights.iter_mut().zip(&path[..depth]) {
-                let factor = factors[at + block / TILE][block % TILE];
-                *weight = factor.spread(factor.column(lane) * scratch.measured[at / tiles].pivot_inverse);
+            for (weight, &(joint, at)) in weights.iter_mut().zip(&path[..depth]) {
+                let factor = &factors[at + block / TILE][block % TILE];
+                *weight = none.spread(factor.column(lane) * scratch.measured[joint].pivot_inverse);
             }
             let mut common = 0;
             for tile in 0..=block / TILE {
                 // Joints further out than the tile have nothing in it.
-                while common < depth && path[common] < (tile + 1) * TILE * C::COLUMNS * tiles {
+                while common < depth && path[common].0 < (tile + 1) * TILE * C::COLUMNS {
                     common += 1;
                 }
-                let mut sums = [C::zero(); TILE];
-                for (&weight, &at) in weights[..common].iter().zip(&*path) {
+                let mut sums = [none; TILE];
+                for (&weight, &(_, at)) in weights[..common].iter().zip(&*path) {
                     let factors = &factors[at + tile];
                     for (sum, &factor) in sums.iter_mut().zip(factors) {
                         *sum = weight.mul_add(factor, *sum);

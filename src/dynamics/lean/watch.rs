@@ -87,7 +87,7 @@ fn base_to_tip<T: Real>(
     scratch: &mut LeanScratch<T>,
     estimates: &mut [T],
 ) -> Cancellation<T> {
-    let mut seen = Cancellation::new();
+    let mut seen = Cancellation::beside(T::from_f64(lean.beside));
     let still = crate::spatial::zero();
     let watching = &mut scratch.watching;
     for (k, body) in lean.bodies.iter().enumerate() {
