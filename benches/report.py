@@ -4,7 +4,7 @@ Usage: .venv-peers/bin/python benches/report.py [--passes N] [--quick] [--write-
 
 It runs under the interpreter of the peers, in which `make bench` has installed the wheel of phipsi (with the extra `report`,
 for matplotlib): python_peers.py needs all of them in one process. In this order: criterion's groups that no peer takes part in;
-compare.py, where criterion and Pinocchio in C++ take turns; python_peers.py. What was run is kept in target/peers/run.json,
+compare.py, where criterion and Pinocchio in C++ take turns; python_peers.py; motion_peers.py. What was run is kept in target/peers/run.json,
 so that --write-only can write the page again. --quick has few repeats: to see that all works, not for figures.
 """
 
@@ -81,9 +81,11 @@ def measure(passes: int, quick: bool) -> dict[str, Any]:
     compare += ["--passes", str(passes), "--rerun", shlex.join(shared)]
     few = ["--passes", "3", "--seconds", "0.001"] if quick else []
     python = [sys.executable, "benches/peers/python_peers.py", *few]
-    for command in (alone, compare, python):
+    little = ["--passes", "3", "--seconds", "0.001", "--states", "512"] if quick else []
+    motion = [sys.executable, "benches/peers/motion_peers.py", *little]
+    commands = {"alone": alone, "compare": compare, "python": python, "motion": motion}
+    for command in commands.values():
         run(command)
-    commands = {"alone": alone, "compare": compare, "python": python}
     # As somebody would type it here.
     written = {name: shlex.join(command).replace(f"{ROOT}/", "") for name, command in commands.items()}
     return {"began": began, "quick": quick, "commands": written}
@@ -142,7 +144,8 @@ def main() -> None:
     ran = load("run.json")
     folder = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "criterion"
     alone = [row for row in criterion(folder, ran["began"]) if row["group"] not in COMPARED]
-    report_page.write(options.output, ran, load("comparison.json"), load("python.json"), alone)
+    measured = (load(name) for name in ("comparison.json", "python.json", "motion.json"))
+    report_page.write(options.output, ran, *measured, alone)
     print(f"written: {options.output}")
 
 

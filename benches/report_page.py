@@ -81,7 +81,7 @@ def spread(one: Row) -> str:
 # Where we lose
 
 
-def losses(compared: Sequence[Row], python: Sequence[Row]) -> list[Loss]:
+def losses(compared: Sequence[Row], python: Sequence[Row], motion: Sequence[Row]) -> list[Loss]:
     """Every pair in which the peer's median is smaller, the worst first; the default form, on as many threads."""
     found = []
     for row in compared:
@@ -97,6 +97,12 @@ def losses(compared: Sequence[Row], python: Sequence[Row]) -> list[Loss]:
             theirs = row["ns"]["median"]
             peer = f"{row['library']}, {row['call']}"
             found.append(Loss(where, row["operation"], row["model"], theirs / row["ratio"], peer, theirs))
+    for row in motion:
+        if row["ratio"]["median"] < 1.0:
+            what, peer = f"{row['call']}, {row['method']}, {row['form']}", f"{row['peer']}, {row['peer_call']}"
+            found.append(
+                Loss("Python, motion", what, row["model"], row["ns"]["median"], peer, row["peer_ns"]["median"])
+            )
     return sorted(found, key=lambda loss: -loss.times)
 
 
@@ -219,13 +225,64 @@ def alone_text(rows: Sequence[Row]) -> str:
     return table(("criterion's id", "median, ns (95 % interval)", "ns an element"), map(cells, rows))
 
 
+# Motion
+
+PARTS = {
+    "steps": "One core, ns a step and state",
+    "rollouts": "Two cores, ns a step and state of a rollout of 200 steps",
+}
+
+
+def joints_of(row: Row) -> str:
+    return {"": "free", "springs": "springs, damping"}.get(row["joints"], row["joints"])
+
+
+def times(one: Row) -> str:
+    """Ratios: median, minimum and maximum."""
+    return f"{one['median']:.1f} ({one['min']:.1f} to {one['max']:.1f})"
+
+
+def motion_text(motion: Row) -> str:
+    """Steps through time: MPPI, what falls short of its aim, and a table a part."""
+
+    def cells(row: Row) -> tuple[str, ...]:
+        peer = row["peer"] if row["peer"] == "Pinocchio" else f"{row['peer']}, {row['integrator']}"
+        ours = row["method"], row["form"], joints_of(row), row["call"], spread(row["ns"])
+        return *ours, f"{peer}: {row['peer_call']}", spread(row["peer_ns"]), times(row["ratio"])
+
+    head = ("method", "form", "joints", "call", "phipsi, ns", "beside", "ns", "times faster")
+    parts = [motion_aims_text(motion)]
+    for part, heading in PARTS.items():
+        rows = [row for row in motion["pairs"] if row["part"] == part]
+        parts.append(f"### {heading}\n\n{table(head, map(cells, rows))}")
+    return "\n".join(parts)
+
+
+def motion_aims_text(motion: Row) -> str:
+    aimed = [row for row in motion["pairs"] if row["aim"]]
+    short = [
+        (row["call"], row["method"], row["form"], joints_of(row), times(row["ratio"]), f"{row['aim']:g}")
+        for row in aimed
+        if row["ratio"]["median"] < row["aim"]
+    ]
+    mppi = motion["mppi"]
+    rate, aim = mppi["states_a_second"], mppi["aim"]
+    low, median, high = (f"{rate[name] / 1e3:.0f}" for name in ("min", "median", "max"))
+    head = ("call", "method", "form", "joints", "times faster than MuJoCo", "aim")
+    return (
+        f"`{mppi['command']}`: {median} ({low} to {high}) thousand states a second, its cost function and the arm's own motion in the time;"
+        f" the aim, {aim / 1e3:.0f} thousand, is {'reached' if rate['median'] >= aim else 'missed'}.\n\n"
+        f"Of {len(aimed)} ratios with an aim (issue 6) these fall short:\n\n{table(head, short)}"
+    )
+
+
 def machine_text(compared: Row, python: Row) -> str:
     known = compared["machine"] | {"python": python["machine"]["python"]}
     known |= {name: number for name, number in python["machine"]["versions"].items() if name != "pin"}
     return table(("", ""), ((name, str(value) or "none") for name, value in known.items()))
 
 
-def write(path: Path, ran: Row, compared: Row, python: Row, alone: Sequence[Row]) -> None:
+def write(path: Path, ran: Row, compared: Row, python: Row, motion: Row, alone: Sequence[Row]) -> None:
     """The page, and its plots beside it."""
     commands = ran["commands"]
     rows, called = compared["rows"], python["rows"]
@@ -238,9 +295,8 @@ def write(path: Path, ran: Row, compared: Row, python: Row, alone: Sequence[Row]
         target = path.with_name(f"{path.stem}-{plot.name}.png")
         target.write_bytes(plot.png)
         pictures[plot.name] = f"![{plot.name.replace('-', ' ')}]({target.name})\n"
-    count = sum(bool(row["ratio"]) for row in rows) + sum(
-        not row["library"].startswith("phipsi") and bool(row["ratio"]) for row in called
-    )
+    count = sum(bool(row["ratio"]) for row in rows) + len(motion["pairs"])
+    count += sum(not row["library"].startswith("phipsi") and bool(row["ratio"]) for row in called)
     missing = "The benches have no group for this.\n"
     refused = [(row["model"], row["library"], row["reason"]) for row in python["refused"]]
     warning = "**A trial with few repeats (`--quick`): no figure on this page counts.**\n\n" if ran["quick"] else ""
@@ -251,7 +307,7 @@ def write(path: Path, ran: Row, compared: Row, python: Row, alone: Sequence[Row]
             f" words. Ratios are the peer's time over phipsi's: above 1 phipsi is faster. Times are medians over the passes of one run in which"
             f" all take turns, with minimum and maximum.\n\n{machine_text(compared, python)}",
         ),
-        ("## Where we lose", losses_text(losses(rows, called), count)),
+        ("## Where we lose", losses_text(losses(rows, called, motion["pairs"]), count)),
         ("## Short of the aims", aims_text(rows, called)),
         ("## What the figures do not show", LIMITS),
         (
@@ -274,6 +330,14 @@ def write(path: Path, ran: Row, compared: Row, python: Row, alone: Sequence[Row]
             "## From Python, batches of 4096",
             f"ns a state: ratio to phipsi's default form on as many threads. {command(commands['python'])}\n"
             f"{pictures.get('python-batches', '')}\n{python_text(arrays)}",
+        ),
+        (
+            "## Motion",
+            f"A batch of {motion['states']} arms, {motion['model']}, steps of {motion['dt']:g} s, called from Python; ratios are taken within a pass."
+            f" MuJoCo's steps are a loop in C over one state, its rollouts are `mujoco.rollout`; of two ways the faster one. One step of every"
+            f" integrator, and all rows of the rollouts, agree within {max(motion['agreement'].values()):.1e}. MuJoCo has no Rosenbrock method: its RK4"
+            f" stands beside them. With springs its implicitfast takes damping at the step's end and springs at its start; phipsi takes both at its end."
+            f" {command(commands['motion'])}\n{motion_text(motion)}",
         ),
         (
             "## Not timed",

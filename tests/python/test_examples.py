@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import subprocess
 import sys
 from pathlib import Path
+
+import numpy as np
+import pytest
+from tolerances import assert_same_bits
 
 PAPER = Path(__file__).parents[2] / "examples" / "paper.py"
 LAST = {"0": 2, "1": 7, "2": 11, "3": 14, "4": 11, "5": 7, "6": 4}
@@ -31,3 +36,66 @@ def test_mppi_brings_the_arm_towards_its_goal() -> None:
     before, after = (float(x) for x in re.findall(r"(\d\.\d+) m from", run.stdout))
     assert after < 0.5 * before
     assert "thousand states a second" in run.stdout
+
+
+# In processes of their own: what Dask warns of there is not ours to fail on.
+SWEEP = [sys.executable, str(PAPER.with_name("sweep.py")), "--starts", "8"]
+needs_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="distributed (Dask) is not installed")
+CLUSTER = """
+from distributed import LocalCluster
+
+if __name__ == "__main__":
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+        print(cluster.scheduler_address, flush=True)
+        input()
+"""
+
+
+def swept(output: Path, *options: str) -> tuple[dict[str, np.ndarray], str]:
+    """Arrays and text of a sweep."""
+    run = subprocess.run([*SWEEP, *options, "-o", str(output)], capture_output=True, text=True, timeout=300, check=False)
+    assert run.returncode == 0, run.stdout[-2000:] + run.stderr
+    assert "42 of 42 tasks" in run.stderr
+    with np.load(f"{output}.npz") as arrays:
+        return dict(arrays), run.stdout
+
+
+@pytest.fixture(scope="module")
+def direct(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+    """The sweep without Dask."""
+    arrays, _ = swept(tmp_path_factory.mktemp("sweep") / "direct", "--workers", "0")
+    return arrays
+
+
+def test_the_sweep_tells_failed_tasks_from_slow_ones(direct: dict[str, np.ndarray]) -> None:
+    settling, effort, reasons = direct["settling"], direct["effort"], direct["reasons"]
+    failed = reasons != ""
+    assert 0 < failed.sum() < failed.size / 2
+    assert np.array_equal(np.isnan(settling), failed) and np.array_equal(np.isnan(effort), failed)
+    # The stiffest and most damped gains are beyond a controller of that rate; the softest do not settle in the time.
+    assert failed[-1, -1] and not failed[0].any()
+    assert "motion has diverged" in reasons[-1, -1] and 'joint "joint' in reasons[-1, -1]
+    assert np.isinf(settling[0]).all() and np.isfinite(settling).sum() > settling.size / 2
+    # Of a second-order system: at the same damping, twice the bandwidth settles faster and takes more torque.
+    assert (np.diff(settling[1:5, 2]) < 0).all() and (np.diff(effort[:, 2]) > 0).all()
+
+
+@needs_dask
+@pytest.mark.parametrize("existing", [False, True])
+def test_the_sweep_on_two_workers_has_the_same_bits(direct: dict[str, np.ndarray], existing: bool, tmp_path: Path) -> None:
+    if not existing:
+        arrays, text = swept(tmp_path / "dask", "--workers", "2")
+    else:
+        script = tmp_path / "cluster.py"
+        script.write_text(CLUSTER, encoding="utf-8")
+        with subprocess.Popen([sys.executable, str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as cluster:
+            assert cluster.stdin is not None and cluster.stdout is not None
+            try:
+                arrays, text = swept(tmp_path / "dask", "--address", cluster.stdout.readline().strip())
+            finally:
+                cluster.communicate("done\n", timeout=60)
+    assert list(arrays) == list(direct)
+    for name in ("settling", "effort"):
+        assert_same_bits(arrays[name], direct[name])
+    assert (arrays["reasons"] == direct["reasons"]).all()
+    assert text.count("failed: ") == (direct["reasons"] != "").sum()
