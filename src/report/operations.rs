@@ -11,7 +11,7 @@ use crate::operators::{Factor, Updated};
 use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::{Counted, Operations, Real};
 use crate::scene::{Body, Model, Omissions, Scene};
-use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Root6, SpatialVector, Symmetric6};
+use crate::spatial::{BodyRoot, RigidShift, Root6, SpatialVector, Symmetric6};
 use crate::workspace::Workspace;
 
 /// What is counted.
@@ -173,42 +173,41 @@ pub fn of_factor(scene: &Scene, q: &[f64], moved: &[f64]) -> OfFactor {
 
 /// Bytes of the arrays that an algorithm reads or writes for one state in f64, each counted once: model, arguments, scratch, results.
 ///
-/// A chunk of states in lanes has every number in every lane, the model's too: as many times this.
+/// A chunk of states in lanes has as many times this at the most: of the covariance form's sweeps the model is one for all lanes.
 #[must_use]
 pub fn footprint(scene: &Scene, algorithm: Algorithm) -> usize {
-    let vector = size_of::<SpatialVector<f64>>();
-    let symmetric = size_of::<Symmetric6<f64>>();
-    let (number, scale) = (size_of::<f64>(), size_of::<Scale<f64>>());
-    let root = size_of::<Option<BodyRoot<f64>>>() + size_of::<Root6<f64>>();
-    let measured = size_of::<Measured<f64>>();
-    // Of a body: velocity, acceleration and force, or P and its bounds, or root, bounds and the force's coordinates.
-    let motion = 3 * vector;
-    let covariance = symmetric + scale;
-    let square_root = root + scale + vector;
-    // (a body, a row): what the algorithm has beside model, phi, arguments and results.
-    let (body, row) = match algorithm {
-        Algorithm::InverseDynamics | Algorithm::BiasTorque => (motion, 0),
-        Algorithm::MassMatrix => (size_of::<BodyInertia<f64>>(), 0),
-        Algorithm::ForwardDynamics(Form::Covariance | Form::Joseph) => (motion + vector + covariance, measured),
-        Algorithm::ForwardDynamics(Form::Auto) => (motion + vector + covariance, measured + 2 * number),
-        Algorithm::ForwardDynamics(Form::SquareRoot) => (motion + vector + square_root, measured),
-        Algorithm::MassMatrixInverse(form) => {
-            let closed_form = (symmetric + vector + size_of::<usize>(), measured + vector);
-            let (body, row) = match form {
-                Form::Covariance | Form::Joseph => (covariance, 0),
-                Form::Auto => (covariance + 3 * vector, 4 * number),
-                Form::SquareRoot => (square_root + symmetric, 0),
-            };
-            (closed_form.0 + body, closed_form.1 + row)
-        }
-    };
-    let model = size_of::<Body<f64>>() + size_of::<Stage<f64>>();
+    let number = size_of::<f64>();
     let arguments = match algorithm {
         Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => scene.nq() + 2 * scene.nv(),
         Algorithm::BiasTorque => scene.nq() + scene.nv(),
         Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => scene.nq(),
     };
-    scene.model().bodies.len() * (model + size_of::<RigidShift<f64>>() + body)
-        + scene.nv() * (number + row)
-        + (arguments + scene.width(algorithm)) * number
+    let swept = match algorithm {
+        Algorithm::ForwardDynamics(Form::SquareRoot | Form::Joseph)
+        | Algorithm::MassMatrixInverse(Form::SquareRoot | Form::Joseph) => of_general_sweeps(scene, algorithm),
+        _ => lean::bytes(&LeanModel::<f64>::new(scene.model()), scene.nv(), algorithm),
+    };
+    swept + (arguments + scene.width(algorithm)) * number
+}
+
+/// Model and scratch of the sweeps that keep everything.
+fn of_general_sweeps(scene: &Scene, algorithm: Algorithm) -> usize {
+    let vector = size_of::<SpatialVector<f64>>();
+    let symmetric = size_of::<Symmetric6<f64>>();
+    let (number, scale) = (size_of::<f64>(), size_of::<Scale<f64>>());
+    let root = size_of::<Option<BodyRoot<f64>>>() + size_of::<Root6<f64>>();
+    let measured = size_of::<Measured<f64>>();
+    // Of a body, beside model and phi: P and its bounds, or root, bounds and the force's coordinates; of a row what was measured.
+    let carried = match algorithm {
+        Algorithm::ForwardDynamics(Form::SquareRoot) => root + scale + vector,
+        Algorithm::MassMatrixInverse(Form::SquareRoot) => root + scale + symmetric,
+        _ => symmetric + scale,
+    };
+    let (body, row) = match algorithm {
+        Algorithm::MassMatrixInverse(_) => (symmetric + vector + size_of::<usize>(), measured + vector),
+        // Velocity, acceleration, force and co-state.
+        _ => (4 * vector, measured),
+    };
+    let model = size_of::<Body<f64>>() + size_of::<Stage<f64>>();
+    scene.model().bodies.len() * (model + size_of::<RigidShift<f64>>() + carried + body) + scene.nv() * (number + row)
 }

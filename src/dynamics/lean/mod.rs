@@ -24,7 +24,7 @@ mod way;
 pub(crate) use body::LeanModel;
 pub(crate) use columns::LeanColumns;
 pub(crate) use mass_inverse::closed_form;
-pub(crate) use scratch::LeanScratch;
+pub(crate) use scratch::{LeanScratch, bytes};
 pub(crate) use turn::Renaming;
 pub(crate) use watch::{factor_watched, forward_dynamics_watched, hand_over};
 

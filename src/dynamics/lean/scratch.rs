@@ -1,7 +1,9 @@
 //! Scratch of the lean sweeps.
 
-use super::body::LeanModel;
+use super::body::{LeanBody, LeanModel};
 use super::turn::Turn;
+use crate::batch::chunk::Algorithm;
+use crate::filter::Form;
 use crate::filter::cancellation::weight;
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
@@ -104,4 +106,33 @@ impl<T: Real> LeanScratch<T> {
             spread_gains: vec![Vector6::from_element(nan); nv],
         }
     }
+}
+
+/// Bytes of model and scratch that an algorithm reads or writes for one state in f64, arguments and results not counted.
+pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> usize {
+    let bodies = lean.bodies.len();
+    let shifts = lean.shifts * size_of::<RigidShift<f64>>();
+    let turns = (bodies - lean.shifts) * size_of::<Turn<f64>>();
+    // The noise of each row, too.
+    let model = bodies * size_of::<LeanBody<f64>>() + nv * size_of::<f64>();
+    let motions = lean.outward_slots * size_of::<Moving<f64>>() + bodies * size_of::<[f64; 6]>();
+    let filter = lean.inward_slots * size_of::<Covariance<f64>>() + nv * size_of::<Measured<f64>>();
+    // Three numbers a row; a force, bounds, the diagonal of P^+ and two co-states a body.
+    let watching = nv * 3 * size_of::<f64>() + bodies * (4 * size_of::<Vector6<f64>>() + size_of::<Scale<f64>>());
+    let columns = lean.outward_slots * nv * size_of::<[f64; 6]>();
+    let closed_form = columns
+        + if lean.is_shallow {
+            nv * nv * size_of::<f64>()
+        } else {
+            bodies * size_of::<[f64; 21]>() + nv * size_of::<Vector6<f64>>()
+        };
+    let swept = match algorithm {
+        Algorithm::InverseDynamics | Algorithm::BiasTorque => motions,
+        Algorithm::MassMatrix => lean.inward_slots * size_of::<Composite<f64>>(),
+        Algorithm::ForwardDynamics(Form::Auto) => motions + filter + watching,
+        Algorithm::ForwardDynamics(_) => motions + filter + lean.outward_slots * size_of::<Halves<f64>>(),
+        Algorithm::MassMatrixInverse(Form::Auto) => filter + watching + closed_form,
+        Algorithm::MassMatrixInverse(_) => filter + closed_form,
+    };
+    model + shifts + turns + swept
 }
