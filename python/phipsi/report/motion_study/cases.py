@@ -142,8 +142,9 @@ def springs(stiffness: float) -> Case:
     """A pendulum of three rods, two of its joints held by springs, from rest on the slow manifold."""
     scene = pendulum((0.0, stiffness, stiffness), (1.0, 1.0, 1.0), 0.4)
     q = at_rest(scene, np.array([1.0, 0.0, 0.0]), scene.stiffness > 0.0)
-    what = f"a pendulum of three rods, joints 2 and 3 with springs of {stiffness:.0e} N m/rad, on the slow manifold"
-    return Case(f"springs {stiffness:.0e}".replace("e+0", "e"), what, scene, q, np.zeros(3), 0.2, 50, stiff=True)
+    size = f"{stiffness:.0e}".replace("e+0", "e")
+    what = f"a pendulum of three rods, joints 2 and 3 with springs of {size} N m/rad, on the slow manifold"
+    return Case(f"springs {size}", what, scene, q, np.zeros(3), 0.2, 50, stiff=True)
 
 
 def held(stiffness: float, *, ringing: bool) -> Case:

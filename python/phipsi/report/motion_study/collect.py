@@ -7,8 +7,10 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
+from functools import partial
 from typing import Any, NamedTuple
 
+import numpy as np
 
 from ... import errors
 from .. import machine
@@ -38,9 +40,11 @@ class Effort(NamedTuple):
 
 
 QUICK = Effort(1.7e5, 6_000, 20_000, 5, (1e-4, 1e-7, 1e-10))
-FULL = Effort(2e6, 40_000, 200_000, 15, tuple(10.0**-e for e in range(3, 13)))
+FULL = Effort(1e6, 30_000, 200_000, 15, tuple(10.0**-e for e in range(3, 13)))
 
 
+#: Relative drifts below this are rounding.
+ROUNDING = 1e-13
 #: Radau takes many short steps to follow springs that ring: tighter tolerances are not tried there.
 RINGING = 1e-5
 
@@ -57,6 +61,9 @@ class Point(NamedTuple):
     """Whether the error is far above the reference's own."""
     drift: Drift
     failure: str | None
+    rate_error: float | None = None
+    """rad/s or m/s, the largest component."""
+    rate_known: bool = False
 
 
 class Adaptive(NamedTuple):
@@ -95,15 +102,16 @@ class Result:
         known = self.known(method)
         return order.fitted([point.dt for point in known], [point.error or math.nan for point in known])
 
-    def orders(self, method: str) -> list[tuple[float, float]]:
-        """The order between runs of h and h/2, beside h, coarse to fine; only of errors that are known."""
-        rows = []
-        for coarse, fine in zip(self.points[method], self.points[method][1:], strict=False):
-            if coarse.known and fine.known and coarse.error is not None and fine.error is not None:
-                slope = order.local(coarse.error, fine.error)
-                if slope is not None:
-                    rows.append((coarse.dt, slope))
-        return rows
+    def rate_order(self, method: str) -> float | None:
+        """The same of the rates."""
+        known = [point for point in self.points.get(method, []) if point.rate_known]
+        return order.fitted([point.dt for point in known], [point.rate_error or math.nan for point in known])
+
+    def drift_order(self, method: str, kind: str) -> float | None:
+        """The slope of a drift ("energy", "angular", "linear") against the step, where it is above rounding."""
+        rows = [(point.dt, getattr(point.drift, kind)) for point in self.points.get(method, [])]
+        above = [(dt, value) for dt, value in rows if value is not None and value >= ROUNDING]
+        return order.fitted([dt for dt, _ in above], [value for _, value in above])
 
     def smallest(self) -> float:
         """The smallest error that is shown."""
@@ -221,7 +229,10 @@ def _point(case: Case, exact: Exact, steps: int, dt: float, path: Path) -> Point
     error = distance(case, exact.q, path.q[-1])
     if not error <= WRONG:
         return Point(steps, dt, None, False, nothing, f"ends {error:.1e} rad or m away")
-    return Point(steps, dt, error, error >= FAR * exact.error, drift(case, path), None)
+    rates = float(np.max(np.abs(path.qd[-1] - exact.qd)))
+    return Point(
+        steps, dt, error, error >= FAR * exact.error, drift(case, path), None, rates, rates >= FAR * exact.rate_error
+    )
 
 
 def _adaptive(case: Case, exact: Exact, effort: Effort) -> list[Adaptive]:
@@ -284,9 +295,7 @@ def to_json(study: Study) -> dict[str, Any]:
         "peers": list(study.versions),
         "not_compared": list(study.absent),
         "errors_shown_above_reference_times": FAR,
-        "methods": [
-            {"method": name, "order": expected(study, name)} for name in study.methods
-        ],
+        "methods": [{"method": name, "order": expected(study, name)} for name in study.methods],
         "horizon": {
             "case": study.results[0].case.name,
             "seconds": seen.end,
@@ -307,14 +316,19 @@ def to_json(study: Study) -> dict[str, Any]:
                 "omega": number(result.case.omega),
                 "reference": {
                     "by": result.exact.by, "beside": result.exact.beside, "error": result.exact.error,
-                    "smallest_error_shown": number(result.smallest()),
+                    "rate_error": result.exact.rate_error, "smallest_error_shown": number(result.smallest()),
                 },
                 "orders": _each(list(result.points), result.order),
+                "rate_orders": _each(list(result.points), result.rate_order),
+                "drift_orders": {
+                    kind: _each(list(result.points), partial(result.drift_order, kind=kind)) for kind in Drift._fields
+                },
                 "ns_a_step": {"alone": _each(list(result.alone), result.alone.__getitem__),
                               "batch": _each(list(result.batch), result.batch.__getitem__)},
                 "refused": result.refused,
                 "runs": [
                     {"method": name, "steps": point.steps, "dt": point.dt, "error": number(point.error), "known": point.known,
+                     "rate_error": number(point.rate_error), "rate_known": point.rate_known,
                      "energy_drift": number(point.drift.energy), "angular_momentum_drift": number(point.drift.angular),
                      "linear_momentum_drift": number(point.drift.linear), "failure": point.failure}
                     for name, points in result.points.items() for point in points

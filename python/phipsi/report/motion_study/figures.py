@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ..tables import Table
-from ..text import time
+from ..text import significant, time
 from . import order
 from .collect import Point, Result, Study
 from .runs import METHODS
@@ -21,7 +21,7 @@ COARSE = 1e-3
 
 def error_text(value: float | None) -> str:
     """Such as 2e-9."""
-    return "–" if value is None or not value > 0.0 else f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
+    return "–" if value is None or not value > 0.0 else f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
 
 
 def _order_text(value: float | None) -> str:
@@ -35,27 +35,69 @@ def smooth_orders(study: Study) -> Table:
     return ("method", *(result.case.name for result in study.smooth)), rows
 
 
+def drift_orders(study: Study) -> Table:
+    """Slopes of the drifts: energy on every smooth scene, momentum where there is one to keep."""
+    tree = study.of("floating tree")
+    columns = [(result, "energy") for result in study.smooth] + [(tree, "angular"), (tree, "linear")]
+    names = [name for name in study.methods if any(name in result.points for result in study.smooth)]
+    rows = [[name, *(_order_text(result.drift_order(name, kind)) for result, kind in columns)] for name in names]
+    return ("method", *(f"{result.case.name}, {kind}" for result, kind in columns)), rows
+
+
+def adaptive_wins(study: Study) -> str:
+    """Where DOP853 is the quicker way to an error; empty where nowhere."""
+    ahead = []
+    for result in study.smooth:
+        least = [
+            row.error for row in result.adaptive
+            if row.known and not any(
+                (point.error or 0.0) <= row.error and result.alone[method.name] * point.steps <= row.ns
+                for method in METHODS for point in result.known(method.name)
+            )
+        ]  # fmt: skip
+        if least:
+            ahead.append(f"{result.case.name} (errors of {error_text(max(least))} and below)")
+    if not ahead:
+        return ""
+    return f"No fixed step tried is as small in error and as quick as DOP853, for all its loop in Python, on: {', '.join(ahead)}."
+
+
+def third_order(study: Study) -> str:
+    """What rosenbrock-3 costs where nothing is stiff."""
+    ratios = []
+    for result in study.smooth:
+        ours = {point.steps: point.error for point in result.known("rosenbrock-3")}
+        ratios += [ours[p.steps] / p.error for p in result.known("rk4") if p.error and ours.get(p.steps)]  # type: ignore[operator]
+    if not ratios:
+        return ""
+    return (
+        f"On smooth scenes rosenbrock-3, with as many stages, has {significant(min(ratios), 2)} to {significant(max(ratios), 2)} times the"
+        " error of rk4 at the same step."
+    )
+
+
 def _at(result: Result, method: str, dt: float) -> Point | None:
     return next((point for point in result.points.get(method, []) if abs(point.dt - dt) < 1e-9), None)
 
 
-def _stiff_cell(result: Result, method: str) -> str:
+def _stiff_cell(result: Result, method: str, rates: bool) -> str:
     coarse, fine = _at(result, method, COARSE), _at(result, method, 0.5 * COARSE)
     if coarse is None or fine is None:
         return "–"
+    fitted = _order_text(result.rate_order(method) if rates else result.order(method))
     if coarse.failure or fine.failure:
-        first = "fails"
-    elif coarse.known and fine.known and coarse.error and fine.error:
-        first = _order_text(order.local(coarse.error, fine.error))
-    else:
-        first = "–"
-    return f"{first} / {_order_text(result.order(method))}"
+        return f"fails / {fitted}"
+    pair = [(p.rate_error, p.rate_known) if rates else (p.error, p.known) for p in (coarse, fine)]
+    (first, first_known), (second, second_known) = pair
+    if first_known and second_known and first and second:
+        return f"{_order_text(order.local(first, second))} / {fitted}"
+    return f"– / {fitted}"
 
 
-def stiff_orders(study: Study) -> Table:
-    """The order between 1 ms and 0.5 ms, and over the finest steps."""
+def stiff_orders(study: Study, *, rates: bool = False) -> Table:
+    """The order between 1 ms and 0.5 ms, and over the finest steps; of configurations, or of rates."""
     names = [name for name in study.methods if any(name in result.points for result in study.stiff)]
-    rows = [[name, *(_stiff_cell(result, name) for result in study.stiff)] for name in names]
+    rows = [[name, *(_stiff_cell(result, name, rates) for result in study.stiff)] for name in names]
     return ("method", *(result.case.name for result in study.stiff)), rows
 
 
@@ -92,7 +134,7 @@ def scenes(study: Study) -> Table:
     rows = []
     for result in study.results:
         case, omega = result.case, result.case.omega
-        fastest = f"{omega:.3g}" if omega else "–"
+        fastest = error_text(omega)
         rows.append([case.name, case.what, str(case.scene.nv), f"{case.time:g}", fastest])
     return ("scene", "what", "degrees of freedom", "time, s", "fastest rate of springs or dampers, 1/s"), rows
 
@@ -131,7 +173,7 @@ def beside_peers(study: Study) -> list[str]:
             # Rounding is part of an error that is near the reference's own.
             if apart:
                 texts.append(
-                    f"At the same step the errors of {mine} and of {other} on the smooth scenes differ by {100 * max(apart):.2g} % at most."
+                    f"At the same step the errors of {mine} and of {other} on the smooth scenes differ by {error_text(max(apart))} of their size at most."
                 )
     for mine, other in (("semi-implicit-euler", "MuJoCo Euler"), ("rk4", "MuJoCo RK4"), ("implicit-euler", "MuJoCo implicitfast")):
         alone = _ratios(study.smooth, lambda r, m=mine: r.alone.get(m), lambda r, o=other: r.alone.get(o))  # type: ignore[misc]

@@ -49,7 +49,7 @@ def measure(case: Case, end: float = END) -> Horizon:
     """Both references every APART s, DOP853 and rk4 extrapolated; the start moved in random directions; every method."""
     scene = case.scene
     count = round(end / APART)
-    t = APART * np.arange(1, count + 1)
+    t: Array = np.linspace(APART, count * APART, count)
     first = _adaptive(case, t)
     coarse, fine = (_fixed(case, case.q, case.qd, factor * FINE, count, "rk4") for factor in (1, 2))
     second = scene.integrate(fine, scene.difference(coarse, fine) / 15.0)
@@ -60,7 +60,7 @@ def measure(case: Case, end: float = END) -> Horizon:
     starts = np.concatenate([np.zeros((1, 2, scene.nv)), direction])
     q, qd = scene.integrate(np.tile(case.q, (DIRECTIONS + 1, 1)), starts[:, 0]), case.qd + starts[:, 1]
     moved = _fixed(case, q, qd, FINE, count, "rk4")
-    growth = np.abs(scene.difference(np.broadcast_to(moved[:1], moved[1:].shape).copy(), moved[1:])).max(axis=(0, -1)) / MOVED
+    growth: Array = np.abs(scene.difference(np.broadcast_to(moved[:1], moved[1:].shape).copy(), moved[1:])).max(axis=(0, -1)) / MOVED
     found = {}
     for method in METHODS:
         rows = _fixed(case, case.q, case.qd, SHOWN, count, method.name)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..figure import FAINT, STYLE, Plot, finished, power_ticks, time_axis
-from . import horizon, sweep
+from . import horizon
 from .collect import Adaptive, Point, Result, Study
 from .reference import FAR
 from .runs import METHODS, WRONG
@@ -36,6 +36,9 @@ LOOKS: dict[str, Look] = {
 UNKNOWN = "#c9ced3"
 #: Where failed runs are marked, one height a method, and the axis' end.
 FAILED, TOP = 4.0, 3e3
+
+#: rad: beyond it two angles have nothing to do with each other.
+LOST = 3.0
 
 PHIPSI = tuple(method.name for method in METHODS)
 
@@ -92,7 +95,7 @@ def _unknown() -> Line2D:
 
 
 def _failure() -> Line2D:
-    return Line2D([], [], color="#555b61", marker="x", ls="", ms=5, label="above the line: failed, by method")
+    return Line2D([], [], color="#555b61", marker="x", ls="", ms=5, label="failed, in the colour of the method")
 
 
 def _floor(axes: Axes, result: Result) -> None:
@@ -192,7 +195,7 @@ def _stiff(study: Study, name: str, results: Sequence[Result]) -> Plot:
             _log(lower, "", ERROR if left else "", RUN)
             times += _against_time(lower, study, result, result.alone, adaptive=True)
         for axes in panels[1]:
-            time_axis(axes, min(times) / 2, max(times) * 2)
+            time_axis(axes, min(times) / 3, max(times) * 3)
         _limits(list(panels.flat), results)
         shown = [*_names(study, results), *dict.fromkeys(row.method for r in results for row in r.adaptive)]
         _legend(figure, shown, 0.0, _unknown(), _failure())
@@ -213,7 +216,8 @@ def _horizon(study: Study) -> Plot:
         left.text(0.98, 0.06, "difference of two references", color="#aa3377", transform=left.transAxes, ha="right")
         left.text(0.98, 0.12, f"a change of {horizon.MOVED:.0e} in the start", color="#009e73", transform=left.transAxes, ha="right")
         for name in PHIPSI:
-            errors = np.where(seen.errors[name] >= FAR * seen.difference, seen.errors[name], np.nan)
+            known = (seen.errors[name] >= FAR * seen.difference) & (seen.errors[name] <= LOST)
+            errors = np.where(known, seen.errors[name], np.nan)
             ink, _, dashes, _, _ = LOOKS[name]
             right.plot(seen.t, errors, color=ink, ls=dashes, lw=1.4, marker="o", ms=2.5)  # type: ignore[arg-type,unused-ignore]
         right.fill_between(seen.t, 1e-30, FAR * seen.difference, color=UNKNOWN, alpha=0.55, lw=0)
@@ -225,7 +229,7 @@ def _horizon(study: Study) -> Plot:
             axes.set_xscale("linear")
             axes.axvline(case.time, color="#555b61", lw=1.0)
             axes.axvline(seen.end, color="#555b61", lw=1.0, ls=(0, (4, 3)))
-            axes.set_ylim(1e-16, 30.0)
+            axes.set_ylim(1e-16, 100.0)
             axes.set_xlim(0.0, seen.t[-1])
             power_ticks(axes.yaxis, 9)
         lines = [
@@ -237,33 +241,39 @@ def _horizon(study: Study) -> Plot:
 
 
 def _sweep(study: Study) -> Plot:
-    """Error above and order below, against h omega; on the slow manifold left, ringing right."""
+    """Error above and order below, against h omega: configurations and rates on the slow manifold, configurations of what rings."""
+    low, high = -1, 5
+    columns = (
+        ("on the slow manifold", False, "errors", "order", "error after 0.1 s, h = 1 ms, rad"),
+        ("the same, error of the rates", False, "rate_errors", "rate_order", "rad/s"),
+        ("off the slow manifold: the spring rings", True, "errors", "order", "rad"),
+    )
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(10.6, 6.6))
-        panels = figure.subplots(2, 2, sharex=True, sharey="row")
-        figure.subplots_adjust(left=0.065, right=0.985, top=0.95, bottom=0.15, wspace=0.06, hspace=0.14)
-        for column, rings in enumerate((False, True)):
+        figure = Figure(figsize=(11.4, 6.4))
+        panels = figure.subplots(2, 3, sharex=True, sharey="row")
+        figure.subplots_adjust(left=0.06, right=0.99, top=0.95, bottom=0.14, wspace=0.12, hspace=0.14)
+        for column, (title, rings, errors, order, unit) in enumerate(columns):
             upper, lower = panels[:, column]
-            title = "started off the slow manifold: the spring rings" if rings else "started on the slow manifold"
-            _log(upper, title, "error after 0.1 s, h = 1 ms, rad" if not rings else "", "")
-            _log(lower, "", "order between 1 ms and 0.5 ms" if not rings else "", "h ω for h = 1 ms")
+            _log(upper, title, unit, "")
+            _log(lower, "", "order between 1 ms and 0.5 ms" if column == 0 else "", "h ω for h = 1 ms")
             lower.set_yscale("linear")
             for name in PHIPSI:
                 rows = [row for row in study.springs if row.method == name and row.ringing == rings]
                 x = [row.turned for row in rows]
-                _line(upper, name, x, [row.errors[0] for row in rows])
-                # Beyond the axis an order says that one of the two runs was about to fail.
-                _line(lower, name, x, [None if row.order is None or abs(row.order) > 5.0 else row.order for row in rows])
+                _line(upper, name, x, [getattr(row, errors)[0] for row in rows])
+                # Beyond the axis an order says that a run was about to fail, or that its error was changing its sign.
+                orders = [getattr(row, order) for row in rows]
+                _line(lower, name, x, [None if value is None or not low <= value <= high else value for value in orders])
                 failed = [row.turned for row in rows if row.failed]
                 place = 0.96 - 0.045 * PHIPSI.index(name)
                 upper.plot(failed, [place] * len(failed), "x", ms=4.5, color=LOOKS[name][0], transform=upper.get_xaxis_transform())
             for axes in (upper, lower):
                 axes.axvline(1.0, color="#8a9199", lw=0.8, ls=(0, (4, 3)))
                 power_ticks(axes.xaxis, 8)
-            lower.set_ylim(-1.2, 5.0)
-            lower.set_yticks(range(-1, 6))
+            lower.set_ylim(low - 0.1, high + 0.1)
+            lower.set_yticks(range(low, high + 1))
         power_ticks(panels[0, 0].yaxis, 9)
-        panels[0, 0].set_ylim(top=30.0)
+        panels[0, 0].set_ylim(top=300.0)
         _legend(figure, PHIPSI, 0.0, Line2D([], [], color="#555b61", marker="x", ls="", ms=5, label="failed, at 1 or 0.5 ms"))
         figure.align_ylabels(panels[:, 0])
         return finished("stiffness", figure)

@@ -29,6 +29,8 @@ class Exact(NamedTuple):
     qd: Array
     error: float
     """Between the two solutions, as errors are measured; eps times the size of q at least."""
+    rate_error: float
+    """The same of the rates; where the other solution damps springs, between two tolerances of this one."""
     by: str
     """How it was computed."""
     beside: str
@@ -38,46 +40,50 @@ class Exact(NamedTuple):
 def reference(case: Case, most: int = MOST_STEPS) -> Exact:
     """An adaptive solution by SciPy, and beside it one of fixed steps in the core, extrapolated."""
     turns = case.time * case.omega
-    adaptive, tolerance = ("DOP853", 1e-13) if turns < 2e3 else ("Radau", 1e-12)
-    path = case.scene.ode().solve(
-        case.q, case.qd, (0.0, case.time), method=adaptive, rtol=tolerance, atol=0.1 * tolerance
-    )
-    q, qd = path.q[-1], path.qd[-1]
+    adaptive, tolerance, absolute = ("DOP853", 1e-13, 1e-14) if turns < 2e3 else ("Radau", 1e-12, 1e-16)
+    q, qd, taken = _adaptive(case, adaptive, tolerance, absolute)
     steps = max(64 * case.first, 10 * int(np.ceil(turns / RESOLVED / 10)))
     method = "rk4"
     if steps > most:
         method, steps = "rosenbrock-3", SLOW_STEPS
-    other = extrapolated(case, method, steps)
-    error = max(distance(case, q, other), rounding(q))
+    other, rates = extrapolated(case, method, steps)
+    if method != "rk4":
+        _, rates, _ = _adaptive(case, adaptive, 30.0 * tolerance, 30.0 * absolute)
     return Exact(
-        q, qd, error,
-        f"SciPy's {adaptive}, tolerance {tolerance:.0e}, {path.steps} steps",
+        q, qd, max(distance(case, q, other), rounding(q)), max(float(np.max(np.abs(rates - qd))), rounding(qd)),
+        f"SciPy's {adaptive}, tolerance {tolerance:.0e}, {taken} steps",
         f"{method} with {steps} and {2 * steps} steps, extrapolated",
     )  # fmt: skip
+
+
+def _adaptive(case: Case, method: str, tolerance: float, absolute: float) -> tuple[Array, Array, int]:
+    path = case.scene.ode().solve(case.q, case.qd, (0.0, case.time), method=method, rtol=tolerance, atol=absolute)
+    return path.q[-1], path.qd[-1], path.steps
 
 
 def ringing(case: Case) -> Exact:
     """For springs that ring: rk4 with small steps, extrapolated, and beside it the same with twice the steps, which is kept."""
     steps = 10 * int(np.ceil(max(case.time * case.omega / RESOLVED, 64 * case.first) / 10))
-    first, second = (extrapolated(case, "rk4", count) for count in (steps, 2 * steps))
-    by = f"rk4 with {2 * steps} and {4 * steps} steps, extrapolated"
-    error = max(distance(case, second, first), rounding(second))
-    return Exact(second, np.full(case.scene.nv, np.nan), error, by, f"with {steps} and {2 * steps} steps")
+    (first, before), (second, rates) = (extrapolated(case, "rk4", count) for count in (steps, 2 * steps))
+    return Exact(
+        second, rates, max(distance(case, second, first), rounding(second)),
+        max(float(np.max(np.abs(rates - before))), rounding(rates)),
+        f"rk4 with {2 * steps} and {4 * steps} steps, extrapolated", f"with {steps} and {2 * steps} steps",
+    )  # fmt: skip
 
 
-def rounding(q: Array) -> float:
+def rounding(values: Array) -> float:
     """What no solution in float64 is known better than."""
-    return float(np.finfo(np.float64).eps) * max(1.0, float(np.max(np.abs(q))))
+    return float(np.finfo(np.float64).eps) * max(1.0, float(np.max(np.abs(values))))
 
 
-def extrapolated(case: Case, method: str, steps: int) -> Array:
-    """The configuration at the end by Richardson's extrapolation of two runs, on the manifold."""
+def extrapolated(case: Case, method: str, steps: int) -> tuple[Array, Array]:
+    """q and qd at the end by Richardson's extrapolation of two runs, on the manifold."""
     order = {"rk4": 4, "rosenbrock-3": 3}[method]
-    ends = [
-        case.scene.simulate(
-            case.q, case.qd, dt=case.time / count, steps=count, method=method, record_every=count
-        ).q[-1]
+    coarse, fine = (
+        case.scene.simulate(case.q, case.qd, dt=case.time / count, steps=count, method=method, record_every=count)
         for count in (steps, 2 * steps)
-    ]
-    further = case.scene.difference(ends[0], ends[1]) / (2.0**order - 1.0)
-    return case.scene.integrate(ends[1], further)
+    )
+    share = 1.0 / (2.0**order - 1.0)
+    further = case.scene.difference(coarse.q[-1], fine.q[-1]) * share
+    return case.scene.integrate(fine.q[-1], further), fine.qd[-1] + share * (fine.qd[-1] - coarse.qd[-1])

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
+
+import numpy as np
 
 from ..progress import Reporter
 from . import cases
+from .cases import Case
 from .order import local
-from .reference import FAR, reference, ringing
-from .runs import METHODS, distance, runner
+from .reference import FAR, Exact, reference, ringing
+from .runs import METHODS, Path, distance, runner
 
 #: s; the order is that between the two.
 STEPS = (1e-3, 5e-4)
@@ -31,9 +35,14 @@ class Spring(NamedTuple):
     errors: tuple[float | None, ...]
     """At each of STEPS, rad; None where the run failed or the error is not known."""
     order: float | None
+    rate_errors: tuple[float | None, ...]
+    """The same of the rates, rad/s."""
+    rate_order: float | None
     failed: bool
     reference: float
     """The reference's own error, rad."""
+    rate_reference: float
+    """rad/s."""
 
 
 def sweep(reporter: Reporter, *, quick: bool) -> list[Spring]:
@@ -45,15 +54,28 @@ def sweep(reporter: Reporter, *, quick: bool) -> list[Spring]:
     for stiffness, rings in pairs:
         case = cases.held(stiffness, ringing=rings)
         exact = ringing(case) if rings else reference(case, 20_000)
-        for method in METHODS:
-            run = runner(case, method.name)
-            paths = [run(h, round(case.time / h)) for h in STEPS]
-            errors = [None if path.failure else distance(case, exact.q, path.q[-1]) for path in paths]
-            known = tuple(e if e is not None and e >= FAR * exact.error else None for e in errors)
-            order = local(known[0], known[1]) if known[0] is not None and known[1] is not None else None
-            failed = any(path.failure is not None for path in paths)
-            rows.append(
-                Spring(stiffness, rings, method.name, STEPS[0] * case.omega, known, order, failed, exact.error)
-            )
+        rows += [_spring(case, exact, stiffness, method.name) for method in METHODS]
         tick()
     return rows
+
+
+def _spring(case: Case, exact: Exact, stiffness: float, method: str) -> Spring:
+    run = runner(case, method)
+    paths = [run(h, round(case.time / h)) for h in STEPS]
+    failed = any(path.failure is not None for path in paths)
+    places = _known(paths, lambda path: distance(case, exact.q, path.q[-1]), exact.error)
+    rates = _known(paths, lambda path: float(np.max(np.abs(path.qd[-1] - exact.qd))), exact.rate_error)
+    return Spring(
+        stiffness, case.rings, method, STEPS[0] * case.omega, places, _order(places), rates, _order(rates), failed,
+        exact.error, exact.rate_error,
+    )  # fmt: skip
+
+
+def _known(paths: Sequence[Path], error: Callable[[Path], float], own: float) -> tuple[float | None, ...]:
+    found = [None if path.failure else error(path) for path in paths]
+    return tuple(e if e is not None and e >= FAR * own else None for e in found)
+
+
+def _order(errors: tuple[float | None, ...]) -> float | None:
+    coarse, fine = errors
+    return None if coarse is None or fine is None else local(coarse, fine)
