@@ -118,15 +118,17 @@ def _orders(study: Study) -> list[str | Shown | Figure]:
         "On stiff scenes, between 1 ms and 0.5 ms, and after the stroke over the finest steps. A dash: no two (three) known errors there, most"
         " often because they fall below what the reference knows as soon as the run does not fail. Configurations:",
         Shown(figures.stiff_orders(study)),
-        "Rates, where orders reduce: what is left of the stiff joints' motion is of the size of the method's own error, and is not known to its order.",
+        "Rates, where orders reduce for the Rosenbrock methods: the stiff joints' own rates are tiny, and what is left in them of the method's error falls"
+        " slowly or not at all. That the Euler steps have order 2 here is owed to the start at rest.",
         Shown(figures.stiff_orders(study, rates=True)),
         "Between soft and stiff, two rods with one spring:",
         Figure(
             "stiffness",
             "h ω is how far the spring turns in a step of 1 ms. On the slow manifold the order of the configuration, which is that of the slow joint, holds at every"
-            " stiffness; the order of the rates reduces for the Rosenbrock methods from h ω of about 1 on, down to 0 in the stiff limit, while their size stays small."
-            " Where the spring rings, orders hold up to h ω of about 0.3; from about 2 on the Rosenbrock methods have order 0, for their error is the ringing that"
-            " they damp; between, a single number may be anything, of either sign, since the error changes its sign there. Points beyond the axis are left out."
+            " stiffness. The order of the rates does not: for rosenbrock-3 it is no clear number from h ω of about 0.3 to 30 and 0 beyond, for rosenbrock-2 it dips"
+            " between 10 and 100, though errors of this size are small. Where the spring rings, orders hold up to h ω of about 0.3; from about 2 on the Rosenbrock"
+            " methods have order 0, for their error is the ringing that they damp; between, a single number may be anything, of either sign, since the error"
+            " changes its sign there. Points beyond the axis are left out."
             f" Errors within {FAR:.0f} times the reference's are not shown either: rk4 passes from failing to less than that within a factor of two in the step."
             f" Springs beyond {figures.error_text(sweep.RINGING[study.quick])} N m/rad are not shown ringing, since a reference would take too long.",
         ),
