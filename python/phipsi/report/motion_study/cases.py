@@ -179,7 +179,7 @@ def light_on_heavy() -> Case:
 
 
 def armatures() -> Case:
-    """Armatures from a thousand times a link's inertia to none."""
+    """Armatures from two thousand times a link's inertia to none."""
     scene = pendulum((1e4, 1e6, 1e6, 1e6), (1.0, 1.0, 1.0, 1.0), 0.4, armature=(1e2, 1.0, 1e-3, 0.0))
     fast = np.array([False, True, True, True])
     q = at_rest(scene, np.array([0.5, 0.0, 0.0, 0.0]), fast)

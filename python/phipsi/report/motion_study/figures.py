@@ -15,6 +15,8 @@ SAME = (
     ("semi-implicit-euler", ("MuJoCo Euler", "Pinocchio semi-implicit")),
     ("rk4", ("MuJoCo RK4", "Pinocchio rk4")),
 )
+#: rad or m; errors of the peers are compared above this, where rounding is no part of them.
+COMPARED = 1e-10
 #: s; the larger of the two steps that orders on stiff scenes are shown for.
 COARSE = 1e-3
 
@@ -168,12 +170,12 @@ def beside_peers(study: Study) -> list[str]:
                 for result in study.smooth
                 for ours in result.known(mine)
                 for theirs in result.known(other)
-                if ours.dt == theirs.dt and ours.error and theirs.error
+                if ours.dt == theirs.dt and ours.error and theirs.error and ours.error >= COMPARED
             ]
-            # Rounding is part of an error that is near the reference's own.
             if apart:
                 texts.append(
-                    f"At the same step the errors of {mine} and of {other} on the smooth scenes differ by {error_text(max(apart))} of their size at most."
+                    f"At the same step the errors of {mine} and of {other} on the smooth scenes, where above"
+                    f" {error_text(COMPARED)}, differ by {error_text(max(apart))} of their size at most."
                 )
     for mine, other in (("semi-implicit-euler", "MuJoCo Euler"), ("rk4", "MuJoCo RK4"), ("implicit-euler", "MuJoCo implicitfast")):
         alone = _ratios(study.smooth, lambda r, m=mine: r.alone.get(m), lambda r, o=other: r.alone.get(o))  # type: ignore[misc]
@@ -184,6 +186,21 @@ def beside_peers(study: Study) -> list[str]:
                 f" {min(batch):.2g} to {max(batch):.2g} times in a batch."
             )
     return texts
+
+
+def explicit(study: Study) -> str:
+    """The sentence on where explicit methods fail."""
+    result = study.of("springs 1e9")
+    found = []
+    for method in METHODS:
+        failed = [point.dt for point in result.points[method.name] if point.failure]
+        if failed:
+            found.append(f"{method.name} at {min(failed) * 1e6:.3g} µs and more")
+    return (
+        f"Explicit methods fail on stiff springs unless the step follows them: with springs of 1e9 N m/rad {', '.join(found)}. The implicit"
+        " ones are stable at every step tried, but do not follow what is faster than the step: a spring that rings is damped, and the error"
+        " is then as large as the ringing until the step resolves it; and orders reduce in the rates."
+    )
 
 
 def ringing(study: Study) -> str:

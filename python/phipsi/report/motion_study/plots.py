@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from ..figure import FAINT, STYLE, Plot, finished, power_ticks, time_axis
 from . import horizon
-from .collect import Adaptive, Point, Result, Study
+from .collect import ROUNDING, Adaptive, Point, Result, Study
 from .reference import FAR
 from .runs import METHODS, WRONG
 
@@ -185,7 +185,7 @@ def _stiff(study: Study, name: str, results: Sequence[Result]) -> Plot:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11.4, 7.4))
         panels = figure.subplots(2, len(results), sharey=True, squeeze=False)
-        figure.subplots_adjust(left=0.06, right=0.99, top=0.95, bottom=0.155, wspace=0.07, hspace=0.25)
+        figure.subplots_adjust(left=0.06, right=0.98, top=0.95, bottom=0.155, wspace=0.09, hspace=0.25)
         times: list[float] = []
         for column, result in enumerate(results):
             upper, lower = panels[:, column]
@@ -216,8 +216,8 @@ def _horizon(study: Study) -> Plot:
         left.text(0.98, 0.06, "difference of two references", color="#aa3377", transform=left.transAxes, ha="right")
         left.text(0.98, 0.12, f"a change of {horizon.MOVED:.0e} in the start", color="#009e73", transform=left.transAxes, ha="right")
         for name in PHIPSI:
-            known = (seen.errors[name] >= FAR * seen.difference) & (seen.errors[name] <= LOST)
-            errors = np.where(known, seen.errors[name], np.nan)
+            lost = np.logical_or.accumulate(~(seen.errors[name] <= LOST))
+            errors = np.where(lost | (seen.errors[name] < FAR * seen.difference), np.nan, seen.errors[name])
             ink, _, dashes, _, _ = LOOKS[name]
             right.plot(seen.t, errors, color=ink, ls=dashes, lw=1.4, marker="o", ms=2.5)  # type: ignore[arg-type,unused-ignore]
         right.fill_between(seen.t, 1e-30, FAR * seen.difference, color=UNKNOWN, alpha=0.55, lw=0)
@@ -295,9 +295,10 @@ def _drift(study: Study) -> Plot:
                 _line(axes, name, [h for h, _ in rows], [value if value else None for _, value in rows])
             power_ticks(axes.xaxis, 6)
             power_ticks(axes.yaxis, 8)
-            axes.axhspan(1e-30, 1e-15, color=UNKNOWN, alpha=0.55, lw=0, zorder=0)
-            axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-17))
+            axes.axhspan(1e-30, ROUNDING, color=UNKNOWN, alpha=0.55, lw=0, zorder=0)
+            axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-16))
         for axes in (*panels[0, 1:], *panels[1, 1:]):
             axes.set_ylabel("")
-        _legend(figure, _names(study, study.smooth), 0.0)
+        near = Line2D([], [], color=UNKNOWN, lw=7, alpha=0.55, label="rounding has a part in it")
+        _legend(figure, _names(study, study.smooth), 0.0, near)
         return finished("drift", figure)
