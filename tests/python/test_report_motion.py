@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import phipsi
 import pytest
 from click.testing import CliRunner
 from phipsi.report import commands, motion_study
@@ -28,7 +29,10 @@ ORDER = 0.1
 
 @pytest.fixture(scope="module")
 def study() -> Study:
-    return collect(Silent(), quick=True)
+    threads = phipsi.get_num_threads()
+    found = collect(Silent(), quick=True)
+    assert phipsi.get_num_threads() == threads
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -244,7 +248,7 @@ def test_the_report_is_made_without_peers(monkeypatch: pytest.MonkeyPatch, study
     ]  # fmt: skip
     bare = dataclasses.replace(study, peers=[], versions=[], absent=lines, results=results)
     text = motion_study.write(bare, tmp_path).read_text(encoding="utf-8")
-    assert "pip install mujoco" in text and "MuJoCo RK4" not in text
+    assert "pip install mujoco" in text and "mj_step" not in text and "MuJoCo RK4" not in text
     assert to_json(bare)["not_compared"] == lines
 
 

@@ -60,6 +60,10 @@ def _losses(study: Study) -> list[Block]:
     return [text for text in texts if text]
 
 
+def _if_peers(study: Study, text: str) -> list[Block]:
+    return [flowed(text)] if study.peers else []
+
+
 def _horizon(study: Study) -> list[Block]:
     seen, first = study.horizon, study.results[0]
     agreed, there = figures.error_text(horizon.AGREED), figures.error_text(first.exact.error)
@@ -73,7 +77,7 @@ def _smooth(study: Study) -> list[Block]:
     pictures = [
         Figure(file_name(result), f"{result.case.name}: {result.case.what}; {result.case.time:g} s.") for result in study.smooth
     ]
-    return [flowed(prose.SMOOTH), flowed(prose.COINCIDE), *pictures]
+    return [flowed(prose.SMOOTH), *_if_peers(study, prose.SMOOTH_PEERS), *pictures]
 
 
 def _stiff(study: Study) -> list[Block]:
@@ -81,6 +85,7 @@ def _stiff(study: Study) -> list[Block]:
         flowed(prose.STIFF),
         Figure("work-precision-springs", flowed(prose.SPRINGS_CAPTION)),
         Figure("work-precision-other-stiff", flowed(prose.OTHERS_CAPTION)),
+        *_if_peers(study, prose.MUJOCO_DAMPERS),
         figures.ringing(study),
         flowed(prose.LARGEST_STEP),
         Shown(figures.largest_steps(study)),
@@ -120,7 +125,14 @@ def sections(study: Study) -> list[Section]:
         Section("Order of convergence", _orders(study)),
         Section("Drift of energy and momentum", _drift(study)),
         Section("Time of a step", [flowed(prose.TIMES, batch=BATCH), Shown(figures.step_times(study))]),
-        Section("The references", [flowed(prose.REFERENCES, far=FAR), Shown(figures.references(study), 3)]),
+        Section(
+            "The references",
+            [
+                flowed(prose.REFERENCES, far=FAR),
+                *_if_peers(study, prose.REFERENCES_PEERS),
+                Shown(figures.references(study), 3),
+            ],
+        ),
         Section("How this was made", [_provenance(study)]),
     ]
 

@@ -23,15 +23,14 @@ has another.
 SMOOTH = """\
 Left, error against step: what a method does. Middle and right, error against run time: what it costs. Time is that of a step, the
 least of some turns, times the number of steps, on one thread: scene.simulate, called from Python once for all steps, with its
-default form; and MuJoCo's mj_step in its own compiled loop, without constraints or contacts. MuJoCo takes states one by one, so
-that its points are the same in both. Pinocchio is on the left only: its integrators are a loop in Python here, whose time would
-say nothing of it. DOP853 and Radau are SciPy's, through scene.ode: their time is mostly Python's, and measured run by run. Not
-shown: threads, larger batches, float32.
+default form. DOP853 and Radau are SciPy's, through scene.ode: their time is mostly Python's, and measured run by run. Not shown:
+threads, larger batches, float32. Without springs and damping implicit-euler is semi-implicit-euler: their curves lie on each other.
 """
 
-COINCIDE = """\
-Without springs and damping implicit-euler is semi-implicit-euler, and MuJoCo's implicitfast is its Euler: their curves lie on each
-other. So do those of one integrator in several programs.
+SMOOTH_PEERS = """\
+MuJoCo's time is that of mj_step in its own compiled loop, without constraints or contacts; it takes states one by one, so that its
+points are the same in the middle and on the right. Pinocchio is on the left only: its integrators are a loop in Python here, whose
+time would say nothing of it. Without damping MuJoCo's implicitfast is its Euler; one integrator in several programs has one curve.
 """
 
 STIFF = """\
@@ -47,9 +46,10 @@ little, so that what is seen is the slow joint's.
 """
 
 OTHERS_CAPTION = """\
-Springs that ring, dampers, masses over six decades, armatures from 100 kg m² to none. MuJoCo takes dampers
-implicitly with Euler and implicitfast, springs never.
+Springs that ring, dampers, masses over six decades, armatures from 100 kg m² to none.
 """
+
+MUJOCO_DAMPERS = "MuJoCo takes dampers implicitly with Euler and implicitfast, springs never."
 
 LARGEST_STEP = """\
 The largest step at which no run fails, of those tried, from 4 ms down by halves (2 ms where springs ring); peers in Python are not
@@ -91,9 +91,11 @@ REFERENCES = """\
 An error is the largest component of the difference of configurations on the manifold: joint angles, and for a free joint the vector
 and the rotation vector that move one body to the other; never components of quaternions. Rates are not in it, but where it is said.
 The reference's own error is taken to be its difference from a solution of another kind, eps times the largest coordinate at least;
-an error is shown if it is {far:.0f} times that or more. Both solutions rest on the same accelerations: that these are right, the
-peers show, whose errors fall to the same reference, and the tests.
+an error is shown if it is {far:.0f} times that or more. Both solutions rest on the same accelerations: that these are right, tests
+against other programs and arithmetic show.
 """
+
+REFERENCES_PEERS = "The peers compute accelerations of their own, and their errors fall to the same references."
 
 PROVENANCE = """\
 Times are noisy where other programs share the machine; errors, orders and drifts are the same in every run.
