@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 
 import click
@@ -79,8 +80,11 @@ def group() -> None:
 @click.option("--states", "count", type=COUNT, help="Random states.  [default: 400, quick: 64]")
 @SEED
 @click.option("--stability", is_flag=True, help="The report on extreme scenes, instead of one on a robot.")
+@click.option("--motion", is_flag=True, help="The report on integrators, instead of one on a robot.")
 @click.option(
-    "--markdown", type=click.Path(path_type=Path, dir_okay=False), help="With --stability: the page as Markdown, too."
+    "--markdown",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="With --stability or --motion: the page as Markdown, too.",
 )
 def report(
     robot: Path | None,
@@ -90,6 +94,7 @@ def report(
     count: int | None,
     seed: int,
     stability: bool,
+    motion: bool,
     markdown: Path | None,
 ) -> None:
     """Write a page about a robot: index.html, report.json and plots.
@@ -101,15 +106,28 @@ def report(
     With --stability, a page about the extreme scenes instead: the error of every form, of dense algebra and of the peers
     installed, in two norms, beside the problems' own sensitivity.
 
+    With --motion, a page about simulation: error against step and run time of every method on smooth and stiff scenes, orders,
+    drift of energy and momentum, beside the peers installed. Its scenes and starts are fixed. Needs SciPy. Quick takes about 40 s, full
+    some minutes.
+
     Exit code 1: a residual is beyond its bound (the report says which); 2: bad input.
     """
+    if stability and motion:
+        raise click.UsageError("--stability and --motion are two reports: ask for one")
+    if motion:
+        if robot is not None or floating_base or count is not None or seed:
+            raise click.UsageError(
+                "--motion has scenes and starts of its own: leave out ROBOT.urdf, --floating-base, --states and --seed"
+            )
+        _motion(output, markdown, quick)
+        return
     if stability:
         if robot is not None or floating_base or count is not None:
             raise click.UsageError("--stability has scenes of its own: leave out ROBOT.urdf, --floating-base and --states")
         _stability(output, markdown, quick, seed)
         return
     if markdown is not None:
-        raise click.UsageError("--markdown needs --stability")
+        raise click.UsageError("--markdown needs --stability or --motion")
     if output is None:
         raise click.UsageError("Missing option '-o' / '--output'.")
     console = Console(stderr=True)
@@ -148,6 +166,23 @@ def _stability(output: Path | None, markdown: Path | None, quick: bool, seed: in
             click.echo(stability.write(found, output))
         if markdown is not None:
             click.echo(stability.write_markdown(found, markdown))
+
+
+def _motion(output: Path | None, markdown: Path | None, quick: bool) -> None:
+    """The motion report as a folder, as Markdown, or both."""
+    if output is None and markdown is None:
+        raise click.UsageError("--motion needs -o DIR, --markdown FILE or both")
+    if find_spec("scipy") is None:
+        raise BadInput('--motion needs SciPy; install with: pip install "phipsi[motion]"')
+    from . import motion_study  # here, so that the other commands do not wait for matplotlib
+
+    with _typed_errors():
+        with reporter(Console(stderr=True)) as says:
+            found = motion_study.collect(says, quick=quick)
+        if output is not None:
+            click.echo(motion_study.write(found, output))
+        if markdown is not None:
+            click.echo(motion_study.write_markdown(found, markdown))
 
 
 @group.command()

@@ -7,8 +7,10 @@ from collections.abc import Callable, Sequence
 from importlib import resources
 
 from ... import scenes
+from .. import tables
 from ..figure import Plot
 from ..style import CSS
+from ..tables import Table
 from ..text import escape, plural, scientific, time
 from .collect import COVARIANCE, NOISE, ROOT, TIMED, Error, Point, Recursion, Stability, Worse, worse
 
@@ -33,9 +35,6 @@ def _caption(found: Stability, plot: Plot) -> str:
     if plot.name == "error-against-run-time":
         return text
     return f"{text} Each point is the worst of {len(found.seeds)} states; the grey area is below the sensitivity."
-
-
-Table = tuple[Sequence[str], list[list[str]]]
 
 
 def _value(value: float) -> str:
@@ -218,14 +217,6 @@ def _parameter(name: str) -> str:
 # Markdown
 
 
-def _md_table(table: Table) -> str:
-    head, rows = table
-    if not rows:
-        return "None.\n"
-    lines = [" | ".join(head), " | ".join("---" for _ in head), *(" | ".join(row) for row in rows)]
-    return "\n".join(f"| {line} |" for line in lines) + "\n"
-
-
 def markdown(found: Stability, plots: Sequence[Plot], stem: str) -> str:
     """The page as Markdown: the template with the figures put in."""
     text = resources.files(__package__).joinpath(TEMPLATE).read_text(encoding="utf-8")
@@ -235,21 +226,21 @@ def markdown(found: Stability, plots: Sequence[Plot], stem: str) -> str:
         cases.append(
             f"### {name}\n\nValue: {_parameter(name)}. {plural(points[-1].nv, 'degree')} of freedom at the last value.\n"
         )
-        cases.append("Max-norm:\n\n" + _md_table(_numbers(found, points, lambda error: error.norm)))
-        cases.append("Component by component:\n\n" + _md_table(_numbers(found, points, lambda error: error.component)))
+        cases.append("Max-norm:\n\n" + tables.markdown(_numbers(found, points, lambda error: error.norm)))
+        cases.append("Component by component:\n\n" + tables.markdown(_numbers(found, points, lambda error: error.component)))
     pictures = {
         plot.name: f"![{plot.name.replace('-', ' ')}]({stem}-{plot.name}.png)\n\n{_caption(found, plot)}"
         for plot in plots
     }
     first = f"{_worse_text(found, ROOT)} {_absent_text(found)} {_slower_text(found)}"
     parts = {
-        "worse-root": f"{first}\n\n" + _md_table(_worse_rows(found, ROOT)),
-        "worse-covariance": _worse_text(found, COVARIANCE) + "\n\n" + _md_table(_worse_rows(found, COVARIANCE)),
-        "beyond": _md_table((BEYOND_HEAD, _beyond(found))),
+        "worse-root": f"{first}\n\n" + tables.markdown(_worse_rows(found, ROOT)),
+        "worse-covariance": _worse_text(found, COVARIANCE) + "\n\n" + tables.markdown(_worse_rows(found, COVARIANCE)),
+        "beyond": tables.markdown((BEYOND_HEAD, _beyond(found))),
         "cases": "\n".join(cases),
-        "recursions": _md_table(_recursion_rows(found)),
-        "timed": _md_table(_timed_rows(found)),
-        "failures": _md_table(_failures(found)),
+        "recursions": tables.markdown(_recursion_rows(found)),
+        "timed": tables.markdown(_timed_rows(found)),
+        "failures": tables.markdown(_failures(found)),
         "singular": f"    {found.singular}",
         "provenance": _provenance(found),
         **pictures,
@@ -270,20 +261,6 @@ def _provenance(found: Stability) -> str:
 
 
 # HTML
-
-
-def _html_table(table: Table, numbers_from: int) -> str:
-    head, rows = table
-    if not rows:
-        return "<p>None.</p>"
-
-    def cells(row: Sequence[str], tag: str) -> str:
-        return "".join(
-            f"<{tag}{' class=n' if at >= numbers_from else ''}>{escape(cell)}</{tag}>" for at, cell in enumerate(row)
-        )
-
-    body = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in rows)
-    return f"<table><thead><tr>{cells(head, 'th')}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def _summary(found: Stability) -> str:
@@ -314,20 +291,20 @@ def html(found: Stability, plots: Sequence[Plot]) -> str:
     sections = [
         (
             "Where phipsi is worse than a peer",
-            f"<p>{escape(first)}</p>{_html_table(_worse_rows(found, ROOT), 4)}"
-            f"<p>{escape(_worse_text(found, COVARIANCE))}</p>{_html_table(_worse_rows(found, COVARIANCE), 4)}",
+            f"<p>{escape(first)}</p>{tables.html(_worse_rows(found, ROOT), 4)}"
+            f"<p>{escape(_worse_text(found, COVARIANCE))}</p>{tables.html(_worse_rows(found, COVARIANCE), 4)}",
         ),
         (
             "Where the square-root form misses its aim",
             "<p>The aim: 1e-13 in the max-norm and 1e-12 component by component, or 20 times the problem's own sensitivity"
-            f" where that is larger.</p>{_html_table((BEYOND_HEAD, _beyond(found)), 3)}",
+            f" where that is larger.</p>{tables.html((BEYOND_HEAD, _beyond(found)), 3)}",
         ),
         (
             "Plots",
             "<p>The grey area is below the problem's sensitivity: the change of the exact answer when the numbers that describe"
             f" the problem move by one unit in the last place.</p>{figures}",
         ),
-        ("Error against run time", _html_table(_timed_rows(found), 3)),
+        ("Error against run time", tables.html(_timed_rows(found), 3)),
     ]
     for name in found.names:
         points = found.of(name)
@@ -335,20 +312,20 @@ def html(found: Stability, plots: Sequence[Plot]) -> str:
             (
                 name,
                 f"<p>Value: {escape(_parameter(name))}. Under <em>state</em> and <em>parameters</em> the sensitivity.</p>"
-                f"<h3>Max-norm</h3>{_html_table(_numbers(found, points, lambda error: error.norm), 1)}"
+                f"<h3>Max-norm</h3>{tables.html(_numbers(found, points, lambda error: error.norm), 1)}"
                 "<h3>Component by component</h3>"
-                f"{_html_table(_numbers(found, points, lambda error: error.component), 1)}",
+                f"{tables.html(_numbers(found, points, lambda error: error.component), 1)}",
             )
         )
     sections += [
         (
             "Inverse dynamics, bias torque, mass matrix",
             "<p>The worst value of each case, where more than 1e-13 is lost in a component.</p>"
-            + _html_table(_recursion_rows(found), 2),
+            + tables.html(_recursion_rows(found), 2),
         ),
         (
             "What failed",
-            f"{_html_table(_failures(found), 99)}<p>The singular case raises: <code>{escape(found.singular)}</code></p>",
+            f"{tables.html(_failures(found), 99)}<p>The singular case raises: <code>{escape(found.singular)}</code></p>",
         ),
         ("How this was made", f"<p>{escape(_provenance(found))}</p>"),
     ]

@@ -17,7 +17,7 @@ from ...._core import Scene
 from . import drake, dynibo, mujoco, pinocchio
 from .model import Refused, Solver, under_gravity
 
-__all__ = ["Peer", "Refused", "Solver", "installed", "under_gravity"]
+__all__ = ["PROGRAMS", "Peer", "Refused", "Solver", "installed", "under_gravity", "version"]
 
 
 class Peer(NamedTuple):
@@ -70,11 +70,11 @@ def installed() -> tuple[list[Peer], Sequence[str]]:
         except ImportError:
             absent.append(f"{program.title} is not installed (pip install {program.package}).")
         else:
-            found += program.peers(module, f"{program.title} {_version(program.package)}")
+            found += program.peers(module, f"{program.title} {version(program.package)}")
     return found, absent
 
 
-def _version(package: str) -> str:
+def version(package: str) -> str:
     """The package's; a build of one's own may be of none."""
     try:
         return importlib.metadata.version(package)

@@ -42,6 +42,9 @@ class Part(NamedTuple):
     axis: Array
     armature: float
     inertial: Inertial | None
+    damping: float
+    stiffness: float
+    """Of a spring that is at rest at zero."""
 
 
 @dataclass(frozen=True)
@@ -75,11 +78,12 @@ def read(scene: Scene) -> Model:
         central = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         inertials[name] = Inertial(mass, np.array(centre), central)
     parts = []
-    for name, kind, _pitch, parent, child, (rotation, lever), axis, (armature, _, _), *_rest in joints:
+    for name, kind, _pitch, parent, child, (rotation, lever), axis, (armature, damping, _), _, _, (stiffness, _) in joints:
         if kind not in ("revolute", "prismatic") or not np.array_equal(np.reshape(rotation, (3, 3)), np.eye(3)):
             raise Refused(f"a {kind} joint, or a turned frame")
         direction = np.array(axis) / np.linalg.norm(axis)
-        parts.append(Part(name, kind, parent, child, np.array(lever), direction, armature, inertials[child]))
+        at = np.array(lever)
+        parts.append(Part(name, kind, parent, child, at, direction, armature, inertials[child], damping, stiffness))
     names = {part.name: part for part in parts}
     ordered = [names[name] for name in scene.joint_names[1 if floating else 0 :]]
     base = next(part.parent for part in parts if part.parent not in {other.child for other in parts})

@@ -10,8 +10,8 @@ from ...._core import Scene
 from .model import Array, Refused, Solver, read
 
 
-def solver(pin: Any, convention: Any, scene: Scene) -> Solver:
-    """Forward dynamics in that convention."""
+def load(pin: Any, scene: Scene) -> Any:
+    """Its model of the scene."""
     origin = read(scene)
     model = pin.Model()
     model.gravity.linear[:] = origin.gravity
@@ -35,6 +35,12 @@ def solver(pin: Any, convention: Any, scene: Scene) -> Solver:
     if list(model.names)[1:] != list(scene.joint_names):
         raise Refused("another order of the joints")
     model.armature = np.array(scene.armature)
+    return model
+
+
+def solver(pin: Any, convention: Any, scene: Scene) -> Solver:
+    """Forward dynamics in that convention."""
+    model = load(pin, scene)
     data = model.createData()
 
     def solve(q: Array, qd: Array, tau: Array) -> Array:

@@ -1,0 +1,343 @@
+"""Everything that the motion report says, measured; and the same as JSON."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ... import errors
+from .. import machine
+from ..progress import Reporter
+from . import cases, horizon, order, peers, sweep, timing
+from .cases import Case
+from .drift import Drift, drift
+from .horizon import Horizon
+from .reference import FAR, Exact, reference
+from .runs import METHODS, WRONG, Path, Runner, distance, runner
+from .sweep import Spring
+
+
+class Effort(NamedTuple):
+    """How much is done."""
+
+    work: float
+    """Steps times stages times degrees of freedom of the longest run."""
+    calls: int
+    """Steps times stages of the longest run of a peer in Python."""
+    followed: int
+    """Steps in which a reference follows springs, at most."""
+    turns: int
+    """Times that a step is timed."""
+    tolerances: Sequence[float]
+    """Of the adaptive methods."""
+
+
+QUICK = Effort(1.7e5, 6_000, 20_000, 5, (1e-4, 1e-7, 1e-10))
+FULL = Effort(1e6, 30_000, 200_000, 15, tuple(10.0**-e for e in range(3, 13)))
+
+
+#: Relative drifts below this are near rounding: the energy of gravity is large beside what it changes by.
+ROUNDING = 1e-12
+#: Radau takes many short steps to follow springs that ring: tighter tolerances are not tried there.
+RINGING = 1e-5
+
+
+class Point(NamedTuple):
+    """A run: error at the end, and the largest drift on the way."""
+
+    steps: int
+    dt: float
+    """s."""
+    error: float | None
+    """rad or m; None where the run failed."""
+    known: bool
+    """Whether the error is far above the reference's own."""
+    drift: Drift
+    failure: str | None
+    rate_error: float | None = None
+    """rad/s or m/s, the largest component."""
+    rate_known: bool = False
+
+
+class Adaptive(NamedTuple):
+    """A run of an adaptive method."""
+
+    method: str
+    tolerance: float
+    steps: int
+    ns: float
+    error: float
+    known: bool
+
+
+@dataclass
+class Result:
+    """What was measured on a case."""
+
+    case: Case
+    exact: Exact
+    points: dict[str, list[Point]] = field(default_factory=dict)
+    """By method, peers included, from coarse to fine."""
+    adaptive: list[Adaptive] = field(default_factory=list)
+    alone: dict[str, float] = field(default_factory=dict)
+    """ns of a step, one state."""
+    batch: dict[str, float] = field(default_factory=dict)
+    """ns of a step and state, of a batch."""
+    refused: list[str] = field(default_factory=list)
+    """What a peer said that does not take the scene."""
+
+    def known(self, method: str) -> list[Point]:
+        """The runs whose error is known."""
+        return [point for point in self.points.get(method, []) if point.known]
+
+    def order(self, method: str) -> float | None:
+        """The slope over the finest runs."""
+        known = self.known(method)
+        return order.fitted([point.dt for point in known], [point.error or math.nan for point in known])
+
+    def rate_order(self, method: str) -> float | None:
+        """The same of the rates."""
+        known = [point for point in self.points.get(method, []) if point.rate_known]
+        return order.fitted([point.dt for point in known], [point.rate_error or math.nan for point in known])
+
+    def drift_order(self, method: str, kind: str) -> float | None:
+        """The slope of a drift ("energy", "angular", "linear") against the step, where it is above rounding."""
+        rows = [(point.dt, getattr(point.drift, kind)) for point in self.points.get(method, [])]
+        above = [(dt, value) for dt, value in rows if value is not None and value >= ROUNDING]
+        return order.fitted([dt for dt, _ in above], [value for _, value in above])
+
+    def smallest(self) -> float:
+        """The smallest error that is shown."""
+        shown = [p.error for rows in self.points.values() for p in rows if p.known and p.error is not None]
+        return min([*shown, *(row.error for row in self.adaptive if row.known)], default=math.nan)
+
+
+@dataclass
+class Study:
+    """What was measured."""
+
+    quick: bool
+    date: str
+    machine: dict[str, str | int | None]
+    peers: Sequence[peers.Peer]
+    versions: Sequence[str]
+    absent: Sequence[str]
+    """A line on each program that is not installed."""
+    horizon: Horizon
+    results: list[Result] = field(default_factory=list)
+    springs: list[Spring] = field(default_factory=list)
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """phipsi's and the peers'."""
+        return (*(method.name for method in METHODS), *(peer.name for peer in self.peers))
+
+    def of(self, name: str) -> Result:
+        """The result of that case."""
+        return next(result for result in self.results if result.case.name == name)
+
+    @property
+    def smooth(self) -> list[Result]:
+        """The results without stiff joints."""
+        return [result for result in self.results if not result.case.stiff]
+
+    @property
+    def stiff(self) -> list[Result]:
+        """The others."""
+        return [result for result in self.results if result.case.stiff]
+
+
+def expected(study: Study, method: str) -> int:
+    """The order of a method on smooth motion, by its makers."""
+    orders = {row.name: row.order for row in METHODS} | {peer.name: peer.order for peer in study.peers}
+    return orders[method]
+
+
+def collect(reporter: Reporter, *, quick: bool = False) -> Study:
+    """Measures every case. With `quick`: fewer steps, tolerances and springs."""
+    date = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    effort = QUICK if quick else FULL
+    others, versions, absent = peers.installed()
+    with timing.one_thread():
+        chosen = cases.cases()
+        tick = reporter.stage("How long motion is comparable", 1)
+        seen = horizon.measure(chosen[0])
+        tick()
+        study = Study(quick, date, machine.describe(), others, versions, absent, seen)
+        tick = reporter.stage("References", len(chosen))
+        for case in chosen:
+            study.results.append(Result(case, reference(case, effort.followed)))
+            tick()
+        tick = reporter.stage("Error against step", len(chosen))
+        for result in study.results:
+            _fixed(result, others, effort)
+            tick()
+        tick = reporter.stage("Adaptive methods", len(chosen))
+        for result in study.results:
+            result.adaptive += _adaptive(result.case, result.exact, effort)
+            tick()
+        tick = reporter.stage("Time of a step", len(chosen))
+        for result in study.results:
+            takes = [peer for peer in others if peer.name in result.points]
+            result.alone, result.batch = timing.times(result.case, takes, effort.turns)
+            tick()
+        study.springs += sweep.sweep(reporter, quick=quick)
+    return study
+
+
+def _fixed(result: Result, others: Sequence[peers.Peer], effort: Effort) -> None:
+    case, exact = result.case, result.exact
+    size = (case.scene.nv + 2) * (2 if case.stiff else 1)
+    for method in METHODS:
+        most = effort.work / (method.stages * size)
+        result.points[method.name] = _ladder(case, exact, runner(case, method.name), most)
+    for peer in others:
+        most = (effort.work / size if peer.timed else effort.calls) / peer.stages
+        try:
+            run = peer.runner(case)
+        except peers.Refused as refused:
+            result.refused.append(f"{peer.name}: {refused}")
+            continue
+        result.points[peer.name] = _ladder(case, exact, run, most)
+
+
+def _ladder(case: Case, exact: Exact, run: Runner, most: float) -> list[Point]:
+    """Runs of more and more steps, until their error is no more known or they are too many; four at least."""
+    points: list[Point] = []
+    steps = case.first
+    while len(points) < 4 or steps <= most:
+        dt = case.time / steps
+        points.append(_point(case, exact, steps, dt, run(dt, steps)))
+        last = points[-1]
+        if last.failure is None and not last.known and (last.error or 0.0) < 1e-6:
+            break
+        steps *= 2
+    return points
+
+
+def _point(case: Case, exact: Exact, steps: int, dt: float, path: Path) -> Point:
+    nothing = Drift(None, None, None)
+    if path.failure is not None:
+        return Point(steps, dt, None, False, nothing, path.failure)
+    error = distance(case, exact.q, path.q[-1])
+    if not error <= WRONG:
+        return Point(steps, dt, None, False, nothing, f"ends {error:.1e} rad or m away")
+    rates = float(np.max(np.abs(path.qd[-1] - exact.qd)))
+    return Point(
+        steps, dt, error, error >= FAR * exact.error, drift(case, path), None, rates, rates >= FAR * exact.rate_error
+    )
+
+
+def _adaptive(case: Case, exact: Exact, effort: Effort) -> list[Adaptive]:
+    """DOP853 where no spring is too fast for it, Radau on what is stiff; where springs ring, Radau at loose tolerances only."""
+    methods = ["DOP853"] if case.time * case.omega < 500.0 else []
+    if case.stiff:
+        methods.append("Radau")
+    rows = []
+    for method in methods:
+        for tolerance in effort.tolerances:
+            if method == "Radau" and case.rings and tolerance < RINGING:
+                continue
+            row = _solved(case, exact, method, tolerance)
+            if row is not None:
+                rows.append(row)
+    return rows
+
+
+def _solved(case: Case, exact: Exact, method: str, tolerance: float) -> Adaptive | None:
+    ode = case.scene.ode()
+
+    def once() -> tuple[float, Any]:
+        start = time.perf_counter_ns()
+        path = ode.solve(
+            case.q, case.qd, (0.0, case.time), method=method, rtol=tolerance, atol=tolerance, t_eval=[case.time]
+        )
+        return float(time.perf_counter_ns() - start), path
+
+    try:
+        taken = [once() for _ in range(2)]
+    except errors.SimulationError:
+        return None
+    error = distance(case, exact.q, taken[0][1].q[-1])
+    return Adaptive(
+        method, tolerance, taken[0][1].steps, min(ns for ns, _ in taken), error, error >= FAR * exact.error
+    )
+
+
+def number(value: float | None) -> float | None:
+    """A number that JSON can hold; None for NaN and infinities."""
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def _numbers(values: Sequence[float] | Any) -> list[float | None]:
+    return [number(float(value)) for value in values]
+
+
+def _each(names: Sequence[str], of: Callable[[str], float | None]) -> dict[str, float | None]:
+    return {name: number(of(name)) for name in names}
+
+
+def to_json(study: Study) -> dict[str, Any]:
+    """All numbers; None where a run failed, with the reason."""
+    seen = study.horizon
+    return {
+        "format": 1,
+        "date": study.date,
+        "machine": study.machine,
+        "quick": study.quick,
+        "peers": list(study.versions),
+        "not_compared": list(study.absent),
+        "errors_shown_above_reference_times": FAR,
+        "methods": [{"method": name, "order": expected(study, name)} for name in study.methods],
+        "horizon": {
+            "case": study.results[0].case.name,
+            "seconds": seen.end,
+            "agreement": horizon.AGREED,
+            "t": _numbers(seen.t),
+            "growth": _numbers(seen.growth),
+            "difference_of_references": _numbers(seen.difference),
+            "step": 1.0 / horizon.SHOWN,
+            "errors": {name: _numbers(values) for name, values in seen.errors.items()},
+        },
+        "cases": [
+            {
+                "name": result.case.name,
+                "what": result.case.what,
+                "stiff": result.case.stiff,
+                "degrees_of_freedom": result.case.scene.nv,
+                "seconds": result.case.time,
+                "omega": number(result.case.omega),
+                "reference": {
+                    "by": result.exact.by, "beside": result.exact.beside, "error": result.exact.error,
+                    "rate_error": result.exact.rate_error, "smallest_error_shown": number(result.smallest()),
+                },
+                "orders": _each(list(result.points), result.order),
+                "rate_orders": _each(list(result.points), result.rate_order),
+                "drift_orders": {
+                    kind: _each(list(result.points), partial(result.drift_order, kind=kind)) for kind in Drift._fields
+                },
+                "ns_a_step": {"alone": _each(list(result.alone), result.alone.__getitem__),
+                              "batch": _each(list(result.batch), result.batch.__getitem__)},
+                "refused": result.refused,
+                "runs": [
+                    {"method": name, "steps": point.steps, "dt": point.dt, "error": number(point.error), "known": point.known,
+                     "rate_error": number(point.rate_error), "rate_known": point.rate_known,
+                     "energy_drift": number(point.drift.energy), "angular_momentum_drift": number(point.drift.angular),
+                     "linear_momentum_drift": number(point.drift.linear), "failure": point.failure}
+                    for name, points in result.points.items() for point in points
+                ],
+                "adaptive": [row._asdict() for row in result.adaptive],
+            }
+            for result in study.results
+        ],
+        "springs": [row._asdict() | {"errors": list(row.errors), "steps": list(sweep.STEPS)} for row in study.springs],
+    }  # fmt: skip
+
+
