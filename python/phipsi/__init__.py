@@ -29,7 +29,7 @@ from ._core import (
     get_num_threads,
     set_num_threads,
 )
-from ._motion import PD, MotionEnergy, Trajectory, Violation
+from ._motion import PD, MomentumCorrection, MotionEnergy, Trajectory, Violation
 from ._ode import Ode
 from ._results import Energy, Estimate, Limits, MassEstimate, Samples
 from .operators import Factor, Operator
@@ -41,6 +41,7 @@ __all__ = [
     "Factor",
     "Limits",
     "MassEstimate",
+    "MomentumCorrection",
     "MotionEnergy",
     "Ode",
     "Omission",

@@ -215,6 +215,7 @@ class Scene:
         friction_speed: float = 0.01,
         form: Literal["auto", "covariance"] = "auto",
         progress: Callable[[int, int], object] | None = None,
+        conserve_momentum: bool = False,
     ) -> Trajectory:
         """Advances states in time: fixed steps, whole batches, springs and damping implicitly where the method says so.
 
@@ -234,10 +235,13 @@ class Scene:
         after so many steps. armature, damping, stiffness, friction: (nv,) or a number, rest: (nq,), instead of the
         scene's. friction_speed: rad/s or m/s, where friction becomes viscous. form: "auto" does a step whose digits are in
         doubt once more in square-root form; "covariance" watches the pivots only. progress: called with (steps done, steps)
-        some twenty times a second at the most.
+        some twenty times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the
+        parabola that weight gives it, to rounding: a step ends with a rigid motion of the tree, as large as the step's error in
+        them, which leaves the order as it is and costs O(N). Every tree must hang on the base by a free joint that nothing acts
+        along: no tau, pd, damping, stiffness, friction or armature there (ArgumentError).
 
         Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first
-        the start. The same bits for any number of threads.
+        the start; momentum_correction, the largest that conserve_momentum made, else None. The same bits for any number of threads.
 
         Raises SimulationError where motion diverges, a pivot is lost, or tau raises, with the rows of the finished
         steps; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; MemoryError where the rows have no room;

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 if TYPE_CHECKING:
     from ._core import Scene
 
-__all__ = ["PD", "MotionEnergy", "Trajectory", "Violation"]
+__all__ = ["PD", "MomentumCorrection", "MotionEnergy", "Trajectory", "Violation"]
 
 _Array = NDArray[np.float64]
 
@@ -46,6 +46,15 @@ class MotionEnergy(NamedTuple):
     def total(self) -> _Array:
         """The sum."""
         return self.kinetic + self.potential + self.spring
+
+
+class MomentumCorrection(NamedTuple):
+    """The largest correction of a step that kept the momentum of floating trees, (...) each."""
+
+    velocity: _Array
+    """sqrt(E'/(E + E')): E' the kinetic energy of the correction as a motion of its own, E the tree's before it, rotors left out."""
+    position: _Array
+    """How far the mass centre was moved, m."""
 
 
 class Violation(NamedTuple):
@@ -89,6 +98,8 @@ class Trajectory:
     """The springs', (nv,)."""
     rest: _Array = field(repr=False)
     """Where they are at rest, (nq,)."""
+    momentum_correction: MomentumCorrection | None = field(default=None, repr=False)
+    """What conserve_momentum changed in the step where it changed most; None where that was not asked for."""
 
     def __len__(self) -> int:
         """The number of rows."""
@@ -159,10 +170,11 @@ def trajectory_of(
     armature: _Array,
     stiffness: _Array,
     rest: _Array,
+    momentum_correction: MomentumCorrection | None = None,
 ) -> Trajectory:
     """The trajectory of the rows that `steps` steps have filled."""
     rows = steps // record_every + 1
     t: _Array = np.arange(rows, dtype=np.float64) * (record_every * dt)
     if rows < q.shape[-2]:
         q, qd = q[..., :rows, :], qd[..., :rows, :]
-    return Trajectory(scene, t, q, qd, dt, steps, method, armature, stiffness, rest)
+    return Trajectory(scene, t, q, qd, dt, steps, method, armature, stiffness, rest, momentum_correction)

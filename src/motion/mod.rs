@@ -18,8 +18,9 @@
 //! D = H P^- H* + r + h d + h^2 k, and the step costs what an explicit one does.
 //!
 //! [`properties`] is what joints do by themselves, [`method`] the coefficients of the methods, [`manifold`] configurations,
-//! `step` one step in any scalar, `stepper` states in lanes through many steps, [`rollout`] a batch of them on threads.
+//! `conserve` the momentum of floating trees, `step` one step in any scalar, `stepper` states in lanes through many steps, [`rollout`] a batch of them on threads.
 
+mod conserve;
 pub mod manifold;
 pub mod method;
 pub mod properties;
@@ -27,6 +28,7 @@ pub mod rollout;
 mod step;
 mod stepper;
 
+pub use conserve::Correction;
 pub use method::{METHODS, Method};
 pub use properties::{Gains, Properties};
 pub use rollout::{Records, Rollout, Settings, StepFault, Torque};

@@ -1,11 +1,12 @@
 //! A batch of states through time: on threads, in lanes, some steps at a call.
 
+use super::conserve::{self, Correction};
 use super::method::Method;
 use super::properties::{Gains, Properties};
 use super::step::Law;
 use super::stepper::{Job, Rows, Stepper};
 use crate::batch::arms::Arm;
-use crate::batch::{Batch, Broadcast, Pool};
+use crate::batch::{Batch, Broadcast, Fault, Pool};
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
 use crate::scene::Scene;
@@ -27,6 +28,10 @@ pub struct Settings {
     pub gains: Option<Gains>,
     /// The instructions to use; the baseline where this processor lacks them.
     pub arm: Arm,
+    /// Whether floating trees keep their momentum, and their mass centre its parabola, to rounding: each step ends with a rigid motion of
+    /// the tree, as large as the step's error in them ([`Rollout::correction`] tells). Every tree must hang on the base by a free joint
+    /// without armature, damping, spring, friction, control law or torque.
+    pub conserve_momentum: bool,
 }
 
 impl Settings {
@@ -34,7 +39,15 @@ impl Settings {
     #[must_use]
     pub fn new(scene: &Scene, dt: f64) -> Self {
         let properties = Properties::of(scene);
-        Self { dt, method: Method::default(), form: Form::Auto, properties, gains: None, arm: Arm::of_process() }
+        Self {
+            dt,
+            method: Method::default(),
+            form: Form::Auto,
+            properties,
+            gains: None,
+            arm: Arm::of_process(),
+            conserve_momentum: false,
+        }
     }
 }
 
@@ -99,7 +112,7 @@ pub struct Rollout<'a> {
     form: Form,
     arm: Arm,
     states: usize,
-    /// (q, qd) of every state.
+    /// (q, qd) of every state, and where momentum is kept what is kept and the largest corrections.
     current: Vec<f64>,
     done: usize,
     pool: Pool<Stepper>,
@@ -120,9 +133,9 @@ impl<'a> Rollout<'a> {
     /// # Errors
     ///
     /// A step that is not finite and positive, a form other than auto and covariance; wrong lengths, numbers that are not finite,
-    /// negative properties, quaternions that are not unit.
+    /// negative properties, quaternions that are not unit; momentum that cannot be kept.
     pub fn new(scene: &'a Scene, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
-        let Settings { dt, method, form, properties, gains, arm } = settings;
+        let Settings { dt, method, form, properties, gains, arm, conserve_momentum } = settings;
         if !(dt.is_finite() && dt > 0.0) {
             return Err(Error::argument("dt", format!("{dt}"), "a step in s, finite and positive"));
         }
@@ -143,7 +156,10 @@ impl<'a> Rollout<'a> {
         if let Some(gains) = &gains {
             gains.check(scene, states)?;
         }
-        let mut current = Vec::with_capacity(states * (nq + nv));
+        let roots = if conserve_momentum { conserve::roots(scene, &properties, gains.as_ref())? } else { Vec::new() };
+        let law = Law::new(scene.model(), dt, method, (properties, gains), roots);
+        let mut keeper = conserve::Keeper::new(scene.model(), &law.roots);
+        let mut current = Vec::with_capacity(states * law.width(scene));
         for state in 0..states {
             let (q, qd) = (&q[state * nq..(state + 1) * nq], &qd[state * nv..(state + 1) * nv]);
             let named = |error: Error| if states > 1 { error.in_state(state) } else { error };
@@ -151,8 +167,12 @@ impl<'a> Rollout<'a> {
             scene.check_rates("qd", qd).map_err(named)?;
             current.extend_from_slice(q);
             current.extend_from_slice(qd);
+            if keeper.keeps() {
+                keeper.begin(scene.model(), q, qd);
+                current.extend_from_slice(&keeper.start);
+                current.extend_from_slice(&keeper.largest);
+            }
         }
-        let law = Law::new(scene.model(), dt, method, properties, gains);
         Ok(Self { scene, law, form, arm, states, current, done: 0, pool: Pool::default() })
     }
 
@@ -171,8 +191,20 @@ impl<'a> Rollout<'a> {
     /// Configuration and rates of one state now.
     #[must_use]
     pub fn state(&self, index: usize) -> (&[f64], &[f64]) {
-        let width = self.scene.nq() + self.scene.nv();
-        self.current[index * width..(index + 1) * width].split_at(self.scene.nq())
+        let (q, rest) = self.of_state(index).split_at(self.scene.nq());
+        (q, &rest[..self.scene.nv()])
+    }
+
+    /// The largest corrections that one state had so far to keep its momentum; none where that was not asked for.
+    #[must_use]
+    pub fn correction(&self, index: usize) -> Option<Correction> {
+        let &[.., velocity, position] = self.of_state(index) else { return None };
+        (!self.law.roots.is_empty()).then_some(Correction { velocity, position })
+    }
+
+    fn of_state(&self, index: usize) -> &[f64] {
+        let width = self.law.width(self.scene);
+        &self.current[index * width..(index + 1) * width]
     }
 
     /// Rough time of one step of one state on one thread, ns; decides about threads, not about results.
@@ -196,10 +228,10 @@ impl<'a> Rollout<'a> {
         torque: &Torque<'_>,
         records: Option<&mut Records<'_>>,
     ) -> Result<(), StepFault> {
-        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        let (nq, nv, width) = (self.scene.nq(), self.scene.nv(), self.law.width(self.scene));
         let (first, last) = (self.done, self.done + steps);
         let refuse = |error| StepFault { step: first, state: 0, joint: String::new(), error };
-        self.check_torque(torque, last).map_err(refuse)?;
+        self.check_torque(torque, steps).map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
         let pieces = self.pieces(records, first, last).map_err(refuse)?;
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
         let cost = self.cost().saturating_mul(steps);
@@ -212,11 +244,11 @@ impl<'a> Rollout<'a> {
             while from < states.end {
                 let to = (from + lanes).min(states.end);
                 let mut rows = pieces.get(from / GRAIN).map(|rows| rows.lock().unwrap_or_else(PoisonError::into_inner));
-                let current = &mut current[(from - states.start) * (nq + nv)..(to - states.start) * (nq + nv)];
+                let current = &mut current[(from - states.start) * width..(to - states.start) * width];
                 if first == 0
                     && let Some(rows) = rows.as_deref_mut()
                 {
-                    record_start(rows, from..to, current, (nq, nv));
+                    record_start(rows, from..to, current, (nq, nv, width));
                 }
                 let rows = rows.as_deref_mut();
                 let job = Job { scene, law, steps: first..last, states: from..to, current, torque, rows };
@@ -240,22 +272,37 @@ impl<'a> Rollout<'a> {
         Ok(())
     }
 
-    fn check_torque(&self, torque: &Torque<'_>, last: usize) -> Result<(), Error> {
-        let nv = self.scene.nv();
-        let (given, steps, expected) = match torque {
-            Torque::Constant(torque) if self.states > 0 => (torque, 1, nv),
+    /// Whether `torque` serves the next `steps` steps; [`Rollout::advance`] asks too.
+    ///
+    /// # Errors
+    ///
+    /// Another number of torques than the steps need; with `conserve_momentum`, a torque along a free joint that a tree hangs on.
+    pub fn check_torque(&self, torque: &Torque<'_>, steps: usize) -> Result<(), Fault> {
+        let (nv, last) = (self.scene.nv(), self.done + steps);
+        let (given, before, steps) = match torque {
+            Torque::Constant(torque) if self.states > 0 => (torque, 0, 1),
             Torque::Steps { torque, first } if self.states > 0 => {
-                (torque, last.saturating_sub(*first), last.saturating_sub(*first).saturating_mul(nv))
+                (torque, self.done.saturating_sub(*first), last.saturating_sub(*first))
             }
             _ => return Ok(()),
         };
-        let found = given.state(0).len();
-        let fits = if matches!(torque, Torque::Constant(_)) { found == nv } else { found >= expected };
-        if fits {
+        let (found, expected) = (given.state(0).len(), steps.saturating_mul(nv));
+        let fits = if matches!(torque, Torque::Constant(_)) { found == expected } else { found >= expected };
+        if !fits {
+            let expected = format!("{nv} torques for each of {steps} steps");
+            let error = Error::Shape { argument: "torque".to_owned(), found: format!("({found},)"), expected };
+            return Err(Fault { state: 0, error });
+        }
+        let roots = &self.law.roots;
+        if roots.is_empty() {
             return Ok(());
         }
-        let expected = format!("{nv} torques for each of {steps} steps");
-        Err(Error::Shape { argument: "torque".to_owned(), found: format!("({found},)"), expected })
+        for state in 0..self.states {
+            if let Some(error) = conserve::outer_torque(self.scene, roots, &given.state(state)[before * nv..expected]) {
+                return Err(Fault { state, error });
+            }
+        }
+        Ok(())
     }
 
     #[allow(clippy::needless_pass_by_value)] // a reference that is passed on
@@ -297,13 +344,18 @@ impl<'a> Rollout<'a> {
 }
 
 /// Row 0: the states at the start.
-fn record_start(rows: &mut Rows<'_>, states: std::ops::Range<usize>, current: &[f64], (nq, nv): (usize, usize)) {
+fn record_start(
+    rows: &mut Rows<'_>,
+    states: std::ops::Range<usize>,
+    current: &[f64],
+    (nq, nv, width): (usize, usize, usize),
+) {
     if nq == 0 {
         return;
     }
-    for (state, numbers) in states.zip(current.chunks_exact(nq + nv)) {
+    for (state, numbers) in states.zip(current.chunks_exact(width)) {
         let at = (state - rows.first) * rows.of_state;
-        let (q, qd) = numbers.split_at(nq);
+        let (q, qd) = numbers[..nq + nv].split_at(nq);
         rows.q[at * nq..(at + 1) * nq].copy_from_slice(q);
         rows.qd[at * nv..(at + 1) * nv].copy_from_slice(qd);
     }

@@ -1,5 +1,6 @@
 //! One step of one state, or of one state a lane, by any method.
 
+use super::conserve::{KEPT, Keeper};
 use super::manifold::{advance, carry_back, displacement};
 use super::method::{Method, STAGES, Tableau};
 use super::properties::{Gains, Properties};
@@ -7,7 +8,7 @@ use crate::dynamics::lean::{self, LeanModel, LeanScratch};
 use crate::dynamics::{self, auto};
 use crate::filter::pivots::LostPivot;
 use crate::scalar::{Real, lanes_but};
-use crate::scene::Model;
+use crate::scene::{Model, Scene};
 use crate::workspace::Workspace;
 
 /// What every step of a rollout has in common, in numbers of one state.
@@ -19,6 +20,8 @@ pub(super) struct Law {
     pub implicit: bool,
     pub properties: Properties,
     pub gains: Option<Gains>,
+    /// The bodies that trees begin with whose momentum is kept; empty where it is left to the method.
+    pub roots: Vec<usize>,
     /// Whether some joint has friction.
     rubs: bool,
     /// Bodies whose joints have a spring, and bodies that the control law pulls.
@@ -27,7 +30,13 @@ pub(super) struct Law {
 }
 
 impl Law {
-    pub fn new(model: &Model<f64>, step: f64, method: Method, properties: Properties, gains: Option<Gains>) -> Self {
+    pub fn new(
+        model: &Model<f64>,
+        step: f64,
+        method: Method,
+        (properties, gains): (Properties, Option<Gains>),
+        roots: Vec<usize>,
+    ) -> Self {
         let stiff = |values: &[f64]| {
             let stages = model.system.stages.iter();
             stages.map(|s| values[s.first_row..][..s.rows.count()].iter().any(|&k| k != 0.0)).collect()
@@ -41,7 +50,20 @@ impl Law {
             pulled: gains.as_ref().map_or_else(|| vec![false; model.bodies.len()], |g| stiff(&g.proportional)),
             properties,
             gains,
+            roots,
         }
+    }
+
+    /// The time of a step, counted from the start of the run, s.
+    #[allow(clippy::cast_precision_loss)] // steps of a run
+    pub fn time(&self, steps: usize) -> f64 {
+        steps as f64 * self.step
+    }
+
+    /// How many numbers a rollout has of each state: q, qd, and where momentum is kept, what is kept and two corrections.
+    pub fn width(&self, scene: &Scene) -> usize {
+        let kept = if self.roots.is_empty() { 0 } else { KEPT * self.roots.len() + 2 };
+        scene.nq() + scene.nv() + kept
     }
 
     /// Damping and stiffness of one degree of freedom, the control law's with the joint's own.
@@ -106,6 +128,7 @@ pub(super) struct Scratch<T: Real> {
     chord: Vec<T>,
     displaced: Vec<T>,
     displaced_target: Vec<T>,
+    pub keeper: Keeper<T>,
 }
 
 impl<T: Real> Scratch<T> {
@@ -154,6 +177,7 @@ impl<T: Real> Scratch<T> {
             chord: rates(),
             displaced: rates(),
             displaced_target: rates(),
+            keeper: Keeper::new(&model, &law.roots),
             model,
         }
     }
@@ -282,6 +306,9 @@ pub(super) fn step<T: Real, S: Solver<T>>(law: &Law, s: &mut Scratch<T>, solver:
         add_scaled(&mut s.v_next, t.weights[i], &s.m[i]);
     }
     advance(&s.model, &s.q, &s.x, &mut s.q_next);
+    if s.keeper.keeps() {
+        s.keeper.correct(&s.model, &mut s.q_next, &mut s.v_next);
+    }
     doubt
 }
 

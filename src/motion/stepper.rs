@@ -1,5 +1,6 @@
 //! A few states at once, one in each lane, through many steps compiled for one arm.
 
+use super::conserve::KEPT;
 use super::properties::{joint_of_row, of_state};
 use super::rollout::{StepFault, Torque};
 use super::step::{Checked, Law, Plain, Scratch, Watched, step};
@@ -35,7 +36,7 @@ pub(super) struct Job<'a, 'r> {
     pub steps: Range<usize>,
     /// Which states of the batch.
     pub states: Range<usize>,
-    /// (q, qd) of each, one after another; in and out.
+    /// (q, qd) of each, one after another, and where momentum is kept what is kept and the largest corrections; in and out.
     pub current: &'a mut [f64],
     pub torque: &'a Torque<'a>,
     pub rows: Option<&'a mut Rows<'r>>,
@@ -128,8 +129,14 @@ impl<T: Vectorised<Number = f64>> Work for Run<'_, '_, T> {
         let Self { scratch: s, form, checked, job } = self;
         let Job { scene, law, steps, states, current, torque, mut rows } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
-        take_states(&mut s.q, count, |lane| &current[lane * (nq + nv)..][..nq]);
-        take_states(&mut s.v, count, |lane| &current[lane * (nq + nv) + nq..][..nv]);
+        let width = law.width(scene);
+        take_states(&mut s.q, count, |lane| &current[lane * width..][..nq]);
+        take_states(&mut s.v, count, |lane| &current[lane * width + nq..][..nv]);
+        let (kept, end) = (nq + nv, nq + nv + KEPT * law.roots.len());
+        if s.keeper.keeps() {
+            take_states(&mut s.keeper.start, count, |lane| &current[lane * width + kept..][..end - kept]);
+            take_states(&mut s.keeper.largest, count, |lane| &current[lane * width + end..][..2]);
+        }
         if let Some(gains) = &law.gains {
             take_states(&mut s.target, count, |lane| of_state(&gains.target, nq, states.start + lane));
             take_states(&mut s.target_rate, count, |lane| of_state(&gains.target_rate, nv, states.start + lane));
@@ -147,6 +154,7 @@ impl<T: Vectorised<Number = f64>> Work for Run<'_, '_, T> {
                 let at = (n - first) * nv;
                 take_states(&mut s.torque, count, |lane| &torque.state(states.start + lane)[at..at + nv]);
             }
+            s.keeper.time = law.time(n + 1);
             let mut doubt = match form {
                 Form::Covariance => step(law, s, &mut Plain),
                 _ => step(law, s, &mut Watched),
@@ -161,6 +169,7 @@ impl<T: Vectorised<Number = f64>> Work for Run<'_, '_, T> {
             }
             std::mem::swap(&mut s.q, &mut s.q_next);
             std::mem::swap(&mut s.v, &mut s.v_next);
+            s.keeper.remember();
             if let Some(rows) = &mut rows
                 && (n + 1) % rows.every == 0
             {
@@ -173,9 +182,12 @@ impl<T: Vectorised<Number = f64>> Work for Run<'_, '_, T> {
             }
         }
         for lane in 0..count {
-            let (q, v) = current[lane * (nq + nv)..(lane + 1) * (nq + nv)].split_at_mut(nq);
-            scatter(&s.q, lane, q);
-            scatter(&s.v, lane, v);
+            let current = &mut current[lane * width..(lane + 1) * width];
+            scatter(&s.q, lane, &mut current[..nq]);
+            scatter(&s.v, lane, &mut current[nq..nq + nv]);
+            if s.keeper.keeps() {
+                scatter(&s.keeper.largest, lane, &mut current[end..]);
+            }
         }
         outcome
     }
@@ -190,8 +202,8 @@ fn strayed<T: Vectorised>(law: &Law, s: &Scratch<T>) -> u64 {
     for &v in &s.v_next {
         worst = worst.worst(v.constant(limit) - v.abs());
     }
-    for &q in &s.q_next {
-        worst += q - q;
+    for &x in s.q_next.iter().chain(&s.keeper.correction) {
+        worst += x - x;
     }
     lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
 }
@@ -216,6 +228,8 @@ fn again<T: Vectorised<Number = f64>>(
         scatter(&s.torque, lane, &mut one.torque);
         scatter(&s.target, lane, &mut one.target);
         scatter(&s.target_rate, lane, &mut one.target_rate);
+        scatter(&s.keeper.start, lane, &mut one.keeper.start);
+        one.keeper.time = s.keeper.time;
         let mut solver = Checked::default();
         step(law, one, &mut solver);
         if let Some(fault) = fault_of(scene, law, one, &solver) {
@@ -226,6 +240,9 @@ fn again<T: Vectorised<Number = f64>>(
             number.lanes_mut()[lane] = value;
         }
         for (number, &value) in s.v_next.iter_mut().zip(&one.v_next) {
+            number.lanes_mut()[lane] = value;
+        }
+        for (number, &value) in s.keeper.correction.iter_mut().zip(&one.keeper.correction) {
             number.lanes_mut()[lane] = value;
         }
     }
@@ -243,6 +260,13 @@ fn fault_of(scene: &Scene, law: &Law, s: &Scratch<f64>, solver: &Checked) -> Opt
             let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
             return Some((joint, scene.singular(lost)));
         }
+    }
+    if strayed.is_none() && s.q_next.iter().all(|q| q.is_finite()) && !s.keeper.correction.iter().all(|x| x.is_finite())
+    {
+        let joint = law.roots.first().map(|&k| joint_of_row(scene, scene.model().system.stages[k].first_row));
+        let found = "a tree whose inertia about its mass centre is lost in rounding";
+        let expected = "free joints at bodies that are not much further from the mass centre than the tree is large";
+        return Some((joint.unwrap_or_default(), Error::argument("conserve_momentum", found, expected)));
     }
     let row = strayed.or_else(|| s.q_next.iter().any(|q| !q.is_finite()).then_some(0))?;
     let joint = joint_of_row(scene, row);

@@ -57,19 +57,22 @@ impl PyScene {
     /// "implicit-euler" (1), "rosenbrock-2" (2) or "rosenbrock-3" (3): the last three are L-stable for springs, damping and pd. record_every: a row after so many
     /// steps. armature, damping, stiffness, friction: (nv,) or a number, rest: (nq,), instead of the scene's; friction_speed: v0,
     /// rad/s or m/s. form: "auto" redoes a step whose digits are in doubt in square-root form, "covariance" watches pivots only.
-    /// progress: called with (steps done, steps) now and then.
+    /// progress: called with (steps done, steps) now and then. conserve_momentum: floating trees keep their momentum, and their mass
+    /// centre its parabola, to rounding: each step ends with a rigid motion of the tree, as large as the step's error in them; nothing
+    /// may act along the free joints but weight.
     ///
-    /// Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first the start.
+    /// Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first the start;
+    /// momentum_correction, the largest that was made, or None.
     ///
     /// Raises SimulationError where motion diverges, a pivot is lost or tau raises, with .trajectory (the rows of the steps finished),
     /// .step, .joint and .state; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, with .trajectory; MemoryError where the rows have no
     /// room; ShapeError, NotFiniteError, ArgumentError.
     #[pyo3(signature = (q, qd, *, dt, steps, tau=None, tau_steps=None, method="semi-implicit-euler", record_every=None, pd=None,
                         armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED, form="auto",
-                        progress=None),
+                        progress=None, conserve_momentum=false),
            text_signature = "($self, q, qd, *, dt, steps, tau=None, tau_steps=None, method='semi-implicit-euler', record_every=1, \
                              pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01, \
-                             form='auto', progress=None)")]
+                             form='auto', progress=None, conserve_momentum=False)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,
@@ -90,6 +93,7 @@ impl PyScene {
         friction_speed: f64,
         form: &str,
         progress: Option<&Bound<'py, PyAny>>,
+        conserve_momentum: bool,
     ) -> PyResult<Bound<'py, PyAny>> {
         let py = slf.py();
         let scene = &slf.get().scene;
@@ -98,6 +102,7 @@ impl PyScene {
         let every = record_every.map_or(Ok(1), |every| count("record_every", every, 1))?;
         let mut settings = Settings::new(scene, dt);
         settings.method = Method::named(method)?;
+        settings.conserve_momentum = conserve_momentum;
         settings.form = super::choice::choose("form", form, &FORMS)?;
         let properties = &mut settings.properties;
         for (name, given, place) in [
@@ -142,6 +147,13 @@ impl PyScene {
         });
         let mut rollout = rollout.map_err(|error| super::errors::of_batch(py, &error, &batch))?;
         drop((all_q, all_qd));
+        if conserve_momentum {
+            let torque = given.torque(&batch, (steps, nv))?;
+            rollout.check_torque(&torque, steps).map_err(|fault| {
+                let named = if batch.is_empty() { fault.error } else { fault.error.in_state(fault.state) };
+                super::errors::of_batch(py, &named, &batch)
+            })?;
+        }
         let stopped = {
             let [out_q, out_qd] = &mut outputs;
             let mut records = Records { q: out_q.numbers()?, qd: out_qd.numbers()?, every };
@@ -151,6 +163,15 @@ impl PyScene {
         let done = rollout.steps();
         let [out_q, out_qd] = outputs;
         let fields = PyDict::new(py);
+        if conserve_momentum {
+            let each: Vec<_> = (0..states).filter_map(|state| rollout.correction(state)).collect();
+            let [velocity, position] = [
+                each.iter().map(|largest| largest.velocity).collect::<Vec<_>>(),
+                each.iter().map(|largest| largest.position).collect(),
+            ];
+            let largest = (from_numbers(py, &velocity, &batch)?, from_numbers(py, &position, &batch)?);
+            fields.set_item("momentum_correction", of_motion(py, "MomentumCorrection")?.call1(largest)?)?;
+        }
         fields.set_item("scene", slf)?;
         fields.set_item("dt", dt)?;
         fields.set_item("record_every", every)?;
@@ -307,6 +328,19 @@ impl<'py> Given<'py> {
             }
         }
     }
+
+    /// The torques of all steps; none where a function gives them.
+    fn torque<'a>(&'a self, batch: &[usize], (steps, nv): (usize, usize)) -> PyResult<Torque<'a>> {
+        Ok(match self {
+            Self::Constant(tau) => Torque::Constant(tau.over(batch)?),
+            Self::Steps(tau) => {
+                let axes = tau.leading();
+                let torque = Broadcast::new("tau_steps", tau.data()?, steps * nv, &axes[..axes.len() - 1], batch);
+                Torque::Steps { torque: torque.map_err(PyErr::from)?, first: 0 }
+            }
+            Self::Nothing | Self::Function(_) => Torque::Zero,
+        })
+    }
 }
 
 /// The control law of a call, as given.
@@ -425,16 +459,7 @@ fn run<'py>(
     records: &mut Records<'_>,
     plan: &Plan<'_, 'py>,
 ) -> Result<(), Stopped> {
-    let constant = match plan.given {
-        Given::Constant(tau) => Torque::Constant(tau.over(plan.batch)?),
-        Given::Steps(tau) => {
-            let axes = tau.leading();
-            let width = plan.steps * plan.nv;
-            let torque = Broadcast::new("tau_steps", tau.data()?, width, &axes[..axes.len() - 1], plan.batch);
-            Torque::Steps { torque: torque.map_err(PyErr::from)?, first: 0 }
-        }
-        _ => Torque::Zero,
-    };
+    let constant = plan.given.torque(plan.batch, (plan.steps, plan.nv))?;
     if plan.steps == 0 {
         return py.detach(|| rollout.advance(0, &constant, Some(records))).map_err(Stopped::Fault);
     }

@@ -183,6 +183,12 @@ pub fn square_root_component(sensitivity: f64) -> f64 {
 /// How far a measured order of convergence may be from the method's.
 pub const ORDER: f64 = 0.1;
 
+/// The same of the largest error of one step, which is found at another time with another step.
+pub const ORDER_OF_A_STEP: f64 = 0.3;
+
+/// How many times the drift of energy may be what it is without momentum kept.
+pub const ENERGY_KEEPING_MOMENTUM: f64 = 2.0;
+
 /// How far a spring of 1e8 N m/rad and more gives way to the torques of the tests, rad.
 pub const BENT: f64 = 1e-6;
 

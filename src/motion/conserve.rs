@@ -1,0 +1,315 @@
+//! Momentum of floating trees, kept to rounding.
+//!
+//! A tree that hangs on the base by a free joint, with no force but weight on it from outside, keeps nine numbers, whatever goes on in
+//! its joints: about its mass centre c, in the base's axes, with v its velocity and L the angular momentum about it,
+//!
+//! ```text
+//! L(t) = L(0),     v(t) = v(0) + g t,     c(t) = c(0) + v(0) t + g t^2/2
+//! ```
+//!
+//! A step keeps them to its order. Here the tree is then moved and set in motion as one rigid body until it has them: with m, p and J
+//! mass, mass centre and inertia about it of all bodies of the tree as one (the composite inertia of the free joint's body, in its axes),
+//!
+//! ```text
+//! x += c(t) - c,     w += dw,     u += (v(t) - v) - dw x p,     J dw = L(t) - L
+//! ```
+//!
+//! of the free joint's position x and rates (u, w). Nothing inside the tree feels the move, and the momentum is linear in the rates: one
+//! correction leaves rounding. It is as large as the error of the step in these numbers, so the order of the method is
+//! what it was. What is wanted comes from the start and the time, not from the step before: rounding does not add up.
+
+use super::manifold::{cross, plus, triple, write};
+use super::properties::{Gains, Properties};
+use crate::error::Error;
+use crate::kinematics::{joint_motion, placements_base_to_tip};
+use crate::scalar::Real;
+use crate::scene::{Model, Motion, Scene};
+use crate::spatial::{BodyInertia, RigidShift, Symmetric3, angular, dot, linear, sum, zero};
+use nalgebra::{Vector3, Vector6};
+
+/// Numbers that a tree keeps: L, v and c at the start, in the base's axes.
+pub(super) const KEPT: usize = 9;
+
+/// The largest correction that a step of a run made, to keep the momentum of floating trees.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Correction {
+    /// Of the velocity: sqrt(E'/(E + E')), with E' the kinetic energy of the correction as a motion of its own, and E that of the tree
+    /// (rotors left out) before it; zero where nothing moves.
+    pub velocity: f64,
+    /// Of the position of the mass centre, m.
+    pub position: f64,
+}
+
+/// The name of the joint that carries a body.
+fn joint_name(scene: &Scene, body: usize) -> String {
+    scene.joint_of_body(body).map(|joint| joint.name.clone()).unwrap_or_default()
+}
+
+/// The bodies that trees begin with, if all hang on the base by free joints that nothing acts along.
+pub(super) fn roots(scene: &Scene, properties: &Properties, gains: Option<&Gains>) -> Result<Vec<usize>, Error> {
+    let refuse = |found: String, expected: &str| Err(Error::argument("conserve_momentum", found, expected));
+    let model = scene.model();
+    let mut roots = Vec::new();
+    for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
+        if stage.parent.is_some() {
+            continue;
+        }
+        if !matches!(body.motion, Motion::Free) {
+            let name = joint_name(scene, k);
+            let found = if name.is_empty() { "a fixed body".to_owned() } else { format!("joint {name:?}") };
+            return refuse(found + " on the base", "every tree on a free joint; else the base takes momentum up");
+        }
+        let rows = stage.first_row..stage.first_row + 6;
+        let mut acting = vec![
+            ("armature", &properties.armature),
+            ("damping", &properties.damping),
+            ("stiffness", &properties.stiffness),
+            ("friction", &properties.friction),
+        ];
+        if let Some(gains) = gains {
+            acting.extend([("pd.kp", &gains.proportional), ("pd.kd", &gains.derivative)]);
+        }
+        for (name, values) in acting {
+            if let Some(value) = values[rows.clone()].iter().find(|&&value| value != 0.0) {
+                let found = format!("{name} {value} along free joint {:?}", joint_name(scene, k));
+                return refuse(found, "zero there: what acts from outside changes the momentum");
+            }
+        }
+        roots.push(k);
+    }
+    if roots.is_empty() {
+        return refuse("a scene where nothing moves".to_owned(), "trees on free joints");
+    }
+    Ok(roots)
+}
+
+/// A torque given along a free joint: the joint's name and the torque.
+pub(super) fn outer_torque(scene: &Scene, roots: &[usize], torque: &[f64]) -> Option<Error> {
+    let nv = scene.nv().max(1);
+    torque.chunks_exact(nv).find_map(|torque| {
+        roots.iter().find_map(|&k| {
+            let first = scene.model().system.stages[k].first_row;
+            let acting = torque[first..first + 6].iter().find(|&&value| value != 0.0)?;
+            let found = format!("{acting} along free joint {:?}", joint_name(scene, k));
+            Some(Error::argument("tau", found, "zero there with conserve_momentum"))
+        })
+    })
+}
+
+/// The arrays of this correction; empty where momentum is not kept.
+#[derive(Debug)]
+pub(super) struct Keeper<T> {
+    roots: Vec<usize>,
+    shift: Vec<RigidShift<T>>,
+    velocity: Vec<Vector6<T>>,
+    /// Tip to base: momentum of all bodies outward, twice their kinetic energy, and their inertia as one.
+    momentum: Vec<Vector6<T>>,
+    energy: Vec<T>,
+    composite: Vec<BodyInertia<T>>,
+    /// [`KEPT`] numbers of each tree.
+    pub start: Vec<T>,
+    /// Since the start, s.
+    pub time: f64,
+    /// The last correction: relative of the velocity, and of the position, m; the largest of the trees.
+    pub correction: [T; 2],
+    /// The largest of a run.
+    pub largest: [T; 2],
+}
+
+/// A tree as one body, in the axes of the body that it begins with.
+struct Whole<T> {
+    mass: T,
+    /// From the origin of that body to the mass centre.
+    centre: Vector3<T>,
+    /// Velocity of the mass centre, and angular momentum about it.
+    velocity: Vector3<T>,
+    spin: Vector3<T>,
+    /// About the mass centre.
+    inertia: Symmetric3<T>,
+}
+
+impl<T: Real> Keeper<T> {
+    pub fn new(model: &Model<T>, roots: &[usize]) -> Self {
+        let bodies = if roots.is_empty() { 0 } else { model.bodies.len() };
+        let o = T::zero();
+        Self {
+            roots: roots.to_vec(),
+            shift: vec![RigidShift::filled(o); bodies],
+            velocity: vec![zero(); bodies],
+            momentum: vec![zero(); bodies],
+            energy: vec![o; bodies],
+            composite: vec![BodyInertia::zero(); bodies],
+            start: vec![o; KEPT * roots.len()],
+            time: 0.0,
+            correction: [o; 2],
+            largest: [o; 2],
+        }
+    }
+
+    /// Whether there is anything to keep.
+    #[inline(always)]
+    pub fn keeps(&self) -> bool {
+        !self.roots.is_empty()
+    }
+
+    /// Momentum, energy and inertia of every tree at its first body.
+    #[inline(always)]
+    fn gather(&mut self, model: &Model<T>, q: &[T], v: &[T]) {
+        placements_base_to_tip(model, q, &mut self.shift);
+        for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
+            let mut velocity = joint_motion(body, stage.first_row, v);
+            if let Some(parent) = stage.parent {
+                velocity = sum(&velocity, &self.shift[k].motion_to_child(&self.velocity[parent]));
+            }
+            let momentum = body.inertia.mul_motion(&velocity);
+            self.energy[k] = dot(&velocity, &momentum);
+            self.velocity[k] = velocity;
+            self.momentum[k] = momentum;
+            self.composite[k] = body.inertia;
+        }
+        for (k, stage) in model.system.stages.iter().enumerate().rev() {
+            let Some(parent) = stage.parent else { continue };
+            let shift = self.shift[k];
+            self.momentum[parent] = sum(&self.momentum[parent], &shift.force_to_parent(&self.momentum[k]));
+            let energy = self.energy[k];
+            self.energy[parent] += energy;
+            let outward = self.composite[k].to_parent(&shift);
+            join(&mut self.composite[parent], &outward);
+        }
+    }
+
+    /// The tree that begins with body `k`, after [`Keeper::gather`].
+    #[inline(always)]
+    fn whole(&self, k: usize) -> Whole<T> {
+        let BodyInertia { mass, first_moment: h, rotational } = &self.composite[k];
+        let over = mass.recip();
+        let centre = times(h, over);
+        let pushed = linear(&self.momentum[k]);
+        let minus_one = over.constant(-1.0);
+        let [xx, xy, xz, yy, yz, zz] = rotational.entries;
+        let (x, y, z) = (h[0] * centre[0], h[1] * centre[1], h[2] * centre[2]);
+        Whole {
+            mass: *mass,
+            velocity: times(&pushed, over),
+            spin: plus(&angular(&self.momentum[k]), minus_one, &cross(&centre, &pushed)),
+            inertia: Symmetric3::new([
+                xx - (y + z),
+                h[0].mul_add(centre[1], xy),
+                h[0].mul_add(centre[2], xz),
+                yy - (x + z),
+                h[1].mul_add(centre[2], yz),
+                zz - (x + y),
+            ]),
+            centre,
+        }
+    }
+
+    /// What the trees keep, from a state at time zero.
+    pub fn begin(&mut self, model: &Model<T>, q: &[T], v: &[T]) {
+        self.gather(model, q, v);
+        for i in 0..self.roots.len() {
+            let k = self.roots[i];
+            let (tree, shift) = (self.whole(k), &self.shift[k]);
+            let one = tree.mass.constant(1.0);
+            let place = plus(&shift.lever, one, &shift.rotate(&tree.centre));
+            let at = i * KEPT;
+            write(&mut self.start[at..], &shift.rotate(&tree.spin));
+            write(&mut self.start[at + 3..], &shift.rotate(&tree.velocity));
+            write(&mut self.start[at + 6..], &place);
+        }
+    }
+
+    /// Gives every tree at `q` with rates `v` what it has at [`Keeper::time`].
+    #[inline(always)]
+    pub fn correct(&mut self, model: &Model<T>, q: &mut [T], v: &mut [T]) {
+        self.gather(model, q, v);
+        for i in 0..self.roots.len() {
+            let k = self.roots[i];
+            let (tree, shift) = (self.whole(k), self.shift[k]);
+            let kept = &self.start[i * KEPT..(i + 1) * KEPT];
+            let (spin, velocity, place) = (triple(kept), triple(&kept[3..]), triple(&kept[6..]));
+            let (g, one) = (&model.gravity, tree.mass.constant(1.0));
+            let (t, minus_one) = (one.constant(self.time), one.constant(-1.0));
+            let fallen = plus(&velocity, one.constant(0.5 * self.time), g);
+            let place = plus(&place, t, &fallen);
+            let velocity = plus(&velocity, t, g);
+
+            let behind = plus(&plus(&place, minus_one, &shift.lever), minus_one, &shift.rotate(&tree.centre));
+            let slower = plus(&shift.rotate_back(&velocity), minus_one, &tree.velocity);
+            let missing = plus(&shift.rotate_back(&spin), minus_one, &tree.spin);
+            let turn = solve(&tree.inertia, &missing);
+            let push = plus(&slower, minus_one, &cross(&turn, &tree.centre));
+
+            let (at, row) = (model.bodies[k].q, model.system.stages[k].first_row);
+            let moved = model.bodies[k].tree.rotate_back(&behind);
+            add(&mut q[at..], &moved);
+            add(&mut v[row..], &push);
+            add(&mut v[row + 3..], &turn);
+
+            let change = tree.mass.mul_add(product(&slower, &slower), product(&missing, &turn));
+            let all = self.energy[k] + change;
+            let own = [(change / (all + all.one_if_zero())).sqrt(), product(&behind, &behind).sqrt()];
+            self.correction = if i == 0 { own } else { largest(self.correction, own) };
+        }
+    }
+
+    /// Remembers the last correction if it is the largest.
+    #[inline(always)]
+    pub fn remember(&mut self) {
+        self.largest = largest(self.largest, self.correction);
+    }
+}
+
+/// The larger of each, NaN where either is NaN.
+#[inline(always)]
+fn largest<T: Real>(a: [T; 2], b: [T; 2]) -> [T; 2] {
+    [-(-a[0]).worst(-b[0]), -(-a[1]).worst(-b[1])]
+}
+
+/// a + x, in place.
+#[inline(always)]
+fn add<T: Real>(a: &mut [T], x: &Vector3<T>) {
+    for i in 0..3 {
+        a[i] += x[i];
+    }
+}
+
+/// s x.
+#[inline(always)]
+fn times<T: Real>(x: &Vector3<T>, s: T) -> Vector3<T> {
+    Vector3::new(x[0] * s, x[1] * s, x[2] * s)
+}
+
+/// a . b.
+#[inline(always)]
+fn product<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> T {
+    a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
+}
+
+/// The two as one body, in place; no operators of nalgebra, which lanes call instead of inlining.
+#[inline(always)]
+fn join<T: Real>(to: &mut BodyInertia<T>, other: &BodyInertia<T>) {
+    to.mass += other.mass;
+    for i in 0..3 {
+        to.first_moment[i] += other.first_moment[i];
+    }
+    for i in 0..6 {
+        to.rotational.entries[i] += other.rotational.entries[i];
+    }
+}
+
+/// a^-1 b, a positive: by its factors L D L*.
+#[inline(always)]
+fn solve<T: Real>(a: &Symmetric3<T>, b: &Vector3<T>) -> Vector3<T> {
+    let [xx, xy, xz, yy, yz, zz] = a.entries;
+    let first = xx.recip();
+    let (l1, l2) = (xy * first, xz * first);
+    let second = yy.minus_product(l1, xy).recip();
+    let below = yz.minus_product(l1, xz);
+    let l3 = below * second;
+    let third = zz.minus_product(l2, xz).minus_product(l3, below).recip();
+    let y = b[1].minus_product(l1, b[0]);
+    let z = b[2].minus_product(l2, b[0]).minus_product(l3, y) * third;
+    let y = (y * second).minus_product(l3, z);
+    Vector3::new((b[0] * first).minus_product(l1, y).minus_product(l2, z), y, z)
+}
