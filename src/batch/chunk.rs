@@ -249,16 +249,33 @@ fn compute<T: Vectorised>(
             let (pivots, reach) = refined::forward_dynamics_looked_at(model, workspace, q, qd, u, wrenches, results);
             lanes_but::<T>(|lane| pivots.clear(lane) && reach.clear(lane))
         }
-        Algorithm::MassMatrixInverse(Form::Auto) => {
-            let watched = auto::factor_watched_lean(scene, (scratch, workspace), q, &mut results[..model.nv()]);
-            lean::closed_form(scene, (scratch, columns), results);
-            lanes_but::<T>(|lane| watched.kept(lane))
-        }
-        // Rare, or not worth code of its own for every arm.
-        _ if !lean::covers(algorithm) => u64::MAX,
-        _ => {
-            let pivots = lean::run(algorithm, scene, (scratch, columns), (q, qd, u), wrenches, results);
+        Algorithm::ForwardDynamics(Form::Covariance) => {
+            let pivots = lean::forward_dynamics(scene, scratch, (q, qd, u), wrenches, results);
             lanes_but::<T>(|lane| pivots.clear(lane))
         }
+        Algorithm::MassMatrixInverse(form @ (Form::Auto | Form::Covariance)) => {
+            let doubt = if form == Form::Auto {
+                let estimates = &mut results[..model.nv()];
+                let watched = auto::factor_watched_lean(scene, (scratch, workspace), q, estimates);
+                lanes_but::<T>(|lane| watched.kept(lane))
+            } else {
+                let pivots = lean::factor(scene, scratch, q);
+                lanes_but::<T>(|lane| pivots.clear(lane))
+            };
+            // Called in one place: each call is compiled by itself.
+            lean::closed_form(scene, (scratch, columns), results);
+            doubt
+        }
+        Algorithm::InverseDynamics | Algorithm::BiasTorque => {
+            let u = (algorithm == Algorithm::InverseDynamics).then_some(u);
+            lean::inverse_dynamics(scene, scratch, (q, qd, u), wrenches, results);
+            0
+        }
+        Algorithm::MassMatrix => {
+            lean::mass_matrix(scene, scratch, q, results);
+            0
+        }
+        // Rare, or not worth code of its own for every arm.
+        Algorithm::ForwardDynamics(_) | Algorithm::MassMatrixInverse(_) => u64::MAX,
     }
 }

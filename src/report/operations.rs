@@ -86,7 +86,21 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
     let mut columns: LeanColumns<Counted> = LeanColumns::new();
     let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
     let ((), operations) = Counted::during(|| {
-        lean::run(algorithm, (&model, &lean), (&mut scratch, &mut columns), (&q, &qd, &u), &wrenches, &mut out);
+        let (scene, state) = ((&model, &lean), (&q[..], &qd[..]));
+        match algorithm {
+            Algorithm::ForwardDynamics(_) => {
+                lean::forward_dynamics(scene, &mut scratch, (state.0, state.1, &u), &wrenches, &mut out);
+            }
+            Algorithm::InverseDynamics | Algorithm::BiasTorque => {
+                let u = (algorithm == Algorithm::InverseDynamics).then_some(&u[..]);
+                lean::inverse_dynamics(scene, &mut scratch, (state.0, state.1, u), &wrenches, &mut out);
+            }
+            Algorithm::MassMatrix => lean::mass_matrix(scene, &mut scratch, &q, &mut out),
+            Algorithm::MassMatrixInverse(_) => {
+                lean::factor(scene, &mut scratch, &q);
+                lean::closed_form(scene, (&mut scratch, &mut columns), &mut out);
+            }
+        }
     });
     Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() }
 }

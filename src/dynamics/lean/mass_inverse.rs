@@ -22,22 +22,19 @@ use crate::scene::Model;
 use crate::spatial::{Symmetric6, dot};
 use nalgebra::Vector6;
 
-/// M^-1 at `q` into `out`, (nv x nv) row by row, as [`mass_matrix_inverse`](crate::dynamics::mass_matrix_inverse) gives it in
-/// covariance form to rounding.
+/// The factor of M at `q`, in the scratch, in covariance form.
 #[inline(always)]
-pub(crate) fn mass_matrix_inverse<T: Real, C: ColumnsOf<T>>(
+pub(crate) fn factor<T: Real>(
     scene: (&Model<T>, &LeanModel<T>),
-    (scratch, columns): (&mut LeanScratch<T>, &mut LeanColumns<C>),
+    scratch: &mut LeanScratch<T>,
     q: &[T],
-    out: &mut [T],
 ) -> PivotMonitor<T> {
     carriers(scene, scratch, q);
-    let monitor = filter::tip_to_base::<T, { filter::FACTOR }>(scene, scratch, &[], &mut []);
-    closed_form(scene, (scratch, columns), out);
-    monitor
+    filter::tip_to_base::<T, { filter::FACTOR }>(scene, scratch, &[], &mut [])
 }
 
-/// The same with the factor already in the scratch.
+/// M^-1 of the factor in the scratch into `out`, (nv x nv) row by row, as [`mass_matrix_inverse`](crate::dynamics::mass_matrix_inverse)
+/// gives it in that form to rounding.
 #[inline(always)]
 pub(crate) fn closed_form<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),

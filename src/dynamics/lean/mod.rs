@@ -23,7 +23,8 @@ mod way;
 
 pub(crate) use body::LeanModel;
 pub(crate) use columns::LeanColumns;
-pub(crate) use mass_inverse::closed_form;
+pub(crate) use mass_inverse::{closed_form, factor};
+pub(crate) use mass_matrix::mass_matrix;
 pub(crate) use scratch::{LeanScratch, bytes};
 pub(crate) use turn::Renaming;
 pub(crate) use watch::{factor_watched, forward_dynamics_watched, hand_over};
@@ -32,37 +33,17 @@ use super::forces::{Motion, Needed};
 use crate::batch::chunk::Algorithm;
 use crate::filter::Form;
 use crate::filter::pivots::PivotMonitor;
-use crate::scalar::{ColumnsOf, Real};
+use crate::scalar::Real;
 use crate::scene::Model;
 use nalgebra::Vector6;
 
-/// Whether an algorithm is done by [`run`].
+/// Whether an algorithm is done by these sweeps alone, and not only at first look.
 pub(crate) fn covers(algorithm: Algorithm) -> bool {
     !matches!(
         algorithm,
         Algorithm::ForwardDynamics(Form::Auto | Form::SquareRoot | Form::Joseph)
             | Algorithm::MassMatrixInverse(Form::Auto | Form::SquareRoot | Form::Joseph)
     )
-}
-
-/// An algorithm that is [covered](covers), of one state or one a lane. Where a pivot is not clear the results mean nothing.
-#[inline(always)]
-pub(crate) fn run<T: Real, C: ColumnsOf<T>>(
-    algorithm: Algorithm,
-    scene: (&Model<T>, &LeanModel<T>),
-    (scratch, columns): (&mut LeanScratch<T>, &mut LeanColumns<C>),
-    (q, qd, u): (&[T], &[T], &[T]),
-    wrenches: &[Vector6<T>],
-    out: &mut [T],
-) -> PivotMonitor<T> {
-    match algorithm {
-        Algorithm::InverseDynamics => inverse_dynamics(scene, scratch, (q, qd, Some(u)), wrenches, out),
-        Algorithm::BiasTorque => inverse_dynamics(scene, scratch, (q, qd, None), wrenches, out),
-        Algorithm::MassMatrix => mass_matrix::mass_matrix(scene, scratch, q, out),
-        Algorithm::ForwardDynamics(_) => return forward_dynamics(scene, scratch, (q, qd, u), wrenches, out),
-        Algorithm::MassMatrixInverse(_) => return mass_inverse::mass_matrix_inverse(scene, (scratch, columns), q, out),
-    }
-    PivotMonitor::new()
 }
 
 /// Joint accelerations, as [`forward_dynamics`](super::forward_dynamics) in covariance form gives them to rounding.
@@ -83,7 +64,7 @@ pub(crate) fn forward_dynamics<T: Real>(
 
 /// Joint torques, as [`inverse_dynamics`](super::inverse_dynamics) gives them to rounding; those of the bias without `qdd`.
 #[inline(always)]
-fn inverse_dynamics<T: Real>(
+pub(crate) fn inverse_dynamics<T: Real>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     (q, qd, qdd): (&[T], &[T], Option<&[T]>),
