@@ -28,6 +28,8 @@ REPEATS = (4, 24)
 #: (arm, states of a call).
 RUNS = (("baseline", 1), ("avx2", 1), ("avx2", 4))
 SLACK = 0.03
+#: What valgrind says of an instruction that it lacks (3.19: vmovq between registers), before the program ends.
+UNKNOWN = "Unrecognised instruction"
 
 
 def fail(message: str) -> NoReturn:
@@ -38,6 +40,8 @@ def output(command: list[str], **environment: str) -> str:
     done = subprocess.run(
         command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True, check=False
     )
+    if UNKNOWN in done.stderr:
+        return done.stderr
     if done.returncode != 0:
         fail(f"{' '.join(command)}\n{done.stdout}{done.stderr}")
     return done.stdout + done.stderr
@@ -52,25 +56,27 @@ def built() -> str:
     return str(ROOT / found[1])
 
 
-def instructions(binary: str, arm: str, algorithm: str, states: int, repeats: int) -> int:
-    """Of one whole run."""
+def instructions(binary: str, arm: str, algorithm: str, states: int, repeats: int) -> int | None:
+    """Of one whole run; none where valgrind cannot run it."""
     with tempfile.TemporaryDirectory() as folder:
         valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/out"]
         program = [binary, "count", BODIES, algorithm, str(states), str(repeats)]
         said = output([*valgrind, *program], PHIPSI_ARM=arm)
+    if UNKNOWN in said:
+        return None
     found = re.search(r"Collected : (\d+)", said)
     if found is None:
         fail(f"callgrind counted nothing:\n{said}")
     return int(found[1])
 
 
-def a_call(binary: str, arm: str, algorithm: str, states: int) -> int:
+def a_call(binary: str, arm: str, algorithm: str, states: int) -> int | None:
     few, many = (instructions(binary, arm, algorithm, states, repeats) for repeats in REPEATS)
-    return round((many - few) / (REPEATS[1] - REPEATS[0]))
+    return None if few is None or many is None else round((many - few) / (REPEATS[1] - REPEATS[0]))
 
 
-def counted(binary: str) -> dict[str, int]:
-    """Instructions of one call, by case."""
+def counted(binary: str) -> dict[str, int | None]:
+    """Instructions of one call, by case; none where valgrind lacks one of them."""
     algorithms = output([binary, "list"]).split()
     cases = [(arm, algorithm, states) for arm, states in RUNS for algorithm in algorithms]
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -101,6 +107,9 @@ def main() -> None:
         fail(f"not the cases of expected.json: {', '.join(sorted(expected.keys() ^ counts.keys()))}; run with --update")
     worse = 0
     for case, count in counts.items():
+        if count is None or expected[case] is None:
+            print(f"{case:48} not compared: valgrind lacks an instruction of it, here or where it was counted")
+            continue
         ratio = count / expected[case]
         mark = "MORE" if ratio > 1 + SLACK else "less" if ratio < 1 - SLACK else ""
         worse += mark == "MORE"
