@@ -14,7 +14,7 @@ ROBOT ?=
 BENCH ?=
 ROOFLINE ?=
 # All that needs no Python.
-FEATURES := urdf,parallel,dense,stochastic
+FEATURES := urdf,parallel,dense,stochastic,adaptive
 VENV := .venv
 BIN := $(VENV)/bin
 PEERS := .venv-peers/bin/python

@@ -20,6 +20,8 @@
 //! [`properties`] is what joints do by themselves, [`method`] the coefficients of the methods, [`manifold`] configurations,
 //! `conserve` the momentum of floating trees, `step` one step in any scalar, `stepper` states in lanes through many steps, [`rollout`] a batch of them on threads.
 
+#[cfg(feature = "adaptive")]
+pub mod adaptive;
 mod conserve;
 pub mod manifold;
 pub mod method;
@@ -28,6 +30,8 @@ pub mod rollout;
 mod step;
 mod stepper;
 
+#[cfg(feature = "adaptive")]
+pub use adaptive::{Adaptive, Solver};
 pub use conserve::Correction;
 pub use method::{METHODS, Method};
 pub use properties::{Gains, Properties};

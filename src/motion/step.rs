@@ -117,7 +117,7 @@ pub(super) struct Scratch<T: Real> {
     pub v_next: Vec<T>,
     /// Stages: rates of the increment, and accelerations.
     l: [Vec<T>; STAGES],
-    m: [Vec<T>; STAGES],
+    pub m: [Vec<T>; STAGES],
     /// Increment, configuration, velocity and carried velocity of a stage.
     x: Vec<T>,
     q_stage: Vec<T>,
@@ -180,6 +180,15 @@ impl<T: Real> Scratch<T> {
             keeper: Keeper::new(&model, &law.roots),
             model,
         }
+    }
+}
+
+#[cfg(feature = "adaptive")]
+impl<T: Real> Scratch<T> {
+    /// The state that [`accelerations`] are of.
+    pub fn set_stage(&mut self, q: &[T], v: &[T]) {
+        self.q_stage.copy_from_slice(q);
+        self.v_stage.copy_from_slice(v);
     }
 }
 
@@ -261,6 +270,14 @@ fn add_scaled<T: Real>(sum: &mut [T], c: f64, x: &[T]) {
     for (sum, &x) in sum.iter_mut().zip(x) {
         *sum = x.mul_add(x.constant(c), *sum);
     }
+}
+
+/// The accelerations of the state that [`Scratch::set_stage`] has set, in `m[0]`, by a law that takes nothing implicitly.
+#[cfg(feature = "adaptive")]
+pub(super) fn accelerations<T: Real, S: Solver<T>>(law: &Law, s: &mut Scratch<T>, solver: &mut S) {
+    forces(law, s, 0);
+    let scratch = (&mut s.sweeps, &mut s.workspace);
+    solver.solve((&s.model, &s.lean), scratch, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[0]);
 }
 
 /// From `q`, `v` to `q_next`, `v_next`; gives the lanes in doubt as bits.

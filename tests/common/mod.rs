@@ -141,6 +141,25 @@ impl Tree<'_> {
     }
 }
 
+/// A pendulum of rods that swing about parallel axes: gravity and motion load every joint, those that springs hold among them.
+pub fn swinging(rods: usize) -> Scene {
+    let rod = Inertial {
+        mass: 1.0,
+        centre: [0.0, 0.0, -0.15].into(),
+        central: Symmetric3::new([0.01, 0.0, 0.0, 0.01, 0.0, 0.002]),
+    };
+    let mut builder = SceneBuilder::new().gravity([2.0, 0.5, -9.0]);
+    builder = builder.link(LinkDescription { name: "base".into(), inertial: None });
+    for k in 0..rods {
+        let parent = if k == 0 { "base".into() } else { format!("link{}", k - 1) };
+        let mut joint = JointDescription::new(format!("j{k}"), JointKind::Revolute, parent, format!("link{k}"));
+        joint.axis = Vector3::y();
+        joint.origin.lever = if k == 0 { Vector3::zeros() } else { Vector3::new(0.0, 0.0, -0.3) };
+        builder = builder.link(LinkDescription { name: format!("link{k}"), inertial: Some(rod) }).joint(joint);
+    }
+    builder.build().expect("rods on hinges")
+}
+
 /// A random tree of `bodies` joints after a base link; `branching` 0 gives a chain.
 pub fn random_scene(seed: u64, bodies: usize, kinds: &[JointKind], branching: f64, armature: f64) -> Scene {
     Tree { seed, bodies, kinds, branching, armature, floating: false }.scene()

@@ -189,8 +189,19 @@ pub const ORDER_OF_A_STEP: f64 = 0.3;
 /// How many times the drift of energy may be what it is without momentum kept.
 pub const ENERGY_KEEPING_MOMENTUM: f64 = 2.0;
 
+/// What a solution of so many adaptive steps may be off that controls the error of each to `step`.
+pub fn adaptive(steps: usize, step: f64) -> f64 {
+    10.0 * count(steps) * step
+}
+
 /// How far a spring of 1e8 N m/rad and more gives way to the torques of the tests, rad.
 pub const BENT: f64 = 1e-6;
 
+/// How far the springs of 1e9 N m/rad of the swinging rods give way at the least: they carry about a N m.
+pub const BENT_LEAST: f64 = 1e-10;
+
 /// The error of 200 implicit steps of 1 ms along the slow motion beside springs of 1e9 N m/rad, the first order's the largest.
 pub const SLOW: f64 = 2e-3;
+
+/// The same of the third order, where what the springs give way by is as much.
+pub const SLOW_ORDER_3: f64 = 1e-8;

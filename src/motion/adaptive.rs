@@ -1,0 +1,444 @@
+//! Adaptive steps to a tolerance, by the solvers of diffsol, in tangent coordinates that are centred anew as the motion turns.
+//!
+//! Around a centre q0 a configuration is x of nv numbers: a joint of one axis adds its own; a spherical joint turns by the rotation vector
+//! w, R = R0 exp(w); a free joint is moved to p0 + R0 a and turned likewise. With the velocity of the body, (b, u) linear and angular,
+//!
+//! ```text
+//! da/dt = exp(w) b,    dw/dt = u + w x u/2 + c w x (w x u),    c = (1 - (t/2) cot(t/2))/t^2,  t = |w|
+//! ```
+//!
+//! so that (x, v) is a vector, and what the solver controls is the error on the manifold. The chart is good to |w| < 2 pi; a step that ends
+//! beyond 1 rad is the last before a new centre, where the solver starts afresh.
+
+use super::manifold::advance;
+use super::method::Method;
+use super::properties::{Gains, Properties, joint_of_row};
+use super::step::{Checked, Law, Scratch, accelerations};
+use crate::error::Error;
+use crate::filter::Form;
+use crate::kinematics::quaternion_rotation;
+use crate::scene::{Motion, Scene};
+use diffsol::error::OdeSolverError;
+use diffsol::{
+    DiffsolError, NalgebraLU, NalgebraMat, NalgebraVec, OdeBuilder, OdeEquations, OdeSolverMethod, OdeSolverStopReason,
+    Vector,
+};
+use nalgebra::{UnitQuaternion, Vector3};
+use std::cell::RefCell;
+
+/// A rotation further than this from the centre, rad, asks for a new one.
+const TURNED: f64 = 1.0;
+
+/// Half the distance of the states of a central difference, relative to the largest of 1 and their entries: the third root of the
+/// rounding, where truncation and rounding are alike.
+const DIFFERENCE: f64 = 6.055_454_452_393_343e-6;
+
+/// The solver that picks the steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Solver {
+    /// Explicit, order 5 with an error of order 4 (Tsitouras 2011): for smooth motion.
+    #[default]
+    Tsit45,
+    /// Backward differences of order 1 to 5: for springs and damping that are stiff and damped, and for tight tolerances.
+    Bdf,
+    /// Implicit, order 2, L-stable (Hosea and Shampine 1996): for undamped stiff springs at loose tolerances.
+    TrBdf2,
+    /// Implicit, order 3, L-stable (Jorgensen and others 2018): for undamped stiff springs.
+    Esdirk34,
+}
+
+/// The torque that is given: (t, q, qd, torque), the last to be written, (nv); it is zero before.
+pub type TorqueLaw<'a> = &'a dyn Fn(f64, &[f64], &[f64], &mut [f64]);
+
+/// What is to be solved, and how tightly.
+///
+/// ```
+/// use phipsi::motion::{Adaptive, Solver};
+/// # fn main() -> Result<(), phipsi::Error> {
+/// let scene = phipsi::scenes::chain(2)?;
+/// let law = Adaptive { solver: Solver::Bdf, ..Adaptive::new(&scene) };
+/// let path = law.solve(&[0.3; 2], &[0.0; 2], &[0.0, 0.5, 1.0], &|_t, _q, qd, torque| torque[0] = -0.1 * qd[0])?;
+/// assert_eq!(path.q.len(), 3 * 2);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug, Clone)]
+pub struct Adaptive<'a> {
+    /// What moves.
+    pub scene: &'a Scene,
+    /// How steps are made.
+    pub solver: Solver,
+    /// Bound on the error of a step in (x, v), relative to each entry.
+    pub rtol: f64,
+    /// The same, absolute: rad, m, rad/s, m/s.
+    pub atol: f64,
+    /// What the joints do by themselves.
+    pub properties: Properties,
+    /// A control law, if there is one.
+    pub gains: Option<Gains>,
+    /// A solution of more steps is given up.
+    pub most_steps: usize,
+}
+
+/// States at the times that were asked for.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Solution {
+    /// Times, (rows), s.
+    pub t: Vec<f64>,
+    /// Configurations, (rows, nq).
+    pub q: Vec<f64>,
+    /// Rates, (rows, nv).
+    pub qd: Vec<f64>,
+    /// Steps that were made.
+    pub steps: usize,
+    /// Right sides that were computed, those of Jacobians among them.
+    pub evaluations: usize,
+    /// Centres that the coordinates had.
+    pub centres: usize,
+}
+
+/// A solution that was given up.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("after {} steps, at t = {time} s: {error}", solution.steps)]
+pub struct Failure {
+    /// The rows before.
+    pub solution: Box<Solution>,
+    /// How far it came, s.
+    pub time: f64,
+    /// What was wrong.
+    pub error: Box<Error>,
+}
+
+impl From<Failure> for Error {
+    fn from(failure: Failure) -> Self {
+        *failure.error
+    }
+}
+
+impl<'a> Adaptive<'a> {
+    /// The explicit solver with tolerances of 1e-9 and the properties of the scene.
+    #[must_use]
+    pub fn new(scene: &'a Scene) -> Self {
+        Self {
+            scene,
+            solver: Solver::default(),
+            rtol: 1e-9,
+            atol: 1e-9,
+            properties: Properties::of(scene),
+            gains: None,
+            most_steps: 10_000_000,
+        }
+    }
+
+    /// Solves from (`q`, `qd`) at the first of `times`, which must rise; `torque` is asked at every stage. States at times between steps
+    /// come from the solver's own interpolation.
+    ///
+    /// O(N) for a right side; the implicit solvers take 4 nv of them for a Jacobian, by central differences, and O(nv^3) to factor it.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure`], with the rows before: tolerances or times that cannot be used, wrong lengths, numbers that are not finite, negative
+    /// properties, quaternions that are not unit; a joint without inertia; torques that are not finite; a solver that gives up, or needs
+    /// more steps than `most_steps`.
+    pub fn solve(&self, q: &[f64], qd: &[f64], times: &[f64], torque: TorqueLaw<'_>) -> Result<Solution, Failure> {
+        let time = times.first().copied().unwrap_or(0.0);
+        let refuse = |error| Failure { solution: Box::default(), time, error: Box::new(error) };
+        self.check(q, qd, times).map_err(refuse)?;
+        let field = RefCell::new(Field::new(self, torque));
+        let mut course = Course { law: self, field: &field, times, solution: Solution::default() };
+        course.row(time, q, qd);
+        let outcome = course.run((time, q.to_vec(), qd.to_vec()));
+        let mut solution = course.solution;
+        solution.evaluations = field.borrow().evaluations;
+        match outcome {
+            Ok(()) => Ok(solution),
+            Err((time, error)) => Err(Failure { solution: Box::new(solution), time, error: Box::new(error) }),
+        }
+    }
+
+    fn check(&self, q: &[f64], qd: &[f64], times: &[f64]) -> Result<(), Error> {
+        for (name, value) in [("rtol", self.rtol), ("atol", self.atol)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(Error::argument(name, format!("{value}"), "a tolerance, finite and positive"));
+            }
+        }
+        if times.is_empty() || !times.iter().all(|t| t.is_finite()) || !times.windows(2).all(|pair| pair[0] < pair[1]) {
+            let found = match times.windows(2).find(|pair| !(pair[0] < pair[1])) {
+                Some(pair) => format!("{} after {}", pair[1], pair[0]),
+                None => format!("{times:?}"),
+            };
+            return Err(Error::argument("times", found, "finite times, the start first, each later than the last"));
+        }
+        self.properties.check(self.scene)?;
+        if let Some(gains) = &self.gains {
+            gains.check(self.scene, 1)?;
+        }
+        self.scene.check_configuration("q", q)?;
+        self.scene.check_rates("qd", qd)
+    }
+}
+
+/// The right side around a centre.
+struct Field<'a> {
+    scene: &'a Scene,
+    law: Law,
+    scratch: Scratch<f64>,
+    torque: TorqueLaw<'a>,
+    centre: Vec<f64>,
+    /// What was wrong with the last right side that could not be computed, since it was last asked.
+    error: Option<Error>,
+    evaluations: usize,
+}
+
+impl<'a> Field<'a> {
+    fn new(of: &Adaptive<'a>, torque: TorqueLaw<'a>) -> Self {
+        // Of the method only its being explicit is used: M is what it is.
+        let laws = (of.properties.clone(), of.gains.clone());
+        let law = Law::new(of.scene.model(), 1.0, Method::RungeKutta4, laws, Vec::new());
+        let mut scratch = Scratch::new(of.scene.model(), &law);
+        scratch.workspace.form = Form::Auto;
+        if let Some(gains) = &of.gains {
+            scratch.target.copy_from_slice(&gains.target);
+            scratch.target_rate.copy_from_slice(&gains.target_rate);
+        }
+        Self { scene: of.scene, law, scratch, torque, centre: Vec::new(), error: None, evaluations: 0 }
+    }
+
+    /// The configuration at the coordinates `x`.
+    fn configuration(&self, x: &[f64], q: &mut [f64]) {
+        let model = self.scene.model();
+        advance(model, &self.centre, x, q);
+        for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
+            if matches!(body.motion, Motion::Free) {
+                let (at, row) = (body.q, stage.first_row);
+                let moved =
+                    quaternion_rotation(&self.centre[at + 3..at + 7]) * Vector3::from_column_slice(&x[row..row + 3]);
+                for i in 0..3 {
+                    q[at + i] = self.centre[at + i] + moved[i];
+                }
+            }
+        }
+    }
+
+    /// dy/dt of y = (x, v); NaN where it cannot be computed.
+    fn rate(&mut self, t: f64, y: &[f64], out: &mut [f64]) {
+        self.evaluations += 1;
+        let (x, v) = y.split_at(y.len() / 2);
+        let (rates, qdd) = out.split_at_mut(y.len() / 2);
+        let mut q = vec![0.0; self.scene.nq()];
+        self.configuration(x, &mut q);
+        let s = &mut self.scratch;
+        s.torque.fill(0.0);
+        (self.torque)(t, &q, v, &mut s.torque);
+        let pushed = s.torque.iter().position(|u| !u.is_finite());
+        s.set_stage(&q, v);
+        let mut solver = Checked::default();
+        accelerations(&self.law, s, &mut solver);
+        qdd.copy_from_slice(&s.m[0]);
+        rates.copy_from_slice(v);
+        let model = self.scene.model();
+        for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
+            let row = stage.first_row;
+            let triple = |of: &[f64], at: usize| Vector3::from_column_slice(&of[at..at + 3]);
+            let turning = match body.motion {
+                Motion::Spherical => row,
+                Motion::Free => {
+                    let turn = UnitQuaternion::from_scaled_axis(triple(x, row + 3));
+                    rates[row..row + 3].copy_from_slice((turn * triple(v, row)).as_slice());
+                    row + 3
+                }
+                _ => continue,
+            };
+            let carried = carried_back(&triple(x, turning), &triple(v, turning));
+            rates[turning..turning + 3].copy_from_slice(carried.as_slice());
+        }
+        if let Some(row) = pushed {
+            let found = format!("{} for joint {:?} at t = {t} s", s.torque[row], joint_of_row(self.scene, row));
+            self.error = Some(Error::argument("torque", found, "torques that are finite"));
+        } else if let Some(lost) = solver.lost {
+            self.error = Some(self.scene.singular(lost));
+        } else {
+            return;
+        }
+        out.fill(f64::NAN);
+    }
+
+    /// The derivative of the rate along `direction`, by a central difference.
+    fn rate_along(&mut self, t: f64, y: &[f64], direction: &[f64], out: &mut [f64]) {
+        let size = |x: &[f64]| x.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        let long = size(direction);
+        if long == 0.0 {
+            out.fill(0.0);
+            return;
+        }
+        let step = DIFFERENCE * size(y).max(1.0) / long;
+        let moved = |step: f64| -> Vec<f64> { y.iter().zip(direction).map(|(y, d)| step.mul_add(*d, *y)).collect() };
+        let mut behind = vec![0.0; y.len()];
+        self.rate(t, &moved(step), out);
+        self.rate(t, &moved(-step), &mut behind);
+        for (out, behind) in out.iter_mut().zip(&behind) {
+            *out = (*out - behind) / (2.0 * step);
+        }
+    }
+
+    /// The largest rotation from the centre, rad.
+    fn turned(&self, x: &[f64]) -> f64 {
+        let model = self.scene.model();
+        let angles = model.bodies.iter().zip(&model.system.stages).filter_map(|(body, stage)| {
+            let at = match body.motion {
+                Motion::Spherical => stage.first_row,
+                Motion::Free => stage.first_row + 3,
+                _ => return None,
+            };
+            Some(Vector3::from_column_slice(&x[at..at + 3]).norm())
+        });
+        angles.fold(0.0, f64::max)
+    }
+}
+
+/// The rate of the rotation vector `w` of a body that turns with `u`, in its own frame.
+fn carried_back(w: &Vector3<f64>, u: &Vector3<f64>) -> Vector3<f64> {
+    let t = w.norm();
+    let square = t * t;
+    // The series leaves 1e-13 of c at 0.05, where 1 - (t/2) cot(t/2) has lost as much.
+    let c = if t < 0.05 {
+        1.0 / 12.0 + square * (1.0 / 720.0 + square / 30240.0)
+    } else {
+        (1.0 - 0.5 * t / (0.5 * t).tan()) / square
+    };
+    let once = w.cross(u);
+    u + once * 0.5 + w.cross(&once) * c
+}
+
+/// A solution under way.
+struct Course<'a, 'f> {
+    law: &'a Adaptive<'a>,
+    field: &'f RefCell<Field<'a>>,
+    times: &'a [f64],
+    solution: Solution,
+}
+
+/// Time, configuration and rates.
+type State = (f64, Vec<f64>, Vec<f64>);
+
+impl Course<'_, '_> {
+    fn row(&mut self, t: f64, q: &[f64], v: &[f64]) {
+        self.solution.t.push(t);
+        self.solution.q.extend_from_slice(q);
+        self.solution.qd.extend_from_slice(v);
+    }
+
+    /// All segments, each around its own centre.
+    fn run(&mut self, mut state: State) -> Result<(), (f64, Error)> {
+        let width = 2 * self.law.scene.nv();
+        while self.solution.t.len() < self.times.len() {
+            let (t, q, v) = state;
+            if width == 0 {
+                // Nothing moves.
+                let next = self.times[self.solution.t.len()];
+                self.row(next, &q, &v);
+                state = (next, q, v);
+                continue;
+            }
+            self.solution.centres += 1;
+            let start = [vec![0.0; v.len()], v].concat();
+            let mut rate = vec![0.0; width];
+            {
+                let mut field = self.field.borrow_mut();
+                field.centre = q;
+                field.rate(t, &start, &mut rate);
+            }
+            if !rate.iter().all(|x| x.is_finite()) {
+                return Err((t, self.cause("a rate that is not finite")));
+            }
+            state = self.segment(t, &start)?;
+        }
+        Ok(())
+    }
+
+    /// From `y` around the centre that is set, until it is turned too far or the end.
+    fn segment(&mut self, t: f64, y: &[f64]) -> Result<State, (f64, Error)> {
+        let field = self.field;
+        let failed = |error: DiffsolError| (t, self.cause(&error.to_string()));
+        let problem = OdeBuilder::<NalgebraMat<f64>>::new()
+            .t0(t)
+            .rtol(self.law.rtol)
+            .atol(vec![self.law.atol; y.len()])
+            .rhs_implicit(
+                |y: &[f64], _p: &[f64], t: f64, out: &mut [f64]| field.borrow_mut().rate(t, y, out),
+                |y: &[f64], _p: &[f64], t: f64, along: &[f64], out: &mut [f64]| {
+                    field.borrow_mut().rate_along(t, y, along, out);
+                },
+            )
+            .init(|_p: &[f64], _t: f64, out: &mut [f64]| out.copy_from_slice(y), y.len());
+        let mut problem = problem.build().map_err(failed)?;
+        // Failures are counted over a whole solution, and 50 in all would end it.
+        problem.ode_options.max_nonlinear_solver_failures = usize::MAX;
+        match self.law.solver {
+            Solver::Tsit45 => self.steps(problem.tsit45().map_err(failed)?),
+            Solver::Bdf => self.steps(problem.bdf::<NalgebraLU<f64>>().map_err(failed)?),
+            Solver::TrBdf2 => self.steps(problem.tr_bdf2::<NalgebraLU<f64>>().map_err(failed)?),
+            Solver::Esdirk34 => self.steps(problem.esdirk34::<NalgebraLU<f64>>().map_err(failed)?),
+        }
+    }
+
+    /// Steps of one solver, and the rows that fall due.
+    fn steps<'p, E, S>(&mut self, mut solver: S) -> Result<State, (f64, Error)>
+    where
+        E: OdeEquations<T = f64, V = NalgebraVec<f64>> + 'p,
+        S: OdeSolverMethod<'p, E>,
+    {
+        let (end, nv) = (self.times[self.times.len() - 1], self.law.scene.nv());
+        let at_end = match solver.set_stop_time(end) {
+            Ok(()) => false,
+            Err(DiffsolError::OdeSolverError(OdeSolverError::StopTimeAtCurrentTime)) => true,
+            Err(error) => return Err((solver.state().t, self.cause(&error.to_string()))),
+        };
+        let mut reached = at_end;
+        loop {
+            let before = solver.state().t;
+            if !reached {
+                if self.solution.steps == self.law.most_steps {
+                    let expected = "a solver for stiff motion, looser tolerances, or more steps";
+                    return Err((before, Error::argument("most_steps", self.law.most_steps.to_string(), expected)));
+                }
+                self.field.borrow_mut().error = None;
+                match solver.step() {
+                    Ok(reason) => reached = matches!(reason, OdeSolverStopReason::TstopReached),
+                    Err(error) => return Err((before, self.cause(&error.to_string()))),
+                }
+                self.solution.steps += 1;
+            }
+            let (t, y) = (solver.state().t, solver.state().y.clone_as_vec());
+            if !y.iter().all(|x| x.is_finite()) {
+                return Err((before, self.cause("a state that is not finite")));
+            }
+            let mut q = vec![0.0; self.law.scene.nq()];
+            while let Some(&due) = self.times.get(self.solution.t.len())
+                && (due <= t || reached)
+            {
+                let row = if due >= t {
+                    y.clone()
+                } else {
+                    let between = solver.interpolate(due);
+                    between.map_err(|error| (before, self.cause(&error.to_string())))?.clone_as_vec()
+                };
+                self.field.borrow().configuration(&row[..nv], &mut q);
+                self.row(due, &q, &row[nv..]);
+            }
+            if reached || self.field.borrow().turned(&y[..nv]) > TURNED {
+                self.field.borrow().configuration(&y[..nv], &mut q);
+                return Ok((t, q, y[nv..].to_vec()));
+            }
+        }
+    }
+
+    /// Why there is no next step: what the right side could not do, else what the solver says.
+    fn cause(&self, solver: &str) -> Error {
+        let known = self.field.borrow_mut().error.take();
+        known.unwrap_or_else(|| {
+            let found = format!("{solver} ({:?})", self.law.solver);
+            Error::argument("solver", found, "motion that can be followed: another solver or other tolerances")
+        })
+    }
+}
