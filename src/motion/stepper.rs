@@ -169,7 +169,9 @@ impl<T: Vectorised<Number = f64>> Work for Run<'_, '_, T> {
             }
             std::mem::swap(&mut s.q, &mut s.q_next);
             std::mem::swap(&mut s.v, &mut s.v_next);
-            s.keeper.remember();
+            if s.keeper.keeps() {
+                s.keeper.remember();
+            }
             if let Some(rows) = &mut rows
                 && (n + 1) % rows.every == 0
             {
@@ -202,8 +204,13 @@ fn strayed<T: Vectorised>(law: &Law, s: &Scratch<T>) -> u64 {
     for &v in &s.v_next {
         worst = worst.worst(v.constant(limit) - v.abs());
     }
-    for &x in s.q_next.iter().chain(&s.keeper.correction) {
-        worst += x - x;
+    for &q in &s.q_next {
+        worst += q - q;
+    }
+    if s.keeper.keeps() {
+        for c in s.keeper.correction {
+            worst += c - c;
+        }
     }
     lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
 }
