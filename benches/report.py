@@ -31,7 +31,7 @@ import report_page
 
 FEATURES = "urdf,parallel,dense,stochastic"
 COMPARED = [operation + suffix for operation in OPERATIONS for suffix in ("", BATCH)]
-#: Criterion's options where there is no need to be exact; and where five passes make up for short ones.
+#: Criterion's options where there is no need to be exact; and for all else, a median of a hundred samples.
 QUICK = ("--warm-up-time", "0.1", "--measurement-time", "0.2", "--sample-size", "10")
 SHORT = ("--warm-up-time", "1", "--measurement-time", "2")
 
@@ -74,7 +74,7 @@ def measure(passes: int, quick: bool) -> dict[str, Any]:
     bench = cargo_bench()
     groups = groups_of(bench)
     others = [group for group in groups if group not in COMPARED]
-    alone = [*bench, "--", only(["growth"] if quick else others), *(QUICK if quick else ())]
+    alone = [*bench, "--", only(["growth"] if quick else others), *(QUICK if quick else SHORT)]
     shared = [*bench, "--", only([group for group in groups if group in COMPARED]), *(QUICK if quick else SHORT)]
     # One core: batches are compared with Pinocchio on one.
     compare = ["env", "RAYON_NUM_THREADS=1", sys.executable, "benches/peers/compare.py"]
