@@ -167,22 +167,6 @@ def test_momentum_that_cannot_be_kept_is_refused(floating: phipsi.Scene, arm: ph
     assert caught.value.step == 2 and caught.value.trajectory.momentum_correction is not None
 
 
-def test_an_arm_held_still_is_not_done_again_in_another_form(arm: phipsi.Scene) -> None:
-    """Its torques leave next to nothing of gravity: the digits lost are seen beside gravity, not beside what is left."""
-    rng = np.random.default_rng(3)
-    pd = phipsi.PD(400.0, 60.0, np.zeros(arm.nq), np.zeros(arm.nv))
-
-    def run(q: np.ndarray, qd: np.ndarray, form: str, steps: int) -> phipsi.Trajectory:
-        return arm.simulate(q, qd, dt=2e-3, steps=steps, pd=pd, form=form, method="implicit-euler", record_every=steps)
-
-    settled = run(rng.uniform(-1, 1, (8, arm.nq)), np.zeros((8, arm.nv)), "covariance", 2000)
-    q, qd = settled.q[:, -1], settled.qd[:, -1]
-    assert size(arm.forward_dynamics(q, qd, arm.bias_torque(q, qd))) < 1e-6
-    watched, plain = (run(q, qd, form, 200) for form in ("auto", "covariance"))
-    assert_same_bits(watched.q, plain.q)
-    assert_same_bits(watched.qd, plain.qd)
-
-
 def test_limits_are_reported_and_not_enforced() -> None:
     scene = pendulum(lower=-0.2, upper=0.5, velocity=1.0)
     path = scene.simulate(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from .. import _core
 from . import draw, emergence_plots, page, plots
 from .collect import Report, collect, to_json
 from .figure import Plot
+from .files import write_folder
 from .progress import Reporter, Silent
 
 __all__ = ["Report", "collect", "to_json", "write"]
@@ -16,18 +16,11 @@ __all__ = ["Report", "collect", "to_json", "write"]
 
 def write(report: Report, directory: Path, reporter: Reporter | None = None) -> Path:
     """Writes index.html, report.json and the plots into `directory`, made where missing; returns the page's path."""
-    directory.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(to_json(report), indent=1, allow_nan=False, ensure_ascii=False)
-    (directory / "report.json").write_text(text + "\n", encoding="utf-8")
     drawn = _plots(report, reporter or Silent())
     q, caption = draw.pose(report.scene, report.tree)
     skeleton = draw.skeleton(report.scene, report.tree, q)
+    index = write_folder(directory, page.page(report, skeleton, caption, drawn), ("report.json", to_json(report)), drawn)
     (directory / "skeleton.svg").write_text(skeleton, encoding="utf-8")
-    for plot in drawn:
-        (directory / f"{plot.name}.svg").write_text(plot.svg, encoding="utf-8")
-        (directory / f"{plot.name}.png").write_bytes(plot.png)
-    index = directory / "index.html"
-    index.write_text(page.page(report, skeleton, caption, drawn), encoding="utf-8")
     return index
 
 

@@ -123,3 +123,34 @@ fn base_to_tip<T: Real>(
 fn joined<T: Real>([w, v]: [[T; 3]; 2]) -> Vector6<T> {
     Vector6::new(w[0], w[1], w[2], v[0], v[1], v[2])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{LeanModel, LeanScratch, forward_dynamics_watched};
+    use crate::scenes;
+
+    /// Torques that hold a chain against its weight leave next to nothing of it: beside what is left most digits are missing, beside
+    /// gravity hardly one.
+    #[test]
+    fn what_is_held_still_is_seen_beside_gravity() {
+        let scene = scenes::chain(7).expect("a chain");
+        let model = scene.model();
+        let (q, still) = ([0.3, -0.7, 0.5, 0.9, -0.4, 0.6, 0.2], [0.0; 7]);
+        let mut torque = [f64::NAN; 7];
+        scene.bias_torque(&mut scene.workspace(), &q, &still, &mut torque).expect("a state");
+        // Off by a part in ten thousand million, which is what is left.
+        torque[3] *= 1.0 + 1e-10;
+        let error = |lean: &LeanModel<f64>| {
+            let (mut scratch, mut qdd) = (LeanScratch::new(model, lean), [f64::NAN; 7]);
+            let state = (&q[..], &still[..], &torque[..]);
+            let (_, seen) = forward_dynamics_watched((model, lean), &mut scratch, state, &[], &mut qdd);
+            assert!(qdd.iter().all(|a| a.abs() < 1e-6) && qdd.iter().any(|&a| a != 0.0), "{qdd:?}");
+            (seen.error(0), qdd.iter().fold(0.0_f64, |largest, a| largest.max(a.abs())))
+        };
+        let gravity = model.gravity.norm();
+        let (alone, left) = error(&LeanModel::new(model));
+        let (beside, _) = error(&LeanModel::new(model).beside(gravity));
+        assert!(alone > 1e-6 && beside < 1e-11, "{alone:e} {beside:e}");
+        assert!((alone * left / (beside * gravity) - 1.0).abs() < 1e-12, "{alone:e} {beside:e}");
+    }
+}

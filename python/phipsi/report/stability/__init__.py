@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
+from ..files import write_folder, write_page
 from . import page, plots
 from .collect import Stability, collect, to_json
 
@@ -13,23 +13,11 @@ __all__ = ["Stability", "collect", "write", "write_markdown"]
 
 def write(found: Stability, directory: Path) -> Path:
     """Writes index.html, stability.json and the plots into `directory`, made where missing; returns the page's path."""
-    directory.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(to_json(found), indent=1, allow_nan=False, ensure_ascii=False)
-    (directory / "stability.json").write_text(text + "\n", encoding="utf-8")
     drawn = plots.draw(found)
-    for plot in drawn:
-        (directory / f"{plot.name}.svg").write_text(plot.svg, encoding="utf-8")
-        (directory / f"{plot.name}.png").write_bytes(plot.png)
-    index = directory / "index.html"
-    index.write_text(page.html(found, drawn), encoding="utf-8")
-    return index
+    return write_folder(directory, page.html(found, drawn), ("stability.json", to_json(found)), drawn)
 
 
 def write_markdown(found: Stability, path: Path) -> Path:
     """Writes the page on numerics as Markdown, its plots beside it; returns the path."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     drawn = plots.draw(found)
-    for plot in drawn:
-        (path.parent / f"{path.stem}-{plot.name}.png").write_bytes(plot.png)
-    path.write_text(page.markdown(found, drawn, path.stem), encoding="utf-8")
-    return path
+    return write_page(path, page.markdown(found, drawn, path.stem), drawn)
