@@ -393,21 +393,17 @@ fn momentum_of_what_only_slides_is_kept_to_rounding() {
     }
 }
 
+/// A floating tree whose joints turn, without gravity.
+fn turning_tree() -> Scene {
+    let kinds = &[JointKind::Revolute, JointKind::Spherical];
+    let tree = Tree { seed: 6, bodies: 4, kinds, branching: 0.4, armature: 0.0, floating: true };
+    tree.builder().gravity([0.0; 3]).build().unwrap()
+}
+
 /// What turns has momentum that is not linear in the rates: its drift falls with the order of the method.
 #[test]
 fn drift_of_momentum_and_energy_falls_with_the_order() {
-    let scene = Tree {
-        seed: 6,
-        bodies: 4,
-        kinds: &[JointKind::Revolute, JointKind::Spherical],
-        branching: 0.4,
-        armature: 0.0,
-        floating: true,
-    }
-    .builder()
-    .gravity([0.0; 3])
-    .build()
-    .unwrap();
+    let scene = turning_tree();
     let mut random = Random::new(2);
     let (q, v, _) = random_state(&scene, &mut random);
     let u = vec![0.0; scene.nv()];
@@ -555,15 +551,7 @@ fn keeping_momentum_leaves_every_method_its_order() {
 
 #[test]
 fn keeping_momentum_does_not_spoil_the_energy() {
-    let tree = Tree {
-        seed: 6,
-        bodies: 4,
-        kinds: &[JointKind::Revolute, JointKind::Spherical],
-        branching: 0.4,
-        armature: 0.0,
-        floating: true,
-    };
-    let scene = tree.builder().gravity([0.0; 3]).build().unwrap();
+    let scene = turning_tree();
     let mut random = Random::new(2);
     // Of several states: the drift of one may be small by chance.
     let states: Vec<_> = (0..6).map(|_| random_state(&scene, &mut random)).collect();

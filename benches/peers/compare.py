@@ -222,6 +222,14 @@ def print_table(rows: list[Row], machine: Report, passes: int, age: float | None
         )
 
 
+def write_report(name: str, report: dict[str, Any]) -> None:
+    """What was measured, as JSON where report_page.py looks for it."""
+    PEERS.mkdir(parents=True, exist_ok=True)
+    path = PEERS / name
+    path.write_text(json.dumps(report, indent=1, allow_nan=False) + "\n")
+    print(f"written: {path}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--passes", type=int, default=5, help="default: %(default)s")
@@ -269,9 +277,7 @@ def main() -> None:
             for (model, algorithm), spread in pinocchio.items()
         ],
     }
-    path = PEERS / "comparison.json"
-    path.write_text(json.dumps(report, indent=1) + "\n")
-    print(f"written: {path}")
+    write_report("comparison.json", report)
 
 
 if __name__ == "__main__":

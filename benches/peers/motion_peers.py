@@ -16,7 +16,6 @@ Where one does not, nothing is reported. Prints tables, writes target/peers/moti
 """
 
 import argparse
-import json
 import os
 import re
 import subprocess
@@ -30,7 +29,7 @@ import mujoco.rollout
 import numpy as np
 import phipsi
 import pinocchio as pin
-from compare import PEERS, ROOT, Spread, describe_machine
+from compare import ROOT, Spread, describe_machine, write_report
 from contestants import mujoco_model, pinocchio_model
 from problems import BATCH_STATES, Array, Problem, problem
 from python_peers import Timed, nanoseconds, turns, versions
@@ -427,10 +426,7 @@ def main() -> None:
         "mppi": mppi(min(options.passes, 5), max(5, min(100, round(1000 * options.seconds)))),
     }  # fmt: skip
     print_table(report)
-    PEERS.mkdir(parents=True, exist_ok=True)
-    path = PEERS / "motion.json"
-    path.write_text(json.dumps(report, indent=1, allow_nan=False) + "\n")
-    print(f"written: {path}")
+    write_report("motion.json", report)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ import argparse
 import contextlib
 import gc
 import importlib.metadata
-import json
 import logging
 import multiprocessing
 import os
@@ -31,7 +30,7 @@ os.environ["OMP_WAIT_POLICY"] = "passive"
 import batches
 import contestants
 import numpy as np
-from compare import PEERS, Spread, describe_machine
+from compare import Spread, describe_machine, write_report
 from contestants import Entry, Refused
 from problems import BATCH_STATES, MODELS, ONE_STATES, Problem, problem
 
@@ -243,10 +242,7 @@ def main() -> None:
     for row in table.refused:
         print(f"not timed: {row['model']}: {row['library']}: {row['reason']}")
     report = {"machine": machine, "passes": options.passes, "command": sys.argv, "rows": rows, "refused": table.refused}
-    PEERS.mkdir(parents=True, exist_ok=True)
-    path = PEERS / "python.json"
-    path.write_text(json.dumps(report, indent=1, allow_nan=False) + "\n")
-    print(f"written: {path}")
+    write_report("python.json", report)
 
 
 if __name__ == "__main__":

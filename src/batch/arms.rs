@@ -122,7 +122,7 @@ pub trait Vectorised: Real {
 }
 
 /// As many lanes as any scalar has.
-const MOST_LANES: usize = 16;
+pub(crate) const MOST_LANES: usize = 16;
 
 /// One array of every state into lanes; lanes without a state of their own repeat the last.
 #[inline(always)]

@@ -5,6 +5,7 @@ use super::errors::fault;
 use super::estimation::Estimation;
 use super::scene::PyScene;
 use super::wrenches::{self, Wrench};
+use crate::batch::arms::MOST_LANES;
 use crate::batch::chunk::{Algorithm, Arguments};
 use crate::batch::evaluator::{Evaluated, Evaluator};
 use crate::batch::{Batch, Broadcast, Fault, broadcast_axes};
@@ -37,9 +38,6 @@ pub(super) struct Scratch {
     /// The same of as many states as there are lanes.
     lane_forces: Vec<Vec<SpatialVector<f64>>>,
 }
-
-/// More than any arm has lanes.
-const MOST_LANES: usize = 16;
 
 impl Scratch {
     pub(super) fn new(scene: &Scene) -> Self {

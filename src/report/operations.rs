@@ -86,14 +86,14 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
     let mut columns: LeanColumns<Counted> = LeanColumns::new();
     let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
     let ((), operations) = Counted::during(|| {
-        let (scene, state) = ((&model, &lean), (&q[..], &qd[..]));
+        let scene = (&model, &lean);
         match algorithm {
             Algorithm::ForwardDynamics(_) => {
-                lean::forward_dynamics(scene, &mut scratch, (state.0, state.1, &u), &wrenches, &mut out);
+                lean::forward_dynamics(scene, &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
             }
             Algorithm::InverseDynamics | Algorithm::BiasTorque => {
                 let u = (algorithm == Algorithm::InverseDynamics).then_some(&u[..]);
-                lean::inverse_dynamics(scene, &mut scratch, (state.0, state.1, u), &wrenches, &mut out);
+                lean::inverse_dynamics(scene, &mut scratch, (&q, &qd, u), &wrenches, &mut out);
             }
             Algorithm::MassMatrix => lean::mass_matrix(scene, &mut scratch, &q, &mut out),
             Algorithm::MassMatrixInverse(_) => {

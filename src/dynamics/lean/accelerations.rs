@@ -3,7 +3,7 @@
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::motion::{cross_number, four, three};
 use super::scratch::{Halves, LeanScratch};
-use super::turn::{BRANCH, Renaming, Turn};
+use super::turn::{Renaming, Turn};
 use crate::filter::riccati::Measured;
 use crate::filter::smoother;
 use crate::scalar::Real;
@@ -20,8 +20,7 @@ pub(super) fn base_to_tip<T: Real>(
     for (k, body) in lean.bodies.iter().enumerate() {
         let lambda = match &body.carrier {
             Carrier::Turn(renaming) => {
-                let mut lambda =
-                    carried::<T, BRANCH>(body, renaming, scratch.turns[k], &scratch.co_states[body.parent_outward]);
+                let mut lambda = carried(body, renaming, scratch.turns[k], &scratch.co_states[body.parent_outward]);
                 let a = estimated(&scratch.measured[body.row], estimates[body.row], &lambda);
                 lambda[0][2] += a;
                 estimates[body.row] = a;
@@ -41,13 +40,13 @@ pub(super) fn base_to_tip<T: Real>(
 
 /// phi* lambda across a turn.
 #[inline(always)]
-pub(super) fn carried<T: Real, const BY: bool>(
+pub(super) fn carried<T: Real>(
     body: &LeanBody<T::Parameter>,
     renaming: &Renaming<T::Parameter>,
     turn: Turn<T>,
     lambda: &Halves<T>,
 ) -> [[T; 3]; 2] {
-    let (w, v) = (renaming.back::<T, BY>(&lambda[0]), renaming.back::<T, BY>(&lambda[1]));
+    let (w, v) = (renaming.back(&lambda[0]), renaming.back(&lambda[1]));
     let v = if body.has_lever { cross_number(w, body.lever, v) } else { v };
     [turn.rotate_back(w), turn.rotate_back(v)]
 }

@@ -1,6 +1,6 @@
 //! The constants of a scene as these sweeps read them: one number for all lanes.
 
-use super::slots::Slots;
+use super::slots::{Slots, last_children};
 use super::turn::Renaming;
 use crate::filter::pivots::Scale;
 use crate::scalar::Real;
@@ -55,8 +55,8 @@ pub(super) struct LeanBody<N> {
     pub parent_inward: usize,
     /// Whether anything hangs on it.
     pub is_leaf: bool,
-    /// The body before it on the same parent, and that one's first row.
-    pub sibling: Option<(usize, usize)>,
+    /// The body before it on the same parent.
+    pub sibling: Option<usize>,
     /// How many rows there are from the base to its own.
     pub depth: usize,
     /// One past the last row of what hangs on it.
@@ -86,8 +86,6 @@ pub(crate) struct LeanModel<T: Real> {
     pub(super) beside: f64,
     /// Whether M^-1 is its factors multiplied out.
     pub(super) is_shallow: bool,
-    /// Whether anything branches.
-    pub(super) branches: bool,
 }
 
 impl<T: Real> LeanModel<T> {
@@ -101,7 +99,6 @@ impl<T: Real> LeanModel<T> {
                 composite_mass[parent] += composite_mass[k];
             }
         }
-        let rows = |k: usize| model.system.stages[k].first_row;
         let mut end_row: Vec<usize> =
             model.system.stages.iter().map(|stage| stage.first_row + stage.rows.count()).collect();
         for (k, parent) in parents.iter().enumerate().rev() {
@@ -109,6 +106,8 @@ impl<T: Real> LeanModel<T> {
                 end_row[parent] = end_row[parent].max(end_row[k]);
             }
         }
+        // Of each body the last child; and the last up to the body at hand.
+        let (last_child, mut youngest) = (last_children(&parents), vec![None; parents.len()]);
         let place = |slots: &Slots, body: Option<usize>| body.map_or(0, |body| slots.of[body]);
         let bodies = model.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
             let renaming = match body.motion {
@@ -146,15 +145,12 @@ impl<T: Real> LeanModel<T> {
                 parent_outward: place(&outward, stage.parent),
                 inward: inward.of[k],
                 parent_inward: place(&inward, stage.parent),
-                is_leaf: !parents.contains(&Some(k)),
-                sibling: stage
-                    .parent
-                    .and_then(|_| parents[..k].iter().rposition(|&p| p == stage.parent))
-                    .map(|k| (k, rows(k))),
+                is_leaf: last_child[k].is_none(),
+                sibling: stage.parent.and_then(|parent| youngest[parent].replace(k)),
                 depth: 0,
                 end_row: end_row[k],
                 is_parted: false,
-                arrives_first: stage.parent.is_some() && !parents[k + 1..].contains(&stage.parent),
+                arrives_first: stage.parent.is_some_and(|parent| last_child[parent] == Some(k)),
             }
         });
         let mut bodies: Vec<_> = bodies.collect();
@@ -166,18 +162,10 @@ impl<T: Real> LeanModel<T> {
             bodies[k].is_parted =
                 bodies[k].sibling_follows() || bodies[k].parent.is_some_and(|parent| bodies[parent].is_parted);
         }
-        let branches = bodies.iter().any(|body| body.parent.is_some() && !body.arrives_first);
         let is_shallow = steps <= SHALLOW * model.nv().pow(2);
-        Self {
-            bodies,
-            beside: 0.0,
-            is_shallow,
-            outward_slots: outward.count,
-            inward_slots: inward.count,
-            shifts,
-            branches,
-        }
+        Self { bodies, beside: 0.0, is_shallow, outward_slots: outward.count, inward_slots: inward.count, shifts }
     }
+
     /// The same, watched for errors beside an acceleration of this size (m/s^2, rad/s^2) where the result is smaller.
     pub fn beside(self, acceleration: f64) -> Self {
         Self { beside: acceleration, ..self }

@@ -15,7 +15,7 @@ pub(super) type Tile<C> = [C; TILE];
 pub(super) const TILE: usize = 4;
 
 /// Scratch of the closed form; a block begins at a column that is a multiple of its width.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct LeanColumns<C> {
     /// In slots outward: of every column minus its co-state, what a lane has beyond them means nothing.
     slots: Vec<Vec<Block<C>>>,
@@ -84,12 +84,12 @@ impl<C: Real> LeanColumns<C> {
 
     /// The path's joint at `depth` is that of `row`.
     #[inline(always)]
-    pub(super) fn enter_path<T: Real>(&mut self, depth: usize, row: usize, one: T)
+    pub(super) fn enter_path<T: Real>(&mut self, depth: usize, row: usize)
     where
         C: ColumnsOf<T>,
     {
         self.path[depth] = (row, row * self.tiles::<T>());
-        self.put_factor(depth, row, one);
+        self.put_factor(depth, row, T::one());
     }
 
     /// w of the path's joint at `depth` in a row outward of it.

@@ -2,7 +2,7 @@
 
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::scratch::{Covariance, LeanScratch};
-use super::turn::{BRANCH, Renaming, Turn};
+use super::turn::{BRANCH, Renaming, TABLE, Turn};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
 use crate::filter::{HingeMap, System, innovations};
@@ -349,13 +349,30 @@ pub(super) fn in_joint_frame<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<
 
 /// Adds it to what is at the parent.
 #[inline(always)]
-pub(super) fn add_force<N: Copy, T: Real<Parameter = N>, const BY: bool>(
+fn add_force<N: Copy, T: Real<Parameter = N>, const BY: bool>(
     renaming: &Renaming<N>,
     [moment, force]: [[T; 3]; 2],
     to: &mut [T; 6],
 ) {
     renaming.add::<T, BY>(moment, &mut to[..3]);
     renaming.add::<T, BY>(force, &mut to[3..]);
+}
+
+/// A force at body `k` as it is at the parent; sweeps over a few bodies, one after another, call it.
+#[inline(always)]
+pub(super) fn one_inward<T: Real>(
+    (k, body): (usize, &LeanBody<T::Parameter>),
+    scratch: &LeanScratch<T>,
+    force: &[T; 6],
+) -> [T; 6] {
+    match &body.carrier {
+        Carrier::Turn(renaming) => {
+            let mut there = [force[0].constant(0.0); 6];
+            add_force::<_, T, TABLE>(renaming, in_joint_frame(body, scratch.turns[k], force), &mut there);
+            there
+        }
+        Carrier::Shift(at) => scratch.shifts[*at].force_to_parent(&Vector6::from(*force)).into(),
+    }
 }
 
 /// The filter at a stage with any joint: its rows, and the way to its parent.

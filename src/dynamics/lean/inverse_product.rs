@@ -64,9 +64,8 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
             }
         }
         for i in 0..stage.rows.count() {
-            let one = T::one();
-            columns.enter_path(depth + i, body.row + i, one);
-            let mut c = stage.rows.row(i).spread_onto(&zero(), -one);
+            columns.enter_path(depth + i, body.row + i);
+            let mut c = stage.rows.row(i).spread_onto(&zero(), -T::one());
             for outer in i + 1..stage.rows.count() {
                 let w = dot(&scratch.measured[body.row + outer].gain, &c);
                 columns.put_factor(depth + i, body.row + outer, w);

@@ -6,11 +6,11 @@
 
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::columns::{LeanColumns, blocks_of, put_block, set_column};
-use super::filter::{self, ABOUT_Z, add_force, in_joint_frame, unpacked};
+use super::filter::{self, ABOUT_Z, unpacked};
 use super::inverse_product;
 use super::motion::{carriers, cross};
 use super::scratch::LeanScratch;
-use super::turn::{Renaming, TABLE, Turn};
+use super::turn::{Renaming, Turn};
 use super::way::Way;
 use crate::dynamics::columns::{put, spread_hinge, spread_shift, spread_vector};
 use crate::filter::covariance::row_update;
@@ -58,11 +58,9 @@ fn by_co_covariances<T: Real, C: ColumnsOf<T>>(
     out: &mut [T],
 ) {
     co_covariances_base_to_tip((model, lean), scratch);
-    if lean.branches {
-        for (k, body) in lean.bodies.iter().enumerate().filter(|(_, body)| body.is_parted) {
-            for column in body.row..body.row + model.system.stages[k].rows.count() {
-                parted_inward((model, lean), (scratch, columns), (k, column));
-            }
+    for (k, body) in lean.bodies.iter().enumerate().filter(|(_, body)| body.is_parted) {
+        for column in body.row..body.row + model.system.stages[k].rows.count() {
+            parted_inward((model, lean), (scratch, columns), (k, column));
         }
     }
     rows_base_to_tip((model, lean), (scratch, columns), out);
@@ -172,22 +170,16 @@ fn parted_inward<T: Real, C: ColumnsOf<T>>(
     past_rows(&model.system.stages[k], &scratch.measured, 0..column - body.row, &mut u);
     let mut at = k;
     while let Some(parent) = body.parent {
-        u = match &body.carrier {
-            Carrier::Turn(renaming) => {
-                let mut there = [u[0].constant(0.0); 6];
-                add_force::<_, T, TABLE>(renaming, in_joint_frame(body, scratch.turns[at], &u.into()), &mut there);
-                there.into()
-            }
-            Carrier::Shift(shift) => scratch.shifts[*shift].force_to_parent(&u),
-        };
+        let there = filter::one_inward((at, body), scratch, &u.into());
         if body.sibling_follows() {
-            columns.part((at, body.row), column, &u.into());
+            columns.part((at, body.row), column, &there);
         }
         (at, body) = (parent, &lean.bodies[parent]);
         if !body.is_parted {
             break;
         }
         let stage = &model.system.stages[at];
+        u = there.into();
         past_rows(stage, &scratch.measured, 0..stage.rows.count(), &mut u);
     }
 }
@@ -208,9 +200,9 @@ fn rows_base_to_tip<T: Real, C: ColumnsOf<T>>(
         if body.parent.is_none() {
             tree = body.row;
         }
-        if let (Some(parent), Some((sibling, row))) = (body.parent, body.sibling) {
-            let lambda = unpacked(&scratch.co_covariances[parent]);
-            columns.arrive(body.parent_outward, sibling, row..body.row, &lambda);
+        if let (Some(parent), Some(sibling)) = (body.parent, body.sibling) {
+            let (lambda, branch) = (unpacked(&scratch.co_covariances[parent]), lean.bodies[sibling].row..body.row);
+            columns.arrive(body.parent_outward, sibling, branch, &lambda);
         }
         let mut own = columns.take(body.outward);
         if body.parent.is_some() {

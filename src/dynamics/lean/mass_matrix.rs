@@ -1,10 +1,10 @@
 //! Tip to base: composite inertias (3.5), and from each joint the column of M inward of it (3.4).
 
 use super::body::{Carrier, LeanBody, LeanModel};
-use super::filter::{add_force, in_joint_frame};
+use super::filter::one_inward;
 use super::motion::carriers;
 use super::scratch::{Composite, LeanScratch};
-use super::turn::{BRANCH, Renaming, TABLE, Turn};
+use super::turn::{BRANCH, Renaming, Turn};
 use crate::dynamics::columns::put;
 use crate::filter::Rows;
 use crate::scalar::Real;
@@ -92,14 +92,7 @@ fn column_inward<T: Real>(
     let nv = model.nv();
     while let Some(parent) = lean.bodies[k].parent {
         let body = &lean.bodies[k];
-        force = match &body.carrier {
-            Carrier::Turn(renaming) => {
-                let mut there = [force[0].constant(0.0); 6];
-                add_force::<_, T, TABLE>(renaming, in_joint_frame(body, scratch.turns[k], &force), &mut there);
-                there
-            }
-            Carrier::Shift(at) => scratch.shifts[*at].force_to_parent(&Vector6::from(force)).into(),
-        };
+        force = one_inward((k, body), scratch, &force);
         let inward = &lean.bodies[parent];
         let rows = &model.system.stages[parent].rows;
         if let Carrier::Turn(_) = inward.carrier {

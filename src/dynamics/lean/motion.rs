@@ -5,7 +5,7 @@
 
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::scratch::{LeanScratch, Moving};
-use super::turn::{BRANCH, Turn};
+use super::turn::Turn;
 use crate::dynamics::forces::{Motion, Needed};
 use crate::kinematics::{joint_motion, joint_shift};
 use crate::scalar::Real;
@@ -106,11 +106,7 @@ pub(super) fn forces_base_to_tip<T: Real>(
             Carrier::Turn(renaming) => {
                 let turn = scratch.turns[k];
                 let parent = &scratch.motions[body.parent_outward];
-                let [w, dw, a] = [
-                    renaming.back::<T, BRANCH>(&parent[0]),
-                    renaming.back::<T, BRANCH>(&parent[1]),
-                    renaming.back::<T, BRANCH>(&parent[2]),
-                ];
+                let [w, dw, a] = [renaming.back(&parent[0]), renaming.back(&parent[1]), renaming.back(&parent[2])];
                 turned(body, turn, [w, dw, a], (state.qd, state.qdd), needed)
             }
             Carrier::Shift(at) => {

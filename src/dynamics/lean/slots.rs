@@ -48,7 +48,7 @@ impl Slots {
 }
 
 /// The last child of each body.
-fn last_children(parents: &[Option<usize>]) -> Vec<Option<usize>> {
+pub(super) fn last_children(parents: &[Option<usize>]) -> Vec<Option<usize>> {
     let mut last = vec![None; parents.len()];
     for (k, parent) in parents.iter().enumerate() {
         if let Some(parent) = *parent {

@@ -30,7 +30,7 @@ enum Order {
     Yxz,
 }
 
-/// Renames vectors by a table of indices instead of by a branch for each order.
+/// Adds vectors by a table of indices instead of by a branch for each order.
 pub(super) const TABLE: bool = true;
 /// By a branch.
 pub(super) const BRANCH: bool = false;
@@ -84,19 +84,10 @@ impl<N: Copy> Renaming<N> {
 
 impl<N: Copy> Renaming<N> {
     /// A vector from the parent's frame to the joint's; of `v` the last number is not read.
-    ///
-    /// By a branch for each order, or by a [`TABLE`] of indices: a branch costs less in one sweep over the bodies, and far more where
-    /// sweeps over some of them follow each other so fast that no branch is foreseen.
     #[inline(always)]
-    pub fn back<T: Real<Parameter = N>, const TABLE: bool>(&self, v: &[T; 4]) -> [T; 3] {
+    pub fn back<T: Real<Parameter = N>>(&self, v: &[T; 4]) -> [T; 3] {
         let [x, y, z] = self.sign;
         let signed = [v[0] * v[0].everywhere(x), v[1] * v[0].everywhere(y), v[2] * v[0].everywhere(z)];
-        if TABLE {
-            // Four, so that no index is out of bounds.
-            let [a, b, c] = self.from_back;
-            let padded = [signed[0], signed[1], signed[2], signed[0]];
-            return [padded[usize::from(a & 3)], padded[usize::from(b & 3)], padded[usize::from(c & 3)]];
-        }
         let mut turned = signed;
         in_order!(self.order, X, Y, Z, (turned[X], turned[Y], turned[Z]) = (signed[0], signed[1], signed[2]));
         turned
@@ -111,11 +102,15 @@ impl<N: Copy> Renaming<N> {
         ([a, b, c], [self.sign[a], self.sign[b], self.sign[c]])
     }
 
-    /// Adds a vector in the joint's frame to one in the parent's, as [`Renaming::back`].
+    /// Adds a vector in the joint's frame to one in the parent's.
+    ///
+    /// By a branch for each order, or by a [`TABLE`] of indices: a branch costs less in one sweep over the bodies, and far more where
+    /// sweeps over some of them follow each other so fast that no branch is foreseen.
     #[inline(always)]
     pub fn add<T: Real<Parameter = N>, const TABLE: bool>(&self, v: [T; 3], to: &mut [T]) {
         let [x, y, z] = self.sign;
         let [p, q, r] = if TABLE {
+            // Four, so that no index is out of bounds.
             let [a, b, c] = self.from;
             let padded = [v[0], v[1], v[2], v[0]];
             [padded[usize::from(a & 3)], padded[usize::from(b & 3)], padded[usize::from(c & 3)]]

@@ -4,7 +4,7 @@ use super::accelerations::split;
 use super::body::{Carrier, LeanModel};
 use super::motion;
 use super::scratch::LeanScratch;
-use super::turn::{BRANCH, Turn};
+use super::turn::Turn;
 use super::{accelerations, filter};
 use crate::dynamics::forces::{Motion, Needed};
 use crate::filter::cancellation::{Cancellation, Swept};
@@ -99,8 +99,8 @@ fn base_to_tip<T: Real>(
             Carrier::Turn(renaming) => {
                 let turn = scratch.turns[k];
                 seen.carried(&zeta, &outer, outer[0].everywhere(body.lever_square));
-                lambda = joined(accelerations::carried::<T, BRANCH>(body, renaming, turn, &split(&outer)));
-                nu = joined(accelerations::carried::<T, BRANCH>(body, renaming, turn, &split(&outer_nu)));
+                lambda = joined(accelerations::carried(body, renaming, turn, &split(&outer)));
+                nu = joined(accelerations::carried(body, renaming, turn, &split(&outer_nu)));
                 // Spelt out, so that the compiler sees which entry is meant.
                 let stage = Stage { parent: body.parent, rows: Rows::One(HingeMap::Axis(2)), first_row: body.row };
                 seen.through_stage(&stage, &swept, (&mut lambda, &mut nu), (estimates, &watching.innovations));
