@@ -13,9 +13,9 @@ use crate::filter::{HingeMap, Rows, Stage};
 use crate::kinematics::turned_by;
 use crate::scalar::Real;
 use crate::scene::Model;
-use crate::spatial::{RigidShift, Symmetric3, Symmetric6};
+use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
-use nalgebra::{Matrix3, Vector6};
+use nalgebra::Vector6;
 
 /// [`forward_dynamics`](super::forward_dynamics), and what [`cancellation::sweep`](crate::filter::cancellation::sweep) finds.
 #[inline(always)]
@@ -49,7 +49,7 @@ pub(crate) fn factor_watched<T: Real>(
     (monitor, base_to_tip((model, lean), scratch, estimates))
 }
 
-/// What the first look left, as the closer looks of [`auto`](crate::dynamics::auto) read it: of P^+ the diagonal alone.
+/// What the first look left, as the second look of [`auto`](crate::dynamics::auto) reads it.
 #[inline(always)]
 pub(crate) fn hand_over<T: Real>(
     (model, lean): (&Model<T>, &LeanModel<T>),
@@ -58,7 +58,6 @@ pub(crate) fn hand_over<T: Real>(
 ) {
     let watching = &scratch.watching;
     workspace.measured.copy_from_slice(&scratch.measured);
-    workspace.scale.copy_from_slice(&watching.scale);
     for (k, body) in lean.bodies.iter().enumerate() {
         workspace.shift[k] = match &body.carrier {
             Carrier::Turn(_) => {
@@ -70,13 +69,7 @@ pub(crate) fn hand_over<T: Real>(
         };
         workspace.z[k] = Vector6::from(scratch.forces[k]);
         [workspace.co_state[k], workspace.velocity[k]] = watching.co_states[k];
-        let kept = &watching.kept[k];
-        let o = kept[0].constant(0.0);
-        workspace.p[k] = Symmetric6 {
-            angular: Symmetric3::new([kept[0], o, o, kept[1], o, kept[2]]),
-            coupling: Matrix3::new(o, o, o, o, o, o, o, o, o),
-            linear: Symmetric3::new([kept[3], o, o, kept[4], o, kept[5]]),
-        };
+        workspace.terms[k] = watching.terms[k];
     }
 }
 
@@ -93,7 +86,7 @@ fn base_to_tip<T: Real>(
     for (k, body) in lean.bodies.iter().enumerate() {
         let [outer, outer_nu] = body.parent.map_or([still; 2], |parent| watching.co_states[parent]);
         let (zeta, z) = (Vector6::from(watching.zeta[k]), Vector6::from(scratch.forces[k]));
-        let swept = Swept { z: &z, scale: &watching.scale[k], measured: &scratch.measured };
+        let swept = Swept { z: &z, terms: &watching.terms[k], measured: &scratch.measured };
         let (mut lambda, mut nu);
         match &body.carrier {
             Carrier::Turn(renaming) => {
