@@ -6,7 +6,7 @@ use super::forward::{covariances_of_noise, forces_base_to_tip};
 use super::forward_root;
 use super::lean::{self, LeanModel, LeanScratch};
 use super::refined::{Judged, forward_dynamics_judged};
-use crate::filter::cancellation::{self, Cancellation, Probe};
+use crate::filter::cancellation::{self, CANCELLATION_MARGIN, CLOSE_MARGIN, Cancellation, Probe};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{Form, System, innovations, smoother, terms};
 use crate::scalar::{Real, lanes_but};
@@ -140,42 +140,29 @@ fn watched_step<T: Real>(
 pub(crate) struct Watched<T> {
     pub pivots: PivotMonitor<T>,
     pub cancellation: Cancellation<T>,
-    /// What the estimate must stay below.
-    margin: Margin,
+    /// How far the estimate stays below its margin.
+    slack: T,
     /// Lanes that an earlier look found clear, as bits: what their neighbours need does not touch them.
     clear_before: u64,
-}
-
-/// How far an estimate must be from doubt.
-#[derive(Debug, Clone, Copy)]
-enum Margin {
-    /// It has seen two sets of weights.
-    Usual,
-    /// It has seen one set, which may cancel.
-    Close,
 }
 
 impl<T: Real> Watched<T> {
     /// What one set of weights saw of the right side.
     #[inline(always)]
     fn with_one_set(pivots: PivotMonitor<T>, cancellation: Cancellation<T>) -> Self {
-        Self { pivots, cancellation, margin: Margin::Close, clear_before: 0 }
+        Self { pivots, cancellation, slack: cancellation.slack(CLOSE_MARGIN), clear_before: 0 }
     }
 
     /// What one set of weights saw of another.
     #[inline(always)]
     fn with_two_sets(pivots: PivotMonitor<T>, cancellation: Cancellation<T>) -> Self {
-        Self { margin: Margin::Usual, ..Self::with_one_set(pivots, cancellation) }
+        Self { pivots, cancellation, slack: cancellation.slack(CANCELLATION_MARGIN), clear_before: 0 }
     }
 
     /// Whether one lane kept its digits.
     #[inline(always)]
     pub fn kept(&self, lane: usize) -> bool {
-        let by_margin = match self.margin {
-            Margin::Usual => self.cancellation.clear(lane),
-            Margin::Close => self.cancellation.far_from_doubt(lane),
-        };
-        self.clear_before >> lane & 1 == 1 || (self.pivots.clear(lane) && by_margin)
+        self.clear_before >> lane & 1 == 1 || (self.pivots.clear(lane) && self.slack.lane(lane) >= 0.0)
     }
 
     /// The lanes that kept their digits, as bits.
@@ -264,5 +251,5 @@ fn look_again<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, first: Wa
     smoother::sweep(system, shift, measured, acceleration, probe);
     let second = Probe { shift, measured, terms, z, innovations: probe, co_state: acceleration };
     let cancellation = cancellation::look_again(system, &second, co_state, qdd, &first.cancellation);
-    Watched { cancellation, margin: Margin::Usual, clear_before: first.kept_lanes(), ..first }
+    Watched { clear_before: first.kept_lanes(), ..Watched::with_two_sets(first.pivots, cancellation) }
 }

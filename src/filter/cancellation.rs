@@ -86,16 +86,15 @@ impl<T: Real> Cancellation<T> {
     #[inline(always)]
     #[must_use]
     pub fn clear(&self, lane: usize) -> bool {
-        self.error(lane) <= CANCELLATION_MARGIN * T::epsilon().lane(lane)
+        self.slack(CANCELLATION_MARGIN).lane(lane) >= 0.0
     }
-}
 
-impl<T: Real> Cancellation<T> {
-    /// Whether one closer look is enough for one lane.
+    /// How far below a margin in eps the error stays, as a difference of squares: negative or NaN in a lane that is in doubt.
     #[inline(always)]
     #[must_use]
-    pub fn far_from_doubt(&self, lane: usize) -> bool {
-        self.error(lane) <= CLOSE_MARGIN * T::epsilon().lane(lane)
+    pub fn slack(&self, margin: f64) -> T {
+        let allowed = self.size * self.size.constant(margin);
+        allowed * allowed - (self.noise + self.smoother)
     }
 }
 

@@ -6,7 +6,7 @@
 use super::system::{HingeMap, Rows, Stage};
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, Symmetric6, absolute};
-use nalgebra::{Vector3, Vector6};
+use nalgebra::Vector6;
 
 /// As [`sent`] multiplies: the rounding of P^+ itself, and what a square of a sum has more than the sum of squares.
 pub const SPREAD: f64 = 4.0;
@@ -18,31 +18,39 @@ pub const SPREAD: f64 = 4.0;
 #[inline(always)]
 #[must_use]
 pub fn sent<T: Real>(diagonal: &Vector6<T>, shift: &RigidShift<T>) -> Vector6<T> {
-    let (a, b) = (crate::spatial::angular(diagonal), crate::spatial::linear(diagonal));
-    let (r, l) = (&shift.rotation, &shift.lever);
-    let (turned, moved) = (turned(r, &a), turned(r, &b));
-    let (two, four) = (a[0].constant(2.0), a[0].constant(SPREAD));
-    let square = [two * l[0] * l[0], two * l[1] * l[1], two * l[2] * l[2]];
+    let (turned, moved) =
+        (turned(shift, diagonal[0], diagonal[1], diagonal[2]), turned(shift, diagonal[3], diagonal[4], diagonal[5]));
+    let (two, four) = (turned[0].constant(2.0), turned[0].constant(SPREAD));
+    let l = &shift.lever;
+    let (x, y, z) = (two * l[0] * l[0], two * l[1] * l[1], two * l[2] * l[2]);
     Vector6::new(
-        four * (square[1] * moved[2] + square[2] * moved[1] + turned[0]),
-        four * (square[2] * moved[0] + square[0] * moved[2] + turned[1]),
-        four * (square[0] * moved[1] + square[1] * moved[0] + turned[2]),
+        four * y.mul_add(moved[2], z.mul_add(moved[1], turned[0])),
+        four * z.mul_add(moved[0], x.mul_add(moved[2], turned[1])),
+        four * x.mul_add(moved[1], y.mul_add(moved[0], turned[2])),
         four * moved[0],
         four * moved[1],
         four * moved[2],
     )
 }
 
-/// The terms of the diagonal of R diag(a) R*.
+/// The terms of the diagonal of R A R*, by the diagonal of A.
 #[inline(always)]
-fn turned<T: Real>(r: &nalgebra::Matrix3<T>, a: &Vector3<T>) -> [T; 3] {
-    let (trace, three) = (a[0] + a[1] + a[2], a[0].constant(3.0));
-    let (r0, r1, r2) = (three * a[0], three * a[1], three * a[2]);
-    let row = |i: usize| {
-        let sum = r[(i, 0)] * r[(i, 0)] * r0 + r[(i, 1)] * r[(i, 1)] * r1 + r[(i, 2)] * r[(i, 2)] * r2;
-        sum.worst(trace)
-    };
-    [row(0), row(1), row(2)]
+fn turned<T: Real>(shift: &RigidShift<T>, a: T, b: T, c: T) -> [T; 3] {
+    let trace = a + b + c;
+    let three = a.constant(3.0);
+    let thrice = [three * a, three * b, three * c];
+    [
+        of_row(shift, 0, &thrice).worst(trace),
+        of_row(shift, 1, &thrice).worst(trace),
+        of_row(shift, 2, &thrice).worst(trace),
+    ]
+}
+
+/// The squares of a row of R, weighed.
+#[inline(always)]
+fn of_row<T: Real>(shift: &RigidShift<T>, i: usize, weights: &[T; 3]) -> T {
+    let (x, y, z) = (shift.rotation[(i, 0)], shift.rotation[(i, 1)], shift.rotation[(i, 2)]);
+    (x * x).mul_add(weights[0], (y * y).mul_add(weights[1], z * z * weights[2]))
 }
 
 /// The diagonal that a stage sends on: that of P^+, or of P^- where a row mixes components.

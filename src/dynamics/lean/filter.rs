@@ -46,9 +46,6 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
     innovations: &mut [T],
 ) -> PivotMonitor<T> {
     let mut monitor = PivotMonitor::new();
-    if SIDES == WATCH {
-        scratch.watching.zeta.fill([T::zero(); 6]);
-    }
     let like = T::zero();
     for (k, body) in lean.bodies.iter().enumerate().rev() {
         let Covariance { p, scale } =
@@ -56,6 +53,7 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
         if SIDES == WATCH {
             if body.is_leaf {
                 scratch.watching.terms[k] = terms_of_noise(body, like);
+                scratch.watching.zeta[k] = [like; 6];
             }
         }
         if body.arrives_first
@@ -64,6 +62,7 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
             scratch.covariances[body.parent_inward] = noise_of(&lean.bodies[parent], like);
             if SIDES == WATCH {
                 scratch.watching.terms[parent] = terms_of_noise(&lean.bodies[parent], like);
+                scratch.watching.zeta[parent] = [like; 6];
             }
         }
         match &body.carrier {
@@ -352,10 +351,8 @@ fn carry<T: Real, const NOISY: bool>(
         return;
     }
     // Along the lever: C' = C + l~ B, A' = A + l~ C^T + C' l~^T.
-    let [x, y, z] = body.lever.map(
-        #[inline(always)]
-        |l| o.everywhere(l),
-    );
+    let [x, y, z] = body.lever;
+    let (x, y, z) = (o.everywhere(x), o.everywhere(y), o.everywhere(z));
     let s0 = y.mul_add(b2, c0.minus_product(z, b1));
     let s1 = y.mul_add(b4, c1.minus_product(z, b3));
     let s2 = y.mul_add(b5, c2.minus_product(z, b4));

@@ -45,7 +45,7 @@ pub(super) struct Watching<T> {
     pub zeta: Vec<[T; 6]>,
     /// Bounds on the terms of the diagonal of P^-.
     pub terms: Vec<Vector6<T>>,
-    /// lambda^- and nu of each body.
+    /// lambda^- and nu of the base, zero, and of each body.
     pub co_states: Vec<[Vector6<T>; 2]>,
 }
 
@@ -82,6 +82,8 @@ impl<T: Real> LeanScratch<T> {
         // The base has no co-state, and what its motion is each call says.
         let mut co_states = vec![[[nan; 4]; 2]; lean.outward_slots];
         co_states[0] = [[T::zero(); 4]; 2];
+        let mut watched = vec![[Vector6::from_element(nan); 2]; bodies + 1];
+        watched[0] = [Vector6::from_element(T::zero()); 2];
         Self {
             turns: vec![Turn { s: nan, c: nan }; bodies],
             shifts: vec![RigidShift::filled(nan); lean.shifts],
@@ -96,7 +98,7 @@ impl<T: Real> LeanScratch<T> {
                 innovations: vec![nan; nv],
                 zeta: vec![[nan; 6]; bodies],
                 terms: vec![Vector6::from_element(nan); bodies],
-                co_states: vec![[Vector6::from_element(nan); 2]; bodies],
+                co_states: watched,
             },
             co_states,
             co_covariances: vec![[nan; 21]; bodies],

@@ -68,7 +68,7 @@ pub(crate) fn hand_over<T: Real>(
             Carrier::Shift(at) => scratch.shifts[*at],
         };
         workspace.z[k] = Vector6::from(scratch.forces[k]);
-        [workspace.co_state[k], workspace.velocity[k]] = watching.co_states[k];
+        [workspace.co_state[k], workspace.velocity[k]] = watching.co_states[k + 1];
         workspace.terms[k] = watching.terms[k];
     }
 }
@@ -81,35 +81,41 @@ fn base_to_tip<T: Real>(
     estimates: &mut [T],
 ) -> Cancellation<T> {
     let mut seen = Cancellation::beside(T::from_f64(lean.beside));
-    let still = crate::spatial::zero();
     let watching = &mut scratch.watching;
     for (k, body) in lean.bodies.iter().enumerate() {
-        let [outer, outer_nu] = body.parent.map_or([still; 2], |parent| watching.co_states[parent]);
-        let (zeta, z) = (Vector6::from(watching.zeta[k]), Vector6::from(scratch.forces[k]));
+        let [outer, outer_nu] = &watching.co_states[body.parent.map_or(0, |parent| parent + 1)];
+        let (zeta, z) = (vector(&watching.zeta[k]), vector(&scratch.forces[k]));
         let swept = Swept { z: &z, terms: &watching.terms[k], measured: &scratch.measured };
         let (mut lambda, mut nu);
         match &body.carrier {
             Carrier::Turn(renaming) => {
                 let turn = scratch.turns[k];
-                seen.carried(&zeta, &outer, outer[0].everywhere(body.lever_square));
-                lambda = joined(accelerations::carried(body, renaming, turn, &split(&outer)));
-                nu = joined(accelerations::carried(body, renaming, turn, &split(&outer_nu)));
+                seen.carried(&zeta, outer, outer[0].everywhere(body.lever_square));
+                lambda = joined(accelerations::carried(body, renaming, turn, &split(outer)));
+                nu = joined(accelerations::carried(body, renaming, turn, &split(outer_nu)));
                 // Spelt out, so that the compiler sees which entry is meant.
                 let stage = Stage { parent: body.parent, rows: Rows::One(HingeMap::Axis(2)), first_row: body.row };
                 seen.through_stage(&stage, &swept, (&mut lambda, &mut nu), (estimates, &watching.innovations));
             }
             Carrier::Shift(at) => {
                 let shift = &scratch.shifts[*at];
-                seen.carried(&zeta, &outer, shift.lever.dot(&shift.lever));
-                lambda = shift.motion_to_child(&outer);
-                nu = shift.motion_to_child(&outer_nu);
+                let l = &shift.lever;
+                seen.carried(&zeta, outer, l[0].mul_add(l[0], l[1].mul_add(l[1], l[2] * l[2])));
+                lambda = shift.motion_to_child(outer);
+                nu = shift.motion_to_child(outer_nu);
                 let stage = &model.system.stages[k];
                 seen.through_stage(stage, &swept, (&mut lambda, &mut nu), (estimates, &watching.innovations));
             }
         }
-        watching.co_states[k] = [lambda, nu];
+        watching.co_states[k + 1] = [lambda, nu];
     }
     seen
+}
+
+/// Entry by entry: a copy of the whole would be a call.
+#[inline(always)]
+fn vector<T: Real>(x: &[T; 6]) -> Vector6<T> {
+    Vector6::new(x[0], x[1], x[2], x[3], x[4], x[5])
 }
 
 #[inline(always)]
