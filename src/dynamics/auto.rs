@@ -45,8 +45,7 @@ impl<T: Real> Choice<T> {
 /// the square-root form does.
 ///
 /// The choice is made after both sweeps, for all lanes of `T` together: where the watched covariance form is in doubt, it is looked
-/// at more closely, with other weights where that is not clear either, and where it stays in doubt (or a pivot is), the
-/// square-root form is run, and judged in its turn. See [`cancellation`] and [`rounding`](crate::filter::rounding); `cargo bench --bench dynamics forms` has what it costs.
+/// at once more with other weights, and where it stays in doubt (or a pivot is), the square-root form is run, and judged in its turn. See [`cancellation`] and [`rounding`](crate::filter::rounding); `cargo bench --bench dynamics forms` has what it costs.
 pub fn forward_dynamics_auto<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,

@@ -13,7 +13,7 @@ pub const SPREAD: f64 = 4.0;
 
 /// What P of a stage, with this diagonal, can bring to the diagonal of its parent's: the terms of phi P phi*.
 ///
-/// Of R A R*, entry i is formed of at most the square of sum |R_ij| sqrt(A_jj), which is below the trace, and below three times the sum of
+/// Of R A R*, entry i is formed of at most the square of the sum of `|R_ij| sqrt(A_jj)`, which is below the trace, and below three times the sum of
 /// the squares; of a lever's cross product likewise, with two. About 50 operations.
 #[inline(always)]
 #[must_use]

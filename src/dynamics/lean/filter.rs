@@ -50,11 +50,9 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
     for (k, body) in lean.bodies.iter().enumerate().rev() {
         let Covariance { p, scale } =
             if body.is_leaf { noise_of(body, like) } else { scratch.covariances[body.inward] };
-        if SIDES == WATCH {
-            if body.is_leaf {
-                scratch.watching.terms[k] = terms_of_noise(body, like);
-                scratch.watching.zeta[k] = [like; 6];
-            }
+        if SIDES == WATCH && body.is_leaf {
+            scratch.watching.terms[k] = terms_of_noise(body, like);
+            scratch.watching.zeta[k] = [like; 6];
         }
         if body.arrives_first
             && let Some(parent) = body.parent
