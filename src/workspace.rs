@@ -36,6 +36,8 @@ pub struct Workspace<T: Real> {
     pub(crate) co_state: Vec<Vector6<T>>,
     /// Bounds on the terms that form P^-(k).
     pub(crate) scale: Vec<Scale<T>>,
+    /// The same of its diagonal, axis by axis; where the covariance form is watched.
+    pub(crate) terms: Vec<Vector6<T>>,
     /// P^-(k), then P^+(k).
     pub(crate) p: Vec<Symmetric6<T>>,
     /// The root of P^-(k), then of P^+(k); used by the square-root form only.
@@ -69,6 +71,7 @@ impl<T: Real> Workspace<T> {
             z: vectors(),
             co_state: vectors(),
             scale: vec![Scale::filled(nan); bodies],
+            terms: vectors(),
             p: vec![Symmetric6::filled(nan); bodies],
             root: vec![Root6::filled(nan); bodies],
             coordinates: vec![[nan; 6]; bodies],

@@ -256,7 +256,7 @@ fn compute<T: Vectorised>(
         Algorithm::MassMatrixInverse(form @ (Form::Auto | Form::Covariance)) => {
             let doubt = if form == Form::Auto {
                 let estimates = &mut results[..model.nv()];
-                let watched = auto::factor_watched_lean(scene, (scratch, workspace), q, estimates);
+                let watched = auto::factor_watched_lean(scene, scratch, q, estimates);
                 lanes_but::<T>(|lane| watched.kept(lane))
             } else {
                 let pivots = lean::factor(scene, scratch, q);

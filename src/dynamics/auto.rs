@@ -6,9 +6,9 @@ use super::forward::{covariances_of_noise, forces_base_to_tip};
 use super::forward_root;
 use super::lean::{self, LeanModel, LeanScratch};
 use super::refined::{Judged, forward_dynamics_judged};
-use crate::filter::cancellation::{self, Cancellation, Probe};
+use crate::filter::cancellation::{self, CANCELLATION_MARGIN, CLOSE_MARGIN, Cancellation, Probe};
 use crate::filter::pivots::PivotMonitor;
-use crate::filter::{Form, innovations, riccati, smoother};
+use crate::filter::{Form, System, innovations, smoother, terms};
 use crate::scalar::{Real, lanes_but};
 use crate::scene::Model;
 use crate::spatial::Symmetric6;
@@ -45,8 +45,7 @@ impl<T: Real> Choice<T> {
 /// the square-root form does.
 ///
 /// The choice is made after both sweeps, for all lanes of `T` together: where the watched covariance form is in doubt, it is looked
-/// at more closely, with other weights where that is not clear either, and where it stays in doubt (or a pivot is), the
-/// square-root form is run, and judged in its turn. See [`cancellation`] and [`rounding`](crate::filter::rounding); `cargo bench --bench dynamics forms` has what it costs.
+/// at once more with other weights, and where it stays in doubt (or a pivot is), the square-root form is run, and judged in its turn. See [`cancellation`] and [`rounding`](crate::filter::rounding); `cargo bench --bench dynamics forms` has what it costs.
 pub fn forward_dynamics_auto<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -90,38 +89,49 @@ pub(super) fn factorise<T: Real>(
 fn watch_factor<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
-    seen: impl FnMut(usize, &Symmetric6<T>),
+    mut seen: impl FnMut(usize, &Symmetric6<T>),
 ) -> Watched<T> {
-    let pivots = riccati::sweep(&model.system, &mut covariances_of_noise(model, workspace), seen);
     let (system, zero) = (&model.system, crate::spatial::zero());
     let nv = model.nv();
-    let Workspace { shift, measured, scale, z, co_state, velocity, weights, probe, estimates, .. } = &mut *workspace;
+    covariances_of_noise(model, workspace);
+    terms_of_noise(model, workspace);
+    let mut pivots = PivotMonitor::new();
+    for k in (0..system.stages.len()).rev() {
+        watched_step(system, k, workspace, &mut pivots, &mut seen);
+    }
+    let Workspace { shift, measured, terms, z, co_state, velocity, weights, probe, estimates, .. } = &mut *workspace;
     z.fill(zero);
     innovations::sweep(system, shift, measured, &weights[nv..], z, estimates);
     velocity.fill(zero);
     innovations::sweep(system, shift, measured, &weights[..nv], velocity, probe);
-    let mut both = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
-    let first = cancellation::sweep(system, &mut both, co_state, estimates);
-    let first = Watched::at_first_look(pivots, first);
-    if first.kept_in_every_lane() {
-        return first;
-    }
-    let estimates = std::mem::take(estimates);
-    let judged = look_closer_at_factor(model, workspace, first, &estimates);
-    workspace.estimates = estimates;
-    judged
+    let mut both = Probe { shift, measured, terms, z, innovations: probe, co_state: velocity };
+    Watched::with_two_sets(pivots, cancellation::sweep(system, &mut both, co_state, estimates))
 }
 
-/// The closer look at what [`watch_factor`] or its like has just left in the workspace, where a lane is in doubt.
+/// The terms of M(k), from which the bounds of P^-(k) are summed up.
 #[inline(always)]
-fn look_closer_at_factor<T: Real>(
-    model: &Model<T>,
+fn terms_of_noise<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
+    for (terms, body) in workspace.terms.iter_mut().zip(&model.bodies) {
+        *terms = body.inertia_terms;
+    }
+}
+
+/// One stage of the covariance form, and the bounds on what its parent's P^- is formed of.
+#[inline(always)]
+fn watched_step<T: Real>(
+    system: &System<T>,
+    k: usize,
     workspace: &mut Workspace<T>,
-    first: Watched<T>,
-    estimates: &[T],
-) -> Watched<T> {
-    let cancellation = judge(model, workspace, &first.cancellation, estimates);
-    Watched { cancellation, clear_before: first.kept_lanes(), ..first }
+    pivots: &mut PivotMonitor<T>,
+    seen: &mut impl FnMut(usize, &Symmetric6<T>),
+) {
+    let before = workspace.p[k].diagonal();
+    workspace.covariances().step::<false>(system, k, pivots, seen);
+    let stage = &system.stages[k];
+    if let Some(parent) = stage.parent {
+        let sent = terms::sent(&terms::left(stage, &before, &workspace.p[k]), &workspace.shift[k]);
+        workspace.terms[parent] += sent;
+    }
 }
 
 /// The covariance form's answer, and what is known of the digits that it lost.
@@ -129,36 +139,29 @@ fn look_closer_at_factor<T: Real>(
 pub(crate) struct Watched<T> {
     pub pivots: PivotMonitor<T>,
     pub cancellation: Cancellation<T>,
-    /// What the estimate must stay below.
-    margin: Margin,
+    /// How far the estimate stays below its margin.
+    slack: T,
     /// Lanes that an earlier look found clear, as bits: what their neighbours need does not touch them.
     clear_before: u64,
 }
 
-/// How far an estimate must be from doubt.
-#[derive(Debug, Clone, Copy)]
-enum Margin {
-    /// It has seen two sets of weights, or is far too large as a rule.
-    Usual,
-    /// It has seen one set, which may cancel.
-    Close,
-}
-
 impl<T: Real> Watched<T> {
-    /// After the first look.
+    /// What one set of weights saw of the right side.
     #[inline(always)]
-    fn at_first_look(pivots: PivotMonitor<T>, cancellation: Cancellation<T>) -> Self {
-        Self { pivots, cancellation, margin: Margin::Usual, clear_before: 0 }
+    fn with_one_set(pivots: PivotMonitor<T>, cancellation: Cancellation<T>) -> Self {
+        Self { pivots, cancellation, slack: cancellation.slack(CLOSE_MARGIN), clear_before: 0 }
+    }
+
+    /// What one set of weights saw of another.
+    #[inline(always)]
+    fn with_two_sets(pivots: PivotMonitor<T>, cancellation: Cancellation<T>) -> Self {
+        Self { pivots, cancellation, slack: cancellation.slack(CANCELLATION_MARGIN), clear_before: 0 }
     }
 
     /// Whether one lane kept its digits.
     #[inline(always)]
     pub fn kept(&self, lane: usize) -> bool {
-        let by_margin = match self.margin {
-            Margin::Usual => self.cancellation.clear(lane),
-            Margin::Close => self.cancellation.far_from_doubt(lane),
-        };
-        self.clear_before >> lane & 1 == 1 || (self.pivots.clear(lane) && by_margin)
+        self.clear_before >> lane & 1 == 1 || (self.pivots.clear(lane) && self.slack.lane(lane) >= 0.0)
     }
 
     /// The lanes that kept their digits, as bits.
@@ -190,19 +193,20 @@ pub(crate) fn forward_dynamics_watched<T: Real>(
     forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
     // Velocities have become forces by now; their place is the probe's.
     workspace.velocity.fill(crate::spatial::zero());
+    terms_of_noise(model, workspace);
     let system = &model.system;
     let mut pivots = PivotMonitor::new();
     for k in (0..system.stages.len()).rev() {
-        workspace.covariances().step::<false>(system, k, &mut pivots, |_, _| {});
+        watched_step(system, k, workspace, &mut pivots, &mut |_, _| {});
         let Workspace { shift, measured, z, velocity, weights, probe, .. } = workspace;
         innovations::step(system, k, shift, measured, tau, z, qdd);
         innovations::step(system, k, shift, measured, weights, velocity, probe);
     }
-    let Workspace { shift, measured, scale, z, co_state, velocity, probe, .. } = workspace;
-    let mut probe = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
+    let Workspace { shift, measured, terms, z, co_state, velocity, probe, .. } = workspace;
+    let mut probe = Probe { shift, measured, terms, z, innovations: probe, co_state: velocity };
     let cancellation = cancellation::sweep(system, &mut probe, co_state, qdd);
-    let watched = Watched::at_first_look(pivots, cancellation);
-    if watched.kept_in_every_lane() { watched } else { look_closer(model, workspace, watched, qdd) }
+    let watched = Watched::with_one_set(pivots, cancellation);
+    if watched.kept_in_every_lane() { watched } else { look_again(model, workspace, watched, qdd) }
 }
 
 /// The same by the sweeps that keep nothing but the result; the general ones are asked only where a lane is in doubt.
@@ -215,77 +219,36 @@ pub(crate) fn forward_dynamics_watched_lean<T: Real>(
     qdd: &mut [T],
 ) -> Watched<T> {
     let (pivots, cancellation) = lean::forward_dynamics_watched((model, lean), scratch, state, wrenches, qdd);
-    let first = Watched::at_first_look(pivots, cancellation);
+    let first = Watched::with_one_set(pivots, cancellation);
     if first.kept_in_every_lane() {
         return first;
     }
     lean::hand_over((model, lean), scratch, workspace);
-    look_closer(model, workspace, first, qdd)
+    look_again(model, workspace, first, qdd)
 }
 
 /// The factor of M by the same sweeps, in the scratch; `estimates` is scratch, (nv).
 #[inline(always)]
 pub(crate) fn factor_watched_lean<T: Real>(
     (model, lean): (&Model<T>, &LeanModel<T>),
-    (scratch, workspace): (&mut LeanScratch<T>, &mut Workspace<T>),
+    scratch: &mut LeanScratch<T>,
     q: &[T],
     estimates: &mut [T],
 ) -> Watched<T> {
     let (pivots, cancellation) = lean::factor_watched((model, lean), scratch, q, estimates);
-    let first = Watched::at_first_look(pivots, cancellation);
-    if first.kept_in_every_lane() {
-        return first;
-    }
-    lean::hand_over((model, lean), scratch, workspace);
-    look_closer_at_factor(model, workspace, first, estimates)
+    Watched::with_two_sets(pivots, cancellation)
 }
 
-/// The closer looks at what [`forward_dynamics_watched`] or its like has just left in the workspace, where a lane is in doubt: entry by
-/// entry, and once more with other weights.
+/// The second look at what [`forward_dynamics_watched`] or its like has just left in the workspace, where a lane is in doubt: with
+/// other weights, whose forces and co-states take the place of the accelerations.
 #[inline(always)]
-fn look_closer<T: Real>(
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    mut watched: Watched<T>,
-    qdd: &[T],
-) -> Watched<T> {
-    watched.clear_before = watched.kept_lanes();
-    watched.cancellation = judge(model, workspace, &watched.cancellation, qdd);
-    watched.margin = Margin::Close;
-    if !watched.kept_in_every_lane() {
-        watched.clear_before = watched.kept_lanes();
-        watched.cancellation = judge_again(model, workspace, &watched.cancellation, qdd);
-        watched.margin = Margin::Usual;
-    }
-    watched
-}
-
-/// The closer look at what [`forward_dynamics_watched`] has just left in the workspace.
-#[inline(always)]
-fn judge<T: Real>(
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    watched: &Cancellation<T>,
-    qdd: &[T],
-) -> Cancellation<T> {
-    let Workspace { shift, measured, scale, p, z, co_state, velocity, probe, .. } = workspace;
-    let first = Probe { shift, measured, scale, z, innovations: probe, co_state: velocity };
-    cancellation::judge(&model.system, &first, p, co_state, qdd, watched)
-}
-
-/// The same with other weights, whose forces and co-states take the place of the accelerations; the larger of both.
-#[inline(always)]
-fn judge_again<T: Real>(
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    first: &Cancellation<T>,
-    qdd: &[T],
-) -> Cancellation<T> {
+fn look_again<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, first: Watched<T>, qdd: &[T]) -> Watched<T> {
     let system = &model.system;
-    let Workspace { shift, measured, scale, p, z, co_state, acceleration, weights, probe, .. } = workspace;
+    let Workspace { shift, measured, terms, z, co_state, acceleration, weights, probe, .. } = workspace;
     acceleration.fill(crate::spatial::zero());
     innovations::sweep(system, shift, measured, &weights[model.nv()..], acceleration, probe);
     smoother::sweep(system, shift, measured, acceleration, probe);
-    let second = Probe { shift, measured, scale, z, innovations: probe, co_state: acceleration };
-    first.larger(&cancellation::judge(system, &second, p, co_state, qdd, first))
+    let second = Probe { shift, measured, terms, z, innovations: probe, co_state: acceleration };
+    let cancellation = cancellation::look_again(system, &second, co_state, qdd, &first.cancellation);
+    Watched { clear_before: first.kept_lanes(), ..Watched::with_two_sets(first.pivots, cancellation) }
 }

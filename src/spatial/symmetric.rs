@@ -106,6 +106,14 @@ pub struct Symmetric6<T: Real> {
 }
 
 impl<T: Real> Symmetric6<T> {
+    /// The diagonal.
+    #[inline(always)]
+    #[must_use]
+    pub fn diagonal(&self) -> Vector6<T> {
+        let (a, b) = (&self.angular.entries, &self.linear.entries);
+        Vector6::new(a[0], a[3], a[5], b[0], b[3], b[5])
+    }
+
     /// The zero matrix.
     #[inline(always)]
     #[must_use]

@@ -46,6 +46,10 @@ pub(super) struct LeanBody<N> {
     pub composite_lever: [N; 3],
     /// The bounds on the terms of M(k).
     pub scale: [N; 2],
+    /// The terms of its diagonal.
+    pub terms: [N; 6],
+    /// Twice the squares of the lever's entries.
+    pub lever_squares: [N; 3],
     pub needs_no_force: bool,
     /// Its place and its parent's, outward; 0 is the base's.
     pub outward: usize,
@@ -140,6 +144,8 @@ impl<T: Real> LeanModel<T> {
                 composite_mass: number(composite_mass[k]),
                 composite_lever: [0, 1, 2].map(|i| number(composite_mass[k] * turned[i])),
                 scale: [number(scale.angular), number(scale.linear)],
+                terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
+                lever_squares: [0, 1, 2].map(|i| number(2.0 * turned[i] * turned[i])),
                 needs_no_force: body.needs_no_force,
                 outward: outward.of[k],
                 parent_outward: place(&outward, stage.parent),

@@ -5,7 +5,7 @@ use super::scratch::{Covariance, LeanScratch};
 use super::turn::{BRANCH, Renaming, TABLE, Turn};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
-use crate::filter::{HingeMap, System, innovations};
+use crate::filter::{HingeMap, System, innovations, terms};
 use crate::scalar::Real;
 use crate::scene::Model;
 use crate::spatial::{RigidShift, Symmetric3, Symmetric6};
@@ -46,20 +46,22 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
     innovations: &mut [T],
 ) -> PivotMonitor<T> {
     let mut monitor = PivotMonitor::new();
-    if SIDES == WATCH {
-        scratch.watching.zeta.fill([T::zero(); 6]);
-    }
     let like = T::zero();
     for (k, body) in lean.bodies.iter().enumerate().rev() {
         let Covariance { p, scale } =
             if body.is_leaf { noise_of(body, like) } else { scratch.covariances[body.inward] };
-        if SIDES == WATCH {
-            scratch.watching.scale[k] = scale;
+        if SIDES == WATCH && body.is_leaf {
+            scratch.watching.terms[k] = terms_of_noise(body, like);
+            scratch.watching.zeta[k] = [like; 6];
         }
         if body.arrives_first
             && let Some(parent) = body.parent
         {
             scratch.covariances[body.parent_inward] = noise_of(&lean.bodies[parent], like);
+            if SIDES == WATCH {
+                scratch.watching.terms[parent] = terms_of_noise(&lean.bodies[parent], like);
+                scratch.watching.zeta[parent] = [like; 6];
+            }
         }
         match &body.carrier {
             Carrier::Turn(renaming) => {
@@ -68,9 +70,6 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
                 let noise = Noise::of(&model.system, row);
                 let (m, column) = measured(noise, &p);
                 scratch.measured[row] = m;
-                if SIDES == WATCH {
-                    scratch.watching.kept[k] = kept_diagonal(noise, &p, &column, &m);
-                }
                 monitor.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
                 if SIDES >= FILTER {
                     innovations[row] = measure(noise, &m, tau[row], &mut scratch.forces[k]);
@@ -82,6 +81,10 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
                 let Some(parent) = body.parent else { continue };
                 let at_parent = &mut scratch.covariances[body.parent_inward];
                 at_parent.scale.add(&sent(body, &p, like));
+                if SIDES == WATCH {
+                    let sent = sent_terms(body, &kept_diagonal(noise, &p, &column, &m));
+                    add_each(&renaming.sizes(&sent), &mut scratch.watching.terms[parent]);
+                }
                 if noise.skips_zeros {
                     carry::<T, false>(body, renaming, turn, &p, &column, (&m, noise.variance), &mut at_parent.p);
                 } else {
@@ -99,7 +102,7 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
             Carrier::Shift(at) => {
                 let shift = &scratch.shifts[*at];
                 let mut p = unpacked(&p);
-                let sent = Scale::sent_by(&p, shift);
+                let (sent, before) = (Scale::sent_by(&p, shift), p.diagonal());
                 let at_stage = (&model.system, k);
                 let measured = &mut scratch.measured;
                 let carried = riccati::through_stage::<T, false>(
@@ -110,10 +113,6 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
                     &mut monitor,
                     |_, _| {},
                 );
-                if SIDES == WATCH {
-                    let (a, b) = (&p.angular.entries, &p.linear.entries);
-                    scratch.watching.kept[k] = Vector6::new(a[0], a[3], a[5], b[0], b[3], b[5]);
-                }
                 if SIDES >= FILTER {
                     through_general_stage(at_stage, shift, measured, (tau, innovations), &mut scratch.forces);
                 }
@@ -122,9 +121,14 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
                     let right_side = (&watching.weights[..], &mut watching.innovations[..]);
                     through_general_stage(at_stage, shift, measured, right_side, &mut watching.zeta);
                 }
-                if body.parent.is_some() {
+                if let Some(parent) = body.parent {
                     let at_parent = &mut scratch.covariances[body.parent_inward];
                     at_parent.scale.add(&sent);
+                    if SIDES == WATCH {
+                        let left = terms::left(&model.system.stages[k], &before, &p);
+                        let sent = terms::sent(&left, shift).into();
+                        add_each(&sent, &mut scratch.watching.terms[parent]);
+                    }
                     add_packed(&carried, &mut at_parent.p);
                 }
             }
@@ -197,6 +201,41 @@ fn noise_of<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> Covariance<T> {
         ],
         scale: Scale { angular: like.everywhere(body.scale[0]), linear: like.everywhere(body.scale[1]) },
     }
+}
+
+/// Without nalgebra's operators, which are not inlined.
+#[inline(always)]
+fn add_each<T: Real>(x: &[T; 6], to: &mut Vector6<T>) {
+    for (i, &x) in x.iter().enumerate() {
+        to[i] += x;
+    }
+}
+
+/// The terms of the diagonal of M(k).
+#[inline(always)]
+fn terms_of_noise<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> Vector6<T> {
+    let [a, b, c, d, e, f] = body.terms;
+    let of = |x| like.everywhere(x);
+    Vector6::new(of(a), of(b), of(c), of(d), of(e), of(f))
+}
+
+/// As [`terms::sent`] of a stage on a turn with this diagonal of P^+, in the joint's frame: about z, each of x and y takes from both.
+#[inline(always)]
+fn sent_terms<T: Real>(body: &LeanBody<T::Parameter>, kept: &Vector6<T>) -> [T; 6] {
+    let like = kept[0];
+    let four = like.constant(terms::SPREAD);
+    let [x, y, z] = body.lever_squares;
+    let (x, y, z) = (like.everywhere(x), like.everywhere(y), like.everywhere(z));
+    let (across, along) = (four * (kept[3].abs() + kept[4].abs()), four * kept[5].abs());
+    let turned = four * (kept[0].abs() + kept[1].abs());
+    [
+        y.mul_add(along, z.mul_add(across, turned)),
+        x.mul_add(along, z.mul_add(across, turned)),
+        (x + y).mul_add(across, four * kept[2].abs()),
+        across,
+        across,
+        along,
+    ]
 }
 
 /// D and g of a turn (3.6, 3.10), with P^- H^T but for the entry that H picks.
@@ -310,10 +349,8 @@ fn carry<T: Real, const NOISY: bool>(
         return;
     }
     // Along the lever: C' = C + l~ B, A' = A + l~ C^T + C' l~^T.
-    let [x, y, z] = body.lever.map(
-        #[inline(always)]
-        |l| o.everywhere(l),
-    );
+    let [x, y, z] = body.lever;
+    let (x, y, z) = (o.everywhere(x), o.everywhere(y), o.everywhere(z));
     let s0 = y.mul_add(b2, c0.minus_product(z, b1));
     let s1 = y.mul_add(b4, c1.minus_product(z, b3));
     let s2 = y.mul_add(b5, c2.minus_product(z, b4));

@@ -43,11 +43,9 @@ pub(super) struct Watching<T> {
     pub innovations: Vec<T>,
     /// zeta^+ of each body.
     pub zeta: Vec<[T; 6]>,
-    /// Bounds on the terms of P^-.
-    pub scale: Vec<Scale<T>>,
-    /// The diagonal of P^+ of each body.
-    pub kept: Vec<Vector6<T>>,
-    /// lambda^- and nu of each body.
+    /// Bounds on the terms of the diagonal of P^-.
+    pub terms: Vec<Vector6<T>>,
+    /// lambda^- and nu of the base, zero, and of each body.
     pub co_states: Vec<[Vector6<T>; 2]>,
 }
 
@@ -84,6 +82,8 @@ impl<T: Real> LeanScratch<T> {
         // The base has no co-state, and what its motion is each call says.
         let mut co_states = vec![[[nan; 4]; 2]; lean.outward_slots];
         co_states[0] = [[T::zero(); 4]; 2];
+        let mut watched = vec![[Vector6::from_element(nan); 2]; bodies + 1];
+        watched[0] = [Vector6::from_element(T::zero()); 2];
         Self {
             turns: vec![Turn { s: nan, c: nan }; bodies],
             shifts: vec![RigidShift::filled(nan); lean.shifts],
@@ -97,9 +97,8 @@ impl<T: Real> LeanScratch<T> {
                 others: (nv..2 * nv).map(|row| T::from_f64(weight(row))).collect(),
                 innovations: vec![nan; nv],
                 zeta: vec![[nan; 6]; bodies],
-                scale: vec![Scale::filled(nan); bodies],
-                kept: vec![Vector6::from_element(nan); bodies],
-                co_states: vec![[Vector6::from_element(nan); 2]; bodies],
+                terms: vec![Vector6::from_element(nan); bodies],
+                co_states: watched,
             },
             co_states,
             co_covariances: vec![[nan; 21]; bodies],
@@ -117,8 +116,8 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> u
     let model = bodies * size_of::<LeanBody<f64>>() + nv * size_of::<f64>();
     let motions = lean.outward_slots * size_of::<Moving<f64>>() + bodies * size_of::<[f64; 6]>();
     let filter = lean.inward_slots * size_of::<Covariance<f64>>() + nv * size_of::<Measured<f64>>();
-    // Three numbers a row; a force, bounds, the diagonal of P^+ and two co-states a body.
-    let watching = nv * 3 * size_of::<f64>() + bodies * (4 * size_of::<Vector6<f64>>() + size_of::<Scale<f64>>());
+    // Three numbers a row; a force, bounds and two co-states a body.
+    let watching = nv * 3 * size_of::<f64>() + bodies * 4 * size_of::<Vector6<f64>>();
     let columns = lean.outward_slots * nv * size_of::<[f64; 6]>();
     let closed_form = columns
         + if lean.is_shallow {

@@ -122,6 +122,12 @@ impl<N: Copy> Renaming<N> {
         to[2] = r.mul_add(p.everywhere(z), to[2]);
     }
 
+    /// Sizes along the axes of the joint's frame, of angular and linear parts, along those of the parent's: no sign matters.
+    #[inline(always)]
+    pub fn sizes<T: Real<Parameter = N>>(&self, v: &[T; 6]) -> [T; 6] {
+        in_order!(self.order, X, Y, Z, [v[X], v[Y], v[Z], v[3 + X], v[3 + Y], v[3 + Z]])
+    }
+
     /// Adds a packed matrix in the joint's frame to one in the parent's: 6 + 9 + 6 numbers (angular, coupling by rows, linear).
     #[inline(always)]
     pub fn add_packed<T: Real<Parameter = N>>(&self, p: &[T; 21], to: &mut [T; 21]) {

@@ -13,9 +13,9 @@ use crate::filter::{HingeMap, Rows, Stage};
 use crate::kinematics::turned_by;
 use crate::scalar::Real;
 use crate::scene::Model;
-use crate::spatial::{RigidShift, Symmetric3, Symmetric6};
+use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
-use nalgebra::{Matrix3, Vector6};
+use nalgebra::Vector6;
 
 /// [`forward_dynamics`](super::forward_dynamics), and what [`cancellation::sweep`](crate::filter::cancellation::sweep) finds.
 #[inline(always)]
@@ -49,7 +49,7 @@ pub(crate) fn factor_watched<T: Real>(
     (monitor, base_to_tip((model, lean), scratch, estimates))
 }
 
-/// What the first look left, as the closer looks of [`auto`](crate::dynamics::auto) read it: of P^+ the diagonal alone.
+/// What the first look left, as the second look of [`auto`](crate::dynamics::auto) reads it.
 #[inline(always)]
 pub(crate) fn hand_over<T: Real>(
     (model, lean): (&Model<T>, &LeanModel<T>),
@@ -58,7 +58,6 @@ pub(crate) fn hand_over<T: Real>(
 ) {
     let watching = &scratch.watching;
     workspace.measured.copy_from_slice(&scratch.measured);
-    workspace.scale.copy_from_slice(&watching.scale);
     for (k, body) in lean.bodies.iter().enumerate() {
         workspace.shift[k] = match &body.carrier {
             Carrier::Turn(_) => {
@@ -69,14 +68,8 @@ pub(crate) fn hand_over<T: Real>(
             Carrier::Shift(at) => scratch.shifts[*at],
         };
         workspace.z[k] = Vector6::from(scratch.forces[k]);
-        [workspace.co_state[k], workspace.velocity[k]] = watching.co_states[k];
-        let kept = &watching.kept[k];
-        let o = kept[0].constant(0.0);
-        workspace.p[k] = Symmetric6 {
-            angular: Symmetric3::new([kept[0], o, o, kept[1], o, kept[2]]),
-            coupling: Matrix3::new(o, o, o, o, o, o, o, o, o),
-            linear: Symmetric3::new([kept[3], o, o, kept[4], o, kept[5]]),
-        };
+        [workspace.co_state[k], workspace.velocity[k]] = watching.co_states[k + 1];
+        workspace.terms[k] = watching.terms[k];
     }
 }
 
@@ -88,35 +81,41 @@ fn base_to_tip<T: Real>(
     estimates: &mut [T],
 ) -> Cancellation<T> {
     let mut seen = Cancellation::beside(T::from_f64(lean.beside));
-    let still = crate::spatial::zero();
     let watching = &mut scratch.watching;
     for (k, body) in lean.bodies.iter().enumerate() {
-        let [outer, outer_nu] = body.parent.map_or([still; 2], |parent| watching.co_states[parent]);
-        let (zeta, z) = (Vector6::from(watching.zeta[k]), Vector6::from(scratch.forces[k]));
-        let swept = Swept { z: &z, scale: &watching.scale[k], measured: &scratch.measured };
+        let [outer, outer_nu] = &watching.co_states[body.parent.map_or(0, |parent| parent + 1)];
+        let (zeta, z) = (vector(&watching.zeta[k]), vector(&scratch.forces[k]));
+        let swept = Swept { z: &z, terms: &watching.terms[k], measured: &scratch.measured };
         let (mut lambda, mut nu);
         match &body.carrier {
             Carrier::Turn(renaming) => {
                 let turn = scratch.turns[k];
-                seen.carried(&zeta, &outer, outer[0].everywhere(body.lever_square));
-                lambda = joined(accelerations::carried(body, renaming, turn, &split(&outer)));
-                nu = joined(accelerations::carried(body, renaming, turn, &split(&outer_nu)));
+                seen.carried(&zeta, outer, outer[0].everywhere(body.lever_square));
+                lambda = joined(accelerations::carried(body, renaming, turn, &split(outer)));
+                nu = joined(accelerations::carried(body, renaming, turn, &split(outer_nu)));
                 // Spelt out, so that the compiler sees which entry is meant.
                 let stage = Stage { parent: body.parent, rows: Rows::One(HingeMap::Axis(2)), first_row: body.row };
                 seen.through_stage(&stage, &swept, (&mut lambda, &mut nu), (estimates, &watching.innovations));
             }
             Carrier::Shift(at) => {
                 let shift = &scratch.shifts[*at];
-                seen.carried(&zeta, &outer, shift.lever.dot(&shift.lever));
-                lambda = shift.motion_to_child(&outer);
-                nu = shift.motion_to_child(&outer_nu);
+                let l = &shift.lever;
+                seen.carried(&zeta, outer, l[0].mul_add(l[0], l[1].mul_add(l[1], l[2] * l[2])));
+                lambda = shift.motion_to_child(outer);
+                nu = shift.motion_to_child(outer_nu);
                 let stage = &model.system.stages[k];
                 seen.through_stage(stage, &swept, (&mut lambda, &mut nu), (estimates, &watching.innovations));
             }
         }
-        watching.co_states[k] = [lambda, nu];
+        watching.co_states[k + 1] = [lambda, nu];
     }
     seen
+}
+
+/// Entry by entry: a copy of the whole would be a call.
+#[inline(always)]
+fn vector<T: Real>(x: &[T; 6]) -> Vector6<T> {
+    Vector6::new(x[0], x[1], x[2], x[3], x[4], x[5])
 }
 
 #[inline(always)]
