@@ -19,6 +19,9 @@ pub(super) struct AlignedBody<N> {
     pub lever: [N; 3],
     /// Mass of it and of all outboard of it, times the lever.
     pub composite_lever: [N; 3],
+    /// Twice the lever; and entry by entry the lever times the above.
+    pub twice_lever: [N; 3],
+    pub lever_moment: [N; 3],
     /// First moment and rotational inertia about the origin.
     pub first_moment: [N; 3],
     pub rotational: [N; 6],
@@ -50,11 +53,14 @@ impl<T: Real> Aligned<T> {
                 Carrier::Shift(_) => Matrix3::identity(),
             };
             let axis = frame.column(2).iamax();
+            let lever = <[f64; 3]>::from(body.tree.lever);
             bodies.push(AlignedBody {
                 axis,
                 sense: number(frame[(axis, 2)]),
-                lever: [0, 1, 2].map(|i| number(body.tree.lever[i])),
-                composite_lever: [0, 1, 2].map(|i| number(mass * body.tree.lever[i])),
+                lever: lever.map(number),
+                composite_lever: lever.map(|l| number(mass * l)),
+                twice_lever: lever.map(|l| number(2.0 * l)),
+                lever_moment: lever.map(|l| number(mass * l * l)),
                 first_moment: <[f64; 3]>::from(frame * body.inertia.first_moment).map(number),
                 rotational: body.inertia.rotational.congruence(&frame).entries.map(number),
             });

@@ -127,6 +127,12 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         self.entries = vec![T::zero(); count as usize];
     }
 
+    /// A number of their kind: any other way asks the processor each time.
+    #[inline(always)]
+    pub(super) fn like(&self) -> C {
+        self.fault
+    }
+
     /// A force at the body of `row` is the column of that row there; rows come from the outermost on.
     #[inline(always)]
     pub(super) fn insert(&mut self, row: usize, force: &[T; 6]) {

@@ -26,24 +26,18 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
 ) {
     let like = T::zero();
     columns.prepare(model, lean);
-    carriers::<T, C>(lean, scratch, q);
+    carriers(lean, scratch, columns.like(), q);
     let aligned = &lean.aligned.bodies;
+    let none = columns.like();
     for ((k, body), at) in lean.bodies.iter().enumerate().zip(aligned).rev() {
         let composite = if body.is_leaf { own(at, like) } else { scratch.composites[body.inward] };
-        if body.arrives_first
-            && let Some(parent) = body.parent
-        {
-            scratch.composites[body.parent_inward] = own(&aligned[parent], like);
-        }
-        match body.carrier {
+        let carried = match body.carrier {
             Carrier::Turn(_) => {
-                let (of_body, turn) = ((body, at), scratch.turns[k]);
-                let noise = model.system.noise[body.row];
-                let to = &mut scratch.composites[body.parent_inward];
+                let (of_body, turn, noise) = ((body, at), scratch.turns[k], model.system.noise[body.row]);
                 match at.axis {
-                    0 => through_turn::<T, C, CHECK, 1, 2, 0>(of_body, turn, noise, (&composite, to), columns),
-                    1 => through_turn::<T, C, CHECK, 2, 0, 1>(of_body, turn, noise, (&composite, to), columns),
-                    _ => through_turn::<T, C, CHECK, 0, 1, 2>(of_body, turn, noise, (&composite, to), columns),
+                    0 => through_turn::<T, C, CHECK, 1, 2, 0>(of_body, turn, noise, &composite, columns),
+                    1 => through_turn::<T, C, CHECK, 2, 0, 1>(of_body, turn, noise, &composite, columns),
+                    _ => through_turn::<T, C, CHECK, 0, 1, 2>(of_body, turn, noise, &composite, columns),
                 }
             }
             Carrier::Shift(at) => {
@@ -54,38 +48,47 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
                 };
                 let stage = &model.system.stages[k];
                 for i in (0..stage.rows.count()).rev() {
-                    let row = body.row + i;
-                    columns.insert(row, &inertia.mul_motion(&stage.rows.row(i).to_column()).into());
-                    let hinge = spread_hinge(C::zero(), stage.rows.row(i));
-                    columns.put_row::<CHECK>(row, body.end_row, &hinge);
+                    let (row, hinge) = (body.row + i, stage.rows.row(i));
+                    columns.insert(row, &hinge.covariance_column(&inertia.to_symmetric()).into());
+                    columns.put_row::<CHECK>(row, body.end_row, &spread_hinge(none, hinge));
                     columns.add_to_diagonal(row, model.system.noise[row]);
                 }
-                if body.parent.is_some() {
-                    let shift = &scratch.shifts[at];
-                    let spread = spread_shift(C::zero(), shift);
-                    for force in columns.blocks(body.row, body.end_row) {
-                        *force = spread.force_to_parent(&Vector6::from(*force)).into();
-                    }
-                    let carried = inertia.to_parent(shift);
-                    let to = &mut scratch.composites[body.parent_inward];
-                    for (to, &h) in to.first_moment.iter_mut().zip(carried.first_moment.iter()) {
-                        *to += h;
-                    }
-                    for (to, &i) in to.rotational.iter_mut().zip(&carried.rotational.entries) {
-                        *to += i;
-                    }
+                if body.parent.is_none() {
+                    continue;
                 }
+                let shift = spread_shift(none, &scratch.shifts[at]);
+                for force in columns.blocks(body.row, body.end_row) {
+                    *force = shift.force_to_parent(&Vector6::from(*force)).into();
+                }
+                let carried = inertia.to_parent(&scratch.shifts[at]);
+                Composite { first_moment: carried.first_moment.into(), rotational: carried.rotational.entries }
             }
+        };
+        if let Some(parent) = body.parent {
+            // Not by way of the slot where nothing is in it yet: it would be read before it is well written.
+            let to = &mut scratch.composites[body.parent_inward];
+            *to = sum(&if body.arrives_first { own(&aligned[parent], like) } else { *to }, &carried);
         }
+    }
+}
+
+/// Of two bodies that move as one.
+#[inline(always)]
+fn sum<T: Real>(a: &Composite<T>, b: &Composite<T>) -> Composite<T> {
+    let (h, i) = (&a.first_moment, &a.rotational);
+    let (g, j) = (&b.first_moment, &b.rotational);
+    Composite {
+        first_moment: [h[0] + g[0], h[1] + g[1], h[2] + g[2]],
+        rotational: [i[0] + j[0], i[1] + j[1], i[2] + j[2], i[3] + j[3], i[4] + j[4], i[5] + j[5]],
     }
 }
 
 /// The turn or shift of every body at `q`, in the aligned frames.
 #[inline(always)]
-fn carriers<T: Real, C: ColumnsOf<T>>(lean: &LeanModel<T>, scratch: &mut LeanScratch<T>, q: &[T]) {
+fn carriers<T: Real, C: ColumnsOf<T>>(lean: &LeanModel<T>, scratch: &mut LeanScratch<T>, like: C, q: &[T]) {
     let Aligned { bodies, shifts, turning } = &lean.aligned;
     for some in turning.chunks(C::COLUMNS) {
-        let mut angles = C::zero();
+        let mut angles = like;
         for (lane, &(at, _)) in some.iter().enumerate().take(C::COLUMNS) {
             angles.set_column(lane, q[at]);
         }
@@ -106,9 +109,9 @@ fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, con
     (body, at): (&LeanBody<T::Parameter>, &AlignedBody<T::Parameter>),
     turn: Turn<T>,
     noise: T,
-    (composite, to): (&Composite<T>, &mut Composite<T>),
+    composite: &Composite<T>,
     columns: &mut MassColumns<T, C>,
-) {
+) -> Composite<T> {
     let Composite { first_moment: h, rotational } = composite;
     let like = h[0];
     let sense = like.everywhere(at.sense);
@@ -118,7 +121,7 @@ fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, con
     (force[X], force[Y], force[Z]) = (sense * xz, sense * yz, sense * zz);
     (force[3 + X], force[3 + Y]) = (-(sense * h[Y]), sense * h[X]);
     columns.insert(body.row, &force);
-    let none = C::zero();
+    let none = columns.like();
     let about = About::<C, X, Y, Z> {
         sense: none.spread(sense),
         turn: Turn { s: none.spread(turn.s), c: none.spread(turn.c) },
@@ -132,9 +135,8 @@ fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, con
     };
     columns.put_row::<CHECK>(body.row, body.end_row, &about);
     columns.add_to_diagonal(body.row, noise);
-    if body.parent.is_some() {
-        to_parent::<T, X, Y, Z>((body, at), turn, composite, to);
-    }
+    // At the base nobody reads it.
+    if about.ends { *composite } else { to_parent::<T, X, Y, Z>((body, at), turn, composite) }
 }
 
 /// A row about axis Z, and phi across its turn.
@@ -208,25 +210,30 @@ fn own<T: Real>(body: &AlignedBody<T::Parameter>, like: T) -> Composite<T> {
     }
 }
 
-/// phi r phi* across a turn, added to what the parent has: about the axis, then along the lever as in [`BodyInertia::to_parent`].
+/// phi r phi* across a turn: about the axis, then along the lever as in [`BodyInertia::to_parent`].
 #[inline(always)]
 fn to_parent<T: Real, const X: usize, const Y: usize, const Z: usize>(
     (body, at): (&LeanBody<T::Parameter>, &AlignedBody<T::Parameter>),
     turn: Turn<T>,
     composite: &Composite<T>,
-    to: &mut Composite<T>,
-) {
+) -> Composite<T> {
     let (mut h, mut i) = (composite.first_moment, composite.rotational);
     (h[X], h[Y]) = turn.pair(h[X], h[Y]);
     (i[packed(X, Z)], i[packed(Y, Z)]) = turn.pair(i[packed(X, Z)], i[packed(Y, Z)]);
-    let (xx, xy, yy) = turn.symmetric((i[packed(X, X)], i[packed(X, Y)], i[packed(Y, Y)]));
-    (i[packed(X, X)], i[packed(X, Y)], i[packed(Y, Y)]) = (xx, xy, yy);
+    (i[packed(X, X)], i[packed(X, Y)], i[packed(Y, Y)]) =
+        turn.symmetric((i[packed(X, X)], i[packed(X, Y)], i[packed(Y, Y)]));
     if body.has_lever {
-        let like = xx;
+        let like = h[0];
         let ([x, y, z], [mx, my, mz]) = (at.lever, at.composite_lever);
+        let ([tx, ty, tz], [xx, yy, zz]) = (at.twice_lever, at.lever_moment);
         let (x, y, z) = (like.everywhere(x), like.everywhere(y), like.everywhere(z));
         let s = [h[0] + like.everywhere(mx), h[1] + like.everywhere(my), h[2] + like.everywhere(mz)];
-        let (dx, dy, dz) = (x * (h[0] + s[0]), y * (h[1] + s[1]), z * (h[2] + s[2]));
+        // x (h + s), of which the constant part is known.
+        let (dx, dy, dz) = (
+            h[0].mul_add(like.everywhere(tx), like.everywhere(xx)),
+            h[1].mul_add(like.everywhere(ty), like.everywhere(yy)),
+            h[2].mul_add(like.everywhere(tz), like.everywhere(zz)),
+        );
         i = [
             i[0] + (dy + dz),
             i[1].minus_product(h[0], y).minus_product(x, s[1]),
@@ -237,10 +244,5 @@ fn to_parent<T: Real, const X: usize, const Y: usize, const Z: usize>(
         ];
         h = s;
     }
-    for (to, &h) in to.first_moment.iter_mut().zip(&h) {
-        *to += h;
-    }
-    for (to, &i) in to.rotational.iter_mut().zip(&i) {
-        *to += i;
-    }
+    Composite { first_moment: h, rotational: i }
 }
