@@ -94,7 +94,19 @@ impl<T: Vectorised> Chunk<T> {
         });
         let (wrenches, results) = (Vec::new(), Vec::new());
         let (lean_columns, mass_columns) = (LeanColumns::new(), MassColumns::new());
-        Self { model, lean, lean_scratch, lean_columns, mass_columns, quaternions, workspace, planar, arguments, wrenches, results }
+        Self {
+            model,
+            lean,
+            lean_scratch,
+            lean_columns,
+            mass_columns,
+            quaternions,
+            workspace,
+            planar,
+            arguments,
+            wrenches,
+            results,
+        }
     }
 }
 
@@ -219,12 +231,11 @@ impl<T: Vectorised> Work for Run<'_, T> {
             T::put_chosen(mass_columns.entries(), mass_columns.chosen(), self.out);
         } else {
             results.resize(self.out.len() / states.len(), T::zero());
-            doubt = match in_plane {
-                Some((model, scratch)) => planar::run(self.algorithm, model, scratch, (q, qd, u), wrenches, results),
-                None => {
-                    let scratch = (lean_scratch, lean_columns, workspace);
-                    compute(self.algorithm, scene, scratch, (q, qd, u), wrenches, results)
-                }
+            doubt = if let Some((model, scratch)) = in_plane {
+                planar::run(self.algorithm, model, scratch, (q, qd, u), wrenches, results)
+            } else {
+                let scratch = (lean_scratch, lean_columns, workspace);
+                compute(self.algorithm, scene, scratch, (q, qd, u), wrenches, results)
             };
             fault += any_not_finite(results);
             T::put_lanes(results, self.out);

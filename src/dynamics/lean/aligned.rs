@@ -67,7 +67,8 @@ impl<T: Real> Aligned<T> {
             frames.push(frame);
         }
         let whole = model.cast::<T>().bodies.into_iter().zip(lean);
-        let shifts = whole.filter(|(_, lean)| matches!(lean.carrier, Carrier::Shift(_))).map(|(body, _)| body).collect();
+        let shifts =
+            whole.filter(|(_, lean)| matches!(lean.carrier, Carrier::Shift(_))).map(|(body, _)| body).collect();
         let turning = lean.iter().enumerate().filter(|(_, lean)| matches!(lean.carrier, Carrier::Turn(_)));
         let turning = turning.map(|(k, lean)| (lean.q, k)).collect();
         Self { bodies, shifts, turning }

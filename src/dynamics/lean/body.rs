@@ -167,7 +167,15 @@ impl<T: Real> LeanModel<T> {
         }
         let is_shallow = steps <= SHALLOW * model.nv().pow(2);
         let aligned = Aligned::new(model, &bodies, &composite_mass);
-        Self { bodies, aligned, beside: 0.0, is_shallow, outward_slots: outward.count, inward_slots: inward.count, shifts }
+        Self {
+            bodies,
+            aligned,
+            beside: 0.0,
+            is_shallow,
+            outward_slots: outward.count,
+            inward_slots: inward.count,
+            shifts,
+        }
     }
 
     /// The same, watched for errors beside an acceleration of this size (m/s^2, rad/s^2) where the result is smaller.
