@@ -119,6 +119,13 @@ pub trait Vectorised: Real {
             }
         }
     }
+
+    /// The same of as many numbers as `chosen` says, each by its place in `numbers`; of all in order where it is empty. Number 0 is zero.
+    #[inline(always)]
+    fn put_chosen(numbers: &[Self], chosen: &[u32], out: &mut [Self::Number]) {
+        debug_assert!(chosen.is_empty(), "one lane has all in order");
+        Self::put_lanes(numbers, out);
+    }
 }
 
 /// As many lanes as any scalar has.
@@ -229,5 +236,10 @@ impl<S: Instructions, P: Precision> Vectorised for Lanes<S, P> {
     #[inline(always)]
     fn put_lanes(numbers: &[Self], out: &mut [P]) {
         P::put_lanes(numbers, out);
+    }
+
+    #[inline(always)]
+    fn put_chosen(numbers: &[Self], chosen: &[u32], out: &mut [P]) {
+        P::put_chosen(numbers, chosen, out);
     }
 }

@@ -4,7 +4,7 @@
 //! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
 use super::arms::{Vectorised, Work, take_states};
-use crate::dynamics::lean::{self, LeanColumns, LeanModel, LeanScratch};
+use crate::dynamics::lean::{self, LeanColumns, LeanModel, LeanScratch, MassColumns};
 use crate::dynamics::{auto, refined};
 use crate::filter::Form;
 use crate::planar::{self, PlanarModel, PlanarScratch};
@@ -63,6 +63,7 @@ pub struct Chunk<T: Vectorised> {
     lean: LeanModel<T>,
     lean_scratch: LeanScratch<T>,
     lean_columns: LeanColumns<T::Columns>,
+    mass_columns: MassColumns<T, T::Columns>,
     /// Where the quaternions are in q.
     quaternions: Vec<usize>,
     workspace: Workspace<T>,
@@ -92,8 +93,20 @@ impl<T: Vectorised> Chunk<T> {
             (model, scratch)
         });
         let (wrenches, results) = (Vec::new(), Vec::new());
-        let lean_columns = LeanColumns::new();
-        Self { model, lean, lean_scratch, lean_columns, quaternions, workspace, planar, arguments, wrenches, results }
+        let (lean_columns, mass_columns) = (LeanColumns::new(), MassColumns::new());
+        Self {
+            model,
+            lean,
+            lean_scratch,
+            lean_columns,
+            mass_columns,
+            quaternions,
+            workspace,
+            planar,
+            arguments,
+            wrenches,
+            results,
+        }
     }
 }
 
@@ -185,6 +198,7 @@ impl<T: Vectorised> Work for Run<'_, T> {
             lean,
             lean_scratch,
             lean_columns,
+            mass_columns,
             quaternions,
             workspace,
             planar,
@@ -208,17 +222,24 @@ impl<T: Vectorised> Work for Run<'_, T> {
                 fault += not_finite(number);
             }
         }
-        let width = self.out.len() / states.len();
-        results.resize(width, T::zero());
         let scene = (&*model, &*lean);
-        let mut doubt = match planar {
-            Some((model, scratch)) if planar::covers(self.algorithm) => {
+        let in_plane = planar.as_mut().filter(|_| planar::covers(self.algorithm));
+        let mut doubt = 0;
+        if in_plane.is_none() && self.algorithm == Algorithm::MassMatrix {
+            lean::mass_matrix::<T, T::Columns, true>(scene, (lean_scratch, mass_columns), q);
+            fault += mass_columns.fault();
+            T::put_chosen(mass_columns.entries(), mass_columns.chosen(), self.out);
+        } else {
+            results.resize(self.out.len() / states.len(), T::zero());
+            doubt = if let Some((model, scratch)) = in_plane {
                 planar::run(self.algorithm, model, scratch, (q, qd, u), wrenches, results)
-            }
-            _ => compute(self.algorithm, scene, (lean_scratch, lean_columns, workspace), (q, qd, u), wrenches, results),
-        };
-        fault += any_not_finite(results);
-        T::put_lanes(results, self.out);
+            } else {
+                let scratch = (lean_scratch, lean_columns, workspace);
+                compute(self.algorithm, scene, scratch, (q, qd, u), wrenches, results)
+            };
+            fault += any_not_finite(results);
+            T::put_lanes(results, self.out);
+        }
         for lane in 0..states.len() {
             // A norm may be off by as much as this bounds its square: half of what is allowed passes here.
             let far = !(nearness.lane(lane) >= -QUATERNION_SLACK);
@@ -271,11 +292,7 @@ fn compute<T: Vectorised>(
             lean::inverse_dynamics(scene, scratch, (q, qd, u), wrenches, results);
             0
         }
-        Algorithm::MassMatrix => {
-            lean::mass_matrix(scene, scratch, q, results);
-            0
-        }
-        // Rare, or not worth code of its own for every arm.
-        Algorithm::ForwardDynamics(_) | Algorithm::MassMatrixInverse(_) => u64::MAX,
+        // Rare, or not worth code of its own for every arm; M has columns of its own.
+        Algorithm::ForwardDynamics(_) | Algorithm::MassMatrixInverse(_) | Algorithm::MassMatrix => u64::MAX,
     }
 }

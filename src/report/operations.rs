@@ -2,7 +2,7 @@
 
 use crate::batch::chunk::{Algorithm, Arguments};
 use crate::dynamics;
-use crate::dynamics::lean::{self, LeanColumns, LeanModel, LeanScratch};
+use crate::dynamics::lean::{self, LeanColumns, LeanModel, LeanScratch, MassColumns};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
@@ -84,6 +84,7 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
     let ([q, qd, u], wrenches) = on_counted(state);
     let mut scratch = LeanScratch::new(&model, &lean);
     let mut columns: LeanColumns<Counted> = LeanColumns::new();
+    let mut mass_columns: MassColumns<Counted, Counted> = MassColumns::new();
     let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
     let ((), operations) = Counted::during(|| {
         let scene = (&model, &lean);
@@ -95,7 +96,10 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
                 let u = (algorithm == Algorithm::InverseDynamics).then_some(&u[..]);
                 lean::inverse_dynamics(scene, &mut scratch, (&q, &qd, u), &wrenches, &mut out);
             }
-            Algorithm::MassMatrix => lean::mass_matrix(scene, &mut scratch, &q, &mut out),
+            Algorithm::MassMatrix => {
+                lean::mass_matrix::<_, _, false>(scene, (&mut scratch, &mut mass_columns), &q);
+                out.copy_from_slice(mass_columns.entries());
+            }
             Algorithm::MassMatrixInverse(_) => {
                 lean::factor(scene, &mut scratch, &q);
                 lean::closed_form(scene, (&mut scratch, &mut columns), &mut out);

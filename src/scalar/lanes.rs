@@ -217,6 +217,37 @@ impl<S: Instructions> Lanes<S> {
             }
         }
     }
+
+    /// The same of as many numbers as `chosen` says, each by its place in `numbers`, of which number 0 is zero.
+    #[inline(always)]
+    pub(super) fn put_chosen(numbers: &[Self], chosen: &[u32], out: &mut [f64]) {
+        let Some(zero) = numbers.first() else { return };
+        let (simd, length) = (zero.simd, chosen.len());
+        let whole = length - length % S::F64_LANES;
+        let mut states: [&mut [S::f64s]; MOST_LANES] = Default::default();
+        for (state, out) in states.iter_mut().zip(out.chunks_exact_mut(length)) {
+            *state = S::as_mut_simd_f64s(&mut out[..whole]).0;
+        }
+        for (at, chosen) in chosen[..whole].chunks_exact(S::F64_LANES).enumerate() {
+            let mut block = [zero.value; MOST_LANES];
+            if chosen.iter().fold(0, |any, &at| any | at) != 0 {
+                for lane in 0..S::F64_LANES {
+                    block[lane] = numbers[chosen[lane] as usize].value;
+                }
+                simd.transpose(&mut block[..S::F64_LANES]);
+            }
+            for lane in 0..S::F64_LANES {
+                if let Some(to) = states[lane].get_mut(at) {
+                    *to = block[lane];
+                }
+            }
+        }
+        for (lane, out) in out.chunks_exact_mut(length).enumerate() {
+            for (value, &at) in out[whole..].iter_mut().zip(&chosen[whole..]) {
+                *value = numbers[at as usize].lanes()[lane];
+            }
+        }
+    }
 }
 
 impl<S: Instructions, P: Precision> PartialEq for Lanes<S, P> {

@@ -111,6 +111,16 @@ pub trait Precision: Circle + Pod + Default + PartialEq + Debug + Send + Sync {
             }
         }
     }
+
+    /// The same of as many numbers as `chosen` says, each by its place in `numbers`, of which number 0 is zero.
+    #[inline(always)]
+    fn put_chosen<S: Instructions>(numbers: &[Lanes<S, Self>], chosen: &[u32], out: &mut [Self]) {
+        for (lane, out) in out.chunks_exact_mut(chosen.len()).enumerate() {
+            for (value, &at) in out.iter_mut().zip(chosen) {
+                *value = numbers[at as usize].lanes()[lane];
+            }
+        }
+    }
 }
 
 /// What both kinds say in the same words: pulp's names end in that of the kind.
@@ -249,6 +259,11 @@ impl Precision for f64 {
     #[inline(always)]
     fn put_lanes<S: Instructions>(numbers: &[Lanes<S, Self>], out: &mut [Self]) {
         Lanes::put_lanes(numbers, out);
+    }
+
+    #[inline(always)]
+    fn put_chosen<S: Instructions>(numbers: &[Lanes<S, Self>], chosen: &[u32], out: &mut [Self]) {
+        Lanes::put_chosen(numbers, chosen, out);
     }
 
     instructions!(

@@ -1,5 +1,6 @@
 //! The constants of a scene as these sweeps read them: one number for all lanes.
 
+use super::aligned::Aligned;
 use super::slots::{Slots, last_children};
 use super::turn::Renaming;
 use crate::filter::pivots::Scale;
@@ -83,6 +84,8 @@ impl<N> LeanBody<N> {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LeanModel<T: Real> {
     pub(super) bodies: Vec<LeanBody<T::Parameter>>,
+    /// The same in frames of their own, for M.
+    pub(super) aligned: Aligned<T>,
     pub(super) outward_slots: usize,
     pub(super) inward_slots: usize,
     pub(super) shifts: usize,
@@ -169,7 +172,16 @@ impl<T: Real> LeanModel<T> {
                 bodies[k].sibling_follows() || bodies[k].parent.is_some_and(|parent| bodies[parent].is_parted);
         }
         let is_shallow = steps <= SHALLOW * model.nv().pow(2);
-        Self { bodies, beside: 0.0, is_shallow, outward_slots: outward.count, inward_slots: inward.count, shifts }
+        let aligned = Aligned::new(model, &bodies, &composite_mass);
+        Self {
+            bodies,
+            aligned,
+            beside: 0.0,
+            is_shallow,
+            outward_slots: outward.count,
+            inward_slots: inward.count,
+            shifts,
+        }
     }
 
     /// The same, watched for errors beside an acceleration of this size (m/s^2, rad/s^2) where the result is smaller.

@@ -1,51 +1,43 @@
-//! Tip to base: composite inertias (3.5), and from each joint the column of M inward of it (3.4).
+//! Tip to base: composite inertias (3.5), and from each joint the column of M inward of it (3.4), all columns of a body side by side.
+//!
+//! At a body every column of what hangs on it goes the same way: what the way is made of is read once, and no column waits for another.
 
+use super::aligned::{Aligned, AlignedBody};
 use super::body::{Carrier, LeanBody, LeanModel};
-use super::filter::one_inward;
-use super::motion::carriers;
+use super::columns::Block;
+use super::mass_columns::{MassColumns, Measurement};
+use super::motion::cross;
 use super::scratch::{Composite, LeanScratch};
-use super::turn::{BRANCH, Renaming, Turn};
-use crate::dynamics::columns::put;
-use crate::filter::Rows;
-use crate::scalar::Real;
+use super::turn::Turn;
+use crate::dynamics::columns::{spread_hinge, spread_shift};
+use crate::filter::HingeMap;
+use crate::kinematics::joint_shift;
+use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
 use crate::spatial::{BodyInertia, Symmetric3};
 use nalgebra::{Vector3, Vector6};
 
-/// M at `q` into `out`, (nv x nv) row by row, as [`mass_matrix`](crate::dynamics::mass_matrix) gives it to rounding.
+/// M at `q` into the columns' entries, as [`mass_matrix`](crate::dynamics::mass_matrix) gives it to rounding.
 #[inline(always)]
-pub(crate) fn mass_matrix<T: Real>(
+pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     (model, lean): (&Model<T>, &LeanModel<T>),
-    scratch: &mut LeanScratch<T>,
+    (scratch, columns): (&mut LeanScratch<T>, &mut MassColumns<T, C>),
     q: &[T],
-    out: &mut [T],
 ) {
     let like = T::zero();
-    carriers((model, lean), scratch, q);
-    let nv = model.nv();
-    out.fill(like);
-    for (k, body) in lean.bodies.iter().enumerate().rev() {
-        let composite = if body.is_leaf { own(body, like) } else { scratch.composites[body.inward] };
-        if body.arrives_first
-            && let Some(parent) = body.parent
-        {
-            scratch.composites[body.parent_inward] = own(&lean.bodies[parent], like);
-        }
-        match &body.carrier {
-            Carrier::Turn(renaming) => {
-                let Composite { first_moment: h, rotational: i } = &composite;
-                // r(k) H*(k), H picking the rotation about z.
-                let force = [i[2], i[4], i[5], -h[1], h[0], like];
-                put(out, nv, (body.row, body.row), i[5] + model.system.noise[body.row]);
-                column_inward((model, lean), scratch, (k, body.row), force, out);
-                if body.parent.is_some() {
-                    to_parent(
-                        body,
-                        renaming,
-                        scratch.turns[k],
-                        &composite,
-                        &mut scratch.composites[body.parent_inward],
-                    );
+    columns.prepare(model, lean);
+    carriers(lean, scratch, columns.like(), q);
+    let aligned = &lean.aligned.bodies;
+    let none = columns.like();
+    for ((k, body), at) in lean.bodies.iter().enumerate().zip(aligned).rev() {
+        let composite = if body.is_leaf { own(at, like) } else { scratch.composites[body.inward] };
+        let carried = match body.carrier {
+            Carrier::Turn(_) => {
+                let (of_body, turn, noise) = ((body, at), scratch.turns[k], model.system.noise[body.row]);
+                match at.axis {
+                    0 => through_turn::<T, C, CHECK, 1, 2, 0>(of_body, turn, noise, &composite, columns),
+                    1 => through_turn::<T, C, CHECK, 2, 0, 1>(of_body, turn, noise, &composite, columns),
+                    _ => through_turn::<T, C, CHECK, 0, 1, 2>(of_body, turn, noise, &composite, columns),
                 }
             }
             Carrier::Shift(at) => {
@@ -55,69 +47,155 @@ pub(crate) fn mass_matrix<T: Real>(
                     rotational: Symmetric3::new(composite.rotational),
                 };
                 let stage = &model.system.stages[k];
-                for row in 0..stage.rows.count() {
-                    let force = inertia.mul_motion(&stage.rows.row(row).to_column());
-                    for other in 0..=row {
-                        let entry = stage.rows.row(other).project(&force);
-                        let noise = model.system.noise[body.row + row];
-                        let entry = if other == row { entry + noise } else { entry };
-                        put(out, nv, (body.row + row, body.row + other), entry);
-                    }
-                    column_inward((model, lean), scratch, (k, body.row + row), force.into(), out);
+                for i in (0..stage.rows.count()).rev() {
+                    let (row, hinge) = (body.row + i, stage.rows.row(i));
+                    columns.insert(row, &hinge.covariance_column(&inertia.to_symmetric()).into());
+                    columns.put_row::<CHECK>(row, body.end_row, &spread_hinge(none, hinge));
+                    columns.add_to_diagonal(row, model.system.noise[row]);
                 }
-                if body.parent.is_some() {
-                    let carried = inertia.to_parent(&scratch.shifts[*at]);
-                    let to = &mut scratch.composites[body.parent_inward];
-                    for (to, &h) in to.first_moment.iter_mut().zip(carried.first_moment.iter()) {
-                        *to += h;
-                    }
-                    for (to, &i) in to.rotational.iter_mut().zip(&carried.rotational.entries) {
-                        *to += i;
-                    }
+                if body.parent.is_none() {
+                    continue;
                 }
+                let shift = spread_shift(none, &scratch.shifts[at]);
+                for force in columns.blocks(body.row, body.end_row) {
+                    *force = shift.force_to_parent(&Vector6::from(*force)).into();
+                }
+                let carried = inertia.to_parent(&scratch.shifts[at]);
+                Composite { first_moment: carried.first_moment.into(), rotational: carried.rotational.entries }
             }
+        };
+        if let Some(parent) = body.parent {
+            // Not by way of the slot where nothing is in it yet: it would be read before it is well written.
+            let to = &mut scratch.composites[body.parent_inward];
+            *to = sum(&if body.arrives_first { own(&aligned[parent], like) } else { *to }, &carried);
         }
     }
 }
 
-/// What a force at body `k`, a column of M, is at every row inward of it.
+/// Of two bodies that move as one.
 #[inline(always)]
-fn column_inward<T: Real>(
-    (model, lean): (&Model<T>, &LeanModel<T>),
-    scratch: &LeanScratch<T>,
-    (mut k, column): (usize, usize),
-    mut force: [T; 6],
-    out: &mut [T],
-) {
-    let nv = model.nv();
-    while let Some(parent) = lean.bodies[k].parent {
-        let body = &lean.bodies[k];
-        force = one_inward((k, body), scratch, &force);
-        let inward = &lean.bodies[parent];
-        let rows = &model.system.stages[parent].rows;
-        if let Carrier::Turn(_) = inward.carrier {
-            put(out, nv, (column, inward.row), force[2]);
-        } else if let Rows::Six = rows {
-            // Linear rows first; spelt out, for every column of a floating robot ends here.
-            let [a, b, c, d, e, f] = force;
-            let six = [d, e, f, a, b, c];
-            out[column * nv + inward.row..][..6].copy_from_slice(&six);
-            for (above, &value) in out[inward.row * nv + column..].iter_mut().step_by(nv).zip(&six) {
-                *above = value;
-            }
-        } else {
-            let force = Vector6::from(force);
-            for row in 0..rows.count() {
-                put(out, nv, (column, inward.row + row), rows.row(row).project(&force));
-            }
-        }
-        k = parent;
+fn sum<T: Real>(a: &Composite<T>, b: &Composite<T>) -> Composite<T> {
+    let (h, i) = (&a.first_moment, &a.rotational);
+    let (g, j) = (&b.first_moment, &b.rotational);
+    Composite {
+        first_moment: [h[0] + g[0], h[1] + g[1], h[2] + g[2]],
+        rotational: [i[0] + j[0], i[1] + j[1], i[2] + j[2], i[3] + j[3], i[4] + j[4], i[5] + j[5]],
     }
+}
+
+/// The turn or shift of every body at `q`, in the aligned frames.
+#[inline(always)]
+fn carriers<T: Real, C: ColumnsOf<T>>(lean: &LeanModel<T>, scratch: &mut LeanScratch<T>, like: C, q: &[T]) {
+    let Aligned { bodies, shifts, turning } = &lean.aligned;
+    for some in turning.chunks(C::COLUMNS) {
+        let mut angles = like;
+        for (lane, &(at, _)) in some.iter().enumerate().take(C::COLUMNS) {
+            angles.set_column(lane, q[at]);
+        }
+        let (s, c) = angles.sin_cos();
+        for (lane, &(_, k)) in some.iter().enumerate().take(C::COLUMNS) {
+            let s = s.column(lane);
+            scratch.turns[k] = Turn { s: s * s.everywhere(bodies[k].sense), c: c.column(lane) };
+        }
+    }
+    for (shift, body) in scratch.shifts.iter_mut().zip(shifts) {
+        *shift = joint_shift(body, q);
+    }
+}
+
+/// The row of a turn about axis Z, and the way from there to the parent; X and Y are the axes that follow it.
+#[inline(always)]
+fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, const Y: usize, const Z: usize>(
+    (body, at): (&LeanBody<T::Parameter>, &AlignedBody<T::Parameter>),
+    turn: Turn<T>,
+    noise: T,
+    composite: &Composite<T>,
+    columns: &mut MassColumns<T, C>,
+) -> Composite<T> {
+    let Composite { first_moment: h, rotational } = composite;
+    let like = h[0];
+    let sense = like.everywhere(at.sense);
+    let (xz, yz, zz) = (rotational[packed(X, Z)], rotational[packed(Y, Z)], rotational[packed(Z, Z)]);
+    // r(k) H*(k), H picking the rotation about the axis, in its sense.
+    let mut force = [like.constant(0.0); 6];
+    (force[X], force[Y], force[Z]) = (sense * xz, sense * yz, sense * zz);
+    (force[3 + X], force[3 + Y]) = (-(sense * h[Y]), sense * h[X]);
+    columns.insert(body.row, &force);
+    let none = columns.like();
+    let about = About::<C, X, Y, Z> {
+        sense: none.spread(sense),
+        turn: Turn { s: none.spread(turn.s), c: none.spread(turn.c) },
+        lever: [
+            none.spread(like.everywhere(at.lever[0])),
+            none.spread(like.everywhere(at.lever[1])),
+            none.spread(like.everywhere(at.lever[2])),
+        ],
+        has_lever: body.has_lever,
+        ends: body.parent.is_none(),
+    };
+    columns.put_row::<CHECK>(body.row, body.end_row, &about);
+    columns.add_to_diagonal(body.row, noise);
+    // At the base nobody reads it.
+    if about.ends { *composite } else { to_parent::<T, X, Y, Z>((body, at), turn, composite) }
+}
+
+/// A row about axis Z, and phi across its turn.
+struct About<C, const X: usize, const Y: usize, const Z: usize> {
+    sense: C,
+    turn: Turn<C>,
+    lever: [C; 3],
+    has_lever: bool,
+    /// Whether there is no parent to carry anything to.
+    ends: bool,
+}
+
+impl<C: Real, const X: usize, const Y: usize, const Z: usize> Measurement<C> for About<C, X, Y, Z> {
+    #[inline(always)]
+    fn entry(&self, force: &Block<C>) -> C {
+        self.sense * force[Z]
+    }
+
+    #[inline(always)]
+    fn carry(&self, force: &mut Block<C>) {
+        if self.ends {
+            return;
+        }
+        let mut turned = *force;
+        (turned[X], turned[Y]) = self.turn.pair(force[X], force[Y]);
+        (turned[3 + X], turned[3 + Y]) = self.turn.pair(force[3 + X], force[3 + Y]);
+        if self.has_lever {
+            let [a, b, c, d, e, f] = turned;
+            let [a, b, c] = cross(self.lever, [d, e, f], [a, b, c]);
+            *force = [a, b, c, d, e, f];
+        } else {
+            *force = turned;
+        }
+    }
+}
+
+/// A row of another joint: all of its rows are read before anything is carried.
+impl<C: Real> Measurement<C> for HingeMap<C> {
+    #[inline(always)]
+    fn entry(&self, force: &Block<C>) -> C {
+        match *self {
+            HingeMap::Axis(i) => force[i],
+            HingeMap::Screw(pitch) => pitch.mul_add(force[5], force[2]),
+        }
+    }
+
+    #[inline(always)]
+    fn carry(&self, _force: &mut Block<C>) {}
+}
+
+/// Where an entry of a packed 3x3 symmetric matrix is.
+const fn packed(i: usize, j: usize) -> usize {
+    let (i, j) = if i < j { (i, j) } else { (j, i) };
+    i + j + (i != 0) as usize
 }
 
 /// A body by itself.
 #[inline(always)]
-fn own<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> Composite<T> {
+fn own<T: Real>(body: &AlignedBody<T::Parameter>, like: T) -> Composite<T> {
     let ([x, y, z], [xx, xy, xz, yy, yz, zz]) = (body.first_moment, body.rotational);
     Composite {
         first_moment: [like.everywhere(x), like.everywhere(y), like.everywhere(z)],
@@ -132,37 +210,39 @@ fn own<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> Composite<T> {
     }
 }
 
-/// phi r phi* across a turn, added to what the parent has: about z, along the lever as in [`BodyInertia::to_parent`], renamed.
+/// phi r phi* across a turn: about the axis, then along the lever as in [`BodyInertia::to_parent`].
 #[inline(always)]
-fn to_parent<T: Real>(
-    body: &LeanBody<T::Parameter>,
-    renaming: &Renaming<T::Parameter>,
+fn to_parent<T: Real, const X: usize, const Y: usize, const Z: usize>(
+    (body, at): (&LeanBody<T::Parameter>, &AlignedBody<T::Parameter>),
     turn: Turn<T>,
     composite: &Composite<T>,
-    to: &mut Composite<T>,
-) {
-    let [xx, xy, xz, yy, yz, zz] = composite.rotational;
-    let h = turn.rotate(composite.first_moment);
-    let (xx, xy, yy) = turn.symmetric((xx, xy, yy));
-    let (xz, yz) = turn.pair(xz, yz);
-    let (h, rotational) = if body.has_lever {
-        let like = xx;
-        let ([x, y, z], [mx, my, mz]) = (body.lever, body.composite_lever);
+) -> Composite<T> {
+    let (mut h, mut i) = (composite.first_moment, composite.rotational);
+    (h[X], h[Y]) = turn.pair(h[X], h[Y]);
+    (i[packed(X, Z)], i[packed(Y, Z)]) = turn.pair(i[packed(X, Z)], i[packed(Y, Z)]);
+    (i[packed(X, X)], i[packed(X, Y)], i[packed(Y, Y)]) =
+        turn.symmetric((i[packed(X, X)], i[packed(X, Y)], i[packed(Y, Y)]));
+    if body.has_lever {
+        let like = h[0];
+        let ([x, y, z], [mx, my, mz]) = (at.lever, at.composite_lever);
+        let ([tx, ty, tz], [xx, yy, zz]) = (at.twice_lever, at.lever_moment);
         let (x, y, z) = (like.everywhere(x), like.everywhere(y), like.everywhere(z));
         let s = [h[0] + like.everywhere(mx), h[1] + like.everywhere(my), h[2] + like.everywhere(mz)];
-        let (dx, dy, dz) = (x * (h[0] + s[0]), y * (h[1] + s[1]), z * (h[2] + s[2]));
-        let rotational = [
-            xx + (dy + dz),
-            xy.minus_product(h[0], y).minus_product(x, s[1]),
-            xz.minus_product(h[0], z).minus_product(x, s[2]),
-            yy + (dx + dz),
-            yz.minus_product(h[1], z).minus_product(y, s[2]),
-            zz + (dx + dy),
+        // x (h + s), of which the constant part is known.
+        let (dx, dy, dz) = (
+            h[0].mul_add(like.everywhere(tx), like.everywhere(xx)),
+            h[1].mul_add(like.everywhere(ty), like.everywhere(yy)),
+            h[2].mul_add(like.everywhere(tz), like.everywhere(zz)),
+        );
+        i = [
+            i[0] + (dy + dz),
+            i[1].minus_product(h[0], y).minus_product(x, s[1]),
+            i[2].minus_product(h[0], z).minus_product(x, s[2]),
+            i[3] + (dx + dz),
+            i[4].minus_product(h[1], z).minus_product(y, s[2]),
+            i[5] + (dx + dy),
         ];
-        (s, rotational)
-    } else {
-        (h, [xx, xy, xz, yy, yz, zz])
-    };
-    renaming.add::<T, BRANCH>(h, &mut to.first_moment);
-    renaming.add_symmetric(&rotational, &mut to.rotational);
+        h = s;
+    }
+    Composite { first_moment: h, rotational: i }
 }

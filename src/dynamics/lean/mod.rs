@@ -8,10 +8,12 @@
 //! Every other body goes through the general shift.
 
 mod accelerations;
+mod aligned;
 mod body;
 mod columns;
 mod filter;
 mod inverse_product;
+mod mass_columns;
 mod mass_inverse;
 mod mass_matrix;
 mod motion;
@@ -23,6 +25,7 @@ mod way;
 
 pub(crate) use body::LeanModel;
 pub(crate) use columns::LeanColumns;
+pub(crate) use mass_columns::MassColumns;
 pub(crate) use mass_inverse::{closed_form, factor};
 pub(crate) use mass_matrix::mass_matrix;
 pub(crate) use scratch::{LeanScratch, bytes};

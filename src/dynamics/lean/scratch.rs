@@ -1,5 +1,6 @@
 //! Scratch of the lean sweeps.
 
+use super::aligned::AlignedBody;
 use super::body::{LeanBody, LeanModel};
 use super::turn::Turn;
 use crate::batch::chunk::Algorithm;
@@ -127,7 +128,10 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> u
         };
     let swept = match algorithm {
         Algorithm::InverseDynamics | Algorithm::BiasTorque => motions,
-        Algorithm::MassMatrix => lean.inward_slots * size_of::<Composite<f64>>(),
+        Algorithm::MassMatrix => {
+            let aligned = bodies * size_of::<AlignedBody<f64>>();
+            aligned + lean.inward_slots * size_of::<Composite<f64>>() + nv * size_of::<[f64; 6]>()
+        }
         Algorithm::ForwardDynamics(Form::Auto) => motions + filter + watching,
         Algorithm::ForwardDynamics(_) => motions + filter + lean.outward_slots * size_of::<Halves<f64>>(),
         Algorithm::MassMatrixInverse(Form::Auto) => filter + watching + closed_form,

@@ -134,21 +134,6 @@ impl<N: Copy> Renaming<N> {
         in_order!(self.order, X, Y, Z, self.add_in_order::<T, X, Y, Z>(p, to));
     }
 
-    /// Adds a packed symmetric 3x3 matrix in the joint's frame to one in the parent's.
-    #[inline(always)]
-    pub fn add_symmetric<T: Real<Parameter = N>>(&self, p: &[T; 6], to: &mut [T; 6]) {
-        let [yz, zx, xy] = self.signs;
-        let [xx, of_xy, of_zx, yy, of_yz, zz] = in_order!(self.order, X, Y, Z, {
-            [p[PACKED[X][X]], p[PACKED[X][Y]], p[PACKED[X][Z]], p[PACKED[Y][Y]], p[PACKED[Y][Z]], p[PACKED[Z][Z]]]
-        });
-        to[0] += xx;
-        to[1] = of_xy.mul_add(xx.everywhere(xy), to[1]);
-        to[2] = of_zx.mul_add(xx.everywhere(zx), to[2]);
-        to[3] += yy;
-        to[4] = of_yz.mul_add(xx.everywhere(yz), to[4]);
-        to[5] += zz;
-    }
-
     /// A packed 6x6 matrix from the parent's frame to the joint's.
     #[inline(always)]
     pub fn packed_back<T: Real<Parameter = N>>(&self, p: &[T; 21]) -> [T; 21] {
