@@ -164,7 +164,8 @@ fn leading_text(leading: &[usize]) -> String {
 /// (A process forked while another thread held the lock would wait for ever.)
 #[derive(Debug)]
 pub struct Pool<S> {
-    idle: Mutex<Vec<S>>,
+    /// Boxed: scratch is large, and would be moved twice a call.
+    idle: Mutex<Vec<Box<S>>>,
 }
 
 impl<S> Default for Pool<S> {
@@ -177,7 +178,7 @@ impl<S> Pool<S> {
     /// Runs `work` with scratch from the pool, or from `make` where the pool has none.
     pub fn with<R>(&self, make: impl FnOnce() -> S, work: impl FnOnce(&mut S) -> R) -> R {
         let kept = self.idle.try_lock().ok().and_then(|mut idle| idle.pop());
-        let mut scratch = kept.unwrap_or_else(make);
+        let mut scratch = kept.unwrap_or_else(|| Box::new(make()));
         let result = work(&mut scratch);
         if let Ok(mut idle) = self.idle.try_lock() {
             idle.push(scratch);

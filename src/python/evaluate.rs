@@ -20,7 +20,7 @@ use pyo3::prelude::*;
 
 /// The GIL is kept for calls shorter than this (ns of one thread), as `NumPy` does: giving it up takes a tenth of a
 /// microsecond where nobody wants it, and up to five milliseconds to get back where somebody does.
-const WORTH_RELEASING: usize = 5_000;
+pub(super) const WORTH_RELEASING: usize = 5_000;
 
 /// What a thread needs to evaluate states, kept between calls.
 pub(super) struct Scratch {
