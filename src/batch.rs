@@ -254,8 +254,11 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
         if self.states > 1 && self.states.saturating_mul(self.cost) >= WORTH_THREADS {
             return match threads::pool() {
                 threads::Place::Inside => self.cut(piece, results, &kernel),
-                threads::Place::Ours(pool) => pool.install(|| self.cut(piece, results, &kernel)),
-                threads::Place::Alone => self.serial(piece, results, &kernel),
+                threads::Place::Ours(pool) if pool.current_num_threads() > 1 => {
+                    pool.install(|| self.cut(piece, results, &kernel))
+                }
+                // One thread would do what the caller can, with the arguments in another core's cache.
+                threads::Place::Ours(_) | threads::Place::Alone => self.serial(piece, results, &kernel),
             };
         }
         self.serial(piece, results, &kernel)

@@ -17,7 +17,7 @@ use std::ops::Range;
 const FEW: usize = 64;
 
 /// Larger results are made by Python, which raises where memory runs out.
-const MANY: usize = 1 << 16;
+const MANY: usize = 1 << 12;
 
 /// One array argument: C-contiguous numbers of kind `P`, borrowed where it was that already, else converted.
 pub(super) struct Input<'py, P: Element = f64> {
@@ -198,6 +198,7 @@ fn in_order<P: Element, D: Dimension>(array: &Bound<'_, PyArray<P, D>>) -> bool 
 }
 
 /// The numbers of one state and their addresses, where they are (width,) float64 as they lie, and few.
+#[inline(always)] // what it returns would be stored and loaded again
 pub(super) fn plain(value: &Bound<'_, PyAny>, width: usize) -> Option<(Vec<f64>, Range<usize>)> {
     let array = value.cast::<PyArray1<f64>>().ok()?;
     if width > FEW || array.len() != width || !in_order(array) {
@@ -240,12 +241,21 @@ pub(super) enum Output<'py, P: Element = f64> {
 }
 
 impl<'py, P: Precision + Element> Output<'py, P> {
-    /// A new array of the given shape.
+    /// A new array of zeros of the given shape.
     pub fn new(py: Python<'py>, shape: &[usize]) -> PyResult<Self> {
+        Self::made(py, shape, true)
+    }
+
+    /// A new array of the given shape, all of which will be written or nothing be read.
+    pub fn unwritten(py: Python<'py>, shape: &[usize]) -> PyResult<Self> {
+        Self::made(py, shape, false)
+    }
+
+    fn made(py: Python<'py>, shape: &[usize], zeroed: bool) -> PyResult<Self> {
         if entries(shape).is_some_and(|entries| entries <= FEW) {
             return Ok(Self::Copied(py, ArrayD::from_elem(shape, P::default())));
         }
-        Self::borrowed(zeros(py, shape)?)
+        Self::borrowed(fresh(py, shape, zeroed)?)
     }
 
     /// The caller's array: C-contiguous numbers of kind `P` in the given shape, writable, apart from the addresses of the arguments.
@@ -314,13 +324,19 @@ fn refused_output(error: &BorrowError) -> PyErr {
     Error::argument("out", found, "a writable array that overlaps no argument").into()
 }
 
-/// A new array of zeros.
-fn zeros<'py, P: Precision + Element>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
+/// A new array; of zeros, or where it is large and need not be, of whatever was there: to zero megabytes takes a tenth of computing M.
+fn fresh<'py, P: Precision + Element>(
+    py: Python<'py>,
+    shape: &[usize],
+    zeroed: bool,
+) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     static ZEROS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    static EMPTY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     if entries(shape).is_some_and(|entries| entries <= MANY) {
         return Ok(PyArray::zeros(py, IxDyn(shape), false));
     }
-    Ok(ZEROS.import(py, "numpy", "zeros")?.call1((shape.to_vec(), P::NAME))?.cast_into()?)
+    let (make, name) = if zeroed { (&ZEROS, "zeros") } else { (&EMPTY, "empty") };
+    Ok(make.import(py, "numpy", name)?.call1((shape.to_vec(), P::NAME))?.cast_into()?)
 }
 
 /// A new array with these numbers in row-major order; a `NumPy` scalar for the empty shape.

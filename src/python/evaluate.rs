@@ -108,7 +108,7 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         shape: &[usize],
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
-        let mut output = self.output(py, shape, out)?;
+        let mut output = self.output(shape, out, |full| Output::unwritten(py, full))?;
         let results = output.numbers()?;
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
@@ -147,13 +147,18 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         Ok(output.finish())
     }
 
-    /// The array of shape batch + `shape` that receives the results: a new one, or the caller's `out`.
-    fn output(&self, py: Python<'py>, shape: &[usize], out: Option<&Bound<'py, PyAny>>) -> PyResult<Output<'py, P>> {
+    /// The array of shape batch + `shape` that receives the results: a new one from `make`, or the caller's `out`.
+    fn output(
+        &self,
+        shape: &[usize],
+        out: Option<&Bound<'py, PyAny>>,
+        make: impl FnOnce(&[usize]) -> PyResult<Output<'py, P>>,
+    ) -> PyResult<Output<'py, P>> {
         let mut full = Vec::with_capacity(self.batch.len() + shape.len());
         full.extend_from_slice(&self.batch);
         full.extend_from_slice(shape);
         match out {
-            None => Output::new(py, &full),
+            None => make(&full),
             Some(out) => {
                 let wrenches = self.wrenches.iter().map(|wrench| wrench.input.addresses());
                 Output::given(out, &full, self.inputs.iter().map(Input::addresses).chain(wrenches))
@@ -215,7 +220,7 @@ impl<'py, const N: usize> Call<'_, 'py, N> {
     where
         K: Fn(&Scene, &mut Scratch, [&[f64]; N], &mut [f64]) -> Result<(), Error> + Sync,
     {
-        let mut output = self.output(py, shape, out)?;
+        let mut output = self.output(shape, out, |full| Output::new(py, full))?;
         self.numbers(py, output.numbers()?, kernel)?;
         Ok(output.finish())
     }

@@ -45,7 +45,7 @@ def outcome(call: Callable[[], np.ndarray]) -> Any:
     """The result, or everything that tells an error from another."""
     try:
         return call()
-    except Exception as error:
+    except phipsi.errors.PhipsiError as error:
         return type(error), str(error), vars(error)
 
 
