@@ -218,7 +218,8 @@ impl From<Fault> for Error {
 impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
     /// Calls `kernel(scratch, i, out)` for every state i, with `out` its part of `results` (equally long for each state).
     ///
-    /// The results have the same bits for any number of threads. Inside a rayon pool that pool is used, else one of our own.
+    /// The results have the same bits for any number of threads. Inside a rayon pool that pool is used, else one of our own, or the
+    /// caller's thread where that has but one.
     ///
     /// # Errors
     ///

@@ -13,7 +13,7 @@ use pyo3::sync::PyOnceLock;
 use std::borrow::Cow;
 use std::ops::Range;
 
-/// Arguments up to this many numbers are copied: cheaper than keeping account of who borrows which array.
+/// Arguments and results up to this many numbers are copied: cheaper than keeping account of who borrows which array.
 const FEW: usize = 64;
 
 /// Larger results are made by Python, which raises where memory runs out.

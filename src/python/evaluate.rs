@@ -82,6 +82,14 @@ pub(super) struct Call<'a, 'py, const N: usize, P: Element = f64> {
     cost: usize,
 }
 
+/// The arguments of neighbouring states of a batch, q, then qd, then u; forces stay as they are.
+fn take<'a, P>(states: &mut [Arguments<'a, P>], arguments: &[Broadcast<'a, P>], first: usize) {
+    let of = |k: usize, state: usize| arguments.get(k).map_or(&[][..], |argument| argument.state(state));
+    for (i, state) in states.iter_mut().enumerate() {
+        (state.q, state.qd, state.u) = (of(0, first + i), of(1, first + i), of(2, first + i));
+    }
+}
+
 impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
     /// A call with these arguments; `cost` is the time of one state in ns, roughly.
     pub fn new(
@@ -112,10 +120,6 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         let results = output.numbers()?;
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
-        let empty: &[P] = &[];
-        let of_state = |i: usize| -> [&[P]; 3] {
-            std::array::from_fn(|k| arguments.get(k).map_or(empty, |argument| argument.state(i)))
-        };
         let width = scene.width(algorithm);
         let bodies = scene.model().bodies.len();
         self.run(py, |batch| {
@@ -123,22 +127,26 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
                 let (evaluator, forces) = P::parts(scratch);
                 let evaluator = evaluator.get_or_insert_with(|| Evaluator::new(scene));
                 let (mut first, last) = (states.start, states.end);
+                // Written anew for every chunk only where it holds forces: that is a kilobyte.
+                let mut chunk = [Arguments::default(); MOST_LANES];
                 while first < last {
                     let count = evaluator.lanes().min(last - first);
-                    let mut chunk = [Arguments::default(); MOST_LANES];
-                    for (lane, forces) in forces.iter_mut().enumerate().take(count) {
-                        wrenches::on_bodies(&wrenches, bodies, first + lane, forces)
-                            .map_err(|error| Fault { state: first + lane, error })?;
-                    }
-                    for (lane, (state, wrenches)) in chunk.iter_mut().zip(&*forces).enumerate().take(count) {
-                        let [q, qd, u] = of_state(first + lane);
-                        *state = Arguments { q, qd, u, wrenches };
-                    }
                     let from = (first - states.start) * width;
                     let out = &mut results[from..from + count * width];
-                    scene
-                        .evaluate(evaluator, algorithm, &chunk[..count], out)
-                        .map_err(|fault| Fault { state: first + fault.state, ..fault })?;
+                    let outcome = if wrenches.is_empty() {
+                        take(&mut chunk[..count], &arguments, first);
+                        scene.evaluate(evaluator, algorithm, &chunk[..count], out)
+                    } else {
+                        let mut chunk = chunk;
+                        take(&mut chunk[..count], &arguments, first);
+                        for (lane, (state, forces)) in chunk.iter_mut().zip(forces.iter_mut()).enumerate().take(count) {
+                            wrenches::on_bodies(&wrenches, bodies, first + lane, forces)
+                                .map_err(|error| Fault { state: first + lane, error })?;
+                            state.wrenches = forces;
+                        }
+                        scene.evaluate(evaluator, algorithm, &chunk[..count], out)
+                    };
+                    outcome.map_err(|fault| Fault { state: first + fault.state, ..fault })?;
                     first += count;
                 }
                 Ok(())
