@@ -164,7 +164,8 @@ fn leading_text(leading: &[usize]) -> String {
 /// (A process forked while another thread held the lock would wait for ever.)
 #[derive(Debug)]
 pub struct Pool<S> {
-    idle: Mutex<Vec<S>>,
+    /// Boxed: scratch is large, and would be moved twice a call.
+    idle: Mutex<Vec<Box<S>>>,
 }
 
 impl<S> Default for Pool<S> {
@@ -177,7 +178,7 @@ impl<S> Pool<S> {
     /// Runs `work` with scratch from the pool, or from `make` where the pool has none.
     pub fn with<R>(&self, make: impl FnOnce() -> S, work: impl FnOnce(&mut S) -> R) -> R {
         let kept = self.idle.try_lock().ok().and_then(|mut idle| idle.pop());
-        let mut scratch = kept.unwrap_or_else(make);
+        let mut scratch = kept.unwrap_or_else(|| Box::new(make()));
         let result = work(&mut scratch);
         if let Ok(mut idle) = self.idle.try_lock() {
             idle.push(scratch);
@@ -217,7 +218,8 @@ impl From<Fault> for Error {
 impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
     /// Calls `kernel(scratch, i, out)` for every state i, with `out` its part of `results` (equally long for each state).
     ///
-    /// The results have the same bits for any number of threads. Inside a rayon pool that pool is used, else one of our own.
+    /// The results have the same bits for any number of threads. Inside a rayon pool that pool is used, else one of our own, or the
+    /// caller's thread where that has but one.
     ///
     /// # Errors
     ///
@@ -253,8 +255,11 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
         if self.states > 1 && self.states.saturating_mul(self.cost) >= WORTH_THREADS {
             return match threads::pool() {
                 threads::Place::Inside => self.cut(piece, results, &kernel),
-                threads::Place::Ours(pool) => pool.install(|| self.cut(piece, results, &kernel)),
-                threads::Place::Alone => self.serial(piece, results, &kernel),
+                threads::Place::Ours(pool) if pool.current_num_threads() > 1 => {
+                    pool.install(|| self.cut(piece, results, &kernel))
+                }
+                // One thread would do what the caller can, with the arguments in another core's cache.
+                threads::Place::Ours(_) | threads::Place::Alone => self.serial(piece, results, &kernel),
             };
         }
         self.serial(piece, results, &kernel)

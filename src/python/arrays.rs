@@ -3,17 +3,21 @@
 use crate::batch::{Broadcast, shape_text};
 use crate::error::Error;
 use crate::scalar::Precision;
+use numpy::ndarray::{ArrayD, ArrayView2, Dimension};
 use numpy::{
-    BorrowError, Element, IxDyn, PyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
-    PyUntypedArray, PyUntypedArrayMethods,
+    AsSliceError, BorrowError, Element, IxDyn, PyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn,
+    PyReadwriteArrayDyn, PyUntypedArray, PyUntypedArrayMethods, ToPyArray,
 };
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use std::borrow::Cow;
 use std::ops::Range;
 
-/// Arguments up to this many numbers are copied: cheaper than keeping account of who borrows which array.
-const FEW: usize = 32;
+/// Arguments and results up to this many numbers are copied: cheaper than keeping account of who borrows which array.
+const FEW: usize = 64;
+
+/// Larger results are made by Python, which raises where memory runs out.
+const MANY: usize = 1 << 12;
 
 /// One array argument: C-contiguous numbers of kind `P`, borrowed where it was that already, else converted.
 pub(super) struct Input<'py, P: Element = f64> {
@@ -104,7 +108,7 @@ impl<'py, P: Precision + Element> Input<'py, P> {
 }
 
 /// The addresses that a C-contiguous array occupies.
-fn addresses<P: Element>(array: &Bound<'_, PyArrayDyn<P>>) -> Range<usize> {
+fn addresses<P: Element, D: Dimension>(array: &Bound<'_, PyArray<P, D>>) -> Range<usize> {
     let start = array.data().addr();
     start..start + array.len() * size_of::<P>()
 }
@@ -183,9 +187,24 @@ fn wrong_shape(name: &str, found: &[usize], expected: String) -> PyErr {
 /// C-contiguous and aligned numbers of kind `P` as they are; any other real numbers converted; the rest refused by name.
 fn read<'py, P: Precision + Element>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     match value.cast::<PyArrayDyn<P>>() {
-        Ok(array) if array.is_c_contiguous() && array.data().is_aligned() => Ok(array.clone()),
+        Ok(array) if in_order(array) => Ok(array.clone()),
         _ => convert(name, value),
     }
+}
+
+/// Whether the numbers of an array can be read as they lie.
+fn in_order<P: Element, D: Dimension>(array: &Bound<'_, PyArray<P, D>>) -> bool {
+    array.is_c_contiguous() && array.data().is_aligned()
+}
+
+/// The numbers of one state and their addresses, where they are (width,) float64 as they lie, and few.
+#[inline(always)] // what it returns would be stored and loaded again
+pub(super) fn plain(value: &Bound<'_, PyAny>, width: usize) -> Option<(Vec<f64>, Range<usize>)> {
+    let array = value.cast::<PyArray1<f64>>().ok()?;
+    if width > FEW || array.len() != width || !in_order(array) {
+        return None;
+    }
+    Some((array.to_vec().ok()?, addresses(array)))
 }
 
 /// What NumPy makes of `value`.
@@ -215,17 +234,28 @@ fn refused(name: &str, found: &str) -> PyErr {
 }
 
 /// Where a call writes its result: an array of its own, or the caller's `out`.
-pub(super) struct Output<'py, P: Element = f64> {
-    array: Bound<'py, PyArrayDyn<P>>,
-    write: PyReadwriteArrayDyn<'py, P>,
+pub(super) enum Output<'py, P: Element = f64> {
+    /// Few numbers, which become an array in the end: cheaper than keeping account of one.
+    Copied(Python<'py>, ArrayD<P>),
+    Borrowed(Bound<'py, PyArrayDyn<P>>, PyReadwriteArrayDyn<'py, P>),
 }
 
 impl<'py, P: Precision + Element> Output<'py, P> {
-    /// A new array of the given shape.
+    /// A new array of zeros of the given shape.
     pub fn new(py: Python<'py>, shape: &[usize]) -> PyResult<Self> {
-        let array = zeros(py, shape)?;
-        let write = array.try_readwrite().map_err(|error| refused_output(&error))?;
-        Ok(Self { array, write })
+        Self::made(py, shape, true)
+    }
+
+    /// A new array of the given shape, all of which will be written or nothing be read.
+    pub fn unwritten(py: Python<'py>, shape: &[usize]) -> PyResult<Self> {
+        Self::made(py, shape, false)
+    }
+
+    fn made(py: Python<'py>, shape: &[usize], zeroed: bool) -> PyResult<Self> {
+        if entries(shape).is_some_and(|entries| entries <= FEW) {
+            return Ok(Self::Copied(py, ArrayD::from_elem(shape, P::default())));
+        }
+        Self::borrowed(fresh(py, shape, zeroed)?)
     }
 
     /// The caller's array: C-contiguous numbers of kind `P` in the given shape, writable, apart from the addresses of the arguments.
@@ -256,19 +286,34 @@ impl<'py, P: Precision + Element> Output<'py, P> {
         if inputs.into_iter().any(shared) {
             return Err(refused_output(&BorrowError::AlreadyBorrowed));
         }
+        Self::borrowed(array.clone())
+    }
+
+    fn borrowed(array: Bound<'py, PyArrayDyn<P>>) -> PyResult<Self> {
         let write = array.try_readwrite().map_err(|error| refused_output(&error))?;
-        Ok(Self { array: array.clone(), write })
+        Ok(Self::Borrowed(array, write))
     }
 
     /// The numbers, row-major.
     pub fn numbers(&mut self) -> PyResult<&mut [P]> {
-        Ok(self.write.as_slice_mut()?)
+        match self {
+            Self::Copied(_, numbers) => Ok(numbers.as_slice_mut().ok_or(AsSliceError)?),
+            Self::Borrowed(_, write) => Ok(write.as_slice_mut()?),
+        }
     }
 
     /// The array, written.
     pub fn finish(self) -> Bound<'py, PyArrayDyn<P>> {
-        self.array
+        match self {
+            Self::Copied(py, numbers) => numbers.to_pyarray(py),
+            Self::Borrowed(array, _) => array,
+        }
     }
+}
+
+/// How many numbers an array of this shape has; none where that is no number.
+fn entries(shape: &[usize]) -> Option<usize> {
+    shape.iter().try_fold(1, |product: usize, &length| product.checked_mul(length))
 }
 
 fn refused_output(error: &BorrowError) -> PyErr {
@@ -279,18 +324,32 @@ fn refused_output(error: &BorrowError) -> PyErr {
     Error::argument("out", found, "a writable array that overlaps no argument").into()
 }
 
-/// A new array of zeros; large ones through Python, which raises where memory runs out.
-fn zeros<'py, P: Precision + Element>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
+/// A new array; of zeros, or where it is large and need not be, of whatever was there: to zero megabytes takes a tenth of computing M.
+fn fresh<'py, P: Precision + Element>(
+    py: Python<'py>,
+    shape: &[usize],
+    zeroed: bool,
+) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     static ZEROS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    let entries = shape.iter().try_fold(1, |product: usize, &length| product.checked_mul(length));
-    if entries.is_some_and(|entries| entries <= 1 << 16) {
+    static EMPTY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    if entries(shape).is_some_and(|entries| entries <= MANY) {
         return Ok(PyArray::zeros(py, IxDyn(shape), false));
     }
-    Ok(ZEROS.import(py, "numpy", "zeros")?.call1((shape.to_vec(), P::NAME))?.cast_into()?)
+    let (make, name) = if zeroed { (&ZEROS, "zeros") } else { (&EMPTY, "empty") };
+    Ok(make.import(py, "numpy", name)?.call1((shape.to_vec(), P::NAME))?.cast_into()?)
 }
 
 /// A new array with these numbers in row-major order; a `NumPy` scalar for the empty shape.
 pub(super) fn from_numbers<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize]) -> PyResult<Bound<'py, PyAny>> {
+    match *shape {
+        [length] if length == numbers.len() && length <= MANY => return Ok(numbers.to_pyarray(py).into_any()),
+        [rows, columns] if numbers.len() <= MANY => {
+            if let Ok(matrix) = ArrayView2::from_shape((rows, columns), numbers) {
+                return Ok(matrix.to_pyarray(py).into_any());
+            }
+        }
+        _ => {}
+    }
     let mut output = Output::new(py, shape)?;
     output.numbers()?.copy_from_slice(numbers);
     let array = output.finish().into_any();

@@ -4,6 +4,7 @@ use super::arrays::Input;
 use super::choice::{Precise, choose, read_dtype};
 use super::evaluate::Call;
 use super::scene::PyScene;
+use super::single::Keywords;
 use super::wrenches::Wrench;
 use crate::batch::chunk::Algorithm;
 use crate::error::Error;
@@ -69,15 +70,19 @@ impl PyScene {
         out: Option<&Bound<'py, PyAny>>,
         dtype: Option<&Bound<'py, PyAny>>,
     ) -> Array<'py> {
-        let form = read_form(form)?;
+        let algorithm = Algorithm::ForwardDynamics(read_form(form)?);
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         let cost = cost::FORWARD * self.size();
+        let keywords = Keywords { wrenches, out, dtype };
+        if let Some(qdd) = self.single(py, algorithm, [q, qd, tau], &[nv], cost, keywords)? {
+            return Ok(qdd);
+        }
         in_dtype!(dtype, P => {
             let inputs =
                 [Input::<P>::in_kind("q", q, nq)?, Input::in_kind("qd", qd, nv)?, Input::in_kind("tau", tau, nv)?];
             let wrenches = Wrench::read(&self.scene, wrenches)?;
             let call = Call::new(self, inputs, wrenches, cost)?;
-            Ok(call.algorithm(py, Algorithm::ForwardDynamics(form), &[nv], out)?.into_any())
+            Ok(call.algorithm(py, algorithm, &[nv], out)?.into_any())
         })
     }
 
@@ -102,12 +107,17 @@ impl PyScene {
     ) -> Array<'py> {
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         let cost = cost::INVERSE * self.size();
+        let algorithm = Algorithm::InverseDynamics;
+        let keywords = Keywords { wrenches, out, dtype };
+        if let Some(tau) = self.single(py, algorithm, [q, qd, qdd], &[nv], cost, keywords)? {
+            return Ok(tau);
+        }
         in_dtype!(dtype, P => {
             let inputs =
                 [Input::<P>::in_kind("q", q, nq)?, Input::in_kind("qd", qd, nv)?, Input::in_kind("qdd", qdd, nv)?];
             let wrenches = Wrench::read(&self.scene, wrenches)?;
             let call = Call::new(self, inputs, wrenches, cost)?;
-            Ok(call.algorithm(py, Algorithm::InverseDynamics, &[nv], out)?.into_any())
+            Ok(call.algorithm(py, algorithm, &[nv], out)?.into_any())
         })
     }
 
@@ -126,10 +136,14 @@ impl PyScene {
     ) -> Array<'py> {
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         let cost = cost::INVERSE * self.size();
+        let (algorithm, keywords) = (Algorithm::BiasTorque, Keywords { dtype, ..Keywords::default() });
+        if let Some(tau) = self.single(py, algorithm, [q, qd], &[nv], cost, keywords)? {
+            return Ok(tau);
+        }
         in_dtype!(dtype, P => {
             let inputs = [Input::<P>::in_kind("q", q, nq)?, Input::in_kind("qd", qd, nv)?];
             let call = Call::new(self, inputs, Vec::new(), cost)?;
-            Ok(call.algorithm(py, Algorithm::BiasTorque, &[nv], None)?.into_any())
+            Ok(call.algorithm(py, algorithm, &[nv], None)?.into_any())
         })
     }
 
@@ -149,10 +163,14 @@ impl PyScene {
         self.check_dense("mass_matrix", "inverse_dynamics, which multiplies by it")?;
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         let cost = cost::COMPOSITE * self.size() + cost::ENTRY * nv * nv;
+        let (algorithm, keywords) = (Algorithm::MassMatrix, Keywords { dtype, ..Keywords::default() });
+        if let Some(matrix) = self.single(py, algorithm, [q], &[nv, nv], cost, keywords)? {
+            return Ok(matrix);
+        }
         in_dtype!(dtype, P => {
             let inputs = [Input::<P>::in_kind("q", q, nq)?];
             let call = Call::new(self, inputs, Vec::new(), cost)?;
-            Ok(call.algorithm(py, Algorithm::MassMatrix, &[nv, nv], None)?.into_any())
+            Ok(call.algorithm(py, algorithm, &[nv, nv], None)?.into_any())
         })
     }
 
@@ -170,11 +188,14 @@ impl PyScene {
         form: &str,
         dtype: Option<&Bound<'py, PyAny>>,
     ) -> Array<'py> {
-        let form = read_form(form)?;
+        let algorithm = Algorithm::MassMatrixInverse(read_form(form)?);
         self.check_dense("mass_matrix_inverse", "forward_dynamics, which multiplies by it")?;
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         let cost = cost::CLOSED_FORM * self.size() + cost::ENTRY * nv * nv;
-        let algorithm = Algorithm::MassMatrixInverse(form);
+        let keywords = Keywords { dtype, ..Keywords::default() };
+        if let Some(matrix) = self.single(py, algorithm, [q], &[nv, nv], cost, keywords)? {
+            return Ok(matrix);
+        }
         in_dtype!(dtype, P => {
             let inputs = [Input::<P>::in_kind("q", q, nq)?];
             let call = Call::new(self, inputs, Vec::new(), cost)?;

@@ -20,7 +20,7 @@ use pyo3::prelude::*;
 
 /// The GIL is kept for calls shorter than this (ns of one thread), as `NumPy` does: giving it up takes a tenth of a
 /// microsecond where nobody wants it, and up to five milliseconds to get back where somebody does.
-const WORTH_RELEASING: usize = 5_000;
+pub(super) const WORTH_RELEASING: usize = 5_000;
 
 /// What a thread needs to evaluate states, kept between calls.
 pub(super) struct Scratch {
@@ -82,6 +82,14 @@ pub(super) struct Call<'a, 'py, const N: usize, P: Element = f64> {
     cost: usize,
 }
 
+/// The arguments of neighbouring states of a batch, q, then qd, then u; forces stay as they are.
+fn take<'a, P>(states: &mut [Arguments<'a, P>], arguments: &[Broadcast<'a, P>], first: usize) {
+    let of = |k: usize, state: usize| arguments.get(k).map_or(&[][..], |argument| argument.state(state));
+    for (i, state) in states.iter_mut().enumerate() {
+        (state.q, state.qd, state.u) = (of(0, first + i), of(1, first + i), of(2, first + i));
+    }
+}
+
 impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
     /// A call with these arguments; `cost` is the time of one state in ns, roughly.
     pub fn new(
@@ -108,14 +116,10 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         shape: &[usize],
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
-        let mut output = self.output(py, shape, out)?;
+        let mut output = self.output(shape, out, |full| Output::unwritten(py, full))?;
         let results = output.numbers()?;
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
-        let empty: &[P] = &[];
-        let of_state = |i: usize| -> [&[P]; 3] {
-            std::array::from_fn(|k| arguments.get(k).map_or(empty, |argument| argument.state(i)))
-        };
         let width = scene.width(algorithm);
         let bodies = scene.model().bodies.len();
         self.run(py, |batch| {
@@ -123,22 +127,26 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
                 let (evaluator, forces) = P::parts(scratch);
                 let evaluator = evaluator.get_or_insert_with(|| Evaluator::new(scene));
                 let (mut first, last) = (states.start, states.end);
+                // Written anew for every chunk only where it holds forces: that is a kilobyte.
+                let mut chunk = [Arguments::default(); MOST_LANES];
                 while first < last {
                     let count = evaluator.lanes().min(last - first);
-                    let mut chunk = [Arguments::default(); MOST_LANES];
-                    for (lane, forces) in forces.iter_mut().enumerate().take(count) {
-                        wrenches::on_bodies(&wrenches, bodies, first + lane, forces)
-                            .map_err(|error| Fault { state: first + lane, error })?;
-                    }
-                    for (lane, (state, wrenches)) in chunk.iter_mut().zip(&*forces).enumerate().take(count) {
-                        let [q, qd, u] = of_state(first + lane);
-                        *state = Arguments { q, qd, u, wrenches };
-                    }
                     let from = (first - states.start) * width;
                     let out = &mut results[from..from + count * width];
-                    scene
-                        .evaluate(evaluator, algorithm, &chunk[..count], out)
-                        .map_err(|fault| Fault { state: first + fault.state, ..fault })?;
+                    let outcome = if wrenches.is_empty() {
+                        take(&mut chunk[..count], &arguments, first);
+                        scene.evaluate(evaluator, algorithm, &chunk[..count], out)
+                    } else {
+                        let mut chunk = chunk;
+                        take(&mut chunk[..count], &arguments, first);
+                        for (lane, (state, forces)) in chunk.iter_mut().zip(forces.iter_mut()).enumerate().take(count) {
+                            wrenches::on_bodies(&wrenches, bodies, first + lane, forces)
+                                .map_err(|error| Fault { state: first + lane, error })?;
+                            state.wrenches = forces;
+                        }
+                        scene.evaluate(evaluator, algorithm, &chunk[..count], out)
+                    };
+                    outcome.map_err(|fault| Fault { state: first + fault.state, ..fault })?;
                     first += count;
                 }
                 Ok(())
@@ -147,13 +155,18 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         Ok(output.finish())
     }
 
-    /// The array of shape batch + `shape` that receives the results: a new one, or the caller's `out`.
-    fn output(&self, py: Python<'py>, shape: &[usize], out: Option<&Bound<'py, PyAny>>) -> PyResult<Output<'py, P>> {
+    /// The array of shape batch + `shape` that receives the results: a new one from `make`, or the caller's `out`.
+    fn output(
+        &self,
+        shape: &[usize],
+        out: Option<&Bound<'py, PyAny>>,
+        make: impl FnOnce(&[usize]) -> PyResult<Output<'py, P>>,
+    ) -> PyResult<Output<'py, P>> {
         let mut full = Vec::with_capacity(self.batch.len() + shape.len());
         full.extend_from_slice(&self.batch);
         full.extend_from_slice(shape);
         match out {
-            None => Output::new(py, &full),
+            None => make(&full),
             Some(out) => {
                 let wrenches = self.wrenches.iter().map(|wrench| wrench.input.addresses());
                 Output::given(out, &full, self.inputs.iter().map(Input::addresses).chain(wrenches))
@@ -215,7 +228,7 @@ impl<'py, const N: usize> Call<'_, 'py, N> {
     where
         K: Fn(&Scene, &mut Scratch, [&[f64]; N], &mut [f64]) -> Result<(), Error> + Sync,
     {
-        let mut output = self.output(py, shape, out)?;
+        let mut output = self.output(shape, out, |full| Output::new(py, full))?;
         self.numbers(py, output.numbers()?, kernel)?;
         Ok(output.finish())
     }

@@ -189,7 +189,7 @@ impl PyFactor {
     /// Moves every factor to its configuration in q, the shape that the factor was made with; how many bodies were computed anew, in all.
     #[pyo3(signature = (q, /))]
     fn update(&self, py: Python<'_>, q: &Bound<'_, PyAny>) -> PyResult<usize> {
-        let PyScene { scene, pool } = self.scene.get();
+        let PyScene { scene, pool, .. } = self.scene.get();
         let mut shape = self.batch.clone();
         shape.push(scene.nq());
         let q = arrays::fixed("q", q, &shape)?;

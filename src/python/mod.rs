@@ -1,8 +1,8 @@
 //! The Python module `phipsi._core`: `NumPy` in, `NumPy` out, over the same checked algorithms as the crate.
 //!
 //! [`arrays`] reads arguments and makes results, for every method in one place; [`evaluate`] runs a kernel over the
-//! states of a call; [`errors`] maps each error of the crate to its Python class; the other files are the methods by
-//! subject. Nothing outside this folder names pyo3 or numpy.
+//! states of a call, [`single`] over one state by a shorter way; [`errors`] maps each error of the crate to its Python class; the
+//! other files are the methods by subject. Nothing outside this folder names pyo3 or numpy.
 
 #![allow(clippy::doc_markdown)] // the comments of classes and methods are Python's docstrings
 
@@ -23,6 +23,7 @@ mod plan;
 mod report;
 mod scene;
 mod scenes;
+mod single;
 mod stability;
 mod stochastic;
 mod threads;

@@ -2,7 +2,7 @@
 
 use super::description::{self, Description};
 use super::evaluate::Scratch;
-use super::{arrays, errors, plan};
+use super::{arrays, errors, plan, single};
 use crate::batch::Pool;
 use crate::error::Error;
 use crate::scene::{Scene, SceneBuilder};
@@ -18,11 +18,12 @@ use std::path::PathBuf;
 pub(crate) struct PyScene {
     pub(super) scene: Scene,
     pub(super) pool: Pool<Scratch>,
+    pub(super) single: single::Kept,
 }
 
 impl PyScene {
     pub(super) fn new(scene: Scene) -> Self {
-        Self { scene, pool: Pool::default() }
+        Self { scene, pool: Pool::default(), single: single::Kept::default() }
     }
 
     /// Number of moving bodies, at least one: what the time of a call is counted in.
