@@ -45,7 +45,7 @@ pub struct Workspace<T: Real> {
     /// y of the bias, b(k) = L y; used by the square-root form only.
     pub(crate) coordinates: Vec<[T; 6]>,
     pub(crate) measured: Vec<Measured<T>>,
-    /// Two more right sides, by which the covariance form is watched and judged, and the innovations of one.
+    /// Two more right sides, by which the covariance form is watched, and the innovations of one.
     pub(crate) weights: Vec<T>,
     pub(crate) probe: Vec<T>,
     /// The estimates for a right side that nobody asked for.

@@ -13,7 +13,7 @@ use crate::workspace::Workspace;
 /// Scratch for the algorithms of one scene on one thread, for one state and for as many as fit in a register.
 ///
 /// States and results are f64, or f32 and then twice as many in a register. What it computes has the same bits in any lane and with
-/// any neighbours, but for the sign of a zero in M^-1.
+/// any neighbours, but for the sign of a zero in M and M^-1.
 pub struct Evaluator<P = f64> {
     arm: Arm,
     kernels: Kernels<P>,
@@ -139,8 +139,8 @@ impl Scene {
     /// The same for states and results in f32, twice as many at once: about 6 digits, fewer by those of the condition number of M
     /// where accelerations are computed.
     ///
-    /// The scene's constants are rounded to f32 too. A state in doubt is done in f64 and its results rounded: one that loses more
-    /// than 4 digits in form `auto`, a lost pivot, an overflow, the square-root and Joseph's form, and every state on the baseline
+    /// The scene's constants are rounded to f32 too. A state in doubt is done in f64 and its results rounded: one whose estimated error is
+    /// above 2.7e-5 in form `auto`, a lost pivot, an overflow, the square-root and Joseph's form, and every state on the baseline
     /// arm, which has no lanes. Results that f32 cannot hold are refused. What becomes less than 1e-38 on the way becomes zero.
     #[must_use]
     pub fn evaluator_f32(&self) -> Evaluator<f32> {

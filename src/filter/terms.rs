@@ -63,3 +63,30 @@ pub fn left<T: Real>(stage: &Stage<T>, before: &Vector6<T>, after: &Symmetric6<T
     let mixes = matches!(stage.rows, Rows::One(HingeMap::Screw(_)));
     absolute(&if mixes { *before } else { after.diagonal() })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix6, Rotation3, Vector3};
+
+    /// No entry of the diagonal of phi P phi* is above the bound, and none of the bounds is far above the largest entry that there can be.
+    #[test]
+    fn nothing_that_a_shift_sends_is_above_the_bound() {
+        let wave = |seed: usize, i: usize| (1.0 + 7.3 * seed as f64 + 2.9 * i as f64).sin();
+        for seed in 0..200 {
+            let root = Matrix6::from_fn(|i, j| wave(seed, 6 * i + j) * 10_f64.powf(3.0 * wave(seed + 1000, j)));
+            let p = root * root.transpose();
+            let turn = Vector3::from_fn(|i, _| 3.0 * wave(seed + 2000, i));
+            let lever = Vector3::from_fn(|i, _| 10_f64.powf(wave(seed, i)) * wave(seed + 3000, i));
+            let shift = RigidShift { rotation: *Rotation3::new(turn).matrix(), lever };
+            let phi = shift.to_matrix();
+            let sent_there = (phi * p * phi.transpose()).diagonal();
+            let bound = sent(&p.diagonal(), &shift);
+            for i in 0..6 {
+                assert!(sent_there[i] <= bound[i], "{seed} {i}: {} {}", sent_there[i], bound[i]);
+            }
+            let most = SPREAD * 3.0 * (p.trace() * (1.0 + 2.0 * lever.norm_squared()));
+            assert!(bound.max() <= most, "{seed}: {} {most}", bound.max());
+        }
+    }
+}

@@ -42,9 +42,8 @@ pub(super) struct LeanBody<N> {
     pub mass: N,
     pub first_moment: [N; 3],
     pub rotational: [N; 6],
-    /// Mass of it and of all outboard of it, and that times the lever.
+    /// Mass of it and of all outboard of it.
     pub composite_mass: N,
-    pub composite_lever: [N; 3],
     /// The bounds on the terms of M(k).
     pub scale: [N; 2],
     /// The terms of its diagonal.
@@ -145,7 +144,6 @@ impl<T: Real> LeanModel<T> {
                 first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],
                 rotational: rotational.entries.map(number),
                 composite_mass: number(composite_mass[k]),
-                composite_lever: [0, 1, 2].map(|i| number(composite_mass[k] * turned[i])),
                 scale: [number(scale.angular), number(scale.linear)],
                 terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
                 lever_squares: [0, 1, 2].map(|i| number(2.0 * turned[i] * turned[i])),

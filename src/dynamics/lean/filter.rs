@@ -37,15 +37,15 @@ impl<T: Real> Noise<T> {
 }
 
 /// Every stage's measurements (3.6, 4.2, 4.5) and the way to its parent; `innovations` receives e^-. `SIDES` is [`FACTOR`], [`FILTER`] or
-/// [`WATCH`].
+/// [`WATCH`]. The pivots, and, watched, whether a single look may do.
 #[inline(always)]
 pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     tau: &[T],
     innovations: &mut [T],
-) -> PivotMonitor<T> {
-    let mut monitor = PivotMonitor::new();
+) -> [PivotMonitor<T>; 2] {
+    let (mut monitor, mut near) = (PivotMonitor::new(), PivotMonitor::for_a_single_look());
     let like = T::zero();
     for (k, body) in lean.bodies.iter().enumerate().rev() {
         let Covariance { p, scale } =
@@ -71,6 +71,9 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
                 let (m, column) = measured(noise, &p);
                 scratch.measured[row] = m;
                 monitor.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
+                if SIDES == WATCH {
+                    near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
+                }
                 if SIDES >= FILTER {
                     innovations[row] = measure(noise, &m, tau[row], &mut scratch.forces[k]);
                 }
@@ -113,6 +116,9 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
                     &mut monitor,
                     |_, _| {},
                 );
+                if SIDES == WATCH {
+                    near.observe_stage(&model.system.stages[k], measured, &scale);
+                }
                 if SIDES >= FILTER {
                     through_general_stage(at_stage, shift, measured, (tau, innovations), &mut scratch.forces);
                 }
@@ -134,7 +140,7 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
             }
         }
     }
-    monitor
+    [monitor, near]
 }
 
 /// Tip to base, open loop: the torque H z of every row, z carried inward (1.5).

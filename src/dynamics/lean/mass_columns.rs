@@ -185,9 +185,14 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
 
     /// Adds to an entry on the diagonal.
     #[inline(always)]
-    pub(super) fn add_to_diagonal(&mut self, row: usize, value: T) {
+    #[allow(clippy::eq_op)] // that is the point
+    pub(super) fn add_to_diagonal<const CHECK: bool>(&mut self, row: usize, value: T) {
         let entry = &mut self.entries[self.places[row].entries];
         *entry += value;
+        if CHECK {
+            let fault = self.fault.spread(*entry - *entry);
+            self.fault += fault;
+        }
     }
 }
 

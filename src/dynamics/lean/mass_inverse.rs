@@ -30,7 +30,8 @@ pub(crate) fn factor<T: Real>(
     q: &[T],
 ) -> PivotMonitor<T> {
     carriers(scene, scratch, q);
-    filter::tip_to_base::<T, { filter::FACTOR }>(scene, scratch, &[], &mut [])
+    let [monitor, _] = filter::tip_to_base::<T, { filter::FACTOR }>(scene, scratch, &[], &mut []);
+    monitor
 }
 
 /// M^-1 of the factor in the scratch into `out`, (nv x nv) row by row, as [`mass_matrix_inverse`](crate::dynamics::mass_matrix_inverse)

@@ -51,7 +51,7 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
                     let (row, hinge) = (body.row + i, stage.rows.row(i));
                     columns.insert(row, &hinge.covariance_column(&inertia.to_symmetric()).into());
                     columns.put_row::<CHECK>(row, body.end_row, &spread_hinge(none, hinge));
-                    columns.add_to_diagonal(row, model.system.noise[row]);
+                    columns.add_to_diagonal::<CHECK>(row, model.system.noise[row]);
                 }
                 if body.parent.is_none() {
                     continue;
@@ -134,7 +134,7 @@ fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, con
         ends: body.parent.is_none(),
     };
     columns.put_row::<CHECK>(body.row, body.end_row, &about);
-    columns.add_to_diagonal(body.row, noise);
+    columns.add_to_diagonal::<CHECK>(body.row, noise);
     // At the base nobody reads it.
     if about.ends { *composite } else { to_parent::<T, X, Y, Z>((body, at), turn, composite) }
 }

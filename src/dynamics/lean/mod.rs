@@ -5,7 +5,7 @@
 //! P, co-states) has a *slot*, which another body takes over; of a chain there are two. Constants of the scene are one number for all
 //! lanes. And a revolute joint whose frame differs from its parent's by an exact renaming of axes (as all do that a URDF gives without rpy) is
 //! carried by its angle alone: first about z, where H P^+ = 0 leaves a third out, then along the lever, a constant there, then renamed.
-//! Every other body goes through the general shift.
+//! Every other body goes through the general shift. (M, which no frame changes, is read in frames that need no renaming: `aligned`.)
 
 mod accelerations;
 mod aligned;
@@ -60,7 +60,7 @@ pub(crate) fn forward_dynamics<T: Real>(
 ) -> PivotMonitor<T> {
     let state = Motion { q, qd, qdd: None, wrenches };
     motion::forces_base_to_tip((model, lean), scratch, state, Needed::of(model, state));
-    let monitor = filter::tip_to_base::<T, { filter::FILTER }>((model, lean), scratch, tau, qdd);
+    let [monitor, _] = filter::tip_to_base::<T, { filter::FILTER }>((model, lean), scratch, tau, qdd);
     accelerations::base_to_tip((model, lean), scratch, qdd);
     monitor
 }

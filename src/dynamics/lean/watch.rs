@@ -17,7 +17,8 @@ use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
-/// [`forward_dynamics`](super::forward_dynamics), and what [`cancellation::sweep`](crate::filter::cancellation::sweep) finds.
+/// [`forward_dynamics`](super::forward_dynamics), whether a single look at its pivots may do, and what
+/// [`cancellation::sweep`](crate::filter::cancellation::sweep) finds.
 #[inline(always)]
 pub(crate) fn forward_dynamics_watched<T: Real>(
     (model, lean): (&Model<T>, &LeanModel<T>),
@@ -25,11 +26,11 @@ pub(crate) fn forward_dynamics_watched<T: Real>(
     (q, qd, tau): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
-) -> (PivotMonitor<T>, Cancellation<T>) {
+) -> (PivotMonitor<T>, PivotMonitor<T>, Cancellation<T>) {
     let state = Motion { q, qd, qdd: None, wrenches };
     motion::forces_base_to_tip((model, lean), scratch, state, Needed::of(model, state));
-    let monitor = filter::tip_to_base::<T, { filter::WATCH }>((model, lean), scratch, tau, qdd);
-    (monitor, base_to_tip((model, lean), scratch, qdd))
+    let [monitor, near] = filter::tip_to_base::<T, { filter::WATCH }>((model, lean), scratch, tau, qdd);
+    (monitor, near, base_to_tip((model, lean), scratch, qdd))
 }
 
 /// The factor of M, and what two made-up right sides say of it; `estimates` is scratch, (nv).
@@ -44,7 +45,7 @@ pub(crate) fn factor_watched<T: Real>(
     scratch.forces.fill([T::zero(); 6]);
     // Borrowed from the scratch and given back: it is read beside the rest, and nothing is allocated.
     let weights = std::mem::take(&mut scratch.watching.others);
-    let monitor = filter::tip_to_base::<T, { filter::WATCH }>((model, lean), scratch, &weights, estimates);
+    let [monitor, _] = filter::tip_to_base::<T, { filter::WATCH }>((model, lean), scratch, &weights, estimates);
     scratch.watching.others = weights;
     (monitor, base_to_tip((model, lean), scratch, estimates))
 }
@@ -68,7 +69,7 @@ pub(crate) fn hand_over<T: Real>(
             Carrier::Shift(at) => scratch.shifts[*at],
         };
         workspace.z[k] = Vector6::from(scratch.forces[k]);
-        [workspace.co_state[k], workspace.velocity[k]] = watching.co_states[k + 1];
+        [workspace.co_state[k], _] = watching.co_states[k + 1];
         workspace.terms[k] = watching.terms[k];
     }
 }
@@ -142,7 +143,7 @@ mod tests {
         let error = |lean: &LeanModel<f64>| {
             let (mut scratch, mut qdd) = (LeanScratch::new(model, lean), [f64::NAN; 7]);
             let state = (&q[..], &still[..], &torque[..]);
-            let (_, seen) = forward_dynamics_watched((model, lean), &mut scratch, state, &[], &mut qdd);
+            let (_, _, seen) = forward_dynamics_watched((model, lean), &mut scratch, state, &[], &mut qdd);
             assert!(qdd.iter().all(|a| a.abs() < 1e-6) && qdd.iter().any(|&a| a != 0.0), "{qdd:?}");
             (seen.error(0), qdd.iter().fold(0.0_f64, |largest, a| largest.max(a.abs())))
         };
