@@ -10,6 +10,7 @@ use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::batch::evaluator::Evaluator;
 use phipsi::filter::Form;
 use phipsi::scalar::{Instructions, Lanes, Real};
+use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::SpatialVector;
 use phipsi::{Error, Scene};
 
@@ -197,6 +198,19 @@ fn results_that_f32_cannot_hold_are_refused() {
             let fault = scene.evaluate(&mut evaluator, algorithm, &all, &mut out).unwrap_err();
             let message = Error::from(fault).to_string();
             assert!(message.contains("in state 4") && message.contains("float32 cannot hold"), "{message}");
+        }
+        // An armature that f32 cannot hold, on the diagonal of M and nowhere else.
+        let mut joint = JointDescription::new("j", JointKind::Spherical, "base", "tip");
+        joint.armature = 1e39;
+        let base = LinkDescription { name: "base".into(), inertial: None };
+        let scene =
+            SceneBuilder::new().link(base).link(LinkDescription { name: "tip".into(), inertial: None }).joint(joint);
+        let geared = scene.build().unwrap();
+        let one = [Arguments { q: &[0.0_f32, 0.0, 0.6, 0.8], qd: &[], u: &[], wrenches: &[] }];
+        for arm in arms() {
+            let mut evaluator = Evaluator::<f32>::on(arm, &geared);
+            let fault = geared.evaluate(&mut evaluator, Algorithm::MassMatrix, &one, &mut [0.0; 9]).unwrap_err();
+            assert!(Error::from(fault).to_string().contains("float32 cannot hold"));
         }
         // Forces that f32 cannot hold, and accelerations that it can: f64 has the last word.
         let heavy = phipsi::scenes::extreme("heavy-tip", Some(1e9), None, 0).unwrap().scene;
