@@ -72,6 +72,7 @@ mod tests {
     /// No entry of the diagonal of phi P phi* is above the bound, and none of the bounds is far above the largest entry that there can be.
     #[test]
     fn nothing_that_a_shift_sends_is_above_the_bound() {
+        #[allow(clippy::cast_precision_loss)] // small indices
         let wave = |seed: usize, i: usize| (1.0 + 7.3 * seed as f64 + 2.9 * i as f64).sin();
         for seed in 0..200 {
             let root = Matrix6::from_fn(|i, j| wave(seed, 6 * i + j) * 10_f64.powf(3.0 * wave(seed + 1000, j)));
