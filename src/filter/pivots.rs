@@ -238,7 +238,7 @@ fn subtracted<T: Real>(measured: &Measured<T>, w: &Vector6<T>) -> T {
 
 /// |phi|^T |h| with every term taken absolutely; `h` has no negative entry.
 #[inline(always)]
-pub(super) fn absolute_shift_transpose<T: Real>(shift: &RigidShift<T>, h: &Vector6<T>) -> Vector6<T> {
+fn absolute_shift_transpose<T: Real>(shift: &RigidShift<T>, h: &Vector6<T>) -> Vector6<T> {
     let r = &shift.rotation;
     let r = Matrix3::new(
         r[(0, 0)].abs(),

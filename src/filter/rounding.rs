@@ -280,6 +280,6 @@ impl<'a, T: Real> Terms<'a, T> {
 
 /// Squares of the two halves.
 #[inline(always)]
-pub(super) fn squares<T: Real>(x: &Vector6<T>) -> (T, T) {
+fn squares<T: Real>(x: &Vector6<T>) -> (T, T) {
     (x[0] * x[0] + x[1] * x[1] + x[2] * x[2], x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
 }

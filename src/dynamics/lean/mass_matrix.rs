@@ -8,7 +8,7 @@ use super::columns::Block;
 use super::mass_columns::{MassColumns, Measurement};
 use super::motion::cross;
 use super::scratch::{Composite, LeanScratch};
-use super::turn::Turn;
+use super::turn::{PACKED, Turn};
 use crate::dynamics::columns::{spread_hinge, spread_shift};
 use crate::filter::HingeMap;
 use crate::kinematics::joint_shift;
@@ -115,7 +115,7 @@ fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, con
     let Composite { first_moment: h, rotational } = composite;
     let like = h[0];
     let sense = like.everywhere(at.sense);
-    let (xz, yz, zz) = (rotational[packed(X, Z)], rotational[packed(Y, Z)], rotational[packed(Z, Z)]);
+    let (xz, yz, zz) = (rotational[PACKED[X][Z]], rotational[PACKED[Y][Z]], rotational[PACKED[Z][Z]]);
     // r(k) H*(k), H picking the rotation about the axis, in its sense.
     let mut force = [like.constant(0.0); 6];
     (force[X], force[Y], force[Z]) = (sense * xz, sense * yz, sense * zz);
@@ -187,12 +187,6 @@ impl<C: Real> Measurement<C> for HingeMap<C> {
     fn carry(&self, _force: &mut Block<C>) {}
 }
 
-/// Where an entry of a packed 3x3 symmetric matrix is.
-const fn packed(i: usize, j: usize) -> usize {
-    let (i, j) = if i < j { (i, j) } else { (j, i) };
-    i + j + (i != 0) as usize
-}
-
 /// A body by itself.
 #[inline(always)]
 fn own<T: Real>(body: &AlignedBody<T::Parameter>, like: T) -> Composite<T> {
@@ -219,9 +213,9 @@ fn to_parent<T: Real, const X: usize, const Y: usize, const Z: usize>(
 ) -> Composite<T> {
     let (mut h, mut i) = (composite.first_moment, composite.rotational);
     (h[X], h[Y]) = turn.pair(h[X], h[Y]);
-    (i[packed(X, Z)], i[packed(Y, Z)]) = turn.pair(i[packed(X, Z)], i[packed(Y, Z)]);
-    (i[packed(X, X)], i[packed(X, Y)], i[packed(Y, Y)]) =
-        turn.symmetric((i[packed(X, X)], i[packed(X, Y)], i[packed(Y, Y)]));
+    (i[PACKED[X][Z]], i[PACKED[Y][Z]]) = turn.pair(i[PACKED[X][Z]], i[PACKED[Y][Z]]);
+    (i[PACKED[X][X]], i[PACKED[X][Y]], i[PACKED[Y][Y]]) =
+        turn.symmetric((i[PACKED[X][X]], i[PACKED[X][Y]], i[PACKED[Y][Y]]));
     if body.has_lever {
         let like = h[0];
         let ([x, y, z], [mx, my, mz]) = (at.lever, at.composite_lever);

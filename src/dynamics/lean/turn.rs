@@ -17,7 +17,7 @@ pub(crate) struct Renaming<N> {
 }
 
 /// Where each entry of a packed 3x3 symmetric matrix is.
-const PACKED: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
+pub(super) const PACKED: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
 
 /// `from` of a renaming, spelt out: in the kernels the compiler knows every index.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
