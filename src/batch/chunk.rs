@@ -263,7 +263,7 @@ fn compute<T: Vectorised>(
     match algorithm {
         Algorithm::ForwardDynamics(Form::Auto) => {
             let watched =
-                auto::forward_dynamics_watched_lean(scene, (scratch, workspace), (q, qd, u), wrenches, results);
+                auto::forward_dynamics_watched_lean::<T, T::Columns>(scene, (scratch, workspace), (q, qd, u), wrenches, results);
             lanes_but::<T>(|lane| watched.kept(lane))
         }
         Algorithm::ForwardDynamics(Form::SquareRoot) if T::Number::SQUARE_ROOT => {
@@ -271,16 +271,16 @@ fn compute<T: Vectorised>(
             lanes_but::<T>(|lane| pivots.clear(lane) && reach.clear(lane))
         }
         Algorithm::ForwardDynamics(Form::Covariance) => {
-            let pivots = lean::forward_dynamics(scene, scratch, (q, qd, u), wrenches, results);
+            let pivots = lean::forward_dynamics::<T, T::Columns>(scene, scratch, (q, qd, u), wrenches, results);
             lanes_but::<T>(|lane| pivots.clear(lane))
         }
         Algorithm::MassMatrixInverse(form @ (Form::Auto | Form::Covariance)) => {
             let doubt = if form == Form::Auto {
                 let estimates = &mut results[..model.nv()];
-                let watched = auto::factor_watched_lean(scene, scratch, q, estimates);
+                let watched = auto::factor_watched_lean::<T, T::Columns>(scene, scratch, q, estimates);
                 lanes_but::<T>(|lane| watched.kept(lane))
             } else {
-                let pivots = lean::factor(scene, scratch, q);
+                let pivots = lean::factor::<T, T::Columns>(scene, scratch, q);
                 lanes_but::<T>(|lane| pivots.clear(lane))
             };
             // Called in one place: each call is compiled by itself.
@@ -289,7 +289,7 @@ fn compute<T: Vectorised>(
         }
         Algorithm::InverseDynamics | Algorithm::BiasTorque => {
             let u = (algorithm == Algorithm::InverseDynamics).then_some(u);
-            lean::inverse_dynamics(scene, scratch, (q, qd, u), wrenches, results);
+            lean::inverse_dynamics::<T, T::Columns>(scene, scratch, (q, qd, u), wrenches, results);
             0
         }
         // Rare, or not worth code of its own for every arm; M has columns of its own.

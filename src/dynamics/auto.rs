@@ -9,7 +9,7 @@ use super::refined::{Judged, forward_dynamics_judged};
 use crate::filter::cancellation::{self, CANCELLATION_MARGIN, CLOSE_MARGIN, Cancellation, Probe};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{Form, System, innovations, smoother, terms};
-use crate::scalar::{Real, lanes_but};
+use crate::scalar::{ColumnsOf, Real, lanes_but};
 use crate::scene::Model;
 use crate::spatial::Symmetric6;
 use crate::workspace::Workspace;
@@ -211,31 +211,31 @@ pub(crate) fn forward_dynamics_watched<T: Real>(
 
 /// The same by the sweeps that keep nothing but the result; the general ones are asked only where a lane is in doubt.
 #[inline(always)]
-pub(crate) fn forward_dynamics_watched_lean<T: Real>(
+pub(crate) fn forward_dynamics_watched_lean<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     (scratch, workspace): (&mut LeanScratch<T>, &mut Workspace<T>),
     state: (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
 ) -> Watched<T> {
-    let (pivots, near, cancellation) = lean::forward_dynamics_watched((model, lean), scratch, state, wrenches, qdd);
+    let (pivots, near, cancellation) = lean::forward_dynamics_watched::<T, C>((model, lean), scratch, state, wrenches, qdd);
     let first = Watched::with_one_set(pivots, near, cancellation);
     if first.kept_in_every_lane() {
         return first;
     }
-    lean::hand_over((model, lean), scratch, workspace);
+    lean::hand_over((model, lean), (scratch, state.0), workspace);
     look_again(model, workspace, first, qdd)
 }
 
 /// The factor of M by the same sweeps, in the scratch; `estimates` is scratch, (nv).
 #[inline(always)]
-pub(crate) fn factor_watched_lean<T: Real>(
+pub(crate) fn factor_watched_lean<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     q: &[T],
     estimates: &mut [T],
 ) -> Watched<T> {
-    let (pivots, cancellation) = lean::factor_watched((model, lean), scratch, q, estimates);
+    let (pivots, cancellation) = lean::factor_watched::<T, C>((model, lean), scratch, q, estimates);
     Watched::with_two_sets(pivots, cancellation)
 }
 
@@ -272,14 +272,14 @@ mod tests {
             let wave = |scale: f64| -> Vec<f64> { (1_u32..).take(nv).map(|i| (scale * f64::from(i)).sin()).collect() };
             let (q, qd, tau, mut qdd) = (wave(1.7), wave(2.3), wave(0.9), vec![f64::NAN; nv]);
             let (pivots, near, seen) =
-                lean::forward_dynamics_watched((model, &lean), &mut scratch, (&q, &qd, &tau), &[], &mut qdd);
+                lean::forward_dynamics_watched::<_, f64>((model, &lean), &mut scratch, (&q, &qd, &tau), &[], &mut qdd);
             let first = Watched::with_one_set(pivots, near, seen);
             let mut general = || forward_dynamics_watched(model, &mut workspace, (&q, &qd, &tau), &[], &mut qdd);
             let expected = general();
             let found = {
                 let mut workspace = scene.workspace();
                 let scratch = (&mut scratch, &mut workspace);
-                forward_dynamics_watched_lean((model, &lean), scratch, (&q, &qd, &tau), &[], &mut qdd)
+                forward_dynamics_watched_lean::<_, f64>((model, &lean), scratch, (&q, &qd, &tau), &[], &mut qdd)
             };
             let (one, other) = (found.cancellation.error(0), expected.cancellation.error(0));
             // Bounds for a turn are a little closer than those for any shift.

@@ -67,9 +67,9 @@ impl<T: Real> Scale<T> {
 
     /// The sum with another.
     #[inline(always)]
-    pub fn add(&mut self, other: &Self) {
-        self.angular += other.angular;
-        self.linear += other.linear;
+    #[must_use]
+    pub fn sum(&self, other: &Self) -> Self {
+        Self { angular: self.angular + other.angular, linear: self.linear + other.linear }
     }
 
     /// The bound for one row.

@@ -90,7 +90,7 @@ impl<T: Real> Covariances<'_, T> {
         if let Some(parent) = system.stages[k].parent {
             let at_parent = &mut self.p[parent];
             *at_parent = at_parent.add(&carried);
-            self.scale[parent].add(&sent);
+            self.scale[parent] = self.scale[parent].sum(&sent);
         }
     }
 }

@@ -154,7 +154,7 @@ impl<T: Real> Roots<'_, T> {
         } else {
             inward[parent].join::<3>(columns, turned);
         }
-        self.scale[parent].add(&sent);
+        self.scale[parent] = self.scale[parent].sum(&sent);
     }
 }
 

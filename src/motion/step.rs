@@ -216,7 +216,7 @@ impl<T: Real> Solver<T> for Plain {
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
-        let pivots = lean::forward_dynamics(scene, scratch, state, &[], qdd);
+        let pivots = lean::forward_dynamics::<T, T>(scene, scratch, state, &[], qdd);
         lanes_but::<T>(|lane| pivots.clear(lane))
     }
 }
@@ -233,7 +233,7 @@ impl<T: Real> Solver<T> for Watched {
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
-        let watched = auto::forward_dynamics_watched_lean(scene, scratch, state, &[], qdd);
+        let watched = auto::forward_dynamics_watched_lean::<T, T>(scene, scratch, state, &[], qdd);
         lanes_but::<T>(|lane| watched.kept(lane))
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{NOTHING, Omission, counted};
 use crate::batch::chunk::{Algorithm, Arguments};
-use crate::dynamics::lean::Renaming;
+use crate::dynamics::lean::renames_axes;
 use crate::filter::Form;
 use crate::report::operations::{Count, Task, count as count_as_run, count_in_six_vectors, count_lean, of_factor};
 use crate::scalar::Operations;
@@ -68,7 +68,7 @@ impl Scene {
 
     fn bodies_on_renamed_axes(&self) -> impl Iterator<Item = &Body<f64>> {
         let renames = |body: &&Body<f64>| {
-            matches!(body.motion, Motion::Revolute) && Renaming::of(&body.tree.rotation, |x| x).is_some()
+            matches!(body.motion, Motion::Revolute) && renames_axes(&body.tree.rotation)
         };
         self.model().bodies.iter().filter(renames)
     }

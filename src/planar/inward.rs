@@ -74,7 +74,7 @@ pub(super) fn sweep<T: Real, const SOLVES: bool>(
         if let Some(parent) = body.parent {
             let sent = sent_by(j, xx + yy, lever);
             let at = &mut of[parent];
-            at.scale.add(&sent);
+            at.scale = at.scale.sum(&sent);
             for (p, carried) in at.p.iter_mut().zip(carried) {
                 *p += carried;
             }

@@ -90,18 +90,18 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
         let scene = (&model, &lean);
         match algorithm {
             Algorithm::ForwardDynamics(_) => {
-                lean::forward_dynamics(scene, &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
+                lean::forward_dynamics::<_, Counted>(scene, &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
             }
             Algorithm::InverseDynamics | Algorithm::BiasTorque => {
                 let u = (algorithm == Algorithm::InverseDynamics).then_some(&u[..]);
-                lean::inverse_dynamics(scene, &mut scratch, (&q, &qd, u), &wrenches, &mut out);
+                lean::inverse_dynamics::<_, Counted>(scene, &mut scratch, (&q, &qd, u), &wrenches, &mut out);
             }
             Algorithm::MassMatrix => {
                 lean::mass_matrix::<_, _, false>(scene, (&mut scratch, &mut mass_columns), &q);
                 out.copy_from_slice(mass_columns.entries());
             }
             Algorithm::MassMatrixInverse(_) => {
-                lean::factor(scene, &mut scratch, &q);
+                lean::factor::<_, Counted>(scene, &mut scratch, &q);
                 lean::closed_form(scene, (&mut scratch, &mut columns), &mut out);
             }
         }

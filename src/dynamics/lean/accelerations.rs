@@ -1,9 +1,9 @@
 //! Base to tip: the smoother.
 
 use super::body::{Carrier, LeanBody, LeanModel};
-use super::motion::{cross_number, four, three};
-use super::scratch::{Halves, LeanScratch};
-use super::turn::{Renaming, Turn};
+use super::motion::cross_number;
+use super::scratch::LeanScratch;
+use super::turn::{Axis, Turn, about, to_turn};
 use crate::filter::riccati::Measured;
 use crate::filter::smoother;
 use crate::scalar::Real;
@@ -17,69 +17,44 @@ pub(super) fn base_to_tip<T: Real>(
     scratch: &mut LeanScratch<T>,
     estimates: &mut [T],
 ) {
-    for (k, body) in lean.bodies.iter().enumerate() {
-        let lambda = match &body.carrier {
-            Carrier::Turn(renaming) => {
-                let mut lambda = carried(body, renaming, scratch.turns[k], &scratch.co_states[body.parent_outward]);
-                let a = estimated(&scratch.measured[body.row], estimates[body.row], &lambda);
-                lambda[0][2] += a;
-                estimates[body.row] = a;
+    let LeanScratch { own, shifts, measured, co_states, .. } = scratch;
+    for ((k, body), own) in lean.bodies.iter().enumerate().zip(own) {
+        let outer = &co_states[body.parent_outward];
+        let lambda = match body.carrier {
+            Carrier::Turn(axis) => about!(axis, X, Y, Z, {
+                let mut lambda = carried(body, own.turn, &to_turn::<T, X, Y, Z>(outer));
+                let estimate = &mut estimates[body.row];
+                let a = estimated(&measured[body.row], *estimate, &lambda);
+                *estimate = a * a.everywhere(body.sense);
+                lambda[2] += a;
                 lambda
-            }
+            }),
             Carrier::Shift(at) => {
-                let mut lambda = scratch.shifts[*at].motion_to_child(&whole(&scratch.co_states[body.parent_outward]));
-                smoother::through_stage(&model.system.stages[k], &scratch.measured, &mut lambda, estimates);
-                halves(&lambda)
+                let mut lambda = shifts[at].motion_to_child(&Vector6::from(*outer));
+                smoother::through_stage(&model.system.stages[k], measured, &mut lambda, estimates);
+                lambda.into()
             }
         };
         if !body.is_leaf {
-            scratch.co_states[body.outward] = [four(lambda[0]), four(lambda[1])];
+            co_states[body.outward] = lambda;
         }
     }
 }
 
-/// phi* lambda across a turn.
+/// phi* lambda across a turn, lambda in the turn's frame.
 #[inline(always)]
-pub(super) fn carried<T: Real>(
-    body: &LeanBody<T::Parameter>,
-    renaming: &Renaming<T::Parameter>,
-    turn: Turn<T>,
-    lambda: &Halves<T>,
-) -> [[T; 3]; 2] {
-    let (w, v) = (renaming.back(&lambda[0]), renaming.back(&lambda[1]));
+pub(super) fn carried<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, lambda: &[T; 6]) -> [T; 6] {
+    let (w, v) = ([lambda[0], lambda[1], lambda[2]], [lambda[3], lambda[4], lambda[5]]);
     let v = if body.has_lever { cross_number(w, body.lever, v) } else { v };
-    [turn.rotate_back(w), turn.rotate_back(v)]
+    let (w, v) = (turn.rotate_back(w), turn.rotate_back(v));
+    [w[0], w[1], w[2], v[0], v[1], v[2]]
 }
 
-/// e / D - g* lambda.
+/// e / D - g* lambda, in two chains of products.
 #[inline(always)]
-pub(super) fn estimated<T: Real>(m: &Measured<T>, e: T, [w, v]: &[[T; 3]; 2]) -> T {
-    e.mul_add(m.pivot_inverse, -along(&m.gain, w, v))
-}
-
-/// g* lambda, in two chains of products.
-#[inline(always)]
-pub(super) fn along<T: Real>(g: &Vector6<T>, w: &[T; 3], v: &[T; 3]) -> T {
-    let turning = g[0].mul_add(w[0], g[1].mul_add(w[1], g[2] * w[2]));
-    let moving = g[3].mul_add(v[0], g[4].mul_add(v[1], g[5] * v[2]));
-    turning + moving
-}
-
-/// As the general stages take it.
-#[inline(always)]
-pub(super) fn whole<T: Real>(x: &Halves<T>) -> Vector6<T> {
-    let ([a, b, c], [d, e, f]) = (three(&x[0]), three(&x[1]));
-    Vector6::new(a, b, c, d, e, f)
-}
-
-#[inline(always)]
-fn halves<T: Real>(x: &Vector6<T>) -> [[T; 3]; 2] {
-    [[x[0], x[1], x[2]], [x[3], x[4], x[5]]]
-}
-
-/// As it is kept in a place.
-#[inline(always)]
-pub(super) fn split<T: Real>(x: &Vector6<T>) -> Halves<T> {
-    let [w, v] = halves(x);
-    [four(w), four(v)]
+fn estimated<T: Real>(m: &Measured<T>, e: T, lambda: &[T; 6]) -> T {
+    let g = &m.gain;
+    let turning = g[0].mul_add(lambda[0], g[1].mul_add(lambda[1], g[2] * lambda[2]));
+    let moving = g[3].mul_add(lambda[3], g[4].mul_add(lambda[4], g[5] * lambda[5]));
+    e.mul_add(m.pivot_inverse, -(turning + moving))
 }

@@ -1,22 +1,26 @@
-//! The constants of a scene as these sweeps read them: one number for all lanes.
+//! The constants of a scene as these sweeps read them: one number for all lanes, in frames of their own.
+//!
+//! Where an exact renaming of axes stands between a body and its parent, signs and places become part of the body's constants, no digit of
+//! them touched: its z is then one axis of its parent's at zero angle, its x and y the two that follow it in their cycle. What is left of a
+//! turn is a rotation about z, to one side or the other, and one of three ways to read the parent's vectors.
 
-use super::aligned::Aligned;
 use super::slots::{Slots, last_children};
-use super::turn::Renaming;
+use super::turn::{Axis, Renaming, renames_axes};
 use crate::filter::pivots::Scale;
 use crate::scalar::Real;
-use crate::scene::{Model, Motion};
+use crate::scene::{Body, Model, Motion};
 use crate::spatial::BodyInertia;
+use nalgebra::{Matrix3, Vector6};
 
 /// As many joints inward of both as two joints may have, on average over all pairs, for M^-1 to be multiplied out: it takes less time below, on
 /// chains and robots, for one state and in lanes.
 const SHALLOW: usize = 10;
 
 /// How a body hangs on its parent.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum Carrier<N> {
-    /// A revolute joint whose frame is its parent's with the axes renamed.
-    Turn(Renaming<N>),
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Carrier {
+    /// A revolute joint about an axis of its parent's frame.
+    Turn(Axis),
     /// Any other: index among those.
     Shift(usize),
 }
@@ -25,14 +29,18 @@ pub(super) enum Carrier<N> {
 #[allow(clippy::struct_excessive_bools)] // facts, each by itself
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LeanBody<N> {
-    pub carrier: Carrier<N>,
+    pub carrier: Carrier,
+    /// Of a turn, 1, or -1 where its z points the other way: angle, rate, acceleration and torque are those about z, times this.
+    pub sense: N,
+    /// To its frame here from its frame in the model.
+    pub frame: Renaming<N>,
     /// The body inward.
     pub parent: Option<usize>,
     /// Its first row.
     pub row: usize,
     /// Its first coordinate.
     pub q: usize,
-    /// From the parent's origin to the body's, in the joint's frame (after the renaming, before the turn).
+    /// From the parent's origin to the body's, in the joint's frame: the body's at zero angle.
     pub lever: [N; 3],
     /// Whether the lever is there: not zero, or not left out.
     pub has_lever: bool,
@@ -42,8 +50,6 @@ pub(super) struct LeanBody<N> {
     pub mass: N,
     pub first_moment: [N; 3],
     pub rotational: [N; 6],
-    /// Mass of it and of all outboard of it.
-    pub composite_mass: N,
     /// The bounds on the terms of M(k).
     pub scale: [N; 2],
     /// The terms of its diagonal.
@@ -54,7 +60,7 @@ pub(super) struct LeanBody<N> {
     /// Its place and its parent's, outward; 0 is the base's.
     pub outward: usize,
     pub parent_outward: usize,
-    /// Its place and its parent's, inward.
+    /// The place of what arrives at it and at its parent, inward; 0 where nothing does.
     pub inward: usize,
     pub parent_inward: usize,
     /// Whether anything hangs on it.
@@ -79,15 +85,29 @@ impl<N> LeanBody<N> {
     }
 }
 
+/// A body with all outboard of it, which turn rigidly about it as far as M goes.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct CompositeBody<N> {
+    pub mass: N,
+    /// The mass times the lever.
+    pub lever: [N; 3],
+    /// Twice the body's lever; and entry by entry the lever times the above.
+    pub twice_lever: [N; 3],
+    pub lever_moment: [N; 3],
+}
+
 /// The bodies of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LeanModel<T: Real> {
     pub(super) bodies: Vec<LeanBody<T::Parameter>>,
-    /// The same in frames of their own, for M.
-    pub(super) aligned: Aligned<T>,
+    /// What M needs of them besides.
+    pub(super) composites: Vec<CompositeBody<T::Parameter>>,
+    /// Those that are not on a turn, whole: their frames are the model's, those of their parents need not be.
+    pub(super) shifting: Vec<Body<T>>,
+    /// First coordinate and index of every body on a turn.
+    pub(super) turning: Vec<(usize, usize)>,
     pub(super) outward_slots: usize,
     pub(super) inward_slots: usize,
-    pub(super) shifts: usize,
     /// The acceleration that errors are seen beside where the digits are watched; zero where each digit of the result counts.
     pub(super) beside: f64,
     /// Whether M^-1 is its factors multiplied out.
@@ -98,7 +118,6 @@ impl<T: Real> LeanModel<T> {
     pub fn new(model: &Model<f64>) -> Self {
         let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();
         let (outward, inward) = (Slots::outward(&parents), Slots::inward(&parents));
-        let mut shifts = 0;
         let mut composite_mass: Vec<f64> = model.bodies.iter().map(|body| body.inertia.mass).collect();
         for (k, parent) in parents.iter().enumerate().rev() {
             if let Some(parent) = *parent {
@@ -115,37 +134,58 @@ impl<T: Real> LeanModel<T> {
         // Of each body the last child; and the last up to the body at hand.
         let (last_child, mut youngest) = (last_children(&parents), vec![None; parents.len()]);
         let place = |slots: &Slots, body: Option<usize>| body.map_or(0, |body| slots.of[body]);
-        let bodies = model.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
-            let renaming = match body.motion {
-                Motion::Revolute if model.omissions.renamed_axes => Renaming::of(&body.tree.rotation, T::parameter),
-                _ => None,
+        let number = T::parameter;
+        // From the model's frame of each body to ours, zeros and ones.
+        let mut frames: Vec<Matrix3<f64>> = Vec::with_capacity(parents.len());
+        let (mut model_here, mut shifting, mut turning) = (model.clone(), Vec::new(), Vec::new());
+        let mut composites = Vec::with_capacity(parents.len());
+        let bodies = model_here.bodies.iter_mut().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
+            let turns = matches!(body.motion, Motion::Revolute)
+                && model.omissions.renamed_axes
+                && renames_axes(&body.tree.rotation);
+            let outer = stage.parent.map_or_else(Matrix3::identity, |parent| frames[parent]);
+            let rotation = outer * body.tree.rotation;
+            body.tree.lever = outer * body.tree.lever;
+            body.tree.rotation = rotation;
+            let (carrier, frame) = if turns {
+                turning.push((body.q, k));
+                let axis = Axis::new(rotation.column(2).iamax());
+                (Carrier::Turn(axis), axis.rotation().transpose() * rotation)
+            } else {
+                shifting.push(k);
+                (Carrier::Shift(shifting.len() - 1), Matrix3::identity())
             };
-            let tree = &body.tree;
-            let turned = tree.rotate_back(&tree.lever);
-            let BodyInertia { mass, first_moment, rotational } = &body.inertia;
-            let scale = Scale::of_noise(&body.inertia_terms);
-            let carrier = renaming.map_or_else(
-                || {
-                    shifts += 1;
-                    Carrier::Shift(shifts - 1)
-                },
-                Carrier::Turn,
-            );
-            let number = T::parameter;
+            frames.push(frame);
+            // Of any other body the lever is in no frame that a sweep knows: only its length is asked for.
+            let turned = frame * rotation.transpose() * body.tree.lever;
+            let BodyInertia { mass, .. } = &body.inertia;
+            let (first_moment, rotational) =
+                (frame * body.inertia.first_moment, body.inertia.rotational.congruence(&frame));
+            let (renaming, exactly) = (Renaming::of(&frame, number), Renaming::of(&frame, |x| x));
+            let terms: [f64; 6] = exactly.from_model(&body.inertia_terms).map(f64::abs);
+            let scale = Scale::of_noise(&Vector6::from(terms));
+            let lever = <[f64; 3]>::from(turned);
+            composites.push(CompositeBody {
+                mass: number(composite_mass[k]),
+                lever: lever.map(|l| number(composite_mass[k] * l)),
+                twice_lever: lever.map(|l| number(2.0 * l)),
+                lever_moment: lever.map(|l| number(composite_mass[k] * l * l)),
+            });
             LeanBody {
                 carrier,
+                sense: number(frame[(2, 2)]),
+                frame: renaming,
                 parent: stage.parent,
                 row: stage.first_row,
                 q: body.q,
                 lever: [number(turned[0]), number(turned[1]), number(turned[2])],
-                has_lever: !model.omissions.zero_levers || tree.lever.iter().any(|&x| x != 0.0),
+                has_lever: !model.omissions.zero_levers || lever.iter().any(|&x| x != 0.0),
                 lever_square: number(turned.dot(&turned)),
                 mass: number(*mass),
                 first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],
                 rotational: rotational.entries.map(number),
-                composite_mass: number(composite_mass[k]),
                 scale: [number(scale.angular), number(scale.linear)],
-                terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
+                terms: terms.map(number),
                 lever_squares: [0, 1, 2].map(|i| number(2.0 * turned[i] * turned[i])),
                 needs_no_force: body.needs_no_force,
                 outward: outward.of[k],
@@ -170,15 +210,17 @@ impl<T: Real> LeanModel<T> {
                 bodies[k].sibling_follows() || bodies[k].parent.is_some_and(|parent| bodies[parent].is_parted);
         }
         let is_shallow = steps <= SHALLOW * model.nv().pow(2);
-        let aligned = Aligned::new(model, &bodies, &composite_mass);
+        let whole = model_here.cast::<T>();
+        let shifting = shifting.into_iter().map(|k| whole.bodies[k]).collect();
         Self {
             bodies,
-            aligned,
+            composites,
+            shifting,
+            turning,
             beside: 0.0,
             is_shallow,
             outward_slots: outward.count,
             inward_slots: inward.count,
-            shifts,
         }
     }
 

@@ -1,8 +1,9 @@
 //! Tip to base: Riccati recursion and filter in one pass, and the torques that forces need.
 
 use super::body::{Carrier, LeanBody, LeanModel};
-use super::scratch::{Covariance, LeanScratch};
-use super::turn::{BRANCH, Renaming, TABLE, Turn};
+use super::motion::minus_cross_number;
+use super::scratch::{Arriving, LeanScratch, Own, Watching, arrive};
+use super::turn::{Axis, Turn, about, packed_to_parent, to_parent};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
 use crate::filter::{HingeMap, System, innovations, terms};
@@ -36,8 +37,21 @@ impl<T: Real> Noise<T> {
     }
 }
 
+/// What a sweep inward reads and writes.
+struct Inward<'a, T: Real> {
+    system: &'a System<T>,
+    arriving: &'a mut [Arriving<T>],
+    shifts: &'a [RigidShift<T>],
+    measured: &'a mut [Measured<T>],
+    watching: &'a mut Watching<T>,
+    tau: &'a [T],
+    innovations: &'a mut [T],
+    monitor: PivotMonitor<T>,
+    near: PivotMonitor<T>,
+}
+
 /// Every stage's measurements (3.6, 4.2, 4.5) and the way to its parent; `innovations` receives e^-. `SIDES` is [`FACTOR`], [`FILTER`] or
-/// [`WATCH`]. The pivots, and, watched, whether a single look may do.
+/// [`WATCH`]. The pivots, and, watched, whether a single look may do. Of a turn D, g and e^- are those about its z.
 #[inline(always)]
 pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
     (model, lean): (&Model<T>, &LeanModel<T>),
@@ -45,102 +59,131 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
     tau: &[T],
     innovations: &mut [T],
 ) -> [PivotMonitor<T>; 2] {
-    let (mut monitor, mut near) = (PivotMonitor::new(), PivotMonitor::for_a_single_look());
-    let like = T::zero();
-    for (k, body) in lean.bodies.iter().enumerate().rev() {
-        let Covariance { p, scale } =
-            if body.is_leaf { noise_of(body, like) } else { scratch.covariances[body.inward] };
-        if SIDES == WATCH && body.is_leaf {
-            scratch.watching.terms[k] = terms_of_noise(body, like);
-            scratch.watching.zeta[k] = [like; 6];
+    let LeanScratch { own, arriving, shifts, measured, watching, .. } = scratch;
+    let mut inward = Inward {
+        system: &model.system,
+        arriving,
+        shifts,
+        measured,
+        watching,
+        tau,
+        innovations,
+        monitor: PivotMonitor::new(),
+        near: PivotMonitor::for_a_single_look(),
+    };
+    for ((k, body), own) in lean.bodies.iter().enumerate().zip(own).rev() {
+        match body.carrier {
+            Carrier::Turn(axis) => about!(axis, X, Y, Z, inward.turn::<SIDES, X, Y, Z>((k, body), own)),
+            Carrier::Shift(at) => inward.shift::<SIDES>((k, body), own, at),
         }
-        if body.arrives_first
-            && let Some(parent) = body.parent
-        {
-            scratch.covariances[body.parent_inward] = noise_of(&lean.bodies[parent], like);
-            if SIDES == WATCH {
-                scratch.watching.terms[parent] = terms_of_noise(&lean.bodies[parent], like);
-                scratch.watching.zeta[parent] = [like; 6];
+    }
+    [inward.monitor, inward.near]
+}
+
+impl<T: Real> Inward<'_, T> {
+    /// A body on a turn.
+    #[inline(always)]
+    fn turn<const SIDES: usize, const X: usize, const Y: usize, const Z: usize>(
+        &mut self,
+        (k, body): (usize, &LeanBody<T::Parameter>),
+        own: &mut Own<T>,
+    ) {
+        let (row, turn) = (body.row, own.turn);
+        let arrived = &self.arriving[body.inward];
+        let sense = turn.s.everywhere(body.sense);
+        let noise = Noise::of(self.system, row);
+        let p = sum(noise_of(body, turn.s), &arrived.p);
+        let scale = scale_of(body, &arrived.scale);
+        let (m, column) = measured(noise, &p);
+        self.measured[row] = m;
+        self.monitor.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
+        if SIDES >= FILTER {
+            let z = sum(own.force, &arrived.force);
+            (self.innovations[row], own.force) = measure(noise, &m, sense * self.tau[row], &z);
+        }
+        if SIDES == WATCH {
+            self.near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
+            let (arrived, own) = (&self.watching.arriving[body.inward], &mut self.watching.own[k]);
+            own.terms = sum(terms_of_noise(body, turn.s), &arrived.terms);
+            let weight = sense * self.watching.weights[row];
+            (self.watching.innovations[row], own.zeta) = measure(noise, &m, weight, &arrived.zeta);
+        }
+        if body.parent.is_none() {
+            return;
+        }
+        let to = &mut self.arriving[body.parent_inward];
+        let is_first = body.arrives_first;
+        to.scale = if is_first { sent(body, &p) } else { to.scale.sum(&sent(body, &p)) };
+        if SIDES >= FILTER {
+            let sent = in_joint_frame(body, turn, &own.force);
+            arrive(is_first, &to_parent::<T, X, Y, Z>(&sent), &mut to.force);
+        }
+        if SIDES == WATCH {
+            let to = &mut self.watching.arriving[body.parent_inward];
+            let terms = sent_terms(body, &kept_diagonal(noise, &p, &column, &m));
+            arrive(is_first, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
+            let sent = in_joint_frame(body, turn, &self.watching.own[k].zeta);
+            arrive(is_first, &to_parent::<T, X, Y, Z>(&sent), &mut to.zeta);
+        }
+        let sent = if noise.skips_zeros {
+            carried::<T, false>(body, turn, &p, &column, (&m, noise.variance))
+        } else {
+            carried::<T, true>(body, turn, &p, &column, (&m, noise.variance))
+        };
+        arrive(is_first, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p);
+    }
+
+    /// Any other body.
+    #[inline(always)]
+    fn shift<const SIDES: usize>(
+        &mut self,
+        (k, body): (usize, &LeanBody<T::Parameter>),
+        own: &mut Own<T>,
+        at: usize,
+    ) {
+        let (shift, stage, is_first) = (&self.shifts[at], &self.system.stages[k], body.arrives_first);
+        let arrived = &self.arriving[body.inward];
+        let like = arrived.force[0];
+        let mut p = unpacked(&sum(noise_of(body, like), &arrived.p));
+        let scale = scale_of(body, &arrived.scale);
+        own.force = sum(own.force, &arrived.force);
+        let (sent, before) = (Scale::sent_by(&p, shift), p.diagonal());
+        let at_stage = (self.system, k);
+        let carried = riccati::through_stage::<T, false>(
+            at_stage,
+            shift,
+            (&mut p, &scale),
+            self.measured,
+            &mut self.monitor,
+            |_, _| {},
+        );
+        let to = &mut self.arriving[body.parent_inward];
+        if body.parent.is_some() {
+            to.scale = if is_first { sent } else { to.scale.sum(&sent) };
+            arrive(is_first, &packed(&carried), &mut to.p);
+        }
+        if SIDES >= FILTER {
+            let right_side = (self.tau, &mut *self.innovations);
+            let sent = through_general_stage(at_stage, shift, self.measured, right_side, &mut own.force);
+            if body.parent.is_some() {
+                arrive(is_first, &sent, &mut to.force);
             }
         }
-        match &body.carrier {
-            Carrier::Turn(renaming) => {
-                let turn = scratch.turns[k];
-                let row = body.row;
-                let noise = Noise::of(&model.system, row);
-                let (m, column) = measured(noise, &p);
-                scratch.measured[row] = m;
-                monitor.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
-                if SIDES == WATCH {
-                    near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
-                }
-                if SIDES >= FILTER {
-                    innovations[row] = measure(noise, &m, tau[row], &mut scratch.forces[k]);
-                }
-                if SIDES == WATCH {
-                    let watching = &mut scratch.watching;
-                    watching.innovations[row] = measure(noise, &m, watching.weights[row], &mut watching.zeta[k]);
-                }
-                let Some(parent) = body.parent else { continue };
-                let at_parent = &mut scratch.covariances[body.parent_inward];
-                at_parent.scale.add(&sent(body, &p, like));
-                if SIDES == WATCH {
-                    let sent = sent_terms(body, &kept_diagonal(noise, &p, &column, &m));
-                    add_each(&renaming.sizes(&sent), &mut scratch.watching.terms[parent]);
-                }
-                if noise.skips_zeros {
-                    carry::<T, false>(body, renaming, turn, &p, &column, (&m, noise.variance), &mut at_parent.p);
-                } else {
-                    carry::<T, true>(body, renaming, turn, &p, &column, (&m, noise.variance), &mut at_parent.p);
-                }
-                if SIDES >= FILTER {
-                    let sent = in_joint_frame(body, turn, &scratch.forces[k]);
-                    add_force::<_, T, BRANCH>(renaming, sent, &mut scratch.forces[parent]);
-                }
-                if SIDES == WATCH {
-                    let sent = in_joint_frame(body, turn, &scratch.watching.zeta[k]);
-                    add_force::<_, T, BRANCH>(renaming, sent, &mut scratch.watching.zeta[parent]);
-                }
-            }
-            Carrier::Shift(at) => {
-                let shift = &scratch.shifts[*at];
-                let mut p = unpacked(&p);
-                let (sent, before) = (Scale::sent_by(&p, shift), p.diagonal());
-                let at_stage = (&model.system, k);
-                let measured = &mut scratch.measured;
-                let carried = riccati::through_stage::<T, false>(
-                    at_stage,
-                    shift,
-                    (&mut p, &scale),
-                    measured,
-                    &mut monitor,
-                    |_, _| {},
-                );
-                if SIDES == WATCH {
-                    near.observe_stage(&model.system.stages[k], measured, &scale);
-                }
-                if SIDES >= FILTER {
-                    through_general_stage(at_stage, shift, measured, (tau, innovations), &mut scratch.forces);
-                }
-                if SIDES == WATCH {
-                    let watching = &mut scratch.watching;
-                    let right_side = (&watching.weights[..], &mut watching.innovations[..]);
-                    through_general_stage(at_stage, shift, measured, right_side, &mut watching.zeta);
-                }
-                if let Some(parent) = body.parent {
-                    let at_parent = &mut scratch.covariances[body.parent_inward];
-                    at_parent.scale.add(&sent);
-                    if SIDES == WATCH {
-                        let left = terms::left(&model.system.stages[k], &before, &p);
-                        let sent = terms::sent(&left, shift).into();
-                        add_each(&sent, &mut scratch.watching.terms[parent]);
-                    }
-                    add_packed(&carried, &mut at_parent.p);
-                }
+        if SIDES == WATCH {
+            self.near.observe_stage(stage, self.measured, &scale);
+            let Watching { arriving, own, weights, innovations, .. } = &mut *self.watching;
+            let (arrived, own) = (arriving[body.inward], &mut own[k]);
+            own.terms = sum(terms_of_noise(body, like), &arrived.terms);
+            own.zeta = arrived.zeta;
+            let sent = through_general_stage(at_stage, shift, self.measured, (weights, innovations), &mut own.zeta);
+            if body.parent.is_some() {
+                let to = &mut arriving[body.parent_inward];
+                arrive(is_first, &sent, &mut to.zeta);
+                let terms = terms::sent(&terms::left(stage, &before, &p), shift);
+                arrive(is_first, &terms.into(), &mut to.terms);
             }
         }
     }
-    [monitor, near]
 }
 
 /// Tip to base, open loop: the torque H z of every row, z carried inward (1.5).
@@ -150,39 +193,55 @@ pub(super) fn predict<T: Real>(
     scratch: &mut LeanScratch<T>,
     torques: &mut [T],
 ) {
-    for (k, body) in lean.bodies.iter().enumerate().rev() {
-        match &body.carrier {
-            Carrier::Turn(renaming) => {
-                let force = &scratch.forces[k];
-                torques[body.row] = force[ABOUT_Z];
-                if let Some(parent) = body.parent {
-                    let sent = in_joint_frame(body, scratch.turns[k], force);
-                    add_force::<_, T, BRANCH>(renaming, sent, &mut scratch.forces[parent]);
+    let LeanScratch { own, arriving, shifts, .. } = scratch;
+    for ((k, body), own) in lean.bodies.iter().enumerate().zip(own).rev() {
+        let force = sum(own.force, &arriving[body.inward].force);
+        match body.carrier {
+            Carrier::Turn(axis) => {
+                torques[body.row] = force[ABOUT_Z] * force[ABOUT_Z].everywhere(body.sense);
+                if body.parent.is_some() {
+                    let (sent, to) = (in_joint_frame(body, own.turn, &force), &mut arriving[body.parent_inward].force);
+                    about!(axis, X, Y, Z, arrive(body.arrives_first, &to_parent::<T, X, Y, Z>(&sent), to));
                 }
             }
             Carrier::Shift(at) => {
-                let force = Vector6::from(scratch.forces[k]);
-                let stage = &model.system.stages[k];
+                let (force, stage) = (Vector6::from(force), &model.system.stages[k]);
                 for i in 0..stage.rows.count() {
                     torques[body.row + i] = stage.rows.row(i).project(&force);
                 }
-                if let Some(parent) = body.parent {
-                    add_vector(&scratch.shifts[*at].force_to_parent(&force), &mut scratch.forces[parent]);
+                if body.parent.is_some() {
+                    let to = &mut arriving[body.parent_inward].force;
+                    arrive(body.arrives_first, &shifts[at].force_to_parent(&force).into(), to);
                 }
             }
         }
     }
 }
 
-/// M(k), and the bounds on its terms.
+/// Entry by entry.
 #[inline(always)]
-fn noise_of<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> Covariance<T> {
+fn sum<T: Real, const N: usize>(mut a: [T; N], b: &[T; N]) -> [T; N] {
+    for (a, &b) in a.iter_mut().zip(b) {
+        *a += b;
+    }
+    a
+}
+
+/// The bound on the terms of P^-: of M(k), and of what arrived.
+#[inline(always)]
+fn scale_of<T: Real>(body: &LeanBody<T::Parameter>, arrived: &Scale<T>) -> Scale<T> {
+    let [angular, linear] = body.scale;
+    arrived.sum(&Scale { angular: arrived.angular.everywhere(angular), linear: arrived.linear.everywhere(linear) })
+}
+
+/// M(k).
+#[inline(always)]
+fn noise_of<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> [T; 21] {
     let o = like.constant(0.0);
     let [xx, xy, xz, yy, yz, zz] = body.rotational;
     let [x, y, z] = body.first_moment;
     let (x, y, z, m) = (like.everywhere(x), like.everywhere(y), like.everywhere(z), like.everywhere(body.mass));
-    Covariance {
-        p: [
+    [
             like.everywhere(xx),
             like.everywhere(xy),
             like.everywhere(xz),
@@ -204,25 +263,15 @@ fn noise_of<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> Covariance<T> {
             m,
             o,
             m,
-        ],
-        scale: Scale { angular: like.everywhere(body.scale[0]), linear: like.everywhere(body.scale[1]) },
-    }
-}
-
-/// Without nalgebra's operators, which are not inlined.
-#[inline(always)]
-fn add_each<T: Real>(x: &[T; 6], to: &mut Vector6<T>) {
-    for (i, &x) in x.iter().enumerate() {
-        to[i] += x;
-    }
+    ]
 }
 
 /// The terms of the diagonal of M(k).
 #[inline(always)]
-fn terms_of_noise<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> Vector6<T> {
+fn terms_of_noise<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> [T; 6] {
     let [a, b, c, d, e, f] = body.terms;
     let of = |x| like.everywhere(x);
-    Vector6::new(of(a), of(b), of(c), of(d), of(e), of(f))
+    [of(a), of(b), of(c), of(d), of(e), of(f)]
 }
 
 /// As [`terms::sent`] of a stage on a turn with this diagonal of P^+, in the joint's frame: about z, each of x and y takes from both.
@@ -282,15 +331,15 @@ fn kept_diagonal<T: Real>(
     )
 }
 
-/// The filter across a turn: z^- becomes z^+ (4.5); gives e^- (4.2).
+/// The filter across a turn: e^- (4.2), and z^+ of z^- (4.5).
 #[inline(always)]
-fn measure<T: Real>(noise: Noise<T>, m: &Measured<T>, measurement: T, z: &mut [T; 6]) -> T {
+fn measure<T: Real>(noise: Noise<T>, m: &Measured<T>, measurement: T, z: &[T; 6]) -> (T, [T; 6]) {
     let e = measurement - z[ABOUT_Z];
     let g = &m.gain;
     // H z^+ = tau - (r / D) e^-, which a sum with a large H z^- would not give.
     let own =
         if noise.skips_zeros { measurement } else { measurement.minus_product(e, noise.variance * m.pivot_inverse) };
-    *z = [
+    let z = [
         g[0].mul_add(e, z[0]),
         g[1].mul_add(e, z[1]),
         own,
@@ -298,30 +347,29 @@ fn measure<T: Real>(noise: Noise<T>, m: &Measured<T>, measurement: T, z: &mut [T
         g[4].mul_add(e, z[4]),
         g[5].mul_add(e, z[5]),
     ];
-    e
+    (e, z)
 }
 
 /// What P^- of a stage can bring to the entries of its parent, as [`Scale::sent_by`] has it.
 #[inline(always)]
-fn sent<T: Real>(body: &LeanBody<T::Parameter>, p: &[T; 21], like: T) -> Scale<T> {
+fn sent<T: Real>(body: &LeanBody<T::Parameter>, p: &[T; 21]) -> Scale<T> {
+    let like = p[0];
     let four = like.constant(4.0);
     let (a, b) = (p[0] + p[3] + p[5], p[15] + p[18] + p[20]);
     Scale { angular: four * b.mul_add(like.everywhere(body.lever_square), a), linear: four * b }
 }
 
-/// P^+ = P^- - g H P^- of a turn, about z, along the lever, renamed, and added to the parent's. Row and column 2 are not formed
-/// unless `NOISY`: r g, by which they are given.
+/// P^+ = P^- - g H P^- of a turn, about z and along the lever. Row and column 2 are not formed unless `NOISY`: r g, by which they are
+/// given.
 #[inline(always)]
 #[allow(clippy::too_many_lines)] // 21 entries, each in its place
-fn carry<T: Real, const NOISY: bool>(
+fn carried<T: Real, const NOISY: bool>(
     body: &LeanBody<T::Parameter>,
-    renaming: &Renaming<T::Parameter>,
     turn: Turn<T>,
     p: &[T; 21],
     column: &[T; 5],
     (m, variance): (&Measured<T>, T),
-    to: &mut [T; 21],
-) {
+) -> [T; 21] {
     let (g, [ph0, ph1, ph3, ph4, ph5]) = (&m.gain, *column);
     let o = ph0.constant(0.0);
     let [a0, a1, _, a3, _, _, c0, c1, c2, c3, c4, c5, _, _, _, b0, b1, b2, b3, b4, b5] = *p;
@@ -350,9 +398,7 @@ fn carry<T: Real, const NOISY: bool>(
         c8 = r * g[5];
     }
     if !body.has_lever {
-        let there = [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5];
-        renaming.add_packed(&there, to);
-        return;
+        return [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5];
     }
     // Along the lever: C' = C + l~ B, A' = A + l~ C^T + C' l~^T.
     let [x, y, z] = body.lever;
@@ -377,28 +423,17 @@ fn carry<T: Real, const NOISY: bool>(
     let a2 = x.mul_add(s1, a2.minus_product(y, s0));
     let a4 = x.mul_add(s4, a4.minus_product(y, s3));
     let a5 = x.mul_add(s7, a5.minus_product(y, s6));
-    let there = [a0, a1, a2, a3, a4, a5, s0, s1, s2, s3, s4, s5, s6, s7, s8, b0, b1, b2, b3, b4, b5];
-    renaming.add_packed(&there, to);
+    [a0, a1, a2, a3, a4, a5, s0, s1, s2, s3, s4, s5, s6, s7, s8, b0, b1, b2, b3, b4, b5]
 }
 
 /// A force in the joint's frame, about the parent's origin.
 #[inline(always)]
-pub(super) fn in_joint_frame<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, z: &[T; 6]) -> [[T; 3]; 2] {
+pub(super) fn in_joint_frame<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, z: &[T; 6]) -> [T; 6] {
     let force = turn.rotate([z[3], z[4], z[5]]);
     let moment = turn.rotate([z[0], z[1], z[2]]);
     // l x f = - f x l.
-    [if body.has_lever { super::motion::minus_cross_number(force, body.lever, moment) } else { moment }, force]
-}
-
-/// Adds it to what is at the parent.
-#[inline(always)]
-fn add_force<N: Copy, T: Real<Parameter = N>, const BY: bool>(
-    renaming: &Renaming<N>,
-    [moment, force]: [[T; 3]; 2],
-    to: &mut [T; 6],
-) {
-    renaming.add::<T, BY>(moment, &mut to[..3]);
-    renaming.add::<T, BY>(force, &mut to[3..]);
+    let [a, b, c] = if body.has_lever { minus_cross_number(force, body.lever, moment) } else { moment };
+    [a, b, c, force[0], force[1], force[2]]
 }
 
 /// A force at body `k` as it is at the parent; sweeps over a few bodies, one after another, call it.
@@ -408,38 +443,28 @@ pub(super) fn one_inward<T: Real>(
     scratch: &LeanScratch<T>,
     force: &[T; 6],
 ) -> [T; 6] {
-    match &body.carrier {
-        Carrier::Turn(renaming) => {
-            let mut there = [force[0].constant(0.0); 6];
-            add_force::<_, T, TABLE>(renaming, in_joint_frame(body, scratch.turns[k], force), &mut there);
-            there
+    match body.carrier {
+        Carrier::Turn(axis) => {
+            let sent = in_joint_frame(body, scratch.own[k].turn, force);
+            about!(axis, X, Y, Z, to_parent::<T, X, Y, Z>(&sent))
         }
-        Carrier::Shift(at) => scratch.shifts[*at].force_to_parent(&Vector6::from(*force)).into(),
+        Carrier::Shift(at) => scratch.shifts[at].force_to_parent(&Vector6::from(*force)).into(),
     }
 }
 
-/// The filter at a stage with any joint: its rows, and the way to its parent.
+/// The filter at a stage with any joint: its rows, z^- becoming z^+; gives that as it is at the parent.
 #[inline(always)]
 fn through_general_stage<T: Real>(
-    (system, k): (&System<T>, usize),
+    at_stage: (&System<T>, usize),
     shift: &RigidShift<T>,
     measured: &[Measured<T>],
     (measurement, innovations): (&[T], &mut [T]),
-    z: &mut [[T; 6]],
-) {
-    let mut state = Vector6::from(z[k]);
-    innovations::through_stage((system, k), measured, measurement, &mut state, innovations);
-    z[k] = state.into();
-    if let Some(parent) = system.stages[k].parent {
-        add_vector(&shift.force_to_parent(&state), &mut z[parent]);
-    }
-}
-
-#[inline(always)]
-fn add_vector<T: Real>(x: &Vector6<T>, to: &mut [T; 6]) {
-    for (to, &x) in to.iter_mut().zip(x.iter()) {
-        *to += x;
-    }
+    z: &mut [T; 6],
+) -> [T; 6] {
+    let mut state = Vector6::from(*z);
+    innovations::through_stage(at_stage, measured, measurement, &mut state, innovations);
+    *z = state.into();
+    shift.force_to_parent(&state).into()
 }
 
 /// As the general stages take it.
@@ -453,15 +478,31 @@ pub(super) fn unpacked<T: Real>(p: &[T; 21]) -> Symmetric6<T> {
     }
 }
 
+/// As these sweeps take it.
 #[inline(always)]
-fn add_packed<T: Real>(p: &Symmetric6<T>, to: &mut [T; 21]) {
-    for i in 0..6 {
-        to[i] += p.angular.entries[i];
-        to[15 + i] += p.linear.entries[i];
-    }
-    for i in 0..3 {
-        for j in 0..3 {
-            to[6 + 3 * i + j] += p.coupling[(i, j)];
-        }
-    }
+pub(super) fn packed<T: Real>(p: &Symmetric6<T>) -> [T; 21] {
+    let ([a0, a1, a2, a3, a4, a5], [b0, b1, b2, b3, b4, b5], c) = (p.angular.entries, p.linear.entries, &p.coupling);
+    [
+        a0,
+        a1,
+        a2,
+        a3,
+        a4,
+        a5,
+        c[(0, 0)],
+        c[(0, 1)],
+        c[(0, 2)],
+        c[(1, 0)],
+        c[(1, 1)],
+        c[(1, 2)],
+        c[(2, 0)],
+        c[(2, 1)],
+        c[(2, 2)],
+        b0,
+        b1,
+        b2,
+        b3,
+        b4,
+        b5,
+    ]
 }

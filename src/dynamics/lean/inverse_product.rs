@@ -7,8 +7,8 @@
 
 use super::body::{Carrier, LeanModel};
 use super::columns::{LeanColumns, TILE, blocks_of, put_block, set_column};
-use super::filter::ABOUT_Z;
 use super::scratch::LeanScratch;
+use super::turn::{Axis, about};
 use super::way::Way;
 use crate::dynamics::columns::{spread_hinge, spread_shift, spread_vector};
 use crate::scalar::{ColumnsOf, Real};
@@ -37,21 +37,22 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
         let mut own = columns.take(body.outward);
         let depth = body.depth;
         let blocks = blocks_of::<T, C>(&(0..depth));
-        match &body.carrier {
-            Carrier::Turn(renaming) => {
-                let way = Way::new(body, renaming, scratch.turns[k], &scratch.measured[body.row].gain, C::zero());
+        match body.carrier {
+            Carrier::Turn(axis) => about!(axis, X, Y, Z, {
+                let (turn, gain) = (scratch.own[k].turn, &scratch.measured[body.row].gain);
+                let way = Way::<C, X, Y, Z>::new(body, turn, gain, C::zero());
                 for block in blocks {
                     let mut c = way.carried(&columns.at(body.parent_outward)[block]);
                     let w = way.entry(&c);
                     columns.put_factors(depth, block, body.row, &w);
                     if !body.is_leaf {
-                        c[ABOUT_Z] -= w;
+                        way.past_row(&mut c, w);
                         own[block] = c;
                     }
                 }
-            }
+            }),
             Carrier::Shift(at) => {
-                let shift = spread_shift(C::zero(), &scratch.shifts[*at]);
+                let shift = spread_shift(C::zero(), &scratch.shifts[at]);
                 for block in blocks {
                     let mut c = shift.motion_to_child(&columns.at(body.parent_outward)[block].into());
                     for i in 0..stage.rows.count() {
@@ -65,7 +66,7 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
         }
         for i in 0..stage.rows.count() {
             columns.enter_path(depth + i, body.row + i);
-            let mut c = stage.rows.row(i).spread_onto(&zero(), -T::one());
+            let mut c = stage.rows.row(i).spread_onto(&zero(), -T::one().everywhere(body.sense));
             for outer in i + 1..stage.rows.count() {
                 let w = dot(&scratch.measured[body.row + outer].gain, &c);
                 columns.put_factor(depth + i, body.row + outer, w);

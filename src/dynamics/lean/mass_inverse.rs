@@ -6,11 +6,11 @@
 
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::columns::{LeanColumns, blocks_of, put_block, set_column};
-use super::filter::{self, ABOUT_Z, unpacked};
+use super::filter::{self, packed, unpacked};
 use super::inverse_product;
 use super::motion::{carriers, cross};
 use super::scratch::LeanScratch;
-use super::turn::{Renaming, Turn};
+use super::turn::{Axis, Turn, about, packed_to_turn};
 use super::way::Way;
 use crate::dynamics::columns::{put, spread_hinge, spread_shift, spread_vector};
 use crate::filter::covariance::row_update;
@@ -19,17 +19,17 @@ use crate::filter::pivots::PivotMonitor;
 use crate::filter::riccati::Measured;
 use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
-use crate::spatial::{Symmetric6, dot};
+use crate::spatial::{Symmetric6, dot, scaled};
 use nalgebra::Vector6;
 
 /// The factor of M at `q`, in the scratch, in covariance form.
 #[inline(always)]
-pub(crate) fn factor<T: Real>(
+pub(crate) fn factor<T: Real, C: ColumnsOf<T>>(
     scene: (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     q: &[T],
 ) -> PivotMonitor<T> {
-    carriers(scene, scratch, q);
+    carriers(scene.1, scratch, C::zero(), q);
     let [monitor, _] = filter::tip_to_base::<T, { filter::FACTOR }>(scene, scratch, &[], &mut []);
     monitor
 }
@@ -73,17 +73,21 @@ fn co_covariances_base_to_tip<T: Real>((model, lean): (&Model<T>, &LeanModel<T>)
     let o = T::zero();
     for (k, body) in lean.bodies.iter().enumerate() {
         let outer = body.parent.map_or([o; 21], |parent| scratch.co_covariances[parent]);
-        scratch.co_covariances[k] = match &body.carrier {
-            Carrier::Turn(renaming) => {
-                let lambda =
-                    if body.parent.is_some() { co_carried(body, renaming, scratch.turns[k], &outer) } else { outer };
+        scratch.co_covariances[k] = match body.carrier {
+            Carrier::Turn(axis) => {
+                let turn = scratch.own[k].turn;
+                let lambda = if body.parent.is_some() {
+                    co_carried(body, turn, &about!(axis, X, Y, Z, packed_to_turn::<T, X, Y, Z>(&outer)))
+                } else {
+                    outer
+                };
                 let (lambda, u) = updated(&lambda, &scratch.measured[body.row]);
                 scratch.spread_gains[body.row] = u;
                 lambda
             }
             Carrier::Shift(at) => {
                 let mut lambda = match body.parent {
-                    Some(_) => scratch.shifts[*at].co_covariance_to_child(&unpacked(&outer)),
+                    Some(_) => scratch.shifts[at].co_covariance_to_child(&unpacked(&outer)),
                     None => Symmetric6::zero(),
                 };
                 let stage = &model.system.stages[k];
@@ -98,16 +102,14 @@ fn co_covariances_base_to_tip<T: Real>((model, lean): (&Model<T>, &LeanModel<T>)
     }
 }
 
-/// phi* Lambda phi across a turn: renamed, along the lever, about z.
+/// phi* Lambda phi across a turn, Lambda in its frame: along the lever, about z.
 #[inline(always)]
 fn co_carried<T: Real>(
     body: &LeanBody<T::Parameter>,
-    renaming: &Renaming<T::Parameter>,
     turn: Turn<T>,
     lambda: &[T; 21],
 ) -> [T; 21] {
-    let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] =
-        renaming.packed_back(lambda);
+    let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *lambda;
     let (mut c, mut b) = ([[c0, c1, c2], [c3, c4, c5], [c6, c7, c8]], [b0, b1, b2, b3, b4, b5]);
     if body.has_lever {
         let [x, y, z] = body.lever;
@@ -167,7 +169,8 @@ fn parted_inward<T: Real, C: ColumnsOf<T>>(
     (k, column): (usize, usize),
 ) {
     let mut body = &lean.bodies[k];
-    let mut u = scratch.measured[column].gain;
+    let gain = &scratch.measured[column].gain;
+    let mut u = scaled(gain, gain[0].everywhere(body.sense));
     past_rows(&model.system.stages[k], &scratch.measured, 0..column - body.row, &mut u);
     let mut at = k;
     while let Some(parent) = body.parent {
@@ -209,21 +212,22 @@ fn rows_base_to_tip<T: Real, C: ColumnsOf<T>>(
         if body.parent.is_some() {
             let blocks = blocks_of::<T, C>(&(tree..body.row));
             let parents = columns.at(body.parent_outward);
-            match &body.carrier {
-                Carrier::Turn(renaming) => {
-                    let way = Way::new(body, renaming, scratch.turns[k], &scratch.measured[body.row].gain, C::zero());
+            match body.carrier {
+                Carrier::Turn(axis) => about!(axis, X, Y, Z, {
+                    let (turn, gain) = (scratch.own[k].turn, &scratch.measured[body.row].gain);
+                    let way = Way::<C, X, Y, Z>::new(body, turn, gain, C::zero());
                     for block in blocks {
                         let mut y = way.carried(&parents[block]);
                         let entry = way.entry(&y);
                         put_block(out, nv, body.row, block, &entry);
                         if !body.is_leaf {
-                            y[ABOUT_Z] -= entry;
+                            way.past_row(&mut y, entry);
                             own[block] = y;
                         }
                     }
-                }
+                }),
                 Carrier::Shift(at) => {
-                    let shift = spread_shift(C::zero(), &scratch.shifts[*at]);
+                    let shift = spread_shift(C::zero(), &scratch.shifts[at]);
                     for block in blocks {
                         let mut y = shift.motion_to_child(&parents[block].into());
                         for row in rows.clone() {
@@ -252,37 +256,11 @@ fn rows_base_to_tip<T: Real, C: ColumnsOf<T>>(
                 y = stage.rows.row(row - body.row).spread_onto(&y, -entry);
             }
             if !body.is_leaf {
+                // The row of a turn is about z here, in its sense for the others.
+                let y = scaled(&y, y[0].everywhere(body.sense));
                 set_column(&mut own[column / C::COLUMNS], column % C::COLUMNS, &y.into());
             }
         }
         columns.give_back(body.outward, own);
     }
-}
-
-#[inline(always)]
-fn packed<T: Real>(p: &Symmetric6<T>) -> [T; 21] {
-    let ([a0, a1, a2, a3, a4, a5], [b0, b1, b2, b3, b4, b5], c) = (p.angular.entries, p.linear.entries, &p.coupling);
-    [
-        a0,
-        a1,
-        a2,
-        a3,
-        a4,
-        a5,
-        c[(0, 0)],
-        c[(0, 1)],
-        c[(0, 2)],
-        c[(1, 0)],
-        c[(1, 1)],
-        c[(1, 2)],
-        c[(2, 0)],
-        c[(2, 1)],
-        c[(2, 2)],
-        b0,
-        b1,
-        b2,
-        b3,
-        b4,
-        b5,
-    ]
 }

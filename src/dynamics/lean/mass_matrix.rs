@@ -2,16 +2,15 @@
 //!
 //! At a body every column of what hangs on it goes the same way: what the way is made of is read once, and no column waits for another.
 
-use super::aligned::{Aligned, AlignedBody};
-use super::body::{Carrier, LeanBody, LeanModel};
+use super::body::{Carrier, CompositeBody, LeanBody, LeanModel};
 use super::columns::Block;
 use super::mass_columns::{MassColumns, Measurement};
-use super::motion::cross;
-use super::scratch::{Composite, LeanScratch};
-use super::turn::{PACKED, Turn};
+use super::filter::ABOUT_Z;
+use super::motion::{carriers, cross};
+use super::scratch::{Composite, LeanScratch, arrive};
+use super::turn::{Axis, PACKED, Turn, about, to_parent};
 use crate::dynamics::columns::{spread_hinge, spread_shift};
 use crate::filter::HingeMap;
-use crate::kinematics::joint_shift;
 use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
 use crate::spatial::{BodyInertia, Symmetric3};
@@ -27,22 +26,20 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     let like = T::zero();
     columns.prepare(model, lean);
     carriers(lean, scratch, columns.like(), q);
-    let aligned = &lean.aligned.bodies;
     let none = columns.like();
-    for ((k, body), at) in lean.bodies.iter().enumerate().zip(aligned).rev() {
-        let composite = if body.is_leaf { own(at, like) } else { scratch.composites[body.inward] };
+    let LeanScratch { own, shifts, composites, .. } = scratch;
+    for (((k, body), constants), own) in lean.bodies.iter().enumerate().zip(&lean.composites).zip(own).rev() {
+        let composite = composite_of(body, &composites[body.inward]);
         let carried = match body.carrier {
-            Carrier::Turn(_) => {
-                let (of_body, turn, noise) = ((body, at), scratch.turns[k], model.system.noise[body.row]);
-                match at.axis {
-                    0 => through_turn::<T, C, CHECK, 1, 2, 0>(of_body, turn, noise, &composite, columns),
-                    1 => through_turn::<T, C, CHECK, 2, 0, 1>(of_body, turn, noise, &composite, columns),
-                    _ => through_turn::<T, C, CHECK, 0, 1, 2>(of_body, turn, noise, &composite, columns),
-                }
+            Carrier::Turn(axis) => {
+                let (of_body, noise) = ((body, constants), model.system.noise[body.row]);
+                about!(axis, X, Y, Z, {
+                    through_turn::<T, C, CHECK, X, Y, Z>(of_body, own.turn, noise, &composite, columns)
+                })
             }
             Carrier::Shift(at) => {
                 let inertia = BodyInertia {
-                    mass: like.everywhere(body.composite_mass),
+                    mass: like.everywhere(constants.mass),
                     first_moment: Vector3::from(composite.first_moment),
                     rotational: Symmetric3::new(composite.rotational),
                 };
@@ -56,79 +53,45 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
                 if body.parent.is_none() {
                     continue;
                 }
-                let shift = spread_shift(none, &scratch.shifts[at]);
+                let shift = spread_shift(none, &shifts[at]);
                 for force in columns.blocks(body.row, body.end_row) {
                     *force = shift.force_to_parent(&Vector6::from(*force)).into();
                 }
-                let carried = inertia.to_parent(&scratch.shifts[at]);
+                let carried = inertia.to_parent(&shifts[at]);
                 Composite { first_moment: carried.first_moment.into(), rotational: carried.rotational.entries }
             }
         };
-        if let Some(parent) = body.parent {
-            // Not by way of the slot where nothing is in it yet: it would be read before it is well written.
-            let to = &mut scratch.composites[body.parent_inward];
-            *to = sum(&if body.arrives_first { own(&aligned[parent], like) } else { *to }, &carried);
+        if body.parent.is_some() {
+            let to = &mut composites[body.parent_inward];
+            arrive(body.arrives_first, &carried.first_moment, &mut to.first_moment);
+            arrive(body.arrives_first, &carried.rotational, &mut to.rotational);
         }
     }
 }
 
-/// Of two bodies that move as one.
-#[inline(always)]
-fn sum<T: Real>(a: &Composite<T>, b: &Composite<T>) -> Composite<T> {
-    let (h, i) = (&a.first_moment, &a.rotational);
-    let (g, j) = (&b.first_moment, &b.rotational);
-    Composite {
-        first_moment: [h[0] + g[0], h[1] + g[1], h[2] + g[2]],
-        rotational: [i[0] + j[0], i[1] + j[1], i[2] + j[2], i[3] + j[3], i[4] + j[4], i[5] + j[5]],
-    }
-}
-
-/// The turn or shift of every body at `q`, in the aligned frames.
-#[inline(always)]
-fn carriers<T: Real, C: ColumnsOf<T>>(lean: &LeanModel<T>, scratch: &mut LeanScratch<T>, like: C, q: &[T]) {
-    let Aligned { bodies, shifts, turning } = &lean.aligned;
-    for some in turning.chunks(C::COLUMNS) {
-        let mut angles = like;
-        for (lane, &(at, _)) in some.iter().enumerate().take(C::COLUMNS) {
-            angles.set_column(lane, q[at]);
-        }
-        let (s, c) = angles.sin_cos();
-        for (lane, &(_, k)) in some.iter().enumerate().take(C::COLUMNS) {
-            let s = s.column(lane);
-            scratch.turns[k] = Turn { s: s * s.everywhere(bodies[k].sense), c: c.column(lane) };
-        }
-    }
-    for (shift, body) in scratch.shifts.iter_mut().zip(shifts) {
-        *shift = joint_shift(body, q);
-    }
-}
-
-/// The row of a turn about axis Z, and the way from there to the parent; X and Y are the axes that follow it.
+/// The row of a turn, and the way from there to the parent, of whose axes its own x, y and z are X, Y and Z.
 #[inline(always)]
 fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, const Y: usize, const Z: usize>(
-    (body, at): (&LeanBody<T::Parameter>, &AlignedBody<T::Parameter>),
+    (body, constants): (&LeanBody<T::Parameter>, &CompositeBody<T::Parameter>),
     turn: Turn<T>,
     noise: T,
     composite: &Composite<T>,
     columns: &mut MassColumns<T, C>,
 ) -> Composite<T> {
-    let Composite { first_moment: h, rotational } = composite;
+    let Composite { first_moment: h, rotational: i } = composite;
     let like = h[0];
-    let sense = like.everywhere(at.sense);
-    let (xz, yz, zz) = (rotational[PACKED[X][Z]], rotational[PACKED[Y][Z]], rotational[PACKED[Z][Z]]);
-    // r(k) H*(k), H picking the rotation about the axis, in its sense.
-    let mut force = [like.constant(0.0); 6];
-    (force[X], force[Y], force[Z]) = (sense * xz, sense * yz, sense * zz);
-    (force[3 + X], force[3 + Y]) = (-(sense * h[Y]), sense * h[X]);
+    let sense = like.everywhere(body.sense);
+    // r(k) H*(k), H picking the rotation about z, in its sense.
+    let force = [sense * i[2], sense * i[4], sense * i[5], -(sense * h[1]), sense * h[0], like.constant(0.0)];
     columns.insert(body.row, &force);
     let none = columns.like();
     let about = About::<C, X, Y, Z> {
         sense: none.spread(sense),
         turn: Turn { s: none.spread(turn.s), c: none.spread(turn.c) },
         lever: [
-            none.spread(like.everywhere(at.lever[0])),
-            none.spread(like.everywhere(at.lever[1])),
-            none.spread(like.everywhere(at.lever[2])),
+            none.spread(like.everywhere(body.lever[0])),
+            none.spread(like.everywhere(body.lever[1])),
+            none.spread(like.everywhere(body.lever[2])),
         ],
         has_lever: body.has_lever,
         ends: body.parent.is_none(),
@@ -136,10 +99,10 @@ fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, con
     columns.put_row::<CHECK>(body.row, body.end_row, &about);
     columns.add_to_diagonal::<CHECK>(body.row, noise);
     // At the base nobody reads it.
-    if about.ends { *composite } else { to_parent::<T, X, Y, Z>((body, at), turn, composite) }
+    if about.ends { *composite } else { carried::<T, X, Y, Z>((body, constants), turn, composite) }
 }
 
-/// A row about axis Z, and phi across its turn.
+/// A turn's row, and phi across it.
 struct About<C, const X: usize, const Y: usize, const Z: usize> {
     sense: C,
     turn: Turn<C>,
@@ -152,7 +115,7 @@ struct About<C, const X: usize, const Y: usize, const Z: usize> {
 impl<C: Real, const X: usize, const Y: usize, const Z: usize> Measurement<C> for About<C, X, Y, Z> {
     #[inline(always)]
     fn entry(&self, force: &Block<C>) -> C {
-        self.sense * force[Z]
+        self.sense * force[ABOUT_Z]
     }
 
     #[inline(always)]
@@ -160,16 +123,10 @@ impl<C: Real, const X: usize, const Y: usize, const Z: usize> Measurement<C> for
         if self.ends {
             return;
         }
-        let mut turned = *force;
-        (turned[X], turned[Y]) = self.turn.pair(force[X], force[Y]);
-        (turned[3 + X], turned[3 + Y]) = self.turn.pair(force[3 + X], force[3 + Y]);
-        if self.has_lever {
-            let [a, b, c, d, e, f] = turned;
-            let [a, b, c] = cross(self.lever, [d, e, f], [a, b, c]);
-            *force = [a, b, c, d, e, f];
-        } else {
-            *force = turned;
-        }
+        let moment = self.turn.rotate([force[0], force[1], force[2]]);
+        let line = self.turn.rotate([force[3], force[4], force[5]]);
+        let [a, b, c] = if self.has_lever { cross(self.lever, line, moment) } else { moment };
+        *force = to_parent::<C, X, Y, Z>(&[a, b, c, line[0], line[1], line[2]]);
     }
 }
 
@@ -187,39 +144,41 @@ impl<C: Real> Measurement<C> for HingeMap<C> {
     fn carry(&self, _force: &mut Block<C>) {}
 }
 
-/// A body by itself.
+/// A body with what arrived at it.
 #[inline(always)]
-fn own<T: Real>(body: &AlignedBody<T::Parameter>, like: T) -> Composite<T> {
+fn composite_of<T: Real>(body: &LeanBody<T::Parameter>, arrived: &Composite<T>) -> Composite<T> {
     let ([x, y, z], [xx, xy, xz, yy, yz, zz]) = (body.first_moment, body.rotational);
+    let (h, i) = (&arrived.first_moment, &arrived.rotational);
+    let number = |x| h[0].everywhere(x);
     Composite {
-        first_moment: [like.everywhere(x), like.everywhere(y), like.everywhere(z)],
+        first_moment: [h[0] + number(x), h[1] + number(y), h[2] + number(z)],
         rotational: [
-            like.everywhere(xx),
-            like.everywhere(xy),
-            like.everywhere(xz),
-            like.everywhere(yy),
-            like.everywhere(yz),
-            like.everywhere(zz),
+            i[0] + number(xx),
+            i[1] + number(xy),
+            i[2] + number(xz),
+            i[3] + number(yy),
+            i[4] + number(yz),
+            i[5] + number(zz),
         ],
     }
 }
 
-/// phi r phi* across a turn: about the axis, then along the lever as in [`BodyInertia::to_parent`].
+/// phi r phi* across a turn: about z, then along the lever as in [`BodyInertia::to_parent`], in the parent's frame.
 #[inline(always)]
-fn to_parent<T: Real, const X: usize, const Y: usize, const Z: usize>(
-    (body, at): (&LeanBody<T::Parameter>, &AlignedBody<T::Parameter>),
+fn carried<T: Real, const X: usize, const Y: usize, const Z: usize>(
+    (body, constants): (&LeanBody<T::Parameter>, &CompositeBody<T::Parameter>),
     turn: Turn<T>,
     composite: &Composite<T>,
 ) -> Composite<T> {
-    let (mut h, mut i) = (composite.first_moment, composite.rotational);
-    (h[X], h[Y]) = turn.pair(h[X], h[Y]);
-    (i[PACKED[X][Z]], i[PACKED[Y][Z]]) = turn.pair(i[PACKED[X][Z]], i[PACKED[Y][Z]]);
-    (i[PACKED[X][X]], i[PACKED[X][Y]], i[PACKED[Y][Y]]) =
-        turn.symmetric((i[PACKED[X][X]], i[PACKED[X][Y]], i[PACKED[Y][Y]]));
+    let (h, i) = (&composite.first_moment, &composite.rotational);
+    let mut h = turn.rotate(*h);
+    let (xz, yz) = turn.pair(i[2], i[4]);
+    let (xx, xy, yy) = turn.symmetric((i[0], i[1], i[3]));
+    let mut i = [xx, xy, xz, yy, yz, i[5]];
     if body.has_lever {
         let like = h[0];
-        let ([x, y, z], [mx, my, mz]) = (at.lever, at.composite_lever);
-        let ([tx, ty, tz], [xx, yy, zz]) = (at.twice_lever, at.lever_moment);
+        let ([x, y, z], [mx, my, mz]) = (body.lever, constants.lever);
+        let ([tx, ty, tz], [xx, yy, zz]) = (constants.twice_lever, constants.lever_moment);
         let (x, y, z) = (like.everywhere(x), like.everywhere(y), like.everywhere(z));
         let s = [h[0] + like.everywhere(mx), h[1] + like.everywhere(my), h[2] + like.everywhere(mz)];
         // x (h + s), of which the constant part is known.
@@ -238,5 +197,9 @@ fn to_parent<T: Real, const X: usize, const Y: usize, const Z: usize>(
         ];
         h = s;
     }
-    Composite { first_moment: h, rotational: i }
+    let (mut there, mut rotational) = (h, i);
+    (there[X], there[Y], there[Z]) = (h[0], h[1], h[2]);
+    (rotational[PACKED[X][X]], rotational[PACKED[X][Y]], rotational[PACKED[X][Z]]) = (i[0], i[1], i[2]);
+    (rotational[PACKED[Y][Y]], rotational[PACKED[Y][Z]], rotational[PACKED[Z][Z]]) = (i[3], i[4], i[5]);
+    Composite { first_moment: there, rotational }
 }

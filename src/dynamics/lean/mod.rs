@@ -4,11 +4,11 @@
 //! later, and are what these are tested against. Three things are different. What is read once more only by the next body (motions,
 //! P, co-states) has a *slot*, which another body takes over; of a chain there are two. Constants of the scene are one number for all
 //! lanes. And a revolute joint whose frame differs from its parent's by an exact renaming of axes (as all do that a URDF gives without rpy) is
-//! carried by its angle alone: first about z, where H P^+ = 0 leaves a third out, then along the lever, a constant there, then renamed.
-//! Every other body goes through the general shift. (M, which no frame changes, is read in frames that need no renaming: `aligned`.)
+//! carried by its angle alone: first about z, where H P^+ = 0 leaves a third out, then along the lever, a constant there. Frames are
+//! chosen so that what is left of the renaming is one of three orders of the parent's axes ([`body`]): each is compiled by itself.
+//! Every other body goes through the general shift.
 
 mod accelerations;
-mod aligned;
 mod body;
 mod columns;
 mod filter;
@@ -29,14 +29,14 @@ pub(crate) use mass_columns::MassColumns;
 pub(crate) use mass_inverse::{closed_form, factor};
 pub(crate) use mass_matrix::mass_matrix;
 pub(crate) use scratch::{LeanScratch, bytes};
-pub(crate) use turn::Renaming;
+pub(crate) use turn::renames_axes;
 pub(crate) use watch::{factor_watched, forward_dynamics_watched, hand_over};
 
 use super::forces::{Motion, Needed};
 use crate::batch::chunk::Algorithm;
 use crate::filter::Form;
 use crate::filter::pivots::PivotMonitor;
-use crate::scalar::Real;
+use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
 use nalgebra::Vector6;
 
@@ -51,7 +51,7 @@ pub(crate) fn covers(algorithm: Algorithm) -> bool {
 
 /// Joint accelerations, as [`forward_dynamics`](super::forward_dynamics) in covariance form gives them to rounding.
 #[inline(always)]
-pub(crate) fn forward_dynamics<T: Real>(
+pub(crate) fn forward_dynamics<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     (q, qd, tau): (&[T], &[T], &[T]),
@@ -59,7 +59,7 @@ pub(crate) fn forward_dynamics<T: Real>(
     qdd: &mut [T],
 ) -> PivotMonitor<T> {
     let state = Motion { q, qd, qdd: None, wrenches };
-    motion::forces_base_to_tip((model, lean), scratch, state, Needed::of(model, state));
+    motion::forces_base_to_tip::<T, C>((model, lean), scratch, state, Needed::of(model, state));
     let [monitor, _] = filter::tip_to_base::<T, { filter::FILTER }>((model, lean), scratch, tau, qdd);
     accelerations::base_to_tip((model, lean), scratch, qdd);
     monitor
@@ -67,7 +67,7 @@ pub(crate) fn forward_dynamics<T: Real>(
 
 /// Joint torques, as [`inverse_dynamics`](super::inverse_dynamics) gives them to rounding; those of the bias without `qdd`.
 #[inline(always)]
-pub(crate) fn inverse_dynamics<T: Real>(
+pub(crate) fn inverse_dynamics<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     (q, qd, qdd): (&[T], &[T], Option<&[T]>),
@@ -75,7 +75,7 @@ pub(crate) fn inverse_dynamics<T: Real>(
     tau: &mut [T],
 ) {
     let state = Motion { q, qd, qdd, wrenches };
-    motion::forces_base_to_tip((model, lean), scratch, state, Needed::of(model, state));
+    motion::forces_base_to_tip::<T, C>((model, lean), scratch, state, Needed::of(model, state));
     filter::predict((model, lean), scratch, tau);
     if let Some(qdd) = qdd {
         for ((tau, &qdd), &armature) in tau.iter_mut().zip(qdd).zip(&model.system.noise) {

@@ -5,10 +5,10 @@
 
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::scratch::{LeanScratch, Moving};
-use super::turn::Turn;
+use super::turn::{Axis, Turn, about};
 use crate::dynamics::forces::{Motion, Needed};
 use crate::kinematics::{joint_motion, joint_shift};
-use crate::scalar::Real;
+use crate::scalar::{ColumnsOf, Real};
 use crate::scene::{self, Model};
 use nalgebra::Vector3;
 
@@ -63,67 +63,60 @@ fn inertia_times<T: Real>(i: [T::Parameter; 6], v: [T; 3], c: [T; 3]) -> [T; 3] 
     ]
 }
 
-/// Three numbers of four.
+/// The turn or shift of every body at `q`: they wait for nothing. Sines and cosines of as many angles at once as `C` holds.
 #[inline(always)]
-pub(super) fn three<T: Copy>(v: &[T; 4]) -> [T; 3] {
-    [v[0], v[1], v[2]]
-}
-
-/// With a fourth that nobody reads.
-#[inline(always)]
-pub(super) fn four<T: Copy>(v: [T; 3]) -> [T; 4] {
-    [v[0], v[1], v[2], v[0]]
-}
-
-/// The turn or shift of every body at `q`: they wait for nothing.
-#[inline(always)]
-pub(super) fn carriers<T: Real>((model, lean): (&Model<T>, &LeanModel<T>), scratch: &mut LeanScratch<T>, q: &[T]) {
-    for ((k, body), turn) in lean.bodies.iter().enumerate().zip(&mut scratch.turns) {
-        match body.carrier {
-            Carrier::Turn(_) => {
-                let (s, c) = q[body.q].sin_cos();
-                *turn = Turn { s, c };
-            }
-            Carrier::Shift(at) => scratch.shifts[at] = joint_shift(&model.bodies[k], q),
+pub(super) fn carriers<T: Real, C: ColumnsOf<T>>(lean: &LeanModel<T>, scratch: &mut LeanScratch<T>, like: C, q: &[T]) {
+    for some in lean.turning.chunks(C::COLUMNS) {
+        let mut angles = like;
+        for (lane, &(at, _)) in some.iter().enumerate().take(C::COLUMNS) {
+            angles.set_column(lane, q[at]);
         }
+        let (s, c) = angles.sin_cos();
+        for (lane, &(_, k)) in some.iter().enumerate().take(C::COLUMNS) {
+            let s = s.column(lane);
+            scratch.own[k].turn = Turn { s: s * s.everywhere(lean.bodies[k].sense), c: c.column(lane) };
+        }
+    }
+    for (shift, body) in scratch.shifts.iter_mut().zip(&lean.shifting) {
+        *shift = joint_shift(body, q);
     }
 }
 
 /// Base to tip: the force of every body.
 #[inline(always)]
-pub(super) fn forces_base_to_tip<T: Real>(
+pub(super) fn forces_base_to_tip<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     state: Motion<'_, T>,
     needed: Needed,
 ) {
+    carriers(lean, scratch, C::zero(), state.q);
     let o = T::zero();
     let g = &model.gravity;
-    scratch.motions[0] = [[o; 4], [o; 4], [-g[0], -g[1], -g[2], o]];
-    carriers((model, lean), scratch, state.q);
-    for (k, body) in lean.bodies.iter().enumerate() {
-        let moving = match &body.carrier {
-            Carrier::Turn(renaming) => {
-                let turn = scratch.turns[k];
-                let parent = &scratch.motions[body.parent_outward];
-                let [w, dw, a] = [renaming.back(&parent[0]), renaming.back(&parent[1]), renaming.back(&parent[2])];
-                turned(body, turn, [w, dw, a], (state.qd, state.qdd), needed)
-            }
+    let LeanScratch { motions, own, shifts, .. } = scratch;
+    motions[0] = [[o; 3], [o; 3], [-g[0], -g[1], -g[2]]];
+    for ((k, body), own) in lean.bodies.iter().enumerate().zip(own) {
+        let parent = &motions[body.parent_outward];
+        let (moving, force) = match body.carrier {
+            Carrier::Turn(axis) => about!(axis, X, Y, Z, {
+                let [w, dw, a] = parent;
+                let there = [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]];
+                let moving = turned(body, own.turn, there, (state.qd, state.qdd), needed);
+                (moving, force_of(body, &moving, needed, o))
+            }),
             Carrier::Shift(at) => {
-                let parent = &scratch.motions[body.parent_outward];
-                shifted(&model.bodies[k], body.row, &scratch.shifts[*at], parent, state, needed)
+                let moving = shifted(&lean.shifting[at], body.row, &shifts[at], parent, state, needed);
+                (moving, force_of(body, &moving, needed, o))
             }
         };
-        let mut force = force_of(body, &moving, needed, o);
+        own.force = force;
         if !state.wrenches.is_empty() {
-            for (f, &given) in force.iter_mut().zip(state.wrenches[k].iter()) {
+            for (f, given) in own.force.iter_mut().zip(body.frame.from_model(&state.wrenches[k])) {
                 *f -= given;
             }
         }
-        scratch.forces[k] = force;
         if !body.is_leaf {
-            let [w, dw, a] = moving;
-            scratch.motions[body.outward] = [four(w), four(dw), four(a)];
+            motions[body.outward] = moving;
         }
     }
 }
@@ -146,7 +139,7 @@ fn turned<T: Real>(
     }
     let mut dw = turn.rotate_back(dw);
     let w = if needed.velocity {
-        let rate = qd[body.row];
+        let rate = qd[body.row] * still[0].everywhere(body.sense);
         let [x, y, z] = turn.rotate_back(w);
         dw = [y.mul_add(rate, dw[0]), dw[1].minus_product(x, rate), dw[2]];
         [x, y, z + rate]
@@ -154,7 +147,7 @@ fn turned<T: Real>(
         still
     };
     if let Some(qdd) = qdd {
-        dw[2] += qdd[body.row];
+        dw[2] = qdd[body.row].mul_add(still[0].everywhere(body.sense), dw[2]);
     }
     [w, dw, turn.rotate_back(a)]
 }
@@ -169,7 +162,7 @@ fn shifted<T: Real>(
     state: Motion<'_, T>,
     needed: Needed,
 ) -> [[T; 3]; 3] {
-    let [w, dw, a] = [three(&parent[0]), three(&parent[1]), three(&parent[2])];
+    let [w, dw, a] = *parent;
     let l = [shift.lever[0], shift.lever[1], shift.lever[2]];
     let mut carried = cross(dw, l, a);
     let o = w[0].constant(0.0);

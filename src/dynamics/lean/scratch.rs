@@ -1,7 +1,6 @@
 //! Scratch of the lean sweeps.
 
-use super::aligned::AlignedBody;
-use super::body::{LeanBody, LeanModel};
+use super::body::{CompositeBody, LeanBody, LeanModel};
 use super::turn::Turn;
 use crate::batch::chunk::Algorithm;
 use crate::filter::Form;
@@ -9,21 +8,57 @@ use crate::filter::cancellation::weight;
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
 use crate::scalar::Real;
-use crate::scene::Model;
+use crate::scene::{Body, Model};
 use crate::spatial::RigidShift;
 use nalgebra::Vector6;
 
-/// Angular velocity, angular acceleration and acceleration of the origin, four numbers each, the last unused.
-pub(super) type Moving<T> = [[T; 4]; 3];
+/// Angular velocity, angular acceleration and acceleration of the origin.
+pub(super) type Moving<T> = [[T; 3]; 3];
 
-/// A motion or a force, angular half first, four numbers each, the last unused.
-pub(super) type Halves<T> = [[T; 4]; 2];
-
-/// A covariance on its way inward: 6 + 9 + 6 numbers (angular, coupling by rows, linear), and the bounds on their terms.
+/// Of one body, read again by its own later steps only.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Covariance<T> {
+pub(super) struct Own<T> {
+    /// Of a body on a turn.
+    pub turn: Turn<T>,
+    /// b(k), then z^+(k).
+    pub force: [T; 6],
+}
+
+/// What the bodies that hang on one send to it: its own noise and force are added when it is its turn.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Arriving<T> {
+    /// 6 + 9 + 6 numbers of the covariance: angular, coupling by rows, linear.
     pub p: [T; 21],
+    /// The bounds on their terms.
     pub scale: Scale<T>,
+    pub force: [T; 6],
+}
+
+impl<T: Real> Arriving<T> {
+    fn filled(value: T) -> Self {
+        Self { p: [value; 21], scale: Scale::filled(value), force: [value; 6] }
+    }
+}
+
+/// The same of what is watched.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ArrivingBesides<T> {
+    /// Bounds on the terms of the diagonal of P^-.
+    pub terms: [T; 6],
+    /// The force of the second right side.
+    pub zeta: [T; 6],
+}
+
+/// Adds what one body sends to what is there already, or begins with it.
+#[inline(always)]
+pub(super) fn arrive<T: Real, const N: usize>(is_first: bool, sent: &[T; N], to: &mut [T; N]) {
+    if is_first {
+        *to = *sent;
+    } else {
+        for (to, &sent) in to.iter_mut().zip(sent) {
+            *to += sent;
+        }
+    }
 }
 
 /// First moment and rotational inertia of a body with all outboard of it; their mass is a constant.
@@ -42,33 +77,31 @@ pub(super) struct Watching<T> {
     pub others: Vec<T>,
     /// Innovations of w.
     pub innovations: Vec<T>,
-    /// zeta^+ of each body.
-    pub zeta: Vec<[T; 6]>,
-    /// Bounds on the terms of the diagonal of P^-.
-    pub terms: Vec<Vector6<T>>,
+    /// In slots, inward; the first is always zero.
+    pub arriving: Vec<ArrivingBesides<T>>,
+    /// Bounds on the terms of the diagonal of P^-, and zeta^+, of each body.
+    pub own: Vec<ArrivingBesides<T>>,
     /// lambda^- and nu of the base, zero, and of each body.
-    pub co_states: Vec<[Vector6<T>; 2]>,
+    pub co_states: Vec<[[T; 6]; 2]>,
 }
 
 /// One for each thread; starts as NaN.
 #[derive(Debug)]
 pub(crate) struct LeanScratch<T: Real> {
-    /// Of bodies on a turn.
-    pub(super) turns: Vec<Turn<T>>,
-    /// Of the others.
+    /// Of each body.
+    pub(super) own: Vec<Own<T>>,
+    /// Of those that are not on a turn.
     pub(super) shifts: Vec<RigidShift<T>>,
     /// In slots, outward.
     pub(super) motions: Vec<Moving<T>>,
-    /// b(k), then z^+(k).
-    pub(super) forces: Vec<[T; 6]>,
-    /// In slots, inward.
-    pub(super) covariances: Vec<Covariance<T>>,
-    /// In slots, inward.
+    /// In slots, inward; the first, of a body that nothing hangs on, is always zero.
+    pub(super) arriving: Vec<Arriving<T>>,
+    /// The same of M.
     pub(super) composites: Vec<Composite<T>>,
     /// D and g of each row.
     pub(super) measured: Vec<Measured<T>>,
     /// In slots, outward.
-    pub(super) co_states: Vec<Halves<T>>,
+    pub(super) co_states: Vec<[T; 6]>,
     pub(super) watching: Watching<T>,
     /// Lambda^- of each body.
     pub(super) co_covariances: Vec<[T; 21]>,
@@ -81,24 +114,32 @@ impl<T: Real> LeanScratch<T> {
         let nan = T::from_f64(f64::NAN);
         let (bodies, nv) = (lean.bodies.len(), model.nv());
         // The base has no co-state, and what its motion is each call says.
-        let mut co_states = vec![[[nan; 4]; 2]; lean.outward_slots];
-        co_states[0] = [[T::zero(); 4]; 2];
-        let mut watched = vec![[Vector6::from_element(nan); 2]; bodies + 1];
-        watched[0] = [Vector6::from_element(T::zero()); 2];
+        let mut co_states = vec![[nan; 6]; lean.outward_slots];
+        co_states[0] = [T::zero(); 6];
+        let mut watched = vec![[[nan; 6]; 2]; bodies + 1];
+        watched[0] = [[T::zero(); 6]; 2];
+        // Nothing arrives at a body that nothing hangs on.
+        let mut arriving = vec![Arriving::filled(nan); lean.inward_slots];
+        arriving[0] = Arriving::filled(T::zero());
+        let besides = |value| ArrivingBesides { terms: [value; 6], zeta: [value; 6] };
+        let mut arriving_besides = vec![besides(nan); lean.inward_slots];
+        arriving_besides[0] = besides(T::zero());
+        let composite = |value| Composite { first_moment: [value; 3], rotational: [value; 6] };
+        let mut composites = vec![composite(nan); lean.inward_slots];
+        composites[0] = composite(T::zero());
         Self {
-            turns: vec![Turn { s: nan, c: nan }; bodies],
-            shifts: vec![RigidShift::filled(nan); lean.shifts],
-            motions: vec![[[nan; 4]; 3]; lean.outward_slots],
-            forces: vec![[nan; 6]; bodies],
-            covariances: vec![Covariance { p: [nan; 21], scale: Scale::filled(nan) }; lean.inward_slots],
-            composites: vec![Composite { first_moment: [nan; 3], rotational: [nan; 6] }; lean.inward_slots],
+            own: vec![Own { turn: Turn { s: nan, c: nan }, force: [nan; 6] }; bodies],
+            shifts: vec![RigidShift::filled(nan); lean.shifting.len()],
+            motions: vec![[[nan; 3]; 3]; lean.outward_slots],
+            arriving,
+            composites,
             measured: vec![Measured::filled(nan); nv],
             watching: Watching {
                 weights: (0..nv).map(|row| T::from_f64(weight(row))).collect(),
                 others: (nv..2 * nv).map(|row| T::from_f64(weight(row))).collect(),
                 innovations: vec![nan; nv],
-                zeta: vec![[nan; 6]; bodies],
-                terms: vec![Vector6::from_element(nan); bodies],
+                arriving: arriving_besides,
+                own: vec![besides(nan); bodies],
                 co_states: watched,
             },
             co_states,
@@ -111,12 +152,12 @@ impl<T: Real> LeanScratch<T> {
 /// Bytes of model and scratch that an algorithm reads or writes for one state in f64, arguments and results not counted.
 pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> usize {
     let bodies = lean.bodies.len();
-    let shifts = lean.shifts * size_of::<RigidShift<f64>>();
-    let turns = (bodies - lean.shifts) * size_of::<Turn<f64>>();
+    let shifts = lean.shifting.len() * (size_of::<RigidShift<f64>>() + size_of::<Body<f64>>());
+    let turns = bodies * size_of::<Turn<f64>>();
     // The noise of each row, too.
     let model = bodies * size_of::<LeanBody<f64>>() + nv * size_of::<f64>();
     let motions = lean.outward_slots * size_of::<Moving<f64>>() + bodies * size_of::<[f64; 6]>();
-    let filter = lean.inward_slots * size_of::<Covariance<f64>>() + nv * size_of::<Measured<f64>>();
+    let filter = lean.inward_slots * size_of::<Arriving<f64>>() + nv * size_of::<Measured<f64>>();
     // Three numbers a row; a force, bounds and two co-states a body.
     let watching = nv * 3 * size_of::<f64>() + bodies * 4 * size_of::<Vector6<f64>>();
     let columns = lean.outward_slots * nv * size_of::<[f64; 6]>();
@@ -129,11 +170,11 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> u
     let swept = match algorithm {
         Algorithm::InverseDynamics | Algorithm::BiasTorque => motions,
         Algorithm::MassMatrix => {
-            let aligned = bodies * size_of::<AlignedBody<f64>>();
-            aligned + lean.inward_slots * size_of::<Composite<f64>>() + nv * size_of::<[f64; 6]>()
+            let composites = bodies * size_of::<CompositeBody<f64>>();
+            composites + lean.inward_slots * size_of::<Composite<f64>>() + nv * size_of::<[f64; 6]>()
         }
         Algorithm::ForwardDynamics(Form::Auto) => motions + filter + watching,
-        Algorithm::ForwardDynamics(_) => motions + filter + lean.outward_slots * size_of::<Halves<f64>>(),
+        Algorithm::ForwardDynamics(_) => motions + filter + lean.outward_slots * size_of::<[f64; 6]>(),
         Algorithm::MassMatrixInverse(Form::Auto) => filter + watching + closed_form,
         Algorithm::MassMatrixInverse(_) => filter + closed_form,
     };

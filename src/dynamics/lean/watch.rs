@@ -1,17 +1,16 @@
 //! The covariance form with an estimate of the digits that it lost: the first look of [`auto`](crate::dynamics::auto).
 
-use super::accelerations::split;
 use super::body::{Carrier, LeanModel};
 use super::motion;
-use super::scratch::LeanScratch;
-use super::turn::Turn;
+use super::scratch::{LeanScratch, Watching};
+use super::turn::{Axis, Turn, about, to_turn};
 use super::{accelerations, filter};
 use crate::dynamics::forces::{Motion, Needed};
 use crate::filter::cancellation::{Cancellation, Swept};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{HingeMap, Rows, Stage};
-use crate::kinematics::turned_by;
-use crate::scalar::Real;
+use crate::kinematics::{joint_shift, turned_by};
+use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
 use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
@@ -20,7 +19,7 @@ use nalgebra::Vector6;
 /// [`forward_dynamics`](super::forward_dynamics), whether a single look at its pivots may do, and what
 /// [`cancellation::sweep`](crate::filter::cancellation::sweep) finds.
 #[inline(always)]
-pub(crate) fn forward_dynamics_watched<T: Real>(
+pub(crate) fn forward_dynamics_watched<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     (q, qd, tau): (&[T], &[T], &[T]),
@@ -28,21 +27,24 @@ pub(crate) fn forward_dynamics_watched<T: Real>(
     qdd: &mut [T],
 ) -> (PivotMonitor<T>, PivotMonitor<T>, Cancellation<T>) {
     let state = Motion { q, qd, qdd: None, wrenches };
-    motion::forces_base_to_tip((model, lean), scratch, state, Needed::of(model, state));
+    motion::forces_base_to_tip::<T, C>((model, lean), scratch, state, Needed::of(model, state));
     let [monitor, near] = filter::tip_to_base::<T, { filter::WATCH }>((model, lean), scratch, tau, qdd);
     (monitor, near, base_to_tip((model, lean), scratch, qdd))
 }
 
 /// The factor of M, and what two made-up right sides say of it; `estimates` is scratch, (nv).
 #[inline(always)]
-pub(crate) fn factor_watched<T: Real>(
+pub(crate) fn factor_watched<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     q: &[T],
     estimates: &mut [T],
 ) -> (PivotMonitor<T>, Cancellation<T>) {
-    motion::carriers((model, lean), scratch, q);
-    scratch.forces.fill([T::zero(); 6]);
+    motion::carriers(lean, scratch, C::zero(), q);
+    let o = T::zero();
+    for own in &mut scratch.own {
+        own.force = [o; 6];
+    }
     // Borrowed from the scratch and given back: it is read beside the rest, and nothing is allocated.
     let weights = std::mem::take(&mut scratch.watching.others);
     let [monitor, _] = filter::tip_to_base::<T, { filter::WATCH }>((model, lean), scratch, &weights, estimates);
@@ -54,23 +56,32 @@ pub(crate) fn factor_watched<T: Real>(
 #[inline(always)]
 pub(crate) fn hand_over<T: Real>(
     (model, lean): (&Model<T>, &LeanModel<T>),
-    scratch: &LeanScratch<T>,
+    (scratch, q): (&LeanScratch<T>, &[T]),
     workspace: &mut Workspace<T>,
 ) {
     let watching = &scratch.watching;
     workspace.measured.copy_from_slice(&scratch.measured);
     for (k, body) in lean.bodies.iter().enumerate() {
-        workspace.shift[k] = match &body.carrier {
+        workspace.shift[k] = match body.carrier {
             Carrier::Turn(_) => {
-                let Turn { s, c } = scratch.turns[k];
+                // About the model's z, which may point the other way.
+                let gain = &mut workspace.measured[body.row].gain;
+                let sense = gain[0].everywhere(body.sense);
+                let mut own: [T; 6] = (*gain).into();
+                for entry in &mut own {
+                    *entry *= sense;
+                }
+                *gain = body.frame.to_model(&own);
+                let Turn { s, c } = scratch.own[k].turn;
                 let tree = &model.bodies[k].tree;
-                RigidShift { rotation: turned_by(&tree.rotation, s, c), lever: tree.lever }
+                RigidShift { rotation: turned_by(&tree.rotation, s * sense, c), lever: tree.lever }
             }
-            Carrier::Shift(at) => scratch.shifts[*at],
+            // Its parent's frame here need not be the model's.
+            Carrier::Shift(_) => joint_shift(&model.bodies[k], q),
         };
-        workspace.z[k] = Vector6::from(scratch.forces[k]);
-        [workspace.co_state[k], _] = watching.co_states[k + 1];
-        workspace.terms[k] = watching.terms[k];
+        workspace.z[k] = body.frame.to_model(&scratch.own[k].force);
+        workspace.co_state[k] = body.frame.to_model(&watching.co_states[k + 1][0]);
+        workspace.terms[k] = body.frame.sizes_to_model(&watching.own[k].terms);
     }
 }
 
@@ -82,33 +93,37 @@ fn base_to_tip<T: Real>(
     estimates: &mut [T],
 ) -> Cancellation<T> {
     let mut seen = Cancellation::beside(T::from_f64(lean.beside));
-    let watching = &mut scratch.watching;
-    for (k, body) in lean.bodies.iter().enumerate() {
-        let [outer, outer_nu] = &watching.co_states[body.parent.map_or(0, |parent| parent + 1)];
-        let (zeta, z) = (vector(&watching.zeta[k]), vector(&scratch.forces[k]));
-        let swept = Swept { z: &z, terms: &watching.terms[k], measured: &scratch.measured };
+    let LeanScratch { own, shifts, measured, watching, .. } = scratch;
+    let Watching { own: watched, co_states, innovations, .. } = watching;
+    for (((k, body), own), watched) in lean.bodies.iter().enumerate().zip(own).zip(watched) {
+        let [outer, outer_nu] = &co_states[body.parent.map_or(0, |parent| parent + 1)];
+        let (zeta, z, terms) = (vector(&watched.zeta), vector(&own.force), vector(&watched.terms));
+        let swept = Swept { z: &z, terms: &terms, measured };
         let (mut lambda, mut nu);
-        match &body.carrier {
-            Carrier::Turn(renaming) => {
-                let turn = scratch.turns[k];
-                seen.carried(&zeta, outer, outer[0].everywhere(body.lever_square));
-                lambda = joined(accelerations::carried(body, renaming, turn, &split(outer)));
-                nu = joined(accelerations::carried(body, renaming, turn, &split(outer_nu)));
+        match body.carrier {
+            Carrier::Turn(axis) => {
+                (lambda, nu) = about!(axis, X, Y, Z, {
+                    let (outer, outer_nu) = (to_turn::<T, X, Y, Z>(outer), to_turn::<T, X, Y, Z>(outer_nu));
+                    let lambda = vector(&accelerations::carried(body, own.turn, &outer));
+                    (lambda, vector(&accelerations::carried(body, own.turn, &outer_nu)))
+                });
+                seen.carried(&zeta, &vector(outer), z[0].everywhere(body.lever_square));
                 // Spelt out, so that the compiler sees which entry is meant.
                 let stage = Stage { parent: body.parent, rows: Rows::One(HingeMap::Axis(2)), first_row: body.row };
-                seen.through_stage(&stage, &swept, (&mut lambda, &mut nu), (estimates, &watching.innovations));
+                seen.through_stage(&stage, &swept, (&mut lambda, &mut nu), (estimates, innovations));
+                estimates[body.row] *= z[0].everywhere(body.sense);
             }
             Carrier::Shift(at) => {
-                let shift = &scratch.shifts[*at];
+                let (shift, outer) = (&shifts[at], vector(outer));
                 let l = &shift.lever;
-                seen.carried(&zeta, outer, l[0].mul_add(l[0], l[1].mul_add(l[1], l[2] * l[2])));
-                lambda = shift.motion_to_child(outer);
-                nu = shift.motion_to_child(outer_nu);
+                seen.carried(&zeta, &outer, l[0].mul_add(l[0], l[1].mul_add(l[1], l[2] * l[2])));
+                lambda = shift.motion_to_child(&outer);
+                nu = shift.motion_to_child(&vector(outer_nu));
                 let stage = &model.system.stages[k];
-                seen.through_stage(stage, &swept, (&mut lambda, &mut nu), (estimates, &watching.innovations));
+                seen.through_stage(stage, &swept, (&mut lambda, &mut nu), (estimates, innovations));
             }
         }
-        watching.co_states[k + 1] = [lambda, nu];
+        co_states[k + 1] = [lambda.into(), nu.into()];
     }
     seen
 }
@@ -117,11 +132,6 @@ fn base_to_tip<T: Real>(
 #[inline(always)]
 fn vector<T: Real>(x: &[T; 6]) -> Vector6<T> {
     Vector6::new(x[0], x[1], x[2], x[3], x[4], x[5])
-}
-
-#[inline(always)]
-fn joined<T: Real>([w, v]: [[T; 3]; 2]) -> Vector6<T> {
-    Vector6::new(w[0], w[1], w[2], v[0], v[1], v[2])
 }
 
 #[cfg(test)]
@@ -143,7 +153,7 @@ mod tests {
         let error = |lean: &LeanModel<f64>| {
             let (mut scratch, mut qdd) = (LeanScratch::new(model, lean), [f64::NAN; 7]);
             let state = (&q[..], &still[..], &torque[..]);
-            let (_, _, seen) = forward_dynamics_watched((model, lean), &mut scratch, state, &[], &mut qdd);
+            let (_, _, seen) = forward_dynamics_watched::<_, f64>((model, lean), &mut scratch, state, &[], &mut qdd);
             assert!(qdd.iter().all(|a| a.abs() < 1e-6) && qdd.iter().any(|&a| a != 0.0), "{qdd:?}");
             (seen.error(0), qdd.iter().fold(0.0_f64, |largest, a| largest.max(a.abs())))
         };

@@ -2,54 +2,47 @@
 
 use super::body::LeanBody;
 use super::columns::Block;
+use super::filter::ABOUT_Z;
 use super::motion::cross;
-use super::turn::{Renaming, Turn};
+use super::turn::{Turn, to_turn};
 use crate::scalar::{ColumnsOf, Real};
 use nalgebra::Vector6;
 
-/// phi* across a turn and the row there, with the signs of the renaming and the angle in its coefficients.
-pub(super) struct Way<C> {
-    /// Which entry of the parent's vector becomes each.
-    from: [usize; 3],
-    /// The rotation: what x and y become of two entries, and z of one.
-    turn: [[C; 2]; 2],
-    z: C,
-    /// The lever in the body's frame.
+/// phi* across a turn, of whose parent's axes its own x, y and z are X, Y and Z, and the row there.
+pub(super) struct Way<C, const X: usize, const Y: usize, const Z: usize> {
+    turn: Turn<C>,
     lever: [C; 3],
     has_lever: bool,
+    /// 1 or -1: H is this along z.
+    sense: C,
+    /// Of the row in its sense.
     gain: [C; 6],
 }
 
-impl<C: Real> Way<C> {
+impl<C: Real, const X: usize, const Y: usize, const Z: usize> Way<C, X, Y, Z> {
     #[inline(always)]
-    pub fn new<T: Real>(
-        body: &LeanBody<T::Parameter>,
-        renaming: &Renaming<T::Parameter>,
-        Turn { s, c }: Turn<T>,
-        gain: &Vector6<T>,
-        like: C,
-    ) -> Self
+    pub fn new<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, gain: &Vector6<T>, like: C) -> Self
     where
         C: ColumnsOf<T>,
     {
-        let (from, [x, y, z]) = renaming.entries_back();
-        let (x, y) = (s.everywhere(x), s.everywhere(y));
-        let [lx, ly, lz] = body.lever;
-        let (lx, ly, lz) = (s.everywhere(lx), s.everywhere(ly), s.everywhere(lz));
-        let [g0, g1, g2, g3, g4, g5]: [T; 6] = (*gain).into();
+        let sense = turn.s.everywhere(body.sense);
+        let [x, y, z] = body.lever;
         Self {
-            from,
-            turn: [[like.spread(c * x), like.spread(s * y)], [like.spread(-s * x), like.spread(c * y)]],
-            z: like.spread(s.everywhere(z)),
-            lever: [like.spread(c.mul_add(lx, s * ly)), like.spread((c * ly).minus_product(s, lx)), like.spread(lz)],
+            turn: Turn { s: like.spread(turn.s), c: like.spread(turn.c) },
+            lever: [
+                like.spread(sense.everywhere(x)),
+                like.spread(sense.everywhere(y)),
+                like.spread(sense.everywhere(z)),
+            ],
             has_lever: body.has_lever,
+            sense: like.spread(sense),
             gain: [
-                like.spread(g0),
-                like.spread(g1),
-                like.spread(g2),
-                like.spread(g3),
-                like.spread(g4),
-                like.spread(g5),
+                like.spread(gain[0] * sense),
+                like.spread(gain[1] * sense),
+                like.spread(gain[2] * sense),
+                like.spread(gain[3] * sense),
+                like.spread(gain[4] * sense),
+                like.spread(gain[5] * sense),
             ],
         }
     }
@@ -57,16 +50,17 @@ impl<C: Real> Way<C> {
     /// phi* y.
     #[inline(always)]
     pub fn carried(&self, y: &Block<C>) -> Block<C> {
-        let w = self.turned([y[self.from[0]], y[self.from[1]], y[self.from[2]]]);
-        let v = self.turned([y[3 + self.from[0]], y[3 + self.from[1]], y[3 + self.from[2]]]);
+        let [a, b, c, d, e, f] = to_turn::<C, X, Y, Z>(y);
+        let (w, v) = ([a, b, c], [d, e, f]);
         let v = if self.has_lever { cross(w, self.lever, v) } else { v };
+        let (w, v) = (self.turn.rotate_back(w), self.turn.rotate_back(v));
         [w[0], w[1], w[2], v[0], v[1], v[2]]
     }
 
+    /// y - H* x.
     #[inline(always)]
-    fn turned(&self, v: [C; 3]) -> [C; 3] {
-        let [[xx, xy], [yx, yy]] = self.turn;
-        [xx.mul_add(v[0], xy * v[1]), yx.mul_add(v[0], yy * v[1]), self.z * v[2]]
+    pub fn past_row(&self, y: &mut Block<C>, x: C) {
+        y[ABOUT_Z] = y[ABOUT_Z].minus_product(self.sense, x);
     }
 
     /// g* y.
