@@ -122,7 +122,9 @@ impl Real for Fused {
 
     #[inline(always)]
     fn worst(self, other: Self) -> Self {
-        Self(Real::worst(self.0, other.0))
+        // Chosen, not branched to: the smaller or `other` where that is NaN, then `self` where that is.
+        let smaller = if self.0 < other.0 { self } else { other };
+        if self.0.is_nan() { self } else { smaller }
     }
 
     #[inline(always)]

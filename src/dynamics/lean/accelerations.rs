@@ -1,6 +1,7 @@
 //! Base to tip: the smoother.
 
 use super::body::{Carrier, LeanBody, LeanModel};
+use super::filter::in_joint_frame;
 use super::motion::cross_number;
 use super::scratch::LeanScratch;
 use super::turn::{Axis, Turn, about, to_turn};
@@ -18,17 +19,19 @@ pub(super) fn base_to_tip<T: Real>(
     estimates: &mut [T],
 ) {
     let LeanScratch { own, shifts, measured, co_states, .. } = scratch;
-    for ((k, body), own) in lean.bodies.iter().enumerate().zip(own) {
-        let outer = &co_states[body.parent_outward];
+    for &k in &lean.order {
+        let (body, own) = (&lean.bodies[k], &own[k]);
+        let outer = &co_states[body.swept.parent_outward];
         let lambda = match body.carrier {
-            Carrier::Turn(axis) => about!(axis, X, Y, Z, {
-                let mut lambda = carried(body, own.turn, &to_turn::<T, X, Y, Z>(outer));
+            Carrier::Turn(axis) => {
+                let outer = about!(axis, X, Y, Z, to_turn::<T, X, Y, Z>(outer));
                 let estimate = &mut estimates[body.row];
-                let a = estimated(&measured[body.row], *estimate, &lambda);
+                let a = estimated(body, own.turn, &measured[body.row], *estimate, &outer);
                 *estimate = a * a.everywhere(body.sense);
+                let mut lambda = carried(body, own.turn, &outer);
                 lambda[2] += a;
                 lambda
-            }),
+            }
             Carrier::Shift(at) => {
                 let mut lambda = shifts[at].motion_to_child(&Vector6::from(*outer));
                 smoother::through_stage(&model.system.stages[k], measured, &mut lambda, estimates);
@@ -36,7 +39,7 @@ pub(super) fn base_to_tip<T: Real>(
             }
         };
         if !body.is_leaf {
-            co_states[body.outward] = lambda;
+            co_states[body.swept.outward] = lambda;
         }
     }
 }
@@ -50,10 +53,10 @@ pub(super) fn carried<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, lam
     [w[0], w[1], w[2], v[0], v[1], v[2]]
 }
 
-/// e / D - g* lambda, in two chains of products.
+/// e / D - g* phi* lambda, lambda in the turn's frame: phi g waits for nothing, and a does not wait for phi* lambda.
 #[inline(always)]
-fn estimated<T: Real>(m: &Measured<T>, e: T, lambda: &[T; 6]) -> T {
-    let g = &m.gain;
+fn estimated<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, m: &Measured<T>, e: T, lambda: &[T; 6]) -> T {
+    let g = in_joint_frame(body, turn, &m.gain.into());
     let turning = g[0].mul_add(lambda[0], g[1].mul_add(lambda[1], g[2] * lambda[2]));
     let moving = g[3].mul_add(lambda[3], g[4].mul_add(lambda[4], g[5] * lambda[5]));
     e.mul_add(m.pivot_inverse, -(turning + moving))

@@ -4,7 +4,7 @@
 //! them touched: its z is then one axis of its parent's at zero angle, its x and y the two that follow it in their cycle. What is left of a
 //! turn is a rotation about z, to one side or the other, and one of three ways to read the parent's vectors.
 
-use super::slots::{Slots, last_children};
+use super::slots::{Places, last_children};
 use super::turn::{Axis, Renaming, renames_axes};
 use crate::filter::pivots::Scale;
 use crate::scalar::Real;
@@ -15,6 +15,23 @@ use nalgebra::{Matrix3, Vector6};
 /// As many joints inward of both as two joints may have, on average over all pairs, for M^-1 to be multiplied out: it takes less time below, on
 /// chains and robots, for one state and in lanes.
 const SHALLOW: usize = 10;
+
+/// As many bodies are swept in an order of their own; of more, neighbours in it would be too far from each other in memory.
+const INTERLEAVED: usize = 500;
+
+/// The order of the sweeps over one vector a body, parents first: those at equal depth one after another, for they do not wait for each
+/// other, and what a body waits for was done a while ago.
+fn interleaved(parents: &[Option<usize>]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..parents.len()).collect();
+    if parents.len() <= INTERLEAVED {
+        let mut depths: Vec<usize> = Vec::with_capacity(parents.len());
+        for parent in parents {
+            depths.push(parent.map_or(0, |parent| depths[parent] + 1));
+        }
+        order.sort_by_key(|&k| depths[k]);
+    }
+    order
+}
 
 /// How a body hangs on its parent.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,12 +74,9 @@ pub(super) struct LeanBody<N> {
     /// Twice the squares of the lever's entries.
     pub lever_squares: [N; 3],
     pub needs_no_force: bool,
-    /// Its place and its parent's, outward; 0 is the base's.
-    pub outward: usize,
-    pub parent_outward: usize,
-    /// The place of what arrives at it and at its parent, inward; 0 where nothing does.
-    pub inward: usize,
-    pub parent_inward: usize,
+    /// In the order of the sweeps over one vector a body, and in that of the rows.
+    pub swept: Places,
+    pub by_rows: Places,
     /// Whether anything hangs on it.
     pub is_leaf: bool,
     /// The body before it on the same parent.
@@ -73,15 +87,13 @@ pub(super) struct LeanBody<N> {
     pub end_row: usize,
     /// Whether a later body hangs on its parent, or on that of one inward of it.
     pub is_parted: bool,
-    /// Whether it is the first to arrive at its parent, inward: outward, the last that reads it.
-    pub arrives_first: bool,
 }
 
 impl<N> LeanBody<N> {
     /// Whether a later body hangs on the same parent.
     #[inline(always)]
     pub fn sibling_follows(&self) -> bool {
-        self.parent.is_some() && !self.arrives_first
+        self.parent.is_some() && !self.by_rows.arrives_first
     }
 }
 
@@ -100,6 +112,8 @@ pub(super) struct CompositeBody<N> {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LeanModel<T: Real> {
     pub(super) bodies: Vec<LeanBody<T::Parameter>>,
+    /// The order of the sweeps over one vector a body.
+    pub(super) order: Vec<usize>,
     /// What M needs of them besides.
     pub(super) composites: Vec<CompositeBody<T::Parameter>>,
     /// Those that are not on a turn, whole: their frames are the model's, those of their parents need not be.
@@ -117,7 +131,9 @@ pub(crate) struct LeanModel<T: Real> {
 impl<T: Real> LeanModel<T> {
     pub fn new(model: &Model<f64>) -> Self {
         let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();
-        let (outward, inward) = (Slots::outward(&parents), Slots::inward(&parents));
+        let order = interleaved(&parents);
+        let (swept, swept_slots) = Places::of(&parents, &order);
+        let (by_rows, slots) = Places::of(&parents, &(0..parents.len()).collect::<Vec<_>>());
         let mut composite_mass: Vec<f64> = model.bodies.iter().map(|body| body.inertia.mass).collect();
         for (k, parent) in parents.iter().enumerate().rev() {
             if let Some(parent) = *parent {
@@ -133,7 +149,6 @@ impl<T: Real> LeanModel<T> {
         }
         // Of each body the last child; and the last up to the body at hand.
         let (last_child, mut youngest) = (last_children(&parents), vec![None; parents.len()]);
-        let place = |slots: &Slots, body: Option<usize>| body.map_or(0, |body| slots.of[body]);
         let number = T::parameter;
         // From the model's frame of each body to ours, zeros and ones.
         let mut frames: Vec<Matrix3<f64>> = Vec::with_capacity(parents.len());
@@ -188,16 +203,13 @@ impl<T: Real> LeanModel<T> {
                 terms: terms.map(number),
                 lever_squares: [0, 1, 2].map(|i| number(2.0 * turned[i] * turned[i])),
                 needs_no_force: body.needs_no_force,
-                outward: outward.of[k],
-                parent_outward: place(&outward, stage.parent),
-                inward: inward.of[k],
-                parent_inward: place(&inward, stage.parent),
+                swept: swept[k],
+                by_rows: by_rows[k],
                 is_leaf: last_child[k].is_none(),
                 sibling: stage.parent.and_then(|parent| youngest[parent].replace(k)),
                 depth: 0,
                 end_row: end_row[k],
                 is_parted: false,
-                arrives_first: stage.parent.is_some_and(|parent| last_child[parent] == Some(k)),
             }
         });
         let mut bodies: Vec<_> = bodies.collect();
@@ -214,13 +226,15 @@ impl<T: Real> LeanModel<T> {
         let shifting = shifting.into_iter().map(|k| whole.bodies[k]).collect();
         Self {
             bodies,
+            order,
             composites,
             shifting,
             turning,
             beside: 0.0,
             is_shallow,
-            outward_slots: outward.count,
-            inward_slots: inward.count,
+            // Enough for either order.
+            outward_slots: swept_slots[0].max(slots[0]),
+            inward_slots: swept_slots[1].max(slots[1]),
         }
     }
 

@@ -71,9 +71,10 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
         monitor: PivotMonitor::new(),
         near: PivotMonitor::for_a_single_look(),
     };
-    for ((k, body), own) in lean.bodies.iter().enumerate().zip(own).rev() {
+    for &k in lean.order.iter().rev() {
+        let (body, own) = (&lean.bodies[k], &mut own[k]);
         match body.carrier {
-            Carrier::Turn(axis) => about!(axis, X, Y, Z, inward.turn::<SIDES, X, Y, Z>((k, body), own)),
+            Carrier::Turn(axis) => inward.turn::<SIDES>((k, body), own, axis),
             Carrier::Shift(at) => inward.shift::<SIDES>((k, body), own, at),
         }
     }
@@ -83,13 +84,14 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
 impl<T: Real> Inward<'_, T> {
     /// A body on a turn.
     #[inline(always)]
-    fn turn<const SIDES: usize, const X: usize, const Y: usize, const Z: usize>(
+    fn turn<const SIDES: usize>(
         &mut self,
         (k, body): (usize, &LeanBody<T::Parameter>),
         own: &mut Own<T>,
+        axis: Axis,
     ) {
         let (row, turn) = (body.row, own.turn);
-        let arrived = &self.arriving[body.inward];
+        let arrived = &self.arriving[body.swept.inward];
         let sense = turn.s.everywhere(body.sense);
         let noise = Noise::of(self.system, row);
         let p = sum(noise_of(body, turn.s), &arrived.p);
@@ -103,7 +105,7 @@ impl<T: Real> Inward<'_, T> {
         }
         if SIDES == WATCH {
             self.near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
-            let (arrived, own) = (&self.watching.arriving[body.inward], &mut self.watching.own[k]);
+            let (arrived, own) = (&self.watching.arriving[body.swept.inward], &mut self.watching.own[k]);
             own.terms = sum(terms_of_noise(body, turn.s), &arrived.terms);
             let weight = sense * self.watching.weights[row];
             (self.watching.innovations[row], own.zeta) = measure(noise, &m, weight, &arrived.zeta);
@@ -111,26 +113,28 @@ impl<T: Real> Inward<'_, T> {
         if body.parent.is_none() {
             return;
         }
-        let to = &mut self.arriving[body.parent_inward];
-        let is_first = body.arrives_first;
+        let to = &mut self.arriving[body.swept.parent_inward];
+        let is_first = body.swept.arrives_first;
         to.scale = if is_first { sent(body, &p) } else { to.scale.sum(&sent(body, &p)) };
         if SIDES >= FILTER {
             let sent = in_joint_frame(body, turn, &own.force);
-            arrive(is_first, &to_parent::<T, X, Y, Z>(&sent), &mut to.force);
+            about!(axis, X, Y, Z, arrive(is_first, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
         }
         if SIDES == WATCH {
-            let to = &mut self.watching.arriving[body.parent_inward];
+            let to = &mut self.watching.arriving[body.swept.parent_inward];
             let terms = sent_terms(body, &kept_diagonal(noise, &p, &column, &m));
-            arrive(is_first, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
-            let sent = in_joint_frame(body, turn, &self.watching.own[k].zeta);
-            arrive(is_first, &to_parent::<T, X, Y, Z>(&sent), &mut to.zeta);
+            let zeta = in_joint_frame(body, turn, &self.watching.own[k].zeta);
+            about!(axis, X, Y, Z, {
+                arrive(is_first, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
+                arrive(is_first, &to_parent::<T, X, Y, Z>(&zeta), &mut to.zeta);
+            });
         }
         let sent = if noise.skips_zeros {
             carried::<T, false>(body, turn, &p, &column, (&m, noise.variance))
         } else {
             carried::<T, true>(body, turn, &p, &column, (&m, noise.variance))
         };
-        arrive(is_first, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p);
+        about!(axis, X, Y, Z, arrive(is_first, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
     }
 
     /// Any other body.
@@ -141,8 +145,8 @@ impl<T: Real> Inward<'_, T> {
         own: &mut Own<T>,
         at: usize,
     ) {
-        let (shift, stage, is_first) = (&self.shifts[at], &self.system.stages[k], body.arrives_first);
-        let arrived = &self.arriving[body.inward];
+        let (shift, stage, is_first) = (&self.shifts[at], &self.system.stages[k], body.swept.arrives_first);
+        let arrived = &self.arriving[body.swept.inward];
         let like = arrived.force[0];
         let mut p = unpacked(&sum(noise_of(body, like), &arrived.p));
         let scale = scale_of(body, &arrived.scale);
@@ -157,7 +161,7 @@ impl<T: Real> Inward<'_, T> {
             &mut self.monitor,
             |_, _| {},
         );
-        let to = &mut self.arriving[body.parent_inward];
+        let to = &mut self.arriving[body.swept.parent_inward];
         if body.parent.is_some() {
             to.scale = if is_first { sent } else { to.scale.sum(&sent) };
             arrive(is_first, &packed(&carried), &mut to.p);
@@ -172,12 +176,12 @@ impl<T: Real> Inward<'_, T> {
         if SIDES == WATCH {
             self.near.observe_stage(stage, self.measured, &scale);
             let Watching { arriving, own, weights, innovations, .. } = &mut *self.watching;
-            let (arrived, own) = (arriving[body.inward], &mut own[k]);
+            let (arrived, own) = (arriving[body.swept.inward], &mut own[k]);
             own.terms = sum(terms_of_noise(body, like), &arrived.terms);
             own.zeta = arrived.zeta;
             let sent = through_general_stage(at_stage, shift, self.measured, (weights, innovations), &mut own.zeta);
             if body.parent.is_some() {
-                let to = &mut arriving[body.parent_inward];
+                let to = &mut arriving[body.swept.parent_inward];
                 arrive(is_first, &sent, &mut to.zeta);
                 let terms = terms::sent(&terms::left(stage, &before, &p), shift);
                 arrive(is_first, &terms.into(), &mut to.terms);
@@ -194,14 +198,15 @@ pub(super) fn predict<T: Real>(
     torques: &mut [T],
 ) {
     let LeanScratch { own, arriving, shifts, .. } = scratch;
-    for ((k, body), own) in lean.bodies.iter().enumerate().zip(own).rev() {
-        let force = sum(own.force, &arriving[body.inward].force);
+    for &k in lean.order.iter().rev() {
+        let (body, own) = (&lean.bodies[k], &mut own[k]);
+        let force = sum(own.force, &arriving[body.swept.inward].force);
         match body.carrier {
             Carrier::Turn(axis) => {
                 torques[body.row] = force[ABOUT_Z] * force[ABOUT_Z].everywhere(body.sense);
                 if body.parent.is_some() {
-                    let (sent, to) = (in_joint_frame(body, own.turn, &force), &mut arriving[body.parent_inward].force);
-                    about!(axis, X, Y, Z, arrive(body.arrives_first, &to_parent::<T, X, Y, Z>(&sent), to));
+                    let (sent, to) = (in_joint_frame(body, own.turn, &force), &mut arriving[body.swept.parent_inward].force);
+                    about!(axis, X, Y, Z, arrive(body.swept.arrives_first, &to_parent::<T, X, Y, Z>(&sent), to));
                 }
             }
             Carrier::Shift(at) => {
@@ -210,8 +215,8 @@ pub(super) fn predict<T: Real>(
                     torques[body.row + i] = stage.rows.row(i).project(&force);
                 }
                 if body.parent.is_some() {
-                    let to = &mut arriving[body.parent_inward].force;
-                    arrive(body.arrives_first, &shifts[at].force_to_parent(&force).into(), to);
+                    let to = &mut arriving[body.swept.parent_inward].force;
+                    arrive(body.swept.arrives_first, &shifts[at].force_to_parent(&force).into(), to);
                 }
             }
         }
@@ -383,11 +388,8 @@ fn carried<T: Real, const NOISY: bool>(
     let (a0, a1, a3) = turn.symmetric(angular);
     let (b0, b1, b3) = turn.symmetric(linear);
     let (b2, b4) = turn.pair(b2, b4);
-    let (c0, c3) = turn.pair(upper[0], lower[0]);
-    let (c1, c4) = turn.pair(upper[1], lower[1]);
+    let [c0, c1, c3, c4] = turn.square([upper[0], upper[1], lower[0], lower[1]]);
     let (c2, c5) = turn.pair(upper[2], lower[2]);
-    let (c0, c1) = turn.pair(c0, c1);
-    let (c3, c4) = turn.pair(c3, c4);
     // What the noise leaves of the row that H picks.
     let (mut a2, mut a4, mut a5, mut c6, mut c7, mut c8) = (o, o, o, o, o, o);
     if NOISY {

@@ -132,8 +132,8 @@ fn co_carried<T: Real>(
     let (b0, b1, b3) = turn.symmetric((b[0], b[1], b[3]));
     let (b2, b4) = turn.pair(b[2], b[4]);
     let [[c0, c1, c2], [c3, c4, c5], [c6, c7, c8]] = c;
-    let ((c0, c3), (c1, c4), (c2, c5)) = (turn.pair(c0, c3), turn.pair(c1, c4), turn.pair(c2, c5));
-    let ((c0, c1), (c3, c4), (c6, c7)) = (turn.pair(c0, c1), turn.pair(c3, c4), turn.pair(c6, c7));
+    let [c0, c1, c3, c4] = turn.square([c0, c1, c3, c4]);
+    let ((c2, c5), (c6, c7)) = (turn.pair(c2, c5), turn.pair(c6, c7));
     [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b[5]]
 }
 
@@ -206,12 +206,12 @@ fn rows_base_to_tip<T: Real, C: ColumnsOf<T>>(
         }
         if let (Some(parent), Some(sibling)) = (body.parent, body.sibling) {
             let (lambda, branch) = (unpacked(&scratch.co_covariances[parent]), lean.bodies[sibling].row..body.row);
-            columns.arrive(body.parent_outward, sibling, branch, &lambda);
+            columns.arrive(body.by_rows.parent_outward, sibling, branch, &lambda);
         }
-        let mut own = columns.take(body.outward);
+        let mut own = columns.take(body.by_rows.outward);
         if body.parent.is_some() {
             let blocks = blocks_of::<T, C>(&(tree..body.row));
-            let parents = columns.at(body.parent_outward);
+            let parents = columns.at(body.by_rows.parent_outward);
             match body.carrier {
                 Carrier::Turn(axis) => about!(axis, X, Y, Z, {
                     let (turn, gain) = (scratch.own[k].turn, &scratch.measured[body.row].gain);
@@ -261,6 +261,6 @@ fn rows_base_to_tip<T: Real, C: ColumnsOf<T>>(
                 set_column(&mut own[column / C::COLUMNS], column % C::COLUMNS, &y.into());
             }
         }
-        columns.give_back(body.outward, own);
+        columns.give_back(body.by_rows.outward, own);
     }
 }

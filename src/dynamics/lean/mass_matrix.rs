@@ -29,7 +29,7 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     let none = columns.like();
     let LeanScratch { own, shifts, composites, .. } = scratch;
     for (((k, body), constants), own) in lean.bodies.iter().enumerate().zip(&lean.composites).zip(own).rev() {
-        let composite = composite_of(body, &composites[body.inward]);
+        let composite = composite_of(body, &composites[body.by_rows.inward]);
         let carried = match body.carrier {
             Carrier::Turn(axis) => {
                 let (of_body, noise) = ((body, constants), model.system.noise[body.row]);
@@ -62,9 +62,9 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
             }
         };
         if body.parent.is_some() {
-            let to = &mut composites[body.parent_inward];
-            arrive(body.arrives_first, &carried.first_moment, &mut to.first_moment);
-            arrive(body.arrives_first, &carried.rotational, &mut to.rotational);
+            let to = &mut composites[body.by_rows.parent_inward];
+            arrive(body.by_rows.arrives_first, &carried.first_moment, &mut to.first_moment);
+            arrive(body.by_rows.arrives_first, &carried.rotational, &mut to.rotational);
         }
     }
 }

@@ -95,15 +95,16 @@ pub(super) fn forces_base_to_tip<T: Real, C: ColumnsOf<T>>(
     let g = &model.gravity;
     let LeanScratch { motions, own, shifts, .. } = scratch;
     motions[0] = [[o; 3], [o; 3], [-g[0], -g[1], -g[2]]];
-    for ((k, body), own) in lean.bodies.iter().enumerate().zip(own) {
-        let parent = &motions[body.parent_outward];
+    for &k in &lean.order {
+        let (body, own) = (&lean.bodies[k], &mut own[k]);
+        let parent = &motions[body.swept.parent_outward];
         let (moving, force) = match body.carrier {
-            Carrier::Turn(axis) => about!(axis, X, Y, Z, {
+            Carrier::Turn(axis) => {
                 let [w, dw, a] = parent;
-                let there = [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]];
+                let there = about!(axis, X, Y, Z, [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]]);
                 let moving = turned(body, own.turn, there, (state.qd, state.qdd), needed);
                 (moving, force_of(body, &moving, needed, o))
-            }),
+            }
             Carrier::Shift(at) => {
                 let moving = shifted(&lean.shifting[at], body.row, &shifts[at], parent, state, needed);
                 (moving, force_of(body, &moving, needed, o))
@@ -116,7 +117,7 @@ pub(super) fn forces_base_to_tip<T: Real, C: ColumnsOf<T>>(
             }
         }
         if !body.is_leaf {
-            motions[body.outward] = moving;
+            motions[body.swept.outward] = moving;
         }
     }
 }
@@ -132,10 +133,12 @@ fn turned<T: Real>(
 ) -> [[T; 3]; 3] {
     let still = w;
     if body.has_lever {
-        a = cross_number(dw, body.lever, a);
+        // What waits longest, the parent's own acceleration, comes in last.
+        let mut moved = crossed_number(dw, body.lever);
         if needed.velocity {
-            a = cross(w, crossed_number(w, body.lever), a);
+            moved = cross(w, crossed_number(w, body.lever), moved);
         }
+        a = [a[0] + moved[0], a[1] + moved[1], a[2] + moved[2]];
     }
     let mut dw = turn.rotate_back(dw);
     let w = if needed.velocity {

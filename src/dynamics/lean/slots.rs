@@ -47,6 +47,41 @@ impl Slots {
     }
 }
 
+/// Where a body's vectors are, in one order of the bodies.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Places {
+    /// Its place and its parent's, outward; 0 is the base's.
+    pub outward: usize,
+    pub parent_outward: usize,
+    /// The place of what arrives at it and at its parent, inward; 0 where nothing does.
+    pub inward: usize,
+    pub parent_inward: usize,
+    /// Whether it is the first to arrive at its parent, inward: outward, the last that reads it.
+    pub arrives_first: bool,
+}
+
+impl Places {
+    /// Of every body, in an order that has parents first; and how many places there are, outward and inward.
+    pub fn of(parents: &[Option<usize>], order: &[usize]) -> (Vec<Self>, [usize; 2]) {
+        let mut at = vec![0; order.len()];
+        for (i, &k) in order.iter().enumerate() {
+            at[k] = i;
+        }
+        let in_order: Vec<_> = order.iter().map(|&k| parents[k].map(|parent| at[parent])).collect();
+        let (outward, inward) = (Slots::outward(&in_order), Slots::inward(&in_order));
+        let last_child = last_children(&in_order);
+        let place = |slots: &Slots, body: Option<usize>| body.map_or(0, |body| slots.of[body]);
+        let places = at.iter().map(|&i| Self {
+            outward: outward.of[i],
+            parent_outward: place(&outward, in_order[i]),
+            inward: inward.of[i],
+            parent_inward: place(&inward, in_order[i]),
+            arrives_first: in_order[i].is_some_and(|parent| last_child[parent] == Some(i)),
+        });
+        (places.collect(), [outward.count, inward.count])
+    }
+}
+
 /// The last child of each body.
 pub(super) fn last_children(parents: &[Option<usize>]) -> Vec<Option<usize>> {
     let mut last = vec![None; parents.len()];

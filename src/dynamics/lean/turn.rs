@@ -206,12 +206,35 @@ impl<T: Real> Turn<T> {
         ((c * x).minus_product(s, y), s.mul_add(x, c * y))
     }
 
+    /// c^2, s^2, s c: what the turn of a matrix is made of, ready before the matrix is.
+    #[inline(always)]
+    fn products(self) -> [T; 3] {
+        let Self { s, c } = self;
+        [c * c, s * s, s * c]
+    }
+
     /// Rz X Rz^T of [[a, b], [b, d]].
     #[inline(always)]
     pub fn symmetric(self, (a, b, d): (T, T, T)) -> (T, T, T) {
-        let (t00, t10) = self.pair(a, b);
-        let (t01, t11) = self.pair(b, d);
-        let Self { s, c } = self;
-        ((c * t00).minus_product(s, t01), s.mul_add(t00, c * t01), s.mul_add(t10, c * t11))
+        let [cc, ss, sc] = self.products();
+        let twice = sc + sc;
+        (
+            cc.mul_add(a, ss * d).minus_product(twice, b),
+            sc.mul_add(a - d, (cc - ss) * b),
+            twice.mul_add(b, ss.mul_add(a, cc * d)),
+        )
+    }
+
+    /// Rz X Rz^T of [[a, b], [e, d]], row by row.
+    #[inline(always)]
+    pub fn square(self, [a, b, e, d]: [T; 4]) -> [T; 4] {
+        let [cc, ss, sc] = self.products();
+        let (across, along) = (sc * (b + e), sc * (a - d));
+        [
+            cc.mul_add(a, ss * d) - across,
+            cc.mul_add(b, along.minus_product(ss, e)),
+            cc.mul_add(e, along.minus_product(ss, b)),
+            ss.mul_add(a, cc.mul_add(d, across)),
+        ]
     }
 }

@@ -95,18 +95,19 @@ fn base_to_tip<T: Real>(
     let mut seen = Cancellation::beside(T::from_f64(lean.beside));
     let LeanScratch { own, shifts, measured, watching, .. } = scratch;
     let Watching { own: watched, co_states, innovations, .. } = watching;
-    for (((k, body), own), watched) in lean.bodies.iter().enumerate().zip(own).zip(watched) {
+    for &k in &lean.order {
+        let (body, own, watched) = (&lean.bodies[k], &own[k], &watched[k]);
         let [outer, outer_nu] = &co_states[body.parent.map_or(0, |parent| parent + 1)];
         let (zeta, z, terms) = (vector(&watched.zeta), vector(&own.force), vector(&watched.terms));
         let swept = Swept { z: &z, terms: &terms, measured };
         let (mut lambda, mut nu);
         match body.carrier {
             Carrier::Turn(axis) => {
-                (lambda, nu) = about!(axis, X, Y, Z, {
-                    let (outer, outer_nu) = (to_turn::<T, X, Y, Z>(outer), to_turn::<T, X, Y, Z>(outer_nu));
-                    let lambda = vector(&accelerations::carried(body, own.turn, &outer));
-                    (lambda, vector(&accelerations::carried(body, own.turn, &outer_nu)))
+                let (outer_here, outer_nu) = about!(axis, X, Y, Z, {
+                    (to_turn::<T, X, Y, Z>(outer), to_turn::<T, X, Y, Z>(outer_nu))
                 });
+                lambda = vector(&accelerations::carried(body, own.turn, &outer_here));
+                nu = vector(&accelerations::carried(body, own.turn, &outer_nu));
                 seen.carried(&zeta, &vector(outer), z[0].everywhere(body.lever_square));
                 // Spelt out, so that the compiler sees which entry is meant.
                 let stage = Stage { parent: body.parent, rows: Rows::One(HingeMap::Axis(2)), first_row: body.row };
