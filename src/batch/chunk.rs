@@ -176,6 +176,15 @@ fn gather<'a, T: Vectorised>(
     states: &'a [Arguments<'_, T::Number>],
     of: impl Fn(&'a Arguments<'_, T::Number>) -> &'a [T::Number],
 ) -> T {
+    if T::LANES == 1 {
+        // Looked at on the way: of a few numbers that is all there is to do.
+        let mut fault = T::zero();
+        for (number, &value) in numbers.iter_mut().zip(of(&states[0])) {
+            number.lanes_mut()[0] = value;
+            fault += not_finite(*number);
+        }
+        return fault;
+    }
     take_states(numbers, states.len(), |state| of(&states[state]));
     if of(&states[0]).is_empty() { T::zero() } else { any_not_finite(numbers) }
 }

@@ -19,8 +19,7 @@ pub(super) fn base_to_tip<T: Real>(
     estimates: &mut [T],
 ) {
     let LeanScratch { own, shifts, measured, co_states, .. } = scratch;
-    for &k in &lean.order {
-        let (body, own) = (&lean.bodies[k], &own[k]);
+    for (body, own) in lean.swept().iter().zip(own) {
         let outer = &co_states[body.swept.parent_outward];
         let lambda = match body.carrier {
             Carrier::Turn(axis) => {
@@ -34,7 +33,7 @@ pub(super) fn base_to_tip<T: Real>(
             }
             Carrier::Shift(at) => {
                 let mut lambda = shifts[at].motion_to_child(&Vector6::from(*outer));
-                smoother::through_stage(&model.system.stages[k], measured, &mut lambda, estimates);
+                smoother::through_stage(&model.system.stages[body.index], measured, &mut lambda, estimates);
                 lambda.into()
             }
         };

@@ -51,7 +51,8 @@ pub(super) struct LeanBody<N> {
     pub sense: N,
     /// To its frame here from its frame in the model.
     pub frame: Renaming<N>,
-    /// The body inward.
+    /// Its index, and that of the body inward.
+    pub index: usize,
     pub parent: Option<usize>,
     /// Its first row.
     pub row: usize,
@@ -112,13 +113,15 @@ pub(super) struct CompositeBody<N> {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LeanModel<T: Real> {
     pub(super) bodies: Vec<LeanBody<T::Parameter>>,
-    /// The order of the sweeps over one vector a body.
-    pub(super) order: Vec<usize>,
+    /// The same in the order of the sweeps over one vector a body; none where that is theirs.
+    reordered: Vec<LeanBody<T::Parameter>>,
+    /// Where each body is in that order: what these sweeps keep of it is there.
+    pub(super) at: Vec<usize>,
     /// What M needs of them besides.
     pub(super) composites: Vec<CompositeBody<T::Parameter>>,
     /// Those that are not on a turn, whole: their frames are the model's, those of their parents need not be.
     pub(super) shifting: Vec<Body<T>>,
-    /// First coordinate and index of every body on a turn.
+    /// First coordinate of every body on a turn, and its place in the order of the sweeps.
     pub(super) turning: Vec<(usize, usize)>,
     pub(super) outward_slots: usize,
     pub(super) inward_slots: usize,
@@ -132,6 +135,10 @@ impl<T: Real> LeanModel<T> {
     pub fn new(model: &Model<f64>) -> Self {
         let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();
         let order = interleaved(&parents);
+        let mut at = vec![0; order.len()];
+        for (place, &k) in order.iter().enumerate() {
+            at[k] = place;
+        }
         let (swept, swept_slots) = Places::of(&parents, &order);
         let (by_rows, slots) = Places::of(&parents, &(0..parents.len()).collect::<Vec<_>>());
         let mut composite_mass: Vec<f64> = model.bodies.iter().map(|body| body.inertia.mass).collect();
@@ -163,7 +170,7 @@ impl<T: Real> LeanModel<T> {
             body.tree.lever = outer * body.tree.lever;
             body.tree.rotation = rotation;
             let (carrier, frame) = if turns {
-                turning.push((body.q, k));
+                turning.push((body.q, at[k]));
                 let axis = Axis::new(rotation.column(2).iamax());
                 (Carrier::Turn(axis), axis.rotation().transpose() * rotation)
             } else {
@@ -190,6 +197,7 @@ impl<T: Real> LeanModel<T> {
                 carrier,
                 sense: number(frame[(2, 2)]),
                 frame: renaming,
+                index: k,
                 parent: stage.parent,
                 row: stage.first_row,
                 q: body.q,
@@ -224,9 +232,13 @@ impl<T: Real> LeanModel<T> {
         let is_shallow = steps <= SHALLOW * model.nv().pow(2);
         let whole = model_here.cast::<T>();
         let shifting = shifting.into_iter().map(|k| whole.bodies[k]).collect();
+        let in_order = order.iter().enumerate().all(|(place, &k)| place == k);
+        let reordered = if in_order { Vec::new() } else { order.iter().map(|&k| bodies[k].clone()).collect() };
+        turning.sort_by_key(|&(_, place)| place);
         Self {
             bodies,
-            order,
+            reordered,
+            at,
             composites,
             shifting,
             turning,
@@ -236,6 +248,12 @@ impl<T: Real> LeanModel<T> {
             outward_slots: swept_slots[0].max(slots[0]),
             inward_slots: swept_slots[1].max(slots[1]),
         }
+    }
+
+    /// The bodies in the order of the sweeps over one vector a body.
+    #[inline(always)]
+    pub(super) fn swept(&self) -> &[LeanBody<T::Parameter>] {
+        if self.reordered.is_empty() { &self.bodies } else { &self.reordered }
     }
 
     /// The same, watched for errors beside an acceleration of this size (m/s^2, rad/s^2) where the result is smaller.

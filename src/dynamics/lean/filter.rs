@@ -71,11 +71,10 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
         monitor: PivotMonitor::new(),
         near: PivotMonitor::for_a_single_look(),
     };
-    for &k in lean.order.iter().rev() {
-        let (body, own) = (&lean.bodies[k], &mut own[k]);
+    for ((place, body), own) in lean.swept().iter().enumerate().zip(own).rev() {
         match body.carrier {
-            Carrier::Turn(axis) => inward.turn::<SIDES>((k, body), own, axis),
-            Carrier::Shift(at) => inward.shift::<SIDES>((k, body), own, at),
+            Carrier::Turn(axis) => inward.turn::<SIDES>((place, body), own, axis),
+            Carrier::Shift(at) => inward.shift::<SIDES>((place, body), own, at),
         }
     }
     [inward.monitor, inward.near]
@@ -86,7 +85,7 @@ impl<T: Real> Inward<'_, T> {
     #[inline(always)]
     fn turn<const SIDES: usize>(
         &mut self,
-        (k, body): (usize, &LeanBody<T::Parameter>),
+        (place, body): (usize, &LeanBody<T::Parameter>),
         own: &mut Own<T>,
         axis: Axis,
     ) {
@@ -105,7 +104,7 @@ impl<T: Real> Inward<'_, T> {
         }
         if SIDES == WATCH {
             self.near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
-            let (arrived, own) = (&self.watching.arriving[body.swept.inward], &mut self.watching.own[k]);
+            let (arrived, own) = (&self.watching.arriving[body.swept.inward], &mut self.watching.own[place]);
             own.terms = sum(terms_of_noise(body, turn.s), &arrived.terms);
             let weight = sense * self.watching.weights[row];
             (self.watching.innovations[row], own.zeta) = measure(noise, &m, weight, &arrived.zeta);
@@ -123,7 +122,7 @@ impl<T: Real> Inward<'_, T> {
         if SIDES == WATCH {
             let to = &mut self.watching.arriving[body.swept.parent_inward];
             let terms = sent_terms(body, &kept_diagonal(noise, &p, &column, &m));
-            let zeta = in_joint_frame(body, turn, &self.watching.own[k].zeta);
+            let zeta = in_joint_frame(body, turn, &self.watching.own[place].zeta);
             about!(axis, X, Y, Z, {
                 arrive(is_first, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
                 arrive(is_first, &to_parent::<T, X, Y, Z>(&zeta), &mut to.zeta);
@@ -141,18 +140,18 @@ impl<T: Real> Inward<'_, T> {
     #[inline(always)]
     fn shift<const SIDES: usize>(
         &mut self,
-        (k, body): (usize, &LeanBody<T::Parameter>),
+        (place, body): (usize, &LeanBody<T::Parameter>),
         own: &mut Own<T>,
         at: usize,
     ) {
-        let (shift, stage, is_first) = (&self.shifts[at], &self.system.stages[k], body.swept.arrives_first);
+        let (shift, stage, is_first) = (&self.shifts[at], &self.system.stages[body.index], body.swept.arrives_first);
         let arrived = &self.arriving[body.swept.inward];
         let like = arrived.force[0];
         let mut p = unpacked(&sum(noise_of(body, like), &arrived.p));
         let scale = scale_of(body, &arrived.scale);
         own.force = sum(own.force, &arrived.force);
         let (sent, before) = (Scale::sent_by(&p, shift), p.diagonal());
-        let at_stage = (self.system, k);
+        let at_stage = (self.system, body.index);
         let carried = riccati::through_stage::<T, false>(
             at_stage,
             shift,
@@ -176,7 +175,7 @@ impl<T: Real> Inward<'_, T> {
         if SIDES == WATCH {
             self.near.observe_stage(stage, self.measured, &scale);
             let Watching { arriving, own, weights, innovations, .. } = &mut *self.watching;
-            let (arrived, own) = (arriving[body.swept.inward], &mut own[k]);
+            let (arrived, own) = (arriving[body.swept.inward], &mut own[place]);
             own.terms = sum(terms_of_noise(body, like), &arrived.terms);
             own.zeta = arrived.zeta;
             let sent = through_general_stage(at_stage, shift, self.measured, (weights, innovations), &mut own.zeta);
@@ -198,8 +197,7 @@ pub(super) fn predict<T: Real>(
     torques: &mut [T],
 ) {
     let LeanScratch { own, arriving, shifts, .. } = scratch;
-    for &k in lean.order.iter().rev() {
-        let (body, own) = (&lean.bodies[k], &mut own[k]);
+    for (body, own) in lean.swept().iter().zip(own).rev() {
         let force = sum(own.force, &arriving[body.swept.inward].force);
         match body.carrier {
             Carrier::Turn(axis) => {
@@ -210,7 +208,7 @@ pub(super) fn predict<T: Real>(
                 }
             }
             Carrier::Shift(at) => {
-                let (force, stage) = (Vector6::from(force), &model.system.stages[k]);
+                let (force, stage) = (Vector6::from(force), &model.system.stages[body.index]);
                 for i in 0..stage.rows.count() {
                     torques[body.row + i] = stage.rows.row(i).project(&force);
                 }
@@ -438,19 +436,20 @@ pub(super) fn in_joint_frame<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<
     [a, b, c, force[0], force[1], force[2]]
 }
 
-/// A force at body `k` as it is at the parent; sweeps over a few bodies, one after another, call it.
+/// A force at a body as it is at the parent; sweeps over a few bodies, one after another, call it.
 #[inline(always)]
 pub(super) fn one_inward<T: Real>(
-    (k, body): (usize, &LeanBody<T::Parameter>),
-    scratch: &LeanScratch<T>,
+    body: &LeanBody<T::Parameter>,
+    turn: Turn<T>,
+    shifts: &[RigidShift<T>],
     force: &[T; 6],
 ) -> [T; 6] {
     match body.carrier {
         Carrier::Turn(axis) => {
-            let sent = in_joint_frame(body, scratch.own[k].turn, force);
+            let sent = in_joint_frame(body, turn, force);
             about!(axis, X, Y, Z, to_parent::<T, X, Y, Z>(&sent))
         }
-        Carrier::Shift(at) => scratch.shifts[at].force_to_parent(&Vector6::from(*force)).into(),
+        Carrier::Shift(at) => shifts[at].force_to_parent(&Vector6::from(*force)).into(),
     }
 }
 

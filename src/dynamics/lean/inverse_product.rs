@@ -39,7 +39,7 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
         let blocks = blocks_of::<T, C>(&(0..depth));
         match body.carrier {
             Carrier::Turn(axis) => about!(axis, X, Y, Z, {
-                let (turn, gain) = (scratch.own[k].turn, &scratch.measured[body.row].gain);
+                let (turn, gain) = (scratch.own[lean.at[k]].turn, &scratch.measured[body.row].gain);
                 let way = Way::<C, X, Y, Z>::new(body, turn, gain, C::zero());
                 for block in blocks {
                     let mut c = way.carried(&columns.at(body.by_rows.parent_outward)[block]);

@@ -75,7 +75,7 @@ fn co_covariances_base_to_tip<T: Real>((model, lean): (&Model<T>, &LeanModel<T>)
         let outer = body.parent.map_or([o; 21], |parent| scratch.co_covariances[parent]);
         scratch.co_covariances[k] = match body.carrier {
             Carrier::Turn(axis) => {
-                let turn = scratch.own[k].turn;
+                let turn = scratch.own[lean.at[k]].turn;
                 let lambda = if body.parent.is_some() {
                     co_carried(body, turn, &about!(axis, X, Y, Z, packed_to_turn::<T, X, Y, Z>(&outer)))
                 } else {
@@ -174,7 +174,7 @@ fn parted_inward<T: Real, C: ColumnsOf<T>>(
     past_rows(&model.system.stages[k], &scratch.measured, 0..column - body.row, &mut u);
     let mut at = k;
     while let Some(parent) = body.parent {
-        let there = filter::one_inward((at, body), scratch, &u.into());
+        let there = filter::one_inward(body, scratch.own[lean.at[at]].turn, &scratch.shifts, &u.into());
         if body.sibling_follows() {
             columns.part((at, body.row), column, &there);
         }
@@ -214,7 +214,7 @@ fn rows_base_to_tip<T: Real, C: ColumnsOf<T>>(
             let parents = columns.at(body.by_rows.parent_outward);
             match body.carrier {
                 Carrier::Turn(axis) => about!(axis, X, Y, Z, {
-                    let (turn, gain) = (scratch.own[k].turn, &scratch.measured[body.row].gain);
+                    let (turn, gain) = (scratch.own[lean.at[k]].turn, &scratch.measured[body.row].gain);
                     let way = Way::<C, X, Y, Z>::new(body, turn, gain, C::zero());
                     for block in blocks {
                         let mut y = way.carried(&parents[block]);

@@ -28,13 +28,14 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     carriers(lean, scratch, columns.like(), q);
     let none = columns.like();
     let LeanScratch { own, shifts, composites, .. } = scratch;
-    for (((k, body), constants), own) in lean.bodies.iter().enumerate().zip(&lean.composites).zip(own).rev() {
+    for ((k, body), constants) in lean.bodies.iter().enumerate().zip(&lean.composites).rev() {
         let composite = composite_of(body, &composites[body.by_rows.inward]);
         let carried = match body.carrier {
             Carrier::Turn(axis) => {
                 let (of_body, noise) = ((body, constants), model.system.noise[body.row]);
+                let turn = own[lean.at[k]].turn;
                 about!(axis, X, Y, Z, {
-                    through_turn::<T, C, CHECK, X, Y, Z>(of_body, own.turn, noise, &composite, columns)
+                    through_turn::<T, C, CHECK, X, Y, Z>(of_body, turn, noise, &composite, columns)
                 })
             }
             Carrier::Shift(at) => {

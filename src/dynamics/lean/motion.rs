@@ -72,9 +72,10 @@ pub(super) fn carriers<T: Real, C: ColumnsOf<T>>(lean: &LeanModel<T>, scratch: &
             angles.set_column(lane, q[at]);
         }
         let (s, c) = angles.sin_cos();
-        for (lane, &(_, k)) in some.iter().enumerate().take(C::COLUMNS) {
+        for (lane, &(_, place)) in some.iter().enumerate().take(C::COLUMNS) {
             let s = s.column(lane);
-            scratch.own[k].turn = Turn { s: s * s.everywhere(lean.bodies[k].sense), c: c.column(lane) };
+            let sense = s.everywhere(lean.swept()[place].sense);
+            scratch.own[place].turn = Turn { s: s * sense, c: c.column(lane) };
         }
     }
     for (shift, body) in scratch.shifts.iter_mut().zip(&lean.shifting) {
@@ -95,8 +96,7 @@ pub(super) fn forces_base_to_tip<T: Real, C: ColumnsOf<T>>(
     let g = &model.gravity;
     let LeanScratch { motions, own, shifts, .. } = scratch;
     motions[0] = [[o; 3], [o; 3], [-g[0], -g[1], -g[2]]];
-    for &k in &lean.order {
-        let (body, own) = (&lean.bodies[k], &mut own[k]);
+    for (body, own) in lean.swept().iter().zip(own) {
         let parent = &motions[body.swept.parent_outward];
         let (moving, force) = match body.carrier {
             Carrier::Turn(axis) => {
@@ -112,7 +112,7 @@ pub(super) fn forces_base_to_tip<T: Real, C: ColumnsOf<T>>(
         };
         own.force = force;
         if !state.wrenches.is_empty() {
-            for (f, given) in own.force.iter_mut().zip(body.frame.from_model(&state.wrenches[k])) {
+            for (f, given) in own.force.iter_mut().zip(body.frame.from_model(&state.wrenches[body.index])) {
                 *f -= given;
             }
         }

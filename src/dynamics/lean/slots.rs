@@ -58,6 +58,8 @@ pub(super) struct Places {
     pub parent_inward: usize,
     /// Whether it is the first to arrive at its parent, inward: outward, the last that reads it.
     pub arrives_first: bool,
+    /// One past its parent in that order; 0 is the base.
+    pub parent: usize,
 }
 
 impl Places {
@@ -77,6 +79,7 @@ impl Places {
             inward: inward.of[i],
             parent_inward: place(&inward, in_order[i]),
             arrives_first: in_order[i].is_some_and(|parent| last_child[parent] == Some(i)),
+            parent: in_order[i].map_or(0, |parent| parent + 1),
         });
         (places.collect(), [outward.count, inward.count])
     }

@@ -61,7 +61,8 @@ pub(crate) fn hand_over<T: Real>(
 ) {
     let watching = &scratch.watching;
     workspace.measured.copy_from_slice(&scratch.measured);
-    for (k, body) in lean.bodies.iter().enumerate() {
+    for (place, body) in lean.swept().iter().enumerate() {
+        let k = body.index;
         workspace.shift[k] = match body.carrier {
             Carrier::Turn(_) => {
                 // About the model's z, which may point the other way.
@@ -72,16 +73,16 @@ pub(crate) fn hand_over<T: Real>(
                     *entry *= sense;
                 }
                 *gain = body.frame.to_model(&own);
-                let Turn { s, c } = scratch.own[k].turn;
+                let Turn { s, c } = scratch.own[place].turn;
                 let tree = &model.bodies[k].tree;
                 RigidShift { rotation: turned_by(&tree.rotation, s * sense, c), lever: tree.lever }
             }
             // Its parent's frame here need not be the model's.
             Carrier::Shift(_) => joint_shift(&model.bodies[k], q),
         };
-        workspace.z[k] = body.frame.to_model(&scratch.own[k].force);
-        workspace.co_state[k] = body.frame.to_model(&watching.co_states[k + 1][0]);
-        workspace.terms[k] = body.frame.sizes_to_model(&watching.own[k].terms);
+        workspace.z[k] = body.frame.to_model(&scratch.own[place].force);
+        workspace.co_state[k] = body.frame.to_model(&watching.co_states[place + 1][0]);
+        workspace.terms[k] = body.frame.sizes_to_model(&watching.own[place].terms);
     }
 }
 
@@ -95,9 +96,8 @@ fn base_to_tip<T: Real>(
     let mut seen = Cancellation::beside(T::from_f64(lean.beside));
     let LeanScratch { own, shifts, measured, watching, .. } = scratch;
     let Watching { own: watched, co_states, innovations, .. } = watching;
-    for &k in &lean.order {
-        let (body, own, watched) = (&lean.bodies[k], &own[k], &watched[k]);
-        let [outer, outer_nu] = &co_states[body.parent.map_or(0, |parent| parent + 1)];
+    for (((place, body), own), watched) in lean.swept().iter().enumerate().zip(own).zip(watched) {
+        let [outer, outer_nu] = &co_states[body.swept.parent];
         let (zeta, z, terms) = (vector(&watched.zeta), vector(&own.force), vector(&watched.terms));
         let swept = Swept { z: &z, terms: &terms, measured };
         let (mut lambda, mut nu);
@@ -120,11 +120,11 @@ fn base_to_tip<T: Real>(
                 seen.carried(&zeta, &outer, l[0].mul_add(l[0], l[1].mul_add(l[1], l[2] * l[2])));
                 lambda = shift.motion_to_child(&outer);
                 nu = shift.motion_to_child(&vector(outer_nu));
-                let stage = &model.system.stages[k];
+                let stage = &model.system.stages[body.index];
                 seen.through_stage(stage, &swept, (&mut lambda, &mut nu), (estimates, innovations));
             }
         }
-        co_states[k + 1] = [lambda.into(), nu.into()];
+        co_states[place + 1] = [lambda.into(), nu.into()];
     }
     seen
 }
