@@ -271,8 +271,13 @@ fn compute<T: Vectorised>(
     let scene = (model, lean);
     match algorithm {
         Algorithm::ForwardDynamics(Form::Auto) => {
-            let watched =
-                auto::forward_dynamics_watched_lean::<T, T::Columns>(scene, (scratch, workspace), (q, qd, u), wrenches, results);
+            let watched = auto::forward_dynamics_watched_lean::<T, T::Columns>(
+                scene,
+                (scratch, workspace),
+                (q, qd, u),
+                wrenches,
+                results,
+            );
             lanes_but::<T>(|lane| watched.kept(lane))
         }
         Algorithm::ForwardDynamics(Form::SquareRoot) if T::Number::SQUARE_ROOT => {

@@ -67,9 +67,7 @@ impl Scene {
     }
 
     fn bodies_on_renamed_axes(&self) -> impl Iterator<Item = &Body<f64>> {
-        let renames = |body: &&Body<f64>| {
-            matches!(body.motion, Motion::Revolute) && renames_axes(&body.tree.rotation)
-        };
+        let renames = |body: &&Body<f64>| matches!(body.motion, Motion::Revolute) && renames_axes(&body.tree.rotation);
         self.model().bodies.iter().filter(renames)
     }
 

@@ -203,7 +203,8 @@ pub(super) fn predict<T: Real>(
             Carrier::Turn(axis) => {
                 torques[body.row] = force[ABOUT_Z] * force[ABOUT_Z].everywhere(body.sense);
                 if body.parent.is_some() {
-                    let (sent, to) = (in_joint_frame(body, own.turn, &force), &mut arriving[body.swept.parent_inward].force);
+                    let (sent, to) =
+                        (in_joint_frame(body, own.turn, &force), &mut arriving[body.swept.parent_inward].force);
                     about!(axis, X, Y, Z, arrive(body.swept.arrives_first, &to_parent::<T, X, Y, Z>(&sent), to));
                 }
             }
@@ -245,27 +246,27 @@ fn noise_of<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> [T; 21] {
     let [x, y, z] = body.first_moment;
     let (x, y, z, m) = (like.everywhere(x), like.everywhere(y), like.everywhere(z), like.everywhere(body.mass));
     [
-            like.everywhere(xx),
-            like.everywhere(xy),
-            like.everywhere(xz),
-            like.everywhere(yy),
-            like.everywhere(yz),
-            like.everywhere(zz),
-            o,
-            -z,
-            y,
-            z,
-            o,
-            -x,
-            -y,
-            x,
-            o,
-            m,
-            o,
-            o,
-            m,
-            o,
-            m,
+        like.everywhere(xx),
+        like.everywhere(xy),
+        like.everywhere(xz),
+        like.everywhere(yy),
+        like.everywhere(yz),
+        like.everywhere(zz),
+        o,
+        -z,
+        y,
+        z,
+        o,
+        -x,
+        -y,
+        x,
+        o,
+        m,
+        o,
+        o,
+        m,
+        o,
+        m,
     ]
 }
 

@@ -104,11 +104,7 @@ fn co_covariances_base_to_tip<T: Real>((model, lean): (&Model<T>, &LeanModel<T>)
 
 /// phi* Lambda phi across a turn, Lambda in its frame: along the lever, about z.
 #[inline(always)]
-fn co_carried<T: Real>(
-    body: &LeanBody<T::Parameter>,
-    turn: Turn<T>,
-    lambda: &[T; 21],
-) -> [T; 21] {
+fn co_carried<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, lambda: &[T; 21]) -> [T; 21] {
     let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *lambda;
     let (mut c, mut b) = ([[c0, c1, c2], [c3, c4, c5], [c6, c7, c8]], [b0, b1, b2, b3, b4, b5]);
     if body.has_lever {

@@ -4,8 +4,8 @@
 
 use super::body::{Carrier, CompositeBody, LeanBody, LeanModel};
 use super::columns::Block;
-use super::mass_columns::{MassColumns, Measurement};
 use super::filter::ABOUT_Z;
+use super::mass_columns::{MassColumns, Measurement};
 use super::motion::{carriers, cross};
 use super::scratch::{Composite, LeanScratch, arrive};
 use super::turn::{Axis, PACKED, Turn, about, to_parent};
