@@ -1,16 +1,12 @@
-//! The constants of a scene as these sweeps read them: one number for all lanes, in frames of their own.
-//!
-//! Where an exact renaming of axes stands between a body and its parent, signs and places become part of the body's constants, no digit of
-//! them touched: its z is then one axis of its parent's at zero angle, its x and y the two that follow it in their cycle. What is left of a
-//! turn is a rotation about z, to one side or the other, and one of three ways to read the parent's vectors.
+//! The constants of a scene as these sweeps read them: one number for all lanes, in [frames](super::frames) of their own.
 
+use super::frames::Framed;
 use super::slots::{Places, last_children};
-use super::turn::{Axis, Renaming, renames_axes};
+use super::turn::{Axis, Renaming};
 use crate::filter::pivots::Scale;
 use crate::scalar::Real;
-use crate::scene::{Body, Model, Motion};
+use crate::scene::{Body, Model};
 use crate::spatial::BodyInertia;
-use nalgebra::{Matrix3, Vector6};
 
 /// As many joints inward of both as two joints may have, on average over all pairs, for M^-1 to be multiplied out: it takes less time below, on
 /// chains and robots, for one state and in lanes.
@@ -31,6 +27,16 @@ fn interleaved(parents: &[Option<usize>]) -> Vec<usize> {
         order.sort_by_key(|&k| depths[k]);
     }
     order
+}
+
+/// Of each body its own value joined with those of all outboard of it.
+fn with_all_outboard<V: Copy>(parents: &[Option<usize>], mut values: Vec<V>, join: impl Fn(V, V) -> V) -> Vec<V> {
+    for (k, parent) in parents.iter().enumerate().rev() {
+        if let Some(parent) = *parent {
+            values[parent] = join(values[parent], values[k]);
+        }
+    }
+    values
 }
 
 /// How a body hangs on its parent.
@@ -98,7 +104,7 @@ impl<N> LeanBody<N> {
     }
 }
 
-/// A body with all outboard of it, which turn rigidly about it as far as M goes.
+/// A body with all outboard of it, held still against each other.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct CompositeBody<N> {
     pub mass: N,
@@ -107,6 +113,17 @@ pub(super) struct CompositeBody<N> {
     /// Twice the body's lever; and entry by entry the lever times the above.
     pub twice_lever: [N; 3],
     pub lever_moment: [N; 3],
+}
+
+impl<N> CompositeBody<N> {
+    fn new(mass: f64, lever: [f64; 3], number: impl Fn(f64) -> N) -> Self {
+        Self {
+            mass: number(mass),
+            lever: lever.map(|l| number(mass * l)),
+            twice_lever: lever.map(|l| number(2.0 * l)),
+            lever_moment: lever.map(|l| number(mass * l * l)),
+        }
+    }
 }
 
 /// The bodies of a scene.
@@ -141,75 +158,38 @@ impl<T: Real> LeanModel<T> {
         }
         let (swept, swept_slots) = Places::of(&parents, &order);
         let (by_rows, slots) = Places::of(&parents, &(0..parents.len()).collect::<Vec<_>>());
-        let mut composite_mass: Vec<f64> = model.bodies.iter().map(|body| body.inertia.mass).collect();
-        for (k, parent) in parents.iter().enumerate().rev() {
-            if let Some(parent) = *parent {
-                composite_mass[parent] += composite_mass[k];
-            }
-        }
-        let mut end_row: Vec<usize> =
-            model.system.stages.iter().map(|stage| stage.first_row + stage.rows.count()).collect();
-        for (k, parent) in parents.iter().enumerate().rev() {
-            if let Some(parent) = *parent {
-                end_row[parent] = end_row[parent].max(end_row[k]);
-            }
-        }
+        let masses = model.bodies.iter().map(|body| body.inertia.mass).collect();
+        let composite_mass = with_all_outboard(&parents, masses, |a, b| a + b);
+        let end_rows = model.system.stages.iter().map(|stage| stage.first_row + stage.rows.count()).collect();
+        let end_row = with_all_outboard(&parents, end_rows, usize::max);
         // Of each body the last child; and the last up to the body at hand.
         let (last_child, mut youngest) = (last_children(&parents), vec![None; parents.len()]);
         let number = T::parameter;
-        // From the model's frame of each body to ours, zeros and ones.
-        let mut frames: Vec<Matrix3<f64>> = Vec::with_capacity(parents.len());
-        let (mut model_here, mut shifting, mut turning) = (model.clone(), Vec::new(), Vec::new());
+        let framed = Framed::of(model);
         let mut composites = Vec::with_capacity(parents.len());
-        let bodies = model_here.bodies.iter_mut().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
-            let turns = matches!(body.motion, Motion::Revolute)
-                && model.omissions.renamed_axes
-                && renames_axes(&body.tree.rotation);
-            let outer = stage.parent.map_or_else(Matrix3::identity, |parent| frames[parent]);
-            let rotation = outer * body.tree.rotation;
-            body.tree.lever = outer * body.tree.lever;
-            body.tree.rotation = rotation;
-            let (carrier, frame) = if turns {
-                turning.push((body.q, at[k]));
-                let axis = Axis::new(rotation.column(2).iamax());
-                (Carrier::Turn(axis), axis.rotation().transpose() * rotation)
-            } else {
-                shifting.push(k);
-                (Carrier::Shift(shifting.len() - 1), Matrix3::identity())
-            };
-            frames.push(frame);
-            // Of any other body the lever is in no frame that a sweep knows: only its length is asked for.
-            let turned = frame * rotation.transpose() * body.tree.lever;
-            let BodyInertia { mass, .. } = &body.inertia;
-            let (first_moment, rotational) =
-                (frame * body.inertia.first_moment, body.inertia.rotational.congruence(&frame));
-            let (renaming, exactly) = (Renaming::of(&frame, number), Renaming::of(&frame, |x| x));
-            let terms: [f64; 6] = exactly.from_model(&body.inertia_terms).map(f64::abs);
-            let scale = Scale::of_noise(&Vector6::from(terms));
-            let lever = <[f64; 3]>::from(turned);
-            composites.push(CompositeBody {
-                mass: number(composite_mass[k]),
-                lever: lever.map(|l| number(composite_mass[k] * l)),
-                twice_lever: lever.map(|l| number(2.0 * l)),
-                lever_moment: lever.map(|l| number(composite_mass[k] * l * l)),
-            });
+        let bodies = framed.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
+            let frame = &framed.from_model[k];
+            let turned = <[f64; 3]>::from(body.tree.rotate_back(&body.tree.lever));
+            let BodyInertia { mass, first_moment, rotational } = &body.inertia;
+            let scale = Scale::of_noise(&body.inertia_terms);
+            composites.push(CompositeBody::new(composite_mass[k], turned, number));
             LeanBody {
-                carrier,
+                carrier: framed.carriers[k],
                 sense: number(frame[(2, 2)]),
-                frame: renaming,
+                frame: Renaming::of(frame, number),
                 index: k,
                 parent: stage.parent,
                 row: stage.first_row,
                 q: body.q,
-                lever: [number(turned[0]), number(turned[1]), number(turned[2])],
-                has_lever: !model.omissions.zero_levers || lever.iter().any(|&x| x != 0.0),
-                lever_square: number(turned.dot(&turned)),
+                lever: turned.map(number),
+                has_lever: !model.omissions.zero_levers || turned.iter().any(|&x| x != 0.0),
+                lever_square: number(turned[0] * turned[0] + turned[1] * turned[1] + turned[2] * turned[2]),
                 mass: number(*mass),
                 first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],
                 rotational: rotational.entries.map(number),
                 scale: [number(scale.angular), number(scale.linear)],
-                terms: terms.map(number),
-                lever_squares: [0, 1, 2].map(|i| number(2.0 * turned[i] * turned[i])),
+                terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
+                lever_squares: turned.map(|l| number(2.0 * l * l)),
                 needs_no_force: body.needs_no_force,
                 swept: swept[k],
                 by_rows: by_rows[k],
@@ -230,11 +210,16 @@ impl<T: Real> LeanModel<T> {
                 bodies[k].sibling_follows() || bodies[k].parent.is_some_and(|parent| bodies[parent].is_parted);
         }
         let is_shallow = steps <= SHALLOW * model.nv().pow(2);
-        let whole = model_here.cast::<T>();
-        let shifting = shifting.into_iter().map(|k| whole.bodies[k]).collect();
+        let whole = Model { bodies: framed.bodies, ..model.clone() }.cast::<T>();
+        let of_carrier = |turns: bool| {
+            let carriers = framed.carriers.iter().enumerate();
+            carriers.filter(move |(_, carrier)| matches!(carrier, Carrier::Turn(_)) == turns).map(|(k, _)| k)
+        };
+        let shifting = of_carrier(false).map(|k| whole.bodies[k]).collect();
+        let mut turning: Vec<_> = of_carrier(true).map(|k| (bodies[k].q, at[k])).collect();
+        turning.sort_by_key(|&(_, place)| place);
         let in_order = order.iter().enumerate().all(|(place, &k)| place == k);
         let reordered = if in_order { Vec::new() } else { order.iter().map(|&k| bodies[k].clone()).collect() };
-        turning.sort_by_key(|&(_, place)| place);
         Self {
             bodies,
             reordered,

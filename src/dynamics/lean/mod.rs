@@ -5,13 +5,14 @@
 //! P, co-states) has a *slot*, which another body takes over; of a chain there are two. Constants of the scene are one number for all
 //! lanes. And a revolute joint whose frame differs from its parent's by an exact renaming of axes (as all do that a URDF gives without rpy) is
 //! carried by its angle alone: first about z, where H P^+ = 0 leaves a third out, then along the lever, a constant there. Frames are
-//! chosen so that what is left of the renaming is one of three orders of the parent's axes ([`body`]): each is compiled by itself.
+//! chosen so that what is left of the renaming is one of three orders of the parent's axes ([`frames`]): each is compiled by itself.
 //! Every other body goes through the general shift.
 
 mod accelerations;
 mod body;
 mod columns;
 mod filter;
+mod frames;
 mod inverse_product;
 mod mass_columns;
 mod mass_inverse;

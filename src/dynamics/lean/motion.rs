@@ -112,7 +112,7 @@ pub(super) fn forces_base_to_tip<T: Real, C: ColumnsOf<T>>(
         };
         own.force = force;
         if !state.wrenches.is_empty() {
-            for (f, given) in own.force.iter_mut().zip(body.frame.from_model(&state.wrenches[body.index])) {
+            for (f, given) in own.force.iter_mut().zip(body.frame.apply(&state.wrenches[body.index])) {
                 *f -= given;
             }
         }

@@ -143,7 +143,7 @@ impl<N: Copy> Renaming<N> {
 
     /// A motion or a force from the model's frame.
     #[inline(always)]
-    pub fn from_model<T: Real<Parameter = N>>(&self, v: &Vector6<T>) -> [T; 6] {
+    pub fn apply<T: Real<Parameter = N>>(&self, v: &Vector6<T>) -> [T; 6] {
         let mut here: [T; 6] = (*v).into();
         for (i, here) in here.iter_mut().enumerate() {
             let from = v[usize::from(self.from[i % 3]) + i / 3 * 3];
@@ -153,7 +153,7 @@ impl<N: Copy> Renaming<N> {
     }
 
     /// A motion or a force to the model's frame.
-    pub fn to_model<T: Real<Parameter = N>>(&self, v: &[T; 6]) -> Vector6<T> {
+    pub fn undo<T: Real<Parameter = N>>(&self, v: &[T; 6]) -> Vector6<T> {
         let mut there = Vector6::from(*v);
         for (i, &v) in v.iter().enumerate() {
             there[usize::from(self.from[i % 3]) + i / 3 * 3] = v * v.everywhere(self.sign[i % 3]);
@@ -162,7 +162,7 @@ impl<N: Copy> Renaming<N> {
     }
 
     /// Sizes along the axes, of angular and linear parts, to the model's frame: no sign matters.
-    pub fn sizes_to_model<T: Real<Parameter = N>>(&self, v: &[T; 6]) -> Vector6<T> {
+    pub fn undo_on_sizes<T: Real<Parameter = N>>(&self, v: &[T; 6]) -> Vector6<T> {
         let mut there = Vector6::from(*v);
         for (i, &v) in v.iter().enumerate() {
             there[usize::from(self.from[i % 3]) + i / 3 * 3] = v;

@@ -72,7 +72,7 @@ pub(crate) fn hand_over<T: Real>(
                 for entry in &mut own {
                     *entry *= sense;
                 }
-                *gain = body.frame.to_model(&own);
+                *gain = body.frame.undo(&own);
                 let Turn { s, c } = scratch.own[place].turn;
                 let tree = &model.bodies[k].tree;
                 RigidShift { rotation: turned_by(&tree.rotation, s * sense, c), lever: tree.lever }
@@ -80,9 +80,9 @@ pub(crate) fn hand_over<T: Real>(
             // Its parent's frame here need not be the model's.
             Carrier::Shift(_) => joint_shift(&model.bodies[k], q),
         };
-        workspace.z[k] = body.frame.to_model(&scratch.own[place].force);
-        workspace.co_state[k] = body.frame.to_model(&watching.co_states[place + 1][0]);
-        workspace.terms[k] = body.frame.sizes_to_model(&watching.own[place].terms);
+        workspace.z[k] = body.frame.undo(&scratch.own[place].force);
+        workspace.co_state[k] = body.frame.undo(&watching.co_states[place + 1][0]);
+        workspace.terms[k] = body.frame.undo_on_sizes(&watching.own[place].terms);
     }
 }
 
@@ -103,9 +103,8 @@ fn base_to_tip<T: Real>(
         let (mut lambda, mut nu);
         match body.carrier {
             Carrier::Turn(axis) => {
-                let (outer_here, outer_nu) = about!(axis, X, Y, Z, {
-                    (to_turn::<T, X, Y, Z>(outer), to_turn::<T, X, Y, Z>(outer_nu))
-                });
+                let (outer_here, outer_nu) =
+                    about!(axis, X, Y, Z, (to_turn::<T, X, Y, Z>(outer), to_turn::<T, X, Y, Z>(outer_nu)));
                 lambda = vector(&accelerations::carried(body, own.turn, &outer_here));
                 nu = vector(&accelerations::carried(body, own.turn, &outer_nu));
                 seen.carried(&zeta, &vector(outer), z[0].everywhere(body.lever_square));
