@@ -169,6 +169,9 @@ fn any_not_finite<T: Real>(numbers: &[T]) -> T {
     ((a + b) + (c + d)) + ((e + f) + (g + h))
 }
 
+/// As many numbers of one state are worth eight sums side by side.
+const LONG: usize = 32;
+
 /// One argument of every state into lanes; lanes without a state of their own repeat the last. Zero where all is finite, else NaN.
 #[inline(always)]
 fn gather<'a, T: Vectorised>(
@@ -176,8 +179,8 @@ fn gather<'a, T: Vectorised>(
     states: &'a [Arguments<'_, T::Number>],
     of: impl Fn(&'a Arguments<'_, T::Number>) -> &'a [T::Number],
 ) -> T {
-    if T::LANES == 1 {
-        // Looked at on the way: of a few numbers that is all there is to do.
+    if T::LANES == 1 && numbers.len() < LONG {
+        // Looked at on the way.
         let mut fault = T::zero();
         for (number, &value) in numbers.iter_mut().zip(of(&states[0])) {
             number.lanes_mut()[0] = value;

@@ -20,7 +20,7 @@ pub(super) fn base_to_tip<T: Real>(
 ) {
     let LeanScratch { own, shifts, measured, co_states, .. } = scratch;
     for (body, own) in lean.swept().iter().zip(own) {
-        let outer = &co_states[body.swept.parent_outward];
+        let outer = &co_states[body.places.parent_outward];
         let lambda = match body.carrier {
             Carrier::Turn(axis) => {
                 let outer = about!(axis, X, Y, Z, to_turn::<T, X, Y, Z>(outer));
@@ -38,7 +38,7 @@ pub(super) fn base_to_tip<T: Real>(
             }
         };
         if !body.is_leaf {
-            co_states[body.swept.outward] = lambda;
+            co_states[body.places.outward] = lambda;
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The constants of a scene as these sweeps read them: one number for all lanes, in [frames](super::frames) of their own.
 
 use super::frames::Framed;
-use super::slots::{Places, last_children};
+use super::slots::{Ordered, Places, SlotCounts, last_children};
 use super::turn::{Axis, Renaming};
 use crate::filter::pivots::Scale;
 use crate::scalar::Real;
@@ -12,19 +12,19 @@ use crate::spatial::BodyInertia;
 /// chains and robots, for one state and in lanes.
 const SHALLOW: usize = 10;
 
-/// As many bodies are swept in an order of their own; of more, neighbours in it would be too far from each other in memory.
+/// As many bodies are swept in an order of their own: what is kept of them fits in the caches then, whatever the order. Not timed beyond.
 const INTERLEAVED: usize = 500;
 
 /// The order of the sweeps over one vector a body, parents first: those at equal depth one after another, for they do not wait for each
 /// other, and what a body waits for was done a while ago.
-fn interleaved(parents: &[Option<usize>]) -> Vec<usize> {
+pub(super) fn interleaved(parents: &[Option<usize>]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..parents.len()).collect();
     if parents.len() <= INTERLEAVED {
-        let mut depths: Vec<usize> = Vec::with_capacity(parents.len());
+        let mut bodies_inward: Vec<usize> = Vec::with_capacity(parents.len());
         for parent in parents {
-            depths.push(parent.map_or(0, |parent| depths[parent] + 1));
+            bodies_inward.push(parent.map_or(0, |parent| bodies_inward[parent] + 1));
         }
-        order.sort_by_key(|&k| depths[k]);
+        order.sort_by_key(|&k| bodies_inward[k]);
     }
     order
 }
@@ -62,9 +62,7 @@ pub(super) struct LeanBody<N> {
     pub parent: Option<usize>,
     /// Its first row.
     pub row: usize,
-    /// Its first coordinate.
-    pub q: usize,
-    /// From the parent's origin to the body's, in the joint's frame: the body's at zero angle.
+    /// Of a turn, from the parent's origin to the body's, in the joint's frame: the body's at zero angle.
     pub lever: [N; 3],
     /// Whether the lever is there: not zero, or not left out.
     pub has_lever: bool,
@@ -78,12 +76,10 @@ pub(super) struct LeanBody<N> {
     pub scale: [N; 2],
     /// The terms of its diagonal.
     pub terms: [N; 6],
-    /// Twice the squares of the lever's entries.
+    /// Twice the squares of its entries.
     pub lever_squares: [N; 3],
     pub needs_no_force: bool,
-    /// In the order of the sweeps over one vector a body, and in that of the rows.
-    pub swept: Places,
-    pub by_rows: Places,
+    pub places: Places,
     /// Whether anything hangs on it.
     pub is_leaf: bool,
     /// The body before it on the same parent.
@@ -100,7 +96,7 @@ impl<N> LeanBody<N> {
     /// Whether a later body hangs on the same parent.
     #[inline(always)]
     pub fn sibling_follows(&self) -> bool {
-        self.parent.is_some() && !self.by_rows.arrives_first
+        self.parent.is_some() && !self.places.arrives_first
     }
 }
 
@@ -130,7 +126,7 @@ impl<N> CompositeBody<N> {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LeanModel<T: Real> {
     pub(super) bodies: Vec<LeanBody<T::Parameter>>,
-    /// The same in the order of the sweeps over one vector a body; none where that is theirs.
+    /// The same in the order of the sweeps over one vector a body, with their places in it; none where that is theirs.
     reordered: Vec<LeanBody<T::Parameter>>,
     /// Where each body is in that order: what these sweeps keep of it is there.
     pub(super) at: Vec<usize>,
@@ -140,8 +136,9 @@ pub(crate) struct LeanModel<T: Real> {
     pub(super) shifting: Vec<Body<T>>,
     /// First coordinate of every body on a turn, and its place in the order of the sweeps.
     pub(super) turning: Vec<(usize, usize)>,
-    pub(super) outward_slots: usize,
-    pub(super) inward_slots: usize,
+    /// How many slots there are in the order of the rows, and in that of those sweeps.
+    pub(super) row_slots: SlotCounts,
+    pub(super) swept_slots: SlotCounts,
     /// The acceleration that errors are seen beside where the digits are watched; zero where each digit of the result counts.
     pub(super) beside: f64,
     /// Whether M^-1 is its factors multiplied out.
@@ -152,12 +149,8 @@ impl<T: Real> LeanModel<T> {
     pub fn new(model: &Model<f64>) -> Self {
         let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();
         let order = interleaved(&parents);
-        let mut at = vec![0; order.len()];
-        for (place, &k) in order.iter().enumerate() {
-            at[k] = place;
-        }
-        let (swept, swept_slots) = Places::of(&parents, &order);
-        let (by_rows, slots) = Places::of(&parents, &(0..parents.len()).collect::<Vec<_>>());
+        let by_rows = Ordered::new(&parents, &(0..parents.len()).collect::<Vec<_>>());
+        let swept = Ordered::new(&parents, &order);
         let masses = model.bodies.iter().map(|body| body.inertia.mass).collect();
         let composite_mass = with_all_outboard(&parents, masses, |a, b| a + b);
         let end_rows = model.system.stages.iter().map(|stage| stage.first_row + stage.rows.count()).collect();
@@ -180,7 +173,6 @@ impl<T: Real> LeanModel<T> {
                 index: k,
                 parent: stage.parent,
                 row: stage.first_row,
-                q: body.q,
                 lever: turned.map(number),
                 has_lever: !model.omissions.zero_levers || turned.iter().any(|&x| x != 0.0),
                 lever_square: number(turned[0] * turned[0] + turned[1] * turned[1] + turned[2] * turned[2]),
@@ -191,8 +183,7 @@ impl<T: Real> LeanModel<T> {
                 terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
                 lever_squares: turned.map(|l| number(2.0 * l * l)),
                 needs_no_force: body.needs_no_force,
-                swept: swept[k],
-                by_rows: by_rows[k],
+                places: by_rows.places[k],
                 is_leaf: last_child[k].is_none(),
                 sibling: stage.parent.and_then(|parent| youngest[parent].replace(k)),
                 depth: 0,
@@ -216,22 +207,21 @@ impl<T: Real> LeanModel<T> {
             carriers.filter(move |(_, carrier)| matches!(carrier, Carrier::Turn(_)) == turns).map(|(k, _)| k)
         };
         let shifting = of_carrier(false).map(|k| whole.bodies[k]).collect();
-        let mut turning: Vec<_> = of_carrier(true).map(|k| (bodies[k].q, at[k])).collect();
+        let mut turning: Vec<_> = of_carrier(true).map(|k| (whole.bodies[k].q, swept.at[k])).collect();
         turning.sort_by_key(|&(_, place)| place);
-        let in_order = order.iter().enumerate().all(|(place, &k)| place == k);
-        let reordered = if in_order { Vec::new() } else { order.iter().map(|&k| bodies[k].clone()).collect() };
+        let reordered = |&k: &usize| LeanBody { places: swept.places[k], ..bodies[k].clone() };
+        let reordered = if order.is_sorted() { Vec::new() } else { order.iter().map(reordered).collect() };
         Self {
             bodies,
             reordered,
-            at,
+            at: swept.at,
             composites,
             shifting,
             turning,
             beside: 0.0,
             is_shallow,
-            // Enough for either order.
-            outward_slots: swept_slots[0].max(slots[0]),
-            inward_slots: swept_slots[1].max(slots[1]),
+            row_slots: by_rows.slots,
+            swept_slots: swept.slots,
         }
     }
 

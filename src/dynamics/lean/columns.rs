@@ -51,7 +51,7 @@ impl<C: Real> LeanColumns<C> {
         }
         let nan = [C::from_f64(f64::NAN); 6];
         let blocks = nv.div_ceil(C::COLUMNS);
-        self.slots = vec![vec![nan; blocks]; lean.outward_slots];
+        self.slots = vec![vec![nan; blocks]; lean.row_slots.outward];
         if lean.is_shallow {
             self.factors = vec![[C::zero(); TILE]; nv * blocks.div_ceil(TILE)];
             self.path = vec![(0, 0); nv];

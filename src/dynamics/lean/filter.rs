@@ -90,10 +90,10 @@ impl<T: Real> Inward<'_, T> {
         axis: Axis,
     ) {
         let (row, turn) = (body.row, own.turn);
-        let arrived = &self.arriving[body.swept.inward];
+        let arrived = &self.arriving[body.places.inward];
         let sense = turn.s.everywhere(body.sense);
         let noise = Noise::of(self.system, row);
-        let p = sum(noise_of(body, turn.s), &arrived.p);
+        let p = with_noise(body, &arrived.p);
         let scale = scale_of(body, &arrived.scale);
         let (m, column) = measured(noise, &p);
         self.measured[row] = m;
@@ -104,7 +104,7 @@ impl<T: Real> Inward<'_, T> {
         }
         if SIDES == WATCH {
             self.near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
-            let (arrived, own) = (&self.watching.arriving[body.swept.inward], &mut self.watching.own[place]);
+            let (arrived, own) = (&self.watching.arriving[body.places.inward], &mut self.watching.own[place]);
             own.terms = sum(terms_of_noise(body, turn.s), &arrived.terms);
             let weight = sense * self.watching.weights[row];
             (self.watching.innovations[row], own.zeta) = measure(noise, &m, weight, &arrived.zeta);
@@ -112,15 +112,15 @@ impl<T: Real> Inward<'_, T> {
         if body.parent.is_none() {
             return;
         }
-        let to = &mut self.arriving[body.swept.parent_inward];
-        let is_first = body.swept.arrives_first;
+        let to = &mut self.arriving[body.places.parent_inward];
+        let is_first = body.places.arrives_first;
         to.scale = if is_first { sent(body, &p) } else { to.scale.sum(&sent(body, &p)) };
         if SIDES >= FILTER {
             let sent = in_joint_frame(body, turn, &own.force);
             about!(axis, X, Y, Z, arrive(is_first, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
         }
         if SIDES == WATCH {
-            let to = &mut self.watching.arriving[body.swept.parent_inward];
+            let to = &mut self.watching.arriving[body.places.parent_inward];
             let terms = sent_terms(body, &kept_diagonal(noise, &p, &column, &m));
             let zeta = in_joint_frame(body, turn, &self.watching.own[place].zeta);
             about!(axis, X, Y, Z, {
@@ -144,12 +144,11 @@ impl<T: Real> Inward<'_, T> {
         own: &mut Own<T>,
         at: usize,
     ) {
-        let (shift, stage, is_first) = (&self.shifts[at], &self.system.stages[body.index], body.swept.arrives_first);
-        let arrived = &self.arriving[body.swept.inward];
-        let like = arrived.force[0];
-        let mut p = unpacked(&sum(noise_of(body, like), &arrived.p));
+        let (shift, stage, is_first) = (&self.shifts[at], &self.system.stages[body.index], body.places.arrives_first);
+        let arrived = &self.arriving[body.places.inward];
+        let (like, arrived_force) = (arrived.force[0], arrived.force);
+        let mut p = unpacked(&with_noise(body, &arrived.p));
         let scale = scale_of(body, &arrived.scale);
-        own.force = sum(own.force, &arrived.force);
         let (sent, before) = (Scale::sent_by(&p, shift), p.diagonal());
         let at_stage = (self.system, body.index);
         let carried = riccati::through_stage::<T, false>(
@@ -160,12 +159,13 @@ impl<T: Real> Inward<'_, T> {
             &mut self.monitor,
             |_, _| {},
         );
-        let to = &mut self.arriving[body.swept.parent_inward];
+        let to = &mut self.arriving[body.places.parent_inward];
         if body.parent.is_some() {
             to.scale = if is_first { sent } else { to.scale.sum(&sent) };
             arrive(is_first, &packed(&carried), &mut to.p);
         }
         if SIDES >= FILTER {
+            own.force = sum(own.force, &arrived_force);
             let right_side = (self.tau, &mut *self.innovations);
             let sent = through_general_stage(at_stage, shift, self.measured, right_side, &mut own.force);
             if body.parent.is_some() {
@@ -175,12 +175,12 @@ impl<T: Real> Inward<'_, T> {
         if SIDES == WATCH {
             self.near.observe_stage(stage, self.measured, &scale);
             let Watching { arriving, own, weights, innovations, .. } = &mut *self.watching;
-            let (arrived, own) = (arriving[body.swept.inward], &mut own[place]);
+            let (arrived, own) = (arriving[body.places.inward], &mut own[place]);
             own.terms = sum(terms_of_noise(body, like), &arrived.terms);
             own.zeta = arrived.zeta;
             let sent = through_general_stage(at_stage, shift, self.measured, (weights, innovations), &mut own.zeta);
             if body.parent.is_some() {
-                let to = &mut arriving[body.swept.parent_inward];
+                let to = &mut arriving[body.places.parent_inward];
                 arrive(is_first, &sent, &mut to.zeta);
                 let terms = terms::sent(&terms::left(stage, &before, &p), shift);
                 arrive(is_first, &terms.into(), &mut to.terms);
@@ -198,14 +198,14 @@ pub(super) fn predict<T: Real>(
 ) {
     let LeanScratch { own, arriving, shifts, .. } = scratch;
     for (body, own) in lean.swept().iter().zip(own).rev() {
-        let force = sum(own.force, &arriving[body.swept.inward].force);
+        let force = sum(own.force, &arriving[body.places.inward].force);
         match body.carrier {
             Carrier::Turn(axis) => {
                 torques[body.row] = force[ABOUT_Z] * force[ABOUT_Z].everywhere(body.sense);
                 if body.parent.is_some() {
                     let (sent, to) =
-                        (in_joint_frame(body, own.turn, &force), &mut arriving[body.swept.parent_inward].force);
-                    about!(axis, X, Y, Z, arrive(body.swept.arrives_first, &to_parent::<T, X, Y, Z>(&sent), to));
+                        (in_joint_frame(body, own.turn, &force), &mut arriving[body.places.parent_inward].force);
+                    about!(axis, X, Y, Z, arrive(body.places.arrives_first, &to_parent::<T, X, Y, Z>(&sent), to));
                 }
             }
             Carrier::Shift(at) => {
@@ -214,8 +214,8 @@ pub(super) fn predict<T: Real>(
                     torques[body.row + i] = stage.rows.row(i).project(&force);
                 }
                 if body.parent.is_some() {
-                    let to = &mut arriving[body.swept.parent_inward].force;
-                    arrive(body.swept.arrives_first, &shifts[at].force_to_parent(&force).into(), to);
+                    let to = &mut arriving[body.places.parent_inward].force;
+                    arrive(body.places.arrives_first, &shifts[at].force_to_parent(&force).into(), to);
                 }
             }
         }
@@ -238,35 +238,35 @@ fn scale_of<T: Real>(body: &LeanBody<T::Parameter>, arrived: &Scale<T>) -> Scale
     arrived.sum(&Scale { angular: arrived.angular.everywhere(angular), linear: arrived.linear.everywhere(linear) })
 }
 
-/// M(k).
+/// M(k), of which six entries are zero, and what arrived.
 #[inline(always)]
-fn noise_of<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> [T; 21] {
-    let o = like.constant(0.0);
+fn with_noise<T: Real>(body: &LeanBody<T::Parameter>, arrived: &[T; 21]) -> [T; 21] {
+    let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *arrived;
     let [xx, xy, xz, yy, yz, zz] = body.rotational;
     let [x, y, z] = body.first_moment;
-    let (x, y, z, m) = (like.everywhere(x), like.everywhere(y), like.everywhere(z), like.everywhere(body.mass));
+    let (x, y, z, m) = (a0.everywhere(x), a0.everywhere(y), a0.everywhere(z), a0.everywhere(body.mass));
     [
-        like.everywhere(xx),
-        like.everywhere(xy),
-        like.everywhere(xz),
-        like.everywhere(yy),
-        like.everywhere(yz),
-        like.everywhere(zz),
-        o,
-        -z,
-        y,
-        z,
-        o,
-        -x,
-        -y,
-        x,
-        o,
-        m,
-        o,
-        o,
-        m,
-        o,
-        m,
+        a0 + a0.everywhere(xx),
+        a1 + a0.everywhere(xy),
+        a2 + a0.everywhere(xz),
+        a3 + a0.everywhere(yy),
+        a4 + a0.everywhere(yz),
+        a5 + a0.everywhere(zz),
+        c0,
+        c1 - z,
+        c2 + y,
+        c3 + z,
+        c4,
+        c5 - x,
+        c6 - y,
+        c7 + x,
+        c8,
+        b0 + m,
+        b1,
+        b2,
+        b3 + m,
+        b4,
+        b5 + m,
     ]
 }
 
@@ -274,8 +274,14 @@ fn noise_of<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> [T; 21] {
 #[inline(always)]
 fn terms_of_noise<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> [T; 6] {
     let [a, b, c, d, e, f] = body.terms;
-    let of = |x| like.everywhere(x);
-    [of(a), of(b), of(c), of(d), of(e), of(f)]
+    [
+        like.everywhere(a),
+        like.everywhere(b),
+        like.everywhere(c),
+        like.everywhere(d),
+        like.everywhere(e),
+        like.everywhere(f),
+    ]
 }
 
 /// As [`terms::sent`] of a stage on a turn with this diagonal of P^+, in the joint's frame: about z, each of x and y takes from both.
@@ -435,23 +441,6 @@ pub(super) fn in_joint_frame<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<
     // l x f = - f x l.
     let [a, b, c] = if body.has_lever { minus_cross_number(force, body.lever, moment) } else { moment };
     [a, b, c, force[0], force[1], force[2]]
-}
-
-/// A force at a body as it is at the parent; sweeps over a few bodies, one after another, call it.
-#[inline(always)]
-pub(super) fn one_inward<T: Real>(
-    body: &LeanBody<T::Parameter>,
-    turn: Turn<T>,
-    shifts: &[RigidShift<T>],
-    force: &[T; 6],
-) -> [T; 6] {
-    match body.carrier {
-        Carrier::Turn(axis) => {
-            let sent = in_joint_frame(body, turn, force);
-            about!(axis, X, Y, Z, to_parent::<T, X, Y, Z>(&sent))
-        }
-        Carrier::Shift(at) => shifts[at].force_to_parent(&Vector6::from(*force)).into(),
-    }
 }
 
 /// The filter at a stage with any joint: its rows, z^- becoming z^+; gives that as it is at the parent.

@@ -34,7 +34,7 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
 ) {
     for (k, body) in lean.bodies.iter().enumerate() {
         let stage = &model.system.stages[k];
-        let mut own = columns.take(body.by_rows.outward);
+        let mut own = columns.take(body.places.outward);
         let depth = body.depth;
         let blocks = blocks_of::<T, C>(&(0..depth));
         match body.carrier {
@@ -42,7 +42,7 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
                 let (turn, gain) = (scratch.own[lean.at[k]].turn, &scratch.measured[body.row].gain);
                 let way = Way::<C, X, Y, Z>::new(body, turn, gain, C::zero());
                 for block in blocks {
-                    let mut c = way.carried(&columns.at(body.by_rows.parent_outward)[block]);
+                    let mut c = way.carried(&columns.at(body.places.parent_outward)[block]);
                     let w = way.entry(&c);
                     columns.put_factors(depth, block, body.row, &w);
                     if !body.is_leaf {
@@ -54,7 +54,7 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
             Carrier::Shift(at) => {
                 let shift = spread_shift(C::zero(), &scratch.shifts[at]);
                 for block in blocks {
-                    let mut c = shift.motion_to_child(&columns.at(body.by_rows.parent_outward)[block].into());
+                    let mut c = shift.motion_to_child(&columns.at(body.places.parent_outward)[block].into());
                     for i in 0..stage.rows.count() {
                         let w = dot(&spread_vector(c[0], &scratch.measured[body.row + i].gain), &c);
                         columns.put_factors(depth, block, body.row + i, &w);
@@ -76,7 +76,7 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
                 set_column(&mut own[(depth + i) / C::COLUMNS], (depth + i) % C::COLUMNS, &c.into());
             }
         }
-        columns.give_back(body.by_rows.outward, own);
+        columns.give_back(body.places.outward, own);
     }
 }
 

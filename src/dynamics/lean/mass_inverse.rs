@@ -6,11 +6,11 @@
 
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::columns::{LeanColumns, blocks_of, put_block, set_column};
-use super::filter::{self, packed, unpacked};
+use super::filter::{self, in_joint_frame, packed, unpacked};
 use super::inverse_product;
 use super::motion::{carriers, cross};
 use super::scratch::LeanScratch;
-use super::turn::{Axis, Turn, about, packed_to_turn};
+use super::turn::{Axis, Turn, about, packed_to_turn, to_parent};
 use super::way::Way;
 use crate::dynamics::columns::{put, spread_hinge, spread_shift, spread_vector};
 use crate::filter::covariance::row_update;
@@ -19,7 +19,7 @@ use crate::filter::pivots::PivotMonitor;
 use crate::filter::riccati::Measured;
 use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
-use crate::spatial::{Symmetric6, dot, scaled};
+use crate::spatial::{RigidShift, Symmetric6, dot, scaled};
 use nalgebra::Vector6;
 
 /// The factor of M at `q`, in the scratch, in covariance form.
@@ -162,25 +162,41 @@ fn updated<T: Real>(lambda: &[T; 21], m: &Measured<T>) -> ([T; 21], Vector6<T>) 
 fn parted_inward<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     (scratch, columns): (&LeanScratch<T>, &mut LeanColumns<C>),
-    (k, column): (usize, usize),
+    (mut k, column): (usize, usize),
 ) {
     let mut body = &lean.bodies[k];
     let gain = &scratch.measured[column].gain;
     let mut u = scaled(gain, gain[0].everywhere(body.sense));
     past_rows(&model.system.stages[k], &scratch.measured, 0..column - body.row, &mut u);
-    let mut at = k;
     while let Some(parent) = body.parent {
-        let there = filter::one_inward(body, scratch.own[lean.at[at]].turn, &scratch.shifts, &u.into());
+        let there = one_inward(body, scratch.own[lean.at[k]].turn, &scratch.shifts, &u.into());
         if body.sibling_follows() {
-            columns.part((at, body.row), column, &there);
+            columns.part((k, body.row), column, &there);
         }
-        (at, body) = (parent, &lean.bodies[parent]);
+        (k, body) = (parent, &lean.bodies[parent]);
         if !body.is_parted {
             break;
         }
-        let stage = &model.system.stages[at];
+        let stage = &model.system.stages[k];
         u = there.into();
         past_rows(stage, &scratch.measured, 0..stage.rows.count(), &mut u);
+    }
+}
+
+/// A force at a body as it is at the parent.
+#[inline(always)]
+fn one_inward<T: Real>(
+    body: &LeanBody<T::Parameter>,
+    turn: Turn<T>,
+    shifts: &[RigidShift<T>],
+    force: &[T; 6],
+) -> [T; 6] {
+    match body.carrier {
+        Carrier::Turn(axis) => {
+            let sent = in_joint_frame(body, turn, force);
+            about!(axis, X, Y, Z, to_parent::<T, X, Y, Z>(&sent))
+        }
+        Carrier::Shift(at) => shifts[at].force_to_parent(&Vector6::from(*force)).into(),
     }
 }
 
@@ -202,12 +218,12 @@ fn rows_base_to_tip<T: Real, C: ColumnsOf<T>>(
         }
         if let (Some(parent), Some(sibling)) = (body.parent, body.sibling) {
             let (lambda, branch) = (unpacked(&scratch.co_covariances[parent]), lean.bodies[sibling].row..body.row);
-            columns.arrive(body.by_rows.parent_outward, sibling, branch, &lambda);
+            columns.arrive(body.places.parent_outward, sibling, branch, &lambda);
         }
-        let mut own = columns.take(body.by_rows.outward);
+        let mut own = columns.take(body.places.outward);
         if body.parent.is_some() {
             let blocks = blocks_of::<T, C>(&(tree..body.row));
-            let parents = columns.at(body.by_rows.parent_outward);
+            let parents = columns.at(body.places.parent_outward);
             match body.carrier {
                 Carrier::Turn(axis) => about!(axis, X, Y, Z, {
                     let (turn, gain) = (scratch.own[lean.at[k]].turn, &scratch.measured[body.row].gain);
@@ -257,6 +273,6 @@ fn rows_base_to_tip<T: Real, C: ColumnsOf<T>>(
                 set_column(&mut own[column / C::COLUMNS], column % C::COLUMNS, &y.into());
             }
         }
-        columns.give_back(body.by_rows.outward, own);
+        columns.give_back(body.places.outward, own);
     }
 }

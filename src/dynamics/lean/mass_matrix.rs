@@ -29,7 +29,7 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     let none = columns.like();
     let LeanScratch { own, shifts, composites, .. } = scratch;
     for ((k, body), constants) in lean.bodies.iter().enumerate().zip(&lean.composites).rev() {
-        let composite = composite_of(body, &composites[body.by_rows.inward]);
+        let composite = composite_of(body, &composites[body.places.inward]);
         let carried = match body.carrier {
             Carrier::Turn(axis) => {
                 let (of_body, noise) = ((body, constants), model.system.noise[body.row]);
@@ -63,9 +63,9 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
             }
         };
         if body.parent.is_some() {
-            let to = &mut composites[body.by_rows.parent_inward];
-            arrive(body.by_rows.arrives_first, &carried.first_moment, &mut to.first_moment);
-            arrive(body.by_rows.arrives_first, &carried.rotational, &mut to.rotational);
+            let to = &mut composites[body.places.parent_inward];
+            arrive(body.places.arrives_first, &carried.first_moment, &mut to.first_moment);
+            arrive(body.places.arrives_first, &carried.rotational, &mut to.rotational);
         }
     }
 }
@@ -150,16 +150,15 @@ impl<C: Real> Measurement<C> for HingeMap<C> {
 fn composite_of<T: Real>(body: &LeanBody<T::Parameter>, arrived: &Composite<T>) -> Composite<T> {
     let ([x, y, z], [xx, xy, xz, yy, yz, zz]) = (body.first_moment, body.rotational);
     let (h, i) = (&arrived.first_moment, &arrived.rotational);
-    let number = |x| h[0].everywhere(x);
     Composite {
-        first_moment: [h[0] + number(x), h[1] + number(y), h[2] + number(z)],
+        first_moment: [h[0] + h[0].everywhere(x), h[1] + h[0].everywhere(y), h[2] + h[0].everywhere(z)],
         rotational: [
-            i[0] + number(xx),
-            i[1] + number(xy),
-            i[2] + number(xz),
-            i[3] + number(yy),
-            i[4] + number(yz),
-            i[5] + number(zz),
+            i[0] + h[0].everywhere(xx),
+            i[1] + h[0].everywhere(xy),
+            i[2] + h[0].everywhere(xz),
+            i[3] + h[0].everywhere(yy),
+            i[4] + h[0].everywhere(yz),
+            i[5] + h[0].everywhere(zz),
         ],
     }
 }

@@ -67,7 +67,7 @@ fn inertia_times<T: Real>(i: [T::Parameter; 6], v: [T; 3], c: [T; 3]) -> [T; 3] 
 #[inline(always)]
 pub(super) fn carriers<T: Real, C: ColumnsOf<T>>(lean: &LeanModel<T>, scratch: &mut LeanScratch<T>, like: C, q: &[T]) {
     for some in lean.turning.chunks(C::COLUMNS) {
-        let mut angles = like;
+        let mut angles = like.constant(0.0);
         for (lane, &(at, _)) in some.iter().enumerate().take(C::COLUMNS) {
             angles.set_column(lane, q[at]);
         }
@@ -97,27 +97,23 @@ pub(super) fn forces_base_to_tip<T: Real, C: ColumnsOf<T>>(
     let LeanScratch { motions, own, shifts, .. } = scratch;
     motions[0] = [[o; 3], [o; 3], [-g[0], -g[1], -g[2]]];
     for (body, own) in lean.swept().iter().zip(own) {
-        let parent = &motions[body.swept.parent_outward];
-        let (moving, force) = match body.carrier {
+        let parent = &motions[body.places.parent_outward];
+        let moving = match body.carrier {
             Carrier::Turn(axis) => {
                 let [w, dw, a] = parent;
                 let there = about!(axis, X, Y, Z, [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]]);
-                let moving = turned(body, own.turn, there, (state.qd, state.qdd), needed);
-                (moving, force_of(body, &moving, needed, o))
+                turned(body, own.turn, there, (state.qd, state.qdd), needed)
             }
-            Carrier::Shift(at) => {
-                let moving = shifted(&lean.shifting[at], body.row, &shifts[at], parent, state, needed);
-                (moving, force_of(body, &moving, needed, o))
-            }
+            Carrier::Shift(at) => shifted(&lean.shifting[at], body.row, &shifts[at], parent, state, needed),
         };
-        own.force = force;
+        own.force = force_of(body, &moving, needed, o);
         if !state.wrenches.is_empty() {
             for (f, given) in own.force.iter_mut().zip(body.frame.apply(&state.wrenches[body.index])) {
                 *f -= given;
             }
         }
         if !body.is_leaf {
-            motions[body.swept.outward] = moving;
+            motions[body.places.outward] = moving;
         }
     }
 }
@@ -127,10 +123,10 @@ pub(super) fn forces_base_to_tip<T: Real, C: ColumnsOf<T>>(
 fn turned<T: Real>(
     body: &LeanBody<T::Parameter>,
     turn: Turn<T>,
-    [w, dw, mut a]: [[T; 3]; 3],
+    [w, dw, mut a]: Moving<T>,
     (qd, qdd): (&[T], Option<&[T]>),
     needed: Needed,
-) -> [[T; 3]; 3] {
+) -> Moving<T> {
     let still = w;
     if body.has_lever {
         // What waits longest, the parent's own acceleration, comes in last.
@@ -164,7 +160,7 @@ fn shifted<T: Real>(
     parent: &Moving<T>,
     state: Motion<'_, T>,
     needed: Needed,
-) -> [[T; 3]; 3] {
+) -> Moving<T> {
     let [w, dw, a] = *parent;
     let l = [shift.lever[0], shift.lever[1], shift.lever[2]];
     let mut carried = cross(dw, l, a);
@@ -210,7 +206,7 @@ fn back<T: Real>(shift: &crate::spatial::RigidShift<T>, v: [T; 3]) -> [T; 3] {
 
 /// (I dw + w x I w + m p x a, m a + dw x m p + w x (w x m p)).
 #[inline(always)]
-fn force_of<T: Real>(body: &LeanBody<T::Parameter>, [w, dw, a]: &[[T; 3]; 3], needed: Needed, like: T) -> [T; 6] {
+fn force_of<T: Real>(body: &LeanBody<T::Parameter>, [w, dw, a]: &Moving<T>, needed: Needed, like: T) -> [T; 6] {
     let o = like.constant(0.0);
     if body.needs_no_force || !needed.acceleration {
         return [o; 6];

@@ -40,9 +40,9 @@ impl<T: Real> Arriving<T> {
     }
 }
 
-/// The same of what is watched.
+/// What is watched besides, of a body or on its way to one.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct ArrivingBesides<T> {
+pub(super) struct Besides<T> {
     /// Bounds on the terms of the diagonal of P^-.
     pub terms: [T; 6],
     /// The force of the second right side.
@@ -78,9 +78,9 @@ pub(super) struct Watching<T> {
     /// Innovations of w.
     pub innovations: Vec<T>,
     /// In slots, inward; the first is always zero.
-    pub arriving: Vec<ArrivingBesides<T>>,
+    pub arriving: Vec<Besides<T>>,
     /// Bounds on the terms of the diagonal of P^-, and zeta^+, of each body.
-    pub own: Vec<ArrivingBesides<T>>,
+    pub own: Vec<Besides<T>>,
     /// lambda^- and nu of the base, zero, and of each body.
     pub co_states: Vec<[[T; 6]; 2]>,
 }
@@ -114,23 +114,23 @@ impl<T: Real> LeanScratch<T> {
         let nan = T::from_f64(f64::NAN);
         let (bodies, nv) = (lean.bodies.len(), model.nv());
         // The base has no co-state, and what its motion is each call says.
-        let mut co_states = vec![[nan; 6]; lean.outward_slots];
+        let mut co_states = vec![[nan; 6]; lean.swept_slots.outward];
         co_states[0] = [T::zero(); 6];
         let mut watched = vec![[[nan; 6]; 2]; bodies + 1];
         watched[0] = [[T::zero(); 6]; 2];
         // Nothing arrives at a body that nothing hangs on.
-        let mut arriving = vec![Arriving::filled(nan); lean.inward_slots];
+        let mut arriving = vec![Arriving::filled(nan); lean.swept_slots.inward];
         arriving[0] = Arriving::filled(T::zero());
-        let besides = |value| ArrivingBesides { terms: [value; 6], zeta: [value; 6] };
-        let mut arriving_besides = vec![besides(nan); lean.inward_slots];
+        let besides = |value| Besides { terms: [value; 6], zeta: [value; 6] };
+        let mut arriving_besides = vec![besides(nan); lean.swept_slots.inward];
         arriving_besides[0] = besides(T::zero());
         let composite = |value| Composite { first_moment: [value; 3], rotational: [value; 6] };
-        let mut composites = vec![composite(nan); lean.inward_slots];
+        let mut composites = vec![composite(nan); lean.row_slots.inward];
         composites[0] = composite(T::zero());
         Self {
             own: vec![Own { turn: Turn { s: nan, c: nan }, force: [nan; 6] }; bodies],
             shifts: vec![RigidShift::filled(nan); lean.shifting.len()],
-            motions: vec![[[nan; 3]; 3]; lean.outward_slots],
+            motions: vec![[[nan; 3]; 3]; lean.swept_slots.outward],
             arriving,
             composites,
             measured: vec![Measured::filled(nan); nv],
@@ -156,11 +156,13 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> u
     let turns = bodies * size_of::<Turn<f64>>();
     // The noise of each row, too.
     let model = bodies * size_of::<LeanBody<f64>>() + nv * size_of::<f64>();
-    let motions = lean.outward_slots * size_of::<Moving<f64>>() + bodies * size_of::<[f64; 6]>();
-    let filter = lean.inward_slots * size_of::<Arriving<f64>>() + nv * size_of::<Measured<f64>>();
-    // Three numbers a row; a force, bounds and two co-states a body.
-    let watching = nv * 3 * size_of::<f64>() + bodies * 4 * size_of::<Vector6<f64>>();
-    let columns = lean.outward_slots * nv * size_of::<[f64; 6]>();
+    let motions = lean.swept_slots.outward * size_of::<Moving<f64>>() + bodies * size_of::<[f64; 6]>();
+    let filter = lean.swept_slots.inward * size_of::<Arriving<f64>>() + nv * size_of::<Measured<f64>>();
+    // Three numbers a row; a force, bounds and two co-states a body; and what arrives.
+    let watching = nv * 3 * size_of::<f64>()
+        + bodies * 4 * size_of::<Vector6<f64>>()
+        + lean.swept_slots.inward * size_of::<Besides<f64>>();
+    let columns = lean.row_slots.outward * nv * size_of::<[f64; 6]>();
     let closed_form = columns
         + if lean.is_shallow {
             nv * nv * size_of::<f64>()
@@ -171,10 +173,10 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> u
         Algorithm::InverseDynamics | Algorithm::BiasTorque => motions,
         Algorithm::MassMatrix => {
             let composites = bodies * size_of::<CompositeBody<f64>>();
-            composites + lean.inward_slots * size_of::<Composite<f64>>() + nv * size_of::<[f64; 6]>()
+            composites + lean.row_slots.inward * size_of::<Composite<f64>>() + nv * size_of::<[f64; 6]>()
         }
         Algorithm::ForwardDynamics(Form::Auto) => motions + filter + watching,
-        Algorithm::ForwardDynamics(_) => motions + filter + lean.outward_slots * size_of::<[f64; 6]>(),
+        Algorithm::ForwardDynamics(_) => motions + filter + lean.swept_slots.outward * size_of::<[f64; 6]>(),
         Algorithm::MassMatrixInverse(Form::Auto) => filter + watching + closed_form,
         Algorithm::MassMatrixInverse(_) => filter + closed_form,
     };

@@ -2,22 +2,22 @@
 
 /// The place of each body's number, and how many places there are.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Slots {
-    /// For each body its place; 0 is the base's.
-    pub of: Vec<usize>,
-    /// How many places, the base's included.
-    pub count: usize,
+struct Slots {
+    /// For each body its place; 0 is the base's outward, and nothing's inward.
+    of: Vec<usize>,
+    /// How many places, that one included.
+    count: usize,
 }
 
 impl Slots {
     /// Base to tip: a body's number is written at its own step and read at its children's. A leaf's is not read.
-    pub fn outward(parents: &[Option<usize>]) -> Self {
+    fn outward(parents: &[Option<usize>]) -> Self {
         let last_reader = last_children(parents);
         Self::assign(parents.len(), 0..parents.len(), |k| last_reader[k].map(|last| (k, last)))
     }
 
     /// Tip to base: a body's number is begun at its last child's step and read at its own.
-    pub fn inward(parents: &[Option<usize>]) -> Self {
+    fn inward(parents: &[Option<usize>]) -> Self {
         let first_writer = last_children(parents);
         let n = parents.len();
         Self::assign(n, (0..n).rev(), |k| first_writer[k].map(|last| (last, k)))
@@ -62,26 +62,40 @@ pub(super) struct Places {
     pub parent: usize,
 }
 
-impl Places {
-    /// Of every body, in an order that has parents first; and how many places there are, outward and inward.
-    pub fn of(parents: &[Option<usize>], order: &[usize]) -> (Vec<Self>, [usize; 2]) {
+/// How many slots there are; the first is the base's outward, and nothing's inward.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct SlotCounts {
+    pub outward: usize,
+    pub inward: usize,
+}
+
+/// The bodies in one order, which has parents first.
+pub(super) struct Ordered {
+    /// Where each body is in it.
+    pub at: Vec<usize>,
+    pub places: Vec<Places>,
+    pub slots: SlotCounts,
+}
+
+impl Ordered {
+    pub fn new(parents: &[Option<usize>], order: &[usize]) -> Self {
         let mut at = vec![0; order.len()];
         for (i, &k) in order.iter().enumerate() {
             at[k] = i;
         }
-        let in_order: Vec<_> = order.iter().map(|&k| parents[k].map(|parent| at[parent])).collect();
-        let (outward, inward) = (Slots::outward(&in_order), Slots::inward(&in_order));
-        let last_child = last_children(&in_order);
+        let of_order: Vec<_> = order.iter().map(|&k| parents[k].map(|parent| at[parent])).collect();
+        let (outward, inward) = (Slots::outward(&of_order), Slots::inward(&of_order));
+        let last_child = last_children(&of_order);
         let place = |slots: &Slots, body: Option<usize>| body.map_or(0, |body| slots.of[body]);
-        let places = at.iter().map(|&i| Self {
+        let places = at.iter().map(|&i| Places {
             outward: outward.of[i],
-            parent_outward: place(&outward, in_order[i]),
+            parent_outward: place(&outward, of_order[i]),
             inward: inward.of[i],
-            parent_inward: place(&inward, in_order[i]),
-            arrives_first: in_order[i].is_some_and(|parent| last_child[parent] == Some(i)),
-            parent: in_order[i].map_or(0, |parent| parent + 1),
+            parent_inward: place(&inward, of_order[i]),
+            arrives_first: of_order[i].is_some_and(|parent| last_child[parent] == Some(i)),
+            parent: of_order[i].map_or(0, |parent| parent + 1),
         });
-        (places.collect(), [outward.count, inward.count])
+        Self { places: places.collect(), slots: SlotCounts { outward: outward.count, inward: inward.count }, at }
     }
 }
 
@@ -98,7 +112,8 @@ pub(super) fn last_children(parents: &[Option<usize>]) -> Vec<Option<usize>> {
 
 #[cfg(test)]
 mod tests {
-    use super::Slots;
+    use super::Ordered;
+    use crate::dynamics::lean::body::interleaved;
 
     /// Parents of a tree with branches, and of a chain.
     const TREE: [Option<usize>; 9] = [None, Some(0), Some(1), Some(1), Some(0), Some(4), Some(5), Some(4), None];
@@ -106,32 +121,43 @@ mod tests {
     #[test]
     fn no_body_overwrites_what_is_still_read() {
         for parents in [TREE.to_vec(), (0..20_usize).map(|k| k.checked_sub(1)).collect()] {
-            let slots = Slots::outward(&parents);
-            let mut held = vec![usize::MAX; slots.count];
-            for (k, parent) in parents.iter().enumerate() {
-                if let Some(parent) = *parent {
-                    assert_eq!(held[slots.of[parent]], parent, "body {k} reads its parent's place");
-                    assert_ne!(slots.of[parent], slots.of[k]);
+            let rows: Vec<usize> = (0..parents.len()).collect();
+            for order in [rows, interleaved(&parents)] {
+                let Ordered { at, places, slots } = Ordered::new(&parents, &order);
+                let mut held = vec![usize::MAX; slots.outward];
+                for &k in &order {
+                    let place = &places[k];
+                    if let Some(parent) = parents[k] {
+                        assert_eq!(held[place.parent_outward], parent, "body {k} reads its parent's place");
+                        assert_ne!(place.parent_outward, place.outward);
+                    }
+                    assert_eq!(place.parent, parents[k].map_or(0, |parent| at[parent] + 1));
+                    if parents.contains(&Some(k)) {
+                        held[place.outward] = k;
+                    }
                 }
-                if parents.contains(&Some(k)) {
-                    held[slots.of[k]] = k;
-                }
-            }
-            let slots = Slots::inward(&parents);
-            let mut held = vec![usize::MAX; slots.count];
-            for (k, parent) in parents.iter().enumerate().rev() {
-                if parents.contains(&Some(k)) {
-                    assert_eq!(held[slots.of[k]], k, "body {k} reads its own place");
-                }
-                if let Some(parent) = *parent
-                    && held[slots.of[parent]] != parent
-                {
-                    assert_eq!(parents.iter().rposition(|&p| p == Some(parent)), Some(k));
-                    held[slots.of[parent]] = parent;
+                let mut held = vec![usize::MAX; slots.inward];
+                for &k in order.iter().rev() {
+                    let place = &places[k];
+                    if parents.contains(&Some(k)) {
+                        assert_eq!(held[place.inward], k, "body {k} reads its own place");
+                    } else {
+                        assert_eq!(place.inward, 0, "nothing arrives at {k}");
+                    }
+                    if let Some(parent) = parents[k] {
+                        assert_eq!(place.arrives_first, held[place.parent_inward] != parent);
+                        assert_ne!(place.parent_inward, 0);
+                        held[place.parent_inward] = parent;
+                    }
                 }
             }
         }
-        assert_eq!(Slots::outward(&TREE).count, 3);
-        assert_eq!(Slots::inward(&[None, Some(0), Some(1), Some(2)]).count, 3);
+        let counts = |parents: &[Option<usize>]| {
+            let slots = Ordered::new(parents, &(0..parents.len()).collect::<Vec<_>>()).slots;
+            (slots.outward, slots.inward)
+        };
+        assert_eq!(counts(&TREE).0, 3);
+        assert_eq!(counts(&[None, Some(0), Some(1), Some(2)]).1, 3);
+        assert_eq!(interleaved(&TREE), [0, 8, 1, 4, 2, 3, 5, 7, 6]);
     }
 }

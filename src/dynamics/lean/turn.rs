@@ -87,40 +87,37 @@ pub(super) fn packed_to_parent<T: Copy, const X: usize, const Y: usize, const Z:
 /// A packed matrix from the parent's frame to the turn's.
 #[inline(always)]
 pub(super) fn packed_to_turn<T: Copy, const X: usize, const Y: usize, const Z: usize>(p: &[T; 21]) -> [T; 21] {
-    let angular = |i: usize, j: usize| p[PACKED[i][j]];
-    let linear = |i: usize, j: usize| p[15 + PACKED[i][j]];
-    let c = |i: usize, j: usize| p[6 + 3 * i + j];
     [
-        angular(X, X),
-        angular(X, Y),
-        angular(X, Z),
-        angular(Y, Y),
-        angular(Y, Z),
-        angular(Z, Z),
-        c(X, X),
-        c(X, Y),
-        c(X, Z),
-        c(Y, X),
-        c(Y, Y),
-        c(Y, Z),
-        c(Z, X),
-        c(Z, Y),
-        c(Z, Z),
-        linear(X, X),
-        linear(X, Y),
-        linear(X, Z),
-        linear(Y, Y),
-        linear(Y, Z),
-        linear(Z, Z),
+        p[PACKED[X][X]],
+        p[PACKED[X][Y]],
+        p[PACKED[X][Z]],
+        p[PACKED[Y][Y]],
+        p[PACKED[Y][Z]],
+        p[PACKED[Z][Z]],
+        p[6 + 3 * X + X],
+        p[6 + 3 * X + Y],
+        p[6 + 3 * X + Z],
+        p[6 + 3 * Y + X],
+        p[6 + 3 * Y + Y],
+        p[6 + 3 * Y + Z],
+        p[6 + 3 * Z + X],
+        p[6 + 3 * Z + Y],
+        p[6 + 3 * Z + Z],
+        p[15 + PACKED[X][X]],
+        p[15 + PACKED[X][Y]],
+        p[15 + PACKED[X][Z]],
+        p[15 + PACKED[Y][Y]],
+        p[15 + PACKED[Y][Z]],
+        p[15 + PACKED[Z][Z]],
     ]
 }
 
-/// Whether all entries of a rotation are exactly 0, 1 or -1.
+/// Whether all entries of a rotation are exactly 0, 1 or -1: each row and column has one that is not 0.
 #[allow(clippy::float_cmp)] // exactly: what is near is not renamed
 pub(crate) fn renames_axes(rotation: &Matrix3<f64>) -> bool {
     rotation.iter().all(|&x| x == 0.0 || x.abs() == 1.0)
-        && (0..3).all(|i| rotation.row(i).iter().filter(|&&x| x != 0.0).count() == 1)
-        && (0..3).all(|j| rotation.column(j).iter().filter(|&&x| x != 0.0).count() == 1)
+        && rotation.row_iter().all(|row| row.iter().filter(|&&x| x != 0.0).count() == 1)
+        && rotation.column_iter().all(|column| column.iter().filter(|&&x| x != 0.0).count() == 1)
 }
 
 /// Such a rotation, from a body's frame in the model to the one that these sweeps have it in, as a table: which entry each becomes.
@@ -153,6 +150,7 @@ impl<N: Copy> Renaming<N> {
     }
 
     /// A motion or a force to the model's frame.
+    #[inline(always)]
     pub fn undo<T: Real<Parameter = N>>(&self, v: &[T; 6]) -> Vector6<T> {
         let mut there = Vector6::from(*v);
         for (i, &v) in v.iter().enumerate() {
@@ -161,7 +159,8 @@ impl<N: Copy> Renaming<N> {
         there
     }
 
-    /// Sizes along the axes, of angular and linear parts, to the model's frame: no sign matters.
+    /// Bounds along the axes, of angular and linear parts, to the model's frame: no sign matters.
+    #[inline(always)]
     pub fn undo_on_sizes<T: Real<Parameter = N>>(&self, v: &[T; 6]) -> Vector6<T> {
         let mut there = Vector6::from(*v);
         for (i, &v) in v.iter().enumerate() {

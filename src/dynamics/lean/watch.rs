@@ -97,7 +97,7 @@ fn base_to_tip<T: Real>(
     let LeanScratch { own, shifts, measured, watching, .. } = scratch;
     let Watching { own: watched, co_states, innovations, .. } = watching;
     for (((place, body), own), watched) in lean.swept().iter().enumerate().zip(own).zip(watched) {
-        let [outer, outer_nu] = &co_states[body.swept.parent];
+        let [outer, outer_nu] = &co_states[body.places.parent];
         let (zeta, z, terms) = (vector(&watched.zeta), vector(&own.force), vector(&watched.terms));
         let swept = Swept { z: &z, terms: &terms, measured };
         let (mut lambda, mut nu);
