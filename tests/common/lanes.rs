@@ -108,7 +108,7 @@ pub fn trees() -> impl Iterator<Item = Scene> {
     })
 }
 
-/// A tree of revolute joints about the axes of their parents, some of them on the base: only signs and angles turn its frames.
+/// A tree whose joints are mostly revolute about the axes of their parents, some of them on the base: only signs and angles turn its frames.
 pub fn aligned(seed: u64, bodies: usize, branching: f64) -> Scene {
     let mut random = Random::new(seed);
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
@@ -119,6 +119,13 @@ pub fn aligned(seed: u64, bodies: usize, branching: f64) -> Scene {
         let mut joint = JointDescription::new(format!("joint{k}"), JointKind::Revolute, parent, format!("link{k}"));
         joint.axis = Vector3::zeros();
         joint.axis[random.below(3)] = if random.uniform(0.0, 1.0) < 0.5 { 1.0 } else { -1.0 };
+        // Some that are no turns about an axis of their parent's: frames that were chosen end there.
+        match k % 7 {
+            3 => joint.axis = random.vector(),
+            4 => joint.kind = JointKind::Prismatic,
+            6 => joint.kind = JointKind::Spherical,
+            _ => {}
+        }
         joint.origin.lever = random.vector() * 0.3;
         // Of every third none: of such rows what is zero is not computed.
         joint.armature = if k % 3 == 1 { 0.0 } else { random.uniform(0.2, 1.0) };

@@ -98,15 +98,20 @@ pub(super) fn forces_base_to_tip<T: Real, C: ColumnsOf<T>>(
     motions[0] = [[o; 3], [o; 3], [-g[0], -g[1], -g[2]]];
     for (body, own) in lean.swept().iter().zip(own) {
         let parent = &motions[body.places.parent_outward];
-        let moving = match body.carrier {
+        // The force in each arm: after them the motion would come by way of memory.
+        let (moving, force) = match body.carrier {
             Carrier::Turn(axis) => {
                 let [w, dw, a] = parent;
                 let there = about!(axis, X, Y, Z, [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]]);
-                turned(body, own.turn, there, (state.qd, state.qdd), needed)
+                let moving = turned(body, own.turn, there, (state.qd, state.qdd), needed);
+                (moving, force_of(body, &moving, needed, o))
             }
-            Carrier::Shift(at) => shifted(&lean.shifting[at], body.row, &shifts[at], parent, state, needed),
+            Carrier::Shift(at) => {
+                let moving = shifted(&lean.shifting[at], body.row, &shifts[at], parent, state, needed);
+                (moving, force_of(body, &moving, needed, o))
+            }
         };
-        own.force = force_of(body, &moving, needed, o);
+        own.force = force;
         if !state.wrenches.is_empty() {
             for (f, given) in own.force.iter_mut().zip(body.frame.apply(&state.wrenches[body.index])) {
                 *f -= given;
