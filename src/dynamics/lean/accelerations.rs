@@ -56,7 +56,13 @@ pub(super) fn carried<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, lam
 #[inline(always)]
 fn estimated<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, m: &Measured<T>, e: T, lambda: &[T; 6]) -> T {
     let g = in_joint_frame(body, turn, &m.gain.into());
-    let turning = g[0].mul_add(lambda[0], g[1].mul_add(lambda[1], g[2] * lambda[2]));
-    let moving = g[3].mul_add(lambda[3], g[4].mul_add(lambda[4], g[5] * lambda[5]));
-    e.mul_add(m.pivot_inverse, -(turning + moving))
+    e.mul_add(m.pivot_inverse, -along(&g, lambda))
+}
+
+/// g* y, in two chains of products.
+#[inline(always)]
+pub(super) fn along<T: Real>(g: &[T; 6], y: &[T; 6]) -> T {
+    let turning = g[0].mul_add(y[0], g[1].mul_add(y[1], g[2] * y[2]));
+    let moving = g[3].mul_add(y[3], g[4].mul_add(y[4], g[5] * y[5]));
+    turning + moving
 }

@@ -114,7 +114,7 @@ impl<T: Real> Inward<'_, T> {
         }
         let to = &mut self.arriving[body.places.parent_inward];
         let is_first = body.places.arrives_first;
-        to.scale = if is_first { sent(body, &p) } else { to.scale.sum(&sent(body, &p)) };
+        arrive_bounds(is_first, sent(body, &p), &mut to.scale);
         if SIDES >= FILTER {
             let sent = in_joint_frame(body, turn, &own.force);
             about!(axis, X, Y, Z, arrive(is_first, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
@@ -161,7 +161,7 @@ impl<T: Real> Inward<'_, T> {
         );
         let to = &mut self.arriving[body.places.parent_inward];
         if body.parent.is_some() {
-            to.scale = if is_first { sent } else { to.scale.sum(&sent) };
+            arrive_bounds(is_first, sent, &mut to.scale);
             arrive(is_first, &packed(&carried), &mut to.p);
         }
         if SIDES >= FILTER {
@@ -220,6 +220,12 @@ pub(super) fn predict<T: Real>(
             }
         }
     }
+}
+
+/// As [`arrive`], of the bounds.
+#[inline(always)]
+fn arrive_bounds<T: Real>(is_first: bool, sent: Scale<T>, to: &mut Scale<T>) {
+    *to = if is_first { sent } else { to.sum(&sent) };
 }
 
 /// Entry by entry.

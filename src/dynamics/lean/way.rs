@@ -1,5 +1,6 @@
 //! The way of several columns outward across a turn.
 
+use super::accelerations::along;
 use super::body::LeanBody;
 use super::columns::Block;
 use super::filter::ABOUT_Z;
@@ -66,9 +67,6 @@ impl<C: Real, const X: usize, const Y: usize, const Z: usize> Way<C, X, Y, Z> {
     /// g* y.
     #[inline(always)]
     pub fn entry(&self, y: &Block<C>) -> C {
-        let g = &self.gain;
-        let turning = g[0].mul_add(y[0], g[1].mul_add(y[1], g[2] * y[2]));
-        let moving = g[3].mul_add(y[3], g[4].mul_add(y[4], g[5] * y[5]));
-        turning + moving
+        along(&self.gain, y)
     }
 }
