@@ -5,24 +5,17 @@
 
 mod common;
 
-use common::{BATCH, arguments, robot, states};
+use common::{ALGORITHMS, BATCH, CHAINS, ROBOTS, arguments, model, states};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::DMatrixView;
 use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::dynamics::operational::Frame;
-use phipsi::filter::{FORMS, Form};
+use phipsi::filter::FORMS;
 use phipsi::{Scene, dynamics, scenes};
 use std::hint::black_box;
 
-/// The algorithms that the peers have too, in the form that they run; the group `forms` has the others.
-const ALGORITHMS: [(&str, Algorithm); 4] = [
-    ("forward_dynamics", Algorithm::ForwardDynamics(Form::Covariance)),
-    ("inverse_dynamics", Algorithm::InverseDynamics),
-    ("mass_matrix", Algorithm::MassMatrix),
-    ("mass_matrix_inverse", Algorithm::MassMatrixInverse(Form::Covariance)),
-];
-
-/// Every algorithm on one scene, as group/name: one state a call, and with `batches` a batch a call on one thread.
+/// Every algorithm on one scene, as group/name: one state a call, and with `batches` a batch a call on one thread. The group `forms`
+/// has the other forms.
 ///
 /// The checked calls: lengths, NaN, pivots and results are looked at, as for any user.
 fn algorithms(c: &mut Criterion, name: &str, scene: &Scene, batches: bool) {
@@ -56,7 +49,7 @@ fn algorithms(c: &mut Criterion, name: &str, scene: &Scene, batches: bool) {
 }
 
 fn chains(c: &mut Criterion) {
-    for n in [7, 16, 30, 64] {
+    for n in CHAINS {
         algorithms(c, &format!("chain_{n}"), &scenes::chain(n).expect("a chain"), n == 7);
     }
 }
@@ -99,8 +92,8 @@ fn forms(c: &mut Criterion) {
 
 /// The robots of `make peers`, on the base that the peers give them.
 fn robots(c: &mut Criterion) {
-    for (name, floating) in [("ur5", false), ("panda", false), ("anymal", true), ("g1", true), ("talos", true)] {
-        let Some(scene) = robot(name, floating) else { continue };
+    for (name, _) in ROBOTS {
+        let Some(scene) = model(name) else { continue };
         algorithms(c, name, &scene, name == "g1" || name == "talos");
     }
 }

@@ -1,8 +1,25 @@
-//! What the benches share: states, and the robots of `make peers`.
+//! What the benches share: algorithms, models (chains, and the robots of `make peers`), states, and a clock.
 #![allow(dead_code)] // each bench uses its own part
 
-use phipsi::Scene;
 use phipsi::batch::chunk::{Algorithm, Arguments};
+use phipsi::filter::Form;
+use phipsi::{Scene, scenes};
+use std::time::{Duration, Instant};
+
+/// The algorithms that the peers have too, in the form that they run.
+pub const ALGORITHMS: [(&str, Algorithm); 4] = [
+    ("forward_dynamics", Algorithm::ForwardDynamics(Form::Covariance)),
+    ("inverse_dynamics", Algorithm::InverseDynamics),
+    ("mass_matrix", Algorithm::MassMatrix),
+    ("mass_matrix_inverse", Algorithm::MassMatrixInverse(Form::Covariance)),
+];
+
+/// Bodies of the chains that the peers run too.
+pub const CHAINS: [usize; 4] = [7, 16, 30, 64];
+
+/// The robots of `make peers`, and whether their base floats.
+pub const ROBOTS: [(&str, bool); 5] =
+    [("ur5", false), ("panda", false), ("anymal", true), ("g1", true), ("talos", true)];
 
 const STATES: usize = 256;
 
@@ -59,4 +76,37 @@ pub fn robot(name: &str, floating: bool) -> Option<Scene> {
 #[cfg(not(feature = "urdf"))]
 pub fn robot(_: &str, _: bool) -> Option<Scene> {
     None
+}
+
+/// A chain of [`CHAINS`], as `chain_7`, or one of [`ROBOTS`]; none where it is neither, or its file is not there.
+pub fn model(name: &str) -> Option<Scene> {
+    if let Some(&bodies) = CHAINS.iter().find(|bodies| format!("chain_{bodies}") == name) {
+        return Some(scenes::chain(bodies).expect("a chain"));
+    }
+    ROBOTS.iter().find(|(known, _)| *known == name).and_then(|(_, floating)| robot(name, *floating))
+}
+
+/// The shortest repeat, so that the clock's own cost vanishes.
+const REPEAT: Duration = Duration::from_micros(200);
+
+/// Median nanoseconds a state of `cycle`, which works through that many states: after one that warms the caches, repeats of whole
+/// cycles fill `seconds`. As `benches/peers/pinocchio_bench.cpp` does it on the other side.
+#[allow(clippy::cast_precision_loss)] // counts
+pub fn median_ns(seconds: f64, states: usize, mut cycle: impl FnMut()) -> f64 {
+    cycle();
+    let (began, mut repeats) = (Instant::now(), Vec::new());
+    while repeats.is_empty() || began.elapsed().as_secs_f64() < seconds {
+        let (start, mut cycles) = (Instant::now(), 0);
+        let elapsed = loop {
+            cycle();
+            cycles += 1;
+            let elapsed = start.elapsed();
+            if elapsed >= REPEAT {
+                break elapsed;
+            }
+        };
+        repeats.push(elapsed.as_secs_f64() * 1e9 / (cycles * states) as f64);
+    }
+    repeats.sort_by(f64::total_cmp);
+    repeats[repeats.len() / 2]
 }

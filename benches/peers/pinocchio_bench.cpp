@@ -1,11 +1,14 @@
 // Times Pinocchio's C++ algorithms on the models written by dump_models.py.
 //
-//   pinocchio_bench [--csv | --json | --accelerations] MODEL.bin...
+//   pinocchio_bench [--csv | --json | --accelerations | --serve] MODEL.bin...
 //
 // --csv             the default, a line per model: median nanoseconds a call of each algorithm
 // --json            the same, with the compiler, the versions and the accelerations below
 // --accelerations   no timing: CSV of the fixed state and of its joint accelerations, a line per degree of freedom.
 //                   Whoever compares times checks first that it computes these: same model, same problem.
+// --serve           prints a line of JSON, the compiler and the versions; then reads lines MODEL ALGORITHM SECONDS, measures
+//                   for about that long, and answers each with a line: nanoseconds a call. For compare.py, which has it
+//                   and benches/turns.rs take turns.
 //
 // Pinocchio is compiled from its headers here, because the shared library of the wheel is built for any x86-64.
 #include <pinocchio/multibody.hpp>
@@ -23,6 +26,9 @@
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
+#include <iostream>
+#include <map>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -39,9 +45,9 @@ using pinocchio::Model;
 
 // ---- timing ------------------------------------------------------------------------------------------------------
 
-constexpr int STATES = 256;           // cycled, so that no call sees the state of the call before it
-constexpr int REPEATS = 31;           // the median of these is reported
-constexpr double REPEAT_SECONDS = 1e-3;  // at the least, so that the clock's own cost vanishes
+constexpr int STATES = 256;              // cycled, so that no call sees the state of the call before it
+constexpr double REPEAT_SECONDS = 2e-4;  // at the least, so that the clock's own cost vanishes
+constexpr double SECONDS = 0.1;          // an algorithm, where nobody says how long
 
 using Clock = std::chrono::steady_clock;
 
@@ -52,25 +58,29 @@ template <class Result> inline void consume(const Result& result) {
   asm volatile("" : : "r"(result.data()) : "memory");
 }
 
-// Median nanoseconds of `call(state)`, which returns the Eigen object that holds its result.
-template <class Call> double median_ns(Call call) {
+// Median nanoseconds of `call(state)`, which returns the Eigen object that holds its result: one cycle through the states
+// warms the caches, then repeats of whole cycles fill `seconds`. As benches/common/mod.rs does it on the other side.
+template <class Call> double median_ns(double seconds, Call call) {
   const auto cycle = [&] {
-    const auto start = Clock::now();
     for (int state = 0; state < STATES; state++) consume(call(state));
-    return seconds_since(start);
   };
-  cycle();  // warms the caches
-  const int cycles = 1 + static_cast<int>(REPEAT_SECONDS / cycle());
-
-  std::vector<double> ns(REPEATS);
-  for (double& one : ns) {
+  cycle();
+  std::vector<double> ns;
+  const auto began = Clock::now();
+  do {
     const auto start = Clock::now();
-    for (int c = 0; c < cycles; c++)
-      for (int state = 0; state < STATES; state++) consume(call(state));
-    one = seconds_since(start) * 1e9 / (cycles * STATES);
-  }
-  std::nth_element(ns.begin(), ns.begin() + REPEATS / 2, ns.end());
-  return ns[REPEATS / 2];
+    int cycles = 0;
+    double elapsed;
+    do {
+      cycle();
+      cycles++;
+      elapsed = seconds_since(start);
+    } while (elapsed < REPEAT_SECONDS);
+    ns.push_back(elapsed * 1e9 / (cycles * STATES));
+  } while (seconds_since(began) < seconds);
+  const auto middle = ns.begin() + ns.size() / 2;
+  std::nth_element(ns.begin(), middle, ns.end());
+  return *middle;
 }
 
 // Forward dynamics by way of the factored mass matrix. On small robots it can beat the articulated-body algorithm.
@@ -84,37 +94,53 @@ const VectorXd& crba_forward_dynamics(const Model& model, Data& data, const Vect
   return data.ddq;
 }
 
-using Timings = std::vector<std::pair<const char*, double>>;
-
-Timings time_all(const Model& model) {
-  std::srand(1);  // Eigen and Pinocchio draw from std::rand: every run sees the same states
-  const VectorXd bound = VectorXd::Ones(model.nq);
+// A model with its scratch, and random states.
+struct Problem {
+  Model model;
+  Data data;
   std::vector<VectorXd> q, v, a, tau;
-  for (int state = 0; state < STATES; state++) {
-    q.push_back(pinocchio::randomConfiguration(model, -bound, bound));  // a free joint's attitude: uniform
-    v.push_back(VectorXd::Random(model.nv));
-    a.push_back(VectorXd::Random(model.nv));
-    tau.push_back(VectorXd::Random(model.nv));
-  }
 
-  Data data(model);
+  explicit Problem(const Model& given) : model(given), data(given) {
+    std::srand(1);  // Eigen and Pinocchio draw from std::rand: every run sees the same states
+    const VectorXd bound = VectorXd::Ones(model.nq);
+    for (int state = 0; state < STATES; state++) {
+      q.push_back(pinocchio::randomConfiguration(model, -bound, bound));  // a free joint's attitude: uniform
+      v.push_back(VectorXd::Random(model.nv));
+      a.push_back(VectorXd::Random(model.nv));
+      tau.push_back(VectorXd::Random(model.nv));
+    }
+  }
+};
+
+// Every algorithm: `visit(name, call)`, where `call(state)` does it.
+template <class Visit> void each_algorithm(Problem& problem, Visit visit) {
+  const Model& model = problem.model;
+  Data& data = problem.data;
+  const auto &q = problem.q, &v = problem.v, &a = problem.a, &tau = problem.tau;
   const auto factor = [&](int i, Convention convention) -> auto& {
     pinocchio::crba(model, data, q[i], convention);
     return pinocchio::cholesky::decompose(model, data);
   };
   // clang-format off
-  return {
-      {"aba_local", median_ns([&](int i) -> auto& { return pinocchio::aba(model, data, q[i], v[i], tau[i], Convention::LOCAL); })},
-      {"aba_world", median_ns([&](int i) -> auto& { return pinocchio::aba(model, data, q[i], v[i], tau[i], Convention::WORLD); })},
-      {"crba_forward_dynamics", median_ns([&](int i) -> auto& { return crba_forward_dynamics(model, data, q[i], v[i], tau[i]); })},
-      {"rnea", median_ns([&](int i) -> auto& { return pinocchio::rnea(model, data, q[i], v[i], a[i]); })},
-      {"crba_local", median_ns([&](int i) -> auto& { return pinocchio::crba(model, data, q[i], Convention::LOCAL); })},
-      {"crba_world", median_ns([&](int i) -> auto& { return pinocchio::crba(model, data, q[i], Convention::WORLD); })},
-      {"crba_local_cholesky", median_ns([&](int i) -> auto& { return factor(i, Convention::LOCAL); })},
-      {"crba_world_cholesky", median_ns([&](int i) -> auto& { return factor(i, Convention::WORLD); })},
-      {"minverse", median_ns([&](int i) -> auto& { return pinocchio::computeMinverse(model, data, q[i]); })},
-  };
+  visit("aba_local", [&](int i) -> auto& { return pinocchio::aba(model, data, q[i], v[i], tau[i], Convention::LOCAL); });
+  visit("aba_world", [&](int i) -> auto& { return pinocchio::aba(model, data, q[i], v[i], tau[i], Convention::WORLD); });
+  visit("crba_forward_dynamics", [&](int i) -> auto& { return crba_forward_dynamics(model, data, q[i], v[i], tau[i]); });
+  visit("rnea", [&](int i) -> auto& { return pinocchio::rnea(model, data, q[i], v[i], a[i]); });
+  visit("crba_local", [&](int i) -> auto& { return pinocchio::crba(model, data, q[i], Convention::LOCAL); });
+  visit("crba_world", [&](int i) -> auto& { return pinocchio::crba(model, data, q[i], Convention::WORLD); });
+  visit("crba_local_cholesky", [&](int i) -> auto& { return factor(i, Convention::LOCAL); });
+  visit("crba_world_cholesky", [&](int i) -> auto& { return factor(i, Convention::WORLD); });
+  visit("minverse", [&](int i) -> auto& { return pinocchio::computeMinverse(model, data, q[i]); });
   // clang-format on
+}
+
+using Timings = std::vector<std::pair<const char*, double>>;
+
+Timings time_all(const Model& model) {
+  Problem problem(model);
+  Timings timings;
+  each_algorithm(problem, [&](const char* name, auto call) { timings.emplace_back(name, median_ns(SECONDS, call)); });
+  return timings;
 }
 
 // ---- the fixed state ---------------------------------------------------------------------------------------------
@@ -206,13 +232,60 @@ std::string model_name(const std::string& path) {
   return file.substr(0, file.find_last_of('.'));
 }
 
+// What the figures were made with: the members of a JSON object.
+void print_versions() {
+  std::printf("\"compiler\": \"g++ %s\", \"flags\": \"%s\", \"pinocchio\": \"%s\", \"eigen\": \"%d.%d.%d\"", __VERSION__,
+              COMPILE_FLAGS, PINOCCHIO_VERSION, EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION);
+}
+
+// Throws where one algorithm is named that does not exist.
+double time_one(Problem& problem, const std::string& algorithm, double seconds) {
+  double ns = NAN;
+  each_algorithm(problem, [&](const char* name, auto call) {
+    if (algorithm == name) ns = median_ns(seconds, call);
+  });
+  if (std::isnan(ns)) throw std::runtime_error("no algorithm " + algorithm);
+  return ns;
+}
+
+// Answers lines until there are no more.
+void serve(const std::vector<std::string>& paths) {
+  std::map<std::string, Problem> problems;
+  for (const std::string& path : paths) {
+    Model model;
+    pinocchio::serialization::loadFromBinary(model, path);
+    fixed_state(model);  // throws where its routes disagree
+    problems.emplace(model_name(path), model);
+  }
+  std::printf("{");
+  print_versions();
+  std::printf("}\n");
+  std::fflush(stdout);
+  for (std::string line; std::getline(std::cin, line);) {
+    std::istringstream words(line);
+    std::string model, algorithm, more;
+    double seconds;
+    if (!(words >> model >> algorithm >> seconds) || words >> more || !(seconds >= 0.0))
+      throw std::runtime_error("expected MODEL ALGORITHM SECONDS, found: " + line);
+    const auto found = problems.find(model);
+    if (found == problems.end()) throw std::runtime_error("no model " + model + ": " + line);
+    std::printf("%.2f\n", time_one(found->second, algorithm, seconds));
+    std::fflush(stdout);
+  }
+}
+
 int run(const std::string& mode, const std::vector<std::string>& paths) {
-  if (mode == "--json")
-    std::printf("{\"compiler\": \"g++ %s\", \"flags\": \"%s\", \"pinocchio\": \"%s\", \"eigen\": \"%d.%d.%d\", \"models\": [",
-                __VERSION__, COMPILE_FLAGS, PINOCCHIO_VERSION, EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION,
-                EIGEN_MINOR_VERSION);
-  else if (mode == "--accelerations")
+  if (mode == "--serve") {
+    serve(paths);
+    return EXIT_SUCCESS;
+  }
+  if (mode == "--json") {
+    std::printf("{");
+    print_versions();
+    std::printf(", \"models\": [");
+  } else if (mode == "--accelerations") {
     std::printf("model,joint,q,qd,tau,qdd_aba_local,qdd_aba_world,qdd_crba\n");
+  }
 
   for (const std::string& path : paths) {
     const bool first = path == paths.front();
@@ -245,9 +318,9 @@ int main(int argc, char** argv) {
     else
       paths.push_back(argument);
   }
-  const bool known = mode == "--csv" || mode == "--json" || mode == "--accelerations";
+  const bool known = mode == "--csv" || mode == "--json" || mode == "--accelerations" || mode == "--serve";
   if (!known || paths.empty()) {
-    std::fprintf(stderr, "usage: pinocchio_bench [--csv | --json | --accelerations] MODEL.bin...\n");
+    std::fprintf(stderr, "usage: pinocchio_bench [--csv | --json | --accelerations | --serve] MODEL.bin...\n");
     return 2;
   }
   try {

@@ -1,0 +1,120 @@
+//! How long an algorithm takes now: asked by benches/peers/compare.py, which has it and Pinocchio's harness take turns.
+//!
+//! `turns serve` prints a line of JSON, the arm of this process and all that the processor has. Then it reads lines
+//! `GROUP MODEL SECONDS`, measures for about that long, and answers each with a line: nanoseconds a state. Without `serve` (as
+//! `cargo bench` starts it) it does nothing.
+//!
+//! A group is an algorithm of [`ALGORITHMS`], with `_batch` for batches of 4096 states; behind it another form than covariance and
+//! another arm than that of the process: `forward_dynamics/square-root`, `forward_dynamics_batch/avx2`. All go through
+//! [`Scene::evaluate`], with the checks of every argument and result.
+
+mod common;
+
+use common::{ALGORITHMS, BATCH, State, arguments, median_ns, model, states};
+use phipsi::Scene;
+use phipsi::batch::arms::{ARMS, Arm};
+use phipsi::batch::chunk::Algorithm;
+use phipsi::batch::evaluator::Evaluator;
+use phipsi::filter::FORMS;
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::hint::black_box;
+use std::process::ExitCode;
+
+/// What a group stands for.
+struct Group {
+    algorithm: Algorithm,
+    batch: bool,
+    arm: Arm,
+}
+
+fn named<T: Copy>(table: &[(&str, T)], name: &str) -> Option<T> {
+    table.iter().find(|(known, _)| *known == name).map(|&(_, value)| value)
+}
+
+impl Group {
+    fn new(text: &str) -> Result<Self, String> {
+        let mut parts = text.split('/');
+        let first = parts.next().unwrap_or_default();
+        let (name, batch) = first.strip_suffix("_batch").map_or((first, false), |name| (name, true));
+        let algorithm = named(&ALGORITHMS, name).ok_or_else(|| format!("no algorithm {name:?}"))?;
+        let mut group = Self { algorithm, batch, arm: Arm::of_process() };
+        for part in parts {
+            if let Some(form) = named(&FORMS, part) {
+                group.algorithm = match algorithm {
+                    Algorithm::ForwardDynamics(_) => Algorithm::ForwardDynamics(form),
+                    Algorithm::MassMatrixInverse(_) => Algorithm::MassMatrixInverse(form),
+                    _ => return Err(format!("{name} has no forms, so no {part:?}")),
+                };
+            } else {
+                // Another arm than the one asked for would be measured as that.
+                let arm = named(&ARMS, part).filter(|arm| arm.available());
+                group.arm = arm.ok_or_else(|| format!("{part:?} is no form, and no arm of this processor"))?;
+            }
+        }
+        Ok(group)
+    }
+}
+
+/// A scene with what it needs to be evaluated, made when it is first asked for.
+struct Kept {
+    scene: Scene,
+    states: Vec<State>,
+    evaluators: HashMap<Arm, Evaluator>,
+}
+
+impl Kept {
+    fn new(name: &str) -> Result<Self, String> {
+        let scene = model(name).ok_or_else(|| format!("no model {name:?}"))?;
+        Ok(Self { states: states(&scene), scene, evaluators: HashMap::new() })
+    }
+
+    /// Nanoseconds a state; `out` is scratch for results, because a batch of every scene would fill the memory.
+    fn measure(&mut self, group: &Group, seconds: f64, out: &mut Vec<f64>) -> f64 {
+        let Self { scene, states, evaluators } = self;
+        let &Group { algorithm, batch, arm } = group;
+        let evaluator = evaluators.entry(arm).or_insert_with(|| Evaluator::on(arm, scene));
+        let (count, a_call) = if batch { (BATCH, BATCH) } else { (states.len(), 1) };
+        let states: Vec<_> = states.iter().map(|state| arguments(algorithm, state)).cycle().take(count).collect();
+        let width = scene.width(algorithm) * a_call;
+        out.resize(width.max(out.len()), 0.0);
+        let out = &mut out[..width];
+        median_ns(seconds, count, || {
+            for states in states.chunks(a_call) {
+                scene.evaluate(evaluator, algorithm, black_box(states), black_box(&mut *out)).expect("states");
+            }
+        })
+    }
+}
+
+fn answer(models: &mut HashMap<String, Kept>, out: &mut Vec<f64>, line: &str) -> Result<f64, String> {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let [group, name, seconds] = words[..] else { return Err("expected GROUP MODEL SECONDS".to_owned()) };
+    let group = Group::new(group)?;
+    let seconds = seconds.parse().ok().filter(|&seconds| seconds >= 0.0).ok_or("not a time in seconds")?;
+    let kept = match models.entry(name.to_owned()) {
+        Entry::Occupied(found) => found.into_mut(),
+        Entry::Vacant(place) => place.insert(Kept::new(name)?),
+    };
+    Ok(kept.measure(&group, seconds, out))
+}
+
+fn main() -> ExitCode {
+    if std::env::args().nth(1).is_none_or(|first| first != "serve") {
+        eprintln!("turns: asked by benches/peers/compare.py, nothing to do here");
+        return ExitCode::SUCCESS;
+    }
+    let arms: Vec<_> = ARMS.iter().filter(|(_, arm)| arm.available()).map(|(name, _)| format!("\"{name}\"")).collect();
+    println!("{{\"arm\": \"{}\", \"arms\": [{}]}}", Arm::of_process().name(), arms.join(", "));
+    let (mut models, mut out) = (HashMap::new(), Vec::new());
+    for line in std::io::stdin().lines().map_while(Result::ok) {
+        match answer(&mut models, &mut out, &line) {
+            Ok(ns) => println!("{ns:.2}"),
+            Err(error) => {
+                eprintln!("turns: {error}; asked: {line}");
+                return ExitCode::FAILURE;
+            }
+        }
+    }
+    ExitCode::SUCCESS
+}
