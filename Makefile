@@ -6,7 +6,7 @@
 #   make peers     what to measure against: the peers, and Pinocchio's C++ harness (Debian: apt-get, as root)
 #   make instructions   counts instructions with valgrind, fails where there are more than before
 #   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
-#   make bench     after make peers: measures all of it, writes docs/benchmarks.md (BENCH=--quick: a trial)
+#   make bench     after make peers: measures all of it (20 minutes), writes docs/benchmarks.md (BENCH=--quick: a trial)
 
 PYTHON ?= python3
 OUT ?= report

@@ -4,8 +4,8 @@ Usage: .venv-peers/bin/python benches/report.py [--passes N] [--quick] [--write-
 
 It runs under the interpreter of the peers, in which `make bench` has installed the wheel of phipsi (with the extra `report`,
 for matplotlib): python_peers.py needs all of them in one process. In this order: criterion's groups that no peer takes part in;
-compare.py, where criterion and Pinocchio in C++ take turns; python_peers.py; motion_peers.py. What was run is kept in target/peers/run.json,
-so that --write-only can write the page again. --quick has few repeats: to see that all works, not for figures.
+compare.py, where phipsi in Rust and Pinocchio in C++ take turns, case by case; python_peers.py; motion_peers.py. What was run is kept in
+target/peers/run.json, so that --write-only can write the page again. --quick has few repeats: to see that all works, not for figures.
 """
 
 import argparse
@@ -25,11 +25,11 @@ ROOT = Path(__file__).resolve().parents[1]
 PEERS = ROOT / "target" / "peers"
 sys.path.insert(0, str(ROOT / "benches" / "peers"))
 
-from compare import BATCH, OPERATIONS
+from compare import BATCH, FEATURES, OPERATIONS
 
 import report_page
 
-FEATURES = "urdf,parallel,dense,stochastic"
+#: Criterion has these too, but its figures of them were not taken in turns.
 COMPARED = [operation + suffix for operation in OPERATIONS for suffix in ("", BATCH)]
 #: Criterion's options where there is no need to be exact; and for all else, a median of a hundred samples.
 QUICK = ("--warm-up-time", "0.1", "--measurement-time", "0.2", "--sample-size", "10")
@@ -68,20 +68,17 @@ def only(groups: list[str]) -> str:
     return f"^({'|'.join(map(re.escape, groups))})/"
 
 
-def measure(passes: int, quick: bool) -> dict[str, Any]:
+def measure(passes: int | None, quick: bool) -> dict[str, Any]:
     """Runs everything; the commands, and when it began."""
     began = time.time() - 1.0
     bench = cargo_bench()
-    groups = groups_of(bench)
-    others = [group for group in groups if group not in COMPARED]
+    others = [group for group in groups_of(bench) if group not in COMPARED]
     alone = [*bench, "--", only(["growth"] if quick else others), *(QUICK if quick else SHORT)]
-    shared = [*bench, "--", only([group for group in groups if group in COMPARED]), *(QUICK if quick else SHORT)]
-    # One core: batches are compared with Pinocchio on one.
-    compare = ["env", "RAYON_NUM_THREADS=1", sys.executable, "benches/peers/compare.py"]
-    compare += ["--passes", str(passes), "--rerun", shlex.join(shared)]
     few = ["--passes", "3", "--seconds", "0.001"] if quick else []
+    wanted = ["--passes", str(passes)] if passes else few[:2]
+    compare = [sys.executable, "benches/peers/compare.py", *wanted, *few[2:]]
     python = [sys.executable, "benches/peers/python_peers.py", *few]
-    little = ["--passes", "3", "--seconds", "0.001", "--states", "512"] if quick else []
+    little = [*few, "--states", "512"] if quick else []
     motion = [sys.executable, "benches/peers/motion_peers.py", *little]
     commands = {"alone": alone, "compare": compare, "python": python, "motion": motion}
     for command in commands.values():
@@ -127,7 +124,7 @@ def load(name: str) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--passes", type=int, help="of compare.py; default: 5, with --quick 1")
+    parser.add_argument("--passes", type=int, help="of compare.py; default: as it has, with --quick 3")
     parser.add_argument("--quick", action="store_true", help="few repeats: no figure counts")
     parser.add_argument("--write-only", action="store_true", help="measure nothing, write the page again")
     parser.add_argument(
@@ -138,8 +135,7 @@ def main() -> None:
         missing = [path for path in (PEERS / "pinocchio_bench", PEERS / "models") if not path.exists()]
         if missing:
             fail(f"not there: {', '.join(map(str, missing))}; run `make peers`")
-        passes = options.passes or (1 if options.quick else 5)
-        ran = measure(passes, options.quick)
+        ran = measure(options.passes, options.quick)
         (PEERS / "run.json").write_text(json.dumps(ran, indent=1) + "\n")
     ran = load("run.json")
     folder = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "criterion"

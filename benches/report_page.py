@@ -15,22 +15,32 @@ TITLES = {
     "inverse_dynamics": "Inverse dynamics",
     "mass_matrix": "Mass matrix",
     "mass_matrix_inverse": "Inverse of the mass matrix",
-    "factor": "Factor",
 }
-#: What the project wants to reach on these models (issue 5), as ratios to Pinocchio in C++.
+#: What the project wants to reach on these models (issue 5), as ratios to Pinocchio in C++: by group, and the group's arm.
 AIMED_AT = ("chain_7", "g1", "talos")
-AIMS = {"forward_dynamics": 4.0, "inverse_dynamics": 4.0, "mass_matrix": 2.0, "mass_matrix_inverse": 3.0}
-AIMS_BATCH = {"forward_dynamics": 25.0, "inverse_dynamics": 20.0, "mass_matrix": 20.0, "mass_matrix_inverse": 20.0}
+AIMS = {
+    "forward_dynamics": 4.0,
+    "forward_dynamics/square-root": 1.5,
+    "inverse_dynamics": 4.0,
+    "mass_matrix": 2.0,
+    "mass_matrix_inverse": 3.0,
+    "forward_dynamics_batch": 25.0,
+    "forward_dynamics_batch/avx2": 14.0,
+    "inverse_dynamics_batch": 20.0,
+    "mass_matrix_batch": 20.0,
+    "mass_matrix_inverse_batch": 20.0,
+}
 #: The same from Python, of one core, against a loop over Pinocchio; and one state a call against pin.aba, chain of 7.
 AIM_PYTHON_BATCH, AIM_PYTHON_CALL = 30.0, 2.0
 
 LIMITS = """\
 - One machine, on one day. Two machines need not agree on a ratio; minimum and maximum say how steady this one was.
-- Against Pinocchio in C++ phipsi runs its kernels without the checks of the arguments, as Pinocchio does. From Python everything is in: the
-  call, the checks, the new array for the result; for Drake and MuJoCo also what sets the state.
+- Against Pinocchio in C++ phipsi is called as from any Rust program, by `scene.evaluate`: it looks at the lengths of all arguments, for NaN and
+  infinity in arguments and results, at quaternions and pivots. Pinocchio looks at lengths.
+- From Python everything is in: the call, the checks, the new array for the result; for Drake and MuJoCo also what sets the state.
 - `mj_step` and `mujoco.rollout` do a step, with more kinematics than accelerations need; `mj_forward` and `mj_inverse` too. MuJoCo fuses
   fixed links, as phipsi does; contacts, limits and other constraints are off.
-- Pinocchio fills the upper triangle of the mass matrix and of its inverse; phipsi fills both.
+- Pinocchio fills the upper triangle of the mass matrix and of its inverse; phipsi fills both. Factoring the mass matrix is not compared.
 - A loop over Pinocchio is a Python loop that stores each result; `pin.abaInParallel` is its own batch, which it has for two algorithms.
 - Drake's and dynibo's calls from C++ and Rust are faster than from Python; so is phipsi's.
 - Models without shapes and damping; mimic joints are joints of their own. Gravity is 9.80665 m/s^2 everywhere from Python: dynibo has no other.
@@ -38,8 +48,8 @@ LIMITS = """\
 """
 
 
-class Loss(NamedTuple):
-    """A peer that is faster."""
+class Comparison(NamedTuple):
+    """phipsi beside a peer."""
 
     where: str
     operation: str
@@ -47,10 +57,9 @@ class Loss(NamedTuple):
     ours: float
     peer: str
     theirs: float
-
-    @property
-    def times(self) -> float:
-        return self.ours / self.theirs
+    ratio: float
+    further: bool
+    """Another form or arm than the one that counts."""
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -64,8 +73,10 @@ def command(text: str) -> str:
     return f"Made by\n\n```\n{text}\n```\n"
 
 
-def title(operation: str) -> str:
-    return TITLES.get(operation.removesuffix(BATCH), operation)
+def title(group: str) -> str:
+    """In words, with form and arm where the group has one."""
+    operation, *variant = group.split("/")
+    return ", ".join([TITLES.get(operation.removesuffix(BATCH), operation), *variant])
 
 
 def number(ns: float) -> str:
@@ -78,73 +89,95 @@ def spread(one: Row) -> str:
     return f"{number(one['median'])} ({number(one['min'])} to {number(one['max'])})"
 
 
+def times(one: Row, digits: int = 1) -> str:
+    """Ratios: median, minimum and maximum."""
+    median, low, high = (f"{one[name]:.{digits}f}" for name in ("median", "min", "max"))
+    return f"{median} ({low} to {high})"
+
+
 # Where we lose
 
 
-def losses(compared: Sequence[Row], python: Sequence[Row], motion: Sequence[Row]) -> list[Loss]:
-    """Every pair in which the peer's median is smaller, the worst first; the default form, on as many threads."""
+def comparisons(compared: Sequence[Row], python: Sequence[Row], motion: Sequence[Row]) -> list[Comparison]:
+    """Every pair: in Rust covariance on the arm of the process, and all else marked; from Python the default form, on as many threads."""
     found = []
     for row in compared:
-        if row["phipsi_ns"] and row["ratio"] < 1.0:
-            where = "C++ and Rust, batch" if row["group"].endswith(BATCH) else "C++ and Rust"
-            ours, theirs = row["phipsi_ns"]["median"], row["pinocchio_ns"]["median"]
-            found.append(
-                Loss(where, row["group"], row["model"], ours, f"Pinocchio, {row['pinocchio_algorithm']}", theirs)
-            )
+        operation, _, variant = row["group"].partition("/")
+        where = "C++ and Rust" + (", batch" if operation.endswith(BATCH) else "") + (f", {variant}" if variant else "")
+        ours, theirs = row["phipsi_ns"]["median"], row["pinocchio_ns"]["median"]
+        peer = f"Pinocchio, {row['pinocchio_algorithm']}"
+        ratio = row["ratio"]["median"]
+        found.append(Comparison(where, operation, row["model"], ours, peer, theirs, ratio, bool(variant)))
     for row in python:
-        if not row["library"].startswith("phipsi") and row["ratio"] and row["ratio"] < 1.0:
+        if not row["library"].startswith("phipsi") and row["ratio"]:
             where = "Python, batch" if row["operation"].endswith(BATCH) else "Python"
-            theirs = row["ns"]["median"]
+            theirs, ratio = row["ns"]["median"], row["ratio"]
             peer = f"{row['library']}, {row['call']}"
-            found.append(Loss(where, row["operation"], row["model"], theirs / row["ratio"], peer, theirs))
+            found.append(Comparison(where, row["operation"], row["model"], theirs / ratio, peer, theirs, ratio, False))
     for row in motion:
-        if row["ratio"]["median"] < 1.0:
-            what, peer = f"{row['call']}, {row['method']}, {row['form']}", f"{row['peer']}, {row['peer_call']}"
-            found.append(
-                Loss("Python, motion", what, row["model"], row["ns"]["median"], peer, row["peer_ns"]["median"])
-            )
-    return sorted(found, key=lambda loss: -loss.times)
+        what, peer = f"{row['call']}, {row['method']}, {row['form']}", f"{row['peer']}, {row['peer_call']}"
+        ours, theirs, ratio = row["ns"]["median"], row["peer_ns"]["median"], row["ratio"]["median"]
+        found.append(Comparison("Python, motion", what, row["model"], ours, peer, theirs, ratio, False))
+    return found
 
 
-def losses_text(found: Sequence[Loss], count: int) -> str:
+def lost(one: Comparison) -> bool:
+    return one.ratio < 1.0
+
+
+def losses_table(chosen: Sequence[Comparison]) -> str:
+    """How many there are of each kind, then those in which the peer is faster, the worst first."""
+    kinds = {one.where: [other for other in chosen if other.where == one.where] for one in chosen}
+    counts = [(where, str(len(all_of)), str(sum(map(lost, all_of)))) for where, all_of in kinds.items()]
     head = ("from", "operation", "model", "phipsi, ns", "the peer", "ns", "the peer is faster by")
     rows = [
         (
-            loss.where,
-            title(loss.operation),
-            loss.model,
-            number(loss.ours),
-            loss.peer,
-            number(loss.theirs),
-            f"{loss.times:.2f}",
+            one.where,
+            title(one.operation),
+            one.model,
+            number(one.ours),
+            one.peer,
+            number(one.theirs),
+            f"{1.0 / one.ratio:.2f}",
         )
-        for loss in found
+        for one in sorted(filter(lost, chosen), key=lambda one: one.ratio)
     ]
+    return f"{table(('from', 'comparisons', 'phipsi is slower in'), counts)}\n{table(head, rows)}"
+
+
+def losses_text(every: Sequence[Comparison], arm: str) -> str:
+    counted = [one for one in every if not one.further]
+    further = [one for one in every if one.further]
     return (
-        f"Of {count} comparisons, medians against medians, phipsi is the slower one in {len(found)}, the worst first. From Python it is the"
-        f" default form (`auto`), on as many threads as the peer; in Rust the covariance form.\n\n{table(head, rows)}"
+        f"Of {len(counted)} comparisons phipsi is the slower one in {sum(map(lost, counted))}, the worst first. From Python it is the default form"
+        f" (`auto`), on as many threads as the peer, and median beside median; in Rust it is the covariance form on the arm `{arm}`, and there, and"
+        f" in motion, the ratio is the median of those within a pass.\n\n{losses_table(counted)}\n### Other forms, and AVX2\n\n"
+        f"Not counted above: {len(further)} further comparisons in Rust, of which phipsi is the slower one in {sum(map(lost, further))}."
+        f"\n\n{losses_table(further)}"
     )
 
 
-def aims_text(compared: Sequence[Row], python: Sequence[Row]) -> str:
+def aim_of(group: str, arm: str) -> float | None:
+    """Where an arm is the widest of a machine, its batches have the aim of that arm."""
+    return AIMS.get(f"{group}/{arm}", AIMS.get(group))
+
+
+def aims_text(compared: Sequence[Row], python: Sequence[Row], arm: str) -> str:
     """Every aim that was measured and is not reached."""
     rows = []
     measured = 0
 
-    def check(what: str, model: str, found: float, aim: float) -> None:
+    def check(what: str, model: str, found: float, shown: str, aim: float) -> None:
         nonlocal measured
         measured += 1
         if found < aim:
-            rows.append((what, model, f"{found:.2f}", f"{aim:g}"))
+            rows.append((what, model, shown, f"{aim:g}"))
 
     for row in compared:
-        operation, model = row["group"].removesuffix(BATCH), row["model"]
-        batch = row["group"].endswith(BATCH)
-        aim = (AIMS_BATCH if batch else AIMS).get(operation)
-        if aim and model in AIMED_AT and row["ratio"]:
-            check(
-                f"{title(operation)}, {'a state of a batch' if batch else 'one state'}, Rust", model, row["ratio"], aim
-            )
+        aim = aim_of(row["group"], arm)
+        if aim and row["model"] in AIMED_AT:
+            what = f"{title(row['group'])}, {'a state of a batch' if BATCH in row['group'] else 'one state'}, Rust"
+            check(what, row["model"], row["ratio"]["median"], times(row["ratio"], 2), aim)
     ours = [row for row in python if row["library"] == "phipsi"]
     for row in python:
         single = row["call"] == "pin.aba" and row["model"] == "chain_7"
@@ -154,11 +187,12 @@ def aims_text(compared: Sequence[Row], python: Sequence[Row]) -> str:
             if (mine["model"], mine["operation"]) == (row["model"], row["operation"]):
                 what = f"{mine['call']}, {'one state' if single else 'batch, one core'}, from Python"
                 aim = AIM_PYTHON_CALL if single else AIM_PYTHON_BATCH
-                check(what, row["model"], row["ns"]["median"] / mine["ns"]["median"], aim)
+                found = row["ns"]["median"] / mine["ns"]["median"]
+                check(what, row["model"], found, f"{found:.2f}", aim)
     head = ("what", "model", "times faster than Pinocchio", "aim")
     return (
-        f"Of {measured} figures with an aim (issue 5: {', '.join(AIMED_AT)} in Rust with AVX-512, where AVX2 is to reach 14 and not 25;"
-        f" batches from Python on every model) these fall short:\n\n{table(head, rows)}\n{threads_text(python)}"
+        f"Of {measured} figures with an aim (issue 5: {', '.join(AIMED_AT)} in Rust, here on the arm `{arm}`; batches from Python on every model)"
+        f" these {len(rows)} fall short; in Rust with minimum and maximum over the passes:\n\n{table(head, rows)}\n{threads_text(python)}"
     )
 
 
@@ -183,18 +217,18 @@ def threads_text(python: Sequence[Row]) -> str:
 
 def compared_text(rows: Sequence[Row]) -> str:
     head = ("operation", "model", "phipsi, ns a state", "Pinocchio, ns", "by", "ratio")
-    cells = []
-    for row in rows:
-        if row["phipsi_ns"]:
-            ours, theirs = spread(row["phipsi_ns"]), spread(row["pinocchio_ns"])
-            by, ratio = row["pinocchio_algorithm"], f"{row['ratio']:.2f}"
-            cells.append((title(row["group"]), row["model"], ours, theirs, by, ratio))
-    absent: dict[str, list[str]] = {}
-    for row in rows:
-        if not row["phipsi_ns"]:
-            absent.setdefault(row["group"], []).append(row["model"])
-    lines = [f"Not measured on phipsi's side: `{group}` of {', '.join(models)}." for group, models in absent.items()]
-    return "\n".join([table(head, cells), *(line + "\n" for line in lines)])
+    cells = [
+        (
+            title(row["group"]),
+            row["model"],
+            spread(row["phipsi_ns"]),
+            spread(row["pinocchio_ns"]),
+            row["pinocchio_algorithm"],
+            times(row["ratio"], 2),
+        )
+        for row in rows
+    ]
+    return table(head, cells)
 
 
 def python_text(rows: Sequence[Row]) -> str:
@@ -235,11 +269,6 @@ PARTS = {
 
 def joints_of(row: Row) -> str:
     return {"": "free", "springs": "springs, damping"}.get(row["joints"], row["joints"])
-
-
-def times(one: Row) -> str:
-    """Ratios: median, minimum and maximum."""
-    return f"{one['median']:.1f} ({one['min']:.1f} to {one['max']:.1f})"
 
 
 def motion_text(motion: Row) -> str:
@@ -285,8 +314,11 @@ def machine_text(compared: Row, python: Row) -> str:
 def write(path: Path, ran: Row, compared: Row, python: Row, motion: Row, alone: Sequence[Row]) -> None:
     """The page, and its plots beside it."""
     commands = ran["commands"]
-    rows, called = compared["rows"], python["rows"]
-    one, batches = ([row for row in rows if row["group"].endswith(BATCH) == batch] for batch in (False, True))
+    rows, called, arm = compared["rows"], python["rows"], compared["machine"]["arm"]
+    one, batches, other_one, other_batches = (
+        [row for row in rows if (BATCH in row["group"], "/" in row["group"]) == kind]
+        for kind in ((False, False), (True, False), (False, True), (True, True))
+    )
     calls, arrays = ([row for row in called if row["operation"].endswith(BATCH) == batch] for batch in (False, True))
     growth = [row for row in alone if row["group"] == "growth"]
     pictures = {}
@@ -295,9 +327,11 @@ def write(path: Path, ran: Row, compared: Row, python: Row, motion: Row, alone: 
         target = path.with_name(f"{path.stem}-{plot.name}.png")
         target.write_bytes(plot.png)
         pictures[plot.name] = f"![{plot.name.replace('-', ' ')}]({target.name})\n"
-    count = sum(bool(row["ratio"]) for row in rows) + len(motion["pairs"])
-    count += sum(not row["library"].startswith("phipsi") and bool(row["ratio"]) for row in called)
-    missing = "The benches have no group for this.\n"
+    every = comparisons(rows, called, motion["pairs"])
+    in_turns = (
+        f"A burst of phipsi's and one of each of Pinocchio's ways right after one another, {compared['passes']} times over all cases, about"
+        f" {1e3 * compared['seconds']:g} ms each. The ratio is that within a pass: median, minimum and maximum. {command(commands['compare'])}"
+    )
     refused = [(row["model"], row["library"], row["reason"]) for row in python["refused"]]
     warning = "**A trial with few repeats (`--quick`): no figure on this page counts.**\n\n" if ran["quick"] else ""
     sections = [
@@ -307,19 +341,19 @@ def write(path: Path, ran: Row, compared: Row, python: Row, motion: Row, alone: 
             f" words. Ratios are the peer's time over phipsi's: above 1 phipsi is faster. Times are medians over the passes of one run in which"
             f" all take turns, with minimum and maximum.\n\n{machine_text(compared, python)}",
         ),
-        ("## Where we lose", losses_text(losses(rows, called, motion["pairs"]), count)),
-        ("## Short of the aims", aims_text(rows, called)),
+        ("## Where we lose", losses_text(every, arm)),
+        ("## Short of the aims", aims_text(rows, called, arm)),
         ("## What the figures do not show", LIMITS),
         (
             "## One state, against Pinocchio in C++",
-            f"{command(commands['compare'])}\n{pictures.get('one-state', '')}\n{compared_text(one)}",
+            f"phipsi in the covariance form. {in_turns}\n{pictures.get('one-state', '')}\n{compared_text(one)}\n"
+            f"### One state, other forms\n\n{compared_text(other_one)}",
         ),
         (
             "## Batches on one core, against Pinocchio in C++",
-            f"Time a state of 4096; Pinocchio has no batches on one core, so it is its time for one state. {command(commands['compare'])}\n"
-            f"{pictures.get('batches', '')}\n{compared_text(batches)}"
-            if batches
-            else missing,
+            f"Time a state of 4096, covariance form, on the arm `{arm}`; Pinocchio has no batches on one core, so it is its time for one state."
+            f" {in_turns}\n{pictures.get('batches', '')}\n{compared_text(batches)}\n"
+            f"### Batches, other forms, and AVX2\n\n{compared_text(other_batches)}",
         ),
         (
             "## From Python, one state a call",
@@ -344,7 +378,7 @@ def write(path: Path, ran: Row, compared: Row, python: Row, motion: Row, alone: 
             "A library that refuses a model, in its own words; or whose answer differs from phipsi's.\n\n"
             + table(("model", "library", "reason"), refused),
         ),
-        ("## Growth with the number of bodies", f"{command(commands['alone'])}\n{pictures.get('growth', missing)}"),
+        ("## Growth with the number of bodies", f"{command(commands['alone'])}\n{pictures.get('growth', '')}"),
         ("## All other groups", f"{command(commands['alone'])}\n{alone_text(alone)}"),
     ]
     path.write_text("\n".join(f"{heading}\n\n{text}" for heading, text in sections), encoding="utf-8")

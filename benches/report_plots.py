@@ -16,13 +16,12 @@ NAMES = {
     "inverse_dynamics": "inverse dynamics",
     "mass_matrix": "mass matrix",
     "mass_matrix_inverse": "inverse of the mass matrix",
-    "factor": "factor",
 }
 MARKERS = "osD^vPX*"
 #: By library in front of a series' name, as in the stability report; else by place.
 LIBRARIES = {"Pinocchio": "#222222", "MuJoCo": "#b8860b", "Drake": "#56b4e9", "dynibo": "#e377c2"}
-#: model, series, ratio
-Dot = tuple[str, str, float]
+#: model, series, ratio: median, minimum and maximum (all the same where there is no range)
+Dot = tuple[str, str, tuple[float, float, float]]
 
 
 def _ink(series: str, index: int) -> str:
@@ -36,23 +35,23 @@ def draw(
     """Those that there are figures for."""
     plots = []
     for name, rows in (("one-state", one), ("batches", batches)):
-        dots = [
-            (row["model"], NAMES.get(row["group"].removesuffix("_batch"), row["group"]), row["ratio"])
-            for row in rows
-            if row["ratio"]
-        ]
+        dots = [(row["model"], NAMES[row["group"].removesuffix("_batch")], _range(row["ratio"])) for row in rows]
         plots += _ratios(name, [("", dots)], "times faster than Pinocchio in C++")
     for name, rows in (("python", calls), ("python-batches", arrays)):
         panels = []
         for operation in dict.fromkeys(row["operation"] for row in rows):
             dots = [
-                (row["model"], f"{row['library']}: {row['call']}", row["ratio"])
+                (row["model"], f"{row['library']}: {row['call']}", (row["ratio"],) * 3)
                 for row in rows
                 if row["operation"] == operation and row["ratio"] and not row["library"].startswith("phipsi")
             ]
             panels.append((NAMES.get(operation.removesuffix("_batch"), operation), dots))
         plots += _ratios(name, [panel for panel in panels if panel[1]], "times faster than the peer")
     return [*plots, *_growth(growth)]
+
+
+def _range(ratio: Row) -> tuple[float, float, float]:
+    return ratio["median"], ratio["min"], ratio["max"]
 
 
 def _ratios(name: str, panels: Sequence[tuple[str, Sequence[Dot]]], label: str) -> list[Plot]:
@@ -87,15 +86,15 @@ def _panel(axes: Axes, heading: str, dots: Sequence[Dot], label: str) -> None:
     series = list(dict.fromkeys(which for _, which, _ in dots))
     for index, which in enumerate(series):
         shift = 0.5 * (index - (len(series) - 1) / 2) / max(len(series), 1)
-        chosen = [(models.index(model) + shift, ratio) for model, one, ratio in dots if one == which]
+        chosen = [(models.index(model) + shift, *ratios) for model, one, ratios in dots if one == which]
         ink = _ink(which, index)
         fill = "white" if "threads" in which else ink
-        axes.plot(
-            *zip(*chosen, strict=True), MARKERS[index % len(MARKERS)], color=ink, mfc=fill, mew=1.2, ms=5, label=which
-        )
+        places, medians, lows, highs = zip(*chosen, strict=True)
+        axes.vlines(places, lows, highs, color=ink, lw=1.0)
+        axes.plot(places, medians, MARKERS[index % len(MARKERS)], color=ink, mfc=fill, mew=1.2, ms=5, label=which)
     axes.axhline(1.0, color="#8a9199", lw=1.0, zorder=0)
     axes.set_yscale("log")
-    ratios = [ratio for _, _, ratio in dots]
+    ratios = [ratio for _, _, ratios in dots for ratio in ratios]
     low, high = min([*ratios, 1.0]) / 1.3, max([*ratios, 1.0]) * 1.3
     axes.set_ylim(low, high)
     marks = [m * 10.0**e for e in range(-2, 4) for m in (1, 2, 5)]

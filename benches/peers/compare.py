@@ -1,48 +1,48 @@
-"""Compare phipsi's benchmarks with Pinocchio's algorithms on the same models, on this machine, now.
+"""Compare phipsi in Rust with Pinocchio in C++ on the same models, on this machine, now.
 
-Usage: .venv-peers/bin/python benches/peers/compare.py [--passes N] [--rerun "cargo bench --bench dynamics"]
+Usage: .venv-peers/bin/python benches/peers/compare.py [--passes N] [--seconds S] [MODEL...]
 
-The phipsi side is what criterion has stored: target/criterion/GROUP/MODEL/new/estimates.json, median, where GROUP is
-one of OPERATIONS below, or one of them with "_batch" behind it, and MODEL is one of MODELS. A bench that declares
-Throughput::Elements(n) works on n states an iteration; its time is divided by n. The Pinocchio side is
-target/peers/pinocchio_bench (`make peers` builds it), run once a pass.
-
-A shared machine drifts by tens of per cent within minutes. With --rerun the two sides take turns, pass by pass, and
-both have a minimum, median and maximum over the passes; without it criterion's figures are as old as they are, and
-the table says how old. Prints a table, writes target/peers/comparison.json.
+Two programs that measure one case when they are asked: benches/turns.rs, built here where that is necessary, and
+target/peers/pinocchio_bench (`make peers` builds it). A shared machine drifts by a factor within minutes, so they are asked
+in turns: a burst of phipsi's, and right before or after it a burst of each of Pinocchio's ways to the same answer; then the
+next case; and all cases again every pass, in an order that moves on. A ratio is taken within a pass, and is to the way
+that is the fastest on that model, by its median over everything. Prints a table, writes target/peers/comparison.json.
 """
 
 import argparse
 import json
 import os
 import platform
-import shlex
 import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn, TextIO
+from typing import Any, NoReturn
 
 ROOT = Path(__file__).resolve().parents[2]
 PEERS = ROOT / "target" / "peers"
 
 MODELS = ("chain_7", "chain_16", "chain_30", "chain_64", "ur5", "panda", "anymal", "g1", "talos")
 
-# criterion's group: the algorithms of pinocchio_bench that answer the same question. The fastest one is the peer.
+#: The features that the benches are built with.
+FEATURES = "urdf,parallel,dense,stochastic"
+
+#: phipsi's groups: the algorithms of pinocchio_bench that answer the same question. The fastest one is the peer.
 OPERATIONS = {
     "forward_dynamics": ("aba_local", "aba_world", "crba_forward_dynamics"),
     "inverse_dynamics": ("rnea",),
     "mass_matrix": ("crba_local", "crba_world"),
-    "factor": ("crba_local_cholesky", "crba_world_cholesky"),
     "mass_matrix_inverse": ("minverse",),
 }
-# Pinocchio has no batches on one core: its peer is the same call, one state at a time. Not missed when absent.
+#: Pinocchio has no batches on one core: its peer is the same call, one state at a time.
 BATCH = "_batch"
-
-STALE_SECONDS = 600.0
+#: Forms that are measured beside covariance, where there are forms.
+FORMS = {"forward_dynamics": ("auto", "square-root"), "mass_matrix_inverse": ("auto",)}
+#: The arm on which batches are measured too, where the machine has a wider one.
+NARROWER = "avx2"
 
 Report = dict[str, Any]  # JSON
 
@@ -66,75 +66,130 @@ class Spread:
         return f"{self.median:.0f} ({self.min:.0f} to {self.max:.0f})"
 
 
+@dataclass
+class Case:
+    """A group of benches/turns.rs on a model, and the time of each of its contestants, pass by pass."""
+
+    group: str
+    operation: str
+    model: str
+    ours: list[float] = field(default_factory=list)
+    theirs: dict[str, list[float]] = field(default_factory=dict)
+
+
 @dataclass(frozen=True)
 class Row:
     group: str
     model: str
-    phipsi_ns: Spread | None
+    phipsi_ns: Spread
     pinocchio_ns: Spread
     pinocchio_algorithm: str
-
-    @property
-    def ratio(self) -> float | None:
-        """How many times faster phipsi is, median by median."""
-        return self.pinocchio_ns.median / self.phipsi_ns.median if self.phipsi_ns else None
+    ratio: Spread
+    """How many times faster phipsi is, pass by pass."""
+    pinocchio_all_ns: dict[str, Spread]
 
 
 def fail(message: str) -> NoReturn:
     sys.exit(f"compare.py: {message}")
 
 
-def run(command: list[str], stdout: int | TextIO) -> str:
-    """What the command prints, when stdout is a pipe. Its errors are on the terminal already."""
+class Server:
+    """A program that says in its first line what it is, and answers each further line with nanoseconds."""
+
+    def __init__(self, *command: str) -> None:
+        self.name = Path(command[0]).name
+        environment = os.environ | {"RAYON_NUM_THREADS": "1"}
+        self.process = subprocess.Popen(
+            command, cwd=ROOT, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
+        )
+        self.about: Report = json.loads(self.read("when it was started"))
+
+    def read(self, when: str) -> str:
+        assert self.process.stdout
+        line: str = self.process.stdout.readline()
+        if not line:
+            fail(f"{self.name} ended {when}, why is above; pinocchio_bench of another tree: run `make peers`")
+        return line
+
+    def ask(self, *question: object) -> float:
+        assert self.process.stdin
+        line = " ".join(map(str, question))
+        self.process.stdin.write(f"{line}\n")
+        return float(self.read(f"when asked for {line}"))
+
+    def end(self) -> None:
+        assert self.process.stdin
+        self.process.stdin.close()
+        self.process.wait()
+
+
+def turns_bench() -> str:
+    """The path of benches/turns.rs, after building it."""
+    command = ["cargo", "bench", "--locked", "--no-run", "--message-format=json-render-diagnostics"]
+    command += ["--features", FEATURES, "--bench", "turns"]
     try:
-        done = subprocess.run(command, cwd=ROOT, stdout=stdout, text=True, check=True)
+        done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
     except (OSError, subprocess.CalledProcessError) as error:
         fail(str(error))
-    return done.stdout
+    for message in map(json.loads, done.stdout.splitlines()):
+        if message["reason"] == "compiler-artifact" and message["target"]["name"] == "turns":
+            return str(message["executable"])
+    fail("cargo does not say where it put the bench")
 
 
-def run_harness() -> Report:
-    """One pass of Pinocchio over all models."""
+def start() -> tuple[Server, Server]:
+    """phipsi, Pinocchio."""
     harness = PEERS / "pinocchio_bench"
     models = [PEERS / "models" / f"{name}.bin" for name in MODELS]
     absent = [str(path) for path in (harness, *models) if not path.exists()]
     if absent:
         fail(f"not there: {', '.join(absent)}; run `make peers`")
-    report: Report = json.loads(run([str(harness), "--json", *map(str, models)], stdout=subprocess.PIPE))
-    return report
+    return Server(turns_bench(), "serve"), Server(str(harness), "--serve", *map(str, models))
 
 
-def states_an_iteration(benchmark: Path) -> int:
-    """From the throughput that the bench declared; one state where it declared none."""
-    match json.loads(benchmark.read_text())["throughput"]:
-        case None:
-            return 1
-        case {"Elements": int(states)} if states > 0:
-            return states
-        case other:
-            fail(f"{benchmark}: throughput {other}; expected Throughput::Elements(number of states) or none")
+def groups(arm: str, arms: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """What is measured, with its operation; on this arm unless the group says another one."""
+    for operation in OPERATIONS:
+        for group in (operation, operation + BATCH):
+            yield group, operation
+            for form in FORMS.get(operation, ()):
+                yield f"{group}/{form}", operation
+        if arm != NARROWER and NARROWER in arms:
+            yield f"{operation}{BATCH}/{NARROWER}", operation
 
 
-def groups() -> Iterator[tuple[str, tuple[str, ...]]]:
-    for operation, algorithms in OPERATIONS.items():
-        yield operation, algorithms
-        yield operation + BATCH, algorithms
+def take_turns(cases: Sequence[Case], servers: tuple[Server, Server], passes: int, seconds: float) -> None:
+    """Everyone once a pass; both orders move on, so that nobody always follows the same one."""
+    phipsi, pinocchio = servers
+    for number in range(passes):
+        print(f"pass {number + 1} of {passes}", file=sys.stderr)
+        first = number * len(cases) // passes
+        for case in (*cases[first:], *cases[:first]):
+            contestants = ["", *OPERATIONS[case.operation]]
+            first_of_case = number % len(contestants)
+            for algorithm in contestants[first_of_case:] + contestants[:first_of_case]:
+                if algorithm:
+                    ns = pinocchio.ask(case.model, algorithm, seconds)
+                    case.theirs.setdefault(algorithm, []).append(ns)
+                else:
+                    case.ours.append(phipsi.ask(case.group, case.model, seconds))
 
 
-def read_criterion(folder: Path, since: float) -> tuple[dict[tuple[str, str], float], float | None]:
-    """(group, model) -> ns a state, of the estimates written after `since`; and the time of the oldest of them."""
-    found, oldest = {}, None
-    for group, _ in groups():
-        for model in MODELS:
-            new = folder / group / model / "new"
-            estimates = new / "estimates.json"
-            if not estimates.exists() or estimates.stat().st_mtime < since:
-                continue
-            median = json.loads(estimates.read_text())["median"]["point_estimate"]
-            found[group, model] = median / states_an_iteration(new / "benchmark.json")
-            written = estimates.stat().st_mtime
-            oldest = written if oldest is None else min(oldest, written)
-    return found, oldest
+def rows_of(cases: Sequence[Case]) -> list[Row]:
+    """The peer is the same algorithm for all groups of an operation on a model, so all of its bursts choose it."""
+    every: dict[tuple[str, str], dict[str, list[float]]] = {}
+    for case in cases:
+        for algorithm, ns in case.theirs.items():
+            every.setdefault((case.operation, case.model), {}).setdefault(algorithm, []).extend(ns)
+    rows = []
+    for case in cases:
+        bursts = every[case.operation, case.model]
+        fastest = min(bursts, key=lambda algorithm: statistics.median(bursts[algorithm]))
+        theirs = case.theirs[fastest]
+        ratio = Spread.of([their / our for their, our in zip(theirs, case.ours, strict=True)])
+        spreads = {algorithm: Spread.of(ns) for algorithm, ns in case.theirs.items()}
+        rows.append(Row(case.group, case.model, Spread.of(case.ours), Spread.of(theirs), fastest, ratio, spreads))
+    return rows
 
 
 def first_line(*command: str) -> str:
@@ -167,59 +222,30 @@ def describe_machine(load_at_start: float) -> Report:
     }
 
 
-def describe(harness: Report, load_at_start: float) -> Report:
+def describe(phipsi: Server, pinocchio: Server, load_at_start: float) -> Report:
+    harness = pinocchio.about
     return describe_machine(load_at_start) | {
+        "arm": phipsi.about["arm"],
         "cxx": f"{harness['compiler']} {harness['flags']}",
         "pinocchio": harness["pinocchio"],
         "eigen": harness["eigen"],
     }
 
 
-def pinocchio_spreads(passes: list[Report]) -> dict[tuple[str, str], Spread]:
-    """(model, algorithm) -> ns a call."""
-    values: dict[tuple[str, str], list[float]] = {}
-    for one in passes:
-        for entry in one["models"]:
-            for algorithm, ns in entry["ns"].items():
-                values.setdefault((entry["model"], algorithm), []).append(ns)
-    return {key: Spread.of(ns) for key, ns in values.items()}
-
-
-def make_rows(pinocchio: dict[tuple[str, str], Spread], phipsi_passes: list[dict[tuple[str, str], float]]) -> list[Row]:
-    rows = []
-    for group, algorithms in groups():
-        for model in MODELS:
-            ours = [one[group, model] for one in phipsi_passes if (group, model) in one]
-            if group.endswith(BATCH) and not ours:
-                continue
-            fastest = min(algorithms, key=lambda algorithm: pinocchio[model, algorithm].median)
-            rows.append(Row(group, model, Spread.of(ours) if ours else None, pinocchio[model, fastest], fastest))
-    return rows
-
-
-def print_table(rows: list[Row], machine: Report, passes: int, age: float | None) -> None:
-    header = ("operation", "model", "phipsi ns", "Pinocchio ns", "by", "ratio")
+def print_table(rows: list[Row], machine: Report, passes: int) -> None:
+    header = ("group", "model", "phipsi ns", "Pinocchio ns", "by", "ratio")
     cells = [header]
     for row in rows:
-        ours = str(row.phipsi_ns) if row.phipsi_ns else "not measured"
-        ratio = f"{row.ratio:.2f}" if row.ratio else "-"
-        cells.append((row.group, row.model, ours, str(row.pinocchio_ns), row.pinocchio_algorithm, ratio))
+        ratio = f"{row.ratio.median:.2f} ({row.ratio.min:.2f} to {row.ratio.max:.2f})"
+        cells.append((row.group, row.model, str(row.phipsi_ns), str(row.pinocchio_ns), row.pinocchio_algorithm, ratio))
     widths = [max(len(line[column]) for line in cells) for column in range(len(header))]
     for line in cells:
         print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
 
-    print(f"\nNanoseconds a state: median (minimum to maximum) over {passes} passes. Ratio: Pinocchio / phipsi.")
+    print(f"\nNanoseconds a state: median (minimum to maximum) over {passes} passes.")
+    print("Ratio: Pinocchio / phipsi within a pass, of these median (minimum to maximum).")
     for key, value in machine.items():
         print(f"{key}: {value}")
-    for operation in OPERATIONS:
-        missing = [row.model for row in rows if row.group == operation and row.phipsi_ns is None]
-        if missing:
-            print(f"not measured: {operation}/{{{','.join(missing)}}}")
-    if age is not None and age > STALE_SECONDS:
-        print(
-            f"WARNING: the oldest of phipsi's figures was {age / 60:.0f} minutes old when Pinocchio was first timed. "
-            "The ratios are only as good as this machine is steady; --rerun makes the two sides take turns."
-        )
 
 
 def write_report(name: str, report: dict[str, Any]) -> None:
@@ -232,50 +258,30 @@ def write_report(name: str, report: dict[str, Any]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--passes", type=int, default=5, help="default: %(default)s")
-    parser.add_argument("--rerun", metavar="COMMAND", help="run this (cargo bench ...) before each pass of Pinocchio")
-    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    parser.add_argument("--criterion", type=Path, default=target / "criterion", help="default: %(default)s")
+    parser.add_argument("models", nargs="*", metavar="MODEL", help=f"default: {' '.join(MODELS)}")
+    parser.add_argument("--passes", type=int, default=15, help="default: %(default)s")
+    parser.add_argument("--seconds", type=float, default=0.02, help="about, a burst; default: %(default)s")
     options = parser.parse_args()
-    if options.passes < 1:
-        parser.error("--passes must be at least 1")
+    if options.passes < 1 or not options.seconds >= 0:
+        parser.error("--passes must be at least 1, --seconds not negative")
 
-    start, load = time.time(), os.getloadavg()[0]
-    phipsi_passes, pinocchio_passes = [], []
-    age = None
-    if not options.rerun:
-        found, oldest = read_criterion(options.criterion, since=0.0)
-        phipsi_passes.append(found)
-        age = start - oldest if oldest is not None else None
-    for number in range(1, options.passes + 1):
-        print(f"pass {number} of {options.passes}", file=sys.stderr)
-        if options.rerun:
-            # A whole second of slack: some file systems cut the time of writing to that. Older estimates are left
-            # out, because a bench that was renamed or filtered leaves its last ones behind.
-            began = time.time() - 1.0
-            run(shlex.split(options.rerun), stdout=sys.stderr)
-            found, _ = read_criterion(options.criterion, since=began)
-            if not found:
-                fail(f"`{options.rerun}` wrote no estimates of a known group and model below {options.criterion}")
-            phipsi_passes.append(found)
-        pinocchio_passes.append(run_harness())
-
-    pinocchio = pinocchio_spreads(pinocchio_passes)
-    rows = make_rows(pinocchio, phipsi_passes)
-    machine = describe(pinocchio_passes[0], load)
-    print_table(rows, machine, options.passes, age)
-
+    load = os.getloadavg()[0]
+    phipsi, pinocchio = servers = start()
+    measured = list(groups(phipsi.about["arm"], phipsi.about["arms"]))
+    cases = [Case(group, operation, model) for model in options.models or MODELS for group, operation in measured]
+    take_turns(cases, servers, options.passes, options.seconds)
+    for server in servers:
+        server.end()
+    # By group, then by model.
+    order = [group for group, _ in measured]
+    rows = sorted(rows_of(cases), key=lambda row: order.index(row.group))
+    machine = describe(phipsi, pinocchio, load)
+    print_table(rows, machine, options.passes)
     report = {
         "machine": machine,
         "passes": options.passes,
-        "phipsi_passes": len(phipsi_passes),
-        "rerun": options.rerun,
-        "phipsi_age_seconds": age,
-        "rows": [asdict(row) | {"ratio": row.ratio} for row in rows],
-        "pinocchio_ns": [
-            {"model": model, "algorithm": algorithm} | asdict(spread)
-            for (model, algorithm), spread in pinocchio.items()
-        ],
+        "seconds": options.seconds,
+        "rows": [asdict(row) for row in rows],
     }
     write_report("comparison.json", report)
 
