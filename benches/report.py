@@ -140,8 +140,8 @@ def main() -> None:
     ran = load("run.json")
     folder = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "criterion"
     alone = [row for row in criterion(folder, ran["began"]) if row["group"] not in COMPARED]
-    measured = (load(name) for name in ("comparison.json", "python.json", "motion.json"))
-    report_page.write(options.output, ran, *measured, alone)
+    compared, python, motion = (load(name) for name in ("comparison.json", "python.json", "motion.json"))
+    report_page.write(options.output, ran, compared, python, motion, alone)
     print(f"written: {options.output}")
 
 

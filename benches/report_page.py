@@ -268,7 +268,8 @@ PARTS = {
 
 
 def joints_of(row: Row) -> str:
-    return {"": "free", "springs": "springs, damping"}.get(row["joints"], row["joints"])
+    joints: str = row["joints"]
+    return {"": "free", "springs": "springs, damping"}.get(joints, joints)
 
 
 def motion_text(motion: Row) -> str:
