@@ -35,6 +35,8 @@ AIM_PYTHON_BATCH, AIM_PYTHON_CALL = 30.0, 2.0
 
 LIMITS = """\
 - One machine, on one day. Two machines need not agree on a ratio; minimum and maximum say how steady this one was.
+- Who else uses a shared host's core does not slow both sides alike, so that ratios move with it even where they are taken in turns. What is
+  counted is the median; the ratio of the shortest times comes nearest to a machine of one's own, where both sides had such a moment.
 - Against Pinocchio in C++ phipsi is called as from any Rust program, by `scene.evaluate`: it looks at the lengths of all arguments, for NaN and
   infinity in arguments and results, at quaternions and pivots. Pinocchio looks at lengths.
 - From Python everything is in: the call, the checks, the new array for the result; for Drake and MuJoCo also what sets the state.
@@ -167,17 +169,17 @@ def aims_text(compared: Sequence[Row], python: Sequence[Row], arm: str) -> str:
     rows = []
     measured = 0
 
-    def check(what: str, model: str, found: float, shown: str, aim: float) -> None:
+    def check(what: str, model: str, found: float, shown: str, best: float, aim: float) -> None:
         nonlocal measured
         measured += 1
         if found < aim:
-            rows.append((what, model, shown, f"{aim:g}"))
+            rows.append((what, model, shown, f"{best:.2f}", f"{aim:g}"))
 
     for row in compared:
         aim = aim_of(row["group"], arm)
         if aim and row["model"] in AIMED_AT:
             what = f"{title(row['group'])}, {'a state of a batch' if BATCH in row['group'] else 'one state'}, Rust"
-            check(what, row["model"], row["ratio"]["median"], times(row["ratio"], 2), aim)
+            check(what, row["model"], row["ratio"]["median"], times(row["ratio"], 2), row["ratio_of_best"], aim)
     ours = [row for row in python if row["library"] == "phipsi"]
     for row in python:
         single = row["call"] == "pin.aba" and row["model"] == "chain_7"
@@ -187,9 +189,9 @@ def aims_text(compared: Sequence[Row], python: Sequence[Row], arm: str) -> str:
             if (mine["model"], mine["operation"]) == (row["model"], row["operation"]):
                 what = f"{mine['call']}, {'one state' if single else 'batch, one core'}, from Python"
                 aim = AIM_PYTHON_CALL if single else AIM_PYTHON_BATCH
-                found = row["ns"]["median"] / mine["ns"]["median"]
-                check(what, row["model"], found, f"{found:.2f}", aim)
-    head = ("what", "model", "times faster than Pinocchio", "aim")
+                found, best = (row["ns"][which] / mine["ns"][which] for which in ("median", "min"))
+                check(what, row["model"], found, f"{found:.2f}", best, aim)
+    head = ("what", "model", "times faster than Pinocchio", "by the shortest times", "aim")
     return (
         f"Of {measured} figures with an aim (issue 5: {', '.join(AIMED_AT)} in Rust, here on the arm `{arm}`; batches from Python on every model)"
         f" these {len(rows)} fall short; in Rust with minimum and maximum over the passes:\n\n{table(head, rows)}\n{threads_text(python)}"
@@ -216,7 +218,7 @@ def threads_text(python: Sequence[Row]) -> str:
 
 
 def compared_text(rows: Sequence[Row]) -> str:
-    head = ("operation", "model", "phipsi, ns a state", "Pinocchio, ns", "by", "ratio")
+    head = ("operation", "model", "phipsi, ns a state", "Pinocchio, ns", "by", "ratio", "of the shortest")
     cells = [
         (
             title(row["group"]),
@@ -225,6 +227,7 @@ def compared_text(rows: Sequence[Row]) -> str:
             spread(row["pinocchio_ns"]),
             row["pinocchio_algorithm"],
             times(row["ratio"], 2),
+            f"{row['ratio_of_best']:.2f}",
         )
         for row in rows
     ]
@@ -331,7 +334,7 @@ def write(path: Path, ran: Row, compared: Row, python: Row, motion: Row, alone: 
     every = comparisons(rows, called, motion["pairs"])
     in_turns = (
         f"A burst of phipsi's and one of each of Pinocchio's ways right after one another, {compared['passes']} times over all cases, about"
-        f" {1e3 * compared['seconds']:g} ms each. The ratio is that within a pass: median, minimum and maximum. {command(commands['compare'])}"
+        f" {1e3 * compared['seconds']:g} ms each. The ratio is that within a pass: median, minimum and maximum; beside it that of the shortest times. {command(commands['compare'])}"
     )
     refused = [(row["model"], row["library"], row["reason"]) for row in python["refused"]]
     warning = "**A trial with few repeats (`--quick`): no figure on this page counts.**\n\n" if ran["quick"] else ""
