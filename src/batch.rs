@@ -5,6 +5,8 @@
 //! Scratch comes from a [`Pool`], so that the second call allocates none. With the feature `parallel`, `set_threads` says how many
 //! threads there are.
 
+#[cfg(target_arch = "x86_64")]
+mod abreast;
 pub mod arms;
 pub mod chunk;
 mod compiled;

@@ -3,7 +3,9 @@
 
 mod common;
 
-use common::lanes::{ALGORITHMS, aligned, arguments, arms, evaluate, forces, on_a_large_stack, plainly, states, trees};
+use common::lanes::{
+    ALGORITHMS, aligned, arguments, arms, evaluate, forces, limbed, on_a_large_stack, plainly, states, trees,
+};
 use common::{ALL_KINDS, Random, Tree, tolerance};
 use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::batch::evaluator::Evaluator;
@@ -65,7 +67,8 @@ fn deep_trees_and_aligned_ones() {
             aligned(35, 61, 0.3),
             Tree { seed: 36, bodies: 45, kinds: &ALL_KINDS, branching: 0.04, armature: 1.0, floating: true }.scene(),
         ];
-        for (which, scene) in scenes.iter().enumerate() {
+        for (which, scene) in scenes.into_iter().chain(with_limbs()).enumerate() {
+            let scene = &scene;
             let states = states(scene, 9);
             let forces = forces(scene, states.len());
             for arm in arms() {
@@ -92,37 +95,48 @@ fn deep_trees_and_aligned_ones() {
     });
 }
 
-/// A state's bits depend on nothing but the state: alone, in any lane, beside any others, in a chunk that is not full.
+/// Scenes whose limbs go side by side where one state is alone.
+fn with_limbs() -> impl Iterator<Item = Scene> {
+    let kinds = [(50, 2, 6, true), (51, 4, 3, true), (52, 3, 5, false), (53, 6, 3, true), (54, 5, 2, false)];
+    kinds.into_iter().flat_map(|(seed, limbs, length, floating)| {
+        [false, true].map(|ragged| limbed(seed, limbs, length, floating, ragged))
+    })
+}
+
+/// A state's bits depend on nothing but the state: alone, in any lane, beside any others, in a chunk that is not full; and whether its limbs
+/// went side by side or not.
 #[test]
 fn neighbours_change_no_bit() {
     on_a_large_stack(|| {
-        let scene = trees().nth(2).unwrap();
-        let states = states(&scene, 19);
-        for arm in arms() {
-            let mut evaluator = Evaluator::on(arm, &scene);
-            for algorithm in ALGORITHMS {
-                let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
-                let width = scene.width(algorithm);
-                let together = evaluate(&scene, &mut evaluator, algorithm, &all);
-                let mut backwards = all.clone();
-                backwards.reverse();
-                let reversed = evaluate(&scene, &mut evaluator, algorithm, &backwards);
-                let last = all.len() - 1;
-                for (i, state) in all.iter().enumerate() {
-                    // A zero may differ in its sign: lanes that are idle at a body add zeros there.
-                    let bits = |x: &[f64]| x.iter().map(|x| (x + 0.0).to_bits()).collect::<Vec<_>>();
-                    let here = bits(&together[i * width..(i + 1) * width]);
-                    assert_eq!(
-                        here,
-                        bits(&reversed[(last - i) * width..(last - i + 1) * width]),
-                        "{arm:?} {algorithm:?}"
-                    );
-                    let alone = evaluate(&scene, &mut evaluator, algorithm, std::slice::from_ref(state));
-                    assert_eq!(here, bits(&alone), "{arm:?} {algorithm:?}: state {i} alone");
-                }
+        check_neighbours(&trees().nth(2).unwrap(), 19);
+        with_limbs().for_each(|scene| check_neighbours(&scene, 9));
+    });
+}
+
+fn check_neighbours(scene: &Scene, count: u64) {
+    let states = states(scene, count);
+    let given = forces(scene, states.len());
+    for arm in arms() {
+        let mut evaluator = Evaluator::on(arm, scene);
+        for (algorithm, forced) in ALGORITHMS.into_iter().flat_map(|one| [(one, false), (one, true)]) {
+            let forces_on = |i: usize| if forced { &given[i][..] } else { &[] };
+            let all: Vec<_> = states.iter().enumerate().map(|(i, s)| arguments(algorithm, s, forces_on(i))).collect();
+            let width = scene.width(algorithm);
+            let together = evaluate(scene, &mut evaluator, algorithm, &all);
+            let mut backwards = all.clone();
+            backwards.reverse();
+            let reversed = evaluate(scene, &mut evaluator, algorithm, &backwards);
+            let last = all.len() - 1;
+            for (i, state) in all.iter().enumerate() {
+                // A zero may differ in its sign: lanes that are idle at a body add zeros there.
+                let bits = |x: &[f64]| x.iter().map(|x| (x + 0.0).to_bits()).collect::<Vec<_>>();
+                let here = bits(&together[i * width..(i + 1) * width]);
+                assert_eq!(here, bits(&reversed[(last - i) * width..(last - i + 1) * width]), "{arm:?} {algorithm:?}");
+                let alone = evaluate(scene, &mut evaluator, algorithm, std::slice::from_ref(state));
+                assert_eq!(here, bits(&alone), "{arm:?} {algorithm:?}: state {i} alone");
             }
         }
-    });
+    }
 }
 
 /// What is wrong with one state is told of that state, and the others are computed.

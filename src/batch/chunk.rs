@@ -10,7 +10,7 @@ use crate::filter::Form;
 use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::{Precision, Real, lanes_but};
 use crate::scene::queries::QUATERNION_SLACK;
-use crate::scene::{Model, Motion, Scene};
+use crate::scene::{Body, Model, Motion, Scene};
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
@@ -79,13 +79,8 @@ impl<T: Vectorised> Chunk<T> {
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         let model = scene.model();
-        let quaternions = model.bodies.iter().filter_map(|body| match body.motion {
-            Motion::Spherical => Some(body.q),
-            Motion::Free => Some(body.q + 3),
-            _ => None,
-        });
         let lean = LeanModel::new(model);
-        let (quaternions, model) = (quaternions.collect(), model.cast::<T>());
+        let (quaternions, model) = (quaternions(model), model.cast::<T>());
         let (workspace, lean_scratch) = (Workspace::new(&model), LeanScratch::new(&model, &lean));
         let arguments = [vec![T::zero(); model.nq], vec![T::zero(); model.nv()], vec![T::zero(); model.nv()]];
         let planar = scene.planar().map(PlanarModel::cast).map(|model| {
@@ -145,6 +140,34 @@ impl<T: Vectorised> Chunk<T> {
     }
 }
 
+/// Where the quaternions are in q.
+pub(super) fn quaternions<T>(model: &Model<T>) -> Vec<usize> {
+    let of = |body: &Body<T>| match body.motion {
+        Motion::Spherical => Some(body.q),
+        Motion::Free => Some(body.q + 3),
+        _ => None,
+    };
+    model.bodies.iter().filter_map(of).collect()
+}
+
+/// By how much the norm of any quaternion is off, as a negative number, or NaN.
+#[inline(always)]
+pub(super) fn nearness<T: Real>(quaternions: &[usize], q: &[T]) -> T {
+    let mut nearness = T::zero();
+    for &at in quaternions {
+        let [x, y, z, w] = [q[at], q[at + 1], q[at + 2], q[at + 3]];
+        let off = x.mul_add(x, y.mul_add(y, z.mul_add(z, w * w))) - T::one();
+        nearness = nearness.worst(-off.abs());
+    }
+    nearness
+}
+
+/// Whether a norm may be off by more than is allowed: this bounds its square, so that half of it passes here.
+#[inline(always)]
+pub(super) fn is_far<T: Real>(nearness: T, lane: usize) -> bool {
+    !(nearness.lane(lane) >= -QUATERNION_SLACK)
+}
+
 /// Zero where `x` is finite, else NaN; no branch.
 #[inline(always)]
 #[allow(clippy::eq_op)] // that is the point
@@ -154,7 +177,7 @@ fn not_finite<T: Real>(x: T) -> T {
 
 /// Zero where all are finite, else NaN, in eight sums that do not wait for each other: there can be thousands.
 #[inline(always)]
-fn any_not_finite<T: Real>(numbers: &[T]) -> T {
+pub(super) fn any_not_finite<T: Real>(numbers: &[T]) -> T {
     let mut sums = [T::zero(); 8];
     let (eights, rest) = numbers.as_chunks::<8>();
     for eight in eights {
@@ -223,12 +246,7 @@ impl<T: Vectorised> Work for Run<'_, T> {
         let mut fault = gather(q, states, |state| state.q);
         fault += gather(qd, states, |state| state.qd);
         fault += gather(u, states, |state| state.u);
-        let mut nearness = T::zero();
-        for &at in quaternions.iter() {
-            let [x, y, z, w] = [q[at], q[at + 1], q[at + 2], q[at + 3]];
-            let off = x.mul_add(x, y.mul_add(y, z.mul_add(z, w * w))) - T::one();
-            nearness = nearness.worst(-off.abs());
-        }
+        let nearness = nearness(quaternions, q);
         for force in wrenches.iter() {
             for &number in force.iter() {
                 fault += not_finite(number);
@@ -253,9 +271,7 @@ impl<T: Vectorised> Work for Run<'_, T> {
             T::put_lanes(results, self.out);
         }
         for lane in 0..states.len() {
-            // A norm may be off by as much as this bounds its square: half of what is allowed passes here.
-            let far = !(nearness.lane(lane) >= -QUATERNION_SLACK);
-            doubt |= u64::from(far || fault.lane(lane) != 0.0) << lane;
+            doubt |= u64::from(is_far(nearness, lane) || fault.lane(lane) != 0.0) << lane;
         }
         doubt
     }

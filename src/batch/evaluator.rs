@@ -1,6 +1,8 @@
 //! States of a scene through the fastest code that this processor has: one by one, or in lanes.
 
 use super::Fault;
+#[cfg(target_arch = "x86_64")]
+use super::abreast;
 use super::arms::Arm;
 use super::chunk::{Algorithm, Arguments, Chunks};
 use super::compiled;
@@ -38,6 +40,9 @@ impl Evaluated for f64 {
     fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self> {
         let one = match arm {
             Arm::Baseline => compiled::plain::kernels(scene),
+            #[cfg(target_arch = "x86_64")]
+            Arm::Avx2 | Arm::Avx512 | Arm::Neon => abreast::kernels(scene, compiled::fused::kernels(scene)),
+            #[cfg(not(target_arch = "x86_64"))]
             Arm::Avx2 | Arm::Avx512 | Arm::Neon => compiled::fused::kernels(scene),
         };
         let many = match arm {

@@ -9,6 +9,8 @@ use super::refined::{Judged, forward_dynamics_judged};
 use crate::filter::cancellation::{self, CANCELLATION_MARGIN, CLOSE_MARGIN, Cancellation, Probe};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{Form, System, innovations, smoother, terms};
+#[cfg(target_arch = "x86_64")]
+use crate::scalar::Limbs;
 use crate::scalar::{ColumnsOf, Real, lanes_but};
 use crate::scene::Model;
 use crate::spatial::Symmetric6;
@@ -226,6 +228,20 @@ pub(crate) fn forward_dynamics_watched_lean<T: Real, C: ColumnsOf<T>>(
     }
     lean::hand_over((model, lean), (scratch, state.0), workspace);
     look_again(model, workspace, first, qdd)
+}
+
+/// The same with [limbs side by side](lean::Abreast): whether one look finds that every digit was surely kept. It does not look again.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+pub(crate) fn forward_dynamics_seen_abreast(
+    scene: (&Model<Limbs>, &LeanModel<Limbs>),
+    scratch: &mut LeanScratch<Limbs>,
+    state: (&[Limbs], &[Limbs], &[Limbs]),
+    wrenches: &[Vector6<Limbs>],
+    qdd: &mut [Limbs],
+) -> bool {
+    let (pivots, near, cancellation) = lean::forward_dynamics_watched::<_, Limbs>(scene, scratch, state, wrenches, qdd);
+    pivots.clear_in_every_lane() && near.clear_in_every_lane() && cancellation.surely_within(CLOSE_MARGIN)
 }
 
 /// The factor of M by the same sweeps, in the scratch; `estimates` is scratch, (nv).

@@ -132,6 +132,26 @@ pub(crate) struct Swept<'a, T: Real> {
 }
 
 impl<T: Real> Cancellation<T> {
+    /// Leaves out what was seen since `before` in the lanes where `counts` is zero, and not one.
+    #[inline(always)]
+    pub(crate) fn leave_out_of(&mut self, before: &Self, counts: T) {
+        self.noise = counts.mul_add(self.noise - before.noise, before.noise);
+        self.smoother = counts.mul_add(self.smoother - before.smoother, before.smoother);
+        self.size = counts.mul_add(self.size - before.size, before.size);
+    }
+
+    /// Whether what all lanes saw, each of other stages of one system, is within a margin in eps, whatever the order of their sums.
+    #[inline(always)]
+    pub(crate) fn surely_within(&self, margin: f64) -> bool {
+        let (mut noise, mut size) = (0.0, self.size.lane(0));
+        for lane in 0..T::LANES {
+            noise += (self.noise + self.smoother).lane(lane);
+            size = size.worst(self.size.lane(lane));
+        }
+        let allowed = size * margin;
+        noise <= allowed * allowed * (1.0 - 1e-6)
+    }
+
     /// What the smoother's rounding is, of a co-state `outer` carried past a lever of this square to where zeta^+ is.
     #[inline(always)]
     pub(crate) fn carried(&mut self, zeta: &Vector6<T>, outer: &Vector6<T>, lever_square: T) {

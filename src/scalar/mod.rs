@@ -9,6 +9,8 @@ mod counting;
 mod double_double;
 mod fused;
 mod lanes;
+#[cfg(target_arch = "x86_64")]
+mod limbs;
 mod precision;
 mod trigonometry;
 
@@ -17,6 +19,8 @@ pub use counting::{Counted, Operations};
 pub use double_double::DoubleDouble;
 pub use fused::Fused;
 pub use lanes::{Instructions, Lanes};
+#[cfg(target_arch = "x86_64")]
+pub use limbs::Limbs;
 pub use precision::Precision;
 pub use trigonometry::Circle;
 
@@ -43,6 +47,9 @@ pub trait Real:
     /// How many numbers one value holds side by side.
     const LANES: usize;
 
+    /// How many limbs of one state lie side by side in the lanes; where each lane is a state of its own, one.
+    const LIMBS: usize = 1;
+
     /// The nearest value to `x`, in every lane.
     fn from_f64(x: f64) -> Self;
 
@@ -63,6 +70,13 @@ pub trait Real:
     /// A number in every lane; `self` says only of which kind, as for [`Real::constant`].
     #[must_use]
     fn everywhere(self, x: Self::Parameter) -> Self;
+
+    /// The number of one of the [limbs](Self::LIMBS), in the lanes of all.
+    #[must_use]
+    #[inline(always)]
+    fn of_limb(self, _limb: usize) -> Self {
+        self
+    }
 
     /// The number in one lane, rounded to f64.
     fn lane(self, index: usize) -> f64;

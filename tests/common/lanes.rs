@@ -134,3 +134,50 @@ pub fn aligned(seed: u64, bodies: usize, branching: f64) -> Scene {
     }
     builder.build().expect("a tree")
 }
+
+/// A trunk with limbs of like build, their numbers their own: turns about the axes of their parents and about any, slides, and a ball in
+/// each; two fingers each. With `ragged` the second limb has a finger less, and the last ends in another joint.
+pub fn limbed(seed: u64, limbs: usize, length: usize, floating: bool, ragged: bool) -> Scene {
+    let mut random = Random::new(seed);
+    let inertial = floating.then(|| random_inertial(&mut random));
+    let mut builder =
+        SceneBuilder::new().floating_base(floating).link(LinkDescription { name: "base".into(), inertial });
+    let mut add = |builder: SceneBuilder, parent: &str, name: &str, alike: &mut Random, other: bool| {
+        let mut joint = JointDescription::new(format!("to_{name}"), JointKind::Revolute, parent, name);
+        let (kind, axis, turned) = (alike.below(8), alike.below(3), alike.below(4) == 0);
+        joint.kind = match kind {
+            0 => JointKind::Prismatic,
+            1 => JointKind::Spherical,
+            _ => JointKind::Revolute,
+        };
+        if other {
+            joint.kind = JointKind::Prismatic;
+        }
+        joint.axis = Vector3::zeros();
+        joint.axis[axis] = if random.below(2) == 0 { 1.0 } else { -1.0 };
+        if turned {
+            joint.origin.rotation = random.rotation();
+        }
+        joint.origin.lever = if alike.below(4) == 0 { Vector3::zeros() } else { random.vector() * 0.3 };
+        joint.armature = if alike.below(2) == 0 { 0.0 } else { random.uniform(0.2, 1.0) };
+        let inertial = Some(random_inertial(&mut random));
+        builder.link(LinkDescription { name: name.into(), inertial }).joint(joint)
+    };
+    builder = add(builder, "base", "trunk", &mut Random::new(seed + 1), false);
+    for limb in 0..limbs {
+        let mut alike = Random::new(seed + 2);
+        let mut parent = "trunk".to_owned();
+        for k in 0..length {
+            let name = format!("limb{limb}_{k}");
+            builder = add(builder, &parent, &name, &mut alike, ragged && limb + 1 == limbs && k + 1 == length);
+            parent = name;
+        }
+        for finger in 0..2 {
+            let mut alike = Random::new(seed + 3 + finger);
+            if !(ragged && limb == 1 && finger == 1) {
+                builder = add(builder, &parent, &format!("finger{limb}_{finger}"), &mut alike, false);
+            }
+        }
+    }
+    builder.build().expect("a tree")
+}

@@ -1,7 +1,8 @@
 //! Base to tip: the smoother.
 
+use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
-use super::filter::in_joint_frame;
+use super::filter::{ABOUT_Z, in_joint_frame};
 use super::motion::cross_number;
 use super::scratch::LeanScratch;
 use super::turn::{Axis, Turn, about, to_turn};
@@ -30,6 +31,16 @@ pub(super) fn base_to_tip<T: Real>(
                 let mut lambda = carried(body, own.turn, &outer);
                 lambda[2] += a;
                 lambda
+            }
+            Carrier::Shift(at) if body.is_about_z => {
+                let mut lambda: [T; 6] = shifts[at].motion_to_child(&Vector6::from(*outer)).into();
+                let (m, estimate) = (&measured[body.row], &mut estimates[body.row]);
+                *estimate = estimate.mul_add(m.pivot_inverse, -along(&m.gain.into(), &lambda));
+                lambda[ABOUT_Z] += *estimate;
+                lambda
+            }
+            Carrier::Shift(_) if body.is_afloat => {
+                afloat::smooth(&measured[afloat::rows(body)], &mut estimates[afloat::rows(body)])
             }
             Carrier::Shift(at) => {
                 let mut lambda = shifts[at].motion_to_child(&Vector6::from(*outer));

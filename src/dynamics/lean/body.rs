@@ -1,9 +1,11 @@
 //! The constants of a scene as these sweeps read them: one number for all lanes, in [frames](super::frames) of their own.
 
 use super::frames::Framed;
+use super::limbs::ranks;
 use super::slots::{Ordered, Places, SlotCounts, last_children};
 use super::turn::{Axis, Renaming};
 use crate::filter::pivots::Scale;
+use crate::filter::{HingeMap, Rows};
 use crate::scalar::Real;
 use crate::scene::{Body, Model};
 use crate::spatial::BodyInertia;
@@ -13,18 +15,18 @@ use crate::spatial::BodyInertia;
 const SHALLOW: usize = 10;
 
 /// As many bodies are swept in an order of their own: what is kept of them fits in the caches then, whatever the order. Not timed beyond.
-const INTERLEAVED: usize = 500;
+pub(super) const INTERLEAVED: usize = 500;
 
 /// The order of the sweeps over one vector a body, parents first: those at equal depth one after another, for they do not wait for each
-/// other, and what a body waits for was done a while ago.
-pub(super) fn interleaved(parents: &[Option<usize>]) -> Vec<usize> {
+/// other, and what a body waits for was done a while ago. Those at equal depth by their `rank`.
+pub(super) fn interleaved<R: Ord>(parents: &[Option<usize>], rank: impl Fn(usize) -> R) -> Vec<usize> {
     let mut order: Vec<usize> = (0..parents.len()).collect();
     if parents.len() <= INTERLEAVED {
         let mut bodies_inward: Vec<usize> = Vec::with_capacity(parents.len());
         for parent in parents {
             bodies_inward.push(parent.map_or(0, |parent| bodies_inward[parent] + 1));
         }
-        order.sort_by_key(|&k| bodies_inward[k]);
+        order.sort_by_key(|&k| (bodies_inward[k], rank(k)));
     }
     order
 }
@@ -79,6 +81,14 @@ pub(super) struct LeanBody<N> {
     /// Twice the squares of its entries.
     pub lever_squares: [N; 3],
     pub needs_no_force: bool,
+    /// Whether its one row is a turn about z, and whether it is [afloat](super::afloat).
+    pub is_about_z: bool,
+    pub is_afloat: bool,
+    /// How many bodies [side by side](super::limbs) in the lanes hang on one; 1 where lanes are states, and further out on limbs.
+    pub limbs: usize,
+    /// Whether each of the limbs has such a body; and 1 in the lanes of those that have, else 0.
+    pub is_on_all_limbs: bool,
+    pub stands_for_itself: N,
     pub places: Places,
     /// Whether anything hangs on it.
     pub is_leaf: bool,
@@ -97,6 +107,15 @@ impl<N> LeanBody<N> {
     #[inline(always)]
     pub fn sibling_follows(&self) -> bool {
         self.parent.is_some() && !self.places.arrives_first
+    }
+
+    /// Its numbers.
+    #[cfg(target_arch = "x86_64")]
+    pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
+        let one = [&mut self.sense, &mut self.lever_square, &mut self.mass];
+        let three = [&mut self.frame.sign, &mut self.lever, &mut self.first_moment, &mut self.lever_squares];
+        let six = [&mut self.rotational, &mut self.terms];
+        one.into_iter().chain(three.into_iter().flatten()).chain(six.into_iter().flatten()).chain(&mut self.scale)
     }
 }
 
@@ -127,7 +146,7 @@ impl<N> CompositeBody<N> {
 pub(crate) struct LeanModel<T: Real> {
     pub(super) bodies: Vec<LeanBody<T::Parameter>>,
     /// The same in the order of the sweeps over one vector a body, with their places in it; none where that is theirs.
-    reordered: Vec<LeanBody<T::Parameter>>,
+    pub(super) reordered: Vec<LeanBody<T::Parameter>>,
     /// Where each body is in that order: what these sweeps keep of it is there.
     pub(super) at: Vec<usize>,
     /// What M needs of them besides.
@@ -147,8 +166,9 @@ pub(crate) struct LeanModel<T: Real> {
 
 impl<T: Real> LeanModel<T> {
     pub fn new(model: &Model<f64>) -> Self {
+        let ranks = ranks(model);
         let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();
-        let order = interleaved(&parents);
+        let order = interleaved(&parents, |body| ranks[body]);
         let by_rows = Ordered::new(&parents, &(0..parents.len()).collect::<Vec<_>>());
         let swept = Ordered::new(&parents, &order);
         let masses = model.bodies.iter().map(|body| body.inertia.mass).collect();
@@ -183,6 +203,13 @@ impl<T: Real> LeanModel<T> {
                 terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
                 lever_squares: turned.map(|l| number(2.0 * l * l)),
                 needs_no_force: body.needs_no_force,
+                is_about_z: matches!(stage.rows, Rows::One(HingeMap::Axis(2))),
+                is_afloat: matches!(stage.rows, Rows::Six)
+                    && stage.parent.is_none()
+                    && (0..6).all(|i| model.system.skips_zeros_of(stage.first_row + i)),
+                limbs: 1,
+                is_on_all_limbs: true,
+                stands_for_itself: number(1.0),
                 places: by_rows.places[k],
                 is_leaf: last_child[k].is_none(),
                 sibling: stage.parent.and_then(|parent| youngest[parent].replace(k)),

@@ -1,5 +1,6 @@
 //! Tip to base: Riccati recursion and filter in one pass, and the torques that forces need.
 
+use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::motion::minus_cross_number;
 use super::scratch::{Arriving, LeanScratch, Own, Watching, arrive};
@@ -9,7 +10,7 @@ use crate::filter::riccati::{self, Measured};
 use crate::filter::{HingeMap, System, innovations, terms};
 use crate::scalar::Real;
 use crate::scene::Model;
-use crate::spatial::{RigidShift, Symmetric3, Symmetric6};
+use crate::spatial::{RigidShift, Symmetric3, Symmetric6, absolute};
 use nalgebra::{Matrix3, Vector6};
 
 /// The row of a turn.
@@ -73,7 +74,9 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
     };
     for ((place, body), own) in lean.swept().iter().enumerate().zip(own).rev() {
         match body.carrier {
-            Carrier::Turn(axis) => inward.turn::<SIDES>((place, body), own, axis),
+            Carrier::Turn(_) => inward.about_z::<SIDES>((place, body), own),
+            Carrier::Shift(_) if body.is_about_z => inward.about_z::<SIDES>((place, body), own),
+            Carrier::Shift(_) if body.is_afloat => inward.afloat::<SIDES>((place, body), own),
             Carrier::Shift(at) => inward.shift::<SIDES>((place, body), own, at),
         }
     }
@@ -81,17 +84,13 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
 }
 
 impl<T: Real> Inward<'_, T> {
-    /// A body on a turn.
+    /// A body that turns about its z.
     #[inline(always)]
-    fn turn<const SIDES: usize>(
-        &mut self,
-        (place, body): (usize, &LeanBody<T::Parameter>),
-        own: &mut Own<T>,
-        axis: Axis,
-    ) {
-        let (row, turn) = (body.row, own.turn);
+    fn about_z<const SIDES: usize>(&mut self, (place, body): (usize, &LeanBody<T::Parameter>), own: &mut Own<T>) {
+        let row = body.row;
         let arrived = &self.arriving[body.places.inward];
-        let sense = turn.s.everywhere(body.sense);
+        let like = arrived.force[0];
+        let sense = like.everywhere(body.sense);
         let noise = Noise::of(self.system, row);
         let p = with_noise(body, &arrived.p);
         let scale = scale_of(body, &arrived.scale);
@@ -105,7 +104,7 @@ impl<T: Real> Inward<'_, T> {
         if SIDES == WATCH {
             self.near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
             let (arrived, own) = (&self.watching.arriving[body.places.inward], &mut self.watching.own[place]);
-            own.terms = sum(terms_of_noise(body, turn.s), &arrived.terms);
+            own.terms = sum(terms_of_noise(body, like), &arrived.terms);
             let weight = sense * self.watching.weights[row];
             (self.watching.innovations[row], own.zeta) = measure(noise, &m, weight, &arrived.zeta);
         }
@@ -113,27 +112,73 @@ impl<T: Real> Inward<'_, T> {
             return;
         }
         let to = &mut self.arriving[body.places.parent_inward];
-        let is_first = body.places.arrives_first;
-        arrive_bounds(is_first, sent(body, &p), &mut to.scale);
+        arrive_bounds(body, sent(body, &p), &mut to.scale);
+        let carried = match body.carrier {
+            Carrier::Turn(axis) => {
+                let turn = own.turn;
+                if SIDES >= FILTER {
+                    let sent = in_joint_frame(body, turn, &own.force);
+                    about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
+                }
+                if SIDES == WATCH {
+                    let to = &mut self.watching.arriving[body.places.parent_inward];
+                    let terms = sent_terms(body, &kept_diagonal(noise, &p, &column, &m));
+                    let zeta = in_joint_frame(body, turn, &self.watching.own[place].zeta);
+                    about!(axis, X, Y, Z, {
+                        arrive(body, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
+                        arrive(body, &to_parent::<T, X, Y, Z>(&zeta), &mut to.zeta);
+                    });
+                }
+                let sent = if noise.skips_zeros {
+                    carried::<T, false>(body, turn, &p, &column, (&m, noise.variance))
+                } else {
+                    carried::<T, true>(body, turn, &p, &column, (&m, noise.variance))
+                };
+                about!(axis, X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
+                return;
+            }
+            Carrier::Shift(at) => {
+                let shift = &self.shifts[at];
+                if SIDES >= FILTER {
+                    arrive(body, &shift.force_to_parent(&own.force.into()).into(), &mut to.force);
+                }
+                if SIDES == WATCH {
+                    let to = &mut self.watching.arriving[body.places.parent_inward];
+                    let kept = absolute(&kept_diagonal(noise, &p, &column, &m));
+                    arrive(body, &terms::sent(&kept, shift).into(), &mut to.terms);
+                    let zeta = self.watching.own[place].zeta;
+                    arrive(body, &shift.force_to_parent(&zeta.into()).into(), &mut to.zeta);
+                }
+                if noise.skips_zeros {
+                    shift.inertia_to_parent_past_z(&unpacked(&kept::<T, false>(&p, &column, (&m, noise.variance))))
+                } else {
+                    shift.inertia_to_parent(&unpacked(&kept::<T, true>(&p, &column, (&m, noise.variance))))
+                }
+            }
+        };
+        arrive(body, &packed(&carried), &mut to.p);
+    }
+
+    /// A body that floats.
+    #[inline(always)]
+    fn afloat<const SIDES: usize>(&mut self, (place, body): (usize, &LeanBody<T::Parameter>), own: &mut Own<T>) {
+        let (arrived, rows) = (&self.arriving[body.places.inward], afloat::rows(body));
+        let measured = &mut self.measured[rows.clone()];
+        let scale = scale_of(body, &arrived.scale);
+        afloat::measure(with_noise(body, &arrived.p), &scale, measured, &mut self.monitor);
         if SIDES >= FILTER {
-            let sent = in_joint_frame(body, turn, &own.force);
-            about!(axis, X, Y, Z, arrive(is_first, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
+            own.force = sum(own.force, &arrived.force);
+            afloat::filter(measured, &self.tau[rows.clone()], &mut own.force, &mut self.innovations[rows.clone()]);
         }
         if SIDES == WATCH {
-            let to = &mut self.watching.arriving[body.places.parent_inward];
-            let terms = sent_terms(body, &kept_diagonal(noise, &p, &column, &m));
-            let zeta = in_joint_frame(body, turn, &self.watching.own[place].zeta);
-            about!(axis, X, Y, Z, {
-                arrive(is_first, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
-                arrive(is_first, &to_parent::<T, X, Y, Z>(&zeta), &mut to.zeta);
-            });
+            self.near.observe_stage(&self.system.stages[body.index], self.measured, &scale);
+            let (measured, Watching { arriving, own, weights, innovations, .. }) =
+                (&self.measured[rows.clone()], &mut *self.watching);
+            let (arrived, own) = (&arriving[body.places.inward], &mut own[place]);
+            own.terms = sum(terms_of_noise(body, arrived.terms[0]), &arrived.terms);
+            own.zeta = arrived.zeta;
+            afloat::filter(measured, &weights[rows.clone()], &mut own.zeta, &mut innovations[rows]);
         }
-        let sent = if noise.skips_zeros {
-            carried::<T, false>(body, turn, &p, &column, (&m, noise.variance))
-        } else {
-            carried::<T, true>(body, turn, &p, &column, (&m, noise.variance))
-        };
-        about!(axis, X, Y, Z, arrive(is_first, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
     }
 
     /// Any other body.
@@ -144,7 +189,7 @@ impl<T: Real> Inward<'_, T> {
         own: &mut Own<T>,
         at: usize,
     ) {
-        let (shift, stage, is_first) = (&self.shifts[at], &self.system.stages[body.index], body.places.arrives_first);
+        let (shift, stage) = (&self.shifts[at], &self.system.stages[body.index]);
         let arrived = &self.arriving[body.places.inward];
         let (like, arrived_force) = (arrived.force[0], arrived.force);
         let mut p = unpacked(&with_noise(body, &arrived.p));
@@ -161,15 +206,15 @@ impl<T: Real> Inward<'_, T> {
         );
         let to = &mut self.arriving[body.places.parent_inward];
         if body.parent.is_some() {
-            arrive_bounds(is_first, sent, &mut to.scale);
-            arrive(is_first, &packed(&carried), &mut to.p);
+            arrive_bounds(body, sent, &mut to.scale);
+            arrive(body, &packed(&carried), &mut to.p);
         }
         if SIDES >= FILTER {
             own.force = sum(own.force, &arrived_force);
             let right_side = (self.tau, &mut *self.innovations);
             let sent = through_general_stage(at_stage, shift, self.measured, right_side, &mut own.force);
             if body.parent.is_some() {
-                arrive(is_first, &sent, &mut to.force);
+                arrive(body, &sent, &mut to.force);
             }
         }
         if SIDES == WATCH {
@@ -181,9 +226,9 @@ impl<T: Real> Inward<'_, T> {
             let sent = through_general_stage(at_stage, shift, self.measured, (weights, innovations), &mut own.zeta);
             if body.parent.is_some() {
                 let to = &mut arriving[body.places.parent_inward];
-                arrive(is_first, &sent, &mut to.zeta);
+                arrive(body, &sent, &mut to.zeta);
                 let terms = terms::sent(&terms::left(stage, &before, &p), shift);
-                arrive(is_first, &terms.into(), &mut to.terms);
+                arrive(body, &terms.into(), &mut to.terms);
             }
         }
     }
@@ -205,7 +250,18 @@ pub(super) fn predict<T: Real>(
                 if body.parent.is_some() {
                     let (sent, to) =
                         (in_joint_frame(body, own.turn, &force), &mut arriving[body.places.parent_inward].force);
-                    about!(axis, X, Y, Z, arrive(body.places.arrives_first, &to_parent::<T, X, Y, Z>(&sent), to));
+                    about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), to));
+                }
+            }
+            Carrier::Shift(_) if body.is_afloat => {
+                let torques = &mut torques[afloat::rows(body)];
+                torques.copy_from_slice(&[force[3], force[4], force[5], force[0], force[1], force[2]]);
+            }
+            Carrier::Shift(at) if body.is_about_z => {
+                torques[body.row] = force[ABOUT_Z];
+                if body.parent.is_some() {
+                    let to = &mut arriving[body.places.parent_inward].force;
+                    arrive(body, &shifts[at].force_to_parent(&force.into()).into(), to);
                 }
             }
             Carrier::Shift(at) => {
@@ -215,7 +271,7 @@ pub(super) fn predict<T: Real>(
                 }
                 if body.parent.is_some() {
                     let to = &mut arriving[body.places.parent_inward].force;
-                    arrive(body.places.arrives_first, &shifts[at].force_to_parent(&force).into(), to);
+                    arrive(body, &shifts[at].force_to_parent(&force).into(), to);
                 }
             }
         }
@@ -224,8 +280,10 @@ pub(super) fn predict<T: Real>(
 
 /// As [`arrive`], of the bounds.
 #[inline(always)]
-fn arrive_bounds<T: Real>(is_first: bool, sent: Scale<T>, to: &mut Scale<T>) {
-    *to = if is_first { sent } else { to.sum(&sent) };
+fn arrive_bounds<T: Real>(body: &LeanBody<T::Parameter>, sent: Scale<T>, to: &mut Scale<T>) {
+    let mut sum = [to.angular, to.linear];
+    arrive(body, &[sent.angular, sent.linear], &mut sum);
+    [to.angular, to.linear] = sum;
 }
 
 /// Entry by entry.
@@ -375,8 +433,45 @@ fn sent<T: Real>(body: &LeanBody<T::Parameter>, p: &[T; 21]) -> Scale<T> {
     Scale { angular: four * b.mul_add(like.everywhere(body.lever_square), a), linear: four * b }
 }
 
-/// P^+ = P^- - g H P^- of a turn, about z and along the lever. Row and column 2 are not formed unless `NOISY`: r g, by which they are
-/// given.
+/// P^+ = P^- - g H P^- past a turn about z (3.6): the five rows that H does not pick. Row and column 2 are zero, or where `NOISY` r g, by which
+/// they are given.
+#[inline(always)]
+fn kept<T: Real, const NOISY: bool>(
+    p: &[T; 21],
+    [ph0, ph1, ph3, ph4, ph5]: &[T; 5],
+    (m, r): (&Measured<T>, T),
+) -> [T; 21] {
+    let g = &m.gain;
+    let [a0, a1, _, a3, _, _, c0, c1, c2, c3, c4, c5, _, _, _, b0, b1, b2, b3, b4, b5] = *p;
+    let o = ph0.constant(0.0);
+    let [a2, a4, a5, c6, c7, c8] =
+        if NOISY { [r * g[0], r * g[1], r * g[2], r * g[3], r * g[4], r * g[5]] } else { [o; 6] };
+    [
+        a0.minus_product(g[0], *ph0),
+        a1.minus_product(g[0], *ph1),
+        a2,
+        a3.minus_product(g[1], *ph1),
+        a4,
+        a5,
+        c0.minus_product(g[0], *ph3),
+        c1.minus_product(g[0], *ph4),
+        c2.minus_product(g[0], *ph5),
+        c3.minus_product(g[1], *ph3),
+        c4.minus_product(g[1], *ph4),
+        c5.minus_product(g[1], *ph5),
+        c6,
+        c7,
+        c8,
+        b0.minus_product(g[3], *ph3),
+        b1.minus_product(g[3], *ph4),
+        b2.minus_product(g[3], *ph5),
+        b3.minus_product(g[4], *ph4),
+        b4.minus_product(g[4], *ph5),
+        b5.minus_product(g[5], *ph5),
+    ]
+}
+
+/// [`kept`] of a turn, about z and along the lever.
 #[inline(always)]
 #[allow(clippy::too_many_lines)] // 21 entries, each in its place
 fn carried<T: Real, const NOISY: bool>(
@@ -386,29 +481,19 @@ fn carried<T: Real, const NOISY: bool>(
     column: &[T; 5],
     (m, variance): (&Measured<T>, T),
 ) -> [T; 21] {
-    let (g, [ph0, ph1, ph3, ph4, ph5]) = (&m.gain, *column);
-    let o = ph0.constant(0.0);
-    let [a0, a1, _, a3, _, _, c0, c1, c2, c3, c4, c5, _, _, _, b0, b1, b2, b3, b4, b5] = *p;
-    // (3.6), the five rows that H does not pick.
-    let angular = (a0.minus_product(g[0], ph0), a1.minus_product(g[0], ph1), a3.minus_product(g[1], ph1));
-    let upper = [c0.minus_product(g[0], ph3), c1.minus_product(g[0], ph4), c2.minus_product(g[0], ph5)];
-    let lower = [c3.minus_product(g[1], ph3), c4.minus_product(g[1], ph4), c5.minus_product(g[1], ph5)];
-    let linear = (b0.minus_product(g[3], ph3), b1.minus_product(g[3], ph4), b3.minus_product(g[4], ph4));
-    let (b2, b4, b5) = (b2.minus_product(g[3], ph5), b4.minus_product(g[4], ph5), b5.minus_product(g[5], ph5));
+    let o = column[0].constant(0.0);
+    let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] =
+        kept::<T, NOISY>(p, column, (m, variance));
     // About z.
-    let (a0, a1, a3) = turn.symmetric(angular);
-    let (b0, b1, b3) = turn.symmetric(linear);
+    let (a0, a1, a3) = turn.symmetric((a0, a1, a3));
+    let (b0, b1, b3) = turn.symmetric((b0, b1, b3));
     let (b2, b4) = turn.pair(b2, b4);
-    let [c0, c1, c3, c4] = turn.square([upper[0], upper[1], lower[0], lower[1]]);
-    let (c2, c5) = turn.pair(upper[2], lower[2]);
-    // What the noise leaves of the row that H picks.
-    let (mut a2, mut a4, mut a5, mut c6, mut c7, mut c8) = (o, o, o, o, o, o);
+    let [c0, c1, c3, c4] = turn.square([c0, c1, c3, c4]);
+    let (c2, c5) = turn.pair(c2, c5);
+    let (mut a2, mut a4, mut a5, mut c6, mut c7, c8) = (a2, a4, a5, c6, c7, c8);
     if NOISY {
-        let r = variance;
-        (a2, a4) = turn.pair(r * g[0], r * g[1]);
-        a5 = r * g[2];
-        (c6, c7) = turn.pair(r * g[3], r * g[4]);
-        c8 = r * g[5];
+        (a2, a4) = turn.pair(a2, a4);
+        (c6, c7) = turn.pair(c6, c7);
     }
     if !body.has_lever {
         return [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5];

@@ -64,8 +64,8 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
         };
         if body.parent.is_some() {
             let to = &mut composites[body.places.parent_inward];
-            arrive(body.places.arrives_first, &carried.first_moment, &mut to.first_moment);
-            arrive(body.places.arrives_first, &carried.rotational, &mut to.rotational);
+            arrive(body, &carried.first_moment, &mut to.first_moment);
+            arrive(body, &carried.rotational, &mut to.rotational);
         }
     }
 }

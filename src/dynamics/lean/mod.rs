@@ -7,14 +7,19 @@
 //! carried by its angle alone: first about z, where H P^+ = 0 leaves a third out, then along the lever, a constant there. Frames are
 //! chosen so that what is left of the renaming is one of three orders of the parent's axes ([`frames`]): each is compiled by itself.
 //! Every other body goes through the general shift. Bodies at equal depth come one after another, for they do not wait for each other;
-//! M and M^-1, whose columns lie side by side, keep to the order of the rows.
+//! M and M^-1, whose columns lie side by side, keep to the order of the rows. Of one state, limbs of like build can go
+//! [side by side](limbs).
 
+#[cfg(target_arch = "x86_64")]
+mod abreast;
 mod accelerations;
+mod afloat;
 mod body;
 mod columns;
 mod filter;
 mod frames;
 mod inverse_product;
+mod limbs;
 mod mass_columns;
 mod mass_inverse;
 mod mass_matrix;
@@ -25,6 +30,8 @@ mod turn;
 mod watch;
 mod way;
 
+#[cfg(target_arch = "x86_64")]
+pub(crate) use abreast::{Abreast, Places};
 pub(crate) use body::LeanModel;
 pub(crate) use columns::LeanColumns;
 pub(crate) use mass_columns::MassColumns;

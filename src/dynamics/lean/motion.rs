@@ -3,6 +3,7 @@
 //! The acceleration here is that of the point at the frame's origin, a + w x v of the spatial one: three vectors are carried instead of
 //! four, and nothing large is added that would have to cancel again.
 
+use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::scratch::{LeanScratch, Moving};
 use super::turn::{Axis, Turn, about};
@@ -95,7 +96,8 @@ pub(super) fn forces_base_to_tip<T: Real, C: ColumnsOf<T>>(
     let o = T::zero();
     let g = &model.gravity;
     let LeanScratch { motions, own, shifts, .. } = scratch;
-    motions[0] = [[o; 3], [o; 3], [-g[0], -g[1], -g[2]]];
+    let base = [-g[0], -g[1], -g[2]];
+    motions[0] = [[o; 3], [o; 3], base];
     for (body, own) in lean.swept().iter().zip(own) {
         let parent = &motions[body.places.parent_outward];
         // The force in each arm: after them the motion would come by way of memory.
@@ -104,6 +106,10 @@ pub(super) fn forces_base_to_tip<T: Real, C: ColumnsOf<T>>(
                 let [w, dw, a] = parent;
                 let there = about!(axis, X, Y, Z, [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]]);
                 let moving = turned(body, own.turn, there, (state.qd, state.qdd), needed);
+                (moving, force_of(body, &moving, needed, o))
+            }
+            Carrier::Shift(at) if body.is_afloat => {
+                let moving = afloat::moving(body.row, &shifts[at], &base, state, needed);
                 (moving, force_of(body, &moving, needed, o))
             }
             Carrier::Shift(at) => {

@@ -49,15 +49,55 @@ pub(super) struct Besides<T> {
     pub zeta: [T; 6],
 }
 
-/// Adds what one body sends to what is there already, or begins with it.
+/// Adds what one body sends to what is there already, or begins with it; limbs side by side one after another, the last one first, as they come
+/// where they are bodies by themselves.
 #[inline(always)]
-pub(super) fn arrive<T: Real, const N: usize>(is_first: bool, sent: &[T; N], to: &mut [T; N]) {
-    if is_first {
-        *to = *sent;
+pub(super) fn arrive<T: Real, const N: usize>(body: &LeanBody<T::Parameter>, sent: &[T; N], to: &mut [T; N]) {
+    let is_first = body.places.arrives_first;
+    if T::LIMBS > 1 && body.limbs > 1 {
+        // As many as there are, each known to the compiler.
+        match body.limbs {
+            2 => arrive_from_limbs::<T, N, 2>(is_first, sent, to),
+            3 => arrive_from_limbs::<T, N, 3>(is_first, sent, to),
+            _ => arrive_from_limbs::<T, N, 4>(is_first, sent, to),
+        }
+    } else if T::LIMBS > 1 && !body.is_on_all_limbs {
+        for (to, &sent) in to.iter_mut().zip(sent) {
+            let sent = sent * sent.everywhere(body.stands_for_itself);
+            *to = if is_first { sent } else { *to + sent };
+        }
+    } else if is_first {
+        put(sent, to);
     } else {
         for (to, &sent) in to.iter_mut().zip(sent) {
             *to += sent;
         }
+    }
+}
+
+/// What limbs side by side send to one body.
+#[inline(always)]
+fn arrive_from_limbs<T: Real, const N: usize, const LIMBS: usize>(is_first: bool, sent: &[T; N], to: &mut [T; N]) {
+    for (to, &sent) in to.iter_mut().zip(sent) {
+        let last = sent.of_limb(LIMBS - 1);
+        let mut sum = if is_first { last } else { *to + last };
+        for limb in (0..LIMBS - 1).rev() {
+            sum += sent.of_limb(limb);
+        }
+        *to = sum;
+    }
+}
+
+/// A copy, number by number where there are many: that of the whole would read at once what was just written in parts, and wait for it.
+#[inline(always)]
+fn put<T: Copy, const N: usize>(sent: &[T; N], to: &mut [T; N]) {
+    if let (Some(sent), Some(to)) = (sent.first_chunk::<21>(), to.first_chunk_mut::<21>()) {
+        let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *sent;
+        (to[0], to[1], to[2], to[3], to[4], to[5], to[6]) = (a0, a1, a2, a3, a4, a5, c0);
+        (to[7], to[8], to[9], to[10], to[11], to[12], to[13]) = (c1, c2, c3, c4, c5, c6, c7);
+        (to[14], to[15], to[16], to[17], to[18], to[19], to[20]) = (c8, b0, b1, b2, b3, b4, b5);
+    } else {
+        *to = *sent;
     }
 }
 

@@ -26,7 +26,7 @@ pub(super) use about;
 
 /// The axis of its parent's frame that a turn is about. The axes of its own frame, x, y and z, are the two of the parent's that follow
 /// it in their cycle, and itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Axis {
     X,
     Y,
@@ -124,8 +124,8 @@ pub(crate) fn renames_axes(rotation: &Matrix3<f64>) -> bool {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Renaming<N> {
     /// Entry i here is `sign[i]` times entry `from[i]` in the model.
-    from: [u8; 3],
-    sign: [N; 3],
+    pub from: [u8; 3],
+    pub sign: [N; 3],
 }
 
 impl<N: Copy> Renaming<N> {

@@ -12,7 +12,7 @@ use crate::filter::{HingeMap, Rows, Stage};
 use crate::kinematics::{joint_shift, turned_by};
 use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
-use crate::spatial::RigidShift;
+use crate::spatial::{RigidShift, zero};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -97,6 +97,7 @@ fn base_to_tip<T: Real>(
     let LeanScratch { own, shifts, measured, watching, .. } = scratch;
     let Watching { own: watched, co_states, innovations, .. } = watching;
     for (((place, body), own), watched) in lean.swept().iter().enumerate().zip(own).zip(watched) {
+        let before = seen;
         let [outer, outer_nu] = &co_states[body.places.parent];
         let (zeta, z, terms) = (vector(&watched.zeta), vector(&own.force), vector(&watched.terms));
         let swept = Swept { z: &z, terms: &terms, measured };
@@ -113,6 +114,12 @@ fn base_to_tip<T: Real>(
                 seen.through_stage(&stage, &swept, (&mut lambda, &mut nu), (estimates, innovations));
                 estimates[body.row] *= z[0].everywhere(body.sense);
             }
+            Carrier::Shift(_) if body.is_afloat => {
+                // Nothing is carried to it.
+                (lambda, nu) = (zero(), zero());
+                let stage = Stage { parent: None, rows: Rows::Six, first_row: body.row };
+                seen.through_stage(&stage, &swept, (&mut lambda, &mut nu), (estimates, innovations));
+            }
             Carrier::Shift(at) => {
                 let (shift, outer) = (&shifts[at], vector(outer));
                 let l = &shift.lever;
@@ -124,6 +131,9 @@ fn base_to_tip<T: Real>(
             }
         }
         co_states[place + 1] = [lambda.into(), nu.into()];
+        if T::LIMBS > 1 {
+            seen.leave_out_of(&before, lambda[0].everywhere(body.stands_for_itself));
+        }
     }
     seen
 }

@@ -1,0 +1,150 @@
+//! A scene with its [limbs side by side](super::limbs): fewer bodies, in each lane the numbers of another limb.
+
+use super::body::{Carrier, LeanBody, LeanModel};
+use super::limbs::{ABREAST, Bundle, bundles};
+use super::scratch::LeanScratch;
+use super::slots::Ordered;
+use crate::filter::Stage;
+use crate::filter::cancellation::weight;
+use crate::scalar::Limbs;
+use crate::scene::{Body, Model};
+
+/// Where the number of each lane is among the numbers of the state.
+pub(crate) type Places = [usize; ABREAST];
+
+/// The scene, its scratch, and where its numbers are in a state's.
+#[derive(Debug)]
+pub(crate) struct Abreast {
+    pub model: Model<Limbs>,
+    pub lean: LeanModel<Limbs>,
+    pub scratch: LeanScratch<Limbs>,
+    /// Of each coordinate.
+    pub coordinates: Vec<Places>,
+    /// Of each row.
+    pub rows: Vec<Places>,
+    /// Of each body.
+    pub bodies: Vec<Places>,
+    /// Row and lane of each row of the state.
+    pub of_state: Vec<(usize, usize)>,
+}
+
+impl Bundle {
+    /// The body of a lane: of one that has none, the first, to have numbers there.
+    fn body(&self, lane: usize) -> usize {
+        self.bodies.get(lane).copied().flatten().unwrap_or_else(|| self.first())
+    }
+}
+
+impl Abreast {
+    /// None where too few bodies go side by side to be worth it.
+    pub fn of(model: &Model<f64>) -> Option<Self> {
+        let bundles = bundles(model);
+        // What is gained is a body's time for each that another takes along; what it costs, wider moves for all.
+        if bundles.len() * 5 > model.bodies.len() * 3 {
+            return None;
+        }
+        let bodies: Vec<Places> = bundles.iter().map(|bundle| std::array::from_fn(|lane| bundle.body(lane))).collect();
+        let first = first_of_each(model, &bundles);
+        let mut abreast = first.cast::<Limbs>();
+        let lean = in_lanes(model, &first, &bundles);
+        let (mut coordinates, mut rows, mut of_state) = (Vec::new(), Vec::new(), vec![(0, 0); model.nv()]);
+        for (bundle, places) in bundles.iter().zip(&bodies) {
+            let motion = model.bodies[places[0]].motion;
+            let (q, row) = (places.map(|k| model.bodies[k].q), places.map(|k| model.system.stages[k].first_row));
+            coordinates.extend((0..motion.nq()).map(|i| q.map(|q| q + i)));
+            for i in 0..motion.rows().count() {
+                for lane in (0..bundle.bodies.len()).filter(|&lane| bundle.bodies[lane].is_some()) {
+                    of_state[row[lane] + i] = (rows.len(), lane);
+                }
+                rows.push(row.map(|row| row + i));
+            }
+        }
+        let mut scratch = LeanScratch::new(&abreast, &lean);
+        for (i, places) in rows.iter().enumerate() {
+            for (lane, &row) in places.iter().enumerate() {
+                abreast.system.noise[i].lanes_mut()[lane] = model.system.noise[row];
+                scratch.watching.weights[i].lanes_mut()[lane] = weight(row);
+            }
+        }
+        Some(Self { model: abreast, lean, scratch, coordinates, rows, bodies, of_state })
+    }
+}
+
+/// The scene of the first body of every bundle.
+fn first_of_each(model: &Model<f64>, bundles: &[Bundle]) -> Model<f64> {
+    let mut first = Model::empty(model.gravity, model.omissions);
+    for bundle in bundles {
+        let (body, stage) = (model.bodies[bundle.first()], model.system.stages[bundle.first()]);
+        let first_row = first.nv();
+        first.system.stages.push(Stage { parent: bundle.parent, first_row, ..stage });
+        first.system.noise.extend((0..stage.rows.count()).map(|i| model.system.noise[stage.first_row + i]));
+        first.bodies.push(Body { q: first.nq, ..body });
+        first.inertia_roots.push(None);
+        first.nq += body.motion.nq();
+    }
+    first
+}
+
+/// The bodies of `model` in the lanes of those of `first`.
+fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanModel<Limbs> {
+    let whole = LeanModel::<Limbs>::new(model);
+    let parents: Vec<_> = bundles.iter().map(|bundle| bundle.parent).collect();
+    let order = super::body::interleaved(&parents, |k| k);
+    let swept = Ordered::new(&parents, &order);
+    let (mut shifting, mut turning) = (Vec::new(), Vec::new());
+    let mut bodies = Vec::with_capacity(bundles.len());
+    for (k, bundle) in bundles.iter().enumerate() {
+        let of_lane = |lane: usize| &whole.bodies[bundle.body(lane)];
+        let mut body = LeanBody {
+            index: k,
+            parent: bundle.parent,
+            row: first.system.stages[k].first_row,
+            places: swept.places[k],
+            limbs: match bundle.parent {
+                Some(parent) if bundles[parent].bodies.len() == 1 => bundle.bodies.len(),
+                _ => 1,
+            },
+            is_on_all_limbs: bundle.bodies.iter().all(Option::is_some),
+            ..whole.bodies[bundle.first()].clone()
+        };
+        for lane in 0..ABREAST {
+            let mut own = of_lane(lane).clone();
+            for (number, own) in body.numbers_mut().zip(own.numbers_mut()) {
+                number.lanes_mut()[lane] = own.lanes()[lane];
+            }
+            let is_there = bundle.bodies.get(lane).is_some_and(Option::is_some);
+            body.stands_for_itself.lanes_mut()[lane] = f64::from(u8::from(is_there));
+        }
+        if let Carrier::Shift(at) = &mut body.carrier {
+            let mut shift = whole.shifting[*at];
+            shift.q = first.bodies[k].q;
+            for lane in 0..ABREAST {
+                let Carrier::Shift(of) = of_lane(lane).carrier else { continue };
+                let own = &whole.shifting[of].tree;
+                for (number, own) in shift.tree.rotation.iter_mut().zip(&own.rotation) {
+                    number.lanes_mut()[lane] = own.lanes()[lane];
+                }
+                for (number, own) in shift.tree.lever.iter_mut().zip(&own.lever) {
+                    number.lanes_mut()[lane] = own.lanes()[lane];
+                }
+            }
+            *at = shifting.len();
+            shifting.push(shift);
+        } else {
+            turning.push((first.bodies[k].q, swept.at[k]));
+        }
+        bodies.push(body);
+    }
+    turning.sort_by_key(|&(_, place)| place);
+    let bodies = order.iter().map(|&k| bodies[k].clone()).collect();
+    LeanModel {
+        bodies,
+        reordered: Vec::new(),
+        at: swept.at,
+        composites: Vec::new(),
+        shifting,
+        turning,
+        swept_slots: swept.slots,
+        ..whole
+    }
+}
