@@ -31,7 +31,7 @@ from compare import describe_machine
 Row = dict[str, Any]
 
 KEPT = ROOT / "target" / "roofline.json"
-BUILD = ["cargo", "bench", "--locked", "--features", "urdf,parallel,dense,stochastic", "--bench", "roofline", "--"]
+BUILD = ["cargo", "bench", "--locked", "--features", "urdf,parallel,dense,stochastic,adaptive", "--bench", "roofline", "--"]
 INSTRUCTIONS = ROOT / "benches" / "instructions" / "expected.json"
 #: As the bench of instructions calls them.
 COUNTED_AS = {
