@@ -7,11 +7,13 @@ use common::lanes::{
     ALGORITHMS, aligned, arguments, arms, evaluate, forces, limbed, on_a_large_stack, plainly, states, trees,
 };
 use common::{ALL_KINDS, Random, Tree, tolerance};
+use nalgebra::Vector3;
 use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::batch::evaluator::Evaluator;
 use phipsi::filter::Form;
 use phipsi::scalar::{Fused, Real};
-use phipsi::spatial::SpatialVector;
+use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
+use phipsi::spatial::{SpatialVector, Symmetric3};
 use phipsi::{Error, Scene};
 
 fn largest(values: &[f64]) -> f64 {
@@ -103,6 +105,21 @@ fn with_limbs() -> impl Iterator<Item = Scene> {
     })
 }
 
+/// Two pendula on the base, whose joints all move in one plane: bodies of like build, but numbers of the plane.
+fn pendula() -> Scene {
+    let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
+    for name in ["left", "right"] {
+        let central = Symmetric3::new([0.1, 0.0, 0.0, 0.1, 0.0, 0.1]);
+        let inertial = Some(Inertial { mass: 1.0, centre: Vector3::new(0.3, 0.1, 0.0), central });
+        let mut joint = JointDescription::new(format!("to_{name}"), JointKind::Revolute, "base", name);
+        joint.axis = Vector3::z();
+        builder = builder.link(LinkDescription { name: name.into(), inertial }).joint(joint);
+    }
+    let scene = builder.gravity([0.0, -9.81, 0.0]).build().expect("pendula");
+    assert!(scene.planar().is_some());
+    scene
+}
+
 /// A state's bits depend on nothing but the state: alone, in any lane, beside any others, in a chunk that is not full; and whether its limbs
 /// went side by side or not.
 #[test]
@@ -110,6 +127,7 @@ fn neighbours_change_no_bit() {
     on_a_large_stack(|| {
         check_neighbours(&trees().nth(2).unwrap(), 19);
         with_limbs().for_each(|scene| check_neighbours(&scene, 9));
+        check_neighbours(&pendula(), 9);
     });
 }
 

@@ -344,6 +344,25 @@ fn friction_stops_a_joint_and_does_not_turn_it_round() {
     assert!(before <= 1e-6, "{before}");
 }
 
+/// The noise that friction is comes and goes with the steps: a body that floats has none when the scene is built.
+#[test]
+fn friction_of_a_floating_body_does_not_turn_it_round() {
+    let central = Symmetric3::new([0.1, 0.0, 0.0, 0.1, 0.0, 0.1]);
+    let inertial = Some(Inertial { mass: 1.0, centre: [0.0; 3].into(), central });
+    let link = LinkDescription { name: "base".into(), inertial };
+    let scene = SceneBuilder::new().gravity([0.0; 3]).floating_base(true).link(link).build().unwrap();
+    for form in [Form::Covariance, Form::Auto] {
+        let mut settings = Settings::new(&scene, 0.1);
+        (settings.method, settings.form) = (Method::ImplicitEuler, form);
+        settings.properties.friction = vec![1.0; 6];
+        let mut rollout = Rollout::new(&scene, settings, &scene.neutral(), &[1e-3; 6]).unwrap();
+        rollout.advance(1, &Torque::Zero, None).unwrap();
+        for v in rollout.state(0).1 {
+            assert!(*v > 0.0 && *v < 1e-3, "{form:?}: {v}");
+        }
+    }
+}
+
 fn momentum(scene: &Scene, q: &[f64], v: &[f64]) -> nalgebra::Vector6<f64> {
     scene.momentum(&mut scene.workspace(), q, v).unwrap()
 }

@@ -21,7 +21,9 @@ pub(super) struct SideBySide {
 
 /// The kernels of one state, limbs side by side where the scene has limbs that can be.
 pub(super) fn kernels(scene: &Scene, one_by_one: Box<dyn Chunks<f64>>) -> Box<dyn Chunks<f64>> {
-    let Some(abreast) = Abreast::of(scene.model()) else { return one_by_one };
+    // What moves in one plane has numbers of its own.
+    let abreast = if scene.planar().is_some() { None } else { Abreast::of(scene.model()) };
+    let Some(abreast) = abreast else { return one_by_one };
     let zeros = |count: usize| vec![Limbs::from_f64(0.0); count];
     let (nq, nv) = (abreast.coordinates.len(), abreast.rows.len());
     Box::new(SideBySide {
@@ -67,8 +69,8 @@ impl SideBySide {
         for places in &self.scene.bodies {
             let mut force = Vector6::from_element(Limbs::from_f64(0.0));
             for (lane, &body) in places.iter().enumerate() {
-                for (number, &value) in force.iter_mut().zip(&state.wrenches[body]) {
-                    number.lanes_mut()[lane] = value;
+                for (i, number) in force.iter_mut().enumerate() {
+                    number.lanes_mut()[lane] = state.wrenches.get(body).map_or(f64::NAN, |given| given[i]);
                 }
             }
             self.wrenches.push(force);
@@ -84,7 +86,8 @@ fn gather(numbers: &mut [Limbs], places: &[Places], given: &[f64]) {
     }
     for (number, places) in numbers.iter_mut().zip(places) {
         for (lane, &place) in number.lanes_mut().iter_mut().zip(places) {
-            *lane = given[place];
+            // Too few are a fault, which is found with what is not finite.
+            *lane = given.get(place).copied().unwrap_or(f64::NAN);
         }
     }
 }

@@ -15,7 +15,7 @@ use crate::workspace::Workspace;
 /// Scratch for the algorithms of one scene on one thread, for one state and for as many as fit in a register.
 ///
 /// States and results are f64, or f32 and then twice as many in a register. What it computes has the same bits in any lane and with
-/// any neighbours, but for the sign of a zero in M and M^-1.
+/// any neighbours, but for the sign of a zero.
 pub struct Evaluator<P = f64> {
     arm: Arm,
     kernels: Kernels<P>,

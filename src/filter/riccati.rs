@@ -42,7 +42,7 @@ fn update<T: Real, const JOSEPH: bool>(p: &mut Symmetric6<T>, hinge: &HingeMap<T
     let pivot_inverse = pivot.recip();
     let mut gain = scaled(&ph, pivot_inverse);
     *p = p.add_rank_one(&scaled(&ph, -pivot_inverse), &ph);
-    // The noise is the model's, the same in every lane.
+    // In every lane or in none.
     let (is_noise_free, is_measured) = (noise.lane(0) == 0.0, noise.lane(0) < f64::INFINITY);
     if JOSEPH {
         // A P A^T + g r g^T = (P - g H P) - c g^T + r g g^T with c = (1 - g H) P H^T, parallel to g but for rounding.

@@ -120,7 +120,7 @@ impl<T: Real> System<T> {
         self.noise.len()
     }
 
-    /// Whether a row is measured without noise. The noise is the system's, so all lanes of a scalar have the same.
+    /// Whether a row is measured without noise. In all lanes or in none.
     #[inline(always)]
     #[must_use]
     pub fn is_noise_free(&self, row: usize) -> bool {

@@ -61,7 +61,7 @@ pub trait Real:
         Self::from_f64(x)
     }
 
-    /// What a constant of a scene is kept in: one number for all lanes.
+    /// What a constant of a scene is kept in: one number for all lanes, or where these are limbs one for each.
     type Parameter: Copy + std::fmt::Debug + Send + Sync + 'static;
 
     /// The nearest number to `x`.
@@ -118,7 +118,7 @@ pub trait Real:
     fn epsilon() -> Self;
 }
 
-/// For a scalar of one lane: constants of a scene are such scalars themselves.
+/// For a scalar of one lane, or of one state in all: constants of a scene are such scalars themselves.
 macro_rules! its_own_parameter {
     () => {
         type Parameter = Self;

@@ -43,6 +43,11 @@ impl Abreast {
         if bundles.len() * 5 > model.bodies.len() * 3 {
             return None;
         }
+        // Lanes without such a body have nothing on the one that it hangs on, which then needs inertia of its own.
+        let is_ragged = bundles.iter().any(|bundle| bundle.bodies.iter().any(Option::is_none));
+        if is_ragged && model.bodies.iter().any(|body| body.inertia.mass == 0.0) {
+            return None;
+        }
         let bodies: Vec<Places> = bundles.iter().map(|bundle| std::array::from_fn(|lane| bundle.body(lane))).collect();
         let first = first_of_each(model, &bundles);
         let mut abreast = first.cast::<Limbs>();
@@ -104,6 +109,7 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
                 Some(parent) if bundles[parent].bodies.len() == 1 => bundle.bodies.len(),
                 _ => 1,
             },
+            is_leaf: !parents.contains(&Some(k)),
             is_on_all_limbs: bundle.bodies.iter().all(Option::is_some),
             ..whole.bodies[bundle.first()].clone()
         };

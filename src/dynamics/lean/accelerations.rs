@@ -39,7 +39,7 @@ pub(super) fn base_to_tip<T: Real>(
                 lambda[ABOUT_Z] += *estimate;
                 lambda
             }
-            Carrier::Shift(_) if body.is_afloat => {
+            Carrier::Shift(_) if afloat::is_noise_free(body, &model.system) => {
                 afloat::smooth(&measured[afloat::rows(body)], &mut estimates[afloat::rows(body)])
             }
             Carrier::Shift(at) => {

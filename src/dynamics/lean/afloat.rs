@@ -5,9 +5,9 @@ use super::body::LeanBody;
 use super::motion::cross;
 use super::scratch::Moving;
 use crate::dynamics::forces::{Motion, Needed};
-use crate::filter::HingeMap;
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::Measured;
+use crate::filter::{HingeMap, System};
 use crate::scalar::Real;
 use crate::spatial::RigidShift;
 use nalgebra::{Vector3, Vector6};
@@ -122,6 +122,12 @@ pub(super) fn smooth<T: Real>(measured: &[Measured<T>], estimates: &mut [T]) -> 
         estimates[row] = a;
     }
     lambda
+}
+
+/// Whether a body that is afloat is measured without noise now: friction, taken implicitly, comes and goes.
+#[inline(always)]
+pub(super) fn is_noise_free<T: Real>(body: &LeanBody<T::Parameter>, system: &System<T>) -> bool {
+    body.is_afloat && rows(body).all(|row| system.is_noise_free(row))
 }
 
 /// Rows of a body that floats among those of the state.

@@ -1,4 +1,4 @@
-//! The constants of a scene as these sweeps read them: one number for all lanes, in [frames](super::frames) of their own.
+//! The constants of a scene as these sweeps read them: one number for all lanes (or limbs), in [frames](super::frames) of their own.
 
 use super::frames::Framed;
 use super::limbs::ranks;
@@ -204,9 +204,7 @@ impl<T: Real> LeanModel<T> {
                 lever_squares: turned.map(|l| number(2.0 * l * l)),
                 needs_no_force: body.needs_no_force,
                 is_about_z: matches!(stage.rows, Rows::One(HingeMap::Axis(2))),
-                is_afloat: matches!(stage.rows, Rows::Six)
-                    && stage.parent.is_none()
-                    && (0..6).all(|i| model.system.skips_zeros_of(stage.first_row + i)),
+                is_afloat: matches!(stage.rows, Rows::Six) && stage.parent.is_none() && model.system.skips_zeros,
                 limbs: 1,
                 is_on_all_limbs: true,
                 stands_for_itself: number(1.0),

@@ -76,7 +76,9 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
         match body.carrier {
             Carrier::Turn(_) => inward.about_z::<SIDES>((place, body), own),
             Carrier::Shift(_) if body.is_about_z => inward.about_z::<SIDES>((place, body), own),
-            Carrier::Shift(_) if body.is_afloat => inward.afloat::<SIDES>((place, body), own),
+            Carrier::Shift(_) if afloat::is_noise_free(body, &model.system) => {
+                inward.afloat::<SIDES>((place, body), own);
+            }
             Carrier::Shift(at) => inward.shift::<SIDES>((place, body), own, at),
         }
     }

@@ -153,7 +153,7 @@ impl Likeness {
         let mut groups: Vec<Vec<Option<usize>>> = Vec::new();
         for &body in bodies {
             let with = groups.iter_mut().find(|group| {
-                // At least half of both, or what each has alone would be done in vain for the other.
+                // More than half of both, or what each has alone would be done in vain for the other.
                 let in_common =
                     |first: usize| 2 * self.in_common(first, body) > self.sizes[first].max(self.sizes[body]);
                 group.len() < ABREAST && group[0].is_some_and(|first| self.are_alike(first, body) && in_common(first))
