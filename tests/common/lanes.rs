@@ -136,8 +136,8 @@ pub fn aligned(seed: u64, bodies: usize, branching: f64) -> Scene {
 }
 
 /// A trunk with limbs of like build, their numbers their own: turns about the axes of their parents and about any, slides, and a ball in
-/// each; two fingers each. With `ragged` one limb has a finger less, the first where the
-/// seed is odd, else the second; and the last ends in another joint.
+/// each; two fingers each. With `ragged` the second limb has a finger
+/// less, or where the seed is odd the first has none; and the last ends in another joint.
 pub fn limbed(seed: u64, limbs: usize, length: usize, floating: bool, ragged: bool) -> Scene {
     let mut random = Random::new(seed);
     let inertial = floating.then(|| random_inertial(&mut random));
@@ -175,7 +175,9 @@ pub fn limbed(seed: u64, limbs: usize, length: usize, floating: bool, ragged: bo
         }
         for finger in 0..2 {
             let mut alike = Random::new(seed + 3 + finger);
-            if !(ragged && limb == usize::from(seed.is_multiple_of(2)) && finger == 1) {
+            // Where it is the first, it has none: it ends where the others go on.
+            let is_missing = if seed.is_multiple_of(2) { limb == 1 && finger == 1 } else { limb == 0 };
+            if !(ragged && is_missing) {
                 builder = add(builder, &parent, &format!("finger{limb}_{finger}"), &mut alike, false);
             }
         }
