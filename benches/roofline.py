@@ -26,12 +26,12 @@ from phipsi.report.figure import FAINT, INK, STYLE, finished
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benches" / "peers"))
 
-from compare import describe_machine
+from compare import FEATURES, describe_machine
 
 Row = dict[str, Any]
 
 KEPT = ROOT / "target" / "roofline.json"
-BUILD = ["cargo", "bench", "--locked", "--features", "urdf,parallel,dense,stochastic,adaptive", "--bench", "roofline", "--"]
+BUILD = ["cargo", "bench", "--locked", "--features", FEATURES, "--bench", "roofline", "--"]
 INSTRUCTIONS = ROOT / "benches" / "instructions" / "expected.json"
 #: As the bench of instructions calls them.
 COUNTED_AS = {

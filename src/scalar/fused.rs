@@ -2,8 +2,6 @@
 
 use super::Real;
 use super::trigonometry::{Circle, far, of_reduced};
-use num_traits::{One, Zero};
-use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 use std::slice::from_mut;
 
 /// An f64 whose [`Real::mul_add`] is one instruction; outside an arm that has it, a slow call.
@@ -11,58 +9,7 @@ use std::slice::from_mut;
 #[repr(transparent)]
 pub struct Fused(pub f64);
 
-macro_rules! operator {
-    ($operator:ident, $function:ident, $assigning:ident, $assign:ident) => {
-        impl $operator for Fused {
-            type Output = Self;
-
-            #[inline(always)]
-            fn $function(self, other: Self) -> Self {
-                Self(self.0.$function(other.0))
-            }
-        }
-
-        impl $assigning for Fused {
-            #[inline(always)]
-            fn $assign(&mut self, other: Self) {
-                self.0.$assign(other.0);
-            }
-        }
-    };
-}
-
-operator!(Add, add, AddAssign, add_assign);
-operator!(Sub, sub, SubAssign, sub_assign);
-operator!(Mul, mul, MulAssign, mul_assign);
-operator!(Div, div, DivAssign, div_assign);
-
-impl Neg for Fused {
-    type Output = Self;
-
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Self(-self.0)
-    }
-}
-
-impl Zero for Fused {
-    #[inline(always)]
-    fn zero() -> Self {
-        Self(0.0)
-    }
-
-    #[inline(always)]
-    fn is_zero(&self) -> bool {
-        self.0 == 0.0
-    }
-}
-
-impl One for Fused {
-    #[inline(always)]
-    fn one() -> Self {
-        Self(1.0)
-    }
-}
+super::wrapped_operators!(Fused);
 
 impl Real for Fused {
     const LANES: usize = 1;

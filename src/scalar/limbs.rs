@@ -1,9 +1,7 @@
 //! Limbs of one state side by side: a number of each in a lane of a vector register.
 
 use super::{Lanes, Real};
-use num_traits::{One, Zero};
 use pulp::x86::V3;
-use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// Numbers of one state, of as many limbs as there are lanes; what the limbs hang on has the same number in every lane.
 ///
@@ -11,58 +9,7 @@ use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssi
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limbs(pub(crate) Lanes<V3>);
 
-macro_rules! operator {
-    ($operator:ident, $function:ident, $assigning:ident, $assign:ident) => {
-        impl $operator for Limbs {
-            type Output = Self;
-
-            #[inline(always)]
-            fn $function(self, other: Self) -> Self {
-                Self(self.0.$function(other.0))
-            }
-        }
-
-        impl $assigning for Limbs {
-            #[inline(always)]
-            fn $assign(&mut self, other: Self) {
-                self.0.$assign(other.0);
-            }
-        }
-    };
-}
-
-operator!(Add, add, AddAssign, add_assign);
-operator!(Sub, sub, SubAssign, sub_assign);
-operator!(Mul, mul, MulAssign, mul_assign);
-operator!(Div, div, DivAssign, div_assign);
-
-impl Neg for Limbs {
-    type Output = Self;
-
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Self(-self.0)
-    }
-}
-
-impl Zero for Limbs {
-    #[inline(always)]
-    fn zero() -> Self {
-        Self(Lanes::zero())
-    }
-
-    #[inline(always)]
-    fn is_zero(&self) -> bool {
-        self.0.is_zero()
-    }
-}
-
-impl One for Limbs {
-    #[inline(always)]
-    fn one() -> Self {
-        Self(Lanes::one())
-    }
-}
+super::wrapped_operators!(Limbs);
 
 impl Limbs {
     /// The numbers, limb by limb.
@@ -75,6 +22,11 @@ impl Limbs {
     #[inline(always)]
     pub(crate) fn lanes_mut(&mut self) -> &mut [f64] {
         self.0.lanes_mut()
+    }
+
+    /// Takes one limb's number from another.
+    pub(crate) fn take_limb(&mut self, limb: usize, from: &Self) {
+        self.lanes_mut()[limb] = from.lanes()[limb];
     }
 }
 

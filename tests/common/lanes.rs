@@ -136,8 +136,8 @@ pub fn aligned(seed: u64, bodies: usize, branching: f64) -> Scene {
 }
 
 /// A trunk with limbs of like build, their numbers their own: turns about the axes of their parents and about any, slides, and a ball in
-/// each; two fingers each. With `ragged` the second limb has a finger
-/// less, or where the seed is odd the first has none; and the last ends in another joint.
+/// each; two fingers each. With `ragged` the second limb has a finger less, or where the seed is odd the first has none; and the last ends
+/// in another joint.
 pub fn limbed(seed: u64, limbs: usize, length: usize, floating: bool, ragged: bool) -> Scene {
     let mut random = Random::new(seed);
     let inertial = floating.then(|| random_inertial(&mut random));

@@ -1,9 +1,10 @@
 //! A scene with its [limbs side by side](super::limbs): fewer bodies, in each lane the numbers of another limb.
 
-use super::body::{Carrier, LeanBody, LeanModel};
+use super::body::{Carrier, LeanBody, LeanModel, interleaved};
+use super::frames::Framed;
 use super::limbs::{ABREAST, Bundle, bundles};
 use super::scratch::LeanScratch;
-use super::slots::Ordered;
+use super::slots::{Ordered, last_children};
 use crate::filter::Stage;
 use crate::filter::cancellation::weight;
 use crate::scalar::Limbs;
@@ -38,7 +39,7 @@ impl Bundle {
 impl Abreast {
     /// None where too few bodies go side by side to be worth it.
     pub fn of(model: &Model<f64>) -> Option<Self> {
-        let bundles = bundles(model);
+        let bundles = bundles(model, &Framed::of(model));
         // What is gained is a body's time for each that another takes along; what it costs, wider moves for all.
         if bundles.len() * 5 > model.bodies.len() * 3 {
             return None;
@@ -94,8 +95,8 @@ fn first_of_each(model: &Model<f64>, bundles: &[Bundle]) -> Model<f64> {
 fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanModel<Limbs> {
     let whole = LeanModel::<Limbs>::new(model);
     let parents: Vec<_> = bundles.iter().map(|bundle| bundle.parent).collect();
-    let order = super::body::interleaved(&parents, |k| k);
-    let swept = Ordered::new(&parents, &order);
+    let order = interleaved(&parents, |k| k);
+    let (swept, last_child) = (Ordered::new(&parents, &order), last_children(&parents));
     let (mut shifting, mut turning) = (Vec::new(), Vec::new());
     let mut bodies = Vec::with_capacity(bundles.len());
     for (k, bundle) in bundles.iter().enumerate() {
@@ -109,14 +110,14 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
                 Some(parent) if bundles[parent].bodies.len() == 1 => bundle.bodies.len(),
                 _ => 1,
             },
-            is_leaf: !parents.contains(&Some(k)),
+            is_leaf: last_child[k].is_none(),
             is_on_all_limbs: bundle.bodies.iter().all(Option::is_some),
             ..whole.bodies[bundle.first()].clone()
         };
         for lane in 0..ABREAST {
             let mut own = of_lane(lane).clone();
             for (number, own) in body.numbers_mut().zip(own.numbers_mut()) {
-                number.lanes_mut()[lane] = own.lanes()[lane];
+                number.take_limb(lane, own);
             }
             let is_there = bundle.bodies.get(lane).is_some_and(Option::is_some);
             body.stands_for_itself.lanes_mut()[lane] = f64::from(u8::from(is_there));
@@ -127,11 +128,9 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
             for lane in 0..ABREAST {
                 let Carrier::Shift(of) = of_lane(lane).carrier else { continue };
                 let own = &whole.shifting[of].tree;
-                for (number, own) in shift.tree.rotation.iter_mut().zip(&own.rotation) {
-                    number.lanes_mut()[lane] = own.lanes()[lane];
-                }
-                for (number, own) in shift.tree.lever.iter_mut().zip(&own.lever) {
-                    number.lanes_mut()[lane] = own.lanes()[lane];
+                let numbers = shift.tree.rotation.iter_mut().chain(&mut shift.tree.lever);
+                for (number, own) in numbers.zip(own.rotation.iter().chain(&own.lever)) {
+                    number.take_limb(lane, own);
                 }
             }
             *at = shifting.len();

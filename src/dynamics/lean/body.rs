@@ -166,7 +166,8 @@ pub(crate) struct LeanModel<T: Real> {
 
 impl<T: Real> LeanModel<T> {
     pub fn new(model: &Model<f64>) -> Self {
-        let ranks = ranks(model);
+        let framed = Framed::of(model);
+        let ranks = ranks(model, &framed);
         let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();
         let order = interleaved(&parents, |body| ranks[body]);
         let by_rows = Ordered::new(&parents, &(0..parents.len()).collect::<Vec<_>>());
@@ -178,7 +179,6 @@ impl<T: Real> LeanModel<T> {
         // Of each body the last child; and the last up to the body at hand.
         let (last_child, mut youngest) = (last_children(&parents), vec![None; parents.len()]);
         let number = T::parameter;
-        let framed = Framed::of(model);
         let mut composites = Vec::with_capacity(parents.len());
         let bodies = framed.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
             let frame = &framed.from_model[k];

@@ -115,7 +115,7 @@ impl<T: Real> Inward<'_, T> {
         }
         let to = &mut self.arriving[body.places.parent_inward];
         arrive_bounds(body, sent(body, &p), &mut to.scale);
-        let carried = match body.carrier {
+        match body.carrier {
             Carrier::Turn(axis) => {
                 let turn = own.turn;
                 if SIDES >= FILTER {
@@ -137,7 +137,6 @@ impl<T: Real> Inward<'_, T> {
                     carried::<T, true>(body, turn, &p, &column, (&m, noise.variance))
                 };
                 about!(axis, X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
-                return;
             }
             Carrier::Shift(at) => {
                 let shift = &self.shifts[at];
@@ -151,14 +150,14 @@ impl<T: Real> Inward<'_, T> {
                     let zeta = self.watching.own[place].zeta;
                     arrive(body, &shift.force_to_parent(&zeta.into()).into(), &mut to.zeta);
                 }
-                if noise.skips_zeros {
+                let sent = if noise.skips_zeros {
                     shift.inertia_to_parent_past_z(&unpacked(&kept::<T, false>(&p, &column, (&m, noise.variance))))
                 } else {
                     shift.inertia_to_parent(&unpacked(&kept::<T, true>(&p, &column, (&m, noise.variance))))
-                }
+                };
+                arrive(body, &packed(&sent), &mut to.p);
             }
-        };
-        arrive(body, &packed(&carried), &mut to.p);
+        }
     }
 
     /// A body that floats.
@@ -253,17 +252,6 @@ pub(super) fn predict<T: Real>(
                     let (sent, to) =
                         (in_joint_frame(body, own.turn, &force), &mut arriving[body.places.parent_inward].force);
                     about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), to));
-                }
-            }
-            Carrier::Shift(_) if body.is_afloat => {
-                let torques = &mut torques[afloat::rows(body)];
-                torques.copy_from_slice(&[force[3], force[4], force[5], force[0], force[1], force[2]]);
-            }
-            Carrier::Shift(at) if body.is_about_z => {
-                torques[body.row] = force[ABOUT_Z];
-                if body.parent.is_some() {
-                    let to = &mut arriving[body.places.parent_inward].force;
-                    arrive(body, &shifts[at].force_to_parent(&force.into()).into(), to);
                 }
             }
             Carrier::Shift(at) => {

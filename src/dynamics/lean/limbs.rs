@@ -60,8 +60,8 @@ struct Likeness {
 }
 
 impl Likeness {
-    fn of(model: &Model<f64>) -> Self {
-        let (framed, stages, system) = (Framed::of(model), &model.system.stages, &model.system);
+    fn of(model: &Model<f64>, framed: &Framed) -> Self {
+        let (stages, system) = (&model.system.stages, &model.system);
         let kind = |k: usize| {
             let (body, rows) = (&model.bodies[k], &stages[k].rows);
             let row = stages[k].first_row..stages[k].first_row + rows.count();
@@ -136,11 +136,11 @@ impl Likeness {
                     });
                     if let Some(with) = with {
                         groups[with][limb] = Some(child);
-                    } else if by_build && limb > 0 {
-                        // Perhaps one that is alike comes later.
-                    } else {
-                        groups.push(vec![None; bodies.len()]);
-                        groups.last_mut().expect("just pushed")[limb] = Some(child);
+                    } else if limb == 0 || !by_build {
+                        // Of another limb, by build, one that is only alike may come yet.
+                        let mut group = vec![None; bodies.len()];
+                        group[limb] = Some(child);
+                        groups.push(group);
                     }
                 }
             }
@@ -168,14 +168,14 @@ impl Likeness {
 }
 
 /// The bodies of a scene in bundles, parents first; each by itself in a large scene.
-pub(super) fn bundles(model: &Model<f64>) -> Vec<Bundle> {
+pub(super) fn bundles(model: &Model<f64>, framed: &Framed) -> Vec<Bundle> {
     let stages = &model.system.stages;
     if stages.len() > INTERLEAVED || ABREAST == 1 {
         let alone =
             |(k, stage): (usize, &crate::filter::Stage<f64>)| Bundle { bodies: vec![Some(k)], parent: stage.parent };
         return stages.iter().enumerate().map(alone).collect();
     }
-    let likeness = Likeness::of(model);
+    let likeness = Likeness::of(model, framed);
     let roots: Vec<_> = (0..stages.len()).filter(|&k| stages[k].parent.is_none()).collect();
     let mut bundles: Vec<_> =
         likeness.limbs(&roots).into_iter().map(|bodies| Bundle { bodies, parent: None }).collect();
@@ -201,9 +201,9 @@ pub(super) fn bundles(model: &Model<f64>) -> Vec<Bundle> {
 }
 
 /// The rank of each body among those at equal depth: limbs side by side follow each other.
-pub(super) fn ranks(model: &Model<f64>) -> Vec<(usize, usize)> {
+pub(super) fn ranks(model: &Model<f64>, framed: &Framed) -> Vec<(usize, usize)> {
     let mut ranks = vec![(0, 0); model.bodies.len()];
-    for (i, bundle) in bundles(model).iter().enumerate() {
+    for (i, bundle) in bundles(model, framed).iter().enumerate() {
         for (limb, body) in bundle.bodies.iter().enumerate() {
             if let Some(body) = *body {
                 ranks[body] = (i, limb);
@@ -212,9 +212,10 @@ pub(super) fn ranks(model: &Model<f64>) -> Vec<(usize, usize)> {
     }
     ranks
 }
+
 #[cfg(all(test, target_arch = "x86_64"))]
 mod tests {
-    use super::bundles;
+    use super::{Framed, bundles};
     use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
     use crate::spatial::Symmetric3;
 
@@ -237,7 +238,7 @@ mod tests {
             builder = builder.link(link(format!("{}", k + 1))).joint(joint);
         }
         let scene = builder.build().expect("a tree");
-        bundles(scene.model()).into_iter().map(|bundle| bundle.bodies).collect()
+        bundles(scene.model(), &Framed::of(scene.model())).into_iter().map(|bundle| bundle.bodies).collect()
     }
 
     #[test]
