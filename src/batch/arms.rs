@@ -3,7 +3,7 @@
 //! A *kernel* is generic over the scalar; an *arm* is a scalar together with the instructions it is compiled for. Which arm runs
 //! is decided once, from what the processor has and from the environment variable `PHIPSI_ARM`.
 
-use crate::scalar::{ColumnsOf, Fused, Precision, Real};
+use crate::scalar::{ColumnsOf, Fused, MOST_LANES, Precision, Real};
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 use crate::scalar::{Instructions, Lanes};
 #[cfg(target_arch = "aarch64")]
@@ -128,9 +128,6 @@ pub trait Vectorised: Real {
     }
 }
 
-/// As many lanes as any scalar has.
-pub(crate) const MOST_LANES: usize = 16;
-
 /// One array of every state into lanes; lanes without a state of their own repeat the last.
 #[inline(always)]
 pub(crate) fn take_states<'a, T: Vectorised>(numbers: &mut [T], states: usize, of: impl Fn(usize) -> &'a [T::Number]) {
@@ -230,16 +227,16 @@ impl<S: Instructions, P: Precision> Vectorised for Lanes<S, P> {
 
     #[inline(always)]
     fn take_lanes(states: &[&[P]], numbers: &mut [Self]) {
-        P::take_lanes(states, numbers);
+        Lanes::take_lanes(states, numbers);
     }
 
     #[inline(always)]
     fn put_lanes(numbers: &[Self], out: &mut [P]) {
-        P::put_lanes(numbers, out);
+        Lanes::put_lanes(numbers, out);
     }
 
     #[inline(always)]
     fn put_chosen(numbers: &[Self], chosen: &[u32], out: &mut [P]) {
-        P::put_chosen(numbers, chosen, out);
+        Lanes::put_chosen(numbers, chosen, out);
     }
 }

@@ -8,20 +8,24 @@ mod columns;
 mod counting;
 mod double_double;
 mod fused;
+mod instructions;
 mod lanes;
 #[cfg(target_arch = "x86_64")]
 mod limbs;
 mod precision;
+mod transposed;
 mod trigonometry;
 
 pub use columns::ColumnsOf;
 pub use counting::{Counted, Operations};
 pub use double_double::DoubleDouble;
 pub use fused::Fused;
-pub use lanes::{Instructions, Lanes};
+pub use instructions::Instructions;
+pub use lanes::Lanes;
 #[cfg(target_arch = "x86_64")]
 pub use limbs::Limbs;
 pub use precision::Precision;
+pub(crate) use transposed::MOST_LANES;
 pub use trigonometry::Circle;
 
 use nalgebra::{ClosedAddAssign, ClosedDivAssign, ClosedMulAssign, ClosedSubAssign, Scalar};

@@ -1,7 +1,7 @@
 //! The numbers that fill a lane, f64 and f32: pulp's instructions for each under one name.
 
+use super::Instructions;
 use super::trigonometry::Circle;
-use super::{Instructions, Lanes};
 use pulp::Simd;
 use pulp::bytemuck::Pod;
 use std::borrow::Cow;
@@ -92,35 +92,14 @@ pub trait Precision: Circle + Pod + Default + PartialEq + Debug + Send + Sync {
         cosine: Self::Register<S>,
     ) -> (Self::Register<S>, Self::Register<S>);
 
-    /// A slice for each lane into lanes: `numbers` becomes entry by entry what they hold; empty slices leave all as it is.
-    #[inline(always)]
-    fn take_lanes<S: Instructions>(states: &[&[Self]], numbers: &mut [Lanes<S, Self>]) {
-        for (lane, state) in states.iter().enumerate() {
-            for (number, &value) in numbers.iter_mut().zip(*state) {
-                number.lanes_mut()[lane] = value;
-            }
-        }
-    }
+    /// As many registers as each has lanes: what was number j of register i becomes number i of register j.
+    fn transpose<S: Instructions>(simd: S, block: &mut [Self::Register<S>]);
 
-    /// Each lane's numbers one after another, of as many lanes as `out` has room for.
-    #[inline(always)]
-    fn put_lanes<S: Instructions>(numbers: &[Lanes<S, Self>], out: &mut [Self]) {
-        for (lane, out) in out.chunks_exact_mut(numbers.len()).enumerate() {
-            for (value, number) in out.iter_mut().zip(numbers) {
-                *value = number.lanes()[lane];
-            }
-        }
-    }
+    /// The first numbers in the lower half of the lanes, the last in the upper half; there are as many as that at least.
+    fn load_ends<S: Instructions>(simd: S, numbers: &[Self]) -> Self::Register<S>;
 
-    /// The same of as many numbers as `chosen` says, each by its place in `numbers`, of which number 0 is zero.
-    #[inline(always)]
-    fn put_chosen<S: Instructions>(numbers: &[Lanes<S, Self>], chosen: &[u32], out: &mut [Self]) {
-        for (lane, out) in out.chunks_exact_mut(chosen.len()).enumerate() {
-            for (value, &at) in out.iter_mut().zip(chosen) {
-                *value = numbers[at as usize].lanes()[lane];
-            }
-        }
-    }
+    /// The lower half of the lanes into the first numbers, the upper half into the last.
+    fn store_ends<S: Instructions>(simd: S, numbers: &mut [Self], lanes: Self::Register<S>);
 }
 
 /// What both kinds say in the same words: pulp's names end in that of the kind.
@@ -128,7 +107,8 @@ macro_rules! instructions {
     (
         $registers:ident, $add:ident, $sub:ident, $mul:ident, $div:ident, $mul_add:ident, $negate_mul_add:ident, $sqrt:ident,
         $splat:ident, $xor:ident, $and:ident, $select:ident, $equal:ident, $at_most:ident, $first_true:ident, $not:ident,
-        $bits:ident, $splat_bits:ident, $add_bits:ident, $and_bits:ident, $equal_bits:ident
+        $bits:ident, $splat_bits:ident, $add_bits:ident, $and_bits:ident, $equal_bits:ident, $transpose:ident, $load:ident,
+        $store:ident
     ) => {
         type Register<S: Simd> = S::$registers;
 
@@ -226,6 +206,21 @@ macro_rules! instructions {
             let sine = simd.$select(sine_turned, Self::negated(simd, s), s);
             (sine, simd.$select(cosine_turned, Self::negated(simd, c), c))
         }
+
+        #[inline(always)]
+        fn transpose<S: Instructions>(simd: S, block: &mut [S::$registers]) {
+            simd.$transpose(block);
+        }
+
+        #[inline(always)]
+        fn load_ends<S: Instructions>(simd: S, numbers: &[Self]) -> S::$registers {
+            simd.$load(numbers)
+        }
+
+        #[inline(always)]
+        fn store_ends<S: Instructions>(simd: S, numbers: &mut [Self], lanes: S::$registers) {
+            simd.$store(numbers, lanes);
+        }
     };
 }
 
@@ -251,21 +246,6 @@ impl Precision for f64 {
         numbers
     }
 
-    #[inline(always)]
-    fn take_lanes<S: Instructions>(states: &[&[Self]], numbers: &mut [Lanes<S, Self>]) {
-        Lanes::take_lanes(states, numbers);
-    }
-
-    #[inline(always)]
-    fn put_lanes<S: Instructions>(numbers: &[Lanes<S, Self>], out: &mut [Self]) {
-        Lanes::put_lanes(numbers, out);
-    }
-
-    #[inline(always)]
-    fn put_chosen<S: Instructions>(numbers: &[Lanes<S, Self>], chosen: &[u32], out: &mut [Self]) {
-        Lanes::put_chosen(numbers, chosen, out);
-    }
-
     instructions!(
         f64s,
         add_f64s,
@@ -287,7 +267,10 @@ impl Precision for f64 {
         splat_u64s,
         add_u64s,
         and_u64s,
-        equal_u64s
+        equal_u64s,
+        transpose,
+        load_ends,
+        store_ends
     );
 }
 
@@ -337,6 +320,9 @@ impl Precision for f32 {
         splat_u32s,
         add_u32s,
         and_u32s,
-        equal_u32s
+        equal_u32s,
+        transpose_f32,
+        load_ends_f32,
+        store_ends_f32
     );
 }

@@ -1,0 +1,223 @@
+//! Sets of instructions: what their registers are like in memory, and how a square of numbers is turned over in them.
+
+use pulp::{Simd, cast};
+use std::fmt::Debug;
+
+/// An instruction set, and how its registers are aligned in memory.
+pub trait Instructions: Simd {
+    /// A type of no size with that alignment.
+    type Alignment: Debug + Copy + Send + Sync + 'static;
+
+    /// The set, where this processor has it.
+    fn token() -> Option<Self>;
+
+    /// As many registers as each has lanes: what was number j of register i becomes number i of register j.
+    fn transpose(self, block: &mut [Self::f64s]);
+
+    /// The same of f32.
+    fn transpose_f32(self, block: &mut [Self::f32s]);
+
+    /// The first numbers in the lower half of the lanes, the last in the upper half; there are as many as that at least.
+    fn load_ends(self, numbers: &[f64]) -> Self::f64s;
+
+    /// The lower half of the lanes into the first numbers, the upper half into the last.
+    fn store_ends(self, numbers: &mut [f64], lanes: Self::f64s);
+
+    /// As [`Self::load_ends`].
+    fn load_ends_f32(self, numbers: &[f32]) -> Self::f32s;
+
+    /// As [`Self::store_ends`].
+    fn store_ends_f32(self, numbers: &mut [f32], lanes: Self::f32s);
+}
+
+/// What each set says in the same words, of half as many numbers as it has lanes.
+macro_rules! ends {
+    ($number:ty, $registers:ident, $half:literal, $load:ident, $store:ident) => {
+        #[inline(always)]
+        fn $load(self, numbers: &[$number]) -> Self::$registers {
+            let [low, high]: [[$number; $half]; 2] = match (numbers.first_chunk(), numbers.last_chunk()) {
+                (Some(&low), Some(&high)) => [low, high],
+                _ => Default::default(),
+            };
+            cast([low, high])
+        }
+
+        #[inline(always)]
+        fn $store(self, numbers: &mut [$number], lanes: Self::$registers) {
+            let [low, high]: [[$number; $half]; 2] = cast(lanes);
+            if let Some(first) = numbers.first_chunk_mut() {
+                *first = low;
+            }
+            if let Some(last) = numbers.last_chunk_mut() {
+                *last = high;
+            }
+        }
+    };
+}
+
+/// 16 bytes.
+#[cfg(target_arch = "aarch64")]
+#[derive(Debug, Clone, Copy)]
+#[repr(align(16))]
+pub struct Align16;
+
+/// 32 bytes.
+#[cfg(target_arch = "x86_64")]
+#[derive(Debug, Clone, Copy)]
+#[repr(align(32))]
+pub struct Align32;
+
+/// 64 bytes.
+#[cfg(target_arch = "x86_64")]
+#[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
+pub struct Align64;
+
+/// Of four registers of f32 the numbers 0, 1, 2, 3 of each 16 bytes, one kind after another.
+#[cfg(target_arch = "x86_64")]
+macro_rules! kinds {
+    ($set:expr, $low:ident, $high:ident, $low_pair:ident, $high_pair:ident, $rows:expr) => {{
+        let [a, b, c, d] = $rows.map(|row| cast(row));
+        let [ab, ab_high, cd, cd_high] =
+            [$set.$low(a, b), $set.$high(a, b), $set.$low(c, d), $set.$high(c, d)].map(|row| cast(row));
+        [
+            $set.$low_pair(ab, cd),
+            $set.$high_pair(ab, cd),
+            $set.$low_pair(ab_high, cd_high),
+            $set.$high_pair(ab_high, cd_high),
+        ]
+    }};
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Instructions for pulp::x86::V3 {
+    type Alignment = Align32;
+
+    #[inline(always)]
+    fn token() -> Option<Self> {
+        Self::try_new()
+    }
+
+    #[inline(always)]
+    fn transpose(self, block: &mut [Self::f64s]) {
+        let [a, b, c, d] = block else { return };
+        let s = self.avx;
+        let [ra, rb, rc, rd] = [cast(*a), cast(*b), cast(*c), cast(*d)];
+        // Numbers 0 and 2, and 1 and 3, of two registers.
+        let (ab, ab_odd) = (s._mm256_unpacklo_pd(ra, rb), s._mm256_unpackhi_pd(ra, rb));
+        let (cd, cd_odd) = (s._mm256_unpacklo_pd(rc, rd), s._mm256_unpackhi_pd(rc, rd));
+        *a = cast(s._mm256_permute2f128_pd::<0x20>(ab, cd));
+        *b = cast(s._mm256_permute2f128_pd::<0x20>(ab_odd, cd_odd));
+        *c = cast(s._mm256_permute2f128_pd::<0x31>(ab, cd));
+        *d = cast(s._mm256_permute2f128_pd::<0x31>(ab_odd, cd_odd));
+    }
+
+    #[inline(always)]
+    fn transpose_f32(self, block: &mut [Self::f32s]) {
+        let Ok(block) = <&mut [_; 8]>::try_from(block) else { return };
+        let s = self.avx;
+        let [a, b, c, d, e, f, g, h] = *block;
+        let first =
+            kinds!(s, _mm256_unpacklo_ps, _mm256_unpackhi_ps, _mm256_unpacklo_pd, _mm256_unpackhi_pd, [a, b, c, d]);
+        let second =
+            kinds!(s, _mm256_unpacklo_ps, _mm256_unpackhi_ps, _mm256_unpacklo_pd, _mm256_unpackhi_pd, [e, f, g, h]);
+        for kind in 0..4 {
+            block[kind] = cast(s._mm256_permute2f128_pd::<0x20>(first[kind], second[kind]));
+            block[4 + kind] = cast(s._mm256_permute2f128_pd::<0x31>(first[kind], second[kind]));
+        }
+    }
+
+    ends!(f64, f64s, 2, load_ends, store_ends);
+    ends!(f32, f32s, 4, load_ends_f32, store_ends_f32);
+}
+
+/// Quarters 0 of four registers in one, then quarters 1, 2 and 3.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn quarters(set: pulp::x86::V4, [a, b, c, d]: [std::arch::x86_64::__m512d; 4]) -> [std::arch::x86_64::__m512d; 4] {
+    /// Quarters 0 and 2, and 1 and 3, of two registers.
+    const EVEN: i32 = 0b10_00_10_00;
+    const ODD: i32 = 0b11_01_11_01;
+    let s = set.avx512f;
+    let (ab, cd) = (s._mm512_shuffle_f64x2::<EVEN>(a, b), s._mm512_shuffle_f64x2::<EVEN>(c, d));
+    let (ab_odd, cd_odd) = (s._mm512_shuffle_f64x2::<ODD>(a, b), s._mm512_shuffle_f64x2::<ODD>(c, d));
+    [
+        s._mm512_shuffle_f64x2::<EVEN>(ab, cd),
+        s._mm512_shuffle_f64x2::<EVEN>(ab_odd, cd_odd),
+        s._mm512_shuffle_f64x2::<ODD>(ab, cd),
+        s._mm512_shuffle_f64x2::<ODD>(ab_odd, cd_odd),
+    ]
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Instructions for pulp::x86::V4 {
+    type Alignment = Align64;
+
+    #[inline(always)]
+    fn token() -> Option<Self> {
+        Self::try_new()
+    }
+
+    #[inline(always)]
+    fn transpose(self, block: &mut [Self::f64s]) {
+        let Ok(block) = <&mut [_; 8]>::try_from(block) else { return };
+        let s = self.avx512f;
+        let [a, b, c, d, e, f, g, h] = block.map(cast);
+        let even = [(a, b), (c, d), (e, f), (g, h)].map(|(a, b)| s._mm512_unpacklo_pd(a, b));
+        let odd = [(a, b), (c, d), (e, f), (g, h)].map(|(a, b)| s._mm512_unpackhi_pd(a, b));
+        let (even, odd) = (quarters(self, even), quarters(self, odd));
+        for quarter in 0..4 {
+            block[2 * quarter] = cast(even[quarter]);
+            block[2 * quarter + 1] = cast(odd[quarter]);
+        }
+    }
+
+    #[inline(always)]
+    fn transpose_f32(self, block: &mut [Self::f32s]) {
+        let Ok(block) = <&mut [_; 16]>::try_from(block) else { return };
+        let s = self.avx512f;
+        let four = |first: usize| {
+            let rows = [block[first], block[first + 1], block[first + 2], block[first + 3]];
+            kinds!(s, _mm512_unpacklo_ps, _mm512_unpackhi_ps, _mm512_unpacklo_pd, _mm512_unpackhi_pd, rows)
+        };
+        let [a, b, c, d] = [four(0), four(4), four(8), four(12)];
+        for kind in 0..4 {
+            let columns = quarters(self, [a[kind], b[kind], c[kind], d[kind]]);
+            for (quarter, column) in columns.into_iter().enumerate() {
+                block[4 * quarter + kind] = cast(column);
+            }
+        }
+    }
+
+    ends!(f64, f64s, 4, load_ends, store_ends);
+    ends!(f32, f32s, 8, load_ends_f32, store_ends_f32);
+}
+
+#[cfg(target_arch = "aarch64")]
+impl Instructions for pulp::aarch64::Neon {
+    type Alignment = Align16;
+
+    #[inline(always)]
+    fn token() -> Option<Self> {
+        Self::try_new()
+    }
+
+    #[inline(always)]
+    fn transpose(self, block: &mut [Self::f64s]) {
+        let [a, b] = block else { return };
+        let (x, y): ([f64; 2], [f64; 2]) = (cast(*a), cast(*b));
+        (*a, *b) = (cast([x[0], y[0]]), cast([x[1], y[1]]));
+    }
+
+    #[inline(always)]
+    fn transpose_f32(self, block: &mut [Self::f32s]) {
+        let Ok(block) = <&mut [_; 4]>::try_from(block) else { return };
+        let rows: [[f32; 4]; 4] = block.map(cast);
+        for (column, to) in block.iter_mut().enumerate() {
+            *to = cast(rows.map(|row| row[column]));
+        }
+    }
+
+    ends!(f64, f64s, 1, load_ends, store_ends);
+    ends!(f32, f32s, 2, load_ends_f32, store_ends_f32);
+}
