@@ -2,7 +2,7 @@
 #
 #   make report [ROBOT=some.urdf] [OUT=report]   build, install into .venv, run the main job
 #   make test      Rust tests, then the Python tests against the built wheel
-#   make check     what CI adds: format, clippy, docs, benches compile, stubs, abi3
+#   make check     what CI adds: format, clippy (of the benches too), docs, stubs, abi3
 #   make peers     what to measure against: the peers, and Pinocchio's C++ harness (Debian: apt-get, as root)
 #   make instructions   counts instructions with valgrind, fails where there are more than before
 #   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
@@ -62,7 +62,6 @@ check: $(VENV)/test
 	cargo clippy --locked --all-targets --features $(FEATURES) -- -D warnings
 	cargo clippy --locked --all-targets --features python -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features $(FEATURES)
-	cargo bench --locked --no-run --features $(FEATURES)
 	$(BIN)/python -m pip install --quiet 'mypy>=1.15' 'abi3audit>=0.0.20'
 	cd tests/python && ../../$(BIN)/python -m mypy.stubtest phipsi._core
 	$(BIN)/mypy python/phipsi

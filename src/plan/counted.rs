@@ -2,7 +2,7 @@
 
 use super::{NOTHING, Omission, counted};
 use crate::batch::chunk::{Algorithm, Arguments};
-use crate::dynamics::lean::renames_axes;
+use crate::dynamics::lean::turns_about_an_axis;
 use crate::filter::Form;
 use crate::report::operations::{Count, Task, count as count_as_run, count_in_six_vectors, count_lean, of_factor};
 use crate::scalar::Operations;
@@ -67,7 +67,8 @@ impl Scene {
     }
 
     fn bodies_on_renamed_axes(&self) -> impl Iterator<Item = &Body<f64>> {
-        let renames = |body: &&Body<f64>| matches!(body.motion, Motion::Revolute) && renames_axes(&body.tree.rotation);
+        let renames =
+            |body: &&Body<f64>| matches!(body.motion, Motion::Revolute) && turns_about_an_axis(&body.tree.rotation);
         self.model().bodies.iter().filter(renames)
     }
 

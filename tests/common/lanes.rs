@@ -1,7 +1,7 @@
 //! States in lanes: the arms of this machine, scenes and states, and the plain way beside them.
 
 use super::{ALL_KINDS, Random, Tree, random_inertial, random_state};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use phipsi::batch::arms::{ARMS, Arm};
 use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::batch::evaluator::{Evaluated, Evaluator};
@@ -9,6 +9,7 @@ use phipsi::filter::Form;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription};
 use phipsi::spatial::SpatialVector;
 use phipsi::{Scene, SceneBuilder};
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Everything that runs in lanes, or is done one state at a time beside them.
 pub const ALGORITHMS: [Algorithm; 9] = [
@@ -108,6 +109,11 @@ pub fn trees() -> impl Iterator<Item = Scene> {
     })
 }
 
+/// A rotation about an axis of length 1.
+fn about(axis: Vector3<f64>, angle: f64) -> Matrix3<f64> {
+    *Rotation3::from_axis_angle(&Unit::new_unchecked(axis), angle).matrix()
+}
+
 /// A tree whose joints are mostly revolute about the axes of their parents, some of them on the base: only signs and angles turn its frames.
 pub fn aligned(seed: u64, bodies: usize, branching: f64) -> Scene {
     let mut random = Random::new(seed);
@@ -124,6 +130,12 @@ pub fn aligned(seed: u64, bodies: usize, branching: f64) -> Scene {
             3 => joint.axis = random.vector(),
             4 => joint.kind = JointKind::Prismatic,
             6 => joint.kind = JointKind::Spherical,
+            _ => {}
+        }
+        match k % 5 {
+            // Turned about the joint's own axis by any angle; and by a right angle or two about any axis, as doubles have them.
+            2 => joint.origin.rotation = about(joint.axis.normalize(), random.uniform(-3.0, 3.0)),
+            3 => joint.origin.rotation = about(Vector3::x(), FRAC_PI_2) * about(Vector3::z(), PI),
             _ => {}
         }
         joint.origin.lever = random.vector() * 0.3;
@@ -158,6 +170,8 @@ pub fn limbed(seed: u64, limbs: usize, length: usize, floating: bool, ragged: bo
         joint.axis[axis] = if random.below(2) == 0 { 1.0 } else { -1.0 };
         if turned {
             joint.origin.rotation = random.rotation();
+        } else if alike.below(3) == 0 {
+            joint.origin.rotation = about(joint.axis, random.uniform(-3.0, 3.0));
         }
         joint.origin.lever = if alike.below(4) == 0 { Vector3::zeros() } else { random.vector() * 0.3 };
         joint.armature = if alike.below(2) == 0 { 0.0 } else { random.uniform(0.2, 1.0) };

@@ -57,6 +57,9 @@ pub(super) struct LeanBody<N> {
     pub carrier: Carrier,
     /// Of a turn, 1, or -1 where its z points the other way: angle, rate, acceleration and torque are those about z, times this.
     pub sense: N,
+    /// Sine and cosine of the turn's angle where the joint's is zero, and whether they are not those of none.
+    pub offset: [N; 2],
+    pub has_offset: bool,
     /// To its frame here from its frame in the model.
     pub frame: Renaming<N>,
     /// Its index, and that of the body inward.
@@ -114,8 +117,12 @@ impl<N> LeanBody<N> {
     pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
         let one = [&mut self.sense, &mut self.lever_square, &mut self.mass];
         let three = [&mut self.frame.sign, &mut self.lever, &mut self.first_moment, &mut self.lever_squares];
+        let two = [&mut self.offset, &mut self.scale];
         let six = [&mut self.rotational, &mut self.terms];
-        one.into_iter().chain(three.into_iter().flatten()).chain(six.into_iter().flatten()).chain(&mut self.scale)
+        one.into_iter()
+            .chain(three.into_iter().flatten())
+            .chain(six.into_iter().flatten())
+            .chain(two.into_iter().flatten())
     }
 }
 
@@ -189,6 +196,8 @@ impl<T: Real> LeanModel<T> {
             LeanBody {
                 carrier: framed.carriers[k],
                 sense: number(frame[(2, 2)]),
+                offset: framed.offsets[k].unwrap_or([0.0, 1.0]).map(number),
+                has_offset: framed.offsets[k].is_some(),
                 frame: Renaming::of(frame, number),
                 index: k,
                 parent: stage.parent,

@@ -1,11 +1,12 @@
 //! The frames that these sweeps have the bodies in.
 //!
-//! Where an exact renaming of axes stands between a body and its parent, signs and places become part of the body's constants, no digit of
-//! them touched: its z is then one axis of its parent's at zero angle, its x and y the two that follow it in their cycle. What is left of a
-//! turn is a rotation about z, to one side or the other, and one of three ways to read the parent's vectors.
+//! Where a joint turns about an axis of its parent's frame, signs and places become part of the body's constants, no digit of them touched:
+//! its z is then one axis of its parent's at zero angle, its x and y the two that follow it in their cycle. What is left of a turn is a
+//! rotation about z, to one side or the other, and one of three ways to read the parent's vectors; and where the joint's frame is turned about
+//! its z at zero angle by what is no renaming of axes, a constant *offset* of the angle.
 
 use super::body::Carrier;
-use super::turn::{Axis, Renaming, renames_axes};
+use super::turn::{Axis, Renaming, nearest_renaming, turns_about_an_axis};
 use crate::scene::{Body, Model, Motion};
 use nalgebra::{Matrix3, Vector6};
 
@@ -14,6 +15,8 @@ pub(super) struct Framed {
     /// Each from its frame to that of its parent.
     pub bodies: Vec<Body<f64>>,
     pub carriers: Vec<Carrier>,
+    /// Sine and cosine of the turn's angle where the joint's is zero, where they are not those of none.
+    pub offsets: Vec<Option<[f64; 2]>>,
     /// From each body's frame in the model, zeros and ones.
     pub from_model: Vec<Matrix3<f64>>,
 }
@@ -24,6 +27,7 @@ impl Framed {
         let mut framed = Self {
             bodies: Vec::with_capacity(count),
             carriers: Vec::with_capacity(count),
+            offsets: Vec::with_capacity(count),
             from_model: Vec::with_capacity(count),
         };
         let mut shifts = 0;
@@ -32,24 +36,79 @@ impl Framed {
             let rotation = outer * body.tree.rotation;
             let turns = matches!(body.motion, Motion::Revolute)
                 && model.omissions.renamed_axes
-                && renames_axes(&body.tree.rotation);
-            let (carrier, frame) = if turns {
-                let axis = Axis::new(rotation.column(2).iamax());
-                (Carrier::Turn(axis), axis.rotation().transpose() * rotation)
-            } else {
-                shifts += 1;
-                (Carrier::Shift(shifts - 1), Matrix3::identity())
-            };
+                && turns_about_an_axis(&body.tree.rotation);
             let mut here = *body;
-            here.tree.rotation = rotation * frame.transpose();
+            let (carrier, frame, offset) = if turns {
+                let axis = Axis::new(rotation.column(2).iamax());
+                here.tree.rotation = axis.rotation();
+                let turned = axis.rotation().transpose() * rotation;
+                let sense = turned[(2, 2)].signum();
+                match nearest_renaming(&turned) {
+                    Some(frame) => (Carrier::Turn(axis), frame, None),
+                    None => {
+                        let frame = Matrix3::from_diagonal(&[1.0, sense, sense].into());
+                        (Carrier::Turn(axis), frame, Some([turned[(1, 0)], turned[(0, 0)]]))
+                    }
+                }
+            } else {
+                here.tree.rotation = rotation;
+                shifts += 1;
+                (Carrier::Shift(shifts - 1), Matrix3::identity(), None)
+            };
             here.tree.lever = outer * body.tree.lever;
             here.inertia.first_moment = frame * body.inertia.first_moment;
             here.inertia.rotational = body.inertia.rotational.congruence(&frame);
             here.inertia_terms = Vector6::from(Renaming::of(&frame, |x| x).apply(&body.inertia_terms)).abs();
             framed.bodies.push(here);
             framed.carriers.push(carrier);
+            framed.offsets.push(offset);
             framed.from_model.push(frame);
         }
         framed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Carrier, Framed};
+    use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
+    use crate::spatial::Symmetric3;
+    use nalgebra::{Matrix3, Rotation3, Vector3};
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    /// Whether a joint about this axis of a frame turned so is a turn, and its offset.
+    fn of(rotation: Matrix3<f64>, axis: Vector3<f64>) -> (bool, Option<[f64; 2]>) {
+        let central = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+        let inertial = Some(Inertial { mass: 1.0, centre: [0.1, 0.2, 0.3].into(), central });
+        let mut joint = JointDescription::new("joint", JointKind::Revolute, "base", "link");
+        joint.origin.rotation = rotation;
+        joint.axis = axis;
+        let scene = SceneBuilder::new()
+            .link(LinkDescription { name: "base".into(), inertial: None })
+            .link(LinkDescription { name: "link".into(), inertial })
+            .joint(joint)
+            .build()
+            .expect("a scene");
+        let framed = Framed::of(scene.model());
+        (matches!(framed.carriers[0], Carrier::Turn(_)), framed.offsets[0])
+    }
+
+    #[test]
+    fn right_angles_as_doubles_have_them_rename_axes() {
+        let rpy = |roll, pitch, yaw| Rotation3::from_euler_angles(roll, pitch, yaw).into_inner();
+        for rotation in
+            [rpy(0.0, 0.0, 0.0), rpy(FRAC_PI_2, 0.0, 0.0), rpy(-FRAC_PI_2, 0.0, PI), rpy(0.0, -FRAC_PI_2, 0.0)]
+        {
+            for axis in [Vector3::x(), -Vector3::y(), Vector3::z()] {
+                assert_eq!(of(rotation, axis), (true, None), "{rotation}");
+            }
+        }
+        // As URDF files round them: what they say is kept.
+        assert!(!of(rpy(FRAC_PI_2 - 5e-12, 0.0, 0.0), Vector3::z()).0);
+        assert!(!of(rpy(0.3, 0.0, 0.0), Vector3::z()).0);
+        let (turns, offset) = of(rpy(0.3, 0.0, 0.0), -Vector3::x());
+        // Against the axis, the offset is seen from it.
+        let [s, c] = offset.expect("an offset");
+        assert!(turns && (s * s + c * c - 1.0).abs() < 1e-15 && (s.abs() - 0.3f64.sin()).abs() < 1e-15, "{s} {c}");
     }
 }

@@ -38,7 +38,7 @@ pub(crate) use mass_columns::MassColumns;
 pub(crate) use mass_inverse::{closed_form, factor};
 pub(crate) use mass_matrix::mass_matrix;
 pub(crate) use scratch::{LeanScratch, bytes};
-pub(crate) use turn::renames_axes;
+pub(crate) use turn::turns_about_an_axis;
 pub(crate) use watch::{factor_watched, forward_dynamics_watched, hand_over};
 
 use super::forces::{Motion, Needed};

@@ -74,9 +74,12 @@ pub(super) fn carriers<T: Real, C: ColumnsOf<T>>(lean: &LeanModel<T>, scratch: &
         }
         let (s, c) = angles.sin_cos();
         for (lane, &(_, place)) in some.iter().enumerate().take(C::COLUMNS) {
-            let s = s.column(lane);
-            let sense = s.everywhere(lean.swept()[place].sense);
-            scratch.own[place].turn = Turn { s: s * sense, c: c.column(lane) };
+            let (s, body) = (s.column(lane), &lean.swept()[place]);
+            let mut turn = Turn { s: s * s.everywhere(body.sense), c: c.column(lane) };
+            if body.has_offset {
+                turn = turn.and(body.offset.map(|x| s.everywhere(x)));
+            }
+            scratch.own[place].turn = turn;
         }
     }
     for (shift, body) in scratch.shifts.iter_mut().zip(&lean.shifting) {

@@ -1,4 +1,4 @@
-//! Exact renamings of axes, and the rotation about z.
+//! Renamings of axes, and the rotation about z.
 
 use crate::scalar::Real;
 use nalgebra::{Matrix3, Vector6};
@@ -112,15 +112,24 @@ pub(super) fn packed_to_turn<T: Copy, const X: usize, const Y: usize, const Z: u
     ]
 }
 
-/// Whether all entries of a rotation are exactly 0, 1 or -1: each row and column has one that is not 0.
-#[allow(clippy::float_cmp)] // exactly: what is near is not renamed
-pub(crate) fn renames_axes(rotation: &Matrix3<f64>) -> bool {
-    rotation.iter().all(|&x| x == 0.0 || x.abs() == 1.0)
-        && rotation.row_iter().all(|row| row.iter().filter(|&&x| x != 0.0).count() == 1)
-        && rotation.column_iter().all(|column| column.iter().filter(|&&x| x != 0.0).count() == 1)
+/// How far an entry of a rotation may be from 0, 1 or -1 to be taken for it: a right angle, or two, in radians has no double, and the nearest
+/// leaves 6e-17 or 1.2e-16 where zero is meant. An angle's own rounding is no smaller.
+const ROUNDING: f64 = f64::EPSILON;
+
+/// The renaming of axes that a rotation is, to rounding.
+pub(super) fn nearest_renaming(rotation: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+    let near = rotation.map(f64::round);
+    let is_near = rotation.iter().zip(&near).all(|(x, near)| (x - near).abs() <= ROUNDING);
+    // Of a rotation so near no row or column can have two ones, or none.
+    is_near.then(|| near.map(|x| x + 0.0))
 }
 
-/// Such a rotation, from a body's frame in the model to the one that these sweeps have it in, as a table: which entry each becomes.
+/// Whether a rotation brings z to an axis, or against it, to rounding.
+pub(crate) fn turns_about_an_axis(rotation: &Matrix3<f64>) -> bool {
+    rotation.column(2).iter().all(|x| (x - x.round()).abs() <= ROUNDING)
+}
+
+/// A renaming of axes, from a body's frame in the model to the one that these sweeps have it in, as a table: which entry each becomes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Renaming<N> {
     /// Entry i here is `sign[i]` times entry `from[i]` in the model.
@@ -129,7 +138,7 @@ pub(super) struct Renaming<N> {
 }
 
 impl<N: Copy> Renaming<N> {
-    /// Of a rotation that [renames axes](renames_axes).
+    /// Of a rotation whose entries are zeros and, one in each row and column, 1 or -1.
     #[allow(clippy::cast_possible_truncation)] // below three
     pub fn of(rotation: &Matrix3<f64>, number: impl Fn(f64) -> N) -> Self {
         Self {
@@ -178,6 +187,12 @@ pub(super) struct Turn<T> {
 }
 
 impl<T: Real> Turn<T> {
+    /// A turn by another angle after this one, given by its sine and cosine.
+    #[inline(always)]
+    pub fn and(self, [s, c]: [T; 2]) -> Self {
+        Self { s: self.s.mul_add(c, self.c * s), c: (self.c * c).minus_product(self.s, s) }
+    }
+
     /// The turn the other way.
     #[inline(always)]
     pub fn inverse(self) -> Self {

@@ -73,7 +73,12 @@ pub(crate) fn hand_over<T: Real>(
                     *entry *= sense;
                 }
                 *gain = body.frame.undo(&own);
-                let Turn { s, c } = scratch.own[place].turn;
+                let mut turn = scratch.own[place].turn;
+                if body.has_offset {
+                    let [s, c] = body.offset.map(|x| sense.everywhere(x));
+                    turn = turn.and([-s, c]);
+                }
+                let Turn { s, c } = turn;
                 let tree = &model.bodies[k].tree;
                 RigidShift { rotation: turned_by(&tree.rotation, s * sense, c), lever: tree.lever }
             }
