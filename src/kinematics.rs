@@ -68,7 +68,7 @@ fn turned_about_z<T: Real>(r: &Matrix3<T>, angle: T) -> Matrix3<T> {
 
 /// The same of a sine and cosine.
 #[inline(always)]
-pub(crate) fn turned_by<T: Real>(r: &Matrix3<T>, s: T, c: T) -> Matrix3<T> {
+fn turned_by<T: Real>(r: &Matrix3<T>, s: T, c: T) -> Matrix3<T> {
     from_rows(turned_row(row(r, 0), s, c), turned_row(row(r, 1), s, c), turned_row(row(r, 2), s, c))
 }
 

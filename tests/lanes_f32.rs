@@ -3,7 +3,9 @@
 mod common;
 
 use common::Random;
-use common::lanes::{ALGORITHMS, State, arguments, arms, evaluate, forces, on_a_large_stack, plainly, states, trees};
+use common::lanes::{
+    ALGORITHMS, State, aligned, arguments, arms, evaluate, forces, on_a_large_stack, plainly, states, trees,
+};
 use common::tolerance::{self, Conditioning, assert_near, conditioning};
 use phipsi::batch::arms::Arm;
 use phipsi::batch::chunk::{Algorithm, Arguments};
@@ -55,7 +57,7 @@ fn allowed(scene: &Scene, algorithm: Algorithm, (q, qd, u): &State, plain: &[f64
 #[test]
 fn every_arm_gives_what_plain_numbers_give() {
     on_a_large_stack(|| {
-        for scene in trees() {
+        for scene in trees().chain([aligned(36, 11, 0.3)]) {
             // No multiple of any number of lanes.
             let (single, double) = both(&scene, 21);
             let forces = forces(&scene, single.len());

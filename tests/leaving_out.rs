@@ -5,7 +5,7 @@ mod common;
 use common::oracle::{Oracle, ds};
 use common::tolerance::{self, Conditioning, assert_near, conditioning, size};
 use common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_inertial, random_state};
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::filter::Form;
 use phipsi::operators::{Factor, KINDS, Operator};
@@ -65,6 +65,8 @@ fn builder(seed: u64) -> SceneBuilder {
     for (parent, name, axis) in [("turned", "pitched", Vector3::y()), ("pitched", "rolled", -Vector3::x())] {
         let mut joint = JointDescription::new(format!("to {name}"), JointKind::Revolute, parent, name);
         joint.axis = axis;
+        // The second is turned about its own axis besides.
+        joint.origin.rotation = *Rotation3::new(Vector3::x() * axis.x * 0.7).matrix();
         let inertial = Some(random_inertial(&mut random));
         builder = builder.link(LinkDescription { name: name.to_owned(), inertial }).joint(joint);
     }

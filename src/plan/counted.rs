@@ -29,16 +29,16 @@ fn forward(scene: &Scene, how: fn(&Scene, Task, &Arguments<'_>) -> Count) -> usi
 }
 
 impl Scene {
-    /// Rotations of the tree that only rename axes.
+    /// Rotations of the tree that keep the joint on an axis.
     pub(super) fn renamed_item(&self) -> Omission {
         let count = self.bodies_on_renamed_axes().count();
         let saved = self.saved_of_lean(count, |omissions| omissions.renamed_axes = false);
         self.switched(
             "renamed_axes",
             Omission {
-                what: "rotations of the tree that only rename axes",
+                what: "rotations of the tree that rename axes, or turn about the joint's own",
                 count,
-                why: "they are exact: the angle is all there is to carry, about z, and entries change places and signs",
+                why: "the angle, or its sum with a constant, is all there is to carry, about z, and entries change places and signs",
                 saved: counted(count, "rotation matrix", "rotation matrices")
                     + ", and P turned by an angle instead of by it",
                 operations: saved,

@@ -1,6 +1,8 @@
 //! Sets of instructions: what their registers are like in memory, and how a square of numbers is turned over in them.
 
-use pulp::{Simd, cast};
+use pulp::Simd;
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+use pulp::cast;
 use std::fmt::Debug;
 
 /// An instruction set, and how its registers are aligned in memory.
@@ -31,6 +33,7 @@ pub trait Instructions: Simd {
 }
 
 /// What each set says in the same words, of half as many numbers as it has lanes.
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 macro_rules! ends {
     ($number:ty, $registers:ident, $half:literal, $load:ident, $store:ident) => {
         #[inline(always)]

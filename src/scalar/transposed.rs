@@ -22,7 +22,7 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
 
     /// A slice of each lane's numbers into lanes; empty slices leave all as it is.
     #[inline(always)]
-    pub fn take_lanes(states: &[&[P]], numbers: &mut [Self]) {
+    pub(crate) fn take_lanes(states: &[&[P]], numbers: &mut [Self]) {
         let Some(&Self { simd, value, .. }) = numbers.first() else { return };
         let length = numbers.len().min(states.iter().map(|state| state.len()).min().unwrap_or(0));
         let whole = length - length % Self::LANES;
@@ -72,7 +72,7 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
 
     /// Each lane's numbers one after another, of as many lanes as `out` has room for.
     #[inline(always)]
-    pub fn put_lanes(numbers: &[Self], out: &mut [P]) {
+    pub(crate) fn put_lanes(numbers: &[Self], out: &mut [P]) {
         let Some(&Self { simd, value, .. }) = numbers.first() else { return };
         let length = numbers.len();
         let states = Self::squares(length, out);
@@ -93,7 +93,7 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
 
     /// The same of as many numbers as `chosen` says, each by its place in `numbers`, of which number 0 is zero.
     #[inline(always)]
-    pub fn put_chosen(numbers: &[Self], chosen: &[u32], out: &mut [P]) {
+    pub(crate) fn put_chosen(numbers: &[Self], chosen: &[u32], out: &mut [P]) {
         let Some(&Self { simd, value, .. }) = numbers.first() else { return };
         let states = Self::squares(chosen.len(), out);
         for (at, chosen) in chosen.chunks_exact(Self::LANES).enumerate() {
@@ -154,10 +154,9 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
     }
 }
 
-#[cfg(all(test, target_arch = "x86_64"))]
+#[cfg(all(test, any(target_arch = "x86_64", target_arch = "aarch64")))]
 mod tests {
     use super::*;
-    use pulp::x86::{V3, V4};
 
     /// Number `at` of a lane.
     fn number<P: Precision>(lane: usize, at: usize) -> P {
@@ -169,7 +168,7 @@ mod tests {
             return;
         }
         let lanes = Lanes::<S, P>::LANES;
-        for length in 1..=2 * lanes + 1 {
+        for length in 1..=3 * lanes + 1 {
             let states: Vec<Vec<P>> = (0..lanes).map(|lane| (0..length).map(|at| number(lane, at)).collect()).collect();
             let slices: Vec<&[P]> = states.iter().map(Vec::as_slice).collect();
             let mut numbers = vec![Lanes::<S, P>::splat(f64::NAN); length];
@@ -179,20 +178,20 @@ mod tests {
                     assert_eq!(found, number(lane, at), "{} of {length}, lane {lane}", P::NAME);
                 }
             }
-            // Backwards, with number 0 put before all; every third number left zero.
+            // Backwards, with number 0 put before all; every third number left zero, and where there are three squares all of the first.
+            let is_zero = |i: usize| i.is_multiple_of(3) || (length > 2 * lanes && i < lanes);
             let zeros_and = [&[Lanes::splat(0.0)], numbers.as_slice()].concat();
-            let chosen: Vec<u32> = (0..length)
-                .rev()
-                .map(|at| if at % 3 == 0 { 0 } else { u32::try_from(at + 1).expect("small") })
-                .collect();
+            let place = |i: usize| if is_zero(i) { 0 } else { u32::try_from(length - i).expect("small") };
+            let chosen: Vec<u32> = (0..length).map(place).collect();
             for count in [1, lanes / 2 + 1, lanes] {
                 let mut out = vec![P::nearest(f64::NAN); count * length];
                 Lanes::put_lanes(&numbers, &mut out);
                 assert_eq!(out, states[..count].concat(), "{} of {length}", P::NAME);
+                out.fill(P::nearest(f64::NAN));
                 Lanes::put_chosen(&zeros_and, &chosen, &mut out);
-                for (i, &found) in out.iter().enumerate() {
-                    let (lane, at) = (i / length, length - 1 - i % length);
-                    let expected = if at % 3 == 0 { P::default() } else { number(lane, at) };
+                for (at, &found) in out.iter().enumerate() {
+                    let (lane, i) = (at / length, at % length);
+                    let expected = if is_zero(i) { P::default() } else { number(lane, length - 1 - i) };
                     assert_eq!(found, expected, "{} chosen of {length}, lane {lane}", P::NAME);
                 }
             }
@@ -204,9 +203,17 @@ mod tests {
 
     #[test]
     fn every_number_comes_to_its_place_and_back() {
-        come_and_go::<V3, f64>();
-        come_and_go::<V3, f32>();
-        come_and_go::<V4, f64>();
-        come_and_go::<V4, f32>();
+        #[cfg(target_arch = "x86_64")]
+        {
+            come_and_go::<pulp::x86::V3, f64>();
+            come_and_go::<pulp::x86::V3, f32>();
+            come_and_go::<pulp::x86::V4, f64>();
+            come_and_go::<pulp::x86::V4, f32>();
+        }
+        #[cfg(target_arch = "aarch64")]
+        {
+            come_and_go::<pulp::aarch64::Neon, f64>();
+            come_and_go::<pulp::aarch64::Neon, f32>();
+        }
     }
 }

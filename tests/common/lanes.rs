@@ -170,7 +170,7 @@ pub fn limbed(seed: u64, limbs: usize, length: usize, floating: bool, ragged: bo
         joint.axis[axis] = if random.below(2) == 0 { 1.0 } else { -1.0 };
         if turned {
             joint.origin.rotation = random.rotation();
-        } else if alike.below(3) == 0 {
+        } else if alike.below(3) == 0 && random.below(4) != 0 {
             joint.origin.rotation = about(joint.axis, random.uniform(-3.0, 3.0));
         }
         joint.origin.lever = if alike.below(4) == 0 { Vector3::zeros() } else { random.vector() * 0.3 };

@@ -110,6 +110,8 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
                 Some(parent) if bundles[parent].bodies.len() == 1 => bundle.bodies.len(),
                 _ => 1,
             },
+            // Of those without one it is that of no angle.
+            has_offset: (0..ABREAST).any(|lane| of_lane(lane).has_offset),
             is_leaf: last_child[k].is_none(),
             is_on_all_limbs: bundle.bodies.iter().all(Option::is_some),
             ..whole.bodies[bundle.first()].clone()

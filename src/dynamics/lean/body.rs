@@ -55,7 +55,8 @@ pub(super) enum Carrier {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LeanBody<N> {
     pub carrier: Carrier,
-    /// Of a turn, 1, or -1 where its z points the other way: angle, rate, acceleration and torque are those about z, times this.
+    /// Of a turn, 1, or -1 where its z points the other way: rate, acceleration and torque are those about z, times this, and so is the
+    /// angle but for the offset.
     pub sense: N,
     /// Sine and cosine of the turn's angle where the joint's is zero, and whether they are not those of none.
     pub offset: [N; 2],
@@ -67,7 +68,7 @@ pub(super) struct LeanBody<N> {
     pub parent: Option<usize>,
     /// Its first row.
     pub row: usize,
-    /// Of a turn, from the parent's origin to the body's, in the joint's frame: the body's at zero angle.
+    /// Of a turn, from the parent's origin to the body's, in the turn's frame: the body's at its zero angle.
     pub lever: [N; 3],
     /// Whether the lever is there: not zero, or not left out.
     pub has_lever: bool,

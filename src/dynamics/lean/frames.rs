@@ -6,13 +6,13 @@
 //! its z at zero angle by what is no renaming of axes, a constant *offset* of the angle.
 
 use super::body::Carrier;
-use super::turn::{Axis, Renaming, nearest_renaming, turns_about_an_axis};
+use super::turn::{AboutAxis, Renaming};
 use crate::scene::{Body, Model, Motion};
 use nalgebra::{Matrix3, Vector6};
 
 /// The bodies of a scene in those frames.
 pub(super) struct Framed {
-    /// Each from its frame to that of its parent.
+    /// Each from its frame to that of its parent; of a turn where its angle is zero.
     pub bodies: Vec<Body<f64>>,
     pub carriers: Vec<Carrier>,
     /// Sine and cosine of the turn's angle where the joint's is zero, where they are not those of none.
@@ -34,22 +34,12 @@ impl Framed {
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
             let outer = stage.parent.map_or_else(Matrix3::identity, |parent| framed.from_model[parent]);
             let rotation = outer * body.tree.rotation;
-            let turns = matches!(body.motion, Motion::Revolute)
-                && model.omissions.renamed_axes
-                && turns_about_an_axis(&body.tree.rotation);
+            let turns = matches!(body.motion, Motion::Revolute) && model.omissions.renamed_axes;
+            let about = if turns { AboutAxis::of(&rotation) } else { None };
             let mut here = *body;
-            let (carrier, frame, offset) = if turns {
-                let axis = Axis::new(rotation.column(2).iamax());
+            let (carrier, frame, offset) = if let Some(AboutAxis { axis, frame, offset }) = about {
                 here.tree.rotation = axis.rotation();
-                let turned = axis.rotation().transpose() * rotation;
-                let sense = turned[(2, 2)].signum();
-                match nearest_renaming(&turned) {
-                    Some(frame) => (Carrier::Turn(axis), frame, None),
-                    None => {
-                        let frame = Matrix3::from_diagonal(&[1.0, sense, sense].into());
-                        (Carrier::Turn(axis), frame, Some([turned[(1, 0)], turned[(0, 0)]]))
-                    }
-                }
+                (Carrier::Turn(axis), frame, offset)
             } else {
                 here.tree.rotation = rotation;
                 shifts += 1;
@@ -76,8 +66,12 @@ mod tests {
     use nalgebra::{Matrix3, Rotation3, Vector3};
     use std::f64::consts::{FRAC_PI_2, PI};
 
-    /// Whether a joint about this axis of a frame turned so is a turn, and its offset.
-    fn of(rotation: Matrix3<f64>, axis: Vector3<f64>) -> (bool, Option<[f64; 2]>) {
+    fn rpy(roll: f64, pitch: f64, yaw: f64) -> Matrix3<f64> {
+        Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
+    }
+
+    /// A joint about this axis of a frame turned so: whether it is a turn, its offset, and by how much what it is made of differs from what it is.
+    fn of(rotation: Matrix3<f64>, axis: Vector3<f64>) -> (bool, Option<[f64; 2]>, f64) {
         let central = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
         let inertial = Some(Inertial { mass: 1.0, centre: [0.1, 0.2, 0.3].into(), central });
         let mut joint = JointDescription::new("joint", JointKind::Revolute, "base", "link");
@@ -90,25 +84,37 @@ mod tests {
             .build()
             .expect("a scene");
         let framed = Framed::of(scene.model());
-        (matches!(framed.carriers[0], Carrier::Turn(_)), framed.offsets[0])
+        let [s, c] = framed.offsets[0].unwrap_or([0.0, 1.0]);
+        let about_z = Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0);
+        let made = framed.bodies[0].tree.rotation * about_z * framed.from_model[0];
+        let off = (made - scene.model().bodies[0].tree.rotation).amax();
+        (matches!(framed.carriers[0], Carrier::Turn(_)), framed.offsets[0], off)
     }
 
     #[test]
     fn right_angles_as_doubles_have_them_rename_axes() {
-        let rpy = |roll, pitch, yaw| Rotation3::from_euler_angles(roll, pitch, yaw).into_inner();
         for rotation in
             [rpy(0.0, 0.0, 0.0), rpy(FRAC_PI_2, 0.0, 0.0), rpy(-FRAC_PI_2, 0.0, PI), rpy(0.0, -FRAC_PI_2, 0.0)]
         {
             for axis in [Vector3::x(), -Vector3::y(), Vector3::z()] {
-                assert_eq!(of(rotation, axis), (true, None), "{rotation}");
+                let (turns, offset, off) = of(rotation, axis);
+                assert!(turns && offset.is_none() && off <= 4.0 * f64::EPSILON, "{rotation}");
             }
         }
         // As URDF files round them: what they say is kept.
         assert!(!of(rpy(FRAC_PI_2 - 5e-12, 0.0, 0.0), Vector3::z()).0);
         assert!(!of(rpy(0.3, 0.0, 0.0), Vector3::z()).0);
-        let (turns, offset) = of(rpy(0.3, 0.0, 0.0), -Vector3::x());
-        // Against the axis, the offset is seen from it.
-        let [s, c] = offset.expect("an offset");
-        assert!(turns && (s * s + c * c - 1.0).abs() < 1e-15 && (s.abs() - 0.3f64.sin()).abs() < 1e-15, "{s} {c}");
+        // Nor is what is no rotation to rounding, though the builder takes it.
+        assert!(!of(Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 5e-10, 0.0, 1.0), Vector3::z()).0);
+        assert!(!of(rpy(0.0, 0.0, 0.3) * (1.0 + 2e-11), Vector3::z()).0);
+    }
+
+    #[test]
+    fn what_turns_about_the_joints_own_axis_is_an_offset() {
+        for axis in [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::z()] {
+            let rotation = Rotation3::from_scaled_axis(axis.abs() * 0.3).into_inner();
+            let (turns, offset, off) = of(rotation, axis);
+            assert!(turns && offset.is_some() && off <= 4.0 * f64::EPSILON, "{axis}: {off}");
+        }
     }
 }

@@ -3,7 +3,7 @@
 //! The recursions are those of [`forward`](super::forward) and [`inverse`](super::inverse), which keep everything for whoever asks
 //! later, and are what these are tested against. Four things are different. What is read once more only by the next body (motions,
 //! P, co-states) has a *slot*, which another body takes over; of a chain there are two. Constants of the scene are one number for all
-//! lanes. And a revolute joint whose frame differs from its parent's by an exact renaming of axes (as all do that a URDF gives without rpy) is
+//! lanes. And a revolute joint about an axis of its parent's frame (as all about x, y or z are that a URDF gives without rpy) is
 //! carried by its angle alone: first about z, where H P^+ = 0 leaves a third out, then along the lever, a constant there. Frames are
 //! chosen so that what is left of the renaming is one of three orders of the parent's axes ([`frames`]): each is compiled by itself.
 //! Every other body goes through the general shift. Bodies at equal depth come one after another, for they do not wait for each other;

@@ -112,21 +112,42 @@ pub(super) fn packed_to_turn<T: Copy, const X: usize, const Y: usize, const Z: u
     ]
 }
 
-/// How far an entry of a rotation may be from 0, 1 or -1 to be taken for it: a right angle, or two, in radians has no double, and the nearest
-/// leaves 6e-17 or 1.2e-16 where zero is meant. An angle's own rounding is no smaller.
-const ROUNDING: f64 = f64::EPSILON;
+/// How far an entry of a rotation may be from what it is taken for. A right angle in radians has no double, and the nearest leaves 6e-17 or
+/// 1.2e-16 where zero is meant; a rotation of the tree is a product of a few, each off by a unit of rounding.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
-/// The renaming of axes that a rotation is, to rounding.
-pub(super) fn nearest_renaming(rotation: &Matrix3<f64>) -> Option<Matrix3<f64>> {
-    let near = rotation.map(f64::round);
-    let is_near = rotation.iter().zip(&near).all(|(x, near)| (x - near).abs() <= ROUNDING);
-    // Of a rotation so near no row or column can have two ones, or none.
-    is_near.then(|| near.map(|x| x + 0.0))
+/// A rotation that brings z to an axis of its parent's frame.
+pub(super) struct AboutAxis {
+    pub axis: Axis,
+    /// From the frame that is turned to the one that the [turn](Turn) is in: zeros and ones.
+    pub frame: Matrix3<f64>,
+    /// Sine and cosine of the turn's angle, where that is no renaming of axes.
+    pub offset: Option<[f64; 2]>,
+}
+
+impl AboutAxis {
+    /// What a rotation is, to rounding; none where it is no such.
+    pub fn of(rotation: &Matrix3<f64>) -> Option<Self> {
+        let is_near = |a: &Matrix3<f64>, b: &Matrix3<f64>| (a - b).iter().all(|x| x.abs() <= ROUNDING);
+        let axis = Axis::new(rotation.column(2).iamax());
+        let turned = axis.rotation().transpose() * rotation;
+        // No negative zeros.
+        let renamed = turned.map(|x| x.round() + 0.0);
+        if is_near(&turned, &renamed) {
+            return Some(Self { axis, frame: renamed, offset: None });
+        }
+        let sense = turned[(2, 2)].signum();
+        let frame = Matrix3::from_diagonal(&[1.0, sense, sense].into());
+        let length = turned[(0, 0)].hypot(turned[(1, 0)]);
+        let [s, c] = [turned[(1, 0)] / length, turned[(0, 0)] / length];
+        let exactly = Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0) * frame;
+        is_near(&turned, &exactly).then_some(Self { axis, frame, offset: Some([s, c]) })
+    }
 }
 
 /// Whether a rotation brings z to an axis, or against it, to rounding.
 pub(crate) fn turns_about_an_axis(rotation: &Matrix3<f64>) -> bool {
-    rotation.column(2).iter().all(|x| (x - x.round()).abs() <= ROUNDING)
+    AboutAxis::of(rotation).is_some()
 }
 
 /// A renaming of axes, from a body's frame in the model to the one that these sweeps have it in, as a table: which entry each becomes.
@@ -179,7 +200,7 @@ impl<N: Copy> Renaming<N> {
     }
 }
 
-/// Sine and cosine of a joint's angle.
+/// Sine and cosine of a joint's angle, in its sense and with its offset.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Turn<T> {
     pub s: T,

@@ -3,16 +3,16 @@
 use super::body::{Carrier, LeanModel};
 use super::motion;
 use super::scratch::{LeanScratch, Watching};
-use super::turn::{Axis, Turn, about, to_turn};
+use super::turn::{Axis, about, to_turn};
 use super::{accelerations, filter};
 use crate::dynamics::forces::{Motion, Needed};
 use crate::filter::cancellation::{Cancellation, Swept};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{HingeMap, Rows, Stage};
-use crate::kinematics::{joint_shift, turned_by};
+use crate::kinematics::joint_shift;
 use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
-use crate::spatial::{RigidShift, zero};
+use crate::spatial::zero;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -63,28 +63,18 @@ pub(crate) fn hand_over<T: Real>(
     workspace.measured.copy_from_slice(&scratch.measured);
     for (place, body) in lean.swept().iter().enumerate() {
         let k = body.index;
-        workspace.shift[k] = match body.carrier {
-            Carrier::Turn(_) => {
-                // About the model's z, which may point the other way.
-                let gain = &mut workspace.measured[body.row].gain;
-                let sense = gain[0].everywhere(body.sense);
-                let mut own: [T; 6] = (*gain).into();
-                for entry in &mut own {
-                    *entry *= sense;
-                }
-                *gain = body.frame.undo(&own);
-                let mut turn = scratch.own[place].turn;
-                if body.has_offset {
-                    let [s, c] = body.offset.map(|x| sense.everywhere(x));
-                    turn = turn.and([-s, c]);
-                }
-                let Turn { s, c } = turn;
-                let tree = &model.bodies[k].tree;
-                RigidShift { rotation: turned_by(&tree.rotation, s * sense, c), lever: tree.lever }
+        // Frames here need not be the model's.
+        workspace.shift[k] = joint_shift(&model.bodies[k], q);
+        if let Carrier::Turn(_) = body.carrier {
+            // About the model's z, which may point the other way.
+            let gain = &mut workspace.measured[body.row].gain;
+            let sense = gain[0].everywhere(body.sense);
+            let mut own: [T; 6] = (*gain).into();
+            for entry in &mut own {
+                *entry *= sense;
             }
-            // Its parent's frame here need not be the model's.
-            Carrier::Shift(_) => joint_shift(&model.bodies[k], q),
-        };
+            *gain = body.frame.undo(&own);
+        }
         workspace.z[k] = body.frame.undo(&scratch.own[place].force);
         workspace.co_state[k] = body.frame.undo(&watching.co_states[place + 1][0]);
         workspace.terms[k] = body.frame.undo_on_sizes(&watching.own[place].terms);
