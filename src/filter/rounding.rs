@@ -64,7 +64,7 @@ impl<T: Real> RootMonitor<T> {
     #[inline(always)]
     pub fn observe_root(&mut self, root: &Root6<T>, diagonal: &[T; 6]) {
         let reach = diagonal[0].constant(WEIGHT_REACH);
-        for (&weight, &whole) in root.weights.iter().zip(diagonal).skip(1) {
+        for (&weight, &whole) in root.weights[1..].iter().zip(&diagonal[1..]) {
             // Times the weight: one of exactly zero is none that was nearly lost, the child of a massless body has five columns.
             self.want_positive(weight * (weight * reach - whole));
         }

@@ -184,7 +184,8 @@ impl<T: Real> Root6<T> {
             let kept = (variance + flag) * next;
             let share = h[j] * inverse;
             self.weights[j] *= kept;
-            for (row, gathered) in self.rows.iter_mut().zip(&mut gathered).skip(j + 1) {
+            // Slices: to skip in both at once is a function that the compiler now and then leaves for itself.
+            for (row, gathered) in self.rows[j + 1..].iter_mut().zip(&mut gathered[j + 1..]) {
                 let x = row[j];
                 row[j] = x.minus_product(share, *gathered);
                 *gathered = weighted.mul_add(x, *gathered);
