@@ -63,12 +63,6 @@ pub fn joint_shift<T: Real>(body: &Body<T>, q: &[T]) -> RigidShift<T> {
 #[inline(always)]
 fn turned_about_z<T: Real>(r: &Matrix3<T>, angle: T) -> Matrix3<T> {
     let (s, c) = angle.sin_cos();
-    turned_by(r, s, c)
-}
-
-/// The same of a sine and cosine.
-#[inline(always)]
-fn turned_by<T: Real>(r: &Matrix3<T>, s: T, c: T) -> Matrix3<T> {
     from_rows(turned_row(row(r, 0), s, c), turned_row(row(r, 1), s, c), turned_row(row(r, 2), s, c))
 }
 
