@@ -245,6 +245,45 @@ fn auto_is_as_exact_in_lanes_as_alone() {
     });
 }
 
+/// What the kernels of the square-root form give without being in doubt keeps all digits, of heavy tips, of limbs side by side and of rods; and they
+/// are in doubt of few.
+#[test]
+fn the_square_root_form_keeps_all_digits_in_lanes() {
+    on_a_large_stack(|| {
+        let heavy = |weight| phipsi::scenes::extreme("heavy-tip", Some(weight), None, 0).unwrap().scene;
+        let scenes = [heavy(1e3), heavy(1e9), aligned(37, 20, 0.3)].into_iter().chain(with_limbs()).chain(trees());
+        let algorithm = Algorithm::ForwardDynamics(Form::SquareRoot);
+        for (which, scene) in scenes.enumerate() {
+            let states = states(&scene, 16);
+            let all: Vec<_> = states.iter().map(|s| arguments(algorithm, s, &[])).collect();
+            let exact: Vec<_> = all.iter().map(|state| plainly(&scene, algorithm, state)).collect();
+            for arm in arms() {
+                let mut evaluator = Evaluator::on(arm, &scene);
+                // One at a time, where limbs go side by side, and as many as there are lanes.
+                for count in [1, evaluator.lanes()] {
+                    let mut kept = 0;
+                    for (given, exact) in all.chunks(count).zip(exact.chunks(count)) {
+                        let mut out = vec![f64::NAN; scene.nv() * given.len()];
+                        let doubt = evaluator.run(algorithm, given, &mut out);
+                        for (lane, (found, exact)) in out.chunks_exact(scene.nv()).zip(exact).enumerate() {
+                            if doubt >> lane & 1 == 1 {
+                                continue;
+                            }
+                            kept += 1;
+                            let bound = 2.0 * tolerance::ALL_DIGITS * largest(exact);
+                            for (a, b) in found.iter().zip(exact) {
+                                assert!((a - b).abs() <= bound, "scene {which}, {arm:?}, {count}: {a} beside {b}");
+                            }
+                        }
+                    }
+                    // Of the heaviest tip all may be in doubt.
+                    assert!(kept * 2 >= all.len() || which == 1, "scene {which}, {arm:?}, {count} at once: {kept}");
+                }
+            }
+        }
+    });
+}
+
 /// Sine and cosine of the fused scalar, against the standard library in double-double's place: a unit in the last place or so.
 #[test]
 fn sine_and_cosine_are_good_to_two_units_in_the_last_place() {

@@ -44,7 +44,7 @@ impl Chunks<f64> for SideBySide {
     fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
         let covered = matches!(
             algorithm,
-            Algorithm::ForwardDynamics(Form::Auto | Form::Covariance)
+            Algorithm::ForwardDynamics(Form::Auto | Form::Covariance | Form::SquareRoot)
                 | Algorithm::InverseDynamics
                 | Algorithm::BiasTorque
         );
@@ -116,6 +116,11 @@ impl Work for Run<'_> {
         let kept = match self.algorithm {
             Algorithm::ForwardDynamics(Form::Auto) => {
                 auto::forward_dynamics_seen_abreast(scene, scratch, numbers, wrenches, results)
+            }
+            Algorithm::ForwardDynamics(Form::SquareRoot) => {
+                let (pivots, reach) =
+                    lean::forward_dynamics_by_roots::<_, Limbs>(scene, scratch, numbers, wrenches, results);
+                pivots.clear_in_every_lane() && reach.clear_together()
             }
             Algorithm::ForwardDynamics(_) => {
                 lean::forward_dynamics::<_, Limbs>(scene, scratch, numbers, wrenches, results).clear_in_every_lane()

@@ -4,8 +4,8 @@
 //! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
 use super::arms::{Vectorised, Work, take_states};
+use crate::dynamics::auto;
 use crate::dynamics::lean::{self, LeanColumns, LeanModel, LeanScratch, MassColumns};
-use crate::dynamics::{auto, refined};
 use crate::filter::Form;
 use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::{Precision, Real, lanes_but};
@@ -300,7 +300,8 @@ fn compute<T: Vectorised>(
             lanes_but::<T>(|lane| watched.kept(lane))
         }
         Algorithm::ForwardDynamics(Form::SquareRoot) if T::Number::SQUARE_ROOT => {
-            let (pivots, reach) = refined::forward_dynamics_looked_at(model, workspace, q, qd, u, wrenches, results);
+            let (pivots, reach) =
+                lean::forward_dynamics_by_roots::<T, T::Columns>(scene, scratch, (q, qd, u), wrenches, results);
             lanes_but::<T>(|lane| pivots.clear(lane) && reach.clear(lane))
         }
         Algorithm::ForwardDynamics(Form::Covariance) => {

@@ -47,22 +47,21 @@ impl<T: Real> Scale<T> {
     #[must_use]
     pub fn sent_by(p: &Symmetric6<T>, shift: &RigidShift<T>) -> Self {
         let trace = |e: &[T; 6]| e[0] + e[3] + e[5];
-        Self::sent((trace(&p.angular.entries), trace(&p.linear.entries)), shift)
+        Self::sent((trace(&p.angular.entries), trace(&p.linear.entries)), shift.lever_square())
     }
 
+    /// From the traces, and the square of the lever.
     #[inline(always)]
-    fn sent((a, b): (T, T), shift: &RigidShift<T>) -> Self {
-        let l = &shift.lever;
+    fn sent((a, b): (T, T), lever_square: T) -> Self {
         let four = a.constant(4.0);
-        let square = l[0] * l[0] + l[1] * l[1] + l[2] * l[2];
-        Self { angular: four * (a + square * b), linear: four * b }
+        Self { angular: four * lever_square.mul_add(b, a), linear: four * b }
     }
 
     /// The same of a root of P^-, from its [`diagonal`](crate::spatial::Root6::diagonal).
     #[inline(always)]
     #[must_use]
-    pub fn sent_by_root(square: &[T; 6], shift: &RigidShift<T>) -> Self {
-        Self::sent((square[3] + square[4] + square[5], square[0] + square[1] + square[2]), shift)
+    pub fn sent_by_root(square: &[T; 6], lever_square: T) -> Self {
+        Self::sent((square[3] + square[4] + square[5], square[0] + square[1] + square[2]), lever_square)
     }
 
     /// The sum with another.

@@ -86,13 +86,42 @@ impl<T: Real> Default for RootMonitor<T> {
     }
 }
 
+/// The largest co-states that shifts carry outward: minus the largest squares of their angular part, and of their linear part there.
+#[derive(Debug, Clone, Copy)]
+pub struct Carried<T>([T; 2]);
+
+impl<T: Real> Carried<T> {
+    /// Of none.
+    #[inline(always)]
+    #[must_use]
+    pub fn new() -> Self {
+        Self([T::zero(); 2])
+    }
+
+    /// Takes note of the co-state at one end of a lever with this square.
+    #[inline(always)]
+    pub fn observe(&mut self, co_state: &Vector6<T>, lever_square: T) {
+        let (angular, linear) = squares(co_state);
+        let [turned, moved] = self.0;
+        self.0 = [turned.worst(-angular), moved.worst(-lever_square.mul_add(angular, linear))];
+    }
+}
+
+impl<T: Real> Default for Carried<T> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 /// How far rounding can have come: the first look, after the smoother.
 #[derive(Debug, Clone, Copy)]
 pub struct Reach<T> {
     /// Of the sweep.
     shortfall: T,
-    /// Of the estimates: largest gains times largest co-states, squared, less what is allowed.
-    smoother: T,
+    gain: [T; 2],
+    carried: Carried<T>,
+    /// Minus the square of the largest estimate.
+    size: T,
 }
 
 impl<T: Real> Reach<T> {
@@ -105,31 +134,57 @@ impl<T: Real> Reach<T> {
         co_state: &[Vector6<T>],
         estimates: &[T],
     ) -> Self {
-        let o = T::zero();
-        let (mut turned, mut moved) = (o, o);
+        let mut carried = Carried::new();
         for (k, stage) in system.stages.iter().enumerate() {
             let Some(parent) = stage.parent else { continue };
-            let (angular, linear) = squares(&co_state[parent]);
-            let lever = &shift[k].lever;
-            turned = turned.worst(-angular);
-            moved =
-                moved.worst(-(linear + (lever[0] * lever[0] + lever[1] * lever[1] + lever[2] * lever[2]) * angular));
+            carried.observe(&co_state[parent], shift[k].lever_square());
         }
-        let mut size = o;
+        Self::of(monitor, carried, estimates)
+    }
+
+    /// The same where the co-states have been seen.
+    #[inline(always)]
+    pub fn of(monitor: &RootMonitor<T>, carried: Carried<T>, estimates: &[T]) -> Self {
+        let mut size = T::zero();
         for &a in estimates {
             size = size.worst(-(a * a));
         }
-        let [angular, linear] = monitor.gain;
-        // Two products of two negative numbers, and minus the square of the size.
-        let carried = angular * turned + linear * moved;
-        Self { shortfall: monitor.shortfall, smoother: carried + size * T::from_f64(SMOOTHER_REACH * SMOOTHER_REACH) }
+        Self { shortfall: monitor.shortfall, gain: monitor.gain, carried, size }
     }
 
     /// Whether the rounding of one lane cannot have come far; where not, [`judge`] is to say.
     #[inline(always)]
     #[must_use]
     pub fn clear(&self, lane: usize) -> bool {
-        self.shortfall.lane(lane) <= 0.0 && self.smoother.lane(lane) <= 0.0
+        self.is_clear(|x| x.lane(lane))
+    }
+
+    /// The same of all lanes together, where they are limbs of one state.
+    #[inline(always)]
+    #[must_use]
+    pub(crate) fn clear_together(&self) -> bool {
+        // Each is the largest of a kind, as a negative number, but for the sum of what fell short; NaN stays.
+        let all = |x: T| {
+            let mut worst = 0.0_f64;
+            for lane in 0..T::LANES {
+                let x = x.lane(lane);
+                worst = if worst.is_nan() || x >= worst { worst } else { x };
+            }
+            worst
+        };
+        let mut short = false;
+        for lane in 0..T::LANES {
+            short |= !(self.shortfall.lane(lane) <= 0.0);
+        }
+        !short && Self { shortfall: T::zero(), ..*self }.is_clear(all)
+    }
+
+    #[inline(always)]
+    fn is_clear(&self, of: impl Fn(T) -> f64) -> bool {
+        let ([angular, linear], [turned, moved]) = (self.gain.map(&of), self.carried.0.map(&of));
+        // Two products of two negative numbers, and minus the square of the size.
+        let carried = angular * turned + linear * moved;
+        of(self.shortfall) <= 0.0 && carried + of(self.size) * (SMOOTHER_REACH * SMOOTHER_REACH) <= 0.0
     }
 }
 

@@ -9,7 +9,7 @@ use super::riccati::Measured;
 use super::rounding::RootMonitor;
 use super::system::{HingeMap, Rows, System};
 use crate::scalar::Real;
-use crate::spatial::{Dropped, RigidShift, Root6, root_row, scaled_add, sum};
+use crate::spatial::{Dropped, RigidShift, Root6, RootColumns, root_row, scaled_add, sum};
 use nalgebra::Vector6;
 
 /// The arrays of the recursion, one entry a stage or a row.
@@ -42,24 +42,23 @@ pub struct Mean<'a, T: Real> {
 ///
 /// Without noise H g = 1 and H P^+ = 0 hold exactly and are written, not computed.
 #[inline(always)]
-fn measurement_update<T: Real>(
+fn measurement_update<T: Real, const POSITIVE: bool>(
     root: &mut Root6<T>,
     mean: Option<&mut [T; 6]>,
     hinge: &HingeMap<T>,
     noise: T,
 ) -> Dropped<T> {
-    let (h, last) = match *hinge {
-        HingeMap::Axis(i) => (root.row(i), root_row(i)),
+    let mut dropped = match *hinge {
+        HingeMap::Axis(2) => root.measure_turn::<POSITIVE>(noise, mean),
+        HingeMap::Axis(i) => root.measure(&root.row(i), root_row(i), noise, mean),
         HingeMap::Screw(pitch) => {
-            let (turn, advance) = (root.row(2), root.row(5));
-            let mut row = turn;
+            let (mut row, advance) = (root.row(2), root.row(5));
             for (entry, &along) in row.iter_mut().zip(&advance) {
                 *entry = pitch.mul_add(along, *entry);
             }
-            (row, root_row(2))
+            root.measure(&row, root_row(2), noise, mean)
         }
     };
-    let mut dropped = root.measure(&h, last, noise, mean);
     if let HingeMap::Axis(i) = *hinge
         && noise.lane(0) == 0.0
     {
@@ -69,28 +68,84 @@ fn measurement_update<T: Real>(
     dropped
 }
 
-/// The mean of one stage: y, t, and where its measurements and innovations are.
-type StageMean<'a, T> = (&'a mut [T; 6], &'a mut Vector6<T>, &'a [T], &'a mut [T]);
+/// The mean of one stage as one measurement sees it: y and t; and the measurement.
+pub type MeanOfRow<'a, T> = (&'a mut [T; 6], &'a mut Vector6<T>, T);
 
-/// One row of a stage: 3.6, and with a mean 4.2 and 4.5.
+/// One row of a stage: D and g (3.6); with a mean e^- (4.2) and what becomes of it (4.5), else zero. `POSITIVE` where every weight of the
+/// root is.
 #[inline(always)]
-fn one_row<T: Real>(
-    (row, hinge, noise): (usize, &HingeMap<T>, T),
+pub fn measure_row<T: Real, const POSITIVE: bool>(
+    (hinge, noise): (&HingeMap<T>, T),
     root: &mut Root6<T>,
-    mean: &mut Option<StageMean<'_, T>>,
-) -> Measured<T> {
-    let dropped = match mean {
-        None => measurement_update(root, None, hinge, noise),
-        Some((y, t, measurement, innovations)) => {
-            let dropped = measurement_update(root, Some(y), hinge, noise);
+    mean: Option<MeanOfRow<'_, T>>,
+) -> (Measured<T>, T) {
+    let (dropped, e) = match mean {
+        None => (measurement_update::<T, POSITIVE>(root, None, hinge, noise), noise.constant(0.0)),
+        Some((y, t, measurement)) => {
+            let dropped = measurement_update::<T, POSITIVE>(root, Some(y), hinge, noise);
             // What y predicts leaves with the dropped column: only t meets the measurement.
-            let rest = measurement[row] - hinge.project(t);
-            **t = scaled_add(&dropped.gain, rest, t);
-            innovations[row] = rest - dropped.predicted;
-            dropped
+            let rest = measurement - hinge.project(t);
+            *t = scaled_add(&dropped.gain, rest, t);
+            let e = rest - dropped.predicted;
+            (dropped, e)
         }
     };
-    Measured { pivot: dropped.pivot, pivot_inverse: dropped.pivot_inverse, gain: dropped.gain }
+    (Measured { pivot: dropped.pivot, pivot_inverse: dropped.pivot_inverse, gain: dropped.gain }, e)
+}
+
+/// The mean of one stage: y, t, and where its measurements and innovations are.
+pub type StageMean<'a, T> = (&'a mut [T; 6], &'a mut Vector6<T>, &'a [T], &'a mut [T]);
+
+/// What the rows of a stage read and write.
+struct OfStage<'a, 'm, T: Real> {
+    root: &'a mut Root6<T>,
+    scale: &'a Scale<T>,
+    mean: &'a mut Option<StageMean<'m, T>>,
+    measured: &'a mut [Measured<T>],
+    monitor: &'a mut RootMonitor<T>,
+}
+
+impl<T: Real> OfStage<'_, '_, T> {
+    #[inline(always)]
+    fn one_row(&mut self, row: usize, hinge: &HingeMap<T>, noise: T) {
+        let of_row = match self.mean {
+            Some((y, t, measurement, _)) => Some((&mut **y, &mut **t, measurement[row])),
+            None => None,
+        };
+        let (m, e) = measure_row::<T, false>((hinge, noise), self.root, of_row);
+        if let Some((.., innovations)) = self.mean {
+            innovations[row] = e;
+        }
+        self.monitor.observe(&m, hinge, self.scale);
+        self.measured[row] = m;
+    }
+}
+
+/// All rows of a stage, last first; whether they are one turn without noise, which leaves two columns free of any linear part. `seen` is
+/// called with each row's root of P^-.
+#[inline(always)]
+pub fn through_stage<T: Real>(
+    (system, k): (&System<T>, usize),
+    (root, scale): (&mut Root6<T>, &Scale<T>),
+    mean: &mut Option<StageMean<'_, T>>,
+    measured: &mut [Measured<T>],
+    monitor: &mut RootMonitor<T>,
+    mut seen: impl FnMut(usize, &Root6<T>),
+) -> bool {
+    let stage = &system.stages[k];
+    let mut of_stage = OfStage { root, scale, mean, measured, monitor };
+    if let Rows::One(HingeMap::Axis(2)) = stage.rows {
+        // The commonest row is named, so that the compiler sees which columns it leaves.
+        seen(stage.first_row, of_stage.root);
+        of_stage.one_row(stage.first_row, &HingeMap::Axis(2), system.noise[stage.first_row]);
+        return system.is_noise_free(stage.first_row);
+    }
+    for i in (0..stage.rows.count()).rev() {
+        let row = stage.first_row + i;
+        seen(row, of_stage.root);
+        of_stage.one_row(row, &stage.rows.row(i), system.noise[row]);
+    }
+    false
 }
 
 impl<T: Real> Roots<'_, T> {
@@ -121,38 +176,24 @@ impl<T: Real> Roots<'_, T> {
         };
         let diagonal = root.diagonal();
         monitor.observe_root(root, &diagonal);
-        let sent = Scale::sent_by_root(&diagonal, shift);
-        let noise_free_turn = if let Rows::One(HingeMap::Axis(2)) = stage.rows {
-            // The commonest row is named, so that the compiler sees which columns it leaves.
-            let (row, hinge) = (stage.first_row, HingeMap::Axis(2));
-            seen(row, root);
-            let m = one_row((row, &hinge, system.noise[row]), root, &mut mean);
-            monitor.observe(&m, &hinge, &scale);
-            self.measured[row] = m;
-            system.is_noise_free(row)
-        } else {
-            for i in (0..stage.rows.count()).rev() {
-                let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
-                seen(row, root);
-                let m = one_row((row, &hinge, system.noise[row]), root, &mut mean);
-                monitor.observe(&m, &hinge, &scale);
-                self.measured[row] = m;
-            }
-            false
-        };
+        let sent = Scale::sent_by_root(&diagonal, shift.lever_square());
+        let noise_free_turn = through_stage((system, k), (root, &scale), &mut mean, self.measured, monitor, &mut seen);
         let Some(parent) = stage.parent else { return };
-        let columns = shift.root_to_parent(root);
+        let mut columns = RootColumns::filled(scale.linear);
+        shift.root_to_parent(root, &mut columns);
+        let mut coordinates;
         let turned = match (mean, &mut inward_mean) {
             (Some((y, t, ..)), Some((y_inward, t_inward))) => {
                 t_inward[parent] = sum(&t_inward[parent], &shift.force_to_parent(t));
-                Some((&mut y_inward[parent], *y))
+                coordinates = *y;
+                Some((&mut y_inward[parent], &mut coordinates))
             }
             _ => None,
         };
         if noise_free_turn {
-            inward[parent].join::<2>(columns, turned);
+            inward[parent].join::<2, false>(&mut columns, turned);
         } else {
-            inward[parent].join::<3>(columns, turned);
+            inward[parent].join::<3, false>(&mut columns, turned);
         }
         self.scale[parent] = self.scale[parent].sum(&sent);
     }

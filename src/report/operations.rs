@@ -48,7 +48,7 @@ pub struct Count {
     pub results: Vec<f64>,
 }
 
-/// Counts one task on one state: what [`Scene::evaluate`] runs for it (of the covariance form the sweeps that keep nothing but the result, in the plane
+/// Counts one task on one state: what [`Scene::evaluate`] runs for it (the sweeps that keep nothing but the result where they do it alone, in the plane
 /// where the scene has one), scratch made beforehand.
 /// Arguments that a task does not take are not read.
 ///
@@ -89,6 +89,9 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
     let ((), operations) = Counted::during(|| {
         let scene = (&model, &lean);
         match algorithm {
+            Algorithm::ForwardDynamics(Form::SquareRoot) => {
+                lean::forward_dynamics_by_roots::<_, Counted>(scene, &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
+            }
             Algorithm::ForwardDynamics(_) => {
                 lean::forward_dynamics::<_, Counted>(scene, &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
             }
@@ -201,8 +204,9 @@ pub fn footprint(scene: &Scene, algorithm: Algorithm) -> usize {
         Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => scene.nq(),
     };
     let swept = match algorithm {
-        Algorithm::ForwardDynamics(Form::SquareRoot | Form::Joseph)
-        | Algorithm::MassMatrixInverse(Form::SquareRoot | Form::Joseph) => of_general_sweeps(scene, algorithm),
+        Algorithm::ForwardDynamics(Form::Joseph) | Algorithm::MassMatrixInverse(Form::SquareRoot | Form::Joseph) => {
+            of_general_sweeps(scene, algorithm)
+        }
         _ => lean::bytes(&LeanModel::<f64>::new(scene.model()), scene.nv(), algorithm),
     };
     swept + (arguments + scene.width(algorithm)) * number
@@ -215,9 +219,8 @@ fn of_general_sweeps(scene: &Scene, algorithm: Algorithm) -> usize {
     let (number, scale) = (size_of::<f64>(), size_of::<Scale<f64>>());
     let root = size_of::<Option<BodyRoot<f64>>>() + size_of::<Root6<f64>>();
     let measured = size_of::<Measured<f64>>();
-    // Of a body, beside model and phi: P and its bounds, or root, bounds and the force's coordinates; of a row what was measured.
+    // Of a body, beside model and phi: P and its bounds, or root, bounds and P; of a row what was measured.
     let carried = match algorithm {
-        Algorithm::ForwardDynamics(Form::SquareRoot) => root + scale + vector,
         Algorithm::MassMatrixInverse(Form::SquareRoot) => root + scale + symmetric,
         _ => symmetric + scale,
     };

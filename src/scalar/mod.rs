@@ -66,7 +66,7 @@ pub trait Real:
     }
 
     /// What a constant of a scene is kept in: one number for all lanes, or where these are limbs one for each.
-    type Parameter: Copy + std::fmt::Debug + Send + Sync + 'static;
+    type Parameter: Scalar + Copy + Send + Sync;
 
     /// The nearest number to `x`.
     fn parameter(x: f64) -> Self::Parameter;

@@ -4,11 +4,12 @@
 //! light bodies inboard of it feel.
 
 use super::body_inertia::BodyInertia;
+use super::rigid_shift::RigidShift;
 use super::root::{Root6, RootColumns};
 use super::symmetric::Symmetric3;
 use super::vector::{angular, cross, cross_add, linear};
 use crate::scalar::Real;
-use nalgebra::{Matrix3, Matrix3x6, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix3x6, Scalar, Vector3, Vector6};
 
 /// A principal inertia this far below zero, relative to the largest, is the rounding of a zero (a rod, a point mass).
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
@@ -18,17 +19,17 @@ const ROUNDING: f64 = 64.0 * f64::EPSILON;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BodyRoot<T> {
     /// m.
-    mass: T,
+    pub(crate) mass: T,
     /// p, from the joint to the mass centre.
-    centre: Vector3<T>,
+    pub(crate) centre: Vector3<T>,
     /// `L_c`.
-    central: Matrix3<T>,
+    pub(crate) central: Matrix3<T>,
     /// `W_c`.
-    weights: Vector3<T>,
+    pub(crate) weights: Vector3<T>,
     /// B with w x `I_c` w = `L_c` B q(w) + C q(w), q(w) the six products of the components of w.
-    spin: Matrix3x6<T>,
+    pub(crate) spin: Matrix3x6<T>,
     /// C: zero for every inertia that a body can have.
-    rest: Matrix3x6<T>,
+    pub(crate) rest: Matrix3x6<T>,
 }
 
 impl<T: Real> BodyRoot<T> {
@@ -98,6 +99,16 @@ impl<T: Real> BodyRoot<T> {
     }
 }
 
+impl<N: Scalar> BodyRoot<N> {
+    /// Its numbers.
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
+        let Self { mass, centre, central, weights, spin, rest } = self;
+        let few = [mass].into_iter().chain(centre.iter_mut()).chain(central.iter_mut()).chain(weights.iter_mut());
+        few.chain(spin.iter_mut()).chain(rest.iter_mut())
+    }
+}
+
 /// Row `i` of a matrix times the products of w.
 #[inline(always)]
 fn form<T: Real>(m: &Matrix3x6<T>, i: usize, products: &[T; 6]) -> T {
@@ -117,14 +128,32 @@ impl BodyRoot<f64> {
 
     /// The same numbers in another scalar.
     pub(crate) fn cast<U: Real>(&self) -> BodyRoot<U> {
+        self.map(U::from_f64)
+    }
+
+    /// Each number by itself.
+    pub(crate) fn map<N: Scalar>(&self, number: impl Fn(f64) -> N + Copy) -> BodyRoot<N> {
         BodyRoot {
-            mass: U::from_f64(self.mass),
-            centre: self.centre.map(U::from_f64),
-            central: self.central.map(U::from_f64),
-            weights: self.weights.map(U::from_f64),
-            spin: self.spin.map(U::from_f64),
-            rest: self.rest.map(U::from_f64),
+            mass: number(self.mass),
+            centre: self.centre.map(number),
+            central: self.central.map(number),
+            weights: self.weights.map(number),
+            spin: self.spin.map(number),
+            rest: self.rest.map(number),
         }
+    }
+
+    /// The same body seen in another frame with the same origin, to which `frame` turns.
+    pub(crate) fn turned(&self, frame: &Matrix3<f64>) -> Self {
+        if *frame == Matrix3::identity() {
+            return *self;
+        }
+        Self::new(self.mass, frame * self.centre, triangular(&(frame * self.central), &self.weights))
+    }
+
+    /// Whether it resists every motion.
+    pub(crate) fn is_definite(&self) -> bool {
+        self.mass > 0.0 && self.weights.iter().all(|&weight| weight > 0.0)
     }
 
     /// Whether nothing of the body resists.
@@ -195,7 +224,7 @@ fn principal(central: &Symmetric3<f64>) -> Option<(Matrix3<f64>, Vector3<f64>)> 
 
 /// Unit lower triangle and weights of the sum of weighted outer products of columns.
 fn triangular(columns: &Matrix3<f64>, weights: &Vector3<f64>) -> (Matrix3<f64>, Vector3<f64>) {
-    let mut all = RootColumns { weights: [0.0; 6], rows: [[0.0; 6]; 6] };
+    let mut all = RootColumns::filled(0.0);
     for j in 0..3 {
         all.weights[j + 3] = weights[j];
         for i in 0..3 {
@@ -203,7 +232,7 @@ fn triangular(columns: &Matrix3<f64>, weights: &Vector3<f64>) -> (Matrix3<f64>, 
         }
     }
     let mut root = Root6::zero();
-    root.join::<3>(all, None);
+    root.join::<3, false>(&mut all, None);
     angular_part(&root)
 }
 
@@ -239,7 +268,9 @@ pub(crate) fn join_roots(first: &BodyRoot<f64>, second: &BodyRoot<f64>) -> BodyR
         return *first;
     }
     let mut both = first.to_root();
-    both.join::<3>(crate::spatial::RigidShift::identity().root_to_parent(&second.to_root()), None);
+    let mut columns = RootColumns::filled(0.0);
+    RigidShift::identity().root_to_parent(&second.to_root(), &mut columns);
+    both.join::<3, false>(&mut columns, None);
     let mass = first.mass + second.mass;
     let share = if mass == 0.0 { 0.0 } else { second.mass / mass };
     BodyRoot::new(mass, first.centre + (second.centre - first.centre) * share, angular_part(&both))

@@ -52,6 +52,14 @@ impl<T: Real> RigidShift<T> {
         Self { rotation: self.rotation.transpose(), lever: -self.rotate_back(&self.lever) }
     }
 
+    /// The square of the lever.
+    #[inline(always)]
+    #[must_use]
+    pub fn lever_square(&self) -> T {
+        let l = &self.lever;
+        l[0].mul_add(l[0], l[1].mul_add(l[1], l[2] * l[2]))
+    }
+
     /// A free vector, child to parent coordinates.
     #[inline(always)]
     pub fn rotate(&self, v: &Vector3<T>) -> Vector3<T> {

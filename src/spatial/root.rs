@@ -32,8 +32,17 @@ pub struct Root6<T> {
 pub struct RootColumns<T> {
     /// The weights of the columns.
     pub weights: [T; 6],
-    /// Row by row as in [`Root6`], all entries; the last three columns are zero in linear rows.
+    /// Row by row as in [`Root6`], all entries, but of the last three columns, which are zero in linear rows, those are not used.
     pub rows: [[T; 6]; 6],
+}
+
+impl<T: Copy> RootColumns<T> {
+    /// `value` in every entry.
+    #[inline(always)]
+    #[must_use]
+    pub fn filled(value: T) -> Self {
+        Self { weights: [value; 6], rows: [[value; 6]; 6] }
+    }
 }
 
 /// What a measurement takes out of a root.
@@ -47,6 +56,58 @@ pub struct Dropped<T> {
     pub gain: Vector6<T>,
     /// The measurement that the mean predicts.
     pub predicted: T,
+}
+
+/// What a measurement has gathered from some of the columns.
+struct Gathered<T> {
+    /// P H*.
+    column: [T; 6],
+    /// What the mean predicts.
+    predicted: T,
+    /// H P H* + r.
+    variance: T,
+    inverse: T,
+}
+
+/// What a rotation of columns I and C does to row R, if that is below row I.
+#[inline(always)]
+fn rotate_row<T: Real, const I: usize, const C: usize, const R: usize>(
+    root: &mut Root6<T>,
+    incoming: &mut RootColumns<T>,
+    (f, kept, taken): (T, T, T),
+) {
+    if R > I {
+        let (x, y) = (root.rows[R][I], incoming.rows[R][C]);
+        root.rows[R][I] = kept.mul_add(x, taken * y);
+        incoming.rows[R][C] = y.minus_product(f, x);
+    }
+}
+
+/// `before` and 1 / `total`; where `total`, and so `before`, is zero, one and one.
+#[inline(always)]
+fn divisor<T: Real, const POSITIVE: bool>(before: T, total: T) -> (T, T) {
+    if POSITIVE {
+        return (before, total.recip());
+    }
+    let flag = total.one_if_zero();
+    (before + flag, (total + flag).recip())
+}
+
+impl<T: Real> Gathered<T> {
+    #[inline(always)]
+    fn new(noise: T) -> Self {
+        let o = noise.constant(0.0);
+        // Where nothing has been gathered yet there is nothing to share: any inverse will do.
+        let inverse = (noise + noise.one_if_zero()).recip();
+        Self { column: [o; 6], predicted: o, variance: noise, inverse }
+    }
+
+    #[inline(always)]
+    fn dropped(self) -> Dropped<T> {
+        let Self { column: g, predicted, variance, inverse } = self;
+        let gain = scaled(&Vector6::new(g[3], g[4], g[5], g[0], g[1], g[2]), inverse);
+        Dropped { pivot: variance, pivot_inverse: inverse, gain, predicted }
+    }
 }
 
 impl<T: Real> Root6<T> {
@@ -114,54 +175,76 @@ impl<T: Real> Root6<T> {
         row
     }
 
-    /// Takes in more columns: P becomes P + C W' C^T. Of the last three columns `FREE` (2 or 3) are used.
+    /// Takes in more columns: P becomes P + C W' C^T. Of the last three columns `FREE` (2 or 3) are used. `POSITIVE` where every weight of
+    /// P is, and no division needs to be looked after.
     ///
     /// Rotations between one column of L and one of C, scaled so that none needs a square root. Every number is a sum of two
     /// products: errors are relative to each row's length, and to each column's where columns differ in size. `mean` is the
-    /// coordinates y and y' of a force L y + C y', turned along. About 250 products, 24 divisions.
+    /// coordinates y and y' of a force L y + C y', turned along. What came in is used up. About 250 products, 24 divisions.
     #[inline(always)]
-    pub fn join<const FREE: usize>(&mut self, mut incoming: RootColumns<T>, mut mean: Option<(&mut [T; 6], [T; 6])>) {
-        self.gather::<0, 3>(&mut incoming, &mut mean);
-        self.gather::<1, 3>(&mut incoming, &mut mean);
-        self.gather::<2, 3>(&mut incoming, &mut mean);
+    pub fn join<const FREE: usize, const POSITIVE: bool>(
+        &mut self,
+        incoming: &mut RootColumns<T>,
+        mut mean: Option<(&mut [T; 6], &mut [T; 6])>,
+    ) {
+        self.gather::<0, 3, POSITIVE>(incoming, &mut mean);
+        self.gather::<1, 3, POSITIVE>(incoming, &mut mean);
+        self.gather::<2, 3, POSITIVE>(incoming, &mut mean);
         if FREE == 2 {
-            self.gather::<3, 5>(&mut incoming, &mut mean);
-            self.gather::<4, 5>(&mut incoming, &mut mean);
-            self.gather::<5, 5>(&mut incoming, &mut mean);
+            self.gather::<3, 5, POSITIVE>(incoming, &mut mean);
+            self.gather::<4, 5, POSITIVE>(incoming, &mut mean);
+            self.gather::<5, 5, POSITIVE>(incoming, &mut mean);
         } else {
-            self.gather::<3, 6>(&mut incoming, &mut mean);
-            self.gather::<4, 6>(&mut incoming, &mut mean);
-            self.gather::<5, 6>(&mut incoming, &mut mean);
+            self.gather::<3, 6, POSITIVE>(incoming, &mut mean);
+            self.gather::<4, 6, POSITIVE>(incoming, &mut mean);
+            self.gather::<5, 6, POSITIVE>(incoming, &mut mean);
         }
     }
 
-    /// Turns the first N incoming entries of row I into its weight. Constants, so that every loop is laid out flat.
+    /// Turns the first N incoming entries of row I into its weight. Laid out flat by hand: as loops they are too long for the compiler, and
+    /// what is found by a counter stays in memory.
     #[inline(always)]
-    fn gather<const I: usize, const N: usize>(
+    fn gather<const I: usize, const N: usize, const POSITIVE: bool>(
         &mut self,
         incoming: &mut RootColumns<T>,
-        mean: &mut Option<(&mut [T; 6], [T; 6])>,
+        mean: &mut Option<(&mut [T; 6], &mut [T; 6])>,
     ) {
-        for c in 0..N {
-            let (f, weight) = (incoming.rows[I][c], incoming.weights[c]);
-            let weighted = f * weight;
-            let total = f.mul_add(weighted, self.weights[I]);
-            // Two columns without weight are left as they are: kept is one then.
-            let flag = total.one_if_zero();
-            let inverse = (total + flag).recip();
-            let (kept, taken) = ((self.weights[I] + flag) * inverse, weighted * inverse);
-            self.weights[I] = total;
-            incoming.weights[c] = weight * kept;
-            for r in I + 1..6 {
-                let (x, y) = (self.rows[r][I], incoming.rows[r][c]);
-                self.rows[r][I] = kept.mul_add(x, taken * y);
-                incoming.rows[r][c] = y.minus_product(f, x);
-            }
-            if let Some((along, other)) = mean {
-                let (x, y) = (along[I], other[c]);
-                along[I] = f.mul_add(y, x);
-                other[c] = minus(kept, y, taken, x);
-            }
+        self.rotate::<I, 0, POSITIVE>(incoming, mean);
+        self.rotate::<I, 1, POSITIVE>(incoming, mean);
+        self.rotate::<I, 2, POSITIVE>(incoming, mean);
+        if N > 3 {
+            self.rotate::<I, 3, POSITIVE>(incoming, mean);
+            self.rotate::<I, 4, POSITIVE>(incoming, mean);
+        }
+        if N > 5 {
+            self.rotate::<I, 5, POSITIVE>(incoming, mean);
+        }
+    }
+
+    /// Turns the entry of row I in column C into the weight of column I.
+    #[inline(always)]
+    fn rotate<const I: usize, const C: usize, const POSITIVE: bool>(
+        &mut self,
+        incoming: &mut RootColumns<T>,
+        mean: &mut Option<(&mut [T; 6], &mut [T; 6])>,
+    ) {
+        let (f, weight) = (incoming.rows[I][C], incoming.weights[C]);
+        let weighted = f * weight;
+        let total = f.mul_add(weighted, self.weights[I]);
+        // Two columns without weight are left as they are: kept is one then.
+        let (before, inverse) = divisor::<T, POSITIVE>(self.weights[I], total);
+        let (kept, taken) = (before * inverse, weighted * inverse);
+        self.weights[I] = total;
+        incoming.weights[C] = weight * kept;
+        rotate_row::<T, I, C, 1>(self, incoming, (f, kept, taken));
+        rotate_row::<T, I, C, 2>(self, incoming, (f, kept, taken));
+        rotate_row::<T, I, C, 3>(self, incoming, (f, kept, taken));
+        rotate_row::<T, I, C, 4>(self, incoming, (f, kept, taken));
+        rotate_row::<T, I, C, 5>(self, incoming, (f, kept, taken));
+        if let Some((along, other)) = mean {
+            let (x, y) = (along[I], other[C]);
+            along[I] = f.mul_add(y, x);
+            other[C] = minus(kept, y, taken, x);
         }
     }
 
@@ -172,36 +255,76 @@ impl<T: Real> Root6<T> {
     /// leaves with the gathered column is given. About 80 products, 6 divisions.
     #[inline(always)]
     pub fn measure(&mut self, h: &[T; 6], last: usize, noise: T, mut mean: Option<&mut [T; 6]>) -> Dropped<T> {
-        let o = noise.constant(0.0);
-        let (mut gathered, mut predicted) = ([o; 6], o);
-        // Where nothing has been gathered yet there is nothing to share: any inverse will do.
-        let (mut variance, mut inverse) = (noise, (noise + noise.one_if_zero()).recip());
+        let mut gathered = Gathered::new(noise);
         for j in (0..=last).rev() {
-            let weighted = h[j] * self.weights[j];
-            let total = h[j].mul_add(weighted, variance);
-            let flag = total.one_if_zero();
-            let next = (total + flag).recip();
-            let kept = (variance + flag) * next;
-            let share = h[j] * inverse;
-            self.weights[j] *= kept;
-            // Slices: to skip in both at once is a function that the compiler now and then leaves for itself.
-            for (row, gathered) in self.rows[j + 1..].iter_mut().zip(&mut gathered[j + 1..]) {
-                let x = row[j];
-                row[j] = x.minus_product(share, *gathered);
-                *gathered = weighted.mul_add(x, *gathered);
-            }
-            gathered[j] = weighted;
-            if let Some(y) = &mut mean {
-                let along = y[j];
-                y[j] = minus(kept, along, weighted * next, predicted);
-                predicted = h[j].mul_add(along, predicted);
-            }
-            variance = total;
-            inverse = next;
+            self.give::<6, false>(j, h[j], &mut gathered, &mut mean);
         }
-        let g = gathered;
-        let gain = scaled(&Vector6::new(g[3], g[4], g[5], g[0], g[1], g[2]), inverse);
-        Dropped { pivot: variance, pivot_inverse: inverse, gain, predicted }
+        gathered.dropped()
+    }
+
+    /// The same of the last row, angular z, laid out flat: what most joints measure. `POSITIVE` as for [`Root6::join`].
+    #[inline(always)]
+    pub fn measure_turn<const POSITIVE: bool>(&mut self, noise: T, mean: Option<&mut [T; 6]>) -> Dropped<T> {
+        self.measure_last::<6, POSITIVE>(noise, mean)
+    }
+
+    /// The same of the last of the first `ROWS` rows, where those after it are zero.
+    #[inline(always)]
+    pub fn measure_last<const ROWS: usize, const POSITIVE: bool>(
+        &mut self,
+        noise: T,
+        mut mean: Option<&mut [T; 6]>,
+    ) -> Dropped<T> {
+        let mut gathered = Gathered::new(noise);
+        let [h0, h1, h2, h3, h4, _] = self.rows[ROWS - 1];
+        self.give::<ROWS, POSITIVE>(ROWS - 1, noise.constant(1.0), &mut gathered, &mut mean);
+        if ROWS > 5 {
+            self.give::<ROWS, POSITIVE>(4, h4, &mut gathered, &mut mean);
+        }
+        if ROWS > 4 {
+            self.give::<ROWS, POSITIVE>(3, h3, &mut gathered, &mut mean);
+        }
+        if ROWS > 3 {
+            self.give::<ROWS, POSITIVE>(2, h2, &mut gathered, &mut mean);
+        }
+        if ROWS > 2 {
+            self.give::<ROWS, POSITIVE>(1, h1, &mut gathered, &mut mean);
+        }
+        if ROWS > 1 {
+            self.give::<ROWS, POSITIVE>(0, h0, &mut gathered, &mut mean);
+        }
+        gathered.dropped()
+    }
+
+    /// Column `j`, which has `h` along a measurement, gives what it has there to the gathered one; of `ROWS` rows.
+    #[inline(always)]
+    fn give<const ROWS: usize, const POSITIVE: bool>(
+        &mut self,
+        j: usize,
+        h: T,
+        to: &mut Gathered<T>,
+        mean: &mut Option<&mut [T; 6]>,
+    ) {
+        let weighted = h * self.weights[j];
+        let total = h.mul_add(weighted, to.variance);
+        let (before, inverse) = divisor::<T, POSITIVE>(to.variance, total);
+        let kept = before * inverse;
+        let share = h * to.inverse;
+        self.weights[j] *= kept;
+        // Slices: to skip in both at once is a function that the compiler now and then leaves for itself.
+        for (row, gathered) in self.rows[j + 1..ROWS].iter_mut().zip(&mut to.column[j + 1..ROWS]) {
+            let x = row[j];
+            row[j] = x.minus_product(share, *gathered);
+            *gathered = weighted.mul_add(x, *gathered);
+        }
+        to.column[j] = weighted;
+        if let Some(y) = mean {
+            let along = y[j];
+            y[j] = minus(kept, along, weighted * inverse, to.predicted);
+            to.predicted = h.mul_add(along, to.predicted);
+        }
+        to.variance = total;
+        to.inverse = inverse;
     }
 
     /// Writes exact zeros into the row of one component: what a measurement without noise leaves there.
@@ -218,9 +341,11 @@ impl<T: Real> Root6<T> {
 impl<T: Real> RigidShift<T> {
     /// phi L: the columns of a child's root, at its parent. About 60 products.
     #[inline(always)]
-    pub fn root_to_parent(&self, s: &Root6<T>) -> RootColumns<T> {
+    pub fn root_to_parent(&self, s: &Root6<T>, columns: &mut RootColumns<T>) {
         let o = s.weights[0].constant(0.0);
-        let mut columns = RootColumns { weights: s.weights, rows: [[o; 6]; 6] };
+        for (weight, &of_child) in columns.weights.iter_mut().zip(&s.weights) {
+            *weight = of_child;
+        }
         let r = &self.rotation;
         for j in 0..3 {
             let force = match j {
@@ -244,6 +369,5 @@ impl<T: Real> RigidShift<T> {
             columns.rows[i + 3][4] = r[(i, 2)].mul_add(s.rows[5][4], r[(i, 1)]);
             columns.rows[i + 3][5] = r[(i, 2)];
         }
-        columns
     }
 }

@@ -98,7 +98,7 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
     let order = interleaved(&parents, |k| k);
     let (swept, last_child) = (Ordered::new(&parents, &order), last_children(&parents));
     let (mut shifting, mut turning) = (Vec::new(), Vec::new());
-    let mut bodies = Vec::with_capacity(bundles.len());
+    let (mut bodies, mut roots) = (Vec::with_capacity(bundles.len()), Vec::with_capacity(bundles.len()));
     for (k, bundle) in bundles.iter().enumerate() {
         let of_lane = |lane: usize| &whole.bodies[bundle.body(lane)];
         let mut body = LeanBody {
@@ -110,6 +110,8 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
                 Some(parent) if bundles[parent].bodies.len() == 1 => bundle.bodies.len(),
                 _ => 1,
             },
+            is_definite: (0..ABREAST).all(|lane| of_lane(lane).is_definite),
+            hangs_on_definite: (0..ABREAST).all(|lane| of_lane(lane).hangs_on_definite),
             // Of those without one it is that of no angle.
             has_offset: (0..ABREAST).any(|lane| of_lane(lane).has_offset),
             is_leaf: last_child[k].is_none(),
@@ -124,6 +126,14 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
             let is_there = bundle.bodies.get(lane).is_some_and(Option::is_some);
             body.stands_for_itself.lanes_mut()[lane] = f64::from(u8::from(is_there));
         }
+        let root_of_lane = |lane: usize| whole.roots[whole.at[bundle.body(lane)]];
+        let mut root = root_of_lane(0);
+        for lane in 1..ABREAST {
+            for (number, own) in root.numbers_mut().zip(root_of_lane(lane).numbers_mut()) {
+                number.take_limb(lane, own);
+            }
+        }
+        roots.push(root);
         if let Carrier::Shift(at) = &mut body.carrier {
             let mut shift = whole.shifting[*at];
             shift.q = first.bodies[k].q;
@@ -144,10 +154,12 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
     }
     turning.sort_by_key(|&(_, place)| place);
     let bodies = order.iter().map(|&k| bodies[k].clone()).collect();
+    let roots = order.iter().map(|&k| roots[k]).collect();
     LeanModel {
         bodies,
         reordered: Vec::new(),
         at: swept.at,
+        roots,
         composites: Vec::new(),
         shifting,
         turning,

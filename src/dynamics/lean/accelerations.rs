@@ -7,6 +7,7 @@ use super::motion::cross_number;
 use super::scratch::LeanScratch;
 use super::turn::{Axis, Turn, about, to_turn};
 use crate::filter::riccati::Measured;
+use crate::filter::rounding::Carried;
 use crate::filter::smoother;
 use crate::scalar::Real;
 use crate::scene::Model;
@@ -15,13 +16,31 @@ use nalgebra::Vector6;
 /// Co-states and estimates (4.9 to 4.11); `estimates` holds e^- on entry and a on return.
 #[inline(always)]
 pub(super) fn base_to_tip<T: Real>(
-    (model, lean): (&Model<T>, &LeanModel<T>),
+    scene: (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     estimates: &mut [T],
 ) {
+    base_to_tip_seen::<T, false>(scene, scratch, estimates);
+}
+
+/// The same; where `SEEN` the largest co-states that shifts carry are told.
+#[inline(always)]
+pub(super) fn base_to_tip_seen<T: Real, const SEEN: bool>(
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    scratch: &mut LeanScratch<T>,
+    estimates: &mut [T],
+) -> Carried<T> {
+    let mut seen = Carried::new();
     let LeanScratch { own, shifts, measured, co_states, .. } = scratch;
     for (body, own) in lean.swept().iter().zip(own) {
         let outer = &co_states[body.places.parent_outward];
+        if SEEN && body.parent.is_some() {
+            let square = match body.carrier {
+                Carrier::Turn(_) => outer[0].everywhere(body.lever_square),
+                Carrier::Shift(at) => shifts[at].lever_square(),
+            };
+            seen.observe(&Vector6::from(*outer), square);
+        }
         let lambda = match body.carrier {
             Carrier::Turn(axis) => {
                 let outer = about!(axis, X, Y, Z, to_turn::<T, X, Y, Z>(outer));
@@ -52,6 +71,7 @@ pub(super) fn base_to_tip<T: Real>(
             co_states[body.places.outward] = lambda;
         }
     }
+    seen
 }
 
 /// phi* lambda across a turn, lambda in the turn's frame.

@@ -9,11 +9,11 @@ use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::Measured;
 use crate::filter::{HingeMap, System};
 use crate::scalar::Real;
-use crate::spatial::RigidShift;
+use crate::spatial::{RigidShift, Root6};
 use nalgebra::{Vector3, Vector6};
 
 /// The component that each row picks: linear, then angular. They are measured last first.
-const PICKED: [usize; 6] = [3, 4, 5, 0, 1, 2];
+pub(super) const PICKED: [usize; 6] = [3, 4, 5, 0, 1, 2];
 
 /// Where an entry is among the 21.
 const fn place(i: usize, j: usize) -> usize {
@@ -92,6 +92,43 @@ fn row<T: Real, const ROW: usize>(
     }
     monitor.observe(pivot, &HingeMap::Axis(own), scale);
     measured[ROW] = Measured { pivot, pivot_inverse, gain };
+}
+
+/// D, g and e^- of the six rows, last first, in square-root form; z = L y + t is what was measured then.
+#[inline(always)]
+pub(super) fn measure_root<T: Real>(
+    root: &mut Root6<T>,
+    (y, t): (&mut [T; 6], &mut Vector6<T>),
+    measurement: &[T],
+    measured: &mut [Measured<T>],
+    innovations: &mut [T],
+) {
+    let mut of_rows = (root, y, t, measurement, measured, innovations);
+    root_row::<T, 6>(&mut of_rows);
+    root_row::<T, 5>(&mut of_rows);
+    root_row::<T, 4>(&mut of_rows);
+    root_row::<T, 3>(&mut of_rows);
+    root_row::<T, 2>(&mut of_rows);
+    root_row::<T, 1>(&mut of_rows);
+}
+
+/// Root, y, t, measurements, D and g, e^-.
+type OfRows<'a, T> =
+    (&'a mut Root6<T>, &'a mut [T; 6], &'a mut Vector6<T>, &'a [T], &'a mut [Measured<T>], &'a mut [T]);
+
+/// The last of the first `ROWS` rows. A row's place in the root is its own.
+#[inline(always)]
+fn root_row<T: Real, const ROWS: usize>((root, y, t, measurement, measured, innovations): &mut OfRows<'_, T>) {
+    let (row, own) = (ROWS - 1, PICKED[ROWS - 1]);
+    let mut dropped = root.measure_last::<ROWS, false>(measurement[row].constant(0.0), Some(y));
+    dropped.gain[own] = dropped.pivot.constant(1.0);
+    root.clear(own);
+    let rest = measurement[row] - t[own];
+    for &i in &PICKED[..ROWS] {
+        t[i] = dropped.gain[i].mul_add(rest, t[i]);
+    }
+    innovations[row] = rest - dropped.predicted;
+    measured[row] = Measured { pivot: dropped.pivot, pivot_inverse: dropped.pivot_inverse, gain: dropped.gain };
 }
 
 /// The filter of one right side: z^- becomes z^+, which is what was measured (4.2, 4.5).

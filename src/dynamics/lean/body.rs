@@ -8,7 +8,7 @@ use crate::filter::pivots::Scale;
 use crate::filter::{HingeMap, Rows};
 use crate::scalar::Real;
 use crate::scene::{Body, Model};
-use crate::spatial::BodyInertia;
+use crate::spatial::{BodyInertia, BodyRoot};
 
 /// As many joints inward of both as two joints may have, on average over all pairs, for M^-1 to be multiplied out: it takes less time below, on
 /// chains and robots, for one state and in lanes.
@@ -88,6 +88,9 @@ pub(super) struct LeanBody<N> {
     /// Whether its one row is a turn about z, and whether it is [afloat](super::afloat).
     pub is_about_z: bool,
     pub is_afloat: bool,
+    /// Whether the weights of its root are positive, and of its parent's.
+    pub is_definite: bool,
+    pub hangs_on_definite: bool,
     /// How many bodies [side by side](super::limbs) in the lanes hang on one; 1 where lanes are states, and further out on limbs.
     pub limbs: usize,
     /// Whether each of the limbs has such a body; and 1 in the lanes of those that have, else 0.
@@ -157,6 +160,9 @@ pub(crate) struct LeanModel<T: Real> {
     pub(super) reordered: Vec<LeanBody<T::Parameter>>,
     /// Where each body is in that order: what these sweeps keep of it is there.
     pub(super) at: Vec<usize>,
+    /// What the square-root form needs of them, in the order of the sweeps over one vector a body: NaN of a body that has no root, or whose
+    /// spin needs a force outside of it.
+    pub(super) roots: Vec<BodyRoot<T::Parameter>>,
     /// What M needs of them besides.
     pub(super) composites: Vec<CompositeBody<T::Parameter>>,
     /// Those that are not on a turn, whole: their frames are the model's, those of their parents need not be.
@@ -188,6 +194,7 @@ impl<T: Real> LeanModel<T> {
         let (last_child, mut youngest) = (last_children(&parents), vec![None; parents.len()]);
         let number = T::parameter;
         let mut composites = Vec::with_capacity(parents.len());
+        let is_definite = |k: usize| model.inertia_roots[k].as_ref().is_some_and(BodyRoot::is_definite);
         let bodies = framed.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
             let frame = &framed.from_model[k];
             let turned = <[f64; 3]>::from(body.tree.rotate_back(&body.tree.lever));
@@ -215,6 +222,8 @@ impl<T: Real> LeanModel<T> {
                 needs_no_force: body.needs_no_force,
                 is_about_z: matches!(stage.rows, Rows::One(HingeMap::Axis(2))),
                 is_afloat: matches!(stage.rows, Rows::Six) && stage.parent.is_none() && model.system.skips_zeros,
+                is_definite: is_definite(k),
+                hangs_on_definite: stage.parent.is_some_and(is_definite),
                 limbs: 1,
                 is_on_all_limbs: true,
                 stands_for_itself: number(1.0),
@@ -236,6 +245,11 @@ impl<T: Real> LeanModel<T> {
                 bodies[k].sibling_follows() || bodies[k].parent.is_some_and(|parent| bodies[parent].is_parted);
         }
         let is_shallow = steps <= SHALLOW * model.nv().pow(2);
+        let root = |&k: &usize| match &model.inertia_roots[k] {
+            Some(root) if root.rest.iter().all(|&x| x == 0.0) => root.turned(&framed.from_model[k]).map(number),
+            _ => BodyRoot::zero().map(|_| number(f64::NAN)),
+        };
+        let roots = order.iter().map(root).collect();
         let whole = Model { bodies: framed.bodies, ..model.clone() }.cast::<T>();
         let of_carrier = |turns: bool| {
             let carriers = framed.carriers.iter().enumerate();
@@ -250,6 +264,7 @@ impl<T: Real> LeanModel<T> {
             bodies,
             reordered,
             at: swept.at,
+            roots,
             composites,
             shifting,
             turning,

@@ -1,7 +1,8 @@
-//! Forward and inverse dynamics where nothing but the result is wanted: the covariance form, for states in lanes and for one state.
+//! Forward and inverse dynamics where nothing but the result is wanted, for states in lanes and for one state: the covariance form, and of
+//! accelerations the square-root form ([`root_filter`]).
 //!
-//! The recursions are those of [`forward`](super::forward) and [`inverse`](super::inverse), which keep everything for whoever asks
-//! later, and are what these are tested against. Four things are different. What is read once more only by the next body (motions,
+//! The recursions are those of [`forward`](super::forward), [`forward_root`](super::forward_root) and [`inverse`](super::inverse), which keep
+//! everything for whoever asks later, and are what these are tested against. Four things are different. What is read once more only by the next body (motions,
 //! P, co-states) has a *slot*, which another body takes over; of a chain there are two. Constants of the scene are one number for all
 //! lanes. And a revolute joint about an axis of its parent's frame (as all about x, y or z are that a URDF gives without rpy) is
 //! carried by its angle alone: first about z, where H P^+ = 0 leaves a third out, then along the lever, a constant there. Frames are
@@ -24,6 +25,7 @@ mod mass_columns;
 mod mass_inverse;
 mod mass_matrix;
 mod motion;
+mod root_filter;
 mod scratch;
 mod slots;
 mod turn;
@@ -45,6 +47,7 @@ use super::forces::{Motion, Needed};
 use crate::batch::chunk::Algorithm;
 use crate::filter::Form;
 use crate::filter::pivots::PivotMonitor;
+use crate::filter::rounding::Reach;
 use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
 use nalgebra::Vector6;
@@ -53,7 +56,7 @@ use nalgebra::Vector6;
 pub(crate) fn covers(algorithm: Algorithm) -> bool {
     !matches!(
         algorithm,
-        Algorithm::ForwardDynamics(Form::Auto | Form::SquareRoot | Form::Joseph)
+        Algorithm::ForwardDynamics(Form::Auto | Form::Joseph)
             | Algorithm::MassMatrixInverse(Form::Auto | Form::SquareRoot | Form::Joseph)
     )
 }
@@ -72,6 +75,23 @@ pub(crate) fn forward_dynamics<T: Real, C: ColumnsOf<T>>(
     let [monitor, _] = filter::tip_to_base::<T, { filter::FILTER }>((model, lean), scratch, tau, qdd);
     accelerations::base_to_tip((model, lean), scratch, qdd);
     monitor
+}
+
+/// Joint accelerations in square-root form, and the first look at them, as
+/// [`forward_dynamics_looked_at`](super::refined::forward_dynamics_looked_at) gives them to rounding.
+#[inline(always)]
+pub(crate) fn forward_dynamics_by_roots<T: Real, C: ColumnsOf<T>>(
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    scratch: &mut LeanScratch<T>,
+    (q, qd, tau): (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    qdd: &mut [T],
+) -> (PivotMonitor<T>, Reach<T>) {
+    let state = Motion { q, qd, qdd: None, wrenches };
+    motion::coordinates_base_to_tip::<T, C>((model, lean), scratch, state, Needed::of(model, state));
+    let monitor = root_filter::tip_to_base((model, lean), scratch, tau, qdd);
+    let carried = accelerations::base_to_tip_seen::<T, true>((model, lean), scratch, qdd);
+    (monitor.pivots, Reach::of(&monitor, carried, qdd))
 }
 
 /// Joint torques, as [`inverse_dynamics`](super::inverse_dynamics) gives them to rounding; those of the bias without `qdd`.

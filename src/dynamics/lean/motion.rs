@@ -11,6 +11,7 @@ use crate::dynamics::forces::{Motion, Needed};
 use crate::kinematics::{joint_motion, joint_shift};
 use crate::scalar::{ColumnsOf, Real};
 use crate::scene::{self, Model};
+use crate::spatial::BodyRoot;
 use nalgebra::Vector3;
 
 /// a x k + c, k in every lane.
@@ -90,6 +91,27 @@ pub(super) fn carriers<T: Real, C: ColumnsOf<T>>(lean: &LeanModel<T>, scratch: &
 /// Base to tip: the force of every body.
 #[inline(always)]
 pub(super) fn forces_base_to_tip<T: Real, C: ColumnsOf<T>>(
+    scene: (&Model<T>, &LeanModel<T>),
+    scratch: &mut LeanScratch<T>,
+    state: Motion<'_, T>,
+    needed: Needed,
+) {
+    base_to_tip::<T, C, false>(scene, scratch, state, needed);
+}
+
+/// The same as coordinates y of the body's root, b = L y + t; t is what wrenches bring.
+#[inline(always)]
+pub(super) fn coordinates_base_to_tip<T: Real, C: ColumnsOf<T>>(
+    scene: (&Model<T>, &LeanModel<T>),
+    scratch: &mut LeanScratch<T>,
+    state: Motion<'_, T>,
+    needed: Needed,
+) {
+    base_to_tip::<T, C, true>(scene, scratch, state, needed);
+}
+
+#[inline(always)]
+fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     state: Motion<'_, T>,
@@ -98,31 +120,36 @@ pub(super) fn forces_base_to_tip<T: Real, C: ColumnsOf<T>>(
     carriers(lean, scratch, C::zero(), state.q);
     let o = T::zero();
     let g = &model.gravity;
-    let LeanScratch { motions, own, shifts, .. } = scratch;
+    let LeanScratch { motions, own, added, shifts, .. } = scratch;
     let base = [-g[0], -g[1], -g[2]];
     motions[0] = [[o; 3], [o; 3], base];
-    for (body, own) in lean.swept().iter().zip(own) {
+    for ((place, body), own) in lean.swept().iter().enumerate().zip(own) {
         let parent = &motions[body.places.parent_outward];
+        let root = if ROOT { Some(&lean.roots[place]) } else { None };
         // The force in each arm: after them the motion would come by way of memory.
         let (moving, force) = match body.carrier {
             Carrier::Turn(axis) => {
                 let [w, dw, a] = parent;
                 let there = about!(axis, X, Y, Z, [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]]);
                 let moving = turned(body, own.turn, there, (state.qd, state.qdd), needed);
-                (moving, force_of(body, &moving, needed, o))
+                (moving, load_of((body, root), &moving, needed, o))
             }
             Carrier::Shift(at) if body.is_afloat => {
                 let moving = afloat::moving(body.row, &shifts[at], &base, state, needed);
-                (moving, force_of(body, &moving, needed, o))
+                (moving, load_of((body, root), &moving, needed, o))
             }
             Carrier::Shift(at) => {
                 let moving = shifted(&lean.shifting[at], body.row, &shifts[at], parent, state, needed);
-                (moving, force_of(body, &moving, needed, o))
+                (moving, load_of((body, root), &moving, needed, o))
             }
         };
         own.force = force;
+        let outside = if ROOT { &mut added[place] } else { &mut own.force };
+        if ROOT {
+            *outside = [o; 6];
+        }
         if !state.wrenches.is_empty() {
-            for (f, given) in own.force.iter_mut().zip(body.frame.apply(&state.wrenches[body.index])) {
+            for (f, given) in outside.iter_mut().zip(body.frame.apply(&state.wrenches[body.index])) {
                 *f -= given;
             }
         }
@@ -222,9 +249,6 @@ fn back<T: Real>(shift: &crate::spatial::RigidShift<T>, v: [T; 3]) -> [T; 3] {
 #[inline(always)]
 fn force_of<T: Real>(body: &LeanBody<T::Parameter>, [w, dw, a]: &Moving<T>, needed: Needed, like: T) -> [T; 6] {
     let o = like.constant(0.0);
-    if body.needs_no_force || !needed.acceleration {
-        return [o; 6];
-    }
     let h = body.first_moment;
     let m = like.everywhere(body.mass);
     let mut force = cross_number(*dw, h, [m * a[0], m * a[1], m * a[2]]);
@@ -235,4 +259,54 @@ fn force_of<T: Real>(body: &LeanBody<T::Parameter>, [w, dw, a]: &Moving<T>, need
     }
     let moment = minus_cross_number(*a, h, moment);
     [moment[0], moment[1], moment[2], force[0], force[1], force[2]]
+}
+
+/// The force; with a root, its coordinates.
+#[inline(always)]
+fn load_of<T: Real>(
+    (body, root): (&LeanBody<T::Parameter>, Option<&BodyRoot<T::Parameter>>),
+    moving: &Moving<T>,
+    needed: Needed,
+    like: T,
+) -> [T; 6] {
+    if body.needs_no_force || !needed.acceleration {
+        return [like.constant(0.0); 6];
+    }
+    match root {
+        Some(root) => coordinates_of(root, moving, needed, like),
+        None => force_of(body, moving, needed, like),
+    }
+}
+
+/// y of the force L y that a body of this motion needs, as [`BodyRoot::coordinates`] gives it: linear entries first.
+#[inline(always)]
+fn coordinates_of<T: Real>(root: &BodyRoot<T::Parameter>, [w, dw, a]: &Moving<T>, needed: Needed, like: T) -> [T; 6] {
+    let o = like.constant(0.0);
+    let centre = root.centre.into();
+    let number = |x: T::Parameter| like.everywhere(x);
+    // The acceleration of the mass centre.
+    let mut at_centre = cross_number(*dw, centre, *a);
+    if needed.velocity {
+        at_centre = cross(*w, crossed_number(*w, centre), at_centre);
+    }
+    let (mass, c) = (number(root.mass), &root.central);
+    let turned = [
+        number(c[(2, 0)]).mul_add(dw[2], number(c[(1, 0)]).mul_add(dw[1], dw[0])),
+        number(c[(2, 1)]).mul_add(dw[2], dw[1]),
+        dw[2],
+    ];
+    let [wx, wy, wz] = *w;
+    let mut y = [mass * at_centre[0], mass * at_centre[1], mass * at_centre[2], o, o, o];
+    for i in 0..3 {
+        y[3 + i] = number(root.weights[i]) * turned[i];
+    }
+    if needed.velocity {
+        let products = [wx * wx, wy * wy, wz * wz, wx * wy, wx * wz, wy * wz];
+        for i in 0..3 {
+            for (j, &product) in products.iter().enumerate() {
+                y[3 + i] = number(root.spin[(i, j)]).mul_add(product, y[3 + i]);
+            }
+        }
+    }
+    y
 }

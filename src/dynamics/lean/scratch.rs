@@ -1,6 +1,7 @@
 //! Scratch of the lean sweeps.
 
 use super::body::{CompositeBody, LeanBody, LeanModel};
+use super::root_filter::Rooted;
 use super::turn::Turn;
 use crate::batch::chunk::Algorithm;
 use crate::filter::Form;
@@ -9,7 +10,7 @@ use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
 use crate::scalar::Real;
 use crate::scene::{Body, Model};
-use crate::spatial::RigidShift;
+use crate::spatial::{BodyRoot, RigidShift};
 use nalgebra::Vector6;
 
 /// Angular velocity, angular acceleration and acceleration of the origin.
@@ -20,7 +21,7 @@ pub(super) type Moving<T> = [[T; 3]; 3];
 pub(super) struct Own<T> {
     /// Of a body on a turn.
     pub turn: Turn<T>,
-    /// b(k), then z^+(k).
+    /// b(k), then z^+(k); or the coordinates of b(k) in the body's root.
     pub force: [T; 6],
 }
 
@@ -143,6 +144,10 @@ pub(crate) struct LeanScratch<T: Real> {
     /// In slots, outward.
     pub(super) co_states: Vec<[T; 6]>,
     pub(super) watching: Watching<T>,
+    /// Of b(k), what is not in its coordinates.
+    pub(super) added: Vec<[T; 6]>,
+    /// In slots, inward: what the square-root form has of a body before its measurements.
+    pub(super) rooted: Vec<Rooted<T>>,
     /// Lambda^- of each body.
     pub(super) co_covariances: Vec<[T; 21]>,
     /// Lambda^+ g of each row.
@@ -183,6 +188,8 @@ impl<T: Real> LeanScratch<T> {
                 co_states: watched,
             },
             co_states,
+            added: vec![[nan; 6]; bodies],
+            rooted: vec![Rooted::filled(nan); lean.swept_slots.inward],
             co_covariances: vec![[nan; 21]; bodies],
             spread_gains: vec![Vector6::from_element(nan); nv],
         }
@@ -216,6 +223,12 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> u
             composites + lean.row_slots.inward * size_of::<Composite<f64>>() + nv * size_of::<[f64; 6]>()
         }
         Algorithm::ForwardDynamics(Form::Auto) => motions + filter + watching,
+        Algorithm::ForwardDynamics(Form::SquareRoot) => {
+            let of_bodies = bodies * (size_of::<BodyRoot<f64>>() + size_of::<[f64; 6]>());
+            let slots =
+                lean.swept_slots.inward * size_of::<Rooted<f64>>() + lean.swept_slots.outward * size_of::<[f64; 6]>();
+            motions + of_bodies + slots + nv * size_of::<Measured<f64>>()
+        }
         Algorithm::ForwardDynamics(_) => motions + filter + lean.swept_slots.outward * size_of::<[f64; 6]>(),
         Algorithm::MassMatrixInverse(Form::Auto) => filter + watching + closed_form,
         Algorithm::MassMatrixInverse(_) => filter + closed_form,

@@ -117,8 +117,7 @@ fn base_to_tip<T: Real>(
             }
             Carrier::Shift(at) => {
                 let (shift, outer) = (&shifts[at], vector(outer));
-                let l = &shift.lever;
-                seen.carried(&zeta, &outer, l[0].mul_add(l[0], l[1].mul_add(l[1], l[2] * l[2])));
+                seen.carried(&zeta, &outer, shift.lever_square());
                 lambda = shift.motion_to_child(&outer);
                 nu = shift.motion_to_child(&vector(outer_nu));
                 let stage = &model.system.stages[body.index];

@@ -1,0 +1,267 @@
+//! Tip to base, the square-root form: the filter of [`square_root`] where a joint is a turn, of its commonest row and without what nobody reads
+//! later.
+//!
+//! What hangs on a body is joined to its root before its own measurements: first comes the body itself, then its children one after
+//! another, limbs side by side too.
+
+use super::afloat;
+use super::body::{Carrier, LeanBody, LeanModel};
+use super::filter::in_joint_frame;
+use super::scratch::{LeanScratch, Own};
+use super::turn::{Axis, Turn, about, to_parent};
+use crate::filter::HingeMap;
+use crate::filter::pivots::Scale;
+use crate::filter::rounding::RootMonitor;
+use crate::filter::square_root::{self, StageMean};
+use crate::scalar::Real;
+use crate::scene::Model;
+use crate::spatial::{Root6, RootColumns};
+use nalgebra::Vector6;
+
+/// A body with some of what hangs on it: the root of P, and z = L y + t.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rooted<T> {
+    root: Root6<T>,
+    y: [T; 6],
+    t: [T; 6],
+    /// The bounds on the terms of P.
+    scale: Scale<T>,
+}
+
+/// What a body sends to its parent.
+struct Sent<T> {
+    columns: RootColumns<T>,
+    y: [T; 6],
+    t: [T; 6],
+    scale: Scale<T>,
+}
+
+impl<T: Real> Sent<T> {
+    #[inline(always)]
+    fn filled(x: T) -> Self {
+        Self { columns: RootColumns::filled(x), y: [x; 6], t: [x; 6], scale: Scale { angular: x, linear: x } }
+    }
+
+    /// What one limb sends.
+    #[inline(always)]
+    fn of_limb(&self, limb: usize, own: &mut Self) {
+        let (there, here) = (&self.columns, &mut own.columns);
+        for i in 0..6 {
+            here.weights[i] = there.weights[i].of_limb(limb);
+            own.y[i] = self.y[i].of_limb(limb);
+            own.t[i] = self.t[i].of_limb(limb);
+            for j in 0..6 {
+                here.rows[i][j] = there.rows[i][j].of_limb(limb);
+            }
+        }
+        let Scale { angular, linear } = self.scale;
+        own.scale = Scale { angular: angular.of_limb(limb), linear: linear.of_limb(limb) };
+    }
+}
+
+impl<T: Real> Rooted<T> {
+    pub fn filled(value: T) -> Self {
+        Self { root: Root6::filled(value), y: [value; 6], t: [value; 6], scale: Scale::filled(value) }
+    }
+
+    /// Becomes a body alone. Number by number: a copy of the whole would be a call.
+    #[inline(always)]
+    fn begin(&mut self, lean: &LeanModel<T>, own: &[Own<T>], added: &[[T; 6]], place: usize) {
+        let (body, of_body, y, t) = (&lean.swept()[place], &lean.roots[place], &own[place].force, &added[place]);
+        let like = y[0];
+        let o = like.constant(0.0);
+        for i in 0..6 {
+            (self.y[i], self.t[i]) = (y[i], t[i]);
+        }
+        let [angular, linear] = body.scale;
+        self.scale = Scale { angular: like.everywhere(angular), linear: like.everywhere(linear) };
+        let Root6 { weights, rows } = &mut self.root;
+        let m = like.everywhere(of_body.mass);
+        (weights[0], weights[1], weights[2]) = (m, m, m);
+        for i in 0..3 {
+            weights[i + 3] = like.everywhere(of_body.weights[i]);
+        }
+        let (p, c) = (&of_body.centre, &of_body.central);
+        let (x, y, z) = (like.everywhere(p[0]), like.everywhere(p[1]), like.everywhere(p[2]));
+        (rows[1][0], rows[2][0], rows[2][1]) = (o, o, o);
+        (rows[3][0], rows[3][1], rows[3][2]) = (o, -z, y);
+        (rows[4][0], rows[4][1], rows[4][2]) = (z, o, -x);
+        (rows[5][0], rows[5][1], rows[5][2]) = (-y, x, o);
+        rows[4][3] = like.everywhere(c[(1, 0)]);
+        (rows[5][3], rows[5][4]) = (like.everywhere(c[(2, 0)]), like.everywhere(c[(2, 1)]));
+    }
+
+    /// Takes in a child, as [`Root6::join`] does.
+    #[inline(always)]
+    fn join<const FREE: usize, const POSITIVE: bool>(&mut self, body: &LeanBody<T::Parameter>, sent: &mut Sent<T>) {
+        if T::LIMBS > 1 && body.limbs > 1 {
+            for limb in (0..body.limbs).rev() {
+                let mut of_limb = Sent::filled(sent.y[0]);
+                sent.of_limb(limb, &mut of_limb);
+                self.join_one::<FREE, POSITIVE>(&mut of_limb);
+            }
+        } else if T::LIMBS > 1 && !body.is_on_all_limbs {
+            let before = *self;
+            self.join_one::<FREE, POSITIVE>(sent);
+            self.only_where(before.y[0].everywhere(body.stands_for_itself), &before);
+        } else {
+            self.join_one::<FREE, POSITIVE>(sent);
+        }
+    }
+
+    #[inline(always)]
+    fn join_one<const FREE: usize, const POSITIVE: bool>(&mut self, sent: &mut Sent<T>) {
+        self.root.join::<FREE, POSITIVE>(&mut sent.columns, Some((&mut self.y, &mut sent.y)));
+        for (to, &t) in self.t.iter_mut().zip(&sent.t) {
+            *to += t;
+        }
+        self.scale = self.scale.sum(&sent.scale);
+    }
+
+    /// `before`, but where `is_there` is one.
+    #[inline(always)]
+    fn only_where(&mut self, is_there: T, before: &Self) {
+        let is_not = is_there.constant(1.0) - is_there;
+        for i in 0..6 {
+            pick(&mut self.root.weights[i], before.root.weights[i], (is_there, is_not));
+            pick(&mut self.y[i], before.y[i], (is_there, is_not));
+            pick(&mut self.t[i], before.t[i], (is_there, is_not));
+            for j in 0..i {
+                pick(&mut self.root.rows[i][j], before.root.rows[i][j], (is_there, is_not));
+            }
+        }
+        pick(&mut self.scale.angular, before.scale.angular, (is_there, is_not));
+        pick(&mut self.scale.linear, before.scale.linear, (is_there, is_not));
+    }
+}
+
+/// `before` where it is not there.
+#[inline(always)]
+fn pick<T: Real>(now: &mut T, before: T, (is_there, is_not): (T, T)) {
+    *now = is_there.mul_add(*now, is_not * before);
+}
+
+/// Every stage's measurements (3.6, 4.2, 4.5) and the way to its parent; `innovations` receives e^-. Of a turn D, g and e^- are those about
+/// its z.
+#[inline(always)]
+pub(super) fn tip_to_base<T: Real>(
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    scratch: &mut LeanScratch<T>,
+    tau: &[T],
+    innovations: &mut [T],
+) -> RootMonitor<T> {
+    let LeanScratch { own, added, rooted, shifts, measured, .. } = scratch;
+    let (own, added) = (&**own, &**added);
+    let (bodies, system) = (lean.swept(), &model.system);
+    let mut monitor = RootMonitor::new();
+    for (place, body) in bodies.iter().enumerate().rev() {
+        let here = &mut rooted[body.places.inward];
+        if body.is_leaf {
+            here.begin(lean, own, added, place);
+        }
+        let diagonal = here.root.diagonal();
+        monitor.observe_root(&here.root, &diagonal);
+        let scale = here.scale;
+        let mut t = Vector6::new(here.t[0], here.t[1], here.t[2], here.t[3], here.t[4], here.t[5]);
+        let two_are_free = if body.is_about_z {
+            let (row, hinge) = (body.row, HingeMap::Axis(2));
+            let mean = (&mut here.y, &mut t, tau[row] * tau[row].everywhere(body.sense));
+            let at_row = (&hinge, system.noise[row]);
+            let (m, e) = if body.is_definite {
+                square_root::measure_row::<T, true>(at_row, &mut here.root, Some(mean))
+            } else {
+                square_root::measure_row::<T, false>(at_row, &mut here.root, Some(mean))
+            };
+            monitor.observe(&m, &hinge, &scale);
+            (measured[row], innovations[row]) = (m, e);
+            system.is_noise_free(row)
+        } else if afloat::is_noise_free(body, system) {
+            let rows = afloat::rows(body);
+            let (measured, innovations) = (&mut measured[rows.clone()], &mut innovations[rows.clone()]);
+            afloat::measure_root(&mut here.root, (&mut here.y, &mut t), &tau[rows], measured, innovations);
+            for (i, m) in measured.iter().enumerate() {
+                monitor.observe(m, &HingeMap::Axis(afloat::PICKED[i]), &scale);
+            }
+            false
+        } else {
+            let mut mean: Option<StageMean<'_, T>> = Some((&mut here.y, &mut t, tau, &mut *innovations));
+            let (at_stage, root) = ((system, body.index), (&mut here.root, &scale));
+            square_root::through_stage(at_stage, root, &mut mean, measured, &mut monitor, |_, _| {})
+        };
+        if body.parent.is_none() {
+            continue;
+        }
+        let mut sent = Sent::filled(t[0]);
+        let lever_square = match body.carrier {
+            Carrier::Turn(axis) => {
+                let turn = own[place].turn;
+                let t = in_joint_frame(body, turn, &[t[0], t[1], t[2], t[3], t[4], t[5]]);
+                about!(axis, X, Y, Z, {
+                    turned::<T, X, Y, Z>(body, turn, &here.root, &mut sent.columns);
+                    sent.t = to_parent::<T, X, Y, Z>(&t);
+                });
+                t[0].everywhere(body.lever_square)
+            }
+            Carrier::Shift(at) => {
+                shifts[at].root_to_parent(&here.root, &mut sent.columns);
+                sent.t = shifts[at].force_to_parent(&t).into();
+                shifts[at].lever_square()
+            }
+        };
+        sent.scale = Scale::sent_by_root(&diagonal, lever_square);
+        for (sent, &y) in sent.y.iter_mut().zip(&here.y) {
+            *sent = y;
+        }
+        let to = &mut rooted[body.places.parent_inward];
+        if body.places.arrives_first {
+            to.begin(lean, own, added, body.places.parent - 1);
+        }
+        match (two_are_free, body.hangs_on_definite) {
+            (true, true) => to.join::<2, true>(body, &mut sent),
+            (false, true) => to.join::<3, true>(body, &mut sent),
+            (true, false) => to.join::<2, false>(body, &mut sent),
+            (false, false) => to.join::<3, false>(body, &mut sent),
+        }
+    }
+    monitor
+}
+
+/// phi L across a turn: about z, along the lever, and to the parent's axes.
+#[inline(always)]
+fn turned<T: Real, const X: usize, const Y: usize, const Z: usize>(
+    body: &LeanBody<T::Parameter>,
+    turn: Turn<T>,
+    root: &Root6<T>,
+    columns: &mut RootColumns<T>,
+) {
+    let Turn { s, c } = turn;
+    let (o, one) = (s.constant(0.0), s.constant(1.0));
+    let RootColumns { weights, rows } = columns;
+    for (weight, &of_root) in weights.iter_mut().zip(&root.weights) {
+        *weight = of_root;
+    }
+    let r = &root.rows;
+    let [lx, ly, lz] = body.lever;
+    let (lx, ly, lz) = (s.everywhere(lx), s.everywhere(ly), s.everywhere(lz));
+    // The linear parts (1, a, b), (0, 1, d) and (0, 0, 1).
+    let (fx, fy) = (c.minus_product(s, r[1][0]), c.mul_add(r[1][0], s));
+    let forces = [[fx, fy, r[2][0]], [-s, c, r[2][1]], [o, o, one]];
+    for j in 0..3 {
+        let [fx, fy, fz] = forces[j];
+        let (mut mx, mut my) = turn.pair(r[3][j], r[4][j]);
+        let mut mz = r[5][j];
+        if body.has_lever && j < 2 {
+            mx = ly.mul_add(fz, mx.minus_product(lz, fy));
+            my = lz.mul_add(fx, my.minus_product(lx, fz));
+            mz = lx.mul_add(fy, mz.minus_product(ly, fx));
+        } else if body.has_lever {
+            (mx, my) = (mx + ly, my - lx);
+        }
+        (rows[X][j], rows[Y][j], rows[Z][j]) = (fx, fy, fz);
+        (rows[3 + X][j], rows[3 + Y][j], rows[3 + Z][j]) = (mx, my, mz);
+    }
+    let (x, y) = (c.minus_product(s, r[4][3]), c.mul_add(r[4][3], s));
+    (rows[3 + X][3], rows[3 + Y][3], rows[3 + Z][3]) = (x, y, r[5][3]);
+    (rows[3 + X][4], rows[3 + Y][4], rows[3 + Z][4]) = (-s, c, r[5][4]);
+    (rows[3 + X][5], rows[3 + Y][5], rows[3 + Z][5]) = (o, o, one);
+}
