@@ -7,7 +7,7 @@ use common::lanes::{
     ALGORITHMS, aligned, arguments, arms, evaluate, forces, limbed, on_a_large_stack, plainly, states, trees,
 };
 use common::{ALL_KINDS, Random, Tree, tolerance};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Rotation3, Vector3};
 use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::batch::evaluator::Evaluator;
 use phipsi::filter::Form;
@@ -15,6 +15,7 @@ use phipsi::scalar::{Fused, Real};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::{SpatialVector, Symmetric3};
 use phipsi::{Error, Scene};
+use std::f64::consts::FRAC_PI_2;
 
 fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |size, x| x.abs().max(size))
@@ -245,13 +246,31 @@ fn auto_is_as_exact_in_lanes_as_alone() {
     });
 }
 
+/// Rods, which resist nothing about themselves, all but along an axis of their frames: their roots are other ones in frames that are renamed.
+fn rods() -> Scene {
+    let mut builder = SceneBuilder::new().link(LinkDescription { name: "link0".into(), inertial: None });
+    for k in 1..5 {
+        let axes = *Rotation3::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2 + 4e-6).matrix();
+        let central = axes * Matrix3::from_diagonal(&Vector3::new(0.0, 0.2, 0.2)) * axes.transpose();
+        let central = Symmetric3::from_upper(&central);
+        let inertial = Some(Inertial { mass: 1.0, centre: axes * Vector3::new(0.4, 0.0, 0.0), central });
+        let kind = JointKind::Revolute;
+        let mut joint = JointDescription::new(format!("joint{k}"), kind, format!("link{}", k - 1), format!("link{k}"));
+        joint.axis = if k % 2 == 0 { Vector3::y() } else { Vector3::x() };
+        joint.origin.lever = [0.3, 0.2, 0.5].into();
+        builder = builder.link(LinkDescription { name: format!("link{k}"), inertial }).joint(joint);
+    }
+    builder.build().expect("rods")
+}
+
 /// What the kernels of the square-root form give without being in doubt keeps all digits, of heavy tips, of limbs side by side and of rods; and they
 /// are in doubt of few.
 #[test]
 fn the_square_root_form_keeps_all_digits_in_lanes() {
     on_a_large_stack(|| {
         let heavy = |weight| phipsi::scenes::extreme("heavy-tip", Some(weight), None, 0).unwrap().scene;
-        let scenes = [heavy(1e3), heavy(1e9), aligned(37, 20, 0.3)].into_iter().chain(with_limbs()).chain(trees());
+        let scenes =
+            [heavy(1e3), heavy(1e9), rods(), aligned(37, 20, 0.3)].into_iter().chain(with_limbs()).chain(trees());
         let algorithm = Algorithm::ForwardDynamics(Form::SquareRoot);
         for (which, scene) in scenes.enumerate() {
             let states = states(&scene, 16);
@@ -276,8 +295,11 @@ fn the_square_root_form_keeps_all_digits_in_lanes() {
                             }
                         }
                     }
-                    // Of the heaviest tip all may be in doubt.
-                    assert!(kept * 2 >= all.len() || which == 1, "scene {which}, {arm:?}, {count} at once: {kept}");
+                    // Of the heaviest tip, and of rods whose spin needs a force outside their root, all may be in doubt.
+                    assert!(
+                        kept * 2 >= all.len() || which == 1 || which == 2,
+                        "scene {which}, {arm:?}, {count} at once: {kept}"
+                    );
                 }
             }
         }

@@ -134,6 +134,7 @@ fn results(scene: &Scene, state: &State) -> Vec<(String, Vec<f64>)> {
     for (what, algorithm) in [
         ("acceleration: in lanes", Algorithm::ForwardDynamics(Form::Auto)),
         ("acceleration: in lanes, covariance", Algorithm::ForwardDynamics(Form::Covariance)),
+        ("acceleration: in lanes, square-root", Algorithm::ForwardDynamics(Form::SquareRoot)),
         ("torque: inverse dynamics in lanes", Algorithm::InverseDynamics),
         ("torque: bias in lanes", Algorithm::BiasTorque),
         ("M: in lanes", Algorithm::MassMatrix),

@@ -260,7 +260,8 @@ impl<T: Vectorised> Work for Run<'_, T> {
             fault += mass_columns.fault();
             T::put_chosen(mass_columns.entries(), mass_columns.chosen(), self.out);
         } else {
-            results.resize(self.out.len() / states.len(), T::zero());
+            let width = if T::LANES == 1 { self.out.len() } else { self.out.len() / states.len() };
+            results.resize(width, T::zero());
             doubt = if let Some((model, scratch)) = in_plane {
                 planar::run(self.algorithm, model, scratch, (q, qd, u), wrenches, results)
             } else {

@@ -176,6 +176,15 @@ impl Scene {
             };
             return Err(Fault { state: 0, error });
         }
+        if let [state] = states {
+            // Without the divisions and the loops of many.
+            if self.fits(algorithm, state) && evaluator.run(algorithm, states, out) & 1 == 0 {
+                return Ok(());
+            }
+            return self
+                .evaluate_checked(&mut evaluator.checked, algorithm, state, out)
+                .map_err(|error| Fault { state: 0, error });
+        }
         let lanes = evaluator.lanes();
         for (i, (states, out)) in states.chunks(lanes).zip(out.chunks_mut((width * lanes).max(1))).enumerate() {
             let fits = states.iter().all(|state| self.fits(algorithm, state));
@@ -215,6 +224,7 @@ impl Scene {
     }
 
     /// One state by the checked method, in f64.
+    #[cold]
     fn evaluate_checked<P: Evaluated>(
         &self,
         scratch: &mut Checked,

@@ -41,6 +41,15 @@ impl Needed {
 /// Whether all numbers are zero in all lanes.
 #[inline(always)]
 fn is_zero<T: Real>(numbers: &[T]) -> bool {
+    // Mostly the first says it.
+    for number in numbers {
+        if number.lane(0) != 0.0 {
+            return false;
+        }
+    }
+    if T::LANES == 1 {
+        return true;
+    }
     let mut size = T::zero();
     for &number in numbers {
         size += number.abs();

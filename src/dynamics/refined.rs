@@ -61,8 +61,7 @@ pub fn forward_dynamics_judged<T: Real>(
 }
 
 /// The square-root form, and the first look at it.
-#[inline(always)]
-pub(crate) fn forward_dynamics_looked_at<T: Real>(
+fn forward_dynamics_looked_at<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
     q: &[T],

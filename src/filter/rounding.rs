@@ -86,28 +86,43 @@ impl<T: Real> Default for RootMonitor<T> {
     }
 }
 
-/// The largest co-states that shifts carry outward: minus the largest squares of their angular part, and of their linear part there.
+/// What the smoother of the square-root form is watched for.
 #[derive(Debug, Clone, Copy)]
-pub struct Carried<T>([T; 2]);
+pub struct Outward<T> {
+    /// Of the co-states that shifts carry, minus the largest square of the angular part, and of the linear part where they carry it.
+    carried: [T; 2],
+    /// Minus the square of the largest estimate.
+    size: T,
+}
 
-impl<T: Real> Carried<T> {
-    /// Of none.
+impl<T: Real> Outward<T> {
+    /// Of nothing yet.
     #[inline(always)]
     #[must_use]
     pub fn new() -> Self {
-        Self([T::zero(); 2])
+        Self { carried: [T::zero(); 2], size: T::zero() }
     }
 
     /// Takes note of the co-state at one end of a lever with this square.
     #[inline(always)]
-    pub fn observe(&mut self, co_state: &Vector6<T>, lever_square: T) {
+    pub fn observe_carried(&mut self, co_state: &Vector6<T>, lever_square: T) {
         let (angular, linear) = squares(co_state);
-        let [turned, moved] = self.0;
-        self.0 = [turned.worst(-angular), moved.worst(-lever_square.mul_add(angular, linear))];
+        let [turned, moved] = self.carried;
+        self.carried = [turned.worst(-angular), moved.worst(-lever_square.mul_add(angular, linear))];
+    }
+
+    /// Takes note of an estimate, which counts in lanes where `is_there` is one and not where it is zero.
+    #[inline(always)]
+    pub fn observe_estimate(&mut self, a: T, is_there: Option<T>) {
+        let square = a * a;
+        self.size = self.size.worst(-match is_there {
+            Some(is_there) => square * is_there,
+            None => square,
+        });
     }
 }
 
-impl<T: Real> Default for Carried<T> {
+impl<T: Real> Default for Outward<T> {
     fn default() -> Self {
         Self::new()
     }
@@ -116,12 +131,10 @@ impl<T: Real> Default for Carried<T> {
 /// How far rounding can have come: the first look, after the smoother.
 #[derive(Debug, Clone, Copy)]
 pub struct Reach<T> {
-    /// Of the sweep.
+    /// As [`RootMonitor`] has them.
     shortfall: T,
     gain: [T; 2],
-    carried: Carried<T>,
-    /// Minus the square of the largest estimate.
-    size: T,
+    outward: Outward<T>,
 }
 
 impl<T: Real> Reach<T> {
@@ -134,58 +147,63 @@ impl<T: Real> Reach<T> {
         co_state: &[Vector6<T>],
         estimates: &[T],
     ) -> Self {
-        let mut carried = Carried::new();
+        let mut outward = Outward::new();
         for (k, stage) in system.stages.iter().enumerate() {
             let Some(parent) = stage.parent else { continue };
-            carried.observe(&co_state[parent], shift[k].lever_square());
+            outward.observe_carried(&co_state[parent], shift[k].lever_square());
         }
-        Self::of(monitor, carried, estimates)
+        for &a in estimates {
+            outward.observe_estimate(a, None);
+        }
+        Self::of(monitor, outward)
     }
 
-    /// The same where the co-states have been seen.
+    /// From what both sweeps saw.
     #[inline(always)]
-    pub fn of(monitor: &RootMonitor<T>, carried: Carried<T>, estimates: &[T]) -> Self {
-        let mut size = T::zero();
-        for &a in estimates {
-            size = size.worst(-(a * a));
-        }
-        Self { shortfall: monitor.shortfall, gain: monitor.gain, carried, size }
+    pub fn of(monitor: &RootMonitor<T>, outward: Outward<T>) -> Self {
+        Self { shortfall: monitor.shortfall, gain: monitor.gain, outward }
     }
 
     /// Whether the rounding of one lane cannot have come far; where not, [`judge`] is to say.
     #[inline(always)]
     #[must_use]
     pub fn clear(&self, lane: usize) -> bool {
-        self.is_clear(|x| x.lane(lane))
+        let ([g, h], [t, m], size) = (self.gain, self.outward.carried, self.outward.size);
+        let smoother = is_near([g.lane(lane), h.lane(lane)], [t.lane(lane), m.lane(lane)], size.lane(lane));
+        self.shortfall.lane(lane) <= 0.0 && smoother
     }
 
     /// The same of all lanes together, where they are limbs of one state.
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     #[must_use]
     pub(crate) fn clear_together(&self) -> bool {
-        // Each is the largest of a kind, as a negative number, but for the sum of what fell short; NaN stays.
-        let all = |x: T| {
-            let mut worst = 0.0_f64;
-            for lane in 0..T::LANES {
-                let x = x.lane(lane);
-                worst = if worst.is_nan() || x >= worst { worst } else { x };
-            }
-            worst
-        };
-        let mut short = false;
+        let ([g, h], [t, m], size) = (self.gain, self.outward.carried, self.outward.size);
+        let mut all = true;
         for lane in 0..T::LANES {
-            short |= !(self.shortfall.lane(lane) <= 0.0);
+            all &= self.shortfall.lane(lane) <= 0.0;
         }
-        !short && Self { shortfall: T::zero(), ..*self }.is_clear(all)
+        all && is_near([largest(g), largest(h)], [largest(t), largest(m)], largest(size))
     }
+}
 
-    #[inline(always)]
-    fn is_clear(&self, of: impl Fn(T) -> f64) -> bool {
-        let ([angular, linear], [turned, moved]) = (self.gain.map(&of), self.carried.0.map(&of));
-        // Two products of two negative numbers, and minus the square of the size.
-        let carried = angular * turned + linear * moved;
-        of(self.shortfall) <= 0.0 && carried + of(self.size) * (SMOOTHER_REACH * SMOOTHER_REACH) <= 0.0
+/// Of the lanes of a number that is not positive the largest in size; NaN stays.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn largest<T: Real>(x: T) -> f64 {
+    let mut largest = 0.0_f64;
+    for lane in 0..T::LANES {
+        let x = x.lane(lane);
+        largest = if largest.is_nan() || x >= largest { largest } else { x };
     }
+    largest
+}
+
+/// Whether gains times co-states, squared, are within reach of the largest estimate; all are negative.
+#[inline(always)]
+fn is_near([angular, linear]: [f64; 2], [turned, moved]: [f64; 2], size: f64) -> bool {
+    // Two products of two negative numbers, and minus the square of the size.
+    angular * turned + linear * moved + size * (SMOOTHER_REACH * SMOOTHER_REACH) <= 0.0
 }
 
 /// The estimated rounding of the square-root form.

@@ -108,6 +108,7 @@ struct OfStage<'a, 'm, T: Real> {
 impl<T: Real> OfStage<'_, '_, T> {
     #[inline(always)]
     fn one_row(&mut self, row: usize, hinge: &HingeMap<T>, noise: T) {
+        #[allow(clippy::manual_map)] // a closure may stay a function, compiled without the vector instructions
         let of_row = match self.mean {
             Some((y, t, measurement, _)) => Some((&mut **y, &mut **t, measurement[row])),
             None => None,
@@ -179,7 +180,7 @@ impl<T: Real> Roots<'_, T> {
         let sent = Scale::sent_by_root(&diagonal, shift.lever_square());
         let noise_free_turn = through_stage((system, k), (root, &scale), &mut mean, self.measured, monitor, &mut seen);
         let Some(parent) = stage.parent else { return };
-        let mut columns = RootColumns::filled(scale.linear);
+        let mut columns = RootColumns::filled(root.weights[0]);
         shift.root_to_parent(root, &mut columns);
         let mut coordinates;
         let turned = match (mean, &mut inward_mean) {

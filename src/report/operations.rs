@@ -194,7 +194,7 @@ pub fn of_factor(scene: &Scene, q: &[f64], moved: &[f64]) -> OfFactor {
 
 /// Bytes of the arrays that an algorithm reads or writes for one state in f64, each counted once: model, arguments, scratch, results.
 ///
-/// A chunk of states in lanes has as many times this at the most: of the covariance form's sweeps the model is one for all lanes.
+/// A chunk of states in lanes has as many times this at the most: of the sweeps that keep nothing but the result the model is one for all lanes.
 #[must_use]
 pub fn footprint(scene: &Scene, algorithm: Algorithm) -> usize {
     let number = size_of::<f64>();

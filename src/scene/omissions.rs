@@ -15,7 +15,7 @@ pub struct Omissions {
     pub exact_zeros: bool,
     /// The rotation of the tree at a joint that turns about an axis of its parent's frame, where it only renames the axes (the identity is one) or
     /// turns about the joint's own: the angle alone is carried. To rounding: entries within 9e-16 of 0 and 1 are taken for
-    /// them, for a right angle has no double. Off, a rotation matrix. For one state and lanes, in the algorithms that [`Scene::evaluate`](super::Scene::evaluate) runs in covariance form.
+    /// them, for a right angle has no double. Off, a rotation matrix. For one state and lanes, in the algorithms that [`Scene::evaluate`](super::Scene::evaluate) runs in covariance form, and forward dynamics in square-root form.
     pub renamed_axes: bool,
     /// Levers that are zero, of the same joints.
     pub zero_levers: bool,

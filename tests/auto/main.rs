@@ -74,11 +74,11 @@ fn auto(case: &Case) -> (Vec<f64>, dynamics::Choice<f64>) {
 
 /// The sweeps that keep nothing but the result, as batches and calls from Python run them: the answer, and whether it is theirs. None where
 /// the call said that a pivot is lost.
-fn lean(case: &Case) -> Option<(Vec<f64>, bool)> {
+fn lean(case: &Case, form: Form) -> Option<(Vec<f64>, bool)> {
     let mut qdd = vec![f64::NAN; case.scene.nv()];
     let state = [Arguments { q: &case.q, qd: &case.qd, u: &case.tau, wrenches: &case.wrenches }];
     let mut evaluator = case.scene.evaluator();
-    let algorithm = Algorithm::ForwardDynamics(Form::Auto);
+    let algorithm = Algorithm::ForwardDynamics(form);
     let kept = evaluator.run(algorithm, &state, &mut qdd) == 0;
     if !kept && let Err(fault) = case.scene.evaluate(&mut evaluator, algorithm, &state, &mut qdd) {
         assert!(matches!(fault.error, Error::SingularJoint { .. }), "{}", fault.error);
@@ -91,9 +91,9 @@ fn lean(case: &Case) -> Option<(Vec<f64>, bool)> {
 struct Row {
     scenes: usize,
     singular: usize,
-    worst: [f64; 4],
-    /// Of all: kept by the lean sweeps of the covariance form.
-    lean: usize,
+    worst: [f64; 5],
+    /// Of all: kept by the lean sweeps, of the covariance form and of the square-root form.
+    lean: [usize; 2],
     /// Of all: to the square-root form, and from there to double-double arithmetic.
     by_auto: [usize; 2],
     /// Of those: where the form that was left had a tenth of the allowed error.
@@ -117,11 +117,17 @@ fn enter(row: &mut Row, number: usize) -> Option<String> {
     };
     row.scenes += 1;
     let ((watched, choice), (rooted, judged)) = (auto(&case), square_root(&case));
-    let by_lean = lean(&case);
-    row.refused += usize::from(by_lean.is_none());
-    let (by_lean, kept_by_lean) = by_lean.unwrap_or_else(|| (watched.clone(), false));
-    let errors = [covariance(&case), rooted, watched, by_lean].map(|qdd| error(&double(&qdd), &expected));
-    row.lean += usize::from(kept_by_lean);
+    let [by_lean, roots_by_lean] = [(Form::Auto, &watched), (Form::SquareRoot, &rooted)].map(|(form, checked)| {
+        let found = lean(&case, form);
+        row.refused += usize::from(found.is_none());
+        found.unwrap_or_else(|| (checked.clone(), false))
+    });
+    let kept_by_lean = [by_lean.1, roots_by_lean.1];
+    let errors =
+        [covariance(&case), rooted, watched, by_lean.0, roots_by_lean.0].map(|qdd| error(&double(&qdd), &expected));
+    for (all, kept) in row.lean.iter_mut().zip(kept_by_lean) {
+        *all += usize::from(kept);
+    }
     for (worst, error) in row.worst.iter_mut().zip(errors) {
         *worst = if error <= *worst || worst.is_nan() { *worst } else { error };
     }
@@ -132,8 +138,8 @@ fn enter(row: &mut Row, number: usize) -> Option<String> {
     row.by_root[0] += usize::from(judged.rounding.is_some());
     row.by_root[1] += usize::from(judged.refined);
     row.in_doubt += usize::from(judged.in_doubt(0) || choice.without_root);
-    let [_, root, auto, lean] = errors;
-    if [root, auto, lean].into_iter().all(|error| error <= tolerance::ALL_DIGITS) {
+    let [_, root, auto, lean, lean_root] = errors;
+    if errors[1..].iter().all(|&error| error <= tolerance::ALL_DIGITS) {
         return None;
     }
     let sensitivity = sensitivity(&case, &expected);
@@ -141,13 +147,13 @@ fn enter(row: &mut Row, number: usize) -> Option<String> {
         *beyond += usize::from(!(error <= tolerance::square_root(sensitivity)));
     }
     let allowed = tolerance::kept(sensitivity);
-    if [root, auto, lean].into_iter().all(|error| error <= allowed) {
+    if errors[1..].iter().all(|&error| error <= allowed) {
         return None;
     }
     let [c, ..] = errors;
     let estimates = (choice.cancellation.error(0), judged.rounding.map(|rounding| rounding.error(0)));
     Some(format!(
-        "scene {number}, {}: covariance {c:.1e}, square-root {root:.1e}, auto {auto:.1e}, lean {lean:.1e} ({kept_by_lean}), estimates {estimates:?}, sensitivity {sensitivity:.1e}",
+        "scene {number}, {}: covariance {c:.1e}, square-root {root:.1e}, auto {auto:.1e}, lean {lean:.1e}, lean square-root {lean_root:.1e} ({kept_by_lean:?}), estimates {estimates:?}, sensitivity {sensitivity:.1e}",
         FAMILIES[number % FAMILIES.len()]
     ))
 }
@@ -163,24 +169,33 @@ fn auto_and_the_square_root_form_keep_digits_wherever_the_problem_does() {
     let failures: Vec<String> =
         (first..first + count).filter_map(|number| enter(&mut rows[number % FAMILIES.len()], number)).collect();
     println!(
-        "| family | scenes | singular | covariance | square-root | auto | lean | auto: to square-root | lean: kept | needlessly | to double-double | \
+        "| family | scenes | singular | covariance | square-root | auto | lean | lean square-root | auto: to square-root | lean: kept | lean square-root: kept | needlessly | to double-double | \
          square-root: judged | to double-double | in doubt | beyond the aim: auto | square-root |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     for (name, row) in FAMILIES.iter().zip(&rows) {
-        let ([c, s, a, l], [to_root, to_double], [looked, refined]) = (row.worst, row.by_auto, row.by_root);
+        let ([c, s, a, l, r], [to_root, to_double], [looked, refined]) = (row.worst, row.by_auto, row.by_root);
         println!(
-            "| {name} | {} | {} | {c:.0e} | {s:.0e} | {a:.0e} | {l:.0e} | {to_root} | {} | {} | {to_double} | {looked} | {refined} | {} | {} | {} |",
-            row.scenes, row.singular, row.lean, row.needlessly, row.in_doubt, row.beyond_aim[0], row.beyond_aim[1]
+            "| {name} | {} | {} | {c:.0e} | {s:.0e} | {a:.0e} | {l:.0e} | {r:.0e} | {to_root} | {} | {} | {} | {to_double} | {looked} | {refined} | {} | {} | {} |",
+            row.scenes,
+            row.singular,
+            row.lean[0],
+            row.lean[1],
+            row.needlessly,
+            row.in_doubt,
+            row.beyond_aim[0],
+            row.beyond_aim[1]
         );
     }
     assert!(failures.is_empty(), "{} missed of {count}:\n{}", failures.len(), failures.join("\n"));
     assert!(rows.iter().any(|row| row.by_auto[0] > 0) && rows.iter().any(|row| row.by_auto[0] < row.scenes));
     let (refused, scenes) = rows.iter().fold((0, 0), |(refused, all), row| (refused + row.refused, all + row.scenes));
-    assert!(refused * 1000 <= scenes, "{refused} of {scenes} refused");
+    assert!(refused * 500 <= scenes, "{refused} of {scenes} refused");
     let chains = &rows[FAMILIES.iter().position(|&name| name == "equal chains").expect("a family")];
-    assert!(chains.lean * 10 >= chains.scenes * 9, "{} of {} kept", chains.lean, chains.scenes);
-    assert!(rows.iter().any(|row| row.lean < row.scenes));
+    for form in 0..2 {
+        assert!(chains.lean[form] * 10 >= chains.scenes * 9, "{:?} of {} kept", chains.lean, chains.scenes);
+        assert!(rows.iter().any(|row| row.lean[form] < row.scenes));
+    }
 }
 
 /// The next scene of a family that the covariance form gets wrong.

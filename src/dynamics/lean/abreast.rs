@@ -1,13 +1,13 @@
 //! A scene with its [limbs side by side](super::limbs): fewer bodies, in each lane the numbers of another limb.
 
-use super::body::{Carrier, LeanBody, LeanModel, interleaved};
+use super::body::{Carrier, LeanBody, LeanModel, Turning, interleaved};
 use super::frames::Framed;
 use super::limbs::{ABREAST, Bundle, bundles};
 use super::scratch::LeanScratch;
 use super::slots::{Ordered, last_children};
 use crate::filter::Stage;
 use crate::filter::cancellation::weight;
-use crate::scalar::Limbs;
+use crate::scalar::{Limbs, Real};
 use crate::scene::{Body, Model};
 
 /// Where the number of each lane is among the numbers of the state.
@@ -49,7 +49,7 @@ impl Abreast {
         if is_ragged && model.bodies.iter().any(|body| body.inertia.mass == 0.0) {
             return None;
         }
-        let bodies: Vec<Places> = bundles.iter().map(|bundle| std::array::from_fn(|lane| bundle.body(lane))).collect();
+        let bodies: Vec<Places> = bundles.iter().map(places_of).collect();
         let first = first_of_each(model, &bundles);
         let mut abreast = first.cast::<Limbs>();
         let lean = in_lanes(model, &first, &bundles);
@@ -91,6 +91,28 @@ fn first_of_each(model: &Model<f64>, bundles: &[Bundle]) -> Model<f64> {
     first
 }
 
+/// The bodies of each lane.
+fn places_of(bundle: &Bundle) -> Places {
+    std::array::from_fn(|lane| bundle.body(lane))
+}
+
+/// The turns of these bodies, a lane each. Where only some have an offset, that of the others is that of no angle.
+fn turning_of(whole: &LeanModel<Limbs>, bodies: &Places, (q, place): (usize, usize)) -> Turning<Limbs> {
+    let none = [0.0, 1.0].map(Limbs::from_f64);
+    let of_lane = |lane: usize| whole.turning.iter().find(|turning| turning.place == whole.at[bodies[lane]]);
+    let mut all = Turning { q, place, sense: none[1], offset: None };
+    for lane in 0..ABREAST {
+        let Some(own) = of_lane(lane) else { continue };
+        all.sense.take_limb(lane, &own.sense);
+        if let Some([own_s, own_c]) = own.offset {
+            let [s, c] = all.offset.get_or_insert(none);
+            s.take_limb(lane, &own_s);
+            c.take_limb(lane, &own_c);
+        }
+    }
+    all
+}
+
 /// The bodies of `model` in the lanes of those of `first`.
 fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanModel<Limbs> {
     let whole = LeanModel::<Limbs>::new(model);
@@ -111,9 +133,10 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
                 _ => 1,
             },
             is_definite: (0..ABREAST).all(|lane| of_lane(lane).is_definite),
-            hangs_on_definite: (0..ABREAST).all(|lane| of_lane(lane).hangs_on_definite),
-            // Of those without one it is that of no angle.
-            has_offset: (0..ABREAST).any(|lane| of_lane(lane).has_offset),
+            // In a lane without such a body too.
+            hangs_on_definite: bundle
+                .parent
+                .is_some_and(|parent| (0..ABREAST).all(|lane| whole.bodies[bundles[parent].body(lane)].is_definite)),
             is_leaf: last_child[k].is_none(),
             is_on_all_limbs: bundle.bodies.iter().all(Option::is_some),
             ..whole.bodies[bundle.first()].clone()
@@ -148,11 +171,11 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
             *at = shifting.len();
             shifting.push(shift);
         } else {
-            turning.push((first.bodies[k].q, swept.at[k]));
+            turning.push(turning_of(&whole, &places_of(bundle), (first.bodies[k].q, swept.at[k])));
         }
         bodies.push(body);
     }
-    turning.sort_by_key(|&(_, place)| place);
+    turning.sort_by_key(|turning| turning.place);
     let bodies = order.iter().map(|&k| bodies[k].clone()).collect();
     let roots = order.iter().map(|&k| roots[k]).collect();
     LeanModel {

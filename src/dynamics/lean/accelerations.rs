@@ -7,7 +7,7 @@ use super::motion::cross_number;
 use super::scratch::LeanScratch;
 use super::turn::{Axis, Turn, about, to_turn};
 use crate::filter::riccati::Measured;
-use crate::filter::rounding::Carried;
+use crate::filter::rounding::Outward;
 use crate::filter::smoother;
 use crate::scalar::Real;
 use crate::scene::Model;
@@ -23,14 +23,14 @@ pub(super) fn base_to_tip<T: Real>(
     base_to_tip_seen::<T, false>(scene, scratch, estimates);
 }
 
-/// The same; where `SEEN` the largest co-states that shifts carry are told.
+/// The same; where `SEEN` the largest estimates are told, and the largest co-states that shifts carry.
 #[inline(always)]
 pub(super) fn base_to_tip_seen<T: Real, const SEEN: bool>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     estimates: &mut [T],
-) -> Carried<T> {
-    let mut seen = Carried::new();
+) -> Outward<T> {
+    let mut seen = Outward::new();
     let LeanScratch { own, shifts, measured, co_states, .. } = scratch;
     for (body, own) in lean.swept().iter().zip(own) {
         let outer = &co_states[body.places.parent_outward];
@@ -39,7 +39,7 @@ pub(super) fn base_to_tip_seen<T: Real, const SEEN: bool>(
                 Carrier::Turn(_) => outer[0].everywhere(body.lever_square),
                 Carrier::Shift(at) => shifts[at].lever_square(),
             };
-            seen.observe(&Vector6::from(*outer), square);
+            seen.observe_carried(&Vector6::from(*outer), square);
         }
         let lambda = match body.carrier {
             Carrier::Turn(axis) => {
@@ -67,6 +67,12 @@ pub(super) fn base_to_tip_seen<T: Real, const SEEN: bool>(
                 lambda.into()
             }
         };
+        if SEEN {
+            let is_there = if T::LIMBS > 1 { Some(lambda[0].everywhere(body.stands_for_itself)) } else { None };
+            for i in 0..if body.is_about_z { 1 } else { model.system.stages[body.index].rows.count() } {
+                seen.observe_estimate(estimates[body.row + i], is_there);
+            }
+        }
         if !body.is_leaf {
             co_states[body.places.outward] = lambda;
         }

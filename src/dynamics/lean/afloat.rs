@@ -104,12 +104,12 @@ pub(super) fn measure_root<T: Real>(
     innovations: &mut [T],
 ) {
     let mut of_rows = (root, y, t, measurement, measured, innovations);
-    root_row::<T, 6>(&mut of_rows);
-    root_row::<T, 5>(&mut of_rows);
-    root_row::<T, 4>(&mut of_rows);
-    root_row::<T, 3>(&mut of_rows);
-    root_row::<T, 2>(&mut of_rows);
-    root_row::<T, 1>(&mut of_rows);
+    measure_root_row::<T, 6>(&mut of_rows);
+    measure_root_row::<T, 5>(&mut of_rows);
+    measure_root_row::<T, 4>(&mut of_rows);
+    measure_root_row::<T, 3>(&mut of_rows);
+    measure_root_row::<T, 2>(&mut of_rows);
+    measure_root_row::<T, 1>(&mut of_rows);
 }
 
 /// Root, y, t, measurements, D and g, e^-.
@@ -118,7 +118,7 @@ type OfRows<'a, T> =
 
 /// The last of the first `ROWS` rows. A row's place in the root is its own.
 #[inline(always)]
-fn root_row<T: Real, const ROWS: usize>((root, y, t, measurement, measured, innovations): &mut OfRows<'_, T>) {
+fn measure_root_row<T: Real, const ROWS: usize>((root, y, t, measurement, measured, innovations): &mut OfRows<'_, T>) {
     let (row, own) = (ROWS - 1, PICKED[ROWS - 1]);
     let mut dropped = root.measure_last::<ROWS, false>(measurement[row].constant(0.0), Some(y));
     dropped.gain[own] = dropped.pivot.constant(1.0);

@@ -55,12 +55,8 @@ pub(super) enum Carrier {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LeanBody<N> {
     pub carrier: Carrier,
-    /// Of a turn, 1, or -1 where its z points the other way: rate, acceleration and torque are those about z, times this, and so is the
-    /// angle but for the offset.
+    /// Of a turn, 1, or -1 where its z points the other way: rate, acceleration and torque are those about z, times this.
     pub sense: N,
-    /// Sine and cosine of the turn's angle where the joint's is zero, and whether they are not those of none.
-    pub offset: [N; 2],
-    pub has_offset: bool,
     /// To its frame here from its frame in the model.
     pub frame: Renaming<N>,
     /// Its index, and that of the body inward.
@@ -121,12 +117,8 @@ impl<N> LeanBody<N> {
     pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
         let one = [&mut self.sense, &mut self.lever_square, &mut self.mass];
         let three = [&mut self.frame.sign, &mut self.lever, &mut self.first_moment, &mut self.lever_squares];
-        let two = [&mut self.offset, &mut self.scale];
         let six = [&mut self.rotational, &mut self.terms];
-        one.into_iter()
-            .chain(three.into_iter().flatten())
-            .chain(six.into_iter().flatten())
-            .chain(two.into_iter().flatten())
+        one.into_iter().chain(three.into_iter().flatten()).chain(six.into_iter().flatten()).chain(&mut self.scale)
     }
 }
 
@@ -152,6 +144,19 @@ impl<N> CompositeBody<N> {
     }
 }
 
+/// What the angle of a turn is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Turning<N> {
+    /// The joint's coordinate.
+    pub q: usize,
+    /// The body's place in the order of the sweeps.
+    pub place: usize,
+    /// 1, or -1 where the turn's z points the other way.
+    pub sense: N,
+    /// Sine and cosine where the joint's angle is zero, where they are not those of none.
+    pub offset: Option<[N; 2]>,
+}
+
 /// The bodies of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LeanModel<T: Real> {
@@ -167,8 +172,8 @@ pub(crate) struct LeanModel<T: Real> {
     pub(super) composites: Vec<CompositeBody<T::Parameter>>,
     /// Those that are not on a turn, whole: their frames are the model's, those of their parents need not be.
     pub(super) shifting: Vec<Body<T>>,
-    /// First coordinate of every body on a turn, and its place in the order of the sweeps.
-    pub(super) turning: Vec<(usize, usize)>,
+    /// Those on a turn, in the order of the sweeps.
+    pub(super) turning: Vec<Turning<T::Parameter>>,
     /// How many slots there are in the order of the rows, and in that of those sweeps.
     pub(super) row_slots: SlotCounts,
     pub(super) swept_slots: SlotCounts,
@@ -204,8 +209,6 @@ impl<T: Real> LeanModel<T> {
             LeanBody {
                 carrier: framed.carriers[k],
                 sense: number(frame[(2, 2)]),
-                offset: framed.offsets[k].unwrap_or([0.0, 1.0]).map(number),
-                has_offset: framed.offsets[k].is_some(),
                 frame: Renaming::of(frame, number),
                 index: k,
                 parent: stage.parent,
@@ -245,8 +248,9 @@ impl<T: Real> LeanModel<T> {
                 bodies[k].sibling_follows() || bodies[k].parent.is_some_and(|parent| bodies[parent].is_parted);
         }
         let is_shallow = steps <= SHALLOW * model.nv().pow(2);
-        let root = |&k: &usize| match &model.inertia_roots[k] {
-            Some(root) if root.rest.iter().all(|&x| x == 0.0) => root.turned(&framed.from_model[k]).map(number),
+        // What is left beside the root depends on the frame.
+        let root = |&k: &usize| match model.inertia_roots[k].map(|root| root.turned(&framed.from_model[k])) {
+            Some(root) if root.rest.iter().all(|&x| x == 0.0) => root.map(number),
             _ => BodyRoot::zero().map(|_| number(f64::NAN)),
         };
         let roots = order.iter().map(root).collect();
@@ -256,8 +260,14 @@ impl<T: Real> LeanModel<T> {
             carriers.filter(move |(_, carrier)| matches!(carrier, Carrier::Turn(_)) == turns).map(|(k, _)| k)
         };
         let shifting = of_carrier(false).map(|k| whole.bodies[k]).collect();
-        let mut turning: Vec<_> = of_carrier(true).map(|k| (whole.bodies[k].q, swept.at[k])).collect();
-        turning.sort_by_key(|&(_, place)| place);
+        let turning_of = |k: usize| Turning {
+            q: whole.bodies[k].q,
+            place: swept.at[k],
+            sense: number(framed.from_model[k][(2, 2)]),
+            offset: framed.offsets[k].map(|offset| offset.map(number)),
+        };
+        let mut turning: Vec<_> = of_carrier(true).map(turning_of).collect();
+        turning.sort_by_key(|turning| turning.place);
         let reordered = |&k: &usize| LeanBody { places: swept.places[k], ..bodies[k].clone() };
         let reordered = if order.is_sorted() { Vec::new() } else { order.iter().map(reordered).collect() };
         Self {

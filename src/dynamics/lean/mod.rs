@@ -77,8 +77,8 @@ pub(crate) fn forward_dynamics<T: Real, C: ColumnsOf<T>>(
     monitor
 }
 
-/// Joint accelerations in square-root form, and the first look at them, as
-/// [`forward_dynamics_looked_at`](super::refined::forward_dynamics_looked_at) gives them to rounding.
+/// Joint accelerations in square-root form, and the first look at them, to rounding as
+/// [`forward_dynamics_judged`](super::refined::forward_dynamics_judged) takes them.
 #[inline(always)]
 pub(crate) fn forward_dynamics_by_roots<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
@@ -90,8 +90,8 @@ pub(crate) fn forward_dynamics_by_roots<T: Real, C: ColumnsOf<T>>(
     let state = Motion { q, qd, qdd: None, wrenches };
     motion::coordinates_base_to_tip::<T, C>((model, lean), scratch, state, Needed::of(model, state));
     let monitor = root_filter::tip_to_base((model, lean), scratch, tau, qdd);
-    let carried = accelerations::base_to_tip_seen::<T, true>((model, lean), scratch, qdd);
-    (monitor.pivots, Reach::of(&monitor, carried, qdd))
+    let outward = accelerations::base_to_tip_seen::<T, true>((model, lean), scratch, qdd);
+    (monitor.pivots, Reach::of(&monitor, outward))
 }
 
 /// Joint torques, as [`inverse_dynamics`](super::inverse_dynamics) gives them to rounding; those of the bias without `qdd`.

@@ -70,17 +70,17 @@ fn inertia_times<T: Real>(i: [T::Parameter; 6], v: [T; 3], c: [T; 3]) -> [T; 3] 
 pub(super) fn carriers<T: Real, C: ColumnsOf<T>>(lean: &LeanModel<T>, scratch: &mut LeanScratch<T>, like: C, q: &[T]) {
     for some in lean.turning.chunks(C::COLUMNS) {
         let mut angles = like.constant(0.0);
-        for (lane, &(at, _)) in some.iter().enumerate().take(C::COLUMNS) {
-            angles.set_column(lane, q[at]);
+        for (lane, turning) in some.iter().enumerate().take(C::COLUMNS) {
+            angles.set_column(lane, q[turning.q]);
         }
         let (s, c) = angles.sin_cos();
-        for (lane, &(_, place)) in some.iter().enumerate().take(C::COLUMNS) {
-            let (s, body) = (s.column(lane), &lean.swept()[place]);
-            let mut turn = Turn { s: s * s.everywhere(body.sense), c: c.column(lane) };
-            if body.has_offset {
-                turn = turn.and(body.offset.map(|x| s.everywhere(x)));
+        for (lane, turning) in some.iter().enumerate().take(C::COLUMNS) {
+            let s = s.column(lane);
+            let mut turn = Turn { s: s * s.everywhere(turning.sense), c: c.column(lane) };
+            if let Some([of_s, of_c]) = turning.offset {
+                turn = turn.and([s.everywhere(of_s), s.everywhere(of_c)]);
             }
-            scratch.own[place].turn = turn;
+            scratch.own[turning.place].turn = turn;
         }
     }
     for (shift, body) in scratch.shifts.iter_mut().zip(&lean.shifting) {
@@ -283,28 +283,27 @@ fn load_of<T: Real>(
 fn coordinates_of<T: Real>(root: &BodyRoot<T::Parameter>, [w, dw, a]: &Moving<T>, needed: Needed, like: T) -> [T; 6] {
     let o = like.constant(0.0);
     let centre = root.centre.into();
-    let number = |x: T::Parameter| like.everywhere(x);
     // The acceleration of the mass centre.
     let mut at_centre = cross_number(*dw, centre, *a);
     if needed.velocity {
         at_centre = cross(*w, crossed_number(*w, centre), at_centre);
     }
-    let (mass, c) = (number(root.mass), &root.central);
+    let (mass, c) = (like.everywhere(root.mass), &root.central);
     let turned = [
-        number(c[(2, 0)]).mul_add(dw[2], number(c[(1, 0)]).mul_add(dw[1], dw[0])),
-        number(c[(2, 1)]).mul_add(dw[2], dw[1]),
+        like.everywhere(c[(2, 0)]).mul_add(dw[2], like.everywhere(c[(1, 0)]).mul_add(dw[1], dw[0])),
+        like.everywhere(c[(2, 1)]).mul_add(dw[2], dw[1]),
         dw[2],
     ];
     let [wx, wy, wz] = *w;
     let mut y = [mass * at_centre[0], mass * at_centre[1], mass * at_centre[2], o, o, o];
     for i in 0..3 {
-        y[3 + i] = number(root.weights[i]) * turned[i];
+        y[3 + i] = like.everywhere(root.weights[i]) * turned[i];
     }
     if needed.velocity {
         let products = [wx * wx, wy * wy, wz * wz, wx * wy, wx * wz, wy * wz];
         for i in 0..3 {
             for (j, &product) in products.iter().enumerate() {
-                y[3 + i] = number(root.spin[(i, j)]).mul_add(product, y[3 + i]);
+                y[3 + i] = like.everywhere(root.spin[(i, j)]).mul_add(product, y[3 + i]);
             }
         }
     }

@@ -39,7 +39,7 @@ struct Sent<T> {
 impl<T: Real> Sent<T> {
     #[inline(always)]
     fn filled(x: T) -> Self {
-        Self { columns: RootColumns::filled(x), y: [x; 6], t: [x; 6], scale: Scale { angular: x, linear: x } }
+        Self { columns: RootColumns::filled(x), y: [x; 6], t: [x; 6], scale: Scale::filled(x) }
     }
 
     /// What one limb sends.
@@ -197,7 +197,7 @@ pub(super) fn tip_to_base<T: Real>(
                 let turn = own[place].turn;
                 let t = in_joint_frame(body, turn, &[t[0], t[1], t[2], t[3], t[4], t[5]]);
                 about!(axis, X, Y, Z, {
-                    turned::<T, X, Y, Z>(body, turn, &here.root, &mut sent.columns);
+                    columns_to_parent::<T, X, Y, Z>(body, turn, &here.root, &mut sent.columns);
                     sent.t = to_parent::<T, X, Y, Z>(&t);
                 });
                 t[0].everywhere(body.lever_square)
@@ -228,7 +228,7 @@ pub(super) fn tip_to_base<T: Real>(
 
 /// phi L across a turn: about z, along the lever, and to the parent's axes.
 #[inline(always)]
-fn turned<T: Real, const X: usize, const Y: usize, const Z: usize>(
+fn columns_to_parent<T: Real, const X: usize, const Y: usize, const Z: usize>(
     body: &LeanBody<T::Parameter>,
     turn: Turn<T>,
     root: &Root6<T>,

@@ -146,7 +146,7 @@ pub(crate) struct LeanScratch<T: Real> {
     pub(super) watching: Watching<T>,
     /// Of b(k), what is not in its coordinates.
     pub(super) added: Vec<[T; 6]>,
-    /// In slots, inward: what the square-root form has of a body before its measurements.
+    /// In slots, inward: what the square-root form has of a body before its measurements; the first is any leaf's while it is its turn.
     pub(super) rooted: Vec<Rooted<T>>,
     /// Lambda^- of each body.
     pub(super) co_covariances: Vec<[T; 21]>,

@@ -3,7 +3,7 @@
 /// The place of each body's number, and how many places there are.
 #[derive(Debug, Clone, PartialEq)]
 struct Slots {
-    /// For each body its place; 0 is the base's outward, and nothing's inward.
+    /// For each body its place; 0 is the base's outward, and inward that of what nothing hangs on.
     of: Vec<usize>,
     /// How many places, that one included.
     count: usize,
