@@ -97,8 +97,13 @@ def _panel(axes: Axes, heading: str, dots: Sequence[Dot], label: str) -> None:
     ratios = [ratio for _, _, ratios in dots for ratio in ratios]
     low, high = min([*ratios, 1.0]) / 1.3, max([*ratios, 1.0]) * 1.3
     axes.set_ylim(low, high)
-    marks = [m * 10.0**e for e in range(-2, 4) for m in (1, 2, 5)]
-    axes.yaxis.set_major_locator(FixedLocator([mark for mark in marks if low <= mark <= high]))
+    marks: list[float] = []
+    # Finer where the range is narrow: one mark would say nothing.
+    for steps in ((1, 2, 5), (1, 1.5, 2, 3, 5, 8), (1, 1.2, 1.4, 1.6, 1.8, 2, 2.5, 3, 4, 5, 6, 7, 8, 9)):
+        if len(marks) < 3:
+            every = [m * 10.0**e for e in range(-2, 4) for m in steps]
+            marks = [mark for mark in every if low <= mark <= high]
+    axes.yaxis.set_major_locator(FixedLocator(marks))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.set_xticks(range(len(models)), models)

@@ -153,11 +153,13 @@ fn the_bits_of_f64() {
 #[test]
 fn what_is_counted_is_what_is_evaluated() {
     let algorithms = [
+        Algorithm::ForwardDynamics(Form::Auto),
         Algorithm::ForwardDynamics(Form::Covariance),
         Algorithm::ForwardDynamics(Form::SquareRoot),
         Algorithm::InverseDynamics,
         Algorithm::BiasTorque,
         Algorithm::MassMatrix,
+        Algorithm::MassMatrixInverse(Form::Auto),
         Algorithm::MassMatrixInverse(Form::Covariance),
     ];
     for seed in 0..6 {

@@ -1,9 +1,9 @@
 //! Operations of each algorithm on a scene, counted: the code that computes, run on [`Counted`] numbers; and the memory it touches.
 
 use crate::batch::chunk::{Algorithm, Arguments};
-use crate::dynamics;
 use crate::dynamics::lean::{self, LeanColumns, LeanModel, LeanScratch, MassColumns};
 use crate::dynamics::mass_inverse::InverseScratch;
+use crate::dynamics::{self, auto};
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
 use crate::filter::{FORMS, Form, Stage};
@@ -48,7 +48,7 @@ pub struct Count {
     pub results: Vec<f64>,
 }
 
-/// Counts one task on one state: what [`Scene::evaluate`] runs for it (the sweeps that keep nothing but the result where they do it alone, in the plane
+/// Counts one task on one state: what [`Scene::evaluate`] runs for it (the sweeps that keep nothing but the result where it has them, in the plane
 /// where the scene has one), scratch made beforehand.
 /// Arguments that a task does not take are not read.
 ///
@@ -82,13 +82,25 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
     let model = Model { omissions, ..scene.model().clone() };
     let (lean, model) = (LeanModel::<Counted>::new(&model), model.cast());
     let ([q, qd, u], wrenches) = on_counted(state);
-    let mut scratch = LeanScratch::new(&model, &lean);
+    let (mut scratch, mut workspace) = (LeanScratch::new(&model, &lean), Workspace::new(&model));
     let mut columns: LeanColumns<Counted> = LeanColumns::new();
     let mut mass_columns: MassColumns<Counted, Counted> = MassColumns::new();
     let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
-    let ((), operations) = Counted::during(|| {
+    let (kept, operations) = Counted::during(|| {
         let scene = (&model, &lean);
         match algorithm {
+            Algorithm::ForwardDynamics(Form::Auto) => {
+                let (scratch, state) = ((&mut scratch, &mut workspace), (&q[..], &qd[..], &u[..]));
+                let watched =
+                    auto::forward_dynamics_watched_lean::<_, Counted>(scene, scratch, state, &wrenches, &mut out);
+                return watched.kept(0);
+            }
+            Algorithm::MassMatrixInverse(Form::Auto) => {
+                let nv = model.nv();
+                let watched = auto::factor_watched_lean::<_, Counted>(scene, &mut scratch, &q, &mut out[..nv]);
+                lean::closed_form(scene, (&mut scratch, &mut columns), &mut out);
+                return watched.kept(0);
+            }
             Algorithm::ForwardDynamics(Form::SquareRoot) => {
                 lean::forward_dynamics_by_roots::<_, Counted>(scene, &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
             }
@@ -108,8 +120,15 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
                 lean::closed_form(scene, (&mut scratch, &mut columns), &mut out);
             }
         }
+        true
     });
-    Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() }
+    let mut count = Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() };
+    if !kept {
+        // Done once more by the checked method.
+        let checked = count_in_six_vectors(scene, Task::Algorithm(algorithm), state);
+        count = Count { operations: count.operations + checked.operations, results: checked.results };
+    }
+    count
 }
 
 /// The arguments of a state as numbers that count.

@@ -54,6 +54,21 @@ impl Operations {
     }
 }
 
+impl Add for Operations {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            additions: self.additions + other.additions,
+            multiplications: self.multiplications + other.multiplications,
+            fused: self.fused + other.fused,
+            divisions: self.divisions + other.divisions,
+            roots: self.roots + other.roots,
+            sines: self.sines + other.sines,
+        }
+    }
+}
+
 thread_local! {
     static DONE: Cell<Operations> = const { Cell::new(Operations::NONE) };
 }

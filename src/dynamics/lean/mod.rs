@@ -52,12 +52,11 @@ use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
 use nalgebra::Vector6;
 
-/// Whether an algorithm is done by these sweeps alone, and not only at first look.
+/// Whether an algorithm is done by these sweeps, or in form `auto` at least looked at first.
 pub(crate) fn covers(algorithm: Algorithm) -> bool {
     !matches!(
         algorithm,
-        Algorithm::ForwardDynamics(Form::Auto | Form::Joseph)
-            | Algorithm::MassMatrixInverse(Form::Auto | Form::SquareRoot | Form::Joseph)
+        Algorithm::ForwardDynamics(Form::Joseph) | Algorithm::MassMatrixInverse(Form::SquareRoot | Form::Joseph)
     )
 }
 
