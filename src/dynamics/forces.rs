@@ -43,20 +43,10 @@ impl Needed {
 fn is_zero<T: Real>(numbers: &[T]) -> bool {
     // Mostly the first says it.
     for number in numbers {
-        if number.lane(0) != 0.0 {
-            return false;
-        }
-    }
-    if T::LANES == 1 {
-        return true;
-    }
-    let mut size = T::zero();
-    for &number in numbers {
-        size += number.abs();
-    }
-    for lane in 0..T::LANES {
-        if size.lane(lane) != 0.0 {
-            return false;
+        for lane in 0..T::LANES {
+            if number.lane(lane) != 0.0 {
+                return false;
+            }
         }
     }
     true

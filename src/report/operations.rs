@@ -102,7 +102,10 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
                 return watched.kept(0);
             }
             Algorithm::ForwardDynamics(Form::SquareRoot) => {
-                lean::forward_dynamics_by_roots::<_, Counted>(scene, &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
+                let state = (&q[..], &qd[..], &u[..]);
+                let (pivots, reach) =
+                    lean::forward_dynamics_by_roots::<_, Counted>(scene, &mut scratch, state, &wrenches, &mut out);
+                return pivots.clear(0) && reach.clear(0);
             }
             Algorithm::ForwardDynamics(_) => {
                 lean::forward_dynamics::<_, Counted>(scene, &mut scratch, (&q, &qd, &u), &wrenches, &mut out);

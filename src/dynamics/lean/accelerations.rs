@@ -13,19 +13,10 @@ use crate::scalar::Real;
 use crate::scene::Model;
 use nalgebra::Vector6;
 
-/// Co-states and estimates (4.9 to 4.11); `estimates` holds e^- on entry and a on return.
+/// Co-states and estimates (4.9 to 4.11); `estimates` holds e^- on entry and a on return. Where `SEEN` the largest estimates are told, and the
+/// largest co-states that shifts carry; else nothing is.
 #[inline(always)]
-pub(super) fn base_to_tip<T: Real>(
-    scene: (&Model<T>, &LeanModel<T>),
-    scratch: &mut LeanScratch<T>,
-    estimates: &mut [T],
-) {
-    base_to_tip_seen::<T, false>(scene, scratch, estimates);
-}
-
-/// The same; where `SEEN` the largest estimates are told, and the largest co-states that shifts carry.
-#[inline(always)]
-pub(super) fn base_to_tip_seen<T: Real, const SEEN: bool>(
+pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     estimates: &mut [T],

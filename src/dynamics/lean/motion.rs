@@ -88,30 +88,9 @@ pub(super) fn carriers<T: Real, C: ColumnsOf<T>>(lean: &LeanModel<T>, scratch: &
     }
 }
 
-/// Base to tip: the force of every body.
+/// Base to tip: the force b of every body; where `ROOT` the coordinates y of its root, b = L y + t, and t, what wrenches bring.
 #[inline(always)]
-pub(super) fn forces_base_to_tip<T: Real, C: ColumnsOf<T>>(
-    scene: (&Model<T>, &LeanModel<T>),
-    scratch: &mut LeanScratch<T>,
-    state: Motion<'_, T>,
-    needed: Needed,
-) {
-    base_to_tip::<T, C, false>(scene, scratch, state, needed);
-}
-
-/// The same as coordinates y of the body's root, b = L y + t; t is what wrenches bring.
-#[inline(always)]
-pub(super) fn coordinates_base_to_tip<T: Real, C: ColumnsOf<T>>(
-    scene: (&Model<T>, &LeanModel<T>),
-    scratch: &mut LeanScratch<T>,
-    state: Motion<'_, T>,
-    needed: Needed,
-) {
-    base_to_tip::<T, C, true>(scene, scratch, state, needed);
-}
-
-#[inline(always)]
-fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
+pub(super) fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     state: Motion<'_, T>,
