@@ -1,11 +1,11 @@
 //! The algorithms, again and again, for callgrind to count instructions: `make instructions`, see benches/instructions/count.py.
 //!
-//! `instructions count <scene> <algorithm> <states> <repeats>` evaluates that many states a call, on the arm of `PHIPSI_ARM`; without
+//! `instructions count <scene> <algorithm> <states> <repeats>` (a chain of so many bodies, or a model of `make peers`) evaluates that many states a call, on the arm of `PHIPSI_ARM`; without
 //! `count` (as `cargo bench` starts it) it does nothing.
 
 mod common;
 
-use common::{arguments, states};
+use common::{arguments, model, states};
 use phipsi::batch::arms::Arm;
 use phipsi::batch::chunk::Algorithm;
 use phipsi::filter::Form;
@@ -39,14 +39,18 @@ fn main() {
     match &arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         // What there is to count: a line each.
         ["list"] => ALGORITHMS.iter().for_each(|(name, _)| println!("{name}")),
-        ["count", bodies, algorithm, states, repeats] => {
+        ["count", scene, algorithm, states, repeats] => {
             let number = |text: &str| text.parse().unwrap_or_else(|_| panic!("not a number: {text}"));
             let (_, found) =
                 *ALGORITHMS.iter().find(|(name, _)| name == algorithm).unwrap_or_else(|| panic!("no {algorithm}"));
             // Another arm than the one asked for would be counted as that.
             let (wanted, arm) = (std::env::var("PHIPSI_ARM").unwrap_or_default(), Arm::of_process().name());
             assert!(wanted == arm, "PHIPSI_ARM is {wanted:?}, this processor runs {arm:?}");
-            run(&scenes::chain(number(bodies)).expect("a chain"), found, number(states), number(repeats));
+            let found_scene = match scene.parse() {
+                Ok(bodies) => scenes::chain(bodies).ok(),
+                Err(_) => model(scene),
+            };
+            run(&found_scene.unwrap_or_else(|| panic!("no scene {scene}")), found, number(states), number(repeats));
         }
         _ => eprintln!("instructions: counted by `make instructions`, nothing to do here"),
     }

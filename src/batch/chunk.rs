@@ -175,9 +175,16 @@ fn not_finite<T: Real>(x: T) -> T {
     x - x
 }
 
-/// Zero where all are finite, else NaN, in eight sums that do not wait for each other: there can be thousands.
+/// Zero where all are finite, else NaN; in lanes by eight sums that do not wait for each other: there can be thousands.
 #[inline(always)]
 pub(super) fn any_not_finite<T: Real>(numbers: &[T]) -> T {
+    if T::LANES == 1 {
+        let mut are_finite = true;
+        for number in numbers {
+            are_finite &= number.lane(0).is_finite();
+        }
+        return T::from_f64(if are_finite { 0.0 } else { f64::NAN });
+    }
     let mut sums = [T::zero(); 8];
     let (eights, rest) = numbers.as_chunks::<8>();
     for eight in eights {
@@ -203,13 +210,21 @@ fn gather<'a, T: Vectorised>(
     of: impl Fn(&'a Arguments<'_, T::Number>) -> &'a [T::Number],
 ) -> T {
     if T::LANES == 1 && numbers.len() < LONG {
-        // Looked at on the way.
-        let mut fault = T::zero();
-        for (number, &value) in numbers.iter_mut().zip(of(&states[0])) {
-            number.lanes_mut()[0] = value;
-            fault += not_finite(*number);
+        // Looked at on the way, four at once.
+        let mut faults = [T::zero(); 4];
+        let (fours, rest) = numbers.as_chunks_mut::<4>();
+        let (values, rest_of_values) = of(&states[0]).as_chunks::<4>();
+        for (four, values) in fours.iter_mut().zip(values) {
+            for i in 0..4 {
+                four[i].lanes_mut()[0] = values[i];
+                faults[i] += not_finite(four[i]);
+            }
         }
-        return fault;
+        for ((number, &value), fault) in rest.iter_mut().zip(rest_of_values).zip(&mut faults) {
+            number.lanes_mut()[0] = value;
+            *fault += not_finite(*number);
+        }
+        return (faults[0] + faults[1]) + (faults[2] + faults[3]);
     }
     take_states(numbers, states.len(), |state| of(&states[state]));
     if of(&states[0]).is_empty() { T::zero() } else { any_not_finite(numbers) }

@@ -4,9 +4,8 @@ use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::filter::{ABOUT_Z, in_joint_frame};
 use super::motion::cross_number;
-use super::scratch::LeanScratch;
+use super::scratch::{CoState, LeanScratch};
 use super::turn::{Axis, Turn, about, to_turn};
-use crate::filter::riccati::Measured;
 use crate::filter::rounding::Outward;
 use crate::filter::smoother;
 use crate::scalar::Real;
@@ -23,43 +22,54 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
 ) -> Outward<T> {
     let mut seen = Outward::new();
     let LeanScratch { own, shifts, measured, co_states, .. } = scratch;
+    // Of one length, for the compiler to see.
+    let measured = &measured[..estimates.len()];
     for (body, own) in lean.swept().iter().zip(own) {
         let outer = &co_states[body.places.parent_outward];
         if SEEN && body.parent.is_some() {
             let square = match body.carrier {
-                Carrier::Turn(_) => outer[0].everywhere(body.lever_square),
+                Carrier::Turn(_) => outer.estimate.everywhere(body.lever_square),
                 Carrier::Shift(at) => shifts[at].lever_square(),
             };
-            seen.observe_carried(&Vector6::from(*outer), square);
+            seen.observe_carried(&Vector6::from(outer.whole()), square);
         }
         let lambda = match body.carrier {
-            Carrier::Turn(axis) => {
-                let outer = about!(axis, X, Y, Z, to_turn::<T, X, Y, Z>(outer));
-                let estimate = &mut estimates[body.row];
-                let a = estimated(body, own.turn, &measured[body.row], *estimate, &outer);
-                *estimate = a * a.everywhere(body.sense);
-                let mut lambda = carried(body, own.turn, &outer);
-                lambda[2] += a;
-                lambda
-            }
+            Carrier::Turn(axis) => about!(axis, X, Y, Z, {
+                // The parent's z in this frame, along which its estimate is.
+                const ITS_Z: usize = if X == ABOUT_Z {
+                    0
+                } else if Y == ABOUT_Z {
+                    1
+                } else {
+                    2
+                };
+                let (mut there, its) = (to_turn::<T, X, Y, Z>(&outer.carried), outer.estimate);
+                let (m, to) = (&measured[body.row], &mut estimates[body.row]);
+                // phi g waits for nothing, the estimate not for phi* lambda, and of the parent's estimate only the last step.
+                let g = in_joint_frame(body, own.turn, &m.gain.into());
+                let estimate = but_along(*to * m.pivot_inverse, &g, &there).minus_product(g[ITS_Z], its);
+                *to = estimate * estimate.everywhere(body.sense);
+                there[ITS_Z] += its;
+                CoState { carried: carried(body, own.turn, &there), estimate }
+            }),
             Carrier::Shift(at) if body.is_about_z => {
-                let mut lambda: [T; 6] = shifts[at].motion_to_child(&Vector6::from(*outer)).into();
+                let mut lambda: [T; 6] = shifts[at].motion_to_child(&Vector6::from(outer.whole())).into();
                 let (m, estimate) = (&measured[body.row], &mut estimates[body.row]);
                 *estimate = estimate.mul_add(m.pivot_inverse, -along(&m.gain.into(), &lambda));
                 lambda[ABOUT_Z] += *estimate;
-                lambda
+                CoState::of(lambda)
             }
             Carrier::Shift(_) if afloat::is_noise_free(body, &model.system) => {
-                afloat::smooth(&measured[afloat::rows(body)], &mut estimates[afloat::rows(body)])
+                CoState::of(afloat::smooth(&measured[afloat::rows(body)], &mut estimates[afloat::rows(body)]))
             }
             Carrier::Shift(at) => {
-                let mut lambda = shifts[at].motion_to_child(&Vector6::from(*outer));
+                let mut lambda = shifts[at].motion_to_child(&Vector6::from(outer.whole()));
                 smoother::through_stage(&model.system.stages[body.index], measured, &mut lambda, estimates);
-                lambda.into()
+                CoState::of(lambda.into())
             }
         };
         if SEEN {
-            let is_there = if T::LIMBS > 1 { Some(lambda[0].everywhere(body.stands_for_itself)) } else { None };
+            let is_there = if T::LIMBS > 1 { Some(lambda.estimate.everywhere(body.stands_for_itself)) } else { None };
             for i in 0..if body.is_about_z { 1 } else { model.system.stages[body.index].rows.count() } {
                 seen.observe_estimate(estimates[body.row + i], is_there);
             }
@@ -80,11 +90,12 @@ pub(super) fn carried<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, lam
     [w[0], w[1], w[2], v[0], v[1], v[2]]
 }
 
-/// e / D - g* phi* lambda, lambda in the turn's frame: phi g waits for nothing, and a does not wait for phi* lambda.
+/// x - g* y.
 #[inline(always)]
-fn estimated<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, m: &Measured<T>, e: T, lambda: &[T; 6]) -> T {
-    let g = in_joint_frame(body, turn, &m.gain.into());
-    e.mul_add(m.pivot_inverse, -along(&g, lambda))
+fn but_along<T: Real>(x: T, g: &[T; 6], y: &[T; 6]) -> T {
+    let turning = x.minus_product(g[0], y[0]).minus_product(g[1], y[1]).minus_product(g[2], y[2]);
+    let moving = g[3].mul_add(y[3], g[4].mul_add(y[4], g[5] * y[5]));
+    turning - moving
 }
 
 /// g* y, in two chains of products.

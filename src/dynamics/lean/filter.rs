@@ -3,7 +3,7 @@
 use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::motion::minus_cross_number;
-use super::scratch::{Arriving, LeanScratch, Own, Watching, arrive};
+use super::scratch::{Arriving, LeanScratch, Own, Watching, arrive, arrive_besides};
 use super::turn::{Axis, Turn, about, packed_to_parent, to_parent};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
@@ -33,14 +33,16 @@ struct Noise<T> {
 
 impl<T: Real> Noise<T> {
     #[inline(always)]
-    fn of(system: &System<T>, row: usize) -> Self {
-        Self { variance: system.noise[row], skips_zeros: system.skips_zeros_of(row) }
+    fn of(system: &System<T>, variance: T) -> Self {
+        Self { variance, skips_zeros: system.skips_zeros && variance.lane(0) == 0.0 }
     }
 }
 
 /// What a sweep inward reads and writes.
 struct Inward<'a, T: Real> {
     system: &'a System<T>,
+    /// The system's, as long as the arrays of rows below.
+    noise: &'a [T],
     arriving: &'a mut [Arriving<T>],
     shifts: &'a [RigidShift<T>],
     measured: &'a mut [Measured<T>],
@@ -61,8 +63,14 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
     innovations: &mut [T],
 ) -> [PivotMonitor<T>; 2] {
     let LeanScratch { own, arriving, shifts, measured, watching, .. } = scratch;
+    // Of one length, for the compiler to see: a row of one is a row of all.
+    let rows = measured.len();
+    let noise = &model.system.noise[..rows];
+    let (tau, innovations) =
+        if SIDES >= FILTER { (&tau[..rows], &mut innovations[..rows]) } else { (tau, innovations) };
     let mut inward = Inward {
         system: &model.system,
+        noise,
         arriving,
         shifts,
         measured,
@@ -93,15 +101,19 @@ impl<T: Real> Inward<'_, T> {
         let arrived = &self.arriving[body.places.inward];
         let like = arrived.force[0];
         let sense = like.everywhere(body.sense);
-        let noise = Noise::of(self.system, row);
+        let noise = Noise::of(self.system, self.noise[row]);
         let p = with_noise(body, &arrived.p);
         let scale = scale_of(body, &arrived.scale);
         let (m, column) = measured(noise, &p);
         self.measured[row] = m;
         self.monitor.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
+        let mut force = own.force;
         if SIDES >= FILTER {
             let z = sum(own.force, &arrived.force);
-            (self.innovations[row], own.force) = measure(noise, &m, sense * self.tau[row], &z);
+            (self.innovations[row], force) = measure(noise, &m, sense * self.tau[row], &z);
+            if SIDES == WATCH {
+                own.force = force;
+            }
         }
         if SIDES == WATCH {
             self.near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
@@ -118,30 +130,34 @@ impl<T: Real> Inward<'_, T> {
         match body.carrier {
             Carrier::Turn(axis) => {
                 let turn = own.turn;
-                if SIDES >= FILTER {
-                    let sent = in_joint_frame(body, turn, &own.force);
-                    about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
-                }
-                if SIDES == WATCH {
-                    let to = &mut self.watching.arriving[body.places.parent_inward];
-                    let terms = sent_terms(body, &kept_diagonal(noise, &p, &column, &m));
-                    let zeta = in_joint_frame(body, turn, &self.watching.own[place].zeta);
-                    about!(axis, X, Y, Z, {
+                let past = (&m, noise.variance);
+                // All of it in each arm: after them P^+ would come by way of memory.
+                about!(axis, X, Y, Z, {
+                    if SIDES >= FILTER {
+                        let sent = in_joint_frame(body, turn, &force);
+                        arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force);
+                    }
+                    if SIDES == WATCH {
+                        let to = &mut self.watching.arriving[body.places.parent_inward];
+                        let terms = sent_terms(body, &kept_diagonal(noise, &p, &column, &m));
+                        let zeta = in_joint_frame(body, turn, &self.watching.own[place].zeta);
                         arrive(body, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
                         arrive(body, &to_parent::<T, X, Y, Z>(&zeta), &mut to.zeta);
-                    });
+                    }
+                    if noise.skips_zeros {
+                        let sent = carried::<T, false>(body, turn, &p, &column, past);
+                        arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p);
+                    }
+                });
+                if !noise.skips_zeros {
+                    let sent = carried::<T, true>(body, turn, &p, &column, past);
+                    about!(axis, X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
                 }
-                let sent = if noise.skips_zeros {
-                    carried::<T, false>(body, turn, &p, &column, (&m, noise.variance))
-                } else {
-                    carried::<T, true>(body, turn, &p, &column, (&m, noise.variance))
-                };
-                about!(axis, X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
             }
             Carrier::Shift(at) => {
                 let shift = &self.shifts[at];
                 if SIDES >= FILTER {
-                    arrive(body, &shift.force_to_parent(&own.force.into()).into(), &mut to.force);
+                    arrive(body, &shift.force_to_parent(&force.into()).into(), &mut to.force);
                 }
                 if SIDES == WATCH {
                     let to = &mut self.watching.arriving[body.places.parent_inward];
@@ -242,30 +258,89 @@ pub(super) fn predict<T: Real>(
     scratch: &mut LeanScratch<T>,
     torques: &mut [T],
 ) {
-    let LeanScratch { own, arriving, shifts, .. } = scratch;
-    for (body, own) in lean.swept().iter().zip(own).rev() {
-        let force = sum(own.force, &arriving[body.places.inward].force);
+    let LeanScratch { own, shifts, .. } = scratch;
+    let bodies = lean.swept();
+    let own = &mut own[..bodies.len()];
+    for (place, body) in bodies.iter().enumerate().rev() {
+        let Own { turn, force } = own[place];
+        let to = if body.places.parent > 0 { Some(&mut own[body.places.parent - 1].force) } else { None };
         match body.carrier {
-            Carrier::Turn(axis) => {
+            Carrier::Turn(axis) => about!(axis, X, Y, Z, {
                 torques[body.row] = force[ABOUT_Z] * force[ABOUT_Z].everywhere(body.sense);
-                if body.parent.is_some() {
-                    let (sent, to) =
-                        (in_joint_frame(body, own.turn, &force), &mut arriving[body.places.parent_inward].force);
-                    about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), to));
+                if let Some(to) = to {
+                    send_force::<T, X, Y, Z>(body, turn, &force, to);
                 }
-            }
+            }),
             Carrier::Shift(at) => {
                 let (force, stage) = (Vector6::from(force), &model.system.stages[body.index]);
                 for i in 0..stage.rows.count() {
                     torques[body.row + i] = stage.rows.row(i).project(&force);
                 }
-                if body.parent.is_some() {
-                    let to = &mut arriving[body.places.parent_inward].force;
-                    arrive(body, &shifts[at].force_to_parent(&force).into(), to);
+                if let Some(to) = to {
+                    arrive_besides(body, &shifts[at].force_to_parent(&force).into(), to);
                 }
             }
         }
     }
+}
+
+/// Adds a force across a turn to what its parent has.
+#[inline(always)]
+fn send_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
+    body: &LeanBody<T::Parameter>,
+    turn: Turn<T>,
+    force: &[T; 6],
+    to: &mut [T; 6],
+) {
+    let like = force[0];
+    let lever = [like.everywhere(body.lever[0]), like.everywhere(body.lever[1]), like.everywhere(body.lever[2])];
+    if T::LIMBS > 1 && body.limbs > 1 {
+        // One after another, as where they are bodies by themselves.
+        for limb in (0..body.limbs).rev() {
+            let [a, b, c, d, e, f] = *force;
+            let force =
+                [a.of_limb(limb), b.of_limb(limb), c.of_limb(limb), d.of_limb(limb), e.of_limb(limb), f.of_limb(limb)];
+            let lever = [lever[0].of_limb(limb), lever[1].of_limb(limb), lever[2].of_limb(limb)];
+            let turn = Turn { s: turn.s.of_limb(limb), c: turn.c.of_limb(limb) };
+            *to = with_force::<T, X, Y, Z>((lever, body.has_lever), turn, &force, to);
+        }
+        return;
+    }
+    let sum = with_force::<T, X, Y, Z>((lever, body.has_lever), turn, force, to);
+    if T::LIMBS > 1 && !body.is_on_all_limbs {
+        let is_there = like.everywhere(body.stands_for_itself);
+        let is_not = is_there.constant(1.0) - is_there;
+        for (to, sum) in to.iter_mut().zip(sum) {
+            *to = is_there.mul_add(sum, is_not * *to);
+        }
+    } else {
+        *to = sum;
+    }
+}
+
+/// What a parent has and a force across a turn: what was there comes in where the sum begins, so that nothing waits for it.
+#[inline(always)]
+fn with_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
+    ([x, y, z], has_lever): ([T; 3], bool),
+    turn: Turn<T>,
+    force: &[T; 6],
+    to: &[T; 6],
+) -> [T; 6] {
+    let Turn { s, c } = turn;
+    let [nx, ny, nz, ..] = *force;
+    let f = turn.rotate([force[3], force[4], force[5]]);
+    let mut n = [c.mul_add(nx, to[X]).minus_product(s, ny), s.mul_add(nx, c.mul_add(ny, to[Y])), nz + to[Z]];
+    if has_lever {
+        n = [
+            f[2].mul_add(y, n[0].minus_product(f[1], z)),
+            f[0].mul_add(z, n[1].minus_product(f[2], x)),
+            f[1].mul_add(x, n[2].minus_product(f[0], y)),
+        ];
+    }
+    let mut sum = *to;
+    (sum[X], sum[Y], sum[Z]) = (n[0], n[1], n[2]);
+    (sum[3 + X], sum[3 + Y], sum[3 + Z]) = (f[0] + to[3 + X], f[1] + to[3 + Y], f[2] + to[3 + Z]);
+    sum
 }
 
 /// As [`arrive`], of the bounds.

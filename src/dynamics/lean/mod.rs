@@ -43,7 +43,7 @@ pub(crate) use scratch::{LeanScratch, bytes};
 pub(crate) use turn::turns_about_an_axis;
 pub(crate) use watch::{factor_watched, forward_dynamics_watched, hand_over};
 
-use super::forces::{Motion, Needed};
+use super::forces::Motion;
 use crate::batch::chunk::Algorithm;
 use crate::filter::Form;
 use crate::filter::pivots::PivotMonitor;
@@ -70,7 +70,7 @@ pub(crate) fn forward_dynamics<T: Real, C: ColumnsOf<T>>(
     qdd: &mut [T],
 ) -> PivotMonitor<T> {
     let state = Motion { q, qd, qdd: None, wrenches };
-    motion::base_to_tip::<T, C, false>((model, lean), scratch, state, Needed::of(model, state));
+    motion::base_to_tip::<T, C, false>((model, lean), scratch, state);
     let [monitor, _] = filter::tip_to_base::<T, { filter::FILTER }>((model, lean), scratch, tau, qdd);
     accelerations::base_to_tip::<T, false>((model, lean), scratch, qdd);
     monitor
@@ -87,7 +87,7 @@ pub(crate) fn forward_dynamics_by_roots<T: Real, C: ColumnsOf<T>>(
     qdd: &mut [T],
 ) -> (PivotMonitor<T>, Reach<T>) {
     let state = Motion { q, qd, qdd: None, wrenches };
-    motion::base_to_tip::<T, C, true>((model, lean), scratch, state, Needed::of(model, state));
+    motion::base_to_tip::<T, C, true>((model, lean), scratch, state);
     let monitor = root_filter::tip_to_base((model, lean), scratch, tau, qdd);
     let outward = accelerations::base_to_tip::<T, true>((model, lean), scratch, qdd);
     (monitor.pivots, Reach::of(&monitor, outward))
@@ -103,7 +103,7 @@ pub(crate) fn inverse_dynamics<T: Real, C: ColumnsOf<T>>(
     tau: &mut [T],
 ) {
     let state = Motion { q, qd, qdd, wrenches };
-    motion::base_to_tip::<T, C, false>((model, lean), scratch, state, Needed::of(model, state));
+    motion::base_to_tip::<T, C, false>((model, lean), scratch, state);
     filter::predict((model, lean), scratch, tau);
     if let Some(qdd) = qdd {
         for ((tau, &qdd), &armature) in tau.iter_mut().zip(qdd).zip(&model.system.noise) {

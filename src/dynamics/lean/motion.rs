@@ -5,7 +5,7 @@
 
 use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
-use super::scratch::{LeanScratch, Moving};
+use super::scratch::{LeanScratch, Moving, Own};
 use super::turn::{Axis, Turn, about};
 use crate::dynamics::forces::{Motion, Needed};
 use crate::kinematics::{joint_motion, joint_shift};
@@ -53,15 +53,15 @@ pub(super) fn cross<T: Real>(a: [T; 3], b: [T; 3], c: [T; 3]) -> [T; 3] {
     ]
 }
 
-/// I v + c, I symmetric, in every lane.
+/// I v, I symmetric, in every lane.
 #[inline(always)]
-fn inertia_times<T: Real>(i: [T::Parameter; 6], v: [T; 3], c: [T; 3]) -> [T; 3] {
+fn inertia_times<T: Real>(i: [T::Parameter; 6], v: [T; 3]) -> [T; 3] {
     let [xx, xy, xz, yy, yz, zz] = i;
     let o = v[0];
     [
-        v[0].mul_add(o.everywhere(xx), v[1].mul_add(o.everywhere(xy), v[2].mul_add(o.everywhere(xz), c[0]))),
-        v[0].mul_add(o.everywhere(xy), v[1].mul_add(o.everywhere(yy), v[2].mul_add(o.everywhere(yz), c[1]))),
-        v[0].mul_add(o.everywhere(xz), v[1].mul_add(o.everywhere(yz), v[2].mul_add(o.everywhere(zz), c[2]))),
+        v[0].mul_add(o.everywhere(xx), v[1].mul_add(o.everywhere(xy), v[2] * o.everywhere(xz))),
+        v[0].mul_add(o.everywhere(xy), v[1].mul_add(o.everywhere(yy), v[2] * o.everywhere(yz))),
+        v[0].mul_add(o.everywhere(xz), v[1].mul_add(o.everywhere(yz), v[2] * o.everywhere(zz))),
     ]
 }
 
@@ -70,11 +70,15 @@ fn inertia_times<T: Real>(i: [T::Parameter; 6], v: [T; 3], c: [T; 3]) -> [T; 3] 
 pub(super) fn carriers<T: Real, C: ColumnsOf<T>>(lean: &LeanModel<T>, scratch: &mut LeanScratch<T>, like: C, q: &[T]) {
     for some in lean.turning.chunks(C::COLUMNS) {
         let mut angles = like.constant(0.0);
-        for (lane, turning) in some.iter().enumerate().take(C::COLUMNS) {
-            angles.set_column(lane, q[turning.q]);
+        // By a number of lanes that the compiler knows.
+        for lane in 0..C::COLUMNS {
+            if let Some(turning) = some.get(lane) {
+                angles.set_column(lane, q[turning.q]);
+            }
         }
         let (s, c) = angles.sin_cos();
-        for (lane, turning) in some.iter().enumerate().take(C::COLUMNS) {
+        for lane in 0..C::COLUMNS {
+            let Some(turning) = some.get(lane) else { break };
             let s = s.column(lane);
             let mut turn = Turn { s: s * s.everywhere(turning.sense), c: c.column(lane) };
             if let Some([of_s, of_c]) = turning.offset {
@@ -91,38 +95,61 @@ pub(super) fn carriers<T: Real, C: ColumnsOf<T>>(lean: &LeanModel<T>, scratch: &
 /// Base to tip: the force b of every body; where `ROOT` the coordinates y of its root, b = L y + t, and t, what wrenches bring.
 #[inline(always)]
 pub(super) fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
+    scene: (&Model<T>, &LeanModel<T>),
+    scratch: &mut LeanScratch<T>,
+    state: Motion<'_, T>,
+) {
+    carriers(scene.1, scratch, C::zero(), state.q);
+    let needed = Needed::of(scene.0, state);
+    if needed.velocity && needed.acceleration && state.wrenches.is_empty() {
+        // Mostly: what is known of all bodies is not asked at each.
+        let needed = Needed { velocity: true, acceleration: true };
+        forces::<T, ROOT>(scene, scratch, Motion { wrenches: &[], ..state }, needed);
+    } else {
+        forces::<T, ROOT>(scene, scratch, state, needed);
+    }
+}
+
+/// The same, in the frames of the bodies at q.
+#[inline(always)]
+fn forces<T: Real, const ROOT: bool>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     state: Motion<'_, T>,
     needed: Needed,
 ) {
-    carriers(lean, scratch, C::zero(), state.q);
     let o = T::zero();
     let g = &model.gravity;
     let LeanScratch { motions, own, added, shifts, .. } = scratch;
     let base = [-g[0], -g[1], -g[2]];
     motions[0] = [[o; 3], [o; 3], base];
+    // Of one length, for the compiler to see: a row of one is a row of the other.
+    let state = Motion { qdd: state.qdd.map(|qdd| &qdd[..state.qd.len()]), ..state };
     for ((place, body), own) in lean.swept().iter().enumerate().zip(own) {
-        let parent = &motions[body.places.parent_outward];
+        let parent = motions[body.places.parent_outward];
         let root = if ROOT { Some(&lean.roots[place]) } else { None };
-        // The force in each arm: after them the motion would come by way of memory.
-        let (moving, force) = match body.carrier {
-            Carrier::Turn(axis) => {
+        // All of it in each arm: after them the motion would come by way of memory.
+        let to = (&mut motions[..], &mut *own);
+        match body.carrier {
+            Carrier::Turn(axis) => about!(axis, X, Y, Z, {
                 let [w, dw, a] = parent;
-                let there = about!(axis, X, Y, Z, [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]]);
-                let moving = turned(body, own.turn, there, (state.qd, state.qdd), needed);
-                (moving, load_of((body, root), &moving, needed, o))
-            }
+                let there = [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]];
+                let joint = (state.qd, state.qdd);
+                let moving = if body.parent.is_none() {
+                    on_base(body, to.1.turn, there[2], joint, needed)
+                } else {
+                    turned(body, to.1.turn, there, joint, needed)
+                };
+                keep((body, root), moving, needed, to);
+            }),
             Carrier::Shift(at) if body.is_afloat => {
-                let moving = afloat::moving(body.row, &shifts[at], &base, state, needed);
-                (moving, load_of((body, root), &moving, needed, o))
+                keep((body, root), afloat::moving(body.row, &shifts[at], &base, state, needed), needed, to);
             }
             Carrier::Shift(at) => {
-                let moving = shifted(&lean.shifting[at], body.row, &shifts[at], parent, state, needed);
-                (moving, load_of((body, root), &moving, needed, o))
+                let moving = shifted(&lean.shifting[at], body.row, &shifts[at], &parent, state, needed);
+                keep((body, root), moving, needed, to);
             }
-        };
-        own.force = force;
+        }
         let outside = if ROOT { &mut added[place] } else { &mut own.force };
         if ROOT {
             *outside = [o; 6];
@@ -132,10 +159,36 @@ pub(super) fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
                 *f -= given;
             }
         }
-        if !body.is_leaf {
-            motions[body.places.outward] = moving;
-        }
     }
+}
+
+/// The force, and the motion where a body hangs on this one.
+#[inline(always)]
+fn keep<T: Real>(
+    (body, root): (&LeanBody<T::Parameter>, Option<&BodyRoot<T::Parameter>>),
+    moving: Moving<T>,
+    needed: Needed,
+    (motions, own): (&mut [Moving<T>], &mut Own<T>),
+) {
+    own.force = load_of((body, root), &moving, needed);
+    if !body.is_leaf {
+        motions[body.places.outward] = moving;
+    }
+}
+
+/// Across a turn of a base that accelerates by `a`, in the joint's frame, and does not turn.
+#[inline(always)]
+fn on_base<T: Real>(
+    body: &LeanBody<T::Parameter>,
+    turn: Turn<T>,
+    a: [T; 3],
+    (qd, qdd): (&[T], Option<&[T]>),
+    needed: Needed,
+) -> Moving<T> {
+    let (o, sense) = (a[0].constant(0.0), a[0].everywhere(body.sense));
+    let rate = if needed.velocity { qd[body.row] * sense } else { o };
+    let acceleration = qdd.map_or(o, |qdd| qdd[body.row] * sense);
+    [[o, o, rate], [o, o, acceleration], turn.rotate_back(a)]
 }
 
 /// Across a turn, the parent's motion in the joint's frame: along the lever, about z, and the joint's own.
@@ -227,14 +280,13 @@ fn back<T: Real>(shift: &crate::spatial::RigidShift<T>, v: [T; 3]) -> [T; 3] {
 /// (I dw + w x I w + m p x a, m a + dw x m p + w x (w x m p)).
 #[inline(always)]
 fn force_of<T: Real>(body: &LeanBody<T::Parameter>, [w, dw, a]: &Moving<T>, needed: Needed, like: T) -> [T; 6] {
-    let o = like.constant(0.0);
     let h = body.first_moment;
     let m = like.everywhere(body.mass);
     let mut force = cross_number(*dw, h, [m * a[0], m * a[1], m * a[2]]);
-    let mut moment = inertia_times(body.rotational, *dw, [o; 3]);
+    let mut moment = inertia_times(body.rotational, *dw);
     if needed.velocity {
         force = cross(*w, crossed_number(*w, h), force);
-        moment = cross(*w, inertia_times(body.rotational, *w, [o; 3]), moment);
+        moment = cross(*w, inertia_times(body.rotational, *w), moment);
     }
     let moment = minus_cross_number(*a, h, moment);
     [moment[0], moment[1], moment[2], force[0], force[1], force[2]]
@@ -246,8 +298,8 @@ fn load_of<T: Real>(
     (body, root): (&LeanBody<T::Parameter>, Option<&BodyRoot<T::Parameter>>),
     moving: &Moving<T>,
     needed: Needed,
-    like: T,
 ) -> [T; 6] {
+    let like = moving[2][0];
     if body.needs_no_force || !needed.acceleration {
         return [like.constant(0.0); 6];
     }

@@ -21,8 +21,33 @@ pub(super) type Moving<T> = [[T; 3]; 3];
 pub(super) struct Own<T> {
     /// Of a body on a turn.
     pub turn: Turn<T>,
-    /// b(k), then z^+(k); or the coordinates of b(k) in the body's root.
+    /// b(k), or its coordinates in the body's root; where the digits are watched then z^+(k).
     pub force: [T; 6],
+}
+
+/// lambda, in two parts: those who read it have the larger one at hand while the estimate is still on its way.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CoState<T> {
+    /// What was carried here from the base.
+    pub carried: [T; 6],
+    /// Of a turn, what its own measurement adds along z.
+    pub estimate: T,
+}
+
+impl<T: Real> CoState<T> {
+    /// Of a body whose measurements are in it.
+    #[inline(always)]
+    pub fn of(lambda: [T; 6]) -> Self {
+        Self { carried: lambda, estimate: lambda[0].constant(0.0) }
+    }
+
+    /// Both.
+    #[inline(always)]
+    pub fn whole(&self) -> [T; 6] {
+        let mut lambda = self.carried;
+        lambda[2] += self.estimate;
+        lambda
+    }
 }
 
 /// What the bodies that hang on one send to it: its own noise and force are added when it is its turn.
@@ -54,7 +79,17 @@ pub(super) struct Besides<T> {
 /// where they are bodies by themselves.
 #[inline(always)]
 pub(super) fn arrive<T: Real, const N: usize>(body: &LeanBody<T::Parameter>, sent: &[T; N], to: &mut [T; N]) {
-    let is_first = body.places.arrives_first;
+    arrive_after(body, body.places.arrives_first, sent, to);
+}
+
+/// Adds it, or begins with it where it is the first.
+#[inline(always)]
+fn arrive_after<T: Real, const N: usize>(
+    body: &LeanBody<T::Parameter>,
+    is_first: bool,
+    sent: &[T; N],
+    to: &mut [T; N],
+) {
     if T::LIMBS > 1 && body.limbs > 1 {
         // As many as there are, each known to the compiler.
         match body.limbs {
@@ -74,6 +109,12 @@ pub(super) fn arrive<T: Real, const N: usize>(body: &LeanBody<T::Parameter>, sen
             *to += sent;
         }
     }
+}
+
+/// Adds what one body sends to what its parent has of its own.
+#[inline(always)]
+pub(super) fn arrive_besides<T: Real, const N: usize>(body: &LeanBody<T::Parameter>, sent: &[T; N], to: &mut [T; N]) {
+    arrive_after(body, false, sent, to);
 }
 
 /// What limbs side by side send to one body.
@@ -142,7 +183,7 @@ pub(crate) struct LeanScratch<T: Real> {
     /// D and g of each row.
     pub(super) measured: Vec<Measured<T>>,
     /// In slots, outward.
-    pub(super) co_states: Vec<[T; 6]>,
+    pub(super) co_states: Vec<CoState<T>>,
     pub(super) watching: Watching<T>,
     /// Of b(k), what is not in its coordinates.
     pub(super) added: Vec<[T; 6]>,
@@ -159,8 +200,8 @@ impl<T: Real> LeanScratch<T> {
         let nan = T::from_f64(f64::NAN);
         let (bodies, nv) = (lean.bodies.len(), model.nv());
         // The base has no co-state, and what its motion is each call says.
-        let mut co_states = vec![[nan; 6]; lean.swept_slots.outward];
-        co_states[0] = [T::zero(); 6];
+        let mut co_states = vec![CoState { carried: [nan; 6], estimate: nan }; lean.swept_slots.outward];
+        co_states[0] = CoState { carried: [T::zero(); 6], estimate: T::zero() };
         let mut watched = vec![[[nan; 6]; 2]; bodies + 1];
         watched[0] = [[T::zero(); 6]; 2];
         // Nothing arrives at a body that nothing hangs on.
@@ -225,11 +266,11 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> u
         Algorithm::ForwardDynamics(Form::Auto) => motions + filter + watching,
         Algorithm::ForwardDynamics(Form::SquareRoot) => {
             let of_bodies = bodies * (size_of::<BodyRoot<f64>>() + size_of::<[f64; 6]>());
-            let slots =
-                lean.swept_slots.inward * size_of::<Rooted<f64>>() + lean.swept_slots.outward * size_of::<[f64; 6]>();
+            let slots = lean.swept_slots.inward * size_of::<Rooted<f64>>()
+                + lean.swept_slots.outward * size_of::<CoState<f64>>();
             motions + of_bodies + slots + nv * size_of::<Measured<f64>>()
         }
-        Algorithm::ForwardDynamics(_) => motions + filter + lean.swept_slots.outward * size_of::<[f64; 6]>(),
+        Algorithm::ForwardDynamics(_) => motions + filter + lean.swept_slots.outward * size_of::<CoState<f64>>(),
         Algorithm::MassMatrixInverse(Form::Auto) => filter + watching + closed_form,
         Algorithm::MassMatrixInverse(_) => filter + closed_form,
     };

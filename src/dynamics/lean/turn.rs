@@ -264,12 +264,13 @@ impl<T: Real> Turn<T> {
     #[inline(always)]
     pub fn square(self, [a, b, e, d]: [T; 4]) -> [T; 4] {
         let [cc, ss, sc] = self.products();
-        let (across, along) = (sc * (b + e), sc * (a - d));
+        let (across, along) = (b + e, a - d);
+        // What is made of two comes in last, to be waited for least.
         [
-            cc.mul_add(a, ss * d) - across,
-            cc.mul_add(b, along.minus_product(ss, e)),
-            cc.mul_add(e, along.minus_product(ss, b)),
-            ss.mul_add(a, cc.mul_add(d, across)),
+            cc.mul_add(a, ss * d).minus_product(sc, across),
+            sc.mul_add(along, (cc * b).minus_product(ss, e)),
+            sc.mul_add(along, (cc * e).minus_product(ss, b)),
+            sc.mul_add(across, ss.mul_add(a, cc * d)),
         ]
     }
 }

@@ -5,7 +5,7 @@ use super::motion;
 use super::scratch::{LeanScratch, Watching};
 use super::turn::{Axis, about, to_turn};
 use super::{accelerations, filter};
-use crate::dynamics::forces::{Motion, Needed};
+use crate::dynamics::forces::Motion;
 use crate::filter::cancellation::{Cancellation, Swept};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{HingeMap, Rows, Stage};
@@ -27,7 +27,7 @@ pub(crate) fn forward_dynamics_watched<T: Real, C: ColumnsOf<T>>(
     qdd: &mut [T],
 ) -> (PivotMonitor<T>, PivotMonitor<T>, Cancellation<T>) {
     let state = Motion { q, qd, qdd: None, wrenches };
-    motion::base_to_tip::<T, C, false>((model, lean), scratch, state, Needed::of(model, state));
+    motion::base_to_tip::<T, C, false>((model, lean), scratch, state);
     let [monitor, near] = filter::tip_to_base::<T, { filter::WATCH }>((model, lean), scratch, tau, qdd);
     (monitor, near, base_to_tip((model, lean), scratch, qdd))
 }
