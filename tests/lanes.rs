@@ -133,7 +133,11 @@ fn neighbours_change_no_bit() {
 }
 
 fn check_neighbours(scene: &Scene, count: u64) {
-    let states = states(scene, count);
+    let mut states = states(scene, count);
+    // Some at rest, which alone would leave out what their neighbours need.
+    for state in states.iter_mut().step_by(3) {
+        state.1.fill(0.0);
+    }
     let given = forces(scene, states.len());
     for arm in arms() {
         let mut evaluator = Evaluator::on(arm, scene);
@@ -156,6 +160,33 @@ fn check_neighbours(scene: &Scene, count: u64) {
             }
         }
     }
+}
+
+/// A number that is not finite puts one state in doubt, whichever number it is.
+#[test]
+fn one_bad_number_is_seen_wherever_it_is() {
+    on_a_large_stack(|| {
+        for scene in [trees().nth(2).unwrap(), with_limbs().next().unwrap(), phipsi::scenes::chain(37).unwrap()] {
+            for arm in arms() {
+                let mut evaluator = Evaluator::on(arm, &scene);
+                for algorithm in [Algorithm::ForwardDynamics(Form::Covariance), Algorithm::InverseDynamics] {
+                    let mut out = vec![0.0; scene.nv()];
+                    let (good, force) = (states(&scene, 1).remove(0), []);
+                    assert_eq!(evaluator.run(algorithm, &[arguments(algorithm, &good, &force)], &mut out) & 1, 0);
+                    for argument in 0..3 {
+                        for at in 0..[scene.nq(), scene.nv(), scene.nv()][argument] {
+                            for bad in [f64::NAN, f64::INFINITY] {
+                                let mut state = good.clone();
+                                [&mut state.0, &mut state.1, &mut state.2][argument][at] = bad;
+                                let doubt = evaluator.run(algorithm, &[arguments(algorithm, &state, &force)], &mut out);
+                                assert_eq!(doubt & 1, 1, "{arm:?} {algorithm:?}: {bad} at {at} of {argument}");
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    });
 }
 
 /// What is wrong with one state is told of that state, and the others are computed.

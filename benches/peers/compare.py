@@ -13,6 +13,7 @@ import argparse
 import json
 import os
 import platform
+import re
 import statistics
 import subprocess
 import sys
@@ -213,6 +214,15 @@ def processor() -> str:
     return platform.processor() or platform.machine()
 
 
+def rustflags() -> str:
+    """What cargo gives the compiler: RUSTFLAGS, or without it what .cargo/config.toml says."""
+    if "RUSTFLAGS" in os.environ:
+        return os.environ["RUSTFLAGS"]
+    config = (ROOT / ".cargo" / "config.toml").read_text(encoding="utf-8")
+    (flags,) = re.findall(r"^rustflags = \[(.*)\]$", config, re.MULTILINE)
+    return " ".join(re.findall(r'"([^"]*)"', flags))
+
+
 def describe_machine(load_at_start: float) -> Report:
     return {
         "date": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
@@ -221,7 +231,7 @@ def describe_machine(load_at_start: float) -> Report:
         "load_at_start": round(load_at_start, 2),
         "commit": first_line("git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"),
         "rustc": first_line("rustc", "--version"),
-        "rustflags": os.environ.get("RUSTFLAGS", ""),
+        "rustflags": rustflags(),
     }
 
 

@@ -199,7 +199,7 @@ pub(super) fn any_not_finite<T: Real>(numbers: &[T]) -> T {
     ((a + b) + (c + d)) + ((e + f) + (g + h))
 }
 
-/// As many numbers of one state are worth eight sums side by side.
+/// As many numbers of one state are copied first and looked at after.
 const LONG: usize = 32;
 
 /// One argument of every state into lanes; lanes without a state of their own repeat the last. Zero where all is finite, else NaN.

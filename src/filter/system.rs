@@ -131,7 +131,14 @@ impl<T: Real> System<T> {
     #[inline(always)]
     #[must_use]
     pub fn skips_zeros_of(&self, row: usize) -> bool {
-        self.skips_zeros && self.is_noise_free(row)
+        self.skips_zeros_at(self.noise[row])
+    }
+
+    /// The same of a row with this variance.
+    #[inline(always)]
+    #[must_use]
+    pub fn skips_zeros_at(&self, variance: T) -> bool {
+        self.skips_zeros && variance.lane(0) == 0.0
     }
 
     /// Whether a row is measured at all.

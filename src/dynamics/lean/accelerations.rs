@@ -23,7 +23,7 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
     let mut seen = Outward::new();
     let LeanScratch { own, shifts, measured, co_states, .. } = scratch;
     // Of one length, for the compiler to see.
-    let measured = &measured[..estimates.len()];
+    let estimates = &mut estimates[..measured.len()];
     for (body, own) in lean.swept().iter().zip(own) {
         let outer = &co_states[body.places.parent_outward];
         if SEEN && body.parent.is_some() {

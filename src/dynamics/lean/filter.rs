@@ -3,7 +3,7 @@
 use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::motion::minus_cross_number;
-use super::scratch::{Arriving, LeanScratch, Own, Watching, arrive, arrive_besides};
+use super::scratch::{Arriving, LeanScratch, Own, Watching, arrive, arrive_at_own};
 use super::turn::{Axis, Turn, about, packed_to_parent, to_parent};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
@@ -34,14 +34,14 @@ struct Noise<T> {
 impl<T: Real> Noise<T> {
     #[inline(always)]
     fn of(system: &System<T>, variance: T) -> Self {
-        Self { variance, skips_zeros: system.skips_zeros && variance.lane(0) == 0.0 }
+        Self { variance, skips_zeros: system.skips_zeros_at(variance) }
     }
 }
 
 /// What a sweep inward reads and writes.
 struct Inward<'a, T: Real> {
     system: &'a System<T>,
-    /// The system's, as long as the arrays of rows below.
+    /// The system's, as long as `measured`.
     noise: &'a [T],
     arriving: &'a mut [Arriving<T>],
     shifts: &'a [RigidShift<T>],
@@ -277,7 +277,7 @@ pub(super) fn predict<T: Real>(
                     torques[body.row + i] = stage.rows.row(i).project(&force);
                 }
                 if let Some(to) = to {
-                    arrive_besides(body, &shifts[at].force_to_parent(&force).into(), to);
+                    arrive_at_own(body, &shifts[at].force_to_parent(&force).into(), to);
                 }
             }
         }
@@ -306,16 +306,14 @@ fn send_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
         }
         return;
     }
-    let sum = with_force::<T, X, Y, Z>((lever, body.has_lever), turn, force, to);
+    let mut force = *force;
     if T::LIMBS > 1 && !body.is_on_all_limbs {
-        let is_there = like.everywhere(body.stands_for_itself);
-        let is_not = is_there.constant(1.0) - is_there;
-        for (to, sum) in to.iter_mut().zip(sum) {
-            *to = is_there.mul_add(sum, is_not * *to);
+        // Nothing from a limb that has no such body: a sum with products of zero changes no bit.
+        for number in &mut force {
+            *number *= like.everywhere(body.stands_for_itself);
         }
-    } else {
-        *to = sum;
     }
+    *to = with_force::<T, X, Y, Z>((lever, body.has_lever), turn, &force, to);
 }
 
 /// What a parent has and a force across a turn: what was there comes in where the sum begins, so that nothing waits for it.

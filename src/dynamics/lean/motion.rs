@@ -101,7 +101,7 @@ pub(super) fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
 ) {
     carriers(scene.1, scratch, C::zero(), state.q);
     let needed = Needed::of(scene.0, state);
-    if needed.velocity && needed.acceleration && state.wrenches.is_empty() {
+    if needed.velocity && state.wrenches.is_empty() {
         // Mostly: what is known of all bodies is not asked at each.
         let needed = Needed { velocity: true, acceleration: true };
         forces::<T, ROOT>(scene, scratch, Motion { wrenches: &[], ..state }, needed);
@@ -110,7 +110,7 @@ pub(super) fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
     }
 }
 
-/// The same, in the frames of the bodies at q.
+/// The same, turns and shifts being there: compiled once for what is mostly needed, and once for anything else.
 #[inline(always)]
 fn forces<T: Real, const ROOT: bool>(
     (model, lean): (&Model<T>, &LeanModel<T>),

@@ -21,7 +21,7 @@ pub(super) type Moving<T> = [[T; 3]; 3];
 pub(super) struct Own<T> {
     /// Of a body on a turn.
     pub turn: Turn<T>,
-    /// b(k), or its coordinates in the body's root; where the digits are watched then z^+(k).
+    /// b(k), or its coordinates in the body's root; then z(k) in inverse dynamics, and z^+(k) where the digits are watched.
     pub force: [T; 6],
 }
 
@@ -113,7 +113,7 @@ fn arrive_after<T: Real, const N: usize>(
 
 /// Adds what one body sends to what its parent has of its own.
 #[inline(always)]
-pub(super) fn arrive_besides<T: Real, const N: usize>(body: &LeanBody<T::Parameter>, sent: &[T; N], to: &mut [T; N]) {
+pub(super) fn arrive_at_own<T: Real, const N: usize>(body: &LeanBody<T::Parameter>, sent: &[T; N], to: &mut [T; N]) {
     arrive_after(body, false, sent, to);
 }
 
