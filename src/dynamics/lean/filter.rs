@@ -130,29 +130,26 @@ impl<T: Real> Inward<'_, T> {
         match body.carrier {
             Carrier::Turn(axis) => {
                 let turn = own.turn;
-                let past = (&m, noise.variance);
-                // All of it in each arm: after them P^+ would come by way of memory.
-                about!(axis, X, Y, Z, {
-                    if SIDES >= FILTER {
-                        let sent = in_joint_frame(body, turn, &force);
-                        arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force);
-                    }
-                    if SIDES == WATCH {
-                        let to = &mut self.watching.arriving[body.places.parent_inward];
-                        let terms = sent_terms(body, &kept_diagonal(noise, &p, &column, &m));
-                        let zeta = in_joint_frame(body, turn, &self.watching.own[place].zeta);
+                if SIDES >= FILTER {
+                    let sent = in_joint_frame(body, turn, &force);
+                    about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
+                }
+                if SIDES == WATCH {
+                    let to = &mut self.watching.arriving[body.places.parent_inward];
+                    let terms = sent_terms(body, &kept_diagonal(noise, &p, &column, &m));
+                    let zeta = in_joint_frame(body, turn, &self.watching.own[place].zeta);
+                    about!(axis, X, Y, Z, {
                         arrive(body, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
                         arrive(body, &to_parent::<T, X, Y, Z>(&zeta), &mut to.zeta);
-                    }
-                    if noise.skips_zeros {
-                        let sent = carried::<T, false>(body, turn, &p, &column, past);
-                        arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p);
-                    }
-                });
-                if !noise.skips_zeros {
-                    let sent = carried::<T, true>(body, turn, &p, &column, past);
-                    about!(axis, X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
+                    });
                 }
+                // Not all of it for each axis, which takes no less time here and the compiler more.
+                let sent = if noise.skips_zeros {
+                    carried::<T, false>(body, turn, &p, &column, (&m, noise.variance))
+                } else {
+                    carried::<T, true>(body, turn, &p, &column, (&m, noise.variance))
+                };
+                about!(axis, X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
             }
             Carrier::Shift(at) => {
                 let shift = &self.shifts[at];
