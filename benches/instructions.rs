@@ -1,7 +1,7 @@
 //! The algorithms, again and again, for callgrind to count instructions: `make instructions`, see benches/instructions/count.py.
 //!
-//! `instructions count <scene> <algorithm> <states> <repeats>` (a chain of so many bodies, or by hand a model of `make peers`) evaluates that many states a call, on the arm of `PHIPSI_ARM`; without
-//! `count` (as `cargo bench` starts it) it does nothing.
+//! `instructions count <scene> <algorithm> <states> <repeats>` evaluates that many states a call, on the arm of `PHIPSI_ARM`; without
+//! `count` (as `cargo bench` starts it) it does nothing. The scene is a chain of so many bodies, or by hand a model of `make peers`.
 
 mod common;
 

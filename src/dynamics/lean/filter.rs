@@ -2,8 +2,8 @@
 
 use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
-use super::motion::minus_cross_number;
-use super::scratch::{Arriving, LeanScratch, Own, Watching, arrive, arrive_at_own};
+use super::motion::{cross, minus_cross_number};
+use super::scratch::{Arriving, LeanScratch, Own, Watching, arrive, arrive_after};
 use super::turn::{Axis, Turn, about, packed_to_parent, to_parent};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
@@ -274,7 +274,7 @@ pub(super) fn predict<T: Real>(
                     torques[body.row + i] = stage.rows.row(i).project(&force);
                 }
                 if let Some(to) = to {
-                    arrive_at_own(body, &shifts[at].force_to_parent(&force).into(), to);
+                    arrive_after(body, false, &shifts[at].force_to_parent(&force).into(), to);
                 }
             }
         }
@@ -316,7 +316,7 @@ fn send_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
 /// What a parent has and a force across a turn: what was there comes in where the sum begins, so that nothing waits for it.
 #[inline(always)]
 fn with_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
-    ([x, y, z], has_lever): ([T; 3], bool),
+    (lever, has_lever): ([T; 3], bool),
     turn: Turn<T>,
     force: &[T; 6],
     to: &[T; 6],
@@ -326,11 +326,7 @@ fn with_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
     let f = turn.rotate([force[3], force[4], force[5]]);
     let mut n = [c.mul_add(nx, to[X]).minus_product(s, ny), s.mul_add(nx, c.mul_add(ny, to[Y])), nz + to[Z]];
     if has_lever {
-        n = [
-            f[2].mul_add(y, n[0].minus_product(f[1], z)),
-            f[0].mul_add(z, n[1].minus_product(f[2], x)),
-            f[1].mul_add(x, n[2].minus_product(f[0], y)),
-        ];
+        n = cross(lever, f, n);
     }
     let mut sum = *to;
     (sum[X], sum[Y], sum[Z]) = (n[0], n[1], n[2]);

@@ -82,9 +82,9 @@ pub(super) fn arrive<T: Real, const N: usize>(body: &LeanBody<T::Parameter>, sen
     arrive_after(body, body.places.arrives_first, sent, to);
 }
 
-/// Adds it, or begins with it where it is the first.
+/// The same where it is told whether anything is there already.
 #[inline(always)]
-fn arrive_after<T: Real, const N: usize>(
+pub(super) fn arrive_after<T: Real, const N: usize>(
     body: &LeanBody<T::Parameter>,
     is_first: bool,
     sent: &[T; N],
@@ -109,12 +109,6 @@ fn arrive_after<T: Real, const N: usize>(
             *to += sent;
         }
     }
-}
-
-/// Adds what one body sends to what its parent has of its own.
-#[inline(always)]
-pub(super) fn arrive_at_own<T: Real, const N: usize>(body: &LeanBody<T::Parameter>, sent: &[T; N], to: &mut [T; N]) {
-    arrive_after(body, false, sent, to);
 }
 
 /// What limbs side by side send to one body.
