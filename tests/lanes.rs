@@ -69,6 +69,9 @@ fn deep_trees_and_aligned_ones() {
             aligned(34, 61, 0.03),
             aligned(35, 61, 0.3),
             Tree { seed: 36, bodies: 45, kinds: &ALL_KINDS, branching: 0.04, armature: 1.0, floating: true }.scene(),
+            // So deep that M^-1 of one state goes the same way as in lanes.
+            Tree { seed: 37, bodies: 80, kinds: &ALL_KINDS, branching: 0.02, armature: 1.0, floating: true }.scene(),
+            aligned(38, 80, 0.02),
         ];
         for (which, scene) in scenes.into_iter().chain(with_limbs()).enumerate() {
             let scene = &scene;

@@ -81,6 +81,9 @@ pub trait Work {
     fn call(self) -> Self::Output;
 }
 
+/// An entry of a matrix, as it is kept.
+pub type Entry<T> = <<T as Vectorised>::Columns as ColumnsOf<T>>::Entry;
+
 /// A scalar with the instructions that it wants.
 pub trait Vectorised: Real {
     /// The numbers in its lanes.
@@ -120,12 +123,12 @@ pub trait Vectorised: Real {
         }
     }
 
-    /// The same of as many numbers as `chosen` says, each by its place in `numbers`; of all in order where it is empty. Number 0 is zero.
-    #[inline(always)]
-    fn put_chosen(numbers: &[Self], chosen: &[u32], out: &mut [Self::Number]) {
-        debug_assert!(chosen.is_empty(), "one lane has all in order");
-        Self::put_lanes(numbers, out);
-    }
+    /// Where the entries of a matrix are written: of one state where they belong.
+    fn entries_in<'a>(entries: &'a mut [Entry<Self>], out: &'a mut [Self::Number]) -> &'a mut [Entry<Self>];
+
+    /// As [`Self::put_lanes`] of as many numbers as `chosen` says, each by its place in `entries`, of which the first is zero; nothing where
+    /// they were written where they belong.
+    fn put_entries(entries: &[Entry<Self>], chosen: &[u32], out: &mut [Self::Number]);
 }
 
 /// One array of every state into lanes; lanes without a state of their own repeat the last.
@@ -167,6 +170,14 @@ impl Vectorised for f64 {
     fn lanes_mut(&mut self) -> &mut [f64] {
         std::slice::from_mut(self)
     }
+
+    #[inline(always)]
+    fn entries_in<'a>(_entries: &'a mut [f64], out: &'a mut [f64]) -> &'a mut [f64] {
+        out
+    }
+
+    #[inline(always)]
+    fn put_entries(_entries: &[f64], _chosen: &[u32], _out: &mut [f64]) {}
 }
 
 /// The instructions of this target that have fused products.
@@ -200,6 +211,22 @@ impl Vectorised for Fused {
     fn lanes_mut(&mut self) -> &mut [f64] {
         std::slice::from_mut(&mut self.0)
     }
+
+    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+    #[inline(always)]
+    fn entries_in<'a>(_entries: &'a mut [f64], out: &'a mut [f64]) -> &'a mut [f64] {
+        out
+    }
+
+    /// No arm of these targets runs on fused products.
+    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+    #[inline(always)]
+    fn entries_in<'a>(entries: &'a mut [Self], _out: &'a mut [f64]) -> &'a mut [Self] {
+        entries
+    }
+
+    #[inline(always)]
+    fn put_entries(_entries: &[Entry<Self>], _chosen: &[u32], _out: &mut [f64]) {}
 }
 
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
@@ -236,7 +263,12 @@ impl<S: Instructions, P: Precision> Vectorised for Lanes<S, P> {
     }
 
     #[inline(always)]
-    fn put_chosen(numbers: &[Self], chosen: &[u32], out: &mut [P]) {
-        Lanes::put_chosen(numbers, chosen, out);
+    fn entries_in<'a>(entries: &'a mut [Self], _out: &'a mut [P]) -> &'a mut [Self] {
+        entries
+    }
+
+    #[inline(always)]
+    fn put_entries(entries: &[Self], chosen: &[u32], out: &mut [P]) {
+        Lanes::put_chosen(entries, chosen, out);
     }
 }

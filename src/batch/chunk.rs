@@ -3,9 +3,9 @@
 //! Nothing is raised here: a lane whose arguments, pivots, digits or results are not in order is in *doubt*, and whoever
 //! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
-use super::arms::{Vectorised, Work, take_states};
+use super::arms::{Entry, Vectorised, Work, take_states};
 use crate::dynamics::auto;
-use crate::dynamics::lean::{self, LeanColumns, LeanModel, LeanScratch, MassColumns};
+use crate::dynamics::lean::{self, Entries, LeanColumns, LeanModel, LeanScratch, MassColumns};
 use crate::filter::Form;
 use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::{Precision, Real, lanes_but};
@@ -62,7 +62,7 @@ pub struct Chunk<T: Vectorised> {
     model: Model<T>,
     lean: LeanModel<T>,
     lean_scratch: LeanScratch<T>,
-    lean_columns: LeanColumns<T::Columns>,
+    lean_columns: LeanColumns<T, T::Columns>,
     mass_columns: MassColumns<T, T::Columns>,
     /// Where the quaternions are in q.
     quaternions: Vec<usize>,
@@ -269,20 +269,27 @@ impl<T: Vectorised> Work for Run<'_, T> {
         }
         let scene = (&*model, &*lean);
         let in_plane = planar.as_mut().filter(|_| planar::covers(self.algorithm));
-        let mut doubt = 0;
+        let by_entries = in_plane.is_none();
+        let entries = entries_of(self.algorithm, scene, lean_columns, mass_columns).filter(|_| by_entries);
+        let mut numbers = entries.map(|entries| std::mem::take(&mut entries.numbers)).unwrap_or_default();
+        let width = if T::LANES == 1 { self.out.len() } else { self.out.len() / states.len() };
+        let (mut doubt, to) = (0, T::entries_in(&mut numbers, self.out));
         if in_plane.is_none() && self.algorithm == Algorithm::MassMatrix {
-            lean::mass_matrix::<T, T::Columns, true>(scene, (lean_scratch, mass_columns), q);
-            fault += mass_columns.fault();
-            T::put_chosen(mass_columns.entries(), mass_columns.chosen(), self.out);
+            lean::mass_matrix::<T, T::Columns, true>(scene, (lean_scratch, mass_columns), q, to);
         } else {
-            let width = if T::LANES == 1 { self.out.len() } else { self.out.len() / states.len() };
             results.resize(width, T::zero());
             doubt = if let Some((model, scratch)) = in_plane {
                 planar::run(self.algorithm, model, scratch, (q, qd, u), wrenches, results)
             } else {
-                let scratch = (lean_scratch, lean_columns, workspace);
-                compute(self.algorithm, scene, scratch, (q, qd, u), wrenches, results)
+                let scratch = (&mut *lean_scratch, &mut *lean_columns, workspace);
+                compute(self.algorithm, scene, scratch, (q, qd, u), wrenches, (to, results))
             };
+        }
+        if let Some(entries) = entries_of(self.algorithm, scene, lean_columns, mass_columns).filter(|_| by_entries) {
+            entries.numbers = numbers;
+            fault += entries.fault();
+            T::put_entries(&entries.numbers, entries.chosen(), self.out);
+        } else {
             fault += any_not_finite(results);
             T::put_lanes(results, self.out);
         }
@@ -293,15 +300,30 @@ impl<T: Vectorised> Work for Run<'_, T> {
     }
 }
 
+/// What a matrix is written to in lanes; none where an algorithm gives none, or all of its results in order.
+#[inline(always)]
+fn entries_of<'a, T: Vectorised>(
+    algorithm: Algorithm,
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    columns: &'a mut LeanColumns<T, T::Columns>,
+    mass_columns: &'a mut MassColumns<T, T::Columns>,
+) -> Option<&'a mut Entries<T, T::Columns>> {
+    match algorithm {
+        Algorithm::MassMatrix => Some(mass_columns.prepare(model, lean)),
+        Algorithm::MassMatrixInverse(Form::Auto | Form::Covariance) => columns.prepare(model, lean),
+        _ => None,
+    }
+}
+
 /// The algorithm itself; gives the lanes that it doubts.
 #[inline(always)]
 fn compute<T: Vectorised>(
     algorithm: Algorithm,
     (model, lean): (&Model<T>, &LeanModel<T>),
-    (scratch, columns, workspace): (&mut LeanScratch<T>, &mut LeanColumns<T::Columns>, &mut Workspace<T>),
+    (scratch, columns, workspace): (&mut LeanScratch<T>, &mut LeanColumns<T, T::Columns>, &mut Workspace<T>),
     (q, qd, u): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
-    results: &mut [T],
+    (entries, results): (&mut [Entry<T>], &mut [T]),
 ) -> u64 {
     let scene = (model, lean);
     match algorithm {
@@ -334,7 +356,7 @@ fn compute<T: Vectorised>(
                 lanes_but::<T>(|lane| pivots.clear(lane))
             };
             // Called in one place: each call is compiled by itself.
-            lean::closed_form(scene, (scratch, columns), results);
+            lean::closed_form::<T, T::Columns, true>(scene, (scratch, columns), (entries, results));
             doubt
         }
         Algorithm::InverseDynamics | Algorithm::BiasTorque => {

@@ -83,8 +83,14 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
     let (lean, model) = (LeanModel::<Counted>::new(&model), model.cast());
     let ([q, qd, u], wrenches) = on_counted(state);
     let (mut scratch, mut workspace) = (LeanScratch::new(&model, &lean), Workspace::new(&model));
-    let mut columns: LeanColumns<Counted> = LeanColumns::new();
+    let mut columns: LeanColumns<Counted, Counted> = LeanColumns::new();
     let mut mass_columns: MassColumns<Counted, Counted> = MassColumns::new();
+    mass_columns.prepare(&model, &lean);
+    let by_tiles = columns.prepare(&model, &lean).is_some();
+    let mut inverted = |scratch: &mut LeanScratch<Counted>, out: &mut [Counted]| {
+        let out = if by_tiles { (out, &mut [][..]) } else { (&mut [][..], out) };
+        lean::closed_form::<_, _, false>((&model, &lean), (scratch, &mut columns), out);
+    };
     let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
     let (kept, operations) = Counted::during(|| {
         let scene = (&model, &lean);
@@ -98,7 +104,7 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
             Algorithm::MassMatrixInverse(Form::Auto) => {
                 let nv = model.nv();
                 let watched = auto::factor_watched_lean::<_, Counted>(scene, &mut scratch, &q, &mut out[..nv]);
-                lean::closed_form(scene, (&mut scratch, &mut columns), &mut out);
+                inverted(&mut scratch, &mut out);
                 return watched.kept(0);
             }
             Algorithm::ForwardDynamics(Form::SquareRoot) => {
@@ -115,12 +121,11 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
                 lean::inverse_dynamics::<_, Counted>(scene, &mut scratch, (&q, &qd, u), &wrenches, &mut out);
             }
             Algorithm::MassMatrix => {
-                lean::mass_matrix::<_, _, false>(scene, (&mut scratch, &mut mass_columns), &q);
-                out.copy_from_slice(mass_columns.entries());
+                lean::mass_matrix::<_, _, false>(scene, (&mut scratch, &mut mass_columns), &q, &mut out);
             }
             Algorithm::MassMatrixInverse(_) => {
                 lean::factor::<_, Counted>(scene, &mut scratch, &q);
-                lean::closed_form(scene, (&mut scratch, &mut columns), &mut out);
+                inverted(&mut scratch, &mut out);
             }
         }
         true

@@ -6,8 +6,10 @@
 //! pays for Lambda at each body.
 
 use super::body::{Carrier, LeanModel};
-use super::columns::{LeanColumns, TILE, blocks_of, put_block, set_column};
+use super::columns::{Block, LeanColumns, set_column};
+use super::filter::ABOUT_Z;
 use super::scratch::LeanScratch;
+use super::tiles::{Pair, TILE, Tiles, put, put_factors};
 use super::turn::{Axis, about};
 use super::way::Way;
 use crate::dynamics::columns::{spread_hinge, spread_shift, spread_vector};
@@ -15,108 +17,119 @@ use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
 use crate::spatial::{dot, zero};
 
-/// M^-1 of the factor in the scratch.
+/// M^-1 of the factor in the scratch, into `out`, as [`Entries`](super::Entries) has it; with CHECK it is seen whether all are finite.
 #[inline(always)]
-pub(super) fn multiplied_out<T: Real, C: ColumnsOf<T>>(
+pub(super) fn multiplied_out<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     scene: (&Model<T>, &LeanModel<T>),
-    (scratch, columns): (&LeanScratch<T>, &mut LeanColumns<C>),
-    out: &mut [T],
+    scratch: &LeanScratch<T>,
+    columns: &mut LeanColumns<T, C>,
+    out: &mut [C::Entry],
 ) {
     factors_base_to_tip(scene, (scratch, columns));
-    product(scene, (scratch, columns), out);
+    columns.tiles.divide(&scratch.measured);
+    product::<T, C, CHECK>(&mut columns.tiles, out);
 }
 
-/// Base to tip: w of every pair of joints one inward of the other. Columns are in the order of the path from the base.
+/// Base to tip: w of every pair of joints one inward of the other. Columns are in the order of the path from the base; lanes beyond it
+/// hold zeros.
 #[inline(always)]
 fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
-    (scratch, columns): (&LeanScratch<T>, &mut LeanColumns<C>),
+    (scratch, columns): (&LeanScratch<T>, &mut LeanColumns<T, C>),
 ) {
+    let LeanColumns { slots, tiles: Tiles { factors, targets, units, blocks: blocks_of_row, entries, .. }, .. } =
+        columns;
+    let none = entries.zero();
+    let mut targets = targets.chunks_exact(C::COLUMNS);
     for (k, body) in lean.bodies.iter().enumerate() {
-        let stage = &model.system.stages[k];
-        let mut own = columns.take(body.places.outward);
-        let depth = body.depth;
-        let blocks = blocks_of::<T, C>(&(0..depth));
+        let mut own = std::mem::take(&mut slots[body.places.outward]);
+        let parents: &[Block<C>] = if body.parent.is_some() { &slots[body.places.parent_outward] } else { &[] };
+        let blocks = body.depth.div_ceil(C::COLUMNS);
         match body.carrier {
             Carrier::Turn(axis) => about!(axis, X, Y, Z, {
                 let (turn, gain) = (scratch.own[lean.at[k]].turn, &scratch.measured[body.row].gain);
-                let way = Way::<C, X, Y, Z>::new(body, turn, gain, C::zero());
-                for block in blocks {
-                    let mut c = way.carried(&columns.at(body.places.parent_outward)[block]);
+                let way = Way::<C, X, Y, Z>::new(body, turn, gain, none);
+                for ((parent, own), targets) in parents[..blocks].iter().zip(&mut own).zip(&mut targets) {
+                    let mut c = way.carried(parent);
                     let w = way.entry(&c);
-                    columns.put_factors(depth, block, body.row, &w);
+                    put_factors(factors, targets, body.row, &w);
                     if !body.is_leaf {
                         way.past_row(&mut c, w);
-                        own[block] = c;
+                        *own = c;
+                    }
+                }
+                if !body.is_leaf {
+                    let begun = way.begun(units[body.depth % C::COLUMNS]);
+                    if body.depth.is_multiple_of(C::COLUMNS) {
+                        own[blocks] = [none, none, begun, none, none, none];
+                    } else {
+                        own[blocks - 1][ABOUT_Z] += begun;
                     }
                 }
             }),
             Carrier::Shift(at) => {
-                let shift = spread_shift(C::zero(), &scratch.shifts[at]);
-                for block in blocks {
-                    let mut c = shift.motion_to_child(&columns.at(body.places.parent_outward)[block].into());
-                    for i in 0..stage.rows.count() {
-                        let w = dot(&spread_vector(c[0], &scratch.measured[body.row + i].gain), &c);
-                        columns.put_factors(depth, block, body.row + i, &w);
-                        c = spread_hinge(w, stage.rows.row(i)).spread_onto(&c, -w);
+                let stage = &model.system.stages[k];
+                let (rows, shift) = (stage.rows.count(), spread_shift(none, &scratch.shifts[at]));
+                for (parent, own) in parents[..blocks].iter().zip(&mut own) {
+                    let mut c = shift.motion_to_child(&(*parent).into());
+                    for (row, targets) in (body.row..body.row + rows).zip(&mut targets) {
+                        let w = dot(&spread_vector(none, &scratch.measured[row].gain), &c);
+                        put_factors(factors, targets, row, &w);
+                        c = spread_hinge(w, stage.rows.row(row - body.row)).spread_onto(&c, -w);
                     }
-                    own[block] = c.into();
+                    *own = c.into();
+                }
+                own[blocks..(body.depth + rows).div_ceil(C::COLUMNS)].fill([none; 6]);
+                for i in 0..rows {
+                    let mut c = stage.rows.row(i).spread_onto(&zero(), -T::one().everywhere(body.sense));
+                    for outer in i + 1..rows {
+                        let w = dot(&scratch.measured[body.row + outer].gain, &c);
+                        let (joint, row) = (body.row + i, body.row + outer);
+                        factors[joint * *blocks_of_row + row / C::COLUMNS].set_column(row % C::COLUMNS, w);
+                        c = stage.rows.row(outer).spread_onto(&c, -w);
+                    }
+                    set_column(&mut own[(body.depth + i) / C::COLUMNS], (body.depth + i) % C::COLUMNS, &c.into());
                 }
             }
         }
-        for i in 0..stage.rows.count() {
-            columns.enter_path(depth + i, body.row + i);
-            let mut c = stage.rows.row(i).spread_onto(&zero(), -T::one().everywhere(body.sense));
-            for outer in i + 1..stage.rows.count() {
-                let w = dot(&scratch.measured[body.row + outer].gain, &c);
-                columns.put_factor(depth + i, body.row + outer, w);
-                c = stage.rows.row(outer).spread_onto(&c, -w);
-            }
-            if !body.is_leaf {
-                set_column(&mut own[(depth + i) / C::COLUMNS], (depth + i) % C::COLUMNS, &c.into());
-            }
-        }
-        columns.give_back(body.places.outward, own);
+        slots[body.places.outward] = own;
     }
 }
 
-/// Row by row up to the diagonal: the sum of w w / D over the path from the base.
+/// Tile by tile of the lower triangle: the sum of w w / D over the joints inward of both of its sides.
 #[inline(always)]
-fn product<T: Real, C: ColumnsOf<T>>(
-    (model, lean): (&Model<T>, &LeanModel<T>),
-    (scratch, columns): (&LeanScratch<T>, &mut LeanColumns<C>),
-    out: &mut [T],
-) {
-    let (nv, tiles) = (model.nv(), columns.tiles::<T>());
-    let none = C::zero();
-    let LeanColumns { path, factors, weights, .. } = columns;
-    for (k, body) in lean.bodies.iter().enumerate() {
-        for i in 0..model.system.stages[k].rows.count() {
-            let row = body.row + i;
-            let depth = body.depth + i + 1;
-            path[depth - 1] = (row, row * tiles);
-            let (block, lane) = (row / C::COLUMNS, row % C::COLUMNS);
-            for (weight, &(joint, at)) in weights.iter_mut().zip(&path[..depth]) {
-                let factor = &factors[at + block / TILE][block % TILE];
-                *weight = none.spread(factor.column(lane) * scratch.measured[joint].pivot_inverse);
-            }
-            let mut common = 0;
-            for tile in 0..=block / TILE {
-                // Joints further out than the tile have nothing in it.
-                while common < depth && path[common].0 < (tile + 1) * TILE * C::COLUMNS {
-                    common += 1;
-                }
-                let mut sums = [none; TILE];
-                for (&weight, &(_, at)) in weights[..common].iter().zip(&*path) {
-                    let factors = &factors[at + tile];
-                    for (sum, &factor) in sums.iter_mut().zip(factors) {
-                        *sum = weight.mul_add(factor, *sum);
-                    }
-                }
-                for (sum, block) in sums.iter().zip(tile * TILE..=block) {
-                    put_block(out, nv, row, block, sum);
+#[allow(clippy::eq_op)] // that is the point
+fn product<T: Real, C: ColumnsOf<T>, const CHECK: bool>(tiles: &mut Tiles<T, C>, out: &mut [C::Entry]) {
+    let none = tiles.entries.zero();
+    let (across, at_once) = (Tiles::<T, C>::ACROSS, Tiles::<T, C>::AT_ONCE);
+    let Tiles { factors, over_pivots, pairs, inward, has_gaps, nv, .. } = &*tiles;
+    let (nv, mut fault) = (*nv, none);
+    if T::LANES == 1 && *has_gaps {
+        out.fill(C::kept(T::zero()));
+    }
+    for (number, &Pair { side, other, ref joints }) in pairs.iter().enumerate() {
+        let mut sums = [[none; TILE]; TILE];
+        for &at in &inward[joints.clone()] {
+            let rows = &factors[at + side * across..][..across];
+            let columns = &over_pivots[at + other * across..][..across * at_once];
+            for row in 0..TILE {
+                let factor = none.spread(rows[row / C::COLUMNS].column(row % C::COLUMNS));
+                for column in 0..across * at_once {
+                    sums[row][column] = factor.mul_add(columns[column], sums[row][column]);
                 }
             }
         }
+        if CHECK {
+            for row in &sums {
+                for &some in &row[..across * at_once] {
+                    fault += some - some;
+                }
+            }
+        }
+        put::<T, C, 0>(out, nv, (side, other), number, &sums);
+        if at_once == 2 && other < side {
+            put::<T, C, 1>(out, nv, (side, other + 1), number, &sums);
+        }
     }
+    tiles.entries.fault = fault;
 }

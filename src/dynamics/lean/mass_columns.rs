@@ -5,6 +5,7 @@
 
 use super::body::LeanModel;
 use super::columns::Block;
+use super::entries::Entries;
 use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
 
@@ -19,9 +20,7 @@ struct Place {
 
 /// Scratch of M.
 #[derive(Debug)]
-pub(crate) struct MassColumns<T, C> {
-    /// Zero where every entry is finite, else NaN.
-    fault: C,
+pub(crate) struct MassColumns<T: Real, C: ColumnsOf<T>> {
     /// By blocks: the force of each column at the body at hand; zero in lanes that no column is in.
     forces: Vec<Block<C>>,
     /// One in one lane, zero in the others.
@@ -29,54 +28,45 @@ pub(crate) struct MassColumns<T, C> {
     /// How many columns each block holds, the last in the last lane.
     counts: Vec<usize>,
     places: Vec<Place>,
-    /// Of one state M itself. In lanes, of each row the columns from the diagonal to the last outward of it, behind one zero.
-    entries: Vec<T>,
-    /// In lanes: which of those each entry of M is.
-    chosen: Vec<u32>,
+    /// Whether any entry is zero by structure.
+    is_branched: bool,
+    /// In lanes of each row the columns from the diagonal to the last outward of it.
+    entries: Entries<T, C>,
 }
 
 impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
     /// None yet: they are made when M is first asked for.
     pub fn new() -> Self {
         Self {
-            fault: C::zero(),
             forces: Vec::new(),
             units: Vec::new(),
             counts: Vec::new(),
             places: Vec::new(),
-            entries: Vec::new(),
-            chosen: Vec::new(),
+            is_branched: false,
+            entries: Entries::new(),
         }
     }
 
-    /// M, or what it is [chosen](Self::chosen) from.
+    /// Makes them where there are none; gives what M is written to in lanes.
     #[inline(always)]
-    pub fn entries(&self) -> &[T] {
-        &self.entries
-    }
-
-    /// Zero where every entry is finite, else NaN; where they were looked at.
-    #[inline(always)]
-    pub fn fault(&self) -> T {
-        let mut fault = self.fault.column(0);
-        for column in 1..C::COLUMNS {
-            fault += self.fault.column(column);
+    pub fn prepare(&mut self, model: &Model<T>, lean: &LeanModel<T>) -> &mut Entries<T, C> {
+        if !self.entries.is_made {
+            self.make(model, lean);
         }
-        fault
+        &mut self.entries
     }
 
-    /// In lanes: which of the entries stands at each place of M; none of one state.
+    /// Before a state: no entry was looked at, and of one state all are zero.
     #[inline(always)]
-    pub fn chosen(&self) -> &[u32] {
-        &self.chosen
+    pub(super) fn begin(&mut self, out: &mut [C::Entry]) {
+        self.entries.fault = self.entries.zero();
+        if T::LANES == 1 && self.is_branched {
+            out.fill(C::kept(T::zero()));
+        }
     }
 
-    /// Makes them where there are none.
-    pub(super) fn prepare(&mut self, model: &Model<T>, lean: &LeanModel<T>) {
-        self.fault = C::zero();
-        if !self.entries.is_empty() {
-            return;
-        }
+    #[cold]
+    fn make(&mut self, model: &Model<T>, lean: &LeanModel<T>) {
         let (o, nv, width) = (C::zero(), model.nv(), C::COLUMNS);
         self.units = (0..width)
             .map(|lane| {
@@ -85,6 +75,7 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
                 unit
             })
             .collect();
+        self.is_branched = lean.bodies.iter().any(|body| body.end_row != nv);
         let mut children = vec![0; lean.bodies.len()];
         for parent in lean.bodies.iter().filter_map(|body| body.parent) {
             children[parent] += 1;
@@ -109,28 +100,26 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         }
         self.counts = vec![1; blocks];
         self.forces = vec![[o; 6]; blocks];
-        if T::LANES == 1 {
-            self.entries = vec![T::zero(); nv * nv];
-            return;
-        }
-        self.chosen = vec![0; nv * nv];
-        let mut count = 1;
-        for (k, body) in lean.bodies.iter().enumerate() {
-            for row in body.row..body.row + model.system.stages[k].rows.count() {
-                self.places[row].entries = count as usize;
-                for column in row..body.end_row {
-                    (self.chosen[row * nv + column], self.chosen[column * nv + row]) = (count, count);
-                    count += 1;
+        let places = &mut self.places;
+        self.entries.make(|| {
+            let (mut chosen, mut count) = (vec![0; nv * nv], 1);
+            for (k, body) in lean.bodies.iter().enumerate() {
+                for row in body.row..body.row + model.system.stages[k].rows.count() {
+                    places[row].entries = count as usize;
+                    for column in row..body.end_row {
+                        (chosen[row * nv + column], chosen[column * nv + row]) = (count, count);
+                        count += 1;
+                    }
                 }
             }
-        }
-        self.entries = vec![T::zero(); count as usize];
+            (count, chosen)
+        });
     }
 
     /// A number of their kind: any other way asks the processor each time.
     #[inline(always)]
     pub(super) fn like(&self) -> C {
-        self.fault
+        self.entries.fault
     }
 
     /// A force at the body of `row` is the column of that row there; rows come from the outermost on.
@@ -163,12 +152,17 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
 
     /// Writes of a row the entries from the diagonal to before `end`, and carries the forces on.
     #[inline(always)]
-    pub(super) fn put_row<const CHECK: bool>(&mut self, row: usize, end: usize, measured: &impl Measurement<C>) {
+    pub(super) fn put_row<const CHECK: bool>(
+        &mut self,
+        out: &mut [C::Entry],
+        (row, end): (usize, usize),
+        measured: &impl Measurement<C>,
+    ) {
         let nv = self.places.len();
         let Place { block, entries: mut at, .. } = self.places[row];
         let blocks = block..self.places[end - 1].block + 1;
-        let (mut mirrored, mut fault) = (row * nv + row, self.fault);
-        let Self { forces, counts, entries, .. } = self;
+        let (mut mirrored, mut fault) = (row * nv + row, self.entries.fault);
+        let Self { forces, counts, .. } = self;
         for (force, &count) in forces[blocks.clone()].iter_mut().zip(&counts[blocks]) {
             let entry = measured.entry(force);
             measured.carry(force);
@@ -176,22 +170,22 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
             if CHECK {
                 fault += entry - entry;
             }
-            put_block::<T, C>(entries, nv, (at, mirrored), count, entry);
+            put_block::<T, C>(out, nv, (at, mirrored), count, entry);
             at += count;
             mirrored += count * nv;
         }
-        self.fault = fault;
+        self.entries.fault = fault;
     }
 
     /// Adds to an entry on the diagonal.
     #[inline(always)]
     #[allow(clippy::eq_op)] // that is the point
-    pub(super) fn add_to_diagonal<const CHECK: bool>(&mut self, row: usize, value: T) {
-        let entry = &mut self.entries[self.places[row].entries];
-        *entry += value;
+    pub(super) fn add_to_diagonal<const CHECK: bool>(&mut self, out: &mut [C::Entry], row: usize, value: T) {
+        let kept = &mut out[self.places[row].entries];
+        let entry = C::taken(*kept) + value;
+        *kept = C::kept(entry);
         if CHECK {
-            let fault = self.fault.spread(*entry - *entry);
-            self.fault += fault;
+            self.entries.fault += self.entries.fault.spread(entry - entry);
         }
     }
 }
@@ -208,7 +202,7 @@ pub(super) trait Measurement<C> {
 /// As many entries of a row as the block has columns, the last in the last lane; of one state their mirror images too.
 #[inline(always)]
 fn put_block<T: Real, C: ColumnsOf<T>>(
-    entries: &mut [T],
+    entries: &mut [C::Entry],
     nv: usize,
     (at, mirrored): (usize, usize),
     count: usize,
@@ -216,12 +210,10 @@ fn put_block<T: Real, C: ColumnsOf<T>>(
 ) {
     let width = C::COLUMNS;
     if width == 1 || count == width {
-        for (lane, to) in entries[at..at + width].iter_mut().enumerate() {
-            *to = entry.column(lane);
-        }
+        entry.store(&mut entries[at..at + width]);
         if T::LANES == 1 {
             for lane in 0..width {
-                entries[mirrored + lane * nv] = entry.column(lane);
+                entries[mirrored + lane * nv] = C::kept(entry.column(lane));
             }
         }
         return;
@@ -230,7 +222,7 @@ fn put_block<T: Real, C: ColumnsOf<T>>(
     let (some, none) = (entry, width - count);
     for lane in 1..width {
         if lane >= none {
-            let value = some.column(lane);
+            let value = C::kept(some.column(lane));
             entries[at + lane - none] = value;
             if T::LANES == 1 {
                 entries[mirrored + (lane - none) * nv] = value;

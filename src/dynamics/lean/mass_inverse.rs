@@ -34,18 +34,17 @@ pub(crate) fn factor<T: Real, C: ColumnsOf<T>>(
     monitor
 }
 
-/// M^-1 of the factor in the scratch into `out`, (nv x nv) row by row, as [`mass_matrix_inverse`](crate::dynamics::mass_matrix_inverse)
-/// gives it in that form to rounding.
+/// M^-1 of the factor in the scratch, (nv x nv) row by row, as [`mass_matrix_inverse`](crate::dynamics::mass_matrix_inverse) gives it in
+/// that form to rounding, after the columns were [made](LeanColumns::prepare): into `entries` where there are such, else into `out`. With
+/// CHECK it is seen whether all of those are finite.
 #[inline(always)]
-pub(crate) fn closed_form<T: Real, C: ColumnsOf<T>>(
+pub(crate) fn closed_form<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     (model, lean): (&Model<T>, &LeanModel<T>),
-    (scratch, columns): (&mut LeanScratch<T>, &mut LeanColumns<C>),
-    out: &mut [T],
+    (scratch, columns): (&mut LeanScratch<T>, &mut LeanColumns<T, C>),
+    (entries, out): (&mut [C::Entry], &mut [T]),
 ) {
-    let nv = model.nv();
-    columns.prepare(lean, nv);
     if lean.is_shallow {
-        inverse_product::multiplied_out((model, lean), (scratch, columns), out);
+        inverse_product::multiplied_out::<T, C, CHECK>((model, lean), scratch, columns, entries);
     } else {
         by_co_covariances((model, lean), (scratch, columns), out);
     }
@@ -55,7 +54,7 @@ pub(crate) fn closed_form<T: Real, C: ColumnsOf<T>>(
 #[inline(always)]
 fn by_co_covariances<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
-    (scratch, columns): (&mut LeanScratch<T>, &mut LeanColumns<C>),
+    (scratch, columns): (&mut LeanScratch<T>, &mut LeanColumns<T, C>),
     out: &mut [T],
 ) {
     co_covariances_base_to_tip((model, lean), scratch);
@@ -161,7 +160,7 @@ fn updated<T: Real>(lambda: &[T; 21], m: &Measured<T>) -> ([T; 21], Vector6<T>) 
 #[inline(always)]
 fn parted_inward<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
-    (scratch, columns): (&LeanScratch<T>, &mut LeanColumns<C>),
+    (scratch, columns): (&LeanScratch<T>, &mut LeanColumns<T, C>),
     (mut k, column): (usize, usize),
 ) {
     let mut body = &lean.bodies[k];
@@ -205,7 +204,7 @@ fn one_inward<T: Real>(
 #[inline(always)]
 fn rows_base_to_tip<T: Real, C: ColumnsOf<T>>(
     (model, lean): (&Model<T>, &LeanModel<T>),
-    (scratch, columns): (&LeanScratch<T>, &mut LeanColumns<C>),
+    (scratch, columns): (&LeanScratch<T>, &mut LeanColumns<T, C>),
     out: &mut [T],
 ) {
     let nv = model.nv();

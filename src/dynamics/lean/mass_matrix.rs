@@ -16,15 +16,17 @@ use crate::scene::Model;
 use crate::spatial::{BodyInertia, Symmetric3};
 use nalgebra::{Vector3, Vector6};
 
-/// M at `q` into the columns' entries, as [`mass_matrix`](crate::dynamics::mass_matrix) gives it to rounding.
+/// M at `q` into `out`, as [`Entries`](super::Entries) has it and [`mass_matrix`](crate::dynamics::mass_matrix) gives it to rounding, after the
+/// columns were [made](MassColumns::prepare); with CHECK it is seen whether all of it is finite.
 #[inline(always)]
 pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     (scratch, columns): (&mut LeanScratch<T>, &mut MassColumns<T, C>),
     q: &[T],
+    out: &mut [C::Entry],
 ) {
     let like = T::zero();
-    columns.prepare(model, lean);
+    columns.begin(out);
     carriers(lean, scratch, columns.like(), q);
     let none = columns.like();
     let LeanScratch { own, shifts, composites, .. } = scratch;
@@ -35,7 +37,7 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
                 let (of_body, noise) = ((body, constants), model.system.noise[body.row]);
                 let turn = own[lean.at[k]].turn;
                 about!(axis, X, Y, Z, {
-                    through_turn::<T, C, CHECK, X, Y, Z>(of_body, turn, noise, &composite, columns)
+                    through_turn::<T, C, CHECK, X, Y, Z>(of_body, turn, noise, &composite, (columns, out))
                 })
             }
             Carrier::Shift(at) => {
@@ -48,8 +50,8 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
                 for i in (0..stage.rows.count()).rev() {
                     let (row, hinge) = (body.row + i, stage.rows.row(i));
                     columns.insert(row, &hinge.covariance_column(&inertia.to_symmetric()).into());
-                    columns.put_row::<CHECK>(row, body.end_row, &spread_hinge(none, hinge));
-                    columns.add_to_diagonal::<CHECK>(row, model.system.noise[row]);
+                    columns.put_row::<CHECK>(out, (row, body.end_row), &spread_hinge(none, hinge));
+                    columns.add_to_diagonal::<CHECK>(out, row, model.system.noise[row]);
                 }
                 if body.parent.is_none() {
                     continue;
@@ -77,7 +79,7 @@ fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, con
     turn: Turn<T>,
     noise: T,
     composite: &Composite<T>,
-    columns: &mut MassColumns<T, C>,
+    (columns, out): (&mut MassColumns<T, C>, &mut [C::Entry]),
 ) -> Composite<T> {
     let Composite { first_moment: h, rotational: i } = composite;
     let like = h[0];
@@ -97,8 +99,8 @@ fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, con
         has_lever: body.has_lever,
         ends: body.parent.is_none(),
     };
-    columns.put_row::<CHECK>(body.row, body.end_row, &about);
-    columns.add_to_diagonal::<CHECK>(body.row, noise);
+    columns.put_row::<CHECK>(out, (body.row, body.end_row), &about);
+    columns.add_to_diagonal::<CHECK>(out, body.row, noise);
     // At the base nobody reads it.
     if about.ends { *composite } else { carried::<T, X, Y, Z>((body, constants), turn, composite) }
 }

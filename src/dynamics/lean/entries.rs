@@ -1,0 +1,53 @@
+//! What M and M^-1 are written to in lanes before they go to the caller: entries that each of theirs is one of.
+
+use crate::scalar::{ColumnsOf, Real};
+
+/// Entries of a symmetric matrix.
+#[derive(Debug)]
+pub(crate) struct Entries<T: Real, C: ColumnsOf<T>> {
+    /// In lanes those of one triangle that are not zero by structure, behind one zero; of one state none, for it is written where it belongs.
+    pub numbers: Vec<C::Entry>,
+    /// In lanes: which of those stands at each place of the matrix.
+    chosen: Vec<u32>,
+    pub(super) is_made: bool,
+    /// Zero where every entry is finite, else NaN; where they were looked at.
+    pub(super) fault: C,
+}
+
+impl<T: Real, C: ColumnsOf<T>> Entries<T, C> {
+    /// None yet.
+    pub(super) fn new() -> Self {
+        Self { numbers: Vec::new(), chosen: Vec::new(), is_made: false, fault: C::zero() }
+    }
+
+    /// Makes them, zeros: as many as `choices` says, and what is chosen from them.
+    pub(super) fn make(&mut self, choices: impl FnOnce() -> (u32, Vec<u32>)) {
+        self.is_made = true;
+        if T::LANES > 1 {
+            let (count, chosen) = choices();
+            (self.numbers, self.chosen) = (vec![C::kept(T::zero()); count as usize], chosen);
+        }
+    }
+
+    /// Zero of their kind: any other way asks the processor each time.
+    #[inline(always)]
+    pub(super) fn zero(&self) -> C {
+        self.fault.constant(0.0)
+    }
+
+    /// In lanes: which of the numbers stands at each place of the matrix.
+    #[inline(always)]
+    pub fn chosen(&self) -> &[u32] {
+        &self.chosen
+    }
+
+    /// Zero where every entry is finite, else NaN; where they were looked at.
+    #[inline(always)]
+    pub fn fault(&self) -> T {
+        let mut fault = self.fault.column(0);
+        for column in 1..C::COLUMNS {
+            fault += self.fault.column(column);
+        }
+        fault
+    }
+}
