@@ -57,7 +57,7 @@ fn every_arm_gives_what_plain_numbers_give() {
     });
 }
 
-/// M and M^-1 are computed a row at a time, M^-1 in one way where joints are shallow and in another where they are deep; frames
+/// M^-1 is computed in one way where joints are shallow and in another where they are deep; frames
 /// that only signs and angles turn have ways of their own, in every algorithm.
 #[test]
 fn deep_trees_and_aligned_ones() {
@@ -69,7 +69,7 @@ fn deep_trees_and_aligned_ones() {
             aligned(34, 61, 0.03),
             aligned(35, 61, 0.3),
             Tree { seed: 36, bodies: 45, kinds: &ALL_KINDS, branching: 0.04, armature: 1.0, floating: true }.scene(),
-            // So deep that M^-1 of one state goes the same way as in lanes.
+            // Deep ones.
             Tree { seed: 37, bodies: 80, kinds: &ALL_KINDS, branching: 0.02, armature: 1.0, floating: true }.scene(),
             aligned(38, 80, 0.02),
         ];
@@ -132,6 +132,8 @@ fn neighbours_change_no_bit() {
         check_neighbours(&trees().nth(2).unwrap(), 19);
         with_limbs().for_each(|scene| check_neighbours(&scene, 9));
         check_neighbours(&pendula(), 9);
+        // Deeper than the trees, shallower than what M^-1 goes the other way for.
+        check_neighbours(&phipsi::scenes::chain(40).unwrap(), 9);
     });
 }
 
@@ -224,6 +226,43 @@ fn a_bad_state_is_named() {
             let mut out = vec![0.0; scene.width(Algorithm::MassMatrix) * all.len()];
             let fault = scene.evaluate(&mut evaluator, Algorithm::MassMatrix, &all, &mut out).unwrap_err();
             assert!(fault.state == 1 && fault.error.to_string().contains("quaternion"), "{fault:?}");
+        }
+    });
+}
+
+/// Two links on slides in a row, the second with a mass.
+fn slides(mass: f64, kind: JointKind, lever: f64) -> Scene {
+    let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
+    for (name, parent, kind) in [("first", "base", kind), ("second", "first", JointKind::Prismatic)] {
+        let inertial = Some(Inertial {
+            mass,
+            centre: Vector3::zeros(),
+            central: Symmetric3::new([mass, 0.0, 0.0, mass, 0.0, mass]),
+        });
+        let mut joint = JointDescription::new(format!("to_{name}"), kind, parent, name);
+        joint.axis = Vector3::z();
+        joint.origin.lever = Vector3::x() * lever;
+        builder = builder.link(LinkDescription { name: name.into(), inertial }).joint(joint);
+    }
+    builder.build().expect("slides")
+}
+
+/// Entries of matrices that overflow from numbers that do not: of one state and in lanes.
+#[test]
+fn a_matrix_that_overflows_is_refused() {
+    on_a_large_stack(|| {
+        let cases = [
+            (slides(1e200, JointKind::Revolute, 1e60), Algorithm::MassMatrix),
+            (slides(1e-310, JointKind::Prismatic, 0.1), Algorithm::MassMatrixInverse(Form::Covariance)),
+        ];
+        for (scene, algorithm) in cases {
+            for (arm, count) in arms().flat_map(|arm| [(arm, 1), (arm, 9)]) {
+                let states = states(&scene, count);
+                let all: Vec<_> = states.iter().map(|state| arguments(algorithm, state, &[])).collect();
+                let mut out = vec![f64::NAN; scene.width(algorithm) * all.len()];
+                let found = scene.evaluate(&mut Evaluator::on(arm, &scene), algorithm, &all, &mut out);
+                assert!(found.is_err(), "{arm:?} {algorithm:?}: {out:?}");
+            }
         }
     });
 }

@@ -269,12 +269,14 @@ impl<T: Vectorised> Work for Run<'_, T> {
         }
         let scene = (&*model, &*lean);
         let in_plane = planar.as_mut().filter(|_| planar::covers(self.algorithm));
-        let by_entries = in_plane.is_none();
-        let entries = entries_of(self.algorithm, scene, lean_columns, mass_columns).filter(|_| by_entries);
+        // The plane has no entries.
+        let algorithm = Some(self.algorithm).filter(|_| in_plane.is_none());
+        let entries = algorithm.and_then(|algorithm| entries_of(algorithm, scene, lean_columns, mass_columns));
+        // Beside them `auto` keeps a number a row.
+        let width = if entries.is_some() { model.nv() } else { self.out.len() / states.len().min(T::LANES) };
         let mut numbers = entries.map(|entries| std::mem::take(&mut entries.numbers)).unwrap_or_default();
-        let width = if T::LANES == 1 { self.out.len() } else { self.out.len() / states.len() };
         let (mut doubt, to) = (0, T::entries_in(&mut numbers, self.out));
-        if in_plane.is_none() && self.algorithm == Algorithm::MassMatrix {
+        if algorithm == Some(Algorithm::MassMatrix) {
             lean::mass_matrix::<T, T::Columns, true>(scene, (lean_scratch, mass_columns), q, to);
         } else {
             results.resize(width, T::zero());
@@ -285,7 +287,8 @@ impl<T: Vectorised> Work for Run<'_, T> {
                 compute(self.algorithm, scene, scratch, (q, qd, u), wrenches, (to, results))
             };
         }
-        if let Some(entries) = entries_of(self.algorithm, scene, lean_columns, mass_columns).filter(|_| by_entries) {
+        if let Some(entries) = algorithm.and_then(|algorithm| entries_of(algorithm, scene, lean_columns, mass_columns))
+        {
             entries.numbers = numbers;
             fault += entries.fault();
             T::put_entries(&entries.numbers, entries.chosen(), self.out);

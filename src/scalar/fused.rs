@@ -11,13 +11,6 @@ pub struct Fused(pub f64);
 
 super::wrapped_operators!(Fused);
 
-impl From<Fused> for f64 {
-    #[inline(always)]
-    fn from(x: Fused) -> Self {
-        x.0
-    }
-}
-
 impl Real for Fused {
     const LANES: usize = 1;
 

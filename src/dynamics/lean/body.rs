@@ -11,9 +11,9 @@ use crate::scene::{Body, Model};
 use crate::spatial::{BodyInertia, BodyRoot};
 
 /// As many joints inward of both as two joints may have, on average over all pairs, for M^-1 to be multiplied out: it takes less time below, on
-/// chains and robots, for one state (in lanes chains of 64 take longer).
-const SHALLOW: usize = 22;
-const SHALLOW_IN_LANES: usize = 10;
+/// chains and robots. On a chain of 64, 21 on average, a tenth less for one state and a tenth more in lanes; one number for both, or a state's bits would depend
+/// on whether it is alone.
+const SHALLOW: usize = 15;
 
 /// As many bodies are swept in an order of their own: what is kept of them fits in the caches then, whatever the order. Not timed beyond.
 pub(super) const INTERLEAVED: usize = 500;
@@ -248,8 +248,7 @@ impl<T: Real> LeanModel<T> {
             bodies[k].is_parted =
                 bodies[k].sibling_follows() || bodies[k].parent.is_some_and(|parent| bodies[parent].is_parted);
         }
-        let shallow = if T::LANES == 1 { SHALLOW } else { SHALLOW_IN_LANES };
-        let is_shallow = steps <= shallow * model.nv().pow(2);
+        let is_shallow = steps <= SHALLOW * model.nv().pow(2);
         // What is left beside the root depends on the frame.
         let root = |&k: &usize| match model.inertia_roots[k].map(|root| root.turned(&framed.from_model[k])) {
             Some(root) if root.rest.iter().all(|&x| x == 0.0) => root.map(number),

@@ -13,10 +13,11 @@ use std::ops::Range;
 /// A vector of as many neighbouring columns as `C` holds.
 pub(super) type Block<C> = [C; 6];
 
-/// Scratch of the closed form; a block begins at a column that is a multiple of its width.
+/// Scratch of M^-1; a block begins at a column, where the factors are multiplied out at a place on the path from the base, that is a multiple of its width.
 #[derive(Debug)]
 pub(crate) struct LeanColumns<T: Real, C: ColumnsOf<T>> {
-    /// In slots outward: of every column minus its co-state, what a lane has beyond them means nothing.
+    /// In slots outward: of every column minus its co-state, what a lane has beyond them means nothing. Where the factors are multiplied out, of every
+    /// joint on the path c of its unit innovation, and beyond them zero.
     pub(super) slots: Vec<Vec<Block<C>>>,
     /// Of a body that a sibling follows, from the block of its row on: Psi g of the columns from there outward, at the parent.
     parted: Vec<Vec<Block<C>>>,
@@ -105,6 +106,16 @@ impl<T: Real, C: ColumnsOf<T>> LeanColumns<T, C> {
             }
         }
     }
+}
+
+/// One in one lane and zero in the others, for each lane.
+pub(super) fn units<T: Real, C: ColumnsOf<T>>() -> Vec<C> {
+    let unit = |lane| {
+        let mut unit = C::zero();
+        unit.set_column(lane, T::one());
+        unit
+    };
+    (0..C::COLUMNS).map(unit).collect()
 }
 
 /// One column's vector into its lane.

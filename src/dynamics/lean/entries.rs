@@ -5,7 +5,8 @@ use crate::scalar::{ColumnsOf, Real};
 /// Entries of a symmetric matrix.
 #[derive(Debug)]
 pub(crate) struct Entries<T: Real, C: ColumnsOf<T>> {
-    /// In lanes those of one triangle that are not zero by structure, behind one zero; of one state none, for it is written where it belongs.
+    /// In lanes what the entries are chosen from, behind one zero: those of one triangle that are not zero by structure, or tiles that hold them. Of one
+    /// state none, for it is written where it belongs.
     pub numbers: Vec<C::Entry>,
     /// In lanes: which of those stands at each place of the matrix.
     chosen: Vec<u32>,

@@ -4,7 +4,7 @@
 //! on, so that only the last block of a segment is not full; what hangs on a body is then some neighbouring blocks, each of one segment.
 
 use super::body::LeanModel;
-use super::columns::Block;
+use super::columns::{Block, units};
 use super::entries::Entries;
 use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
@@ -56,7 +56,7 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         &mut self.entries
     }
 
-    /// Before a state: no entry was looked at, and of one state all are zero.
+    /// Before a state: no entry was looked at, and of one state those are zero that nothing is written to.
     #[inline(always)]
     pub(super) fn begin(&mut self, out: &mut [C::Entry]) {
         self.entries.fault = self.entries.zero();
@@ -68,13 +68,7 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
     #[cold]
     fn make(&mut self, model: &Model<T>, lean: &LeanModel<T>) {
         let (o, nv, width) = (C::zero(), model.nv(), C::COLUMNS);
-        self.units = (0..width)
-            .map(|lane| {
-                let mut unit = o;
-                unit.set_column(lane, T::one());
-                unit
-            })
-            .collect();
+        self.units = units::<T, C>();
         self.is_branched = lean.bodies.iter().any(|body| body.end_row != nv);
         let mut children = vec![0; lean.bodies.len()];
         for parent in lean.bodies.iter().filter_map(|body| body.parent) {

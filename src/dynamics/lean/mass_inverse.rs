@@ -34,9 +34,9 @@ pub(crate) fn factor<T: Real, C: ColumnsOf<T>>(
     monitor
 }
 
-/// M^-1 of the factor in the scratch, (nv x nv) row by row, as [`mass_matrix_inverse`](crate::dynamics::mass_matrix_inverse) gives it in
-/// that form to rounding, after the columns were [made](LeanColumns::prepare): into `entries` where there are such, else into `out`. With
-/// CHECK it is seen whether all of those are finite.
+/// M^-1 of the factor in the scratch, (nv x nv), as [`mass_matrix_inverse`](crate::dynamics::mass_matrix_inverse) gives it in that form to rounding,
+/// after the columns were [made](LeanColumns::prepare): of shallow scenes into `entries` as [`Entries`](super::Entries) has it, where with
+/// CHECK it is seen whether all are finite, else into `out` row by row.
 #[inline(always)]
 pub(crate) fn closed_form<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     (model, lean): (&Model<T>, &LeanModel<T>),

@@ -247,7 +247,8 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> u
     let columns = lean.row_slots.outward * nv * size_of::<[f64; 6]>();
     let closed_form = columns
         + if lean.is_shallow {
-            nv * nv * size_of::<f64>()
+            // As they are, and over D.
+            2 * nv * nv * size_of::<f64>()
         } else {
             bodies * size_of::<[f64; 21]>() + nv * size_of::<Vector6<f64>>()
         };

@@ -3,6 +3,7 @@
 //! A tile of M^-1 needs the joints inward of one of its rows and of one of its columns; in the others its factors are zero.
 
 use super::body::LeanModel;
+use super::columns::units;
 use super::entries::Entries;
 use crate::filter::riccati::Measured;
 use crate::scalar::{ColumnsOf, Real};
@@ -81,13 +82,7 @@ impl<T: Real, C: ColumnsOf<T>> Tiles<T, C> {
         let blocks = (across + Self::AT_ONCE - 1) * Self::ACROSS;
         (self.nv, self.blocks) = (nv, blocks);
         self.factors = vec![C::zero(); nv * blocks + 1];
-        self.units = (0..C::COLUMNS)
-            .map(|lane| {
-                let mut unit = C::zero();
-                unit.set_column(lane, T::one());
-                unit
-            })
-            .collect();
+        self.units = units::<T, C>();
         let rows = |k: usize| lean.bodies[k].row..lean.bodies[k].row + model.system.stages[k].rows.count();
         let mut sides = vec![Vec::new(); across];
         for (k, body) in lean.bodies.iter().enumerate() {
@@ -159,7 +154,8 @@ pub(super) fn put_factors<T: Real, C: ColumnsOf<T>>(factors: &mut [C], targets: 
     }
 }
 
-/// Writes one tile of the lower triangle, the `number`th of them, and of one state its mirror image: the tile WHICH of those side by side.
+/// Writes one tile of the lower triangle, the tile WHICH of those side by side: in lanes the `number`th, of one state where it belongs, and its
+/// mirror image.
 #[inline(always)]
 pub(super) fn put<T: Real, C: ColumnsOf<T>, const WHICH: usize>(
     numbers: &mut [C::Entry],
@@ -179,12 +175,13 @@ pub(super) fn put<T: Real, C: ColumnsOf<T>, const WHICH: usize>(
         }
         return;
     }
+    // Behind the last row there is nothing.
+    let numbers = &mut numbers[..nv * nv];
     let (row, column) = (side * TILE, other * TILE);
     let entry = |i: usize, j: usize| C::kept(block(i, j / C::COLUMNS).column(j % C::COLUMNS));
     if side == other {
         for i in 0..TILE {
             for j in 0..=i {
-                // Behind the last row there is nothing.
                 if let Some(to) = numbers.get_mut((row + i) * nv + row + j) {
                     *to = entry(i, j);
                     numbers[(row + j) * nv + row + i] = entry(i, j);
