@@ -119,7 +119,24 @@ impl<T: Vectorised> Chunk<T> {
             return 0;
         }
         self.gather_wrenches(states);
-        T::within(Run { chunk: self, algorithm, states, out })
+        match algorithm {
+            _ if self.planar.is_some() && planar::covers(algorithm) => self.within::<PLANE>(algorithm, states, out),
+            Algorithm::ForwardDynamics(_) => self.within::<ACCELERATIONS>(algorithm, states, out),
+            Algorithm::InverseDynamics | Algorithm::BiasTorque => self.within::<TORQUES>(algorithm, states, out),
+            Algorithm::MassMatrix => self.within::<MASS>(algorithm, states, out),
+            Algorithm::MassMatrixInverse(_) => self.within::<INVERSE>(algorithm, states, out),
+        }
+    }
+
+    /// An algorithm of one group, with the scalar's instructions.
+    #[inline(always)]
+    fn within<const GROUP: u8>(
+        &mut self,
+        algorithm: Algorithm,
+        states: &[Arguments<'_, T::Number>],
+        out: &mut [T::Number],
+    ) -> u64 {
+        T::within(Run::<T, GROUP> { chunk: self, algorithm, states, out })
     }
 
     /// Forces on bodies into lanes; none at all where no state has any.
@@ -230,15 +247,28 @@ fn gather<'a, T: Vectorised>(
     if of(&states[0]).is_empty() { T::zero() } else { any_not_finite(numbers) }
 }
 
-/// A chunk's arguments, to be run inside an arm.
-struct Run<'a, T: Vectorised> {
+// What is compiled together, each group into one function: in one function with all others M^-1 executed a fifth more.
+
+/// All that is done in a plane.
+const PLANE: u8 = 0;
+/// Forward dynamics.
+const ACCELERATIONS: u8 = 1;
+/// Inverse dynamics and the bias.
+const TORQUES: u8 = 2;
+/// M.
+const MASS: u8 = 3;
+/// M^-1.
+const INVERSE: u8 = 4;
+
+/// A chunk's arguments, to be run inside an arm; the algorithm is one of GROUP.
+struct Run<'a, T: Vectorised, const GROUP: u8> {
     chunk: &'a mut Chunk<T>,
     algorithm: Algorithm,
     states: &'a [Arguments<'a, T::Number>],
     out: &'a mut [T::Number],
 }
 
-impl<T: Vectorised> Work for Run<'_, T> {
+impl<T: Vectorised, const GROUP: u8> Work for Run<'_, T, GROUP> {
     type Output = u64;
 
     #[inline(always)]
@@ -268,15 +298,13 @@ impl<T: Vectorised> Work for Run<'_, T> {
             }
         }
         let scene = (&*model, &*lean);
-        let in_plane = planar.as_mut().filter(|_| planar::covers(self.algorithm));
-        // The plane has no entries.
-        let algorithm = Some(self.algorithm).filter(|_| in_plane.is_none());
-        let entries = algorithm.and_then(|algorithm| entries_of(algorithm, scene, lean_columns, mass_columns));
+        let in_plane = planar.as_mut().filter(|_| GROUP == PLANE);
+        let entries = entries_of::<T, GROUP>(self.algorithm, scene, lean_columns, mass_columns);
         // Beside them `auto` keeps a number a row.
         let width = if entries.is_some() { model.nv() } else { self.out.len() / states.len().min(T::LANES) };
         let mut numbers = entries.map(|entries| std::mem::take(&mut entries.numbers)).unwrap_or_default();
         let (mut doubt, to) = (0, T::entries_in(&mut numbers, self.out));
-        if algorithm == Some(Algorithm::MassMatrix) {
+        if GROUP == MASS {
             lean::mass_matrix::<T, T::Columns, true>(scene, (lean_scratch, mass_columns), q, to);
         } else {
             results.resize(width, T::zero());
@@ -284,11 +312,10 @@ impl<T: Vectorised> Work for Run<'_, T> {
                 planar::run(self.algorithm, model, scratch, (q, qd, u), wrenches, results)
             } else {
                 let scratch = (&mut *lean_scratch, &mut *lean_columns, workspace);
-                compute(self.algorithm, scene, scratch, (q, qd, u), wrenches, (to, results))
+                compute::<T, GROUP>(self.algorithm, scene, scratch, (q, qd, u), wrenches, (to, results))
             };
         }
-        if let Some(entries) = algorithm.and_then(|algorithm| entries_of(algorithm, scene, lean_columns, mass_columns))
-        {
+        if let Some(entries) = entries_of::<T, GROUP>(self.algorithm, scene, lean_columns, mass_columns) {
             entries.numbers = numbers;
             fault += entries.fault();
             T::put_entries(&entries.numbers, entries.chosen(), self.out);
@@ -305,22 +332,22 @@ impl<T: Vectorised> Work for Run<'_, T> {
 
 /// What a matrix is written to in lanes; none where an algorithm gives none, or all of its results in order.
 #[inline(always)]
-fn entries_of<'a, T: Vectorised>(
+fn entries_of<'a, T: Vectorised, const GROUP: u8>(
     algorithm: Algorithm,
     (model, lean): (&Model<T>, &LeanModel<T>),
     columns: &'a mut LeanColumns<T, T::Columns>,
     mass_columns: &'a mut MassColumns<T, T::Columns>,
 ) -> Option<&'a mut Entries<T, T::Columns>> {
     match algorithm {
-        Algorithm::MassMatrix => Some(mass_columns.prepare(model, lean)),
-        Algorithm::MassMatrixInverse(Form::Auto | Form::Covariance) => columns.prepare(model, lean),
+        _ if GROUP == MASS => Some(mass_columns.prepare(model, lean)),
+        Algorithm::MassMatrixInverse(Form::Auto | Form::Covariance) if GROUP == INVERSE => columns.prepare(model, lean),
         _ => None,
     }
 }
 
-/// The algorithm itself; gives the lanes that it doubts.
+/// The algorithm itself, in no plane; gives the lanes that it doubts.
 #[inline(always)]
-fn compute<T: Vectorised>(
+fn compute<T: Vectorised, const GROUP: u8>(
     algorithm: Algorithm,
     (model, lean): (&Model<T>, &LeanModel<T>),
     (scratch, columns, workspace): (&mut LeanScratch<T>, &mut LeanColumns<T, T::Columns>, &mut Workspace<T>),
@@ -330,7 +357,7 @@ fn compute<T: Vectorised>(
 ) -> u64 {
     let scene = (model, lean);
     match algorithm {
-        Algorithm::ForwardDynamics(Form::Auto) => {
+        Algorithm::ForwardDynamics(Form::Auto) if GROUP == ACCELERATIONS => {
             let watched = auto::forward_dynamics_watched_lean::<T, T::Columns>(
                 scene,
                 (scratch, workspace),
@@ -340,16 +367,16 @@ fn compute<T: Vectorised>(
             );
             lanes_but::<T>(|lane| watched.kept(lane))
         }
-        Algorithm::ForwardDynamics(Form::SquareRoot) if T::Number::SQUARE_ROOT => {
+        Algorithm::ForwardDynamics(Form::SquareRoot) if GROUP == ACCELERATIONS && T::Number::SQUARE_ROOT => {
             let (pivots, reach) =
                 lean::forward_dynamics_by_roots::<T, T::Columns>(scene, scratch, (q, qd, u), wrenches, results);
             lanes_but::<T>(|lane| pivots.clear(lane) && reach.clear(lane))
         }
-        Algorithm::ForwardDynamics(Form::Covariance) => {
+        Algorithm::ForwardDynamics(Form::Covariance) if GROUP == ACCELERATIONS => {
             let pivots = lean::forward_dynamics::<T, T::Columns>(scene, scratch, (q, qd, u), wrenches, results);
             lanes_but::<T>(|lane| pivots.clear(lane))
         }
-        Algorithm::MassMatrixInverse(form @ (Form::Auto | Form::Covariance)) => {
+        Algorithm::MassMatrixInverse(form @ (Form::Auto | Form::Covariance)) if GROUP == INVERSE => {
             let doubt = if form == Form::Auto {
                 let estimates = &mut results[..model.nv()];
                 let watched = auto::factor_watched_lean::<T, T::Columns>(scene, scratch, q, estimates);
@@ -362,12 +389,12 @@ fn compute<T: Vectorised>(
             lean::closed_form::<T, T::Columns, true>(scene, (scratch, columns), (entries, results));
             doubt
         }
-        Algorithm::InverseDynamics | Algorithm::BiasTorque => {
+        Algorithm::InverseDynamics | Algorithm::BiasTorque if GROUP == TORQUES => {
             let u = (algorithm == Algorithm::InverseDynamics).then_some(u);
             lean::inverse_dynamics::<T, T::Columns>(scene, scratch, (q, qd, u), wrenches, results);
             0
         }
         // Rare, or not worth code of its own for every arm; M has columns of its own.
-        Algorithm::ForwardDynamics(_) | Algorithm::MassMatrixInverse(_) | Algorithm::MassMatrix => u64::MAX,
+        _ => u64::MAX,
     }
 }
