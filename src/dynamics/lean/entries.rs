@@ -11,6 +11,8 @@ pub(crate) struct Entries<T: Real, C: ColumnsOf<T>> {
     /// In lanes: which of those stands at each place of the matrix.
     chosen: Vec<u32>,
     pub(super) is_made: bool,
+    /// Whether there are entries that nothing is written to.
+    has_gaps: bool,
     /// Zero where every entry is finite, else NaN; where they were looked at.
     pub(super) fault: C,
 }
@@ -18,15 +20,24 @@ pub(crate) struct Entries<T: Real, C: ColumnsOf<T>> {
 impl<T: Real, C: ColumnsOf<T>> Entries<T, C> {
     /// None yet.
     pub(super) fn new() -> Self {
-        Self { numbers: Vec::new(), chosen: Vec::new(), is_made: false, fault: C::zero() }
+        Self { numbers: Vec::new(), chosen: Vec::new(), is_made: false, has_gaps: false, fault: C::zero() }
     }
 
     /// Makes them, zeros: as many as `choices` says, and what is chosen from them.
-    pub(super) fn make(&mut self, choices: impl FnOnce() -> (u32, Vec<u32>)) {
-        self.is_made = true;
+    pub(super) fn make(&mut self, has_gaps: bool, choices: impl FnOnce() -> (u32, Vec<u32>)) {
+        (self.is_made, self.has_gaps) = (true, has_gaps);
         if T::LANES > 1 {
             let (count, chosen) = choices();
             (self.numbers, self.chosen) = (vec![C::kept(T::zero()); count as usize], chosen);
+        }
+    }
+
+    /// Before a state: none was looked at, and of one state those are zero in `out` that nothing is written to.
+    #[inline(always)]
+    pub(super) fn begin(&mut self, out: &mut [C::Entry]) {
+        self.fault = self.zero();
+        if T::LANES == 1 && self.has_gaps {
+            out.fill(C::kept(T::zero()));
         }
     }
 

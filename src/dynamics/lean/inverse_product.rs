@@ -102,11 +102,9 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
 fn product<T: Real, C: ColumnsOf<T>, const CHECK: bool>(tiles: &mut Tiles<T, C>, out: &mut [C::Entry]) {
     let none = tiles.entries.zero();
     let (across, at_once) = (Tiles::<T, C>::ACROSS, Tiles::<T, C>::AT_ONCE);
-    let Tiles { factors, over_pivots, pairs, inward, has_gaps, nv, .. } = &*tiles;
+    tiles.entries.begin(out);
+    let Tiles { factors, over_pivots, pairs, inward, nv, .. } = &*tiles;
     let (nv, mut fault) = (*nv, none);
-    if T::LANES == 1 && *has_gaps {
-        out.fill(C::kept(T::zero()));
-    }
     for (number, &Pair { side, other, ref joints }) in pairs.iter().enumerate() {
         let mut sums = [[none; TILE]; TILE];
         for &at in &inward[joints.clone()] {

@@ -28,8 +28,6 @@ pub(crate) struct MassColumns<T: Real, C: ColumnsOf<T>> {
     /// How many columns each block holds, the last in the last lane.
     counts: Vec<usize>,
     places: Vec<Place>,
-    /// Whether any entry is zero by structure.
-    is_branched: bool,
     /// In lanes of each row the columns from the diagonal to the last outward of it.
     entries: Entries<T, C>,
 }
@@ -37,14 +35,7 @@ pub(crate) struct MassColumns<T: Real, C: ColumnsOf<T>> {
 impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
     /// None yet: they are made when M is first asked for.
     pub fn new() -> Self {
-        Self {
-            forces: Vec::new(),
-            units: Vec::new(),
-            counts: Vec::new(),
-            places: Vec::new(),
-            is_branched: false,
-            entries: Entries::new(),
-        }
+        Self { forces: Vec::new(), units: Vec::new(), counts: Vec::new(), places: Vec::new(), entries: Entries::new() }
     }
 
     /// Makes them where there are none; gives what M is written to in lanes.
@@ -56,20 +47,17 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         &mut self.entries
     }
 
-    /// Before a state: no entry was looked at, and of one state those are zero that nothing is written to.
+    /// As [`Entries::begin`].
     #[inline(always)]
     pub(super) fn begin(&mut self, out: &mut [C::Entry]) {
-        self.entries.fault = self.entries.zero();
-        if T::LANES == 1 && self.is_branched {
-            out.fill(C::kept(T::zero()));
-        }
+        self.entries.begin(out);
     }
 
     #[cold]
     fn make(&mut self, model: &Model<T>, lean: &LeanModel<T>) {
         let (o, nv, width) = (C::zero(), model.nv(), C::COLUMNS);
         self.units = units::<T, C>();
-        self.is_branched = lean.bodies.iter().any(|body| body.end_row != nv);
+        let is_branched = lean.bodies.iter().any(|body| body.end_row != nv);
         let mut children = vec![0; lean.bodies.len()];
         for parent in lean.bodies.iter().filter_map(|body| body.parent) {
             children[parent] += 1;
@@ -95,7 +83,7 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         self.counts = vec![1; blocks];
         self.forces = vec![[o; 6]; blocks];
         let places = &mut self.places;
-        self.entries.make(|| {
+        self.entries.make(is_branched, || {
             let (mut chosen, mut count) = (vec![0; nv * nv], 1);
             for (k, body) in lean.bodies.iter().enumerate() {
                 for row in body.row..body.row + model.system.stages[k].rows.count() {

@@ -43,8 +43,6 @@ pub(crate) struct Tiles<T: Real, C: ColumnsOf<T>> {
     /// By fours of rows: where the factors begin of each joint inward of one of them.
     pub(super) inward: Vec<usize>,
     pub(super) entries: Entries<T, C>,
-    /// Whether there are tiles that no joint is inward of.
-    pub(super) has_gaps: bool,
     pub(super) nv: usize,
     /// Of a row.
     pub(super) blocks: usize,
@@ -68,7 +66,6 @@ impl<T: Real, C: ColumnsOf<T>> Tiles<T, C> {
             pairs: Vec::new(),
             inward: Vec::new(),
             entries: Entries::new(),
-            has_gaps: false,
             nv: 0,
             blocks: 0,
         }
@@ -104,11 +101,13 @@ impl<T: Real, C: ColumnsOf<T>> Tiles<T, C> {
             }
         }
         self.over_pivots = self.factors.clone();
+        // Of tiles that no joint is inward of there is none in the pairs.
+        let mut has_gaps = false;
         for (side, mut joints) in sides.into_iter().enumerate() {
             joints.sort_unstable();
             joints.dedup();
             let (first, nearest) = (self.inward.len(), joints.first().map_or(side, |joint| joint / TILE));
-            self.has_gaps |= nearest != 0;
+            has_gaps |= nearest != 0;
             for other in (nearest..=side).step_by(Self::AT_ONCE) {
                 let common = joints.partition_point(|joint| joint / TILE < other + Self::AT_ONCE);
                 self.pairs.push(Pair { side, other, joints: first..first + common });
@@ -116,7 +115,7 @@ impl<T: Real, C: ColumnsOf<T>> Tiles<T, C> {
             self.inward.extend(joints.iter().map(|joint| joint * blocks));
         }
         let pairs = &self.pairs;
-        self.entries.make(|| {
+        self.entries.make(has_gaps, || {
             let (mut chosen, mut next) = (vec![0; nv * nv], 1);
             for Pair { side, other, .. } in pairs {
                 for row in side * TILE..(side + 1) * TILE {
