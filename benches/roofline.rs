@@ -6,13 +6,17 @@
 mod common;
 
 use common::{BATCH, arguments, robot, states};
-use phipsi::batch::arms::{ARMS, Arm, Vectorised, Work};
+use phipsi::batch::arms::{ARMS, Arm, Target, Vectorised, Work};
 use phipsi::batch::chunk::Algorithm;
 use phipsi::batch::evaluator::Evaluator;
 use phipsi::filter::Form;
 use phipsi::report::operations::{Task, count, footprint};
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+use phipsi::scalar::Lanes;
 use phipsi::scalar::Operations;
 use phipsi::{Scene, scenes};
+#[cfg(target_arch = "x86_64")]
+use pulp::x86::{V3, V4};
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -140,12 +144,13 @@ fn shortest_ns(seconds: f64, call: impl FnMut()) -> f64 {
 }
 
 /// What one arm can do, as JSON: products with sums on `K` chains and on one, quotients, reading and updating what fits in L1, in L2,
-/// and in neither.
+/// and in neither. None where this processor does not have it.
 #[allow(clippy::cast_precision_loss)] // counts
-fn arm<T: Vectorised, const K: usize>(name: &str, seconds: f64) -> String {
-    let products = |start| T::within(Products::<T, K> { start, of: std::marker::PhantomData });
-    let quotients = |start| T::within(Quotients::<T> { start, of: std::marker::PhantomData });
-    let chain = |start| T::within(Products::<T, 1> { start, of: std::marker::PhantomData });
+fn arm<T: Vectorised, const K: usize>(name: &str, seconds: f64) -> Option<String> {
+    let target = T::Least::here()?;
+    let products = |start| target.within(Products::<T, K> { start, of: std::marker::PhantomData });
+    let quotients = |start| target.within(Quotients::<T> { start, of: std::marker::PhantomData });
+    let chain = |start| target.within(Products::<T, 1> { start, of: std::marker::PhantomData });
     let all = shortest_ns(seconds, || products(black_box(0.5)));
     let one = shortest_ns(seconds, || chain(black_box(0.5)));
     let divided = shortest_ns(seconds, || quotients(black_box(0.999_999)));
@@ -157,33 +162,27 @@ fn arm<T: Vectorised, const K: usize>(name: &str, seconds: f64) -> String {
     ];
     for (level, bytes) in [("l1", 24 << 10), ("l2", 768 << 10), ("far", 64 << 20)] {
         let mut numbers = vec![T::one(); bytes / size_of::<T>()];
-        let read = shortest_ns(seconds, || _ = black_box(T::within(Loads(black_box(&numbers)))));
-        let update = shortest_ns(seconds, || T::within(Updates(black_box(&mut numbers))));
+        let read = shortest_ns(seconds, || _ = black_box(target.within(Loads(black_box(&numbers)))));
+        let update = shortest_ns(seconds, || target.within(Updates(black_box(&mut numbers))));
         // An update reads and writes.
         let (read, update) = (bytes as f64 / read, 2.0 * bytes as f64 / update);
         parts.push(format!("\"{level}_read\": {read:.2}, \"{level}_update\": {update:.2}"));
     }
-    format!("{{{}}}", parts.join(", "))
+    Some(format!("{{{}}}", parts.join(", ")))
 }
 
 fn arms(seconds: f64) -> Vec<String> {
     // f64 in pairs fills as many registers as twelve vectors.
-    #[cfg_attr(not(any(target_arch = "x86_64", target_arch = "aarch64")), allow(unused_mut))]
-    let mut all = vec![arm::<f64, 20>("baseline", seconds)];
-    #[cfg(target_arch = "aarch64")]
-    all.push(arm::<phipsi::scalar::Lanes<pulp::aarch64::Neon>, 20>("neon", seconds));
-    #[cfg(target_arch = "x86_64")]
-    {
-        use phipsi::scalar::Lanes;
-        use pulp::x86::{V3, V4};
-        if Arm::Avx2.available() {
-            all.push(arm::<Lanes<V3>, 12>("avx2", seconds));
-        }
-        if Arm::Avx512.available() {
-            all.push(arm::<Lanes<V4>, 12>("avx512", seconds));
-        }
-    }
-    all
+    let all = [
+        arm::<f64, 20>("baseline", seconds),
+        #[cfg(target_arch = "aarch64")]
+        arm::<Lanes<pulp::aarch64::Neon>, 20>("neon", seconds),
+        #[cfg(target_arch = "x86_64")]
+        arm::<Lanes<V3>, 12>("avx2", seconds),
+        #[cfg(target_arch = "x86_64")]
+        arm::<Lanes<V4>, 12>("avx512", seconds),
+    ];
+    all.into_iter().flatten().collect()
 }
 
 /// Cycles in a nanosecond, where a product of integers takes three, as it has on x86-64 for long.

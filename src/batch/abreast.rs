@@ -1,11 +1,11 @@
 //! One state of a scene whose [limbs go side by side](crate::dynamics::lean::Abreast).
 
-use super::arms::{Vectorised, Work};
+use super::arms::{Target, Work};
 use super::chunk::{Algorithm, Arguments, Chunks, any_not_finite, is_far, nearness, quaternions};
 use crate::dynamics::auto;
 use crate::dynamics::lean::{self, Abreast, Places};
 use crate::filter::Form;
-use crate::scalar::{Fused, Limbs, Real};
+use crate::scalar::{Limbs, Real};
 use crate::scene::Scene;
 use nalgebra::Vector6;
 
@@ -19,29 +19,33 @@ pub(super) struct SideBySide {
     one_by_one: Box<dyn Chunks<f64>>,
 }
 
-/// The kernels of one state, limbs side by side where the scene has limbs that can be.
-pub(super) fn kernels(scene: &Scene, one_by_one: Box<dyn Chunks<f64>>) -> Box<dyn Chunks<f64>> {
-    // What moves in one plane has numbers of its own.
-    let abreast = if scene.planar().is_some() { None } else { Abreast::of(scene.model()) };
-    let Some(abreast) = abreast else { return one_by_one };
-    let zeros = |count: usize| vec![Limbs::from_f64(0.0); count];
-    let (nq, nv) = (abreast.coordinates.len(), abreast.rows.len());
-    Box::new(SideBySide {
-        quaternions: quaternions(&abreast.model),
-        arguments: [zeros(nq), zeros(nv), zeros(nv)],
-        wrenches: Vec::new(),
-        results: zeros(nv),
-        scene: abreast,
-        one_by_one,
-    })
-}
-
-impl Chunks<f64> for SideBySide {
-    fn lanes(&self) -> usize {
-        1
+impl SideBySide {
+    /// Where the scene has limbs that can go side by side; else the other kernels as they came.
+    pub fn of(scene: &Scene, one_by_one: Box<dyn Chunks<f64>>) -> Result<Self, Box<dyn Chunks<f64>>> {
+        // What moves in one plane has numbers of its own.
+        let abreast = if scene.planar().is_some() { None } else { Abreast::of(scene.model()) };
+        let Some(abreast) = abreast else { return Err(one_by_one) };
+        let zeros = |count: usize| vec![Limbs::from_f64(0.0); count];
+        let (nq, nv) = (abreast.coordinates.len(), abreast.rows.len());
+        Ok(Self {
+            quaternions: quaternions(&abreast.model),
+            arguments: [zeros(nq), zeros(nv), zeros(nv)],
+            wrenches: Vec::new(),
+            results: zeros(nv),
+            scene: abreast,
+            one_by_one,
+        })
     }
 
-    fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
+    /// As [`Chunks::run`], for these instructions.
+    #[inline(always)]
+    pub fn run<I: Target>(
+        &mut self,
+        target: I,
+        algorithm: Algorithm,
+        states: &[Arguments<'_>],
+        out: &mut [f64],
+    ) -> u64 {
         let covered = matches!(
             algorithm,
             Algorithm::ForwardDynamics(Form::Auto | Form::Covariance | Form::SquareRoot)
@@ -51,15 +55,13 @@ impl Chunks<f64> for SideBySide {
         if let ([state], true) = (states, covered && !out.is_empty()) {
             self.gather_wrenches(state);
             let run = Run { kernels: self, algorithm, state, out };
-            if Fused::within(run) {
+            if target.within(run) {
                 return 0;
             }
         }
         self.one_by_one.run(algorithm, states, out)
     }
-}
 
-impl SideBySide {
     /// Forces on bodies; none at all where there are none.
     fn gather_wrenches(&mut self, state: &Arguments<'_>) {
         self.wrenches.clear();
@@ -148,5 +150,77 @@ impl Work for Run<'_> {
         let nearness = nearness(quaternions, q);
         let is_near = (0..Limbs::LANES).all(|lane| !is_far(nearness, lane));
         kept && is_near && fault.lanes().iter().all(|&fault| fault == 0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Algorithm, Arguments, Chunks, Form, SideBySide};
+    use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
+    use crate::spatial::Symmetric3;
+    use nalgebra::Vector3;
+
+    /// Doubts whatever it is given.
+    struct Nothing;
+
+    impl Chunks<f64> for Nothing {
+        fn lanes(&self) -> usize {
+            1
+        }
+
+        fn run(&mut self, _: Algorithm, _: &[Arguments<'_>], _: &mut [f64]) -> u64 {
+            u64::MAX
+        }
+    }
+
+    /// A trunk that floats with two legs, a hip in each that is not about an axis of the trunk.
+    fn biped() -> Scene {
+        let link = |name: &str| {
+            let central = Symmetric3::new([0.1, 0.01, 0.0, 0.2, 0.02, 0.15]);
+            let inertial = Some(Inertial { mass: 1.5, centre: Vector3::new(0.1, -0.05, 0.2), central });
+            LinkDescription { name: name.into(), inertial }
+        };
+        let mut builder = SceneBuilder::new().floating_base(true).link(link("trunk"));
+        for side in ["left", "right"] {
+            let mut parent = "trunk".to_owned();
+            for (k, part) in ["hip", "knee", "ankle"].into_iter().enumerate() {
+                let name = format!("{side}_{part}");
+                let mut joint = JointDescription::new(format!("{name}_joint"), JointKind::Revolute, &parent, &name);
+                joint.axis = if k == 0 { Vector3::new(0.6, 0.8, 0.0) } else { Vector3::y() };
+                joint.origin.lever = Vector3::new(0.05, if side == "left" { 0.2 } else { -0.2 }, -0.3);
+                builder = builder.link(link(&name)).joint(joint);
+                parent = name;
+            }
+        }
+        builder.build().expect("a biped")
+    }
+
+    /// Of an ordinary state all that limbs side by side do is kept: nothing is done again one by one.
+    #[test]
+    fn what_limbs_do_side_by_side_is_kept() {
+        let Some(simd) = pulp::x86::V3::try_new() else { return };
+        // Kernels that are not optimised need more stack than a thread has.
+        let check = move || {
+            let scene = biped();
+            let Ok(mut kernels) = SideBySide::of(&scene, Box::new(Nothing)) else { panic!("two legs") };
+            let (nq, nv) = (scene.nq(), scene.nv());
+            let mut q: Vec<f64> = (0..u32::try_from(nq).unwrap()).map(|i| (f64::from(i) * 1.3).sin()).collect();
+            q[3..7].copy_from_slice(&[0.5, -0.5, 0.5, 0.5]);
+            let qd: Vec<f64> = (0..u32::try_from(nv).unwrap()).map(|i| (f64::from(i) * 0.7).cos()).collect();
+            for algorithm in [
+                Algorithm::ForwardDynamics(Form::Auto),
+                Algorithm::ForwardDynamics(Form::Covariance),
+                Algorithm::ForwardDynamics(Form::SquareRoot),
+                Algorithm::InverseDynamics,
+                Algorithm::BiasTorque,
+            ] {
+                let mut out = vec![f64::NAN; nv];
+                let state = Arguments { q: &q, qd: &qd, u: &qd, wrenches: &[] };
+                let doubt = kernels.run(simd, algorithm, &[state], &mut out);
+                assert_eq!(doubt, 0, "{algorithm:?}");
+                assert!(out.iter().all(|x| x.is_finite()), "{algorithm:?}: {out:?}");
+            }
+        };
+        std::thread::Builder::new().stack_size(1 << 28).spawn(check).unwrap().join().unwrap();
     }
 }

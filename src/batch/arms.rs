@@ -81,6 +81,42 @@ pub trait Work {
     fn call(self) -> Self::Output;
 }
 
+/// Instructions that work can be compiled for.
+pub trait Target: Copy + Send + Sync + 'static {
+    /// Themselves, where this processor has them.
+    fn here() -> Option<Self>;
+
+    /// Does `work` with them.
+    fn within<W: Work>(self, work: W) -> W::Output;
+}
+
+/// Those that every processor has.
+#[derive(Debug, Clone, Copy)]
+pub struct Baseline;
+
+impl Target for Baseline {
+    fn here() -> Option<Self> {
+        Some(Self)
+    }
+
+    #[inline(always)]
+    fn within<W: Work>(self, work: W) -> W::Output {
+        work.call()
+    }
+}
+
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+impl<S: Instructions> Target for S {
+    fn here() -> Option<Self> {
+        S::token()
+    }
+
+    #[inline(always)]
+    fn within<W: Work>(self, work: W) -> W::Output {
+        self.vectorize(Job(work))
+    }
+}
+
 /// An entry of a matrix, as it is kept.
 pub type Entry<T> = <<T as Vectorised>::Columns as ColumnsOf<T>>::Entry;
 
@@ -92,8 +128,8 @@ pub trait Vectorised: Real {
     /// What holds several columns of a matrix of one state.
     type Columns: ColumnsOf<Self>;
 
-    /// Does `work` with these instructions where the processor has them.
-    fn within<W: Work>(work: W) -> W::Output;
+    /// The instructions that it cannot do without.
+    type Least: Target;
 
     /// The numbers, lane by lane, where they are: a copy would go through memory for each.
     fn lanes(&self) -> &[Self::Number];
@@ -155,11 +191,7 @@ impl<W: Work> pulp::NullaryFnOnce for Job<W> {
 impl Vectorised for f64 {
     type Number = Self;
     type Columns = Self;
-
-    #[inline(always)]
-    fn within<W: Work>(work: W) -> W::Output {
-        work.call()
-    }
+    type Least = Baseline;
 
     #[inline(always)]
     fn lanes(&self) -> &[f64] {
@@ -190,17 +222,12 @@ impl Vectorised for Fused {
     type Number = f64;
     #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
     type Columns = Lanes<WithFused>;
+    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+    type Least = WithFused;
     #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
     type Columns = Self;
-
-    #[inline(always)]
-    fn within<W: Work>(work: W) -> W::Output {
-        #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
-        if let Some(simd) = WithFused::try_new() {
-            return simd.vectorize(Job(work));
-        }
-        work.call()
-    }
+    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+    type Least = Baseline;
 
     #[inline(always)]
     fn lanes(&self) -> &[f64] {
@@ -233,14 +260,7 @@ impl Vectorised for Fused {
 impl<S: Instructions, P: Precision> Vectorised for Lanes<S, P> {
     type Number = P;
     type Columns = Self;
-
-    #[inline(always)]
-    fn within<W: Work>(work: W) -> W::Output {
-        match S::token() {
-            Some(simd) => simd.vectorize(Job(work)),
-            None => work.call(),
-        }
-    }
+    type Least = S;
 
     #[inline(always)]
     fn lanes(&self) -> &[P] {

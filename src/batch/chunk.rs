@@ -3,7 +3,7 @@
 //! Nothing is raised here: a lane whose arguments, pivots, digits or results are not in order is in *doubt*, and whoever
 //! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
-use super::arms::{Entry, Vectorised, Work, take_states};
+use super::arms::{Entry, Target, Vectorised, Work, take_states};
 use crate::dynamics::auto;
 use crate::dynamics::lean::{self, Entries, LeanColumns, LeanModel, LeanScratch, MassColumns};
 use crate::filter::Form;
@@ -112,31 +112,42 @@ impl<T: Vectorised> Chunk<T> {
         T::LANES
     }
 
-    /// As [`Chunks::run`]; all that the scalar needs becomes part of whatever calls it.
+    /// As [`Chunks::run`], for these instructions; all that the scalar needs becomes part of whatever calls it.
     #[inline(always)]
-    pub fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, T::Number>], out: &mut [T::Number]) -> u64 {
+    pub fn run<I: Target>(
+        &mut self,
+        target: I,
+        algorithm: Algorithm,
+        states: &[Arguments<'_, T::Number>],
+        out: &mut [T::Number],
+    ) -> u64 {
         if states.is_empty() || out.is_empty() {
             return 0;
         }
         self.gather_wrenches(states);
         match algorithm {
-            _ if self.planar.is_some() && planar::covers(algorithm) => self.within::<PLANE>(algorithm, states, out),
-            Algorithm::ForwardDynamics(_) => self.within::<ACCELERATIONS>(algorithm, states, out),
-            Algorithm::InverseDynamics | Algorithm::BiasTorque => self.within::<TORQUES>(algorithm, states, out),
-            Algorithm::MassMatrix => self.within::<MASS>(algorithm, states, out),
-            Algorithm::MassMatrixInverse(_) => self.within::<INVERSE>(algorithm, states, out),
+            _ if self.planar.is_some() && planar::covers(algorithm) => {
+                self.within::<I, PLANE>(target, algorithm, states, out)
+            }
+            Algorithm::ForwardDynamics(_) => self.within::<I, ACCELERATIONS>(target, algorithm, states, out),
+            Algorithm::InverseDynamics | Algorithm::BiasTorque => {
+                self.within::<I, TORQUES>(target, algorithm, states, out)
+            }
+            Algorithm::MassMatrix => self.within::<I, MASS>(target, algorithm, states, out),
+            Algorithm::MassMatrixInverse(_) => self.within::<I, INVERSE>(target, algorithm, states, out),
         }
     }
 
-    /// An algorithm of one group, with the scalar's instructions.
+    /// An algorithm of one group.
     #[inline(always)]
-    fn within<const GROUP: u8>(
+    fn within<I: Target, const GROUP: u8>(
         &mut self,
+        target: I,
         algorithm: Algorithm,
         states: &[Arguments<'_, T::Number>],
         out: &mut [T::Number],
     ) -> u64 {
-        T::within(Run::<T, GROUP> { chunk: self, algorithm, states, out })
+        target.within(Run::<T, GROUP> { chunk: self, algorithm, states, out })
     }
 
     /// Forces on bodies into lanes; none at all where no state has any.

@@ -10,10 +10,13 @@ use pulp::x86::{V3, V4};
 
 macro_rules! compiled {
     ($module:ident, $scalar:ty) => {
+        compiled!($module, $scalar, <$scalar as crate::batch::arms::Vectorised>::Least);
+    };
+    ($module:ident, $scalar:ty, $instructions:ty) => {
         pub(super) mod $module {
             #[allow(unused_imports)] // each scalar needs some of them
             use super::*;
-            use crate::batch::arms::Vectorised;
+            use crate::batch::arms::{Target, Vectorised};
             use crate::batch::chunk::{Algorithm, Arguments, Chunk, Chunks};
             #[allow(unused_imports)]
             use crate::scalar::{Fused, Lanes};
@@ -21,7 +24,7 @@ macro_rules! compiled {
 
             type Number = <$scalar as Vectorised>::Number;
 
-            struct Compiled(Chunk<$scalar>);
+            struct Compiled(Chunk<$scalar>, $instructions);
 
             impl Chunks<Number> for Compiled {
                 fn lanes(&self) -> usize {
@@ -29,13 +32,49 @@ macro_rules! compiled {
                 }
 
                 fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, Number>], out: &mut [Number]) -> u64 {
-                    self.0.run(algorithm, states, out)
+                    self.0.run(self.1, algorithm, states, out)
                 }
             }
 
-            /// The kernels for `scene`, with scratch.
-            pub fn kernels(scene: &Scene) -> Box<dyn Chunks<Number>> {
-                Box::new(Compiled(Chunk::new(scene)))
+            /// The kernels for `scene`, with scratch, where this processor has their instructions.
+            pub fn kernels(scene: &Scene) -> Option<Box<dyn Chunks<Number>>> {
+                Some(Box::new(Compiled(Chunk::new(scene), <$instructions>::here()?)))
+            }
+        }
+    };
+}
+
+/// The same of one state with its limbs side by side.
+#[cfg(target_arch = "x86_64")]
+macro_rules! side_by_side {
+    ($module:ident, $instructions:ty) => {
+        pub(super) mod $module {
+            use super::*;
+            use crate::batch::abreast::SideBySide;
+            use crate::batch::arms::Target;
+            use crate::batch::chunk::{Algorithm, Arguments, Chunks};
+            use crate::scene::Scene;
+
+            struct Compiled(SideBySide, $instructions);
+
+            impl Chunks<f64> for Compiled {
+                fn lanes(&self) -> usize {
+                    1
+                }
+
+                fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
+                    self.0.run(self.1, algorithm, states, out)
+                }
+            }
+
+            /// The kernels for `scene`, with scratch; those without limbs side by side where it has none that can be, or the processor not
+            /// their instructions.
+            pub fn kernels(scene: &Scene, one_by_one: Box<dyn Chunks<f64>>) -> Box<dyn Chunks<f64>> {
+                let Some(target) = <$instructions>::here() else { return one_by_one };
+                match SideBySide::of(scene, one_by_one) {
+                    Ok(side_by_side) => Box::new(Compiled(side_by_side, target)),
+                    Err(one_by_one) => one_by_one,
+                }
             }
         }
     };
@@ -43,6 +82,13 @@ macro_rules! compiled {
 
 compiled!(plain, f64);
 compiled!(fused, Fused);
+// The same numbers, in twice as many registers.
+#[cfg(target_arch = "x86_64")]
+compiled!(fused_avx512, Fused, V4);
+#[cfg(target_arch = "x86_64")]
+side_by_side!(limbs, V3);
+#[cfg(target_arch = "x86_64")]
+side_by_side!(limbs_avx512, V4);
 #[cfg(target_arch = "x86_64")]
 compiled!(avx2, Lanes<V3>);
 #[cfg(target_arch = "x86_64")]

@@ -2,7 +2,6 @@
 
 use super::Fault;
 #[cfg(target_arch = "x86_64")]
-use super::abreast;
 use super::arms::Arm;
 use super::chunk::{Algorithm, Arguments, Chunks};
 use super::compiled;
@@ -41,20 +40,24 @@ impl Evaluated for f64 {
         let one = match arm {
             Arm::Baseline => compiled::plain::kernels(scene),
             #[cfg(target_arch = "x86_64")]
-            Arm::Avx2 | Arm::Avx512 | Arm::Neon => abreast::kernels(scene, compiled::fused::kernels(scene)),
+            Arm::Avx512 => {
+                compiled::fused_avx512::kernels(scene).map(|one| compiled::limbs_avx512::kernels(scene, one))
+            }
+            #[cfg(target_arch = "x86_64")]
+            Arm::Avx2 | Arm::Neon => compiled::fused::kernels(scene).map(|one| compiled::limbs::kernels(scene, one)),
             #[cfg(not(target_arch = "x86_64"))]
             Arm::Avx2 | Arm::Avx512 | Arm::Neon => compiled::fused::kernels(scene),
         };
         let many = match arm {
             #[cfg(target_arch = "x86_64")]
-            Arm::Avx2 => Some(compiled::avx2::kernels(scene)),
+            Arm::Avx2 => compiled::avx2::kernels(scene),
             #[cfg(target_arch = "x86_64")]
-            Arm::Avx512 => Some(compiled::avx512::kernels(scene)),
+            Arm::Avx512 => compiled::avx512::kernels(scene),
             #[cfg(target_arch = "aarch64")]
-            Arm::Neon => Some(compiled::neon::kernels(scene)),
+            Arm::Neon => compiled::neon::kernels(scene),
             _ => None,
         };
-        Kernels { one: Some(one), many }
+        Kernels { one, many }
     }
 }
 
@@ -64,11 +67,11 @@ impl Evaluated for f32 {
     fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self> {
         let many = match arm {
             #[cfg(target_arch = "x86_64")]
-            Arm::Avx2 => Some(compiled::avx2_f32::kernels(scene)),
+            Arm::Avx2 => compiled::avx2_f32::kernels(scene),
             #[cfg(target_arch = "x86_64")]
-            Arm::Avx512 => Some(compiled::avx512_f32::kernels(scene)),
+            Arm::Avx512 => compiled::avx512_f32::kernels(scene),
             #[cfg(target_arch = "aarch64")]
-            Arm::Neon => Some(compiled::neon_f32::kernels(scene)),
+            Arm::Neon => compiled::neon_f32::kernels(scene),
             _ => None,
         };
         Kernels { one: None, many }

@@ -4,6 +4,7 @@ use super::conserve::{KEPT, Keeper};
 use super::manifold::{advance, carry_back, displacement};
 use super::method::{Method, STAGES, Tableau};
 use super::properties::{Gains, Properties};
+use crate::batch::arms::Vectorised;
 use crate::dynamics::lean::{self, LeanModel, LeanScratch};
 use crate::dynamics::{self, auto};
 use crate::filter::pivots::LostPivot;
@@ -207,7 +208,7 @@ pub(super) trait Solver<T: Real> {
 /// The covariance form, trusted where its pivots are clear.
 pub(super) struct Plain;
 
-impl<T: Real> Solver<T> for Plain {
+impl<T: Vectorised> Solver<T> for Plain {
     #[inline(always)]
     fn solve(
         &mut self,
@@ -216,7 +217,7 @@ impl<T: Real> Solver<T> for Plain {
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
-        let pivots = lean::forward_dynamics::<T, T>(scene, scratch, state, &[], qdd);
+        let pivots = lean::forward_dynamics::<T, T::Columns>(scene, scratch, state, &[], qdd);
         lanes_but::<T>(|lane| pivots.clear(lane))
     }
 }
@@ -224,7 +225,7 @@ impl<T: Real> Solver<T> for Plain {
 /// The covariance form, watched.
 pub(super) struct Watched;
 
-impl<T: Real> Solver<T> for Watched {
+impl<T: Vectorised> Solver<T> for Watched {
     #[inline(always)]
     fn solve(
         &mut self,
@@ -233,7 +234,7 @@ impl<T: Real> Solver<T> for Watched {
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
-        let watched = auto::forward_dynamics_watched_lean::<T, T>(scene, scratch, state, &[], qdd);
+        let watched = auto::forward_dynamics_watched_lean::<T, T::Columns>(scene, scratch, state, &[], qdd);
         lanes_but::<T>(|lane| watched.kept(lane))
     }
 }

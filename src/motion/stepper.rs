@@ -4,13 +4,15 @@ use super::conserve::KEPT;
 use super::properties::{joint_of_row, of_state};
 use super::rollout::{StepFault, Torque};
 use super::step::{Checked, Law, Plain, Scratch, Watched, step};
-use crate::batch::arms::{Arm, Vectorised, Work, take_states};
+use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
 use crate::error::Error;
 use crate::filter::Form;
 use crate::scalar::{Fused, lanes_but};
 #[cfg(target_arch = "x86_64")]
 use crate::scalar::{Lanes, Real};
 use crate::scene::{Model, Scene};
+#[cfg(target_arch = "x86_64")]
+use pulp::x86::{V3, V4};
 use std::ops::Range;
 
 /// A joint that moves by more than this in one step (rad or m) has left what can be called motion.
@@ -67,8 +69,8 @@ impl Stepper {
         #[cfg(target_arch = "x86_64")]
         return match self.arm {
             Arm::Baseline | Arm::Neon => 1,
-            Arm::Avx2 => Lanes::<pulp::x86::V3>::LANES,
-            Arm::Avx512 => Lanes::<pulp::x86::V4>::LANES,
+            Arm::Avx2 => Lanes::<V3>::LANES,
+            Arm::Avx512 => Lanes::<V4>::LANES,
         };
         #[cfg(not(target_arch = "x86_64"))]
         return 1;
@@ -85,13 +87,30 @@ impl Stepper {
 
 /// Scratch in the scalar of an arm, for one state or for several.
 fn scratch(model: &Model<f64>, law: &Law, arm: Arm, alone: bool) -> Box<dyn Stepping> {
-    match (arm, alone) {
+    let on_arm: Option<Box<dyn Stepping>> = match (arm, alone) {
+        (Arm::Baseline, _) => None,
         #[cfg(target_arch = "x86_64")]
-        (Arm::Avx2, false) => Box::new(Scratch::<Lanes<pulp::x86::V3>>::new(model, law)),
+        (Arm::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(model, law),
         #[cfg(target_arch = "x86_64")]
-        (Arm::Avx512, false) => Box::new(Scratch::<Lanes<pulp::x86::V4>>::new(model, law)),
-        (Arm::Baseline, _) => Box::new(Scratch::<f64>::new(model, law)),
-        _ => Box::new(Scratch::<Fused>::new(model, law)),
+        (Arm::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(model, law),
+        #[cfg(target_arch = "x86_64")]
+        (Arm::Avx512, true) => Compiled::<Fused, V4>::boxed(model, law),
+        _ => Compiled::<Fused, <Fused as Vectorised>::Least>::boxed(model, law),
+    };
+    on_arm.unwrap_or_else(|| Box::new(Compiled { scratch: Scratch::<f64>::new(model, law), target: Baseline }))
+}
+
+/// Scratch in a scalar, for code compiled for some instructions.
+struct Compiled<T: Vectorised, I> {
+    scratch: Scratch<T>,
+    target: I,
+}
+
+impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
+    /// None where this processor does not have them.
+    fn boxed(model: &Model<f64>, law: &Law) -> Option<Box<dyn Stepping>> {
+        let target = I::here()?;
+        Some(Box::new(Self { scratch: Scratch::new(model, law), target }))
     }
 }
 
@@ -100,9 +119,9 @@ struct Alone {
     scratch: Option<Scratch<f64>>,
 }
 
-impl<T: Vectorised<Number = f64>> Stepping for Scratch<T> {
+impl<T: Vectorised<Number = f64>, I: Target> Stepping for Compiled<T, I> {
     fn run(&mut self, form: Form, checked: &mut Alone, job: Job<'_, '_>) -> Result<(), StepFault> {
-        T::within(Run { scratch: self, form, checked, job })
+        self.target.within(Run { scratch: &mut self.scratch, form, checked, job })
     }
 }
 
