@@ -56,11 +56,16 @@ test-rust:
 test-python: $(VENV)/test
 	cd tests/python && ../../$(BIN)/python -m pytest -q --rootdir . -c ../../pyproject.toml .
 
+# A processor that this machine is not: its arm is compiled, not run.
+OTHER := aarch64-unknown-linux-gnu
+
 check: $(VENV)/test
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo clippy --locked --all-targets --features $(FEATURES) -- -D warnings
 	cargo clippy --locked --all-targets --features python -- -D warnings
+	if rustup target add $(OTHER); then cargo clippy --locked --lib --features $(FEATURES) --target $(OTHER) -- -D warnings; \
+	else echo "$(OTHER): not checked, rustup cannot have it"; fi
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features $(FEATURES)
 	$(BIN)/python -m pip install --quiet 'mypy>=1.15' 'abi3audit>=0.0.20'
 	cd tests/python && ../../$(BIN)/python -m mypy.stubtest phipsi._core

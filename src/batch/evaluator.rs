@@ -1,7 +1,6 @@
 //! States of a scene through the fastest code that this processor has: one by one, or in lanes.
 
 use super::Fault;
-#[cfg(target_arch = "x86_64")]
 use super::arms::Arm;
 use super::chunk::{Algorithm, Arguments, Chunks};
 use super::compiled;

@@ -141,6 +141,7 @@ impl<T: Real> Cancellation<T> {
     }
 
     /// Whether what all lanes saw, each of other stages of one system, is within a margin in eps, whatever the order of their sums.
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(crate) fn surely_within(&self, margin: f64) -> bool {
         let (mut noise, mut size) = (0.0, self.size.lane(0));

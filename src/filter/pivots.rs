@@ -138,6 +138,7 @@ impl<T: Real> PivotMonitor<T> {
     }
 
     /// Whether every pivot of every lane stood clear of the bound.
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(crate) fn clear_in_every_lane(&self) -> bool {
         let mut all = true;

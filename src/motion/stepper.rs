@@ -66,14 +66,13 @@ impl Stepper {
 
     /// How many states a job may have.
     pub fn lanes(&self) -> usize {
-        #[cfg(target_arch = "x86_64")]
-        return match self.arm {
-            Arm::Baseline | Arm::Neon => 1,
+        match self.arm {
+            #[cfg(target_arch = "x86_64")]
             Arm::Avx2 => Lanes::<V3>::LANES,
+            #[cfg(target_arch = "x86_64")]
             Arm::Avx512 => Lanes::<V4>::LANES,
-        };
-        #[cfg(not(target_arch = "x86_64"))]
-        return 1;
+            _ => 1,
+        }
     }
 
     /// Runs a job; the fault is that of its earliest step, then of its lowest state.
