@@ -101,12 +101,17 @@ def caches() -> list[int]:
     return [sizes[1], sizes[2]]
 
 
+def roof(arm: str, states: int) -> str:
+    """The arm whose peak holds: one state on AVX-512 has numbers, or four columns, in registers no wider than those of AVX2."""
+    return "avx2" if arm == "avx512" and states == 1 else arm
+
+
 def judged(found: Row) -> list[Row]:
     """Each case with its share of the peak and what bounds it."""
     arms = {arm["name"]: arm for arm in found["arms"]}
     rows = []
     for case in found["cases"]:
-        arm, ns = arms[case["arm"]], case["ns"]
+        arm, ns = arms[roof(case["arm"], case["states"])], case["ns"]
         # The registers of SSE2 hold two numbers, though the baseline's scalar is one.
         width = 2 if case["arm"] == "baseline" else arm["lanes"]
         peak = arm["gflops"] / (width if case["states"] == 1 else 1)
@@ -244,7 +249,7 @@ def page(found: Row, rows: Sequence[Row]) -> str:
 def draw(found: Row, rows: Sequence[Row]) -> bytes:
     """Two panels: one state, and batches on the widest arm."""
     arms = found["arms"]
-    widest = arms[-1]
+    widest, arms_by_name = arms[-1], {arm["name"]: arm for arm in arms}
     single = next((arm for arm in reversed(arms) if any(r["arm"] == arm["name"] and r["states"] == 1 for r in rows)), widest)
     algorithms = list(dict.fromkeys(row["algorithm"] for row in rows))
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
@@ -256,7 +261,7 @@ def draw(found: Row, rows: Sequence[Row]) -> bytes:
             (f"batches, {widest['name']}", widest, [r for r in rows if r["arm"] == widest["name"] and r["states"] > 1]),
         ]
         for axes, (title, arm, here) in zip(panels, chosen, strict=True):
-            roofs(axes, arm, [row["flops"] / row["bytes"] for row in rows])
+            roofs(axes, arms_by_name[roof(arm["name"], here[0]["states"])], [row["flops"] / row["bytes"] for row in rows])
             for row in here:
                 axes.plot(
                     row["flops"] / row["bytes"],

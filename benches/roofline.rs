@@ -231,18 +231,16 @@ fn cases(name: &str, scene: &Scene, seconds: f64) -> Vec<String> {
         };
         for (_, arm) in ARMS.into_iter().filter(|(_, arm)| arm.available()) {
             let mut evaluator = Evaluator::on(arm, scene);
-            // One state on AVX-512 is the code of AVX2; a batch on the baseline is one state after another.
-            if arm != Arm::Avx512 {
-                let mut out = vec![0.0; scene.width(algorithm)];
-                let mut cycle = all.iter().cycle();
-                let ns = median_ns(seconds, || {
-                    let state = black_box(cycle.next().expect("a cycle has no end"));
-                    scene
-                        .evaluate(&mut evaluator, algorithm, std::slice::from_ref(state), black_box(&mut out))
-                        .expect("a state");
-                });
-                add(arm, 1, 1, ns);
-            }
+            let mut out = vec![0.0; scene.width(algorithm)];
+            let mut cycle = all.iter().cycle();
+            let ns = median_ns(seconds, || {
+                let state = black_box(cycle.next().expect("a cycle has no end"));
+                scene
+                    .evaluate(&mut evaluator, algorithm, std::slice::from_ref(state), black_box(&mut out))
+                    .expect("a state");
+            });
+            add(arm, 1, 1, ns);
+            // A batch on the baseline is one state after another.
             if arm != Arm::Baseline {
                 let many: Vec<_> = all.iter().cycle().take(BATCH).copied().collect();
                 let mut out = vec![0.0; scene.width(algorithm) * BATCH];

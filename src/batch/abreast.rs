@@ -155,10 +155,11 @@ impl Work for Run<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Algorithm, Arguments, Chunks, Form, SideBySide};
+    use super::{Algorithm, Arguments, Chunks, Form, SideBySide, Target};
     use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
     use crate::spatial::Symmetric3;
     use nalgebra::Vector3;
+    use pulp::x86::{V3, V4};
 
     /// Doubts whatever it is given.
     struct Nothing;
@@ -198,29 +199,34 @@ mod tests {
     /// Of an ordinary state all that limbs side by side do is kept: nothing is done again one by one.
     #[test]
     fn what_limbs_do_side_by_side_is_kept() {
-        let Some(simd) = pulp::x86::V3::try_new() else { return };
         // Kernels that are not optimised need more stack than a thread has.
-        let check = move || {
-            let scene = biped();
-            let Ok(mut kernels) = SideBySide::of(&scene, Box::new(Nothing)) else { panic!("two legs") };
-            let (nq, nv) = (scene.nq(), scene.nv());
-            let mut q: Vec<f64> = (0..u32::try_from(nq).unwrap()).map(|i| (f64::from(i) * 1.3).sin()).collect();
-            q[3..7].copy_from_slice(&[0.5, -0.5, 0.5, 0.5]);
-            let qd: Vec<f64> = (0..u32::try_from(nv).unwrap()).map(|i| (f64::from(i) * 0.7).cos()).collect();
-            for algorithm in [
-                Algorithm::ForwardDynamics(Form::Auto),
-                Algorithm::ForwardDynamics(Form::Covariance),
-                Algorithm::ForwardDynamics(Form::SquareRoot),
-                Algorithm::InverseDynamics,
-                Algorithm::BiasTorque,
-            ] {
-                let mut out = vec![f64::NAN; nv];
-                let state = Arguments { q: &q, qd: &qd, u: &qd, wrenches: &[] };
-                let doubt = kernels.run(simd, algorithm, &[state], &mut out);
-                assert_eq!(doubt, 0, "{algorithm:?}");
-                assert!(out.iter().all(|x| x.is_finite()), "{algorithm:?}: {out:?}");
-            }
+        let check = || {
+            check::<V3>();
+            check::<V4>();
         };
         std::thread::Builder::new().stack_size(1 << 28).spawn(check).unwrap().join().unwrap();
+    }
+
+    fn check<I: Target>() {
+        let Some(target) = I::here() else { return };
+        let scene = biped();
+        let Ok(mut kernels) = SideBySide::of(&scene, Box::new(Nothing)) else { panic!("two legs") };
+        let (nq, nv) = (scene.nq(), scene.nv());
+        let mut q: Vec<f64> = (0..u32::try_from(nq).unwrap()).map(|i| (f64::from(i) * 1.3).sin()).collect();
+        q[3..7].copy_from_slice(&[0.5, -0.5, 0.5, 0.5]);
+        let qd: Vec<f64> = (0..u32::try_from(nv).unwrap()).map(|i| (f64::from(i) * 0.7).cos()).collect();
+        for algorithm in [
+            Algorithm::ForwardDynamics(Form::Auto),
+            Algorithm::ForwardDynamics(Form::Covariance),
+            Algorithm::ForwardDynamics(Form::SquareRoot),
+            Algorithm::InverseDynamics,
+            Algorithm::BiasTorque,
+        ] {
+            let mut out = vec![f64::NAN; nv];
+            let state = Arguments { q: &q, qd: &qd, u: &qd, wrenches: &[] };
+            let doubt = kernels.run(target, algorithm, &[state], &mut out);
+            assert_eq!(doubt, 0, "{algorithm:?}");
+            assert!(out.iter().all(|x| x.is_finite()), "{algorithm:?}: {out:?}");
+        }
     }
 }

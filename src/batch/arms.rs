@@ -120,7 +120,7 @@ impl<S: Instructions> Target for S {
 /// An entry of a matrix, as it is kept.
 pub type Entry<T> = <<T as Vectorised>::Columns as ColumnsOf<T>>::Entry;
 
-/// A scalar with the instructions that it wants.
+/// A scalar of kernels.
 pub trait Vectorised: Real {
     /// The numbers in its lanes.
     type Number: Precision;

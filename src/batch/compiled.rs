@@ -1,4 +1,4 @@
-//! The kernels of every scalar, each in a module of its own.
+//! The kernels of every scalar and its instructions, each in a module of its own.
 //!
 //! The compiler hands out its work by modules, and a kernel is all of the algorithms inlined into one function: in one module the arms would
 //! be compiled one after another.
@@ -38,7 +38,8 @@ macro_rules! compiled {
 
             /// The kernels for `scene`, with scratch, where this processor has their instructions.
             pub fn kernels(scene: &Scene) -> Option<Box<dyn Chunks<Number>>> {
-                Some(Box::new(Compiled(Chunk::new(scene), <$instructions>::here()?)))
+                let target = <$instructions>::here()?;
+                Some(Box::new(Compiled(Chunk::new(scene), target)))
             }
         }
     };

@@ -43,7 +43,9 @@ impl Evaluated for f64 {
                 compiled::fused_avx512::kernels(scene).map(|one| compiled::limbs_avx512::kernels(scene, one))
             }
             #[cfg(target_arch = "x86_64")]
-            Arm::Avx2 | Arm::Neon => compiled::fused::kernels(scene).map(|one| compiled::limbs::kernels(scene, one)),
+            Arm::Avx2 => compiled::fused::kernels(scene).map(|one| compiled::limbs::kernels(scene, one)),
+            #[cfg(target_arch = "x86_64")]
+            Arm::Neon => None,
             #[cfg(not(target_arch = "x86_64"))]
             Arm::Avx2 | Arm::Avx512 | Arm::Neon => compiled::fused::kernels(scene),
         };
