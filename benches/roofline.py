@@ -50,11 +50,11 @@ MOST = 0.5
 TERMS = """\
 - Operations are counted by running the generic code on a counting scalar (`phipsi::report::operations`): a product with a sum is two, a
   division one, a sine with its cosine 52, as our polynomials have it. The baseline calls the standard library's instead.
-- A batch is 4096 states, of which a chunk of as many as there are lanes is computed at a time. One state runs one number to a register
-  where the compiler finds no pairs.
+- A batch is 4096 states, of which a chunk of as many as there are lanes is computed at a time. One state runs one number to a register,
+  M and M^-1 four.
 - Peak: products with sums on twelve registers that do not wait for each other, on the same arm, the fastest of many; for one state the
-  peak of one lane. On the baseline, which has no fused products, a product and a sum in SSE2 registers of two numbers, of which one
-  state is likewise held to one.
+  peak of one lane, on AVX-512 of AVX2, whose registers are as wide as any that it uses. On the baseline a product and a sum, which has no fused products,
+  of one number a register: this build puts none side by side (docs/lanes.md).
 - Bytes (kB): model, arguments, scratch and results of one state, each array counted once however often it is read; a chunk has as many
   times that. Bandwidth: numbers read, changed and written back, in L1 or L2, wherever the chunk fits.
 - The limit is the largest of four times that hold for any code of so many numbers a register: operations at the peak; divisions at the
@@ -112,8 +112,7 @@ def judged(found: Row) -> list[Row]:
     rows = []
     for case in found["cases"]:
         arm, ns = arms[roof(case["arm"], case["states"])], case["ns"]
-        # The registers of SSE2 hold two numbers, though the baseline's scalar is one.
-        width = 2 if case["arm"] == "baseline" else arm["lanes"]
+        width = arm["lanes"]
         peak = arm["gflops"] / (width if case["states"] == 1 else 1)
         # At the rate of full registers, which one number a register cannot reach.
         divisions = case["operations"]["divisions"] * arm["division_ns"]
@@ -201,7 +200,7 @@ def page(found: Row, rows: Sequence[Row]) -> str:
             [
                 (
                     arm["name"],
-                    str(2 if arm["name"] == "baseline" else arm["lanes"]),
+                    str(arm["lanes"]),
                     f"{arm['gflops']:.1f}",
                     f"{arm['dependent_ns']:.2f}",
                     f"{arm['division_ns']:.2f}",
@@ -294,7 +293,7 @@ def roofs(axes: Axes, arm: Row, intensities: Sequence[float]) -> None:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.grid(True, which="major", color=FAINT, linewidth=0.5)
     axes.set_axisbelow(True)
-    width = 2 if arm["name"] == "baseline" else arm["lanes"]
+    width = arm["lanes"]
     lines = {
         f"peak, {width} numbers a register": arm["gflops"],
         "peak, one number a register": arm["gflops"] / width,
