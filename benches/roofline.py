@@ -53,7 +53,7 @@ TERMS = """\
 - A batch is 4096 states, of which a chunk of as many as there are lanes is computed at a time. One state runs one number to a register,
   M and M^-1 four.
 - Peak: products with sums on twelve registers that do not wait for each other, on the same arm, the fastest of many; for one state the
-  peak of one lane, on AVX-512 of AVX2, whose registers are as wide as any that it uses. On the baseline a product and a sum, which has no fused products,
+  peak of one lane, on AVX-512 of AVX2, whose registers are as wide as any that it uses. On the baseline, which has no fused products, a product and a sum
   of one number a register: this build puts none side by side (docs/lanes.md).
 - Bytes (kB): model, arguments, scratch and results of one state, each array counted once however often it is read; a chunk has as many
   times that. Bandwidth: numbers read, changed and written back, in L1 or L2, wherever the chunk fits.
@@ -101,17 +101,17 @@ def caches() -> list[int]:
     return [sizes[1], sizes[2]]
 
 
-def roof(arm: str, states: int) -> str:
+def roof(arms: Sequence[Row], name: str, states: int) -> Row:
     """The arm whose peak holds: one state on AVX-512 has numbers, or four columns, in registers no wider than those of AVX2."""
-    return "avx2" if arm == "avx512" and states == 1 else arm
+    wanted = "avx2" if name == "avx512" and states == 1 else name
+    return next(arm for arm in arms if arm["name"] == wanted)
 
 
 def judged(found: Row) -> list[Row]:
     """Each case with its share of the peak and what bounds it."""
-    arms = {arm["name"]: arm for arm in found["arms"]}
     rows = []
     for case in found["cases"]:
-        arm, ns = arms[roof(case["arm"], case["states"])], case["ns"]
+        arm, ns = roof(found["arms"], case["arm"], case["states"]), case["ns"]
         width = arm["lanes"]
         peak = arm["gflops"] / (width if case["states"] == 1 else 1)
         # At the rate of full registers, which one number a register cannot reach.
@@ -246,21 +246,20 @@ def page(found: Row, rows: Sequence[Row]) -> str:
 
 
 def draw(found: Row, rows: Sequence[Row]) -> bytes:
-    """Two panels: one state, and batches on the widest arm."""
+    """Two panels on the widest arm: one state, and batches."""
     arms = found["arms"]
-    widest, arms_by_name = arms[-1], {arm["name"]: arm for arm in arms}
-    single = next((arm for arm in reversed(arms) if any(r["arm"] == arm["name"] and r["states"] == 1 for r in rows)), widest)
+    widest = arms[-1]
     algorithms = list(dict.fromkeys(row["algorithm"] for row in rows))
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.2, 4.3), layout="constrained")
         panels = figure.subplots(1, 2, sharey=True, sharex=True)
         chosen = [
-            (f"one state, {single['name']}", single, [r for r in rows if r["arm"] == single["name"] and r["states"] == 1]),
-            (f"batches, {widest['name']}", widest, [r for r in rows if r["arm"] == widest["name"] and r["states"] > 1]),
+            ("one state", roof(arms, widest["name"], 1), [r for r in rows if r["arm"] == widest["name"] and r["states"] == 1]),
+            ("batches", widest, [r for r in rows if r["arm"] == widest["name"] and r["states"] > 1]),
         ]
         for axes, (title, arm, here) in zip(panels, chosen, strict=True):
-            roofs(axes, arms_by_name[roof(arm["name"], here[0]["states"])], [row["flops"] / row["bytes"] for row in rows])
+            roofs(axes, arm, [row["flops"] / row["bytes"] for row in rows])
             for row in here:
                 axes.plot(
                     row["flops"] / row["bytes"],
@@ -271,7 +270,7 @@ def draw(found: Row, rows: Sequence[Row]) -> bytes:
                     markeredgecolor="white",
                     markeredgewidth=0.5,
                 )
-            axes.set_title(title, loc="left", fontsize=9)
+            axes.set_title(f"{title}, {widest['name']}", loc="left", fontsize=9)
             axes.set_xlabel("operations a byte")
         panels[0].set_ylabel("Gflop/s")
         handles = [
@@ -295,7 +294,7 @@ def roofs(axes: Axes, arm: Row, intensities: Sequence[float]) -> None:
     axes.set_axisbelow(True)
     width = arm["lanes"]
     lines = {
-        f"peak, {width} numbers a register": arm["gflops"],
+        **({f"peak, {width} numbers a register": arm["gflops"]} if width > 1 else {}),
         "peak, one number a register": arm["gflops"] / width,
         "one after another, waiting": 2.0 / arm["dependent_ns"],
     }

@@ -125,29 +125,15 @@ impl<T: Vectorised> Chunk<T> {
             return 0;
         }
         self.gather_wrenches(states);
+        let is_planar = self.planar.is_some();
+        let call = Call { chunk: self, algorithm, states, out };
         match algorithm {
-            _ if self.planar.is_some() && planar::covers(algorithm) => {
-                self.within::<I, PLANE>(target, algorithm, states, out)
-            }
-            Algorithm::ForwardDynamics(_) => self.within::<I, ACCELERATIONS>(target, algorithm, states, out),
-            Algorithm::InverseDynamics | Algorithm::BiasTorque => {
-                self.within::<I, TORQUES>(target, algorithm, states, out)
-            }
-            Algorithm::MassMatrix => self.within::<I, MASS>(target, algorithm, states, out),
-            Algorithm::MassMatrixInverse(_) => self.within::<I, INVERSE>(target, algorithm, states, out),
+            _ if is_planar && planar::covers(algorithm) => target.within(Run::<T, PLANE>(call)),
+            Algorithm::ForwardDynamics(_) => target.within(Run::<T, ACCELERATIONS>(call)),
+            Algorithm::InverseDynamics | Algorithm::BiasTorque => target.within(Run::<T, TORQUES>(call)),
+            Algorithm::MassMatrix => target.within(Run::<T, MASS>(call)),
+            Algorithm::MassMatrixInverse(_) => target.within(Run::<T, INVERSE>(call)),
         }
-    }
-
-    /// An algorithm of one group.
-    #[inline(always)]
-    fn within<I: Target, const GROUP: u8>(
-        &mut self,
-        target: I,
-        algorithm: Algorithm,
-        states: &[Arguments<'_, T::Number>],
-        out: &mut [T::Number],
-    ) -> u64 {
-        target.within(Run::<T, GROUP> { chunk: self, algorithm, states, out })
     }
 
     /// Forces on bodies into lanes; none at all where no state has any.
@@ -271,19 +257,23 @@ const MASS: u8 = 3;
 /// M^-1.
 const INVERSE: u8 = 4;
 
-/// A chunk's arguments, to be run inside an arm; the algorithm is one of GROUP.
-struct Run<'a, T: Vectorised, const GROUP: u8> {
+/// A chunk with its arguments.
+struct Call<'a, T: Vectorised> {
     chunk: &'a mut Chunk<T>,
     algorithm: Algorithm,
     states: &'a [Arguments<'a, T::Number>],
     out: &'a mut [T::Number],
 }
 
+/// The same, to be run inside an arm; the algorithm is one of GROUP.
+struct Run<'a, T: Vectorised, const GROUP: u8>(Call<'a, T>);
+
 impl<T: Vectorised, const GROUP: u8> Work for Run<'_, T, GROUP> {
     type Output = u64;
 
     #[inline(always)]
     fn call(self) -> u64 {
+        let Self(Call { chunk, algorithm, states, out }) = self;
         let Chunk {
             model,
             lean,
@@ -296,8 +286,7 @@ impl<T: Vectorised, const GROUP: u8> Work for Run<'_, T, GROUP> {
             arguments,
             wrenches,
             results,
-        } = self.chunk;
-        let states = self.states;
+        } = chunk;
         let [q, qd, u] = arguments;
         let mut fault = gather(q, states, |state| state.q);
         fault += gather(qd, states, |state| state.qd);
@@ -310,29 +299,29 @@ impl<T: Vectorised, const GROUP: u8> Work for Run<'_, T, GROUP> {
         }
         let scene = (&*model, &*lean);
         let in_plane = planar.as_mut().filter(|_| GROUP == PLANE);
-        let entries = entries_of::<T, GROUP>(self.algorithm, scene, lean_columns, mass_columns);
+        let entries = entries_of::<T, GROUP>(algorithm, scene, lean_columns, mass_columns);
         // Beside them `auto` keeps a number a row.
-        let width = if entries.is_some() { model.nv() } else { self.out.len() / states.len().min(T::LANES) };
+        let width = if entries.is_some() { model.nv() } else { out.len() / states.len().min(T::LANES) };
         let mut numbers = entries.map(|entries| std::mem::take(&mut entries.numbers)).unwrap_or_default();
-        let (mut doubt, to) = (0, T::entries_in(&mut numbers, self.out));
+        let (mut doubt, to) = (0, T::entries_in(&mut numbers, out));
         if GROUP == MASS {
             lean::mass_matrix::<T, T::Columns, true>(scene, (lean_scratch, mass_columns), q, to);
         } else {
             results.resize(width, T::zero());
             doubt = if let Some((model, scratch)) = in_plane {
-                planar::run(self.algorithm, model, scratch, (q, qd, u), wrenches, results)
+                planar::run(algorithm, model, scratch, (q, qd, u), wrenches, results)
             } else {
                 let scratch = (&mut *lean_scratch, &mut *lean_columns, workspace);
-                compute::<T, GROUP>(self.algorithm, scene, scratch, (q, qd, u), wrenches, (to, results))
+                compute::<T, GROUP>(algorithm, scene, scratch, (q, qd, u), wrenches, (to, results))
             };
         }
-        if let Some(entries) = entries_of::<T, GROUP>(self.algorithm, scene, lean_columns, mass_columns) {
+        if let Some(entries) = entries_of::<T, GROUP>(algorithm, scene, lean_columns, mass_columns) {
             entries.numbers = numbers;
             fault += entries.fault();
-            T::put_entries(&entries.numbers, entries.chosen(), self.out);
+            T::put_entries(&entries.numbers, entries.chosen(), out);
         } else {
             fault += any_not_finite(results);
-            T::put_lanes(results, self.out);
+            T::put_lanes(results, out);
         }
         for lane in 0..states.len() {
             doubt |= u64::from(is_far(nearness, lane) || fault.lane(lane) != 0.0) << lane;
