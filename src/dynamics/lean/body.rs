@@ -169,7 +169,7 @@ pub(crate) struct LeanModel<T: Real> {
     /// What the square-root form needs of them, in the order of the sweeps over one vector a body: NaN of a body that has no root, or whose
     /// spin needs a force outside of it.
     pub(super) roots: Vec<BodyRoot<T::Parameter>>,
-    /// What M needs of them besides.
+    /// What M needs of them besides, in that order.
     pub(super) composites: Vec<CompositeBody<T::Parameter>>,
     /// Those that are not on a turn, whole: their frames are the model's, those of their parents need not be.
     pub(super) shifting: Vec<Body<T>>,
@@ -269,6 +269,7 @@ impl<T: Real> LeanModel<T> {
         };
         let mut turning: Vec<_> = of_carrier(true).map(turning_of).collect();
         turning.sort_by_key(|turning| turning.place);
+        let composites = order.iter().map(|&k| composites[k].clone()).collect();
         let reordered = |&k: &usize| LeanBody { places: swept.places[k], ..bodies[k].clone() };
         let reordered = if order.is_sorted() { Vec::new() } else { order.iter().map(reordered).collect() };
         Self {

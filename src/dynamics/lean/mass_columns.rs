@@ -10,13 +10,18 @@ use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
 
 /// Where the column of a row is.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 struct Place {
     block: usize,
     lane: usize,
+    /// One past the last block that holds a column outward of it.
+    end_block: usize,
     /// Where the row's entries begin, those of its own column first and then outward.
     entries: usize,
 }
+
+/// Rows of a body that floats.
+pub(super) const AFLOAT: usize = 6;
 
 /// Scratch of M.
 #[derive(Debug)]
@@ -25,8 +30,8 @@ pub(crate) struct MassColumns<T: Real, C: ColumnsOf<T>> {
     forces: Vec<Block<C>>,
     /// One in one lane, zero in the others.
     units: Vec<C>,
-    /// How many columns each block holds, the last in the last lane.
-    counts: Vec<usize>,
+    /// One past the last column of each block, which is in its last lane.
+    ends: Vec<usize>,
     places: Vec<Place>,
     /// In lanes of each row the columns from the diagonal to the last outward of it.
     entries: Entries<T, C>,
@@ -35,7 +40,7 @@ pub(crate) struct MassColumns<T: Real, C: ColumnsOf<T>> {
 impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
     /// None yet: they are made when M is first asked for.
     pub fn new() -> Self {
-        Self { forces: Vec::new(), units: Vec::new(), counts: Vec::new(), places: Vec::new(), entries: Entries::new() }
+        Self { forces: Vec::new(), units: Vec::new(), ends: Vec::new(), places: Vec::new(), entries: Entries::new() }
     }
 
     /// Makes them where there are none; gives what M is written to in lanes.
@@ -62,7 +67,7 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         for parent in lean.bodies.iter().filter_map(|body| body.parent) {
             children[parent] += 1;
         }
-        self.places = vec![Place { block: 0, lane: 0, entries: 0 }; nv];
+        self.places = vec![Place::default(); nv];
         let (mut dealt, mut blocks) = (0, 0);
         for (k, body) in lean.bodies.iter().enumerate().rev() {
             if children[k] != 1 {
@@ -71,16 +76,23 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
             for row in (body.row..body.row + model.system.stages[k].rows.count()).rev() {
                 if dealt % width == 0 {
                     blocks += 1;
+                    self.ends.push(row + 1);
                 }
-                self.places[row] = Place { block: blocks, lane: width - 1 - dealt % width, entries: row * nv + row };
+                let place = &mut self.places[row];
+                // Blocks are counted from the last one; what hangs on a body comes before it.
+                (place.block, place.lane, place.entries) = (blocks, width - 1 - dealt % width, row * nv + row);
                 dealt += 1;
             }
         }
-        // Counted from the last one.
+        self.ends.reverse();
         for place in &mut self.places {
             place.block = blocks - place.block;
         }
-        self.counts = vec![1; blocks];
+        for (k, body) in lean.bodies.iter().enumerate() {
+            for row in body.row..body.row + model.system.stages[k].rows.count() {
+                self.places[row].end_block = self.places[body.end_row - 1].block + 1;
+            }
+        }
         self.forces = vec![[o; 6]; blocks];
         let places = &mut self.places;
         self.entries.make(is_branched, || {
@@ -104,27 +116,6 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         self.entries.fault
     }
 
-    /// A force at the body of `row` is the column of that row there; rows come from the outermost on.
-    #[inline(always)]
-    pub(super) fn insert(&mut self, row: usize, force: &[T; 6]) {
-        let Place { block, lane, .. } = self.places[row];
-        let to = &mut self.forces[block];
-        if C::COLUMNS == 1 {
-            for (to, &f) in to.iter_mut().zip(force) {
-                to.set_column(0, f);
-            }
-            return;
-        }
-        self.counts[block] = C::COLUMNS - lane;
-        let unit = self.units[lane];
-        // No lane of a block that was begun in this state holds anything from another one.
-        let is_first = lane == C::COLUMNS - 1;
-        for (to, &f) in to.iter_mut().zip(force) {
-            let own = unit.spread(f);
-            *to = if is_first { own * unit } else { own.mul_add(unit, *to) };
-        }
-    }
-
     /// The blocks that hold the columns from `row` to before `end`.
     #[inline(always)]
     pub(super) fn blocks(&mut self, row: usize, end: usize) -> &mut [Block<C>] {
@@ -132,31 +123,110 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         &mut self.forces[blocks]
     }
 
-    /// Writes of a row the entries from the diagonal to before `end`, and carries the forces on.
+    /// Takes up the column of `row`, this force at its body, writes the row's entries from the diagonal to before `end`, and carries on the columns outward
+    /// of it. Rows come from the outermost on.
     #[inline(always)]
     pub(super) fn put_row<const CHECK: bool>(
         &mut self,
         out: &mut [C::Entry],
         (row, end): (usize, usize),
+        force: &[T; 6],
         measured: &impl Measurement<C>,
     ) {
         let nv = self.places.len();
-        let Place { block, entries: mut at, .. } = self.places[row];
-        let blocks = block..self.places[end - 1].block + 1;
-        let (mut mirrored, mut fault) = (row * nv + row, self.entries.fault);
-        let Self { forces, counts, .. } = self;
-        for (force, &count) in forces[blocks.clone()].iter_mut().zip(&counts[blocks]) {
-            let entry = measured.entry(force);
-            measured.carry(force);
-            #[allow(clippy::eq_op)] // that is the point
-            if CHECK {
-                fault += entry - entry;
-            }
-            put_block::<T, C>(out, nv, (at, mirrored), count, entry);
-            at += count;
-            mirrored += count * nv;
+        let Place { block, lane, end_block, entries } = self.places[row];
+        let Self { forces, ends, units, entries: Entries { fault: faults, .. }, .. } = self;
+        let (forces, ends) = (&mut forces[block..end_block], &ends[block..end_block]);
+        let to = if T::LANES > 1 { &mut out[entries..entries + (end - row)] } else { &mut *out };
+        let mut fault = *faults;
+        // By their index, or a division would say how many there are.
+        for at in (1..forces.len().min(ends.len())).rev() {
+            let entry = through::<C, CHECK>(&mut forces[at], measured, &mut fault);
+            put_block::<T, C>(to, (nv, row), (at, ends[at]), entry);
         }
-        self.entries.fault = fault;
+        // Its own block last, which becomes whole in registers.
+        let (Some(own), Some(&end)) = (forces.first_mut(), ends.first()) else { return };
+        let mut whole = *own;
+        if C::COLUMNS == 1 {
+            for (whole, &f) in whole.iter_mut().zip(force) {
+                whole.set_column(0, f);
+            }
+        } else {
+            let unit = units[lane];
+            // No lane of a block that was begun in this state holds anything from another one.
+            if lane == C::COLUMNS - 1 {
+                for (whole, &f) in whole.iter_mut().zip(force) {
+                    *whole = unit.spread(f) * unit;
+                }
+            } else {
+                for (whole, &f) in whole.iter_mut().zip(force) {
+                    *whole = unit.spread(f).mul_add(unit, *whole);
+                }
+            }
+        }
+        let entry = through::<C, CHECK>(&mut whole, measured, &mut fault);
+        *own = whole;
+        put_block::<T, C>(to, (nv, row), (0, end), entry);
+        *faults = fault;
+    }
+
+    /// Writes all six rows of a body that floats, from `row` to before `end`: nothing is carried on.
+    #[inline(always)]
+    #[allow(clippy::eq_op)] // that is the point
+    pub(super) fn put_afloat<const CHECK: bool>(
+        &mut self,
+        out: &mut [C::Entry],
+        (row, end): (usize, usize),
+        own: impl Fn(usize) -> [T; AFLOAT],
+    ) {
+        let nv = self.places.len();
+        let first = row + AFLOAT;
+        let outward = if first == end { 0..0 } else { self.places[first].block..self.places[end - 1].block + 1 };
+        let Self { forces, ends, places, entries: Entries { fault, .. }, .. } = self;
+        let ends = &ends[outward.clone()];
+        let forces = &forces[outward];
+        // From the last one, as in a row of another body; and the body's own rows last.
+        for at in (0..forces.len().min(ends.len())).rev() {
+            // Of the rows, in their order.
+            let [a, b, c, d, e, f] = forces[at];
+            let entries = [d, e, f, a, b, c];
+            for (i, entry) in entries.iter().enumerate() {
+                if CHECK {
+                    *fault += *entry - *entry;
+                }
+                if T::LANES > 1 {
+                    entry.store(&mut out[places[row + i].entries + (AFLOAT - i) + at..][..1]);
+                } else {
+                    entry.store(&mut out[(row + i) * nv + ends[at] - C::COLUMNS..][..C::COLUMNS]);
+                }
+            }
+            if T::LANES == 1 {
+                put_columns::<T, C>(&mut out[(ends[at] - C::COLUMNS) * nv + row..], nv, &entries);
+            }
+        }
+        let mut of_own = T::zero();
+        for i in 0..AFLOAT {
+            let own = own(i);
+            if T::LANES > 1 {
+                let to = &mut out[places[row + i].entries..][..AFLOAT - i];
+                for (to, &own) in to.iter_mut().zip(&own[i..]) {
+                    *to = C::kept(own);
+                }
+            } else {
+                let to = &mut out[(row + i) * nv + row..][..AFLOAT];
+                for (to, &own) in to.iter_mut().zip(&own) {
+                    *to = C::kept(own);
+                }
+            }
+            if CHECK {
+                for &own in &own[i..] {
+                    of_own += own - own;
+                }
+            }
+        }
+        if CHECK {
+            *fault += fault.spread(of_own);
+        }
     }
 
     /// Adds to an entry on the diagonal.
@@ -181,34 +251,66 @@ pub(super) trait Measurement<C> {
     fn carry(&self, force: &mut Block<C>);
 }
 
-/// As many entries of a row as the block has columns, the last in the last lane; of one state their mirror images too.
+/// Of one state: the columns of a row before `end`, as many as the block has lanes, and their mirror images. In lanes the entry alone, the one at `at`.
+///
+/// What is in lanes that no column is in comes where the next block inward, or a row further inward, writes after it; or where there is nothing, a zero.
 #[inline(always)]
 fn put_block<T: Real, C: ColumnsOf<T>>(
-    entries: &mut [C::Entry],
-    nv: usize,
-    (at, mirrored): (usize, usize),
-    count: usize,
+    out: &mut [C::Entry],
+    (nv, row): (usize, usize),
+    (at, end): (usize, usize),
     entry: C,
 ) {
-    let width = C::COLUMNS;
-    if width == 1 || count == width {
-        entry.store(&mut entries[at..at + width]);
-        if T::LANES == 1 {
-            for lane in 0..width {
-                entries[mirrored + lane * nv] = C::kept(entry.column(lane));
-            }
-        }
+    if T::LANES > 1 {
+        entry.store(&mut out[at..=at]);
         return;
     }
     // A copy, or the entry would live in memory above too.
-    let (some, none) = (entry, width - count);
-    for lane in 1..width {
-        if lane >= none {
-            let value = C::kept(some.column(lane));
-            entries[at + lane - none] = value;
-            if T::LANES == 1 {
-                entries[mirrored + (lane - none) * nv] = value;
+    let (some, width) = (entry, C::COLUMNS);
+    if let Some(first) = end.checked_sub(width) {
+        entry.store(&mut out[row * nv + first..][..width]);
+        // One look at the length for all of them: known to be below 2^32, products are seen not to overflow.
+        #[allow(clippy::cast_possible_truncation)] // a matrix of that many rows fits no memory
+        let (below, side) = (&mut out[first * nv + row..], nv as u32 as usize);
+        if below.len() > (width - 1) * side {
+            let mut at = 0;
+            for lane in 0..width {
+                below[at] = C::kept(some.column(lane));
+                at += side;
             }
         }
+    } else {
+        for column in 0..end {
+            let value = C::kept(some.column(width - end + column));
+            (out[row * nv + column], out[column * nv + row]) = (value, value);
+        }
     }
+}
+
+/// Of one state: of each column of a block its entries in the rows of a body that floats, one after another.
+#[inline(always)]
+fn put_columns<T: Real, C: ColumnsOf<T>>(out: &mut [C::Entry], nv: usize, entries: &[C; AFLOAT]) {
+    let width = C::COLUMNS;
+    for start in (0..AFLOAT).step_by(width) {
+        // The last square may lie over the one before it.
+        let start = start.min(AFLOAT - width);
+        let mut square = *entries;
+        let square = &mut square[start..start + width];
+        C::transpose(square);
+        for (lane, column) in square.iter().enumerate() {
+            column.store(&mut out[lane * nv + start..][..width]);
+        }
+    }
+}
+
+/// One block past a row: gives the entries.
+#[inline(always)]
+fn through<C: Real, const CHECK: bool>(force: &mut Block<C>, measured: &impl Measurement<C>, fault: &mut C) -> C {
+    let entry = measured.entry(force);
+    measured.carry(force);
+    #[allow(clippy::eq_op)] // that is the point
+    if CHECK {
+        *fault += entry - entry;
+    }
+    entry
 }

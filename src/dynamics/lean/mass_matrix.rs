@@ -5,12 +5,12 @@
 use super::body::{Carrier, CompositeBody, LeanBody, LeanModel};
 use super::columns::Block;
 use super::filter::ABOUT_Z;
-use super::mass_columns::{MassColumns, Measurement};
+use super::mass_columns::{AFLOAT, MassColumns, Measurement};
 use super::motion::{carriers, cross};
 use super::scratch::{Composite, LeanScratch, arrive};
 use super::turn::{Axis, PACKED, Turn, about, to_parent};
 use crate::dynamics::columns::{spread_hinge, spread_shift};
-use crate::filter::HingeMap;
+use crate::filter::{HingeMap, Rows};
 use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
 use crate::spatial::{BodyInertia, Symmetric3};
@@ -30,12 +30,12 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     carriers(lean, scratch, columns.like(), q);
     let none = columns.like();
     let LeanScratch { own, shifts, composites, .. } = scratch;
-    for ((k, body), constants) in lean.bodies.iter().enumerate().zip(&lean.composites).rev() {
+    for ((body, own), constants) in lean.swept().iter().zip(own).zip(&lean.composites).rev() {
         let composite = composite_of(body, &composites[body.places.inward]);
         let carried = match body.carrier {
             Carrier::Turn(axis) => {
                 let (of_body, noise) = ((body, constants), model.system.noise[body.row]);
-                let turn = own[lean.at[k]].turn;
+                let turn = own.turn;
                 about!(axis, X, Y, Z, {
                     through_turn::<T, C, CHECK, X, Y, Z>(of_body, turn, noise, &composite, (columns, out))
                 })
@@ -46,11 +46,20 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
                     first_moment: Vector3::from(composite.first_moment),
                     rotational: Symmetric3::new(composite.rotational),
                 };
-                let stage = &model.system.stages[k];
+                let stage = &model.system.stages[body.index];
+                if body.parent.is_none() && matches!(stage.rows, Rows::Six) {
+                    let (whole, noise) = (inertia.to_symmetric(), &model.system.noise[body.row..body.row + AFLOAT]);
+                    columns.put_afloat::<CHECK>(out, (body.row, body.end_row), |i| {
+                        let mut row = hinge_rows(&Rows::Six.row(i).covariance_column(&whole));
+                        row[i] += noise[i];
+                        row
+                    });
+                    continue;
+                }
                 for i in (0..stage.rows.count()).rev() {
                     let (row, hinge) = (body.row + i, stage.rows.row(i));
-                    columns.insert(row, &hinge.covariance_column(&inertia.to_symmetric()).into());
-                    columns.put_row::<CHECK>(out, (row, body.end_row), &spread_hinge(none, hinge));
+                    let force = hinge.covariance_column(&inertia.to_symmetric()).into();
+                    columns.put_row::<CHECK>(out, (row, body.end_row), &force, &spread_hinge(none, hinge));
                     columns.add_to_diagonal::<CHECK>(out, row, model.system.noise[row]);
                 }
                 if body.parent.is_none() {
@@ -72,6 +81,12 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     }
 }
 
+/// The entries of a force in the order of the rows of a body that floats.
+#[inline(always)]
+fn hinge_rows<T: Real>(force: &Vector6<T>) -> [T; AFLOAT] {
+    [force[3], force[4], force[5], force[0], force[1], force[2]]
+}
+
 /// The row of a turn, and the way from there to the parent, of whose axes its own x, y and z are X, Y and Z.
 #[inline(always)]
 fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, const Y: usize, const Z: usize>(
@@ -86,7 +101,6 @@ fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, con
     let sense = like.everywhere(body.sense);
     // r(k) H*(k), H picking the rotation about z, in its sense.
     let force = [sense * i[2], sense * i[4], sense * i[5], -(sense * h[1]), sense * h[0], like.constant(0.0)];
-    columns.insert(body.row, &force);
     let none = columns.like();
     let about = About::<C, X, Y, Z> {
         sense: none.spread(sense),
@@ -99,7 +113,7 @@ fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, con
         has_lever: body.has_lever,
         ends: body.parent.is_none(),
     };
-    columns.put_row::<CHECK>(out, (body.row, body.end_row), &about);
+    columns.put_row::<CHECK>(out, (body.row, body.end_row), &force, &about);
     columns.add_to_diagonal::<CHECK>(out, body.row, noise);
     // At the base nobody reads it.
     if about.ends { *composite } else { carried::<T, X, Y, Z>((body, constants), turn, composite) }

@@ -205,7 +205,7 @@ impl<T: Real> LeanScratch<T> {
         let mut arriving_besides = vec![besides(nan); lean.swept_slots.inward];
         arriving_besides[0] = besides(T::zero());
         let composite = |value| Composite { first_moment: [value; 3], rotational: [value; 6] };
-        let mut composites = vec![composite(nan); lean.row_slots.inward];
+        let mut composites = vec![composite(nan); lean.swept_slots.inward];
         composites[0] = composite(T::zero());
         Self {
             own: vec![Own { turn: Turn { s: nan, c: nan }, force: [nan; 6] }; bodies],
@@ -256,7 +256,7 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> u
         Algorithm::InverseDynamics | Algorithm::BiasTorque => motions,
         Algorithm::MassMatrix => {
             let composites = bodies * size_of::<CompositeBody<f64>>();
-            composites + lean.row_slots.inward * size_of::<Composite<f64>>() + nv * size_of::<[f64; 6]>()
+            composites + lean.swept_slots.inward * size_of::<Composite<f64>>() + nv * size_of::<[f64; 6]>()
         }
         Algorithm::ForwardDynamics(Form::Auto) => motions + filter + watching,
         Algorithm::ForwardDynamics(Form::SquareRoot) => {
