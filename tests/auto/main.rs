@@ -6,6 +6,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 mod families;
+mod inverse;
 
 use common::{Random, random_state, tolerance};
 use families::{Case, FAMILIES, case};

@@ -50,7 +50,8 @@ impl<T: Real, C: ColumnsOf<T>> LeanColumns<T, C> {
     #[cold]
     fn make(&mut self, model: &Model<T>, lean: &LeanModel<T>) {
         let nan = [C::from_f64(f64::NAN); 6];
-        self.slots = vec![vec![nan; model.nv().div_ceil(C::COLUMNS)]; lean.row_slots.outward];
+        let slots = if lean.is_shallow { lean.swept_slots.outward } else { lean.row_slots.outward };
+        self.slots = vec![vec![nan; model.nv().div_ceil(C::COLUMNS)]; slots];
         if lean.is_shallow {
             self.tiles.prepare(model, lean);
             return;

@@ -244,11 +244,11 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> u
     let watching = nv * 3 * size_of::<f64>()
         + bodies * 4 * size_of::<Vector6<f64>>()
         + lean.swept_slots.inward * size_of::<Besides<f64>>();
-    let columns = lean.row_slots.outward * nv * size_of::<[f64; 6]>();
+    let slots = if lean.is_shallow { lean.swept_slots.outward } else { lean.row_slots.outward };
+    let columns = slots * nv * size_of::<[f64; 6]>();
     let closed_form = columns
         + if lean.is_shallow {
-            // As they are, and over D.
-            2 * nv * nv * size_of::<f64>()
+            nv * nv * size_of::<f64>()
         } else {
             bodies * size_of::<[f64; 21]>() + nv * size_of::<Vector6<f64>>()
         };

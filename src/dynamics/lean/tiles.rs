@@ -1,11 +1,10 @@
-//! 1 - L and M^-1 in tiles of four rows and four columns.
+//! D^-1/2 (1 - L) and M^-1 in tiles of four rows and four columns.
 //!
 //! A tile of M^-1 needs the joints inward of one of its rows and of one of its columns; in the others its factors are zero.
 
 use super::body::LeanModel;
 use super::columns::units;
 use super::entries::Entries;
-use crate::filter::riccati::Measured;
 use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
 use std::ops::Range;
@@ -28,14 +27,11 @@ pub(super) struct Pair {
 /// Scratch of the product.
 #[derive(Debug)]
 pub(crate) struct Tiles<T: Real, C: ColumnsOf<T>> {
-    /// 1 - L by rows, in blocks of columns; zero where the column's joint is not outward of the row's. Behind all of it one place for what means nothing.
+    /// D^-1/2 (1 - L) by rows, in blocks of columns; zero where the column's joint is not outward of the row's. Behind all of it one place for what
+    /// means nothing.
     pub(super) factors: Vec<C>,
-    /// The same over D.
-    pub(super) over_pivots: Vec<C>,
-    /// By rows those that are not zero.
-    held: Vec<Range<usize>>,
-    /// Where [`put_factors`] puts them, in the order of the sweep.
-    pub(super) targets: Vec<usize>,
+    /// Where [`put_factors`] puts them, in the order of the sweep: as many as a block has lanes.
+    pub(super) targets: Vec<[usize; TILE]>,
     /// One in one lane, zero in the others.
     pub(super) units: Vec<C>,
     /// What is multiplied, in order.
@@ -59,8 +55,6 @@ impl<T: Real, C: ColumnsOf<T>> Tiles<T, C> {
     pub(super) fn new() -> Self {
         Self {
             factors: Vec::new(),
-            over_pivots: Vec::new(),
-            held: Vec::new(),
             targets: Vec::new(),
             units: Vec::new(),
             pairs: Vec::new(),
@@ -82,7 +76,8 @@ impl<T: Real, C: ColumnsOf<T>> Tiles<T, C> {
         self.units = units::<T, C>();
         let rows = |k: usize| lean.bodies[k].row..lean.bodies[k].row + model.system.stages[k].rows.count();
         let mut sides = vec![Vec::new(); across];
-        for (k, body) in lean.bodies.iter().enumerate() {
+        for body in lean.swept() {
+            let k = body.index;
             let mut path: Vec<usize> = std::iter::successors(body.parent, |&parent| lean.bodies[parent].parent)
                 .flat_map(|inward| rows(inward).rev())
                 .collect();
@@ -91,16 +86,13 @@ impl<T: Real, C: ColumnsOf<T>> Tiles<T, C> {
                 for row in rows(k) {
                     let target =
                         |lane| columns.get(lane).map_or(nv * blocks, |joint| joint * blocks + row / C::COLUMNS);
-                    self.targets.extend((0..C::COLUMNS).map(target));
+                    self.targets.push([0, 1, 2, 3].map(target));
                 }
             }
             for row in rows(k) {
-                self.held.push(row * blocks + row / C::COLUMNS..row * blocks + body.end_row.div_ceil(C::COLUMNS));
-                self.factors[row * blocks + row / C::COLUMNS].set_column(row % C::COLUMNS, T::one());
                 sides[row / TILE].extend(path.iter().copied().chain(body.row..=row));
             }
         }
-        self.over_pivots = self.factors.clone();
         // Of tiles that no joint is inward of there is none in the pairs.
         let mut has_gaps = false;
         for (side, mut joints) in sides.into_iter().enumerate() {
@@ -130,26 +122,13 @@ impl<T: Real, C: ColumnsOf<T>> Tiles<T, C> {
             (next, chosen)
         });
     }
-
-    /// The factors over D.
-    #[inline(always)]
-    pub(super) fn divide(&mut self, measured: &[Measured<T>]) {
-        let Self { factors, over_pivots, held, entries, .. } = self;
-        let none = entries.zero();
-        for (held, m) in held.iter().zip(measured) {
-            let inverse = none.spread(m.pivot_inverse);
-            for (over_pivot, &factor) in over_pivots[held.clone()].iter_mut().zip(&factors[held.clone()]) {
-                *over_pivot = factor * inverse;
-            }
-        }
-    }
 }
 
-/// w of as many joints as a block holds in a row outward of them.
+/// w of as many joints as a block holds in a row outward of them, of which `lane` is the lane.
 #[inline(always)]
-pub(super) fn put_factors<T: Real, C: ColumnsOf<T>>(factors: &mut [C], targets: &[usize], row: usize, w: &C) {
-    for (lane, &target) in targets[..C::COLUMNS].iter().enumerate() {
-        factors[target].set_column(row % C::COLUMNS, w.column(lane));
+pub(super) fn put_factors<T: Real, C: ColumnsOf<T>>(factors: &mut [C], targets: &[usize; TILE], lane: usize, w: &C) {
+    for (column, &target) in targets[..C::COLUMNS].iter().enumerate() {
+        factors[target].set_column(lane, w.column(column));
     }
 }
 
@@ -163,61 +142,71 @@ pub(super) fn put<T: Real, C: ColumnsOf<T>, const WHICH: usize>(
     number: usize,
     sums: &Tile<C>,
 ) {
-    let across = TILE / C::COLUMNS;
+    let (width, across) = (C::COLUMNS, TILE / C::COLUMNS);
     let block = |i: usize, j: usize| sums[i][WHICH * across + j];
     if T::LANES > 1 {
         let to = &mut numbers[1 + number * TILE * TILE..][..TILE * TILE];
         for i in 0..TILE {
             for j in 0..across {
-                block(i, j).store(&mut to[i * TILE + j * C::COLUMNS..][..C::COLUMNS]);
+                block(i, j).store(&mut to[i * TILE + j * width..][..width]);
             }
         }
         return;
     }
-    // Behind the last row there is nothing.
-    let numbers = &mut numbers[..nv * nv];
     let (row, column) = (side * TILE, other * TILE);
-    let entry = |i: usize, j: usize| C::kept(block(i, j / C::COLUMNS).column(j % C::COLUMNS));
-    if side == other {
-        for i in 0..TILE {
-            for j in 0..=i {
-                if let Some(to) = numbers.get_mut((row + i) * nv + row + j) {
-                    *to = entry(i, j);
-                    numbers[(row + j) * nv + row + i] = entry(i, j);
-                }
-            }
-        }
+    let rows = TILE.min(nv - row);
+    if rows < TILE {
+        put_some::<T, C>(numbers, nv, (row, column), (rows, if side == other { rows } else { TILE }), block);
         return;
     }
-    for i in 0..TILE {
-        if let Some(to) = numbers.get_mut((row + i) * nv + column..(row + i) * nv + column + TILE) {
-            for j in 0..across {
-                block(i, j).store(&mut to[j * C::COLUMNS..(j + 1) * C::COLUMNS]);
+    // On the diagonal it is its own mirror image, to the last bit.
+    let mirrors = side != other;
+    for down in 0..across {
+        for j in 0..across {
+            let mut square = [sums[0][0]; TILE];
+            let square = &mut square[..width];
+            for (i, to) in square.iter_mut().enumerate() {
+                *to = block(down * width + i, j);
+            }
+            let (row, column) = (row + down * width, column + j * width);
+            put_square::<T, C>(&mut numbers[row * nv + column..], nv, square);
+            if mirrors {
+                C::transpose(square);
+                put_square::<T, C>(&mut numbers[column * nv + row..], nv, square);
             }
         }
     }
-    let mirrored = &mut numbers[column * nv..];
-    if row + TILE <= nv {
-        for down in 0..across {
-            for j in 0..across {
-                let mut square = [sums[0][0]; TILE];
-                let square = &mut square[..C::COLUMNS];
-                for (i, to) in square.iter_mut().enumerate() {
-                    *to = block(down * C::COLUMNS + i, j);
-                }
-                C::transpose(square);
-                for (i, from) in square.iter().enumerate() {
-                    let at = (j * C::COLUMNS + i) * nv + row + down * C::COLUMNS;
-                    from.store(&mut mirrored[at..at + C::COLUMNS]);
-                }
-            }
-        }
-    } else {
-        for i in 0..TILE {
-            for j in 0..TILE {
-                if row + i < nv {
-                    mirrored[j * nv + row + i] = entry(i, j);
-                }
+}
+
+/// As many rows as a block is wide, to where `out` begins and below.
+#[inline(always)]
+fn put_square<T: Real, C: ColumnsOf<T>>(out: &mut [C::Entry], nv: usize, square: &[C]) {
+    // One look at the length for all of them: of a number known to be below 2^32 products are seen not to overflow.
+    #[allow(clippy::cast_possible_truncation)] // a matrix of that many rows fits no memory
+    let (width, side) = (C::COLUMNS, nv as u32 as usize);
+    assert!(out.len() >= (width - 1) * side + width, "a square of the matrix");
+    let mut at = 0;
+    for row in square {
+        row.store(&mut out[at..at + width]);
+        at += side;
+    }
+}
+
+/// The first rows and columns of a tile behind which there is nothing, one by one, and their mirror images.
+#[inline(always)]
+fn put_some<T: Real, C: ColumnsOf<T>>(
+    out: &mut [C::Entry],
+    nv: usize,
+    (row, column): (usize, usize),
+    (rows, columns): (usize, usize),
+    block: impl Fn(usize, usize) -> C,
+) {
+    for i in 0..TILE {
+        for j in 0..TILE {
+            if i < rows && j < columns {
+                let value = C::kept(block(i, j / C::COLUMNS).column(j % C::COLUMNS));
+                out[(row + i) * nv + column + j] = value;
+                out[(column + j) * nv + row + i] = value;
             }
         }
     }
