@@ -55,8 +55,8 @@ TERMS = """\
 - Peak: products with sums on twelve registers that do not wait for each other, on the same arm, the fastest of many; for one state the
   peak of one lane, on AVX-512 of AVX2, whose registers are as wide as any that it uses. On the baseline, which has no fused products, a product and a sum
   of one number a register: this build puts none side by side (docs/lanes.md).
-- Bytes (kB): model, arguments, scratch and results of one state, each array counted once however often it is read; a chunk has as many
-  times that. Bandwidth: numbers read, changed and written back, in L1 or L2, wherever the chunk fits.
+- Bytes (kB): arguments, scratch and results of one state and its part of the scene's constants, which the states of a chunk share; each array
+  counted once however often it is read. Bandwidth: numbers read, changed and written back, in L1 or L2, wherever the chunk fits.
 - The limit is the largest of four times that hold for any code of so many numbers a register: operations at the peak; divisions at the
   measured rate of divisions that do not wait for each other; bytes at the bandwidth; of a batch the results, where all of them do not
   fit in L2, at the bandwidth beyond it. Where the largest is less than half of the time, none of these bounds it: what is left is operations
@@ -113,6 +113,7 @@ def judged(found: Row) -> list[Row]:
     for case in found["cases"]:
         arm, ns = roof(found["arms"], case["arm"], case["states"]), case["ns"]
         width = arm["lanes"]
+        case["bytes"] = case["of_state"] + case["of_scene"] / case["lanes"]
         peak = arm["gflops"] / (width if case["states"] == 1 else 1)
         # At the rate of full registers, which one number a register cannot reach.
         divisions = case["operations"]["divisions"] * arm["division_ns"]

@@ -214,11 +214,13 @@ fn cases(name: &str, scene: &Scene, seconds: f64) -> Vec<String> {
             }
         }
         let operations = totals.map(|(kind, number)| format!("\"{kind}\": {number}")).join(", ");
+        let memory = footprint(scene, algorithm);
         let about = format!(
             "\"scene\": \"{name}\", \"dof\": {}, \"algorithm\": \"{what}\", \"flops\": {flops}, \"operations\": {{{operations}}}, \
-             \"bytes\": {}, \"results\": {}",
+             \"of_state\": {}, \"of_scene\": {}, \"results\": {}",
             scene.nv(),
-            footprint(scene, algorithm),
+            memory.state,
+            memory.scene,
             scene.width(algorithm) * size_of::<f64>()
         );
         let mut add = |arm: Arm, states: usize, lanes: usize, ns: f64| {

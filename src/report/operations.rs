@@ -219,24 +219,31 @@ pub fn of_factor(scene: &Scene, q: &[f64], moved: &[f64]) -> OfFactor {
     OfFactor { made, solved, updated, bodies }
 }
 
-/// Bytes of the arrays that an algorithm reads or writes for one state in f64, each counted once: model, arguments, scratch, results.
-///
-/// A chunk of states in lanes has as many times this at the most: of the sweeps that keep nothing but the result the model is one for all lanes.
+/// Bytes of the arrays that an algorithm reads or writes in f64, each counted once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Footprint {
+    /// Constants of the scene that the states of a chunk share.
+    pub scene: usize,
+    /// Of one state: arguments, scratch, results, and what of the scene each lane has for itself.
+    pub state: usize,
+}
+
+/// The memory of an algorithm on a scene.
 #[must_use]
-pub fn footprint(scene: &Scene, algorithm: Algorithm) -> usize {
+pub fn footprint(scene: &Scene, algorithm: Algorithm) -> Footprint {
     let number = size_of::<f64>();
     let arguments = match algorithm {
         Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => scene.nq() + 2 * scene.nv(),
         Algorithm::BiasTorque => scene.nq() + scene.nv(),
         Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => scene.nq(),
     };
-    let swept = match algorithm {
+    let [shared, swept] = match algorithm {
         Algorithm::ForwardDynamics(Form::Joseph) | Algorithm::MassMatrixInverse(Form::SquareRoot | Form::Joseph) => {
-            of_general_sweeps(scene, algorithm)
+            [0, of_general_sweeps(scene, algorithm)]
         }
         _ => lean::bytes(&LeanModel::<f64>::new(scene.model()), scene.nv(), algorithm),
     };
-    swept + (arguments + scene.width(algorithm)) * number
+    Footprint { scene: shared, state: swept + (arguments + scene.width(algorithm)) * number }
 }
 
 /// Model and scratch of the sweeps that keep everything.

@@ -231,13 +231,20 @@ impl<T: Real> LeanScratch<T> {
     }
 }
 
-/// Bytes of model and scratch that an algorithm reads or writes for one state in f64, arguments and results not counted.
-pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> usize {
+/// Bytes that an algorithm reads or writes in f64, arguments and results not counted: constants of the scene, which all lanes share, and what there is of
+/// each state.
+pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> [usize; 2] {
     let bodies = lean.bodies.len();
     let shifts = lean.shifting.len() * (size_of::<RigidShift<f64>>() + size_of::<Body<f64>>());
     let turns = bodies * size_of::<Turn<f64>>();
-    // The noise of each row, too.
-    let model = bodies * size_of::<LeanBody<f64>>() + nv * size_of::<f64>();
+    let model = bodies
+        * (size_of::<LeanBody<f64>>()
+            + match algorithm {
+                Algorithm::MassMatrix => size_of::<CompositeBody<f64>>(),
+                Algorithm::ForwardDynamics(Form::SquareRoot) => size_of::<BodyRoot<f64>>(),
+                _ => 0,
+            });
+    let noise = nv * size_of::<f64>();
     let motions = lean.swept_slots.outward * size_of::<Moving<f64>>() + bodies * size_of::<[f64; 6]>();
     let filter = lean.swept_slots.inward * size_of::<Arriving<f64>>() + nv * size_of::<Measured<f64>>();
     // Three numbers a row; a force, bounds and two co-states a body; and what arrives.
@@ -254,13 +261,10 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> u
         };
     let swept = match algorithm {
         Algorithm::InverseDynamics | Algorithm::BiasTorque => motions,
-        Algorithm::MassMatrix => {
-            let composites = bodies * size_of::<CompositeBody<f64>>();
-            composites + lean.swept_slots.inward * size_of::<Composite<f64>>() + nv * size_of::<[f64; 6]>()
-        }
+        Algorithm::MassMatrix => lean.swept_slots.inward * size_of::<Composite<f64>>() + nv * size_of::<[f64; 6]>(),
         Algorithm::ForwardDynamics(Form::Auto) => motions + filter + watching,
         Algorithm::ForwardDynamics(Form::SquareRoot) => {
-            let of_bodies = bodies * (size_of::<BodyRoot<f64>>() + size_of::<[f64; 6]>());
+            let of_bodies = bodies * size_of::<[f64; 6]>();
             let slots = lean.swept_slots.inward * size_of::<Rooted<f64>>()
                 + lean.swept_slots.outward * size_of::<CoState<f64>>();
             motions + of_bodies + slots + nv * size_of::<Measured<f64>>()
@@ -269,5 +273,5 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> u
         Algorithm::MassMatrixInverse(Form::Auto) => filter + watching + closed_form,
         Algorithm::MassMatrixInverse(_) => filter + closed_form,
     };
-    model + shifts + turns + swept
+    [model, noise + shifts + turns + swept]
 }
