@@ -3,7 +3,7 @@
 
 use super::common::tolerance;
 use super::families::{Case, FAMILIES, case};
-use super::{double, error, from_environment};
+use super::{double, error, from_environment, sensitivity_of};
 use phipsi::Workspace;
 use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::dynamics;
@@ -55,10 +55,7 @@ fn the_inverse_that_is_kept_in_covariance_form_has_its_digits() {
         if found <= tolerance::KEPT {
             continue;
         }
-        let sensitivity = (0..tolerance::ULP_DRAWS).fold(0.0, |worst: f64, seed| {
-            let moved = reference(&case.jiggled(seed));
-            worst.max(moved.map_or(f64::INFINITY, |moved| error(&moved, &expected)))
-        });
+        let sensitivity = sensitivity_of(&case, &expected, reference);
         if !(found <= tolerance::kept(sensitivity)) {
             failures.push(format!(
                 "scene {number}, {}: {found:.1e}, sensitivity {sensitivity:.1e}",

@@ -18,7 +18,7 @@ const SHALLOW: usize = 15;
 /// As many bodies are swept in an order of their own: what is kept of them fits in the caches then, whatever the order. Not timed beyond.
 pub(super) const INTERLEAVED: usize = 500;
 
-/// The order of the sweeps over one vector a body, parents first: those at equal depth one after another, for they do not wait for each
+/// The order of the sweeps, but for M^-1 in closed form, parents first: those at equal depth one after another, for they do not wait for each
 /// other, and what a body waits for was done a while ago. Those at equal depth by their `rank`.
 pub(super) fn interleaved<R: Ord>(parents: &[Option<usize>], rank: impl Fn(usize) -> R) -> Vec<usize> {
     let mut order: Vec<usize> = (0..parents.len()).collect();
@@ -162,11 +162,11 @@ pub(super) struct Turning<N> {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LeanModel<T: Real> {
     pub(super) bodies: Vec<LeanBody<T::Parameter>>,
-    /// The same in the order of the sweeps over one vector a body, with their places in it; none where that is theirs.
+    /// The same in the order of the sweeps, with their places in it; none where that is theirs.
     pub(super) reordered: Vec<LeanBody<T::Parameter>>,
     /// Where each body is in that order: what these sweeps keep of it is there.
     pub(super) at: Vec<usize>,
-    /// What the square-root form needs of them, in the order of the sweeps over one vector a body: NaN of a body that has no root, or whose
+    /// What the square-root form needs of them, in the order of the sweeps: NaN of a body that has no root, or whose
     /// spin needs a force outside of it.
     pub(super) roots: Vec<BodyRoot<T::Parameter>>,
     /// What M needs of them besides, in that order.
@@ -182,6 +182,8 @@ pub(crate) struct LeanModel<T: Real> {
     pub(super) beside: f64,
     /// Whether M^-1 is its factors multiplied out.
     pub(super) is_shallow: bool,
+    /// As many rows has the longest path from the base.
+    pub(super) longest_path: usize,
 }
 
 impl<T: Real> LeanModel<T> {
@@ -240,10 +242,11 @@ impl<T: Real> LeanModel<T> {
             }
         });
         let mut bodies: Vec<_> = bodies.collect();
-        let mut steps = 0;
+        let (mut steps, mut longest_path) = (0, 0);
         for k in 0..bodies.len() {
             let count = |k: usize| model.system.stages[k].rows.count();
             bodies[k].depth = parents[k].map_or(0, |parent| bodies[parent].depth + count(parent));
+            longest_path = longest_path.max(bodies[k].depth + count(k));
             steps += count(k) * (end_row[k] - bodies[k].row).pow(2);
             bodies[k].is_parted =
                 bodies[k].sibling_follows() || bodies[k].parent.is_some_and(|parent| bodies[parent].is_parted);
@@ -282,12 +285,22 @@ impl<T: Real> LeanModel<T> {
             turning,
             beside: 0.0,
             is_shallow,
+            longest_path,
             row_slots: by_rows.slots,
             swept_slots: swept.slots,
         }
     }
 
-    /// The bodies in the order of the sweeps over one vector a body.
+    /// How many slots M^-1 has, and how many columns each can hold: of its factors those on the longest path from the base.
+    pub(super) fn column_slots(&self) -> (usize, usize) {
+        if self.is_shallow {
+            (self.swept_slots.outward, self.longest_path)
+        } else {
+            (self.row_slots.outward, self.bodies.iter().map(|body| body.end_row).max().unwrap_or(0))
+        }
+    }
+
+    /// The bodies in the order of the sweeps.
     #[inline(always)]
     pub(super) fn swept(&self) -> &[LeanBody<T::Parameter>] {
         if self.reordered.is_empty() { &self.bodies } else { &self.reordered }

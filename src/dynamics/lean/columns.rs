@@ -17,7 +17,7 @@ pub(super) type Block<C> = [C; 6];
 #[derive(Debug)]
 pub(crate) struct LeanColumns<T: Real, C: ColumnsOf<T>> {
     /// In slots outward: of every column minus its co-state, what a lane has beyond them means nothing. Where the factors are multiplied out, of every
-    /// joint on the path c of its unit innovation, and beyond them zero.
+    /// joint on the path c of the innovation D^-1/2, and beyond them zero.
     pub(super) slots: Vec<Vec<Block<C>>>,
     /// Of a body that a sibling follows, from the block of its row on: Psi g of the columns from there outward, at the parent.
     parted: Vec<Vec<Block<C>>>,
@@ -50,8 +50,8 @@ impl<T: Real, C: ColumnsOf<T>> LeanColumns<T, C> {
     #[cold]
     fn make(&mut self, model: &Model<T>, lean: &LeanModel<T>) {
         let nan = [C::from_f64(f64::NAN); 6];
-        let slots = if lean.is_shallow { lean.swept_slots.outward } else { lean.row_slots.outward };
-        self.slots = vec![vec![nan; model.nv().div_ceil(C::COLUMNS)]; slots];
+        let (slots, columns) = lean.column_slots();
+        self.slots = vec![vec![nan; columns.div_ceil(C::COLUMNS)]; slots];
         if lean.is_shallow {
             self.tiles.prepare(model, lean);
             return;

@@ -29,7 +29,7 @@ pub(super) fn multiplied_out<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     product::<T, C, CHECK>(&mut columns.tiles, out);
 }
 
-/// Base to tip: w of every pair of joints one inward of the other. Columns are in the order of the path from the base; lanes beyond it
+/// Base to tip: w of every pair of joints one inward of the other, over the root of D of the one. Columns are in the order of the path from the base; lanes beyond it
 /// hold zeros.
 #[inline(always)]
 fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(

@@ -6,6 +6,7 @@
 use super::body::LeanModel;
 use super::columns::{Block, units};
 use super::entries::Entries;
+use super::tiles::below_overflow;
 use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
 
@@ -116,10 +117,16 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         self.entries.fault
     }
 
-    /// The blocks that hold the columns from `row` to before `end`.
+    /// Which blocks hold the columns from `row` to before `end`.
+    #[inline(always)]
+    fn blocks_of(&self, row: usize, end: usize) -> std::ops::Range<usize> {
+        if row == end { 0..0 } else { self.places[row].block..self.places[end - 1].block + 1 }
+    }
+
+    /// The same, themselves.
     #[inline(always)]
     pub(super) fn blocks(&mut self, row: usize, end: usize) -> &mut [Block<C>] {
-        let blocks = if row == end { 0..0 } else { self.places[row].block..self.places[end - 1].block + 1 };
+        let blocks = self.blocks_of(row, end);
         &mut self.forces[blocks]
     }
 
@@ -181,7 +188,7 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
     ) {
         let nv = self.places.len();
         let first = row + AFLOAT;
-        let outward = if first == end { 0..0 } else { self.places[first].block..self.places[end - 1].block + 1 };
+        let outward = self.blocks_of(first, end);
         let Self { forces, ends, places, entries: Entries { fault, .. }, .. } = self;
         let ends = &ends[outward.clone()];
         let forces = &forces[outward];
@@ -269,15 +276,12 @@ fn put_block<T: Real, C: ColumnsOf<T>>(
     let (some, width) = (entry, C::COLUMNS);
     if let Some(first) = end.checked_sub(width) {
         entry.store(&mut out[row * nv + first..][..width]);
-        // One look at the length for all of them: known to be below 2^32, products are seen not to overflow.
-        #[allow(clippy::cast_possible_truncation)] // a matrix of that many rows fits no memory
-        let (below, side) = (&mut out[first * nv + row..], nv as u32 as usize);
-        if below.len() > (width - 1) * side {
-            let mut at = 0;
-            for lane in 0..width {
-                below[at] = C::kept(some.column(lane));
-                at += side;
-            }
+        let (below, side) = (&mut out[first * nv + row..], below_overflow(nv));
+        assert!(below.len() > (width - 1) * side, "a column of the matrix");
+        let mut at = 0;
+        for lane in 0..width {
+            below[at] = C::kept(some.column(lane));
+            at += side;
         }
     } else {
         for column in 0..end {
@@ -290,6 +294,7 @@ fn put_block<T: Real, C: ColumnsOf<T>>(
 /// Of one state: of each column of a block its entries in the rows of a body that floats, one after another.
 #[inline(always)]
 fn put_columns<T: Real, C: ColumnsOf<T>>(out: &mut [C::Entry], nv: usize, entries: &[C; AFLOAT]) {
+    const { assert!(C::COLUMNS <= AFLOAT, "a square lies within the rows") }
     let width = C::COLUMNS;
     for start in (0..AFLOAT).step_by(width) {
         // The last square may lie over the one before it.

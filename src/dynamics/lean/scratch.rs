@@ -251,8 +251,8 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> [
     let watching = nv * 3 * size_of::<f64>()
         + bodies * 4 * size_of::<Vector6<f64>>()
         + lean.swept_slots.inward * size_of::<Besides<f64>>();
-    let slots = if lean.is_shallow { lean.swept_slots.outward } else { lean.row_slots.outward };
-    let columns = slots * nv * size_of::<[f64; 6]>();
+    let (slots, columns) = lean.column_slots();
+    let columns = slots * columns * size_of::<[f64; 6]>();
     let closed_form = columns
         + if lean.is_shallow {
             nv * nv * size_of::<f64>()

@@ -30,7 +30,7 @@ pub(crate) struct Tiles<T: Real, C: ColumnsOf<T>> {
     /// D^-1/2 (1 - L) by rows, in blocks of columns; zero where the column's joint is not outward of the row's. Behind all of it one place for what
     /// means nothing.
     pub(super) factors: Vec<C>,
-    /// Where [`put_factors`] puts them, in the order of the sweep: as many as a block has lanes.
+    /// Where [`put_factors`] puts them, in the order of the sweep; the first as many as a block has lanes count.
     pub(super) targets: Vec<[usize; TILE]>,
     /// One in one lane, zero in the others.
     pub(super) units: Vec<C>,
@@ -178,12 +178,17 @@ pub(super) fn put<T: Real, C: ColumnsOf<T>, const WHICH: usize>(
     }
 }
 
+/// The same number, known to be below 2^32: products of it are seen not to overflow, and one look at a length is enough for all that is below it.
+#[inline(always)]
+#[allow(clippy::cast_possible_truncation)] // a matrix of that many rows fits no memory
+pub(super) fn below_overflow(nv: usize) -> usize {
+    nv as u32 as usize
+}
+
 /// As many rows as a block is wide, to where `out` begins and below.
 #[inline(always)]
 fn put_square<T: Real, C: ColumnsOf<T>>(out: &mut [C::Entry], nv: usize, square: &[C]) {
-    // One look at the length for all of them: of a number known to be below 2^32 products are seen not to overflow.
-    #[allow(clippy::cast_possible_truncation)] // a matrix of that many rows fits no memory
-    let (width, side) = (C::COLUMNS, nv as u32 as usize);
+    let (width, side) = (C::COLUMNS, below_overflow(nv));
     assert!(out.len() >= (width - 1) * side + width, "a square of the matrix");
     let mut at = 0;
     for row in square {

@@ -64,7 +64,7 @@ impl<C: Real, const X: usize, const Y: usize, const Z: usize> Way<C, X, Y, Z> {
         y[ABOUT_Z] = y[ABOUT_Z].minus_product(self.sense, x);
     }
 
-    /// What stands at [`ABOUT_Z`] of -H* in one column, `unit` being one there and zero in the others; the rest of it is zero.
+    /// What stands at [`ABOUT_Z`] of -H* times what `unit` has in one column; in the others it has zero.
     #[inline(always)]
     pub fn begun(&self, unit: C) -> C {
         -(self.sense * unit)
