@@ -15,6 +15,13 @@ use nalgebra::{Vector3, Vector6};
 /// The component that each row picks: linear, then angular. They are measured last first.
 pub(super) const PICKED: [usize; 6] = [3, 4, 5, 0, 1, 2];
 
+/// The components of a vector in the order of the rows.
+#[inline(always)]
+pub(super) fn picked<N: Copy>(v: &[N; 6]) -> [N; 6] {
+    let [a, b, c, d, e, f] = PICKED;
+    [v[a], v[b], v[c], v[d], v[e], v[f]]
+}
+
 /// Where an entry is among the 21.
 const fn place(i: usize, j: usize) -> usize {
     const PACKED: [[usize; 6]; 6] = [

@@ -3,6 +3,7 @@
 //! A segment is a run of bodies on each of which hangs the next one and nothing else. Its rows are dealt out to blocks from the outermost
 //! on, so that only the last block of a segment is not full; what hangs on a body is then some neighbouring blocks, each of one segment.
 
+use super::afloat::{PICKED, picked};
 use super::body::LeanModel;
 use super::columns::{Block, units};
 use super::entries::Entries;
@@ -22,7 +23,7 @@ struct Place {
 }
 
 /// Rows of a body that floats.
-pub(super) const AFLOAT: usize = 6;
+const AFLOAT: usize = PICKED.len();
 
 /// Scratch of M.
 #[derive(Debug)]
@@ -194,9 +195,7 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         let forces = &forces[outward];
         // From the last one, as in a row of another body; and the body's own rows last.
         for at in (0..forces.len().min(ends.len())).rev() {
-            // Of the rows, in their order.
-            let [a, b, c, d, e, f] = forces[at];
-            let entries = [d, e, f, a, b, c];
+            let entries = picked(&forces[at]);
             for (i, entry) in entries.iter().enumerate() {
                 if CHECK {
                     *fault += *entry - *entry;
@@ -214,16 +213,10 @@ impl<T: Real, C: ColumnsOf<T>> MassColumns<T, C> {
         let mut of_own = T::zero();
         for i in 0..AFLOAT {
             let own = own(i);
-            if T::LANES > 1 {
-                let to = &mut out[places[row + i].entries..][..AFLOAT - i];
-                for (to, &own) in to.iter_mut().zip(&own[i..]) {
-                    *to = C::kept(own);
-                }
-            } else {
-                let to = &mut out[(row + i) * nv + row..][..AFLOAT];
-                for (to, &own) in to.iter_mut().zip(&own) {
-                    *to = C::kept(own);
-                }
+            // In lanes from the diagonal on.
+            let (place, first) = if T::LANES > 1 { (places[row + i].entries, i) } else { ((row + i) * nv + row, 0) };
+            for (to, &own) in out[place..][..AFLOAT - first].iter_mut().zip(&own[first..]) {
+                *to = C::kept(own);
             }
             if CHECK {
                 for &own in &own[i..] {

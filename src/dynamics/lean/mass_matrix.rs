@@ -2,10 +2,11 @@
 //!
 //! At a body every column of what hangs on it goes the same way: what the way is made of is read once, and no column waits for another.
 
+use super::afloat;
 use super::body::{Carrier, CompositeBody, LeanBody, LeanModel};
 use super::columns::Block;
 use super::filter::ABOUT_Z;
-use super::mass_columns::{AFLOAT, MassColumns, Measurement};
+use super::mass_columns::{MassColumns, Measurement};
 use super::motion::{carriers, cross};
 use super::scratch::{Composite, LeanScratch, arrive};
 use super::turn::{Axis, PACKED, Turn, about, to_parent};
@@ -48,9 +49,9 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
                 };
                 let stage = &model.system.stages[body.index];
                 if body.parent.is_none() && matches!(stage.rows, Rows::Six) {
-                    let (whole, noise) = (inertia.to_symmetric(), &model.system.noise[body.row..body.row + AFLOAT]);
+                    let (whole, noise) = (inertia.to_symmetric(), &model.system.noise[afloat::rows(body)]);
                     columns.put_afloat::<CHECK>(out, (body.row, body.end_row), |i| {
-                        let mut row = hinge_rows(&Rows::Six.row(i).covariance_column(&whole));
+                        let mut row = afloat::picked(&Rows::Six.row(i).covariance_column(&whole).into());
                         row[i] += noise[i];
                         row
                     });
@@ -79,12 +80,6 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
             arrive(body, &carried.rotational, &mut to.rotational);
         }
     }
-}
-
-/// The entries of a force in the order of the rows of a body that floats.
-#[inline(always)]
-fn hinge_rows<T: Real>(force: &Vector6<T>) -> [T; AFLOAT] {
-    [force[3], force[4], force[5], force[0], force[1], force[2]]
 }
 
 /// The row of a turn, and the way from there to the parent, of whose axes its own x, y and z are X, Y and Z.
