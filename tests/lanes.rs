@@ -4,7 +4,7 @@
 mod common;
 
 use common::lanes::{
-    ALGORITHMS, aligned, arguments, arms, evaluate, forces, limbed, on_a_large_stack, plainly, states, trees,
+    ALGORITHMS, aligned, arguments, arms, crowd, evaluate, forces, limbed, on_a_large_stack, plainly, states, trees,
 };
 use common::{ALL_KINDS, Random, Tree, tolerance};
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -73,7 +73,8 @@ fn deep_trees_and_aligned_ones() {
             Tree { seed: 37, bodies: 80, kinds: &ALL_KINDS, branching: 0.02, armature: 1.0, floating: true }.scene(),
             aligned(38, 80, 0.02),
         ];
-        for (which, scene) in scenes.into_iter().chain(with_limbs()).enumerate() {
+        let crowds = [crowd(60, 2, 3), crowd(61, 3, 2), crowd(62, 5, 5)];
+        for (which, scene) in scenes.into_iter().chain(crowds).chain(with_limbs()).enumerate() {
             let scene = &scene;
             let states = states(scene, 9);
             let forces = forces(scene, states.len());

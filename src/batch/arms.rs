@@ -3,7 +3,8 @@
 //! A *kernel* is generic over the scalar; an *arm* is a scalar together with the instructions it is compiled for. Which arm runs
 //! is decided once, from what the processor has and from the environment variable `PHIPSI_ARM`.
 
-use crate::scalar::{ColumnsOf, Fused, MOST_LANES, Precision, Real};
+use super::chunk::any_not_finite;
+use crate::scalar::{ColumnsOf, Fused, Precision, Real};
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 use crate::scalar::{Instructions, Lanes};
 #[cfg(target_arch = "aarch64")]
@@ -137,16 +138,18 @@ pub trait Vectorised: Real {
     /// The same, to be written.
     fn lanes_mut(&mut self) -> &mut [Self::Number];
 
-    /// Numbers into lanes: `states` has a slice for each lane, `numbers` becomes entry by entry what they hold.
+    /// Numbers into lanes: `of` gives a slice for each lane, as long as `numbers`, which becomes entry by entry what they hold. Zero where all
+    /// of a lane's are finite, else NaN.
     ///
     /// Slices that are empty leave all as it is.
     #[inline(always)]
-    fn take_lanes(states: &[&[Self::Number]], numbers: &mut [Self]) {
-        for (lane, state) in states.iter().enumerate() {
-            for (number, &value) in numbers.iter_mut().zip(*state) {
+    fn take_lanes<'a>(numbers: &mut [Self], of: impl Fn(usize) -> &'a [Self::Number]) -> Self {
+        for lane in 0..Self::LANES {
+            for (number, &value) in numbers.iter_mut().zip(of(lane)) {
                 number.lanes_mut()[lane] = value;
             }
         }
+        if of(0).is_empty() { Self::zero() } else { any_not_finite(numbers) }
     }
 
     /// Lanes into numbers: of each state as many as there are in `numbers`, one state after another; as many states as `out` has.
@@ -170,11 +173,7 @@ pub trait Vectorised: Real {
 /// One array of every state into lanes; lanes without a state of their own repeat the last.
 #[inline(always)]
 pub(crate) fn take_states<'a, T: Vectorised>(numbers: &mut [T], states: usize, of: impl Fn(usize) -> &'a [T::Number]) {
-    let mut given: [&[T::Number]; MOST_LANES] = [&[]; MOST_LANES];
-    for (lane, given) in given.iter_mut().enumerate().take(T::LANES) {
-        *given = of(lane.min(states - 1));
-    }
-    T::take_lanes(&given[..T::LANES], numbers);
+    T::take_lanes(numbers, |lane| of(lane.min(states - 1)));
 }
 
 struct Job<W>(W);
@@ -273,8 +272,8 @@ impl<S: Instructions, P: Precision> Vectorised for Lanes<S, P> {
     }
 
     #[inline(always)]
-    fn take_lanes(states: &[&[P]], numbers: &mut [Self]) {
-        Lanes::take_lanes(states, numbers);
+    fn take_lanes<'a>(numbers: &mut [Self], of: impl Fn(usize) -> &'a [P]) -> Self {
+        Lanes::take_lanes(numbers, of)
     }
 
     #[inline(always)]

@@ -3,12 +3,12 @@
 //! Nothing is raised here: a lane whose arguments, pivots, digits or results are not in order is in *doubt*, and whoever
 //! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
-use super::arms::{Entry, Target, Vectorised, Work, take_states};
+use super::arms::{Entry, Target, Vectorised, Work};
 use crate::dynamics::auto;
 use crate::dynamics::lean::{self, Entries, LeanColumns, LeanModel, LeanScratch, MassColumns};
 use crate::filter::Form;
 use crate::planar::{self, PlanarModel, PlanarScratch};
-use crate::scalar::{Precision, Real, lanes_but};
+use crate::scalar::{MOST_LANES, Precision, Real, lanes_but};
 use crate::scene::queries::QUATERNION_SLACK;
 use crate::scene::{Body, Model, Motion, Scene};
 use crate::spatial::SpatialVector;
@@ -189,7 +189,7 @@ fn not_finite<T: Real>(x: T) -> T {
     x - x
 }
 
-/// Zero where all are finite, else NaN; in lanes by eight sums that do not wait for each other: there can be thousands.
+/// Zero where all are finite, else NaN; in lanes by four sums that do not wait for each other: there can be thousands.
 #[inline(always)]
 pub(super) fn any_not_finite<T: Real>(numbers: &[T]) -> T {
     if T::LANES == 1 {
@@ -199,35 +199,35 @@ pub(super) fn any_not_finite<T: Real>(numbers: &[T]) -> T {
         }
         return T::from_f64(if are_finite { 0.0 } else { f64::NAN });
     }
-    let mut sums = [T::zero(); 8];
-    let (eights, rest) = numbers.as_chunks::<8>();
-    for eight in eights {
-        for (sum, &number) in sums.iter_mut().zip(eight) {
-            *sum += not_finite(number);
+    let (mut sums, zero) = ([T::zero(); 4], T::zero());
+    let (fours, rest) = numbers.as_chunks::<4>();
+    for four in fours {
+        for (sum, &number) in sums.iter_mut().zip(four) {
+            *sum = number.mul_add(zero, *sum);
         }
     }
     for &number in rest {
-        sums[0] += not_finite(number);
+        sums[0] = number.mul_add(zero, sums[0]);
     }
-    let [a, b, c, d, e, f, g, h] = sums;
-    ((a + b) + (c + d)) + ((e + f) + (g + h))
+    let [a, b, c, d] = sums;
+    (a + b) + (c + d)
 }
 
 /// As many numbers of one state are copied first and looked at after.
 const LONG: usize = 32;
 
-/// One argument of every state into lanes; lanes without a state of their own repeat the last. Zero where all is finite, else NaN.
+/// One argument of every state into lanes. Zero where all is finite, else NaN.
 #[inline(always)]
 fn gather<'a, T: Vectorised>(
     numbers: &mut [T],
-    states: &'a [Arguments<'_, T::Number>],
+    states: &[&'a Arguments<'_, T::Number>; MOST_LANES],
     of: impl Fn(&'a Arguments<'_, T::Number>) -> &'a [T::Number],
 ) -> T {
     if T::LANES == 1 && numbers.len() < LONG {
         // Looked at on the way, four at once.
         let mut faults = [T::zero(); 4];
         let (fours, rest) = numbers.as_chunks_mut::<4>();
-        let (values, rest_of_values) = of(&states[0]).as_chunks::<4>();
+        let (values, rest_of_values) = of(states[0]).as_chunks::<4>();
         for (four, values) in fours.iter_mut().zip(values) {
             for i in 0..4 {
                 four[i].lanes_mut()[0] = values[i];
@@ -240,8 +240,7 @@ fn gather<'a, T: Vectorised>(
         }
         return (faults[0] + faults[1]) + (faults[2] + faults[3]);
     }
-    take_states(numbers, states.len(), |state| of(&states[state]));
-    if of(&states[0]).is_empty() { T::zero() } else { any_not_finite(numbers) }
+    T::take_lanes(numbers, |lane| of(states[lane]))
 }
 
 // What is compiled together, each group into one function: in one function with all others M^-1 executed a fifth more.
@@ -288,9 +287,11 @@ impl<T: Vectorised, const GROUP: u8> Work for Run<'_, T, GROUP> {
             results,
         } = chunk;
         let [q, qd, u] = arguments;
-        let mut fault = gather(q, states, |state| state.q);
-        fault += gather(qd, states, |state| state.qd);
-        fault += gather(u, states, |state| state.u);
+        // Lanes without a state of their own repeat the last.
+        let given = std::array::from_fn(|lane| &states[lane.min(states.len() - 1)]);
+        let mut fault = gather(q, &given, |state| state.q);
+        fault += gather(qd, &given, |state| state.qd);
+        fault += gather(u, &given, |state| state.u);
         let nearness = nearness(quaternions, q);
         for force in wrenches.iter() {
             for &number in force.iter() {

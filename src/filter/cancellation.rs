@@ -19,7 +19,7 @@
 //! shares; a component that is small beside the largest; in float32, squares of what is below 1e-19.
 
 use super::riccati::Measured;
-use super::rounding::carried;
+use super::rounding::{carried, squares};
 use super::system::{Stage, System};
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, dot, scaled_add, times_each, zero};
@@ -153,10 +153,40 @@ impl<T: Real> Cancellation<T> {
         noise <= allowed * allowed * (1.0 - 1e-6)
     }
 
-    /// What the smoother's rounding is, of a co-state `outer` carried past a lever of this square to where zeta^+ is.
+    /// What the smoother's rounding is, of a co-state `outer` carried past a lever of this square to where zeta^+ has these [`squares`].
     #[inline(always)]
-    pub(crate) fn carried(&mut self, zeta: &Vector6<T>, outer: &Vector6<T>, lever_square: T) {
+    pub(crate) fn carried(&mut self, zeta: (T, T), outer: &Vector6<T>, lever_square: T) {
         self.smoother += carried(zeta, outer, lever_square);
+    }
+
+    /// [`through_stage`](Self::through_stage) of one row that picks entry `PICKED` of its state; e^- of both right sides in, the estimate out.
+    ///
+    /// Each number is read where it is needed: all of them at once are more than there are registers.
+    #[inline(always)]
+    pub(crate) fn through_axis<const PICKED: usize>(
+        &mut self,
+        measured: &Measured<T>,
+        (z, terms): (&[T; 6], &[T; 6]),
+        (lambda, nu): (&mut [T; 6], &mut [T; 6]),
+        (e, e_w): (T, T),
+    ) -> T {
+        let Measured { pivot_inverse, gain, .. } = measured;
+        let share = e * *pivot_inverse;
+        let a = share - along(gain, lambda);
+        self.smoother = (e_w * e_w).mul_add(share.mul_add(share, a * a), self.smoother);
+        lambda[PICKED] += a;
+        nu[PICKED] += (e_w * *pivot_inverse) - along(gain, nu);
+        self.size = self.size.worst(-a.abs());
+        let o = a.constant(0.0);
+        let (mut of_p_nu, mut of_p_lambda, mut of_forces) = (o, o, o);
+        for i in 0..6 {
+            let (square, added) = (nu[i] * nu[i], gain[i] * e);
+            of_p_nu = terms[i].mul_add(square, of_p_nu);
+            of_p_lambda = terms[i].mul_add(lambda[i] * lambda[i], of_p_lambda);
+            of_forces = added.mul_add(added, z[i] * z[i]).mul_add(square, of_forces);
+        }
+        self.noise = (of_p_nu * of_p_lambda).mul_add(o.constant(1.0 / BOUND_SQUARED), self.noise) + of_forces;
+        a
     }
 
     /// The rows of one stage for both right sides, as [`smoother::through_stage`](super::smoother::through_stage): co-states lambda^+ and
@@ -188,6 +218,14 @@ impl<T: Real> Cancellation<T> {
     }
 }
 
+/// g* x, in two chains of products.
+#[inline(always)]
+fn along<T: Real>(gain: &Vector6<T>, x: &[T; 6]) -> T {
+    let first = gain[0].mul_add(x[0], gain[1].mul_add(x[1], gain[2] * x[2]));
+    let second = gain[3].mul_add(x[3], gain[4].mul_add(x[4], gain[5] * x[5]));
+    first + second
+}
+
 /// The sum of t x^2.
 #[inline(always)]
 fn squared<T: Real>(terms: &Vector6<T>, x: &Vector6<T>) -> T {
@@ -207,7 +245,7 @@ pub fn sweep<T: Real>(
         let (mut lambda, mut nu) = match stage.parent {
             Some(parent) => {
                 let shift = &probe.shift[k];
-                seen.carried(&probe.co_state[k], &co_state[parent], shift.lever.dot(&shift.lever));
+                seen.carried(squares(&probe.co_state[k]), &co_state[parent], shift.lever.dot(&shift.lever));
                 (shift.motion_to_child(&co_state[parent]), shift.motion_to_child(&probe.co_state[parent]))
             }
             None => (zero(), zero()),

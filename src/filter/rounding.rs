@@ -273,7 +273,7 @@ pub fn judge<T: Real>(system: &System<T>, swept: &Swept<'_, T>, weighed: &Weighe
         if let Some(parent) = stage.parent {
             let outer = &swept.co_state[parent];
             lambda = swept.shift[k].motion_to_child(outer);
-            seen.noise += carried(&weighed.state[k], outer, swept.shift[k].lever.dot(&swept.shift[k].lever));
+            seen.noise += carried(squares(&weighed.state[k]), outer, swept.shift[k].lever.dot(&swept.shift[k].lever));
         }
         let (nu, mut terms) = (&weighed.co_state[k], Terms::of_root(&swept.root[k], &swept.coordinates[k]));
         for i in 0..stage.rows.count() {
@@ -303,10 +303,10 @@ pub fn judge<T: Real>(system: &System<T>, swept: &Swept<'_, T>, weighed: &Weighe
     seen
 }
 
-/// The square of zeta* dlambda^+: eps of the terms that the lever makes of the parent's co-state.
+/// The square of zeta* dlambda^+: eps of the terms that the lever makes of the parent's co-state; of zeta the [`squares`].
 #[inline(always)]
-pub(super) fn carried<T: Real>(zeta: &Vector6<T>, outer: &Vector6<T>, lever_square: T) -> T {
-    let ((turned, moved), (angular, linear)) = (squares(zeta), squares(outer));
+pub(super) fn carried<T: Real>((turned, moved): (T, T), outer: &Vector6<T>, lever_square: T) -> T {
+    let (angular, linear) = squares(outer);
     turned * angular + moved * (linear + lever_square * angular) * turned.constant(2.0)
 }
 
@@ -353,6 +353,7 @@ impl<'a, T: Real> Terms<'a, T> {
 
 /// Squares of the two halves.
 #[inline(always)]
-fn squares<T: Real>(x: &Vector6<T>) -> (T, T) {
-    (x[0] * x[0] + x[1] * x[1] + x[2] * x[2], x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
+pub(crate) fn squares<T: Real>(x: &Vector6<T>) -> (T, T) {
+    let of = |a: T, b: T, c: T| a.mul_add(a, b.mul_add(b, c * c));
+    (of(x[0], x[1], x[2]), of(x[3], x[4], x[5]))
 }

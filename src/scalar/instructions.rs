@@ -80,9 +80,10 @@ pub struct Align64;
 #[cfg(target_arch = "x86_64")]
 macro_rules! kinds {
     ($set:expr, $low:ident, $high:ident, $low_pair:ident, $high_pair:ident, $rows:expr) => {{
-        let [a, b, c, d] = $rows.map(|row| cast(row));
-        let [ab, ab_high, cd, cd_high] =
-            [$set.$low(a, b), $set.$high(a, b), $set.$low(c, d), $set.$high(c, d)].map(|row| cast(row));
+        let [a, b, c, d] = $rows;
+        let [a, b, c, d] = [cast(a), cast(b), cast(c), cast(d)];
+        let (ab, ab_high) = (cast($set.$low(a, b)), cast($set.$high(a, b)));
+        let (cd, cd_high) = (cast($set.$low(c, d)), cast($set.$high(c, d)));
         [
             $set.$low_pair(ab, cd),
             $set.$high_pair(ab, cd),
@@ -165,9 +166,21 @@ impl Instructions for pulp::x86::V4 {
     fn transpose(self, block: &mut [Self::f64s]) {
         let Ok(block) = <&mut [_; 8]>::try_from(block) else { return };
         let s = self.avx512f;
-        let [a, b, c, d, e, f, g, h] = block.map(cast);
-        let even = [(a, b), (c, d), (e, f), (g, h)].map(|(a, b)| s._mm512_unpacklo_pd(a, b));
-        let odd = [(a, b), (c, d), (e, f), (g, h)].map(|(a, b)| s._mm512_unpackhi_pd(a, b));
+        let [a, b, c, d, e, f, g, h] = *block;
+        let [a, b, c, d, e, f, g, h] = [cast(a), cast(b), cast(c), cast(d), cast(e), cast(f), cast(g), cast(h)];
+        // No `map`: what is given to it need not become part of it, and then knows nothing of these instructions.
+        let even = [
+            s._mm512_unpacklo_pd(a, b),
+            s._mm512_unpacklo_pd(c, d),
+            s._mm512_unpacklo_pd(e, f),
+            s._mm512_unpacklo_pd(g, h),
+        ];
+        let odd = [
+            s._mm512_unpackhi_pd(a, b),
+            s._mm512_unpackhi_pd(c, d),
+            s._mm512_unpackhi_pd(e, f),
+            s._mm512_unpackhi_pd(g, h),
+        ];
         let (even, odd) = (quarters(self, even), quarters(self, odd));
         for quarter in 0..4 {
             block[2 * quarter] = cast(even[quarter]);

@@ -21,7 +21,7 @@ pub struct Lanes<S: Instructions, P: Precision = f64> {
 
 impl<S: Instructions, P: Precision> Lanes<S, P> {
     #[inline(always)]
-    fn new(simd: S, value: P::Register<S>) -> Self {
+    pub(super) fn new(simd: S, value: P::Register<S>) -> Self {
         Self { _alignment: [], simd, value }
     }
 

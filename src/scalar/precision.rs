@@ -108,7 +108,7 @@ macro_rules! instructions {
         $registers:ident, $add:ident, $sub:ident, $mul:ident, $div:ident, $mul_add:ident, $negate_mul_add:ident, $sqrt:ident,
         $splat:ident, $xor:ident, $and:ident, $select:ident, $equal:ident, $at_most:ident, $first_true:ident, $not:ident,
         $bits:ident, $splat_bits:ident, $add_bits:ident, $and_bits:ident, $equal_bits:ident, $transpose:ident, $load:ident,
-        $store:ident
+        $store:ident, $min:ident, $or:ident
     ) => {
         type Register<S: Simd> = S::$registers;
 
@@ -172,9 +172,8 @@ macro_rules! instructions {
 
         #[inline(always)]
         fn worst<S: Simd>(simd: S, a: S::$registers, b: S::$registers) -> S::$registers {
-            // A NaN on either side compares false: the sum keeps it.
-            let (less, more) = (simd.$at_most(a, b), simd.$at_most(b, a));
-            simd.$select(less, a, simd.$select(more, b, simd.$add(a, b)))
+            // Of a NaN and a number x86 gives the second, NEON the NaN: one of the two orders has it, and no bit of another takes it away.
+            simd.$or(simd.$min(a, b), simd.$min(b, a))
         }
 
         #[inline(always)]
@@ -270,7 +269,9 @@ impl Precision for f64 {
         equal_u64s,
         transpose,
         load_ends,
-        store_ends
+        store_ends,
+        min_f64s,
+        or_f64s
     );
 }
 
@@ -323,6 +324,8 @@ impl Precision for f32 {
         equal_u32s,
         transpose_f32,
         load_ends_f32,
-        store_ends_f32
+        store_ends_f32,
+        min_f32s,
+        or_f32s
     );
 }

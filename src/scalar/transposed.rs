@@ -20,135 +20,131 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
     /// As many lanes as are half of all.
     const HALF: usize = Self::LANES / 2;
 
-    /// A slice of each lane's numbers into lanes; empty slices leave all as it is.
+    /// As many numbers of each lane as there are into lanes: zero where all of a lane's are finite, else NaN. Empty slices leave all as it is.
     #[inline(always)]
-    pub(crate) fn take_lanes(states: &[&[P]], numbers: &mut [Self]) {
-        let Some(&Self { simd, value, .. }) = numbers.first() else { return };
-        let length = numbers.len().min(states.iter().map(|state| state.len()).min().unwrap_or(0));
-        let whole = length - length % Self::LANES;
-        let mut block = [value; MOST_LANES];
-        let mut registers: [&[P::Register<S>]; MOST_LANES] = [&[]; MOST_LANES];
-        for lane in 0..Self::LANES {
-            registers[lane] = cast_slice(&states[lane][..whole]);
+    pub(crate) fn take_lanes<'a>(numbers: &mut [Self], of: impl Fn(usize) -> &'a [P]) -> Self {
+        let Some(zero) = numbers.first().map(|number| number.constant(0.0)) else { return Self::splat(0.0) };
+        let length = numbers.len();
+        // Of one length, for the compiler to see: what is looked at once for all of a square is not looked at for each of its rows.
+        let mut states: [&[P]; MOST_LANES] = [&[]; MOST_LANES];
+        for (lane, state) in states.iter_mut().enumerate().take(Self::LANES) {
+            let Some(whole) = of(lane).get(..length) else { return zero };
+            *state = whole;
         }
-        for (at, numbers) in numbers[..whole].chunks_exact_mut(Self::LANES).enumerate() {
-            for lane in 0..Self::LANES {
-                block[lane] = registers[lane][at];
-            }
-            P::transpose(simd, &mut block[..Self::LANES]);
+        let mut faults = [zero; 4];
+        let (squares, rest) = (length / Self::LANES, length % Self::LANES);
+        for at in 0..squares {
+            let run = at * Self::LANES..(at + 1) * Self::LANES;
+            let block = zero.turned_over(|lane| cast_slice(&states[lane][run.clone()])[0]);
+            let numbers = &mut numbers[run];
             for lane in 0..Self::LANES {
                 numbers[lane].value = block[lane];
+                faults[lane % 4] = numbers[lane].mul_add(zero, faults[lane % 4]);
             }
         }
         let run = last_run(length, Self::LANES);
         let numbers = &mut numbers[run.clone()];
-        if numbers.len() < Self::HALF {
-            for (lane, state) in states.iter().enumerate() {
-                for (number, &value) in numbers.iter_mut().zip(&state[run.clone()]) {
-                    number.lanes_mut()[lane] = value;
+        if rest != 0 && numbers.len() < Self::HALF {
+            for (number, at) in numbers.iter_mut().zip(run) {
+                for (lane, state) in states.iter().enumerate().take(Self::LANES) {
+                    number.lanes_mut()[lane] = state[at];
                 }
+                faults[0] = number.mul_add(zero, faults[0]);
             }
-            return;
-        }
-        if numbers.len() == Self::LANES {
+        } else if rest != 0 {
+            let block = if numbers.len() == Self::LANES {
+                zero.turned_over(|lane| cast_slice(&states[lane][run.clone()])[0])
+            } else {
+                zero.turned_over(|lane| P::load_ends(zero.simd, &states[lane][run.clone()]))
+            };
+            let last = numbers.len() - Self::HALF;
+            for lane in 0..Self::HALF {
+                numbers[lane].value = block[lane];
+                numbers[last + lane].value = block[Self::HALF + lane];
+            }
             for lane in 0..Self::LANES {
-                block[lane] = cast_slice(&states[lane][run.clone()])[0];
-            }
-        } else {
-            for lane in 0..Self::LANES {
-                block[lane] = P::load_ends(simd, &states[lane][run.clone()]);
+                faults[lane % 4] = Self::new(zero.simd, block[lane]).mul_add(zero, faults[lane % 4]);
             }
         }
-        P::transpose(simd, &mut block[..Self::LANES]);
-        for lane in 0..Self::HALF {
-            numbers[lane].value = block[lane];
+        (faults[0] + faults[1]) + (faults[2] + faults[3])
+    }
+
+    /// A square of as many rows as there are lanes, turned over; `self` fills what is not there.
+    #[inline(always)]
+    fn turned_over(self, row: impl Fn(usize) -> P::Register<S>) -> [P::Register<S>; MOST_LANES] {
+        let mut block = [self.value; MOST_LANES];
+        for (lane, register) in block.iter_mut().enumerate().take(Self::LANES) {
+            *register = row(lane);
         }
-        let last = numbers.len() - Self::HALF;
-        let last = &mut numbers[last..];
-        for lane in 0..Self::HALF {
-            last[lane].value = block[Self::HALF + lane];
-        }
+        P::transpose(self.simd, &mut block[..Self::LANES]);
+        block
     }
 
     /// Each lane's numbers one after another, of as many lanes as `out` has room for.
     #[inline(always)]
     pub(crate) fn put_lanes(numbers: &[Self], out: &mut [P]) {
-        let Some(&Self { simd, value, .. }) = numbers.first() else { return };
-        let length = numbers.len();
-        let states = Self::squares(length, out);
-        for (at, numbers) in numbers.chunks_exact(Self::LANES).enumerate() {
-            let mut block = [value; MOST_LANES];
-            for lane in 0..Self::LANES {
-                block[lane] = numbers[lane].value;
-            }
-            P::transpose(simd, &mut block[..Self::LANES]);
-            for lane in 0..Self::LANES {
-                if let Some(to) = states[lane].get_mut(at) {
-                    *to = block[lane];
-                }
-            }
-        }
-        Self::put_last(numbers, length, |at| at, out);
+        let square = |run: Range<usize>| Some(&numbers[run]).map(|numbers| move |lane: usize| numbers[lane].value);
+        Self::put(numbers.len(), (square, |at| numbers[at]), out);
     }
 
     /// The same of as many numbers as `chosen` says, each by its place in `numbers`, of which number 0 is zero.
     #[inline(always)]
     pub(crate) fn put_chosen(numbers: &[Self], chosen: &[u32], out: &mut [P]) {
-        let Some(&Self { simd, value, .. }) = numbers.first() else { return };
-        let states = Self::squares(chosen.len(), out);
-        for (at, chosen) in chosen.chunks_exact(Self::LANES).enumerate() {
-            let mut block = [value; MOST_LANES];
-            if chosen.iter().fold(0, |any, &at| any | at) != 0 {
-                for lane in 0..Self::LANES {
-                    block[lane] = numbers[chosen[lane] as usize].value;
-                }
-                P::transpose(simd, &mut block[..Self::LANES]);
-            }
+        let square = |run: Range<usize>| {
+            let chosen = &chosen[run];
+            let are_zero = chosen.iter().fold(0, |any, &at| any | at) == 0;
+            (!are_zero).then_some(move |lane: usize| numbers[chosen[lane] as usize].value)
+        };
+        Self::put(chosen.len(), (square, |at| numbers[chosen[at] as usize]), out);
+    }
+
+    /// Of each lane `length` numbers: `square` gives those of a run, or that all are zero, and `at` a single one.
+    #[inline(always)]
+    fn put<R: Fn(usize) -> P::Register<S>>(
+        length: usize,
+        what: (impl Fn(Range<usize>) -> Option<R>, impl Fn(usize) -> Self),
+        out: &mut [P],
+    ) {
+        let mut states: [&mut [P]; MOST_LANES] = Default::default();
+        for (state, out) in states.iter_mut().zip(out.chunks_exact_mut(length.max(1))) {
+            *state = out;
+        }
+        let (square, number) = what;
+        let zero = Self::splat(0.0);
+        for at in 0..length / Self::LANES {
+            let run = at * Self::LANES..(at + 1) * Self::LANES;
+            let block = match square(run.clone()) {
+                Some(row) => zero.turned_over(row),
+                None => [zero.value; MOST_LANES],
+            };
             for lane in 0..Self::LANES {
-                if let Some(to) = states[lane].get_mut(at) {
-                    *to = block[lane];
+                if let Some(to) = states[lane].get_mut(run.clone()) {
+                    cast_slice_mut(to)[0] = block[lane];
                 }
             }
         }
-        Self::put_last(numbers, chosen.len(), |at| chosen[at] as usize, out);
-    }
-
-    /// As much of each lane's `length` numbers as whole squares fill.
-    #[inline(always)]
-    fn squares(length: usize, out: &mut [P]) -> [&mut [P::Register<S>]; MOST_LANES] {
-        let mut states: [&mut [P::Register<S>]; MOST_LANES] = Default::default();
-        for (state, out) in states.iter_mut().zip(out.chunks_exact_mut(length)) {
-            *state = cast_slice_mut(&mut out[..length - length % Self::LANES]);
-        }
-        states
-    }
-
-    /// What whole squares leave over of `length` numbers, the one at `at` being that at `place(at)` of `numbers`.
-    #[inline(always)]
-    fn put_last(numbers: &[Self], length: usize, place: impl Fn(usize) -> usize, out: &mut [P]) {
         let run = last_run(length, Self::LANES);
-        let Some(&Self { simd, value, .. }) = numbers.first().filter(|_| !run.is_empty()) else { return };
-        let states = out.chunks_exact_mut(length);
+        if run.is_empty() {
+            return;
+        }
         if run.len() < Self::HALF {
-            for (lane, out) in states.enumerate() {
+            for (lane, state) in states.iter_mut().enumerate().filter(|(_, state)| !state.is_empty()) {
                 for at in run.clone() {
-                    out[at] = numbers[place(at)].lanes()[lane];
+                    state[at] = number(at).lanes()[lane];
                 }
             }
             return;
         }
-        let mut block = [value; MOST_LANES];
-        for lane in 0..Self::HALF {
-            block[lane] = numbers[place(run.start + lane)].value;
-            block[Self::HALF + lane] = numbers[place(run.end - Self::HALF + lane)].value;
-        }
-        P::transpose(simd, &mut block[..Self::LANES]);
-        for (out, &row) in states.zip(&block) {
-            let to = &mut out[run.clone()];
+        let block = zero.turned_over(|lane| {
+            let at = if lane < Self::HALF { run.start + lane } else { run.end + lane - Self::LANES };
+            number(at).value
+        });
+        for lane in 0..Self::LANES {
+            let Some(to) = states[lane].get_mut(run.clone()) else { break };
             if to.len() == Self::LANES {
-                cast_slice_mut(to)[0] = row;
+                cast_slice_mut(to)[0] = block[lane];
             } else {
-                P::store_ends(simd, to, row);
+                P::store_ends(zero.simd, to, block[lane]);
             }
         }
     }
@@ -157,6 +153,7 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
 #[cfg(all(test, any(target_arch = "x86_64", target_arch = "aarch64")))]
 mod tests {
     use super::*;
+    use std::cmp::Ordering;
 
     /// Number `at` of a lane.
     fn number<P: Precision>(lane: usize, at: usize) -> P {
@@ -172,7 +169,8 @@ mod tests {
             let states: Vec<Vec<P>> = (0..lanes).map(|lane| (0..length).map(|at| number(lane, at)).collect()).collect();
             let slices: Vec<&[P]> = states.iter().map(Vec::as_slice).collect();
             let mut numbers = vec![Lanes::<S, P>::splat(f64::NAN); length];
-            Lanes::take_lanes(&slices, &mut numbers);
+            let fault = Lanes::take_lanes(&mut numbers, |lane| slices[lane]);
+            assert!(fault.lanes().iter().all(|&fault| fault == P::default()));
             for (at, number_of_all) in numbers.iter().enumerate() {
                 for (lane, &found) in number_of_all.lanes().iter().enumerate() {
                     assert_eq!(found, number(lane, at), "{} of {length}, lane {lane}", P::NAME);
@@ -196,24 +194,59 @@ mod tests {
                 }
             }
             let before = numbers.clone();
-            Lanes::take_lanes(&vec![&[] as &[P]; lanes], &mut numbers);
+            Lanes::take_lanes(&mut numbers, |_| &[]);
             assert_eq!(numbers, before, "empty slices leave all as it is");
+            // What is not finite is told of its lane, wherever it is.
+            for at in 0..length {
+                for odd in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
+                    let mut states = states.clone();
+                    states[lanes - 1][at] = P::nearest(odd);
+                    let fault = Lanes::take_lanes(&mut numbers, |lane| &states[lane]);
+                    for (lane, &fault) in fault.lanes().iter().enumerate() {
+                        assert_eq!(fault == P::default(), lane != lanes - 1, "{odd} at {at} of {length}, lane {lane}");
+                    }
+                }
+            }
+        }
+    }
+
+    /// The smaller of two numbers in any order, and NaN beside anything.
+    fn smaller_or_nan<S: Instructions, P: Precision>() {
+        if S::token().is_none() {
+            return;
+        }
+        let numbers = [f64::NEG_INFINITY, -1.5, -0.0, 0.0, 2.0, f64::INFINITY, f64::NAN, -f64::NAN];
+        for a in numbers {
+            for b in numbers {
+                let expected = if a.is_nan() || b.is_nan() { f64::NAN } else { a.min(b) };
+                for &found in Lanes::<S, P>::splat(a).worst(Lanes::splat(b)).lanes() {
+                    let found = found.widened();
+                    // Both zeros are one.
+                    let same = found.partial_cmp(&expected) == Some(Ordering::Equal);
+                    assert!(same || (found.is_nan() && expected.is_nan()), "{} {a} {b}: {found}", P::NAME);
+                }
+            }
+        }
+    }
+
+    fn on_all_instructions<P: Precision>() {
+        #[cfg(target_arch = "x86_64")]
+        {
+            come_and_go::<pulp::x86::V3, P>();
+            come_and_go::<pulp::x86::V4, P>();
+            smaller_or_nan::<pulp::x86::V3, P>();
+            smaller_or_nan::<pulp::x86::V4, P>();
+        }
+        #[cfg(target_arch = "aarch64")]
+        {
+            come_and_go::<pulp::aarch64::Neon, P>();
+            smaller_or_nan::<pulp::aarch64::Neon, P>();
         }
     }
 
     #[test]
-    fn every_number_comes_to_its_place_and_back() {
-        #[cfg(target_arch = "x86_64")]
-        {
-            come_and_go::<pulp::x86::V3, f64>();
-            come_and_go::<pulp::x86::V3, f32>();
-            come_and_go::<pulp::x86::V4, f64>();
-            come_and_go::<pulp::x86::V4, f32>();
-        }
-        #[cfg(target_arch = "aarch64")]
-        {
-            come_and_go::<pulp::aarch64::Neon, f64>();
-            come_and_go::<pulp::aarch64::Neon, f32>();
-        }
+    fn numbers_come_to_their_places_and_back_and_the_smaller_of_two_is_found() {
+        on_all_instructions::<f64>();
+        on_all_instructions::<f32>();
     }
 }

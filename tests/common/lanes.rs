@@ -6,7 +6,7 @@ use phipsi::batch::arms::{ARMS, Arm};
 use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::batch::evaluator::{Evaluated, Evaluator};
 use phipsi::filter::Form;
-use phipsi::scene::{JointDescription, JointKind, LinkDescription};
+use phipsi::scene::{JointDescription, JointKind, LinkDescription, Omissions};
 use phipsi::spatial::SpatialVector;
 use phipsi::{Scene, SceneBuilder};
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -197,4 +197,40 @@ pub fn limbed(seed: u64, limbs: usize, length: usize, floating: bool, ragged: bo
         }
     }
     builder.build().expect("a tree")
+}
+
+/// Several bodies that float side by side, one of them alone, the others with arms; an arm that stands beside them; and joints that do not
+/// move, at tips too, which are no part of their parents.
+pub fn crowd(seed: u64, floats: usize, length: usize) -> Scene {
+    let mut random = Random::new(seed);
+    let kept = Omissions { fixed_joints: false, ..Omissions::all() };
+    let mut builder = SceneBuilder::new().omissions(kept).link(LinkDescription { name: "base".into(), inertial: None });
+    let mut add = |builder: SceneBuilder, kind: JointKind, parent: &str, name: &str| {
+        let mut joint = JointDescription::new(format!("to_{name}"), kind, parent, name);
+        joint.axis = Vector3::zeros();
+        joint.axis[random.below(3)] = if random.below(2) == 0 { 1.0 } else { -1.0 };
+        joint.origin.lever = random.vector() * 0.3;
+        if random.below(3) == 0 {
+            joint.origin.rotation = random.rotation();
+        }
+        let inertial = Some(random_inertial(&mut random));
+        builder.link(LinkDescription { name: name.into(), inertial }).joint(joint)
+    };
+    for float in 0..=floats {
+        let mut parent = "base".to_owned();
+        if float < floats {
+            parent = format!("float{float}");
+            builder = add(builder, JointKind::Floating, "base", &parent);
+        }
+        if float == 1 {
+            continue;
+        }
+        for k in 0..length {
+            let (name, next) = (format!("tip{float}_{k}"), format!("link{float}_{k}"));
+            builder = add(builder, JointKind::Revolute, &parent, &next);
+            builder = add(builder, JointKind::Fixed, &next, &name);
+            parent = if k % 2 == 0 { next } else { name };
+        }
+    }
+    builder.build().expect("a forest")
 }

@@ -3,10 +3,11 @@
 use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::motion::{cross, minus_cross_number};
-use super::scratch::{Arriving, LeanScratch, Own, Watching, arrive, arrive_after};
+use super::scratch::{Arriving, Besides, LeanScratch, Own, Watched, Watching, arrive, arrive_after};
 use super::turn::{Axis, Turn, about, packed_to_parent, to_parent};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
+use crate::filter::rounding::squares;
 use crate::filter::{HingeMap, System, innovations, terms};
 use crate::scalar::Real;
 use crate::scene::Model;
@@ -46,9 +47,12 @@ struct Inward<'a, T: Real> {
     arriving: &'a mut [Arriving<T>],
     shifts: &'a [RigidShift<T>],
     measured: &'a mut [Measured<T>],
-    watching: &'a mut Watching<T>,
     tau: &'a [T],
     innovations: &'a mut [T],
+    /// Of the second right side: what arrives, w and e^-.
+    besides: &'a mut [Besides<T>],
+    weights: &'a [T],
+    weighed: &'a mut [T],
     monitor: PivotMonitor<T>,
     near: PivotMonitor<T>,
 }
@@ -68,26 +72,32 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
     let noise = &model.system.noise[..rows];
     let (tau, innovations) =
         if SIDES >= FILTER { (&tau[..rows], &mut innovations[..rows]) } else { (tau, innovations) };
+    let Watching { weights, innovations: weighed, arriving: besides, own: watched, .. } = watching;
+    let (weights, weighed) =
+        if SIDES == WATCH { (&weights[..rows], &mut weighed[..rows]) } else { (&weights[..], &mut weighed[..]) };
+    let slots = arriving.len();
     let mut inward = Inward {
         system: &model.system,
         noise,
         arriving,
         shifts,
         measured,
-        watching,
         tau,
         innovations,
+        besides: &mut besides[..slots],
+        weights,
+        weighed,
         monitor: PivotMonitor::new(),
         near: PivotMonitor::for_a_single_look(),
     };
-    for ((place, body), own) in lean.swept().iter().enumerate().zip(own).rev() {
+    for ((body, own), watched) in lean.swept().iter().zip(own).zip(watched).rev() {
         match body.carrier {
-            Carrier::Turn(_) => inward.about_z::<SIDES>((place, body), own),
-            Carrier::Shift(_) if body.is_about_z => inward.about_z::<SIDES>((place, body), own),
+            Carrier::Turn(_) => inward.about_z::<SIDES>(body, own, watched),
+            Carrier::Shift(_) if body.is_about_z => inward.about_z::<SIDES>(body, own, watched),
             Carrier::Shift(_) if afloat::is_noise_free(body, &model.system) => {
-                inward.afloat::<SIDES>((place, body), own);
+                inward.afloat::<SIDES>(body, own, watched);
             }
-            Carrier::Shift(at) => inward.shift::<SIDES>((place, body), own, at),
+            Carrier::Shift(at) => inward.shift::<SIDES>(body, (own, watched), at),
         }
     }
     [inward.monitor, inward.near]
@@ -96,11 +106,15 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
 impl<T: Real> Inward<'_, T> {
     /// A body that turns about its z.
     #[inline(always)]
-    fn about_z<const SIDES: usize>(&mut self, (place, body): (usize, &LeanBody<T::Parameter>), own: &mut Own<T>) {
+    fn about_z<const SIDES: usize>(
+        &mut self,
+        body: &LeanBody<T::Parameter>,
+        own: &mut Own<T>,
+        watched: &mut Watched<T>,
+    ) {
         let row = body.row;
         let arrived = &self.arriving[body.places.inward];
-        let like = arrived.force[0];
-        let sense = like.everywhere(body.sense);
+        let sense = arrived.force[0].everywhere(body.sense);
         let noise = Noise::of(self.system, self.noise[row]);
         let p = with_noise(body, &arrived.p);
         let scale = scale_of(body, &arrived.scale);
@@ -111,71 +125,94 @@ impl<T: Real> Inward<'_, T> {
         if SIDES >= FILTER {
             let z = sum(own.force, &arrived.force);
             (self.innovations[row], force) = measure(noise, &m, sense * self.tau[row], &z);
-            if SIDES == WATCH {
-                own.force = force;
+        }
+        if SIDES == WATCH {
+            own.force = force;
+            self.near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
+        }
+        let kept_diagonal = if SIDES == WATCH { kept_diagonal(noise, &p, &column, &m) } else { m.gain };
+        if body.parent.is_some() {
+            let to = &mut self.arriving[body.places.parent_inward];
+            arrive_bounds(body, sent(body, &p), &mut to.scale);
+            match body.carrier {
+                Carrier::Turn(axis) => {
+                    let turn = own.turn;
+                    if SIDES >= FILTER {
+                        let sent = in_joint_frame(body, turn, &force);
+                        about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
+                    }
+                    // Not all of it for each axis, which takes no less time here and the compiler more.
+                    let sent = if noise.skips_zeros {
+                        carried::<T, false>(body, turn, &p, &column, (&m, noise.variance))
+                    } else {
+                        carried::<T, true>(body, turn, &p, &column, (&m, noise.variance))
+                    };
+                    about!(axis, X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
+                }
+                Carrier::Shift(at) => {
+                    let shift = &self.shifts[at];
+                    if SIDES >= FILTER {
+                        arrive(body, &shift.force_to_parent(&force.into()).into(), &mut to.force);
+                    }
+                    let sent = if noise.skips_zeros {
+                        shift.inertia_to_parent_past_z(&unpacked(&kept::<T, false>(&p, &column, (&m, noise.variance))))
+                    } else {
+                        shift.inertia_to_parent(&unpacked(&kept::<T, true>(&p, &column, (&m, noise.variance))))
+                    };
+                    arrive(body, &packed(&sent), &mut to.p);
+                }
             }
         }
         if SIDES == WATCH {
-            self.near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
-            let (arrived, own) = (&self.watching.arriving[body.places.inward], &mut self.watching.own[place]);
-            own.terms = sum(terms_of_noise(body, like), &arrived.terms);
-            let weight = sense * self.watching.weights[row];
-            (self.watching.innovations[row], own.zeta) = measure(noise, &m, weight, &arrived.zeta);
+            self.watch_about_z(body, own.turn, &kept_diagonal, watched);
         }
+    }
+
+    /// What is watched besides of such a body, after P has left it.
+    #[inline(always)]
+    fn watch_about_z(
+        &mut self,
+        body: &LeanBody<T::Parameter>,
+        turn: Turn<T>,
+        kept_diagonal: &Vector6<T>,
+        watched: &mut Watched<T>,
+    ) {
+        let row = body.row;
+        let arrived = &self.besides[body.places.inward];
+        let sense = arrived.terms[0].everywhere(body.sense);
+        watched.terms = sum(terms_of_noise(body, sense), &arrived.terms);
+        let noise = Noise::of(self.system, self.noise[row]);
+        let zeta;
+        (self.weighed[row], zeta) = measure(noise, &self.measured[row], sense * self.weights[row], &arrived.zeta);
+        watched.zeta = squares(&zeta.into());
         if body.parent.is_none() {
             return;
         }
-        let to = &mut self.arriving[body.places.parent_inward];
-        arrive_bounds(body, sent(body, &p), &mut to.scale);
+        let to = &mut self.besides[body.places.parent_inward];
         match body.carrier {
             Carrier::Turn(axis) => {
-                let turn = own.turn;
-                if SIDES >= FILTER {
-                    let sent = in_joint_frame(body, turn, &force);
-                    about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
-                }
-                if SIDES == WATCH {
-                    let to = &mut self.watching.arriving[body.places.parent_inward];
-                    let terms = sent_terms(body, &kept_diagonal(noise, &p, &column, &m));
-                    let zeta = in_joint_frame(body, turn, &self.watching.own[place].zeta);
-                    about!(axis, X, Y, Z, {
-                        arrive(body, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
-                        arrive(body, &to_parent::<T, X, Y, Z>(&zeta), &mut to.zeta);
-                    });
-                }
-                // Not all of it for each axis, which takes no less time here and the compiler more.
-                let sent = if noise.skips_zeros {
-                    carried::<T, false>(body, turn, &p, &column, (&m, noise.variance))
-                } else {
-                    carried::<T, true>(body, turn, &p, &column, (&m, noise.variance))
-                };
-                about!(axis, X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
+                let (terms, zeta) = (sent_terms(body, kept_diagonal), in_joint_frame(body, turn, &zeta));
+                about!(axis, X, Y, Z, {
+                    arrive(body, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
+                    arrive(body, &to_parent::<T, X, Y, Z>(&zeta), &mut to.zeta);
+                });
             }
             Carrier::Shift(at) => {
                 let shift = &self.shifts[at];
-                if SIDES >= FILTER {
-                    arrive(body, &shift.force_to_parent(&force.into()).into(), &mut to.force);
-                }
-                if SIDES == WATCH {
-                    let to = &mut self.watching.arriving[body.places.parent_inward];
-                    let kept = absolute(&kept_diagonal(noise, &p, &column, &m));
-                    arrive(body, &terms::sent(&kept, shift).into(), &mut to.terms);
-                    let zeta = self.watching.own[place].zeta;
-                    arrive(body, &shift.force_to_parent(&zeta.into()).into(), &mut to.zeta);
-                }
-                let sent = if noise.skips_zeros {
-                    shift.inertia_to_parent_past_z(&unpacked(&kept::<T, false>(&p, &column, (&m, noise.variance))))
-                } else {
-                    shift.inertia_to_parent(&unpacked(&kept::<T, true>(&p, &column, (&m, noise.variance))))
-                };
-                arrive(body, &packed(&sent), &mut to.p);
+                arrive(body, &terms::sent(&absolute(kept_diagonal), shift).into(), &mut to.terms);
+                arrive(body, &shift.force_to_parent(&zeta.into()).into(), &mut to.zeta);
             }
         }
     }
 
     /// A body that floats.
     #[inline(always)]
-    fn afloat<const SIDES: usize>(&mut self, (place, body): (usize, &LeanBody<T::Parameter>), own: &mut Own<T>) {
+    fn afloat<const SIDES: usize>(
+        &mut self,
+        body: &LeanBody<T::Parameter>,
+        own: &mut Own<T>,
+        watched: &mut Watched<T>,
+    ) {
         let (arrived, rows) = (&self.arriving[body.places.inward], afloat::rows(body));
         let measured = &mut self.measured[rows.clone()];
         let scale = scale_of(body, &arrived.scale);
@@ -186,12 +223,11 @@ impl<T: Real> Inward<'_, T> {
         }
         if SIDES == WATCH {
             self.near.observe_stage(&self.system.stages[body.index], self.measured, &scale);
-            let (measured, Watching { arriving, own, weights, innovations, .. }) =
-                (&self.measured[rows.clone()], &mut *self.watching);
-            let (arrived, own) = (&arriving[body.places.inward], &mut own[place]);
-            own.terms = sum(terms_of_noise(body, arrived.terms[0]), &arrived.terms);
-            own.zeta = arrived.zeta;
-            afloat::filter(measured, &weights[rows.clone()], &mut own.zeta, &mut innovations[rows]);
+            let Besides { terms, mut zeta } = self.besides[body.places.inward];
+            watched.terms = sum(terms_of_noise(body, terms[0]), &terms);
+            let weights = &self.weights[rows.clone()];
+            afloat::filter(&self.measured[rows.clone()], weights, &mut zeta, &mut self.weighed[rows]);
+            watched.zeta = squares(&zeta.into());
         }
     }
 
@@ -199,13 +235,13 @@ impl<T: Real> Inward<'_, T> {
     #[inline(always)]
     fn shift<const SIDES: usize>(
         &mut self,
-        (place, body): (usize, &LeanBody<T::Parameter>),
-        own: &mut Own<T>,
+        body: &LeanBody<T::Parameter>,
+        (own, watched): (&mut Own<T>, &mut Watched<T>),
         at: usize,
     ) {
         let (shift, stage) = (&self.shifts[at], &self.system.stages[body.index]);
         let arrived = &self.arriving[body.places.inward];
-        let (like, arrived_force) = (arrived.force[0], arrived.force);
+        let arrived_force = arrived.force;
         let mut p = unpacked(&with_noise(body, &arrived.p));
         let scale = scale_of(body, &arrived.scale);
         let (sent, before) = (Scale::sent_by(&p, shift), p.diagonal());
@@ -233,13 +269,13 @@ impl<T: Real> Inward<'_, T> {
         }
         if SIDES == WATCH {
             self.near.observe_stage(stage, self.measured, &scale);
-            let Watching { arriving, own, weights, innovations, .. } = &mut *self.watching;
-            let (arrived, own) = (arriving[body.places.inward], &mut own[place]);
-            own.terms = sum(terms_of_noise(body, like), &arrived.terms);
-            own.zeta = arrived.zeta;
-            let sent = through_general_stage(at_stage, shift, self.measured, (weights, innovations), &mut own.zeta);
+            let Besides { terms, mut zeta } = self.besides[body.places.inward];
+            watched.terms = sum(terms_of_noise(body, terms[0]), &terms);
+            let right_side = (self.weights, &mut *self.weighed);
+            let sent = through_general_stage(at_stage, shift, self.measured, right_side, &mut zeta);
+            watched.zeta = squares(&zeta.into());
             if body.parent.is_some() {
-                let to = &mut arriving[body.places.parent_inward];
+                let to = &mut self.besides[body.places.parent_inward];
                 arrive(body, &sent, &mut to.zeta);
                 let terms = terms::sent(&terms::left(stage, &before, &p), shift);
                 arrive(body, &terms.into(), &mut to.terms);

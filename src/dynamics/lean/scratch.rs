@@ -66,13 +66,22 @@ impl<T: Real> Arriving<T> {
     }
 }
 
-/// What is watched besides, of a body or on its way to one.
+/// What is watched besides, on its way to a body.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Besides<T> {
     /// Bounds on the terms of the diagonal of P^-.
     pub terms: [T; 6],
     /// The force of the second right side.
     pub zeta: [T; 6],
+}
+
+/// What is watched besides, of a body.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Watched<T> {
+    /// Bounds on the terms of the diagonal of P^-.
+    pub terms: [T; 6],
+    /// Of zeta^+, the squares of its halves.
+    pub zeta: (T, T),
 }
 
 /// Adds what one body sends to what is there already, or begins with it; limbs side by side one after another, the last one first, as they come
@@ -155,9 +164,9 @@ pub(super) struct Watching<T> {
     pub innovations: Vec<T>,
     /// In slots, inward; the first is always zero.
     pub arriving: Vec<Besides<T>>,
-    /// Bounds on the terms of the diagonal of P^-, and zeta^+, of each body.
-    pub own: Vec<Besides<T>>,
-    /// lambda^- and nu of the base, zero, and of each body.
+    /// Of each body.
+    pub own: Vec<Watched<T>>,
+    /// lambda^- and nu, in slots, outward; the first, of the base, is zero.
     pub co_states: Vec<[[T; 6]; 2]>,
 }
 
@@ -196,7 +205,7 @@ impl<T: Real> LeanScratch<T> {
         // The base has no co-state, and what its motion is each call says.
         let mut co_states = vec![CoState { carried: [nan; 6], estimate: nan }; lean.swept_slots.outward];
         co_states[0] = CoState { carried: [T::zero(); 6], estimate: T::zero() };
-        let mut watched = vec![[[nan; 6]; 2]; bodies + 1];
+        let mut watched = vec![[[nan; 6]; 2]; lean.swept_slots.outward];
         watched[0] = [[T::zero(); 6]; 2];
         // Nothing arrives at a body that nothing hangs on.
         let mut arriving = vec![Arriving::filled(nan); lean.swept_slots.inward];
@@ -219,7 +228,7 @@ impl<T: Real> LeanScratch<T> {
                 others: (nv..2 * nv).map(|row| T::from_f64(weight(row))).collect(),
                 innovations: vec![nan; nv],
                 arriving: arriving_besides,
-                own: vec![besides(nan); bodies],
+                own: vec![Watched { terms: [nan; 6], zeta: (nan, nan) }; bodies],
                 co_states: watched,
             },
             co_states,
@@ -247,10 +256,11 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> [
     let noise = nv * size_of::<f64>();
     let motions = lean.swept_slots.outward * size_of::<Moving<f64>>() + bodies * size_of::<[f64; 6]>();
     let filter = lean.swept_slots.inward * size_of::<Arriving<f64>>() + nv * size_of::<Measured<f64>>();
-    // Three numbers a row; a force, bounds and two co-states a body; and what arrives.
-    let watching = nv * 3 * size_of::<f64>()
-        + bodies * 4 * size_of::<Vector6<f64>>()
-        + lean.swept_slots.inward * size_of::<Besides<f64>>();
+    // Two numbers a row; bounds and squares of a body; and what arrives inward and outward.
+    let watching = nv * 2 * size_of::<f64>()
+        + bodies * size_of::<Watched<f64>>()
+        + lean.swept_slots.inward * size_of::<Besides<f64>>()
+        + lean.swept_slots.outward * size_of::<[[f64; 6]; 2]>();
     let (slots, columns) = lean.column_slots();
     let columns = slots * columns * size_of::<[f64; 6]>();
     let closed_form = columns

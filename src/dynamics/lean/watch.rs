@@ -1,6 +1,7 @@
 //! The covariance form with an estimate of the digits that it lost: the first look of [`auto`](crate::dynamics::auto).
 
 use super::body::{Carrier, LeanModel};
+use super::filter::ABOUT_Z;
 use super::motion;
 use super::scratch::{LeanScratch, Watching};
 use super::turn::{Axis, about, to_turn};
@@ -8,7 +9,6 @@ use super::{accelerations, filter};
 use crate::dynamics::forces::Motion;
 use crate::filter::cancellation::{Cancellation, Swept};
 use crate::filter::pivots::PivotMonitor;
-use crate::filter::{HingeMap, Rows, Stage};
 use crate::kinematics::joint_shift;
 use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
@@ -56,10 +56,9 @@ pub(crate) fn factor_watched<T: Real, C: ColumnsOf<T>>(
 #[inline(always)]
 pub(crate) fn hand_over<T: Real>(
     (model, lean): (&Model<T>, &LeanModel<T>),
-    (scratch, q): (&LeanScratch<T>, &[T]),
+    (scratch, q, qdd): (&LeanScratch<T>, &[T], &[T]),
     workspace: &mut Workspace<T>,
 ) {
-    let watching = &scratch.watching;
     workspace.measured.copy_from_slice(&scratch.measured);
     for (place, body) in lean.swept().iter().enumerate() {
         let k = body.index;
@@ -76,8 +75,18 @@ pub(crate) fn hand_over<T: Real>(
             *gain = body.frame.undo(&own);
         }
         workspace.z[k] = body.frame.undo(&scratch.own[place].force);
-        workspace.co_state[k] = body.frame.undo(&watching.co_states[place + 1][0]);
-        workspace.terms[k] = body.frame.undo_on_sizes(&watching.own[place].terms);
+        workspace.terms[k] = body.frame.undo_on_sizes(&scratch.watching.own[place].terms);
+    }
+    // The sweep keeps no co-state longer than there are bodies that need it.
+    for (k, stage) in model.system.stages.iter().enumerate() {
+        let mut lambda = match stage.parent {
+            Some(parent) => workspace.shift[k].motion_to_child(&workspace.co_state[parent]),
+            None => zero(),
+        };
+        for i in 0..stage.rows.count() {
+            lambda = stage.rows.row(i).spread_onto(&lambda, qdd[stage.first_row + i]);
+        }
+        workspace.co_state[k] = lambda;
     }
 }
 
@@ -91,51 +100,54 @@ fn base_to_tip<T: Real>(
     let mut seen = Cancellation::beside(T::from_f64(lean.beside));
     let LeanScratch { own, shifts, measured, watching, .. } = scratch;
     let Watching { own: watched, co_states, innovations, .. } = watching;
-    for (((place, body), own), watched) in lean.swept().iter().enumerate().zip(own).zip(watched) {
+    // Of one length, for the compiler to see.
+    let rows = measured.len();
+    let (estimates, innovations) = (&mut estimates[..rows], &innovations[..rows]);
+    for ((body, own), watched) in lean.swept().iter().zip(own).zip(watched) {
         let before = seen;
-        let [outer, outer_nu] = &co_states[body.places.parent];
-        let (zeta, z, terms) = (vector(&watched.zeta), vector(&own.force), vector(&watched.terms));
-        let swept = Swept { z: &z, terms: &terms, measured };
+        let [outer, outer_nu] = &co_states[body.places.parent_outward];
+        let row = body.row;
         let (mut lambda, mut nu);
         match body.carrier {
             Carrier::Turn(axis) => {
+                seen.carried(watched.zeta, &Vector6::from(*outer), outer[0].everywhere(body.lever_square));
                 let (outer_here, outer_nu) =
                     about!(axis, X, Y, Z, (to_turn::<T, X, Y, Z>(outer), to_turn::<T, X, Y, Z>(outer_nu)));
-                lambda = vector(&accelerations::carried(body, own.turn, &outer_here));
-                nu = vector(&accelerations::carried(body, own.turn, &outer_nu));
-                seen.carried(&zeta, &vector(outer), z[0].everywhere(body.lever_square));
-                // Spelt out, so that the compiler sees which entry is meant.
-                let stage = Stage { parent: body.parent, rows: Rows::One(HingeMap::Axis(2)), first_row: body.row };
-                seen.through_stage(&stage, &swept, (&mut lambda, &mut nu), (estimates, innovations));
-                estimates[body.row] *= z[0].everywhere(body.sense);
+                lambda = accelerations::carried(body, own.turn, &outer_here);
+                nu = accelerations::carried(body, own.turn, &outer_nu);
             }
             Carrier::Shift(_) if body.is_afloat => {
                 // Nothing is carried to it.
-                (lambda, nu) = (zero(), zero());
-                let stage = Stage { parent: None, rows: Rows::Six, first_row: body.row };
-                seen.through_stage(&stage, &swept, (&mut lambda, &mut nu), (estimates, innovations));
+                let o = outer[0].constant(0.0);
+                (lambda, nu) = ([o; 6], [o; 6]);
             }
             Carrier::Shift(at) => {
-                let (shift, outer) = (&shifts[at], vector(outer));
-                seen.carried(&zeta, &outer, shift.lever_square());
-                lambda = shift.motion_to_child(&outer);
-                nu = shift.motion_to_child(&vector(outer_nu));
-                let stage = &model.system.stages[body.index];
-                seen.through_stage(stage, &swept, (&mut lambda, &mut nu), (estimates, innovations));
+                let (shift, outer) = (&shifts[at], Vector6::from(*outer));
+                seen.carried(watched.zeta, &outer, shift.lever_square());
+                lambda = shift.motion_to_child(&outer).into();
+                nu = shift.motion_to_child(&Vector6::from(*outer_nu)).into();
             }
         }
-        co_states[place + 1] = [lambda.into(), nu.into()];
+        let whole = (&own.force, &watched.terms);
+        if body.is_about_z {
+            let right_sides = (estimates[row], innovations[row]);
+            let estimate = seen.through_axis::<ABOUT_Z>(&measured[row], whole, (&mut lambda, &mut nu), right_sides);
+            estimates[row] = estimate * estimate.everywhere(body.sense);
+        } else {
+            let swept = Swept { z: &Vector6::from(*whole.0), terms: &Vector6::from(*whole.1), measured };
+            let (mut state, mut probe) = (Vector6::from(lambda), Vector6::from(nu));
+            let stage = &model.system.stages[body.index];
+            seen.through_stage(stage, &swept, (&mut state, &mut probe), (estimates, innovations));
+            (lambda, nu) = (state.into(), probe.into());
+        }
+        if !body.is_leaf {
+            co_states[body.places.outward] = [lambda, nu];
+        }
         if T::LIMBS > 1 {
             seen.leave_out_of(&before, lambda[0].everywhere(body.stands_for_itself));
         }
     }
     seen
-}
-
-/// Entry by entry: a copy of the whole would be a call.
-#[inline(always)]
-fn vector<T: Real>(x: &[T; 6]) -> Vector6<T> {
-    Vector6::new(x[0], x[1], x[2], x[3], x[4], x[5])
 }
 
 #[cfg(test)]
