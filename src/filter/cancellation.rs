@@ -172,10 +172,10 @@ impl<T: Real> Cancellation<T> {
     ) -> T {
         let Measured { pivot_inverse, gain, .. } = measured;
         let share = e * *pivot_inverse;
-        let a = share - along(gain, lambda);
+        let a = share - dot(gain, &Vector6::from(*lambda));
         self.smoother = (e_w * e_w).mul_add(share.mul_add(share, a * a), self.smoother);
         lambda[PICKED] += a;
-        nu[PICKED] += (e_w * *pivot_inverse) - along(gain, nu);
+        nu[PICKED] += (e_w * *pivot_inverse) - dot(gain, &Vector6::from(*nu));
         self.size = self.size.worst(-a.abs());
         let o = a.constant(0.0);
         let (mut of_p_nu, mut of_p_lambda, mut of_forces) = (o, o, o);
@@ -216,14 +216,6 @@ impl<T: Real> Cancellation<T> {
         }
         self.noise += rounding_of_stage(swept.terms, &forces, (nu, lambda));
     }
-}
-
-/// g* x, in two chains of products.
-#[inline(always)]
-fn along<T: Real>(gain: &Vector6<T>, x: &[T; 6]) -> T {
-    let first = gain[0].mul_add(x[0], gain[1].mul_add(x[1], gain[2] * x[2]));
-    let second = gain[3].mul_add(x[3], gain[4].mul_add(x[4], gain[5] * x[5]));
-    first + second
 }
 
 /// The sum of t x^2.

@@ -20,7 +20,8 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
     /// As many lanes as are half of all.
     const HALF: usize = Self::LANES / 2;
 
-    /// As many numbers of each lane as there are into lanes: zero where all of a lane's are finite, else NaN. Empty slices leave all as it is.
+    /// As many numbers of each lane as there are into lanes: zero where all of a lane's are finite, else NaN. Empty slices leave all as it is; too
+    /// few are a fault of every lane.
     #[inline(always)]
     pub(crate) fn take_lanes<'a>(numbers: &mut [Self], of: impl Fn(usize) -> &'a [P]) -> Self {
         let Some(zero) = numbers.first().map(|number| number.constant(0.0)) else { return Self::splat(0.0) };
@@ -28,7 +29,10 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
         // Of one length, for the compiler to see: what is looked at once for all of a square is not looked at for each of its rows.
         let mut states: [&[P]; MOST_LANES] = [&[]; MOST_LANES];
         for (lane, state) in states.iter_mut().enumerate().take(Self::LANES) {
-            let Some(whole) = of(lane).get(..length) else { return zero };
+            let given = of(lane);
+            let Some(whole) = given.get(..length) else {
+                return if given.is_empty() { zero } else { zero.constant(f64::NAN) };
+            };
             *state = whole;
         }
         let mut faults = [zero; 4];
@@ -84,7 +88,8 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
     #[inline(always)]
     pub(crate) fn put_lanes(numbers: &[Self], out: &mut [P]) {
         let square = |run: Range<usize>| Some(&numbers[run]).map(|numbers| move |lane: usize| numbers[lane].value);
-        Self::put(numbers.len(), (square, |at| numbers[at]), out);
+        let Some(zero) = numbers.first().map(|number| number.constant(0.0)) else { return };
+        zero.put(numbers.len(), (square, |at| numbers[at]), out);
     }
 
     /// The same of as many numbers as `chosen` says, each by its place in `numbers`, of which number 0 is zero.
@@ -95,27 +100,27 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
             let are_zero = chosen.iter().fold(0, |any, &at| any | at) == 0;
             (!are_zero).then_some(move |lane: usize| numbers[chosen[lane] as usize].value)
         };
-        Self::put(chosen.len(), (square, |at| numbers[chosen[at] as usize]), out);
+        let Some(zero) = numbers.first().map(|number| number.constant(0.0)) else { return };
+        zero.put(chosen.len(), (square, |at| numbers[chosen[at] as usize]), out);
     }
 
-    /// Of each lane `length` numbers: `square` gives those of a run, or that all are zero, and `at` a single one.
+    /// Of each lane `length` numbers: `square` gives those of a run, or that all are zero, which `self` is, and `number` a single one.
     #[inline(always)]
     fn put<R: Fn(usize) -> P::Register<S>>(
+        self,
         length: usize,
-        what: (impl Fn(Range<usize>) -> Option<R>, impl Fn(usize) -> Self),
+        (square, number): (impl Fn(Range<usize>) -> Option<R>, impl Fn(usize) -> Self),
         out: &mut [P],
     ) {
         let mut states: [&mut [P]; MOST_LANES] = Default::default();
         for (state, out) in states.iter_mut().zip(out.chunks_exact_mut(length.max(1))) {
             *state = out;
         }
-        let (square, number) = what;
-        let zero = Self::splat(0.0);
         for at in 0..length / Self::LANES {
             let run = at * Self::LANES..(at + 1) * Self::LANES;
             let block = match square(run.clone()) {
-                Some(row) => zero.turned_over(row),
-                None => [zero.value; MOST_LANES],
+                Some(row) => self.turned_over(row),
+                None => [self.value; MOST_LANES],
             };
             for lane in 0..Self::LANES {
                 if let Some(to) = states[lane].get_mut(run.clone()) {
@@ -135,7 +140,7 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
             }
             return;
         }
-        let block = zero.turned_over(|lane| {
+        let block = self.turned_over(|lane| {
             let at = if lane < Self::HALF { run.start + lane } else { run.end + lane - Self::LANES };
             number(at).value
         });
@@ -144,7 +149,7 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
             if to.len() == Self::LANES {
                 cast_slice_mut(to)[0] = block[lane];
             } else {
-                P::store_ends(zero.simd, to, block[lane]);
+                P::store_ends(self.simd, to, block[lane]);
             }
         }
     }

@@ -130,6 +130,7 @@ impl<T: Real> Inward<'_, T> {
             own.force = force;
             self.near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
         }
+        // Before P leaves; where nothing is watched nobody reads it.
         let kept_diagonal = if SIDES == WATCH { kept_diagonal(noise, &p, &column, &m) } else { m.gain };
         if body.parent.is_some() {
             let to = &mut self.arriving[body.places.parent_inward];

@@ -280,7 +280,10 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> [
             motions + of_bodies + slots + nv * size_of::<Measured<f64>>()
         }
         Algorithm::ForwardDynamics(_) => motions + filter + lean.swept_slots.outward * size_of::<CoState<f64>>(),
-        Algorithm::MassMatrixInverse(Form::Auto) => filter + watching + closed_form,
+        // And a right side that is made up, with its forces.
+        Algorithm::MassMatrixInverse(Form::Auto) => {
+            filter + watching + closed_form + nv * size_of::<f64>() + bodies * size_of::<[f64; 6]>()
+        }
         Algorithm::MassMatrixInverse(_) => filter + closed_form,
     };
     [model, noise + shifts + turns + swept]
