@@ -226,7 +226,7 @@ pub(crate) fn forward_dynamics_watched_lean<T: Real, C: ColumnsOf<T>>(
     if first.kept_in_every_lane() {
         return first;
     }
-    lean::hand_over((model, lean), (scratch, state.0, qdd), workspace);
+    lean::hand_over((model, lean), (scratch, state.0), workspace);
     look_again(model, workspace, first, qdd)
 }
 

@@ -252,12 +252,12 @@ pub fn sweep<T: Real>(
 
 /// The same estimate with other weights, after [`sweep`], whose `first` has the smoother's part: one set of weights may cancel. The larger of both.
 ///
-/// `probe` has the co-states of the other weights, and `co_state` lambda^- of the estimates.
+/// `probe` has the co-states of the other weights; `co_state` receives lambda^- of the estimates.
 #[inline(always)]
 pub fn look_again<T: Real>(
     system: &System<T>,
     probe: &Probe<'_, T>,
-    co_state: &[Vector6<T>],
+    co_state: &mut [Vector6<T>],
     estimates: &[T],
     first: &Cancellation<T>,
 ) -> Cancellation<T> {
@@ -276,6 +276,7 @@ pub fn look_again<T: Real>(
             lambda = stage.rows.row(i).spread_onto(&lambda, estimates[row]);
         }
         noise += rounding_of_stage(&probe.terms[k], &forces, (&probe.co_state[k], &lambda));
+        co_state[k] = lambda;
     }
     Cancellation { noise: -(-noise).worst(-first.noise), ..*first }
 }

@@ -12,7 +12,6 @@ use crate::filter::pivots::PivotMonitor;
 use crate::kinematics::joint_shift;
 use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
-use crate::spatial::zero;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -52,11 +51,11 @@ pub(crate) fn factor_watched<T: Real, C: ColumnsOf<T>>(
     (monitor, base_to_tip((model, lean), scratch, estimates))
 }
 
-/// What the first look left, as the second look of [`auto`](crate::dynamics::auto) reads it.
+/// What the first look left, as the second look of [`auto`](crate::dynamics::auto) reads it; that finds the co-states itself.
 #[inline(always)]
 pub(crate) fn hand_over<T: Real>(
     (model, lean): (&Model<T>, &LeanModel<T>),
-    (scratch, q, qdd): (&LeanScratch<T>, &[T], &[T]),
+    (scratch, q): (&LeanScratch<T>, &[T]),
     workspace: &mut Workspace<T>,
 ) {
     workspace.measured.copy_from_slice(&scratch.measured);
@@ -76,17 +75,6 @@ pub(crate) fn hand_over<T: Real>(
         }
         workspace.z[k] = body.frame.undo(&scratch.own[place].force);
         workspace.terms[k] = body.frame.undo_on_sizes(&scratch.watching.own[place].terms);
-    }
-    // The sweep keeps no co-state longer than there are bodies that need it.
-    for (k, stage) in model.system.stages.iter().enumerate() {
-        let mut lambda = match stage.parent {
-            Some(parent) => workspace.shift[k].motion_to_child(&workspace.co_state[parent]),
-            None => zero(),
-        };
-        for i in 0..stage.rows.count() {
-            lambda = stage.rows.row(i).spread_onto(&lambda, qdd[stage.first_row + i]);
-        }
-        workspace.co_state[k] = lambda;
     }
 }
 
