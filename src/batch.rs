@@ -1,6 +1,6 @@
 //! Batches: one closure over many states, on one thread or several, with the same bits either way.
 //!
-//! States are independent, so a batch is cut in halves until a piece is worth a thread's time; which thread computes a
+//! States are independent, so a batch is [handed out](handed_out) piece by piece to the threads that are free; which thread computes a
 //! piece changes nothing in it. Arguments broadcast by strides ([`Broadcast`]): a state that is shared is not copied.
 //! Scratch comes from a [`Pool`], so that the second call allocates none. With the feature `parallel`, `set_threads` says how many
 //! threads there are.
@@ -12,6 +12,8 @@ pub mod chunk;
 mod compiled;
 pub mod evaluator;
 #[cfg(feature = "parallel")]
+mod handed_out;
+#[cfg(feature = "parallel")]
 mod threads;
 
 #[cfg(feature = "parallel")]
@@ -21,13 +23,9 @@ use crate::error::Error;
 use std::ops::Range;
 use std::sync::Mutex;
 
-/// Threads are woken where a batch takes longer than this, in ns of one thread; waking them takes about a tenth of it.
+/// Another thread is woken for so much of a batch, in ns of one thread: it gains what waking costs twice over.
 #[cfg(feature = "parallel")]
-const WORTH_THREADS: usize = 100_000;
-
-/// A piece of a batch is not cut further below this, in ns.
-#[cfg(feature = "parallel")]
-const WORTH_A_PIECE: usize = 20_000;
+const WORTH_A_THREAD: usize = 50_000;
 
 /// One argument of a batch: `width` numbers a state, with leading axes that broadcast against those of the batch.
 #[derive(Debug, Clone)]
@@ -220,8 +218,8 @@ impl From<Fault> for Error {
 impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
     /// Calls `kernel(scratch, i, out)` for every state i, with `out` its part of `results` (equally long for each state).
     ///
-    /// The results have the same bits for any number of threads. Inside a rayon pool that pool is used, else one of our own, or the
-    /// caller's thread where that has but one.
+    /// The results have the same bits for any number of threads. The caller's is one of them; the others are those of the rayon pool that it is
+    /// in, else our own.
     ///
     /// # Errors
     ///
@@ -245,67 +243,64 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
     /// # Errors
     ///
     /// As [`Batch::run`]; a kernel's fault is the lowest of its range.
+    #[cfg_attr(not(feature = "parallel"), allow(unused_variables))] // pieces are for threads
     pub fn run_pieces<P, K>(&self, grain: usize, results: &mut [P], kernel: K) -> Result<(), Fault>
     where
         P: Send,
         K: Fn(&mut S, Range<usize>, &mut [P]) -> Result<(), Fault> + Sync,
     {
-        let width = results.len().checked_div(self.states).unwrap_or(0);
-        debug_assert_eq!(results.len(), width * self.states);
-        let piece = Piece { first: 0, states: self.states, width, grain };
-        #[cfg(feature = "parallel")]
-        if self.states > 1 && self.states.saturating_mul(self.cost) >= WORTH_THREADS {
-            return match threads::pool() {
-                threads::Place::Inside => self.cut(piece, results, &kernel),
-                threads::Place::Ours(pool) if pool.current_num_threads() > 1 => {
-                    pool.install(|| self.cut(piece, results, &kernel))
-                }
-                // One thread would do what the caller can, with the arguments in another core's cache.
-                threads::Place::Ours(_) | threads::Place::Alone => self.serial(piece, results, &kernel),
-            };
-        }
-        self.serial(piece, results, &kernel)
-    }
-
-    /// One piece on this thread.
-    fn serial<P, K>(&self, piece: Piece, results: &mut [P], kernel: &K) -> Result<(), Fault>
-    where
-        K: Fn(&mut S, Range<usize>, &mut [P]) -> Result<(), Fault>,
-    {
-        if piece.states == 0 {
+        debug_assert_eq!(results.len(), results.len().checked_div(self.states).unwrap_or(0) * self.states);
+        if self.states == 0 {
             return Ok(());
         }
-        self.pool.with(&self.make, |scratch| kernel(scratch, piece.first..piece.first + piece.states, results))
+        #[cfg(feature = "parallel")]
+        {
+            let worth = (self.states.saturating_mul(self.cost) / WORTH_A_THREAD).min(self.states.div_ceil(grain));
+            if worth > 1 {
+                let place = threads::place();
+                let threads = place.threads().min(worth);
+                if threads > 1 {
+                    return self.on_threads(&place, threads, grain, results, &kernel);
+                }
+            }
+        }
+        self.pool.with(&self.make, |scratch| kernel(scratch, 0..self.states, results))
     }
 
-    /// Halves until a piece is small, each half free to go to another thread.
+    /// On so many threads of a place.
     #[cfg(feature = "parallel")]
-    fn cut<P, K>(&self, piece: Piece, results: &mut [P], kernel: &K) -> Result<(), Fault>
+    fn on_threads<P, K>(
+        &self,
+        place: &threads::Place,
+        threads: usize,
+        grain: usize,
+        results: &mut [P],
+        kernel: &K,
+    ) -> Result<(), Fault>
     where
         P: Send,
         K: Fn(&mut S, Range<usize>, &mut [P]) -> Result<(), Fault> + Sync,
     {
-        let half = piece.states / 2 / piece.grain * piece.grain;
-        if half == 0 || piece.states.saturating_mul(self.cost) <= WORTH_A_PIECE {
-            return self.serial(piece, results, kernel);
-        }
-        let (low, high) = results.split_at_mut(half * piece.width);
-        let (first, second) = rayon::join(
-            || self.cut(Piece { states: half, ..piece }, low, kernel),
-            || self.cut(Piece { first: piece.first + half, states: piece.states - half, ..piece }, high, kernel),
-        );
-        first.and(second)
+        let batch = handed_out::HandedOut::new((self.states, self.cost), (threads, grain), results);
+        place.together(threads - 1, &|| {
+            let Some(mut piece) = batch.next() else { return };
+            self.pool.with(&self.make, |scratch| {
+                loop {
+                    let (states, results) = piece;
+                    if let Err(fault) = kernel(scratch, states, results) {
+                        batch.end_with(fault);
+                    }
+                    let Some(next) = batch.next() else { break };
+                    piece = next;
+                    if matches!(place, threads::Place::Ours(_)) {
+                        // Another caller may wait for no more than to hear that its batch is done.
+                        rayon::yield_now();
+                    }
+                }
+            });
+        });
+        batch.outcome()
     }
-}
-
-/// Neighbouring states of a batch.
-#[derive(Debug, Clone, Copy)]
-#[cfg_attr(not(feature = "parallel"), allow(dead_code))] // only threads cut it
-struct Piece {
-    first: usize,
-    states: usize,
-    width: usize,
-    grain: usize,
 }
 
 #[cfg(test)]

@@ -4,8 +4,10 @@
 use phipsi::Error;
 use phipsi::batch::{Batch, Pool, set_threads, threads};
 use std::collections::HashSet;
-use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Barrier, Mutex};
 use std::thread::ThreadId;
+use std::time::{Duration, Instant};
 
 /// Results of many states that are worth threads, and the threads that computed them.
 fn run() -> (Vec<u64>, HashSet<ThreadId>) {
@@ -21,6 +23,48 @@ fn run() -> (Vec<u64>, HashSet<ThreadId>) {
     (results.into_iter().map(f64::to_bits).collect(), seen.into_inner().unwrap())
 }
 
+/// How many threads are in a batch at the same time: each waits in its first state until as many have come.
+fn threads_that_meet(wanted: usize) -> usize {
+    let (pool, seen, gone) = (Pool::default(), Mutex::new(HashSet::new()), Instant::now());
+    let batch = Batch { states: 2000, cost: 100_000, pool: &pool, make: || () };
+    let outcome = batch.run(&mut [0.0; 2000], |(), _, _| {
+        seen.lock().unwrap().insert(std::thread::current().id());
+        while seen.lock().unwrap().len() < wanted && gone.elapsed() < Duration::from_secs(20) {
+            std::thread::yield_now();
+        }
+        Ok(())
+    });
+    assert_eq!(outcome, Ok(()));
+    seen.into_inner().unwrap().len()
+}
+
+/// A batch that one thread is busy with for long does not hold up another thread's, which ends first.
+fn a_short_batch_ends_before_a_long_one() {
+    let (pool, short_has_ended) = (Pool::default(), AtomicBool::new(false));
+    let (begun, gone) = (Barrier::new(2), Instant::now());
+    let batch = |states| Batch { states, cost: 1_000_000, pool: &pool, make: || () };
+    std::thread::scope(|scope| {
+        let long = scope.spawn(|| {
+            let outcome = batch(2000).run(&mut [0.0; 2000], |(), state, _| {
+                if state == 0 {
+                    begun.wait();
+                }
+                // Until the short one has ended: then there is no hurry any more.
+                if !short_has_ended.load(Ordering::Relaxed) && gone.elapsed() < Duration::from_secs(20) {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                Ok(())
+            });
+            assert_eq!(outcome, Ok(()));
+            short_has_ended.load(Ordering::Relaxed)
+        });
+        begun.wait();
+        assert_eq!(batch(64).run(&mut [0.0; 64], |(), _, _| Ok(())), Ok(()));
+        short_has_ended.store(true, Ordering::Relaxed);
+        assert!(long.join().unwrap(), "the short batch waited for the long one");
+    });
+}
+
 #[test]
 fn any_number_of_threads_gives_the_same_bits() {
     let here = std::thread::current().id();
@@ -33,7 +77,8 @@ fn any_number_of_threads_gives_the_same_bits() {
         let (found, seen) = run();
         assert_eq!(found, expected);
         assert!(seen.len() <= wanted, "{} threads of {wanted}", seen.len());
-        assert_eq!(seen.contains(&here), wanted == 1, "the caller computes where it is alone");
+        assert!(wanted > 1 || seen == HashSet::from([here]), "the caller computes where it is alone");
+        assert_eq!(threads_that_meet(wanted), wanted, "the caller is one of them");
     }
     for absurd in [usize::MAX, 1 << 40] {
         let error = set_threads(absurd).unwrap_err();
@@ -51,6 +96,8 @@ fn any_number_of_threads_gives_the_same_bits() {
             assert!(batch.join().unwrap().iter().all(|found| *found == expected));
         }
     });
+    set_threads(2).unwrap();
+    a_short_batch_ends_before_a_long_one();
     // A pool that the caller is in is used, whatever was set.
     let own = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
     set_threads(3).unwrap();

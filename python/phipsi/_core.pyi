@@ -298,39 +298,50 @@ class Scene:
     ) -> _Single: ...
 
     @overload
-    def bias_torque(self, q: ArrayLike, qd: ArrayLike, *, dtype: _Float64 = None) -> _Array:  # type: ignore[overload-overlap]
+    def bias_torque(  # type: ignore[overload-overlap]
+        self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, dtype: _Float64 = None
+    ) -> _Array:
         """The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
 
-        q: (..., nq); qd: (..., nv); dtype as in forward_dynamics. Returns (..., nv), N m or N.
+        q: (..., nq); qd: (..., nv); out and dtype as in forward_dynamics. Returns (..., nv), N m or N.
         """
 
     @overload
-    def bias_torque(self, q: ArrayLike, qd: ArrayLike, *, dtype: _Float32) -> _Single: ...
+    def bias_torque(
+        self, q: ArrayLike, qd: ArrayLike, *, out: _Single | None = None, dtype: _Float32
+    ) -> _Single: ...
 
     @overload
-    def mass_matrix(self, q: ArrayLike, *, dtype: _Float64 = None) -> _Array:  # type: ignore[overload-overlap]
+    def mass_matrix(  # type: ignore[overload-overlap]
+        self, q: ArrayLike, *, out: _Array | None = None, dtype: _Float64 = None
+    ) -> _Array:
         """The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
 
-        q: (..., nq); dtype as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric.
+        q: (..., nq); out and dtype as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric. Large batches of
+        matrices take less time into an out that was used before: new memory is cleared by the system first.
 
         Raises ArgumentError above 4000 degrees of freedom: inverse_dynamics multiplies by the matrix without forming it.
         """
 
     @overload
-    def mass_matrix(self, q: ArrayLike, *, dtype: _Float32) -> _Single: ...
+    def mass_matrix(self, q: ArrayLike, *, out: _Single | None = None, dtype: _Float32) -> _Single: ...
 
     @overload
-    def mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto", dtype: _Float64 = None) -> _Array:  # type: ignore[overload-overlap]
+    def mass_matrix_inverse(  # type: ignore[overload-overlap]
+        self, q: ArrayLike, *, form: _Form = "auto", out: _Array | None = None, dtype: _Float64 = None
+    ) -> _Array:
         """The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
 
-        q: (..., nq). form and dtype: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric.
+        q: (..., nq). form, out and dtype: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric.
 
         Raises SingularJointError; ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse
         without forming it.
         """
 
     @overload
-    def mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto", dtype: _Float32) -> _Single: ...
+    def mass_matrix_inverse(
+        self, q: ArrayLike, *, form: _Form = "auto", out: _Single | None = None, dtype: _Float32
+    ) -> _Single: ...
 
     def placements(self, q: ArrayLike) -> dict[str, _Array]:
         """Where every link is: a dict from link names to homogeneous matrices, link frame to base frame.
@@ -792,8 +803,8 @@ def chain(n: int) -> Scene:
 def set_num_threads(threads: int | None) -> None:
     """Sets how many threads batches use from now on, in this process and those that it forks; calls under way keep theirs.
 
-    threads: 1 for none beside the caller; None or 0 for what the environment variable RAYON_NUM_THREADS says, or as many as the
-    machine has, which is what a process begins with. Results have the same bits for any number.
+    threads: the caller's and others, 1 for none beside the caller's; None or 0 for what the environment variable
+    RAYON_NUM_THREADS says, or as many as the machine has, which is what a process begins with. Results have the same bits for any number.
 
     Raises ArgumentError for what is no number of threads, or for more than the system gives; what was set before then stays.
     """

@@ -40,6 +40,16 @@ impl Arm {
         ARMS.iter().find(|(_, arm)| *arm == self).map_or("", |(name, _)| name)
     }
 
+    /// How many numbers of so many bytes a register holds.
+    pub(crate) fn lanes(self, bytes: usize) -> usize {
+        match self {
+            Self::Baseline => 1,
+            Self::Neon => 16 / bytes,
+            Self::Avx2 => 32 / bytes,
+            Self::Avx512 => 64 / bytes,
+        }
+    }
+
     /// Whether this processor can run it.
     #[must_use]
     pub fn available(self) -> bool {

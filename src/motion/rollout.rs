@@ -210,8 +210,9 @@ impl<'a> Rollout<'a> {
     /// Rough time of one step of one state on one thread, ns; decides about threads, not about results.
     #[must_use]
     pub fn cost(&self) -> usize {
-        const ONE_BODY: usize = 40;
-        ONE_BODY * self.law.tableau.stages * self.scene.model().bodies.len().max(1)
+        const ONE_BODY: usize = 100;
+        let one_by_one = ONE_BODY * self.law.tableau.stages * self.scene.model().bodies.len().max(1);
+        one_by_one / self.arm.lanes(size_of::<f64>()).min(self.states.max(1))
     }
 
     /// Makes `steps` steps in every state; rows are recorded where they fall due, the first before the first step.

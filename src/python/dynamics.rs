@@ -2,6 +2,7 @@
 
 use super::arrays::Input;
 use super::choice::{Precise, choose, read_dtype};
+use super::cost::Cost;
 use super::evaluate::Call;
 use super::scene::PyScene;
 use super::single::Keywords;
@@ -33,14 +34,12 @@ macro_rules! in_dtype {
 /// Dense matrices stop here: (4000, 4000) are 128 MB a state.
 const DENSE_LIMIT: usize = 4000;
 
-/// Rough time of one body in one state, ns (see `Call::new`).
+/// Rough time of one body in one state, ns (see [`Cost`]).
 mod cost {
-    pub const FORWARD: usize = 130;
-    pub const INVERSE: usize = 60;
-    pub const COMPOSITE: usize = 80;
-    pub const CLOSED_FORM: usize = 200;
-    /// Of one entry of a matrix.
-    pub const ENTRY: usize = 12;
+    pub const FORWARD: usize = 90;
+    pub const INVERSE: usize = 50;
+    pub const COMPOSITE: usize = 30;
+    pub const CLOSED_FORM: usize = 60;
 }
 
 #[pymethods]
@@ -72,7 +71,7 @@ impl PyScene {
     ) -> Array<'py> {
         let algorithm = Algorithm::ForwardDynamics(read_form(form)?);
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
-        let cost = cost::FORWARD * self.size();
+        let cost = self.cost(cost::FORWARD, nv);
         let keywords = Keywords { wrenches, out, dtype };
         if let Some(qdd) = self.single(py, algorithm, [q, qd, tau], &[nv], cost, keywords)? {
             return Ok(qdd);
@@ -106,7 +105,7 @@ impl PyScene {
         dtype: Option<&Bound<'py, PyAny>>,
     ) -> Array<'py> {
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
-        let cost = cost::INVERSE * self.size();
+        let cost = self.cost(cost::INVERSE, nv);
         let algorithm = Algorithm::InverseDynamics;
         let keywords = Keywords { wrenches, out, dtype };
         if let Some(tau) = self.single(py, algorithm, [q, qd, qdd], &[nv], cost, keywords)? {
@@ -123,88 +122,97 @@ impl PyScene {
 
     /// The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
     ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast; dtype as in `forward_dynamics`. Returns (..., nv), N m or N.
+    /// q: (..., nq); qd: (..., nv); leading axes broadcast; out and dtype as in `forward_dynamics`. Returns (..., nv), N m or N.
     ///
     /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, *, dtype=None))]
+    #[pyo3(signature = (q, qd, *, out=None, dtype=None))]
     fn bias_torque<'py>(
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
         qd: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, PyAny>>,
         dtype: Option<&Bound<'py, PyAny>>,
     ) -> Array<'py> {
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
-        let cost = cost::INVERSE * self.size();
-        let (algorithm, keywords) = (Algorithm::BiasTorque, Keywords { dtype, ..Keywords::default() });
+        let cost = self.cost(cost::INVERSE, nv);
+        let (algorithm, keywords) = (Algorithm::BiasTorque, Keywords { out, dtype, ..Keywords::default() });
         if let Some(tau) = self.single(py, algorithm, [q, qd], &[nv], cost, keywords)? {
             return Ok(tau);
         }
         in_dtype!(dtype, P => {
             let inputs = [Input::<P>::in_kind("q", q, nq)?, Input::in_kind("qd", qd, nv)?];
             let call = Call::new(self, inputs, Vec::new(), cost)?;
-            Ok(call.algorithm(py, algorithm, &[nv], None)?.into_any())
+            Ok(call.algorithm(py, algorithm, &[nv], out)?.into_any())
         })
     }
 
     /// The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
     ///
-    /// q: (..., nq); dtype as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units.
+    /// q: (..., nq); out and dtype as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units. Large batches of
+    /// matrices take less time into an `out` that was used before: new memory is cleared by the system first.
     ///
     /// Raises `ArgumentError` above 4000 degrees of freedom: `inverse_dynamics` multiplies by the matrix without forming it.
     /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
-    #[pyo3(signature = (q, *, dtype=None))]
+    #[pyo3(signature = (q, *, out=None, dtype=None))]
     fn mass_matrix<'py>(
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, PyAny>>,
         dtype: Option<&Bound<'py, PyAny>>,
     ) -> Array<'py> {
         self.check_dense("mass_matrix", "inverse_dynamics, which multiplies by it")?;
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
-        let cost = cost::COMPOSITE * self.size() + cost::ENTRY * nv * nv;
-        let (algorithm, keywords) = (Algorithm::MassMatrix, Keywords { dtype, ..Keywords::default() });
+        let cost = self.cost(cost::COMPOSITE, nv * nv);
+        let (algorithm, keywords) = (Algorithm::MassMatrix, Keywords { out, dtype, ..Keywords::default() });
         if let Some(matrix) = self.single(py, algorithm, [q], &[nv, nv], cost, keywords)? {
             return Ok(matrix);
         }
         in_dtype!(dtype, P => {
             let inputs = [Input::<P>::in_kind("q", q, nq)?];
             let call = Call::new(self, inputs, Vec::new(), cost)?;
-            Ok(call.algorithm(py, algorithm, &[nv, nv], None)?.into_any())
+            Ok(call.algorithm(py, algorithm, &[nv, nv], out)?.into_any())
         })
     }
 
     /// The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
     ///
-    /// q: (..., nq). form and dtype: as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units.
+    /// q: (..., nq). form, out and dtype: as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units.
     ///
     /// Raises `ArgumentError` above 4000 degrees of freedom: `forward_dynamics` multiplies by the inverse without forming it.
     /// Raises `SingularJointError`, `ShapeError`, `NotFiniteError`, `ArgumentError`, naming the state.
-    #[pyo3(signature = (q, *, form="auto", dtype=None))]
+    #[pyo3(signature = (q, *, form="auto", out=None, dtype=None))]
     fn mass_matrix_inverse<'py>(
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
         form: &str,
+        out: Option<&Bound<'py, PyAny>>,
         dtype: Option<&Bound<'py, PyAny>>,
     ) -> Array<'py> {
         let algorithm = Algorithm::MassMatrixInverse(read_form(form)?);
         self.check_dense("mass_matrix_inverse", "forward_dynamics, which multiplies by it")?;
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
-        let cost = cost::CLOSED_FORM * self.size() + cost::ENTRY * nv * nv;
-        let keywords = Keywords { dtype, ..Keywords::default() };
+        let cost = self.cost(cost::CLOSED_FORM, nv * nv);
+        let keywords = Keywords { out, dtype, ..Keywords::default() };
         if let Some(matrix) = self.single(py, algorithm, [q], &[nv, nv], cost, keywords)? {
             return Ok(matrix);
         }
         in_dtype!(dtype, P => {
             let inputs = [Input::<P>::in_kind("q", q, nq)?];
             let call = Call::new(self, inputs, Vec::new(), cost)?;
-            Ok(call.algorithm(py, algorithm, &[nv, nv], None)?.into_any())
+            Ok(call.algorithm(py, algorithm, &[nv, nv], out)?.into_any())
         })
     }
 }
 
 impl PyScene {
+    /// Of so many ns a body and as many results.
+    fn cost(&self, body: usize, results: usize) -> Cost {
+        Cost { arithmetic: body * self.size(), results }
+    }
+
     fn check_dense(&self, method: &str, instead: &str) -> Result<(), Error> {
         let nv = self.scene.nv();
         if nv <= DENSE_LIMIT {

@@ -1,6 +1,7 @@
 //! One call: its arguments over the states of the batch, its result, and the GIL.
 
 use super::arrays::{Input, Output};
+use super::cost::Cost;
 use super::errors::fault;
 use super::estimation::Estimation;
 use super::scene::PyScene;
@@ -79,7 +80,7 @@ pub(super) struct Call<'a, 'py, const N: usize, P: Element = f64> {
     /// The leading axes of the result.
     pub batch: Vec<usize>,
     states: usize,
-    cost: usize,
+    cost: Cost,
 }
 
 /// The arguments of neighbouring states of a batch, q, then qd, then u; forces stay as they are.
@@ -91,12 +92,12 @@ fn take<'a, P>(states: &mut [Arguments<'a, P>], arguments: &[Broadcast<'a, P>], 
 }
 
 impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
-    /// A call with these arguments; `cost` is the time of one state in ns, roughly.
+    /// A call with these arguments.
     pub fn new(
         scene: &'a PyScene,
         inputs: [Input<'py, P>; N],
         wrenches: Vec<Wrench<'py>>,
-        cost: usize,
+        cost: impl Into<Cost>,
     ) -> PyResult<Self> {
         let given = inputs.iter().map(|input| (&*input.name, input.leading()));
         let all = given.chain(wrenches.iter().map(|Wrench { input, .. }| (&*input.name, input.leading())));
@@ -105,7 +106,7 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         let Some(states) = states else {
             return Err(Error::argument("batch", "more states than memory has addresses", "fewer").into());
         };
-        Ok(Self { scene, inputs, wrenches, batch, states, cost })
+        Ok(Self { scene, inputs, wrenches, batch, states, cost: cost.into() })
     }
 
     /// Runs `algorithm` on every state, in lanes, into an array of shape batch + `shape`; the inputs are q, then qd, then u.
@@ -122,7 +123,7 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         let (arguments, wrenches) = self.over()?;
         let width = scene.width(algorithm);
         let bodies = scene.model().bodies.len();
-        self.run(py, |batch| {
+        self.run(py, self.cost.of_many::<P>(self.states, algorithm), |batch| {
             batch.run_pieces(MOST_LANES, results, |scratch, states, results| {
                 let (evaluator, forces) = P::parts(scratch);
                 let evaluator = evaluator.get_or_insert_with(|| Evaluator::new(scene));
@@ -181,21 +182,18 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         Ok((arguments, wrenches))
     }
 
-    /// Runs a batch without the GIL, but for short calls.
+    /// Runs a batch, of so many ns a state, without the GIL, but for short calls.
     fn run(
         &self,
         py: Python<'py>,
+        cost: usize,
         work: impl FnOnce(Batch<'_, Scratch, &(dyn Fn() -> Scratch + Sync)>) -> Result<(), Fault> + Send,
     ) -> PyResult<()> {
         let scene = &self.scene.scene;
         let make = || Scratch::new(scene);
-        let batch = Batch {
-            states: self.states,
-            cost: self.cost,
-            pool: &self.scene.pool,
-            make: &make as &(dyn Fn() -> Scratch + Sync),
-        };
-        let short = self.states.saturating_mul(self.cost) < WORTH_RELEASING;
+        let batch =
+            Batch { states: self.states, cost, pool: &self.scene.pool, make: &make as &(dyn Fn() -> Scratch + Sync) };
+        let short = self.states.saturating_mul(cost) < WORTH_RELEASING;
         let outcome = if short { work(batch) } else { py.detach(|| work(batch)) };
         outcome.map_err(|error| fault(py, error, &self.batch))
     }
@@ -241,7 +239,7 @@ impl<'py, const N: usize> Call<'_, 'py, N> {
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
         let bodies = scene.model().bodies.len();
-        self.run(py, |batch| {
+        self.run(py, self.cost.of_one(), |batch| {
             batch.run(results, |scratch, i, out| {
                 wrenches::on_bodies(&wrenches, bodies, i, &mut scratch.forces)?;
                 kernel(scene, scratch, std::array::from_fn(|k| arguments[k].state(i)), out)

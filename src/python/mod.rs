@@ -10,6 +10,7 @@ mod arrays;
 mod builder;
 mod choice;
 mod configuration;
+mod cost;
 mod description;
 mod dynamics;
 mod errors;

@@ -4,6 +4,7 @@
 //! array, lanes. Whatever is not this case, refusals included, is left to [`Call`](super::evaluate::Call).
 
 use super::arrays::{Output, from_numbers, plain};
+use super::cost::Cost;
 use super::errors::fault;
 use super::evaluate::WORTH_RELEASING;
 use super::scene::PyScene;
@@ -41,7 +42,7 @@ pub(super) struct Keywords<'a, 'py> {
 impl PyScene {
     /// Runs `algorithm` on q, qd and u, as many of them as it takes, into an array of this shape.
     ///
-    /// None where that is not one plain state without wrenches and dtype, or takes so long (`cost`: ns, roughly) that the GIL is to
+    /// None where that is not one plain state without wrenches and dtype, or takes so long (by its `cost`) that the GIL is to
     /// be given up.
     pub(super) fn single<'py, const N: usize>(
         &self,
@@ -49,11 +50,11 @@ impl PyScene {
         algorithm: Algorithm,
         given: [&Bound<'py, PyAny>; N],
         shape: &[usize],
-        cost: usize,
+        cost: Cost,
         keywords: Keywords<'_, 'py>,
     ) -> PyResult<Option<Bound<'py, PyAny>>> {
         let Keywords { wrenches: None, dtype: None, out } = keywords else { return Ok(None) };
-        if cost >= WORTH_RELEASING {
+        if cost.of_one() >= WORTH_RELEASING {
             return Ok(None);
         }
         let scene = &self.scene;

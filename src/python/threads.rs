@@ -7,8 +7,8 @@ use pyo3::types::PyBool;
 
 /// Sets how many threads batches use from now on, in this process and those that it forks; calls under way keep theirs.
 ///
-/// threads: 1 for none beside the caller; None or 0 for what the environment variable RAYON_NUM_THREADS says, or as many as the
-/// machine has, which is what a process begins with. Results have the same bits for any number.
+/// threads: the caller's and others, 1 for none beside the caller's; None or 0 for what the environment variable
+/// RAYON_NUM_THREADS says, or as many as the machine has, which is what a process begins with. Results have the same bits for any number.
 ///
 /// Raises `ArgumentError` for what is no number of threads, or for more than the system gives; what was set before then stays.
 #[pyfunction]

@@ -79,6 +79,19 @@ def test_out_is_written_and_returned(mixed: phipsi.Scene) -> None:
     assert_same_bits(out, mixed.forward_dynamics(q, qd, tau))
     assert mixed.inverse_dynamics(q, qd, tau, out=out) is out
     assert_same_bits(out, mixed.inverse_dynamics(q, qd, tau))
+    assert mixed.bias_torque(q, qd, out=out) is out
+    assert_same_bits(out, mixed.bias_torque(q, qd))
+
+
+@pytest.mark.parametrize("leading", [(), (1,), (3,), (20,)])
+def test_out_of_a_matrix_is_written_and_returned(mixed: phipsi.Scene, leading: tuple[int, ...]) -> None:
+    q, _, _ = random_states(mixed, 0, leading)
+    for method in (mixed.mass_matrix, mixed.mass_matrix_inverse):
+        out = np.full((*leading, mixed.nv, mixed.nv), np.nan)
+        assert method(q, out=out) is out
+        assert_same_bits(out, method(q))
+        with pytest.raises(ShapeError, match="out: found shape"):
+            method(q, out=np.zeros((*leading, mixed.nv)))
 
 
 def test_out_must_be_writable(arm: phipsi.Scene) -> None:
