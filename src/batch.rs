@@ -1,6 +1,6 @@
 //! Batches: one closure over many states, on one thread or several, with the same bits either way.
 //!
-//! States are independent, so a batch is [handed out](handed_out) piece by piece to the threads that are free; which thread computes a
+//! States are independent, so a batch is handed out piece by piece to the threads that are free; which thread computes a
 //! piece changes nothing in it. Arguments broadcast by strides ([`Broadcast`]): a state that is shared is not copied.
 //! Scratch comes from a [`Pool`], so that the second call allocates none. With the feature `parallel`, `set_threads` says how many
 //! threads there are.
