@@ -283,19 +283,20 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
     {
         let batch = handed_out::HandedOut::new((self.states, self.cost), (threads, grain), results);
         place.together(threads - 1, &|| {
-            let Some(mut piece) = batch.next() else { return };
+            let mut piece = batch.next();
+            if piece.is_none() {
+                return;
+            }
             self.pool.with(&self.make, |scratch| {
-                loop {
-                    let (states, results) = piece;
+                while let Some((states, results)) = piece.take() {
                     if let Err(fault) = kernel(scratch, states, results) {
                         batch.end_with(fault);
                     }
-                    let Some(next) = batch.next() else { break };
-                    piece = next;
+                    // Another caller may wait for no more than to hear that its batch is done. Between pieces: one in hand would wait too.
                     if matches!(place, threads::Place::Ours(_)) {
-                        // Another caller may wait for no more than to hear that its batch is done.
                         rayon::yield_now();
                     }
+                    piece = batch.next();
                 }
             });
         });

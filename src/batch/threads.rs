@@ -58,13 +58,11 @@ impl Place {
         }
     }
 
-    /// Calls `work` here and, at the same time, on at most as many other threads as there are `helpers`; returns when all have returned. Those
+    /// Calls `work` here and, at the same time, on `helpers` other threads, of which there are as many; returns when all have returned. Those
     /// of a pool of ours lend themselves to other callers wherever `work` calls [`rayon::yield_now`].
     pub(super) fn together(&self, helpers: usize, work: &(dyn Fn() + Sync)) {
-        let helpers = helpers.min(self.threads() - 1);
         let helping = AtomicUsize::new(helpers);
         match self {
-            _ if helpers == 0 => work(),
             Self::Alone => work(),
             Self::Inside => rayon::in_place_scope(|scope| all_at_once(scope, helpers, &helping, work)),
             Self::Ours(pool) => pool.in_place_scope(|scope| all_at_once(scope, helpers, &helping, work)),
@@ -157,8 +155,8 @@ fn replace(kept: &mut Option<Kept>, new: Option<Kept>) {
 
 /// Sets how many threads batches use from now on, in this process and those that it forks; batches under way keep theirs.
 ///
-/// `threads`: the caller's and others, 1 for none beside the caller's; 0 for what the environment variable `RAYON_NUM_THREADS` says, or as many as the machine
-/// has, which is what a process begins with. Results have the same bits for any number. A batch that is run inside a rayon pool uses
+/// `threads`: the caller's and others, 1 for none beside the caller's; 0 for what the environment variable `RAYON_NUM_THREADS` says,
+/// or as many as the machine has, which is what a process begins with. Results have the same bits for any number. A batch that is run inside a rayon pool uses
 /// that pool, whatever was set. The threads are started here.
 ///
 /// # Errors
@@ -174,7 +172,7 @@ pub fn set_threads(threads: usize) -> Result<(), Error> {
     let pool = make(threads).map_err(|error| {
         refused(format!("{threads}, which the system does not give ({error})"), "fewer threads".to_owned())
     })?;
-    let kept = pool.is_some().then(|| Kept { process: std::process::id(), wanted: threads, pool });
+    let kept = Some(Kept { process: std::process::id(), wanted: threads, pool });
     WANTED.store(threads, Ordering::Relaxed);
     // Where another thread has the lock, the next batch makes the pool.
     if let Ok(mut guard) = POOL.try_write() {
