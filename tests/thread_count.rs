@@ -4,7 +4,7 @@
 use phipsi::Error;
 use phipsi::batch::{Batch, Pool, set_threads, threads};
 use std::collections::HashSet;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Barrier, Mutex};
 use std::thread::ThreadId;
 use std::time::{Duration, Instant};
@@ -38,10 +38,10 @@ fn threads_that_meet(wanted: usize) -> usize {
     seen.into_inner().unwrap().len()
 }
 
-/// A batch that one thread is busy with for long does not hold up another thread's, which ends first.
+/// A batch that one thread is busy with for long does not hold up another thread's: that ends when much of the long one is still to do.
 fn a_short_batch_ends_before_a_long_one() {
     let (pool, short_has_ended) = (Pool::default(), AtomicBool::new(false));
-    let (begun, gone) = (Barrier::new(2), Instant::now());
+    let (begun, gone, done) = (Barrier::new(2), Instant::now(), AtomicUsize::new(0));
     let batch = |states| Batch { states, cost: 1_000_000, pool: &pool, make: || () };
     std::thread::scope(|scope| {
         let long = scope.spawn(|| {
@@ -53,6 +53,7 @@ fn a_short_batch_ends_before_a_long_one() {
                 if !short_has_ended.load(Ordering::Relaxed) && gone.elapsed() < Duration::from_secs(20) {
                     std::thread::sleep(Duration::from_millis(1));
                 }
+                done.fetch_add(1, Ordering::Relaxed);
                 Ok(())
             });
             assert_eq!(outcome, Ok(()));
@@ -60,7 +61,9 @@ fn a_short_batch_ends_before_a_long_one() {
         });
         begun.wait();
         assert_eq!(batch(64).run(&mut [0.0; 64], |(), _, _| Ok(())), Ok(()));
+        let done_before = done.load(Ordering::Relaxed);
         short_has_ended.store(true, Ordering::Relaxed);
+        assert!(done_before < 1900, "the short batch waited for {done_before} of 2000 states of the long one");
         assert!(long.join().unwrap(), "the short batch waited for the long one");
     });
 }
