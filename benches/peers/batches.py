@@ -19,7 +19,7 @@ def of_phipsi(problem: Problem, threads: int = 1) -> Iterator[Entry]:
     scene, q, qd, tau, qdd = problem.scene, problem.q, problem.qd, problem.tau, problem.qdd
     library = "phipsi" if threads == 1 else f"phipsi, {threads} threads"
 
-    def entry(operation: str, call: str, loop: Callable[[], Any]) -> Entry:
+    def entry(operation: str, call: str, loop: Callable[[], Any], library: str = library) -> Entry:
         return Entry(operation + "_batch", library, call, loop, lambda result: result[-1])
 
     for form in ("covariance", "auto"):
@@ -30,6 +30,11 @@ def of_phipsi(problem: Problem, threads: int = 1) -> Iterator[Entry]:
     for form in ("covariance", "auto"):
         loop = lambda form=form: scene.mass_matrix_inverse(q, form=form)  # noqa: E731
         yield entry("mass_matrix_inverse", f"mass_matrix_inverse, {form}", loop)
+    # Beside the others, not among them: a new array of so many matrices is paid page by page, and a peer's loop has that array too.
+    out, kept = np.empty((len(problem), scene.nv, scene.nv)), f"{library}, out="
+    yield entry("mass_matrix", "mass_matrix", lambda: scene.mass_matrix(q, out=out), kept)
+    loop = lambda: scene.mass_matrix_inverse(q, form="covariance", out=out)  # noqa: E731
+    yield entry("mass_matrix_inverse", "mass_matrix_inverse, covariance", loop, kept)
 
 
 def of_pinocchio(problem: Problem) -> Iterator[Entry]:
