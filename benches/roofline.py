@@ -44,6 +44,8 @@ COUNTED_AS = {
 }
 COLOURS = ("#0072b2", "#56b4e9", "#d55e00", "#009e73", "#aa3377", "#b8860b")
 MARKERS = "osD^v"
+#: Of one state four columns go in a register, where there are registers of four.
+BY_COLUMNS = ("mass matrix", "inverse of the mass matrix")
 #: A limit that explains this much of the time is said to bound it.
 MOST = 0.5
 
@@ -51,9 +53,10 @@ TERMS = """\
 - Operations are counted by running the generic code on a counting scalar (`phipsi::report::operations`): a product with a sum is two, a
   division one, a sine with its cosine 52, as our polynomials have it. The baseline calls the standard library's instead.
 - A batch is 4096 states, of which a chunk of as many as there are lanes is computed at a time. One state runs one number to a register,
-  M and M^-1 four.
+  M and M^-1 four. Forward and inverse dynamics of g1 take its legs and arms side by side, up to four, where they go: of these the share is still that of the peak
+  of one number a register, which is no bound there.
 - Peak: products with sums on twelve registers that do not wait for each other, on the same arm, the fastest of many; for one state the
-  peak of one lane, on AVX-512 of AVX2, whose registers are as wide as any that it uses. On the baseline, which has no fused products, a product and a sum
+  peak of one lane but for M and M^-1, and on AVX-512 of AVX2, whose registers are as wide as any that it uses. On the baseline, which has no fused products, a product and a sum
   of one number a register: this build puts none side by side (docs/lanes.md).
 - Bytes (kB): arguments, scratch and results of one state and its part of the scene's constants, which the states of a chunk share; each array
   counted once however often it is read. Bandwidth: numbers read, changed and written back, in L1 or L2, wherever the chunk fits.
@@ -112,13 +115,14 @@ def judged(found: Row) -> list[Row]:
     rows = []
     for case in found["cases"]:
         arm, ns = roof(found["arms"], case["arm"], case["states"]), case["ns"]
-        width = arm["lanes"]
+        # How much of a register stays empty.
+        unused = arm["lanes"] if case["states"] == 1 and case["algorithm"] not in BY_COLUMNS else 1
         case["bytes"] = case["of_state"] + case["of_scene"] / case["lanes"]
-        peak = arm["gflops"] / (width if case["states"] == 1 else 1)
+        peak = arm["gflops"] / unused
         # At the rate of full registers, which one number a register cannot reach.
         divisions = case["operations"]["divisions"] * arm["division_ns"]
         level = "l1" if case["bytes"] * case["lanes"] <= found["caches"][0] else "l2"
-        bandwidth = arm[f"{level}_update"] / (width if case["states"] == 1 else 1)
+        bandwidth = arm[f"{level}_update"] / unused
         limits = {
             "operations": case["flops"] / peak,
             "divisions": divisions,

@@ -10,6 +10,7 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 import pinocchio as pin
+from compare import BATCH, INTO_GIVEN
 from contestants import Entry, mujoco_model, pinocchio_arrays, pinocchio_model, symmetric
 from problems import Array, Problem
 
@@ -19,8 +20,8 @@ def of_phipsi(problem: Problem, threads: int = 1) -> Iterator[Entry]:
     scene, q, qd, tau, qdd = problem.scene, problem.q, problem.qd, problem.tau, problem.qdd
     library = "phipsi" if threads == 1 else f"phipsi, {threads} threads"
 
-    def entry(operation: str, call: str, loop: Callable[[], Any], library: str = library) -> Entry:
-        return Entry(operation + "_batch", library, call, loop, lambda result: result[-1])
+    def entry(operation: str, call: str, loop: Callable[[], Any]) -> Entry:
+        return Entry(operation + BATCH, library, call, loop, lambda result: result[-1])
 
     for form in ("covariance", "auto"):
         loop = lambda form=form: scene.forward_dynamics(q, qd, tau, form=form)  # noqa: E731
@@ -30,11 +31,11 @@ def of_phipsi(problem: Problem, threads: int = 1) -> Iterator[Entry]:
     for form in ("covariance", "auto"):
         loop = lambda form=form: scene.mass_matrix_inverse(q, form=form)  # noqa: E731
         yield entry("mass_matrix_inverse", f"mass_matrix_inverse, {form}", loop)
-    # Beside the others, not among them: a new array of so many matrices is paid page by page, and a peer's loop has that array too.
-    out, kept = np.empty((len(problem), scene.nv, scene.nv)), f"{library}, out="
-    yield entry("mass_matrix", "mass_matrix", lambda: scene.mass_matrix(q, out=out), kept)
-    loop = lambda: scene.mass_matrix_inverse(q, form="covariance", out=out)  # noqa: E731
-    yield entry("mass_matrix_inverse", "mass_matrix_inverse, covariance", loop, kept)
+    # A new array of so many matrices is paid page by page.
+    out = np.empty((len(problem), scene.nv, scene.nv))
+    yield entry("mass_matrix", f"mass_matrix{INTO_GIVEN}", lambda: scene.mass_matrix(q, out=out))
+    inverse = "mass_matrix_inverse"
+    yield entry(inverse, f"{inverse}, covariance{INTO_GIVEN}", lambda: scene.mass_matrix_inverse(q, form="covariance", out=out))
 
 
 def of_pinocchio(problem: Problem) -> Iterator[Entry]:

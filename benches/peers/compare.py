@@ -40,6 +40,8 @@ OPERATIONS = {
 }
 #: Pinocchio has no batches on one core: its peer is the same call, one state at a time.
 BATCH = "_batch"
+#: What calls from Python end in that write into the caller's array.
+INTO_GIVEN = ", out="
 #: Forms that are measured beside covariance, where there are forms.
 FORMS = {"forward_dynamics": ("auto", "square-root"), "mass_matrix_inverse": ("auto",)}
 #: The arm on which batches are measured too, where the machine has a wider one.
