@@ -95,6 +95,7 @@ impl Scene {
             self.zeros_item(),
             self.renamed_item(),
             self.levers_item(),
+            self.axis_masses_item(),
             self.massless_item(),
             self.planar_item(),
         ];

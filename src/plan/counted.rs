@@ -2,7 +2,7 @@
 
 use super::{NOTHING, Omission, counted};
 use crate::batch::chunk::{Algorithm, Arguments};
-use crate::dynamics::lean::turns_about_an_axis;
+use crate::dynamics::lean::{bodies_off_axis, turns_about_an_axis};
 use crate::filter::Form;
 use crate::report::operations::{Count, Task, count as count_as_run, count_in_six_vectors, count_lean, of_factor};
 use crate::scalar::Operations;
@@ -60,6 +60,24 @@ impl Scene {
                 count,
                 why: "the origins coincide: nothing has a moment about the other",
                 saved: counted(count, "lever", "levers") + ", in P, forces and motions",
+                operations: saved,
+                ..NOTHING
+            },
+        )
+    }
+
+    /// Masses on joints' axes, of the same joints.
+    pub(super) fn axis_masses_item(&self) -> Omission {
+        let count = bodies_off_axis(self.model());
+        let saved = self.saved_of_lean(count, |omissions| omissions.axis_masses = false);
+        self.switched(
+            "axis_masses",
+            Omission {
+                what: "mass along joints' axes, in forces",
+                count,
+                why: "it has no moment about the axis and looks the same at every angle: the parent carries it, or the base",
+                saved: counted(count, "mass, first moment and second moment", "masses, first moments and second moments")
+                    + " along an axis",
                 operations: saved,
                 ..NOTHING
             },

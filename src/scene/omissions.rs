@@ -19,6 +19,9 @@ pub struct Omissions {
     pub renamed_axes: bool,
     /// Levers that are zero, of the same joints.
     pub zero_levers: bool,
+    /// What the force of a body that turns has of the mass along its joint's axis: its parent carries that, to which it looks the same at every angle.
+    /// Of the same joints, inverse dynamics, the bias, and forward dynamics in covariance form.
+    pub axis_masses: bool,
     /// The force that a body without inertia needs.
     pub massless_bodies: bool,
     /// Components of forces and motions across the plane, where all joints move in one: 3-vectors instead of 6-vectors, in the algorithms of
@@ -35,12 +38,13 @@ pub type Switch = fn(&mut Omissions) -> &mut bool;
 
 impl Omissions {
     /// The switches by name.
-    pub const SWITCHES: [(&'static str, Switch); 9] = [
+    pub const SWITCHES: [(&'static str, Switch); 10] = [
         ("fixed_joints", |of| &mut of.fixed_joints),
         ("base_links", |of| &mut of.base_links),
         ("exact_zeros", |of| &mut of.exact_zeros),
         ("renamed_axes", |of| &mut of.renamed_axes),
         ("zero_levers", |of| &mut of.zero_levers),
+        ("axis_masses", |of| &mut of.axis_masses),
         ("massless_bodies", |of| &mut of.massless_bodies),
         ("planar", |of| &mut of.planar),
         ("zero_velocity", |of| &mut of.zero_velocity),
@@ -56,6 +60,7 @@ impl Omissions {
             exact_zeros: true,
             renamed_axes: true,
             zero_levers: true,
+            axis_masses: true,
             massless_bodies: true,
             planar: true,
             zero_velocity: true,
@@ -72,6 +77,7 @@ impl Omissions {
             exact_zeros: false,
             renamed_axes: false,
             zero_levers: false,
+            axis_masses: false,
             massless_bodies: false,
             planar: false,
             zero_velocity: false,

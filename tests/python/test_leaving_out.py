@@ -20,6 +20,7 @@ SWITCHES = (
     "exact_zeros",
     "renamed_axes",
     "zero_levers",
+    "axis_masses",
     "massless_bodies",
     "planar",
     "zero_velocity",

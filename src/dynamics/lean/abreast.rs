@@ -1,6 +1,6 @@
 //! A scene with its [limbs side by side](super::limbs): fewer bodies, in each lane the numbers of another limb.
 
-use super::body::{Carrier, LeanBody, LeanModel, Turning, interleaved};
+use super::body::{Carrier, LeanBody, LeanModel, Turning, interleaved, link_turns};
 use super::frames::Framed;
 use super::limbs::{ABREAST, Bundle, bundles};
 use super::scratch::LeanScratch;
@@ -138,6 +138,9 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
                 .parent
                 .is_some_and(|parent| (0..ABREAST).all(|lane| whole.bodies[bundles[parent].body(lane)].is_definite)),
             is_leaf: last_child[k].is_none(),
+            first_turn: 0,
+            next_turn: 0,
+            carries_shifts: false,
             is_on_all_limbs: bundle.bodies.iter().all(Option::is_some),
             ..whole.bodies[bundle.first()].clone()
         };
@@ -176,7 +179,8 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
         bodies.push(body);
     }
     turning.sort_by_key(|turning| turning.place);
-    let bodies = order.iter().map(|&k| bodies[k].clone()).collect();
+    let mut bodies: Vec<_> = order.iter().map(|&k| bodies[k].clone()).collect();
+    link_turns(&mut bodies);
     let roots = order.iter().map(|&k| roots[k]).collect();
     LeanModel {
         bodies,

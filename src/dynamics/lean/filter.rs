@@ -112,60 +112,80 @@ impl<T: Real> Inward<'_, T> {
         own: &mut Own<T>,
         watched: &mut Watched<T>,
     ) {
-        let row = body.row;
+        let noise = Noise::of(self.system, self.noise[body.row]);
+        // All of it in each arm: what both begin with would be there at once, and not in registers.
+        if noise.skips_zeros {
+            self.about_z_past::<SIDES, false>(body, noise, own, watched);
+        } else {
+            self.about_z_past::<SIDES, true>(body, noise, own, watched);
+        }
+    }
+
+    /// The same; whether row and column 2 of P^+ are there is known.
+    ///
+    /// P leaves before anything is written: the compiler could take that for P's, and would read all of it before.
+    #[inline(always)]
+    fn about_z_past<const SIDES: usize, const NOISY: bool>(
+        &mut self,
+        body: &LeanBody<T::Parameter>,
+        noise: Noise<T>,
+        own: &mut Own<T>,
+        watched: &mut Watched<T>,
+    ) {
+        let (row, turn) = (body.row, own.turn);
+        let noise = Noise { skips_zeros: !NOISY, ..noise };
         let arrived = &self.arriving[body.places.inward];
-        let sense = arrived.force[0].everywhere(body.sense);
-        let noise = Noise::of(self.system, self.noise[row]);
-        let p = with_noise(body, &arrived.p);
-        let scale = scale_of(body, &arrived.scale);
-        let (m, column) = measured(noise, &p);
-        self.measured[row] = m;
-        self.monitor.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
-        let mut force = own.force;
-        if SIDES >= FILTER {
-            let z = sum(own.force, &arrived.force);
-            (self.innovations[row], force) = measure(noise, &m, sense * self.tau[row], &z);
-        }
+        let (m, column) = measured(noise, &pivot_column(body, &arrived.p));
+        let (scale, sent_scale) = (scale_of(body, &arrived.scale), sent(body, &diagonal(body, &arrived.p)));
+        let mut kept_diagonal = m.gain;
         if SIDES == WATCH {
-            own.force = force;
-            self.near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
+            kept_diagonal = diagonal_past(noise, &diagonal(body, &arrived.p), &column, &m);
         }
-        // Before P leaves; where nothing is watched nobody reads it.
-        let kept_diagonal = if SIDES == WATCH { kept_diagonal(noise, &p, &column, &m) } else { m.gain };
         if body.parent.is_some() {
+            let p = with_noise(body, &arrived.p);
             let to = &mut self.arriving[body.places.parent_inward];
-            arrive_bounds(body, sent(body, &p), &mut to.scale);
             match body.carrier {
                 Carrier::Turn(axis) => {
-                    let turn = own.turn;
-                    if SIDES >= FILTER {
-                        let sent = in_joint_frame(body, turn, &force);
-                        about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
-                    }
                     // Not all of it for each axis, which takes no less time here and the compiler more.
-                    let sent = if noise.skips_zeros {
-                        carried::<T, false>(body, turn, &p, &column, (&m, noise.variance))
-                    } else {
-                        carried::<T, true>(body, turn, &p, &column, (&m, noise.variance))
-                    };
+                    let sent = carried::<T, NOISY>(body, turn, &p, &column, (&m, noise.variance));
                     about!(axis, X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
                 }
                 Carrier::Shift(at) => {
+                    let kept = unpacked(&kept::<T, NOISY>(&p, &column, (&m, noise.variance)));
                     let shift = &self.shifts[at];
-                    if SIDES >= FILTER {
-                        arrive(body, &shift.force_to_parent(&force.into()).into(), &mut to.force);
-                    }
-                    let sent = if noise.skips_zeros {
-                        shift.inertia_to_parent_past_z(&unpacked(&kept::<T, false>(&p, &column, (&m, noise.variance))))
-                    } else {
-                        shift.inertia_to_parent(&unpacked(&kept::<T, true>(&p, &column, (&m, noise.variance))))
-                    };
+                    let sent =
+                        if NOISY { shift.inertia_to_parent(&kept) } else { shift.inertia_to_parent_past_z(&kept) };
                     arrive(body, &packed(&sent), &mut to.p);
                 }
             }
+            arrive_bounds(body, sent_scale, &mut to.scale);
         }
+        self.monitor.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
+        if SIDES >= FILTER {
+            let z = sum(own.force, &self.arriving[body.places.inward].force);
+            let sense = z[0].everywhere(body.sense);
+            let (e, force) = measure(noise, &m, sense * self.tau[row], &z);
+            if body.parent.is_some() {
+                let to = &mut self.arriving[body.places.parent_inward];
+                match body.carrier {
+                    Carrier::Turn(axis) => {
+                        let sent = in_joint_frame(body, turn, &force);
+                        about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
+                    }
+                    Carrier::Shift(at) => {
+                        arrive(body, &self.shifts[at].force_to_parent(&force.into()).into(), &mut to.force);
+                    }
+                }
+            }
+            self.innovations[row] = e;
+            if SIDES == WATCH {
+                own.force = force;
+                self.near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
+            }
+        }
+        self.measured[row] = m;
         if SIDES == WATCH {
-            self.watch_about_z(body, own.turn, &kept_diagonal, watched);
+            self.watch_about_z(body, turn, &kept_diagonal, watched);
         }
     }
 
@@ -427,6 +447,37 @@ fn with_noise<T: Real>(body: &LeanBody<T::Parameter>, arrived: &[T; 21]) -> [T; 
     ]
 }
 
+/// Of the same P^- column 2, which H picks.
+#[inline(always)]
+fn pivot_column<T: Real>(body: &LeanBody<T::Parameter>, arrived: &[T; 21]) -> [T; 6] {
+    let [_, _, xz, _, yz, zz] = body.rotational;
+    let (like, [x, y, _]) = (arrived[5], body.first_moment);
+    [
+        arrived[2] + like.everywhere(xz),
+        arrived[4] + like.everywhere(yz),
+        arrived[5] + like.everywhere(zz),
+        arrived[12] - like.everywhere(y),
+        arrived[13] + like.everywhere(x),
+        arrived[14],
+    ]
+}
+
+/// And the diagonal.
+#[inline(always)]
+fn diagonal<T: Real>(body: &LeanBody<T::Parameter>, arrived: &[T; 21]) -> [T; 6] {
+    let [xx, _, _, yy, _, zz] = body.rotational;
+    let like = arrived[0];
+    let m = like.everywhere(body.mass);
+    [
+        arrived[0] + like.everywhere(xx),
+        arrived[3] + like.everywhere(yy),
+        arrived[5] + like.everywhere(zz),
+        arrived[15] + m,
+        arrived[18] + m,
+        arrived[20] + m,
+    ]
+}
+
 /// The terms of the diagonal of M(k).
 #[inline(always)]
 fn terms_of_noise<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> [T; 6] {
@@ -462,11 +513,11 @@ fn sent_terms<T: Real>(body: &LeanBody<T::Parameter>, kept: &Vector6<T>) -> [T; 
 
 /// D and g of a turn (3.6, 3.10), with P^- H^T but for the entry that H picks.
 #[inline(always)]
-fn measured<T: Real>(noise: Noise<T>, p: &[T; 21]) -> (Measured<T>, [T; 5]) {
-    let pivot = p[5] + noise.variance;
+fn measured<T: Real>(noise: Noise<T>, &[c0, c1, c2, c3, c4, c5]: &[T; 6]) -> (Measured<T>, [T; 5]) {
+    let pivot = c2 + noise.variance;
     let pivot_inverse = pivot.recip();
-    let column = [p[2], p[4], p[12], p[13], p[14]];
-    let own = if noise.skips_zeros { pivot.constant(1.0) } else { p[5] * pivot_inverse };
+    let column = [c0, c1, c3, c4, c5];
+    let own = if noise.skips_zeros { pivot.constant(1.0) } else { c2 * pivot_inverse };
     let gain = Vector6::new(
         column[0] * pivot_inverse,
         column[1] * pivot_inverse,
@@ -478,23 +529,23 @@ fn measured<T: Real>(noise: Noise<T>, p: &[T; 21]) -> (Measured<T>, [T; 5]) {
     (Measured { pivot, pivot_inverse, gain }, column)
 }
 
-/// The diagonal of P^+.
+/// The diagonal of P^+, of that of P^-.
 #[inline(always)]
-fn kept_diagonal<T: Real>(
+fn diagonal_past<T: Real>(
     noise: Noise<T>,
-    p: &[T; 21],
+    &[p0, p1, _, p3, p4, p5]: &[T; 6],
     [ph0, ph1, ph3, ph4, ph5]: &[T; 5],
     m: &Measured<T>,
 ) -> Vector6<T> {
     let g = &m.gain;
     let own = if noise.skips_zeros { g[2].constant(0.0) } else { noise.variance * g[2] };
     Vector6::new(
-        p[0].minus_product(g[0], *ph0),
-        p[3].minus_product(g[1], *ph1),
+        p0.minus_product(g[0], *ph0),
+        p1.minus_product(g[1], *ph1),
         own,
-        p[15].minus_product(g[3], *ph3),
-        p[18].minus_product(g[4], *ph4),
-        p[20].minus_product(g[5], *ph5),
+        p3.minus_product(g[3], *ph3),
+        p4.minus_product(g[4], *ph4),
+        p5.minus_product(g[5], *ph5),
     )
 }
 
@@ -519,10 +570,10 @@ fn measure<T: Real>(noise: Noise<T>, m: &Measured<T>, measurement: T, z: &[T; 6]
 
 /// What P^- of a stage can bring to the entries of its parent, as [`Scale::sent_by`] has it.
 #[inline(always)]
-fn sent<T: Real>(body: &LeanBody<T::Parameter>, p: &[T; 21]) -> Scale<T> {
-    let like = p[0];
-    let four = like.constant(4.0);
-    let (a, b) = (p[0] + p[3] + p[5], p[15] + p[18] + p[20]);
+fn sent<T: Real>(body: &LeanBody<T::Parameter>, diagonal: &[T; 6]) -> Scale<T> {
+    let [p0, p1, p2, p3, p4, p5] = *diagonal;
+    let (like, four) = (p0, p0.constant(4.0));
+    let (a, b) = (p0 + p1 + p2, p3 + p4 + p5);
     Scale { angular: four * b.mul_add(like.everywhere(body.lever_square), a), linear: four * b }
 }
 

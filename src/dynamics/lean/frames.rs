@@ -6,6 +6,7 @@
 //! its z at zero angle by what is no renaming of axes, a constant *offset* of the angle.
 
 use super::body::Carrier;
+use super::loads::{Load, loads};
 use super::turn::{AboutAxis, Renaming};
 use crate::scene::{Body, Model, Motion};
 use nalgebra::{Matrix3, Vector6};
@@ -19,6 +20,8 @@ pub(super) struct Framed {
     pub offsets: Vec<Option<[f64; 2]>>,
     /// From each body's frame in the model, zeros and ones.
     pub from_model: Vec<Matrix3<f64>>,
+    /// What their forces see of them.
+    pub loads: Vec<Load<f64>>,
 }
 
 impl Framed {
@@ -29,6 +32,7 @@ impl Framed {
             carriers: Vec::with_capacity(count),
             offsets: Vec::with_capacity(count),
             from_model: Vec::with_capacity(count),
+            loads: Vec::new(),
         };
         let mut shifts = 0;
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
@@ -54,6 +58,7 @@ impl Framed {
             framed.offsets.push(offset);
             framed.from_model.push(frame);
         }
+        framed.loads = loads(model, &framed.bodies, &framed.carriers);
         framed
     }
 }

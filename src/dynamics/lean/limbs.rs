@@ -44,6 +44,7 @@ struct Kind {
     from: [u8; 3],
     has_lever: bool,
     needs_no_force: bool,
+    is_off_axis: bool,
     is_noise_free: bool,
     is_measured: bool,
 }
@@ -75,6 +76,7 @@ impl Likeness {
                 from: Renaming::of(&framed.from_model[k], |x| x).from,
                 has_lever: body.tree.lever.iter().any(|&x| x != 0.0),
                 needs_no_force: body.needs_no_force,
+                is_off_axis: framed.loads[k].is_off_axis,
                 is_noise_free: row.clone().all(|row| system.is_noise_free(row)),
                 is_measured: row.clone().all(|row| system.is_measured(row)),
             })

@@ -1,10 +1,12 @@
 //! Base to tip: how each body moves, and the force that this motion needs.
 //!
 //! The acceleration here is that of the point at the frame's origin, a + w x v of the spatial one: three vectors are carried instead of
-//! four, and nothing large is added that would have to cancel again.
+//! four, and nothing large is added that would have to cancel again. A body's [`Spin`] gives the accelerations of all its points relative to that one: those
+//! of what hangs on it by a turn are sent there at once.
 
 use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
+use super::loads::Load;
 use super::scratch::{LeanScratch, Moving, Own};
 use super::turn::{Axis, Turn, about};
 use crate::dynamics::forces::{Motion, Needed};
@@ -36,13 +38,6 @@ pub(super) fn minus_cross_number<T: Real>(a: [T; 3], k: [T::Parameter; 3], c: [T
     ]
 }
 
-/// a x k, k in every lane.
-#[inline(always)]
-fn crossed_number<T: Real>(a: [T; 3], k: [T::Parameter; 3]) -> [T; 3] {
-    let (x, y, z) = (a[0].everywhere(k[0]), a[0].everywhere(k[1]), a[0].everywhere(k[2]));
-    [(a[1] * z).minus_product(a[2], y), (a[2] * x).minus_product(a[0], z), (a[0] * y).minus_product(a[1], x)]
-}
-
 /// a x b + c.
 #[inline(always)]
 pub(super) fn cross<T: Real>(a: [T; 3], b: [T; 3], c: [T; 3]) -> [T; 3] {
@@ -53,16 +48,103 @@ pub(super) fn cross<T: Real>(a: [T; 3], b: [T; 3], c: [T; 3]) -> [T; 3] {
     ]
 }
 
-/// I v, I symmetric, in every lane.
-#[inline(always)]
-fn inertia_times<T: Real>(i: [T::Parameter; 6], v: [T; 3]) -> [T; 3] {
-    let [xx, xy, xz, yy, yz, zz] = i;
-    let o = v[0];
-    [
-        v[0].mul_add(o.everywhere(xx), v[1].mul_add(o.everywhere(xy), v[2] * o.everywhere(xz))),
-        v[0].mul_add(o.everywhere(xy), v[1].mul_add(o.everywhere(yy), v[2] * o.everywhere(yz))),
-        v[0].mul_add(o.everywhere(xz), v[1].mul_add(o.everywhere(yz), v[2] * o.everywhere(zz))),
-    ]
+/// Each in every lane.
+macro_rules! everywhere {
+    ($like:expr, $($number:expr),+) => { [$($like.everywhere($number)),+] };
+}
+
+/// How the acceleration of a body's points varies in it: U = dw~ + w~ w~.
+struct Spin<T> {
+    /// U_yz, U_zx, U_xy, and U_zy, U_xz, U_yx.
+    after: [T; 3],
+    before: [T; 3],
+    /// What the diagonal takes away: w_y^2 + w_z^2, and so on. Zero without velocities and not read, as all below.
+    pull: [T; 3],
+    dw: [T; 3],
+    /// w_x^2, w_y^2, w_z^2, and w_y w_z, w_z w_x, w_x w_y.
+    squares: [T; 3],
+    products: [T; 3],
+    has_velocity: bool,
+}
+
+impl<T: Real> Spin<T> {
+    #[inline(always)]
+    fn of([x, y, z]: [T; 3], dw: [T; 3], needed: Needed) -> Self {
+        let [dx, dy, dz] = dw;
+        if !needed.velocity {
+            let none = [x.constant(0.0); 3];
+            let after = [-dx, -dy, -dz];
+            return Self { after, before: dw, pull: none, dw, squares: none, products: none, has_velocity: false };
+        }
+        let (squares, products) = ([x * x, y * y, z * z], [y * z, z * x, x * y]);
+        let ([xx, yy, zz], [yz, zx, xy]) = (squares, products);
+        let (after, before) = ([yz - dx, zx - dy, xy - dz], [yz + dx, zx + dy, xy + dz]);
+        Self { after, before, pull: [yy + zz, zz + xx, xx + yy], dw, squares, products, has_velocity: true }
+    }
+
+    /// U k.
+    #[inline(always)]
+    fn times(&self, k: [T::Parameter; 3]) -> [T; 3] {
+        let [x, y, z] = everywhere!(self.dw[0], k[0], k[1], k[2]);
+        let ([yz, zx, xy], [zy, xz, yx]) = (self.after, self.before);
+        let mut sums = [xy * y, yz * z, zx * x];
+        if self.has_velocity {
+            let [pull_x, pull_y, pull_z] = self.pull;
+            sums =
+                [sums[0].minus_product(pull_x, x), sums[1].minus_product(pull_y, y), sums[2].minus_product(pull_z, z)];
+        }
+        [xz.mul_add(z, sums[0]), yx.mul_add(x, sums[1]), zy.mul_add(y, sums[2])]
+    }
+
+    /// U (x, y, 0).
+    #[inline(always)]
+    fn times_across(&self, x: T::Parameter, y: T::Parameter) -> [T; 3] {
+        let [x, y] = everywhere!(self.dw[0], x, y);
+        let ([_, zx, xy], [zy, _, yx]) = (self.after, self.before);
+        let mut sums = [xy * y, yx * x];
+        if self.has_velocity {
+            sums = [sums[0].minus_product(self.pull[0], x), sums[1].minus_product(self.pull[1], y)];
+        }
+        [sums[0], sums[1], zy.mul_add(y, zx * x)]
+    }
+
+    /// I dw + w x I w.
+    #[inline(always)]
+    fn moment(&self, load: &Load<T::Parameter>) -> [T; 3] {
+        let ([u_yz, u_zx, u_xy], [u_zy, u_xz, u_yx]) = (self.after, self.before);
+        let [dx, dy, dz] = self.dw;
+        let [xx, xy, xz, yy, yz, zz] = load.rotational;
+        let [xx, xy, xz, yy, yz, zz] = everywhere!(dx, xx, xy, xz, yy, yz, zz);
+        // I dw, and of w x I w what products of inertia have but for differences of squares; off the axis dw_x + w_y w_z and dw_y - w_z w_x have it all.
+        let mut n = if load.is_off_axis {
+            [
+                u_yx.mul_add(xz, u_zy * xx).minus_product(u_zx, xy),
+                (u_zy * xy).minus_product(u_zx, yy).minus_product(u_xy, yz),
+                u_xz.mul_add(yz, dz * zz).minus_product(u_yz, xz),
+            ]
+        } else {
+            [
+                u_yx.mul_add(xz, dx * xx).minus_product(u_zx, xy),
+                u_zy.mul_add(xy, dy * yy).minus_product(u_xy, yz),
+                u_xz.mul_add(yz, dz * zz).minus_product(u_yz, xz),
+            ]
+        };
+        if self.has_velocity {
+            let [square_x, square_y, square_z] = self.squares;
+            let [x, y, z] = load.differences;
+            let [around_x, around_y, around_z] = everywhere!(dx, x, y, z);
+            n = [
+                (square_y - square_z).mul_add(yz, n[0]),
+                (square_z - square_x).mul_add(xz, n[1]),
+                self.products[2].mul_add(around_z, (square_x - square_y).mul_add(xy, n[2])),
+            ];
+            if !load.is_off_axis {
+                n[0] = self.products[0].mul_add(around_x, n[0]);
+                n[1] = self.products[1].mul_add(around_y, n[1]);
+            }
+        }
+        n
+    }
 }
 
 /// The turn or shift of every body at `q`: they wait for nothing. Sines and cosines of as many angles at once as `C` holds.
@@ -125,32 +207,36 @@ fn forces<T: Real, const ROOT: bool>(
     motions[0] = [[o; 3], [o; 3], base];
     // Of one length, for the compiler to see: a row of one is a row of the other.
     let state = Motion { qdd: state.qdd.map(|qdd| &qdd[..state.qd.len()]), ..state };
-    for ((place, body), own) in lean.swept().iter().enumerate().zip(own) {
-        let parent = motions[body.places.parent_outward];
+    let bodies = lean.swept();
+    let own = &mut own[..bodies.len()];
+    for (place, body) in bodies.iter().enumerate() {
         let root = if ROOT { Some(&lean.roots[place]) } else { None };
+        let [w, dw, _] = motions[body.places.parent_outward];
         // All of it in each arm: after them the motion would come by way of memory.
-        let to = (&mut motions[..], &mut *own);
         match body.carrier {
             Carrier::Turn(axis) => about!(axis, X, Y, Z, {
-                let [w, dw, a] = parent;
-                let there = [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]];
                 let joint = (state.qd, state.qdd);
                 let moving = if body.parent.is_none() {
-                    on_base(body, to.1.turn, there[2], joint, needed)
+                    on_base(body, own[place].turn, [base[X], base[Y], base[Z]], joint, needed)
                 } else {
-                    turned(body, to.1.turn, there, joint, needed)
+                    let Own { turn, force: [a0, a1, a2, ..] } = own[place];
+                    let a = [a0, a1, a2];
+                    let there = [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]];
+                    turned(body, turn, there, joint, needed)
                 };
-                keep((body, root), moving, needed, to);
+                keep((bodies, place, root), moving, needed, (motions, own));
             }),
             Carrier::Shift(at) if body.is_afloat => {
-                keep((body, root), afloat::moving(body.row, &shifts[at], &base, state, needed), needed, to);
+                let moving = afloat::moving(body.row, &shifts[at], &base, state, needed);
+                keep((bodies, place, root), moving, needed, (motions, own));
             }
             Carrier::Shift(at) => {
+                let parent = motions[body.places.parent_outward];
                 let moving = shifted(&lean.shifting[at], body.row, &shifts[at], &parent, state, needed);
-                keep((body, root), moving, needed, to);
+                keep((bodies, place, root), moving, needed, (motions, own));
             }
         }
-        let outside = if ROOT { &mut added[place] } else { &mut own.force };
+        let outside = if ROOT { &mut added[place] } else { &mut own[place].force };
         if ROOT {
             *outside = [o; 6];
         }
@@ -162,18 +248,45 @@ fn forces<T: Real, const ROOT: bool>(
     }
 }
 
-/// The force, and the motion where a body hangs on this one.
+/// The force; where a body hangs on this one the motion, and of those on a turn the acceleration of their origins, in the frame here: where their forces
+/// will be.
 #[inline(always)]
 fn keep<T: Real>(
-    (body, root): (&LeanBody<T::Parameter>, Option<&BodyRoot<T::Parameter>>),
+    (bodies, place, root): (&[LeanBody<T::Parameter>], usize, Option<&BodyRoot<T::Parameter>>),
     moving: Moving<T>,
     needed: Needed,
-    (motions, own): (&mut [Moving<T>], &mut Own<T>),
+    (motions, own): (&mut [Moving<T>], &mut [Own<T>]),
 ) {
-    own.force = load_of((body, root), &moving, needed);
+    let (body, [w, dw, a]) = (&bodies[place], moving);
+    let spin = Spin::of(w, dw, needed);
     if !body.is_leaf {
-        motions[body.places.outward] = moving;
+        let to = &mut motions[body.places.outward];
+        (to[0], to[1]) = (w, dw);
+        if body.carries_shifts {
+            to[2] = a;
+        }
+        let mut next = body.first_turn;
+        while let Some(child) = next.checked_sub(1) {
+            let child_body = &bodies[child];
+            let mut there = a;
+            if child_body.has_lever {
+                // What waits longest, the acceleration here, comes in last.
+                let [x, y, z] = spin.times(child_body.arm);
+                there = [a[0] + x, a[1] + y, a[2] + z];
+            }
+            let to = &mut own[child].force;
+            (to[0], to[1], to[2]) = (there[0], there[1], there[2]);
+            next = child_body.next_turn;
+        }
     }
+    own[place].force = if body.needs_no_force || !needed.acceleration {
+        [a[0].constant(0.0); 6]
+    } else {
+        match root {
+            Some(root) => coordinates_of(root, &spin, a),
+            None => force_of(&body.load, &spin, a),
+        }
+    };
 }
 
 /// Across a turn of a base that accelerates by `a`, in the joint's frame, and does not turn.
@@ -191,24 +304,16 @@ fn on_base<T: Real>(
     [[o, o, rate], [o, o, acceleration], turn.rotate_back(a)]
 }
 
-/// Across a turn, the parent's motion in the joint's frame: along the lever, about z, and the joint's own.
+/// Across a turn, in the joint's frame the parent's motion and the acceleration of the origin: about z, and the joint's own.
 #[inline(always)]
 fn turned<T: Real>(
     body: &LeanBody<T::Parameter>,
     turn: Turn<T>,
-    [w, dw, mut a]: Moving<T>,
+    [w, dw, a]: Moving<T>,
     (qd, qdd): (&[T], Option<&[T]>),
     needed: Needed,
 ) -> Moving<T> {
     let still = w;
-    if body.has_lever {
-        // What waits longest, the parent's own acceleration, comes in last.
-        let mut moved = crossed_number(dw, body.lever);
-        if needed.velocity {
-            moved = cross(w, crossed_number(w, body.lever), moved);
-        }
-        a = [a[0] + moved[0], a[1] + moved[1], a[2] + moved[2]];
-    }
     let mut dw = turn.rotate_back(dw);
     let w = if needed.velocity {
         let rate = qd[body.row] * still[0].everywhere(body.sense);
@@ -277,63 +382,46 @@ fn back<T: Real>(shift: &crate::spatial::RigidShift<T>, v: [T; 3]) -> [T; 3] {
     [turned[0], turned[1], turned[2]]
 }
 
-/// (I dw + w x I w + m p x a, m a + dw x m p + w x (w x m p)).
+/// (I dw + w x I w + m p x a, m a + U m p).
 #[inline(always)]
-fn force_of<T: Real>(body: &LeanBody<T::Parameter>, [w, dw, a]: &Moving<T>, needed: Needed, like: T) -> [T; 6] {
-    let h = body.first_moment;
-    let m = like.everywhere(body.mass);
-    let mut force = cross_number(*dw, h, [m * a[0], m * a[1], m * a[2]]);
-    let mut moment = inertia_times(body.rotational, *dw);
-    if needed.velocity {
-        force = cross(*w, crossed_number(*w, h), force);
-        moment = cross(*w, inertia_times(body.rotational, *w), moment);
-    }
-    let moment = minus_cross_number(*a, h, moment);
+fn force_of<T: Real>(load: &Load<T::Parameter>, spin: &Spin<T>, a: [T; 3]) -> [T; 6] {
+    let [hx, hy, hz] = load.first_moment;
+    let (like, moment) = (a[0], spin.moment(load));
+    let (moment, force) = if load.is_off_axis {
+        let [x, y] = everywhere!(like, hx, hy);
+        let along = x.mul_add(a[1], moment[2]).minus_product(y, a[0]);
+        ([y.mul_add(a[2], moment[0]), moment[1].minus_product(x, a[2]), along], spin.times_across(hx, hy))
+    } else {
+        let m = like.everywhere(load.mass);
+        let [x, y, z] = spin.times([hx, hy, hz]);
+        let force = [m.mul_add(a[0], x), m.mul_add(a[1], y), m.mul_add(a[2], z)];
+        (minus_cross_number(a, [hx, hy, hz], moment), force)
+    };
     [moment[0], moment[1], moment[2], force[0], force[1], force[2]]
-}
-
-/// The force; with a root, its coordinates.
-#[inline(always)]
-fn load_of<T: Real>(
-    (body, root): (&LeanBody<T::Parameter>, Option<&BodyRoot<T::Parameter>>),
-    moving: &Moving<T>,
-    needed: Needed,
-) -> [T; 6] {
-    let like = moving[2][0];
-    if body.needs_no_force || !needed.acceleration {
-        return [like.constant(0.0); 6];
-    }
-    match root {
-        Some(root) => coordinates_of(root, moving, needed, like),
-        None => force_of(body, moving, needed, like),
-    }
 }
 
 /// y of the force L y that a body of this motion needs, as [`BodyRoot::coordinates`] gives it: linear entries first.
 #[inline(always)]
-fn coordinates_of<T: Real>(root: &BodyRoot<T::Parameter>, [w, dw, a]: &Moving<T>, needed: Needed, like: T) -> [T; 6] {
+fn coordinates_of<T: Real>(root: &BodyRoot<T::Parameter>, spin: &Spin<T>, a: [T; 3]) -> [T; 6] {
+    let like = a[0];
     let o = like.constant(0.0);
-    let centre = root.centre.into();
     // The acceleration of the mass centre.
-    let mut at_centre = cross_number(*dw, centre, *a);
-    if needed.velocity {
-        at_centre = cross(*w, crossed_number(*w, centre), at_centre);
-    }
-    let (mass, c) = (like.everywhere(root.mass), &root.central);
+    let [x, y, z] = spin.times(root.centre.into());
+    let at_centre = [a[0] + x, a[1] + y, a[2] + z];
+    let (mass, c, dw) = (like.everywhere(root.mass), &root.central, spin.dw);
     let turned = [
         like.everywhere(c[(2, 0)]).mul_add(dw[2], like.everywhere(c[(1, 0)]).mul_add(dw[1], dw[0])),
         like.everywhere(c[(2, 1)]).mul_add(dw[2], dw[1]),
         dw[2],
     ];
-    let [wx, wy, wz] = *w;
     let mut y = [mass * at_centre[0], mass * at_centre[1], mass * at_centre[2], o, o, o];
     for i in 0..3 {
         y[3 + i] = like.everywhere(root.weights[i]) * turned[i];
     }
-    if needed.velocity {
-        let products = [wx * wx, wy * wy, wz * wz, wx * wy, wx * wz, wy * wz];
+    if spin.has_velocity {
+        let ([xx, yy, zz], [yz, zx, xy]) = (spin.squares, spin.products);
         for i in 0..3 {
-            for (j, &product) in products.iter().enumerate() {
+            for (j, product) in [xx, yy, zz, xy, zx, yz].into_iter().enumerate() {
                 y[3 + i] = like.everywhere(root.spin[(i, j)]).mul_add(product, y[3 + i]);
             }
         }

@@ -13,7 +13,7 @@ use crate::scene::{Body, Model};
 use crate::spatial::{BodyRoot, RigidShift};
 use nalgebra::Vector6;
 
-/// Angular velocity, angular acceleration and acceleration of the origin.
+/// Angular velocity, angular acceleration and acceleration of the origin (kept for shifts only).
 pub(super) type Moving<T> = [[T; 3]; 3];
 
 /// Of one body, read again by its own later steps only.
@@ -21,7 +21,8 @@ pub(super) type Moving<T> = [[T; 3]; 3];
 pub(super) struct Own<T> {
     /// Of a body on a turn.
     pub turn: Turn<T>,
-    /// b(k), or its coordinates in the body's root; then z(k) in inverse dynamics, and z^+(k) where the digits are watched.
+    /// Of a body on a turn until its step outward, the acceleration of its origin in its parent's frame, in the first three. Then b(k), or its coordinates
+    /// in the body's root; then z(k) in inverse dynamics, and z^+(k) where the digits are watched.
     pub force: [T; 6],
 }
 
