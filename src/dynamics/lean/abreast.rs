@@ -1,9 +1,10 @@
 //! A scene with its [limbs side by side](super::limbs): fewer bodies, in each lane the numbers of another limb.
 
-use super::body::{Carrier, LeanBody, LeanModel, Turning, interleaved, link_turns};
+use super::body::{Carrier, LeanBody, LeanModel, Turning, interleaved};
 use super::frames::Framed;
 use super::limbs::{ABREAST, Bundle, bundles};
 use super::scratch::LeanScratch;
+use super::segment::{Segment, link_turns};
 use super::slots::{Ordered, last_children};
 use crate::filter::Stage;
 use crate::filter::cancellation::weight;
@@ -138,9 +139,6 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
                 .parent
                 .is_some_and(|parent| (0..ABREAST).all(|lane| whole.bodies[bundles[parent].body(lane)].is_definite)),
             is_leaf: last_child[k].is_none(),
-            first_turn: 0,
-            next_turn: 0,
-            carries_shifts: false,
             is_on_all_limbs: bundle.bodies.iter().all(Option::is_some),
             ..whole.bodies[bundle.first()].clone()
         };
@@ -179,12 +177,25 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
         bodies.push(body);
     }
     turning.sort_by_key(|turning| turning.place);
-    let mut bodies: Vec<_> = order.iter().map(|&k| bodies[k].clone()).collect();
-    link_turns(&mut bodies);
+    let bodies: Vec<_> = order.iter().map(|&k| bodies[k].clone()).collect();
+    let segment_of = |body: &LeanBody<Limbs>| {
+        let of_lane = |lane: usize| &whole.segments[whole.at[bundles[body.index].body(lane)]];
+        let first = of_lane(0);
+        let mut segment = Segment::new(body, first.arm, first.load.clone(), first.needs_no_force);
+        for lane in 1..ABREAST {
+            for (number, own) in segment.numbers_mut().zip(of_lane(lane).clone().numbers_mut()) {
+                number.take_limb(lane, own);
+            }
+        }
+        segment
+    };
+    let mut segments: Vec<_> = bodies.iter().map(segment_of).collect();
+    link_turns(&mut segments);
     let roots = order.iter().map(|&k| roots[k]).collect();
     LeanModel {
         bodies,
         reordered: Vec::new(),
+        segments,
         at: swept.at,
         roots,
         composites: Vec::new(),

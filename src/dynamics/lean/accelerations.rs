@@ -1,7 +1,7 @@
 //! Base to tip: the smoother.
 
 use super::afloat;
-use super::body::{Carrier, LeanBody, LeanModel};
+use super::body::{Carrier, LeanModel};
 use super::filter::{ABOUT_Z, in_joint_frame};
 use super::motion::cross_number;
 use super::scratch::{CoState, LeanScratch};
@@ -24,11 +24,11 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
     let LeanScratch { own, shifts, measured, co_states, .. } = scratch;
     // Of one length, for the compiler to see.
     let estimates = &mut estimates[..measured.len()];
-    for (body, own) in lean.swept().iter().zip(own) {
-        let outer = &co_states[body.places.parent_outward];
-        if SEEN && body.parent.is_some() {
+    for (place, (body, own)) in lean.segments.iter().zip(own).enumerate() {
+        let outer = &co_states[body.parent_outward];
+        if SEEN && !body.is_on_base {
             let square = match body.carrier {
-                Carrier::Turn(_) => outer.estimate.everywhere(body.lever_square),
+                Carrier::Turn(_) => outer.estimate.everywhere(lean.swept()[place].lever_square),
                 Carrier::Shift(at) => shifts[at].lever_square(),
             };
             seen.observe_carried(&Vector6::from(outer.whole()), square);
@@ -46,11 +46,12 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
                 let (mut there, its) = (to_turn::<T, X, Y, Z>(&outer.carried), outer.estimate);
                 let (m, to) = (&measured[body.row], &mut estimates[body.row]);
                 // phi g waits for nothing, the estimate not for phi* lambda, and of the parent's estimate only the last step.
-                let g = in_joint_frame(body, own.turn, &m.gain.into());
+                let lever = body.lever_if_any::<X, Y, Z>();
+                let g = in_joint_frame(lever, own.turn, &m.gain.into());
                 let estimate = but_along(*to * m.pivot_inverse, &g, &there).minus_product(g[ITS_Z], its);
                 *to = estimate * estimate.everywhere(body.sense);
                 there[ITS_Z] += its;
-                CoState { carried: carried(body, own.turn, &there), estimate }
+                CoState { carried: carried(lever, own.turn, &there), estimate }
             }),
             Carrier::Shift(at) if body.is_about_z => {
                 let mut lambda: [T; 6] = shifts[at].motion_to_child(&Vector6::from(outer.whole())).into();
@@ -59,8 +60,9 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
                 lambda[ABOUT_Z] += *estimate;
                 CoState::of(lambda)
             }
-            Carrier::Shift(_) if afloat::is_noise_free(body, &model.system) => {
-                CoState::of(afloat::smooth(&measured[afloat::rows(body)], &mut estimates[afloat::rows(body)]))
+            Carrier::Shift(_) if afloat::is_noise_free(body.is_afloat, body.row, &model.system) => {
+                let rows = afloat::rows(body.row);
+                CoState::of(afloat::smooth(&measured[rows.clone()], &mut estimates[rows]))
             }
             Carrier::Shift(at) => {
                 let mut lambda = shifts[at].motion_to_child(&Vector6::from(outer.whole()));
@@ -75,17 +77,17 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
             }
         }
         if !body.is_leaf {
-            co_states[body.places.outward] = lambda;
+            co_states[body.outward] = lambda;
         }
     }
     seen
 }
 
-/// phi* lambda across a turn, lambda in the turn's frame.
+/// phi* lambda across a turn with this lever, if any; lambda in the turn's frame.
 #[inline(always)]
-pub(super) fn carried<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, lambda: &[T; 6]) -> [T; 6] {
+pub(super) fn carried<T: Real>(lever: Option<[T::Parameter; 3]>, turn: Turn<T>, lambda: &[T; 6]) -> [T; 6] {
     let (w, v) = ([lambda[0], lambda[1], lambda[2]], [lambda[3], lambda[4], lambda[5]]);
-    let v = if body.has_lever { cross_number(w, body.lever, v) } else { v };
+    let v = if let Some(lever) = lever { cross_number(w, lever, v) } else { v };
     let (w, v) = (turn.rotate_back(w), turn.rotate_back(v));
     [w[0], w[1], w[2], v[0], v[1], v[2]]
 }

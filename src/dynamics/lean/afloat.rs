@@ -1,7 +1,6 @@
 //! A body that floats: all six rows on the base, measured without noise. Nothing goes on from it, and what a row is measured at is exactly
 //! zero for those after it, so that each row has one column less.
 
-use super::body::LeanBody;
 use super::motion::cross;
 use super::scratch::Moving;
 use crate::dynamics::forces::{Motion, Needed};
@@ -168,14 +167,14 @@ pub(super) fn smooth<T: Real>(measured: &[Measured<T>], estimates: &mut [T]) -> 
     lambda
 }
 
-/// Whether a body that is afloat is measured without noise now: friction, taken implicitly, comes and goes.
+/// Whether a body is afloat and measured without noise now: friction, taken implicitly, comes and goes.
 #[inline(always)]
-pub(super) fn is_noise_free<T: Real>(body: &LeanBody<T::Parameter>, system: &System<T>) -> bool {
-    body.is_afloat && rows(body).all(|row| system.is_noise_free(row))
+pub(super) fn is_noise_free<T: Real>(is_afloat: bool, first_row: usize, system: &System<T>) -> bool {
+    is_afloat && rows(first_row).all(|row| system.is_noise_free(row))
 }
 
 /// Rows of a body that floats among those of the state.
 #[inline(always)]
-pub(super) fn rows<N>(body: &LeanBody<N>) -> std::ops::Range<usize> {
-    body.row..body.row + 6
+pub(super) fn rows(first_row: usize) -> std::ops::Range<usize> {
+    first_row..first_row + 6
 }

@@ -2,7 +2,7 @@
 
 use super::frames::Framed;
 use super::limbs::ranks;
-use super::loads::Load;
+use super::segment::{Segment, link_turns};
 use super::slots::{Ordered, Places, SlotCounts, last_children};
 use super::turn::{Axis, Renaming};
 use crate::filter::pivots::Scale;
@@ -68,8 +68,6 @@ pub(super) struct LeanBody<N> {
     pub row: usize,
     /// Of a turn, from the parent's origin to the body's, in the turn's frame: the body's at its zero angle.
     pub lever: [N; 3],
-    /// The same in the parent's frame.
-    pub arm: [N; 3],
     /// Whether the lever is there: not zero, or not left out.
     pub has_lever: bool,
     /// The lever's square.
@@ -84,9 +82,6 @@ pub(super) struct LeanBody<N> {
     pub terms: [N; 6],
     /// Twice the squares of its entries.
     pub lever_squares: [N; 3],
-    /// The body as its force sees it; nothing of one that needs none.
-    pub load: Load<N>,
-    pub needs_no_force: bool,
     /// Whether its one row is a turn about z, and whether it is [afloat](super::afloat).
     pub is_about_z: bool,
     pub is_afloat: bool,
@@ -101,11 +96,6 @@ pub(super) struct LeanBody<N> {
     pub places: Places,
     /// Whether anything hangs on it.
     pub is_leaf: bool,
-    /// One past the place, in the order of these sweeps, of the first turn that hangs on it, and of the next one on its own parent; 0 where there is none.
-    pub first_turn: usize,
-    pub next_turn: usize,
-    /// Whether anything but turns hangs on it.
-    pub carries_shifts: bool,
     /// The body before it on the same parent.
     pub sibling: Option<usize>,
     /// How many rows there are from the base to its own.
@@ -123,28 +113,22 @@ impl<N> LeanBody<N> {
         self.parent.is_some() && !self.places.arrives_first
     }
 
+    /// The lever, if it has one.
+    #[inline(always)]
+    pub fn lever_if_any(&self) -> Option<[N; 3]>
+    where
+        N: Copy,
+    {
+        if self.has_lever { Some(self.lever) } else { None }
+    }
+
     /// Its numbers.
     #[cfg(target_arch = "x86_64")]
     pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
         let one = [&mut self.sense, &mut self.lever_square, &mut self.mass];
-        let three =
-            [&mut self.frame.sign, &mut self.lever, &mut self.arm, &mut self.first_moment, &mut self.lever_squares];
+        let three = [&mut self.frame.sign, &mut self.lever, &mut self.first_moment, &mut self.lever_squares];
         let six = [&mut self.rotational, &mut self.terms];
-        let of_body = one.into_iter().chain(three.into_iter().flatten()).chain(six.into_iter().flatten());
-        of_body.chain(&mut self.scale).chain(self.load.numbers_mut())
-    }
-}
-
-/// Tells each body which turns hang on it; in the order of the sweeps.
-pub(super) fn link_turns<N>(swept: &mut [LeanBody<N>]) {
-    for place in (0..swept.len()).rev() {
-        let Some(parent) = swept[place].places.parent.checked_sub(1) else { continue };
-        if let Carrier::Turn(_) = swept[place].carrier {
-            swept[place].next_turn = swept[parent].first_turn;
-            swept[parent].first_turn = place + 1;
-        } else {
-            swept[parent].carries_shifts = true;
-        }
+        one.into_iter().chain(three.into_iter().flatten()).chain(six.into_iter().flatten()).chain(&mut self.scale)
     }
 }
 
@@ -189,6 +173,8 @@ pub(crate) struct LeanModel<T: Real> {
     pub(super) bodies: Vec<LeanBody<T::Parameter>>,
     /// The same in the order of the sweeps, with their places in it; none where that is theirs.
     pub(super) reordered: Vec<LeanBody<T::Parameter>>,
+    /// What motions, forces and co-states need of them, in that order.
+    pub(super) segments: Vec<Segment<T::Parameter>>,
     /// Where each body is in that order: what these sweeps keep of it is there.
     pub(super) at: Vec<usize>,
     /// What the square-root form needs of them, in the order of the sweeps: NaN of a body that has no root, or whose
@@ -242,7 +228,6 @@ impl<T: Real> LeanModel<T> {
                 parent: stage.parent,
                 row: stage.first_row,
                 lever: turned.map(number),
-                arm: <[f64; 3]>::from(body.tree.lever).map(number),
                 has_lever: !model.omissions.zero_levers || turned.iter().any(|&x| x != 0.0),
                 lever_square: number(turned[0] * turned[0] + turned[1] * turned[1] + turned[2] * turned[2]),
                 mass: number(*mass),
@@ -251,8 +236,6 @@ impl<T: Real> LeanModel<T> {
                 scale: [number(scale.angular), number(scale.linear)],
                 terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
                 lever_squares: turned.map(|l| number(2.0 * l * l)),
-                load: framed.loads[k].map(number),
-                needs_no_force: body.needs_no_force,
                 is_about_z: matches!(stage.rows, Rows::One(HingeMap::Axis(2))),
                 is_afloat: matches!(stage.rows, Rows::Six) && stage.parent.is_none() && model.system.skips_zeros,
                 is_definite: is_definite(k),
@@ -262,9 +245,6 @@ impl<T: Real> LeanModel<T> {
                 stands_for_itself: number(1.0),
                 places: by_rows.places[k],
                 is_leaf: last_child[k].is_none(),
-                first_turn: 0,
-                next_turn: 0,
-                carries_shifts: false,
                 sibling: stage.parent.and_then(|parent| youngest[parent].replace(k)),
                 depth: 0,
                 end_row: end_row[k],
@@ -288,6 +268,7 @@ impl<T: Real> LeanModel<T> {
             _ => BodyRoot::zero().map(|_| number(f64::NAN)),
         };
         let roots = order.iter().map(root).collect();
+        let arms: Vec<[f64; 3]> = framed.bodies.iter().map(|body| body.tree.lever.into()).collect();
         let whole = Model { bodies: framed.bodies, ..model.clone() }.cast::<T>();
         let of_carrier = |turns: bool| {
             let carriers = framed.carriers.iter().enumerate();
@@ -304,11 +285,19 @@ impl<T: Real> LeanModel<T> {
         turning.sort_by_key(|turning| turning.place);
         let composites = order.iter().map(|&k| composites[k].clone()).collect();
         let reordered = |&k: &usize| LeanBody { places: swept.places[k], ..bodies[k].clone() };
-        let mut reordered: Vec<_> = if order.is_sorted() { Vec::new() } else { order.iter().map(reordered).collect() };
-        link_turns(if reordered.is_empty() { &mut bodies } else { &mut reordered });
+        let reordered = if order.is_sorted() { Vec::new() } else { order.iter().map(reordered).collect() };
+        let segment = |body: &LeanBody<_>| {
+            let of_model = &whole.bodies[body.index];
+            let (arm, load) = (arms[body.index].map(number), framed.loads[body.index].map(number));
+            Segment::new(body, arm, load, of_model.needs_no_force)
+        };
+        let swept_bodies = if reordered.is_empty() { &bodies } else { &reordered };
+        let mut segments: Vec<_> = swept_bodies.iter().map(segment).collect();
+        link_turns(&mut segments);
         Self {
             bodies,
             reordered,
+            segments,
             at: swept.at,
             roots,
             composites,

@@ -4,6 +4,7 @@ use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::motion::{cross, minus_cross_number};
 use super::scratch::{Arriving, Besides, LeanScratch, Own, Watched, Watching, arrive, arrive_after};
+use super::segment::Segment;
 use super::turn::{Axis, Turn, about, packed_to_parent, to_parent};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
@@ -94,7 +95,7 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
         match body.carrier {
             Carrier::Turn(_) => inward.about_z::<SIDES>(body, own, watched),
             Carrier::Shift(_) if body.is_about_z => inward.about_z::<SIDES>(body, own, watched),
-            Carrier::Shift(_) if afloat::is_noise_free(body, &model.system) => {
+            Carrier::Shift(_) if afloat::is_noise_free(body.is_afloat, body.row, &model.system) => {
                 inward.afloat::<SIDES>(body, own, watched);
             }
             Carrier::Shift(at) => inward.shift::<SIDES>(body, (own, watched), at),
@@ -169,7 +170,7 @@ impl<T: Real> Inward<'_, T> {
                 let to = &mut self.arriving[body.places.parent_inward];
                 match body.carrier {
                     Carrier::Turn(axis) => {
-                        let sent = in_joint_frame(body, turn, &force);
+                        let sent = in_joint_frame(body.lever_if_any(), turn, &force);
                         about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
                     }
                     Carrier::Shift(at) => {
@@ -212,7 +213,7 @@ impl<T: Real> Inward<'_, T> {
         let to = &mut self.besides[body.places.parent_inward];
         match body.carrier {
             Carrier::Turn(axis) => {
-                let (terms, zeta) = (sent_terms(body, kept_diagonal), in_joint_frame(body, turn, &zeta));
+                let (terms, zeta) = (sent_terms(body, kept_diagonal), in_joint_frame(body.lever_if_any(), turn, &zeta));
                 about!(axis, X, Y, Z, {
                     arrive(body, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
                     arrive(body, &to_parent::<T, X, Y, Z>(&zeta), &mut to.zeta);
@@ -234,7 +235,7 @@ impl<T: Real> Inward<'_, T> {
         own: &mut Own<T>,
         watched: &mut Watched<T>,
     ) {
-        let (arrived, rows) = (&self.arriving[body.places.inward], afloat::rows(body));
+        let (arrived, rows) = (&self.arriving[body.places.inward], afloat::rows(body.row));
         let measured = &mut self.measured[rows.clone()];
         let scale = scale_of(body, &arrived.scale);
         afloat::measure(with_noise(body, &arrived.p), &scale, measured, &mut self.monitor);
@@ -313,11 +314,11 @@ pub(super) fn predict<T: Real>(
     torques: &mut [T],
 ) {
     let LeanScratch { own, shifts, .. } = scratch;
-    let bodies = lean.swept();
+    let bodies = &lean.segments[..];
     let own = &mut own[..bodies.len()];
     for (place, body) in bodies.iter().enumerate().rev() {
         let Own { turn, force } = own[place];
-        let to = if body.places.parent > 0 { Some(&mut own[body.places.parent - 1].force) } else { None };
+        let to = if body.parent > 0 { Some(&mut own[body.parent - 1].force) } else { None };
         match body.carrier {
             Carrier::Turn(axis) => about!(axis, X, Y, Z, {
                 torques[body.row] = force[ABOUT_Z] * force[ABOUT_Z].everywhere(body.sense);
@@ -331,7 +332,7 @@ pub(super) fn predict<T: Real>(
                     torques[body.row + i] = stage.rows.row(i).project(&force);
                 }
                 if let Some(to) = to {
-                    arrive_after(body, false, &shifts[at].force_to_parent(&force).into(), to);
+                    arrive_after(&lean.swept()[place], false, &shifts[at].force_to_parent(&force).into(), to);
                 }
             }
         }
@@ -341,13 +342,13 @@ pub(super) fn predict<T: Real>(
 /// Adds a force across a turn to what its parent has.
 #[inline(always)]
 fn send_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
-    body: &LeanBody<T::Parameter>,
+    body: &Segment<T::Parameter>,
     turn: Turn<T>,
     force: &[T; 6],
     to: &mut [T; 6],
 ) {
-    let like = force[0];
-    let lever = [like.everywhere(body.lever[0]), like.everywhere(body.lever[1]), like.everywhere(body.lever[2])];
+    let (like, [x, y, z]) = (force[0], body.lever::<X, Y, Z>());
+    let lever = [like.everywhere(x), like.everywhere(y), like.everywhere(z)];
     if T::LIMBS > 1 && body.limbs > 1 {
         // One after another, as where they are bodies by themselves.
         for limb in (0..body.limbs).rev() {
@@ -668,13 +669,13 @@ fn carried<T: Real, const NOISY: bool>(
     [a0, a1, a2, a3, a4, a5, s0, s1, s2, s3, s4, s5, s6, s7, s8, b0, b1, b2, b3, b4, b5]
 }
 
-/// A force in the joint's frame, about the parent's origin.
+/// A force in the joint's frame, about the parent's origin: at the end of this lever, if it has one.
 #[inline(always)]
-pub(super) fn in_joint_frame<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, z: &[T; 6]) -> [T; 6] {
+pub(super) fn in_joint_frame<T: Real>(lever: Option<[T::Parameter; 3]>, turn: Turn<T>, z: &[T; 6]) -> [T; 6] {
     let force = turn.rotate([z[3], z[4], z[5]]);
     let moment = turn.rotate([z[0], z[1], z[2]]);
     // l x f = - f x l.
-    let [a, b, c] = if body.has_lever { minus_cross_number(force, body.lever, moment) } else { moment };
+    let [a, b, c] = if let Some(lever) = lever { minus_cross_number(force, lever, moment) } else { moment };
     [a, b, c, force[0], force[1], force[2]]
 }
 

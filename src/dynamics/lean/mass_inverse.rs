@@ -192,7 +192,7 @@ fn one_inward<T: Real>(
 ) -> [T; 6] {
     match body.carrier {
         Carrier::Turn(axis) => {
-            let sent = in_joint_frame(body, turn, force);
+            let sent = in_joint_frame(body.lever_if_any(), turn, force);
             about!(axis, X, Y, Z, to_parent::<T, X, Y, Z>(&sent))
         }
         Carrier::Shift(at) => shifts[at].force_to_parent(&Vector6::from(*force)).into(),

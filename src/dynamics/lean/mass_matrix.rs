@@ -49,7 +49,7 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
                 };
                 let stage = &model.system.stages[body.index];
                 if body.parent.is_none() && matches!(stage.rows, Rows::Six) {
-                    let (whole, noise) = (inertia.to_symmetric(), &model.system.noise[afloat::rows(body)]);
+                    let (whole, noise) = (inertia.to_symmetric(), &model.system.noise[afloat::rows(body.row)]);
                     columns.put_afloat::<CHECK>(out, (body.row, body.end_row), |i| {
                         let mut row = afloat::picked(&Rows::Six.row(i).covariance_column(&whole).into());
                         row[i] += noise[i];

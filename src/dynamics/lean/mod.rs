@@ -29,6 +29,7 @@ mod mass_matrix;
 mod motion;
 mod root_filter;
 mod scratch;
+mod segment;
 mod slots;
 mod tiles;
 mod turn;

@@ -5,9 +5,10 @@
 //! of what hangs on it by a turn are sent there at once.
 
 use super::afloat;
-use super::body::{Carrier, LeanBody, LeanModel};
+use super::body::{Carrier, LeanModel};
 use super::loads::Load;
 use super::scratch::{LeanScratch, Moving, Own};
+use super::segment::Segment;
 use super::turn::{Axis, Turn, about};
 use crate::dynamics::forces::{Motion, Needed};
 use crate::kinematics::{joint_motion, joint_shift};
@@ -207,16 +208,16 @@ fn forces<T: Real, const ROOT: bool>(
     motions[0] = [[o; 3], [o; 3], base];
     // Of one length, for the compiler to see: a row of one is a row of the other.
     let state = Motion { qdd: state.qdd.map(|qdd| &qdd[..state.qd.len()]), ..state };
-    let bodies = lean.swept();
+    let bodies = &lean.segments[..];
     let own = &mut own[..bodies.len()];
     for (place, body) in bodies.iter().enumerate() {
         let root = if ROOT { Some(&lean.roots[place]) } else { None };
-        let [w, dw, _] = motions[body.places.parent_outward];
+        let [w, dw, _] = motions[body.parent_outward];
         // All of it in each arm: after them the motion would come by way of memory.
         match body.carrier {
             Carrier::Turn(axis) => about!(axis, X, Y, Z, {
                 let joint = (state.qd, state.qdd);
-                let moving = if body.parent.is_none() {
+                let moving = if body.is_on_base {
                     on_base(body, own[place].turn, [base[X], base[Y], base[Z]], joint, needed)
                 } else {
                     let Own { turn, force: [a0, a1, a2, ..] } = own[place];
@@ -231,7 +232,7 @@ fn forces<T: Real, const ROOT: bool>(
                 keep((bodies, place, root), moving, needed, (motions, own));
             }
             Carrier::Shift(at) => {
-                let parent = motions[body.places.parent_outward];
+                let parent = motions[body.parent_outward];
                 let moving = shifted(&lean.shifting[at], body.row, &shifts[at], &parent, state, needed);
                 keep((bodies, place, root), moving, needed, (motions, own));
             }
@@ -241,7 +242,7 @@ fn forces<T: Real, const ROOT: bool>(
             *outside = [o; 6];
         }
         if !state.wrenches.is_empty() {
-            for (f, given) in outside.iter_mut().zip(body.frame.apply(&state.wrenches[body.index])) {
+            for (f, given) in outside.iter_mut().zip(lean.swept()[place].frame.apply(&state.wrenches[body.index])) {
                 *f -= given;
             }
         }
@@ -252,7 +253,7 @@ fn forces<T: Real, const ROOT: bool>(
 /// will be.
 #[inline(always)]
 fn keep<T: Real>(
-    (bodies, place, root): (&[LeanBody<T::Parameter>], usize, Option<&BodyRoot<T::Parameter>>),
+    (bodies, place, root): (&[Segment<T::Parameter>], usize, Option<&BodyRoot<T::Parameter>>),
     moving: Moving<T>,
     needed: Needed,
     (motions, own): (&mut [Moving<T>], &mut [Own<T>]),
@@ -260,7 +261,7 @@ fn keep<T: Real>(
     let (body, [w, dw, a]) = (&bodies[place], moving);
     let spin = Spin::of(w, dw, needed);
     if !body.is_leaf {
-        let to = &mut motions[body.places.outward];
+        let to = &mut motions[body.outward];
         (to[0], to[1]) = (w, dw);
         if body.carries_shifts {
             to[2] = a;
@@ -292,7 +293,7 @@ fn keep<T: Real>(
 /// Across a turn of a base that accelerates by `a`, in the joint's frame, and does not turn.
 #[inline(always)]
 fn on_base<T: Real>(
-    body: &LeanBody<T::Parameter>,
+    body: &Segment<T::Parameter>,
     turn: Turn<T>,
     a: [T; 3],
     (qd, qdd): (&[T], Option<&[T]>),
@@ -307,7 +308,7 @@ fn on_base<T: Real>(
 /// Across a turn, in the joint's frame the parent's motion and the acceleration of the origin: about z, and the joint's own.
 #[inline(always)]
 fn turned<T: Real>(
-    body: &LeanBody<T::Parameter>,
+    body: &Segment<T::Parameter>,
     turn: Turn<T>,
     [w, dw, a]: Moving<T>,
     (qd, qdd): (&[T], Option<&[T]>),

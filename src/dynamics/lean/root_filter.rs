@@ -175,8 +175,8 @@ pub(super) fn tip_to_base<T: Real>(
             monitor.observe(&m, &hinge, &scale);
             (measured[row], innovations[row]) = (m, e);
             system.is_noise_free(row)
-        } else if afloat::is_noise_free(body, system) {
-            let rows = afloat::rows(body);
+        } else if afloat::is_noise_free(body.is_afloat, body.row, system) {
+            let rows = afloat::rows(body.row);
             let (measured, innovations) = (&mut measured[rows.clone()], &mut innovations[rows.clone()]);
             afloat::measure_root(&mut here.root, (&mut here.y, &mut t), &tau[rows], measured, innovations);
             for (i, m) in measured.iter().enumerate() {
@@ -195,7 +195,7 @@ pub(super) fn tip_to_base<T: Real>(
         let lever_square = match body.carrier {
             Carrier::Turn(axis) => {
                 let turn = own[place].turn;
-                let t = in_joint_frame(body, turn, &[t[0], t[1], t[2], t[3], t[4], t[5]]);
+                let t = in_joint_frame(body.lever_if_any(), turn, &[t[0], t[1], t[2], t[3], t[4], t[5]]);
                 about!(axis, X, Y, Z, {
                     columns_to_parent::<T, X, Y, Z>(body, turn, &here.root, &mut sent.columns);
                     sent.t = to_parent::<T, X, Y, Z>(&t);

@@ -2,6 +2,7 @@
 
 use super::body::{CompositeBody, LeanBody, LeanModel};
 use super::root_filter::Rooted;
+use super::segment::Segment;
 use super::turn::Turn;
 use crate::batch::chunk::Algorithm;
 use crate::filter::Form;
@@ -247,13 +248,17 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> [
     let bodies = lean.bodies.len();
     let shifts = lean.shifting.len() * (size_of::<RigidShift<f64>>() + size_of::<Body<f64>>());
     let turns = bodies * size_of::<Turn<f64>>();
-    let model = bodies
-        * (size_of::<LeanBody<f64>>()
-            + match algorithm {
-                Algorithm::MassMatrix => size_of::<CompositeBody<f64>>(),
-                Algorithm::ForwardDynamics(Form::SquareRoot) => size_of::<BodyRoot<f64>>(),
-                _ => 0,
-            });
+    let segment = size_of::<Segment<f64>>();
+    let constants = match algorithm {
+        Algorithm::InverseDynamics | Algorithm::BiasTorque => segment,
+        Algorithm::MassMatrix => size_of::<LeanBody<f64>>() + size_of::<CompositeBody<f64>>(),
+        Algorithm::ForwardDynamics(Form::SquareRoot) => {
+            segment + size_of::<LeanBody<f64>>() + size_of::<BodyRoot<f64>>()
+        }
+        Algorithm::ForwardDynamics(_) => segment + size_of::<LeanBody<f64>>(),
+        Algorithm::MassMatrixInverse(_) => size_of::<LeanBody<f64>>(),
+    };
+    let model = bodies * constants;
     let noise = nv * size_of::<f64>();
     let motions = lean.swept_slots.outward * size_of::<Moving<f64>>() + bodies * size_of::<[f64; 6]>();
     let filter = lean.swept_slots.inward * size_of::<Arriving<f64>>() + nv * size_of::<Measured<f64>>();

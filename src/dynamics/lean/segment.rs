@@ -1,0 +1,100 @@
+//! What motions, forces and co-states need of a body.
+//!
+//! It is apart from the rest, and in the order of the sweeps: scenes that no cache holds take as long as it takes to read them.
+
+use super::body::{Carrier, LeanBody};
+use super::loads::Load;
+
+/// One body.
+#[allow(clippy::struct_excessive_bools)] // facts, each by itself
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Segment<N> {
+    pub carrier: Carrier,
+    /// As [`LeanBody`] has them.
+    pub sense: N,
+    pub stands_for_itself: N,
+    pub index: usize,
+    pub row: usize,
+    pub limbs: usize,
+    pub is_on_all_limbs: bool,
+    pub has_lever: bool,
+    pub is_about_z: bool,
+    pub is_afloat: bool,
+    pub is_leaf: bool,
+    /// Whether it hangs on the base.
+    pub is_on_base: bool,
+    /// Of a turn, from the parent's origin to the body's, in the parent's frame.
+    pub arm: [N; 3],
+    /// The body as its force sees it, if it needs any.
+    pub load: Load<N>,
+    pub needs_no_force: bool,
+    /// Where its motion and its co-state are, and its parent's; one past its parent.
+    pub outward: usize,
+    pub parent_outward: usize,
+    pub parent: usize,
+    /// One past the place of the first turn that hangs on it, and of the next one on its own parent; 0 where there is none.
+    pub first_turn: usize,
+    pub next_turn: usize,
+    /// Whether anything but turns hangs on it.
+    pub carries_shifts: bool,
+}
+
+impl<N: Copy> Segment<N> {
+    /// Of a body, in the order of the sweeps; which turns hang on it is told by [`link_turns`].
+    pub fn new(body: &LeanBody<N>, arm: [N; 3], load: Load<N>, needs_no_force: bool) -> Self {
+        Self {
+            carrier: body.carrier,
+            sense: body.sense,
+            stands_for_itself: body.stands_for_itself,
+            index: body.index,
+            row: body.row,
+            limbs: body.limbs,
+            is_on_all_limbs: body.is_on_all_limbs,
+            has_lever: body.has_lever,
+            is_about_z: body.is_about_z,
+            is_afloat: body.is_afloat,
+            is_leaf: body.is_leaf,
+            is_on_base: body.parent.is_none(),
+            arm,
+            load,
+            needs_no_force,
+            outward: body.places.outward,
+            parent_outward: body.places.parent_outward,
+            parent: body.places.parent,
+            first_turn: 0,
+            next_turn: 0,
+            carries_shifts: false,
+        }
+    }
+
+    /// The lever in the turn's frame, of whose parent's axes its own x, y and z are X, Y and Z.
+    #[inline(always)]
+    pub fn lever<const X: usize, const Y: usize, const Z: usize>(&self) -> [N; 3] {
+        [self.arm[X], self.arm[Y], self.arm[Z]]
+    }
+
+    /// The same, if it has one.
+    #[inline(always)]
+    pub fn lever_if_any<const X: usize, const Y: usize, const Z: usize>(&self) -> Option<[N; 3]> {
+        if self.has_lever { Some(self.lever::<X, Y, Z>()) } else { None }
+    }
+
+    /// Those of its numbers that [`LeanBody`] has not.
+    #[cfg(target_arch = "x86_64")]
+    pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
+        self.arm.iter_mut().chain(self.load.numbers_mut())
+    }
+}
+
+/// Tells each body which turns hang on it; all in the order of the sweeps.
+pub(super) fn link_turns<N>(segments: &mut [Segment<N>]) {
+    for place in (0..segments.len()).rev() {
+        let Some(parent) = segments[place].parent.checked_sub(1) else { continue };
+        if let Carrier::Turn(_) = segments[place].carrier {
+            segments[place].next_turn = segments[parent].first_turn;
+            segments[parent].first_turn = place + 1;
+        } else {
+            segments[parent].carries_shifts = true;
+        }
+    }
+}
