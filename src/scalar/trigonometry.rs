@@ -60,16 +60,12 @@ impl Circle for f32 {
 /// Sine and cosine of `x` less `turns` quarter turns, |x| up to [`Circle::LARGEST`], to about one unit in the last place of `P`.
 #[inline(always)]
 pub fn of_reduced<P: Circle, T: Real>(x: T, turns: T) -> (T, T) {
-    // This difference is exact, by the 33 bits in f64 and fused in f32; each other is exact or leaves its rounding to the next. The
-    // product is exact in f64, and leaves its own rounding too in f32.
-    let part = P::HALF_PI.map(|part| x.constant(part));
-    let first = x.minus_product(turns, part[0]);
-    let second = turns * part[1];
-    let slip = turns.mul_add(part[1], -second);
-    let reduced = first - second;
-    let rest = turns.mul_add(part[2], slip) - ((first - reduced) - second);
-    let y = reduced - rest;
-    let tail = (reduced - y) - rest;
+    // The first difference is exact, and so is the product in the second, by the 33 bits in f64 and fused in f32: its rounding is what the third leaves.
+    let [first, second, third] = P::HALF_PI;
+    let rest = x.minus_product(turns, x.constant(first));
+    let y = rest.minus_product(turns, x.constant(second));
+    let slip = (rest - y).minus_product(turns, x.constant(second));
+    let tail = slip.minus_product(turns, x.constant(third));
 
     let z = y * y;
     let v = z * y;

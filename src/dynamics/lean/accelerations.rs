@@ -2,7 +2,7 @@
 
 use super::afloat;
 use super::body::{Carrier, LeanModel};
-use super::filter::{ABOUT_Z, in_joint_frame};
+use super::filter::ABOUT_Z;
 use super::motion::cross_number;
 use super::scratch::{CoState, LeanScratch};
 use super::turn::{Axis, Turn, about, to_turn};
@@ -45,13 +45,11 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
                 };
                 let (mut there, its) = (to_turn::<T, X, Y, Z>(&outer.carried), outer.estimate);
                 let (m, to) = (&measured[body.row], &mut estimates[body.row]);
-                // phi g waits for nothing, the estimate not for phi* lambda, and of the parent's estimate only the last step.
-                let lever = body.lever_if_any::<X, Y, Z>();
-                let g = in_joint_frame(lever, own.turn, &m.gain.into());
-                let estimate = but_along(*to * m.pivot_inverse, &g, &there).minus_product(g[ITS_Z], its);
-                *to = estimate * estimate.everywhere(body.sense);
                 there[ITS_Z] += its;
-                CoState { carried: carried(lever, own.turn, &there), estimate }
+                let carried = carried(body.lever_if_any::<X, Y, Z>(), own.turn, &there);
+                let estimate = but_along(*to * m.pivot_inverse, &m.gain.into(), &carried);
+                *to = estimate * estimate.everywhere(body.sense);
+                CoState { carried, estimate }
             }),
             Carrier::Shift(at) if body.is_about_z => {
                 let mut lambda: [T; 6] = shifts[at].motion_to_child(&Vector6::from(outer.whole())).into();

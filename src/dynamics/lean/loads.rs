@@ -163,3 +163,132 @@ pub(super) fn loads(model: &Model<f64>, bodies: &[Body<f64>], carriers: &[Carrie
 pub(crate) fn bodies_off_axis(model: &Model<f64>) -> usize {
     Framed::of(model).loads.iter().filter(|load| load.is_off_axis).count()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Carrier, Framed, Load, bodies_off_axis};
+    use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Omissions, Scene, SceneBuilder};
+    use crate::spatial::{BodyInertia, RigidShift, Symmetric3};
+    use nalgebra::{Rotation3, Vector3};
+
+    fn inertial(mass: f64, squares: [f64; 3]) -> Inertial {
+        let [x, y, z] = squares;
+        let central = Symmetric3::new([y + z, 0.02, -0.01, x + z, 0.03, x + y]);
+        Inertial { mass, centre: [0.1, -0.2, 0.3].into(), central }
+    }
+
+    /// A slide, and on it turns about x, -y and z: of two links each, the second on the first.
+    fn tree(masses: [Option<f64>; 7], squares: [f64; 3], omissions: Omissions) -> Scene {
+        let mut builder =
+            SceneBuilder::new().omissions(omissions).link(LinkDescription { name: "base".into(), inertial: None });
+        let joints = [
+            (JointKind::Prismatic, "base", Vector3::x()),
+            (JointKind::Revolute, "0", Vector3::x()),
+            (JointKind::Revolute, "1", -Vector3::y()),
+            (JointKind::Revolute, "0", -Vector3::y()),
+            (JointKind::Revolute, "3", Vector3::z()),
+            (JointKind::Revolute, "base", Vector3::z()),
+            (JointKind::Revolute, "5", Vector3::x()),
+        ];
+        for (k, ((kind, parent, axis), mass)) in joints.into_iter().zip(masses).enumerate() {
+            let mut joint = JointDescription::new(format!("joint{k}"), kind, parent, format!("{k}"));
+            joint.axis = axis;
+            joint.origin.lever = [0.5, 0.2, -0.4].into();
+            let inertial = mass.map(|mass| inertial(mass, squares));
+            builder = builder.link(LinkDescription { name: format!("{k}"), inertial }).joint(joint);
+        }
+        builder.build().expect("a tree")
+    }
+
+    const SQUARES: [f64; 3] = [0.3, 0.2, 0.5];
+    const ONES: [Option<f64>; 7] = [Some(1.0); 7];
+
+    fn of(load: &Load<f64>) -> BodyInertia<f64> {
+        BodyInertia {
+            mass: load.mass,
+            first_moment: load.first_moment.into(),
+            rotational: Symmetric3::new(load.rotational),
+        }
+    }
+
+    fn numbers(inertia: &BodyInertia<f64>) -> Vec<f64> {
+        let three: [f64; 3] = inertia.first_moment.into();
+        [&[inertia.mass], &three[..], &inertia.rotational.entries].concat()
+    }
+
+    /// At every angle of the joints the bodies on a base that is free to move are together what they were.
+    #[test]
+    fn all_of_a_tree_is_the_same_at_every_angle() {
+        let scene = tree(ONES, SQUARES, Omissions::all());
+        let framed = Framed::of(scene.model());
+        for angle in [0.0, 0.7, -2.1] {
+            let total = |inertia_of: &dyn Fn(usize) -> BodyInertia<f64>| {
+                let mut sums: Vec<_> = (0..framed.bodies.len()).map(inertia_of).collect();
+                for k in (1..5).rev() {
+                    let body = &framed.bodies[k];
+                    let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), angle).into_inner();
+                    let shift = RigidShift { rotation: body.tree.rotation * turn, lever: body.tree.lever };
+                    let parent = scene.model().system.stages[k].parent.expect("the slide's");
+                    sums[parent] = sums[parent].add(&sums[k].to_parent(&shift));
+                }
+                numbers(&sums[0])
+            };
+            let (here, there) = (total(&|k| of(&framed.loads[k])), total(&|k| framed.bodies[k].inertia));
+            for (here, there) in here.iter().zip(&there) {
+                assert!((here - there).abs() <= 32.0 * f64::EPSILON * 5.0, "{here} {there} at {angle}");
+            }
+        }
+        let is_off_axis = |load: &Load<f64>| {
+            let [xx, _, _, yy, _, _] = load.rotational;
+            let [x, y, _] = load.differences;
+            load.is_off_axis && [load.mass, load.first_moment[2]] == [0.0; 2] && (x, y) == (xx, -yy)
+        };
+        assert!(framed.loads[1..].iter().all(is_off_axis) && !framed.loads[0].is_off_axis);
+        assert_eq!(bodies_off_axis(scene.model()), 6);
+        assert!(framed.carriers.iter().skip(1).all(|carrier| matches!(carrier, Carrier::Turn(_))));
+        assert!((framed.loads[0].mass - 5.0).abs() < 1e-15, "the slide has all, but what turns on the base");
+    }
+
+    /// Mass stays with a body that is on one without mass, that no body can be, or where nothing is to be left out.
+    #[test]
+    fn what_cannot_move_stays() {
+        let as_they_are = |scene: &Scene, bodies: &[usize]| {
+            let framed = Framed::of(scene.model());
+            bodies.iter().all(|&k| of(&framed.loads[k]) == framed.bodies[k].inertia && !framed.loads[k].is_off_axis)
+        };
+        let all = Omissions::all();
+        let mut masses = ONES;
+        masses[1] = None;
+        let scene = tree(masses, SQUARES, all);
+        assert!(as_they_are(&scene, &[2]) && !as_they_are(&scene, &[4]));
+        assert!(as_they_are(&tree(ONES, [0.3, 0.2, -0.5], all), &[0, 1, 2, 3, 4, 5, 6]));
+        let off = Omissions { axis_masses: false, ..all };
+        assert!(as_they_are(&tree(ONES, SQUARES, off), &[0, 1, 2, 3, 4, 5, 6]));
+        let off = Omissions { renamed_axes: false, ..all };
+        assert!(as_they_are(&tree(ONES, SQUARES, off), &[0, 1, 2, 3, 4, 5, 6]));
+    }
+
+    /// Sums are rounded once: where what is heavy cancels, as of a tip whose mass centre is at a light body's origin, what is light is left.
+    #[test]
+    fn a_heavy_tip_takes_no_digits_from_a_light_body() {
+        let heavy = Inertial { mass: 2.0_f64.powi(46), centre: [0.0, -0.25, 0.0].into(), ..inertial(1.0, SQUARES) };
+        let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
+        for (k, (parent, axis, inertial)) in
+            [("base", Vector3::x(), inertial(1e-3, SQUARES)), ("0", -Vector3::y(), heavy)].into_iter().enumerate()
+        {
+            let mut joint = JointDescription::new(format!("joint{k}"), JointKind::Revolute, parent, format!("{k}"));
+            joint.axis = axis;
+            joint.origin.lever = [0.0, 0.25, 0.0].into();
+            builder = builder.link(LinkDescription { name: format!("{k}"), inertial: Some(inertial) }).joint(joint);
+        }
+        let framed = Framed::of(builder.build().expect("two turns").model());
+        let (load, own) = (&framed.loads[0], &framed.bodies[0].inertia.first_moment);
+        for i in 0..2 {
+            let (found, expected) = (load.first_moment[i], own[i]);
+            assert!(
+                expected != 0.0 && (found - expected).abs() <= 4.0 * f64::EPSILON * expected.abs(),
+                "{load:?} {own}"
+            );
+        }
+    }
+}

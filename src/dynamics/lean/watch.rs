@@ -51,7 +51,8 @@ pub(crate) fn factor_watched<T: Real, C: ColumnsOf<T>>(
     (monitor, base_to_tip((model, lean), scratch, estimates))
 }
 
-/// What the first look left, as the second look of [`auto`](crate::dynamics::auto) reads it; that finds the co-states itself.
+/// What the first look left, as the second look of [`auto`](crate::dynamics::auto) reads it; that finds the co-states itself. Forces are those that were
+/// rounded, with mass on [joints' axes](super::loads) at the parents.
 #[inline(always)]
 pub(crate) fn hand_over<T: Real>(
     (model, lean): (&Model<T>, &LeanModel<T>),
