@@ -4,7 +4,7 @@ use super::body::{Carrier, LeanBody, LeanModel, Turning, interleaved};
 use super::frames::Framed;
 use super::limbs::{ABREAST, Bundle, bundles};
 use super::scratch::LeanScratch;
-use super::segment::{Segment, link_turns};
+use super::segment::segments;
 use super::slots::{Ordered, last_children};
 use crate::filter::Stage;
 use crate::filter::cancellation::weight;
@@ -178,19 +178,17 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
     }
     turning.sort_by_key(|turning| turning.place);
     let bodies: Vec<_> = order.iter().map(|&k| bodies[k].clone()).collect();
-    let segment_of = |body: &LeanBody<Limbs>| {
-        let of_lane = |lane: usize| &whole.segments[whole.at[bundles[body.index].body(lane)]];
-        let first = of_lane(0);
-        let mut segment = Segment::new(body, first.arm, first.load.clone(), first.needs_no_force);
+    let of_lane = |k: usize, lane: usize| &whole.segments[whole.at[bundles[k].body(lane)]];
+    let constants = |k: usize| (of_lane(k, 0).arm, of_lane(k, 0).load.clone(), of_lane(k, 0).needs_no_force);
+    let mut segments = segments(&bodies, constants);
+    for segment in &mut segments {
         for lane in 1..ABREAST {
-            for (number, own) in segment.numbers_mut().zip(of_lane(lane).clone().numbers_mut()) {
+            let mut own = of_lane(segment.index, lane).clone();
+            for (number, own) in segment.numbers_mut().zip(own.numbers_mut()) {
                 number.take_limb(lane, own);
             }
         }
-        segment
-    };
-    let mut segments: Vec<_> = bodies.iter().map(segment_of).collect();
-    link_turns(&mut segments);
+    }
     let roots = order.iter().map(|&k| roots[k]).collect();
     LeanModel {
         bodies,

@@ -2,7 +2,7 @@
 
 use super::frames::Framed;
 use super::limbs::ranks;
-use super::segment::{Segment, link_turns};
+use super::segment::{Segment, segments};
 use super::slots::{Ordered, Places, SlotCounts, last_children};
 use super::turn::{Axis, Renaming};
 use crate::filter::pivots::Scale;
@@ -41,6 +41,21 @@ fn with_all_outboard<V: Copy>(parents: &[Option<usize>], mut values: Vec<V>, joi
         }
     }
     values
+}
+
+/// Tells bodies, in the order of the rows, how many rows there are inward of them, and whether they are parted from what comes later. Gives the steps that M^-1 by
+/// its rows takes, and how many rows the longest path from the base has.
+fn measure_paths<N>(model: &Model<f64>, bodies: &mut [LeanBody<N>]) -> (usize, usize) {
+    let (mut steps, mut longest_path) = (0, 0);
+    for k in 0..bodies.len() {
+        let count = |k: usize| model.system.stages[k].rows.count();
+        let parent = bodies[k].parent;
+        bodies[k].depth = parent.map_or(0, |parent| bodies[parent].depth + count(parent));
+        longest_path = longest_path.max(bodies[k].depth + count(k));
+        steps += count(k) * (bodies[k].end_row - bodies[k].row).pow(2);
+        bodies[k].is_parted = bodies[k].sibling_follows() || parent.is_some_and(|parent| bodies[parent].is_parted);
+    }
+    (steps, longest_path)
 }
 
 /// How a body hangs on its parent.
@@ -252,15 +267,7 @@ impl<T: Real> LeanModel<T> {
             }
         });
         let mut bodies: Vec<_> = bodies.collect();
-        let (mut steps, mut longest_path) = (0, 0);
-        for k in 0..bodies.len() {
-            let count = |k: usize| model.system.stages[k].rows.count();
-            bodies[k].depth = parents[k].map_or(0, |parent| bodies[parent].depth + count(parent));
-            longest_path = longest_path.max(bodies[k].depth + count(k));
-            steps += count(k) * (end_row[k] - bodies[k].row).pow(2);
-            bodies[k].is_parted =
-                bodies[k].sibling_follows() || bodies[k].parent.is_some_and(|parent| bodies[parent].is_parted);
-        }
+        let (steps, longest_path) = measure_paths(model, &mut bodies);
         let is_shallow = steps <= SHALLOW * model.nv().pow(2);
         // What is left beside the root depends on the frame.
         let root = |&k: &usize| match model.inertia_roots[k].map(|root| root.turned(&framed.from_model[k])) {
@@ -286,14 +293,9 @@ impl<T: Real> LeanModel<T> {
         let composites = order.iter().map(|&k| composites[k].clone()).collect();
         let reordered = |&k: &usize| LeanBody { places: swept.places[k], ..bodies[k].clone() };
         let reordered = if order.is_sorted() { Vec::new() } else { order.iter().map(reordered).collect() };
-        let segment = |body: &LeanBody<_>| {
-            let of_model = &whole.bodies[body.index];
-            let (arm, load) = (arms[body.index].map(number), framed.loads[body.index].map(number));
-            Segment::new(body, arm, load, of_model.needs_no_force)
-        };
         let swept_bodies = if reordered.is_empty() { &bodies } else { &reordered };
-        let mut segments: Vec<_> = swept_bodies.iter().map(segment).collect();
-        link_turns(&mut segments);
+        let constants = |k: usize| (arms[k].map(number), framed.loads[k].map(number), whole.bodies[k].needs_no_force);
+        let segments = segments(swept_bodies, constants);
         Self {
             bodies,
             reordered,

@@ -1,10 +1,9 @@
-//! Tip to base: Riccati recursion and filter in one pass, and the torques that forces need.
+//! Tip to base: Riccati recursion and filter in one pass.
 
 use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
-use super::motion::{cross, minus_cross_number};
-use super::scratch::{Arriving, Besides, LeanScratch, Own, Watched, Watching, arrive, arrive_after};
-use super::segment::Segment;
+use super::carry::{carried, diagonal, in_joint_frame, kept, packed, pivot_column, unpacked, with_noise};
+use super::scratch::{Arriving, Besides, LeanScratch, Own, Watched, Watching, arrive};
 use super::turn::{Axis, Turn, about, packed_to_parent, to_parent};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
@@ -12,8 +11,8 @@ use crate::filter::rounding::squares;
 use crate::filter::{HingeMap, System, innovations, terms};
 use crate::scalar::Real;
 use crate::scene::Model;
-use crate::spatial::{RigidShift, Symmetric3, Symmetric6, absolute};
-use nalgebra::{Matrix3, Vector6};
+use crate::spatial::{RigidShift, absolute};
+use nalgebra::Vector6;
 
 /// The row of a turn.
 pub(super) const ABOUT_Z: usize = 2;
@@ -306,92 +305,6 @@ impl<T: Real> Inward<'_, T> {
     }
 }
 
-/// Tip to base, open loop: the torque H z of every row, z carried inward (1.5).
-#[inline(always)]
-pub(super) fn predict<T: Real>(
-    (model, lean): (&Model<T>, &LeanModel<T>),
-    scratch: &mut LeanScratch<T>,
-    torques: &mut [T],
-) {
-    let LeanScratch { own, shifts, .. } = scratch;
-    let bodies = &lean.segments[..];
-    let own = &mut own[..bodies.len()];
-    for (place, body) in bodies.iter().enumerate().rev() {
-        let Own { turn, force } = own[place];
-        let to = if body.parent > 0 { Some(&mut own[body.parent - 1].force) } else { None };
-        match body.carrier {
-            Carrier::Turn(axis) => about!(axis, X, Y, Z, {
-                torques[body.row] = force[ABOUT_Z] * force[ABOUT_Z].everywhere(body.sense);
-                if let Some(to) = to {
-                    send_force::<T, X, Y, Z>(body, turn, &force, to);
-                }
-            }),
-            Carrier::Shift(at) => {
-                let (force, stage) = (Vector6::from(force), &model.system.stages[body.index]);
-                for i in 0..stage.rows.count() {
-                    torques[body.row + i] = stage.rows.row(i).project(&force);
-                }
-                if let Some(to) = to {
-                    arrive_after(&lean.swept()[place], false, &shifts[at].force_to_parent(&force).into(), to);
-                }
-            }
-        }
-    }
-}
-
-/// Adds a force across a turn to what its parent has.
-#[inline(always)]
-fn send_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
-    body: &Segment<T::Parameter>,
-    turn: Turn<T>,
-    force: &[T; 6],
-    to: &mut [T; 6],
-) {
-    let (like, [x, y, z]) = (force[0], body.lever::<X, Y, Z>());
-    let lever = [like.everywhere(x), like.everywhere(y), like.everywhere(z)];
-    if T::LIMBS > 1 && body.limbs > 1 {
-        // One after another, as where they are bodies by themselves.
-        for limb in (0..body.limbs).rev() {
-            let [a, b, c, d, e, f] = *force;
-            let force =
-                [a.of_limb(limb), b.of_limb(limb), c.of_limb(limb), d.of_limb(limb), e.of_limb(limb), f.of_limb(limb)];
-            let lever = [lever[0].of_limb(limb), lever[1].of_limb(limb), lever[2].of_limb(limb)];
-            let turn = Turn { s: turn.s.of_limb(limb), c: turn.c.of_limb(limb) };
-            *to = with_force::<T, X, Y, Z>((lever, body.has_lever), turn, &force, to);
-        }
-        return;
-    }
-    let mut force = *force;
-    if T::LIMBS > 1 && !body.is_on_all_limbs {
-        // Nothing from a limb that has no such body: a sum with products of zero changes no bit.
-        for number in &mut force {
-            *number *= like.everywhere(body.stands_for_itself);
-        }
-    }
-    *to = with_force::<T, X, Y, Z>((lever, body.has_lever), turn, &force, to);
-}
-
-/// What a parent has and a force across a turn: what was there comes in where the sum begins, so that nothing waits for it.
-#[inline(always)]
-fn with_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
-    (lever, has_lever): ([T; 3], bool),
-    turn: Turn<T>,
-    force: &[T; 6],
-    to: &[T; 6],
-) -> [T; 6] {
-    let Turn { s, c } = turn;
-    let [nx, ny, nz, ..] = *force;
-    let f = turn.rotate([force[3], force[4], force[5]]);
-    let mut n = [c.mul_add(nx, to[X]).minus_product(s, ny), s.mul_add(nx, c.mul_add(ny, to[Y])), nz + to[Z]];
-    if has_lever {
-        n = cross(lever, f, n);
-    }
-    let mut sum = *to;
-    (sum[X], sum[Y], sum[Z]) = (n[0], n[1], n[2]);
-    (sum[3 + X], sum[3 + Y], sum[3 + Z]) = (f[0] + to[3 + X], f[1] + to[3 + Y], f[2] + to[3 + Z]);
-    sum
-}
-
 /// As [`arrive`], of the bounds.
 #[inline(always)]
 fn arrive_bounds<T: Real>(body: &LeanBody<T::Parameter>, sent: Scale<T>, to: &mut Scale<T>) {
@@ -414,69 +327,6 @@ fn sum<T: Real, const N: usize>(mut a: [T; N], b: &[T; N]) -> [T; N] {
 fn scale_of<T: Real>(body: &LeanBody<T::Parameter>, arrived: &Scale<T>) -> Scale<T> {
     let [angular, linear] = body.scale;
     arrived.sum(&Scale { angular: arrived.angular.everywhere(angular), linear: arrived.linear.everywhere(linear) })
-}
-
-/// M(k), of which six entries are zero, and what arrived.
-#[inline(always)]
-fn with_noise<T: Real>(body: &LeanBody<T::Parameter>, arrived: &[T; 21]) -> [T; 21] {
-    let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *arrived;
-    let [xx, xy, xz, yy, yz, zz] = body.rotational;
-    let [x, y, z] = body.first_moment;
-    let (x, y, z, m) = (a0.everywhere(x), a0.everywhere(y), a0.everywhere(z), a0.everywhere(body.mass));
-    [
-        a0 + a0.everywhere(xx),
-        a1 + a0.everywhere(xy),
-        a2 + a0.everywhere(xz),
-        a3 + a0.everywhere(yy),
-        a4 + a0.everywhere(yz),
-        a5 + a0.everywhere(zz),
-        c0,
-        c1 - z,
-        c2 + y,
-        c3 + z,
-        c4,
-        c5 - x,
-        c6 - y,
-        c7 + x,
-        c8,
-        b0 + m,
-        b1,
-        b2,
-        b3 + m,
-        b4,
-        b5 + m,
-    ]
-}
-
-/// Of the same P^- column 2, which H picks.
-#[inline(always)]
-fn pivot_column<T: Real>(body: &LeanBody<T::Parameter>, arrived: &[T; 21]) -> [T; 6] {
-    let [_, _, xz, _, yz, zz] = body.rotational;
-    let (like, [x, y, _]) = (arrived[5], body.first_moment);
-    [
-        arrived[2] + like.everywhere(xz),
-        arrived[4] + like.everywhere(yz),
-        arrived[5] + like.everywhere(zz),
-        arrived[12] - like.everywhere(y),
-        arrived[13] + like.everywhere(x),
-        arrived[14],
-    ]
-}
-
-/// And the diagonal.
-#[inline(always)]
-fn diagonal<T: Real>(body: &LeanBody<T::Parameter>, arrived: &[T; 21]) -> [T; 6] {
-    let [xx, _, _, yy, _, zz] = body.rotational;
-    let like = arrived[0];
-    let m = like.everywhere(body.mass);
-    [
-        arrived[0] + like.everywhere(xx),
-        arrived[3] + like.everywhere(yy),
-        arrived[5] + like.everywhere(zz),
-        arrived[15] + m,
-        arrived[18] + m,
-        arrived[20] + m,
-    ]
 }
 
 /// The terms of the diagonal of M(k).
@@ -578,107 +428,6 @@ fn sent<T: Real>(body: &LeanBody<T::Parameter>, diagonal: &[T; 6]) -> Scale<T> {
     Scale { angular: four * b.mul_add(like.everywhere(body.lever_square), a), linear: four * b }
 }
 
-/// P^+ = P^- - g H P^- past a turn about z (3.6): the five rows that H does not pick. Row and column 2 are zero, or where `NOISY` r g, by which
-/// they are given.
-#[inline(always)]
-fn kept<T: Real, const NOISY: bool>(
-    p: &[T; 21],
-    [ph0, ph1, ph3, ph4, ph5]: &[T; 5],
-    (m, r): (&Measured<T>, T),
-) -> [T; 21] {
-    let g = &m.gain;
-    let [a0, a1, _, a3, _, _, c0, c1, c2, c3, c4, c5, _, _, _, b0, b1, b2, b3, b4, b5] = *p;
-    let o = ph0.constant(0.0);
-    let [a2, a4, a5, c6, c7, c8] =
-        if NOISY { [r * g[0], r * g[1], r * g[2], r * g[3], r * g[4], r * g[5]] } else { [o; 6] };
-    [
-        a0.minus_product(g[0], *ph0),
-        a1.minus_product(g[0], *ph1),
-        a2,
-        a3.minus_product(g[1], *ph1),
-        a4,
-        a5,
-        c0.minus_product(g[0], *ph3),
-        c1.minus_product(g[0], *ph4),
-        c2.minus_product(g[0], *ph5),
-        c3.minus_product(g[1], *ph3),
-        c4.minus_product(g[1], *ph4),
-        c5.minus_product(g[1], *ph5),
-        c6,
-        c7,
-        c8,
-        b0.minus_product(g[3], *ph3),
-        b1.minus_product(g[3], *ph4),
-        b2.minus_product(g[3], *ph5),
-        b3.minus_product(g[4], *ph4),
-        b4.minus_product(g[4], *ph5),
-        b5.minus_product(g[5], *ph5),
-    ]
-}
-
-/// [`kept`] of a turn, about z and along the lever.
-#[inline(always)]
-#[allow(clippy::too_many_lines)] // 21 entries, each in its place
-fn carried<T: Real, const NOISY: bool>(
-    body: &LeanBody<T::Parameter>,
-    turn: Turn<T>,
-    p: &[T; 21],
-    column: &[T; 5],
-    (m, variance): (&Measured<T>, T),
-) -> [T; 21] {
-    let o = column[0].constant(0.0);
-    let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] =
-        kept::<T, NOISY>(p, column, (m, variance));
-    // About z.
-    let (a0, a1, a3) = turn.symmetric((a0, a1, a3));
-    let (b0, b1, b3) = turn.symmetric((b0, b1, b3));
-    let (b2, b4) = turn.pair(b2, b4);
-    let [c0, c1, c3, c4] = turn.square([c0, c1, c3, c4]);
-    let (c2, c5) = turn.pair(c2, c5);
-    let (mut a2, mut a4, mut a5, mut c6, mut c7, c8) = (a2, a4, a5, c6, c7, c8);
-    if NOISY {
-        (a2, a4) = turn.pair(a2, a4);
-        (c6, c7) = turn.pair(c6, c7);
-    }
-    if !body.has_lever {
-        return [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5];
-    }
-    // Along the lever: C' = C + l~ B, A' = A + l~ C^T + C' l~^T.
-    let [x, y, z] = body.lever;
-    let (x, y, z) = (o.everywhere(x), o.everywhere(y), o.everywhere(z));
-    let s0 = y.mul_add(b2, c0.minus_product(z, b1));
-    let s1 = y.mul_add(b4, c1.minus_product(z, b3));
-    let s2 = y.mul_add(b5, c2.minus_product(z, b4));
-    let s3 = z.mul_add(b0, c3.minus_product(x, b2));
-    let s4 = z.mul_add(b1, c4.minus_product(x, b4));
-    let s5 = z.mul_add(b2, c5.minus_product(x, b5));
-    let s6 = x.mul_add(b1, c6.minus_product(y, b0));
-    let s7 = x.mul_add(b3, c7.minus_product(y, b1));
-    let s8 = x.mul_add(b4, c8.minus_product(y, b2));
-    let a0 = y.mul_add(s2 + c2, a0.minus_product(z, s1 + c1));
-    let a1 = z.mul_add(s0, y.mul_add(c5, a1.minus_product(z, c4)).minus_product(x, s2));
-    let a3 = z.mul_add(s3 + c3, a3.minus_product(x, s5 + c5));
-    if NOISY {
-        a2 = y.mul_add(c8, a2.minus_product(z, c7));
-        a4 = z.mul_add(c6, a4.minus_product(x, c8));
-        a5 = x.mul_add(c7, a5.minus_product(y, c6));
-    }
-    let a2 = x.mul_add(s1, a2.minus_product(y, s0));
-    let a4 = x.mul_add(s4, a4.minus_product(y, s3));
-    let a5 = x.mul_add(s7, a5.minus_product(y, s6));
-    [a0, a1, a2, a3, a4, a5, s0, s1, s2, s3, s4, s5, s6, s7, s8, b0, b1, b2, b3, b4, b5]
-}
-
-/// A force in the joint's frame, about the parent's origin: at the end of this lever, if it has one.
-#[inline(always)]
-pub(super) fn in_joint_frame<T: Real>(lever: Option<[T::Parameter; 3]>, turn: Turn<T>, z: &[T; 6]) -> [T; 6] {
-    let force = turn.rotate([z[3], z[4], z[5]]);
-    let moment = turn.rotate([z[0], z[1], z[2]]);
-    // l x f = - f x l.
-    let [a, b, c] = if let Some(lever) = lever { minus_cross_number(force, lever, moment) } else { moment };
-    [a, b, c, force[0], force[1], force[2]]
-}
-
 /// The filter at a stage with any joint: its rows, z^- becoming z^+; gives that as it is at the parent.
 #[inline(always)]
 fn through_general_stage<T: Real>(
@@ -692,44 +441,4 @@ fn through_general_stage<T: Real>(
     innovations::through_stage(at_stage, measured, measurement, &mut state, innovations);
     *z = state.into();
     shift.force_to_parent(&state).into()
-}
-
-/// As the general stages take it.
-#[inline(always)]
-pub(super) fn unpacked<T: Real>(p: &[T; 21]) -> Symmetric6<T> {
-    let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *p;
-    Symmetric6 {
-        angular: Symmetric3::new([a0, a1, a2, a3, a4, a5]),
-        coupling: Matrix3::new(c0, c1, c2, c3, c4, c5, c6, c7, c8),
-        linear: Symmetric3::new([b0, b1, b2, b3, b4, b5]),
-    }
-}
-
-/// As these sweeps take it.
-#[inline(always)]
-pub(super) fn packed<T: Real>(p: &Symmetric6<T>) -> [T; 21] {
-    let ([a0, a1, a2, a3, a4, a5], [b0, b1, b2, b3, b4, b5], c) = (p.angular.entries, p.linear.entries, &p.coupling);
-    [
-        a0,
-        a1,
-        a2,
-        a3,
-        a4,
-        a5,
-        c[(0, 0)],
-        c[(0, 1)],
-        c[(0, 2)],
-        c[(1, 0)],
-        c[(1, 1)],
-        c[(1, 2)],
-        c[(2, 0)],
-        c[(2, 1)],
-        c[(2, 2)],
-        b0,
-        b1,
-        b2,
-        b3,
-        b4,
-        b5,
-    ]
 }

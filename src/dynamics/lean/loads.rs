@@ -1,9 +1,9 @@
 //! What a body's motion asks of its force, where mass has been moved along joints' axes.
 //!
 //! A mass on the axis of a joint moves alike whether it is the body's that turns or its parent's, and what it needs has no moment about that axis. So of
-//! the ten numbers of a body on a turn about z three can go to its parent: the mass m, the first moment h_z along the axis, and J_zz, J being the second
+//! the ten numbers of a body on a turn about z three can go to its parent: the mass m, the first moment `h_z` along the axis, and `J_zz`, J being the second
 //! moment of the mass (I = tr J - J). These are all that a distribution of mass along the axis has, and they look the same at every angle. On the base they
-//! are gone. The rest is (h_x, h_y) and five numbers of J. Every H phi b is what it was (1.5), whether b belongs to bodies as they are or as
+//! are gone. The rest is (`h_x`, `h_y`) and five numbers of J. Every H phi b is what it was (1.5), whether b belongs to bodies as they are or as
 //! they are here, and so are innovations and accelerations: both see b through H phi b alone. P is that of the bodies as they are, for what is left
 //! here has no mass and is no covariance.
 
@@ -17,13 +17,13 @@ use nalgebra::{Matrix3, Vector3};
 /// A body as its force sees it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Load<N> {
-    /// Whether mass, h_z and J_zz are its parent's: then they are zero here, and I_zz - I_yy = I_xx, I_xx - I_zz = -I_yy.
+    /// Whether mass, `h_z` and `J_zz` are its parent's: then they are zero here, and `I_zz` - `I_yy` is `I_xx`, `I_xx` - `I_zz` is -`I_yy`.
     pub is_off_axis: bool,
     /// Mass, first moment, rotational inertia about the origin.
     pub mass: N,
     pub first_moment: [N; 3],
     pub rotational: [N; 6],
-    /// I_zz - I_yy, I_xx - I_zz, I_yy - I_xx: what w x I w has of them.
+    /// `I_zz` - `I_yy`, `I_xx` - `I_zz`, `I_yy` - `I_xx`: what w x I w has of them.
     pub differences: [N; 3],
 }
 
@@ -241,7 +241,8 @@ mod tests {
         let is_off_axis = |load: &Load<f64>| {
             let [xx, _, _, yy, _, _] = load.rotational;
             let [x, y, _] = load.differences;
-            load.is_off_axis && [load.mass, load.first_moment[2]] == [0.0; 2] && (x, y) == (xx, -yy)
+            let are_zero = [load.mass, load.first_moment[2], x - xx, y + yy].iter().all(|&x| x == 0.0);
+            load.is_off_axis && are_zero
         };
         assert!(framed.loads[1..].iter().all(is_off_axis) && !framed.loads[0].is_off_axis);
         assert_eq!(bodies_off_axis(scene.model()), 6);

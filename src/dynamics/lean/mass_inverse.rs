@@ -5,8 +5,9 @@
 //! and no column waits for another.
 
 use super::body::{Carrier, LeanBody, LeanModel};
+use super::carry::{in_joint_frame, packed, unpacked};
 use super::columns::{LeanColumns, blocks_of, put_block, set_column};
-use super::filter::{self, in_joint_frame, packed, unpacked};
+use super::filter;
 use super::inverse_product;
 use super::motion::{carriers, cross};
 use super::scratch::LeanScratch;

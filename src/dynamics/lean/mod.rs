@@ -16,6 +16,7 @@ mod abreast;
 mod accelerations;
 mod afloat;
 mod body;
+mod carry;
 mod columns;
 mod entries;
 mod filter;
@@ -27,10 +28,12 @@ mod mass_columns;
 mod mass_inverse;
 mod mass_matrix;
 mod motion;
+mod predict;
 mod root_filter;
 mod scratch;
 mod segment;
 mod slots;
+mod spin;
 mod tiles;
 mod turn;
 mod watch;
@@ -110,7 +113,7 @@ pub(crate) fn inverse_dynamics<T: Real, C: ColumnsOf<T>>(
 ) {
     let state = Motion { q, qd, qdd, wrenches };
     motion::base_to_tip::<T, C, false>((model, lean), scratch, state);
-    filter::predict((model, lean), scratch, tau);
+    predict::tip_to_base((model, lean), scratch, tau);
     if let Some(qdd) = qdd {
         for ((tau, &qdd), &armature) in tau.iter_mut().zip(qdd).zip(&model.system.noise) {
             *tau += armature * qdd;

@@ -6,7 +6,7 @@
 
 use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
-use super::filter::in_joint_frame;
+use super::carry::in_joint_frame;
 use super::scratch::{LeanScratch, Own};
 use super::turn::{Axis, Turn, about, to_parent};
 use crate::filter::HingeMap;

@@ -40,8 +40,8 @@ pub(super) struct Segment<N> {
 }
 
 impl<N: Copy> Segment<N> {
-    /// Of a body, in the order of the sweeps; which turns hang on it is told by [`link_turns`].
-    pub fn new(body: &LeanBody<N>, arm: [N; 3], load: Load<N>, needs_no_force: bool) -> Self {
+    /// Of a body in the order of the sweeps, that nothing hangs on yet.
+    fn new(body: &LeanBody<N>, (arm, load, needs_no_force): ([N; 3], Load<N>, bool)) -> Self {
         Self {
             carrier: body.carrier,
             sense: body.sense,
@@ -86,8 +86,14 @@ impl<N: Copy> Segment<N> {
     }
 }
 
-/// Tells each body which turns hang on it; all in the order of the sweeps.
-pub(super) fn link_turns<N>(segments: &mut [Segment<N>]) {
+/// Those of all bodies in the order of the sweeps, given of each lever, load and whether it needs no force.
+pub(super) fn segments<N: Copy>(
+    swept: &[LeanBody<N>],
+    constants: impl Fn(usize) -> ([N; 3], Load<N>, bool),
+) -> Vec<Segment<N>> {
+    let of = |body: &LeanBody<N>| Segment::new(body, constants(body.index));
+    let mut segments: Vec<_> = swept.iter().map(of).collect();
+    // Of each which turns hang on it.
     for place in (0..segments.len()).rev() {
         let Some(parent) = segments[place].parent.checked_sub(1) else { continue };
         if let Carrier::Turn(_) = segments[place].carrier {
@@ -97,4 +103,5 @@ pub(super) fn link_turns<N>(segments: &mut [Segment<N>]) {
             segments[parent].carries_shifts = true;
         }
     }
+    segments
 }

@@ -1,0 +1,213 @@
+//! P of one body in 21 numbers: P^- of what arrived, past the body's turn, and on the way to its parent.
+
+use super::body::LeanBody;
+use super::motion::minus_cross_number;
+use super::turn::Turn;
+use crate::filter::riccati::Measured;
+use crate::scalar::Real;
+use crate::spatial::{Symmetric3, Symmetric6};
+use nalgebra::Matrix3;
+
+/// M(k), of which six entries are zero, and what arrived.
+#[inline(always)]
+pub(super) fn with_noise<T: Real>(body: &LeanBody<T::Parameter>, arrived: &[T; 21]) -> [T; 21] {
+    let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *arrived;
+    let [xx, xy, xz, yy, yz, zz] = body.rotational;
+    let [x, y, z] = body.first_moment;
+    let (x, y, z, m) = (a0.everywhere(x), a0.everywhere(y), a0.everywhere(z), a0.everywhere(body.mass));
+    [
+        a0 + a0.everywhere(xx),
+        a1 + a0.everywhere(xy),
+        a2 + a0.everywhere(xz),
+        a3 + a0.everywhere(yy),
+        a4 + a0.everywhere(yz),
+        a5 + a0.everywhere(zz),
+        c0,
+        c1 - z,
+        c2 + y,
+        c3 + z,
+        c4,
+        c5 - x,
+        c6 - y,
+        c7 + x,
+        c8,
+        b0 + m,
+        b1,
+        b2,
+        b3 + m,
+        b4,
+        b5 + m,
+    ]
+}
+
+/// Of the same P^- column 2, which H picks.
+#[inline(always)]
+pub(super) fn pivot_column<T: Real>(body: &LeanBody<T::Parameter>, arrived: &[T; 21]) -> [T; 6] {
+    let [_, _, xz, _, yz, zz] = body.rotational;
+    let (like, [x, y, _]) = (arrived[5], body.first_moment);
+    [
+        arrived[2] + like.everywhere(xz),
+        arrived[4] + like.everywhere(yz),
+        arrived[5] + like.everywhere(zz),
+        arrived[12] - like.everywhere(y),
+        arrived[13] + like.everywhere(x),
+        arrived[14],
+    ]
+}
+
+/// And the diagonal.
+#[inline(always)]
+pub(super) fn diagonal<T: Real>(body: &LeanBody<T::Parameter>, arrived: &[T; 21]) -> [T; 6] {
+    let [xx, _, _, yy, _, zz] = body.rotational;
+    let like = arrived[0];
+    let m = like.everywhere(body.mass);
+    [
+        arrived[0] + like.everywhere(xx),
+        arrived[3] + like.everywhere(yy),
+        arrived[5] + like.everywhere(zz),
+        arrived[15] + m,
+        arrived[18] + m,
+        arrived[20] + m,
+    ]
+}
+
+/// P^+ = P^- - g H P^- past a turn about z (3.6): the five rows that H does not pick. Row and column 2 are zero, or where `NOISY` r g, by which
+/// they are given.
+#[inline(always)]
+pub(super) fn kept<T: Real, const NOISY: bool>(
+    p: &[T; 21],
+    [ph0, ph1, ph3, ph4, ph5]: &[T; 5],
+    (m, r): (&Measured<T>, T),
+) -> [T; 21] {
+    let g = &m.gain;
+    let [a0, a1, _, a3, _, _, c0, c1, c2, c3, c4, c5, _, _, _, b0, b1, b2, b3, b4, b5] = *p;
+    let o = ph0.constant(0.0);
+    let [a2, a4, a5, c6, c7, c8] =
+        if NOISY { [r * g[0], r * g[1], r * g[2], r * g[3], r * g[4], r * g[5]] } else { [o; 6] };
+    [
+        a0.minus_product(g[0], *ph0),
+        a1.minus_product(g[0], *ph1),
+        a2,
+        a3.minus_product(g[1], *ph1),
+        a4,
+        a5,
+        c0.minus_product(g[0], *ph3),
+        c1.minus_product(g[0], *ph4),
+        c2.minus_product(g[0], *ph5),
+        c3.minus_product(g[1], *ph3),
+        c4.minus_product(g[1], *ph4),
+        c5.minus_product(g[1], *ph5),
+        c6,
+        c7,
+        c8,
+        b0.minus_product(g[3], *ph3),
+        b1.minus_product(g[3], *ph4),
+        b2.minus_product(g[3], *ph5),
+        b3.minus_product(g[4], *ph4),
+        b4.minus_product(g[4], *ph5),
+        b5.minus_product(g[5], *ph5),
+    ]
+}
+
+/// [`kept`] of a turn, about z and along the lever.
+#[inline(always)]
+#[allow(clippy::too_many_lines)] // 21 entries, each in its place
+pub(super) fn carried<T: Real, const NOISY: bool>(
+    body: &LeanBody<T::Parameter>,
+    turn: Turn<T>,
+    p: &[T; 21],
+    column: &[T; 5],
+    (m, variance): (&Measured<T>, T),
+) -> [T; 21] {
+    let o = column[0].constant(0.0);
+    let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] =
+        kept::<T, NOISY>(p, column, (m, variance));
+    // About z.
+    let (a0, a1, a3) = turn.symmetric((a0, a1, a3));
+    let (b0, b1, b3) = turn.symmetric((b0, b1, b3));
+    let (b2, b4) = turn.pair(b2, b4);
+    let [c0, c1, c3, c4] = turn.square([c0, c1, c3, c4]);
+    let (c2, c5) = turn.pair(c2, c5);
+    let (mut a2, mut a4, mut a5, mut c6, mut c7, c8) = (a2, a4, a5, c6, c7, c8);
+    if NOISY {
+        (a2, a4) = turn.pair(a2, a4);
+        (c6, c7) = turn.pair(c6, c7);
+    }
+    if !body.has_lever {
+        return [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5];
+    }
+    // Along the lever: C' = C + l~ B, A' = A + l~ C^T + C' l~^T.
+    let [x, y, z] = body.lever;
+    let (x, y, z) = (o.everywhere(x), o.everywhere(y), o.everywhere(z));
+    let s0 = y.mul_add(b2, c0.minus_product(z, b1));
+    let s1 = y.mul_add(b4, c1.minus_product(z, b3));
+    let s2 = y.mul_add(b5, c2.minus_product(z, b4));
+    let s3 = z.mul_add(b0, c3.minus_product(x, b2));
+    let s4 = z.mul_add(b1, c4.minus_product(x, b4));
+    let s5 = z.mul_add(b2, c5.minus_product(x, b5));
+    let s6 = x.mul_add(b1, c6.minus_product(y, b0));
+    let s7 = x.mul_add(b3, c7.minus_product(y, b1));
+    let s8 = x.mul_add(b4, c8.minus_product(y, b2));
+    let a0 = y.mul_add(s2 + c2, a0.minus_product(z, s1 + c1));
+    let a1 = z.mul_add(s0, y.mul_add(c5, a1.minus_product(z, c4)).minus_product(x, s2));
+    let a3 = z.mul_add(s3 + c3, a3.minus_product(x, s5 + c5));
+    if NOISY {
+        a2 = y.mul_add(c8, a2.minus_product(z, c7));
+        a4 = z.mul_add(c6, a4.minus_product(x, c8));
+        a5 = x.mul_add(c7, a5.minus_product(y, c6));
+    }
+    let a2 = x.mul_add(s1, a2.minus_product(y, s0));
+    let a4 = x.mul_add(s4, a4.minus_product(y, s3));
+    let a5 = x.mul_add(s7, a5.minus_product(y, s6));
+    [a0, a1, a2, a3, a4, a5, s0, s1, s2, s3, s4, s5, s6, s7, s8, b0, b1, b2, b3, b4, b5]
+}
+
+/// A force in the joint's frame, about the parent's origin: at the end of this lever, if it has one.
+#[inline(always)]
+pub(super) fn in_joint_frame<T: Real>(lever: Option<[T::Parameter; 3]>, turn: Turn<T>, z: &[T; 6]) -> [T; 6] {
+    let force = turn.rotate([z[3], z[4], z[5]]);
+    let moment = turn.rotate([z[0], z[1], z[2]]);
+    // l x f = - f x l.
+    let [a, b, c] = if let Some(lever) = lever { minus_cross_number(force, lever, moment) } else { moment };
+    [a, b, c, force[0], force[1], force[2]]
+}
+
+/// As the general stages take it.
+#[inline(always)]
+pub(super) fn unpacked<T: Real>(p: &[T; 21]) -> Symmetric6<T> {
+    let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *p;
+    Symmetric6 {
+        angular: Symmetric3::new([a0, a1, a2, a3, a4, a5]),
+        coupling: Matrix3::new(c0, c1, c2, c3, c4, c5, c6, c7, c8),
+        linear: Symmetric3::new([b0, b1, b2, b3, b4, b5]),
+    }
+}
+
+/// As these sweeps take it.
+#[inline(always)]
+pub(super) fn packed<T: Real>(p: &Symmetric6<T>) -> [T; 21] {
+    let ([a0, a1, a2, a3, a4, a5], [b0, b1, b2, b3, b4, b5], c) = (p.angular.entries, p.linear.entries, &p.coupling);
+    [
+        a0,
+        a1,
+        a2,
+        a3,
+        a4,
+        a5,
+        c[(0, 0)],
+        c[(0, 1)],
+        c[(0, 2)],
+        c[(1, 0)],
+        c[(1, 1)],
+        c[(1, 2)],
+        c[(2, 0)],
+        c[(2, 1)],
+        c[(2, 2)],
+        b0,
+        b1,
+        b2,
+        b3,
+        b4,
+        b5,
+    ]
+}

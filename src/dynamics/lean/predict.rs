@@ -1,0 +1,97 @@
+//! Tip to base, open loop: the torques that forces need.
+
+use super::body::{Carrier, LeanModel};
+use super::filter::ABOUT_Z;
+use super::motion::cross;
+use super::scratch::{LeanScratch, Own, arrive_after};
+use super::segment::Segment;
+use super::turn::{Axis, Turn, about};
+use crate::scalar::Real;
+use crate::scene::Model;
+use nalgebra::Vector6;
+
+/// The torque H z of every row, z carried inward (1.5).
+#[inline(always)]
+pub(super) fn tip_to_base<T: Real>(
+    (model, lean): (&Model<T>, &LeanModel<T>),
+    scratch: &mut LeanScratch<T>,
+    torques: &mut [T],
+) {
+    let LeanScratch { own, shifts, .. } = scratch;
+    let bodies = &lean.segments[..];
+    let own = &mut own[..bodies.len()];
+    for (place, body) in bodies.iter().enumerate().rev() {
+        let Own { turn, force } = own[place];
+        let to = if body.parent > 0 { Some(&mut own[body.parent - 1].force) } else { None };
+        match body.carrier {
+            Carrier::Turn(axis) => about!(axis, X, Y, Z, {
+                torques[body.row] = force[ABOUT_Z] * force[ABOUT_Z].everywhere(body.sense);
+                if let Some(to) = to {
+                    send_force::<T, X, Y, Z>(body, turn, &force, to);
+                }
+            }),
+            Carrier::Shift(at) => {
+                let (force, stage) = (Vector6::from(force), &model.system.stages[body.index]);
+                for i in 0..stage.rows.count() {
+                    torques[body.row + i] = stage.rows.row(i).project(&force);
+                }
+                if let Some(to) = to {
+                    arrive_after(&lean.swept()[place], false, &shifts[at].force_to_parent(&force).into(), to);
+                }
+            }
+        }
+    }
+}
+
+/// Adds a force across a turn to what its parent has.
+#[inline(always)]
+fn send_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
+    body: &Segment<T::Parameter>,
+    turn: Turn<T>,
+    force: &[T; 6],
+    to: &mut [T; 6],
+) {
+    let (like, [x, y, z]) = (force[0], body.lever::<X, Y, Z>());
+    let lever = [like.everywhere(x), like.everywhere(y), like.everywhere(z)];
+    if T::LIMBS > 1 && body.limbs > 1 {
+        // One after another, as where they are bodies by themselves.
+        for limb in (0..body.limbs).rev() {
+            let [a, b, c, d, e, f] = *force;
+            let force =
+                [a.of_limb(limb), b.of_limb(limb), c.of_limb(limb), d.of_limb(limb), e.of_limb(limb), f.of_limb(limb)];
+            let lever = [lever[0].of_limb(limb), lever[1].of_limb(limb), lever[2].of_limb(limb)];
+            let turn = Turn { s: turn.s.of_limb(limb), c: turn.c.of_limb(limb) };
+            *to = with_force::<T, X, Y, Z>((lever, body.has_lever), turn, &force, to);
+        }
+        return;
+    }
+    let mut force = *force;
+    if T::LIMBS > 1 && !body.is_on_all_limbs {
+        // Nothing from a limb that has no such body: a sum with products of zero changes no bit.
+        for number in &mut force {
+            *number *= like.everywhere(body.stands_for_itself);
+        }
+    }
+    *to = with_force::<T, X, Y, Z>((lever, body.has_lever), turn, &force, to);
+}
+
+/// What a parent has and a force across a turn: what was there comes in where the sum begins, so that nothing waits for it.
+#[inline(always)]
+fn with_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
+    (lever, has_lever): ([T; 3], bool),
+    turn: Turn<T>,
+    force: &[T; 6],
+    to: &[T; 6],
+) -> [T; 6] {
+    let Turn { s, c } = turn;
+    let [nx, ny, nz, ..] = *force;
+    let f = turn.rotate([force[3], force[4], force[5]]);
+    let mut n = [c.mul_add(nx, to[X]).minus_product(s, ny), s.mul_add(nx, c.mul_add(ny, to[Y])), nz + to[Z]];
+    if has_lever {
+        n = cross(lever, f, n);
+    }
+    let mut sum = *to;
+    (sum[X], sum[Y], sum[Z]) = (n[0], n[1], n[2]);
+    (sum[3 + X], sum[3 + Y], sum[3 + Z]) = (f[0] + to[3 + X], f[1] + to[3 + Y], f[2] + to[3 + Z]);
+    sum
+}
