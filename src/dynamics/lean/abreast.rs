@@ -4,7 +4,7 @@ use super::body::{Carrier, LeanBody, LeanModel, Turning, interleaved};
 use super::frames::Framed;
 use super::limbs::{ABREAST, Bundle, bundles};
 use super::scratch::LeanScratch;
-use super::segment::segments;
+use super::segment::{OfSegment, segments};
 use super::slots::{Ordered, last_children};
 use crate::filter::Stage;
 use crate::filter::cancellation::weight;
@@ -179,8 +179,16 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
     turning.sort_by_key(|turning| turning.place);
     let bodies: Vec<_> = order.iter().map(|&k| bodies[k].clone()).collect();
     let of_lane = |k: usize, lane: usize| &whole.segments[whole.at[bundles[k].body(lane)]];
-    let constants = |k: usize| (of_lane(k, 0).arm, of_lane(k, 0).load.clone(), of_lane(k, 0).needs_no_force);
-    let mut segments = segments(&bodies, constants);
+    let own = |k: usize| {
+        let first = of_lane(k, 0);
+        OfSegment {
+            arm: first.arm,
+            load: first.load.clone(),
+            needs_no_force: first.needs_no_force,
+            waits_for_parent: first.waits_for_parent,
+        }
+    };
+    let mut segments = segments(&bodies, own);
     for segment in &mut segments {
         for lane in 1..ABREAST {
             let mut own = of_lane(segment.index, lane).clone();

@@ -2,6 +2,7 @@
 
 use super::afloat;
 use super::body::{Carrier, LeanModel};
+use super::carry::in_joint_frame;
 use super::filter::ABOUT_Z;
 use super::motion::cross_number;
 use super::scratch::{CoState, LeanScratch};
@@ -45,9 +46,18 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
                 };
                 let (mut there, its) = (to_turn::<T, X, Y, Z>(&outer.carried), outer.estimate);
                 let (m, to) = (&measured[body.row], &mut estimates[body.row]);
+                let lever = body.lever_if_any::<X, Y, Z>();
+                let estimate = if body.waits_for_parent {
+                    // phi g waits for nothing, the estimate not for phi* lambda, and of the parent's estimate only the last step.
+                    let g = in_joint_frame(lever, own.turn, &m.gain.into());
+                    but_along(*to * m.pivot_inverse, &g, &there).minus_product(g[ITS_Z], its)
+                } else {
+                    *to * m.pivot_inverse
+                };
                 there[ITS_Z] += its;
-                let carried = carried(body.lever_if_any::<X, Y, Z>(), own.turn, &there);
-                let estimate = but_along(*to * m.pivot_inverse, &m.gain.into(), &carried);
+                let carried = carried(lever, own.turn, &there);
+                let estimate =
+                    if body.waits_for_parent { estimate } else { but_along(estimate, &m.gain.into(), &carried) };
                 *to = estimate * estimate.everywhere(body.sense);
                 CoState { carried, estimate }
             }),

@@ -2,7 +2,7 @@
 
 use super::frames::Framed;
 use super::limbs::ranks;
-use super::segment::{Segment, segments};
+use super::segment::{OfSegment, Segment, alone_at_depth, segments};
 use super::slots::{Ordered, Places, SlotCounts, last_children};
 use super::turn::{Axis, Renaming};
 use crate::filter::pivots::Scale;
@@ -217,7 +217,7 @@ impl<T: Real> LeanModel<T> {
         let framed = Framed::of(model);
         let ranks = ranks(model, &framed);
         let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();
-        let order = interleaved(&parents, |body| ranks[body]);
+        let (order, is_alone) = (interleaved(&parents, |body| ranks[body]), alone_at_depth(&parents));
         let by_rows = Ordered::new(&parents, &(0..parents.len()).collect::<Vec<_>>());
         let swept = Ordered::new(&parents, &order);
         let masses = model.bodies.iter().map(|body| body.inertia.mass).collect();
@@ -293,9 +293,14 @@ impl<T: Real> LeanModel<T> {
         let composites = order.iter().map(|&k| composites[k].clone()).collect();
         let reordered = |&k: &usize| LeanBody { places: swept.places[k], ..bodies[k].clone() };
         let reordered = if order.is_sorted() { Vec::new() } else { order.iter().map(reordered).collect() };
-        let swept_bodies = if reordered.is_empty() { &bodies } else { &reordered };
-        let constants = |k: usize| (arms[k].map(number), framed.loads[k].map(number), whole.bodies[k].needs_no_force);
-        let segments = segments(swept_bodies, constants);
+        let in_order = if reordered.is_empty() { &bodies } else { &reordered };
+        let own = |k: usize| OfSegment {
+            arm: arms[k].map(number),
+            load: framed.loads[k].map(number),
+            needs_no_force: whole.bodies[k].needs_no_force,
+            waits_for_parent: is_alone[k],
+        };
+        let segments = segments(in_order, own);
         Self {
             bodies,
             reordered,

@@ -37,11 +37,37 @@ pub(super) struct Segment<N> {
     pub next_turn: usize,
     /// Whether anything but turns hangs on it.
     pub carries_shifts: bool,
+    /// Whether its co-state comes right after its parent's, with nothing to do meanwhile: no other body is at its depth.
+    pub waits_for_parent: bool,
+}
+
+/// What a body has here and nowhere else, but for what follows from the others.
+#[derive(Debug, Clone)]
+pub(super) struct OfSegment<N> {
+    pub arm: [N; 3],
+    pub load: Load<N>,
+    pub needs_no_force: bool,
+    pub waits_for_parent: bool,
+}
+
+/// Of each body whether no other is at its depth.
+pub(super) fn alone_at_depth(parents: &[Option<usize>]) -> Vec<bool> {
+    let (mut depths, mut bodies_at) = (Vec::with_capacity(parents.len()), Vec::new());
+    for parent in parents {
+        let depth = parent.map_or(0, |parent: usize| depths[parent] + 1);
+        depths.push(depth);
+        if depth == bodies_at.len() {
+            bodies_at.push(0);
+        }
+        bodies_at[depth] += 1;
+    }
+    depths.into_iter().map(|depth| bodies_at[depth] == 1).collect()
 }
 
 impl<N: Copy> Segment<N> {
     /// Of a body in the order of the sweeps, that nothing hangs on yet.
-    fn new(body: &LeanBody<N>, (arm, load, needs_no_force): ([N; 3], Load<N>, bool)) -> Self {
+    fn new(body: &LeanBody<N>, own: OfSegment<N>) -> Self {
+        let OfSegment { arm, load, needs_no_force, waits_for_parent } = own;
         Self {
             carrier: body.carrier,
             sense: body.sense,
@@ -64,6 +90,7 @@ impl<N: Copy> Segment<N> {
             first_turn: 0,
             next_turn: 0,
             carries_shifts: false,
+            waits_for_parent,
         }
     }
 
@@ -86,12 +113,9 @@ impl<N: Copy> Segment<N> {
     }
 }
 
-/// Those of all bodies in the order of the sweeps, given of each lever, load and whether it needs no force.
-pub(super) fn segments<N: Copy>(
-    swept: &[LeanBody<N>],
-    constants: impl Fn(usize) -> ([N; 3], Load<N>, bool),
-) -> Vec<Segment<N>> {
-    let of = |body: &LeanBody<N>| Segment::new(body, constants(body.index));
+/// Those of all bodies in the order of the sweeps.
+pub(super) fn segments<N: Copy>(swept: &[LeanBody<N>], own: impl Fn(usize) -> OfSegment<N>) -> Vec<Segment<N>> {
+    let of = |body: &LeanBody<N>| Segment::new(body, own(body.index));
     let mut segments: Vec<_> = swept.iter().map(of).collect();
     // Of each which turns hang on it.
     for place in (0..segments.len()).rev() {
