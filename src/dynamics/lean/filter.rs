@@ -112,54 +112,14 @@ impl<T: Real> Inward<'_, T> {
         own: &mut Own<T>,
         watched: &mut Watched<T>,
     ) {
-        let noise = Noise::of(self.system, self.noise[body.row]);
-        // All of it in each arm: what both begin with would be there at once, and not in registers.
-        if noise.skips_zeros {
-            self.about_z_past::<SIDES, false>(body, noise, own, watched);
-        } else {
-            self.about_z_past::<SIDES, true>(body, noise, own, watched);
-        }
-    }
-
-    /// The same; whether row and column 2 of P^+ are there is known.
-    ///
-    /// P leaves before anything is written: the compiler could take that for P's, and would read all of it before.
-    #[inline(always)]
-    fn about_z_past<const SIDES: usize, const NOISY: bool>(
-        &mut self,
-        body: &LeanBody<T::Parameter>,
-        noise: Noise<T>,
-        own: &mut Own<T>,
-        watched: &mut Watched<T>,
-    ) {
         let (row, turn) = (body.row, own.turn);
-        let noise = Noise { skips_zeros: !NOISY, ..noise };
-        let arrived = &self.arriving[body.places.inward];
-        let (m, column) = measured(noise, &pivot_column(body, &arrived.p));
-        let (scale, sent_scale) = (scale_of(body, &arrived.scale), sent(body, &diagonal(body, &arrived.p)));
-        let mut kept_diagonal = m.gain;
-        if SIDES == WATCH {
-            kept_diagonal = diagonal_past(noise, &diagonal(body, &arrived.p), &column, &m);
-        }
-        if body.parent.is_some() {
-            let p = with_noise(body, &arrived.p);
-            let to = &mut self.arriving[body.places.parent_inward];
-            match body.carrier {
-                Carrier::Turn(axis) => {
-                    // Not all of it for each axis, which takes no less time here and the compiler more.
-                    let sent = carried::<T, NOISY>(body, turn, &p, &column, (&m, noise.variance));
-                    about!(axis, X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
-                }
-                Carrier::Shift(at) => {
-                    let kept = unpacked(&kept::<T, NOISY>(&p, &column, (&m, noise.variance)));
-                    let shift = &self.shifts[at];
-                    let sent =
-                        if NOISY { shift.inertia_to_parent(&kept) } else { shift.inertia_to_parent_past_z(&kept) };
-                    arrive(body, &packed(&sent), &mut to.p);
-                }
-            }
-            arrive_bounds(body, sent_scale, &mut to.scale);
-        }
+        let noise = Noise::of(self.system, self.noise[row]);
+        // All of it in each arm: what both begin with would be there at once, and not in registers.
+        let (m, scale, kept_diagonal) = if noise.skips_zeros {
+            self.send_past_z::<SIDES, false>(body, noise, turn)
+        } else {
+            self.send_past_z::<SIDES, true>(body, noise, turn)
+        };
         self.monitor.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
         if SIDES >= FILTER {
             let z = sum(own.force, &self.arriving[body.places.inward].force);
@@ -187,6 +147,47 @@ impl<T: Real> Inward<'_, T> {
         if SIDES == WATCH {
             self.watch_about_z(body, turn, &kept_diagonal, watched);
         }
+    }
+
+    /// D and g of such a body, and P on its way to the parent; where `NOISY` with row and column 2 of P^+. Gives them, the bounds on P^-, and where it is
+    /// watched the diagonal of P^+.
+    ///
+    /// P leaves before anything is written: the compiler could take that for P's, and would read all of it before.
+    #[inline(always)]
+    fn send_past_z<const SIDES: usize, const NOISY: bool>(
+        &mut self,
+        body: &LeanBody<T::Parameter>,
+        noise: Noise<T>,
+        turn: Turn<T>,
+    ) -> (Measured<T>, Scale<T>, Vector6<T>) {
+        let noise = Noise { skips_zeros: !NOISY, ..noise };
+        let arrived = &self.arriving[body.places.inward];
+        let (m, column) = measured(noise, &pivot_column(body, &arrived.p));
+        let (scale, sent_scale) = (scale_of(body, &arrived.scale), sent(body, &diagonal(body, &arrived.p)));
+        let mut kept_diagonal = m.gain;
+        if SIDES == WATCH {
+            kept_diagonal = diagonal_past(noise, &diagonal(body, &arrived.p), &column, &m);
+        }
+        if body.parent.is_some() {
+            let p = with_noise(body, &arrived.p);
+            let to = &mut self.arriving[body.places.parent_inward];
+            match body.carrier {
+                Carrier::Turn(axis) => {
+                    // Not all of it for each axis, which takes no less time here and the compiler more.
+                    let sent = carried::<T, NOISY>(body, turn, &p, &column, (&m, noise.variance));
+                    about!(axis, X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
+                }
+                Carrier::Shift(at) => {
+                    let kept = unpacked(&kept::<T, NOISY>(&p, &column, (&m, noise.variance)));
+                    let shift = &self.shifts[at];
+                    let sent =
+                        if NOISY { shift.inertia_to_parent(&kept) } else { shift.inertia_to_parent_past_z(&kept) };
+                    arrive(body, &packed(&sent), &mut to.p);
+                }
+            }
+            arrive_bounds(body, sent_scale, &mut to.scale);
+        }
+        (m, scale, kept_diagonal)
     }
 
     /// What is watched besides of such a body, after P has left it.
