@@ -16,6 +16,9 @@ pub trait Circle: Copy + 'static {
     /// Three quarters of the number above which only even integers are: added and taken away again, it rounds to an integer.
     const ROUNDER: f64;
 
+    /// Whether whole quarter turns times the second part of pi/2 are numbers of this kind, up to [`Circle::LARGEST`].
+    const PRODUCT_IS_EXACT: bool;
+
     /// pi/2 in parts.
     const HALF_PI: [f64; 3];
 
@@ -29,6 +32,7 @@ pub trait Circle: Copy + 'static {
 impl Circle for f64 {
     const LARGEST: f64 = 1.0e6;
     const ROUNDER: f64 = 6_755_399_441_055_744.0;
+    const PRODUCT_IS_EXACT: bool = true;
     const HALF_PI: [f64; 3] = [1.570_796_326_734_125_6, 6.077_100_506_303_966e-11, 2.022_266_248_795_950_6e-21];
     const SINE: &'static [f64] = &[
         -0.166_666_666_666_666_32,
@@ -51,6 +55,7 @@ impl Circle for f64 {
 impl Circle for f32 {
     const LARGEST: f64 = 1.0e5;
     const ROUNDER: f64 = 12_582_912.0;
+    const PRODUCT_IS_EXACT: bool = false;
     // Each is a number of f32, and positive: so the sine of -0 is -0.
     const HALF_PI: [f64; 3] = [1.570_796_251_296_997, 7.549_789_415_861_596e-08, 5.390_302_953_474_238e-15];
     const SINE: &'static [f64] = &[-0.166_666_507_720_947_27, 0.008_331_939_578_056_335, -0.000_194_859_763_723_798_1];
@@ -60,12 +65,22 @@ impl Circle for f32 {
 /// Sine and cosine of `x` less `turns` quarter turns, |x| up to [`Circle::LARGEST`], to about one unit in the last place of `P`.
 #[inline(always)]
 pub fn of_reduced<P: Circle, T: Real>(x: T, turns: T) -> (T, T) {
-    // The first difference is exact, and so is the product in the second, by the 33 bits in f64 and fused in f32: its rounding is what the third leaves.
-    let [first, second, third] = P::HALF_PI;
-    let rest = x.minus_product(turns, x.constant(first));
-    let y = rest.minus_product(turns, x.constant(second));
-    let slip = (rest - y).minus_product(turns, x.constant(second));
-    let tail = slip.minus_product(turns, x.constant(third));
+    let part = P::HALF_PI.map(|part| x.constant(part));
+    // This difference is exact, by the 33 bits in f64 and fused in f32; each other is exact or leaves its rounding to the next.
+    let first = x.minus_product(turns, part[0]);
+    let (y, tail) = if P::PRODUCT_IS_EXACT {
+        let y = first.minus_product(turns, part[1]);
+        let slip = (first - y).minus_product(turns, part[1]);
+        (y, slip.minus_product(turns, part[2]))
+    } else {
+        // The product leaves its own rounding too.
+        let second = turns * part[1];
+        let slip = turns.mul_add(part[1], -second);
+        let reduced = first - second;
+        let rest = turns.mul_add(part[2], slip) - ((first - reduced) - second);
+        let y = reduced - rest;
+        (y, (reduced - y) - rest)
+    };
 
     let z = y * y;
     let v = z * y;
