@@ -31,14 +31,16 @@ USUAL = tuple(switch for switch in SWITCHES if switch != "planar")
 
 
 def builder() -> phipsi.SceneBuilder:
-    """base - (column) - a: arm - (weld) - hand - b: sledge (planar), every link with mass."""
+    """base - (column) - a: arm - (weld) - hand - c: flap - d: tip - b: sledge (planar), every link with mass; c and d are parallel."""
     builder = phipsi.SceneBuilder()
-    for name in ("base", "column", "arm", "hand", "sledge"):
+    for name in ("base", "column", "arm", "hand", "flap", "tip", "sledge"):
         builder.link(name, mass=1.5, com=(0.1, 0.2, -0.1), inertia=np.diag((0.2, 0.3, 0.25)))
     builder.joint("column", "fixed", "base", "column", xyz=(0, 0, 1))
     builder.joint("a", "revolute", "column", "arm", xyz=(0.2, 0, 0.1), rpy=(0.3, -0.2, 0.1), axis=(1, 2, 3))
     builder.joint("weld", "fixed", "arm", "hand", xyz=(0.3, 0.1, 0.0), rpy=(1.0, 0.5, 0.2))
-    return builder.joint("b", "planar", "hand", "sledge", xyz=(0.0, 0.2, 0.3), axis=(0, 1, 1))
+    builder.joint("c", "revolute", "hand", "flap", xyz=(0.1, 0.0, 0.2), axis=(0, 1, 0))
+    builder.joint("d", "revolute", "flap", "tip", xyz=(0.2, 0.1, 0.0), axis=(0, 1, 0))
+    return builder.joint("b", "planar", "tip", "sledge", xyz=(0.0, 0.2, 0.3), axis=(0, 1, 1))
 
 
 def but(switch: str) -> list[str]:
