@@ -29,6 +29,7 @@ pub(super) struct Load<N> {
 
 impl<N> Load<N> {
     /// Its numbers.
+    #[cfg(target_arch = "x86_64")]
     pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
         let three = self.first_moment.iter_mut().chain(&mut self.differences);
         std::iter::once(&mut self.mass).chain(three).chain(&mut self.rotational)
