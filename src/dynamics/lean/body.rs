@@ -19,15 +19,21 @@ const SHALLOW: usize = 15;
 /// As many bodies are swept in an order of their own: what is kept of them fits in the caches then, whatever the order. Not timed beyond.
 pub(super) const INTERLEAVED: usize = 500;
 
+/// How many bodies there are between each and the base.
+pub(super) fn bodies_inward(parents: &[Option<usize>]) -> Vec<usize> {
+    let mut counts: Vec<usize> = Vec::with_capacity(parents.len());
+    for parent in parents {
+        counts.push(parent.map_or(0, |parent| counts[parent] + 1));
+    }
+    counts
+}
+
 /// The order of the sweeps, but for M^-1 in closed form, parents first: those at equal depth one after another, for they do not wait for each
 /// other, and what a body waits for was done a while ago. Those at equal depth by their `rank`.
 pub(super) fn interleaved<R: Ord>(parents: &[Option<usize>], rank: impl Fn(usize) -> R) -> Vec<usize> {
     let mut order: Vec<usize> = (0..parents.len()).collect();
     if parents.len() <= INTERLEAVED {
-        let mut bodies_inward: Vec<usize> = Vec::with_capacity(parents.len());
-        for parent in parents {
-            bodies_inward.push(parent.map_or(0, |parent| bodies_inward[parent] + 1));
-        }
+        let bodies_inward = bodies_inward(parents);
         order.sort_by_key(|&k| (bodies_inward[k], rank(k)));
     }
     order

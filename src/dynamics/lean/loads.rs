@@ -66,10 +66,10 @@ impl Moments {
         let second = Matrix3::new(
             (yy + zz - xx) * half,
             -xy,
-            -xz, //
+            -xz,
             -xy,
             (zz + xx - yy) * half,
-            -yz, //
+            -yz,
             -xz,
             -yz,
             (xx + yy - zz) * half,

@@ -2,7 +2,7 @@
 //!
 //! It is apart from the rest, and in the order of the sweeps: scenes that no cache holds take as long as it takes to read them.
 
-use super::body::{Carrier, LeanBody};
+use super::body::{Carrier, LeanBody, bodies_inward};
 use super::loads::Load;
 
 /// One body.
@@ -52,13 +52,8 @@ pub(super) struct OfSegment<N> {
 
 /// Of each body whether no other is at its depth.
 pub(super) fn alone_at_depth(parents: &[Option<usize>]) -> Vec<bool> {
-    let (mut depths, mut bodies_at) = (Vec::with_capacity(parents.len()), Vec::new());
-    for parent in parents {
-        let depth = parent.map_or(0, |parent: usize| depths[parent] + 1);
-        depths.push(depth);
-        if depth == bodies_at.len() {
-            bodies_at.push(0);
-        }
+    let (depths, mut bodies_at) = (bodies_inward(parents), vec![0; parents.len()]);
+    for &depth in &depths {
         bodies_at[depth] += 1;
     }
     depths.into_iter().map(|depth| bodies_at[depth] == 1).collect()
