@@ -223,6 +223,45 @@ fn results_are_the_same_with_every_switch_on_and_off() {
     }
 }
 
+/// Nine links on turns about all axes, whose levers are along none, one, two and all of those of the joint's frame; two tips on the last.
+fn along_some_axes(armature: f64) -> SceneBuilder {
+    let mut random = Random::new(7);
+    let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
+    for k in 0..11 {
+        let parent = if k == 0 { "base".to_owned() } else { format!("{}", k.min(9) - 1) };
+        let mut joint = JointDescription::new(format!("to {k}"), JointKind::Revolute, parent, format!("{k}"));
+        joint.axis = [Vector3::x(), -Vector3::y(), Vector3::z()][k % 3];
+        joint.armature = if k % 2 == 0 { armature } else { 0.0 };
+        let all = random.vector() * 0.5;
+        joint.origin.lever = Vector3::from_fn(|i, _| if k >> i & 1 == 1 { all[i] } else { 0.0 });
+        let inertial = Some(random_inertial(&mut random));
+        builder = builder.link(LinkDescription { name: format!("{k}"), inertial }).joint(joint);
+    }
+    builder
+}
+
+/// What entries of levers that are zero multiply changes no digit where it is left out.
+#[test]
+fn levers_along_some_axes_only_lose_no_digit() {
+    for armature in [0.0, 0.2] {
+        let source = along_some_axes(armature);
+        let scene = source.clone().build().unwrap();
+        let off = source.clone().omissions(Omissions::all_but(|of| &mut of.zero_levers)).build().unwrap();
+        let none = source.omissions(Omissions::none()).build().unwrap();
+        let (q, qd, u) = random_state(&scene, &mut Random::new(3));
+        let state = State { q, qd, u, wrenches: Vec::new() };
+        let expected = results(&scene, &state);
+        let bounds = Bounds::new(&scene, &state, &expected);
+        for ((what, expected), ((_, off), (_, none))) in
+            expected.iter().zip(results(&off, &state).iter().zip(&results(&none, &state)))
+        {
+            let say = format!("armature {armature}: {what}");
+            assert_near(&say, off, expected, 0.0);
+            assert_near(&say, none, expected, bounds.of(what, expected));
+        }
+    }
+}
+
 #[test]
 fn a_wrench_of_zero_is_none() {
     for seed in 0..12 {

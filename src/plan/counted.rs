@@ -47,19 +47,20 @@ impl Scene {
         )
     }
 
-    /// Levers of these that are zero.
+    /// Entries of levers of these that are zero, along the axes of the joint's frame or its parent's.
     pub(super) fn levers_item(&self) -> Omission {
         let renamed = self.model().omissions.renamed_axes;
-        let zero = self.bodies_on_renamed_axes().filter(|body| body.tree.lever.iter().all(|&x| x == 0.0)).count();
+        let levers = self.bodies_on_renamed_axes().flat_map(|body| &body.tree.lever);
+        let zero = levers.filter(|&&x| x == 0.0).count();
         let count = if renamed { zero } else { 0 };
         let saved = self.saved_of_lean(count, |omissions| omissions.zero_levers = false);
         self.switched(
             "zero_levers",
             Omission {
-                what: "levers of the tree that are zero",
+                what: "entries of the tree's levers that are zero",
                 count,
-                why: "the origins coincide: nothing has a moment about the other",
-                saved: counted(count, "lever", "levers") + ", in P, forces and motions",
+                why: "a lever along some axes only, or of no length, leaves the rest of its products out",
+                saved: counted(count, "entry", "entries") + " of levers, in P, forces and motions",
                 operations: saved,
                 ..NOTHING
             },

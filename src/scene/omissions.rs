@@ -17,7 +17,7 @@ pub struct Omissions {
     /// turns about the joint's own: the angle alone is carried. To rounding: entries within 9e-16 of 0 and 1 are taken for
     /// them, for a right angle has no double. Off, a rotation matrix. For one state and lanes, in the algorithms that [`Scene::evaluate`](super::Scene::evaluate) runs in covariance form, and forward dynamics in square-root form.
     pub renamed_axes: bool,
-    /// Levers that are zero, of the same joints.
+    /// Entries of levers that are zero, of the same joints. For one state in motions and forces levers that are zero whole.
     pub zero_levers: bool,
     /// What the force of a body that turns has of the mass along its joint's axis: its parent carries that, to which it looks the same at every angle.
     /// Of the same joints, inverse dynamics, the bias, and forward dynamics in covariance form.

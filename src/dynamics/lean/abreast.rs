@@ -147,6 +147,7 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
             for (number, own) in body.numbers_mut().zip(own.numbers_mut()) {
                 number.take_limb(lane, own);
             }
+            body.lever.take_limb(lane, &own.lever);
             let is_there = bundle.bodies.get(lane).is_some_and(Option::is_some);
             body.stands_for_itself.lanes_mut()[lane] = f64::from(u8::from(is_there));
         }
@@ -195,6 +196,7 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
             for (number, own) in segment.numbers_mut().zip(own.numbers_mut()) {
                 number.take_limb(lane, own);
             }
+            segment.arm.take_limb(lane, &own.arm);
         }
     }
     let roots = order.iter().map(|&k| roots[k]).collect();

@@ -4,7 +4,7 @@ use super::afloat;
 use super::body::{Carrier, LeanModel};
 use super::carry::in_joint_frame;
 use super::filter::ABOUT_Z;
-use super::motion::cross_number;
+use super::lever::Lever;
 use super::scratch::{CoState, LeanScratch};
 use super::turn::{Axis, Turn, about, to_turn};
 use crate::filter::rounding::Outward;
@@ -46,16 +46,16 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
                 };
                 let (mut there, its) = (to_turn::<T, X, Y, Z>(&outer.carried), outer.estimate);
                 let (m, to) = (&measured[body.row], &mut estimates[body.row]);
-                let lever = body.lever_if_any::<X, Y, Z>();
+                let lever = body.arm.in_axes::<X, Y, Z>();
                 let estimate = if body.waits_for_parent {
                     // phi g waits for nothing, the estimate not for phi* lambda, and of the parent's estimate only the last step.
-                    let g = in_joint_frame(lever, own.turn, &m.gain.into());
+                    let g = in_joint_frame(&lever, own.turn, &m.gain.into());
                     but_along(*to * m.pivot_inverse, &g, &there).minus_product(g[ITS_Z], its)
                 } else {
                     *to * m.pivot_inverse
                 };
                 there[ITS_Z] += its;
-                let carried = carried(lever, own.turn, &there);
+                let carried = carried(&lever, own.turn, &there);
                 let estimate =
                     if body.waits_for_parent { estimate } else { but_along(estimate, &m.gain.into(), &carried) };
                 *to = estimate * estimate.everywhere(body.sense);
@@ -91,12 +91,11 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
     seen
 }
 
-/// phi* lambda across a turn with this lever, if any; lambda in the turn's frame.
+/// phi* lambda across a turn with this lever; lambda in the turn's frame.
 #[inline(always)]
-pub(super) fn carried<T: Real>(lever: Option<[T::Parameter; 3]>, turn: Turn<T>, lambda: &[T; 6]) -> [T; 6] {
+pub(super) fn carried<T: Real>(lever: &Lever<T::Parameter>, turn: Turn<T>, lambda: &[T; 6]) -> [T; 6] {
     let (w, v) = ([lambda[0], lambda[1], lambda[2]], [lambda[3], lambda[4], lambda[5]]);
-    let v = if let Some(lever) = lever { cross_number(w, lever, v) } else { v };
-    let (w, v) = (turn.rotate_back(w), turn.rotate_back(v));
+    let (w, v) = (turn.rotate_back(w), turn.rotate_back(lever.velocity(w, v)));
     [w[0], w[1], w[2], v[0], v[1], v[2]]
 }
 

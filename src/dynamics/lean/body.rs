@@ -1,6 +1,7 @@
 //! The constants of a scene as these sweeps read them: one number for all lanes (or limbs), in [frames](super::frames) of their own.
 
 use super::frames::Framed;
+use super::lever::Lever;
 use super::limbs::ranks;
 use super::segment::{OfSegment, Segment, alone_at_depth, segments};
 use super::slots::{Ordered, Places, SlotCounts, last_children};
@@ -88,9 +89,7 @@ pub(super) struct LeanBody<N> {
     /// Its first row.
     pub row: usize,
     /// Of a turn, from the parent's origin to the body's, in the turn's frame: the body's at its zero angle.
-    pub lever: [N; 3],
-    /// Whether the lever is there: not zero, or not left out.
-    pub has_lever: bool,
+    pub lever: Lever<N>,
     /// The lever's square.
     pub lever_square: N,
     /// Mass, first moment, rotational inertia about the origin.
@@ -134,20 +133,11 @@ impl<N> LeanBody<N> {
         self.parent.is_some() && !self.places.arrives_first
     }
 
-    /// The lever, if it has one.
-    #[inline(always)]
-    pub fn lever_if_any(&self) -> Option<[N; 3]>
-    where
-        N: Copy,
-    {
-        if self.has_lever { Some(self.lever) } else { None }
-    }
-
     /// Its numbers.
     #[cfg(target_arch = "x86_64")]
     pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
         let one = [&mut self.sense, &mut self.lever_square, &mut self.mass];
-        let three = [&mut self.frame.sign, &mut self.lever, &mut self.first_moment, &mut self.lever_squares];
+        let three = [&mut self.frame.sign, &mut self.first_moment, &mut self.lever_squares];
         let six = [&mut self.rotational, &mut self.terms];
         one.into_iter().chain(three.into_iter().flatten()).chain(six.into_iter().flatten()).chain(&mut self.scale)
     }
@@ -248,8 +238,7 @@ impl<T: Real> LeanModel<T> {
                 index: k,
                 parent: stage.parent,
                 row: stage.first_row,
-                lever: turned.map(number),
-                has_lever: !model.omissions.zero_levers || turned.iter().any(|&x| x != 0.0),
+                lever: Lever::new(turned, model.omissions.zero_levers, number),
                 lever_square: number(turned[0] * turned[0] + turned[1] * turned[1] + turned[2] * turned[2]),
                 mass: number(*mass),
                 first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],
@@ -281,7 +270,8 @@ impl<T: Real> LeanModel<T> {
             _ => BodyRoot::zero().map(|_| number(f64::NAN)),
         };
         let roots = order.iter().map(root).collect();
-        let arms: Vec<[f64; 3]> = framed.bodies.iter().map(|body| body.tree.lever.into()).collect();
+        let arm_of = |body: &Body<f64>| Lever::new(body.tree.lever.into(), model.omissions.zero_levers, number);
+        let arms: Vec<_> = framed.bodies.iter().map(arm_of).collect();
         let whole = Model { bodies: framed.bodies, ..model.clone() }.cast::<T>();
         let of_carrier = |turns: bool| {
             let carriers = framed.carriers.iter().enumerate();
@@ -301,7 +291,7 @@ impl<T: Real> LeanModel<T> {
         let reordered = if order.is_sorted() { Vec::new() } else { order.iter().map(reordered).collect() };
         let in_order = if reordered.is_empty() { &bodies } else { &reordered };
         let own = |k: usize| OfSegment {
-            arm: arms[k].map(number),
+            arm: arms[k],
             load: framed.loads[k].map(number),
             needs_no_force: whole.bodies[k].needs_no_force,
             waits_for_parent: is_alone[k],

@@ -1,7 +1,7 @@
 //! P of one body in 21 numbers: P^- of what arrived, past the body's turn, and on the way to its parent.
 
 use super::body::LeanBody;
-use super::motion::minus_cross_number;
+use super::lever::Lever;
 use super::turn::Turn;
 use crate::filter::riccati::Measured;
 use crate::scalar::Real;
@@ -123,52 +123,61 @@ pub(super) fn carried<T: Real, const NOISY: bool>(
     let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] =
         kept::<T, NOISY>(p, column, (m, variance));
     // About z.
-    let (a0, a1, a3) = turn.symmetric((a0, a1, a3));
+    let (mut a0, mut a1, mut a3) = turn.symmetric((a0, a1, a3));
     let (b0, b1, b3) = turn.symmetric((b0, b1, b3));
     let (b2, b4) = turn.pair(b2, b4);
-    let [c0, c1, c3, c4] = turn.square([c0, c1, c3, c4]);
-    let (c2, c5) = turn.pair(c2, c5);
-    let (mut a2, mut a4, mut a5, mut c6, mut c7, c8) = (a2, a4, a5, c6, c7, c8);
+    let [mut c0, mut c1, mut c3, mut c4] = turn.square([c0, c1, c3, c4]);
+    let (mut c2, mut c5) = turn.pair(c2, c5);
+    let (mut a2, mut a4, mut a5, mut c6, mut c7, mut c8) = (a2, a4, a5, c6, c7, c8);
     if NOISY {
         (a2, a4) = turn.pair(a2, a4);
         (c6, c7) = turn.pair(c6, c7);
     }
-    if !body.has_lever {
-        return [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5];
-    }
-    // Along the lever: C' = C + l~ B, A' = A + l~ C^T + C' l~^T.
-    let [x, y, z] = body.lever;
+    // Along z, x and y of the lever, one after another: C' = C + l~ B, A' = A + l~ C^T + C' l~^T. Of what is zero past a turn the first two add nothing.
+    let [x, y, z] = body.lever.entries;
     let (x, y, z) = (o.everywhere(x), o.everywhere(y), o.everywhere(z));
-    let s0 = y.mul_add(b2, c0.minus_product(z, b1));
-    let s1 = y.mul_add(b4, c1.minus_product(z, b3));
-    let s2 = y.mul_add(b5, c2.minus_product(z, b4));
-    let s3 = z.mul_add(b0, c3.minus_product(x, b2));
-    let s4 = z.mul_add(b1, c4.minus_product(x, b4));
-    let s5 = z.mul_add(b2, c5.minus_product(x, b5));
-    let s6 = x.mul_add(b1, c6.minus_product(y, b0));
-    let s7 = x.mul_add(b3, c7.minus_product(y, b1));
-    let s8 = x.mul_add(b4, c8.minus_product(y, b2));
-    let a0 = y.mul_add(s2 + c2, a0.minus_product(z, s1 + c1));
-    let a1 = z.mul_add(s0, y.mul_add(c5, a1.minus_product(z, c4)).minus_product(x, s2));
-    let a3 = z.mul_add(s3 + c3, a3.minus_product(x, s5 + c5));
-    if NOISY {
-        a2 = y.mul_add(c8, a2.minus_product(z, c7));
-        a4 = z.mul_add(c6, a4.minus_product(x, c8));
-        a5 = x.mul_add(c7, a5.minus_product(y, c6));
+    let [along_x, along_y, along_z] = body.lever.along;
+    if along_z {
+        let (s0, s1, s2) = (c0.minus_product(z, b1), c1.minus_product(z, b3), c2.minus_product(z, b4));
+        let (s3, s4, s5) = (z.mul_add(b0, c3), z.mul_add(b1, c4), z.mul_add(b2, c5));
+        a0 = a0.minus_product(z, s1 + c1);
+        a1 = z.mul_add(s0 - c4, a1);
+        a3 = z.mul_add(s3 + c3, a3);
+        if NOISY {
+            a2 = a2.minus_product(z, c7);
+            a4 = z.mul_add(c6, a4);
+        }
+        (c0, c1, c2, c3, c4, c5) = (s0, s1, s2, s3, s4, s5);
     }
-    let a2 = x.mul_add(s1, a2.minus_product(y, s0));
-    let a4 = x.mul_add(s4, a4.minus_product(y, s3));
-    let a5 = x.mul_add(s7, a5.minus_product(y, s6));
-    [a0, a1, a2, a3, a4, a5, s0, s1, s2, s3, s4, s5, s6, s7, s8, b0, b1, b2, b3, b4, b5]
+    if along_x {
+        let (s3, s4, s5) = (c3.minus_product(x, b2), c4.minus_product(x, b4), c5.minus_product(x, b5));
+        let (s6, s7, s8) = (x.mul_add(b1, c6), x.mul_add(b3, c7), x.mul_add(b4, c8));
+        a1 = a1.minus_product(x, c2);
+        a2 = x.mul_add(c1, a2);
+        a3 = a3.minus_product(x, s5 + c5);
+        a4 = if NOISY { x.mul_add(s4 - c8, a4) } else { x.mul_add(s4, a4) };
+        a5 = if NOISY { x.mul_add(s7 + c7, a5) } else { x.mul_add(s7, a5) };
+        (c3, c4, c5, c6, c7, c8) = (s3, s4, s5, s6, s7, s8);
+    }
+    if along_y {
+        let (s0, s1, s2) = (y.mul_add(b2, c0), y.mul_add(b4, c1), y.mul_add(b5, c2));
+        let (s6, s7, s8) = (c6.minus_product(y, b0), c7.minus_product(y, b1), c8.minus_product(y, b2));
+        a0 = y.mul_add(s2 + c2, a0);
+        a1 = y.mul_add(c5, a1);
+        a2 = y.mul_add(c8 - s0, a2);
+        a4 = a4.minus_product(y, c3);
+        a5 = a5.minus_product(y, s6 + c6);
+        (c0, c1, c2, c6, c7, c8) = (s0, s1, s2, s6, s7, s8);
+    }
+    [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5]
 }
 
-/// A force in the joint's frame, about the parent's origin: at the end of this lever, if it has one.
+/// A force in the joint's frame, about the parent's origin: at the end of this lever.
 #[inline(always)]
-pub(super) fn in_joint_frame<T: Real>(lever: Option<[T::Parameter; 3]>, turn: Turn<T>, z: &[T; 6]) -> [T; 6] {
+pub(super) fn in_joint_frame<T: Real>(lever: &Lever<T::Parameter>, turn: Turn<T>, z: &[T; 6]) -> [T; 6] {
     let force = turn.rotate([z[3], z[4], z[5]]);
     let moment = turn.rotate([z[0], z[1], z[2]]);
-    // l x f = - f x l.
-    let [a, b, c] = if let Some(lever) = lever { minus_cross_number(force, lever, moment) } else { moment };
+    let [a, b, c] = lever.moment(force, moment);
     [a, b, c, force[0], force[1], force[2]]
 }
 

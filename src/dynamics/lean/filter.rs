@@ -129,7 +129,7 @@ impl<T: Real> Inward<'_, T> {
                 let to = &mut self.arriving[body.places.parent_inward];
                 match body.carrier {
                     Carrier::Turn(axis) => {
-                        let sent = in_joint_frame(body.lever_if_any(), turn, &force);
+                        let sent = in_joint_frame(&body.lever, turn, &force);
                         about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
                     }
                     Carrier::Shift(at) => {
@@ -213,7 +213,7 @@ impl<T: Real> Inward<'_, T> {
         let to = &mut self.besides[body.places.parent_inward];
         match body.carrier {
             Carrier::Turn(axis) => {
-                let (terms, zeta) = (sent_terms(body, kept_diagonal), in_joint_frame(body.lever_if_any(), turn, &zeta));
+                let (terms, zeta) = (sent_terms(body, kept_diagonal), in_joint_frame(&body.lever, turn, &zeta));
                 about!(axis, X, Y, Z, {
                     arrive(body, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
                     arrive(body, &to_parent::<T, X, Y, Z>(&zeta), &mut to.zeta);

@@ -107,8 +107,8 @@ fn co_covariances_base_to_tip<T: Real>((model, lean): (&Model<T>, &LeanModel<T>)
 fn co_carried<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, lambda: &[T; 21]) -> [T; 21] {
     let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *lambda;
     let (mut c, mut b) = ([[c0, c1, c2], [c3, c4, c5], [c6, c7, c8]], [b0, b1, b2, b3, b4, b5]);
-    if body.has_lever {
-        let [x, y, z] = body.lever;
+    if body.lever.is_there() {
+        let [x, y, z] = body.lever.entries;
         let l = [a0.everywhere(x), a0.everywhere(y), a0.everywhere(z)];
         // v becomes v + w x l: C' = C + a x l, a the rows of A; B' = B + (C' x l) + (C x l)^T, column by column.
         let moved = [cross([a0, a1, a2], l, c[0]), cross([a1, a3, a4], l, c[1]), cross([a2, a4, a5], l, c[2])];
@@ -193,7 +193,7 @@ fn one_inward<T: Real>(
 ) -> [T; 6] {
     match body.carrier {
         Carrier::Turn(axis) => {
-            let sent = in_joint_frame(body.lever_if_any(), turn, force);
+            let sent = in_joint_frame(&body.lever, turn, force);
             about!(axis, X, Y, Z, to_parent::<T, X, Y, Z>(&sent))
         }
         Carrier::Shift(at) => shifts[at].force_to_parent(&Vector6::from(*force)).into(),

@@ -6,8 +6,9 @@ use super::afloat;
 use super::body::{Carrier, CompositeBody, LeanBody, LeanModel};
 use super::columns::Block;
 use super::filter::ABOUT_Z;
+use super::lever::Lever;
 use super::mass_columns::{MassColumns, Measurement};
-use super::motion::{carriers, cross};
+use super::motion::carriers;
 use super::scratch::{Composite, LeanScratch, arrive};
 use super::turn::{Axis, PACKED, Turn, about, to_parent};
 use crate::dynamics::columns::{spread_hinge, spread_shift};
@@ -100,12 +101,14 @@ fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, con
     let about = About::<C, X, Y, Z> {
         sense: none.spread(sense),
         turn: Turn { s: none.spread(turn.s), c: none.spread(turn.c) },
-        lever: [
-            none.spread(like.everywhere(body.lever[0])),
-            none.spread(like.everywhere(body.lever[1])),
-            none.spread(like.everywhere(body.lever[2])),
-        ],
-        has_lever: body.has_lever,
+        lever: Lever {
+            entries: [
+                none.spread(like.everywhere(body.lever.entries[0])),
+                none.spread(like.everywhere(body.lever.entries[1])),
+                none.spread(like.everywhere(body.lever.entries[2])),
+            ],
+            along: body.lever.along,
+        },
         ends: body.parent.is_none(),
     };
     columns.put_row::<CHECK>(out, (body.row, body.end_row), &force, &about);
@@ -118,8 +121,7 @@ fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, con
 struct About<C, const X: usize, const Y: usize, const Z: usize> {
     sense: C,
     turn: Turn<C>,
-    lever: [C; 3],
-    has_lever: bool,
+    lever: Lever<C>,
     /// Whether there is no parent to carry anything to.
     ends: bool,
 }
@@ -137,7 +139,7 @@ impl<C: Real, const X: usize, const Y: usize, const Z: usize> Measurement<C> for
         }
         let moment = self.turn.rotate([force[0], force[1], force[2]]);
         let line = self.turn.rotate([force[3], force[4], force[5]]);
-        let [a, b, c] = if self.has_lever { cross(self.lever, line, moment) } else { moment };
+        let [a, b, c] = self.lever.moment_in_lanes(line, moment);
         *force = to_parent::<C, X, Y, Z>(&[a, b, c, line[0], line[1], line[2]]);
     }
 }
@@ -186,27 +188,24 @@ fn carried<T: Real, const X: usize, const Y: usize, const Z: usize>(
     let (xz, yz) = turn.pair(i[2], i[4]);
     let (xx, xy, yy) = turn.symmetric((i[0], i[1], i[3]));
     let mut i = [xx, xy, xz, yy, yz, i[5]];
-    if body.has_lever {
-        let like = h[0];
-        let ([x, y, z], [mx, my, mz]) = (body.lever, constants.lever);
-        let ([tx, ty, tz], [xx, yy, zz]) = (constants.twice_lever, constants.lever_moment);
-        let (x, y, z) = (like.everywhere(x), like.everywhere(y), like.everywhere(z));
-        let s = [h[0] + like.everywhere(mx), h[1] + like.everywhere(my), h[2] + like.everywhere(mz)];
-        // x (h + s), of which the constant part is known.
-        let (dx, dy, dz) = (
-            h[0].mul_add(like.everywhere(tx), like.everywhere(xx)),
-            h[1].mul_add(like.everywhere(ty), like.everywhere(yy)),
-            h[2].mul_add(like.everywhere(tz), like.everywhere(zz)),
-        );
-        i = [
-            i[0] + (dy + dz),
-            i[1].minus_product(h[0], y).minus_product(x, s[1]),
-            i[2].minus_product(h[0], z).minus_product(x, s[2]),
-            i[3] + (dx + dz),
-            i[4].minus_product(h[1], z).minus_product(y, s[2]),
-            i[5] + (dx + dy),
-        ];
-        h = s;
+    // Along z, y and x of the lever, one after another: of l (h + s), s = h + m l, the constant part is known.
+    let like = h[0];
+    let Lever { entries: [x, y, z], along: [along_x, along_y, along_z] } = body.lever;
+    let ([mx, my, mz], [tx, ty, tz], [xx, yy, zz]) = (constants.lever, constants.twice_lever, constants.lever_moment);
+    if along_z {
+        let (z, twice) = (like.everywhere(z), h[2].mul_add(like.everywhere(tz), like.everywhere(zz)));
+        i = [i[0] + twice, i[1], i[2].minus_product(h[0], z), i[3] + twice, i[4].minus_product(h[1], z), i[5]];
+        h[2] += like.everywhere(mz);
+    }
+    if along_y {
+        let (y, twice) = (like.everywhere(y), h[1].mul_add(like.everywhere(ty), like.everywhere(yy)));
+        i = [i[0] + twice, i[1].minus_product(h[0], y), i[2], i[3], i[4].minus_product(y, h[2]), i[5] + twice];
+        h[1] += like.everywhere(my);
+    }
+    if along_x {
+        let (x, twice) = (like.everywhere(x), h[0].mul_add(like.everywhere(tx), like.everywhere(xx)));
+        i = [i[0], i[1].minus_product(x, h[1]), i[2].minus_product(x, h[2]), i[3] + twice, i[4], i[5] + twice];
+        h[0] += like.everywhere(mx);
     }
     let (mut there, mut rotational) = (h, i);
     (there[X], there[Y], there[Z]) = (h[0], h[1], h[2]);

@@ -22,6 +22,7 @@ mod entries;
 mod filter;
 mod frames;
 mod inverse_product;
+mod lever;
 mod limbs;
 mod loads;
 mod mass_columns;

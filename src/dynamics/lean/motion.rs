@@ -17,17 +17,6 @@ use crate::scene::{self, Model};
 use crate::spatial::BodyRoot;
 use nalgebra::Vector3;
 
-/// a x k + c, k in every lane.
-#[inline(always)]
-pub(super) fn cross_number<T: Real>(a: [T; 3], k: [T::Parameter; 3], c: [T; 3]) -> [T; 3] {
-    let (x, y, z) = (a[0].everywhere(k[0]), a[0].everywhere(k[1]), a[0].everywhere(k[2]));
-    [
-        a[1].mul_add(z, c[0].minus_product(a[2], y)),
-        a[2].mul_add(x, c[1].minus_product(a[0], z)),
-        a[0].mul_add(y, c[2].minus_product(a[1], x)),
-    ]
-}
-
 /// c - a x k, k in every lane.
 #[inline(always)]
 pub(super) fn minus_cross_number<T: Real>(a: [T; 3], k: [T::Parameter; 3], c: [T; 3]) -> [T; 3] {
@@ -171,12 +160,7 @@ fn keep<T: Real>(
         let mut next = body.first_turn;
         while let Some(child) = next.checked_sub(1) {
             let child_body = &bodies[child];
-            let mut there = a;
-            if child_body.has_lever {
-                // What waits longest, the acceleration here, comes in last.
-                let [x, y, z] = spin.times(child_body.arm);
-                there = [a[0] + x, a[1] + y, a[2] + z];
-            }
+            let there = spin.at(&child_body.arm, a);
             let to = &mut own[child].force;
             (to[0], to[1], to[2]) = (there[0], there[1], there[2]);
             next = child_body.next_turn;

@@ -2,7 +2,7 @@
 
 use super::body::{Carrier, LeanModel};
 use super::filter::ABOUT_Z;
-use super::motion::cross;
+use super::lever::Lever;
 use super::scratch::{LeanScratch, Own, arrive_after};
 use super::segment::Segment;
 use super::turn::{Axis, Turn, about};
@@ -51,17 +51,19 @@ fn send_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
     force: &[T; 6],
     to: &mut [T; 6],
 ) {
-    let (like, [x, y, z]) = (force[0], body.lever::<X, Y, Z>());
-    let lever = [like.everywhere(x), like.everywhere(y), like.everywhere(z)];
+    let like = force[0];
+    let Lever { entries: [x, y, z], along } = body.arm.in_axes::<X, Y, Z>();
+    let lever = Lever { entries: [like.everywhere(x), like.everywhere(y), like.everywhere(z)], along };
     if T::LIMBS > 1 && body.limbs > 1 {
         // One after another, as where they are bodies by themselves.
         for limb in (0..body.limbs).rev() {
             let [a, b, c, d, e, f] = *force;
             let force =
                 [a.of_limb(limb), b.of_limb(limb), c.of_limb(limb), d.of_limb(limb), e.of_limb(limb), f.of_limb(limb)];
-            let lever = [lever[0].of_limb(limb), lever[1].of_limb(limb), lever[2].of_limb(limb)];
+            let [x, y, z] = lever.entries;
+            let lever = Lever { entries: [x.of_limb(limb), y.of_limb(limb), z.of_limb(limb)], along };
             let turn = Turn { s: turn.s.of_limb(limb), c: turn.c.of_limb(limb) };
-            *to = with_force::<T, X, Y, Z>((lever, body.has_lever), turn, &force, to);
+            *to = with_force::<T, X, Y, Z>(&lever, turn, &force, to);
         }
         return;
     }
@@ -72,13 +74,13 @@ fn send_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
             *number *= like.everywhere(body.stands_for_itself);
         }
     }
-    *to = with_force::<T, X, Y, Z>((lever, body.has_lever), turn, &force, to);
+    *to = with_force::<T, X, Y, Z>(&lever, turn, &force, to);
 }
 
 /// What a parent has and a force across a turn: what was there comes in where the sum begins, so that nothing waits for it.
 #[inline(always)]
 fn with_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
-    (lever, has_lever): ([T; 3], bool),
+    lever: &Lever<T>,
     turn: Turn<T>,
     force: &[T; 6],
     to: &[T; 6],
@@ -86,10 +88,8 @@ fn with_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
     let Turn { s, c } = turn;
     let [nx, ny, nz, ..] = *force;
     let f = turn.rotate([force[3], force[4], force[5]]);
-    let mut n = [c.mul_add(nx, to[X]).minus_product(s, ny), s.mul_add(nx, c.mul_add(ny, to[Y])), nz + to[Z]];
-    if has_lever {
-        n = cross(lever, f, n);
-    }
+    let n = [c.mul_add(nx, to[X]).minus_product(s, ny), s.mul_add(nx, c.mul_add(ny, to[Y])), nz + to[Z]];
+    let n = lever.moment_in_lanes(f, n);
     let mut sum = *to;
     (sum[X], sum[Y], sum[Z]) = (n[0], n[1], n[2]);
     (sum[3 + X], sum[3 + Y], sum[3 + Z]) = (f[0] + to[3 + X], f[1] + to[3 + Y], f[2] + to[3 + Z]);

@@ -195,7 +195,7 @@ pub(super) fn tip_to_base<T: Real>(
         let lever_square = match body.carrier {
             Carrier::Turn(axis) => {
                 let turn = own[place].turn;
-                let t = in_joint_frame(body.lever_if_any(), turn, &[t[0], t[1], t[2], t[3], t[4], t[5]]);
+                let t = in_joint_frame(&body.lever, turn, &[t[0], t[1], t[2], t[3], t[4], t[5]]);
                 about!(axis, X, Y, Z, {
                     columns_to_parent::<T, X, Y, Z>(body, turn, &here.root, &mut sent.columns);
                     sent.t = to_parent::<T, X, Y, Z>(&t);
@@ -241,8 +241,6 @@ fn columns_to_parent<T: Real, const X: usize, const Y: usize, const Z: usize>(
         *weight = of_root;
     }
     let r = &root.rows;
-    let [lx, ly, lz] = body.lever;
-    let (lx, ly, lz) = (s.everywhere(lx), s.everywhere(ly), s.everywhere(lz));
     // The linear parts (1, a, b), (0, 1, d) and (0, 0, 1).
     let (fx, fy) = (c.minus_product(s, r[1][0]), c.mul_add(r[1][0], s));
     let forces = [[fx, fy, r[2][0]], [-s, c, r[2][1]], [o, o, one]];
@@ -250,12 +248,11 @@ fn columns_to_parent<T: Real, const X: usize, const Y: usize, const Z: usize>(
         let [fx, fy, fz] = forces[j];
         let (mut mx, mut my) = turn.pair(r[3][j], r[4][j]);
         let mut mz = r[5][j];
-        if body.has_lever && j < 2 {
-            mx = ly.mul_add(fz, mx.minus_product(lz, fy));
-            my = lz.mul_add(fx, my.minus_product(lx, fz));
-            mz = lx.mul_add(fy, mz.minus_product(ly, fx));
-        } else if body.has_lever {
-            (mx, my) = (mx + ly, my - lx);
+        if j < 2 {
+            [mx, my, mz] = body.lever.moment([fx, fy, fz], [mx, my, mz]);
+        } else if body.lever.is_there() {
+            let [lx, ly, _] = body.lever.entries;
+            (mx, my) = (mx + s.everywhere(ly), my - s.everywhere(lx));
         }
         (rows[X][j], rows[Y][j], rows[Z][j]) = (fx, fy, fz);
         (rows[3 + X][j], rows[3 + Y][j], rows[3 + Z][j]) = (mx, my, mz);

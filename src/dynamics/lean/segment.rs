@@ -3,6 +3,7 @@
 //! It is apart from the rest, and in the order of the sweeps: scenes that no cache holds take as long as it takes to read them.
 
 use super::body::{Carrier, LeanBody, bodies_inward};
+use super::lever::Lever;
 use super::loads::Load;
 
 /// One body.
@@ -17,14 +18,13 @@ pub(super) struct Segment<N> {
     pub row: usize,
     pub limbs: usize,
     pub is_on_all_limbs: bool,
-    pub has_lever: bool,
     pub is_about_z: bool,
     pub is_afloat: bool,
     pub is_leaf: bool,
     /// Whether it hangs on the base.
     pub is_on_base: bool,
     /// Of a turn, from the parent's origin to the body's, in the parent's frame.
-    pub arm: [N; 3],
+    pub arm: Lever<N>,
     /// The body as its force sees it, if it needs any.
     pub load: Load<N>,
     pub needs_no_force: bool,
@@ -44,7 +44,7 @@ pub(super) struct Segment<N> {
 /// What a body has here and nowhere else, but for what follows from the others.
 #[derive(Debug, Clone)]
 pub(super) struct OfSegment<N> {
-    pub arm: [N; 3],
+    pub arm: Lever<N>,
     pub load: Load<N>,
     pub needs_no_force: bool,
     pub waits_for_parent: bool,
@@ -71,7 +71,6 @@ impl<N: Copy> Segment<N> {
             row: body.row,
             limbs: body.limbs,
             is_on_all_limbs: body.is_on_all_limbs,
-            has_lever: body.has_lever,
             is_about_z: body.is_about_z,
             is_afloat: body.is_afloat,
             is_leaf: body.is_leaf,
@@ -89,22 +88,10 @@ impl<N: Copy> Segment<N> {
         }
     }
 
-    /// The lever in the turn's frame, of whose parent's axes its own x, y and z are X, Y and Z.
-    #[inline(always)]
-    pub fn lever<const X: usize, const Y: usize, const Z: usize>(&self) -> [N; 3] {
-        [self.arm[X], self.arm[Y], self.arm[Z]]
-    }
-
-    /// The same, if it has one.
-    #[inline(always)]
-    pub fn lever_if_any<const X: usize, const Y: usize, const Z: usize>(&self) -> Option<[N; 3]> {
-        if self.has_lever { Some(self.lever::<X, Y, Z>()) } else { None }
-    }
-
     /// Those of its numbers that [`LeanBody`] has not.
     #[cfg(target_arch = "x86_64")]
     pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
-        self.arm.iter_mut().chain(self.load.numbers_mut())
+        self.load.numbers_mut()
     }
 }
 

@@ -1,5 +1,6 @@
 //! How the accelerations of a body's points vary in it, and the force that this needs.
 
+use super::lever::{Lever, along_each};
 use super::loads::Load;
 use super::motion::minus_cross_number;
 use crate::dynamics::forces::Needed;
@@ -52,6 +53,21 @@ impl<T: Real> Spin<T> {
                 [sums[0].minus_product(pull_x, x), sums[1].minus_product(pull_y, y), sums[2].minus_product(pull_z, z)];
         }
         [xz.mul_add(z, sums[0]), yx.mul_add(x, sums[1]), zy.mul_add(y, sums[2])]
+    }
+
+    /// The acceleration of the point at this lever, `a` being that of the origin.
+    #[inline(always)]
+    pub fn at(&self, lever: &Lever<T::Parameter>, mut a: [T; 3]) -> [T; 3] {
+        along_each!(T, lever, I, {
+            let (j, k) = ((I + 1) % 3, (I + 2) % 3);
+            let l = a[0].everywhere(lever.entries[I]);
+            a[j] = self.before[k].mul_add(l, a[j]);
+            a[k] = self.after[j].mul_add(l, a[k]);
+            if self.has_velocity {
+                a[I] = a[I].minus_product(self.pull[I], l);
+            }
+        });
+        a
     }
 
     /// U (x, y, 0).

@@ -102,8 +102,8 @@ fn base_to_tip<T: Real>(
                 seen.carried(watched.zeta, &Vector6::from(*outer), outer[0].everywhere(body.lever_square));
                 let (outer_here, outer_nu) =
                     about!(axis, X, Y, Z, (to_turn::<T, X, Y, Z>(outer), to_turn::<T, X, Y, Z>(outer_nu)));
-                lambda = accelerations::carried(body.lever_if_any(), own.turn, &outer_here);
-                nu = accelerations::carried(body.lever_if_any(), own.turn, &outer_nu);
+                lambda = accelerations::carried(&body.lever, own.turn, &outer_here);
+                nu = accelerations::carried(&body.lever, own.turn, &outer_nu);
             }
             Carrier::Shift(_) if body.is_afloat => {
                 // Nothing is carried to it.

@@ -4,7 +4,7 @@ use super::accelerations::along;
 use super::body::LeanBody;
 use super::columns::Block;
 use super::filter::ABOUT_Z;
-use super::motion::cross;
+use super::lever::Lever;
 use super::turn::{Turn, to_turn};
 use crate::scalar::{ColumnsOf, Real};
 use nalgebra::Vector6;
@@ -12,8 +12,7 @@ use nalgebra::Vector6;
 /// phi* across a turn, of whose parent's axes its own x, y and z are X, Y and Z, and the row there.
 pub(super) struct Way<C, const X: usize, const Y: usize, const Z: usize> {
     turn: Turn<C>,
-    lever: [C; 3],
-    has_lever: bool,
+    lever: Lever<C>,
     /// 1 or -1: H is this along z.
     sense: C,
     /// Of the row in its sense.
@@ -27,15 +26,17 @@ impl<C: Real, const X: usize, const Y: usize, const Z: usize> Way<C, X, Y, Z> {
         C: ColumnsOf<T>,
     {
         let sense = turn.s.everywhere(body.sense);
-        let [x, y, z] = body.lever;
+        let Lever { entries: [x, y, z], along } = body.lever;
         Self {
             turn: Turn { s: like.spread(turn.s), c: like.spread(turn.c) },
-            lever: [
-                like.spread(sense.everywhere(x)),
-                like.spread(sense.everywhere(y)),
-                like.spread(sense.everywhere(z)),
-            ],
-            has_lever: body.has_lever,
+            lever: Lever {
+                entries: [
+                    like.spread(sense.everywhere(x)),
+                    like.spread(sense.everywhere(y)),
+                    like.spread(sense.everywhere(z)),
+                ],
+                along,
+            },
             sense: like.spread(sense),
             gain: [
                 like.spread(gain[0] * sense),
@@ -53,8 +54,7 @@ impl<C: Real, const X: usize, const Y: usize, const Z: usize> Way<C, X, Y, Z> {
     pub fn carried(&self, y: &Block<C>) -> Block<C> {
         let [a, b, c, d, e, f] = to_turn::<C, X, Y, Z>(y);
         let (w, v) = ([a, b, c], [d, e, f]);
-        let v = if self.has_lever { cross(w, self.lever, v) } else { v };
-        let (w, v) = (self.turn.rotate_back(w), self.turn.rotate_back(v));
+        let (w, v) = (self.turn.rotate_back(w), self.turn.rotate_back(self.lever.velocity_in_lanes(w, v)));
         [w[0], w[1], w[2], v[0], v[1], v[2]]
     }
 
