@@ -96,6 +96,7 @@ impl Scene {
             self.renamed_item(),
             self.levers_item(),
             self.axis_masses_item(),
+            self.pivot_bounds_item(),
             self.massless_item(),
             self.planar_item(),
         ];

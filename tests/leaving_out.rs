@@ -240,23 +240,25 @@ fn along_some_axes(armature: f64) -> SceneBuilder {
     builder
 }
 
-/// What entries of levers that are zero multiply changes no digit where it is left out.
+/// What entries of levers that are zero multiply changes no digit where it is left out; nor do bounds that do not follow P.
 #[test]
-fn levers_along_some_axes_only_lose_no_digit() {
+fn levers_along_some_axes_and_bounds_that_are_known_lose_no_digit() {
     for armature in [0.0, 0.2] {
         let source = along_some_axes(armature);
         let scene = source.clone().build().unwrap();
-        let off = source.clone().omissions(Omissions::all_but(|of| &mut of.zero_levers)).build().unwrap();
-        let none = source.omissions(Omissions::none()).build().unwrap();
+        let off = |switch| source.clone().omissions(Omissions::all_but(switch)).build().unwrap();
+        let (off, following) = (off(|of| &mut of.zero_levers), off(|of| &mut of.pivot_bounds));
+        let none = source.clone().omissions(Omissions::none()).build().unwrap();
         let (q, qd, u) = random_state(&scene, &mut Random::new(3));
         let state = State { q, qd, u, wrenches: Vec::new() };
         let expected = results(&scene, &state);
         let bounds = Bounds::new(&scene, &state, &expected);
-        for ((what, expected), ((_, off), (_, none))) in
-            expected.iter().zip(results(&off, &state).iter().zip(&results(&none, &state)))
-        {
+        let others = [off, following, none].map(|scene| results(&scene, &state));
+        for (i, (what, expected)) in expected.iter().enumerate() {
+            let [off, following, none] = others.each_ref().map(|results| &results[i].1[..]);
             let say = format!("armature {armature}: {what}");
             assert_near(&say, off, expected, 0.0);
+            assert_near(&say, following, expected, 0.0);
             assert_near(&say, none, expected, bounds.of(what, expected));
         }
     }
@@ -299,12 +301,16 @@ fn switches_that_are_off_keep_what_they_name() {
 #[test]
 fn the_plan_names_every_switch_and_what_it_saves() {
     let plan = builder(0).gravity([0.0; 3]).build().unwrap().plan();
+    // Nothing may slide outward of another body.
+    let turning = along_some_axes(0.0).build().unwrap().plan();
     // What planar scenes leave out is in tests/planar.rs.
     for (name, _) in Omissions::SWITCHES.into_iter().filter(|&(name, _)| name != "planar") {
+        let plan = if name == "pivot_bounds" { &turning } else { &plan };
         let item = plan.items.iter().find(|item| item.switch == Some(name));
         let item = item.unwrap_or_else(|| panic!("no item for {name}"));
         assert!(item.count > 0 && item.operations > 0, "{name}: {item:?}");
     }
+    assert!(plan.items.iter().all(|item| item.switch != Some("pivot_bounds")), "there is a slide");
     // With gravity there is no bias to leave out.
     let plan = builder(0).build().unwrap().plan();
     assert!(plan.items.iter().all(|item| item.switch != Some("zero_gravity")));

@@ -52,7 +52,7 @@ impl<T: Real> Scale<T> {
 
     /// From the traces, and the square of the lever.
     #[inline(always)]
-    fn sent((a, b): (T, T), lever_square: T) -> Self {
+    pub(crate) fn sent((a, b): (T, T), lever_square: T) -> Self {
         let four = a.constant(4.0);
         Self { angular: four * lever_square.mul_add(b, a), linear: four * b }
     }

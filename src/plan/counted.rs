@@ -2,7 +2,7 @@
 
 use super::{NOTHING, Omission, counted};
 use crate::batch::chunk::{Algorithm, Arguments};
-use crate::dynamics::lean::{bodies_off_axis, turns_about_an_axis};
+use crate::dynamics::lean::{bodies_off_axis, knows_scales, turns_about_an_axis};
 use crate::filter::Form;
 use crate::report::operations::{Count, Task, count as count_as_run, count_in_six_vectors, count_lean, of_factor};
 use crate::scalar::Operations;
@@ -79,6 +79,24 @@ impl Scene {
                 why: "it has no moment about the axis and looks the same at every angle: the parent carries it, or the base",
                 saved: counted(count, "mass, first moment and second moment", "masses, first moments and second moments")
                     + " along an axis",
+                operations: saved,
+                ..NOTHING
+            },
+        )
+    }
+
+    /// Bounds on pivots that follow P.
+    pub(super) fn pivot_bounds_item(&self) -> Omission {
+        let model = self.model();
+        let count = if knows_scales(model) { model.bodies.len() } else { 0 };
+        let saved = self.saved_of_lean(count, |omissions| omissions.pivot_bounds = false);
+        self.switched(
+            "pivot_bounds",
+            Omission {
+                what: "bounds on the terms of pivots, carried inward",
+                count,
+                why: "no joint slides outward of another body: what a subtree weighs at most is known beforehand",
+                saved: counted(count, "bound", "bounds"),
                 operations: saved,
                 ..NOTHING
             },

@@ -22,6 +22,9 @@ pub struct Omissions {
     /// What the force of a body that turns has of the mass along its joint's axis: its parent carries that, to which it looks the same at every angle.
     /// Of the same joints, inverse dynamics, the bias, and forward dynamics in covariance form.
     pub axis_masses: bool,
+    /// What follows P inward to tell a pivot that was lost, where a bound that holds at all angles does: no joint slides outward of another body, and
+    /// no turn is nearly without inertia. In forward dynamics and M^-1 in covariance form, of f64.
+    pub pivot_bounds: bool,
     /// The force that a body without inertia needs.
     pub massless_bodies: bool,
     /// Components of forces and motions across the plane, where all joints move in one: 3-vectors instead of 6-vectors, in the algorithms of
@@ -38,13 +41,14 @@ pub type Switch = fn(&mut Omissions) -> &mut bool;
 
 impl Omissions {
     /// The switches by name.
-    pub const SWITCHES: [(&'static str, Switch); 10] = [
+    pub const SWITCHES: [(&'static str, Switch); 11] = [
         ("fixed_joints", |of| &mut of.fixed_joints),
         ("base_links", |of| &mut of.base_links),
         ("exact_zeros", |of| &mut of.exact_zeros),
         ("renamed_axes", |of| &mut of.renamed_axes),
         ("zero_levers", |of| &mut of.zero_levers),
         ("axis_masses", |of| &mut of.axis_masses),
+        ("pivot_bounds", |of| &mut of.pivot_bounds),
         ("massless_bodies", |of| &mut of.massless_bodies),
         ("planar", |of| &mut of.planar),
         ("zero_velocity", |of| &mut of.zero_velocity),
@@ -61,6 +65,7 @@ impl Omissions {
             renamed_axes: true,
             zero_levers: true,
             axis_masses: true,
+            pivot_bounds: true,
             massless_bodies: true,
             planar: true,
             zero_velocity: true,
@@ -78,6 +83,7 @@ impl Omissions {
             renamed_axes: false,
             zero_levers: false,
             axis_masses: false,
+            pivot_bounds: false,
             massless_bodies: false,
             planar: false,
             zero_velocity: false,

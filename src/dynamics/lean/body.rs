@@ -3,6 +3,7 @@
 use super::frames::Framed;
 use super::lever::Lever;
 use super::limbs::ranks;
+use super::scales::scales_at_all_angles;
 use super::segment::{OfSegment, Segment, alone_at_depth, segments};
 use super::slots::{Ordered, Places, SlotCounts, last_children};
 use super::turn::{Axis, Renaming};
@@ -96,8 +97,9 @@ pub(super) struct LeanBody<N> {
     pub mass: N,
     pub first_moment: [N; 3],
     pub rotational: [N; 6],
-    /// The bounds on the terms of M(k).
+    /// The bounds on the terms of M(k); and those on the terms of P^- at all angles, where they are [known](LeanModel::knows_scales).
     pub scale: [N; 2],
+    pub scale_at_all_angles: [N; 2],
     /// The terms of its diagonal.
     pub terms: [N; 6],
     /// Twice the squares of its entries.
@@ -139,7 +141,11 @@ impl<N> LeanBody<N> {
         let one = [&mut self.sense, &mut self.lever_square, &mut self.mass];
         let three = [&mut self.frame.sign, &mut self.first_moment, &mut self.lever_squares];
         let six = [&mut self.rotational, &mut self.terms];
-        one.into_iter().chain(three.into_iter().flatten()).chain(six.into_iter().flatten()).chain(&mut self.scale)
+        one.into_iter()
+            .chain(three.into_iter().flatten())
+            .chain(six.into_iter().flatten())
+            .chain(&mut self.scale)
+            .chain(&mut self.scale_at_all_angles)
     }
 }
 
@@ -202,6 +208,8 @@ pub(crate) struct LeanModel<T: Real> {
     pub(super) swept_slots: SlotCounts,
     /// The acceleration that errors are seen beside where the digits are watched; zero where each digit of the result counts.
     pub(super) beside: f64,
+    /// Whether the pivots' bounds are those at all angles.
+    pub(super) knows_scales: bool,
     /// Whether M^-1 is its factors multiplied out.
     pub(super) is_shallow: bool,
     /// As many rows has the longest path from the base.
@@ -223,6 +231,7 @@ impl<T: Real> LeanModel<T> {
         // Of each body the last child; and the last up to the body at hand.
         let (last_child, mut youngest) = (last_children(&parents), vec![None; parents.len()]);
         let number = T::parameter;
+        let scales = scales_at_all_angles(model, T::epsilon().lane(0));
         let mut composites = Vec::with_capacity(parents.len());
         let is_definite = |k: usize| model.inertia_roots[k].as_ref().is_some_and(BodyRoot::is_definite);
         let bodies = framed.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
@@ -244,6 +253,10 @@ impl<T: Real> LeanModel<T> {
                 first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],
                 rotational: rotational.entries.map(number),
                 scale: [number(scale.angular), number(scale.linear)],
+                scale_at_all_angles: scales
+                    .as_ref()
+                    .map_or([f64::NAN; 2], |of| [of[k].angular, of[k].linear])
+                    .map(number),
                 terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
                 lever_squares: turned.map(|l| number(2.0 * l * l)),
                 is_about_z: matches!(stage.rows, Rows::One(HingeMap::Axis(2))),
@@ -307,6 +320,7 @@ impl<T: Real> LeanModel<T> {
             shifting,
             turning,
             beside: 0.0,
+            knows_scales: scales.is_some(),
             is_shallow,
             longest_path,
             row_slots: by_rows.slots,

@@ -55,6 +55,8 @@ struct Inward<'a, T: Real> {
     weighed: &'a mut [T],
     monitor: PivotMonitor<T>,
     near: PivotMonitor<T>,
+    /// Whether the bounds on the terms of P^- follow it: where its digits are watched they have to be close.
+    follows_scales: bool,
 }
 
 /// Every stage's measurements (3.6, 4.2, 4.5) and the way to its parent; `innovations` receives e^-. `SIDES` is [`FACTOR`], [`FILTER`] or
@@ -89,6 +91,7 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
         weighed,
         monitor: PivotMonitor::new(),
         near: PivotMonitor::for_a_single_look(),
+        follows_scales: SIDES == WATCH || !lean.knows_scales,
     };
     for ((body, own), watched) in lean.swept().iter().zip(own).zip(watched).rev() {
         match body.carrier {
@@ -104,6 +107,17 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
 }
 
 impl<T: Real> Inward<'_, T> {
+    /// The bound on the terms of P^-: of M(k) and of what arrived, or at all angles.
+    #[inline(always)]
+    fn scale_of(&self, body: &LeanBody<T::Parameter>, arrived: &Scale<T>) -> Scale<T> {
+        let like = arrived.angular;
+        if self.follows_scales {
+            arrived.sum(&scale_of(body.scale, like))
+        } else {
+            scale_of(body.scale_at_all_angles, like)
+        }
+    }
+
     /// A body that turns about its z.
     #[inline(always)]
     fn about_z<const SIDES: usize>(
@@ -163,7 +177,12 @@ impl<T: Real> Inward<'_, T> {
         let noise = Noise { skips_zeros: !NOISY, ..noise };
         let arrived = &self.arriving[body.places.inward];
         let (m, column) = measured(noise, &pivot_column(body, &arrived.p));
-        let (scale, sent_scale) = (scale_of(body, &arrived.scale), sent(body, &diagonal(body, &arrived.p)));
+        let (scale, sent_scale) = if self.follows_scales {
+            (arrived.scale.sum(&scale_of(body.scale, m.pivot)), sent(body, &diagonal(body, &arrived.p)))
+        } else {
+            let known = scale_of(body.scale_at_all_angles, m.pivot);
+            (known, known)
+        };
         let mut kept_diagonal = m.gain;
         if SIDES == WATCH {
             kept_diagonal = diagonal_past(noise, &diagonal(body, &arrived.p), &column, &m);
@@ -185,7 +204,9 @@ impl<T: Real> Inward<'_, T> {
                     arrive(body, &packed(&sent), &mut to.p);
                 }
             }
-            arrive_bounds(body, sent_scale, &mut to.scale);
+            if self.follows_scales {
+                arrive_bounds(body, sent_scale, &mut to.scale);
+            }
         }
         (m, scale, kept_diagonal)
     }
@@ -236,8 +257,8 @@ impl<T: Real> Inward<'_, T> {
         watched: &mut Watched<T>,
     ) {
         let (arrived, rows) = (&self.arriving[body.places.inward], afloat::rows(body.row));
+        let scale = self.scale_of(body, &arrived.scale);
         let measured = &mut self.measured[rows.clone()];
-        let scale = scale_of(body, &arrived.scale);
         afloat::measure(with_noise(body, &arrived.p), &scale, measured, &mut self.monitor);
         if SIDES >= FILTER {
             own.force = sum(own.force, &arrived.force);
@@ -265,8 +286,9 @@ impl<T: Real> Inward<'_, T> {
         let arrived = &self.arriving[body.places.inward];
         let arrived_force = arrived.force;
         let mut p = unpacked(&with_noise(body, &arrived.p));
-        let scale = scale_of(body, &arrived.scale);
-        let (sent, before) = (Scale::sent_by(&p, shift), p.diagonal());
+        let scale = self.scale_of(body, &arrived.scale);
+        let sent = self.follows_scales.then(|| Scale::sent_by(&p, shift));
+        let before = p.diagonal();
         let at_stage = (self.system, body.index);
         let carried = riccati::through_stage::<T, false>(
             at_stage,
@@ -278,7 +300,9 @@ impl<T: Real> Inward<'_, T> {
         );
         let to = &mut self.arriving[body.places.parent_inward];
         if body.parent.is_some() {
-            arrive_bounds(body, sent, &mut to.scale);
+            if let Some(sent) = sent {
+                arrive_bounds(body, sent, &mut to.scale);
+            }
             arrive(body, &packed(&carried), &mut to.p);
         }
         if SIDES >= FILTER {
@@ -314,6 +338,12 @@ fn arrive_bounds<T: Real>(body: &LeanBody<T::Parameter>, sent: Scale<T>, to: &mu
     [to.angular, to.linear] = sum;
 }
 
+/// Constant bounds, in every lane.
+#[inline(always)]
+fn scale_of<T: Real>([angular, linear]: [T::Parameter; 2], like: T) -> Scale<T> {
+    Scale { angular: like.everywhere(angular), linear: like.everywhere(linear) }
+}
+
 /// Entry by entry.
 #[inline(always)]
 fn sum<T: Real, const N: usize>(mut a: [T; N], b: &[T; N]) -> [T; N] {
@@ -321,13 +351,6 @@ fn sum<T: Real, const N: usize>(mut a: [T; N], b: &[T; N]) -> [T; N] {
         *a += b;
     }
     a
-}
-
-/// The bound on the terms of P^-: of M(k), and of what arrived.
-#[inline(always)]
-fn scale_of<T: Real>(body: &LeanBody<T::Parameter>, arrived: &Scale<T>) -> Scale<T> {
-    let [angular, linear] = body.scale;
-    arrived.sum(&Scale { angular: arrived.angular.everywhere(angular), linear: arrived.linear.everywhere(linear) })
 }
 
 /// The terms of the diagonal of M(k).
