@@ -1,7 +1,7 @@
 //! Forward dynamics of one state, in covariance form, with one omission turned off or none: for callgrind, whose counts do not
 //! depend on what else the machine does (docs/leaving-out.md).
 //!
-//! `leaving_out SWITCH|none rest|moving weight|weightless CALLS`
+//! `leaving_out SWITCH|none rest|moving weight|weightless CALLS [turning]`: the last without the joint that slides
 
 use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::filter::Form;
@@ -10,12 +10,14 @@ use phipsi::{Error, Scene, scenes};
 use std::hint::black_box;
 
 /// The benches' chain of seven with a weld on every link, a second link on the base, and a planar joint at the tip.
-fn scene(omissions: Omissions, gravity: [f64; 3]) -> Result<Scene, Error> {
+fn scene(omissions: Omissions, gravity: [f64; 3], slides: bool) -> Result<Scene, Error> {
     let mut builder = scenes::chain(7)?.source().clone().gravity(gravity).omissions(omissions);
     let rod = builder.links()[1].inertial;
     let mut parts = vec![("column".to_owned(), JointKind::Fixed, "base".to_owned())];
     parts.extend((0..7).map(|k| (format!("weld{k}"), JointKind::Fixed, format!("link{k}"))));
-    parts.push(("sledge".to_owned(), JointKind::Planar, "link6".to_owned()));
+    if slides {
+        parts.push(("sledge".to_owned(), JointKind::Planar, "link6".to_owned()));
+    }
     for (name, kind, parent) in parts {
         let mut joint = JointDescription::new(format!("to {name}"), kind, parent, name.clone());
         joint.origin.lever = [0.1, 0.0, 0.1].into();
@@ -31,7 +33,7 @@ fn main() -> Result<(), Error> {
     let omissions = switch.map_or_else(Omissions::all, |(_, switch)| Omissions::all_but(switch));
     let gravity = if given(2) == "weightless" { [0.0; 3] } else { [0.0, 0.0, -9.81] };
     let calls: usize = given(3).parse().unwrap_or(1000);
-    let scene = scene(omissions, gravity)?;
+    let scene = scene(omissions, gravity, given(4) != "turning")?;
     let rate = if given(1) == "rest" { 0.0 } else { 0.3 };
     let (mut q, qd, tau) = (vec![0.4; scene.nq()], vec![rate; scene.nv()], vec![1.0; scene.nv()]);
     let (mut evaluator, mut qdd) = (scene.evaluator(), vec![f64::NAN; scene.nv()]);

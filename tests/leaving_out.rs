@@ -301,16 +301,18 @@ fn switches_that_are_off_keep_what_they_name() {
 #[test]
 fn the_plan_names_every_switch_and_what_it_saves() {
     let plan = builder(0).gravity([0.0; 3]).build().unwrap().plan();
-    // Nothing may slide outward of another body.
-    let turning = along_some_axes(0.0).build().unwrap().plan();
     // What planar scenes leave out is in tests/planar.rs.
     for (name, _) in Omissions::SWITCHES.into_iter().filter(|&(name, _)| name != "planar") {
-        let plan = if name == "pivot_bounds" { &turning } else { &plan };
         let item = plan.items.iter().find(|item| item.switch == Some(name));
         let item = item.unwrap_or_else(|| panic!("no item for {name}"));
         assert!(item.count > 0 && item.operations > 0, "{name}: {item:?}");
     }
-    assert!(plan.items.iter().all(|item| item.switch != Some("pivot_bounds")), "there is a slide");
+    // Nothing may slide outward of another body.
+    for (kind, is_there) in [(JointKind::Revolute, true), (JointKind::Prismatic, false)] {
+        let source = attached(along_some_axes(0.0), &mut Random::new(1), "last", (kind, "8"), true);
+        let plan = source.build().unwrap().plan();
+        assert_eq!(plan.items.iter().any(|item| item.switch == Some("pivot_bounds")), is_there);
+    }
     // With gravity there is no bias to leave out.
     let plan = builder(0).build().unwrap().plan();
     assert!(plan.items.iter().all(|item| item.switch != Some("zero_gravity")));
