@@ -223,17 +223,17 @@ fn results_are_the_same_with_every_switch_on_and_off() {
     }
 }
 
-/// Nine links on turns about all axes, whose levers are along none, one, two and all of those of the joint's frame; two tips on the last.
+/// A chain of turns about x, -y and z, for each with levers along none, one, two and all axes; two tips on the last link but two.
 fn along_some_axes(armature: f64) -> SceneBuilder {
     let mut random = Random::new(7);
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
-    for k in 0..11 {
-        let parent = if k == 0 { "base".to_owned() } else { format!("{}", k.min(9) - 1) };
+    for k in 0..24_usize {
+        let parent = if k == 0 { "base".to_owned() } else { format!("{}", k.min(22) - 1) };
         let mut joint = JointDescription::new(format!("to {k}"), JointKind::Revolute, parent, format!("{k}"));
         joint.axis = [Vector3::x(), -Vector3::y(), Vector3::z()][k % 3];
-        joint.armature = if k % 2 == 0 { armature } else { 0.0 };
+        joint.armature = armature;
         let all = random.vector() * 0.5;
-        joint.origin.lever = Vector3::from_fn(|i, _| if k >> i & 1 == 1 { all[i] } else { 0.0 });
+        joint.origin.lever = Vector3::from_fn(|i, _| if (k % 8) >> i & 1 == 1 { all[i] } else { 0.0 });
         let inertial = Some(random_inertial(&mut random));
         builder = builder.link(LinkDescription { name: format!("{k}"), inertial }).joint(joint);
     }

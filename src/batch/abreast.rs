@@ -188,7 +188,7 @@ mod tests {
                 let name = format!("{side}_{part}");
                 let mut joint = JointDescription::new(format!("{name}_joint"), JointKind::Revolute, &parent, &name);
                 joint.axis = if k == 0 { Vector3::new(0.6, 0.8, 0.0) } else { Vector3::y() };
-                joint.origin.lever = Vector3::new(0.05, if side == "left" { 0.2 } else { -0.2 }, -0.3);
+                joint.origin.lever = Vector3::new(0.05, if side == "left" { 0.2 } else { 0.0 }, -0.3);
                 builder = builder.link(link(&name)).joint(joint);
                 parent = name;
             }

@@ -73,7 +73,7 @@ impl<T: Real> Scale<T> {
 
     /// The bound for one row.
     #[inline(always)]
-    pub(super) fn of_row(&self, hinge: &HingeMap<T>) -> T {
+    pub(crate) fn of_row(&self, hinge: &HingeMap<T>) -> T {
         match *hinge {
             HingeMap::Axis(i) if i < 3 => self.angular,
             HingeMap::Axis(_) => self.linear,

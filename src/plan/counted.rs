@@ -88,7 +88,9 @@ impl Scene {
     /// Bounds on pivots that follow P.
     pub(super) fn pivot_bounds_item(&self) -> Omission {
         let model = self.model();
-        let count = if knows_scales(model) { model.bodies.len() } else { 0 };
+        // In the plane other sweeps run, whose bounds follow P.
+        let is_known = self.planar().is_none() && knows_scales(model);
+        let count = if is_known { model.bodies.len() } else { 0 };
         let saved = self.saved_of_lean(count, |omissions| omissions.pivot_bounds = false);
         self.switched(
             "pivot_bounds",

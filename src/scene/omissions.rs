@@ -23,7 +23,7 @@ pub struct Omissions {
     /// Of the same joints, inverse dynamics, the bias, and forward dynamics in covariance form.
     pub axis_masses: bool,
     /// What follows P inward to tell a pivot that was lost, where a bound that holds at all angles does: no joint slides outward of another body, and
-    /// no turn is nearly without inertia. In forward dynamics and M^-1 in covariance form, of f64.
+    /// no body is next to nothing beside what it carries. In forward dynamics and M^-1 in covariance form, of one state and lanes.
     pub pivot_bounds: bool,
     /// The force that a body without inertia needs.
     pub massless_bodies: bool,

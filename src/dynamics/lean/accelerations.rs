@@ -35,6 +35,13 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
             seen.observe_carried(&Vector6::from(outer.whole()), square);
         }
         let lambda = match body.carrier {
+            Carrier::Turn(_) if body.is_on_base => {
+                // Nothing is carried to it.
+                let (m, to) = (&measured[body.row], &mut estimates[body.row]);
+                let estimate = *to * m.pivot_inverse;
+                *to = estimate * estimate.everywhere(body.sense);
+                CoState { carried: [estimate.constant(0.0); 6], estimate }
+            }
             Carrier::Turn(axis) => about!(axis, X, Y, Z, {
                 // The parent's z in this frame, along which its estimate is.
                 const ITS_Z: usize = if X == ABOUT_Z {

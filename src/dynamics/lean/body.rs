@@ -8,7 +8,7 @@ use super::segment::{OfSegment, Segment, alone_at_depth, segments};
 use super::slots::{Ordered, Places, SlotCounts, last_children};
 use super::turn::{Axis, Renaming};
 use crate::filter::pivots::Scale;
-use crate::filter::{HingeMap, Rows};
+use crate::filter::{HingeMap, Rows, Stage};
 use crate::scalar::Real;
 use crate::scene::{Body, Model};
 use crate::spatial::{BodyInertia, BodyRoot};
@@ -110,6 +110,8 @@ pub(super) struct LeanBody<N> {
     /// Whether the weights of its root are positive, and of its parent's.
     pub is_definite: bool,
     pub hangs_on_definite: bool,
+    /// Whether it is on a turn and hangs on a body that turns on the base: that one asks of it what H picks, and nothing else.
+    pub hangs_on_first: bool,
     /// How many bodies [side by side](super::limbs) in the lanes hang on one; 1 where lanes are states, and further out on limbs.
     pub limbs: usize,
     /// Whether each of the limbs has such a body; and 1 in the lanes of those that have, else 0.
@@ -234,6 +236,11 @@ impl<T: Real> LeanModel<T> {
         let scales = scales_at_all_angles(model, T::epsilon().lane(0));
         let mut composites = Vec::with_capacity(parents.len());
         let is_definite = |k: usize| model.inertia_roots[k].as_ref().is_some_and(BodyRoot::is_definite);
+        let is_about_z = |stage: &Stage<f64>| matches!(stage.rows, Rows::One(HingeMap::Axis(2)));
+        let is_first = |k: usize| {
+            let stage = &model.system.stages[k];
+            stage.parent.is_none() && is_about_z(stage)
+        };
         let bodies = framed.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
             let frame = &framed.from_model[k];
             let turned = <[f64; 3]>::from(body.tree.rotate_back(&body.tree.lever));
@@ -259,10 +266,11 @@ impl<T: Real> LeanModel<T> {
                     .map(number),
                 terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
                 lever_squares: turned.map(|l| number(2.0 * l * l)),
-                is_about_z: matches!(stage.rows, Rows::One(HingeMap::Axis(2))),
+                is_about_z: is_about_z(stage),
                 is_afloat: matches!(stage.rows, Rows::Six) && stage.parent.is_none() && model.system.skips_zeros,
                 is_definite: is_definite(k),
                 hangs_on_definite: stage.parent.is_some_and(is_definite),
+                hangs_on_first: matches!(framed.carriers[k], Carrier::Turn(_)) && stage.parent.is_some_and(is_first),
                 limbs: 1,
                 is_on_all_limbs: true,
                 stands_for_itself: number(1.0),

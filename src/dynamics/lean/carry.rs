@@ -1,6 +1,7 @@
 //! P of one body in 21 numbers: P^- of what arrived, past the body's turn, and on the way to its parent.
 
 use super::body::LeanBody;
+use super::filter::ABOUT_Z;
 use super::lever::Lever;
 use super::turn::Turn;
 use crate::filter::riccati::Measured;
@@ -133,7 +134,7 @@ pub(super) fn carried<T: Real, const NOISY: bool>(
         (a2, a4) = turn.pair(a2, a4);
         (c6, c7) = turn.pair(c6, c7);
     }
-    // Along z, x and y of the lever, one after another: C' = C + l~ B, A' = A + l~ C^T + C' l~^T. Of what is zero past a turn the first two add nothing.
+    // Along z, x and y of the lever, one after another: C' = C + l~ B, A' = A + l~ C^T + C' l~^T. What is zero past a turn without noise is not added to.
     let [x, y, z] = body.lever.entries;
     let (x, y, z) = (o.everywhere(x), o.everywhere(y), o.everywhere(z));
     let [along_x, along_y, along_z] = body.lever.along;
@@ -170,6 +171,45 @@ pub(super) fn carried<T: Real, const NOISY: bool>(
         (c0, c1, c2, c6, c7, c8) = (s0, s1, s2, s6, s7, s8);
     }
     [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5]
+}
+
+/// The motion here of a body on a turn that a unit rate of its parent's turn, about z there, gives it: phi* H* of a parent on the base.
+#[inline(always)]
+pub(super) fn of_first_turn<T: Real, const X: usize, const Y: usize, const Z: usize>(
+    lever: &Lever<T::Parameter>,
+    turn: Turn<T>,
+) -> [T; 6] {
+    let Turn { s, c } = turn;
+    let (o, [x, y, z]) = (s.constant(0.0), lever.entries);
+    let (x, y, z) = (s.everywhere(x), s.everywhere(y), s.everywhere(z));
+    // The parent's z in the joint's frame, e, and e x l.
+    let ([a, b, c], v) = if X == ABOUT_Z {
+        ([c, -s, o], [o, -z, y])
+    } else if Y == ABOUT_Z {
+        ([s, c, o], [z, o, -x])
+    } else {
+        ([o, o, c.constant(1.0)], [-y, x, o])
+    };
+    let [d, e, f] = turn.rotate_back(v);
+    [a, b, c, d, e, f]
+}
+
+/// w* P^+ w past a turn; where `NOISY` with row and column 2, which else are zero.
+#[inline(always)]
+pub(super) fn variance_along<T: Real, const NOISY: bool>(p: &[T; 21], w: &[T; 6]) -> T {
+    let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *p;
+    let [w0, w1, w2, w3, w4, w5] = *w;
+    let (t0, t1, t3, t4, t5) = (w0 + w0, w1 + w1, w3 + w3, w4 + w4, w5 + w5);
+    let r0 = c2.mul_add(t5, c1.mul_add(t4, c0.mul_add(t3, a1.mul_add(t1, a0 * w0))));
+    let r1 = c5.mul_add(t5, c4.mul_add(t4, c3.mul_add(t3, a3 * w1)));
+    let r3 = b2.mul_add(t5, b1.mul_add(t4, b0 * w3));
+    let r4 = b4.mul_add(t5, b3 * w4);
+    let of_five = r0.mul_add(w0, r1 * w1) + r3.mul_add(w3, r4.mul_add(w4, b5 * w5 * w5));
+    if !NOISY {
+        return of_five;
+    }
+    let r2 = c8.mul_add(t5, c7.mul_add(t4, c6.mul_add(t3, a4.mul_add(t1, a2.mul_add(t0, a5 * w2)))));
+    r2.mul_add(w2, of_five)
 }
 
 /// A force in the joint's frame, about the parent's origin: at the end of this lever.
@@ -219,4 +259,62 @@ pub(super) fn packed<T: Real>(p: &Symmetric6<T>) -> [T; 21] {
         b4,
         b5,
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{carried, in_joint_frame, kept, of_first_turn, variance_along};
+    use crate::dynamics::lean::LeanModel;
+    use crate::dynamics::lean::accelerations::along;
+    use crate::dynamics::lean::body::{Carrier, LeanBody};
+    use crate::dynamics::lean::filter::ABOUT_Z;
+    use crate::dynamics::lean::turn::{Axis, PACKED, Turn, about, packed_to_parent, to_parent};
+    use crate::filter::riccati::Measured;
+    use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
+    use crate::spatial::Symmetric3;
+    use nalgebra::{Vector3, Vector6};
+
+    /// Of a body on a turn about this axis of one that turns on the base.
+    fn second(axis: Vector3<f64>, lever: Vector3<f64>) -> LeanBody<f64> {
+        let central = Symmetric3::new([0.3, 0.02, -0.01, 0.2, 0.03, 0.25]);
+        let inertial = Some(Inertial { mass: 2.0, centre: [0.1, -0.2, 0.3].into(), central });
+        let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
+        for (parent, name, axis) in [("base", "first", Vector3::z()), ("first", "second", axis)] {
+            let mut joint = JointDescription::new(format!("to {name}"), JointKind::Revolute, parent, name);
+            (joint.axis, joint.origin.lever) = (axis, lever);
+            builder = builder.link(LinkDescription { name: name.into(), inertial }).joint(joint);
+        }
+        LeanModel::<f64>::new(builder.build().expect("two turns").model()).bodies[1].clone()
+    }
+
+    fn check<const NOISY: bool>(body: &LeanBody<f64>) {
+        let wave = |i: usize| (1.7 * f64::from(u8::try_from(i).expect("small")) + 0.3).sin();
+        let (p, column): ([f64; 21], _) = (std::array::from_fn(wave), [0.3, -0.2, 0.5, 0.1, -0.4]);
+        let gain = Vector6::from_fn(|i, _| wave(i + 30));
+        let (m, turn) = (Measured { pivot: 1.0, pivot_inverse: 1.0, gain }, Turn { s: 0.6, c: 0.8 });
+        let (force, noise) = (std::array::from_fn(|i| wave(i + 40)), 0.7);
+        let Carrier::Turn(axis) = body.carrier else { panic!("a turn") };
+        about!(axis, X, Y, Z, {
+            let w = of_first_turn::<f64, X, Y, Z>(&body.lever, turn);
+            let whole = packed_to_parent::<f64, X, Y, Z>(&carried::<f64, NOISY>(body, turn, &p, &column, (&m, noise)));
+            let one = variance_along::<f64, NOISY>(&kept::<f64, NOISY>(&p, &column, (&m, noise)), &w);
+            let expected = whole[PACKED[ABOUT_Z][ABOUT_Z]];
+            assert!((one - expected).abs() <= 64.0 * f64::EPSILON, "{axis:?} {NOISY}: {one} {expected}");
+            let expected = to_parent::<f64, X, Y, Z>(&in_joint_frame(&body.lever, turn, &force))[ABOUT_Z];
+            assert!((along(&w, &force) - expected).abs() <= 64.0 * f64::EPSILON, "{axis:?}: {expected}");
+        });
+    }
+
+    /// What a turn on the base asks of the next body is an entry of what would be carried there.
+    #[test]
+    fn the_first_turn_gets_what_it_picks() {
+        for axis in [Vector3::x(), -Vector3::y(), Vector3::z()] {
+            for lever in [Vector3::zeros(), Vector3::new(0.2, -0.3, 0.5), Vector3::new(0.0, 0.4, 0.0)] {
+                let body = second(axis, lever);
+                assert!(body.hangs_on_first);
+                check::<true>(&body);
+                check::<false>(&body);
+            }
+        }
+    }
 }

@@ -1,10 +1,15 @@
 //! Tip to base: Riccati recursion and filter in one pass.
 
+use super::accelerations::along;
 use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
-use super::carry::{carried, diagonal, in_joint_frame, kept, packed, pivot_column, unpacked, with_noise};
+use super::bounds::{scale_of, sent, sent_terms, terms_of_noise};
+use super::carry::{
+    carried, diagonal, in_joint_frame, kept, of_first_turn, packed, pivot_column, unpacked, variance_along, with_noise,
+};
+use super::row::{Noise, diagonal_past, measure, measured};
 use super::scratch::{Arriving, Besides, LeanScratch, Own, Watched, Watching, arrive};
-use super::turn::{Axis, Turn, about, packed_to_parent, to_parent};
+use super::turn::{Axis, PACKED, Turn, about, packed_to_parent, to_parent};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
 use crate::filter::rounding::squares;
@@ -16,6 +21,8 @@ use nalgebra::Vector6;
 
 /// The row of a turn.
 pub(super) const ABOUT_Z: usize = 2;
+/// Its place on the diagonal of P.
+const ZZ: usize = PACKED[ABOUT_Z][ABOUT_Z];
 
 /// Only the factor: D and g of each row.
 pub(super) const FACTOR: usize = 0;
@@ -23,21 +30,6 @@ pub(super) const FACTOR: usize = 0;
 pub(super) const FILTER: usize = 1;
 /// The factor, and the filters of the right side and of the weights.
 pub(super) const WATCH: usize = 2;
-
-/// The noise of one row's measurement.
-#[derive(Clone, Copy)]
-struct Noise<T> {
-    variance: T,
-    /// Whether row and column 2 of P^+ are zero and not formed.
-    skips_zeros: bool,
-}
-
-impl<T: Real> Noise<T> {
-    #[inline(always)]
-    fn of(system: &System<T>, variance: T) -> Self {
-        Self { variance, skips_zeros: system.skips_zeros_at(variance) }
-    }
-}
 
 /// What a sweep inward reads and writes.
 struct Inward<'a, T: Real> {
@@ -129,7 +121,7 @@ impl<T: Real> Inward<'_, T> {
         let (row, turn) = (body.row, own.turn);
         let noise = Noise::of(self.system, self.noise[row]);
         // All of it in each arm: what both begin with would be there at once, and not in registers.
-        let (m, scale, kept_diagonal) = if noise.skips_zeros {
+        let (mut m, scale, kept_diagonal) = if noise.skips_zeros {
             self.send_past_z::<SIDES, false>(body, noise, turn)
         } else {
             self.send_past_z::<SIDES, true>(body, noise, turn)
@@ -142,6 +134,10 @@ impl<T: Real> Inward<'_, T> {
             if body.parent.is_some() {
                 let to = &mut self.arriving[body.places.parent_inward];
                 match body.carrier {
+                    Carrier::Turn(axis) if SIDES != WATCH && body.hangs_on_first => {
+                        let w = about!(axis, X, Y, Z, of_first_turn::<T, X, Y, Z>(&body.lever, turn));
+                        arrive_at(body, along(&w, &force), &mut to.force[ABOUT_Z]);
+                    }
                     Carrier::Turn(axis) => {
                         let sent = in_joint_frame(&body.lever, turn, &force);
                         about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
@@ -156,6 +152,12 @@ impl<T: Real> Inward<'_, T> {
                 own.force = force;
                 self.near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
             }
+        }
+        if SIDES != WATCH && body.parent.is_none() {
+            // Of P only the entry that H picks arrived there; the co-state that g would multiply is zero.
+            let own = m.gain[ABOUT_Z];
+            m.gain = Vector6::from_element(own.constant(0.0));
+            m.gain[ABOUT_Z] = own;
         }
         self.measured[row] = m;
         if SIDES == WATCH {
@@ -191,6 +193,11 @@ impl<T: Real> Inward<'_, T> {
             let p = with_noise(body, &arrived.p);
             let to = &mut self.arriving[body.places.parent_inward];
             match body.carrier {
+                Carrier::Turn(axis) if SIDES != WATCH && body.hangs_on_first => {
+                    let w = about!(axis, X, Y, Z, of_first_turn::<T, X, Y, Z>(&body.lever, turn));
+                    let kept = kept::<T, NOISY>(&p, &column, (&m, noise.variance));
+                    arrive_at(body, variance_along::<T, NOISY>(&kept, &w), &mut to.p[ZZ]);
+                }
                 Carrier::Turn(axis) => {
                     // Not all of it for each axis, which takes no less time here and the compiler more.
                     let sent = carried::<T, NOISY>(body, turn, &p, &column, (&m, noise.variance));
@@ -330,18 +337,20 @@ impl<T: Real> Inward<'_, T> {
     }
 }
 
+/// As [`arrive`], of one number.
+#[inline(always)]
+fn arrive_at<T: Real>(body: &LeanBody<T::Parameter>, sent: T, to: &mut T) {
+    let mut sum = [*to];
+    arrive(body, &[sent], &mut sum);
+    [*to] = sum;
+}
+
 /// As [`arrive`], of the bounds.
 #[inline(always)]
 fn arrive_bounds<T: Real>(body: &LeanBody<T::Parameter>, sent: Scale<T>, to: &mut Scale<T>) {
     let mut sum = [to.angular, to.linear];
     arrive(body, &[sent.angular, sent.linear], &mut sum);
     [to.angular, to.linear] = sum;
-}
-
-/// Constant bounds, in every lane.
-#[inline(always)]
-fn scale_of<T: Real>([angular, linear]: [T::Parameter; 2], like: T) -> Scale<T> {
-    Scale { angular: like.everywhere(angular), linear: like.everywhere(linear) }
 }
 
 /// Entry by entry.
@@ -351,105 +360,6 @@ fn sum<T: Real, const N: usize>(mut a: [T; N], b: &[T; N]) -> [T; N] {
         *a += b;
     }
     a
-}
-
-/// The terms of the diagonal of M(k).
-#[inline(always)]
-fn terms_of_noise<T: Real>(body: &LeanBody<T::Parameter>, like: T) -> [T; 6] {
-    let [a, b, c, d, e, f] = body.terms;
-    [
-        like.everywhere(a),
-        like.everywhere(b),
-        like.everywhere(c),
-        like.everywhere(d),
-        like.everywhere(e),
-        like.everywhere(f),
-    ]
-}
-
-/// As [`terms::sent`] of a stage on a turn with this diagonal of P^+, in the joint's frame: about z, each of x and y takes from both.
-#[inline(always)]
-fn sent_terms<T: Real>(body: &LeanBody<T::Parameter>, kept: &Vector6<T>) -> [T; 6] {
-    let like = kept[0];
-    let four = like.constant(terms::SPREAD);
-    let [x, y, z] = body.lever_squares;
-    let (x, y, z) = (like.everywhere(x), like.everywhere(y), like.everywhere(z));
-    let (across, along) = (four * (kept[3].abs() + kept[4].abs()), four * kept[5].abs());
-    let turned = four * (kept[0].abs() + kept[1].abs());
-    [
-        y.mul_add(along, z.mul_add(across, turned)),
-        x.mul_add(along, z.mul_add(across, turned)),
-        (x + y).mul_add(across, four * kept[2].abs()),
-        across,
-        across,
-        along,
-    ]
-}
-
-/// D and g of a turn (3.6, 3.10), with P^- H^T but for the entry that H picks.
-#[inline(always)]
-fn measured<T: Real>(noise: Noise<T>, &[c0, c1, c2, c3, c4, c5]: &[T; 6]) -> (Measured<T>, [T; 5]) {
-    let pivot = c2 + noise.variance;
-    let pivot_inverse = pivot.recip();
-    let column = [c0, c1, c3, c4, c5];
-    let own = if noise.skips_zeros { pivot.constant(1.0) } else { c2 * pivot_inverse };
-    let gain = Vector6::new(
-        column[0] * pivot_inverse,
-        column[1] * pivot_inverse,
-        own,
-        column[2] * pivot_inverse,
-        column[3] * pivot_inverse,
-        column[4] * pivot_inverse,
-    );
-    (Measured { pivot, pivot_inverse, gain }, column)
-}
-
-/// The diagonal of P^+, of that of P^-.
-#[inline(always)]
-fn diagonal_past<T: Real>(
-    noise: Noise<T>,
-    &[p0, p1, _, p3, p4, p5]: &[T; 6],
-    [ph0, ph1, ph3, ph4, ph5]: &[T; 5],
-    m: &Measured<T>,
-) -> Vector6<T> {
-    let g = &m.gain;
-    let own = if noise.skips_zeros { g[2].constant(0.0) } else { noise.variance * g[2] };
-    Vector6::new(
-        p0.minus_product(g[0], *ph0),
-        p1.minus_product(g[1], *ph1),
-        own,
-        p3.minus_product(g[3], *ph3),
-        p4.minus_product(g[4], *ph4),
-        p5.minus_product(g[5], *ph5),
-    )
-}
-
-/// The filter across a turn: e^- (4.2), and z^+ of z^- (4.5).
-#[inline(always)]
-fn measure<T: Real>(noise: Noise<T>, m: &Measured<T>, measurement: T, z: &[T; 6]) -> (T, [T; 6]) {
-    let e = measurement - z[ABOUT_Z];
-    let g = &m.gain;
-    // H z^+ = tau - (r / D) e^-, which a sum with a large H z^- would not give.
-    let own =
-        if noise.skips_zeros { measurement } else { measurement.minus_product(e, noise.variance * m.pivot_inverse) };
-    let z = [
-        g[0].mul_add(e, z[0]),
-        g[1].mul_add(e, z[1]),
-        own,
-        g[3].mul_add(e, z[3]),
-        g[4].mul_add(e, z[4]),
-        g[5].mul_add(e, z[5]),
-    ];
-    (e, z)
-}
-
-/// What P^- of a stage can bring to the entries of its parent, as [`Scale::sent_by`] has it.
-#[inline(always)]
-fn sent<T: Real>(body: &LeanBody<T::Parameter>, diagonal: &[T; 6]) -> Scale<T> {
-    let [p0, p1, p2, p3, p4, p5] = *diagonal;
-    let (like, four) = (p0, p0.constant(4.0));
-    let (a, b) = (p0 + p1 + p2, p3 + p4 + p5);
-    Scale { angular: four * b.mul_add(like.everywhere(body.lever_square), a), linear: four * b }
 }
 
 /// The filter at a stage with any joint: its rows, z^- becoming z^+; gives that as it is at the parent.

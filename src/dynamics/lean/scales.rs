@@ -6,13 +6,13 @@
 //! P. Where a pivot comes near it the judge looks at the terms themselves, as ever.
 
 use crate::filter::pivots::{PIVOT_MARGIN, Scale};
-use crate::filter::{HingeMap, Rows};
 use crate::scene::{Model, Motion};
+use nalgebra::DMatrix;
 
-/// What rounding may take off a bound.
-const ROUNDING: f64 = 1.0 + 1e-9;
+/// The bounds are those of exact sums and rotations: what rounding may take off, that of constants in f32 included.
+const ROUNDING: f64 = 1.0 + 1e-6;
 
-/// How much clearer of its bound than needed each turn's own inertia has to be: it is never in doubt then.
+/// How much clearer of its bound than needed a body's own inertia has to be in each row: it is never in doubt then.
 const CLEAR: f64 = 2.0;
 
 /// A body with all outward of it: mass, and the largest second moment about its origin that there can be.
@@ -23,7 +23,7 @@ struct Heap {
 }
 
 /// The bounds of all bodies; none where there are none (a joint slides outward of another, or a body is no body), or where for a scalar with this unit of rounding
-/// a turn could come near its bound, which would have to be judged each time.
+/// a pivot could come near its bound, which would have to be judged each time.
 pub(super) fn scales_at_all_angles(model: &Model<f64>, epsilon: f64) -> Option<Vec<Scale<f64>>> {
     if !model.omissions.pivot_bounds || model.inertia_roots.iter().any(Option::is_none) {
         return None;
@@ -49,12 +49,32 @@ pub(super) fn scales_at_all_angles(model: &Model<f64>, epsilon: f64) -> Option<V
         (scale.angular, scale.linear) = (scale.angular * ROUNDING, scale.linear * ROUNDING);
     }
     let is_clear = |k: usize| {
-        let stage = &model.system.stages[k];
-        let Rows::One(HingeMap::Axis(2)) = stage.rows else { return scales[k].angular.is_finite() };
-        let at_least = model.bodies[k].inertia.rotational.entries[5] + model.system.noise[stage.first_row];
-        at_least > CLEAR * PIVOT_MARGIN * epsilon * scales[k].angular
+        let margin = CLEAR * PIVOT_MARGIN * epsilon;
+        own_pivots(model, k).is_some_and(|pivots| {
+            pivots
+                .iter()
+                .enumerate()
+                .all(|(i, &pivot)| pivot > margin * scales[k].of_row(&model.system.stages[k].rows.row(i)))
+        })
     };
     (0..scales.len()).all(is_clear).then_some(scales)
+}
+
+/// What the pivots of a body are at least: the variance of each row given the others', of its own inertia alone. None where that is singular.
+fn own_pivots(model: &Model<f64>, k: usize) -> Option<Vec<f64>> {
+    let (stage, inertia) = (&model.system.stages[k], model.bodies[k].inertia.to_symmetric().to_matrix());
+    let count = stage.rows.count();
+    let column = |i: usize| stage.rows.row(i).to_column();
+    let covariance = DMatrix::from_fn(count, count, |i, j| {
+        let noise = if i == j { model.system.noise[stage.first_row + i] } else { 0.0 };
+        (column(i).transpose() * inertia * column(j))[(0, 0)] + noise
+    });
+    // A row that is not measured has infinite noise: nothing is asked of it.
+    if covariance.iter().any(|x| !x.is_finite()) {
+        return (count == 1).then(|| vec![f64::INFINITY]);
+    }
+    let inverse = covariance.try_inverse()?;
+    Some((0..count).map(|i| inverse[(i, i)].recip()).collect())
 }
 
 /// Whether all pivots of a scene of f64 have such a bound.
@@ -69,14 +89,14 @@ mod tests {
     use crate::spatial::Symmetric3;
     use nalgebra::Vector3;
 
+    fn inertial(mass: f64) -> Inertial {
+        let central = Symmetric3::new([0.03 * mass, 0.0, 0.002 * mass, 0.02 * mass, 0.0, 0.025 * mass]);
+        Inertial { mass, centre: [0.1, -0.2, 0.3].into(), central }
+    }
+
     /// Ball and turns: a trunk with two arms, on a base that floats.
     fn tree(kind: JointKind, tip: f64, omissions: Omissions) -> Scene {
         let mut builder = SceneBuilder::new().omissions(omissions).floating_base(true);
-        let inertial = |mass: f64| Inertial {
-            mass,
-            centre: [0.1, -0.2, 0.3].into(),
-            central: Symmetric3::new([0.03 * mass, 0.0, 0.002 * mass, 0.02 * mass, 0.0, 0.025 * mass]),
-        };
         let mut link = |name: &str, mass: f64| {
             let link = LinkDescription { name: name.into(), inertial: Some(inertial(mass)) };
             builder = std::mem::take(&mut builder).link(link);
@@ -146,9 +166,24 @@ mod tests {
         for kind in [JointKind::Prismatic, JointKind::Screw { pitch: 0.1 }, JointKind::Planar] {
             assert!(!known(&tree(kind, 1.0, all), epsilon), "{kind:?}");
         }
-        // Arms of a gram carry a hand of a million tons; and with few digits any arm a hand of a ton.
+        // Arms of a kilogram carry a hand of a thousand million tons; and with few digits one of a hundred tons.
         assert!(!known(&tree(JointKind::Revolute, 1e12, all), epsilon));
         assert!(!known(&tree(JointKind::Revolute, 1e5, all), f64::from(f32::EPSILON)));
         assert!(!known(&tree(JointKind::Revolute, 1.0, Omissions { pivot_bounds: false, ..all }), epsilon));
+        // A ball joint or a base that carries what it is nothing beside.
+        for (kind, floating) in [(JointKind::Spherical, false), (JointKind::Fixed, true)] {
+            let (light, heavy) = (Some(inertial(1e-12)), Some(inertial(1e3)));
+            let mut joints = [
+                JointDescription::new("ball", kind, "base", "light"),
+                JointDescription::new("turn", JointKind::Revolute, "light", "heavy"),
+            ];
+            joints[1].origin.lever.x = 1.0;
+            let mut builder = SceneBuilder::new().floating_base(floating);
+            for (name, inertial) in [("base", None), ("light", light), ("heavy", heavy)] {
+                builder = builder.link(LinkDescription { name: name.into(), inertial });
+            }
+            let scene = joints.into_iter().fold(builder, SceneBuilder::joint).build().expect("two bodies");
+            assert!(!known(&scene, epsilon), "{kind:?}");
+        }
     }
 }

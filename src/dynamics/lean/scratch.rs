@@ -57,7 +57,7 @@ impl<T: Real> CoState<T> {
 pub(super) struct Arriving<T> {
     /// 6 + 9 + 6 numbers of the covariance: angular, coupling by rows, linear.
     pub p: [T; 21],
-    /// The bounds on their terms.
+    /// The bounds on their terms, where they follow it.
     pub scale: Scale<T>,
     pub force: [T; 6],
 }

@@ -98,6 +98,11 @@ fn base_to_tip<T: Real>(
         let row = body.row;
         let (mut lambda, mut nu);
         match body.carrier {
+            Carrier::Turn(_) if body.parent.is_none() => {
+                // Nothing is carried to it.
+                let o = outer[0].constant(0.0);
+                (lambda, nu) = ([o; 6], [o; 6]);
+            }
             Carrier::Turn(axis) => {
                 seen.carried(watched.zeta, &Vector6::from(*outer), outer[0].everywhere(body.lever_square));
                 let (outer_here, outer_nu) =
