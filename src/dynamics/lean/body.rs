@@ -8,10 +8,11 @@ use super::segment::{OfSegment, Segment, alone_at_depth, segments};
 use super::slots::{Ordered, Places, SlotCounts, last_children};
 use super::turn::{Axis, Renaming};
 use crate::filter::pivots::Scale;
-use crate::filter::{HingeMap, Rows, Stage};
+use crate::filter::{HingeMap, Rows};
 use crate::scalar::Real;
 use crate::scene::{Body, Model};
 use crate::spatial::{BodyInertia, BodyRoot};
+use nalgebra::Matrix3;
 
 /// As many joints inward of both as two joints may have, on average over all pairs, for M^-1 to be multiplied out: it takes less time below, on
 /// chains and robots. On a chain of 64, 21 on average, a tenth less for one state and a tenth more in lanes; one number for both, or a state's bits would depend
@@ -51,7 +52,7 @@ fn with_all_outboard<V: Copy>(parents: &[Option<usize>], mut values: Vec<V>, joi
     values
 }
 
-/// Tells bodies, in the order of the rows, how many rows there are inward of them, and whether they are parted from what comes later. Gives the steps that M^-1 by
+/// Tells bodies, in the order of the rows, how many rows there are inward of them, whether they hang on a first turn, and whether they are parted from what comes later. Gives the steps that M^-1 by
 /// its rows takes, and how many rows the longest path from the base has.
 fn measure_paths<N>(model: &Model<f64>, bodies: &mut [LeanBody<N>]) -> (usize, usize) {
     let (mut steps, mut longest_path) = (0, 0);
@@ -61,9 +62,20 @@ fn measure_paths<N>(model: &Model<f64>, bodies: &mut [LeanBody<N>]) -> (usize, u
         bodies[k].depth = parent.map_or(0, |parent| bodies[parent].depth + count(parent));
         longest_path = longest_path.max(bodies[k].depth + count(k));
         steps += count(k) * (bodies[k].end_row - bodies[k].row).pow(2);
+        let turns = matches!(bodies[k].carrier, Carrier::Turn(_));
+        let is_first = |parent: usize| bodies[parent].parent.is_none() && bodies[parent].is_about_z;
+        bodies[k].hangs_on_first = turns && parent.is_some_and(is_first);
         bodies[k].is_parted = bodies[k].sibling_follows() || parent.is_some_and(|parent| bodies[parent].is_parted);
     }
     (steps, longest_path)
+}
+
+/// A root in a body's frame here; NaN where there is none, or where something is left beside it, which depends on the frame.
+fn root_in(frame: &Matrix3<f64>, root: Option<&BodyRoot<f64>>) -> BodyRoot<f64> {
+    match root.map(|root| root.turned(frame)) {
+        Some(root) if root.rest.iter().all(|&x| x == 0.0) => root,
+        _ => BodyRoot::zero().map(|_| f64::NAN),
+    }
 }
 
 /// How a body hangs on its parent.
@@ -236,11 +248,7 @@ impl<T: Real> LeanModel<T> {
         let scales = scales_at_all_angles(model, T::epsilon().lane(0));
         let mut composites = Vec::with_capacity(parents.len());
         let is_definite = |k: usize| model.inertia_roots[k].as_ref().is_some_and(BodyRoot::is_definite);
-        let is_about_z = |stage: &Stage<f64>| matches!(stage.rows, Rows::One(HingeMap::Axis(2)));
-        let is_first = |k: usize| {
-            let stage = &model.system.stages[k];
-            stage.parent.is_none() && is_about_z(stage)
-        };
+        let known = |k: usize| scales.as_ref().map_or([f64::NAN; 2], |of| [of[k].angular, of[k].linear]);
         let bodies = framed.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
             let frame = &framed.from_model[k];
             let turned = <[f64; 3]>::from(body.tree.rotate_back(&body.tree.lever));
@@ -260,17 +268,14 @@ impl<T: Real> LeanModel<T> {
                 first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],
                 rotational: rotational.entries.map(number),
                 scale: [number(scale.angular), number(scale.linear)],
-                scale_at_all_angles: scales
-                    .as_ref()
-                    .map_or([f64::NAN; 2], |of| [of[k].angular, of[k].linear])
-                    .map(number),
+                scale_at_all_angles: known(k).map(number),
                 terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
                 lever_squares: turned.map(|l| number(2.0 * l * l)),
-                is_about_z: is_about_z(stage),
+                is_about_z: matches!(stage.rows, Rows::One(HingeMap::Axis(2))),
                 is_afloat: matches!(stage.rows, Rows::Six) && stage.parent.is_none() && model.system.skips_zeros,
                 is_definite: is_definite(k),
                 hangs_on_definite: stage.parent.is_some_and(is_definite),
-                hangs_on_first: matches!(framed.carriers[k], Carrier::Turn(_)) && stage.parent.is_some_and(is_first),
+                hangs_on_first: false,
                 limbs: 1,
                 is_on_all_limbs: true,
                 stands_for_itself: number(1.0),
@@ -285,12 +290,7 @@ impl<T: Real> LeanModel<T> {
         let mut bodies: Vec<_> = bodies.collect();
         let (steps, longest_path) = measure_paths(model, &mut bodies);
         let is_shallow = steps <= SHALLOW * model.nv().pow(2);
-        // What is left beside the root depends on the frame.
-        let root = |&k: &usize| match model.inertia_roots[k].map(|root| root.turned(&framed.from_model[k])) {
-            Some(root) if root.rest.iter().all(|&x| x == 0.0) => root.map(number),
-            _ => BodyRoot::zero().map(|_| number(f64::NAN)),
-        };
-        let roots = order.iter().map(root).collect();
+        let root = |&k: &usize| root_in(&framed.from_model[k], model.inertia_roots[k].as_ref()).map(number);
         let arm_of = |body: &Body<f64>| Lever::new(body.tree.lever.into(), model.omissions.zero_levers, number);
         let arms: Vec<_> = framed.bodies.iter().map(arm_of).collect();
         let whole = Model { bodies: framed.bodies, ..model.clone() }.cast::<T>();
@@ -317,13 +317,12 @@ impl<T: Real> LeanModel<T> {
             needs_no_force: whole.bodies[k].needs_no_force,
             waits_for_parent: is_alone[k],
         };
-        let segments = segments(in_order, own);
         Self {
+            segments: segments(in_order, own),
             bodies,
             reordered,
-            segments,
             at: swept.at,
-            roots,
+            roots: order.iter().map(root).collect(),
             composites,
             shifting,
             turning,
