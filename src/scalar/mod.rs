@@ -53,6 +53,7 @@ pub trait Real:
 
     /// How many limbs of one state lie side by side in the lanes; where each lane is a state of its own, one.
     const LIMBS: usize = 1;
+
     /// Whether one branch is for many numbers: then it is worth its while for a few operations. Where operations are counted those of such code are.
     const SHARES_BRANCHES: bool = Self::LANES > Self::LIMBS;
 

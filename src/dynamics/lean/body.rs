@@ -149,7 +149,7 @@ impl<N> LeanBody<N> {
         self.parent.is_some() && !self.places.arrives_first
     }
 
-    /// Its numbers.
+    /// Its numbers, but for the lever's.
     #[cfg(target_arch = "x86_64")]
     pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
         let one = [&mut self.sense, &mut self.lever_square, &mut self.mass];

@@ -8,7 +8,7 @@ use nalgebra::Vector6;
 
 /// Constant bounds, in every lane.
 #[inline(always)]
-pub(super) fn scale_of<T: Real>([angular, linear]: [T::Parameter; 2], like: T) -> Scale<T> {
+pub(super) fn scale_everywhere<T: Real>([angular, linear]: [T::Parameter; 2], like: T) -> Scale<T> {
     Scale { angular: like.everywhere(angular), linear: like.everywhere(linear) }
 }
 

@@ -88,7 +88,7 @@ impl<N: Copy> Segment<N> {
         }
     }
 
-    /// Those of its numbers that [`LeanBody`] has not.
+    /// Those of its numbers that [`LeanBody`] has not, but for the arm's.
     #[cfg(target_arch = "x86_64")]
     pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
         self.load.numbers_mut()

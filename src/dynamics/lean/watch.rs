@@ -98,7 +98,7 @@ fn base_to_tip<T: Real>(
         let row = body.row;
         let (mut lambda, mut nu);
         match body.carrier {
-            Carrier::Turn(_) if body.parent.is_none() => {
+            _ if body.parent.is_none() => {
                 // Nothing is carried to it.
                 let o = outer[0].constant(0.0);
                 (lambda, nu) = ([o; 6], [o; 6]);
@@ -109,11 +109,6 @@ fn base_to_tip<T: Real>(
                     about!(axis, X, Y, Z, (to_turn::<T, X, Y, Z>(outer), to_turn::<T, X, Y, Z>(outer_nu)));
                 lambda = accelerations::carried(&body.lever, own.turn, &outer_here);
                 nu = accelerations::carried(&body.lever, own.turn, &outer_nu);
-            }
-            Carrier::Shift(_) if body.is_afloat => {
-                // Nothing is carried to it.
-                let o = outer[0].constant(0.0);
-                (lambda, nu) = ([o; 6], [o; 6]);
             }
             Carrier::Shift(at) => {
                 let (shift, outer) = (&shifts[at], Vector6::from(*outer));
