@@ -94,6 +94,7 @@ impl Scene {
             self.base_item(),
             self.zeros_item(),
             self.renamed_item(),
+            self.tilted_item(),
             self.levers_item(),
             self.axis_masses_item(),
             self.pivot_bounds_item(),

@@ -223,14 +223,18 @@ fn results_are_the_same_with_every_switch_on_and_off() {
     }
 }
 
-/// A chain of turns about x, -y and z, for each with levers along none, one, two and all axes; two tips on the last link but two.
-fn along_some_axes(armature: f64) -> SceneBuilder {
+/// x, -y and z; and axes tilted in a plane of two of their parent's, and in none.
+const STRAIGHT: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]];
+const TILTED: [[f64; 3]; 3] = [[0.6, 0.0, -0.8], [0.0, -1.0, 0.0], [0.48, 0.6, 0.64]];
+
+/// A chain of turns about these axes, for each with levers along none, one, two and all axes; two tips on the last link but two.
+fn along_some_axes(armature: f64, axes: [[f64; 3]; 3]) -> SceneBuilder {
     let mut random = Random::new(7);
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
     for k in 0..24_usize {
         let parent = if k == 0 { "base".to_owned() } else { format!("{}", k.min(22) - 1) };
         let mut joint = JointDescription::new(format!("to {k}"), JointKind::Revolute, parent, format!("{k}"));
-        joint.axis = [Vector3::x(), -Vector3::y(), Vector3::z()][k % 3];
+        joint.axis = axes[k % 3].into();
         joint.armature = armature;
         let all = random.vector() * 0.5;
         joint.origin.lever = Vector3::from_fn(|i, _| if (k % 8) >> i & 1 == 1 { all[i] } else { 0.0 });
@@ -243,22 +247,24 @@ fn along_some_axes(armature: f64) -> SceneBuilder {
 /// What entries of levers that are zero multiply changes no digit where it is left out; nor do bounds that do not follow P.
 #[test]
 fn levers_along_some_axes_and_bounds_that_are_known_lose_no_digit() {
-    for armature in [0.0, 0.2] {
-        let source = along_some_axes(armature);
+    for (armature, axes) in [(0.0, STRAIGHT), (0.2, STRAIGHT), (0.0, TILTED), (0.2, TILTED)] {
+        let source = along_some_axes(armature, axes);
         let scene = source.clone().build().unwrap();
         let off = |switch| source.clone().omissions(Omissions::all_but(switch)).build().unwrap();
-        let (off, following) = (off(|of| &mut of.zero_levers), off(|of| &mut of.pivot_bounds));
+        let (levers, following) = (off(|of| &mut of.zero_levers), off(|of| &mut of.pivot_bounds));
         let none = source.clone().omissions(Omissions::none()).build().unwrap();
+        let untilted = off(|of| &mut of.tilted_axes);
         let (q, qd, u) = random_state(&scene, &mut Random::new(3));
         let state = State { q, qd, u, wrenches: Vec::new() };
         let expected = results(&scene, &state);
         let bounds = Bounds::new(&scene, &state, &expected);
-        let others = [off, following, none].map(|scene| results(&scene, &state));
+        let others = [levers, following, untilted, none].map(|scene| results(&scene, &state));
         for (i, (what, expected)) in expected.iter().enumerate() {
-            let [off, following, none] = others.each_ref().map(|results| &results[i].1[..]);
-            let say = format!("armature {armature}: {what}");
-            assert_near(&say, off, expected, 0.0);
+            let [levers, following, untilted, none] = others.each_ref().map(|results| &results[i].1[..]);
+            let say = format!("armature {armature}, axes {axes:?}: {what}");
+            assert_near(&say, levers, expected, 0.0);
             assert_near(&say, following, expected, 0.0);
+            assert_near(&say, untilted, expected, bounds.of(what, expected));
             assert_near(&say, none, expected, bounds.of(what, expected));
         }
     }
@@ -302,7 +308,7 @@ fn switches_that_are_off_keep_what_they_name() {
 fn the_plan_names_every_switch_and_what_it_saves() {
     let plan = builder(0).gravity([0.0; 3]).build().unwrap().plan();
     // There is a body without inertia.
-    let turning = along_some_axes(0.0).build().unwrap().plan();
+    let turning = along_some_axes(0.0, STRAIGHT).build().unwrap().plan();
     // What planar scenes leave out is in tests/planar.rs.
     for (name, _) in Omissions::SWITCHES.into_iter().filter(|&(name, _)| name != "planar") {
         let plan = if name == "pivot_bounds" { &turning } else { &plan };
@@ -312,7 +318,7 @@ fn the_plan_names_every_switch_and_what_it_saves() {
     }
     // Nothing may slide outward of another body.
     for (kind, is_there) in [(JointKind::Revolute, true), (JointKind::Prismatic, false)] {
-        let source = attached(along_some_axes(0.0), &mut Random::new(1), "last", (kind, "8"), true);
+        let source = attached(along_some_axes(0.0, STRAIGHT), &mut Random::new(1), "last", (kind, "8"), true);
         let plan = source.build().unwrap().plan();
         assert_eq!(plan.items.iter().any(|item| item.switch == Some("pivot_bounds")), is_there);
     }

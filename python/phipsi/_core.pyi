@@ -87,7 +87,7 @@ class Scene:
         source: a path, or the XML itself: a str that starts with "<" after white space. floating_base: puts a free joint,
         "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame. strict: unphysical inertias raise.
         leave_out: names of what may be left out, of "fixed_joints", "base_links", "exact_zeros",
-        "renamed_axes", "zero_levers", "axis_masses", "pivot_bounds", "massless_bodies", "planar", "zero_velocity" and
+        "renamed_axes", "tilted_axes", "zero_levers", "axis_masses", "pivot_bounds", "massless_bodies", "planar", "zero_velocity" and
         "zero_gravity"; None: all.
         Results are the same to rounding, but operators and estimates need the first two (ArgumentError).
 

@@ -2,11 +2,12 @@
 
 use super::{NOTHING, Omission, counted};
 use crate::batch::chunk::{Algorithm, Arguments};
-use crate::dynamics::lean::{bodies_off_axis, knows_scales, turns_about_an_axis};
+use crate::dynamics::lean::{bodies_off_axis, knows_scales, turns_about_a_tilted_axis, turns_about_an_axis};
 use crate::filter::Form;
 use crate::report::operations::{Count, Task, count as count_as_run, count_in_six_vectors, count_lean, of_factor};
 use crate::scalar::Operations;
 use crate::scene::{Body, Motion, Omissions, Scene};
+use nalgebra::Matrix3;
 
 /// Dense results are counted up to this many degrees of freedom: they are O(N^2).
 const MOST_DENSE: usize = 256;
@@ -31,7 +32,7 @@ fn forward(scene: &Scene, how: fn(&Scene, Task, &Arguments<'_>) -> Count) -> usi
 impl Scene {
     /// Rotations of the tree that keep the joint on an axis.
     pub(super) fn renamed_item(&self) -> Omission {
-        let count = self.bodies_on_renamed_axes().count();
+        let count = self.bodies_on(turns_about_an_axis).count();
         let saved = self.saved_of_lean(count, |omissions| omissions.renamed_axes = false);
         self.switched(
             "renamed_axes",
@@ -47,12 +48,32 @@ impl Scene {
         )
     }
 
+    /// Rotations of the tree that bring the joint's axis anywhere.
+    pub(super) fn tilted_item(&self) -> Omission {
+        let renamed = self.model().omissions.renamed_axes;
+        let count = if renamed { self.bodies_on(turns_about_a_tilted_axis).count() } else { 0 };
+        let saved = self.saved_of_lean(count, |omissions| omissions.tilted_axes = false);
+        self.switched(
+            "tilted_axes",
+            Omission {
+                what: "rotations of the tree at other joints that turn",
+                count,
+                why: "a constant angle or two bring the joint's axis to one of its parent's",
+                saved: counted(count, "rotation matrix", "rotation matrices")
+                    + ", and P turned by angles instead of by it",
+                operations: saved,
+                ..NOTHING
+            },
+        )
+    }
+
     /// Entries of levers of these that are zero, along the axes of the joint's frame or its parent's.
     pub(super) fn levers_item(&self) -> Omission {
-        let renamed = self.model().omissions.renamed_axes;
-        let levers = self.bodies_on_renamed_axes().flat_map(|body| &body.tree.lever);
-        let zero = levers.filter(|&&x| x == 0.0).count();
-        let count = if renamed { zero } else { 0 };
+        let Omissions { renamed_axes, tilted_axes, .. } = self.model().omissions;
+        let is_in = |rotation: &Matrix3<f64>| {
+            renamed_axes && (turns_about_an_axis(rotation) || tilted_axes && turns_about_a_tilted_axis(rotation))
+        };
+        let count = self.bodies_on(is_in).flat_map(|body| &body.tree.lever).filter(|&&x| x == 0.0).count();
         let saved = self.saved_of_lean(count, |omissions| omissions.zero_levers = false);
         self.switched(
             "zero_levers",
@@ -105,10 +126,10 @@ impl Scene {
         )
     }
 
-    fn bodies_on_renamed_axes(&self) -> impl Iterator<Item = &Body<f64>> {
-        let renames =
-            |body: &&Body<f64>| matches!(body.motion, Motion::Revolute) && turns_about_an_axis(&body.tree.rotation);
-        self.model().bodies.iter().filter(renames)
+    /// Bodies that turn on a rotation of the tree like this.
+    fn bodies_on(&self, is_like: impl Fn(&Matrix3<f64>) -> bool) -> impl Iterator<Item = &Body<f64>> {
+        let is_in = move |body: &&Body<f64>| matches!(body.motion, Motion::Revolute) && is_like(&body.tree.rotation);
+        self.model().bodies.iter().filter(is_in)
     }
 
     /// Operations of forward dynamics with a switch off, less those with it on.

@@ -17,6 +17,9 @@ pub struct Omissions {
     /// turns about the joint's own: the angle alone is carried. To rounding: entries within 9e-16 of 0 and 1 are taken for
     /// them, for a right angle has no double. Off, a rotation matrix. For one state and lanes, in the algorithms that [`Scene::evaluate`](super::Scene::evaluate) runs in covariance form, and forward dynamics in square-root form.
     pub renamed_axes: bool,
+    /// The rotation of the tree at any other joint that turns: up to two constant angles beside the joint's own take its place. To rounding, as above (2e-15).
+    /// In the same algorithms, and only where `renamed_axes` is on.
+    pub tilted_axes: bool,
     /// Entries of levers that are zero, of the same joints. For one state in motions and forces levers that are zero whole.
     pub zero_levers: bool,
     /// What the force of a body that turns has of the mass along its joint's axis: its parent carries that, to which it looks the same at every angle.
@@ -41,11 +44,12 @@ pub type Switch = fn(&mut Omissions) -> &mut bool;
 
 impl Omissions {
     /// The switches by name.
-    pub const SWITCHES: [(&'static str, Switch); 11] = [
+    pub const SWITCHES: [(&'static str, Switch); 12] = [
         ("fixed_joints", |of| &mut of.fixed_joints),
         ("base_links", |of| &mut of.base_links),
         ("exact_zeros", |of| &mut of.exact_zeros),
         ("renamed_axes", |of| &mut of.renamed_axes),
+        ("tilted_axes", |of| &mut of.tilted_axes),
         ("zero_levers", |of| &mut of.zero_levers),
         ("axis_masses", |of| &mut of.axis_masses),
         ("pivot_bounds", |of| &mut of.pivot_bounds),
@@ -63,6 +67,7 @@ impl Omissions {
             base_links: true,
             exact_zeros: true,
             renamed_axes: true,
+            tilted_axes: true,
             zero_levers: true,
             axis_masses: true,
             pivot_bounds: true,
@@ -81,6 +86,7 @@ impl Omissions {
             base_links: false,
             exact_zeros: false,
             renamed_axes: false,
+            tilted_axes: false,
             zero_levers: false,
             axis_masses: false,
             pivot_bounds: false,

@@ -19,6 +19,7 @@ SWITCHES = (
     "base_links",
     "exact_zeros",
     "renamed_axes",
+    "tilted_axes",
     "zero_levers",
     "axis_masses",
     "pivot_bounds",

@@ -6,6 +6,7 @@ use super::limbs::{ABREAST, Bundle, bundles};
 use super::scratch::LeanScratch;
 use super::segment::{OfSegment, segments};
 use super::slots::{Ordered, last_children};
+use super::tilt::{Axle, Tilt};
 use crate::filter::Stage;
 use crate::filter::cancellation::weight;
 use crate::scalar::{Limbs, Real};
@@ -114,9 +115,37 @@ fn turning_of(whole: &LeanModel<Limbs>, bodies: &Places, (q, place): (usize, usi
     all
 }
 
+/// The tilts of these bodies, a lane each: the first one's is at `first`.
+fn tilt_of(whole: &LeanModel<Limbs>, bodies: &Places, first: usize) -> Tilt<Limbs> {
+    let mut all = whole.tilts[first];
+    for (lane, &body) in bodies.iter().enumerate() {
+        let Carrier::Turn(Axle::Tilted(at)) = whole.bodies[body].carrier else { continue };
+        let mut own = whole.tilts[at];
+        for (number, own) in all.numbers_mut().zip(own.numbers_mut()) {
+            number.take_limb(lane, own);
+        }
+    }
+    all
+}
+
+/// What shifts these bodies, a lane each: the first one's is at `first`, their coordinates begin at `q`.
+fn shift_of(whole: &LeanModel<Limbs>, bodies: &Places, (first, q): (usize, usize)) -> Body<Limbs> {
+    let mut all = Body { q, ..whole.shifting[first] };
+    for (lane, &body) in bodies.iter().enumerate() {
+        let Carrier::Shift(at) = whole.bodies[body].carrier else { continue };
+        let own = &whole.shifting[at].tree;
+        let numbers = all.tree.rotation.iter_mut().chain(&mut all.tree.lever);
+        for (number, own) in numbers.zip(own.rotation.iter().chain(&own.lever)) {
+            number.take_limb(lane, own);
+        }
+    }
+    all
+}
+
 /// The bodies of `model` in the lanes of those of `first`.
 fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanModel<Limbs> {
     let whole = LeanModel::<Limbs>::new(model);
+    let mut tilts = Vec::new();
     let parents: Vec<_> = bundles.iter().map(|bundle| bundle.parent).collect();
     let order = interleaved(&parents, |k| k);
     let (swept, last_child) = (Ordered::new(&parents, &order), last_children(&parents));
@@ -151,6 +180,11 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
             let is_there = bundle.bodies.get(lane).is_some_and(Option::is_some);
             body.stands_for_itself.lanes_mut()[lane] = f64::from(u8::from(is_there));
         }
+        if let Carrier::Turn(Axle::Tilted(at)) = &mut body.carrier {
+            let own = tilt_of(&whole, &places_of(bundle), *at);
+            *at = tilts.len();
+            tilts.push(own);
+        }
         let root_of_lane = |lane: usize| whole.roots[whole.at[bundle.body(lane)]];
         let mut root = root_of_lane(0);
         for lane in 1..ABREAST {
@@ -160,18 +194,9 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
         }
         roots.push(root);
         if let Carrier::Shift(at) = &mut body.carrier {
-            let mut shift = whole.shifting[*at];
-            shift.q = first.bodies[k].q;
-            for lane in 0..ABREAST {
-                let Carrier::Shift(of) = of_lane(lane).carrier else { continue };
-                let own = &whole.shifting[of].tree;
-                let numbers = shift.tree.rotation.iter_mut().chain(&mut shift.tree.lever);
-                for (number, own) in numbers.zip(own.rotation.iter().chain(&own.lever)) {
-                    number.take_limb(lane, own);
-                }
-            }
+            let own = shift_of(&whole, &places_of(bundle), (*at, first.bodies[k].q));
             *at = shifting.len();
-            shifting.push(shift);
+            shifting.push(own);
         } else {
             turning.push(turning_of(&whole, &places_of(bundle), (first.bodies[k].q, swept.at[k])));
         }
@@ -202,6 +227,7 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
     let roots = order.iter().map(|&k| roots[k]).collect();
     LeanModel {
         bodies,
+        tilts,
         reordered: Vec::new(),
         segments,
         at: swept.at,

@@ -5,8 +5,10 @@ use super::body::{Carrier, LeanModel};
 use super::carry::in_joint_frame;
 use super::filter::ABOUT_Z;
 use super::lever::Lever;
+use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::scratch::{CoState, LeanScratch};
-use super::turn::{Axis, Turn, about, to_turn};
+use super::tilt::Axle;
+use super::turn::{Axis, about, to_turn};
 use crate::filter::rounding::Outward;
 use crate::filter::smoother;
 use crate::scalar::Real;
@@ -42,7 +44,7 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
                 *to = estimate * estimate.everywhere(body.sense);
                 CoState { carried: [estimate.constant(0.0); 6], estimate }
             }
-            Carrier::Turn(axis) => about!(axis, X, Y, Z, {
+            Carrier::Turn(axle) => rotated!(axle, own.turn, lean.tilts, rotation, X, Y, Z, {
                 // The parent's z in this frame, along which its estimate is.
                 const ITS_Z: usize = if X == ABOUT_Z {
                     0
@@ -56,13 +58,13 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
                 let lever = body.arm.in_axes::<X, Y, Z>();
                 let estimate = if body.waits_for_parent {
                     // phi g waits for nothing, the estimate not for phi* lambda, and of the parent's estimate only the last step.
-                    let g = in_joint_frame(&lever, own.turn, &m.gain.into());
+                    let g = in_joint_frame(&lever, &rotation, &m.gain.into());
                     but_along(*to * m.pivot_inverse, &g, &there).minus_product(g[ITS_Z], its)
                 } else {
                     *to * m.pivot_inverse
                 };
                 there[ITS_Z] += its;
-                let carried = carried(&lever, own.turn, &there);
+                let carried = carried(&lever, &rotation, &there);
                 let estimate =
                     if body.waits_for_parent { estimate } else { but_along(estimate, &m.gain.into(), &carried) };
                 *to = estimate * estimate.everywhere(body.sense);
@@ -100,9 +102,9 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
 
 /// phi* lambda across a turn with this lever; lambda in the turn's frame.
 #[inline(always)]
-pub(super) fn carried<T: Real>(lever: &Lever<T::Parameter>, turn: Turn<T>, lambda: &[T; 6]) -> [T; 6] {
+pub(super) fn carried<T: Real>(lever: &Lever<T::Parameter>, rotation: &impl Rotates<T>, lambda: &[T; 6]) -> [T; 6] {
     let (w, v) = ([lambda[0], lambda[1], lambda[2]], [lambda[3], lambda[4], lambda[5]]);
-    let (w, v) = (turn.rotate_back(w), turn.rotate_back(lever.velocity(w, v)));
+    let (w, v) = (rotation.rotate_back(w), rotation.rotate_back(lever.velocity(w, v)));
     [w[0], w[1], w[2], v[0], v[1], v[2]]
 }
 

@@ -6,7 +6,8 @@ use super::limbs::ranks;
 use super::scales::scales_at_all_angles;
 use super::segment::{OfSegment, Segment, alone_at_depth, segments};
 use super::slots::{Ordered, Places, SlotCounts, last_children};
-use super::turn::{Axis, Renaming};
+use super::tilt::{Axle, Tilt};
+use super::turn::Renaming;
 use crate::filter::pivots::Scale;
 use crate::filter::{HingeMap, Rows};
 use crate::scalar::Real;
@@ -81,9 +82,9 @@ fn root_in(frame: &Matrix3<f64>, root: Option<&BodyRoot<f64>>) -> BodyRoot<f64> 
 /// How a body hangs on its parent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Carrier {
-    /// A revolute joint about an axis of its parent's frame.
-    Turn(Axis),
-    /// Any other: index among those.
+    /// A revolute joint.
+    Turn(Axle),
+    /// Any other, and what is left of those: index among them.
     Shift(usize),
 }
 
@@ -101,7 +102,7 @@ pub(super) struct LeanBody<N> {
     pub parent: Option<usize>,
     /// Its first row.
     pub row: usize,
-    /// Of a turn, from the parent's origin to the body's, in the turn's frame: the body's at its zero angle.
+    /// Of a turn, from the parent's origin to the body's, in the turn's frame: the body's at its zero angle, or the parent's where it is tilted.
     pub lever: Lever<N>,
     /// The lever's square.
     pub lever_square: N,
@@ -202,6 +203,7 @@ pub(super) struct Turning<N> {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LeanModel<T: Real> {
     pub(super) bodies: Vec<LeanBody<T::Parameter>>,
+    pub(super) tilts: Vec<Tilt<T::Parameter>>,
     /// The same in the order of the sweeps, with their places in it; none where that is theirs.
     pub(super) reordered: Vec<LeanBody<T::Parameter>>,
     /// What motions, forces and co-states need of them, in that order.
@@ -250,8 +252,7 @@ impl<T: Real> LeanModel<T> {
         let is_definite = |k: usize| model.inertia_roots[k].as_ref().is_some_and(BodyRoot::is_definite);
         let known = |k: usize| scales.as_ref().map_or([f64::NAN; 2], |of| [of[k].angular, of[k].linear]);
         let bodies = framed.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
-            let frame = &framed.from_model[k];
-            let turned = <[f64; 3]>::from(body.tree.rotate_back(&body.tree.lever));
+            let (frame, turned) = (&framed.from_model[k], <[f64; 3]>::from(framed.levers[k]));
             let BodyInertia { mass, first_moment, rotational } = &body.inertia;
             let scale = Scale::of_noise(&body.inertia_terms);
             composites.push(CompositeBody::new(composite_mass[k], turned, number));
@@ -320,6 +321,7 @@ impl<T: Real> LeanModel<T> {
         Self {
             segments: segments(in_order, own),
             bodies,
+            tilts: framed.tilts.iter().map(|tilt| tilt.map(number)).collect(),
             reordered,
             at: swept.at,
             roots: order.iter().map(root).collect(),

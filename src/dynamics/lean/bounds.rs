@@ -1,6 +1,7 @@
 //! Bounds on the terms that form P^-, as they follow it inward.
 
-use super::body::LeanBody;
+use super::body::{Carrier, LeanBody};
+use super::tilt::Axle;
 use crate::filter::pivots::Scale;
 use crate::filter::terms;
 use crate::scalar::Real;
@@ -35,19 +36,24 @@ pub(super) fn terms_of_noise<T: Real>(body: &LeanBody<T::Parameter>, like: T) ->
     ]
 }
 
-/// As [`terms::sent`] of a stage on a turn with this diagonal of P^+, in the joint's frame: about z, each of x and y takes from both.
+/// As [`terms::sent`] of a stage on a turn with this diagonal of P^+, in the joint's frame: about z, each of x and y takes from both; about a tilted
+/// axis each from all.
 #[inline(always)]
 pub(super) fn sent_terms<T: Real>(body: &LeanBody<T::Parameter>, kept: &Vector6<T>) -> [T; 6] {
     let like = kept[0];
     let four = like.constant(terms::SPREAD);
     let [x, y, z] = body.lever_squares;
     let (x, y, z) = (like.everywhere(x), like.everywhere(y), like.everywhere(z));
-    let (across, along) = (four * (kept[3].abs() + kept[4].abs()), four * kept[5].abs());
-    let turned = four * (kept[0].abs() + kept[1].abs());
+    let (mut across, mut along) = (four * (kept[3].abs() + kept[4].abs()), four * kept[5].abs());
+    let (mut turned, mut about) = (four * (kept[0].abs() + kept[1].abs()), four * kept[2].abs());
+    if let Carrier::Turn(Axle::Tilted(_)) = body.carrier {
+        (across, turned) = (across + along, turned + about);
+        (along, about) = (across, turned);
+    }
     [
         y.mul_add(along, z.mul_add(across, turned)),
         x.mul_add(along, z.mul_add(across, turned)),
-        (x + y).mul_add(across, four * kept[2].abs()),
+        (x + y).mul_add(across, about),
         across,
         across,
         along,

@@ -3,6 +3,7 @@
 use super::body::LeanBody;
 use super::filter::ABOUT_Z;
 use super::lever::Lever;
+use super::rotation::Rotates;
 use super::turn::Turn;
 use crate::filter::riccati::Measured;
 use crate::scalar::Real;
@@ -110,33 +111,37 @@ pub(super) fn kept<T: Real, const NOISY: bool>(
     ]
 }
 
-/// [`kept`] of a turn, about z and along the lever.
+/// [`kept`] of a turn, in the joint's frame and along the lever.
 #[inline(always)]
-#[allow(clippy::too_many_lines)] // 21 entries, each in its place
 pub(super) fn carried<T: Real, const NOISY: bool>(
     body: &LeanBody<T::Parameter>,
-    turn: Turn<T>,
+    rotation: &impl Rotates<T>,
     p: &[T; 21],
     column: &[T; 5],
     (m, variance): (&Measured<T>, T),
 ) -> [T; 21] {
-    let o = column[0].constant(0.0);
-    let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] =
-        kept::<T, NOISY>(p, column, (m, variance));
-    // About z.
-    let (mut a0, mut a1, mut a3) = turn.symmetric((a0, a1, a3));
-    let (b0, b1, b3) = turn.symmetric((b0, b1, b3));
-    let (b2, b4) = turn.pair(b2, b4);
-    let [mut c0, mut c1, mut c3, mut c4] = turn.square([c0, c1, c3, c4]);
-    let (mut c2, mut c5) = turn.pair(c2, c5);
-    let (mut a2, mut a4, mut a5, mut c6, mut c7, mut c8) = (a2, a4, a5, c6, c7, c8);
+    let kept = kept::<T, NOISY>(p, column, (m, variance));
     if NOISY {
-        (a2, a4) = turn.pair(a2, a4);
-        (c6, c7) = turn.pair(c6, c7);
+        along_lever(body, &rotation.covariance(&kept), true)
+    } else {
+        along_lever(body, &rotation.covariance_past_z(&kept), tilts(rotation))
     }
-    // Along z, x and y of the lever, one after another: C' = C + l~ B, A' = A + l~ C^T + C' l~^T. What is zero past a turn without noise is not added to.
+}
+
+/// Whether a rotation is tilted.
+#[inline(always)]
+fn tilts<T: Real, R: Rotates<T>>(_: &R) -> bool {
+    R::TILTS
+}
+
+/// Along z, x and y of the lever, one after another: C' = C + l~ B, A' = A + l~ C^T + C' l~^T. Where it is not `full` row and column 2 are zero, and not added to.
+#[inline(always)]
+fn along_lever<T: Real>(body: &LeanBody<T::Parameter>, p: &[T; 21], full: bool) -> [T; 21] {
+    let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *p;
+    let (mut a0, mut a1, mut a2, mut a3, mut a4, mut a5) = (a0, a1, a2, a3, a4, a5);
+    let (mut c0, mut c1, mut c2, mut c3, mut c4, mut c5, mut c6, mut c7, mut c8) = (c0, c1, c2, c3, c4, c5, c6, c7, c8);
     let [x, y, z] = body.lever.entries;
-    let (x, y, z) = (o.everywhere(x), o.everywhere(y), o.everywhere(z));
+    let (x, y, z) = (b0.everywhere(x), b0.everywhere(y), b0.everywhere(z));
     let [along_x, along_y, along_z] = body.lever.along;
     if along_z {
         let (s0, s1, s2) = (c0.minus_product(z, b1), c1.minus_product(z, b3), c2.minus_product(z, b4));
@@ -144,7 +149,7 @@ pub(super) fn carried<T: Real, const NOISY: bool>(
         a0 = a0.minus_product(z, s1 + c1);
         a1 = z.mul_add(s0 - c4, a1);
         a3 = z.mul_add(s3 + c3, a3);
-        if NOISY {
+        if full {
             a2 = a2.minus_product(z, c7);
             a4 = z.mul_add(c6, a4);
         }
@@ -156,8 +161,8 @@ pub(super) fn carried<T: Real, const NOISY: bool>(
         a1 = a1.minus_product(x, c2);
         a2 = x.mul_add(c1, a2);
         a3 = a3.minus_product(x, s5 + c5);
-        a4 = if NOISY { x.mul_add(s4 - c8, a4) } else { x.mul_add(s4, a4) };
-        a5 = if NOISY { x.mul_add(s7 + c7, a5) } else { x.mul_add(s7, a5) };
+        a4 = if full { x.mul_add(s4 - c8, a4) } else { x.mul_add(s4, a4) };
+        a5 = if full { x.mul_add(s7 + c7, a5) } else { x.mul_add(s7, a5) };
         (c3, c4, c5, c6, c7, c8) = (s3, s4, s5, s6, s7, s8);
     }
     if along_y {
@@ -177,12 +182,24 @@ pub(super) fn carried<T: Real, const NOISY: bool>(
 #[inline(always)]
 pub(super) fn of_first_turn<T: Real, const X: usize, const Y: usize, const Z: usize>(
     lever: &Lever<T::Parameter>,
-    turn: Turn<T>,
+    rotation: &impl Rotates<T>,
 ) -> [T; 6] {
-    let Turn { s, c } = turn;
+    let Turn { s, c } = rotation.turn();
     let (o, [x, y, z]) = (s.constant(0.0), lever.entries);
     let (x, y, z) = (s.everywhere(x), s.everywhere(y), s.everywhere(z));
     // The parent's z in the joint's frame, e, and e x l.
+    if tilts(rotation) {
+        let one = c.constant(1.0);
+        let (e, v) = if X == ABOUT_Z {
+            ([one, o, o], [o, -z, y])
+        } else if Y == ABOUT_Z {
+            ([o, one, o], [z, o, -x])
+        } else {
+            ([o, o, one], [-y, x, o])
+        };
+        let ([a, b, c], [d, e, f]) = (rotation.rotate_back(e), rotation.rotate_back(v));
+        return [a, b, c, d, e, f];
+    }
     let ([a, b, c], v) = if X == ABOUT_Z {
         ([c, -s, o], [o, -z, y])
     } else if Y == ABOUT_Z {
@@ -190,7 +207,7 @@ pub(super) fn of_first_turn<T: Real, const X: usize, const Y: usize, const Z: us
     } else {
         ([o, o, c.constant(1.0)], [-y, x, o])
     };
-    let [d, e, f] = turn.rotate_back(v);
+    let [d, e, f] = rotation.rotate_back(v);
     [a, b, c, d, e, f]
 }
 
@@ -214,9 +231,9 @@ pub(super) fn variance_along<T: Real, const NOISY: bool>(p: &[T; 21], w: &[T; 6]
 
 /// A force in the joint's frame, about the parent's origin: at the end of this lever.
 #[inline(always)]
-pub(super) fn in_joint_frame<T: Real>(lever: &Lever<T::Parameter>, turn: Turn<T>, z: &[T; 6]) -> [T; 6] {
-    let force = turn.rotate([z[3], z[4], z[5]]);
-    let moment = turn.rotate([z[0], z[1], z[2]]);
+pub(super) fn in_joint_frame<T: Real>(lever: &Lever<T::Parameter>, rotation: &impl Rotates<T>, z: &[T; 6]) -> [T; 6] {
+    let force = rotation.rotate([z[3], z[4], z[5]]);
+    let moment = rotation.rotate([z[0], z[1], z[2]]);
     let [a, b, c] = lever.moment(force, moment);
     [a, b, c, force[0], force[1], force[2]]
 }
@@ -266,16 +283,18 @@ mod tests {
     use super::{carried, in_joint_frame, kept, of_first_turn, variance_along};
     use crate::dynamics::lean::LeanModel;
     use crate::dynamics::lean::accelerations::along;
-    use crate::dynamics::lean::body::{Carrier, LeanBody};
+    use crate::dynamics::lean::body::Carrier;
     use crate::dynamics::lean::filter::ABOUT_Z;
+    use crate::dynamics::lean::rotation::{TiltedTurn, rotated};
+    use crate::dynamics::lean::tilt::Axle;
     use crate::dynamics::lean::turn::{Axis, PACKED, Turn, about, packed_to_parent, to_parent};
     use crate::filter::riccati::Measured;
     use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
     use crate::spatial::Symmetric3;
     use nalgebra::{Vector3, Vector6};
 
-    /// Of a body on a turn about this axis of one that turns on the base.
-    fn second(axis: Vector3<f64>, lever: Vector3<f64>) -> LeanBody<f64> {
+    /// A body on a turn about this axis of one that turns on the base.
+    fn two(axis: Vector3<f64>, lever: Vector3<f64>) -> LeanModel<f64> {
         let central = Symmetric3::new([0.3, 0.02, -0.01, 0.2, 0.03, 0.25]);
         let inertial = Some(Inertial { mass: 2.0, centre: [0.1, -0.2, 0.3].into(), central });
         let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
@@ -284,36 +303,39 @@ mod tests {
             (joint.axis, joint.origin.lever) = (axis, lever);
             builder = builder.link(LinkDescription { name: name.into(), inertial }).joint(joint);
         }
-        LeanModel::<f64>::new(builder.build().expect("two turns").model()).bodies[1].clone()
+        LeanModel::new(builder.build().expect("two turns").model())
     }
 
-    fn check<const NOISY: bool>(body: &LeanBody<f64>) {
+    fn check<const FULL: bool>(lean: &LeanModel<f64>) {
+        let body = &lean.bodies[1];
         let wave = |i: usize| (1.7 * f64::from(u8::try_from(i).expect("small")) + 0.3).sin();
         let (p, column): ([f64; 21], _) = (std::array::from_fn(wave), [0.3, -0.2, 0.5, 0.1, -0.4]);
         let gain = Vector6::from_fn(|i, _| wave(i + 30));
-        let (m, turn) = (Measured { pivot: 1.0, pivot_inverse: 1.0, gain }, Turn { s: 0.6, c: 0.8 });
+        let m = Measured { pivot: 1.0, pivot_inverse: 1.0, gain };
+        let turn = Turn { s: 0.6, c: 0.8 };
         let (force, noise) = (std::array::from_fn(|i| wave(i + 40)), 0.7);
-        let Carrier::Turn(axis) = body.carrier else { panic!("a turn") };
-        about!(axis, X, Y, Z, {
-            let w = of_first_turn::<f64, X, Y, Z>(&body.lever, turn);
-            let whole = packed_to_parent::<f64, X, Y, Z>(&carried::<f64, NOISY>(body, turn, &p, &column, (&m, noise)));
-            let one = variance_along::<f64, NOISY>(&kept::<f64, NOISY>(&p, &column, (&m, noise)), &w);
-            let expected = whole[PACKED[ABOUT_Z][ABOUT_Z]];
-            assert!((one - expected).abs() <= 64.0 * f64::EPSILON, "{axis:?} {NOISY}: {one} {expected}");
-            let expected = to_parent::<f64, X, Y, Z>(&in_joint_frame(&body.lever, turn, &force))[ABOUT_Z];
-            assert!((along(&w, &force) - expected).abs() <= 64.0 * f64::EPSILON, "{axis:?}: {expected}");
+        let Carrier::Turn(axle) = body.carrier else { panic!("a turn") };
+        rotated!(axle, turn, lean.tilts, rotation, X, Y, Z, {
+            let w = of_first_turn::<f64, X, Y, Z>(&body.lever, &rotation);
+            let sent = carried::<f64, FULL>(body, &rotation, &p, &column, (&m, noise));
+            let one = variance_along::<f64, FULL>(&kept::<f64, FULL>(&p, &column, (&m, noise)), &w);
+            let expected = packed_to_parent::<f64, X, Y, Z>(&sent)[PACKED[ABOUT_Z][ABOUT_Z]];
+            assert!((one - expected).abs() <= 64.0 * f64::EPSILON, "{axle:?} {FULL}: {one} {expected}");
+            let expected = to_parent::<f64, X, Y, Z>(&in_joint_frame(&body.lever, &rotation, &force))[ABOUT_Z];
+            assert!((along(&w, &force) - expected).abs() <= 64.0 * f64::EPSILON, "{axle:?}: {expected}");
         });
     }
 
     /// What a turn on the base asks of the next body is an entry of what would be carried there.
     #[test]
     fn the_first_turn_gets_what_it_picks() {
-        for axis in [Vector3::x(), -Vector3::y(), Vector3::z()] {
+        let tilted = [Vector3::new(0.0, 0.6, 0.8), Vector3::new(-0.6, 0.0, 0.8), Vector3::new(0.48, 0.6, -0.64)];
+        for axis in [Vector3::x(), -Vector3::y(), Vector3::z()].into_iter().chain(tilted) {
             for lever in [Vector3::zeros(), Vector3::new(0.2, -0.3, 0.5), Vector3::new(0.0, 0.4, 0.0)] {
-                let body = second(axis, lever);
-                assert!(body.hangs_on_first);
-                check::<true>(&body);
-                check::<false>(&body);
+                let lean = two(axis, lever);
+                assert!(lean.bodies[1].hangs_on_first);
+                check::<true>(&lean);
+                check::<false>(&lean);
             }
         }
     }

@@ -7,9 +7,11 @@ use super::bounds::{scale_everywhere, sent, sent_terms, terms_of_noise};
 use super::carry::{
     carried, diagonal, in_joint_frame, kept, of_first_turn, packed, pivot_column, unpacked, variance_along, with_noise,
 };
+use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::row::{Noise, diagonal_past, measure, measured};
 use super::scratch::{Arriving, Besides, LeanScratch, Own, Watched, Watching, arrive};
-use super::turn::{Axis, PACKED, Turn, about, packed_to_parent, to_parent};
+use super::tilt::Axle;
+use super::turn::{Axis, PACKED, about, packed_to_parent, to_parent};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
 use crate::filter::rounding::squares;
@@ -87,8 +89,13 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
     };
     for ((body, own), watched) in lean.swept().iter().zip(own).zip(watched).rev() {
         match body.carrier {
-            Carrier::Turn(_) => inward.about_z::<SIDES>(body, own, watched),
-            Carrier::Shift(_) if body.is_about_z => inward.about_z::<SIDES>(body, own, watched),
+            Carrier::Turn(axle) => rotated!(axle, own.turn, lean.tilts, rotation, {
+                inward.about_z::<SIDES>(body, &rotation, own, watched);
+            }),
+            Carrier::Shift(_) if body.is_about_z => {
+                let unused = own.turn;
+                inward.about_z::<SIDES>(body, &unused, own, watched);
+            }
             Carrier::Shift(_) if afloat::is_noise_free(body.is_afloat, body.row, &model.system) => {
                 inward.afloat::<SIDES>(body, own, watched);
             }
@@ -98,6 +105,7 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
     [inward.monitor, inward.near]
 }
 
+// In debug builds these are calls: in one frame, where nothing shares a place, they would take more than a thread's stack has.
 impl<T: Real> Inward<'_, T> {
     /// The bound on the terms of P^-: of M(k) and of what arrived, or at all angles.
     #[inline(always)]
@@ -111,20 +119,21 @@ impl<T: Real> Inward<'_, T> {
     }
 
     /// A body that turns about its z.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn about_z<const SIDES: usize>(
         &mut self,
         body: &LeanBody<T::Parameter>,
+        rotation: &impl Rotates<T>,
         own: &mut Own<T>,
         watched: &mut Watched<T>,
     ) {
-        let (row, turn) = (body.row, own.turn);
+        let row = body.row;
         let noise = Noise::of(self.system, self.noise[row]);
         // All of it in each arm: what both begin with would be there at once, and not in registers.
         let (mut m, scale, kept_diagonal) = if noise.skips_zeros {
-            self.send_past_z::<SIDES, false>(body, noise, turn)
+            self.send_past_z::<SIDES, false>(body, noise, rotation)
         } else {
-            self.send_past_z::<SIDES, true>(body, noise, turn)
+            self.send_past_z::<SIDES, true>(body, noise, rotation)
         };
         self.monitor.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
         if SIDES >= FILTER {
@@ -134,13 +143,13 @@ impl<T: Real> Inward<'_, T> {
             if body.parent.is_some() {
                 let to = &mut self.arriving[body.places.parent_inward];
                 match body.carrier {
-                    Carrier::Turn(axis) if SIDES != WATCH && body.hangs_on_first => {
-                        let w = about!(axis, X, Y, Z, of_first_turn::<T, X, Y, Z>(&body.lever, turn));
+                    Carrier::Turn(axle) if SIDES != WATCH && body.hangs_on_first => {
+                        let w = about!(axle.axis(), X, Y, Z, of_first_turn::<T, X, Y, Z>(&body.lever, rotation));
                         arrive_at(body, along(&w, &force), &mut to.force[ABOUT_Z]);
                     }
-                    Carrier::Turn(axis) => {
-                        let sent = in_joint_frame(&body.lever, turn, &force);
-                        about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
+                    Carrier::Turn(axle) => {
+                        let sent = in_joint_frame(&body.lever, rotation, &force);
+                        about!(axle.axis(), X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
                     }
                     Carrier::Shift(at) => {
                         arrive(body, &self.shifts[at].force_to_parent(&force.into()).into(), &mut to.force);
@@ -161,7 +170,7 @@ impl<T: Real> Inward<'_, T> {
         }
         self.measured[row] = m;
         if SIDES == WATCH {
-            self.watch_about_z(body, turn, &kept_diagonal, watched);
+            self.watch_about_z(body, rotation, &kept_diagonal, watched);
         }
     }
 
@@ -169,12 +178,12 @@ impl<T: Real> Inward<'_, T> {
     /// watched the diagonal of P^+.
     ///
     /// P leaves before anything is written: the compiler could take that for P's, and would read all of it before.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn send_past_z<const SIDES: usize, const NOISY: bool>(
         &mut self,
         body: &LeanBody<T::Parameter>,
         noise: Noise<T>,
-        turn: Turn<T>,
+        rotation: &impl Rotates<T>,
     ) -> (Measured<T>, Scale<T>, Vector6<T>) {
         let noise = Noise { skips_zeros: !NOISY, ..noise };
         let arrived = &self.arriving[body.places.inward];
@@ -194,15 +203,15 @@ impl<T: Real> Inward<'_, T> {
             let p = with_noise(body, &arrived.p);
             let to = &mut self.arriving[body.places.parent_inward];
             match body.carrier {
-                Carrier::Turn(axis) if SIDES != WATCH && body.hangs_on_first => {
-                    let w = about!(axis, X, Y, Z, of_first_turn::<T, X, Y, Z>(&body.lever, turn));
+                Carrier::Turn(axle) if SIDES != WATCH && body.hangs_on_first => {
+                    let w = about!(axle.axis(), X, Y, Z, of_first_turn::<T, X, Y, Z>(&body.lever, rotation));
                     let kept = kept::<T, NOISY>(&p, &column, (&m, noise.variance));
                     arrive_at(body, variance_along::<T, NOISY>(&kept, &w), &mut to.p[ZZ]);
                 }
-                Carrier::Turn(axis) => {
+                Carrier::Turn(axle) => {
                     // Not all of it for each axis, which takes no less time here and the compiler more.
-                    let sent = carried::<T, NOISY>(body, turn, &p, &column, (&m, noise.variance));
-                    about!(axis, X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
+                    let sent = carried::<T, NOISY>(body, rotation, &p, &column, (&m, noise.variance));
+                    about!(axle.axis(), X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
                 }
                 Carrier::Shift(at) => {
                     let kept = unpacked(&kept::<T, NOISY>(&p, &column, (&m, noise.variance)));
@@ -220,11 +229,11 @@ impl<T: Real> Inward<'_, T> {
     }
 
     /// What is watched besides of such a body, after P has left it.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn watch_about_z(
         &mut self,
         body: &LeanBody<T::Parameter>,
-        turn: Turn<T>,
+        rotation: &impl Rotates<T>,
         kept_diagonal: &Vector6<T>,
         watched: &mut Watched<T>,
     ) {
@@ -241,9 +250,9 @@ impl<T: Real> Inward<'_, T> {
         }
         let to = &mut self.besides[body.places.parent_inward];
         match body.carrier {
-            Carrier::Turn(axis) => {
-                let (terms, zeta) = (sent_terms(body, kept_diagonal), in_joint_frame(&body.lever, turn, &zeta));
-                about!(axis, X, Y, Z, {
+            Carrier::Turn(axle) => {
+                let (terms, zeta) = (sent_terms(body, kept_diagonal), in_joint_frame(&body.lever, rotation, &zeta));
+                about!(axle.axis(), X, Y, Z, {
                     arrive(body, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
                     arrive(body, &to_parent::<T, X, Y, Z>(&zeta), &mut to.zeta);
                 });
@@ -257,7 +266,7 @@ impl<T: Real> Inward<'_, T> {
     }
 
     /// A body that floats.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn afloat<const SIDES: usize>(
         &mut self,
         body: &LeanBody<T::Parameter>,
@@ -283,7 +292,7 @@ impl<T: Real> Inward<'_, T> {
     }
 
     /// Any other body.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn shift<const SIDES: usize>(
         &mut self,
         body: &LeanBody<T::Parameter>,

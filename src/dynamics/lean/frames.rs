@@ -3,13 +3,16 @@
 //! Where a joint turns about an axis of its parent's frame, signs and places become part of the body's constants, no digit of them touched:
 //! its z is then one axis of its parent's at zero angle, its x and y the two that follow it in their cycle. What is left of a turn is a
 //! rotation about z, to one side or the other, and one of three ways to read the parent's vectors; and where the joint's frame is turned about
-//! its z at zero angle by what is no renaming of axes, a constant *offset* of the angle.
+//! its z at zero angle by what is no renaming of axes, a constant *offset* of the angle. An axis that is along none of its parent's is
+//! [tilted](Tilt) from one of them.
 
+use super::about_axis::AboutAxis;
 use super::body::Carrier;
 use super::loads::{Load, loads};
-use super::turn::{AboutAxis, Renaming};
+use super::tilt::{Axle, Tilt};
+use super::turn::Renaming;
 use crate::scene::{Body, Model, Motion};
-use nalgebra::{Matrix3, Vector6};
+use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// The bodies of a scene in those frames.
 pub(super) struct Framed {
@@ -18,6 +21,10 @@ pub(super) struct Framed {
     pub carriers: Vec<Carrier>,
     /// Sine and cosine of the turn's angle where the joint's is zero, where they are not those of none.
     pub offsets: Vec<Option<[f64; 2]>>,
+    /// The levers as they are met inward: of a turn in its frame at zero angle, or its parent's where it is tilted.
+    pub levers: Vec<Vector3<f64>>,
+    /// Those of tilted axles.
+    pub tilts: Vec<Tilt<f64>>,
     /// From each body's frame in the model, zeros and ones.
     pub from_model: Vec<Matrix3<f64>>,
     /// What their forces see of them.
@@ -31,6 +38,8 @@ impl Framed {
             bodies: Vec::with_capacity(count),
             carriers: Vec::with_capacity(count),
             offsets: Vec::with_capacity(count),
+            levers: Vec::with_capacity(count),
+            tilts: Vec::new(),
             from_model: Vec::with_capacity(count),
             loads: Vec::new(),
         };
@@ -39,17 +48,27 @@ impl Framed {
             let outer = stage.parent.map_or_else(Matrix3::identity, |parent| framed.from_model[parent]);
             let rotation = outer * body.tree.rotation;
             let turns = matches!(body.motion, Motion::Revolute) && model.omissions.renamed_axes;
-            let about = if turns { AboutAxis::of(&rotation) } else { None };
+            let tilted = || if model.omissions.tilted_axes { AboutAxis::tilted(&rotation) } else { None };
+            let about = if turns { AboutAxis::of(&rotation).or_else(tilted) } else { None };
             let mut here = *body;
-            let (carrier, frame, offset) = if let Some(AboutAxis { axis, frame, offset }) = about {
-                here.tree.rotation = axis.rotation();
-                (Carrier::Turn(axis), frame, offset)
+            let (carrier, frame, offset) = if let Some(AboutAxis { axis, tilt, frame, offset }) = about {
+                here.tree.rotation = tilt.map_or_else(|| axis.rotation(), |tilt| tilt.matrix());
+                let mut axle = Axle::Straight(axis);
+                if let Some(tilt) = tilt {
+                    axle = Axle::Tilted(framed.tilts.len());
+                    framed.tilts.push(tilt);
+                }
+                (Carrier::Turn(axle), frame, offset)
             } else {
                 here.tree.rotation = rotation;
                 shifts += 1;
                 (Carrier::Shift(shifts - 1), Matrix3::identity(), None)
             };
             here.tree.lever = outer * body.tree.lever;
+            framed.levers.push(match carrier {
+                Carrier::Turn(axle) => axle.axis().rotation().transpose() * here.tree.lever,
+                Carrier::Shift(_) => here.tree.rotate_back(&here.tree.lever),
+            });
             here.inertia.first_moment = frame * body.inertia.first_moment;
             here.inertia.rotational = body.inertia.rotational.congruence(&frame);
             here.inertia_terms = Vector6::from(Renaming::of(&frame, |x| x).apply(&body.inertia_terms)).abs();
@@ -65,7 +84,7 @@ impl Framed {
 
 #[cfg(test)]
 mod tests {
-    use super::{Carrier, Framed};
+    use super::{Axle, Carrier, Framed};
     use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
     use crate::spatial::Symmetric3;
     use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -75,8 +94,17 @@ mod tests {
         Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
     }
 
-    /// A joint about this axis of a frame turned so: whether it is a turn, its offset, and by how much what it is made of differs from what it is.
-    fn of(rotation: Matrix3<f64>, axis: Vector3<f64>) -> (bool, Option<[f64; 2]>, f64) {
+    /// How a joint about an axis of a frame turned so is carried.
+    #[derive(Debug, PartialEq)]
+    enum Kind {
+        Plain,
+        /// About how many axes it is tilted.
+        Tilted(usize),
+        Shift,
+    }
+
+    /// Of such a joint, its offset, and by how much what it is made of differs from what it is.
+    fn of(rotation: Matrix3<f64>, axis: Vector3<f64>) -> (Kind, Option<[f64; 2]>, f64) {
         let central = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
         let inertial = Some(Inertial { mass: 1.0, centre: [0.1, 0.2, 0.3].into(), central });
         let mut joint = JointDescription::new("joint", JointKind::Revolute, "base", "link");
@@ -93,7 +121,12 @@ mod tests {
         let about_z = Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0);
         let made = framed.bodies[0].tree.rotation * about_z * framed.from_model[0];
         let off = (made - scene.model().bodies[0].tree.rotation).amax();
-        (matches!(framed.carriers[0], Carrier::Turn(_)), framed.offsets[0], off)
+        let kind = match framed.carriers[0] {
+            Carrier::Shift(_) => Kind::Shift,
+            Carrier::Turn(Axle::Straight(_)) => Kind::Plain,
+            Carrier::Turn(Axle::Tilted(at)) => Kind::Tilted(1 + usize::from(framed.tilts[at].turns_about_z)),
+        };
+        (kind, framed.offsets[0], off)
     }
 
     #[test]
@@ -102,24 +135,56 @@ mod tests {
             [rpy(0.0, 0.0, 0.0), rpy(FRAC_PI_2, 0.0, 0.0), rpy(-FRAC_PI_2, 0.0, PI), rpy(0.0, -FRAC_PI_2, 0.0)]
         {
             for axis in [Vector3::x(), -Vector3::y(), Vector3::z()] {
-                let (turns, offset, off) = of(rotation, axis);
-                assert!(turns && offset.is_none() && off <= 4.0 * f64::EPSILON, "{rotation}");
+                let (kind, offset, off) = of(rotation, axis);
+                assert!(kind == Kind::Plain && offset.is_none() && off <= 4.0 * f64::EPSILON, "{rotation}");
             }
         }
-        // As URDF files round them: what they say is kept.
-        assert!(!of(rpy(FRAC_PI_2 - 5e-12, 0.0, 0.0), Vector3::z()).0);
-        assert!(!of(rpy(0.3, 0.0, 0.0), Vector3::z()).0);
-        // Nor is what is no rotation to rounding, though the builder takes it.
-        assert!(!of(Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 5e-10, 0.0, 1.0), Vector3::z()).0);
-        assert!(!of(rpy(0.0, 0.0, 0.3) * (1.0 + 2e-11), Vector3::z()).0);
+        // What is no rotation to rounding, though the builder takes it, is none.
+        for rotation in [
+            Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 5e-10, 0.0, 1.0),
+            rpy(0.0, 0.0, 0.3) * (1.0 + 2e-11),
+            rpy(0.4, 0.2, 0.3) * (1.0 + 2e-11),
+        ] {
+            assert_eq!(of(rotation, Vector3::z()).0, Kind::Shift, "{rotation}");
+        }
+    }
+
+    #[test]
+    fn what_brings_the_axis_anywhere_tilts_it() {
+        // As URDF files round right angles: what they say is kept.
+        let about = |angle: f64| (angle * 1e4).round() / 1e4;
+        for (rotation, axes) in [
+            (rpy(FRAC_PI_2 - 5e-12, 0.0, 0.0), 1),
+            (rpy(about(FRAC_PI_2), 0.0, 0.0), 1),
+            (rpy(about(FRAC_PI_2), 0.0, about(FRAC_PI_2)), 2),
+            (rpy(about(PI), -about(FRAC_PI_2), 0.0), 2),
+            (rpy(0.0, -0.1749, 0.0), 1),
+            (rpy(0.3, 0.0, 0.0), 1),
+            (rpy(0.0, 2.1, 0.0), 1),
+            (rpy(0.0, -2.1, 0.7), 2),
+            (rpy(-1e-9, 1e-8, 3.0), 2),
+            (rpy(0.3, -0.2, 1.1), 2),
+        ] {
+            let (kind, _, off) = of(rotation, Vector3::z());
+            assert!(kind == Kind::Tilted(axes) && off <= 8.0 * f64::EPSILON, "{rotation} {kind:?} {off}");
+            for axis in [Vector3::x(), -Vector3::y(), -Vector3::z(), Vector3::new(0.3, -0.4, 0.8)] {
+                let (kind, _, off) = of(rotation, axis.normalize());
+                assert!(kind != Kind::Shift && off <= 8.0 * f64::EPSILON, "{rotation} {axis} {off}");
+            }
+        }
+        // The joint's own angle beside it.
+        let (kind, offset, _) = of(rpy(0.3, 0.0, 0.0) * rpy(0.0, 0.0, 0.5), Vector3::z());
+        assert!(kind == Kind::Tilted(1) && offset.is_some());
+        let (kind, offset, _) = of(rpy(0.3, 0.0, 0.0) * rpy(0.0, 0.0, FRAC_PI_2), Vector3::z());
+        assert!(kind == Kind::Tilted(1) && offset.is_none());
     }
 
     #[test]
     fn what_turns_about_the_joints_own_axis_is_an_offset() {
         for axis in [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::z()] {
             let rotation = Rotation3::from_scaled_axis(axis.abs() * 0.3).into_inner();
-            let (turns, offset, off) = of(rotation, axis);
-            assert!(turns && offset.is_some() && off <= 4.0 * f64::EPSILON, "{axis}: {off}");
+            let (kind, offset, off) = of(rotation, axis);
+            assert!(kind == Kind::Plain && offset.is_some() && off <= 4.0 * f64::EPSILON, "{axis}: {off}");
         }
     }
 }

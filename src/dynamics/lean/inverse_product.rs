@@ -8,8 +8,10 @@
 use super::body::{Carrier, LeanModel};
 use super::columns::{Block, LeanColumns, set_column};
 use super::filter::ABOUT_Z;
+use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::scratch::LeanScratch;
 use super::tiles::{Pair, TILE, Tiles, put, put_factors};
+use super::tilt::Axle;
 use super::turn::{Axis, about};
 use super::way::Way;
 use crate::dynamics::columns::{spread_hinge, spread_shift, spread_vector};
@@ -44,9 +46,9 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
         let parents: &[Block<C>] = if body.parent.is_some() { &slots[body.places.parent_outward] } else { &[] };
         let blocks = body.depth.div_ceil(C::COLUMNS);
         match body.carrier {
-            Carrier::Turn(axis) => about!(axis, X, Y, Z, {
-                let (turn, gain) = (of_body.turn, &scratch.measured[body.row].gain);
-                let way = Way::<C, X, Y, Z>::new(body, turn, gain, none);
+            Carrier::Turn(axle) => rotated!(axle, of_body.turn, lean.tilts, rotation, X, Y, Z, {
+                let gain = &scratch.measured[body.row].gain;
+                let way = Way::<C, _, X, Y, Z>::new(body, rotation.spread(none), gain, none);
                 let lane = body.row % C::COLUMNS;
                 let (parents, here) = (&parents[..blocks], &targets[..blocks]);
                 targets = &targets[blocks..];

@@ -8,6 +8,7 @@
 
 use super::body::{Carrier, INTERLEAVED};
 use super::frames::Framed;
+use super::tilt::Axle;
 use super::turn::{Axis, Renaming};
 use crate::scene::{Model, Motion};
 use std::collections::HashMap;
@@ -39,7 +40,8 @@ impl Bundle {
 #[allow(clippy::struct_excessive_bools)] // facts, each by itself
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct Kind {
-    turn: Option<Axis>,
+    /// Of a turn, and where it is tilted whether about z too.
+    turn: Option<(Axis, Option<bool>)>,
     motion: std::mem::Discriminant<Motion<f64>>,
     from: [u8; 3],
     has_lever: bool,
@@ -69,7 +71,10 @@ impl Likeness {
             // A pitch is part of the system, which has one number for all lanes.
             (!matches!(body.motion, Motion::Screw(_))).then(|| Kind {
                 turn: match framed.carriers[k] {
-                    Carrier::Turn(axis) => Some(axis),
+                    Carrier::Turn(Axle::Straight(axis)) => Some((axis, None)),
+                    Carrier::Turn(Axle::Tilted(at)) => {
+                        Some((framed.tilts[at].axis, Some(framed.tilts[at].turns_about_z)))
+                    }
                     Carrier::Shift(_) => None,
                 },
                 motion: discriminant(&body.motion),

@@ -91,19 +91,16 @@ impl Moments {
     }
 
     /// Adds mass along an axis, given as above, that begins at `lever` and has this direction.
-    fn add_axis(&mut self, [mass, first, second]: [DoubleDouble; 3], lever: &Vector3<f64>, along: usize) {
-        let lever = lever.map(DoubleDouble::from_f64);
+    fn add_axis(&mut self, [mass, first, second]: [DoubleDouble; 3], lever: &Vector3<f64>, along: &Vector3<f64>) {
+        let (lever, along) = (lever.map(DoubleDouble::from_f64), along.map(DoubleDouble::from_f64));
         self.mass += mass;
         for i in 0..3 {
-            self.first[i] += mass * lever[i];
-            self.second[(along, i)] += first * lever[i];
-            self.second[(i, along)] += first * lever[i];
+            self.first[i] += mass * lever[i] + first * along[i];
             for j in 0..3 {
-                self.second[(i, j)] += mass * lever[i] * lever[j];
+                let across = along[i] * lever[j] + along[j] * lever[i];
+                self.second[(i, j)] += mass * lever[i] * lever[j] + first * across + second * along[i] * along[j];
             }
         }
-        self.first[along] += first;
-        self.second[(along, along)] += second;
     }
 
     fn load(&self, is_off_axis: bool) -> Load<f64> {
@@ -144,11 +141,12 @@ pub(super) fn loads(model: &Model<f64>, bodies: &[Body<f64>], carriers: &[Carrie
         let mut moments = heavier[k].unwrap_or_else(|| Moments::of(&bodies[k]));
         let gives = model.omissions.axis_masses && takes(k) && stage.parent.is_none_or(takes) && moments.is_of_a_mass();
         match carriers[k] {
-            Carrier::Turn(axis) if gives => {
+            Carrier::Turn(_) if gives => {
                 let of_axis = moments.take_axis();
                 if let Some(parent) = stage.parent {
                     let outer = heavier[parent].get_or_insert_with(|| Moments::of(&bodies[parent]));
-                    outer.add_axis(of_axis, &bodies[k].tree.lever, axis.index());
+                    let tree = &bodies[k].tree;
+                    outer.add_axis(of_axis, &tree.lever, &tree.rotation.column(2).into());
                 }
                 loads.push(moments.load(true));
             }

@@ -10,8 +10,10 @@ use super::columns::{LeanColumns, blocks_of, put_block, set_column};
 use super::filter;
 use super::inverse_product;
 use super::motion::{carriers, cross};
+use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::scratch::LeanScratch;
-use super::turn::{Axis, Turn, about, packed_to_turn, to_parent};
+use super::tilt::Axle;
+use super::turn::{Axis, about, packed_to_turn, to_parent};
 use super::way::Way;
 use crate::dynamics::columns::{put, spread_hinge, spread_shift, spread_vector};
 use crate::filter::covariance::row_update;
@@ -20,7 +22,7 @@ use crate::filter::pivots::PivotMonitor;
 use crate::filter::riccati::Measured;
 use crate::scalar::{ColumnsOf, Real};
 use crate::scene::Model;
-use crate::spatial::{RigidShift, Symmetric6, dot, scaled};
+use crate::spatial::{Symmetric6, dot, scaled};
 use nalgebra::Vector6;
 
 /// The factor of M at `q`, in the scratch, in covariance form.
@@ -74,10 +76,12 @@ fn co_covariances_base_to_tip<T: Real>((model, lean): (&Model<T>, &LeanModel<T>)
     for (k, body) in lean.bodies.iter().enumerate() {
         let outer = body.parent.map_or([o; 21], |parent| scratch.co_covariances[parent]);
         scratch.co_covariances[k] = match body.carrier {
-            Carrier::Turn(axis) => {
-                let turn = scratch.own[lean.at[k]].turn;
+            Carrier::Turn(axle) => {
                 let lambda = if body.parent.is_some() {
-                    co_carried(body, turn, &about!(axis, X, Y, Z, packed_to_turn::<T, X, Y, Z>(&outer)))
+                    rotated!(axle, scratch.own[lean.at[k]].turn, lean.tilts, rotation, {
+                        let outer = about!(axle.axis(), X, Y, Z, packed_to_turn::<T, X, Y, Z>(&outer));
+                        co_carried(body, &rotation, &outer)
+                    })
                 } else {
                     outer
                 };
@@ -104,7 +108,7 @@ fn co_covariances_base_to_tip<T: Real>((model, lean): (&Model<T>, &LeanModel<T>)
 
 /// phi* Lambda phi across a turn, Lambda in its frame: along the lever, about z.
 #[inline(always)]
-fn co_carried<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, lambda: &[T; 21]) -> [T; 21] {
+fn co_carried<T: Real>(body: &LeanBody<T::Parameter>, rotation: &impl Rotates<T>, lambda: &[T; 21]) -> [T; 21] {
     let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *lambda;
     let (mut c, mut b) = ([[c0, c1, c2], [c3, c4, c5], [c6, c7, c8]], [b0, b1, b2, b3, b4, b5]);
     if body.lever.is_there() {
@@ -122,15 +126,8 @@ fn co_carried<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, lambda: &[T
         ];
         c = moved;
     }
-    let turn = turn.inverse();
-    let (a0, a1, a3) = turn.symmetric((a0, a1, a3));
-    let (a2, a4) = turn.pair(a2, a4);
-    let (b0, b1, b3) = turn.symmetric((b[0], b[1], b[3]));
-    let (b2, b4) = turn.pair(b[2], b[4]);
-    let [[c0, c1, c2], [c3, c4, c5], [c6, c7, c8]] = c;
-    let [c0, c1, c3, c4] = turn.square([c0, c1, c3, c4]);
-    let ((c2, c5), (c6, c7)) = (turn.pair(c2, c5), turn.pair(c6, c7));
-    [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b[5]]
+    let ([b0, b1, b2, b3, b4, b5], [[c0, c1, c2], [c3, c4, c5], [c6, c7, c8]]) = (b, c);
+    rotation.covariance_back(&[a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5])
 }
 
 /// b + (column j of C' x l) at i + (column i of C x l) at j.
@@ -169,7 +166,13 @@ fn parted_inward<T: Real, C: ColumnsOf<T>>(
     let mut u = scaled(gain, gain[0].everywhere(body.sense));
     past_rows(&model.system.stages[k], &scratch.measured, 0..column - body.row, &mut u);
     while let Some(parent) = body.parent {
-        let there = one_inward(body, scratch.own[lean.at[k]].turn, &scratch.shifts, &u.into());
+        let there = match body.carrier {
+            Carrier::Turn(axle) => rotated!(axle, scratch.own[lean.at[k]].turn, lean.tilts, rotation, {
+                let sent = in_joint_frame(&body.lever, &rotation, &u.into());
+                about!(axle.axis(), X, Y, Z, to_parent::<T, X, Y, Z>(&sent))
+            }),
+            Carrier::Shift(at) => scratch.shifts[at].force_to_parent(&u).into(),
+        };
         if body.sibling_follows() {
             columns.part((k, body.row), column, &there);
         }
@@ -180,23 +183,6 @@ fn parted_inward<T: Real, C: ColumnsOf<T>>(
         let stage = &model.system.stages[k];
         u = there.into();
         past_rows(stage, &scratch.measured, 0..stage.rows.count(), &mut u);
-    }
-}
-
-/// A force at a body as it is at the parent.
-#[inline(always)]
-fn one_inward<T: Real>(
-    body: &LeanBody<T::Parameter>,
-    turn: Turn<T>,
-    shifts: &[RigidShift<T>],
-    force: &[T; 6],
-) -> [T; 6] {
-    match body.carrier {
-        Carrier::Turn(axis) => {
-            let sent = in_joint_frame(&body.lever, turn, force);
-            about!(axis, X, Y, Z, to_parent::<T, X, Y, Z>(&sent))
-        }
-        Carrier::Shift(at) => shifts[at].force_to_parent(&Vector6::from(*force)).into(),
     }
 }
 
@@ -225,9 +211,9 @@ fn rows_base_to_tip<T: Real, C: ColumnsOf<T>>(
             let blocks = blocks_of::<T, C>(&(tree..body.row));
             let parents = columns.at(body.places.parent_outward);
             match body.carrier {
-                Carrier::Turn(axis) => about!(axis, X, Y, Z, {
-                    let (turn, gain) = (scratch.own[lean.at[k]].turn, &scratch.measured[body.row].gain);
-                    let way = Way::<C, X, Y, Z>::new(body, turn, gain, C::zero());
+                Carrier::Turn(axle) => rotated!(axle, scratch.own[lean.at[k]].turn, lean.tilts, rotation, X, Y, Z, {
+                    let gain = &scratch.measured[body.row].gain;
+                    let way = Way::<C, _, X, Y, Z>::new(body, rotation.spread(C::zero()), gain, C::zero());
                     for block in blocks {
                         let mut y = way.carried(&parents[block]);
                         let entry = way.entry(&y);

@@ -9,8 +9,10 @@ use super::filter::ABOUT_Z;
 use super::lever::Lever;
 use super::mass_columns::{MassColumns, Measurement};
 use super::motion::carriers;
+use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::scratch::{Composite, LeanScratch, arrive};
-use super::turn::{Axis, PACKED, Turn, about, to_parent};
+use super::tilt::Axle;
+use super::turn::{Axis, about, symmetric_to_parent, to_parent};
 use crate::dynamics::columns::{spread_hinge, spread_shift};
 use crate::filter::{HingeMap, Rows};
 use crate::scalar::{ColumnsOf, Real};
@@ -35,11 +37,11 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     for ((body, own), constants) in lean.swept().iter().zip(own).zip(&lean.composites).rev() {
         let composite = composite_of(body, &composites[body.places.inward]);
         let carried = match body.carrier {
-            Carrier::Turn(axis) => {
+            Carrier::Turn(axle) => {
                 let (of_body, noise) = ((body, constants), model.system.noise[body.row]);
-                let turn = own.turn;
-                about!(axis, X, Y, Z, {
-                    through_turn::<T, C, CHECK, X, Y, Z>(of_body, turn, noise, &composite, (columns, out))
+                rotated!(axle, own.turn, lean.tilts, rotation, X, Y, Z, {
+                    let to = (&mut *columns, &mut *out);
+                    through_turn::<T, C, _, CHECK, X, Y, Z>(of_body, &rotation, noise, &composite, to)
                 })
             }
             Carrier::Shift(at) => {
@@ -85,9 +87,17 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
 
 /// The row of a turn, and the way from there to the parent, of whose axes its own x, y and z are X, Y and Z.
 #[inline(always)]
-fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, const Y: usize, const Z: usize>(
+fn through_turn<
+    T: Real,
+    C: ColumnsOf<T>,
+    R: Rotates<T>,
+    const CHECK: bool,
+    const X: usize,
+    const Y: usize,
+    const Z: usize,
+>(
     (body, constants): (&LeanBody<T::Parameter>, &CompositeBody<T::Parameter>),
-    turn: Turn<T>,
+    rotation: &R,
     noise: T,
     composite: &Composite<T>,
     (columns, out): (&mut MassColumns<T, C>, &mut [C::Entry]),
@@ -98,9 +108,9 @@ fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, con
     // r(k) H*(k), H picking the rotation about z, in its sense.
     let force = [sense * i[2], sense * i[4], sense * i[5], -(sense * h[1]), sense * h[0], like.constant(0.0)];
     let none = columns.like();
-    let about = About::<C, X, Y, Z> {
+    let about = About::<C, R::Spread<C>, X, Y, Z> {
         sense: none.spread(sense),
-        turn: Turn { s: none.spread(turn.s), c: none.spread(turn.c) },
+        rotation: rotation.spread(none),
         lever: Lever {
             entries: [
                 none.spread(like.everywhere(body.lever.entries[0])),
@@ -114,19 +124,19 @@ fn through_turn<T: Real, C: ColumnsOf<T>, const CHECK: bool, const X: usize, con
     columns.put_row::<CHECK>(out, (body.row, body.end_row), &force, &about);
     columns.add_to_diagonal::<CHECK>(out, body.row, noise);
     // At the base nobody reads it.
-    if about.ends { *composite } else { carried::<T, X, Y, Z>((body, constants), turn, composite) }
+    if about.ends { *composite } else { carried::<T, _, X, Y, Z>((body, constants), rotation, composite) }
 }
 
 /// A turn's row, and phi across it.
-struct About<C, const X: usize, const Y: usize, const Z: usize> {
+struct About<C, R, const X: usize, const Y: usize, const Z: usize> {
     sense: C,
-    turn: Turn<C>,
+    rotation: R,
     lever: Lever<C>,
     /// Whether there is no parent to carry anything to.
     ends: bool,
 }
 
-impl<C: Real, const X: usize, const Y: usize, const Z: usize> Measurement<C> for About<C, X, Y, Z> {
+impl<C: Real, R: Rotates<C>, const X: usize, const Y: usize, const Z: usize> Measurement<C> for About<C, R, X, Y, Z> {
     #[inline(always)]
     fn entry(&self, force: &Block<C>) -> C {
         self.sense * force[ABOUT_Z]
@@ -137,8 +147,8 @@ impl<C: Real, const X: usize, const Y: usize, const Z: usize> Measurement<C> for
         if self.ends {
             return;
         }
-        let moment = self.turn.rotate([force[0], force[1], force[2]]);
-        let line = self.turn.rotate([force[3], force[4], force[5]]);
+        let moment = self.rotation.rotate([force[0], force[1], force[2]]);
+        let line = self.rotation.rotate([force[3], force[4], force[5]]);
         let [a, b, c] = self.lever.moment_in_lanes(line, moment);
         *force = to_parent::<C, X, Y, Z>(&[a, b, c, line[0], line[1], line[2]]);
     }
@@ -178,16 +188,13 @@ fn composite_of<T: Real>(body: &LeanBody<T::Parameter>, arrived: &Composite<T>) 
 
 /// phi r phi* across a turn: about z, then along the lever as in [`BodyInertia::to_parent`], in the parent's frame.
 #[inline(always)]
-fn carried<T: Real, const X: usize, const Y: usize, const Z: usize>(
+fn carried<T: Real, R: Rotates<T>, const X: usize, const Y: usize, const Z: usize>(
     (body, constants): (&LeanBody<T::Parameter>, &CompositeBody<T::Parameter>),
-    turn: Turn<T>,
+    rotation: &R,
     composite: &Composite<T>,
 ) -> Composite<T> {
-    let (h, i) = (&composite.first_moment, &composite.rotational);
-    let mut h = turn.rotate(*h);
-    let (xz, yz) = turn.pair(i[2], i[4]);
-    let (xx, xy, yy) = turn.symmetric((i[0], i[1], i[3]));
-    let mut i = [xx, xy, xz, yy, yz, i[5]];
+    let mut h = rotation.rotate(composite.first_moment);
+    let mut i = rotation.symmetric(composite.rotational);
     // Along z, y and x of the lever, one after another: of l (h + s), s = h + m l, the constant part is known.
     let like = h[0];
     let Lever { entries: [x, y, z], along: [along_x, along_y, along_z] } = body.lever;
@@ -207,9 +214,7 @@ fn carried<T: Real, const X: usize, const Y: usize, const Z: usize>(
         i = [i[0], i[1].minus_product(x, h[1]), i[2].minus_product(x, h[2]), i[3] + twice, i[4], i[5] + twice];
         h[0] += like.everywhere(mx);
     }
-    let (mut there, mut rotational) = (h, i);
+    let mut there = h;
     (there[X], there[Y], there[Z]) = (h[0], h[1], h[2]);
-    (rotational[PACKED[X][X]], rotational[PACKED[X][Y]], rotational[PACKED[X][Z]]) = (i[0], i[1], i[2]);
-    (rotational[PACKED[Y][Y]], rotational[PACKED[Y][Z]], rotational[PACKED[Z][Z]]) = (i[3], i[4], i[5]);
-    Composite { first_moment: there, rotational }
+    Composite { first_moment: there, rotational: symmetric_to_parent::<T, X, Y, Z>(&i) }
 }

@@ -6,11 +6,13 @@
 //! P, co-states) has a *slot*, which another body takes over; of a chain there are two. Constants of the scene are one number for all
 //! lanes. And a revolute joint about an axis of its parent's frame (as all about x, y or z are that a URDF gives without rpy) is
 //! carried by its angle alone: first about z, where H P^+ = 0 leaves a third out, then along the lever, a constant there. Frames are
-//! chosen so that what is left of the renaming is one of three orders of the parent's axes ([`frames`]): each is compiled by itself.
+//! chosen so that what is left of the renaming is one of three orders of the parent's axes ([`frames`]): each is compiled by itself. About any other axis a
+//! constant angle or two come between ([`tilt`]).
 //! Every other body goes through the general shift. Bodies at equal depth come one after another, for they do not wait for each other;
 //! M^-1 in closed form keeps to the order of the rows. Of one state, limbs of like build can go
 //! [side by side](limbs).
 
+mod about_axis;
 #[cfg(target_arch = "x86_64")]
 mod abreast;
 mod accelerations;
@@ -32,6 +34,7 @@ mod mass_matrix;
 mod motion;
 mod predict;
 mod root_filter;
+mod rotation;
 mod row;
 mod scales;
 mod scratch;
@@ -39,10 +42,12 @@ mod segment;
 mod slots;
 mod spin;
 mod tiles;
+mod tilt;
 mod turn;
 mod watch;
 mod way;
 
+pub(crate) use about_axis::{turns_about_a_tilted_axis, turns_about_an_axis};
 #[cfg(target_arch = "x86_64")]
 pub(crate) use abreast::{Abreast, Places};
 pub(crate) use body::LeanModel;
@@ -54,7 +59,6 @@ pub(crate) use mass_inverse::{closed_form, factor};
 pub(crate) use mass_matrix::mass_matrix;
 pub(crate) use scales::knows_scales;
 pub(crate) use scratch::{LeanScratch, bytes};
-pub(crate) use turn::turns_about_an_axis;
 pub(crate) use watch::{factor_watched, forward_dynamics_watched, hand_over};
 
 use super::forces::Motion;

@@ -6,9 +6,11 @@
 
 use super::afloat;
 use super::body::{Carrier, LeanModel};
+use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::scratch::{LeanScratch, Moving, Own};
 use super::segment::Segment;
 use super::spin::{Spin, coordinates_of, force_of};
+use super::tilt::Axle;
 use super::turn::{Axis, Turn, about};
 use crate::dynamics::forces::{Motion, Needed};
 use crate::kinematics::{joint_motion, joint_shift};
@@ -105,15 +107,15 @@ fn forces<T: Real, const ROOT: bool>(
         let [w, dw, _] = motions[body.parent_outward];
         // All of it in each arm: after them the motion would come by way of memory.
         match body.carrier {
-            Carrier::Turn(axis) => about!(axis, X, Y, Z, {
+            Carrier::Turn(axle) => rotated!(axle, own[place].turn, lean.tilts, rotation, X, Y, Z, {
                 let joint = (state.qd, state.qdd);
                 let moving = if body.is_on_base {
-                    on_base(body, own[place].turn, [base[X], base[Y], base[Z]], joint, needed)
+                    on_base(body, &rotation, [base[X], base[Y], base[Z]], joint, needed)
                 } else {
-                    let Own { turn, force: [a0, a1, a2, ..] } = own[place];
+                    let [a0, a1, a2, ..] = own[place].force;
                     let a = [a0, a1, a2];
                     let there = [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]];
-                    turned(body, turn, there, joint, needed)
+                    turned(body, &rotation, there, joint, needed)
                 };
                 keep((bodies, place), root, moving, needed, (motions, own));
             }),
@@ -180,7 +182,7 @@ fn keep<T: Real>(
 #[inline(always)]
 fn on_base<T: Real>(
     body: &Segment<T::Parameter>,
-    turn: Turn<T>,
+    rotation: &impl Rotates<T>,
     a: [T; 3],
     (qd, qdd): (&[T], Option<&[T]>),
     needed: Needed,
@@ -188,23 +190,23 @@ fn on_base<T: Real>(
     let (o, sense) = (a[0].constant(0.0), a[0].everywhere(body.sense));
     let rate = if needed.velocity { qd[body.row] * sense } else { o };
     let acceleration = qdd.map_or(o, |qdd| qdd[body.row] * sense);
-    [[o, o, rate], [o, o, acceleration], turn.rotate_back(a)]
+    [[o, o, rate], [o, o, acceleration], rotation.rotate_back(a)]
 }
 
 /// Across a turn, in the joint's frame the parent's motion and the acceleration of the origin: about z, and the joint's own.
 #[inline(always)]
 fn turned<T: Real>(
     body: &Segment<T::Parameter>,
-    turn: Turn<T>,
+    rotation: &impl Rotates<T>,
     [w, dw, a]: Moving<T>,
     (qd, qdd): (&[T], Option<&[T]>),
     needed: Needed,
 ) -> Moving<T> {
     let still = w;
-    let mut dw = turn.rotate_back(dw);
+    let (mut dw, a) = (rotation.rotate_back(dw), rotation.rotate_back(a));
     let w = if needed.velocity {
         let rate = qd[body.row] * still[0].everywhere(body.sense);
-        let [x, y, z] = turn.rotate_back(w);
+        let [x, y, z] = rotation.rotate_back(w);
         dw = [y.mul_add(rate, dw[0]), dw[1].minus_product(x, rate), dw[2]];
         [x, y, z + rate]
     } else {
@@ -213,7 +215,7 @@ fn turned<T: Real>(
     if let Some(qdd) = qdd {
         dw[2] = qdd[body.row].mul_add(still[0].everywhere(body.sense), dw[2]);
     }
-    [w, dw, turn.rotate_back(a)]
+    [w, dw, a]
 }
 
 /// Across any joint.

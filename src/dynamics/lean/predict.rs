@@ -3,8 +3,10 @@
 use super::body::{Carrier, LeanModel};
 use super::filter::ABOUT_Z;
 use super::lever::Lever;
+use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::scratch::{LeanScratch, Own, arrive_after};
 use super::segment::Segment;
+use super::tilt::Axle;
 use super::turn::{Axis, Turn, about};
 use crate::scalar::Real;
 use crate::scene::Model;
@@ -24,12 +26,14 @@ pub(super) fn tip_to_base<T: Real>(
         let Own { turn, force } = own[place];
         let to = if body.parent > 0 { Some(&mut own[body.parent - 1].force) } else { None };
         match body.carrier {
-            Carrier::Turn(axis) => about!(axis, X, Y, Z, {
+            Carrier::Turn(axle) => {
                 torques[body.row] = force[ABOUT_Z] * force[ABOUT_Z].everywhere(body.sense);
                 if let Some(to) = to {
-                    send_force::<T, X, Y, Z>(body, turn, &force, to);
+                    rotated!(axle, turn, lean.tilts, rotation, X, Y, Z, {
+                        send_force::<T, _, X, Y, Z>(body, &rotation, &force, to);
+                    });
                 }
-            }),
+            }
             Carrier::Shift(at) => {
                 let (force, stage) = (Vector6::from(force), &model.system.stages[body.index]);
                 for i in 0..stage.rows.count() {
@@ -45,9 +49,9 @@ pub(super) fn tip_to_base<T: Real>(
 
 /// Adds a force across a turn to what its parent has.
 #[inline(always)]
-fn send_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
+fn send_force<T: Real, R: Rotates<T>, const X: usize, const Y: usize, const Z: usize>(
     body: &Segment<T::Parameter>,
-    turn: Turn<T>,
+    rotation: &R,
     force: &[T; 6],
     to: &mut [T; 6],
 ) {
@@ -62,8 +66,7 @@ fn send_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
                 [a.of_limb(limb), b.of_limb(limb), c.of_limb(limb), d.of_limb(limb), e.of_limb(limb), f.of_limb(limb)];
             let [x, y, z] = lever.entries;
             let lever = Lever { entries: [x.of_limb(limb), y.of_limb(limb), z.of_limb(limb)], along };
-            let turn = Turn { s: turn.s.of_limb(limb), c: turn.c.of_limb(limb) };
-            *to = with_force::<T, X, Y, Z>(&lever, turn, &force, to);
+            *to = with_force::<T, R, X, Y, Z>(&lever, &rotation.of_limb(limb), &force, to);
         }
         return;
     }
@@ -74,21 +77,26 @@ fn send_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
             *number *= like.everywhere(body.stands_for_itself);
         }
     }
-    *to = with_force::<T, X, Y, Z>(&lever, turn, &force, to);
+    *to = with_force::<T, R, X, Y, Z>(&lever, rotation, &force, to);
 }
 
 /// What a parent has and a force across a turn: what was there comes in where the sum begins, so that nothing waits for it.
 #[inline(always)]
-fn with_force<T: Real, const X: usize, const Y: usize, const Z: usize>(
+fn with_force<T: Real, R: Rotates<T>, const X: usize, const Y: usize, const Z: usize>(
     lever: &Lever<T>,
-    turn: Turn<T>,
+    rotation: &R,
     force: &[T; 6],
     to: &[T; 6],
 ) -> [T; 6] {
-    let Turn { s, c } = turn;
+    let Turn { s, c } = rotation.turn();
     let [nx, ny, nz, ..] = *force;
-    let f = turn.rotate([force[3], force[4], force[5]]);
-    let n = [c.mul_add(nx, to[X]).minus_product(s, ny), s.mul_add(nx, c.mul_add(ny, to[Y])), nz + to[Z]];
+    let f = rotation.rotate([force[3], force[4], force[5]]);
+    let n = if R::TILTS {
+        let [x, y, z] = rotation.rotate([nx, ny, nz]);
+        [x + to[X], y + to[Y], z + to[Z]]
+    } else {
+        [c.mul_add(nx, to[X]).minus_product(s, ny), s.mul_add(nx, c.mul_add(ny, to[Y])), nz + to[Z]]
+    };
     let n = lever.moment_in_lanes(f, n);
     let mut sum = *to;
     (sum[X], sum[Y], sum[Z]) = (n[0], n[1], n[2]);

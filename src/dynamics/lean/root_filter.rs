@@ -7,7 +7,9 @@
 use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::carry::in_joint_frame;
+use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::scratch::{LeanScratch, Own};
+use super::tilt::Axle;
 use super::turn::{Axis, Turn, about, to_parent};
 use crate::filter::HingeMap;
 use crate::filter::pivots::Scale;
@@ -193,12 +195,13 @@ pub(super) fn tip_to_base<T: Real>(
         }
         let mut sent = Sent::filled(t[0]);
         let lever_square = match body.carrier {
-            Carrier::Turn(axis) => {
-                let turn = own[place].turn;
-                let t = in_joint_frame(&body.lever, turn, &[t[0], t[1], t[2], t[3], t[4], t[5]]);
-                about!(axis, X, Y, Z, {
-                    columns_to_parent::<T, X, Y, Z>(body, turn, &here.root, &mut sent.columns);
-                    sent.t = to_parent::<T, X, Y, Z>(&t);
+            Carrier::Turn(axle) => {
+                rotated!(axle, own[place].turn, lean.tilts, rotation, {
+                    let t = in_joint_frame(&body.lever, &rotation, &[t[0], t[1], t[2], t[3], t[4], t[5]]);
+                    about!(axle.axis(), X, Y, Z, {
+                        columns_to_parent::<T, _, X, Y, Z>(body, &rotation, &here.root, &mut sent.columns);
+                        sent.t = to_parent::<T, X, Y, Z>(&t);
+                    });
                 });
                 t[0].everywhere(body.lever_square)
             }
@@ -226,14 +229,15 @@ pub(super) fn tip_to_base<T: Real>(
     monitor
 }
 
-/// phi L across a turn: about z, along the lever, and to the parent's axes.
+/// phi L across a turn: about z, where it is tilted by that, along the lever, and to the parent's axes.
 #[inline(always)]
-fn columns_to_parent<T: Real, const X: usize, const Y: usize, const Z: usize>(
+fn columns_to_parent<T: Real, R: Rotates<T>, const X: usize, const Y: usize, const Z: usize>(
     body: &LeanBody<T::Parameter>,
-    turn: Turn<T>,
+    rotation: &R,
     root: &Root6<T>,
     columns: &mut RootColumns<T>,
 ) {
+    let turn = rotation.turn();
     let Turn { s, c } = turn;
     let (o, one) = (s.constant(0.0), s.constant(1.0));
     let RootColumns { weights, rows } = columns;
@@ -248,6 +252,14 @@ fn columns_to_parent<T: Real, const X: usize, const Y: usize, const Z: usize>(
         let [fx, fy, fz] = forces[j];
         let (mut mx, mut my) = turn.pair(r[3][j], r[4][j]);
         let mut mz = r[5][j];
+        if R::TILTS {
+            let (force, moment) = (rotation.tilt([fx, fy, fz]), rotation.tilt([mx, my, mz]));
+            let moment = body.lever.moment(force, moment);
+            for i in 0..3 {
+                (rows[i][j], rows[3 + i][j]) = (force[i], moment[i]);
+            }
+            continue;
+        }
         if j < 2 {
             [mx, my, mz] = body.lever.moment([fx, fy, fz], [mx, my, mz]);
         } else if body.lever.is_there() {
@@ -261,4 +273,10 @@ fn columns_to_parent<T: Real, const X: usize, const Y: usize, const Z: usize>(
     (rows[3 + X][3], rows[3 + Y][3], rows[3 + Z][3]) = (x, y, r[5][3]);
     (rows[3 + X][4], rows[3 + Y][4], rows[3 + Z][4]) = (-s, c, r[5][4]);
     (rows[3 + X][5], rows[3 + Y][5], rows[3 + Z][5]) = (o, o, one);
+    if R::TILTS {
+        let [_, _, _, x, y, z] = rows;
+        for j in 3..6 {
+            [x[j], y[j], z[j]] = rotation.tilt([x[j], y[j], z[j]]);
+        }
+    }
 }

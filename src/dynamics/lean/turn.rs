@@ -39,11 +39,6 @@ impl Axis {
         [Self::X, Self::Y, Self::Z][index]
     }
 
-    /// Its index.
-    pub fn index(self) -> usize {
-        about!(self, X, Y, Z, [X, Y, Z][2])
-    }
-
     /// The rotation from the turn's frame to its parent's.
     pub fn rotation(self) -> Matrix3<f64> {
         let mut rotation = Matrix3::zeros();
@@ -66,6 +61,15 @@ pub(super) fn to_parent<T: Copy, const X: usize, const Y: usize, const Z: usize>
     let mut there = *v;
     (there[X], there[Y], there[Z]) = (v[0], v[1], v[2]);
     (there[3 + X], there[3 + Y], there[3 + Z]) = (v[3], v[4], v[5]);
+    there
+}
+
+/// A symmetric matrix from the turn's frame to its parent's.
+#[inline(always)]
+pub(super) fn symmetric_to_parent<T: Copy, const X: usize, const Y: usize, const Z: usize>(a: &[T; 6]) -> [T; 6] {
+    let mut there = *a;
+    (there[PACKED[X][X]], there[PACKED[X][Y]], there[PACKED[X][Z]]) = (a[0], a[1], a[2]);
+    (there[PACKED[Y][Y]], there[PACKED[Y][Z]], there[PACKED[Z][Z]]) = (a[3], a[4], a[5]);
     there
 }
 
@@ -115,44 +119,6 @@ pub(super) fn packed_to_turn<T: Copy, const X: usize, const Y: usize, const Z: u
         p[15 + PACKED[Y][Z]],
         p[15 + PACKED[Z][Z]],
     ]
-}
-
-/// How far an entry of a rotation may be from what it is taken for. A right angle in radians has no double, and the nearest leaves 6e-17 or
-/// 1.2e-16 where zero is meant; a rotation of the tree is a product of a few, each off by a unit of rounding.
-const ROUNDING: f64 = 4.0 * f64::EPSILON;
-
-/// A rotation that brings z to an axis of its parent's frame.
-pub(super) struct AboutAxis {
-    pub axis: Axis,
-    /// From the frame that is turned to the one that the [turn](Turn) is in: zeros and ones.
-    pub frame: Matrix3<f64>,
-    /// Sine and cosine of the turn's angle, where that is no renaming of axes.
-    pub offset: Option<[f64; 2]>,
-}
-
-impl AboutAxis {
-    /// What a rotation is, to rounding; none where it is no such.
-    pub fn of(rotation: &Matrix3<f64>) -> Option<Self> {
-        let is_near = |a: &Matrix3<f64>, b: &Matrix3<f64>| (a - b).iter().all(|x| x.abs() <= ROUNDING);
-        let axis = Axis::new(rotation.column(2).iamax());
-        let turned = axis.rotation().transpose() * rotation;
-        // No negative zeros.
-        let renamed = turned.map(|x| x.round() + 0.0);
-        if is_near(&turned, &renamed) {
-            return Some(Self { axis, frame: renamed, offset: None });
-        }
-        let sense = turned[(2, 2)].signum();
-        let frame = Matrix3::from_diagonal(&[1.0, sense, sense].into());
-        let length = turned[(0, 0)].hypot(turned[(1, 0)]);
-        let [s, c] = [turned[(1, 0)] / length, turned[(0, 0)] / length];
-        let exactly = Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0) * frame;
-        is_near(&turned, &exactly).then_some(Self { axis, frame, offset: Some([s, c]) })
-    }
-}
-
-/// Whether a rotation brings z to an axis, or against it, to rounding.
-pub(crate) fn turns_about_an_axis(rotation: &Matrix3<f64>) -> bool {
-    AboutAxis::of(rotation).is_some()
 }
 
 /// A renaming of axes, from a body's frame in the model to the one that these sweeps have it in, as a table: which entry each becomes.
@@ -225,20 +191,6 @@ impl<T: Real> Turn<T> {
         Self { s: -self.s, c: self.c }
     }
 
-    /// Rz v, body's frame to joint's.
-    #[inline(always)]
-    pub fn rotate(self, v: [T; 3]) -> [T; 3] {
-        let (x, y) = self.pair(v[0], v[1]);
-        [x, y, v[2]]
-    }
-
-    /// Rz^T v, joint's frame to body's.
-    #[inline(always)]
-    pub fn rotate_back(self, v: [T; 3]) -> [T; 3] {
-        let Self { s, c } = self;
-        [c.mul_add(v[0], s * v[1]), (c * v[1]).minus_product(s, v[0]), v[2]]
-    }
-
     /// The two entries that a rotation about z mixes.
     #[inline(always)]
     pub fn pair(self, x: T, y: T) -> (T, T) {
@@ -255,7 +207,7 @@ impl<T: Real> Turn<T> {
 
     /// Rz X Rz^T of [[a, b], [b, d]].
     #[inline(always)]
-    pub fn symmetric(self, (a, b, d): (T, T, T)) -> (T, T, T) {
+    pub fn plane(self, (a, b, d): (T, T, T)) -> (T, T, T) {
         let [cc, ss, sc] = self.products();
         let twice = sc + sc;
         (
@@ -263,6 +215,14 @@ impl<T: Real> Turn<T> {
             sc.mul_add(a - d, (cc - ss) * b),
             twice.mul_add(b, ss.mul_add(a, cc * d)),
         )
+    }
+
+    /// Rz X Rz^T of a symmetric matrix.
+    #[inline(always)]
+    pub fn symmetric_about_z(self, [xx, xy, xz, yy, yz, zz]: [T; 6]) -> [T; 6] {
+        let (xz, yz) = self.pair(xz, yz);
+        let (xx, xy, yy) = self.plane((xx, xy, yy));
+        [xx, xy, xz, yy, yz, zz]
     }
 
     /// Rz X Rz^T of [[a, b], [e, d]], row by row.

@@ -3,7 +3,9 @@
 use super::body::{Carrier, LeanModel};
 use super::filter::ABOUT_Z;
 use super::motion;
+use super::rotation::{TiltedTurn, rotated};
 use super::scratch::{LeanScratch, Watching};
+use super::tilt::Axle;
 use super::turn::{Axis, about, to_turn};
 use super::{accelerations, filter};
 use crate::dynamics::forces::Motion;
@@ -103,12 +105,14 @@ fn base_to_tip<T: Real>(
                 let o = outer[0].constant(0.0);
                 (lambda, nu) = ([o; 6], [o; 6]);
             }
-            Carrier::Turn(axis) => {
+            Carrier::Turn(axle) => {
                 seen.carried(watched.zeta, &Vector6::from(*outer), outer[0].everywhere(body.lever_square));
-                let (outer_here, outer_nu) =
-                    about!(axis, X, Y, Z, (to_turn::<T, X, Y, Z>(outer), to_turn::<T, X, Y, Z>(outer_nu)));
-                lambda = accelerations::carried(&body.lever, own.turn, &outer_here);
-                nu = accelerations::carried(&body.lever, own.turn, &outer_nu);
+                (lambda, nu) = rotated!(axle, own.turn, lean.tilts, rotation, {
+                    let (outer, outer_nu) =
+                        about!(axle.axis(), X, Y, Z, (to_turn::<T, X, Y, Z>(outer), to_turn::<T, X, Y, Z>(outer_nu)));
+                    let lambda = accelerations::carried(&body.lever, &rotation, &outer);
+                    (lambda, accelerations::carried(&body.lever, &rotation, &outer_nu))
+                });
             }
             Carrier::Shift(at) => {
                 let (shift, outer) = (&shifts[at], Vector6::from(*outer));

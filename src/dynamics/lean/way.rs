@@ -5,13 +5,14 @@ use super::body::LeanBody;
 use super::columns::Block;
 use super::filter::ABOUT_Z;
 use super::lever::Lever;
-use super::turn::{Turn, to_turn};
+use super::rotation::Rotates;
+use super::turn::to_turn;
 use crate::scalar::{ColumnsOf, Real};
 use nalgebra::Vector6;
 
 /// phi* across a turn, of whose parent's axes its own x, y and z are X, Y and Z, and the row there.
-pub(super) struct Way<C, const X: usize, const Y: usize, const Z: usize> {
-    turn: Turn<C>,
+pub(super) struct Way<C, R, const X: usize, const Y: usize, const Z: usize> {
+    rotation: R,
     lever: Lever<C>,
     /// 1 or -1: H is this along z.
     sense: C,
@@ -19,16 +20,16 @@ pub(super) struct Way<C, const X: usize, const Y: usize, const Z: usize> {
     gain: [C; 6],
 }
 
-impl<C: Real, const X: usize, const Y: usize, const Z: usize> Way<C, X, Y, Z> {
+impl<C: Real, R: Rotates<C>, const X: usize, const Y: usize, const Z: usize> Way<C, R, X, Y, Z> {
     #[inline(always)]
-    pub fn new<T: Real>(body: &LeanBody<T::Parameter>, turn: Turn<T>, gain: &Vector6<T>, like: C) -> Self
+    pub fn new<T: Real>(body: &LeanBody<T::Parameter>, rotation: R, gain: &Vector6<T>, like: C) -> Self
     where
         C: ColumnsOf<T>,
     {
-        let sense = turn.s.everywhere(body.sense);
+        let sense = gain[0].everywhere(body.sense);
         let Lever { entries: [x, y, z], along } = body.lever;
         Self {
-            turn: Turn { s: like.spread(turn.s), c: like.spread(turn.c) },
+            rotation,
             lever: Lever {
                 entries: [
                     like.spread(sense.everywhere(x)),
@@ -54,7 +55,8 @@ impl<C: Real, const X: usize, const Y: usize, const Z: usize> Way<C, X, Y, Z> {
     pub fn carried(&self, y: &Block<C>) -> Block<C> {
         let [a, b, c, d, e, f] = to_turn::<C, X, Y, Z>(y);
         let (w, v) = ([a, b, c], [d, e, f]);
-        let (w, v) = (self.turn.rotate_back(w), self.turn.rotate_back(self.lever.velocity_in_lanes(w, v)));
+        let v = self.lever.velocity_in_lanes(w, v);
+        let (w, v) = (self.rotation.rotate_back(w), self.rotation.rotate_back(v));
         [w[0], w[1], w[2], v[0], v[1], v[2]]
     }
 
