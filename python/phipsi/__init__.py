@@ -26,7 +26,9 @@ from ._core import (
     Scene,
     SceneBuilder,
     __version__,
+    get_kept_memory,
     get_num_threads,
+    set_kept_memory,
     set_num_threads,
 )
 from ._motion import PD, MomentumCorrection, MotionEnergy, Trajectory, Violation
@@ -56,7 +58,9 @@ __all__ = [
     "Violation",
     "__version__",
     "errors",
+    "get_kept_memory",
     "get_num_threads",
     "scenes",
+    "set_kept_memory",
     "set_num_threads",
 ]

@@ -32,12 +32,14 @@ __all__ = [
     "emergence",
     "extreme",
     "extreme_names",
+    "get_kept_memory",
     "get_num_threads",
     "growth",
     "measure",
     "operator_growth",
     "reference",
     "residuals",
+    "set_kept_memory",
     "set_num_threads",
 ]
 
@@ -809,6 +811,17 @@ def set_num_threads(threads: int | None) -> None:
 
     Raises ArgumentError for what is no number of threads, or for more than the system gives; what was set before then stays.
     """
+
+def set_kept_memory(bytes: int) -> None:
+    """Sets how many bytes of memory of large results are kept at most for results to come: 134217728 when a process begins, 0 for none.
+
+    A result of four megabytes or more is a view of such memory, which goes to another result of as many numbers once no array refers to it any more.
+
+    Raises ArgumentError for what is no whole number.
+    """
+
+def get_kept_memory() -> int:
+    """How many bytes of memory of large results are kept now, in use or not."""
 
 def get_num_threads() -> int:
     """How many threads the next batch uses; 1 where it runs on the caller's alone. Starts them where they are not there yet."""

@@ -1,5 +1,6 @@
 //! Arguments to contiguous float64 (or float32, where that was asked for) and results to arrays: the one place where either is done.
 
+use super::kept;
 use crate::batch::{Broadcast, shape_text};
 use crate::error::Error;
 use crate::scalar::Precision;
@@ -332,8 +333,10 @@ fn fresh<'py, P: Precision + Element>(
 ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     static ZEROS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     static EMPTY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    if entries(shape).is_some_and(|entries| entries <= MANY) {
-        return Ok(PyArray::zeros(py, IxDyn(shape), false));
+    match entries(shape) {
+        Some(entries) if entries <= MANY => return Ok(PyArray::zeros(py, IxDyn(shape), false)),
+        Some(entries) if !zeroed && kept::is_for::<P>(entries) => return kept::array(py, (entries, shape)),
+        _ => {}
     }
     let (make, name) = if zeroed { (&ZEROS, "zeros") } else { (&EMPTY, "empty") };
     Ok(make.import(py, "numpy", name)?.call1((shape.to_vec(), P::NAME))?.cast_into()?)

@@ -18,6 +18,7 @@ mod estimation;
 mod evaluate;
 mod factor;
 mod geometry;
+mod kept;
 mod motion;
 mod operational;
 mod plan;
@@ -42,6 +43,8 @@ mod core_module {
     use super::description::rebuild_scene;
     #[pymodule_export]
     use super::factor::PyFactor;
+    #[pymodule_export]
+    use super::kept::{get_kept_memory, set_kept_memory};
     #[pymodule_export]
     use super::plan::{PyOmission, PyPlan};
     #[pymodule_export]

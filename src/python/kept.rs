@@ -1,0 +1,125 @@
+//! Memory of large results, kept for results to come.
+//!
+//! The system gives a new large array zeroed, page by page as it is written, one thread at a time: for matrices of robots that takes half as long as
+//! computing them, and more on several threads. So what a large result was written to is kept, and given to another one when nobody
+//! has it any more.
+
+use crate::error::Error;
+use crate::scalar::Precision;
+use numpy::{Element, PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Smaller results are left to the system's allocator, which keeps such itself.
+const LEAST: usize = 4 << 20;
+
+/// Bytes that are kept at most, unless told otherwise.
+const USUAL: usize = 128 << 20;
+
+/// One array of one dimension, which results are views of.
+struct Block {
+    bytes: usize,
+    array: Py<PyAny>,
+}
+
+/// Those that are kept, the one used last at the end.
+struct Kept {
+    limit: usize,
+    blocks: Vec<Block>,
+}
+
+static KEPT: Mutex<Kept> = Mutex::new(Kept { limit: USUAL, blocks: Vec::new() });
+
+/// Nothing of Python's runs while this is held, or it could come here again.
+fn kept() -> MutexGuard<'static, Kept> {
+    KEPT.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Kept {
+    fn bytes(&self) -> usize {
+        self.blocks.iter().map(|block| block.bytes).sum()
+    }
+
+    /// Takes out what is over the limit, what was used longest ago first. It is for the caller to drop.
+    fn shrink(&mut self) -> Vec<Block> {
+        let (mut total, mut count) = (self.bytes(), 0);
+        while total > self.limit {
+            total -= self.blocks[count].bytes;
+            count += 1;
+        }
+        self.blocks.drain(..count).collect()
+    }
+}
+
+/// Whether an array of so many numbers is made here.
+pub(super) fn is_for<P>(entries: usize) -> bool {
+    entries.checked_mul(size_of::<P>()).is_some_and(|bytes| bytes >= LEAST)
+}
+
+/// An array of this shape with whatever was there before: in memory that is kept and that nobody else has, or in new.
+pub(super) fn array<'py, P: Precision + Element>(
+    py: Python<'py>,
+    (entries, shape): (usize, &[usize]),
+) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
+    static EMPTY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    let whole = if let Some(free) = free::<P>(py, entries) {
+        free
+    } else {
+        let made = EMPTY.import(py, "numpy", "empty")?.call1((entries, P::NAME))?.cast_into::<PyArray1<P>>()?;
+        let bytes = entries * size_of::<P>();
+        let mut kept = kept();
+        kept.blocks.push(Block { bytes, array: made.clone().into_any().unbind() });
+        let over = kept.shrink();
+        drop(kept);
+        drop(over);
+        made
+    };
+    // A view: whoever has one, or one of that, has the array itself as its base.
+    whole.reshape(shape)
+}
+
+/// One that has so many numbers, and that nothing but this file refers to.
+fn free<P: Precision + Element>(py: Python<'_>, entries: usize) -> Option<Bound<'_, PyArray1<P>>> {
+    let mut kept = kept();
+    let as_wanted = |block: &Block| {
+        let array = block.array.bind(py).cast::<PyArray1<P>>().ok()?;
+        (PyUntypedArrayMethods::len(array) == entries && is_free(&block.array, py)).then(|| array.clone())
+    };
+    let (at, array) = kept.blocks.iter().enumerate().find_map(|(at, block)| Some((at, as_wanted(block)?)))?;
+    let block = kept.blocks.remove(at);
+    kept.blocks.push(block);
+    Some(array)
+}
+
+/// Whether nothing else refers to it. That is asked with the interpreter's lock held, and another reference takes one to be made from.
+#[allow(deprecated)] // for interpreters without that lock, whose extensions are not built as this one is
+fn is_free(array: &Py<PyAny>, py: Python<'_>) -> bool {
+    array.get_refcnt(py) == 1
+}
+
+/// Sets how many bytes of memory of large results are kept at most for results to come: 134217728 when a process begins, 0 for none.
+///
+/// A result of four megabytes or more is a view of such memory, which goes to another result of as many numbers once no array refers to it any more.
+///
+/// Raises `ArgumentError` for what is no whole number.
+#[pyfunction]
+#[pyo3(signature = (bytes))]
+pub(super) fn set_kept_memory(bytes: &Bound<'_, PyAny>) -> PyResult<()> {
+    let limit = bytes
+        .extract::<usize>()
+        .map_err(|_| Error::argument("bytes", bytes.to_string(), "a whole number of bytes, 0 to keep none"))?;
+    let mut kept = kept();
+    kept.limit = limit;
+    let over = kept.shrink();
+    drop(kept);
+    drop(over);
+    Ok(())
+}
+
+/// How many bytes of memory of large results are kept now, in use or not.
+#[pyfunction]
+#[pyo3(signature = ())]
+pub(super) fn get_kept_memory() -> usize {
+    kept().bytes()
+}
