@@ -1,21 +1,35 @@
 //! Forward dynamics of one state, in covariance form, with one omission turned off or none: for callgrind, whose counts do not
 //! depend on what else the machine does (docs/leaving-out.md).
 //!
-//! `leaving_out SWITCH|none rest|moving weight|weightless CALLS [turning]`: the last without the joint that slides
+//! `leaving_out SWITCH|none rest|moving weight|weightless CALLS [turning|tilted]`: the last without the joint that slides, or with it and axes tilted
+//! from those of their parents
 
+use nalgebra::Vector3;
 use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::filter::Form;
-use phipsi::scene::{JointDescription, JointKind, LinkDescription, Omissions};
+use phipsi::scene::{JointDescription, JointKind, LinkDescription, Omissions, SceneBuilder};
 use phipsi::{Error, Scene, scenes};
 use std::hint::black_box;
 
 /// The benches' chain of seven with a weld on every link, a second link on the base, and a planar joint at the tip.
-fn scene(omissions: Omissions, gravity: [f64; 3], slides: bool) -> Result<Scene, Error> {
-    let mut builder = scenes::chain(7)?.source().clone().gravity(gravity).omissions(omissions);
-    let rod = builder.links()[1].inertial;
+fn scene(omissions: Omissions, gravity: [f64; 3], kind: &str) -> Result<Scene, Error> {
+    let chain = scenes::chain(7)?.source().clone();
+    let rod = chain.links()[1].inertial;
+    let mut builder = SceneBuilder::new().gravity(gravity).omissions(omissions);
+    for link in chain.links() {
+        builder = builder.link(link.clone());
+    }
+    for joint in chain.joints() {
+        let mut joint = joint.clone();
+        if kind == "tilted" {
+            let [x, y, z] = joint.axis.into();
+            joint.axis += Vector3::new(z, x, y) * 0.5;
+        }
+        builder = builder.joint(joint);
+    }
     let mut parts = vec![("column".to_owned(), JointKind::Fixed, "base".to_owned())];
     parts.extend((0..7).map(|k| (format!("weld{k}"), JointKind::Fixed, format!("link{k}"))));
-    if slides {
+    if kind != "turning" {
         parts.push(("sledge".to_owned(), JointKind::Planar, "link6".to_owned()));
     }
     for (name, kind, parent) in parts {
@@ -33,7 +47,7 @@ fn main() -> Result<(), Error> {
     let omissions = switch.map_or_else(Omissions::all, |(_, switch)| Omissions::all_but(switch));
     let gravity = if given(2) == "weightless" { [0.0; 3] } else { [0.0, 0.0, -9.81] };
     let calls: usize = given(3).parse().unwrap_or(1000);
-    let scene = scene(omissions, gravity, given(4) != "turning")?;
+    let scene = scene(omissions, gravity, given(4))?;
     let rate = if given(1) == "rest" { 0.0 } else { 0.3 };
     let (mut q, qd, tau) = (vec![0.4; scene.nq()], vec![rate; scene.nv()], vec![1.0; scene.nv()]);
     let (mut evaluator, mut qdd) = (scene.evaluator(), vec![f64::NAN; scene.nv()]);

@@ -1,7 +1,7 @@
 //! Memory of large results, kept for results to come.
 //!
-//! The system gives a new large array zeroed, page by page as it is written, one thread at a time: for matrices of robots that takes half as long as
-//! computing them, and more on several threads. So what a large result was written to is kept, and given to another one when nobody
+//! The system gives the memory of a new large array zeroed, page by page as it is written to: for matrices of robots that takes as long as
+//! computing them, and longer on several threads. So what a large result was written to is kept, and given to another one when nobody
 //! has it any more.
 
 use crate::error::Error;
