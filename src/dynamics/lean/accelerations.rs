@@ -70,13 +70,6 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
                 *to = estimate * estimate.everywhere(body.sense);
                 CoState { carried, estimate }
             }),
-            Carrier::Shift(at) if body.is_about_z => {
-                let mut lambda: [T; 6] = shifts[at].motion_to_child(&Vector6::from(outer.whole())).into();
-                let (m, estimate) = (&measured[body.row], &mut estimates[body.row]);
-                *estimate = estimate.mul_add(m.pivot_inverse, -along(&m.gain.into(), &lambda));
-                lambda[ABOUT_Z] += *estimate;
-                CoState::of(lambda)
-            }
             Carrier::Shift(_) if afloat::is_noise_free(body.is_afloat, body.row, &model.system) => {
                 let rows = afloat::rows(body.row);
                 CoState::of(afloat::smooth(&measured[rows.clone()], &mut estimates[rows]))

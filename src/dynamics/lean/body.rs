@@ -63,9 +63,9 @@ fn measure_paths<N>(model: &Model<f64>, bodies: &mut [LeanBody<N>]) -> (usize, u
         bodies[k].depth = parent.map_or(0, |parent| bodies[parent].depth + count(parent));
         longest_path = longest_path.max(bodies[k].depth + count(k));
         steps += count(k) * (bodies[k].end_row - bodies[k].row).pow(2);
-        let turns = matches!(bodies[k].carrier, Carrier::Turn(_));
-        let is_first = |parent: usize| bodies[parent].parent.is_none() && bodies[parent].is_about_z;
-        bodies[k].hangs_on_first = turns && parent.is_some_and(is_first);
+        let turns = |k: usize| matches!(bodies[k].carrier, Carrier::Turn(_));
+        let is_first = |parent: usize| bodies[parent].parent.is_none() && turns(parent);
+        bodies[k].hangs_on_first = turns(k) && parent.is_some_and(is_first);
         bodies[k].is_parted = bodies[k].sibling_follows() || parent.is_some_and(|parent| bodies[parent].is_parted);
     }
     (steps, longest_path)

@@ -4,6 +4,7 @@ use super::body::LeanBody;
 use super::filter::ABOUT_Z;
 use super::lever::Lever;
 use super::rotation::Rotates;
+use super::row::Noise;
 use super::turn::Turn;
 use crate::filter::riccati::Measured;
 use crate::scalar::Real;
@@ -118,19 +119,19 @@ pub(super) fn carried<T: Real, const NOISY: bool>(
     rotation: &impl Rotates<T>,
     p: &[T; 21],
     column: &[T; 5],
-    (m, variance): (&Measured<T>, T),
+    (m, noise): (&Measured<T>, Noise<T>),
 ) -> [T; 21] {
-    let kept = kept::<T, NOISY>(p, column, (m, variance));
-    if NOISY {
-        along_lever(body, &rotation.covariance(&kept), true)
+    let p = if NOISY && !noise.skips_zeros {
+        rotation.covariance(&kept::<T, true>(p, column, (m, noise.variance)))
     } else {
-        along_lever(body, &rotation.covariance_past_z(&kept), tilts(rotation))
-    }
+        rotation.covariance_past_z(&kept::<T, false>(p, column, (m, noise.variance)))
+    };
+    along_lever(body, &p, NOISY || tilts(rotation))
 }
 
 /// Whether a rotation is tilted.
 #[inline(always)]
-fn tilts<T: Real, R: Rotates<T>>(_: &R) -> bool {
+pub(super) fn tilts<T: Real, R: Rotates<T>>(_: &R) -> bool {
     R::TILTS
 }
 
@@ -286,6 +287,7 @@ mod tests {
     use crate::dynamics::lean::body::Carrier;
     use crate::dynamics::lean::filter::ABOUT_Z;
     use crate::dynamics::lean::rotation::{TiltedTurn, rotated};
+    use crate::dynamics::lean::row::Noise;
     use crate::dynamics::lean::tilt::Axle;
     use crate::dynamics::lean::turn::{Axis, PACKED, Turn, about, packed_to_parent, to_parent};
     use crate::filter::riccati::Measured;
@@ -317,7 +319,8 @@ mod tests {
         let Carrier::Turn(axle) = body.carrier else { panic!("a turn") };
         rotated!(axle, turn, lean.tilts, rotation, X, Y, Z, {
             let w = of_first_turn::<f64, X, Y, Z>(&body.lever, &rotation);
-            let sent = carried::<f64, FULL>(body, &rotation, &p, &column, (&m, noise));
+            let sent =
+                carried::<f64, FULL>(body, &rotation, &p, &column, (&m, Noise { variance: noise, skips_zeros: !FULL }));
             let one = variance_along::<f64, FULL>(&kept::<f64, FULL>(&p, &column, (&m, noise)), &w);
             let expected = packed_to_parent::<f64, X, Y, Z>(&sent)[PACKED[ABOUT_Z][ABOUT_Z]];
             assert!((one - expected).abs() <= 64.0 * f64::EPSILON, "{axle:?} {FULL}: {one} {expected}");

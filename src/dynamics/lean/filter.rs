@@ -5,7 +5,8 @@ use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::bounds::{scale_everywhere, sent, sent_terms, terms_of_noise};
 use super::carry::{
-    carried, diagonal, in_joint_frame, kept, of_first_turn, packed, pivot_column, unpacked, variance_along, with_noise,
+    carried, diagonal, in_joint_frame, kept, of_first_turn, packed, pivot_column, tilts, unpacked, variance_along,
+    with_noise,
 };
 use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::row::{Noise, diagonal_past, measure, measured};
@@ -18,7 +19,7 @@ use crate::filter::rounding::squares;
 use crate::filter::{HingeMap, System, innovations, terms};
 use crate::scalar::Real;
 use crate::scene::Model;
-use crate::spatial::{RigidShift, absolute};
+use crate::spatial::RigidShift;
 use nalgebra::Vector6;
 
 /// The row of a turn.
@@ -90,12 +91,8 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
     for ((body, own), watched) in lean.swept().iter().zip(own).zip(watched).rev() {
         match body.carrier {
             Carrier::Turn(axle) => rotated!(axle, own.turn, lean.tilts, rotation, {
-                inward.about_z::<SIDES>(body, &rotation, own, watched);
+                inward.about_z::<SIDES>(body, (axle.axis(), &rotation), own, watched);
             }),
-            Carrier::Shift(_) if body.is_about_z => {
-                let unused = own.turn;
-                inward.about_z::<SIDES>(body, &unused, own, watched);
-            }
             Carrier::Shift(_) if afloat::is_noise_free(body.is_afloat, body.row, &model.system) => {
                 inward.afloat::<SIDES>(body, own, watched);
             }
@@ -118,22 +115,22 @@ impl<T: Real> Inward<'_, T> {
         }
     }
 
-    /// A body that turns about its z.
+    /// A body on a turn.
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn about_z<const SIDES: usize>(
         &mut self,
         body: &LeanBody<T::Parameter>,
-        rotation: &impl Rotates<T>,
+        (axis, rotation): (Axis, &impl Rotates<T>),
         own: &mut Own<T>,
         watched: &mut Watched<T>,
     ) {
         let row = body.row;
         let noise = Noise::of(self.system, self.noise[row]);
         // All of it in each arm: what both begin with would be there at once, and not in registers.
-        let (mut m, scale, kept_diagonal) = if noise.skips_zeros {
-            self.send_past_z::<SIDES, false>(body, noise, rotation)
+        let (mut m, scale, kept_diagonal) = if noise.skips_zeros && !tilts(rotation) {
+            self.send_past_z::<SIDES, false>(body, noise, (axis, rotation))
         } else {
-            self.send_past_z::<SIDES, true>(body, noise, rotation)
+            self.send_past_z::<SIDES, true>(body, noise, (axis, rotation))
         };
         self.monitor.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
         if SIDES >= FILTER {
@@ -142,18 +139,12 @@ impl<T: Real> Inward<'_, T> {
             let (e, force) = measure(noise, &m, sense * self.tau[row], &z);
             if body.parent.is_some() {
                 let to = &mut self.arriving[body.places.parent_inward];
-                match body.carrier {
-                    Carrier::Turn(axle) if SIDES != WATCH && body.hangs_on_first => {
-                        let w = about!(axle.axis(), X, Y, Z, of_first_turn::<T, X, Y, Z>(&body.lever, rotation));
-                        arrive_at(body, along(&w, &force), &mut to.force[ABOUT_Z]);
-                    }
-                    Carrier::Turn(axle) => {
-                        let sent = in_joint_frame(&body.lever, rotation, &force);
-                        about!(axle.axis(), X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
-                    }
-                    Carrier::Shift(at) => {
-                        arrive(body, &self.shifts[at].force_to_parent(&force.into()).into(), &mut to.force);
-                    }
+                if SIDES != WATCH && body.hangs_on_first {
+                    let w = about!(axis, X, Y, Z, of_first_turn::<T, X, Y, Z>(&body.lever, rotation));
+                    arrive_at(body, along(&w, &force), &mut to.force[ABOUT_Z]);
+                } else {
+                    let sent = in_joint_frame(&body.lever, rotation, &force);
+                    about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
                 }
             }
             self.innovations[row] = e;
@@ -170,11 +161,12 @@ impl<T: Real> Inward<'_, T> {
         }
         self.measured[row] = m;
         if SIDES == WATCH {
-            self.watch_about_z(body, rotation, &kept_diagonal, watched);
+            self.watch_about_z(body, (axis, rotation), &kept_diagonal, watched);
         }
     }
 
-    /// D and g of such a body, and P on its way to the parent; where `NOISY` with row and column 2 of P^+. Gives them, the bounds on P^-, and where it is
+    /// D and g of such a body, and P on its way to the parent; where `NOISY` with row and column 2 of P^+; those of a tilted turn are looked at when they are there.
+    /// Gives them, the bounds on P^-, and where it is
     /// watched the diagonal of P^+.
     ///
     /// P leaves before anything is written: the compiler could take that for P's, and would read all of it before.
@@ -183,9 +175,9 @@ impl<T: Real> Inward<'_, T> {
         &mut self,
         body: &LeanBody<T::Parameter>,
         noise: Noise<T>,
-        rotation: &impl Rotates<T>,
+        (axis, rotation): (Axis, &impl Rotates<T>),
     ) -> (Measured<T>, Scale<T>, Vector6<T>) {
-        let noise = Noise { skips_zeros: !NOISY, ..noise };
+        let noise = if tilts(rotation) { noise } else { Noise { skips_zeros: !NOISY, ..noise } };
         let arrived = &self.arriving[body.places.inward];
         let (m, column) = measured(noise, &pivot_column(body, &arrived.p));
         // As `Inward::scale_of`, asked once for both: to ask again further down took 1 % more time.
@@ -202,24 +194,14 @@ impl<T: Real> Inward<'_, T> {
         if body.parent.is_some() {
             let p = with_noise(body, &arrived.p);
             let to = &mut self.arriving[body.places.parent_inward];
-            match body.carrier {
-                Carrier::Turn(axle) if SIDES != WATCH && body.hangs_on_first => {
-                    let w = about!(axle.axis(), X, Y, Z, of_first_turn::<T, X, Y, Z>(&body.lever, rotation));
-                    let kept = kept::<T, NOISY>(&p, &column, (&m, noise.variance));
-                    arrive_at(body, variance_along::<T, NOISY>(&kept, &w), &mut to.p[ZZ]);
-                }
-                Carrier::Turn(axle) => {
-                    // Not all of it for each axis, which takes no less time here and the compiler more.
-                    let sent = carried::<T, NOISY>(body, rotation, &p, &column, (&m, noise.variance));
-                    about!(axle.axis(), X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
-                }
-                Carrier::Shift(at) => {
-                    let kept = unpacked(&kept::<T, NOISY>(&p, &column, (&m, noise.variance)));
-                    let shift = &self.shifts[at];
-                    let sent =
-                        if NOISY { shift.inertia_to_parent(&kept) } else { shift.inertia_to_parent_past_z(&kept) };
-                    arrive(body, &packed(&sent), &mut to.p);
-                }
+            if SIDES != WATCH && body.hangs_on_first {
+                let w = about!(axis, X, Y, Z, of_first_turn::<T, X, Y, Z>(&body.lever, rotation));
+                let kept = kept::<T, NOISY>(&p, &column, (&m, noise.variance));
+                arrive_at(body, variance_along::<T, NOISY>(&kept, &w), &mut to.p[ZZ]);
+            } else {
+                // Not all of it for each axis, which takes no less time here and the compiler more.
+                let sent = carried::<T, NOISY>(body, rotation, &p, &column, (&m, noise));
+                about!(axis, X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
             }
             if self.follows_scales {
                 arrive_bounds(body, sent_scale, &mut to.scale);
@@ -233,7 +215,7 @@ impl<T: Real> Inward<'_, T> {
     fn watch_about_z(
         &mut self,
         body: &LeanBody<T::Parameter>,
-        rotation: &impl Rotates<T>,
+        (axis, rotation): (Axis, &impl Rotates<T>),
         kept_diagonal: &Vector6<T>,
         watched: &mut Watched<T>,
     ) {
@@ -249,20 +231,11 @@ impl<T: Real> Inward<'_, T> {
             return;
         }
         let to = &mut self.besides[body.places.parent_inward];
-        match body.carrier {
-            Carrier::Turn(axle) => {
-                let (terms, zeta) = (sent_terms(body, kept_diagonal), in_joint_frame(&body.lever, rotation, &zeta));
-                about!(axle.axis(), X, Y, Z, {
-                    arrive(body, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
-                    arrive(body, &to_parent::<T, X, Y, Z>(&zeta), &mut to.zeta);
-                });
-            }
-            Carrier::Shift(at) => {
-                let shift = &self.shifts[at];
-                arrive(body, &terms::sent(&absolute(kept_diagonal), shift).into(), &mut to.terms);
-                arrive(body, &shift.force_to_parent(&zeta.into()).into(), &mut to.zeta);
-            }
-        }
+        let (terms, zeta) = (sent_terms(body, kept_diagonal), in_joint_frame(&body.lever, rotation, &zeta));
+        about!(axis, X, Y, Z, {
+            arrive(body, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
+            arrive(body, &to_parent::<T, X, Y, Z>(&zeta), &mut to.zeta);
+        });
     }
 
     /// A body that floats.
