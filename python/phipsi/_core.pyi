@@ -815,7 +815,8 @@ def set_num_threads(threads: int | None) -> None:
 def set_kept_memory(bytes: int) -> None:
     """Sets how many bytes of memory of large results are kept at most for results to come: 134217728 when a process begins, 0 for none.
 
-    A result of four megabytes or more is a view of such memory, which goes to another result of as many numbers once no array refers to it any more.
+    A result of four megabytes or more is a view of such memory, which goes to another result of as many numbers once no array refers to it any more;
+    NumPy's `resize` refuses views. Nothing is kept where Python runs without its global lock.
 
     Raises ArgumentError for what is no whole number.
     """

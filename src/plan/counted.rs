@@ -33,7 +33,12 @@ impl Scene {
     /// Rotations of the tree that keep the joint on an axis.
     pub(super) fn renamed_item(&self) -> Omission {
         let count = self.bodies_on(turns_about_an_axis).count();
-        let saved = self.saved_of_lean(count, |omissions| omissions.renamed_axes = false);
+        // What tilted axes save goes with it, and has an item of its own.
+        let saved = self.saved_beside(
+            count,
+            |omissions| omissions.tilted_axes = false,
+            |omissions| omissions.renamed_axes = false,
+        );
         self.switched(
             "renamed_axes",
             Omission {
@@ -134,9 +139,21 @@ impl Scene {
 
     /// Operations of forward dynamics with a switch off, less those with it on.
     fn saved_of_lean(&self, count: usize, turn_off: impl Fn(&mut Omissions)) -> usize {
-        let mut off = self.model().omissions;
+        self.saved_beside(count, |_| {}, turn_off)
+    }
+
+    /// The same where others are off on both sides.
+    fn saved_beside(
+        &self,
+        count: usize,
+        others_off: impl Fn(&mut Omissions),
+        turn_off: impl Fn(&mut Omissions),
+    ) -> usize {
+        let mut on = self.model().omissions;
+        others_off(&mut on);
+        let mut off = on;
         turn_off(&mut off);
-        if count == 0 || off == self.model().omissions {
+        if count == 0 || off == on {
             return 0;
         }
         let (q, ones) = (self.neutral(), vec![1.0; self.nv()]);
@@ -145,7 +162,7 @@ impl Scene {
             let algorithm = Algorithm::ForwardDynamics(Form::Covariance);
             flops(&count_lean(self, omissions, algorithm, &state).operations)
         };
-        of(off).saturating_sub(of(self.model().omissions))
+        of(off).saturating_sub(of(on))
     }
 
     pub(super) fn planar_item(&self) -> Omission {

@@ -63,14 +63,19 @@ pub(super) fn array<'py, P: Precision + Element>(
     (entries, shape): (usize, &[usize]),
 ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     static EMPTY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    let whole = if let Some(free) = free::<P>(py, entries) {
+    let holds = has_lock(py)?;
+    let whole = if let Some(free) = if holds { free::<P>(py, entries) } else { None } {
         free
     } else {
         let made = EMPTY.import(py, "numpy", "empty")?.call1((entries, P::NAME))?.cast_into::<PyArray1<P>>()?;
         let bytes = entries * size_of::<P>();
         let mut kept = kept();
-        kept.blocks.push(Block { bytes, array: made.clone().into_any().unbind() });
-        let over = kept.shrink();
+        let mut over = Vec::new();
+        // One that is too large by itself would drive out all others.
+        if holds && bytes <= kept.limit {
+            kept.blocks.push(Block { bytes, array: made.clone().into_any().unbind() });
+            over = kept.shrink();
+        }
         drop(kept);
         drop(over);
         made
@@ -84,7 +89,9 @@ fn free<P: Precision + Element>(py: Python<'_>, entries: usize) -> Option<Bound<
     let mut kept = kept();
     let as_wanted = |block: &Block| {
         let array = block.array.bind(py).cast::<PyArray1<P>>().ok()?;
-        (PyUntypedArrayMethods::len(array) == entries && is_free(&block.array, py)).then(|| array.clone())
+        let fits = PyUntypedArrayMethods::len(array) == entries && is_free(&block.array, py);
+        // Somebody may have frozen it, by way of a view's base.
+        (fits && array.is_contiguous() && array.try_readwrite().is_ok()).then(|| array.clone())
     };
     let (at, array) = kept.blocks.iter().enumerate().find_map(|(at, block)| Some((at, as_wanted(block)?)))?;
     let block = kept.blocks.remove(at);
@@ -92,15 +99,27 @@ fn free<P: Precision + Element>(py: Python<'_>, entries: usize) -> Option<Bound<
     Some(array)
 }
 
+/// Whether this interpreter has a lock that is held here: without it others could make a reference while they are counted.
+fn has_lock(py: Python<'_>) -> PyResult<bool> {
+    static HAS_LOCK: PyOnceLock<bool> = PyOnceLock::new();
+    // Python 3.13 and later know; those before have it. It can come later, but does not go.
+    let asked = HAS_LOCK.get_or_try_init(py, || match py.import("sys")?.getattr_opt("_is_gil_enabled")? {
+        Some(is_enabled) => is_enabled.call0()?.extract(),
+        None => Ok::<_, PyErr>(true),
+    });
+    asked.copied()
+}
+
 /// Whether nothing else refers to it. That is asked with the interpreter's lock held, and another reference takes one to be made from.
-#[allow(deprecated)] // for interpreters without that lock, whose extensions are not built as this one is
+#[allow(deprecated)] // for interpreters without that lock, where nothing is kept
 fn is_free(array: &Py<PyAny>, py: Python<'_>) -> bool {
     array.get_refcnt(py) == 1
 }
 
 /// Sets how many bytes of memory of large results are kept at most for results to come: 134217728 when a process begins, 0 for none.
 ///
-/// A result of four megabytes or more is a view of such memory, which goes to another result of as many numbers once no array refers to it any more.
+/// A result of four megabytes or more is a view of such memory, which goes to another result of as many numbers once no array refers to it any more;
+/// NumPy's `resize` refuses views. Nothing is kept where Python runs without its global lock.
 ///
 /// Raises `ArgumentError` for what is no whole number.
 #[pyfunction]

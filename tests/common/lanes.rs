@@ -147,7 +147,7 @@ pub fn aligned(seed: u64, bodies: usize, branching: f64) -> Scene {
     builder.build().expect("a tree")
 }
 
-/// A trunk with limbs of like build, their numbers their own: turns about the axes of their parents and about any, slides, and a ball in
+/// A trunk with limbs of like build, their numbers their own: turns about the axes of their parents, in a plane of two and about any, slides, and a ball in
 /// each; two fingers each. With `ragged` the second limb has a finger less, or where the seed is odd the first has none; and the last ends
 /// in another joint.
 pub fn limbed(seed: u64, limbs: usize, length: usize, floating: bool, ragged: bool) -> Scene {
@@ -168,8 +168,11 @@ pub fn limbed(seed: u64, limbs: usize, length: usize, floating: bool, ragged: bo
         }
         joint.axis = Vector3::zeros();
         joint.axis[axis] = if random.below(2) == 0 { 1.0 } else { -1.0 };
-        if turned {
+        if turned && alike.below(2) == 0 {
             joint.origin.rotation = random.rotation();
+        } else if turned {
+            let across = [Vector3::y(), Vector3::z(), Vector3::x()][axis];
+            joint.origin.rotation = about(across, random.uniform(-3.0, 3.0));
         } else if alike.below(3) == 0 && random.below(4) != 0 {
             joint.origin.rotation = about(joint.axis, random.uniform(-3.0, 3.0));
         }

@@ -71,6 +71,16 @@ def test_memory_that_nobody_has_is_written_again(scene: phipsi.Scene, q: np.ndar
     assert address(anew) == place and anew.flags.writeable and anew.flags.c_contiguous and anew.shape == held.shape
 
 
+def test_memory_that_somebody_froze_is_left_alone(scene: phipsi.Scene, q: np.ndarray) -> None:
+    frozen = scene.mass_matrix(q)
+    place = address(frozen)
+    assert frozen.base is not None
+    frozen.base.flags.writeable = False
+    del frozen
+    again = scene.mass_matrix(q)
+    assert address(again) != place and again.flags.writeable
+
+
 def test_sizes_and_kinds_have_memory_of_their_own(scene: phipsi.Scene, q: np.ndarray) -> None:
     place = address(scene.mass_matrix(q))
     assert phipsi.get_kept_memory() == 8 * 36 * MANY
@@ -95,7 +105,13 @@ def test_no_more_is_kept_than_was_allowed(scene: phipsi.Scene, q: np.ndarray) ->
     assert phipsi.get_kept_memory() == 0
     scene.mass_matrix(q)
     assert phipsi.get_kept_memory() == 0
+    # What is too large by itself drives nothing out.
+    phipsi.set_kept_memory(size)
+    place = address(scene.mass_matrix(q))
+    scene.mass_matrix(np.concatenate((q, q)))
+    assert phipsi.get_kept_memory() == size and address(scene.mass_matrix(q)) == place
     # The system's allocator keeps what is small.
+    phipsi.set_kept_memory(0)
     phipsi.set_kept_memory(USUAL)
     scene.mass_matrix(q[:100])
     assert phipsi.get_kept_memory() == 0

@@ -190,15 +190,8 @@ pub(super) fn of_first_turn<T: Real, const X: usize, const Y: usize, const Z: us
     let (x, y, z) = (s.everywhere(x), s.everywhere(y), s.everywhere(z));
     // The parent's z in the joint's frame, e, and e x l.
     if tilts(rotation) {
-        let one = c.constant(1.0);
-        let (e, v) = if X == ABOUT_Z {
-            ([one, o, o], [o, -z, y])
-        } else if Y == ABOUT_Z {
-            ([o, one, o], [z, o, -x])
-        } else {
-            ([o, o, one], [-y, x, o])
-        };
-        let ([a, b, c], [d, e, f]) = (rotation.rotate_back(e), rotation.rotate_back(v));
+        // Of a tilted one that is the parent's own frame.
+        let ([a, b, c], [d, e, f]) = (rotation.rotate_back([o, o, c.constant(1.0)]), rotation.rotate_back([-y, x, o]));
         return [a, b, c, d, e, f];
     }
     let ([a, b, c], v) = if X == ABOUT_Z {

@@ -231,7 +231,7 @@ impl<T: Real> Inward<'_, T> {
             return;
         }
         let to = &mut self.besides[body.places.parent_inward];
-        let (terms, zeta) = (sent_terms(body, kept_diagonal), in_joint_frame(&body.lever, rotation, &zeta));
+        let (terms, zeta) = (sent_terms(body, rotation, kept_diagonal), in_joint_frame(&body.lever, rotation, &zeta));
         about!(axis, X, Y, Z, {
             arrive(body, &to_parent::<T, X, Y, Z>(&terms), &mut to.terms);
             arrive(body, &to_parent::<T, X, Y, Z>(&zeta), &mut to.zeta);

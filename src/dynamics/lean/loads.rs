@@ -176,7 +176,7 @@ mod tests {
         Inertial { mass, centre: [0.1, -0.2, 0.3].into(), central }
     }
 
-    /// A slide, and on it turns about x, -y and z: of two links each, the second on the first.
+    /// A slide, and on it turns about x, -y, z and a tilted axis: of two links each, the second on the first.
     fn tree(masses: [Option<f64>; 7], squares: [f64; 3], omissions: Omissions) -> Scene {
         let mut builder =
             SceneBuilder::new().omissions(omissions).link(LinkDescription { name: "base".into(), inertial: None });
@@ -184,7 +184,7 @@ mod tests {
             (JointKind::Prismatic, "base", Vector3::x()),
             (JointKind::Revolute, "0", Vector3::x()),
             (JointKind::Revolute, "1", -Vector3::y()),
-            (JointKind::Revolute, "0", -Vector3::y()),
+            (JointKind::Revolute, "0", Vector3::new(0.48, -0.6, 0.64)),
             (JointKind::Revolute, "3", Vector3::z()),
             (JointKind::Revolute, "base", Vector3::z()),
             (JointKind::Revolute, "5", Vector3::x()),

@@ -3,6 +3,7 @@
 use super::body::{CompositeBody, LeanBody, LeanModel};
 use super::root_filter::Rooted;
 use super::segment::Segment;
+use super::tilt::Tilt;
 use super::turn::Turn;
 use crate::batch::chunk::Algorithm;
 use crate::filter::Form;
@@ -246,7 +247,8 @@ impl<T: Real> LeanScratch<T> {
 /// each state.
 pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> [usize; 2] {
     let bodies = lean.bodies.len();
-    let shifts = lean.shifting.len() * (size_of::<RigidShift<f64>>() + size_of::<Body<f64>>());
+    let shifts = lean.shifting.len() * (size_of::<RigidShift<f64>>() + size_of::<Body<f64>>())
+        + lean.tilts.len() * size_of::<Tilt<f64>>();
     let turns = bodies * size_of::<Turn<f64>>();
     let segment = size_of::<Segment<f64>>();
     let constants = match algorithm {
