@@ -332,14 +332,30 @@ fn fresh<'py, P: Precision + Element>(
     zeroed: bool,
 ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     static ZEROS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    static EMPTY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     match entries(shape) {
         Some(entries) if entries <= MANY => return Ok(PyArray::zeros(py, IxDyn(shape), false)),
         Some(entries) if !zeroed && kept::is_for::<P>(entries) => return kept::array(py, (entries, shape)),
         _ => {}
     }
-    let (make, name) = if zeroed { (&ZEROS, "zeros") } else { (&EMPTY, "empty") };
-    Ok(make.import(py, "numpy", name)?.call1((shape.to_vec(), P::NAME))?.cast_into()?)
+    if zeroed { made_by(py, (&ZEROS, "zeros"), shape) } else { empty(py, shape) }
+}
+
+/// A new array of whatever was there.
+pub(super) fn empty<'py, P: Precision + Element>(
+    py: Python<'py>,
+    shape: &[usize],
+) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
+    static EMPTY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    made_by(py, (&EMPTY, "empty"), shape)
+}
+
+/// What a function of `NumPy`, to be imported once, makes of a shape.
+fn made_by<'py, P: Precision + Element>(
+    py: Python<'py>,
+    (function, name): (&PyOnceLock<Py<PyAny>>, &str),
+    shape: &[usize],
+) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
+    Ok(function.import(py, "numpy", name)?.call1((shape.to_vec(), P::NAME))?.cast_into()?)
 }
 
 /// A new array with these numbers in row-major order; a `NumPy` scalar for the empty shape.

@@ -4,9 +4,10 @@
 //! computing them, and longer on several threads. So what a large result was written to is kept, and given to another one when nobody
 //! has it any more.
 
+use super::arrays::empty;
 use crate::error::Error;
 use crate::scalar::Precision;
-use numpy::{Element, PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{Element, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -52,6 +53,15 @@ impl Kept {
     }
 }
 
+/// Changes what is kept, and drops what is over the limit then, nothing being held any more.
+fn change(with: impl FnOnce(&mut Kept)) {
+    let mut kept = kept();
+    with(&mut kept);
+    let over = kept.shrink();
+    drop(kept);
+    drop(over);
+}
+
 /// Whether an array of so many numbers is made here.
 pub(super) fn is_for<P>(entries: usize) -> bool {
     entries.checked_mul(size_of::<P>()).is_some_and(|bytes| bytes >= LEAST)
@@ -62,22 +72,20 @@ pub(super) fn array<'py, P: Precision + Element>(
     py: Python<'py>,
     (entries, shape): (usize, &[usize]),
 ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
-    static EMPTY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    let holds = has_lock(py)?;
-    let whole = if let Some(free) = if holds { free::<P>(py, entries) } else { None } {
+    if !has_lock(py)? {
+        return empty(py, shape);
+    }
+    let whole = if let Some(free) = free::<P>(py, entries) {
         free
     } else {
-        let made = EMPTY.import(py, "numpy", "empty")?.call1((entries, P::NAME))?.cast_into::<PyArray1<P>>()?;
-        let bytes = entries * size_of::<P>();
-        let mut kept = kept();
-        let mut over = Vec::new();
-        // One that is too large by itself would drive out all others.
-        if holds && bytes <= kept.limit {
-            kept.blocks.push(Block { bytes, array: made.clone().into_any().unbind() });
-            over = kept.shrink();
-        }
-        drop(kept);
-        drop(over);
+        let made = empty::<P>(py, &[entries])?;
+        let block = Block { bytes: entries * size_of::<P>(), array: made.clone().into_any().unbind() };
+        change(|kept| {
+            // One that is too large by itself would drive out all others.
+            if block.bytes <= kept.limit {
+                kept.blocks.push(block);
+            }
+        });
         made
     };
     // A view: whoever has one, or one of that, has the array itself as its base.
@@ -85,13 +93,13 @@ pub(super) fn array<'py, P: Precision + Element>(
 }
 
 /// One that has so many numbers, and that nothing but this file refers to.
-fn free<P: Precision + Element>(py: Python<'_>, entries: usize) -> Option<Bound<'_, PyArray1<P>>> {
+fn free<P: Precision + Element>(py: Python<'_>, entries: usize) -> Option<Bound<'_, PyArrayDyn<P>>> {
     let mut kept = kept();
     let as_wanted = |block: &Block| {
-        let array = block.array.bind(py).cast::<PyArray1<P>>().ok()?;
+        let array = block.array.bind(py).cast::<PyArrayDyn<P>>().ok()?;
         let fits = PyUntypedArrayMethods::len(array) == entries && is_free(&block.array, py);
         // Somebody may have frozen it, by way of a view's base.
-        (fits && array.is_contiguous() && array.try_readwrite().is_ok()).then(|| array.clone())
+        (fits && array.is_c_contiguous() && array.try_readwrite().is_ok()).then(|| array.clone())
     };
     let (at, array) = kept.blocks.iter().enumerate().find_map(|(at, block)| Some((at, as_wanted(block)?)))?;
     let block = kept.blocks.remove(at);
@@ -128,11 +136,7 @@ pub(super) fn set_kept_memory(bytes: &Bound<'_, PyAny>) -> PyResult<()> {
     let limit = bytes
         .extract::<usize>()
         .map_err(|_| Error::argument("bytes", bytes.to_string(), "a whole number of bytes, 0 to keep none"))?;
-    let mut kept = kept();
-    kept.limit = limit;
-    let over = kept.shrink();
-    drop(kept);
-    drop(over);
+    change(|kept| kept.limit = limit);
     Ok(())
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -68,6 +69,15 @@ class State(NamedTuple):
     q: np.ndarray
     qd: np.ndarray
     tau: np.ndarray
+
+
+def at_once(work: Callable[[int], None], count: int) -> None:
+    """Does work(0), work(1), ... on a thread each, and waits for all."""
+    threads = [threading.Thread(target=work, args=(number,)) for number in range(count)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
 
 
 def random_states(scene: phipsi.Scene, seed: int, batch: tuple[int, ...] = ()) -> State:

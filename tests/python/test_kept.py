@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import threading
 import weakref
 from collections.abc import Iterator
 
@@ -11,7 +10,7 @@ import numpy as np
 import phipsi
 import pytest
 from phipsi.errors import ArgumentError
-from conftest import random_states
+from conftest import at_once, random_states
 
 USUAL = 128 << 20
 #: States whose mass matrices, of six joints, take four megabytes in either precision.
@@ -126,11 +125,7 @@ def test_threads_get_memory_of_their_own(scene: phipsi.Scene, q: np.ndarray) -> 
             if not np.array_equal(scene.mass_matrix(q + shift), expected[shift]):
                 wrong.append(shift)
 
-    threads = [threading.Thread(target=work, args=(shift,)) for shift in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    at_once(work, 4)
     assert not wrong
 
 

@@ -5,13 +5,12 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from conftest import random_scene, random_states
+from conftest import at_once, random_scene, random_states
 from tolerances import assert_same_bits
 
 import phipsi
@@ -226,9 +225,5 @@ def test_threads_take_turns(arm: phipsi.Scene) -> None:
             if outcome(lambda: arm.forward_dynamics(q, broken, tau))[0] is not phipsi.errors.NotFiniteError:
                 failed.append(seed)
 
-    threads = [threading.Thread(target=work, args=(seed,)) for seed in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    at_once(work, 4)
     assert not failed

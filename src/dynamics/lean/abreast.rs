@@ -115,15 +115,24 @@ fn turning_of(whole: &LeanModel<Limbs>, bodies: &Places, (q, place): (usize, usi
     all
 }
 
+/// One lane of these numbers becomes that of others.
+fn take_lane<'a, 'b>(
+    lane: usize,
+    numbers: impl Iterator<Item = &'a mut Limbs>,
+    others: impl Iterator<Item = &'b mut Limbs>,
+) {
+    for (number, other) in numbers.zip(others) {
+        number.take_limb(lane, other);
+    }
+}
+
 /// The tilts of these bodies, a lane each: the first one's is at `first`.
 fn tilt_of(whole: &LeanModel<Limbs>, bodies: &Places, first: usize) -> Tilt<Limbs> {
     let mut all = whole.tilts[first];
     for (lane, &body) in bodies.iter().enumerate() {
         let Carrier::Turn(Axle::Tilted(at)) = whole.bodies[body].carrier else { continue };
         let mut own = whole.tilts[at];
-        for (number, own) in all.numbers_mut().zip(own.numbers_mut()) {
-            number.take_limb(lane, own);
-        }
+        take_lane(lane, all.numbers_mut(), own.numbers_mut());
     }
     all
 }
@@ -133,11 +142,9 @@ fn shift_of(whole: &LeanModel<Limbs>, bodies: &Places, (first, q): (usize, usize
     let mut all = Body { q, ..whole.shifting[first] };
     for (lane, &body) in bodies.iter().enumerate() {
         let Carrier::Shift(at) = whole.bodies[body].carrier else { continue };
-        let own = &whole.shifting[at].tree;
-        let numbers = all.tree.rotation.iter_mut().chain(&mut all.tree.lever);
-        for (number, own) in numbers.zip(own.rotation.iter().chain(&own.lever)) {
-            number.take_limb(lane, own);
-        }
+        let (mut own, to) = (whole.shifting[at].tree, &mut all.tree);
+        take_lane(lane, to.rotation.iter_mut(), own.rotation.iter_mut());
+        take_lane(lane, to.lever.iter_mut(), own.lever.iter_mut());
     }
     all
 }
@@ -173,9 +180,7 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
         };
         for lane in 0..ABREAST {
             let mut own = of_lane(lane).clone();
-            for (number, own) in body.numbers_mut().zip(own.numbers_mut()) {
-                number.take_limb(lane, own);
-            }
+            take_lane(lane, body.numbers_mut(), own.numbers_mut());
             body.lever.take_limb(lane, &own.lever);
             let is_there = bundle.bodies.get(lane).is_some_and(Option::is_some);
             body.stands_for_itself.lanes_mut()[lane] = f64::from(u8::from(is_there));
@@ -188,9 +193,7 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
         let root_of_lane = |lane: usize| whole.roots[whole.at[bundle.body(lane)]];
         let mut root = root_of_lane(0);
         for lane in 1..ABREAST {
-            for (number, own) in root.numbers_mut().zip(root_of_lane(lane).numbers_mut()) {
-                number.take_limb(lane, own);
-            }
+            take_lane(lane, root.numbers_mut(), root_of_lane(lane).numbers_mut());
         }
         roots.push(root);
         if let Carrier::Shift(at) = &mut body.carrier {
@@ -218,9 +221,7 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
     for segment in &mut segments {
         for lane in 1..ABREAST {
             let mut own = of_lane(segment.index, lane).clone();
-            for (number, own) in segment.numbers_mut().zip(own.numbers_mut()) {
-                number.take_limb(lane, own);
-            }
+            take_lane(lane, segment.numbers_mut(), own.numbers_mut());
             segment.arm.take_limb(lane, &own.arm);
         }
     }

@@ -3,7 +3,7 @@
 use super::body::LeanBody;
 use super::filter::ABOUT_Z;
 use super::lever::Lever;
-use super::rotation::Rotates;
+use super::rotation::{Rotates, tilts};
 use super::row::Noise;
 use super::turn::Turn;
 use crate::filter::riccati::Measured;
@@ -127,12 +127,6 @@ pub(super) fn carried<T: Real, const NOISY: bool>(
         rotation.covariance_past_z(&kept::<T, false>(p, column, (m, noise.variance)))
     };
     along_lever(body, &p, NOISY || tilts(rotation))
-}
-
-/// Whether a rotation is tilted.
-#[inline(always)]
-pub(super) fn tilts<T: Real, R: Rotates<T>>(_: &R) -> bool {
-    R::TILTS
 }
 
 /// Along z, x and y of the lever, one after another: C' = C + l~ B, A' = A + l~ C^T + C' l~^T. Where it is not `full` row and column 2 are zero, and not added to.

@@ -5,10 +5,9 @@ use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::bounds::{scale_everywhere, sent, sent_terms, terms_of_noise};
 use super::carry::{
-    carried, diagonal, in_joint_frame, kept, of_first_turn, packed, pivot_column, tilts, unpacked, variance_along,
-    with_noise,
+    carried, diagonal, in_joint_frame, kept, of_first_turn, packed, pivot_column, unpacked, variance_along, with_noise,
 };
-use super::rotation::{Rotates, TiltedTurn, rotated};
+use super::rotation::{Rotates, TiltedTurn, rotated, tilts};
 use super::row::{Noise, diagonal_past, measure, measured};
 use super::scratch::{Arriving, Besides, LeanScratch, Own, Watched, Watching, arrive};
 use super::tilt::Axle;
@@ -165,9 +164,8 @@ impl<T: Real> Inward<'_, T> {
         }
     }
 
-    /// D and g of such a body, and P on its way to the parent; where `NOISY` with row and column 2 of P^+; those of a tilted turn are looked at when they are there.
-    /// Gives them, the bounds on P^-, and where it is
-    /// watched the diagonal of P^+.
+    /// D and g of such a body, and P on its way to the parent; where `NOISY` with row and column 2 of P^+; of a tilted turn its noise is asked for instead.
+    /// Gives them, the bounds on P^-, and where it is watched the diagonal of P^+.
     ///
     /// P leaves before anything is written: the compiler could take that for P's, and would read all of it before.
     #[cfg_attr(not(debug_assertions), inline(always))]

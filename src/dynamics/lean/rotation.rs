@@ -73,8 +73,10 @@ impl<T: Real> Rotates<T> for Turn<T> {
     }
 
     #[inline(always)]
-    fn symmetric(&self, a: [T; 6]) -> [T; 6] {
-        self.symmetric_about_z(a)
+    fn symmetric(&self, [xx, xy, xz, yy, yz, zz]: [T; 6]) -> [T; 6] {
+        let (xz, yz) = self.pair(xz, yz);
+        let (xx, xy, yy) = self.plane((xx, xy, yy));
+        [xx, xy, xz, yy, yz, zz]
     }
 
     #[inline(always)]
@@ -110,6 +112,12 @@ impl<T: Real> Rotates<T> for Turn<T> {
     fn of_limb(&self, limb: usize) -> Self {
         Self { s: self.s.of_limb(limb), c: self.c.of_limb(limb) }
     }
+}
+
+/// Whether there is a tilt, of a rotation whose kind has no name.
+#[inline(always)]
+pub(super) fn tilts<T: Real, R: Rotates<T>>(_: &R) -> bool {
+    R::TILTS
 }
 
 /// A turn about a tilted axis.
@@ -184,12 +192,12 @@ impl<T: Real> Rotates<T> for TiltedTurn<T> {
 
     #[inline(always)]
     fn symmetric(&self, a: [T; 6]) -> [T; 6] {
-        let [xx, xy, xz, yy, yz, zz] = self.turn.symmetric_about_z(a);
+        let [xx, xy, xz, yy, yz, zz] = self.turn.symmetric(a);
         let (yy, yz, zz) = self.about_x.plane((yy, yz, zz));
         let (xy, xz) = self.about_x.pair(xy, xz);
         let mut a = [xx, xy, xz, yy, yz, zz];
         if self.turns_about_z {
-            a = self.about_z.symmetric_about_z(a);
+            a = self.about_z.symmetric(a);
         }
         about!(self.axis, X, Y, Z, symmetric_to_parent::<T, X, Y, Z>(&a))
     }

@@ -217,14 +217,6 @@ impl<T: Real> Turn<T> {
         )
     }
 
-    /// Rz X Rz^T of a symmetric matrix.
-    #[inline(always)]
-    pub fn symmetric_about_z(self, [xx, xy, xz, yy, yz, zz]: [T; 6]) -> [T; 6] {
-        let (xz, yz) = self.pair(xz, yz);
-        let (xx, xy, yy) = self.plane((xx, xy, yy));
-        [xx, xy, xz, yy, yz, zz]
-    }
-
     /// Rz X Rz^T of [[a, b], [e, d]], row by row.
     #[inline(always)]
     pub fn square(self, [a, b, e, d]: [T; 4]) -> [T; 4] {
