@@ -61,7 +61,7 @@ impl Scene {
         self.switched(
             "tilted_axes",
             Omission {
-                what: "rotations of the tree at other joints that turn",
+                what: "rotations of the tree at other joints that turn or slide",
                 count,
                 why: "a constant angle or two bring the joint's axis to one of its parent's",
                 saved: counted(count, "rotation matrix", "rotation matrices")
@@ -72,13 +72,14 @@ impl Scene {
         )
     }
 
-    /// Entries of levers of these that are zero, along the axes of the joint's frame or its parent's.
+    /// Entries of levers that are zero, of those of these that turn, along the axes of the joint's frame or its parent's.
     pub(super) fn levers_item(&self) -> Omission {
         let Omissions { renamed_axes, tilted_axes, .. } = self.model().omissions;
         let is_in = |rotation: &Matrix3<f64>| {
             renamed_axes && (turns_about_an_axis(rotation) || tilted_axes && turns_about_a_tilted_axis(rotation))
         };
-        let count = self.bodies_on(is_in).flat_map(|body| &body.tree.lever).filter(|&&x| x == 0.0).count();
+        let turn = |body: &&Body<f64>| matches!(body.motion, Motion::Revolute);
+        let count = self.bodies_on(is_in).filter(turn).flat_map(|body| &body.tree.lever).filter(|&&x| x == 0.0).count();
         let saved = self.saved_of_lean(count, |omissions| omissions.zero_levers = false);
         self.switched(
             "zero_levers",
@@ -131,9 +132,10 @@ impl Scene {
         )
     }
 
-    /// Bodies that turn on a rotation of the tree like this.
+    /// Bodies that turn or slide on a rotation of the tree like this.
     fn bodies_on(&self, is_like: impl Fn(&Matrix3<f64>) -> bool) -> impl Iterator<Item = &Body<f64>> {
-        let is_in = move |body: &&Body<f64>| matches!(body.motion, Motion::Revolute) && is_like(&body.tree.rotation);
+        let moves = |body: &Body<f64>| matches!(body.motion, Motion::Revolute | Motion::Prismatic);
+        let is_in = move |body: &&Body<f64>| moves(body) && is_like(&body.tree.rotation);
         self.model().bodies.iter().filter(is_in)
     }
 

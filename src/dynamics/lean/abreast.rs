@@ -5,6 +5,7 @@ use super::frames::Framed;
 use super::limbs::{ABREAST, Bundle, bundles};
 use super::scratch::LeanScratch;
 use super::segment::{OfSegment, segments};
+use super::slide::Slide;
 use super::slots::{Ordered, last_children};
 use super::tilt::{Axle, Tilt};
 use crate::filter::Stage;
@@ -137,6 +138,17 @@ fn tilt_of(whole: &LeanModel<Limbs>, bodies: &Places, first: usize) -> Tilt<Limb
     all
 }
 
+/// How these bodies slide, a lane each: the first one does as at `first`.
+fn slide_of(whole: &LeanModel<Limbs>, bodies: &Places, first: usize) -> Slide<Limbs> {
+    let mut all = whole.slides[first];
+    for (lane, &body) in bodies.iter().enumerate() {
+        let Some(at) = whole.bodies[body].slide else { continue };
+        let mut own = whole.slides[at];
+        take_lane(lane, all.numbers_mut(), own.numbers_mut());
+    }
+    all
+}
+
 /// What shifts these bodies, a lane each: the first one's is at `first`, their coordinates begin at `q`.
 fn shift_of(whole: &LeanModel<Limbs>, bodies: &Places, (first, q): (usize, usize)) -> Body<Limbs> {
     let mut all = Body { q, ..whole.shifting[first] };
@@ -152,7 +164,7 @@ fn shift_of(whole: &LeanModel<Limbs>, bodies: &Places, (first, q): (usize, usize
 /// The bodies of `model` in the lanes of those of `first`.
 fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanModel<Limbs> {
     let whole = LeanModel::<Limbs>::new(model);
-    let mut tilts = Vec::new();
+    let (mut tilts, mut slides) = (Vec::new(), Vec::new());
     let parents: Vec<_> = bundles.iter().map(|bundle| bundle.parent).collect();
     let order = interleaved(&parents, |k| k);
     let (swept, last_child) = (Ordered::new(&parents, &order), last_children(&parents));
@@ -189,6 +201,11 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
             let own = tilt_of(&whole, &places_of(bundle), *at);
             *at = tilts.len();
             tilts.push(own);
+        }
+        if let Some(at) = &mut body.slide {
+            let own = slide_of(&whole, &places_of(bundle), *at);
+            *at = slides.len();
+            slides.push(own);
         }
         let root_of_lane = |lane: usize| whole.roots[whole.at[bundle.body(lane)]];
         let mut root = root_of_lane(0);
@@ -229,6 +246,7 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
     LeanModel {
         bodies,
         tilts,
+        slides,
         reordered: Vec::new(),
         segments,
         at: swept.at,

@@ -5,6 +5,7 @@ use super::lever::Lever;
 use super::limbs::ranks;
 use super::scales::scales_at_all_angles;
 use super::segment::{OfSegment, Segment, alone_at_depth, segments};
+use super::slide::Slide;
 use super::slots::{Ordered, Places, SlotCounts, last_children};
 use super::tilt::{Axle, Tilt};
 use super::turn::Renaming;
@@ -79,6 +80,11 @@ fn root_in(frame: &Matrix3<f64>, root: Option<&BodyRoot<f64>>) -> BodyRoot<f64> 
     }
 }
 
+/// From each parent's origin to the body's, in the parent's frame.
+fn arms<N: Copy>(framed: &Framed, leaves_out: bool, number: impl Copy + Fn(f64) -> N) -> Vec<Lever<N>> {
+    framed.bodies.iter().map(|body| Lever::new(body.tree.lever.into(), leaves_out, number)).collect()
+}
+
 /// How a body hangs on its parent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Carrier {
@@ -93,6 +99,8 @@ pub(super) enum Carrier {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LeanBody<N> {
     pub carrier: Carrier,
+    /// Of what slides, its place among them.
+    pub slide: Option<usize>,
     /// Of a turn, 1, or -1 where its z points the other way: rate, acceleration and torque are those about z, times this.
     pub sense: N,
     /// To its frame here from its frame in the model.
@@ -204,6 +212,7 @@ pub(super) struct Turning<N> {
 pub(crate) struct LeanModel<T: Real> {
     pub(super) bodies: Vec<LeanBody<T::Parameter>>,
     pub(super) tilts: Vec<Tilt<T::Parameter>>,
+    pub(super) slides: Vec<Slide<T::Parameter>>,
     /// The same in the order of the sweeps, with their places in it; none where that is theirs.
     pub(super) reordered: Vec<LeanBody<T::Parameter>>,
     /// What motions, forces and co-states need of them, in that order.
@@ -240,11 +249,11 @@ impl<T: Real> LeanModel<T> {
         let (order, is_alone) = (interleaved(&parents, |body| ranks[body]), alone_at_depth(&parents));
         let by_rows = Ordered::new(&parents, &(0..parents.len()).collect::<Vec<_>>());
         let swept = Ordered::new(&parents, &order);
-        let masses = model.bodies.iter().map(|body| body.inertia.mass).collect();
-        let composite_mass = with_all_outboard(&parents, masses, |a, b| a + b);
+        let masses = model.bodies.iter().map(|body| body.inertia.mass);
+        let composite_mass = with_all_outboard(&parents, masses.collect(), |a, b| a + b);
         let end_rows = model.system.stages.iter().map(|stage| stage.first_row + stage.rows.count()).collect();
         let end_row = with_all_outboard(&parents, end_rows, usize::max);
-        // Of each body the last child; and the last up to the body at hand.
+        // The last child of each body; and the last up to the body at hand.
         let (last_child, mut youngest) = (last_children(&parents), vec![None; parents.len()]);
         let number = T::parameter;
         let scales = scales_at_all_angles(model, T::epsilon().lane(0));
@@ -258,6 +267,7 @@ impl<T: Real> LeanModel<T> {
             composites.push(CompositeBody::new(composite_mass[k], turned, number));
             LeanBody {
                 carrier: framed.carriers[k],
+                slide: framed.slides[k].map(|_| framed.slides[..k].iter().flatten().count()),
                 sense: number(frame[(2, 2)]),
                 frame: Renaming::of(frame, number),
                 index: k,
@@ -290,10 +300,8 @@ impl<T: Real> LeanModel<T> {
         });
         let mut bodies: Vec<_> = bodies.collect();
         let (steps, longest_path) = measure_paths(model, &mut bodies);
-        let is_shallow = steps <= SHALLOW * model.nv().pow(2);
         let root = |&k: &usize| root_in(&framed.from_model[k], model.inertia_roots[k].as_ref()).map(number);
-        let arm_of = |body: &Body<f64>| Lever::new(body.tree.lever.into(), model.omissions.zero_levers, number);
-        let arms: Vec<_> = framed.bodies.iter().map(arm_of).collect();
+        let arms = arms(&framed, model.omissions.zero_levers, number);
         let whole = Model { bodies: framed.bodies, ..model.clone() }.cast::<T>();
         let of_carrier = |turns: bool| {
             let carriers = framed.carriers.iter().enumerate();
@@ -322,6 +330,7 @@ impl<T: Real> LeanModel<T> {
             segments: segments(in_order, own),
             bodies,
             tilts: framed.tilts.iter().map(|tilt| tilt.map(number)).collect(),
+            slides: framed.slides.iter().flatten().map(|slide| slide.map(number)).collect(),
             reordered,
             at: swept.at,
             roots: order.iter().map(root).collect(),
@@ -330,7 +339,7 @@ impl<T: Real> LeanModel<T> {
             turning,
             beside: 0.0,
             knows_scales: scales.is_some(),
-            is_shallow,
+            is_shallow: steps <= SHALLOW * model.nv().pow(2),
             longest_path,
             row_slots: by_rows.slots,
             swept_slots: swept.slots,

@@ -126,18 +126,19 @@ pub(super) fn carried<T: Real, const NOISY: bool>(
     } else {
         rotation.covariance_past_z(&kept::<T, false>(p, column, (m, noise.variance)))
     };
-    along_lever(body, &p, NOISY || tilts(rotation))
+    let Lever { entries: [x, y, z], along } = body.lever;
+    let like = p[15];
+    let lever = Lever { entries: [like.everywhere(x), like.everywhere(y), like.everywhere(z)], along };
+    along_lever(&lever, &p, NOISY || tilts(rotation))
 }
 
 /// Along z, x and y of the lever, one after another: C' = C + l~ B, A' = A + l~ C^T + C' l~^T. Where it is not `full` row and column 2 are zero, and not added to.
 #[inline(always)]
-fn along_lever<T: Real>(body: &LeanBody<T::Parameter>, p: &[T; 21], full: bool) -> [T; 21] {
+pub(super) fn along_lever<T: Real>(lever: &Lever<T>, p: &[T; 21], full: bool) -> [T; 21] {
     let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *p;
     let (mut a0, mut a1, mut a2, mut a3, mut a4, mut a5) = (a0, a1, a2, a3, a4, a5);
     let (mut c0, mut c1, mut c2, mut c3, mut c4, mut c5, mut c6, mut c7, mut c8) = (c0, c1, c2, c3, c4, c5, c6, c7, c8);
-    let [x, y, z] = body.lever.entries;
-    let (x, y, z) = (b0.everywhere(x), b0.everywhere(y), b0.everywhere(z));
-    let [along_x, along_y, along_z] = body.lever.along;
+    let Lever { entries: [x, y, z], along: [along_x, along_y, along_z] } = *lever;
     if along_z {
         let (s0, s1, s2) = (c0.minus_product(z, b1), c1.minus_product(z, b3), c2.minus_product(z, b4));
         let (s3, s4, s5) = (z.mul_add(b0, c3), z.mul_add(b1, c4), z.mul_add(b2, c5));

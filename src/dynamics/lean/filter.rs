@@ -10,6 +10,7 @@ use super::carry::{
 use super::rotation::{Rotates, TiltedTurn, rotated, tilts};
 use super::row::{Noise, diagonal_past, measure, measured};
 use super::scratch::{Arriving, Besides, LeanScratch, Own, Watched, Watching, arrive};
+use super::slide::{ALONG_Z, Slide, past_slide};
 use super::tilt::Axle;
 use super::turn::{Axis, PACKED, about, packed_to_parent, to_parent};
 use crate::filter::pivots::{PivotMonitor, Scale};
@@ -18,7 +19,7 @@ use crate::filter::rounding::squares;
 use crate::filter::{HingeMap, System, innovations, terms};
 use crate::scalar::Real;
 use crate::scene::Model;
-use crate::spatial::RigidShift;
+use crate::spatial::{RigidShift, absolute};
 use nalgebra::Vector6;
 
 /// The row of a turn.
@@ -40,6 +41,7 @@ struct Inward<'a, T: Real> {
     noise: &'a [T],
     arriving: &'a mut [Arriving<T>],
     shifts: &'a [RigidShift<T>],
+    slides: &'a [Slide<T::Parameter>],
     measured: &'a mut [Measured<T>],
     tau: &'a [T],
     innovations: &'a mut [T],
@@ -77,6 +79,7 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
         noise,
         arriving,
         shifts,
+        slides: &lean.slides,
         measured,
         tau,
         innovations,
@@ -270,35 +273,19 @@ impl<T: Real> Inward<'_, T> {
         (own, watched): (&mut Own<T>, &mut Watched<T>),
         at: usize,
     ) {
-        let (shift, stage) = (&self.shifts[at], &self.system.stages[body.index]);
         let arrived = &self.arriving[body.places.inward];
-        let arrived_force = arrived.force;
-        let mut p = unpacked(&with_noise(body, &arrived.p));
-        let scale = self.scale_of(body, &arrived.scale);
-        let sent = self.follows_scales.then(|| Scale::sent_by(&p, shift));
-        let before = p.diagonal();
-        let at_stage = (self.system, body.index);
-        let carried = riccati::through_stage::<T, false>(
-            at_stage,
-            shift,
-            (&mut p, &scale),
-            self.measured,
-            &mut self.monitor,
-            |_, _| {},
-        );
-        let to = &mut self.arriving[body.places.parent_inward];
-        if body.parent.is_some() {
-            if let Some(sent) = sent {
-                arrive_bounds(body, sent, &mut to.scale);
-            }
-            arrive(body, &packed(&carried), &mut to.p);
-        }
+        let (arrived_force, scale) = (arrived.force, self.scale_of(body, &arrived.scale));
+        let left = match body.slide {
+            Some(slide) => self.send_past_slide(body, (at, slide), &scale),
+            None => self.send_past_stage(body, at, &scale),
+        };
+        let (shift, stage, at_stage) = (&self.shifts[at], &self.system.stages[body.index], (self.system, body.index));
         if SIDES >= FILTER {
             own.force = sum(own.force, &arrived_force);
             let right_side = (self.tau, &mut *self.innovations);
             let sent = through_general_stage(at_stage, shift, self.measured, right_side, &mut own.force);
             if body.parent.is_some() {
-                arrive(body, &sent, &mut to.force);
+                arrive(body, &sent, &mut self.arriving[body.places.parent_inward].force);
             }
         }
         if SIDES == WATCH {
@@ -311,10 +298,59 @@ impl<T: Real> Inward<'_, T> {
             if body.parent.is_some() {
                 let to = &mut self.besides[body.places.parent_inward];
                 arrive(body, &sent, &mut to.zeta);
-                let terms = terms::sent(&terms::left(stage, &before, &p), shift);
-                arrive(body, &terms.into(), &mut to.terms);
+                arrive(body, &terms::sent(&left, shift).into(), &mut to.terms);
             }
         }
+    }
+
+    /// D and g of a body on any joint, and P on its way to the parent. Gives what [`terms::left`] does.
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    fn send_past_stage(&mut self, body: &LeanBody<T::Parameter>, at: usize, scale: &Scale<T>) -> Vector6<T> {
+        let (shift, stage) = (&self.shifts[at], &self.system.stages[body.index]);
+        let mut p = unpacked(&with_noise(body, &self.arriving[body.places.inward].p));
+        let sent = self.follows_scales.then(|| Scale::sent_by(&p, shift));
+        let before = p.diagonal();
+        let carried = riccati::through_stage::<T, false>(
+            (self.system, body.index),
+            shift,
+            (&mut p, scale),
+            self.measured,
+            &mut self.monitor,
+            |_, _| {},
+        );
+        if body.parent.is_some() {
+            let to = &mut self.arriving[body.places.parent_inward];
+            if let Some(sent) = sent {
+                arrive_bounds(body, sent, &mut to.scale);
+            }
+            arrive(body, &packed(&carried), &mut to.p);
+        }
+        terms::left(stage, &before, &p)
+    }
+
+    /// The same of a body that slides.
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    fn send_past_slide(
+        &mut self,
+        body: &LeanBody<T::Parameter>,
+        (at, slide): (usize, usize),
+        scale: &Scale<T>,
+    ) -> Vector6<T> {
+        let (shift, slide) = (&self.shifts[at], &self.slides[slide]);
+        let p = with_noise(body, &self.arriving[body.places.inward].p);
+        let (m, after) = past_slide(Noise::of(self.system, self.noise[body.row]), &p);
+        if body.parent.is_some() {
+            let to = &mut self.arriving[body.places.parent_inward];
+            if self.follows_scales {
+                let traces = (p[0] + p[3] + p[5], p[15] + p[18] + p[20]);
+                arrive_bounds(body, Scale::sent(traces, shift.lever_square()), &mut to.scale);
+            }
+            let l = &shift.lever;
+            arrive(body, &slide.at_parent(&after, [l[0], l[1], l[2]]), &mut to.p);
+        }
+        self.monitor.observe(m.pivot, &HingeMap::Axis(ALONG_Z), scale);
+        self.measured[body.row] = m;
+        absolute(&Vector6::new(after[0], after[3], after[5], after[15], after[18], after[20]))
     }
 }
 

@@ -9,6 +9,7 @@
 use super::about_axis::AboutAxis;
 use super::body::Carrier;
 use super::loads::{Load, loads};
+use super::slide::Slide;
 use super::tilt::{Axle, Tilt};
 use super::turn::Renaming;
 use crate::scene::{Body, Model, Motion};
@@ -25,6 +26,8 @@ pub(super) struct Framed {
     pub levers: Vec<Vector3<f64>>,
     /// Those of tilted axles.
     pub tilts: Vec<Tilt<f64>>,
+    /// How bodies slide, of those that do by constant angles.
+    pub slides: Vec<Option<Slide<f64>>>,
     /// From each body's frame in the model, zeros and ones.
     pub from_model: Vec<Matrix3<f64>>,
     /// What their forces see of them.
@@ -40,6 +43,7 @@ impl Framed {
             offsets: Vec::with_capacity(count),
             levers: Vec::with_capacity(count),
             tilts: Vec::new(),
+            slides: Vec::with_capacity(count),
             from_model: Vec::with_capacity(count),
             loads: Vec::new(),
         };
@@ -69,6 +73,9 @@ impl Framed {
                 Carrier::Turn(axle) => axle.axis().rotation().transpose() * here.tree.lever,
                 Carrier::Shift(_) => here.tree.rotate_back(&here.tree.lever),
             });
+            let slides = matches!(body.motion, Motion::Prismatic) && model.omissions.renamed_axes;
+            let slide = || Slide::of(&here.tree.rotation, model.omissions.tilted_axes);
+            framed.slides.push(if slides { slide() } else { None });
             here.inertia.first_moment = frame * body.inertia.first_moment;
             here.inertia.rotational = body.inertia.rotational.congruence(&frame);
             here.inertia_terms = Vector6::from(Renaming::of(&frame, |x| x).apply(&body.inertia_terms)).abs();

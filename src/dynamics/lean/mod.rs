@@ -39,6 +39,7 @@ mod row;
 mod scales;
 mod scratch;
 mod segment;
+mod slide;
 mod slots;
 mod spin;
 mod tiles;

@@ -278,7 +278,7 @@ impl<T: Real> Rotates<T> for TiltedTurn<T> {
 
 /// Rx P Rx*.
 #[inline(always)]
-fn about_x<T: Real>(turn: Turn<T>, p: &[T; 21]) -> [T; 21] {
+pub(super) fn about_x<T: Real>(turn: Turn<T>, p: &[T; 21]) -> [T; 21] {
     let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *p;
     let ((a3, a4, a5), (b3, b4, b5)) = (turn.plane((a3, a4, a5)), turn.plane((b3, b4, b5)));
     let ((a1, a2), (b1, b2)) = (turn.pair(a1, a2), turn.pair(b1, b2));

@@ -31,6 +31,11 @@ impl Tilt<f64> {
         Self { axis, about_x: [across / length, z / length], about_z: [x / across, -y / across], turns_about_z: true }
     }
 
+    /// One that leaves z on this axis, or has it point the other way.
+    pub fn along(axis: Axis, sense: f64) -> Self {
+        Self { axis, about_x: [0.0, sense.signum()], about_z: [0.0, 1.0], turns_about_z: false }
+    }
+
     /// As a matrix.
     pub fn matrix(&self) -> Matrix3<f64> {
         let ([sx, cx], [sz, cz]) = (self.about_x, self.about_z);

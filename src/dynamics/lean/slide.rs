@@ -1,0 +1,179 @@
+//! Bodies that slide: P on its way to the parent.
+//!
+//! What a turn does with its angle, a slide does with constants: its rotation is up to three constant angles, about z, about x and about z again,
+//! and the names of the parent's axes. Its row is the force along z, entry 5: with the halves of P exchanged that is entry 2, and past it the same zeros
+//! are left as past a turn's. Everything else of a slide goes the general way.
+
+use super::about_axis::AboutAxis;
+use super::carry::{along_lever, kept};
+use super::lever::Lever;
+use super::rotation::{Rotates, about_x};
+use super::row::{Noise, measured};
+use super::tilt::Tilt;
+use super::turn::{Axis, Turn, about, packed_to_parent};
+use crate::filter::riccati::Measured;
+use crate::scalar::Real;
+use nalgebra::{Matrix3, Vector6};
+
+/// The row of a slide.
+pub(super) const ALONG_Z: usize = 5;
+
+/// The constants of one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Slide<N> {
+    /// First about z, by this sine and cosine, where it is there.
+    pub about_z: [N; 2],
+    pub turns: bool,
+    /// Then from z to its direction at the parent; about x where that is there.
+    pub tilt: Tilt<N>,
+    pub tilts: bool,
+}
+
+impl Slide<f64> {
+    /// Of the rotation from the body's frame to the parent's: none where that is no rotation, or brings z to none of the parent's axes and is not to be `tilted`.
+    pub fn of(rotation: &Matrix3<f64>, tilted: bool) -> Option<Self> {
+        let tilt = match AboutAxis::of(rotation) {
+            Some(about) => Tilt::along(about.axis, rotation[(about.axis.index(), 2)]),
+            None if tilted => AboutAxis::tilted(rotation)?.tilt?,
+            None => return None,
+        };
+        let AboutAxis { frame, offset, .. } = AboutAxis::of(&(tilt.matrix().transpose() * rotation))?;
+        let about_z = offset.unwrap_or([frame[(1, 0)], frame[(0, 0)]]);
+        let is_there = |[s, c]: [f64; 2]| s != 0.0 || c < 0.0;
+        Some(Self { about_z, turns: is_there(about_z), tilts: is_there(tilt.about_x), tilt })
+    }
+}
+
+impl<N: Copy> Slide<N> {
+    /// The same with other numbers.
+    pub fn map<M>(&self, number: impl Fn(N) -> M) -> Slide<M> {
+        let Self { about_z: [s, c], turns, tilts, .. } = *self;
+        Slide { about_z: [number(s), number(c)], turns, tilt: self.tilt.map(number), tilts }
+    }
+
+    /// Its numbers.
+    #[cfg(target_arch = "x86_64")]
+    pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
+        self.about_z.iter_mut().chain(self.tilt.numbers_mut())
+    }
+
+    /// R P R*, in the parent's frame.
+    #[inline(always)]
+    fn covariance<T: Real<Parameter = N>>(&self, p: &[T; 21]) -> [T; 21] {
+        let turn = |[s, c]: [N; 2]| Turn { s: p[0].everywhere(s), c: p[0].everywhere(c) };
+        let mut p = *p;
+        if self.turns {
+            p = turn(self.about_z).covariance(&p);
+        }
+        if self.tilts {
+            p = about_x(turn(self.tilt.about_x), &p);
+        }
+        if self.tilt.turns_about_z {
+            p = turn(self.tilt.about_z).covariance(&p);
+        }
+        about!(self.tilt.axis, X, Y, Z, packed_to_parent::<T, X, Y, Z>(&p))
+    }
+
+    /// P at the parent, of P^+ here; `lever` is where the body is now, there.
+    #[inline(always)]
+    pub fn at_parent<T: Real<Parameter = N>>(&self, p: &[T; 21], lever: [T; 3]) -> [T; 21] {
+        along_lever(&Lever { entries: lever, along: [true; 3] }, &self.covariance(p), true)
+    }
+}
+
+/// The angular half where the linear one was.
+#[inline(always)]
+fn exchanged<T: Copy>(p: &[T; 21]) -> [T; 21] {
+    let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *p;
+    [b0, b1, b2, b3, b4, b5, c0, c3, c6, c1, c4, c7, c2, c5, c8, a0, a1, a2, a3, a4, a5]
+}
+
+/// D and g of a slide (3.6, 3.10), and P^+ of P^-.
+#[inline(always)]
+pub(super) fn past_slide<T: Real>(noise: Noise<T>, p: &[T; 21]) -> (Measured<T>, [T; 21]) {
+    let p = exchanged(p);
+    let (m, column) = measured(noise, &[p[2], p[4], p[5], p[12], p[13], p[14]]);
+    let after = if noise.skips_zeros {
+        kept::<T, false>(&p, &column, (&m, noise.variance))
+    } else {
+        kept::<T, true>(&p, &column, (&m, noise.variance))
+    };
+    let g = &m.gain;
+    (Measured { gain: Vector6::new(g[3], g[4], g[5], g[0], g[1], g[2]), ..m }, exchanged(&after))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{ALONG_Z, Slide, past_slide};
+    use crate::dynamics::lean::carry::unpacked;
+    use crate::dynamics::lean::row::Noise;
+    use crate::dynamics::lean::turn::PACKED;
+    use crate::filter::HingeMap;
+    use crate::spatial::RigidShift;
+    use nalgebra::{Matrix3, Matrix6, Rotation3, Unit, Vector3};
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    fn about(axis: Vector3<f64>, angle: f64) -> Matrix3<f64> {
+        Rotation3::from_axis_angle(&Unit::new_normalize(axis), angle).into_inner()
+    }
+
+    fn wave(i: usize) -> f64 {
+        (1.7 * f64::from(u8::try_from(i).expect("small")) + 0.3).sin()
+    }
+
+    fn near(found: &Matrix6<f64>, expected: &Matrix6<f64>) -> bool {
+        (found - expected).iter().all(|x| x.abs() <= 64.0 * f64::EPSILON)
+    }
+
+    /// What constant angles make of P is what the shift makes of it: of directions along each of the parent's axes, to both sides, in a plane of two, and
+    /// in none, about which the frame is turned by nothing, by right angles and by others.
+    #[test]
+    fn what_slides_sends_what_its_shift_does() {
+        let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
+        let rights = [0.0, FRAC_PI_2, PI, -FRAC_PI_2];
+        let straight = [(z, 0.0), (x, PI), (y, FRAC_PI_2), (x, FRAC_PI_2), (x, -FRAC_PI_2)];
+        let in_plane = [(y, -0.7), (x, 2.1), (x, -1.3)].map(|(axis, angle)| about(axis, angle));
+        let in_plane = in_plane.into_iter().chain([about(z, 0.4) * about(y, FRAC_PI_2)]);
+        let anywhere = [about(Vector3::new(0.3, -0.8, 0.5), 1.1), about(Vector3::new(-0.4, 0.2, 0.9), 2.9)];
+        let straight = straight.map(|(axis, angle)| (about(axis, angle), false)).into_iter();
+        let tilted = in_plane.chain(anywhere).map(|rotation| (rotation, true));
+        let p: [f64; 21] = std::array::from_fn(wave);
+        for (bring, is_tilted) in straight.chain(tilted) {
+            for angle in rights.into_iter().chain([0.6, -2.2]) {
+                let rotation = bring * about(z, angle);
+                let slide = Slide::of(&rotation, true).expect("a rotation");
+                assert_eq!(Slide::of(&rotation, false).is_some(), !is_tilted, "{rotation}");
+                let shift = RigidShift { rotation, lever: Vector3::new(0.3, -0.2, 0.5) };
+                let sent = slide.at_parent(&p, shift.lever.into());
+                let (found, phi) = (unpacked(&sent).to_matrix(), shift.to_matrix());
+                let expected = phi * unpacked(&p).to_matrix() * phi.transpose();
+                assert!(near(&found, &expected), "{rotation} {slide:?}: {found} {expected}");
+            }
+        }
+        let no_rotation = Matrix3::new(1.0, 0.0, 1e-6, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
+        assert!(Slide::of(&no_rotation, true).is_none());
+    }
+
+    /// P^+ is what is left of P^- past the force along z, with noise and without.
+    #[test]
+    fn the_row_is_the_force_along_z() {
+        let root = Matrix6::from_fn(|i, j| wave(6 * i + j));
+        let before = root * root.transpose();
+        let mut p = [0.0; 21];
+        for i in 0..3 {
+            for j in 0..3 {
+                (p[PACKED[i][j]], p[15 + PACKED[i][j]]) = (before[(i, j)], before[(3 + i, 3 + j)]);
+                p[6 + 3 * i + j] = before[(i, 3 + j)];
+            }
+        }
+        let hinge = HingeMap::<f64>::Axis(ALONG_Z).to_column();
+        for variance in [0.0, 0.7] {
+            let (m, after) = past_slide(Noise { variance, skips_zeros: variance == 0.0 }, &p);
+            let pivot = (hinge.transpose() * before * hinge)[(0, 0)] + variance;
+            let gain = before * hinge / pivot;
+            assert!((m.pivot - pivot).abs() <= 1e-15 * pivot && (m.gain - gain).norm() <= 1e-15, "{m:?}");
+            let expected = before - gain * pivot * gain.transpose();
+            assert!(near(&unpacked(&after).to_matrix(), &expected), "{variance}: {expected}");
+        }
+    }
+}
