@@ -44,7 +44,7 @@ impl Scene {
             Omission {
                 what: "rotations of the tree that rename axes, or turn about the joint's own",
                 count,
-                why: "the angle, or its sum with a constant, is all there is to carry, about z, and entries change places and signs",
+                why: "the joint's angle, a constant, or both together are all there is to turn by, about z, and entries change places and signs",
                 saved: counted(count, "rotation matrix", "rotation matrices")
                     + ", and P turned by an angle instead of by it",
                 operations: saved,

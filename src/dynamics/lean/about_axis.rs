@@ -44,6 +44,22 @@ impl AboutAxis {
     }
 }
 
+impl AboutAxis {
+    /// The same for a joint that slides along z, which has no other sense: where z points against an axis, it is tilted by half a turn. To any direction if it may be
+    /// `tilted`.
+    pub fn sliding(rotation: &Matrix3<f64>, tilted: bool) -> Option<Self> {
+        let Some(about) = Self::of(rotation) else {
+            return if tilted { Self::tilted(rotation) } else { None };
+        };
+        if about.frame[(2, 2)] > 0.0 {
+            return Some(about);
+        }
+        let tilt = Tilt::against(about.axis);
+        let (frame, offset) = about_z(&(tilt.matrix().transpose() * rotation), ROUNDING)?;
+        Some(Self { axis: about.axis, tilt: Some(tilt), frame, offset })
+    }
+}
+
 /// Renaming and angle of a rotation about z, to the one side or the other.
 fn about_z(rotation: &Matrix3<f64>, tolerance: f64) -> Option<(Matrix3<f64>, Option<[f64; 2]>)> {
     let is_near = |other: &Matrix3<f64>| (rotation - other).iter().all(|x| x.abs() <= tolerance);

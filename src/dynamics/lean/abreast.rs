@@ -138,13 +138,14 @@ fn tilt_of(whole: &LeanModel<Limbs>, bodies: &Places, first: usize) -> Tilt<Limb
     all
 }
 
-/// How these bodies slide, a lane each: the first one does as at `first`.
+/// How these bodies slide, a lane each: the first one does as at `first`. An angle that only some have is none in the others.
 fn slide_of(whole: &LeanModel<Limbs>, bodies: &Places, first: usize) -> Slide<Limbs> {
     let mut all = whole.slides[first];
     for (lane, &body) in bodies.iter().enumerate() {
         let Some(at) = whole.bodies[body].slide else { continue };
         let mut own = whole.slides[at];
         take_lane(lane, all.numbers_mut(), own.numbers_mut());
+        (all.turns, all.tilts) = (all.turns || own.turns, all.tilts || own.tilts);
     }
     all
 }

@@ -99,7 +99,7 @@ pub(super) enum Carrier {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LeanBody<N> {
     pub carrier: Carrier,
-    /// Of what slides, its place among them.
+    /// Of what slides by constant angles, its place among those.
     pub slide: Option<usize>,
     /// Of a turn, 1, or -1 where its z points the other way: rate, acceleration and torque are those about z, times this.
     pub sense: N,
@@ -211,12 +211,13 @@ pub(super) struct Turning<N> {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LeanModel<T: Real> {
     pub(super) bodies: Vec<LeanBody<T::Parameter>>,
-    pub(super) tilts: Vec<Tilt<T::Parameter>>,
-    pub(super) slides: Vec<Slide<T::Parameter>>,
-    /// The same in the order of the sweeps, with their places in it; none where that is theirs.
+    /// The bodies in the order of the sweeps, with their places in it; none where that is theirs.
     pub(super) reordered: Vec<LeanBody<T::Parameter>>,
     /// What motions, forces and co-states need of them, in that order.
     pub(super) segments: Vec<Segment<T::Parameter>>,
+    /// What tilts turns, and how bodies slide.
+    pub(super) tilts: Vec<Tilt<T::Parameter>>,
+    pub(super) slides: Vec<Slide<T::Parameter>>,
     /// Where each body is in that order: what these sweeps keep of it is there.
     pub(super) at: Vec<usize>,
     /// What the square-root form needs of them, in the order of the sweeps: NaN of a body that has no root, or whose
@@ -224,7 +225,7 @@ pub(crate) struct LeanModel<T: Real> {
     pub(super) roots: Vec<BodyRoot<T::Parameter>>,
     /// What M needs of them besides, in that order.
     pub(super) composites: Vec<CompositeBody<T::Parameter>>,
-    /// Those that are not on a turn, whole: their frames are the model's, those of their parents need not be.
+    /// Those that are not on a turn, whole: the frames of those that do not slide are the model's, those of their parents need not be.
     pub(super) shifting: Vec<Body<T>>,
     /// Those on a turn, in the order of the sweeps.
     pub(super) turning: Vec<Turning<T::Parameter>>,
@@ -267,7 +268,7 @@ impl<T: Real> LeanModel<T> {
             composites.push(CompositeBody::new(composite_mass[k], turned, number));
             LeanBody {
                 carrier: framed.carriers[k],
-                slide: framed.slides[k].map(|_| framed.slides[..k].iter().flatten().count()),
+                slide: framed.slide_at[k],
                 sense: number(frame[(2, 2)]),
                 frame: Renaming::of(frame, number),
                 index: k,
@@ -330,7 +331,7 @@ impl<T: Real> LeanModel<T> {
             segments: segments(in_order, own),
             bodies,
             tilts: framed.tilts.iter().map(|tilt| tilt.map(number)).collect(),
-            slides: framed.slides.iter().flatten().map(|slide| slide.map(number)).collect(),
+            slides: framed.slides.iter().map(|slide| slide.map(number)).collect(),
             reordered,
             at: swept.at,
             roots: order.iter().map(root).collect(),

@@ -26,8 +26,9 @@ pub(super) struct Framed {
     pub levers: Vec<Vector3<f64>>,
     /// Those of tilted axles.
     pub tilts: Vec<Tilt<f64>>,
-    /// How bodies slide, of those that do by constant angles.
-    pub slides: Vec<Option<Slide<f64>>>,
+    /// Those of bodies that slide by constant angles, and of each body its place among them.
+    pub slides: Vec<Slide<f64>>,
+    pub slide_at: Vec<Option<usize>>,
     /// From each body's frame in the model, zeros and ones.
     pub from_model: Vec<Matrix3<f64>>,
     /// What their forces see of them.
@@ -43,7 +44,8 @@ impl Framed {
             offsets: Vec::with_capacity(count),
             levers: Vec::with_capacity(count),
             tilts: Vec::new(),
-            slides: Vec::with_capacity(count),
+            slides: Vec::new(),
+            slide_at: Vec::with_capacity(count),
             from_model: Vec::with_capacity(count),
             loads: Vec::new(),
         };
@@ -53,6 +55,9 @@ impl Framed {
             let rotation = outer * body.tree.rotation;
             let turns = matches!(body.motion, Motion::Revolute) && model.omissions.renamed_axes;
             let tilted = || if model.omissions.tilted_axes { AboutAxis::tilted(&rotation) } else { None };
+            let slides = matches!(body.motion, Motion::Prismatic) && model.omissions.renamed_axes;
+            let sliding = || AboutAxis::sliding(&rotation, model.omissions.tilted_axes);
+            let sliding = if slides { sliding() } else { None };
             let about = if turns { AboutAxis::of(&rotation).or_else(tilted) } else { None };
             let mut here = *body;
             let (carrier, frame, offset) = if let Some(AboutAxis { axis, tilt, frame, offset }) = about {
@@ -64,18 +69,16 @@ impl Framed {
                 }
                 (Carrier::Turn(axle), frame, offset)
             } else {
-                here.tree.rotation = rotation;
+                let frame = sliding.as_ref().map_or_else(Matrix3::identity, |about| about.frame);
+                here.tree.rotation = rotation * frame.transpose();
                 shifts += 1;
-                (Carrier::Shift(shifts - 1), Matrix3::identity(), None)
+                (Carrier::Shift(shifts - 1), frame, None)
             };
             here.tree.lever = outer * body.tree.lever;
             framed.levers.push(match carrier {
                 Carrier::Turn(axle) => axle.axis().rotation().transpose() * here.tree.lever,
                 Carrier::Shift(_) => here.tree.rotate_back(&here.tree.lever),
             });
-            let slides = matches!(body.motion, Motion::Prismatic) && model.omissions.renamed_axes;
-            let slide = || Slide::of(&here.tree.rotation, model.omissions.tilted_axes);
-            framed.slides.push(if slides { slide() } else { None });
             here.inertia.first_moment = frame * body.inertia.first_moment;
             here.inertia.rotational = body.inertia.rotational.congruence(&frame);
             here.inertia_terms = Vector6::from(Renaming::of(&frame, |x| x).apply(&body.inertia_terms)).abs();
@@ -83,6 +86,8 @@ impl Framed {
             framed.carriers.push(carrier);
             framed.offsets.push(offset);
             framed.from_model.push(frame);
+            framed.slide_at.push(sliding.is_some().then_some(framed.slides.len()));
+            framed.slides.extend(sliding.as_ref().map(Slide::of));
         }
         framed.loads = loads(model, &framed.bodies, &framed.carriers);
         framed
@@ -92,13 +97,19 @@ impl Framed {
 #[cfg(test)]
 mod tests {
     use super::{Axle, Carrier, Framed};
-    use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
+    use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Omissions, SceneBuilder};
     use crate::spatial::Symmetric3;
     use nalgebra::{Matrix3, Rotation3, Vector3};
     use std::f64::consts::{FRAC_PI_2, PI};
 
     fn rpy(roll: f64, pitch: f64, yaw: f64) -> Matrix3<f64> {
         Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
+    }
+
+    #[allow(clippy::unnecessary_wraps)] // as links have it
+    fn inertial() -> Option<Inertial> {
+        let central = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+        Some(Inertial { mass: 1.0, centre: [0.1, 0.2, 0.3].into(), central })
     }
 
     /// How a joint about an axis of a frame turned so is carried.
@@ -112,14 +123,12 @@ mod tests {
 
     /// Of such a joint, its offset, and by how much what it is made of differs from what it is.
     fn of(rotation: Matrix3<f64>, axis: Vector3<f64>) -> (Kind, Option<[f64; 2]>, f64) {
-        let central = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
-        let inertial = Some(Inertial { mass: 1.0, centre: [0.1, 0.2, 0.3].into(), central });
         let mut joint = JointDescription::new("joint", JointKind::Revolute, "base", "link");
         joint.origin.rotation = rotation;
         joint.axis = axis;
         let scene = SceneBuilder::new()
             .link(LinkDescription { name: "base".into(), inertial: None })
-            .link(LinkDescription { name: "link".into(), inertial })
+            .link(LinkDescription { name: "link".into(), inertial: inertial() })
             .joint(joint)
             .build()
             .expect("a scene");
@@ -192,6 +201,36 @@ mod tests {
             let rotation = Rotation3::from_scaled_axis(axis.abs() * 0.3).into_inner();
             let (kind, offset, off) = of(rotation, axis);
             assert!(kind == Kind::Plain && offset.is_some() && off <= 4.0 * f64::EPSILON, "{axis}: {off}");
+        }
+    }
+
+    /// A slide goes by constants where the switches let it, and is not renamed where it does not.
+    #[test]
+    fn what_slides_goes_by_constants_where_it_may() {
+        let all = Omissions::all();
+        let (untilted, unnamed) = (Omissions { tilted_axes: false, ..all }, Omissions { renamed_axes: false, ..all });
+        for (rotation, axis, is_tilted) in [
+            (rpy(0.0, 0.0, 0.0), -Vector3::y(), false),
+            (rpy(FRAC_PI_2, 0.0, 0.0), Vector3::z(), false),
+            (rpy(0.0, 0.0, -0.7), Vector3::x(), true),
+            (rpy(0.3, -0.2, 1.1), Vector3::x(), true),
+        ] {
+            for (omissions, is_there) in [(all, true), (untilted, !is_tilted), (unnamed, false)] {
+                let mut joint = JointDescription::new("joint", JointKind::Prismatic, "base", "link");
+                (joint.origin.rotation, joint.axis) = (rotation, axis);
+                let scene = SceneBuilder::new()
+                    .omissions(Omissions { planar: false, ..omissions })
+                    .link(LinkDescription { name: "base".into(), inertial: None })
+                    .link(LinkDescription { name: "link".into(), inertial: inertial() })
+                    .joint(joint)
+                    .build()
+                    .expect("a scene");
+                let framed = Framed::of(scene.model());
+                assert_eq!((framed.slide_at[0], framed.slides.len()), (is_there.then_some(0), usize::from(is_there)));
+                let made = framed.bodies[0].tree.rotation * framed.from_model[0];
+                assert!((made - scene.model().bodies[0].tree.rotation).amax() <= 4.0 * f64::EPSILON);
+                assert!(is_there || framed.from_model[0] == Matrix3::identity(), "{}", framed.from_model[0]);
+            }
         }
     }
 }

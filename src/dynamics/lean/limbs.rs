@@ -43,8 +43,8 @@ struct Kind {
     /// Of a turn, and where it is tilted whether about z too.
     turn: Option<(Axis, Option<bool>)>,
     motion: std::mem::Discriminant<Motion<f64>>,
-    /// Of a slide by constant angles, from which axis they are, and which of them there are.
-    slide: Option<(Axis, [bool; 3])>,
+    /// Of a slide by constant angles, from which axis they are, and whether about z too.
+    slide: Option<(Axis, bool)>,
     from: [u8; 3],
     has_lever: bool,
     needs_no_force: bool,
@@ -80,7 +80,10 @@ impl Likeness {
                     Carrier::Shift(_) => None,
                 },
                 motion: discriminant(&body.motion),
-                slide: framed.slides[k].map(|of| (of.tilt.axis, [of.turns, of.tilts, of.tilt.turns_about_z])),
+                slide: framed.slide_at[k].map(|at| {
+                    let tilt = &framed.slides[at].tilt;
+                    (tilt.axis, tilt.turns_about_z)
+                }),
                 from: Renaming::of(&framed.from_model[k], |x| x).from,
                 has_lever: body.tree.lever.iter().any(|&x| x != 0.0),
                 needs_no_force: body.needs_no_force,

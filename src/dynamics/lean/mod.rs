@@ -8,7 +8,7 @@
 //! carried by its angle alone: first about z, where H P^+ = 0 leaves a third out, then along the lever, a constant there. Frames are
 //! chosen so that what is left of the renaming is one of three orders of the parent's axes ([`frames`]): each is compiled by itself. About any other axis a
 //! constant angle or two come between ([`tilt`]).
-//! Every other body goes through the general shift. Bodies at equal depth come one after another, for they do not wait for each other;
+//! Of a body that slides P goes by constant angles too ([`slide`]); every other body, and all else of that one, goes through the general shift. Bodies at equal depth come one after another, for they do not wait for each other;
 //! M^-1 in closed form keeps to the order of the rows. Of one state, limbs of like build can go
 //! [side by side](limbs).
 

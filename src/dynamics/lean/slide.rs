@@ -1,7 +1,7 @@
 //! Bodies that slide: P on its way to the parent.
 //!
-//! What a turn does with its angle, a slide does with constants: its rotation is up to three constant angles, about z, about x and about z again,
-//! and the names of the parent's axes. Its row is the force along z, entry 5: with the halves of P exchanged that is entry 2, and past it the same zeros
+//! What a turn does with its angle, a slide does with constants: its rotation is names of axes, here and at the parent, and up to three constant angles between, about z, about x and
+//! about z again. Its row is the force along z, entry 5: with the halves of P exchanged that is entry 2, and past it the same zeros
 //! are left as past a turn's. Everything else of a slide goes the general way.
 
 use super::about_axis::AboutAxis;
@@ -13,7 +13,7 @@ use super::tilt::Tilt;
 use super::turn::{Axis, Turn, about, packed_to_parent};
 use crate::filter::riccati::Measured;
 use crate::scalar::Real;
-use nalgebra::{Matrix3, Vector6};
+use nalgebra::Vector6;
 
 /// The row of a slide.
 pub(super) const ALONG_Z: usize = 5;
@@ -30,17 +30,14 @@ pub(super) struct Slide<N> {
 }
 
 impl Slide<f64> {
-    /// Of the rotation from the body's frame to the parent's: none where that is no rotation, or brings z to none of the parent's axes and is not to be `tilted`.
-    pub fn of(rotation: &Matrix3<f64>, tilted: bool) -> Option<Self> {
-        let tilt = match AboutAxis::of(rotation) {
-            Some(about) => Tilt::along(about.axis, rotation[(about.axis.index(), 2)]),
-            None if tilted => AboutAxis::tilted(rotation)?.tilt?,
-            None => return None,
-        };
-        let AboutAxis { frame, offset, .. } = AboutAxis::of(&(tilt.matrix().transpose() * rotation))?;
-        let about_z = offset.unwrap_or([frame[(1, 0)], frame[(0, 0)]]);
-        let is_there = |[s, c]: [f64; 2]| s != 0.0 || c < 0.0;
-        Some(Self { about_z, turns: is_there(about_z), tilts: is_there(tilt.about_x), tilt })
+    /// Of a body whose frame is so named that nothing but the offset turns it about z.
+    pub fn of(about: &AboutAxis) -> Self {
+        Self {
+            about_z: about.offset.unwrap_or([0.0, 1.0]),
+            turns: about.offset.is_some(),
+            tilt: about.tilt.unwrap_or_else(|| Tilt::none(about.axis)),
+            tilts: about.tilt.is_some(),
+        }
     }
 }
 
@@ -105,6 +102,7 @@ pub(super) fn past_slide<T: Real>(noise: Noise<T>, p: &[T; 21]) -> (Measured<T>,
 #[cfg(test)]
 mod tests {
     use super::{ALONG_Z, Slide, past_slide};
+    use crate::dynamics::lean::about_axis::AboutAxis;
     use crate::dynamics::lean::carry::unpacked;
     use crate::dynamics::lean::row::Noise;
     use crate::dynamics::lean::turn::PACKED;
@@ -126,32 +124,41 @@ mod tests {
     }
 
     /// What constant angles make of P is what the shift makes of it: of directions along each of the parent's axes, to both sides, in a plane of two, and
-    /// in none, about which the frame is turned by nothing, by right angles and by others.
+    /// in none, about which the frame is turned by nothing, by right angles and by others. No more of the angles are there than it takes.
     #[test]
     fn what_slides_sends_what_its_shift_does() {
         let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
-        let rights = [0.0, FRAC_PI_2, PI, -FRAC_PI_2];
-        let straight = [(z, 0.0), (x, PI), (y, FRAC_PI_2), (x, FRAC_PI_2), (x, -FRAC_PI_2)];
-        let in_plane = [(y, -0.7), (x, 2.1), (x, -1.3)].map(|(axis, angle)| about(axis, angle));
-        let in_plane = in_plane.into_iter().chain([about(z, 0.4) * about(y, FRAC_PI_2)]);
+        let along = [about(z, 0.0), about(y, FRAC_PI_2), about(x, -FRAC_PI_2)].map(|bring| (bring, [false, false]));
+        let against = [about(x, PI), about(y, -FRAC_PI_2), about(x, FRAC_PI_2)].map(|bring| (bring, [true, false]));
+        let in_plane = [about(y, -0.7), about(x, 2.1), about(z, 0.4) * about(y, FRAC_PI_2)];
         let anywhere = [about(Vector3::new(0.3, -0.8, 0.5), 1.1), about(Vector3::new(-0.4, 0.2, 0.9), 2.9)];
-        let straight = straight.map(|(axis, angle)| (about(axis, angle), false)).into_iter();
-        let tilted = in_plane.chain(anywhere).map(|rotation| (rotation, true));
+        let (in_plane, anywhere) =
+            (in_plane.map(|bring| (bring, [true, false])), anywhere.map(|bring| (bring, [true, true])));
         let p: [f64; 21] = std::array::from_fn(wave);
-        for (bring, is_tilted) in straight.chain(tilted) {
-            for angle in rights.into_iter().chain([0.6, -2.2]) {
+        for (k, (bring, [tilts, turns_about_z])) in
+            [&along[..], &against, &in_plane, &anywhere].concat().into_iter().enumerate()
+        {
+            for (angle, turns) in [(0.0, false), (FRAC_PI_2, false), (PI, false), (0.6, true), (-2.2, true)] {
                 let rotation = bring * about(z, angle);
-                let slide = Slide::of(&rotation, true).expect("a rotation");
-                assert_eq!(Slide::of(&rotation, false).is_some(), !is_tilted, "{rotation}");
-                let shift = RigidShift { rotation, lever: Vector3::new(0.3, -0.2, 0.5) };
+                let found = AboutAxis::sliding(&rotation, true).expect("a rotation");
+                assert_eq!(AboutAxis::sliding(&rotation, false).is_some(), k < 6, "{rotation}");
+                let slide = Slide::of(&found);
+                // To none of the planes by the shortest way: there something is left to turn.
+                let expected = (tilts, turns_about_z, turns || k >= 9);
+                assert_eq!((slide.tilts, slide.tilt.turns_about_z, slide.turns), expected, "{rotation}");
+                let named = rotation * found.frame.transpose();
+                assert!(found.frame[(2, 2)] > 0.0, "it slides along z: {}", found.frame);
+                let shift = RigidShift { rotation: named, lever: Vector3::new(0.3, -0.2, 0.5) };
                 let sent = slide.at_parent(&p, shift.lever.into());
                 let (found, phi) = (unpacked(&sent).to_matrix(), shift.to_matrix());
                 let expected = phi * unpacked(&p).to_matrix() * phi.transpose();
                 assert!(near(&found, &expected), "{rotation} {slide:?}: {found} {expected}");
             }
         }
-        let no_rotation = Matrix3::new(1.0, 0.0, 1e-6, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
-        assert!(Slide::of(&no_rotation, true).is_none());
+        for bring in [Matrix3::identity(), about(x, PI), about(y, 0.4)] {
+            let no_rotation = bring * Matrix3::new(1.0, 0.0, 1e-6, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
+            assert!(AboutAxis::sliding(&no_rotation, true).is_none(), "{no_rotation}");
+        }
     }
 
     /// P^+ is what is left of P^- past the force along z, with noise and without.
@@ -167,11 +174,12 @@ mod tests {
             }
         }
         let hinge = HingeMap::<f64>::Axis(ALONG_Z).to_column();
-        for variance in [0.0, 0.7] {
-            let (m, after) = past_slide(Noise { variance, skips_zeros: variance == 0.0 }, &p);
+        for (variance, skips_zeros) in [(0.0, true), (0.0, false), (0.7, false)] {
+            let (m, after) = past_slide(Noise { variance, skips_zeros }, &p);
             let pivot = (hinge.transpose() * before * hinge)[(0, 0)] + variance;
             let gain = before * hinge / pivot;
-            assert!((m.pivot - pivot).abs() <= 1e-15 * pivot && (m.gain - gain).norm() <= 1e-15, "{m:?}");
+            assert!((m.pivot - pivot).abs() <= 1e-15 * pivot && (m.pivot_inverse * pivot - 1.0).abs() <= 1e-15);
+            assert!((m.gain - gain).norm() <= 1e-15, "{m:?}");
             let expected = before - gain * pivot * gain.transpose();
             assert!(near(&unpacked(&after).to_matrix(), &expected), "{variance}: {expected}");
         }

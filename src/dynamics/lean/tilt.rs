@@ -31,9 +31,14 @@ impl Tilt<f64> {
         Self { axis, about_x: [across / length, z / length], about_z: [x / across, -y / across], turns_about_z: true }
     }
 
-    /// One that leaves z on this axis, or has it point the other way.
-    pub fn along(axis: Axis, sense: f64) -> Self {
-        Self { axis, about_x: [0.0, sense.signum()], about_z: [0.0, 1.0], turns_about_z: false }
+    /// One that brings z to this axis and against it.
+    pub fn against(axis: Axis) -> Self {
+        Self { axis, about_x: [0.0, -1.0], about_z: [0.0, 1.0], turns_about_z: false }
+    }
+
+    /// One that does nothing but to have z on this axis.
+    pub fn none(axis: Axis) -> Self {
+        Self { axis, about_x: [0.0, 1.0], about_z: [0.0, 1.0], turns_about_z: false }
     }
 
     /// As a matrix.

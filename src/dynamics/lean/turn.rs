@@ -39,11 +39,6 @@ impl Axis {
         [Self::X, Self::Y, Self::Z][index]
     }
 
-    /// 0 to 2.
-    pub fn index(self) -> usize {
-        about!(self, X, Y, Z, [X, Y, Z])[2]
-    }
-
     /// The rotation from the turn's frame to its parent's.
     pub fn rotation(self) -> Matrix3<f64> {
         let mut rotation = Matrix3::zeros();

@@ -66,7 +66,7 @@ pub(crate) fn hand_over<T: Real>(
         let k = body.index;
         // Frames here need not be the model's.
         workspace.shift[k] = joint_shift(&model.bodies[k], q);
-        if let Carrier::Turn(_) = body.carrier {
+        if matches!(body.carrier, Carrier::Turn(_)) || body.slide.is_some() {
             // About the model's z, which may point the other way.
             let gain = &mut workspace.measured[body.row].gain;
             let sense = gain[0].everywhere(body.sense);
