@@ -42,9 +42,7 @@ impl AboutAxis {
             Some(Self { axis, tilt: Some(tilt), frame, offset })
         })
     }
-}
 
-impl AboutAxis {
     /// The same for a joint that slides along z, which has no other sense: where z points against an axis, it is tilted by half a turn. To any direction if it may be
     /// `tilted`.
     pub fn sliding(rotation: &Matrix3<f64>, tilted: bool) -> Option<Self> {

@@ -127,39 +127,49 @@ fn take_lane<'a, 'b>(
     }
 }
 
-/// The tilts of these bodies, a lane each: the first one's is at `first`.
-fn tilt_of(whole: &LeanModel<Limbs>, bodies: &Places, first: usize) -> Tilt<Limbs> {
-    let mut all = whole.tilts[first];
+/// What each of these bodies has, in its lane: of those that have it.
+fn in_each_lane<X>(
+    bodies: &Places,
+    mut all: X,
+    of: impl Fn(usize) -> Option<X>,
+    take: impl Fn(usize, &mut X, &mut X),
+) -> X {
     for (lane, &body) in bodies.iter().enumerate() {
-        let Carrier::Turn(Axle::Tilted(at)) = whole.bodies[body].carrier else { continue };
-        let mut own = whole.tilts[at];
-        take_lane(lane, all.numbers_mut(), own.numbers_mut());
+        if let Some(mut own) = of(body) {
+            take(lane, &mut all, &mut own);
+        }
     }
     all
+}
+
+/// The tilts of these bodies, a lane each: the first one's is at `first`.
+fn tilt_of(whole: &LeanModel<Limbs>, bodies: &Places, first: usize) -> Tilt<Limbs> {
+    let of = |body: usize| match whole.bodies[body].carrier {
+        Carrier::Turn(Axle::Tilted(at)) => Some(whole.tilts[at]),
+        _ => None,
+    };
+    in_each_lane(bodies, whole.tilts[first], of, |lane, all, own| take_lane(lane, all.numbers_mut(), own.numbers_mut()))
 }
 
 /// How these bodies slide, a lane each: the first one does as at `first`. An angle that only some have is none in the others.
 fn slide_of(whole: &LeanModel<Limbs>, bodies: &Places, first: usize) -> Slide<Limbs> {
-    let mut all = whole.slides[first];
-    for (lane, &body) in bodies.iter().enumerate() {
-        let Some(at) = whole.bodies[body].slide else { continue };
-        let mut own = whole.slides[at];
+    let of = |body: usize| whole.bodies[body].slide.map(|at| whole.slides[at]);
+    in_each_lane(bodies, whole.slides[first], of, |lane, all, own| {
         take_lane(lane, all.numbers_mut(), own.numbers_mut());
         (all.turns, all.tilts) = (all.turns || own.turns, all.tilts || own.tilts);
-    }
-    all
+    })
 }
 
 /// What shifts these bodies, a lane each: the first one's is at `first`, their coordinates begin at `q`.
 fn shift_of(whole: &LeanModel<Limbs>, bodies: &Places, (first, q): (usize, usize)) -> Body<Limbs> {
-    let mut all = Body { q, ..whole.shifting[first] };
-    for (lane, &body) in bodies.iter().enumerate() {
-        let Carrier::Shift(at) = whole.bodies[body].carrier else { continue };
-        let (mut own, to) = (whole.shifting[at].tree, &mut all.tree);
-        take_lane(lane, to.rotation.iter_mut(), own.rotation.iter_mut());
-        take_lane(lane, to.lever.iter_mut(), own.lever.iter_mut());
-    }
-    all
+    let of = |body: usize| match whole.bodies[body].carrier {
+        Carrier::Shift(at) => Some(whole.shifting[at]),
+        Carrier::Turn(_) => None,
+    };
+    in_each_lane(bodies, Body { q, ..whole.shifting[first] }, of, |lane, all, own| {
+        take_lane(lane, all.tree.rotation.iter_mut(), own.tree.rotation.iter_mut());
+        take_lane(lane, all.tree.lever.iter_mut(), own.tree.lever.iter_mut());
+    })
 }
 
 /// The bodies of `model` in the lanes of those of `first`.

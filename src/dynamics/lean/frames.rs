@@ -106,12 +106,6 @@ mod tests {
         Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
     }
 
-    #[allow(clippy::unnecessary_wraps)] // as links have it
-    fn inertial() -> Option<Inertial> {
-        let central = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
-        Some(Inertial { mass: 1.0, centre: [0.1, 0.2, 0.3].into(), central })
-    }
-
     /// How a joint about an axis of a frame turned so is carried.
     #[derive(Debug, PartialEq)]
     enum Kind {
@@ -121,22 +115,33 @@ mod tests {
         Shift,
     }
 
-    /// Of such a joint, its offset, and by how much what it is made of differs from what it is.
-    fn of(rotation: Matrix3<f64>, axis: Vector3<f64>) -> (Kind, Option<[f64; 2]>, f64) {
-        let mut joint = JointDescription::new("joint", JointKind::Revolute, "base", "link");
-        joint.origin.rotation = rotation;
-        joint.axis = axis;
+    /// The frames of a body on a joint about or along an axis of a frame turned so, and the rotation that the model has there.
+    fn framed(
+        kind: JointKind,
+        (rotation, axis): (Matrix3<f64>, Vector3<f64>),
+        omissions: Omissions,
+    ) -> (Framed, Matrix3<f64>) {
+        let mut joint = JointDescription::new("joint", kind, "base", "link");
+        (joint.origin.rotation, joint.axis) = (rotation, axis);
+        let central = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+        let inertial = Some(Inertial { mass: 1.0, centre: [0.1, 0.2, 0.3].into(), central });
         let scene = SceneBuilder::new()
+            .omissions(omissions)
             .link(LinkDescription { name: "base".into(), inertial: None })
-            .link(LinkDescription { name: "link".into(), inertial: inertial() })
+            .link(LinkDescription { name: "link".into(), inertial })
             .joint(joint)
             .build()
             .expect("a scene");
-        let framed = Framed::of(scene.model());
+        (Framed::of(scene.model()), scene.model().bodies[0].tree.rotation)
+    }
+
+    /// Of such a joint, its offset, and by how much what it is made of differs from what it is.
+    fn of(rotation: Matrix3<f64>, axis: Vector3<f64>) -> (Kind, Option<[f64; 2]>, f64) {
+        let (framed, given) = framed(JointKind::Revolute, (rotation, axis), Omissions::all());
         let [s, c] = framed.offsets[0].unwrap_or([0.0, 1.0]);
         let about_z = Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0);
         let made = framed.bodies[0].tree.rotation * about_z * framed.from_model[0];
-        let off = (made - scene.model().bodies[0].tree.rotation).amax();
+        let off = (made - given).amax();
         let kind = match framed.carriers[0] {
             Carrier::Shift(_) => Kind::Shift,
             Carrier::Turn(Axle::Straight(_)) => Kind::Plain,
@@ -216,19 +221,10 @@ mod tests {
             (rpy(0.3, -0.2, 1.1), Vector3::x(), true),
         ] {
             for (omissions, is_there) in [(all, true), (untilted, !is_tilted), (unnamed, false)] {
-                let mut joint = JointDescription::new("joint", JointKind::Prismatic, "base", "link");
-                (joint.origin.rotation, joint.axis) = (rotation, axis);
-                let scene = SceneBuilder::new()
-                    .omissions(Omissions { planar: false, ..omissions })
-                    .link(LinkDescription { name: "base".into(), inertial: None })
-                    .link(LinkDescription { name: "link".into(), inertial: inertial() })
-                    .joint(joint)
-                    .build()
-                    .expect("a scene");
-                let framed = Framed::of(scene.model());
+                let (framed, given) = framed(JointKind::Prismatic, (rotation, axis), omissions);
                 assert_eq!((framed.slide_at[0], framed.slides.len()), (is_there.then_some(0), usize::from(is_there)));
                 let made = framed.bodies[0].tree.rotation * framed.from_model[0];
-                assert!((made - scene.model().bodies[0].tree.rotation).amax() <= 4.0 * f64::EPSILON);
+                assert!((made - given).amax() <= 4.0 * f64::EPSILON);
                 assert!(is_there || framed.from_model[0] == Matrix3::identity(), "{}", framed.from_model[0]);
             }
         }

@@ -133,12 +133,11 @@ pub(super) struct TiltedTurn<T> {
 impl<T: Real> TiltedTurn<T> {
     #[inline(always)]
     pub fn new(turn: Turn<T>, tilt: &Tilt<T::Parameter>) -> Self {
-        let (like, [sx, cx], [sz, cz]) = (turn.s, tilt.about_x, tilt.about_z);
         Self {
             turn,
             axis: tilt.axis,
-            about_x: Turn { s: like.everywhere(sx), c: like.everywhere(cx) },
-            about_z: Turn { s: like.everywhere(sz), c: like.everywhere(cz) },
+            about_x: Turn::everywhere(turn.s, tilt.about_x),
+            about_z: Turn::everywhere(turn.s, tilt.about_z),
             turns_about_z: tilt.turns_about_z,
         }
     }

@@ -57,16 +57,15 @@ impl<N: Copy> Slide<N> {
     /// R P R*, in the parent's frame.
     #[inline(always)]
     fn covariance<T: Real<Parameter = N>>(&self, p: &[T; 21]) -> [T; 21] {
-        let turn = |[s, c]: [N; 2]| Turn { s: p[0].everywhere(s), c: p[0].everywhere(c) };
-        let mut p = *p;
+        let (like, mut p) = (p[0], *p);
         if self.turns {
-            p = turn(self.about_z).covariance(&p);
+            p = Turn::everywhere(like, self.about_z).covariance(&p);
         }
         if self.tilts {
-            p = about_x(turn(self.tilt.about_x), &p);
+            p = about_x(Turn::everywhere(like, self.tilt.about_x), &p);
         }
         if self.tilt.turns_about_z {
-            p = turn(self.tilt.about_z).covariance(&p);
+            p = Turn::everywhere(like, self.tilt.about_z).covariance(&p);
         }
         about!(self.tilt.axis, X, Y, Z, packed_to_parent::<T, X, Y, Z>(&p))
     }

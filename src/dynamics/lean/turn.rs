@@ -179,6 +179,12 @@ pub(super) struct Turn<T> {
 }
 
 impl<T: Real> Turn<T> {
+    /// By a constant angle, in every lane.
+    #[inline(always)]
+    pub fn everywhere(like: T, [s, c]: [T::Parameter; 2]) -> Self {
+        Self { s: like.everywhere(s), c: like.everywhere(c) }
+    }
+
     /// A turn by another angle after this one, given by its sine and cosine.
     #[inline(always)]
     pub fn and(self, [s, c]: [T; 2]) -> Self {
