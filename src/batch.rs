@@ -7,6 +7,7 @@
 
 #[cfg(target_arch = "x86_64")]
 mod abreast;
+mod accuracy;
 pub mod arms;
 pub mod chunk;
 mod compiled;

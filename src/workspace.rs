@@ -1,5 +1,6 @@
 //! Every per-body array of the sweeps, allocated once.
 
+use crate::dynamics::Accuracy;
 use crate::filter::cancellation::weight;
 use crate::filter::pivots::{Evidence, LostPivot, PivotMonitor, Scale, first_lost};
 use crate::filter::riccati::{Covariances, Measured};
@@ -28,11 +29,17 @@ pub struct Workspace<T: Real> {
     pub form: Form,
     /// What was not plain sailing, since this workspace was made.
     pub tally: Tally,
+    /// Whether forward dynamics is to estimate its error in each form that can, which takes the square-root form half as long again.
+    pub estimates_error: bool,
+    /// What the last forward dynamics found of its own accuracy, in lane 0.
+    pub accuracy: Accuracy,
     pub(crate) shift: Vec<RigidShift<T>>,
     pub(crate) velocity: Vec<Vector6<T>>,
     pub(crate) acceleration: Vec<Vector6<T>>,
     /// b(k), then z^-(k), then z^+(k); in inverse dynamics the whole force.
     pub(crate) z: Vec<Vector6<T>>,
+    /// b(k), where the digits are watched.
+    pub(crate) bias: Vec<Vector6<T>>,
     pub(crate) co_state: Vec<Vector6<T>>,
     /// Bounds on the terms that form P^-(k).
     pub(crate) scale: Vec<Scale<T>>,
@@ -57,7 +64,7 @@ pub struct Workspace<T: Real> {
 }
 
 impl<T: Real> Workspace<T> {
-    /// Scratch for `model`, about 0.9 kB a body in f64.
+    /// Scratch for `model`, about 1 kB a body in f64.
     pub fn new(model: &Model<T>) -> Self {
         let nan = T::from_f64(f64::NAN);
         let bodies = model.bodies.len();
@@ -65,10 +72,13 @@ impl<T: Real> Workspace<T> {
         Self {
             form: Form::default(),
             tally: Tally::default(),
+            estimates_error: false,
+            accuracy: Accuracy::unknown(Form::default()),
             shift: vec![RigidShift::filled(nan); bodies],
             velocity: vectors(),
             acceleration: vectors(),
             z: vectors(),
+            bias: vectors(),
             co_state: vectors(),
             scale: vec![Scale::filled(nan); bodies],
             terms: vectors(),

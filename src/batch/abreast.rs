@@ -16,6 +16,8 @@ pub(super) struct SideBySide {
     arguments: [Vec<Limbs>; 3],
     wrenches: Vec<Vector6<Limbs>>,
     results: Vec<Limbs>,
+    /// What form `auto` estimates its error to be, where these kernels gave the last result.
+    error: Option<f64>,
     one_by_one: Box<dyn Chunks<f64>>,
 }
 
@@ -32,6 +34,7 @@ impl SideBySide {
             arguments: [zeros(nq), zeros(nv), zeros(nv)],
             wrenches: Vec::new(),
             results: zeros(nv),
+            error: None,
             scene: abreast,
             one_by_one,
         })
@@ -59,7 +62,13 @@ impl SideBySide {
                 return 0;
             }
         }
+        self.error = None;
         self.one_by_one.run(algorithm, states, out)
+    }
+
+    /// As [`Chunks::error`].
+    pub fn error(&self) -> f64 {
+        self.error.unwrap_or_else(|| self.one_by_one.error(0))
     }
 
     /// Forces on bodies; none at all where there are none.
@@ -107,7 +116,7 @@ impl Work for Run<'_> {
 
     #[inline(always)]
     fn call(self) -> bool {
-        let SideBySide { scene, quaternions, arguments, wrenches, results, .. } = self.kernels;
+        let SideBySide { scene, quaternions, arguments, wrenches, results, error, .. } = self.kernels;
         let Abreast { model, lean, scratch, coordinates, rows, of_state, .. } = scene;
         let [q, qd, u] = arguments;
         gather(q, coordinates, self.state.q);
@@ -117,7 +126,8 @@ impl Work for Run<'_> {
         let scene = (&*model, &*lean);
         let kept = match self.algorithm {
             Algorithm::ForwardDynamics(Form::Auto) => {
-                auto::forward_dynamics_seen_abreast(scene, scratch, numbers, wrenches, results)
+                *error = auto::forward_dynamics_seen_abreast(scene, scratch, numbers, wrenches, results);
+                error.is_some()
             }
             Algorithm::ForwardDynamics(Form::SquareRoot) => {
                 let (pivots, reach) =
@@ -171,6 +181,10 @@ mod tests {
 
         fn run(&mut self, _: Algorithm, _: &[Arguments<'_>], _: &mut [f64]) -> u64 {
             u64::MAX
+        }
+
+        fn error(&self, _: usize) -> f64 {
+            f64::NAN
         }
     }
 

@@ -10,7 +10,9 @@ use crate::scalar::{Instructions, Lanes};
 #[cfg(target_arch = "aarch64")]
 use pulp::aarch64::Neon;
 #[cfg(target_arch = "x86_64")]
-use pulp::x86::{V3, V4};
+use pulp::x86::V3;
+#[cfg(all(target_arch = "x86_64", feature = "avx512"))]
+use pulp::x86::V4;
 use std::sync::OnceLock;
 
 /// The variable that forces an arm: "baseline", "avx2", "avx512" or "neon".
@@ -50,14 +52,14 @@ impl Arm {
         }
     }
 
-    /// Whether this processor can run it.
+    /// Whether this processor can run it, and it was compiled: [`Arm::Avx512`] needs the feature `avx512`.
     #[must_use]
     pub fn available(self) -> bool {
         match self {
             Self::Baseline => true,
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => V3::try_new().is_some(),
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
             Self::Avx512 => V4::try_new().is_some(),
             #[cfg(target_arch = "aarch64")]
             Self::Neon => Neon::try_new().is_some(),

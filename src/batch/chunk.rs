@@ -51,6 +51,9 @@ pub trait Chunks<P>: Send + Sync {
     /// Runs `algorithm` on one state or more, at most as many as there are lanes, of equal shapes; results one after another in
     /// `out`. Gives the lanes in doubt as bits; their results mean nothing.
     fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
+
+    /// The estimated error of the largest acceleration of one lane of the last run of forward dynamics in form `auto`, in its unit.
+    fn error(&self, lane: usize) -> f64;
 }
 
 /// A planar scene's numbers in the plane, and scratch for them.
@@ -72,6 +75,8 @@ pub struct Chunk<T: Vectorised> {
     arguments: [Vec<T>; 3],
     wrenches: Vec<Vector6<T>>,
     results: Vec<T>,
+    /// What form `auto` estimates its error to be.
+    error: T,
 }
 
 impl<T: Vectorised> Chunk<T> {
@@ -101,6 +106,7 @@ impl<T: Vectorised> Chunk<T> {
             arguments,
             wrenches,
             results,
+            error: T::from_f64(f64::NAN),
         }
     }
 }
@@ -110,6 +116,12 @@ impl<T: Vectorised> Chunk<T> {
     #[must_use]
     pub fn lanes(&self) -> usize {
         T::LANES
+    }
+
+    /// As [`Chunks::error`].
+    #[must_use]
+    pub fn error(&self, lane: usize) -> f64 {
+        self.error.lane(lane)
     }
 
     /// As [`Chunks::run`], for these instructions; all that the scalar needs becomes part of whatever calls it.
@@ -285,6 +297,7 @@ impl<T: Vectorised, const GROUP: u8> Work for Run<'_, T, GROUP> {
             arguments,
             wrenches,
             results,
+            error,
         } = chunk;
         let [q, qd, u] = arguments;
         // Lanes without a state of their own repeat the last.
@@ -313,7 +326,7 @@ impl<T: Vectorised, const GROUP: u8> Work for Run<'_, T, GROUP> {
                 planar::run(algorithm, model, scratch, (q, qd, u), wrenches, results)
             } else {
                 let scratch = (&mut *lean_scratch, &mut *lean_columns, workspace);
-                compute::<T, GROUP>(algorithm, scene, scratch, (q, qd, u), wrenches, (to, results))
+                compute::<T, GROUP>(algorithm, scene, scratch, (q, qd, u), wrenches, (to, results, error))
             };
         }
         if let Some(entries) = entries_of::<T, GROUP>(algorithm, scene, lean_columns, mass_columns) {
@@ -354,7 +367,7 @@ fn compute<T: Vectorised, const GROUP: u8>(
     (scratch, columns, workspace): (&mut LeanScratch<T>, &mut LeanColumns<T, T::Columns>, &mut Workspace<T>),
     (q, qd, u): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
-    (entries, results): (&mut [Entry<T>], &mut [T]),
+    (entries, results, error): (&mut [Entry<T>], &mut [T], &mut T),
 ) -> u64 {
     let scene = (model, lean);
     match algorithm {
@@ -366,6 +379,7 @@ fn compute<T: Vectorised, const GROUP: u8>(
                 wrenches,
                 results,
             );
+            *error = watched.error();
             lanes_but::<T>(|lane| watched.kept(lane))
         }
         Algorithm::ForwardDynamics(Form::SquareRoot) if GROUP == ACCELERATIONS && T::Number::SQUARE_ROOT => {

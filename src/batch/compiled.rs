@@ -6,7 +6,9 @@
 #[cfg(target_arch = "aarch64")]
 use pulp::aarch64::Neon;
 #[cfg(target_arch = "x86_64")]
-use pulp::x86::{V3, V4};
+use pulp::x86::V3;
+#[cfg(all(target_arch = "x86_64", feature = "avx512"))]
+use pulp::x86::V4;
 
 macro_rules! compiled {
     ($module:ident, $scalar:ty) => {
@@ -33,6 +35,10 @@ macro_rules! compiled {
 
                 fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, Number>], out: &mut [Number]) -> u64 {
                     self.0.run(self.1, algorithm, states, out)
+                }
+
+                fn error(&self, lane: usize) -> f64 {
+                    self.0.error(lane)
                 }
             }
 
@@ -66,6 +72,10 @@ macro_rules! side_by_side {
                 fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
                     self.0.run(self.1, algorithm, states, out)
                 }
+
+                fn error(&self, _: usize) -> f64 {
+                    self.0.error()
+                }
             }
 
             /// The kernels for `scene`, with scratch; those without limbs side by side where it has none that can be, or the processor not
@@ -84,21 +94,21 @@ macro_rules! side_by_side {
 compiled!(plain, f64);
 compiled!(fused, Fused);
 // The same numbers, in twice as many registers.
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 compiled!(fused_avx512, Fused, V4);
 #[cfg(target_arch = "x86_64")]
 side_by_side!(limbs, V3);
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 side_by_side!(limbs_avx512, V4);
 #[cfg(target_arch = "x86_64")]
 compiled!(avx2, Lanes<V3>);
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 compiled!(avx512, Lanes<V4>);
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", feature = "float32"))]
 compiled!(avx2_f32, Lanes<V3, f32>);
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", feature = "float32", feature = "avx512"))]
 compiled!(avx512_f32, Lanes<V4, f32>);
 #[cfg(target_arch = "aarch64")]
 compiled!(neon, Lanes<Neon>);
-#[cfg(target_arch = "aarch64")]
+#[cfg(all(target_arch = "aarch64", feature = "float32"))]
 compiled!(neon_f32, Lanes<Neon, f32>);

@@ -4,8 +4,10 @@ use super::Fault;
 use super::arms::Arm;
 use super::chunk::{Algorithm, Arguments, Chunks};
 use super::compiled;
+use crate::dynamics::Accuracy;
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::error::Error;
+use crate::filter::Form;
 use crate::scalar::Precision;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
@@ -16,8 +18,8 @@ use crate::workspace::Workspace;
 /// any neighbours, but for the sign of a zero.
 pub struct Evaluator<P = f64> {
     arm: Arm,
-    kernels: Kernels<P>,
-    checked: Checked,
+    pub(super) kernels: Kernels<P>,
+    pub(super) checked: Checked,
 }
 
 /// The compiled kernels of one arm; a state for which there are none is done by the checked method.
@@ -38,21 +40,22 @@ impl Evaluated for f64 {
     fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self> {
         let one = match arm {
             Arm::Baseline => compiled::plain::kernels(scene),
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
             Arm::Avx512 => {
                 compiled::fused_avx512::kernels(scene).map(|one| compiled::limbs_avx512::kernels(scene, one))
             }
             #[cfg(target_arch = "x86_64")]
             Arm::Avx2 => compiled::fused::kernels(scene).map(|one| compiled::limbs::kernels(scene, one)),
-            #[cfg(target_arch = "x86_64")]
-            Arm::Neon => None,
             #[cfg(not(target_arch = "x86_64"))]
-            Arm::Avx2 | Arm::Avx512 | Arm::Neon => compiled::fused::kernels(scene),
+            Arm::Avx2 | Arm::Neon => compiled::fused::kernels(scene),
+            // Not compiled, so never picked.
+            #[allow(unreachable_patterns)]
+            _ => None,
         };
         let many = match arm {
             #[cfg(target_arch = "x86_64")]
             Arm::Avx2 => compiled::avx2::kernels(scene),
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
             Arm::Avx512 => compiled::avx512::kernels(scene),
             #[cfg(target_arch = "aarch64")]
             Arm::Neon => compiled::neon::kernels(scene),
@@ -67,11 +70,11 @@ impl Evaluated for f32 {
     #[allow(unused_variables)] // where there are no lanes
     fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self> {
         let many = match arm {
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", feature = "float32"))]
             Arm::Avx2 => compiled::avx2_f32::kernels(scene),
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", feature = "float32", feature = "avx512"))]
             Arm::Avx512 => compiled::avx512_f32::kernels(scene),
-            #[cfg(target_arch = "aarch64")]
+            #[cfg(all(target_arch = "aarch64", feature = "float32"))]
             Arm::Neon => compiled::neon_f32::kernels(scene),
             _ => None,
         };
@@ -80,11 +83,23 @@ impl Evaluated for f32 {
 }
 
 /// What a state in doubt is done again with, in f64.
-struct Checked {
-    workspace: Workspace<f64>,
+pub(super) struct Checked {
+    pub(super) workspace: Workspace<f64>,
     inverse: Option<InverseScratch<f64>>,
     /// Results that are to be rounded.
     results: Vec<f64>,
+}
+
+impl Checked {
+    /// Of the accelerations that it has just given, which may have been rounded once more.
+    fn accuracy<P: Precision>(&self, rounded: &[P]) -> Accuracy {
+        let mut accuracy = self.workspace.accuracy;
+        if P::EPSILON > f64::EPSILON {
+            let largest = rounded.iter().fold(0.0_f64, |largest, a| largest.max(a.widened().abs()));
+            accuracy.error += 0.5 * P::EPSILON * largest;
+        }
+        accuracy
+    }
 }
 
 impl<P: Evaluated> std::fmt::Debug for Evaluator<P> {
@@ -138,6 +153,20 @@ impl<P: Evaluated> Evaluator<P> {
     }
 }
 
+impl<P> Kernels<P> {
+    /// Of one lane, after a run of so many states in form `auto`.
+    #[inline]
+    pub(super) fn accuracy(&self, states: usize, lane: usize) -> Accuracy {
+        let kernels = match (&self.one, &self.many) {
+            (Some(one), _) if states == 1 => one,
+            (_, Some(many)) => many,
+            (Some(one), None) => one,
+            (None, None) => return Accuracy::unknown(Form::Covariance),
+        };
+        Accuracy { error: kernels.error(lane), ..Accuracy::unknown(Form::Covariance) }
+    }
+}
+
 impl Scene {
     /// Scratch for [`Scene::evaluate`]; one for each thread.
     #[must_use]
@@ -171,6 +200,19 @@ impl Scene {
         states: &[Arguments<'_, P>],
         out: &mut [P],
     ) -> Result<(), Fault> {
+        self.evaluate_each(evaluator, algorithm, states, out, |_, _| {})
+    }
+
+    /// The same; `found` is called with the index of each state and what is known of its accuracy, which only form `auto` tells.
+    #[inline]
+    pub(super) fn evaluate_each<P: Evaluated>(
+        &self,
+        evaluator: &mut Evaluator<P>,
+        algorithm: Algorithm,
+        states: &[Arguments<'_, P>],
+        out: &mut [P],
+        mut found: impl FnMut(usize, Accuracy),
+    ) -> Result<(), Fault> {
         let width = self.width(algorithm);
         if out.len() != width * states.len() {
             let error = Error::Shape {
@@ -183,23 +225,29 @@ impl Scene {
         if let [state] = states {
             // Without the divisions and the loops of many.
             if self.fits(algorithm, state) && evaluator.run(algorithm, states, out) & 1 == 0 {
+                found(0, evaluator.kernels.accuracy(1, 0));
                 return Ok(());
             }
-            return self
-                .evaluate_checked(&mut evaluator.checked, algorithm, state, out)
-                .map_err(|error| Fault { state: 0, error });
+            self.evaluate_checked(&mut evaluator.checked, algorithm, state, out)
+                .map_err(|error| Fault { state: 0, error })?;
+            found(0, evaluator.checked.accuracy(out));
+            return Ok(());
         }
         let lanes = evaluator.lanes();
         for (i, (states, out)) in states.chunks(lanes).zip(out.chunks_mut((width * lanes).max(1))).enumerate() {
             let fits = states.iter().all(|state| self.fits(algorithm, state));
             let mut doubt = if fits { evaluator.run(algorithm, states, out) } else { u64::MAX };
             doubt &= u64::MAX >> (64 - states.len());
+            for lane in (0..states.len()).filter(|lane| doubt >> lane & 1 == 0) {
+                found(i * lanes + lane, evaluator.kernels.accuracy(states.len(), lane));
+            }
             while doubt != 0 {
                 let lane = doubt.trailing_zeros() as usize;
                 doubt &= doubt - 1;
                 let out = &mut out[lane * width..(lane + 1) * width];
                 self.evaluate_checked(&mut evaluator.checked, algorithm, &states[lane], out)
                     .map_err(|error| Fault { state: i * lanes + lane, error })?;
+                found(i * lanes + lane, evaluator.checked.accuracy(out));
             }
         }
         Ok(())
@@ -229,7 +277,7 @@ impl Scene {
 
     /// One state by the checked method, in f64.
     #[cold]
-    fn evaluate_checked<P: Evaluated>(
+    pub(super) fn evaluate_checked<P: Evaluated>(
         &self,
         scratch: &mut Checked,
         algorithm: Algorithm,

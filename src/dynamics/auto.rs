@@ -1,12 +1,13 @@
 //! Forward dynamics in covariance form, watched; in square-root form, judged, where the covariance form lost digits; and with
 //! twice the digits where that is in doubt too.
 
+use super::accuracy::Accuracy;
 use super::forces::Motion;
 use super::forward::{covariances_of_noise, forces_base_to_tip};
 use super::forward_root;
 use super::lean::{self, LeanModel, LeanScratch};
 use super::refined::{Judged, forward_dynamics_judged};
-use crate::filter::cancellation::{self, CANCELLATION_MARGIN, CLOSE_MARGIN, Cancellation, Probe};
+use crate::filter::cancellation::{self, Cancellation, Margins, Probe};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{Form, System, innovations, smoother, terms};
 #[cfg(target_arch = "x86_64")]
@@ -63,11 +64,27 @@ pub fn forward_dynamics_auto<T: Real>(
     let without_root = !kept && model.inertia_roots.iter().any(Option::is_none);
     if kept || without_root {
         workspace.tally.in_doubt += usize::from(without_root);
+        workspace.accuracy = Accuracy { form: Form::Covariance, doubled: false, error: cancellation.error().lane(0) };
         return Choice { form: Form::Covariance, pivots, cancellation, judged: None, without_root };
     }
     workspace.tally.square_root += 1;
     let judged = forward_dynamics_judged(model, workspace, q, qd, tau, wrenches, qdd);
     Choice { form: Form::SquareRoot, pivots: judged.pivots, cancellation, judged: Some(judged), without_root }
+}
+
+/// The covariance form, whatever it lost, with its estimated error in the workspace.
+pub(super) fn forward_dynamics_estimated<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    q: &[T],
+    qd: &[T],
+    tau: &[T],
+    wrenches: &[Vector6<T>],
+    qdd: &mut [T],
+) -> PivotMonitor<T> {
+    let watched = forward_dynamics_watched(model, workspace, (q, qd, tau), wrenches, qdd);
+    workspace.accuracy = Accuracy { form: Form::Covariance, doubled: false, error: watched.error().lane(0) };
+    watched.pivots
 }
 
 /// The factor of M, with phi already in the workspace: in covariance form, and where that lost digits in square-root form.
@@ -101,13 +118,15 @@ fn watch_factor<T: Real>(
     for k in (0..system.stages.len()).rev() {
         watched_step(system, k, workspace, &mut pivots, &mut seen);
     }
-    let Workspace { shift, measured, terms, z, co_state, velocity, weights, probe, estimates, .. } = &mut *workspace;
+    let Workspace { shift, measured, terms, z, bias, co_state, velocity, weights, probe, estimates, .. } =
+        &mut *workspace;
+    bias.fill(zero);
     z.fill(zero);
     innovations::sweep(system, shift, measured, &weights[nv..], z, estimates);
     velocity.fill(zero);
     innovations::sweep(system, shift, measured, &weights[..nv], velocity, probe);
-    let mut both = Probe { shift, measured, terms, z, innovations: probe, co_state: velocity };
-    Watched::with_two_sets(pivots, cancellation::sweep(system, &mut both, co_state, estimates))
+    let mut both = Probe { shift, measured, terms, z, bias, innovations: probe, co_state: velocity };
+    Watched::of_a_factor(pivots, cancellation::sweep(system, &mut both, co_state, estimates))
 }
 
 /// The terms of M(k), from which the bounds of P^-(k) are summed up.
@@ -151,13 +170,20 @@ impl<T: Real> Watched<T> {
     /// What one set of weights saw of the right side: nothing, of a pivot that is not `near` the bound of its terms.
     #[inline(always)]
     fn with_one_set(pivots: PivotMonitor<T>, near: PivotMonitor<T>, cancellation: Cancellation<T>) -> Self {
-        Self { pivots, cancellation, slack: cancellation.slack(CLOSE_MARGIN).worst(near.margin()), clear_before: 0 }
+        let slack = cancellation.slack(&Margins::CLOSE).worst(near.margin());
+        Self { pivots, cancellation, slack, clear_before: 0 }
     }
 
-    /// What one set of weights saw of another.
+    /// What one set of weights saw of another, where there is no right side.
     #[inline(always)]
-    fn with_two_sets(pivots: PivotMonitor<T>, cancellation: Cancellation<T>) -> Self {
-        Self { pivots, cancellation, slack: cancellation.slack(CANCELLATION_MARGIN), clear_before: 0 }
+    fn of_a_factor(pivots: PivotMonitor<T>, cancellation: Cancellation<T>) -> Self {
+        Self { pivots, cancellation, slack: cancellation.slack(&Margins::OF_A_FACTOR), clear_before: 0 }
+    }
+
+    /// The estimated error of the largest acceleration, in its unit.
+    #[inline(always)]
+    pub fn error(&self) -> T {
+        self.cancellation.error()
     }
 
     /// Whether one lane kept its digits.
@@ -195,6 +221,7 @@ pub(crate) fn forward_dynamics_watched<T: Real>(
     // Velocities have become forces by now; their place is the probe's.
     workspace.velocity.fill(crate::spatial::zero());
     terms_of_noise(model, workspace);
+    workspace.bias.copy_from_slice(&workspace.z);
     let system = &model.system;
     let (mut pivots, mut near) = (PivotMonitor::new(), PivotMonitor::for_a_single_look());
     for k in (0..system.stages.len()).rev() {
@@ -204,8 +231,8 @@ pub(crate) fn forward_dynamics_watched<T: Real>(
         innovations::step(system, k, shift, measured, tau, z, qdd);
         innovations::step(system, k, shift, measured, weights, velocity, probe);
     }
-    let Workspace { shift, measured, terms, z, co_state, velocity, probe, .. } = workspace;
-    let mut probe = Probe { shift, measured, terms, z, innovations: probe, co_state: velocity };
+    let Workspace { shift, measured, terms, z, bias, co_state, velocity, probe, .. } = &mut *workspace;
+    let mut probe = Probe { shift, measured, terms, z, bias, innovations: probe, co_state: velocity };
     let cancellation = cancellation::sweep(system, &mut probe, co_state, qdd);
     let watched = Watched::with_one_set(pivots, near, cancellation);
     if watched.kept_in_every_lane() { watched } else { look_again(model, workspace, watched, qdd) }
@@ -230,7 +257,7 @@ pub(crate) fn forward_dynamics_watched_lean<T: Real, C: ColumnsOf<T>>(
     look_again(model, workspace, first, qdd)
 }
 
-/// The same with [limbs side by side](lean::Abreast): whether one look finds that every digit was surely kept. It does not look again.
+/// The same with [limbs side by side](lean::Abreast): the estimated error where one look finds that every digit was kept. It does not look again.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 pub(crate) fn forward_dynamics_seen_abreast(
@@ -239,9 +266,11 @@ pub(crate) fn forward_dynamics_seen_abreast(
     state: (&[Limbs], &[Limbs], &[Limbs]),
     wrenches: &[Vector6<Limbs>],
     qdd: &mut [Limbs],
-) -> bool {
+) -> Option<f64> {
     let (pivots, near, cancellation) = lean::forward_dynamics_watched::<_, Limbs>(scene, scratch, state, wrenches, qdd);
-    pivots.clear_in_every_lane() && near.clear_in_every_lane() && cancellation.surely_within(CLOSE_MARGIN)
+    let together = cancellation.together();
+    let clear = pivots.clear_in_every_lane() && near.clear_in_every_lane() && together.slack(&Margins::CLOSE) >= 0.0;
+    clear.then(|| together.error())
 }
 
 /// The factor of M by the same sweeps, in the scratch; `estimates` is scratch, (nv).
@@ -253,7 +282,7 @@ pub(crate) fn factor_watched_lean<T: Real, C: ColumnsOf<T>>(
     estimates: &mut [T],
 ) -> Watched<T> {
     let (pivots, cancellation) = lean::factor_watched::<T, C>((model, lean), scratch, q, estimates);
-    Watched::with_two_sets(pivots, cancellation)
+    Watched::of_a_factor(pivots, cancellation)
 }
 
 /// The second look at what [`forward_dynamics_watched`] or its like has just left in the workspace, where a lane is in doubt: with
@@ -261,13 +290,15 @@ pub(crate) fn factor_watched_lean<T: Real, C: ColumnsOf<T>>(
 #[inline(always)]
 fn look_again<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, first: Watched<T>, qdd: &[T]) -> Watched<T> {
     let system = &model.system;
-    let Workspace { shift, measured, terms, z, co_state, acceleration, weights, probe, .. } = workspace;
+    let Workspace { shift, measured, terms, z, bias, co_state, acceleration, weights, probe, .. } = workspace;
     acceleration.fill(crate::spatial::zero());
     innovations::sweep(system, shift, measured, &weights[model.nv()..], acceleration, probe);
     smoother::sweep(system, shift, measured, acceleration, probe);
-    let second = Probe { shift, measured, terms, z, innovations: probe, co_state: acceleration };
-    let cancellation = cancellation::look_again(system, &second, co_state, qdd, &first.cancellation);
-    Watched { clear_before: first.kept_lanes(), ..Watched::with_two_sets(first.pivots, cancellation) }
+    let second = Probe { shift, measured, terms, z, bias, innovations: probe, co_state: acceleration };
+    let [second, both] = cancellation::look_again(system, &second, co_state, qdd, &first.cancellation);
+    // Each by its own weights: what the problem allows is seen by the same.
+    let slack = first.cancellation.slack(&Margins::USUAL).worst(second.slack(&Margins::USUAL));
+    Watched { pivots: first.pivots, cancellation: both, slack, clear_before: first.kept_lanes() }
 }
 
 #[cfg(test)]
@@ -357,7 +388,7 @@ mod tests {
                     let scratch = (&mut scratch, &mut handed);
                     let found =
                         forward_dynamics_watched_lean::<_, f64>(sweeps, scratch, (&q, &qd, &tau), &[], &mut qdd);
-                    let (one, other) = (found.cancellation.error(0), expected.cancellation.error(0));
+                    let (one, other) = (found.cancellation.relative_error(0), expected.cancellation.relative_error(0));
                     // Bounds for a turn are a little closer than those for any shift.
                     assert!(one <= 4.0 * other && other <= 4.0 * one, "{exponent}: {one:e} {other:e}");
                     if !first.kept(0) && other < 1e-9 && !axis_masses {

@@ -1,5 +1,6 @@
 //! Forward dynamics: joint torques are measurements, the smoother's estimates are the joint accelerations.
 
+use super::accuracy::Accuracy;
 use super::auto;
 use super::forces::{Motion, Needed, step_outward};
 use super::{forward_root, refined};
@@ -33,7 +34,10 @@ pub fn forward_dynamics<T: Real>(
         Form::SquareRoot => {
             return refined::forward_dynamics_judged(model, workspace, q, qd, tau, wrenches, qdd).pivots;
         }
-        Form::Covariance | Form::Joseph => {}
+        Form::Covariance | Form::Joseph => workspace.accuracy = Accuracy::unknown(workspace.form),
+    }
+    if workspace.form == Form::Covariance && workspace.estimates_error {
+        return auto::forward_dynamics_estimated(model, workspace, q, qd, tau, wrenches, qdd);
     }
     if workspace.form == Form::Joseph {
         covariance_form::<T, true>(model, workspace, q, qd, tau, wrenches, qdd)

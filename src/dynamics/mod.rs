@@ -3,6 +3,7 @@
 //! Each file is one problem; the functions take a [`Model`](crate::scene::Model) in any scalar, slices for one state and a
 //! [`Workspace`](crate::Workspace), check nothing and allocate nothing. [`Scene`](crate::Scene) wraps them with checks and names.
 
+pub mod accuracy;
 pub mod auto;
 mod columns;
 pub mod energy;
@@ -22,6 +23,7 @@ pub mod refined;
 #[cfg(feature = "stochastic")]
 pub(crate) use inverse::bias_forces_base_to_tip;
 
+pub use accuracy::{Accuracy, ESTIMATE_SPREAD};
 pub use auto::{Choice, forward_dynamics_auto};
 pub use energy::{Energy, energy, momentum};
 pub use estimate::{Estimate, EstimateCovariance, EstimateScratch, Measurements, estimate, estimate_covariance};

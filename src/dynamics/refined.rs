@@ -1,5 +1,6 @@
 //! The square-root form, judged; and where it is in doubt, once more with twice the digits.
 
+use super::accuracy::Accuracy;
 use super::forward_root;
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::rounding::{self, Reach, Rounding, Swept, Weighed};
@@ -45,18 +46,29 @@ pub fn forward_dynamics_judged<T: Real>(
     qdd: &mut [T],
 ) -> Judged<T> {
     let (pivots, reach) = forward_dynamics_looked_at(model, workspace, q, qd, tau, wrenches, qdd);
+    workspace.accuracy = Accuracy::unknown(Form::SquareRoot);
     // The margins of the first look are made for the digits of f64: of fewer nothing may be left there.
     let may_do = T::epsilon().lane(0) <= f64::EPSILON;
-    if may_do && (0..T::LANES).all(|lane| reach.clear(lane)) {
+    let clear = may_do && (0..T::LANES).all(|lane| reach.clear(lane));
+    if clear && !workspace.estimates_error {
         return Judged { pivots, rounding: None, refined: false };
     }
     let rounding = judge(model, workspace, tau, qdd);
+    workspace.accuracy.error = rounding.error().lane(0);
+    if clear {
+        return Judged { pivots, rounding: None, refined: false };
+    }
     if (0..T::LANES).all(|lane| rounding.clear(lane)) {
         return Judged { pivots, rounding: Some(rounding), refined: false };
     }
     let refined = refine(model, q, qd, tau, wrenches, qdd);
     workspace.tally.refined += usize::from(refined);
     workspace.tally.in_doubt += usize::from(!refined);
+    if refined {
+        // Rounded once: the double-double numbers themselves are as good as exact.
+        let largest = qdd.iter().fold(0.0_f64, |largest, a| largest.max(a.abs().lane(0)));
+        workspace.accuracy = Accuracy { doubled: true, error: 0.5 * f64::EPSILON * largest, ..workspace.accuracy };
+    }
     Judged { pivots, rounding: Some(rounding), refined }
 }
 

@@ -11,8 +11,17 @@
 //! contraction of the closed loop (a bound that adds up norms has none, and calls every long chain lost) and with what the outward
 //! sweep makes of a small error at the root of a long lever. The smoother's own rounding is added as in [`rounding`](super::rounding). Rounding is taken as dP about eps times the terms of P^-
 //! ([`terms`](super::terms), axis by axis), df about eps times z^+ and g e^-, independent from stage to stage: squares are
-//! added. The whole costs a filter and a smoother more for w, about 330 operations a stage, no branch on a value, and one comparison
+//! added. The whole costs a filter and a smoother more for w, about 350 operations a stage, no branch on a value, and one comparison
 //! in the end.
+//!
+//! The estimated error is allowed to be as large as [`Margins`] say: a part of the largest estimate, or what the problem itself makes
+//! of one unit in the last place. A robot that is held against gravity accelerates by nothing but rounding: there one unit in the last
+//! place of a torque, or of a force that a joint transmits, moves the estimates as far as any algorithm does. What such units make of
+//! w* a comes out of the same sums, by the same nu:
+//!
+//! - of the forces at rest, `nu(k)_i f(k)_i`: f = z^+ + P^+ lambda is the force that the body transmits, and `f_i^2` is above
+//!   `z_i^2 / 2 - P_ii (lambda* P lambda)`. Where a body is free to fall nothing is left of it.
+//! - of the bias, `nu(k)_i b(k)_i`: the body's own weight, velocity effects and wrench.
 //!
 //! It is an estimate, not a bound: as a rule five to ten times the true error in the max norm of all rows. The weights of one right side
 //! may cancel: what is not far from doubt is looked at again with others ([`look_again`]). What neither sees: errors made before the sweep (in phi, in velocities, in b), which every form
@@ -25,13 +34,31 @@ use crate::scalar::Real;
 use crate::spatial::{RigidShift, dot, scaled_add, times_each, zero};
 use nalgebra::Vector6;
 
-/// The estimated error, in eps and relative to the largest estimate, above which digits were lost: 5e-14 in f64.
-///
-/// Of 400,000 random scenes none has a true error above 1e-12, or 20 times the sensitivity, with an estimate below it.
-pub const CANCELLATION_MARGIN: f64 = 225.0;
+/// How large the estimated error may be, as a sum of squares of its parts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Margins {
+    /// In eps of the largest estimate.
+    pub of_size: f64,
+    /// In units of what one unit in the last place of the forces at rest makes of the estimates.
+    pub of_rest: f64,
+    /// The same of the bias...
+    pub of_bias: f64,
+    /// ... but no more than so many eps of the largest estimate.
+    pub of_bias_at_most: f64,
+}
 
-/// The same where one set of weights has been looked at, which may cancel: 1e-14 in f64.
-pub const CLOSE_MARGIN: f64 = 45.0;
+impl Margins {
+    /// Where one set of weights has been looked at, which may cancel: 9e-14 of the largest estimate in f64.
+    pub const CLOSE: Self = Self { of_size: 400.0, of_rest: 4.0, of_bias: 55.0, of_bias_at_most: 700.0 };
+
+    /// Where two sets have been looked at: 1.3e-13 in f64.
+    ///
+    /// Of 400,000 random scenes none has a true error above 1e-12, or 20 times the sensitivity, with an estimate below it.
+    pub const USUAL: Self = Self { of_size: 600.0, of_rest: 10.0, of_bias: 60.0, of_bias_at_most: 1000.0 };
+
+    /// For right sides that nobody gave: there is no problem whose sensitivity would matter. 5e-14 in f64.
+    pub const OF_A_FACTOR: Self = Self { of_size: 225.0, of_rest: 0.0, of_bias: 0.0, of_bias_at_most: 0.0 };
+}
 
 /// The square of the terms that [`terms`](super::terms) bounds, against that of the rounding of a usual entry in eps.
 const BOUND_SQUARED: f64 = 64.0;
@@ -54,7 +81,11 @@ pub struct Cancellation<T> {
     noise: T,
     /// The same of the smoother.
     smoother: T,
-    /// Minus the largest estimate, or minus what errors are seen beside where that is larger.
+    /// The square of what one unit in the last place of the forces at rest makes of w* a, over eps^2.
+    rest: T,
+    /// The same of the bias.
+    bias: T,
+    /// Minus the largest estimate.
     size: T,
 }
 
@@ -63,37 +94,65 @@ impl<T: Real> Cancellation<T> {
     #[inline(always)]
     #[must_use]
     pub fn new() -> Self {
-        Self::beside(T::zero())
+        let o = T::zero();
+        Self { noise: o, smoother: o, rest: o, bias: o, size: o }
     }
 
-    /// The same for estimates whose digits below eps times `size` nobody asks for.
+    /// The estimated error of the largest estimate, in its unit, with what one unit in the last place of the forces makes of it; NaN where
+    /// it cannot be told.
     #[inline(always)]
     #[must_use]
-    pub fn beside(size: T) -> Self {
-        Self { noise: T::zero(), smoother: T::zero(), size: -size }
+    pub fn error(&self) -> T {
+        ((self.noise + self.smoother) + (self.rest + self.bias)).sqrt() * T::epsilon()
     }
 
-    /// The estimated error of one lane's estimates, relative to the largest of them, or to what they are seen [beside](Self::beside); NaN where it cannot be told.
-    #[inline(always)]
+    /// The same of one lane, relative to the largest estimate.
     #[must_use]
-    pub fn error(&self, lane: usize) -> f64 {
-        let (noise, size) = ((self.noise + self.smoother).lane(lane), -self.size.lane(lane));
-        if noise == 0.0 { noise } else { noise.sqrt() * T::epsilon().lane(lane) / size }
+    pub fn relative_error(&self, lane: usize) -> f64 {
+        let error = self.error().lane(lane);
+        if error == 0.0 { error } else { error / -self.size.lane(lane) }
     }
 
     /// Whether the covariance form of one lane kept its digits.
     #[inline(always)]
     #[must_use]
     pub fn clear(&self, lane: usize) -> bool {
-        self.slack(CANCELLATION_MARGIN).lane(lane) >= 0.0
+        self.slack(&Margins::USUAL).lane(lane) >= 0.0
     }
 
-    /// How far below a margin in eps the error stays, as a difference of squares: negative or NaN in a lane that is in doubt.
+    /// How far below the margins the error stays, as a difference of squares: negative or NaN in a lane that is in doubt.
     #[inline(always)]
     #[must_use]
-    pub fn slack(&self, margin: f64) -> T {
-        let allowed = self.size * self.size.constant(margin);
-        allowed * allowed - (self.noise + self.smoother)
+    pub fn slack(&self, margins: &Margins) -> T {
+        let square = |x: f64| self.size.constant(x * x);
+        let size = self.size * self.size;
+        let of_bias = (self.bias * square(margins.of_bias)).worst(size * square(margins.of_bias_at_most));
+        let allowed = size.mul_add(square(margins.of_size), self.rest.mul_add(square(margins.of_rest), of_bias));
+        allowed - (self.noise + self.smoother)
+    }
+
+    /// The larger of both in each part: of what two sets of weights saw.
+    #[inline(always)]
+    fn larger(&self, other: &Self) -> Self {
+        let of = |a: T, b: T| -(-a).worst(-b);
+        Self {
+            noise: of(self.noise, other.noise),
+            smoother: of(self.smoother, other.smoother),
+            rest: of(self.rest, other.rest),
+            bias: of(self.bias, other.bias),
+            size: self.size.worst(other.size),
+        }
+    }
+
+    /// Adds what a stage makes of w* a.
+    #[inline(always)]
+    fn add(&mut self, stage: &OfStage<T>) {
+        let OfStage { p, state, added, bias } = *stage;
+        self.noise = p.mul_add(p.constant(1.0 / BOUND_SQUARED), self.noise) + (state + added);
+        // Less what may be accelerated of it; never less than nothing.
+        let transmitted = state.mul_add(p.constant(-0.5), p);
+        self.rest -= transmitted.worst(p.constant(0.0));
+        self.bias += bias;
     }
 }
 
@@ -114,10 +173,19 @@ pub struct Probe<'a, T: Real> {
     pub terms: &'a [Vector6<T>],
     /// z^+(k).
     pub z: &'a [Vector6<T>],
+    /// b(k).
+    pub bias: &'a [Vector6<T>],
     /// e^- of each row for the measurements w.
     pub innovations: &'a [T],
     /// In, for [`sweep`]: zeta^+(k), the filtered states of the measurements w. Out: nu(k).
     pub co_state: &'a mut [Vector6<T>],
+}
+
+impl<T: Real> Probe<'_, T> {
+    #[inline(always)]
+    fn swept(&self, k: usize) -> Swept<'_, T> {
+        Swept { z: &self.z[k], bias: &self.bias[k], terms: &self.terms[k], measured: self.measured }
+    }
 }
 
 /// What the filter left of one stage.
@@ -125,10 +193,35 @@ pub struct Probe<'a, T: Real> {
 pub(crate) struct Swept<'a, T: Real> {
     /// z^+.
     pub z: &'a Vector6<T>,
+    /// b.
+    pub bias: &'a Vector6<T>,
     /// Bounds on the terms of the diagonal of P^-.
     pub terms: &'a Vector6<T>,
     /// D and g of every row.
     pub measured: &'a [Measured<T>],
+}
+
+/// Squares of what one unit in the last place of one stage makes of w* a, over eps^2: of P, z^+, what its measurements added, and b.
+#[derive(Debug, Clone, Copy)]
+struct OfStage<T> {
+    p: T,
+    state: T,
+    added: T,
+    bias: T,
+}
+
+impl<T: Real> OfStage<T> {
+    /// From the squares of g e^-, summed over the rows.
+    #[inline(always)]
+    fn new(swept: &Swept<'_, T>, added: &Vector6<T>, (nu, lambda): (&Vector6<T>, &Vector6<T>)) -> Self {
+        let of = |x: &Vector6<T>| squared(&times_each(x, x), nu);
+        Self {
+            p: squared(swept.terms, nu) * squared(swept.terms, lambda),
+            state: of(swept.z),
+            added: squared(added, nu),
+            bias: of(swept.bias),
+        }
+    }
 }
 
 impl<T: Real> Cancellation<T> {
@@ -137,20 +230,24 @@ impl<T: Real> Cancellation<T> {
     pub(crate) fn leave_out_of(&mut self, before: &Self, counts: T) {
         self.noise = counts.mul_add(self.noise - before.noise, before.noise);
         self.smoother = counts.mul_add(self.smoother - before.smoother, before.smoother);
+        self.rest = counts.mul_add(self.rest - before.rest, before.rest);
+        self.bias = counts.mul_add(self.bias - before.bias, before.bias);
         self.size = counts.mul_add(self.size - before.size, before.size);
     }
 
-    /// Whether what all lanes saw, each of other stages of one system, is within a margin in eps, whatever the order of their sums.
+    /// What all lanes saw together, each of other stages of one system.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
-    pub(crate) fn surely_within(&self, margin: f64) -> bool {
-        let (mut noise, mut size) = (0.0, self.size.lane(0));
+    pub(crate) fn together(&self) -> Cancellation<f64> {
+        let mut all = Cancellation::<f64>::new();
         for lane in 0..T::LANES {
-            noise += (self.noise + self.smoother).lane(lane);
-            size = size.worst(self.size.lane(lane));
+            all.noise += self.noise.lane(lane);
+            all.smoother += self.smoother.lane(lane);
+            all.rest += self.rest.lane(lane);
+            all.bias += self.bias.lane(lane);
+            all.size = all.size.worst(self.size.lane(lane));
         }
-        let allowed = size * margin;
-        noise <= allowed * allowed * (1.0 - 1e-6)
+        all
     }
 
     /// What the smoother's rounding is, of a co-state `outer` carried past a lever of this square to where zeta^+ has these [`squares`].
@@ -166,7 +263,7 @@ impl<T: Real> Cancellation<T> {
     pub(crate) fn through_axis<const PICKED: usize>(
         &mut self,
         measured: &Measured<T>,
-        (z, terms): (&[T; 6], &[T; 6]),
+        (z, bias, terms): (&[T; 6], &[T; 6], &[T; 6]),
         (lambda, nu): (&mut [T; 6], &mut [T; 6]),
         (e, e_w): (T, T),
     ) -> T {
@@ -178,14 +275,16 @@ impl<T: Real> Cancellation<T> {
         nu[PICKED] += (e_w * *pivot_inverse) - dot(gain, &Vector6::from(*nu));
         self.size = self.size.worst(-a.abs());
         let o = a.constant(0.0);
-        let (mut of_p_nu, mut of_p_lambda, mut of_forces) = (o, o, o);
+        let (mut of_p_nu, mut of_p_lambda, mut state, mut added, mut of_bias) = (o, o, o, o, o);
         for i in 0..6 {
-            let (square, added) = (nu[i] * nu[i], gain[i] * e);
+            let (square, force) = (nu[i] * nu[i], gain[i] * e);
             of_p_nu = terms[i].mul_add(square, of_p_nu);
             of_p_lambda = terms[i].mul_add(lambda[i] * lambda[i], of_p_lambda);
-            of_forces = added.mul_add(added, z[i] * z[i]).mul_add(square, of_forces);
+            state = (z[i] * z[i]).mul_add(square, state);
+            added = (force * force).mul_add(square, added);
+            of_bias = (bias[i] * bias[i]).mul_add(square, of_bias);
         }
-        self.noise = (of_p_nu * of_p_lambda).mul_add(o.constant(1.0 / BOUND_SQUARED), self.noise) + of_forces;
+        self.add(&OfStage { p: of_p_nu * of_p_lambda, state, added, bias: of_bias });
         a
     }
 
@@ -199,7 +298,7 @@ impl<T: Real> Cancellation<T> {
         (lambda, nu): (&mut Vector6<T>, &mut Vector6<T>),
         (estimates, weighed): (&mut [T], &[T]),
     ) {
-        let mut forces = times_each(swept.z, swept.z);
+        let mut added = zero();
         for i in 0..stage.rows.count() {
             let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
             let m = &swept.measured[row];
@@ -210,11 +309,11 @@ impl<T: Real> Cancellation<T> {
             let c = e_w * m.pivot_inverse - dot(&m.gain, nu);
             *lambda = hinge.spread_onto(lambda, a);
             *nu = hinge.spread_onto(nu, c);
-            forces = scaled_add(&times_each(&m.gain, &m.gain), e * e, &forces);
+            added = scaled_add(&times_each(&m.gain, &m.gain), e * e, &added);
             estimates[row] = a;
             self.size = self.size.worst(-a.abs());
         }
-        self.noise += rounding_of_stage(swept.terms, &forces, (nu, lambda));
+        self.add(&OfStage::new(swept, &added, (nu, lambda)));
     }
 }
 
@@ -242,7 +341,7 @@ pub fn sweep<T: Real>(
             }
             None => (zero(), zero()),
         };
-        let swept = Swept { z: &probe.z[k], terms: &probe.terms[k], measured: probe.measured };
+        let swept = probe.swept(k);
         seen.through_stage(stage, &swept, (&mut lambda, &mut nu), (estimates, probe.innovations));
         co_state[k] = lambda;
         probe.co_state[k] = nu;
@@ -250,7 +349,7 @@ pub fn sweep<T: Real>(
     seen
 }
 
-/// The same estimate with other weights, after [`sweep`], whose `first` has the smoother's part: one set of weights may cancel. The larger of both.
+/// The same estimate with other weights, after [`sweep`], whose `first` has the smoother's part: one set of weights may cancel. What these see, and the larger of both.
 ///
 /// `probe` has the co-states of the other weights; `co_state` receives lambda^- of the estimates.
 #[inline(always)]
@@ -260,10 +359,10 @@ pub fn look_again<T: Real>(
     co_state: &mut [Vector6<T>],
     estimates: &[T],
     first: &Cancellation<T>,
-) -> Cancellation<T> {
-    let mut noise = T::zero();
+) -> [Cancellation<T>; 2] {
+    let mut seen = Cancellation { smoother: first.smoother, size: first.size, ..Cancellation::new() };
     for (k, stage) in system.stages.iter().enumerate() {
-        let mut forces = times_each(&probe.z[k], &probe.z[k]);
+        let mut added = zero();
         let mut lambda = match stage.parent {
             Some(parent) => probe.shift[k].motion_to_child(&co_state[parent]),
             None => zero(),
@@ -272,18 +371,12 @@ pub fn look_again<T: Real>(
             let row = stage.first_row + i;
             let m = &probe.measured[row];
             let e = m.pivot * (estimates[row] + dot(&m.gain, &lambda));
-            forces = scaled_add(&times_each(&m.gain, &m.gain), e * e, &forces);
+            added = scaled_add(&times_each(&m.gain, &m.gain), e * e, &added);
             lambda = stage.rows.row(i).spread_onto(&lambda, estimates[row]);
         }
-        noise += rounding_of_stage(&probe.terms[k], &forces, (&probe.co_state[k], &lambda));
+        seen.add(&OfStage::new(&probe.swept(k), &added, (&probe.co_state[k], &lambda)));
         co_state[k] = lambda;
     }
-    Cancellation { noise: -(-noise).worst(-first.noise), ..*first }
-}
-
-/// The square of nu* (dP lambda + df), over eps^2.
-#[inline(always)]
-fn rounding_of_stage<T: Real>(terms: &Vector6<T>, forces: &Vector6<T>, (nu, lambda): (&Vector6<T>, &Vector6<T>)) -> T {
-    let of_p = squared(terms, nu) * squared(terms, lambda);
-    of_p * of_p.constant(1.0 / BOUND_SQUARED) + squared(forces, nu)
+    let both = seen.larger(first);
+    [seen, both]
 }

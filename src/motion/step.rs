@@ -136,8 +136,7 @@ impl<T: Real> Scratch<T> {
     pub fn new(scene_model: &Model<f64>, law: &Law) -> Self {
         let mut of_step = scene_model.clone();
         of_step.system.noise = law.noise();
-        // Where torques hold a robot against its weight they leave next to nothing of it, and its digits move nobody.
-        let lean = LeanModel::new(&of_step).beside(of_step.gravity.norm());
+        let lean = LeanModel::new(&of_step);
         let model = of_step.cast::<T>();
         let (nq, nv) = (model.nq, model.nv());
         let row = |row: usize| {

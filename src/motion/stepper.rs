@@ -12,7 +12,9 @@ use crate::scalar::{Fused, lanes_but};
 use crate::scalar::{Lanes, Real};
 use crate::scene::{Model, Scene};
 #[cfg(target_arch = "x86_64")]
-use pulp::x86::{V3, V4};
+use pulp::x86::V3;
+#[cfg(all(target_arch = "x86_64", feature = "avx512"))]
+use pulp::x86::V4;
 use std::ops::Range;
 
 /// A joint that moves by more than this in one step (rad or m) has left what can be called motion.
@@ -69,7 +71,7 @@ impl Stepper {
         match self.arm {
             #[cfg(target_arch = "x86_64")]
             Arm::Avx2 => Lanes::<V3>::LANES,
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
             Arm::Avx512 => Lanes::<V4>::LANES,
             _ => 1,
         }
@@ -90,9 +92,9 @@ fn scratch(model: &Model<f64>, law: &Law, arm: Arm, alone: bool) -> Box<dyn Step
         (Arm::Baseline, _) => None,
         #[cfg(target_arch = "x86_64")]
         (Arm::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(model, law),
-        #[cfg(target_arch = "x86_64")]
+        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
         (Arm::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(model, law),
-        #[cfg(target_arch = "x86_64")]
+        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
         (Arm::Avx512, true) => Compiled::<Fused, V4>::boxed(model, law),
         _ => Compiled::<Fused, <Fused as Vectorised>::Least>::boxed(model, law),
     };

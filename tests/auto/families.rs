@@ -4,7 +4,8 @@ use super::common::{ALL_KINDS, Random, Tree, random_state};
 use nalgebra::{Matrix3, Rotation3, Vector3, Vector6};
 use phipsi::Scene;
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
-use phipsi::spatial::{RigidShift, Symmetric3};
+use phipsi::spatial::{RigidShift, Symmetric3, spatial};
+use phipsi::{dynamics, kinematics};
 
 /// The families by name; a case is of family `number % FAMILIES.len()`.
 pub const FAMILIES: [&str; 22] = [
@@ -32,7 +33,21 @@ pub const FAMILIES: [&str; 22] = [
     "everything at once",
 ];
 
+/// The states that robots are in, beside one as drawn: of falling ones no torque acts, held ones have the torques that their state needs
+/// to accelerate by nothing.
+pub const STATES: [&str; 8] = [
+    "falling",
+    "falling, with rates",
+    "falling, one joint moving",
+    "held",
+    "held, and pushed by 1e-9",
+    "held, with rates",
+    "held, one joint moving",
+    "held by nine tenths",
+];
+
 /// A scene with one of its states.
+#[derive(Clone)]
 pub struct Case {
     pub builder: SceneBuilder,
     pub scene: Scene,
@@ -40,6 +55,8 @@ pub struct Case {
     pub qd: Vec<f64>,
     pub tau: Vec<f64>,
     pub wrenches: Vec<Vector6<f64>>,
+    /// Forces on bodies that are too small beside `wrenches` to be added to them; empty where there are none.
+    pub pushes: Vec<Vector6<f64>>,
 }
 
 /// One link with the joint that carries it.
@@ -334,10 +351,89 @@ fn finish(builder: SceneBuilder, random: &mut Random, (speed, torque, pushed): (
     } else {
         Vec::new()
     };
-    Case { builder, scene, q, qd, tau, wrenches }
+    Case { builder, scene, q, qd, tau, wrenches, pushes: Vec::new() }
 }
 
 impl Case {
+    /// The same robot in one of the [`STATES`]; none where nothing moves.
+    pub fn in_state(&self, state: &str) -> Option<Case> {
+        let nv = self.scene.nv();
+        let last = nv.checked_sub(1)?;
+        let (still, mut one) = (vec![0.0; nv], vec![0.0; nv]);
+        one[nv / 2] = 1.0;
+        let holding = |qd: &[f64]| {
+            let (mut workspace, mut tau) = (self.scene.workspace(), vec![f64::NAN; nv]);
+            dynamics::inverse_dynamics(self.scene.model(), &mut workspace, &self.q, qd, &still, &[], &mut tau);
+            tau
+        };
+        let held = holding(&still);
+        let (qd, tau) = match state {
+            "falling" => (still.clone(), still),
+            "falling, with rates" => (self.qd.clone(), still),
+            "falling, one joint moving" => (one, still),
+            "held" => (still, held),
+            "held, and pushed by 1e-9" => {
+                let mut tau = held;
+                tau[last] += 1e-9;
+                (still, tau)
+            }
+            "held, with rates" => (self.qd.clone(), holding(&self.qd)),
+            "held, one joint moving" => (one, held),
+            "held by nine tenths" => (still, held.iter().map(|x| 0.9 * x).collect()),
+            _ => panic!("no such state: {state}"),
+        };
+        Some(Case { qd, tau, wrenches: Vec::new(), ..self.clone() })
+    }
+
+    /// The same robot on a base that is free to move and has inertia; none where it is free already.
+    pub fn on_a_free_base(&self, seed: u64) -> Option<Case> {
+        if self.builder.is_floating() {
+            return None;
+        }
+        let mut builder = SceneBuilder::new().floating_base(true).gravity(self.builder.gravity_vector());
+        for (k, link) in self.builder.links().iter().enumerate() {
+            let mut link = link.clone();
+            if k == 0 {
+                let central = Symmetric3::new([0.01, 0.0, 0.001, 0.02, 0.0, 0.015]);
+                link.inertial = Some(Inertial { mass: 1.0, centre: Vector3::new(0.02, -0.05, 0.1), central });
+            }
+            builder = builder.link(link);
+        }
+        for joint in self.builder.joints() {
+            builder = builder.joint(joint.clone());
+        }
+        Some(finish(builder, &mut Random::new(seed), (1.0, 1.0, false)))
+    }
+
+    /// The terms of b(k) of every body, in its frame: what its acceleration needs where no joint accelerates, what its velocity needs, and the wrench.
+    fn terms_of_bias(&self) -> Vec<[Vector6<f64>; 3]> {
+        let model = self.scene.model();
+        let base = spatial(&Vector3::zeros(), &-model.gravity);
+        let mut motions: Vec<[Vector6<f64>; 2]> = Vec::new();
+        let mut forces = Vec::new();
+        for (k, body) in model.bodies.iter().enumerate() {
+            let stage = &model.system.stages[k];
+            let shift = kinematics::joint_shift(body, &self.q);
+            let [v, a] = stage.parent.map_or([Vector6::zeros(), base], |parent| motions[parent]);
+            let (v, a) = kinematics::motion_step(body, stage.first_row, &shift, (&v, &a), &self.qd);
+            let of_acceleration = body.inertia.mul_motion(&a);
+            let of_velocity = body.inertia.bias_force(&v, &a) - of_acceleration;
+            let wrench = self.wrenches.get(k).copied().unwrap_or_else(Vector6::zeros);
+            motions.push([v, a]);
+            forces.push([of_acceleration, of_velocity, wrench]);
+        }
+        forces
+    }
+
+    /// The same case with a force on every body that is one unit in the last place of each component of the terms of its b(k), up or down.
+    pub fn with_bias_jiggled(&self, seed: u64) -> Case {
+        let mut random = Random::new(seed);
+        let mut ulp = |x: f64| x * if random.below(2) == 0 { f64::EPSILON } else { -f64::EPSILON };
+        let pushed = |terms: &[Vector6<f64>; 3]| terms.iter().map(|term| term.map(&mut ulp)).sum();
+        let pushes = self.terms_of_bias().iter().map(pushed).collect();
+        Case { pushes, ..self.clone() }
+    }
+
     /// The same case with every number of the scene and of the state one unit in the last place up or down.
     pub fn jiggled(&self, seed: u64) -> Case {
         let mut random = Random::new(seed);
@@ -364,6 +460,6 @@ impl Case {
         let scene = builder.clone().build().expect("still valid");
         let [q, qd, tau] = [&self.q, &self.qd, &self.tau].map(|x| x.iter().map(|&x| ulp(x)).collect());
         let wrenches = self.wrenches.iter().map(|w| w.map(&mut ulp)).collect();
-        Case { builder, scene, q, qd, tau, wrenches }
+        Case { builder, scene, q, qd, tau, wrenches, pushes: Vec::new() }
     }
 }

@@ -77,6 +77,9 @@ pub fn sample_mean_square(n: usize, trace_of_square: f64) -> f64 {
 /// The error that forward dynamics may have, in the max norm and relative to the largest acceleration, where the problem allows it.
 pub const KEPT: f64 = 1e-12;
 
+/// Accelerations below this are none: what double-double arithmetic leaves of zero.
+pub const NOTHING: f64 = 1e-25;
+
 /// Draws of one unit in the last place from which a sensitivity is taken.
 pub const ULP_DRAWS: u64 = 3;
 

@@ -4,7 +4,7 @@ use super::body::{Carrier, LeanBody, LeanModel, Turning, interleaved};
 use super::frames::Framed;
 use super::limbs::{ABREAST, Bundle, bundles};
 use super::scratch::LeanScratch;
-use super::segment::{OfSegment, segments};
+use super::segment::{OfSegment, Segment, segments};
 use super::slide::Slide;
 use super::slots::{Ordered, last_children};
 use super::tilt::{Axle, Tilt};
@@ -235,24 +235,28 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
     }
     turning.sort_by_key(|turning| turning.place);
     let bodies: Vec<_> = order.iter().map(|&k| bodies[k].clone()).collect();
-    let of_lane = |k: usize, lane: usize| &whole.segments[whole.at[bundles[k].body(lane)]];
-    let own = |k: usize| {
-        let first = of_lane(k, 0);
-        OfSegment {
-            arm: first.arm,
-            load: first.load.clone(),
-            needs_no_force: first.needs_no_force,
-            waits_for_parent: first.waits_for_parent,
+    let in_lanes = |whole_segments: &[Segment<Limbs>]| {
+        let of_lane = |k: usize, lane: usize| &whole_segments[whole.at[bundles[k].body(lane)]];
+        let own = |k: usize| {
+            let first = of_lane(k, 0);
+            OfSegment {
+                arm: first.arm,
+                load: first.load.clone(),
+                needs_no_force: first.needs_no_force,
+                waits_for_parent: first.waits_for_parent,
+            }
+        };
+        let mut segments = segments(&bodies, own);
+        for segment in &mut segments {
+            for lane in 1..ABREAST {
+                let mut own = of_lane(segment.index, lane).clone();
+                take_lane(lane, segment.numbers_mut(), own.numbers_mut());
+                segment.arm.take_limb(lane, &own.arm);
+            }
         }
+        segments
     };
-    let mut segments = segments(&bodies, own);
-    for segment in &mut segments {
-        for lane in 1..ABREAST {
-            let mut own = of_lane(segment.index, lane).clone();
-            take_lane(lane, segment.numbers_mut(), own.numbers_mut());
-            segment.arm.take_limb(lane, &own.arm);
-        }
-    }
+    let (segments, whole_segments) = (in_lanes(&whole.segments), in_lanes(whole.whole_segments()));
     let roots = order.iter().map(|&k| roots[k]).collect();
     LeanModel {
         bodies,
@@ -260,6 +264,7 @@ fn in_lanes(model: &Model<f64>, first: &Model<f64>, bundles: &[Bundle]) -> LeanM
         slides,
         reordered: Vec::new(),
         segments,
+        whole_segments,
         at: swept.at,
         roots,
         composites: Vec::new(),

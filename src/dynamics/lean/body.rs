@@ -3,6 +3,7 @@
 use super::frames::Framed;
 use super::lever::Lever;
 use super::limbs::ranks;
+use super::loads::Load;
 use super::scales::scales_at_all_angles;
 use super::segment::{OfSegment, Segment, alone_at_depth, segments};
 use super::slide::Slide;
@@ -215,6 +216,8 @@ pub(crate) struct LeanModel<T: Real> {
     pub(super) reordered: Vec<LeanBody<T::Parameter>>,
     /// What motions, forces and co-states need of them, in that order.
     pub(super) segments: Vec<Segment<T::Parameter>>,
+    /// The same with every mass at its own body; empty where none was moved.
+    pub(super) whole_segments: Vec<Segment<T::Parameter>>,
     /// What tilts turns, and how bodies slide.
     pub(super) tilts: Vec<Tilt<T::Parameter>>,
     pub(super) slides: Vec<Slide<T::Parameter>>,
@@ -232,8 +235,6 @@ pub(crate) struct LeanModel<T: Real> {
     /// How many slots there are in the order of the rows, and in that of those sweeps.
     pub(super) row_slots: SlotCounts,
     pub(super) swept_slots: SlotCounts,
-    /// The acceleration that errors are seen beside where the digits are watched; zero where each digit of the result counts.
-    pub(super) beside: f64,
     /// Whether the pivots' bounds are those at all angles.
     pub(super) knows_scales: bool,
     /// Whether M^-1 is its factors multiplied out.
@@ -303,7 +304,8 @@ impl<T: Real> LeanModel<T> {
         let (steps, longest_path) = measure_paths(model, &mut bodies);
         let root = |&k: &usize| root_in(&framed.from_model[k], model.inertia_roots[k].as_ref()).map(number);
         let arms = arms(&framed, model.omissions.zero_levers, number);
-        let whole = Model { bodies: framed.bodies, ..model.clone() }.cast::<T>();
+        let framed_bodies = framed.bodies;
+        let whole = Model { bodies: framed_bodies.clone(), ..model.clone() }.cast::<T>();
         let of_carrier = |turns: bool| {
             let carriers = framed.carriers.iter().enumerate();
             carriers.filter(move |(_, carrier)| matches!(carrier, Carrier::Turn(_)) == turns).map(|(k, _)| k)
@@ -321,14 +323,18 @@ impl<T: Real> LeanModel<T> {
         let reordered = |&k: &usize| LeanBody { places: swept.places[k], ..bodies[k].clone() };
         let reordered = if order.is_sorted() { Vec::new() } else { order.iter().map(reordered).collect() };
         let in_order = if reordered.is_empty() { &bodies } else { &reordered };
-        let own = |k: usize| OfSegment {
-            arm: arms[k],
-            load: framed.loads[k].map(number),
-            needs_no_force: whole.bodies[k].needs_no_force,
-            waits_for_parent: is_alone[k],
+        let with_loads = |load: &dyn Fn(usize) -> Load<f64>| {
+            segments(in_order, |k| OfSegment {
+                arm: arms[k],
+                load: load(k).map(number),
+                needs_no_force: whole.bodies[k].needs_no_force,
+                waits_for_parent: is_alone[k],
+            })
         };
+        let moves_mass = framed.loads.iter().any(|load| load.is_off_axis);
         Self {
-            segments: segments(in_order, own),
+            segments: with_loads(&|k| framed.loads[k].clone()),
+            whole_segments: if moves_mass { with_loads(&|k| Load::of(&framed_bodies[k])) } else { Vec::new() },
             bodies,
             tilts: framed.tilts.iter().map(|tilt| tilt.map(number)).collect(),
             slides: framed.slides.iter().map(|slide| slide.map(number)).collect(),
@@ -338,7 +344,6 @@ impl<T: Real> LeanModel<T> {
             composites,
             shifting,
             turning,
-            beside: 0.0,
             knows_scales: scales.is_some(),
             is_shallow: steps <= SHALLOW * model.nv().pow(2),
             longest_path,
@@ -356,14 +361,15 @@ impl<T: Real> LeanModel<T> {
         }
     }
 
+    /// The segments with every mass at its own body.
+    #[inline(always)]
+    pub(super) fn whole_segments(&self) -> &[Segment<T::Parameter>] {
+        if self.whole_segments.is_empty() { &self.segments } else { &self.whole_segments }
+    }
+
     /// The bodies in the order of the sweeps.
     #[inline(always)]
     pub(super) fn swept(&self) -> &[LeanBody<T::Parameter>] {
         if self.reordered.is_empty() { &self.bodies } else { &self.reordered }
-    }
-
-    /// The same, watched for errors beside an acceleration of this size (m/s^2, rad/s^2) where the result is smaller.
-    pub fn beside(self, acceleration: f64) -> Self {
-        Self { beside: acceleration, ..self }
     }
 }

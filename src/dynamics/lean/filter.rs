@@ -151,7 +151,7 @@ impl<T: Real> Inward<'_, T> {
             }
             self.innovations[row] = e;
             if SIDES == WATCH {
-                own.force = force;
+                (watched.bias, own.force) = (own.force, force);
                 self.near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
             }
         }
@@ -252,6 +252,9 @@ impl<T: Real> Inward<'_, T> {
         let measured = &mut self.measured[rows.clone()];
         afloat::measure(with_noise(body, &arrived.p), &scale, measured, &mut self.monitor);
         if SIDES >= FILTER {
+            if SIDES == WATCH {
+                watched.bias = own.force;
+            }
             own.force = sum(own.force, &arrived.force);
             afloat::filter(measured, &self.tau[rows.clone()], &mut own.force, &mut self.innovations[rows.clone()]);
         }
@@ -281,6 +284,9 @@ impl<T: Real> Inward<'_, T> {
         };
         let (shift, stage, at_stage) = (&self.shifts[at], &self.system.stages[body.index], (self.system, body.index));
         if SIDES >= FILTER {
+            if SIDES == WATCH {
+                watched.bias = own.force;
+            }
             own.force = sum(own.force, &arrived_force);
             let right_side = (self.tau, &mut *self.innovations);
             let sent = through_general_stage(at_stage, shift, self.measured, right_side, &mut own.force);

@@ -118,7 +118,7 @@ impl Moments {
 
 impl Load<f64> {
     /// Of a body as it is.
-    fn of(body: &Body<f64>) -> Self {
+    pub fn of(body: &Body<f64>) -> Self {
         let BodyInertia { mass, first_moment, rotational } = &body.inertia;
         let [xx, _, _, yy, _, zz] = rotational.entries;
         Self {

@@ -89,7 +89,7 @@ pub(crate) fn forward_dynamics<T: Real, C: ColumnsOf<T>>(
     qdd: &mut [T],
 ) -> PivotMonitor<T> {
     let state = Motion { q, qd, qdd: None, wrenches };
-    motion::base_to_tip::<T, C, false>((model, lean), scratch, state);
+    motion::base_to_tip::<T, C, false>((model, lean), &lean.segments, scratch, state);
     let [monitor, _] = filter::tip_to_base::<T, { filter::FILTER }>((model, lean), scratch, tau, qdd);
     accelerations::base_to_tip::<T, false>((model, lean), scratch, qdd);
     monitor
@@ -106,7 +106,7 @@ pub(crate) fn forward_dynamics_by_roots<T: Real, C: ColumnsOf<T>>(
     qdd: &mut [T],
 ) -> (PivotMonitor<T>, Reach<T>) {
     let state = Motion { q, qd, qdd: None, wrenches };
-    motion::base_to_tip::<T, C, true>((model, lean), scratch, state);
+    motion::base_to_tip::<T, C, true>((model, lean), &lean.segments, scratch, state);
     let monitor = root_filter::tip_to_base((model, lean), scratch, tau, qdd);
     let outward = accelerations::base_to_tip::<T, true>((model, lean), scratch, qdd);
     (monitor.pivots, Reach::of(&monitor, outward))
@@ -122,7 +122,7 @@ pub(crate) fn inverse_dynamics<T: Real, C: ColumnsOf<T>>(
     tau: &mut [T],
 ) {
     let state = Motion { q, qd, qdd, wrenches };
-    motion::base_to_tip::<T, C, false>((model, lean), scratch, state);
+    motion::base_to_tip::<T, C, false>((model, lean), &lean.segments, scratch, state);
     predict::tip_to_base((model, lean), scratch, tau);
     if let Some(qdd) = qdd {
         for ((tau, &qdd), &armature) in tau.iter_mut().zip(qdd).zip(&model.system.noise) {

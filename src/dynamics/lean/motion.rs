@@ -67,10 +67,11 @@ pub(super) fn carriers<T: Real, C: ColumnsOf<T>>(lean: &LeanModel<T>, scratch: &
     }
 }
 
-/// Base to tip: the force b of every body; where `ROOT` the coordinates y of its root, b = L y + t, and t, what wrenches bring.
+/// Base to tip: the force b of every body of these segments; where `ROOT` the coordinates y of its root, b = L y + t, and t, what wrenches bring.
 #[inline(always)]
 pub(super) fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
     scene: (&Model<T>, &LeanModel<T>),
+    segments: &[Segment<T::Parameter>],
     scratch: &mut LeanScratch<T>,
     state: Motion<'_, T>,
 ) {
@@ -79,9 +80,9 @@ pub(super) fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
     if needed.velocity && state.wrenches.is_empty() {
         // Mostly: what is known of all bodies is not asked at each.
         let needed = Needed { velocity: true, acceleration: true };
-        forces::<T, ROOT>(scene, scratch, Motion { wrenches: &[], ..state }, needed);
+        forces::<T, ROOT>(scene, segments, scratch, Motion { wrenches: &[], ..state }, needed);
     } else {
-        forces::<T, ROOT>(scene, scratch, state, needed);
+        forces::<T, ROOT>(scene, segments, scratch, state, needed);
     }
 }
 
@@ -89,6 +90,7 @@ pub(super) fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
 #[inline(always)]
 fn forces<T: Real, const ROOT: bool>(
     (model, lean): (&Model<T>, &LeanModel<T>),
+    bodies: &[Segment<T::Parameter>],
     scratch: &mut LeanScratch<T>,
     state: Motion<'_, T>,
     needed: Needed,
@@ -100,7 +102,6 @@ fn forces<T: Real, const ROOT: bool>(
     motions[0] = [[o; 3], [o; 3], base];
     // Of one length, for the compiler to see: a row of one is a row of the other.
     let state = Motion { qdd: state.qdd.map(|qdd| &qdd[..state.qd.len()]), ..state };
-    let bodies = &lean.segments[..];
     let own = &mut own[..bodies.len()];
     for (place, body) in bodies.iter().enumerate() {
         let root = if ROOT { Some(&lean.roots[place]) } else { None };

@@ -83,6 +83,8 @@ pub(super) struct Besides<T> {
 pub(super) struct Watched<T> {
     /// Bounds on the terms of the diagonal of P^-.
     pub terms: [T; 6],
+    /// b(k).
+    pub bias: [T; 6],
     /// Of zeta^+, the squares of its halves.
     pub zeta: (T, T),
 }
@@ -231,7 +233,7 @@ impl<T: Real> LeanScratch<T> {
                 others: (nv..2 * nv).map(|row| T::from_f64(weight(row))).collect(),
                 innovations: vec![nan; nv],
                 arriving: arriving_besides,
-                own: vec![Watched { terms: [nan; 6], zeta: (nan, nan) }; bodies],
+                own: vec![Watched { terms: [nan; 6], bias: [nan; 6], zeta: (nan, nan) }; bodies],
                 co_states: watched,
             },
             co_states,

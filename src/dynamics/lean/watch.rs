@@ -28,7 +28,8 @@ pub(crate) fn forward_dynamics_watched<T: Real, C: ColumnsOf<T>>(
     qdd: &mut [T],
 ) -> (PivotMonitor<T>, PivotMonitor<T>, Cancellation<T>) {
     let state = Motion { q, qd, qdd: None, wrenches };
-    motion::base_to_tip::<T, C, false>((model, lean), scratch, state);
+    // With mass where it is: z + P lambda is to be the force that is transmitted.
+    motion::base_to_tip::<T, C, false>((model, lean), lean.whole_segments(), scratch, state);
     let [monitor, near] = filter::tip_to_base::<T, { filter::WATCH }>((model, lean), scratch, tau, qdd);
     (monitor, near, base_to_tip((model, lean), scratch, qdd))
 }
@@ -53,8 +54,7 @@ pub(crate) fn factor_watched<T: Real, C: ColumnsOf<T>>(
     (monitor, base_to_tip((model, lean), scratch, estimates))
 }
 
-/// What the first look left, as the second look of [`auto`](crate::dynamics::auto) reads it; that finds the co-states itself. Forces are those that were
-/// rounded, with mass on [joints' axes](super::loads) at the parents.
+/// What the first look left, as the second look of [`auto`](crate::dynamics::auto) reads it; that finds the co-states itself.
 #[inline(always)]
 pub(crate) fn hand_over<T: Real>(
     (model, lean): (&Model<T>, &LeanModel<T>),
@@ -77,6 +77,7 @@ pub(crate) fn hand_over<T: Real>(
             *gain = body.frame.undo(&own);
         }
         workspace.z[k] = body.frame.undo(&scratch.own[place].force);
+        workspace.bias[k] = body.frame.undo(&scratch.watching.own[place].bias);
         workspace.terms[k] = body.frame.undo_on_sizes(&scratch.watching.own[place].terms);
     }
 }
@@ -88,7 +89,7 @@ fn base_to_tip<T: Real>(
     scratch: &mut LeanScratch<T>,
     estimates: &mut [T],
 ) -> Cancellation<T> {
-    let mut seen = Cancellation::beside(T::from_f64(lean.beside));
+    let mut seen = Cancellation::new();
     let LeanScratch { own, shifts, measured, watching, .. } = scratch;
     let Watching { own: watched, co_states, innovations, .. } = watching;
     // Of one length, for the compiler to see.
@@ -121,13 +122,14 @@ fn base_to_tip<T: Real>(
                 nu = shift.motion_to_child(&Vector6::from(*outer_nu)).into();
             }
         }
-        let whole = (&own.force, &watched.terms);
+        let whole = (&own.force, &watched.bias, &watched.terms);
         if body.is_about_z {
             let right_sides = (estimates[row], innovations[row]);
             let estimate = seen.through_axis::<ABOUT_Z>(&measured[row], whole, (&mut lambda, &mut nu), right_sides);
             estimates[row] = estimate * estimate.everywhere(body.sense);
         } else {
-            let swept = Swept { z: &Vector6::from(*whole.0), terms: &Vector6::from(*whole.1), measured };
+            let (z, bias, terms) = (Vector6::from(*whole.0), Vector6::from(*whole.1), Vector6::from(*whole.2));
+            let swept = Swept { z: &z, bias: &bias, terms: &terms, measured };
             let (mut state, mut probe) = (Vector6::from(lambda), Vector6::from(nu));
             let stage = &model.system.stages[body.index];
             seen.through_stage(stage, &swept, (&mut state, &mut probe), (estimates, innovations));
@@ -146,30 +148,30 @@ fn base_to_tip<T: Real>(
 #[cfg(test)]
 mod tests {
     use super::{LeanModel, LeanScratch, forward_dynamics_watched};
+    use crate::filter::cancellation::Margins;
     use crate::scenes;
 
     /// Torques that hold a chain against its weight leave next to nothing of it: beside what is left most digits are missing, beside
-    /// gravity hardly one.
+    /// what one unit in the last place of the forces makes of it none. Of a chain that falls nothing is excused.
     #[test]
-    fn what_is_held_still_is_seen_beside_gravity() {
+    fn what_is_held_still_is_seen_beside_the_forces_that_hold_it() {
         let scene = scenes::chain(7).expect("a chain");
         let model = scene.model();
         let (q, still) = ([0.3, -0.7, 0.5, 0.9, -0.4, 0.6, 0.2], [0.0; 7]);
-        let mut torque = [f64::NAN; 7];
-        scene.bias_torque(&mut scene.workspace(), &q, &still, &mut torque).expect("a state");
+        let mut held = [f64::NAN; 7];
+        scene.bias_torque(&mut scene.workspace(), &q, &still, &mut held).expect("a state");
         // Off by a part in ten thousand million, which is what is left.
-        torque[3] *= 1.0 + 1e-10;
-        let error = |lean: &LeanModel<f64>| {
-            let (mut scratch, mut qdd) = (LeanScratch::new(model, lean), [f64::NAN; 7]);
-            let state = (&q[..], &still[..], &torque[..]);
-            let (_, _, seen) = forward_dynamics_watched::<_, f64>((model, lean), &mut scratch, state, &[], &mut qdd);
-            assert!(qdd.iter().all(|a| a.abs() < 1e-6) && qdd.iter().any(|&a| a != 0.0), "{qdd:?}");
-            (seen.error(0), qdd.iter().fold(0.0_f64, |largest, a| largest.max(a.abs())))
+        held[3] *= 1.0 + 1e-10;
+        let lean = LeanModel::new(model);
+        let seen = |torque: &[f64]| {
+            let (mut scratch, mut qdd) = (LeanScratch::new(model, &lean), [f64::NAN; 7]);
+            let state = (&q[..], &still[..], torque);
+            forward_dynamics_watched::<_, f64>((model, &lean), &mut scratch, state, &[], &mut qdd).2
         };
-        let gravity = model.gravity.norm();
-        let (alone, left) = error(&LeanModel::new(model));
-        let (beside, _) = error(&LeanModel::new(model).beside(gravity));
-        assert!(alone > 1e-6 && beside < 1e-11, "{alone:e} {beside:e}");
-        assert!((alone * left / (beside * gravity) - 1.0).abs() < 1e-12, "{alone:e} {beside:e}");
+        let nothing = Margins { of_size: 0.0, of_rest: 0.0, of_bias: 0.0, of_bias_at_most: 0.0 };
+        let (size, rest) = (Margins { of_size: 400.0, ..nothing }, Margins { of_rest: 4.0, ..nothing });
+        let (holding, falling) = (seen(&held), seen(&still));
+        assert!(holding.relative_error(0) > 1e-6 && holding.slack(&size) < 0.0 && holding.slack(&rest) > 0.0);
+        assert!(falling.relative_error(0) < 1e-13 && falling.slack(&size) > 0.0 && falling.slack(&rest) < 0.0);
     }
 }
