@@ -577,12 +577,12 @@ class SceneBuilder:
         """Checks everything and makes the Scene; the builder can be used again.
 
         floating_base: puts a free joint under the root link, named as in Scene.from_urdf. gravity: (3,), m/s^2, in the base
-        frame. strict: unphysical inertias, and moving links that all have no mass, raise instead of warning. leave_out: as in
-        Scene.from_urdf.
+        frame. strict: unphysical inertias raise instead of warning. leave_out: as in Scene.from_urdf.
 
         Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
         two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
-        friction, lower above upper, a floating base of what floats already. Warns InertiaWarning and MimicWarning as Scene.from_urdf does.
+        friction, lower above upper, a floating base of what floats already. Warns InertiaWarning for
+        inertias that no body can have, and MimicWarning, as Scene.from_urdf does.
         """
 
 def _rebuild_scene(description: tuple[Any, ...], /) -> Scene: ...

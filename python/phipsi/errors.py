@@ -118,7 +118,7 @@ class SimulationInterrupted(KeyboardInterrupt):
 
 
 class InertiaWarning(UserWarning):
-    """A link whose inertia no distribution of mass can have, or moving links that all have no mass; it is computed with as it is."""
+    """A link whose inertia no body can have, or a URDF whose moving links all have no mass; it is computed with as it is."""
 
 
 class LimitWarning(UserWarning):

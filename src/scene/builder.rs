@@ -45,7 +45,9 @@ pub struct SceneBuilder {
     pub(super) omissions: Omissions,
     /// The joints that [`Scene::lock`] fixed, with what they were.
     pub(super) locked: Vec<(String, JointKind)>,
-    /// What a file was read with, for the scene's warnings.
+    /// Whether links and joints come from a file: from code, a scene without mass is meant so.
+    pub(super) from_file: bool,
+    /// What the file was read with, for the scene's warnings.
     pub(super) notes: Vec<SceneWarning>,
 }
 
@@ -67,6 +69,7 @@ impl SceneBuilder {
             strict: false,
             omissions: Omissions::default(),
             locked: Vec::new(),
+            from_file: false,
             notes: Vec::new(),
         }
     }
@@ -99,8 +102,8 @@ impl SceneBuilder {
         self
     }
 
-    /// Makes an error of unphysical inertias, mimics of unknown joints, moving links that all have no mass, and, in a file,
-    /// of what is not understood and of limits that mean nothing.
+    /// Makes an error of unphysical inertias and mimics of unknown joints; in a file also of moving links that all have no
+    /// mass, of what is not understood, and of limits that mean nothing.
     #[must_use]
     pub fn strict(mut self, strict: bool) -> Self {
         self.strict = strict;

@@ -179,7 +179,7 @@ pub enum SceneWarning {
         /// The joint that it should follow.
         source: String,
     },
-    /// A scene none of whose moving links has mass.
+    /// A file none of whose moving links has mass.
     NoMass {
         /// The moving links.
         links: Vec<String>,

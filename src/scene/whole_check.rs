@@ -84,9 +84,10 @@ impl SceneBuilder {
         Ok(warnings)
     }
 
-    /// The moving links, if there are some and none has mass. Where joints are locked, the whole scene has been looked at.
+    /// The moving links of a file, if there are some and none has mass. Where joints are locked, the whole scene has been
+    /// looked at.
     fn no_mass(&self, tree: &Tree) -> Option<SceneWarning> {
-        if !self.locked.is_empty() {
+        if !self.from_file || !self.locked.is_empty() {
             return None;
         }
         let mut links = Vec::new();

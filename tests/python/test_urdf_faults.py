@@ -33,7 +33,7 @@ REFUSED = {
     "a bare &": ('name="base"', 'name="a & b"', r"line 2, column 15: found a bare &; expected &amp; in its place"),
     "an unknown entity": ('name="base"', 'name="a&b;"', r"line 2, column \d+: found &b;.*&amp;"),
     "a bare <": ('name="base"', 'name="a<b"', r"line 2, column \d+: found a bare <.*; expected &lt; in its place"),
-    "a prefix on what is read": ("<link ", "<a:link ", r"line 2, column 1: found <a:link>.*'a' is not declared; expected <link>"),
+    "a prefix on what is read": ("<link ", "<a:link ", r"line 2, column 2: found <a:link>.*'a' is not declared; expected <link>"),
     "after what was restated": ("<robot", "<!-- -- --><robot a:b='1'><link></robot><robot", r"line 1, column 33"),
 }
 

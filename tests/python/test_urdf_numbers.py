@@ -110,6 +110,7 @@ INERTIA, RATIO = '<drake:rotor_inertia value="2e-4"/>', '<drake:gear_ratio value
         (driven(INERTIA, "<mechanicalReduction>100</mechanicalReduction>"), 2.0),
         (driven(INERTIA + RATIO + "<mechanicalReduction>1</mechanicalReduction>"), 2.0),
         (driven("<motorInertia>2e-4</motorInertia><mechanicalReduction>100</mechanicalReduction>"), 2.0),
+        (driven("<rotorInertia>2e-4</rotorInertia><gearRatio>100</gearRatio>"), 2.0),
         (driven("<drake:rotor_inertia>2e-4</drake:rotor_inertia>" + RATIO), 2.0),
         (driven(INERTIA + RATIO, kind=""), 2.0),
         (driven(INERTIA + RATIO).replace("<robot", '<robot xmlns:drake="http://drake.mit.edu"'), 2.0),
@@ -127,9 +128,9 @@ def test_rotor_inertia_is_armature(text: str, armature: float) -> None:
 @pytest.mark.parametrize(
     ("text", "armature", "words"),
     [
-        (driven(INERTIA + RATIO, name="ghost"), 0.0, "SimpleTransmission of one joint"),
-        (driven(INERTIA + RATIO, kind="<type>transmission_interface/DifferentialTransmission</type>"), 0.0, "SimpleTransmission of one joint"),
-        (driven(INERTIA + RATIO, '<joint name="slide"/>'), 0.0, "SimpleTransmission of one joint"),
+        (driven(INERTIA + RATIO, name="ghost"), 0.0, "one joint of this file"),
+        (driven(INERTIA + RATIO, kind="<type>transmission_interface/DifferentialTransmission</type>"), 0.0, "one joint of this file"),
+        (driven(INERTIA + RATIO, '<joint name="slide"/>'), 0.0, "one joint of this file"),
         (driven(INERTIA + RATIO + "<mechanicalReduction>7</mechanicalReduction>"), 2.0, "the gear ratio 100 is read"),
         (driven(INERTIA + RATIO).replace('friction="0.2"', 'armature="3"'), 3.0, "armature is given already"),
         (driven('<drake:rotor_inerta value="1"/>'), 0.0, "<drake:rotor_inerta> in <actuator>"),
@@ -193,3 +194,8 @@ def test_a_fixed_world_may_float() -> None:
     from phipsi.report.structure import tree_of
 
     assert tree_of(scene).mass == 3.0
+
+
+def test_a_scene_without_mass_from_code_is_meant_so() -> None:
+    builder = phipsi.SceneBuilder().link("base").link("rod").joint("hinge", "revolute", "base", "rod")
+    assert builder.build(strict=True).nv == 1

@@ -84,7 +84,7 @@ fn read(xml: &str, name: &str) -> Result<SceneBuilder, Error> {
     }
     let mut findings = Findings::new(&source, &document);
     findings.survey()?;
-    let mut builder = SceneBuilder::new();
+    let mut builder = SceneBuilder { from_file: true, ..SceneBuilder::new() };
     let mut limits = Vec::new();
     for node in robot.children().filter(|node| node.is_element() && same_namespace(node, &robot)) {
         match node.tag_name().name() {

@@ -2,8 +2,8 @@
 //!
 //! Read are `<drake:rotor_inertia value="...">` and `<drake:gear_ratio value="...">`, in the `<actuator>` of a simple
 //! `<transmission>` as Drake has them, or in the `<joint>` itself; in an actuator also `<rotorInertia>`, `<rotor_inertia>` and
-//! `<motorInertia>` with the value as text, and `<mechanicalReduction>` for the ratio, in the actuator, the transmission or
-//! its joint. Without ratio it is 1, without inertia 0.
+//! `<motorInertia>` with the value as text, `<gearRatio>` and `<gear_ratio>`, and `<mechanicalReduction>` for the ratio, in the
+//! actuator, the transmission or its joint. Without ratio it is 1, without inertia 0.
 
 use super::known::one_off;
 use super::survey::{Findings, foreign};
@@ -15,7 +15,8 @@ use std::collections::{HashMap, HashSet};
 
 /// Names of the rotor's inertia and of the ratio; those of Drake first.
 const INERTIAS: [&str; 4] = ["drake:rotor_inertia", "rotorInertia", "rotor_inertia", "motorInertia"];
-const RATIOS: [&str; 3] = ["drake:gear_ratio", "mechanicalReduction", "mechanical_reduction"];
+const RATIOS: [&str; 5] =
+    ["drake:gear_ratio", "gearRatio", "gear_ratio", "mechanicalReduction", "mechanical_reduction"];
 
 /// Adds the rotors' inertia to the armature of the joints.
 ///

@@ -162,7 +162,7 @@ impl<'s> Findings<'s> {
         } else if undeclared && tags.clone().any(|tag| tag == local) {
             let found = format!("<{whole}>, whose prefix '{prefix}' is not declared");
             let expected = format!("<{local}>, or xmlns:{prefix}=\"...\" on <robot>");
-            return Err(Error::scene(self.source.place_of(child), found, expected));
+            return Err(Error::scene(self.source.place_of_name(child), found, expected));
         } else if undeclared && tags.any(|tag| one_off(&whole, tag)) {
             self.add(&format!("<{whole}> in {}", place(node, owner)), child, "");
         }

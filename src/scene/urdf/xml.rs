@@ -71,6 +71,11 @@ impl<'a> Source<'a> {
         self.place(node.document().text_pos_at(node.range().start))
     }
 
+    /// Where the name of an element is, after its `<`.
+    pub(super) fn place_of_name(&self, node: &Node) -> String {
+        self.place(node.document().text_pos_at(node.range().start + 1))
+    }
+
     /// The line, from 1, of a byte of the document.
     pub(super) fn line(&self, document: &Document, byte: usize) -> u32 {
         self.line_of(document.text_pos_at(byte))
