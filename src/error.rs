@@ -132,6 +132,16 @@ impl Error {
     }
 }
 
+/// A number for a message, as short as it is exact: with an exponent where the digits would be many.
+pub(crate) fn number(value: f64) -> String {
+    let size = value.abs();
+    if size == 0.0 || (1e-4..1e7).contains(&size) || !value.is_finite() {
+        format!("{value}")
+    } else {
+        format!("{value:e}")
+    }
+}
+
 /// Checks the length of a slice that must hold one state.
 pub(crate) fn check_length(argument: &str, found: usize, expected: usize) -> Result<(), Error> {
     if found == expected {

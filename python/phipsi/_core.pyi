@@ -86,15 +86,18 @@ class Scene:
     ) -> Scene:
         """The scene of a URDF file or text.
 
-        source: a path, or the XML itself: a str that starts with "<" after white space. floating_base: puts a free joint,
-        "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame. strict: unphysical inertias raise.
+        source: a path, or the XML itself: a str that starts with "<" after white space. floating_base: puts a free joint
+        under the root link, "root_joint", or with "_" behind where the file has that name (it is joint_names[0]). gravity:
+        (3,), m/s^2, in the base frame. strict: what is warned of raises, but for mimic joints whose source is there.
         leave_out: names of what may be left out, of "fixed_joints", "base_links", "exact_zeros",
         "renamed_axes", "tilted_axes", "zero_levers", "axis_masses", "pivot_bounds", "massless_bodies", "planar", "zero_velocity" and
         "zero_gravity"; None: all.
         Results are the same to rounding, but operators and estimates need the first two (ArgumentError).
 
         Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for another source.
-        Warns InertiaWarning for inertias that no body can have, MimicWarning for mimic joints (they stay free).
+        Warns InertiaWarning for inertias that no body can have and for moving links that all have no mass, MimicWarning for
+        mimic joints (they stay free), LimitWarning for limits that mean nothing (they are taken as none), and
+        UnknownTagWarning, once, for elements, attributes and text that are not understood (they are passed over).
         """
 
     @property
@@ -127,7 +130,7 @@ class Scene:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the movable joints, in the order of q; the free joint of a floating base is "root_joint"."""
+        """Names of the movable joints, in the order of q; the free joint of a floating base is the first, "root_joint"."""
 
     @property
     def body_names(self) -> tuple[str, ...]:
@@ -573,12 +576,13 @@ class SceneBuilder:
     ) -> Scene:
         """Checks everything and makes the Scene; the builder can be used again.
 
-        floating_base: puts a free joint, "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame.
-        strict: unphysical inertias raise instead of warning. leave_out: as in Scene.from_urdf.
+        floating_base: puts a free joint under the root link, named as in Scene.from_urdf. gravity: (3,), m/s^2, in the base
+        frame. strict: unphysical inertias raise instead of warning. leave_out: as in Scene.from_urdf.
 
         Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
         two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
-        friction, lower above upper. Warns InertiaWarning and MimicWarning as Scene.from_urdf does.
+        friction, lower above upper, a floating base of what floats already. Warns InertiaWarning for
+        inertias that no body can have, and MimicWarning, as Scene.from_urdf does.
         """
 
 def _rebuild_scene(description: tuple[Any, ...], /) -> Scene: ...

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ArgumentError",
     "InertiaWarning",
+    "LimitWarning",
     "MimicWarning",
     "NotFiniteError",
     "PhipsiError",
@@ -22,6 +23,7 @@ __all__ = [
     "SimulationInterrupted",
     "SingularJointError",
     "SingularTaskError",
+    "UnknownTagWarning",
 ]
 
 
@@ -116,8 +118,16 @@ class SimulationInterrupted(KeyboardInterrupt):
 
 
 class InertiaWarning(UserWarning):
-    """A link whose inertia no distribution of mass can have; it is computed with as it is."""
+    """A link whose inertia no body can have, or a URDF whose moving links all have no mass; it is computed with as it is."""
+
+
+class LimitWarning(UserWarning):
+    """Limits in a URDF that mean nothing, lower above upper or velocity or effort below zero; they are taken as none."""
 
 
 class MimicWarning(UserWarning):
     """A joint that should follow another; it is taken as an independent coordinate."""
+
+
+class UnknownTagWarning(UserWarning):
+    """Elements, attributes or text of a URDF that are not understood and were passed over: one warning for a file."""

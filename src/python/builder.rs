@@ -126,12 +126,13 @@ impl PySceneBuilder {
 
     /// Checks everything and makes the Scene; the builder can be used again.
     ///
-    /// `floating_base`: puts a free joint, "`root_joint`", under the root link. gravity: (3,), m/s^2, in the base frame.
-    /// strict: unphysical inertias raise instead of warning. `leave_out`: as in `Scene.from_urdf`.
+    /// `floating_base`: puts a free joint under the root link, named as in `Scene.from_urdf`. gravity: (3,), m/s^2, in the base
+    /// frame. strict: unphysical inertias raise instead of warning. `leave_out`: as in `Scene.from_urdf`.
     ///
     /// Raises `SceneError`, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
     /// two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
-    /// friction, lower above upper. Warns `InertiaWarning` and `MimicWarning` as `Scene.from_urdf` does.
+    /// friction, lower above upper, a floating base of what floats already. Warns `InertiaWarning` for
+    /// inertias that no body can have, and `MimicWarning`, as `Scene.from_urdf` does.
     #[pyo3(signature = (floating_base=false, gravity=None, strict=false, *, leave_out=None),
            text_signature = "($self, floating_base=False, gravity=(0, 0, -9.81), strict=False, *, leave_out=None)")]
     fn build(

@@ -2,7 +2,7 @@
 
 use super::plan;
 use super::scene::PyScene;
-use crate::error::Error;
+use crate::error::{Error, number};
 use crate::scene::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Scene, SceneBuilder, Spring};
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Matrix3;
@@ -182,9 +182,11 @@ pub(super) fn joint_kind(joint: &str, name: &str, pitch: Option<f64>) -> Result<
             })?;
             match pitch {
                 None => Ok(kind),
-                Some(pitch) => {
-                    Err(Error::scene(subject(), format!("pitch {pitch} for a {name} joint"), "pitch for a screw only"))
-                }
+                Some(pitch) => Err(Error::scene(
+                    subject(),
+                    format!("pitch {} for a {name} joint", number(pitch)),
+                    "pitch for a screw only",
+                )),
             }
         }
     }

@@ -104,8 +104,10 @@ pub(super) fn batch_index<'py>(py: Python<'py>, state: usize, batch: &[usize]) -
 pub(super) fn warn(py: Python<'_>, scene: &Scene) -> PyResult<()> {
     for warning in scene.warnings() {
         let class = match warning {
-            SceneWarning::Inertia { .. } => "InertiaWarning",
+            SceneWarning::Inertia { .. } | SceneWarning::NoMass { .. } => "InertiaWarning",
             SceneWarning::Mimic { .. } => "MimicWarning",
+            SceneWarning::NotUnderstood { .. } => "UnknownTagWarning",
+            SceneWarning::Limits { .. } => "LimitWarning",
         };
         let text = CString::new(warning.to_string().replace('\0', "\\0")).unwrap_or_default();
         let class = classes(py)?.getattr(class)?;

@@ -37,13 +37,16 @@ impl PyScene {
     /// The scene of a URDF file or text.
     ///
     /// source: a path (str or os.PathLike), or the XML itself: a str that starts with "<" after white space.
-    /// floating_base: puts a free joint, "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame.
-    /// strict: unphysical inertias raise instead of warning. leave_out: names of what may be left out, of "fixed_joints",
+    /// floating_base: puts a free joint under the root link, "root_joint", or with "_" behind where the file has that name
+    /// (it is joint_names[0]). gravity: (3,), m/s^2, in the base frame. strict: what is warned of raises, but for mimic
+    /// joints whose source is there. leave_out: names of what may be left out, of "fixed_joints",
     /// "base_links", "exact_zeros", "renamed_axes", "tilted_axes", "zero_levers", "axis_masses", "pivot_bounds", "massless_bodies", "planar", "zero_velocity" and "zero_gravity"; None: all.
     /// Results are the same to rounding, but operators and estimates need the first two (ArgumentError).
     ///
     /// Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for a source that is
-    /// neither. Warns InertiaWarning for inertias that no body can have, MimicWarning for mimic joints (they stay free).
+    /// neither. Warns InertiaWarning for inertias that no body can have and for moving links that all have no mass,
+    /// MimicWarning for mimic joints (they stay free), LimitWarning for limits that mean nothing (they are taken as none), and
+    /// UnknownTagWarning, once, for elements, attributes and text that are not understood (they are passed over).
     #[staticmethod]
     #[pyo3(signature = (source, *, floating_base=false, gravity=None, strict=false, leave_out=None),
            text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False, leave_out=None)")]
@@ -176,11 +179,11 @@ enum Source {
 
 impl Source {
     fn read(source: &Bound<'_, PyAny>) -> PyResult<Self> {
-        if let Ok(text) = source.extract::<std::borrow::Cow<'_, str>>() {
-            let text = text.trim_start_matches('\u{feff}');
-            if text.trim_start().starts_with('<') {
-                return Ok(Self::Text(text.trim_start().to_owned()));
-            }
+        if let Ok(text) = source.extract::<std::borrow::Cow<'_, str>>()
+            && text.trim_start_matches('\u{feff}').trim_start().starts_with('<')
+        {
+            // Whole, so that lines are counted as the user counts them.
+            return Ok(Self::Text(text.into_owned()));
         }
         if let Ok(path) = source.extract::<PathBuf>() {
             return Ok(Self::File(path));

@@ -1,7 +1,7 @@
 //! The scene of a checked tree: the order, the frames, the merging.
 
 use super::description::{Inertial, JointDescription, JointKind};
-use super::{Joint, Link, ROOT_JOINT, Scene};
+use super::{Joint, Link, Scene};
 use crate::planar::PlanarModel;
 use crate::scene::model::Motion;
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, inertia_root, join_roots, root_of_merged};
@@ -20,7 +20,7 @@ pub(super) fn assemble(unfilled: Scene, tree: &Tree) -> Scene {
 
 /// A rotation R with R `e_z` = axis; exact where the axis is a coordinate axis.
 fn axis_onto_z(axis: &Vector3<f64>) -> Matrix3<f64> {
-    let z = axis / axis.norm();
+    let z = unit(axis);
     if z == Vector3::z() {
         return Matrix3::identity();
     }
@@ -28,6 +28,14 @@ fn axis_onto_z(axis: &Vector3<f64>) -> Matrix3<f64> {
     let helper = Vector3::ith(z.iamin(), 1.0);
     let x = (helper - z * z.dot(&helper)).normalize();
     Matrix3::from_columns(&[x, z.cross(&x), z])
+}
+
+/// A vector of length 1 in that direction. Lengths whose square is no number of 64 bits are scaled first; others keep their
+/// rounding.
+fn unit(axis: &Vector3<f64>) -> Vector3<f64> {
+    let size = axis.amax();
+    let axis = if (1e-100..1e100).contains(&size) { *axis } else { axis / size };
+    axis / axis.norm()
 }
 
 /// A pure rotation.
@@ -71,7 +79,7 @@ impl Assembly {
     fn run(mut self, tree: &Tree) -> Scene {
         let place = if self.scene.source.floating_base {
             let root = JointDescription::new(
-                ROOT_JOINT,
+                self.scene.source.root_joint_name(),
                 JointKind::Floating,
                 "",
                 self.scene.source.links[tree.root].name.clone(),

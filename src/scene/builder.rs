@@ -3,14 +3,14 @@
 use super::Scene;
 use super::assembly::{Tree, assemble};
 use super::description::{JointDescription, JointKind, LinkDescription, SceneWarning};
-use super::inertia_check::{check_numbers, unphysical};
+use super::inertia_check::check_numbers;
 use super::joint_check::check_joint;
 use super::omissions::Omissions;
 use crate::error::Error;
 use nalgebra::Vector3;
 use std::collections::{HashMap, HashSet};
 
-/// Name of the joint that a floating base gets.
+/// Name of the joint that a floating base gets, unless a joint of the scene has it.
 pub const ROOT_JOINT: &str = "root_joint";
 
 /// Collects links and joints; [`SceneBuilder::build`] checks them and makes the scene.
@@ -45,6 +45,10 @@ pub struct SceneBuilder {
     pub(super) omissions: Omissions,
     /// The joints that [`Scene::lock`] fixed, with what they were.
     pub(super) locked: Vec<(String, JointKind)>,
+    /// Whether links and joints come from a file: from code, a scene without mass is meant so.
+    pub(super) from_file: bool,
+    /// What the file was read with, for the scene's warnings.
+    pub(super) notes: Vec<SceneWarning>,
 }
 
 impl Default for SceneBuilder {
@@ -65,6 +69,8 @@ impl SceneBuilder {
             strict: false,
             omissions: Omissions::default(),
             locked: Vec::new(),
+            from_file: false,
+            notes: Vec::new(),
         }
     }
 
@@ -89,14 +95,15 @@ impl SceneBuilder {
         self
     }
 
-    /// Puts a free joint, named "`root_joint`", under the root link.
+    /// Puts a free joint under the root link, named [`ROOT_JOINT`], with as many "_" behind as make the name unique.
     #[must_use]
     pub fn floating_base(mut self, floating: bool) -> Self {
         self.floating_base = floating;
         self
     }
 
-    /// Makes unphysical inertias and mimics of unknown joints an error.
+    /// Makes an error of unphysical inertias and mimics of unknown joints; in a file also of moving links that all have no
+    /// mass, of what is not understood, and of limits that mean nothing.
     #[must_use]
     pub fn strict(mut self, strict: bool) -> Self {
         self.strict = strict;
@@ -184,12 +191,13 @@ impl SceneBuilder {
     ///
     /// [`Error::Scene`], naming the link or joint, for: no link, a name used twice, an unknown parent or child, a link
     /// with two parents, two roots, a cycle, an axis of no direction, numbers that are not finite, a negative mass,
-    /// armature, damping, friction or stiffness, a rest that is no configuration of the joint, lower limit above upper; with `strict`, an unphysical inertia or a mimic of an
-    /// unknown joint.
+    /// armature, damping, friction or stiffness, a rest that is no configuration of the joint, lower limit above upper; a
+    /// floating base for what floats already, under a root link without mass; and what [`SceneBuilder::strict`] makes one.
     pub fn build(self) -> Result<Scene, Error> {
-        let tree = self.check_tree()?;
+        let tree = self.check_tree().map_err(|error| self.with_notes(error))?;
         self.check_numbers()?;
-        let warnings = self.warnings()?;
+        self.check_base(&tree)?;
+        let warnings = self.warnings(&tree)?;
         Ok(assemble(Scene::unfilled(self, warnings), &tree))
     }
 
@@ -205,9 +213,6 @@ impl SceneBuilder {
             }
         }
         let mut names: HashSet<&str> = HashSet::new();
-        if self.floating_base {
-            names.insert(ROOT_JOINT);
-        }
         let mut parent_joint: Vec<Option<usize>> = vec![None; self.links.len()];
         let mut children: Vec<Vec<(usize, usize)>> = vec![Vec::new(); self.links.len()];
         for (j, joint) in self.joints.iter().enumerate() {
@@ -217,7 +222,8 @@ impl SceneBuilder {
             }
             let find = |role: &str, name: &str| {
                 index.get(name).copied().ok_or_else(|| {
-                    Error::scene(subject(), format!("{role} link {name:?}, which is not there"), self.known_links())
+                    let found = format!("{role} link {name:?}, which is not there");
+                    Error::scene(subject(), found, self.known_links(name))
                 })
             };
             let (parent, child) = (find("parent", &joint.parent)?, find("child", &joint.child)?);
@@ -266,11 +272,24 @@ impl SceneBuilder {
         Ok(Tree { children, root })
     }
 
-    /// A short list of the links, for messages.
-    fn known_links(&self) -> String {
+    /// A short list of the links, for messages; how to declare the ground, for the link that many files leave out.
+    fn known_links(&self, wanted: &str) -> String {
         let names: Vec<_> = self.links.iter().take(8).map(|l| format!("{:?}", l.name)).collect();
         let more = if self.links.len() > 8 { ", ..." } else { "" };
-        format!("one of the links {}{more}", names.join(", "))
+        let listed = format!("one of the links {}{more}", names.join(", "));
+        if wanted == "world" {
+            return format!("<link name=\"world\"/> in the file (in code: a link \"world\" without mass), or {listed}");
+        }
+        listed
+    }
+
+    /// The name of the joint that a floating base gets.
+    pub(super) fn root_joint_name(&self) -> String {
+        let mut name = ROOT_JOINT.to_owned();
+        while self.joints.iter().any(|joint| joint.name == name) {
+            name.push('_');
+        }
+        name
     }
 
     fn check_numbers(&self) -> Result<(), Error> {
@@ -280,36 +299,5 @@ impl SceneBuilder {
             }
         }
         self.joints.iter().try_for_each(check_joint)
-    }
-
-    fn warnings(&self) -> Result<Vec<SceneWarning>, Error> {
-        let mut warnings = Vec::new();
-        for link in &self.links {
-            if let Some(found) = link.inertial.as_ref().and_then(unphysical) {
-                if self.strict {
-                    return Err(Error::scene(
-                        format!("link {:?}", link.name),
-                        found,
-                        "an inertia that a body can have (strict)",
-                    ));
-                }
-                warnings.push(SceneWarning::Inertia { link: link.name.clone(), found });
-            }
-        }
-        let names: HashSet<&str> = self.joints.iter().map(|joint| joint.name.as_str()).collect();
-        // A fixed joint that keeps its <mimic> has no coordinate to be independent.
-        for joint in self.joints.iter().filter(|joint| joint.kind != JointKind::Fixed) {
-            if let Some(source) = &joint.mimic {
-                if self.strict && !names.contains(source.as_str()) {
-                    return Err(Error::scene(
-                        format!("joint {:?}", joint.name),
-                        format!("a mimic of joint {source:?}, which is not there"),
-                        "the name of another joint (strict)",
-                    ));
-                }
-                warnings.push(SceneWarning::Mimic { joint: joint.name.clone(), source: source.clone() });
-            }
-        }
-        Ok(warnings)
     }
 }

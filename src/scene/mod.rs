@@ -18,6 +18,7 @@ pub(crate) mod queries;
 pub mod spring;
 #[cfg(feature = "urdf")]
 pub mod urdf;
+mod whole_check;
 
 pub use builder::{ROOT_JOINT, SceneBuilder};
 pub use description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, SceneWarning};

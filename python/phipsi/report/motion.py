@@ -20,7 +20,7 @@ from .._core import Scene
 from .._motion import Trajectory
 from .draw import View, _best
 from .figure import COLOURS, FAINT, INK, STYLE, Plot, finished
-from .structure import WORLD, Tree
+from .structure import Tree
 
 Array = NDArray[np.float64]
 
@@ -148,8 +148,8 @@ def stroboscope(path: Trajectory, tree: Tree, flashes: int = FLASHES) -> Plot:
     scene = path.scene
     at = np.unique(np.linspace(0, len(path) - 1, flashes).round().astype(int))
     dense = np.unique(np.linspace(0, len(path) - 1, 400).round().astype(int))
-    bones = [(joint.parent, joint.child) for joint in tree.joints.values() if joint.parent != WORLD]
-    tips = [link for link in tree.links if link != WORLD and not tree.children.get(link)] or [tree.root]
+    bones = [(joint.parent, joint.child) for joint in tree.joints.values() if joint.parent in tree.links]
+    tips = [link for link in tree.links if not tree.children.get(link)] or [tree.root]
     frozen, flown = scene.placements(path.q[at]), scene.placements(path.q[dense])
     origins = {name: placement[:, :3, 3] for name, placement in frozen.items()}
     cloud = np.concatenate([points for points in origins.values()])

@@ -9,7 +9,6 @@ from .collect import Report
 from .figure import Plot
 from .measure import EPS
 from .sections import FILTER
-from .structure import ROOT_JOINT
 from .style import CSS
 from .text import count, escape, plural, scientific, significant, time
 
@@ -59,7 +58,7 @@ def _head(report: Report, links: str) -> str:
         f"{count(scene.nv)} degrees of freedom",
         plural(scene.plan().bodies, "moving body", "moving bodies"),
         f"{significant(report.tree.mass)} kg",
-        "floating base" if ROOT_JOINT in report.tree.joints else "fixed base",
+        "floating base" if report.tree.floating else "fixed base",
     ]
     return (
         f"<header><h1>{escape(report.name)}</h1><p>{' · '.join(parts)}</p></header>"

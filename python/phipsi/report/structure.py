@@ -12,9 +12,8 @@ from .._core import Scene
 
 Array = NDArray[np.float64]
 
-#: Above the root link of a floating base.
+#: Above the root link of a floating base, unless a link has that name.
 WORLD = "world"
-ROOT_JOINT = "root_joint"
 
 
 @dataclass(frozen=True)
@@ -66,6 +65,8 @@ class Tree:
     links: dict[str, Link]
     joints: dict[str, Joint]
     children: dict[str, list[Joint]] = field(default_factory=dict)
+    floating: bool = False
+    """Whether the first joint is the free one of a floating base."""
 
     @property
     def mass(self) -> float:
@@ -118,9 +119,12 @@ def tree_of(scene: Scene) -> Tree:
     carried = {joint.child for joint in tree.joints.values()}
     tree.root = next(name for name in tree.links if name not in carried)
     if floating:
-        joint = Joint(ROOT_JOINT, "floating", WORLD, tree.root, np.zeros(3), 0.0, None)
-        tree.joints = {ROOT_JOINT: joint, **tree.joints}
-        tree.root = WORLD
+        world = WORLD
+        while world in tree.links:
+            world += "_"
+        joint = Joint(scene.joint_names[0], "floating", world, tree.root, np.zeros(3), 0.0, None)
+        tree.joints = {joint.name: joint, **tree.joints}
+        tree.root, tree.floating = world, True
     for joint in tree.joints.values():
         tree.children.setdefault(joint.parent, []).append(joint)
     return tree
