@@ -86,6 +86,34 @@ pub enum Error {
         /// Index of the state in a batch, if there is one.
         state: Option<usize>,
     },
+    /// A size that there is no memory for.
+    #[error(
+        "{argument}: found a size that takes {bytes} bytes{}; expected one that {}",
+        in_units(*bytes),
+        free.map_or_else(|| "this process can have".to_owned(), |free| format!("fits in the {free} bytes{} that are free", in_units(free)))
+    )]
+    Memory {
+        /// Name of the argument that says how large.
+        argument: String,
+        /// What it would take.
+        bytes: u128,
+        /// What is free, where that is known and was the reason.
+        free: Option<u128>,
+    },
+    /// Work that was told to stop: see [`watch`](crate::watch).
+    #[error("interrupted")]
+    Interrupted,
+}
+
+/// Many bytes in a unit that can be read at a glance; nothing for few.
+fn in_units(bytes: u128) -> String {
+    const UNITS: [&str; 6] = ["MB", "GB", "TB", "PB", "EB", "ZB"];
+    #[allow(clippy::cast_precision_loss)] // two digits are shown
+    let (mut size, mut unit) = (bytes as f64 / 1e6, 0);
+    while size >= 1e3 && unit + 1 < UNITS.len() {
+        (size, unit) = (size / 1e3, unit + 1);
+    }
+    if size < 1.0 { String::new() } else { format!(" ({size:.3} {})", UNITS[unit]) }
 }
 
 /// The words for one link or several.
@@ -117,6 +145,15 @@ impl Error {
             *state = Some(index);
         } else if let Self::Argument { found, .. } = &mut self {
             *found = format!("{found} in state {index}");
+        }
+        self
+    }
+
+    /// The same error; one about memory said of the argument that chose the size.
+    #[must_use]
+    pub(crate) fn asked_by(mut self, name: &str) -> Self {
+        if let Self::Memory { argument, .. } = &mut self {
+            name.clone_into(argument);
         }
         self
     }

@@ -5,6 +5,7 @@ use super::{ROOT_JOINT, Scene};
 use crate::error::Error;
 use crate::kinematics::joint_shift;
 use crate::spatial::RigidShift;
+use crate::watch;
 use nalgebra::Matrix3;
 
 impl Scene {
@@ -21,6 +22,7 @@ impl Scene {
         self.check_configuration("q", q)?;
         let mut source = self.source().clone();
         for name in joints {
+            watch::check()?;
             let joint = self.joint(name)?;
             let moved = self.child_placement(joint, q);
             source.locked.push((joint.name.clone(), joint.kind));

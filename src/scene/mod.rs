@@ -19,6 +19,7 @@ pub mod spring;
 #[cfg(feature = "urdf")]
 pub mod urdf;
 
+pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
 pub use description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, SceneWarning};
 pub use model::{Body, Model, Motion};

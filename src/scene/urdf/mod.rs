@@ -9,9 +9,10 @@
 mod xml;
 
 use super::description::{Inertial, JointDescription, JointKind, Limits, LinkDescription};
-use super::{SceneBuilder, Spring};
+use super::{AT_A_TIME, SceneBuilder, Spring};
 use crate::error::Error;
 use crate::spatial::{RigidShift, Symmetric3};
+use crate::{memory, watch};
 use nalgebra::{Matrix3, Vector3};
 use std::path::Path;
 use xml::{Element, Source};
@@ -64,8 +65,12 @@ impl SceneBuilder {
     }
 }
 
+/// About what a letter of a document takes while it is read, in bytes.
+const A_LETTER: usize = 8;
+
 /// Reads a document that messages call `name`.
 fn read(xml: &str, name: &str) -> Result<SceneBuilder, Error> {
+    memory::room("source", memory::bytes_of::<[u8; A_LETTER]>(&[xml.len()]))?;
     let source = Source::new(xml, name);
     let document = source.parse()?;
     let robot = document.root_element();
@@ -73,7 +78,8 @@ fn read(xml: &str, name: &str) -> Result<SceneBuilder, Error> {
         return Err(source.refuse(format!("root element <{}>", robot.tag_name().name()), "<robot>"));
     }
     let mut builder = SceneBuilder::new();
-    for node in robot.children().filter(roxmltree::Node::is_element) {
+    for (i, node) in robot.children().filter(roxmltree::Node::is_element).enumerate() {
+        watch::check_at(i, AT_A_TIME)?;
         let tag = node.tag_name();
         if tag.namespace().is_some_and(|uri| uri.ends_with("xacro")) {
             let found = format!("<xacro:{}>", tag.name());
