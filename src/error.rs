@@ -88,13 +88,15 @@ pub enum Error {
     },
     /// A size that there is no memory for.
     #[error(
-        "{argument}: found a size that takes {bytes} bytes{}; expected one that {}",
+        "{argument}: no room for {what}{bytes} bytes{}{}; expected a size that there is room for",
         in_units(*bytes),
-        free.map_or_else(|| "this process can have".to_owned(), |free| format!("fits in the {free} bytes{} that are free", in_units(free)))
+        free.map_or_else(String::new, |free| format!(", of which {free} bytes{} are free", in_units(free)))
     )]
     Memory {
         /// Name of the argument that says how large.
         argument: String,
+        /// What the bytes are for, with a comma after it, where they need to be explained.
+        what: String,
         /// What it would take.
         bytes: u128,
         /// What is free, where that is known and was the reason.
@@ -156,6 +158,11 @@ impl Error {
             name.clone_into(argument);
         }
         self
+    }
+
+    /// An error about memory, of which nothing more is known.
+    pub(crate) fn memory(argument: &str, bytes: u128, free: Option<u128>) -> Self {
+        Self::Memory { argument: argument.to_owned(), what: String::new(), bytes, free }
     }
 
     /// A scene error from its three parts.

@@ -21,7 +21,7 @@ const SPARE: u128 = 32;
 /// [`Error::Memory`].
 pub fn room(argument: &str, bytes: u128) -> Result<(), Error> {
     let asked = usize::try_from(bytes).ok().filter(|&bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok());
-    let refused = |free| Err(Error::Memory { argument: argument.to_owned(), bytes, free });
+    let refused = |free| Err(Error::memory(argument, bytes, free));
     if bytes < LARGE {
         return if asked.is_some() { Ok(()) } else { refused(None) };
     }
@@ -49,7 +49,7 @@ pub fn with_capacity<T>(argument: &str, length: usize) -> Result<Vec<T>, Error> 
         room(argument, bytes)?;
     }
     let mut vector = Vec::new();
-    let refused = |_| Error::Memory { argument: argument.to_owned(), bytes, free: None };
+    let refused = |_| Error::memory(argument, bytes, None);
     vector.try_reserve_exact(length).map_err(refused)?;
     Ok(vector)
 }
@@ -138,7 +138,7 @@ mod tests {
             let error = refused.expect_err("more than there is");
             let Error::Memory { argument, bytes, .. } = &error else { panic!("{error}") };
             assert_eq!(argument, "samples");
-            assert!(error.to_string().starts_with("samples: found a size that takes"), "{error}");
+            assert!(error.to_string().starts_with("samples: no room for "), "{error}");
             assert!(error.to_string().contains(&bytes.to_string()), "{error}");
         }
     }

@@ -261,7 +261,7 @@ fn no_room(name: &str, cause: &PyErr, py: Python<'_>, bytes: Option<u128>) -> Py
     }
     let bytes = bytes.or_else(|| cause.value(py).getattr("_total_size").ok()?.extract().ok());
     match bytes {
-        Some(bytes) => Error::Memory { argument: name.to_owned(), bytes, free: None }.into(),
+        Some(bytes) => Error::memory(name, bytes, None).into(),
         None => PyMemoryError::new_err(format!("{name}: {}", cause.value(py))),
     }
 }

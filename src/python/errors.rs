@@ -81,7 +81,7 @@ fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> 
             instance.setattr("state", index)?;
             instance
         }
-        Error::Memory { argument, bytes, free } => {
+        Error::Memory { argument, bytes, free, .. } => {
             let instance = instance("OutOfMemoryError")?;
             instance.setattr("argument", argument)?;
             instance.setattr("bytes", bytes)?;
@@ -102,7 +102,7 @@ pub(super) fn asked_by<R>(py: Python<'_>, argument: &str, result: PyResult<R>) -
             Ok((value.getattr("bytes")?.extract()?, value.getattr("free")?.extract()?))
         };
         match (error.is_instance_of::<PyMemoryError>(py), sizes()) {
-            (true, Ok((bytes, free))) => Error::Memory { argument: argument.to_owned(), bytes, free }.into(),
+            (true, Ok((bytes, free))) => Error::memory(argument, bytes, free).into(),
             _ => error,
         }
     })

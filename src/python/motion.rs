@@ -69,7 +69,7 @@ impl PyScene {
     /// momentum_correction, the largest that was made, or None.
     ///
     /// Raises SimulationError where motion diverges, a pivot is lost or tau raises, with .trajectory (the rows of the steps finished),
-    /// .step, .joint and .state; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, with .trajectory; MemoryError where the rows have no
+    /// .step, .joint and .state; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, with .trajectory; OutOfMemoryError where the rows have no
     /// room; ShapeError, NotFiniteError, ArgumentError.
     #[pyo3(signature = (q, qd, *, dt, steps, tau=None, tau_steps=None, method="semi-implicit-euler", record_every=None, pd=None,
                         armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED, form="auto",
@@ -251,7 +251,13 @@ impl Room {
         let numbers = self.numbers.max(1);
         let rows = memory::bytes_of::<f64>(&[states, self.rows, numbers]);
         let at_once = memory::bytes_of::<f64>(&[states, numbers, 3]);
-        memory::room(if self.rows > 3 { "steps" } else { "q, qd" }, rows.saturating_add(at_once))?;
+        let asking = if self.rows > 3 { "steps" } else { "q, qd" };
+        memory::room(asking, rows.saturating_add(at_once)).map_err(|mut error| {
+            if let Error::Memory { what, .. } = &mut error {
+                *what = format!("{} rows of {} numbers for {states} states, ", self.rows, self.numbers);
+            }
+            error
+        })?;
         Ok(states)
     }
 

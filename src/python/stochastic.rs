@@ -71,7 +71,7 @@ impl PyRandomModel {
     /// same whatever is drawn with it and on however many threads. process and force: (samples, nv, 6), W and X = phi W in body
     /// frames, a block a degree of freedom as in Factor; torque: (samples, nv), T = H X + v.
     ///
-    /// Raises ArgumentError for a bad count or seed.
+    /// Raises ArgumentError for a bad count or seed; OutOfMemoryError for more samples than there is room for.
     #[pyo3(signature = (samples, *, seed, first=None))]
     fn sample<'py>(
         &self,
@@ -116,7 +116,9 @@ impl PyRandomModel {
     /// being replicates times a power of two, about samples^-1; "sigma-points", exact, which takes neither samples nor seed.
     /// confidence: of the interval of each entry, between 0 and 1. replicates: scrambles, at least 2, for "sobol" only.
     ///
-    /// Raises ArgumentError, naming the argument.
+    /// Memory does not grow with the samples.
+    ///
+    /// Raises ArgumentError, naming the argument; OutOfMemoryError for more replicates than there is room for.
     #[pyo3(signature = (samples=None, *, seed=None, method="monte-carlo", confidence=0.95, replicates=None),
            text_signature = "($self, samples=None, *, seed=None, method='monte-carlo', confidence=0.95, replicates=8)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python

@@ -162,7 +162,7 @@ LARGE: dict[str, Large] = {
     ),
     "numbers to convert": Large("q", batch(10**6, lambda scene, q: scene.bias_torque(q[:, ::-1], rates(q))), room=40),
     "numbers in a list": Large("q", lambda scene: lambda: scene.bias_torque([[0.0] * 7] * 10**6, np.zeros(7)), room=40),
-    "simulate.steps": Large(
+    "simulate": Large(
         "steps",
         lambda scene: lambda: scene.simulate(np.zeros(7), np.zeros(7), dt=1e-3, steps=10**12),
         covers=("simulate.steps", "simulate.record_every"),

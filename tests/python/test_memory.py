@@ -36,7 +36,7 @@ def public() -> Iterator[tuple[str, str, list[str]]]:
     for place, scope in scopes.items():
         for name in vars(scope):
             thing = getattr(scope, name)
-            if name.startswith("_") or not callable(thing) or inspect.isclass(thing):
+            if name.startswith("_") or not inspect.isroutine(thing):
                 continue
             yield place, name, list(inspect.signature(thing).parameters)
 
@@ -50,7 +50,7 @@ def test_too_large_is_refused_by_name(name: str, large: Large) -> None:
     assert run.stdout, "nothing was refused"
     found = json.loads(run.stdout)
     assert found["argument"] == large.argument, found
-    assert re.match(rf"{re.escape(large.argument)}: found a size that takes \d+ bytes", found["text"]), found
+    assert re.match(rf"{re.escape(large.argument)}: no room for (.*, )?\d+ bytes", found["text"]), found
     assert found["class"] == "OutOfMemoryError" and found["after"]
 
 
@@ -123,7 +123,7 @@ def test_more_than_is_free_is_refused_and_not_promised(chain: phipsi.Scene) -> N
         lines = dict(line.split(":") for line in file)
     free = 1024 * (int(lines["MemAvailable"].split()[0]) + int(lines["SwapFree"].split()[0]))
     model = chain.random_model(np.zeros(7))
-    with pytest.raises(OutOfMemoryError, match="bytes.* that are free") as caught:
+    with pytest.raises(OutOfMemoryError, match="bytes.* are free") as caught:
         model.sample(int(1.02 * free / (13 * 7 * 8)), seed=1)
     error = caught.value
     assert error.argument == "samples" and error.free is not None and error.bytes > 0.9 * error.free
