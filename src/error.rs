@@ -87,24 +87,36 @@ pub enum Error {
         state: Option<usize>,
     },
     /// A size that there is no memory for.
-    #[error(
-        "{argument}: no room for {what}{bytes} bytes{}{}; expected a size that there is room for",
-        in_units(*bytes),
-        free.map_or_else(String::new, |free| format!(", of which {free} bytes{} are free", in_units(free)))
-    )]
+    #[error("{argument}: no room for {shortage}; expected a size that there is room for")]
     Memory {
         /// Name of the argument that says how large.
         argument: String,
-        /// What the bytes are for, with a comma after it, where they need to be explained.
-        what: String,
-        /// What it would take.
-        bytes: u128,
-        /// What is free, where that is known and was the reason.
-        free: Option<u128>,
+        /// How much that is.
+        shortage: Box<Shortage>,
     },
     /// Work that was told to stop: see [`watch`](crate::watch).
     #[error("interrupted")]
     Interrupted,
+}
+
+/// What memory had no room for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Shortage {
+    /// What the bytes are for, where that needs to be explained.
+    pub what: String,
+    /// What it would take.
+    pub bytes: u128,
+    /// What is free, where that is known and was the reason.
+    pub free: Option<u128>,
+}
+
+impl std::fmt::Display for Shortage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { what, bytes, free } = self;
+        let comma = if what.is_empty() { "" } else { ", " };
+        write!(f, "{what}{comma}{bytes} bytes{}", in_units(*bytes))?;
+        free.map_or(Ok(()), |free| write!(f, ", of which {free} bytes{} are free", in_units(free)))
+    }
 }
 
 /// Many bytes in a unit that can be read at a glance; nothing for few.
@@ -162,7 +174,8 @@ impl Error {
 
     /// An error about memory, of which nothing more is known.
     pub(crate) fn memory(argument: &str, bytes: u128, free: Option<u128>) -> Self {
-        Self::Memory { argument: argument.to_owned(), what: String::new(), bytes, free }
+        let shortage = Box::new(Shortage { what: String::new(), bytes, free });
+        Self::Memory { argument: argument.to_owned(), shortage }
     }
 
     /// A scene error from its three parts.

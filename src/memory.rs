@@ -33,6 +33,7 @@ pub fn room(argument: &str, bytes: u128) -> Result<(), Error> {
 }
 
 /// The bytes that so many numbers (or whatever they are) of kind `T` take; factors of a product one by one, so that none overflows.
+#[must_use]
 pub fn bytes_of<T>(factors: &[usize]) -> u128 {
     let each = size_of::<T>() as u128;
     factors.iter().fold(each, |bytes, &factor| bytes.saturating_mul(factor as u128))
@@ -92,7 +93,7 @@ fn of_machine(meminfo: &str) -> Option<u128> {
     Some(entry("MemAvailable")? + entry("SwapFree").unwrap_or(0))
 }
 
-/// The least that a control group, or one that it is in, still has: version 2 ("0::/path"), or version 1 ("7:memory:/path").
+/// The least that a control group, or one that it is in, still has: of version 2 (`0::/path`) or 1 (`7:memory:/path`).
 fn of_groups(own: &str) -> Option<u128> {
     let of_line = |line: &str| -> Option<u128> {
         let mut fields = line.splitn(3, ':').skip(1);
@@ -136,10 +137,10 @@ mod tests {
             room("samples", 1 << 60),
         ] {
             let error = refused.expect_err("more than there is");
-            let Error::Memory { argument, bytes, .. } = &error else { panic!("{error}") };
+            let Error::Memory { argument, shortage } = &error else { panic!("{error}") };
             assert_eq!(argument, "samples");
             assert!(error.to_string().starts_with("samples: no room for "), "{error}");
-            assert!(error.to_string().contains(&bytes.to_string()), "{error}");
+            assert!(error.to_string().contains(&shortage.bytes.to_string()), "{error}");
         }
     }
 

@@ -81,11 +81,11 @@ fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> 
             instance.setattr("state", index)?;
             instance
         }
-        Error::Memory { argument, bytes, free, .. } => {
+        Error::Memory { argument, shortage } => {
             let instance = instance("OutOfMemoryError")?;
             instance.setattr("argument", argument)?;
-            instance.setattr("bytes", bytes)?;
-            instance.setattr("free", free)?;
+            instance.setattr("bytes", shortage.bytes)?;
+            instance.setattr("free", shortage.free)?;
             instance
         }
         // What a handler raised is raised where the work was begun; this is for work that nobody looked after.

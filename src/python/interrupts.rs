@@ -57,13 +57,13 @@ fn look() -> bool {
 
 /// Whether this is the thread that Python handles signals on.
 fn is_main(py: Python<'_>) -> PyResult<bool> {
+    static THREADING: PyOnceLock<[Py<PyAny>; 2]> = PyOnceLock::new();
     match IS_MAIN.get() {
         Some((_, true)) => return Ok(true),
         // A process forked from another thread has that one for its main thread.
         Some((process, false)) if process == std::process::id() => return Ok(false),
         _ => {}
     }
-    static THREADING: PyOnceLock<[Py<PyAny>; 2]> = PyOnceLock::new();
     let [main_thread, get_ident] = THREADING.get_or_try_init(py, || {
         let threading = py.import("threading")?;
         Ok::<_, PyErr>([threading.getattr("main_thread")?.unbind(), threading.getattr("get_ident")?.unbind()])

@@ -253,8 +253,8 @@ impl Room {
         let at_once = memory::bytes_of::<f64>(&[states, numbers, 3]);
         let asking = if self.rows > 3 { "steps" } else { "q, qd" };
         memory::room(asking, rows.saturating_add(at_once)).map_err(|mut error| {
-            if let Error::Memory { what, .. } = &mut error {
-                *what = format!("{} rows of {} numbers for {states} states, ", self.rows, self.numbers);
+            if let Error::Memory { shortage, .. } = &mut error {
+                shortage.what = format!("{} rows of {} numbers for {states} states", self.rows, self.numbers);
             }
             error
         })?;

@@ -56,6 +56,7 @@ struct Rows<'a> {
 }
 
 /// The first `count` entries of a slice, which it then has no more.
+#[allow(clippy::mut_mut)] // a slice that becomes shorter
 fn taken<'a>(slice: &mut &'a mut [f64], count: usize) -> &'a mut [f64] {
     let (own, rest) = std::mem::take(slice).split_at_mut(count);
     *slice = rest;
