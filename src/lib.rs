@@ -47,6 +47,7 @@ pub mod dynamics;
 pub mod error;
 pub mod filter;
 pub mod kinematics;
+pub mod memory;
 pub mod motion;
 pub mod operators;
 pub mod plan;
@@ -60,6 +61,7 @@ pub mod scenes;
 pub mod spatial;
 #[cfg(feature = "stochastic")]
 pub mod stochastic;
+pub mod watch;
 mod workspace;
 
 pub use error::Error;

@@ -5,6 +5,7 @@ mod counted;
 use crate::filter::{HingeMap, Rows};
 use crate::scene::{Body, JointKind, Motion, Omissions, Scene};
 use crate::spatial::Symmetric3;
+use crate::watch;
 use std::collections::HashSet;
 
 /// One thing left out.
@@ -86,25 +87,29 @@ fn counted(count: usize, one: &str, many: &str) -> String {
 impl Scene {
     /// What this scene does not need, and what leaving it out saved.
     ///
-    /// Some of it is counted by running the algorithms on numbers that count: O(N), some microseconds a body.
+    /// Some of it is counted by running the algorithms on numbers that count: O(N), some microseconds a body. Under a [`watch`] that ends the
+    /// work, only what was found until then.
     #[must_use]
     pub fn plan(&self) -> Plan {
-        let built = [
-            self.merged_item(),
-            self.base_item(),
-            self.zeros_item(),
-            self.renamed_item(),
-            self.tilted_item(),
-            self.levers_item(),
-            self.axis_masses_item(),
-            self.pivot_bounds_item(),
-            self.massless_item(),
-            self.planar_item(),
+        let built: [fn(&Self) -> Omission; 10] = [
+            Self::merged_item,
+            Self::base_item,
+            Self::zeros_item,
+            Self::renamed_item,
+            Self::tilted_item,
+            Self::levers_item,
+            Self::axis_masses_item,
+            Self::pivot_bounds_item,
+            Self::massless_item,
+            Self::planar_item,
         ];
-        let called = [self.velocity_item(), self.gravity_item()];
-        let others = [self.locked_item(), self.factor_item(), self.branch_item(), self.outputs_item()];
-        let always = [self.axes_item(), self.armature_item()];
-        let items = built.into_iter().chain(called).chain(others).chain(always).filter(|item| item.count > 0).collect();
+        let called: [fn(&Self) -> Omission; 2] = [Self::velocity_item, Self::gravity_item];
+        let others: [fn(&Self) -> Omission; 4] =
+            [Self::locked_item, Self::factor_item, Self::branch_item, Self::outputs_item];
+        let always: [fn(&Self) -> Omission; 2] = [Self::axes_item, Self::armature_item];
+        let all = built.into_iter().chain(called).chain(others).chain(always);
+        let found = all.map_while(|item| watch::check().ok().map(|()| item(self)));
+        let items = found.filter(|item| item.count > 0).collect();
         Plan { bodies: self.model().bodies.len(), links: self.links().len(), items }
     }
 

@@ -70,7 +70,10 @@ class Scene:
 
     Arguments raise ShapeError, NotFiniteError or ArgumentError (see phipsi.errors), naming the argument and the state.
     The GIL is released in all calls longer than some microseconds; large batches run on several threads (as many as
-    RAYON_NUM_THREADS says, else one a core), with the same bits for any number of them.
+    RAYON_NUM_THREADS says, else one a core), with the same bits for any number of them. On the main thread Ctrl-C ends any long call within
+    some tenths of a second, on all threads of it; out is partly written then.
+
+    Results that memory has no room for raise OutOfMemoryError (a MemoryError), naming the arguments that ask for them and the bytes.
 
     Scenes pickle, compare and hash by identity; copies are the scene itself.
     """
@@ -250,7 +253,7 @@ class Scene:
         the start; momentum_correction, the largest that conserve_momentum made, else None. The same bits for any number of threads.
 
         Raises SimulationError where motion diverges, a pivot is lost, or tau raises, with the rows of the finished
-        steps; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; MemoryError where the rows have no room;
+        steps; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; OutOfMemoryError where the rows have no room;
         ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
         """
 
@@ -666,7 +669,7 @@ class RandomModel:
         of a seed is the same whatever is drawn with it and on however many threads. process and force: (samples, nv, 6), W and
         X = phi W in body frames, a block a degree of freedom as in Factor; torque: (samples, nv), T = H X + v.
 
-        Raises ArgumentError for a bad count or seed.
+        Raises ArgumentError for a bad count or seed; OutOfMemoryError for more samples than there is room for.
         """
 
     def sample_torque(self, samples: int, *, seed: int, first: int | None = None) -> _Array:
@@ -685,9 +688,10 @@ class RandomModel:
 
         method: "monte-carlo", independent samples, whose error falls as samples^-1/2; "sobol", scrambled Sobol points, samples
         being replicates times a power of two, about samples^-1; "sigma-points", exact, which takes neither samples nor seed.
-        confidence: of the interval of each entry, between 0 and 1. replicates: scrambles, at least 2, for "sobol" only.
+        confidence: of the interval of each entry, between 0 and 1. replicates: scrambles, at least 2, for "sobol" only. Memory does not
+        grow with the samples.
 
-        Raises ArgumentError, naming the argument.
+        Raises ArgumentError, naming the argument; OutOfMemoryError for more replicates than there is room for.
         """
 
 @final

@@ -16,6 +16,7 @@ __all__ = [
     "LimitWarning",
     "MimicWarning",
     "NotFiniteError",
+    "OutOfMemoryError",
     "PhipsiError",
     "SceneError",
     "ShapeError",
@@ -90,6 +91,17 @@ class SingularTaskError(PhipsiError, ArithmeticError):
     """How many directions the task has."""
     state: int | tuple[int, ...] | None = None
     """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
+
+
+class OutOfMemoryError(PhipsiError, MemoryError):
+    """A size that there is no memory for, refused before anything is computed where that can be known."""
+
+    argument: str = ""
+    """Name of the argument that says how large."""
+    bytes: int = 0
+    """What it would take."""
+    free: int | None = None
+    """What is free, where that is known and was the reason."""
 
 
 class SimulationError(PhipsiError, ArithmeticError):

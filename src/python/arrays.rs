@@ -3,12 +3,14 @@
 use super::kept;
 use crate::batch::{Broadcast, shape_text};
 use crate::error::Error;
+use crate::memory;
 use crate::scalar::Precision;
 use numpy::ndarray::{ArrayD, ArrayView2, Dimension};
 use numpy::{
     AsSliceError, BorrowError, Element, IxDyn, PyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn,
     PyReadwriteArrayDyn, PyUntypedArray, PyUntypedArrayMethods, ToPyArray,
 };
+use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use std::borrow::Cow;
@@ -19,6 +21,12 @@ const FEW: usize = 64;
 
 /// Larger results are made by Python, which raises where memory runs out.
 const MANY: usize = 1 << 12;
+
+/// What is said to ask for the memory of a result, until it is known which argument did.
+const RESULT: &str = "result";
+
+/// Copies take the GIL from others for so many numbers at a time, and then look at signals.
+const AT_A_TIME: usize = 1 << 19;
 
 /// One array argument: C-contiguous numbers of kind `P`, borrowed where it was that already, else converted.
 pub(super) struct Input<'py, P: Element = f64> {
@@ -74,11 +82,7 @@ impl<'py, P: Precision + Element> Input<'py, P> {
         let numbers = if array.len() <= FEW {
             Numbers::Copied(array.to_vec()?)
         } else {
-            let borrowed = array.try_readonly().map_err(|_| {
-                let found = "an array that another call is writing to";
-                Error::argument(&*name, found, "an array that does not change during the call")
-            })?;
-            Numbers::Borrowed(borrowed)
+            Numbers::Borrowed(array.try_readonly().map_err(|_| being_written(&name))?)
         };
         Ok(Self { name, width, array, numbers })
     }
@@ -120,15 +124,28 @@ pub(super) fn fixed(name: &str, value: &Bound<'_, PyAny>, shape: &[usize]) -> Py
     if array.shape() != shape {
         return Err(wrong_shape(name, array.shape(), shape_text(shape)));
     }
-    Ok(array.to_vec()?)
+    copied(name, &array)
+}
+
+/// The numbers of an argument, row-major.
+fn copied(name: &str, array: &Bound<'_, PyArrayDyn<f64>>) -> PyResult<Vec<f64>> {
+    if array.len() <= MANY {
+        return Ok(array.to_vec()?);
+    }
+    let borrowed = array.try_readonly().map_err(|_| being_written(name))?;
+    Ok(memory::copied(name, borrowed.as_slice()?)?)
+}
+
+fn being_written(name: &str) -> Error {
+    Error::argument(name, "an array that another call is writing to", "an array that does not change during the call")
 }
 
 /// One number for all of `width`, or an array (width,): the numbers.
 pub(super) fn spread(name: &str, value: &Bound<'_, PyAny>, width: usize) -> PyResult<Vec<f64>> {
     let array = read(name, value)?;
     match (array.ndim(), array.len()) {
-        (0, 1) => Ok(vec![array.to_vec()?[0]; width]),
-        (1, found) if found == width => Ok(array.to_vec()?),
+        (0, 1) => Ok(memory::filled("scene", width, array.to_vec()?[0])?),
+        (1, found) if found == width => copied(name, &array),
         _ => Err(wrong_shape(name, array.shape(), format!("() or ({width},)"))),
     }
 }
@@ -154,7 +171,7 @@ pub(super) fn one_or_each(
     shape: &[usize],
 ) -> PyResult<Vec<Vec<f64>>> {
     let array = read::<f64>(name, value)?;
-    let numbers = array.to_vec()?;
+    let numbers = copied(name, &array)?;
     if array.shape() == shape {
         return Ok(vec![numbers; count]);
     }
@@ -170,7 +187,7 @@ pub(super) fn one_or_each(
 pub(super) fn rows(name: &str, value: &Bound<'_, PyAny>, width: usize) -> PyResult<(usize, Vec<f64>)> {
     let array = read::<f64>(name, value)?;
     match *array.shape() {
-        [rows, found] if found == width && rows > 0 => Ok((rows, array.to_vec()?)),
+        [rows, found] if found == width && rows > 0 => Ok((rows, copied(name, &array)?)),
         _ => Err(wrong_shape(name, array.shape(), format!("(k, {width}), k at least 1"))),
     }
 }
@@ -218,6 +235,9 @@ fn as_array<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
 fn convert<'py, P: Precision + Element>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     let py = value.py();
     let array = as_array(value).map_err(|cause| {
+        if cause.is_instance_of::<PyMemoryError>(py) {
+            return no_room(name, &cause, py, None);
+        }
         let error = refused(name, &format!("what NumPy cannot read ({})", cause.value(py)));
         error.set_cause(py, Some(cause));
         error
@@ -227,7 +247,23 @@ fn convert<'py, P: Precision + Element>(name: &str, value: &Bound<'py, PyAny>) -
     if !matches!(kind.as_str(), "f" | "i" | "u") {
         return Err(refused(name, &format!("dtype {dtype}")));
     }
-    Ok(array.call_method1("astype", (P::NAME, "C"))?.cast_into()?)
+    let bytes = memory::bytes_of::<P>(&[array.cast::<PyUntypedArray>()?.len()]);
+    memory::room(name, bytes)?;
+    let converted = array.call_method1("astype", (P::NAME, "C"));
+    Ok(converted.map_err(|cause| no_room(name, &cause, py, Some(bytes)))?.cast_into()?)
+}
+
+/// The error of an array that `NumPy` could not make for want of memory, for which it says how much unless it is known; another error as it is.
+fn no_room(name: &str, cause: &PyErr, py: Python<'_>, bytes: Option<u128>) -> PyErr {
+    // A shape that overflows is a ValueError in NumPy.
+    if !(cause.is_instance_of::<PyMemoryError>(py) || bytes.is_some() && cause.is_instance_of::<PyValueError>(py)) {
+        return cause.clone_ref(py);
+    }
+    let bytes = bytes.or_else(|| cause.value(py).getattr("_total_size").ok()?.extract().ok());
+    match bytes {
+        Some(bytes) => Error::memory(name, bytes, None).into(),
+        None => PyMemoryError::new_err(format!("{name}: {}", cause.value(py))),
+    }
 }
 
 fn refused(name: &str, found: &str) -> PyErr {
@@ -303,6 +339,43 @@ impl<'py, P: Precision + Element> Output<'py, P> {
         }
     }
 
+    /// Writes rows that lie elsewhere, `width` numbers each; signals are looked at on the way.
+    pub fn gather<'a>(
+        &mut self,
+        py: Python<'py>,
+        width: usize,
+        mut rows: impl Iterator<Item = &'a [P]>,
+    ) -> PyResult<()> {
+        if width == 0 {
+            return Ok(());
+        }
+        let together = (AT_A_TIME / width).max(1);
+        for numbers in self.numbers()?.chunks_mut(together * width) {
+            for (to, from) in numbers.chunks_exact_mut(width).zip(&mut rows) {
+                to.copy_from_slice(from);
+            }
+            py.check_signals()?;
+        }
+        Ok(())
+    }
+
+    /// Writes all numbers, row-major; signals are looked at on the way.
+    pub fn copy_from(&mut self, py: Python<'py>, numbers: &[P]) -> PyResult<()> {
+        let own = self.numbers()?;
+        debug_assert_eq!(own.len(), numbers.len());
+        for (to, from) in own.chunks_mut(AT_A_TIME).zip(numbers.chunks(AT_A_TIME)) {
+            to.copy_from_slice(from);
+            py.check_signals()?;
+        }
+        Ok(())
+    }
+
+    /// The array, written; a `NumPy` scalar for the empty shape.
+    pub fn finish_or_scalar(self) -> PyResult<Bound<'py, PyAny>> {
+        let array = self.finish();
+        if array.ndim() == 0 { array.get_item(()) } else { Ok(array.into_any()) }
+    }
+
     /// The array, written.
     pub fn finish(self) -> Bound<'py, PyArrayDyn<P>> {
         match self {
@@ -355,7 +428,10 @@ fn made_by<'py, P: Precision + Element>(
     (function, name): (&PyOnceLock<Py<PyAny>>, &str),
     shape: &[usize],
 ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
-    Ok(function.import(py, "numpy", name)?.call1((shape.to_vec(), P::NAME))?.cast_into()?)
+    let bytes = memory::bytes_of::<P>(shape);
+    memory::room(RESULT, bytes)?;
+    let made = function.import(py, "numpy", name)?.call1((shape.to_vec(), P::NAME));
+    Ok(made.map_err(|cause| no_room(RESULT, &cause, py, Some(bytes)))?.cast_into()?)
 }
 
 /// A new array with these numbers in row-major order; a `NumPy` scalar for the empty shape.
@@ -370,7 +446,6 @@ pub(super) fn from_numbers<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize
         _ => {}
     }
     let mut output = Output::new(py, shape)?;
-    output.numbers()?.copy_from_slice(numbers);
-    let array = output.finish().into_any();
-    if shape.is_empty() { array.get_item(()) } else { Ok(array) }
+    output.copy_from(py, numbers)?;
+    output.finish_or_scalar()
 }

@@ -1,7 +1,8 @@
 //! The class `SceneBuilder`: a scene from code.
 
 use super::description::joint_kind;
-use super::scene::PyScene;
+use super::interrupts::detached_checked;
+use super::scene::{PyScene, WORTH_DETACHING};
 use super::{arrays, errors, plan};
 use crate::error::Error;
 use crate::scene::{Inertial, JointDescription, Limits, LinkDescription, SceneBuilder, Spring};
@@ -144,11 +145,17 @@ impl PySceneBuilder {
         leave_out: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<PyScene> {
         let omissions = plan::left_out(leave_out)?;
-        let mut builder = self.builder.clone().floating_base(floating_base).strict(strict).omissions(omissions);
-        if let Some(gravity) = gravity {
-            builder = builder.gravity(arrays::triple("gravity", gravity)?);
-        }
-        let scene = builder.build()?;
+        let gravity = gravity.map(|gravity| arrays::triple("gravity", gravity)).transpose()?;
+        let build = || {
+            let builder = self.builder.clone().floating_base(floating_base).strict(strict).omissions(omissions);
+            match gravity {
+                Some(gravity) => builder.gravity(gravity),
+                None => builder,
+            }
+            .build()
+        };
+        // A builder that is being read without the GIL refuses to grow: that is for those which take long.
+        let scene = if self.builder.links().len() < WORTH_DETACHING { build()? } else { detached_checked(py, build)? };
         errors::warn(py, &scene)?;
         Ok(PyScene::new(scene))
     }

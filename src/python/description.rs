@@ -1,8 +1,10 @@
 //! A scene as plain tuples of numbers and names, for pickling; and in one line, for `repr`.
 
+use super::interrupts::detached_checked;
 use super::plan;
 use super::scene::PyScene;
 use crate::error::{Error, number};
+use crate::memory;
 use crate::scene::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Scene, SceneBuilder, Spring};
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Matrix3;
@@ -46,16 +48,23 @@ pub(super) struct Description(
     Vec<LockedTuple>,
 );
 
+/// Where the links are in a description.
+const LINKS: usize = 4;
+
+/// About what the description of a link and its joint takes, in bytes, as numbers and as Python's objects.
+const A_COPY: usize = 3_000;
+
 impl Description {
     /// Everything that a scene was built from.
-    pub fn of(source: &SceneBuilder) -> Self {
+    pub fn of(source: &SceneBuilder) -> Result<Self, Error> {
+        memory::room("scene", memory::bytes_of::<[u8; A_COPY]>(&[source.links().len()]))?;
         let links = source.links().iter().map(link_tuple).collect();
         let joints = source.joints().iter().map(joint_tuple).collect();
         let left_out = plan::names_of(source.left_out());
         let locked = source.locked().iter();
         let locked = locked.map(|(name, kind)| (name.clone(), kind.name().to_owned(), pitch_of(*kind))).collect();
         let (gravity, floating, strict) = (source.gravity_vector(), source.is_floating(), source.is_strict());
-        Self(VERSION, gravity, floating, strict, links, joints, left_out, locked)
+        Ok(Self(VERSION, gravity, floating, strict, links, joints, left_out, locked))
     }
 
     fn build(self) -> Result<Scene, Error> {
@@ -195,8 +204,12 @@ pub(super) fn joint_kind(joint: &str, name: &str, pitch: Option<f64>) -> Result<
 /// Builds a scene from what `Scene.__reduce__` gave; without warnings, which the first building issued.
 #[pyfunction]
 #[pyo3(name = "_rebuild_scene", signature = (description, /))]
-pub(super) fn rebuild_scene(py: Python<'_>, description: Description) -> PyResult<PyScene> {
-    Ok(PyScene::new(py.detach(|| description.build())?))
+pub(super) fn rebuild_scene(py: Python<'_>, description: &Bound<'_, PyAny>) -> PyResult<PyScene> {
+    if let Ok(links) = description.get_item(LINKS).and_then(|links| links.len()) {
+        memory::room("pickled scene", memory::bytes_of::<[u8; A_COPY]>(&[links]))?;
+    }
+    let description: Description = description.extract()?;
+    Ok(PyScene::new(detached_checked(py, || description.build())?))
 }
 
 /// A scene in one line.

@@ -1,6 +1,7 @@
 //! The method `Scene.estimate`: forces, accelerations and torques given the torques of some joints (section 2).
 
-use super::arrays::{self, Input, Output, from_numbers};
+use super::arrays::{self, Input, Output};
+use super::errors::asked_by;
 use super::evaluate::{Call, Scratch};
 use super::scene::{PyScene, names};
 use super::wrenches::Wrench;
@@ -105,8 +106,8 @@ impl PyScene {
         let cost = if dense { cost::DENSE * nv * nv * nv } else { bodies };
         let call = Call::new(self, inputs, wrenches, cost)?;
         let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
-        let mut results = call.scratch_results(width)?;
-        call.numbers(py, &mut results, |scene, scratch, [q, qd, torque, noise, prior], out| {
+        let mut results = call.scratch_results(py, width)?;
+        call.numbers(py, results.numbers()?, |scene, scratch, [q, qd, torque, noise, prior], out| {
             let Scratch { workspace, estimation, forces, .. } = scratch;
             let kept = estimation.get_or_insert_with(|| Estimation::new(scene));
             for (row, own) in kept.noise.iter_mut().enumerate() {
@@ -126,7 +127,8 @@ impl PyScene {
             }
             Ok(())
         })?;
-        result(py, &results, &call.batch, nv, covariance)
+        let gathered = result(py, results.numbers()?, &call.batch, nv, covariance);
+        asked_by(py, &call.asking(), gathered)
     }
 }
 
@@ -239,8 +241,9 @@ fn result<'py>(
     static ESTIMATE: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
     let fields = PyDict::new(py);
-    let likelihoods: Vec<f64> = results.iter().step_by(width).copied().collect();
-    fields.set_item("log_likelihood", from_numbers(py, &likelihoods, batch)?)?;
+    let mut likelihoods = Output::new(py, batch)?;
+    likelihoods.gather(py, 1, results.chunks_exact(width).map(|state| &state[..1]))?;
+    fields.set_item("log_likelihood", likelihoods.finish_or_scalar()?)?;
     let names: [(&str, &[usize]); 8] = [
         ("acceleration", &[]),
         ("torque", &[]),
@@ -256,11 +259,7 @@ fn result<'py>(
         let shape = [batch, &[nv], block].concat();
         let own = nv * block.iter().product::<usize>();
         let mut output = Output::new(py, &shape)?;
-        if own > 0 {
-            for (to, from) in output.numbers()?.chunks_exact_mut(own).zip(results.chunks_exact(width)) {
-                to.copy_from_slice(&from[at..at + own]);
-            }
-        }
+        output.gather(py, own, results.chunks_exact(width).map(|state| &state[at..at + own]))?;
         fields.set_item(*name, output.finish())?;
         at += own;
     }

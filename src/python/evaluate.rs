@@ -2,8 +2,9 @@
 
 use super::arrays::{Input, Output};
 use super::cost::Cost;
-use super::errors::fault;
+use super::errors::{asked_by, fault};
 use super::estimation::Estimation;
+use super::interrupts::detached;
 use super::scene::PyScene;
 use super::wrenches::{self, Wrench};
 use crate::batch::chunk::{Algorithm, Arguments};
@@ -11,12 +12,12 @@ use crate::batch::evaluator::{Evaluated, Evaluator};
 use crate::batch::{Batch, Broadcast, Fault, broadcast_axes};
 use crate::dynamics::operational::OperationalScratch;
 use crate::error::Error;
+use crate::memory;
 use crate::scalar::MOST_LANES;
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 use numpy::{Element, PyArrayDyn};
-use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 
 /// The GIL is kept for calls shorter than this (ns of one thread), as `NumPy` does: giving it up takes a tenth of a
@@ -117,7 +118,7 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         shape: &[usize],
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
-        let mut output = self.output(shape, out, |full| Output::unwritten(py, full))?;
+        let mut output = self.output(py, shape, out, |full| Output::unwritten(py, full))?;
         let results = output.numbers()?;
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
@@ -159,6 +160,7 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
     /// The array of shape batch + `shape` that receives the results: a new one from `make`, or the caller's `out`.
     fn output(
         &self,
+        py: Python<'py>,
         shape: &[usize],
         out: Option<&Bound<'py, PyAny>>,
         make: impl FnOnce(&[usize]) -> PyResult<Output<'py, P>>,
@@ -167,12 +169,23 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         full.extend_from_slice(&self.batch);
         full.extend_from_slice(shape);
         match out {
-            None => make(&full),
+            None => match make(&full) {
+                Ok(made) => Ok(made),
+                Err(failed) => asked_by(py, &self.asking(), Err(failed)),
+            },
             Some(out) => {
                 let wrenches = self.wrenches.iter().map(|wrench| wrench.input.addresses());
                 Output::given(out, &full, self.inputs.iter().map(Input::addresses).chain(wrenches))
             }
         }
+    }
+
+    /// The names of the arguments that make the batch as large as it is.
+    pub fn asking(&self) -> String {
+        let given = self.inputs.iter().map(|input| (&*input.name, input.leading()));
+        let all = given.chain(self.wrenches.iter().map(|Wrench { input, .. }| (&*input.name, input.leading())));
+        let names: Vec<&str> = all.filter(|(_, leading)| !leading.is_empty()).map(|(name, _)| name).collect();
+        if names.is_empty() { "scene".to_owned() } else { names.join(", ") }
     }
 
     /// The arguments for the threads, which see no Python.
@@ -194,25 +207,24 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         let batch =
             Batch { states: self.states, cost, pool: &self.scene.pool, make: &make as &(dyn Fn() -> Scratch + Sync) };
         let short = self.states.saturating_mul(cost) < WORTH_RELEASING;
-        let outcome = if short { work(batch) } else { py.detach(|| work(batch)) };
+        let outcome = if short {
+            work(batch)
+        } else {
+            self.scene.check_scratch(self.states)?;
+            detached(py, || work(batch))?
+        };
         outcome.map_err(|error| fault(py, error, &self.batch))
     }
 }
 
 impl<'py, const N: usize> Call<'_, 'py, N> {
-    /// Room for `width` numbers a state, where the result is not one array.
-    pub fn scratch_results(&self, width: usize) -> PyResult<Vec<f64>> {
-        let mut results = Vec::new();
-        let entries = self.states.checked_mul(width);
-        match entries.filter(|&entries| results.try_reserve_exact(entries).is_ok()) {
-            None => {
-                Err(PyMemoryError::new_err(format!("no room for {width} numbers for each of {} states", self.states)))
-            }
-            Some(entries) => {
-                results.resize(entries, 0.0);
-                Ok(results)
-            }
-        }
+    /// Room for `width` numbers a state, where the result is not one array; for the arrays that they are copied to there is room too.
+    pub fn scratch_results(&self, py: Python<'py>, width: usize) -> PyResult<Output<'py>> {
+        memory::room(&self.asking(), memory::bytes_of::<f64>(&[self.states, width, 2]))?;
+        let Some(entries) = self.states.checked_mul(width) else {
+            return Err(Error::argument(self.asking(), "more numbers than memory has addresses", "fewer states").into());
+        };
+        asked_by(py, &self.asking(), Output::new(py, &[entries]))
     }
 
     /// Evaluates every state into an array of shape batch + `shape`: a new one, or the caller's `out`.
@@ -226,7 +238,7 @@ impl<'py, const N: usize> Call<'_, 'py, N> {
     where
         K: Fn(&Scene, &mut Scratch, [&[f64]; N], &mut [f64]) -> Result<(), Error> + Sync,
     {
-        let mut output = self.output(shape, out, |full| Output::new(py, full))?;
+        let mut output = self.output(py, shape, out, |full| Output::new(py, full))?;
         self.numbers(py, output.numbers()?, kernel)?;
         Ok(output.finish())
     }

@@ -1,6 +1,7 @@
 //! Methods of `Scene`: where links are, how they move, energy and momentum.
 
-use super::arrays::{Input, Output, from_numbers};
+use super::arrays::{Input, Output};
+use super::errors::asked_by;
 use super::evaluate::Call;
 use super::scene::PyScene;
 use numpy::PyArrayDyn;
@@ -29,8 +30,8 @@ impl PyScene {
         let links = self.scene.links();
         let inputs = [Input::new("q", q, self.scene.nq())?];
         let call = Call::new(self, inputs, Vec::new(), cost::PLACEMENT * (self.size() + links.len()))?;
-        let mut all = call.scratch_results(16 * links.len())?;
-        call.numbers(py, &mut all, |scene, _, [q], out| {
+        let mut all = call.scratch_results(py, 16 * links.len())?;
+        call.numbers(py, all.numbers()?, |scene, _, [q], out| {
             for (shift, out) in scene.placements(q)?.iter().zip(out.chunks_exact_mut(16)) {
                 for (i, row) in out.chunks_exact_mut(4).take(3).enumerate() {
                     for (j, entry) in row.iter_mut().take(3).enumerate() {
@@ -46,11 +47,8 @@ impl PyScene {
         shape.extend([4, 4]);
         let placements = PyDict::new(py);
         for (at, link) in links.iter().enumerate() {
-            let mut output = Output::new(py, &shape)?;
-            let of_link = all.chunks_exact(16).skip(at).step_by(links.len());
-            for (matrix, numbers) in output.numbers()?.chunks_exact_mut(16).zip(of_link) {
-                matrix.copy_from_slice(numbers);
-            }
+            let mut output = asked_by(py, &call.asking(), Output::new(py, &shape))?;
+            output.gather(py, 16, all.numbers()?.chunks_exact(16).skip(at).step_by(links.len()))?;
             placements.set_item(&link.name, output.finish())?;
         }
         Ok(placements)
@@ -87,15 +85,16 @@ impl PyScene {
         static ENERGY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
         let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, self.scene.nv())?];
         let call = Call::new(self, inputs, Vec::new(), cost::ENERGY * self.size())?;
-        let mut both = call.scratch_results(2)?;
-        call.numbers(py, &mut both, |scene, scratch, [q, qd], out| {
+        let mut both = call.scratch_results(py, 2)?;
+        call.numbers(py, both.numbers()?, |scene, scratch, [q, qd], out| {
             let energy = scene.energy(&mut scratch.workspace, q, qd)?;
             out.copy_from_slice(&[energy.kinetic, energy.potential]);
             Ok(())
         })?;
-        let part = |which: usize| {
-            let numbers: Vec<f64> = both.iter().skip(which).step_by(2).copied().collect();
-            from_numbers(py, &numbers, &call.batch)
+        let mut part = |which: usize| {
+            let mut output = asked_by(py, &call.asking(), Output::new(py, &call.batch))?;
+            output.gather(py, 1, both.numbers()?.chunks_exact(2).map(|state| &state[which..=which]))?;
+            output.finish_or_scalar()
         };
         ENERGY.import(py, "phipsi._results", "Energy")?.call1((part(0)?, part(1)?))
     }

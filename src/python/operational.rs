@@ -5,6 +5,7 @@ use super::dynamics::read_form;
 use super::evaluate::{Call, Scratch};
 use super::scene::{PyScene, names};
 use crate::error::Error;
+use crate::memory;
 use crate::scene::{Scene, TaskFrame};
 use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Vector3};
@@ -51,6 +52,7 @@ impl PyScene {
         let task = Task::read(&self.scene, links, xyz, rotation)?;
         let frames = task.frames();
         let width = 6 * frames.len();
+        memory::room("links", memory::bytes_of::<f64>(&[width, width]))?;
         let inputs = [Input::new("q", q, self.scene.nq())?];
         let call = Call::new(self, inputs, Vec::new(), self.cost_of_task(frames.len()))?;
         call.array(py, &[width, width], None, |scene, scratch, [q], out| {
@@ -87,11 +89,13 @@ impl PyScene {
         let task = Task::read(&self.scene, links, xyz, rotation)?;
         let frames = task.frames();
         let width = 6 * frames.len();
+        Self::check_task_room("links", [width, width])?;
         let directions = directions.map(|directions| rows("directions", directions, width)).transpose()?;
         let (k, directions) = match directions {
             Some((k, directions)) => (k, Some(directions)),
             None => (width, None),
         };
+        Self::check_task_room(if directions.is_some() { "directions" } else { "links" }, [k, width.max(k)])?;
         let inputs = [Input::new("q", q, self.scene.nq())?];
         let of_inverse = cost::INVERSE.saturating_mul(k.saturating_pow(3));
         let call = Call::new(self, inputs, Vec::new(), self.cost_of_task(frames.len()).saturating_add(of_inverse))?;
@@ -105,8 +109,15 @@ impl PyScene {
 }
 
 impl PyScene {
+    /// Whether there is room for the matrices between the links' frames and the result.
+    fn check_task_room(argument: &str, [rows, columns]: [usize; 2]) -> Result<(), Error> {
+        /// Matrices of that size at a time.
+        const AT_ONCE: usize = 6;
+        memory::room(argument, memory::bytes_of::<f64>(&[rows, columns, AT_ONCE]))
+    }
+
     fn cost_of_task(&self, frames: usize) -> usize {
-        cost::BODY * self.size() + cost::PAIR * frames * frames
+        cost::BODY * self.size() + cost::PAIR.saturating_mul(frames.saturating_mul(frames))
     }
 }
 

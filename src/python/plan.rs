@@ -1,7 +1,8 @@
 //! What a scene leaves out, as Python objects.
 
 use super::choice::choose;
-use super::scene::{PyScene, names};
+use super::interrupts::detached;
+use super::scene::{PyScene, WORTH_DETACHING, names};
 use crate::error::Error;
 use crate::plan::{Omission, Plan};
 use crate::scene::Omissions;
@@ -133,7 +134,8 @@ pub(super) fn names_of(mut omissions: Omissions) -> Vec<String> {
 #[pymethods]
 impl PyScene {
     /// What this scene does not need and was left out when it was built, why, and what that saved.
-    fn plan(&self) -> PyPlan {
-        PyPlan { plan: self.scene.plan() }
+    fn plan(&self, py: Python<'_>) -> PyResult<PyPlan> {
+        let short = self.size() < WORTH_DETACHING;
+        Ok(PyPlan { plan: if short { self.scene.plan() } else { detached(py, || self.scene.plan())? } })
     }
 }

@@ -1,7 +1,10 @@
 //! What the report measures: residuals, reference, error and time of each method, growth.
 
-use super::arrays::{self, Input};
+use super::arrays::{self, Input, Output};
 use super::choice::choose;
+use super::counts::count;
+use super::errors::asked_by;
+use super::interrupts::detached_checked;
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::report::accuracy::{METHODS, States, measure, reference};
@@ -22,9 +25,12 @@ pub(crate) struct PyReference {
 impl PyReference {
     /// The reference rounded to float64, (n, nv).
     fn toarray<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let rounded: Vec<f64> = self.values.iter().map(|value| value.high).collect();
-        let states = rounded.len().checked_div(self.nv).unwrap_or(0);
-        arrays::from_numbers(py, &rounded, &[states, self.nv])
+        let states = self.values.len().checked_div(self.nv).unwrap_or(0);
+        let mut output = asked_by(py, "q", Output::new(py, &[states, self.nv]))?;
+        for (rounded, value) in output.numbers()?.iter_mut().zip(&self.values) {
+            *rounded = value.high;
+        }
+        output.finish_or_scalar()
     }
 }
 
@@ -81,7 +87,7 @@ impl PyScene {
             #[allow(clippy::cast_precision_loss)] // an index
             (0..scene.nv()).map(|i| (phase + 1.3 * i as f64).sin()).collect()
         };
-        let list = py.detach(|| residuals::residuals(scene, &q, &wave(0.4), &wave(2.0)))?;
+        let list = detached_checked(py, || residuals::residuals(scene, &q, &wave(0.4), &wave(2.0)))?;
         let all = PyDict::new(py);
         for residual in list {
             all.set_item(residual.name, residual.value)?;
@@ -103,7 +109,7 @@ pub(super) fn residuals_at(
     let (nq, nv) = (scene.scene.nq(), scene.scene.nv());
     let (q, qd, tau) =
         (arrays::fixed("q", q, &[nq])?, arrays::fixed("qd", qd, &[nv])?, arrays::fixed("tau", tau, &[nv])?);
-    let list = py.detach(|| residuals::residuals(&scene.scene, &q, &qd, &tau))?;
+    let list = detached_checked(py, || residuals::residuals(&scene.scene, &q, &qd, &tau))?;
     Ok(list.into_iter().map(|r| (r.name, r.value, r.through_inverse)).collect())
 }
 
@@ -119,7 +125,7 @@ pub(super) fn reference_of(
 ) -> PyResult<PyReference> {
     let arguments = Arguments::read(scene, q, qd, tau)?;
     let states = arguments.states()?;
-    let values = py.detach(|| reference(&scene.scene, states))?;
+    let values = detached_checked(py, || reference(&scene.scene, states))?;
     Ok(PyReference { values, nv: scene.scene.nv() })
 }
 
@@ -139,9 +145,10 @@ pub(super) fn measure_method<'py>(
     qd: &Bound<'py, PyAny>,
     tau: &Bound<'py, PyAny>,
     reference: &PyReference,
-    repeats: usize,
+    repeats: &Bound<'py, PyAny>,
 ) -> PyResult<(f64, Bound<'py, PyArrayDyn<f64>>)> {
     let method = choose("method", method, &METHODS)?;
+    let repeats = count("repeats", repeats, 1)?;
     let arguments = Arguments::read(scene, q, qd, tau)?;
     let states = arguments.states()?;
     if reference.values.len() != states.tau.len() {
@@ -150,8 +157,8 @@ pub(super) fn measure_method<'py>(
     }
     let values = &reference.values;
     let measurement = match precision {
-        "float64" => py.detach(|| measure::<f64>(&scene.scene, method, states, values, repeats)),
-        "float32" => py.detach(|| measure::<f32>(&scene.scene, method, states, values, repeats)),
+        "float64" => detached_checked(py, || measure::<f64>(&scene.scene, method, states, values, repeats))?,
+        "float32" => detached_checked(py, || measure::<f32>(&scene.scene, method, states, values, repeats))?,
         _ => {
             let expected = "\"float64\" or \"float32\"";
             return Err(Error::argument("precision", format!("{precision:?}"), expected).into());
@@ -164,14 +171,20 @@ pub(super) fn measure_method<'py>(
 /// Forward and inverse dynamics of a chain of `bodies` equal links, median ns a body over `repeats` passes.
 #[pyfunction(name = "growth")]
 #[pyo3(signature = (bodies, repeats))]
-pub(super) fn growth_of(py: Python<'_>, bodies: usize, repeats: usize) -> PyResult<(f64, f64)> {
-    let growth = py.detach(|| growth::growth(bodies, repeats))?;
+pub(super) fn growth_of(py: Python<'_>, bodies: &Bound<'_, PyAny>, repeats: &Bound<'_, PyAny>) -> PyResult<(f64, f64)> {
+    let (bodies, repeats) = (count("bodies", bodies, 0)?, count("repeats", repeats, 1)?);
+    let growth = detached_checked(py, || growth::growth(bodies, repeats))?;
     Ok((growth.forward, growth.inverse))
 }
 
 /// Applying each operator, and with a star its transpose, on a chain of `bodies` equal links: (name, median ns a body).
 #[pyfunction(name = "operator_growth")]
 #[pyo3(signature = (bodies, repeats))]
-pub(super) fn operator_growth_of(py: Python<'_>, bodies: usize, repeats: usize) -> PyResult<Vec<(String, f64)>> {
-    Ok(py.detach(|| growth::operator_growth(bodies, repeats))?)
+pub(super) fn operator_growth_of(
+    py: Python<'_>,
+    bodies: &Bound<'_, PyAny>,
+    repeats: &Bound<'_, PyAny>,
+) -> PyResult<Vec<(String, f64)>> {
+    let (bodies, repeats) = (count("bodies", bodies, 0)?, count("repeats", repeats, 1)?);
+    detached_checked(py, || growth::operator_growth(bodies, repeats))
 }

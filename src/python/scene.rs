@@ -2,9 +2,11 @@
 
 use super::description::{self, Description};
 use super::evaluate::Scratch;
+use super::interrupts::detached_checked;
 use super::{arrays, errors, plan, single};
-use crate::batch::Pool;
+use crate::batch::{self, Pool};
 use crate::error::Error;
+use crate::memory;
 use crate::scene::{Scene, SceneBuilder};
 use pyo3::prelude::*;
 use pyo3::types::{PySlice, PyString, PyTuple};
@@ -21,9 +23,26 @@ pub(crate) struct PyScene {
     pub(super) single: single::Kept,
 }
 
+/// Work on all links at once is done without the GIL from so many on.
+pub(super) const WORTH_DETACHING: usize = 1_000;
+
 impl PyScene {
     pub(super) fn new(scene: Scene) -> Self {
         Self { scene, pool: Pool::default(), single: single::Kept::default() }
+    }
+
+    /// Whether there is room for what the threads of a batch compute in, where that is large.
+    pub(super) fn check_scratch(&self, states: usize) -> Result<(), Error> {
+        /// About what a thread needs for a body, in bytes, lanes included.
+        const A_BODY: usize = 10_000;
+        /// The rest of a process takes more than the scratch of so many bodies.
+        const MANY: usize = 5_000;
+        let bodies = self.scene.model().bodies.len();
+        if bodies < MANY {
+            return Ok(());
+        }
+        let threads = batch::threads().min(states).saturating_sub(self.pool.idle());
+        memory::room("scene", memory::bytes_of::<[u8; A_BODY]>(&[bodies, threads]))
     }
 
     /// Number of moving bodies, at least one: what the time of a call is counted in.
@@ -61,7 +80,7 @@ impl PyScene {
         let omissions = plan::left_out(leave_out)?;
         let gravity = gravity.map(|gravity| arrays::triple("gravity", gravity)).transpose()?;
         let source = Source::read(source)?;
-        let scene = py.detach(|| {
+        let scene = detached_checked(py, || {
             let builder = match source {
                 Source::Text(xml) => SceneBuilder::from_urdf(&xml)?,
                 Source::File(path) => SceneBuilder::from_urdf_file(&path)?,
@@ -139,14 +158,15 @@ impl PyScene {
     /// What is locked is folded into the bodies around it and costs nothing. Locking "root_joint" gives a fixed base.
     ///
     /// Raises ArgumentError for an unknown joint; ShapeError, NotFiniteError or ArgumentError for a bad q.
-    fn lock(&self, joints: &Bound<'_, PyAny>, q: &Bound<'_, PyAny>) -> PyResult<Self> {
+    fn lock(&self, py: Python<'_>, joints: &Bound<'_, PyAny>, q: &Bound<'_, PyAny>) -> PyResult<Self> {
         let Some(names) = (!joints.is_instance_of::<PyString>()).then(|| names(joints)).flatten() else {
             let found = format!("{}", joints.repr()?);
             return Err(Error::argument("joints", found, "a list of joint names").into());
         };
         let q = arrays::fixed("q", q, &[self.scene.nq()])?;
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
-        Ok(Self::new(self.scene.lock(&names, &q)?))
+        let lock = || self.scene.lock(&names, &q);
+        Ok(Self::new(if self.size() < WORTH_DETACHING { lock()? } else { detached_checked(py, lock)? }))
     }
 
     fn __repr__(&self) -> String {
@@ -155,7 +175,7 @@ impl PyScene {
 
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (Description,))> {
         let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_scene")?;
-        Ok((rebuild, (Description::of(slf.get().scene.source()),)))
+        Ok((rebuild, (Description::of(slf.get().scene.source())?,)))
     }
 
     /// The scene itself: it cannot change.

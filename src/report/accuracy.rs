@@ -7,6 +7,7 @@ use crate::filter::Form;
 use crate::scalar::{DoubleDouble, Real};
 use crate::scene::{Model, Scene};
 use crate::workspace::Workspace;
+use crate::{memory, watch};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::{ldlt, llt};
 use faer::{MatMut, Par, Spec};
@@ -34,6 +35,9 @@ pub const METHODS: [(&str, Method); 4] = [
     ("dense LDLT (faer)", Method::DenseLdlt),
     ("dense Cholesky (faer)", Method::DenseCholesky),
 ];
+
+/// Degrees of freedom, of all states together, in a timed pass between two questions whether to go on.
+const LONG: usize = 2_048;
 
 /// States of a scene, row by row.
 #[derive(Debug, Clone, Copy)]
@@ -69,9 +73,10 @@ pub fn reference(scene: &Scene, states: States<'_>) -> Result<Vec<DoubleDouble>,
     let model: Model<DoubleDouble> = scene.model().cast();
     let mut workspace = Workspace::new(&model).in_form(Form::Covariance);
     let wide = |x: &[f64]| -> Vec<DoubleDouble> { x.iter().map(|&v| DoubleDouble::from_f64(v)).collect() };
-    let mut all = Vec::with_capacity(states.qd.len());
+    let mut all = memory::with_capacity("q", states.qd.len())?;
     let mut qdd = vec![DoubleDouble::from_f64(f64::NAN); nv];
     for i in 0..states.qd.len().checked_div(nv).unwrap_or(0) {
+        watch::check()?;
         let q = wide(&states.q[i * nq..(i + 1) * nq]);
         let qd = wide(&states.qd[i * nv..(i + 1) * nv]);
         let tau = wide(&states.tau[i * nv..(i + 1) * nv]);
@@ -96,21 +101,21 @@ pub(super) struct Solver<T: Dense> {
 
 impl<T: Dense> Solver<T> {
     /// Scratch for one method; the two forms need no matrix.
-    pub fn new(scene: &Scene, method: Method) -> Self {
+    pub fn new(scene: &Scene, method: Method) -> Result<Self, Error> {
         let model: Model<T> = scene.model().cast();
         let nv = model.nv();
         let dense = !matches!(method, Method::Filter | Method::SquareRoot);
         let order = if dense { nv } else { 0 };
         let need = ldlt::factor::cholesky_in_place_scratch::<T>(order, Par::Seq, Spec::default())
             .or(llt::factor::cholesky_in_place_scratch::<T>(order, Par::Seq, Spec::default()));
-        Self {
+        Ok(Self {
             workspace: Workspace::new(&model),
             scratch: InverseScratch::new(&model),
-            matrix: vec![T::from_f64(f64::NAN); order * order],
+            matrix: memory::filled("scene", order.saturating_mul(order), T::from_f64(f64::NAN))?,
             right: vec![T::from_f64(f64::NAN); nv],
             buffer: MemBuffer::new(need),
             model,
-        }
+        })
     }
 
     /// One state; false where the method met a bad pivot.
@@ -196,37 +201,53 @@ impl<T: Dense> Solver<T> {
 }
 
 /// Times `method` in the scalar `T` over all states, and compares with the reference.
-#[must_use]
+///
+/// # Errors
+///
+/// [`Error::Memory`] for more states or repeats than there is room for; [`Error::Interrupted`] under a [`watch`] that ends the work.
 pub fn measure<T: Dense>(
     scene: &Scene,
     method: Method,
     states: States<'_>,
     reference: &[DoubleDouble],
     repeats: usize,
-) -> Measurement {
+) -> Result<Measurement, Error> {
     let (nq, nv) = (scene.nq(), scene.nv());
-    let mut solver = Solver::<T>::new(scene, method);
-    let cast = |x: &[f64]| -> Vec<T> { x.iter().map(|&v| <T as Real>::from_f64(v)).collect() };
-    let (q, qd, tau) = (cast(states.q), cast(states.qd), cast(states.tau));
+    let mut solver = Solver::<T>::new(scene, method)?;
+    let cast = |x: &[f64]| -> Result<Vec<T>, Error> {
+        let mut all = memory::with_capacity("q", x.len())?;
+        all.extend(x.iter().map(|&v| <T as Real>::from_f64(v)));
+        Ok(all)
+    };
+    let (q, qd, tau) = (cast(states.q)?, cast(states.qd)?, cast(states.tau)?);
     let count = qd.len().checked_div(nv).unwrap_or(0);
     let mut qdd = vec![<T as Real>::from_f64(f64::NAN); nv];
     let state = |i: usize| (&q[i * nq..(i + 1) * nq], &qd[i * nv..(i + 1) * nv], &tau[i * nv..(i + 1) * nv]);
 
-    let mut errors = Vec::with_capacity(count);
+    let mut errors = memory::with_capacity("q", count)?;
     for i in 0..count {
+        watch::check()?;
         let (q, qd, tau) = state(i);
         let fine = solver.run(method, q, qd, tau, &mut qdd);
         errors.push(if fine { error(&qdd, &reference[i * nv..(i + 1) * nv]) } else { f64::NAN });
     }
+    let mut outcome = Ok(());
+    let together = (LONG / nv.max(1)).max(1);
     let ns = median_ns(repeats, &mut || {
         for i in 0..count {
+            // So seldom that the time does not show it.
+            outcome = watch::check_at(i + 1, together);
+            if outcome.is_err() {
+                return;
+            }
             let (q, qd, tau) = black_box(state(i));
             black_box(solver.run(method, q, qd, tau, black_box(&mut qdd)));
         }
-    });
+    })?;
+    outcome?;
     #[allow(clippy::cast_precision_loss)] // a count
     let ns = ns / count.max(1) as f64;
-    Measurement { ns, errors }
+    Ok(Measurement { ns, errors })
 }
 
 /// Largest error over the largest entry of the reference.

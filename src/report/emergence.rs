@@ -2,6 +2,7 @@
 
 use crate::dynamics;
 use crate::error::Error;
+use crate::memory;
 use crate::operators::dense::Composite;
 use crate::report::growth::median_ns;
 use crate::scalar::{DoubleDouble, Real};
@@ -47,12 +48,12 @@ impl Route {
             Self::Sobol => centred()?.sobol_estimate(samples, seed, 0),
             Self::SigmaPoints => Ok(centred()?.mass_matrix(Method::SigmaPoints)?.mass_matrix),
             Self::Recursion => {
-                let mut m = vec![f64::NAN; nv * nv];
+                let mut m = memory::filled("scene", nv.saturating_mul(nv), f64::NAN)?;
                 scene.mass_matrix(&mut scene.workspace(), q, &mut m)?;
                 Ok(m)
             }
             Self::DenseProduct => {
-                let m = Composite::new(scene.model(), q)?.mass_matrix();
+                let m = Composite::new(scene.model(), q)?.mass_matrix()?;
                 Ok((0..nv * nv).map(|at| m[(at / nv, at % nv)]).collect())
             }
         }
@@ -73,12 +74,15 @@ pub fn emergence(
     repeats: usize,
 ) -> Result<(f64, f64), Error> {
     let found = route.run(scene, q, samples, seed)?;
+    let mut outcome = Ok(());
     let ns = median_ns(repeats, &mut || {
-        let _ = black_box(route.run(scene, black_box(q), samples, seed));
-    });
+        let found = black_box(route.run(scene, black_box(q), samples, seed));
+        outcome = found.map(|_| ());
+    })?;
+    outcome?;
     let model: Model<DoubleDouble> = scene.model().cast();
     let wide: Vec<DoubleDouble> = q.iter().map(|&x| DoubleDouble::from_f64(x)).collect();
-    let mut exact = vec![DoubleDouble::from_f64(f64::NAN); found.len()];
+    let mut exact = memory::filled("scene", found.len(), DoubleDouble::from_f64(f64::NAN))?;
     dynamics::mass_matrix(&model, &mut Workspace::new(&model), &wide, &mut exact);
     let (mut off, mut size) = (0.0, 0.0);
     for (&found, &exact) in found.iter().zip(&exact) {

@@ -57,7 +57,8 @@ pub fn forward_error<T: Dense>(
     }
     let (q, qd, u) = (cast::<T>(state.q), cast::<T>(state.qd), cast::<T>(state.u));
     let mut qdd = cast::<T>(&vec![f64::NAN; scene.nv()]);
-    let sound = Solver::<T>::new(scene, method).run(method, &q, &qd, &u, &mut qdd);
+    let mut solver = Solver::<T>::new(scene, method).map_err(|_| Failure::TooLarge)?;
+    let sound = solver.run(method, &q, &qd, &u, &mut qdd);
     if !sound {
         return Err(Failure::Pivot);
     }

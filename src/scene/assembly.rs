@@ -1,10 +1,13 @@
 //! The scene of a checked tree: the order, the frames, the merging.
 
+use super::builder::AT_A_TIME;
 use super::description::{Inertial, JointDescription, JointKind};
 use super::{Joint, Link, Scene};
+use crate::error::Error;
 use crate::planar::PlanarModel;
 use crate::scene::model::Motion;
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, inertia_root, join_roots, root_of_merged};
+use crate::watch;
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// The checked tree: for each link its children as (joint, link), and the root.
@@ -13,8 +16,8 @@ pub(super) struct Tree {
     pub root: usize,
 }
 
-/// Fills a scene that has no links yet.
-pub(super) fn assemble(unfilled: Scene, tree: &Tree) -> Scene {
+/// Fills a scene that has no links yet; fails where that is interrupted.
+pub(super) fn assemble(unfilled: Scene, tree: &Tree) -> Result<Scene, Error> {
     Assembly { scene: unfilled }.run(tree)
 }
 
@@ -76,7 +79,7 @@ struct Assembly {
 type Place = (Option<usize>, RigidShift<f64>);
 
 impl Assembly {
-    fn run(mut self, tree: &Tree) -> Scene {
+    fn run(mut self, tree: &Tree) -> Result<Scene, Error> {
         let place = if self.scene.source.floating_base {
             let root = JointDescription::new(
                 self.scene.source.root_joint_name(),
@@ -92,6 +95,7 @@ impl Assembly {
         };
         let mut stack: Vec<(Option<usize>, usize, Place)> = vec![(None, tree.root, place)];
         while let Some((joint, link, at)) = stack.pop() {
+            watch::check_at(self.scene.links.len(), AT_A_TIME)?;
             let at = match joint {
                 Some(joint) => {
                     let joint = self.scene.source.joints[joint].clone();
@@ -106,7 +110,7 @@ impl Assembly {
             }
         }
         self.scene.planar = PlanarModel::of(&self.scene.model);
-        self.scene
+        Ok(self.scene)
     }
 
     /// Adds a joint on a parent link placed at `at`; gives the place of its child link.

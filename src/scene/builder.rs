@@ -7,11 +7,18 @@ use super::inertia_check::check_numbers;
 use super::joint_check::check_joint;
 use super::omissions::Omissions;
 use crate::error::Error;
+use crate::{memory, watch};
 use nalgebra::Vector3;
 use std::collections::{HashMap, HashSet};
 
 /// Name of the joint that a floating base gets, unless a joint of the scene has it.
 pub const ROOT_JOINT: &str = "root_joint";
+
+/// Links or joints that are looked at before it is asked whether to go on.
+pub(crate) const AT_A_TIME: usize = 1 << 12;
+
+/// About what a link with its joint takes in a scene, in bytes, beside what describes it.
+pub(crate) const A_LINK: usize = 2_000;
 
 /// Collects links and joints; [`SceneBuilder::build`] checks them and makes the scene.
 ///
@@ -194,11 +201,12 @@ impl SceneBuilder {
     /// armature, damping, friction or stiffness, a rest that is no configuration of the joint, lower limit above upper; a
     /// floating base for what floats already, under a root link without mass; and what [`SceneBuilder::strict`] makes one.
     pub fn build(self) -> Result<Scene, Error> {
+        memory::room("links", memory::bytes_of::<[u8; A_LINK]>(&[self.links.len()]))?;
         let tree = self.check_tree().map_err(|error| self.with_notes(error))?;
         self.check_numbers()?;
         self.check_base(&tree)?;
         let warnings = self.warnings(&tree)?;
-        Ok(assemble(Scene::unfilled(self, warnings), &tree))
+        assemble(Scene::unfilled(self, warnings), &tree)
     }
 
     /// Children's joints of each link, and the root.
@@ -208,6 +216,7 @@ impl SceneBuilder {
         }
         let mut index = HashMap::new();
         for (i, link) in self.links.iter().enumerate() {
+            watch::check_at(i, AT_A_TIME)?;
             if index.insert(link.name.as_str(), i).is_some() {
                 return Err(Error::scene(format!("link {:?}", link.name), "the name twice", "unique link names"));
             }
@@ -216,6 +225,7 @@ impl SceneBuilder {
         let mut parent_joint: Vec<Option<usize>> = vec![None; self.links.len()];
         let mut children: Vec<Vec<(usize, usize)>> = vec![Vec::new(); self.links.len()];
         for (j, joint) in self.joints.iter().enumerate() {
+            watch::check_at(j, AT_A_TIME)?;
             let subject = || format!("joint {:?}", joint.name);
             if !names.insert(&joint.name) {
                 return Err(Error::scene(subject(), "the name twice", "unique joint names"));
@@ -293,7 +303,8 @@ impl SceneBuilder {
     }
 
     fn check_numbers(&self) -> Result<(), Error> {
-        for link in &self.links {
+        for (i, link) in self.links.iter().enumerate() {
+            watch::check_at(i, AT_A_TIME)?;
             if let Some(inertial) = &link.inertial {
                 check_numbers(&link.name, inertial)?;
             }

@@ -5,6 +5,7 @@ use super::description::{JointDescription, JointKind};
 use crate::error::Error;
 use crate::kinematics::joint_shift;
 use crate::spatial::RigidShift;
+use crate::watch;
 use nalgebra::Matrix3;
 
 impl Scene {
@@ -22,6 +23,7 @@ impl Scene {
         let mut source = self.source().clone();
         let free = source.floating_base.then(|| source.root_joint_name());
         for name in joints {
+            watch::check()?;
             let joint = self.joint(name)?;
             let moved = self.child_placement(joint, q);
             source.locked.push((joint.name.clone(), joint.kind));

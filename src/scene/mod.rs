@@ -20,6 +20,7 @@ pub mod spring;
 pub mod urdf;
 mod whole_check;
 
+pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
 pub use description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, SceneWarning};
 pub use model::{Body, Model, Motion};

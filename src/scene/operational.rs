@@ -2,9 +2,10 @@
 
 use super::Scene;
 use crate::dynamics;
-use crate::dynamics::operational::{Frame, OperationalScratch};
+use crate::dynamics::operational::{Frame, MANY, OperationalScratch};
 use crate::error::{Error, check_finite, check_length};
 use crate::spatial::RigidShift;
+use crate::watch;
 use crate::workspace::Workspace;
 use nalgebra::{DMatrix, Matrix3};
 
@@ -64,7 +65,11 @@ impl Scene {
             frames.push(self.frame(&link.into())?);
         }
         let monitor = dynamics::operational_inverse_inertia(&self.model, workspace, scratch, q, &frames, out);
+        let many = frames.len() * frames.len() >= MANY;
         scratch.frames = frames;
+        if many {
+            watch::check()?;
+        }
         self.check_pivots(workspace, monitor)?;
         self.check_result("operational inverse inertia", out)
     }

@@ -1,10 +1,11 @@
 //! What is to be said of a scene as a whole, once its links and joints make a tree: warnings, and a base that floats twice.
 
-use super::SceneBuilder;
+use super::{AT_A_TIME, SceneBuilder};
 use super::assembly::Tree;
 use super::description::{Inertial, JointKind, SceneWarning};
 use super::inertia_check::unphysical;
 use crate::error::Error;
+use crate::watch;
 use std::collections::HashSet;
 
 impl SceneBuilder {
@@ -58,7 +59,8 @@ impl SceneBuilder {
     pub(super) fn warnings(&self, tree: &Tree) -> Result<Vec<SceneWarning>, Error> {
         let mut warnings = self.notes.clone();
         warnings.extend(self.no_mass(tree));
-        for link in &self.links {
+        for (i, link) in self.links.iter().enumerate() {
+            watch::check_at(i, AT_A_TIME)?;
             if let Some(found) = link.inertial.as_ref().and_then(unphysical) {
                 warnings.push(SceneWarning::Inertia { link: link.name.clone(), found });
             }

@@ -15,9 +15,10 @@ mod survey;
 mod xml;
 
 use super::description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, SceneWarning};
-use super::{SceneBuilder, Spring};
+use super::{AT_A_TIME, SceneBuilder, Spring};
 use crate::error::{Error, number};
 use crate::spatial::{RigidShift, Symmetric3};
+use crate::{memory, watch};
 use nalgebra::{Matrix3, Vector3};
 use rotor::read_rotors;
 use std::path::Path;
@@ -72,8 +73,12 @@ impl SceneBuilder {
     }
 }
 
+/// About what a letter of a document takes while it is read, in bytes.
+const A_LETTER: usize = 8;
+
 /// Reads a document that messages call `name`.
 fn read(xml: &str, name: &str) -> Result<SceneBuilder, Error> {
+    memory::room("source", memory::bytes_of::<[u8; A_LETTER]>(&[xml.len()]))?;
     let source = Source::new(xml, name);
     let mut restated = String::new();
     let document = source.parse(&mut restated)?;
@@ -86,7 +91,9 @@ fn read(xml: &str, name: &str) -> Result<SceneBuilder, Error> {
     findings.survey()?;
     let mut builder = SceneBuilder { from_file: true, ..SceneBuilder::new() };
     let mut limits = Vec::new();
-    for node in robot.children().filter(|node| node.is_element() && same_namespace(node, &robot)) {
+    let parts = robot.children().filter(|node| node.is_element() && same_namespace(node, &robot));
+    for (i, node) in parts.enumerate() {
+        watch::check_at(i, AT_A_TIME)?;
         match node.tag_name().name() {
             "link" => builder.links.push(link(&Element::named(node, &source)?)?),
             "joint" => builder.joints.push(joint(&Element::named(node, &source)?, &mut limits)?),
