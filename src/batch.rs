@@ -13,6 +13,7 @@ mod compiled;
 pub mod evaluator;
 #[cfg(feature = "parallel")]
 mod handed_out;
+pub(crate) mod own;
 #[cfg(feature = "parallel")]
 mod threads;
 

@@ -62,7 +62,9 @@ pub mod spatial;
 pub mod stochastic;
 mod workspace;
 
+pub use batch::chunk::{Algorithm, Arguments};
 pub use error::Error;
+pub use filter::Form;
 pub use scene::{Scene, SceneBuilder};
 pub use workspace::{Tally, Workspace};
 

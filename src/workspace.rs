@@ -1,5 +1,6 @@
 //! Every per-body array of the sweeps, allocated once.
 
+use crate::batch::own::OwnKernels;
 use crate::filter::cancellation::weight;
 use crate::filter::pivots::{Evidence, LostPivot, PivotMonitor, Scale, first_lost};
 use crate::filter::riccati::{Covariances, Measured};
@@ -54,10 +55,14 @@ pub struct Workspace<T: Real> {
     pub(crate) composite: Vec<BodyInertia<T>>,
     /// For a planar scene, where the scene made this workspace.
     pub(crate) planar: Option<PlanarScratch<T>>,
+    /// What the methods of a scene run; those in `dynamics` do not.
+    pub(crate) kernels: OwnKernels,
 }
 
 impl<T: Real> Workspace<T> {
-    /// Scratch for `model`, about 0.9 kB a body in f64.
+    /// Scratch for the recursions of `model`, about 0.9 kB a body in f64; that of a scene's methods is [`Scene::workspace`]'s.
+    ///
+    /// [`Scene::workspace`]: crate::Scene::workspace
     pub fn new(model: &Model<T>) -> Self {
         let nan = T::from_f64(f64::NAN);
         let bodies = model.bodies.len();
@@ -88,6 +93,7 @@ impl<T: Real> Workspace<T> {
                 bodies
             ],
             planar: None,
+            kernels: OwnKernels::default(),
         }
     }
 

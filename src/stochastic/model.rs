@@ -8,6 +8,7 @@ use crate::filter::{HingeMap, System};
 use crate::kinematics::placements_base_to_tip;
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
+use crate::workspace::Workspace;
 use nalgebra::{Matrix6, Vector6};
 use std::ops::Range;
 
@@ -71,7 +72,7 @@ impl Scene {
             let found = acceleration_variance.to_string();
             return Err(Error::argument("acceleration_variance", found, "a positive number, (rad/s^2)^2"));
         }
-        let (model, mut workspace) = (self.model(), self.workspace());
+        let (model, mut workspace) = (self.model(), Workspace::new(self.model()));
         let mut bias = vec![Vector6::zeros(); model.bodies.len()];
         if let Some(qd) = qd {
             self.check_rates("qd", qd)?;
