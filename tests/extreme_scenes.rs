@@ -133,7 +133,8 @@ struct Measured {
 impl Measured {
     fn new(what: &str, scene: &Scene, state: State<'_>) -> Self {
         let exact = Exact::new(scene, Quantity::ForwardDynamics, state).expect("positive pivots");
-        let found = forward_error::<f64>(scene, Method::Filter(Form::SquareRoot), state, &exact).expect("positive pivots");
+        let found =
+            forward_error::<f64>(scene, Method::Filter(Form::SquareRoot), state, &exact).expect("positive pivots");
         // The largest of all that may move: the state, and each kind of parameter.
         let inherent = sensitivity(scene, Quantity::ForwardDynamics, state, 3, 0).unwrap();
         let largest = |of: &dyn Fn(usize) -> f64| (0..inherent.len()).map(of).fold(0.0, f64::max);
@@ -240,6 +241,7 @@ fn covariance_and_dense_algebra_lose_digits_where_the_problem_does_not() {
     for method in [Method::Filter(Form::Covariance), Method::DenseLdlt, Method::DenseCholesky] {
         assert!(error(method) > 1e3 * root, "{method:?}: {:e} beside {root:e}", error(method));
     }
-    let single = forward_error::<f32>(&case.scene, Method::Filter(Form::SquareRoot), state(&case), &exact).unwrap().norm;
+    let single =
+        forward_error::<f32>(&case.scene, Method::Filter(Form::SquareRoot), state(&case), &exact).unwrap().norm;
     assert!(single > 1e-9 && single < 1e-3, "{single:e}");
 }

@@ -1,17 +1,14 @@
 """What form "auto" costs beside "covariance", by kind of state: Python calls, one state and a batch.
 
-benches/auto_states.py runs it against wheels that are older than it: numpy, the public names of phipsi and kinds.py are all it uses.
+benches/auto_states.py runs it against wheels that are older than it: the public names of phipsi, kinds.py and timing.py are all it uses.
 """
 
 from __future__ import annotations
 
-import statistics
 import sys
 import sysconfig
-import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,16 +17,9 @@ import numpy as np
 import phipsi
 
 from . import kinds
+from .timing import BATCH, Arguments, Once, in_turns, one_by_one, one_thread
 
-#: States of a batch.
-BATCH = 256
-#: States that are called one by one.
-SINGLE = 16
 FORMS = ("auto", "covariance")
-#: Each pair is timed this often, in turns; quick: the second.
-TURNS = (15, 5)
-#: ns that a turn takes at least; quick: the second.
-LEAST = (400_000, 100_000)
 #: Robots of example-robot-data, below its folder robots/.
 ROBOTS = {
     "ur5": "ur_description/urdf/ur5_robot.urdf",
@@ -58,54 +48,26 @@ def measured(scene: phipsi.Scene, drawn: kinds.Drawn, *, quick: bool = False) ->
     rows = []
     with one_thread():
         for kind in kinds.KINDS:
-            q, qd, tau = kinds.state(scene, drawn, kind)
-            rows += [_cost(scene, kind, size, q, qd, tau, quick) for size in (1, len(q))]
-    return [row for row in rows if row is not None]
+            states = kinds.state(scene, drawn, kind)
+            for size, calls in ((1, one_by_one(states)), (len(drawn.q), [states])):
+                try:
+                    rows.append(_cost(scene, kind, size, calls, quick))
+                except phipsi.errors.PhipsiError:
+                    continue
+    return rows
 
 
-def _cost(
-    scene: phipsi.Scene, kind: str, size: int, q: kinds.Array, qd: kinds.Array, tau: kinds.Array, quick: bool
-) -> Cost | None:
-    calls = [(q, qd, tau)] if size > 1 else [tuple(map(np.array, one)) for one in zip(q, qd, tau)][:SINGLE]  # noqa: B905
-
-    def loop(form: str) -> Callable[[], None]:
+def _cost(scene: phipsi.Scene, kind: str, size: int, calls: Sequence[Arguments], quick: bool) -> Cost:
+    def loop(form: str) -> Once:
         def once() -> None:
             for call in calls:
                 scene.forward_dynamics(*call, form=form)  # type: ignore[call-overload]
 
         return once
 
-    states = size * len(calls)
-    try:
-        pairs = [
-            tuple(_ns(loop(form), LEAST[quick]) / states for form in FORMS) for _ in range(TURNS[quick] + 1)
-        ][1:]  # the first warms up
-    except phipsi.errors.PhipsiError:
-        return None
-    auto, covariance = (statistics.median(times) for times in zip(*pairs))  # noqa: B905
-    return Cost(kind, size, auto, covariance, statistics.median(a / c for a, c in pairs))
-
-
-def _ns(once: Callable[[], None], least: int) -> float:
-    """Time of one run, over as many as take `least` ns."""
-    runs, start = 0, time.perf_counter_ns()
-    while True:
-        once()
-        runs += 1
-        elapsed = time.perf_counter_ns() - start
-        if elapsed >= least:
-            return elapsed / runs
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Batches on one thread, and afterwards on as many as before."""
-    before = phipsi.get_num_threads()
-    phipsi.set_num_threads(1)
-    try:
-        yield
-    finally:
-        phipsi.set_num_threads(before)
+    times = in_turns([loop(form) for form in FORMS], quick) / (size * len(calls))
+    auto, covariance = map(float, np.median(times, axis=0))
+    return Cost(kind, size, auto, covariance, float(np.median(times[:, 0] / times[:, 1])))
 
 
 def example_robots() -> dict[str, Path]:
@@ -130,13 +92,23 @@ def of_robots(
     found = {}
     for base, floating in BASES.items():
         for name, source in sources.items():
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UserWarning)
-                scene = phipsi.Scene.from_urdf(source, floating_base=floating)
-            if scene.nv:
+            scene = _on(source, floating)
+            if scene is not None and scene.nv:
                 found[base, name] = measured(scene, kinds.draw(scene, BATCH, seed), quick=quick)
             tick()
     return found
+
+
+def _on(source: str | Path, floating: bool) -> phipsi.Scene | None:
+    """The robot on that base; None where a free one cannot be: it floats already."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            return phipsi.Scene.from_urdf(source, floating_base=floating)
+        except phipsi.errors.PhipsiError:
+            if not floating:
+                raise
+            return None
 
 
 def table(costs: Costs, batch: bool) -> tuple[list[str], list[list[str]]]:
