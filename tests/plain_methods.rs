@@ -104,7 +104,7 @@ fn a_workspace_of_another_size_is_refused() {
     let state = &states(&scene, 1)[0];
     let (q, qd, _) = state;
     for mut foreign in [other.workspace(), scenes::chain(3).unwrap().workspace()] {
-        let mut refused = |what: &str, outcome: Result<(), Error>| {
+        let refused = |what: &str, outcome: Result<(), Error>| {
             let text = outcome.expect_err(what).to_string();
             assert!(text.contains("workspace") && text.contains("scene.workspace()"), "{what}: {text}");
         };

@@ -246,8 +246,11 @@ def bench(robots: tuple[Path, ...], floating_base: bool, quick: bool, seed: int)
             terminal.accuracy(console, title, rows)
         else:
             click.echo(f"{name}: {scene.nv} degrees of freedom; the methods are compared from 1 to {DENSE_CAP}")
-        sources: Mapping[str, str | Path] = {robot.stem: robot for robot in robots} or auto_cost.example_robots()
-        sources = sources or {BUNDLED: _core.BUNDLED_ARM}
+        sources: Mapping[str, str | Path] = auto_cost.example_robots() or {BUNDLED: _core.BUNDLED_ARM}
+        if robots:
+            # Files of one name in several folders stay apart.
+            stems = [robot.stem for robot in robots]
+            sources = {robot.stem if stems.count(robot.stem) == 1 else str(robot): robot for robot in robots}
         with reporter(Console(stderr=True)) as says:
             tick = says.stage("Form auto by kind of state", len(auto_cost.BASES) * len(sources))
             costs = auto_cost.of_robots(sources, quick=quick, seed=seed, tick=tick)

@@ -16,6 +16,12 @@ from .left_out import FORWARD
 from .measure import Accuracy, Growth, Residual, spread
 
 
+def _titled(console: Console, title: str, table: Table) -> None:
+    """The table under its title, which stays in one line however narrow the table is."""
+    console.print(title, style="italic", highlight=False, markup=False, soft_wrap=True)
+    console.print(table)
+
+
 def residuals(console: Console, rows: Sequence[Residual]) -> None:
     """Every identity with its bound, and whether it holds."""
     table = Table(box=None, pad_edge=False, header_style="bold")
@@ -32,19 +38,19 @@ def residuals(console: Console, rows: Sequence[Residual]) -> None:
 
 def accuracy(console: Console, title: str, rows: Sequence[Accuracy]) -> None:
     """Time and error of every method: `Scene::evaluate` in Rust, one state a call."""
-    table = Table(box=None, pad_edge=False, header_style="bold", title=title, title_justify="left")
+    table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("method")
     table.add_column("precision")
     for name in ("call in Rust", "median error", "worst error"):
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows:
         table.add_row(row.method, row.precision, text.time(row.ns), f"{row.median:.1e}", f"{row.worst:.1e}")
-    console.print(table)
+    _titled(console, title, table)
 
 
 def calls(console: Console, title: str, rows: Sequence[CallTime]) -> None:
     """What every public call takes from Python, one state and a batch, ns a state."""
-    table = Table(box=None, pad_edge=False, header_style="bold", title=title, title_justify="left")
+    table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("call from Python", overflow="fold")
     table.add_column("form")
     table.add_column("one state", justify="right", no_wrap=True)
@@ -54,7 +60,7 @@ def calls(console: Console, title: str, rows: Sequence[CallTime]) -> None:
         if row.batch == 1:
             many = batches[row.call, row.form]
             table.add_row(row.call, row.form or "", text.time(row.ns), f"{text.time(many.ns)} of {many.batch}")
-    console.print(table)
+    _titled(console, title, table)
 
 
 def forward(console: Console, found: Report) -> None:
@@ -72,13 +78,13 @@ def auto_costs(console: Console, costs: Costs) -> None:
     """Form auto over covariance by kind of state and robot, batches first; and what the kinds are."""
     for batch, size in auto_cost.SIZES.items():
         robots, rows = auto_cost.table(costs, batch)
-        table = Table(box=None, pad_edge=False, header_style="bold", title=f"{auto_cost.TITLE}, {size}", title_justify="left")
+        table = Table(box=None, pad_edge=False, header_style="bold")
         table.add_column("state", no_wrap=True)
         for robot in robots:
-            table.add_column(robot, justify="right", no_wrap=True)
+            table.add_column(robot.replace("[", r"\["), justify="right", no_wrap=True)
         for row in rows:
             table.add_row(*row)
-        console.print(table)
+        _titled(console, f"{auto_cost.TITLE}, {size}", table)
     for kind, meaning in kinds.MEANING.items():
         console.print(f"{kind}: {meaning}", highlight=False, markup=False, soft_wrap=True, style="dim")
 
@@ -86,12 +92,12 @@ def auto_costs(console: Console, costs: Costs) -> None:
 def growth(console: Console, rows: Sequence[Growth]) -> None:
     """Time a body by number of bodies."""
     title = "Time a body on a chain: Scene::evaluate in Rust, one state a call"
-    table = Table(box=None, pad_edge=False, header_style="bold", title=title, title_justify="left")
+    table = Table(box=None, pad_edge=False, header_style="bold")
     for name in ("bodies", "forward, auto", "forward, covariance", "inverse"):
         table.add_column(name, justify="right")
     for row in rows:
         table.add_row(text.count(row.bodies), text.time(row.forward), text.time(row.covariance), text.time(row.inverse))
-    console.print(table)
+    _titled(console, title, table)
     spreads = [spread([getattr(row, kind) for row in rows]) for kind in ("forward", "covariance", "inverse")]
     line = "largest over smallest: {:.2f} auto, {:.2f} covariance, {:.2f} inverse".format(*spreads)
     console.print(line, highlight=False)
