@@ -246,7 +246,7 @@ fn recursions_match_themselves_in_double_double() {
 
         let configuration = Arguments { q: &q, ..Arguments::default() };
         let state = Arguments { q: &q, qd: &qd, u: &tau, wrenches: &[] };
-        let mut recursion = |algorithm, state, out: &mut Vec<f64>| {
+        let mut recursion = |algorithm, state: &Arguments<'_>, out: &mut Vec<f64>| {
             scene.recursion(&mut workspace, None, algorithm, state, out).unwrap();
         };
         recursion(Algorithm::MassMatrix, &configuration, &mut matrix);

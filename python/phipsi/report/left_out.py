@@ -63,7 +63,8 @@ def measured(scene: Scene, states: States) -> dict[str, Times]:
                 rows = [(on(), off()) for _ in range(TURNS)]
             except errors.PhipsiError:
                 continue
-            found[name] = Times(*(median(times) for times in np.array(rows).T), call)
+            ours, others = (median(times) for times in np.array(rows).T)
+            found[name] = Times(ours, others, call)
     return found
 
 
