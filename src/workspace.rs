@@ -11,7 +11,8 @@ use crate::scene::Model;
 use crate::spatial::{BodyInertia, RigidShift, Root6, Symmetric3, Symmetric6};
 use nalgebra::{Vector3, Vector6};
 
-/// How many calls of forward dynamics needed more than their form's first attempt, all lanes of a call counted as one.
+/// How many calls of the recursion of forward dynamics needed more than their form's first attempt, all lanes of a call counted as one. A
+/// call of [`Scene::forward_dynamics`](crate::Scene::forward_dynamics) that the kernels do by themselves is none of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Tally {
     /// `auto` went on to the square-root form.
