@@ -13,7 +13,8 @@ on small robots. The machine is what it is: other programs may share it, clocks 
 that; differences of ten per cent mean nothing. The reference is the same recursion in double-double arithmetic
 (about 31 digits): it shows rounding, not mistakes of the recursion, which the residuals and the tests against other
 programs are for. The drawn states are rounded to float32, so both precisions start from the same numbers, but in
-float32 the robot's own constants are rounded too, and that is part of its error. Errors are in the max-norm: the
+float32 the robot's own constants are rounded too, and that is part of its error; a state that is in doubt there is done in float64
+and rounded, as the square-root and Joseph's forms always are, and takes the time of both. Errors are in the max-norm: the
 largest error over the largest acceleration. A joint that accelerates little may have fewer good digits than that.
 The robot is what its file says; how well the file describes the machine is not measured here.
 """
