@@ -12,7 +12,7 @@ impl Scene {
     /// One algorithm on one state by the recursion of the paper, in `f64` and with every check: what [`Scene::forward_dynamics`] and its
     /// like do where the compiled kernels are in doubt, three times as slow.
     ///
-    /// It sets the workspace's form to that of the algorithm. `inverse`: scratch for M^-1; None: made for this call. A scene whose
+    /// Of `state` it looks at what the algorithm takes and at nothing else. It sets the workspace's form to that of the algorithm. `inverse`: scratch for M^-1; None: made for this call. A scene whose
     /// joints move in one plane goes by three-vectors where the workspace is [`Scene::workspace`]'s.
     ///
     /// # Errors
@@ -27,8 +27,9 @@ impl Scene {
         state: &Arguments<'_>,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let &Arguments { q, qd, u, wrenches } = state;
         let named = Named::of(algorithm);
+        let state = &named.read_of(state);
+        let &Arguments { q, qd, u, wrenches } = state;
         self.check_configuration("q", q)?;
         if named.reads_rates {
             self.check_rates("qd", qd)?;
@@ -101,5 +102,17 @@ impl Named {
             Algorithm::MassMatrixInverse(_) => ("mass matrix inverse", false, None, "out"),
         };
         Self { what, reads_rates, u, out }
+    }
+
+    /// What the algorithm reads of a state; the rest is empty.
+    fn read_of<'a>(&self, state: &Arguments<'a>) -> Arguments<'a> {
+        let mut read = Arguments { q: state.q, ..Arguments::default() };
+        if self.reads_rates {
+            read.qd = state.qd;
+        }
+        if self.u.is_some() {
+            (read.u, read.wrenches) = (state.u, state.wrenches);
+        }
+        read
     }
 }
