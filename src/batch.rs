@@ -14,6 +14,7 @@ mod compiled;
 pub mod evaluator;
 #[cfg(feature = "parallel")]
 mod handed_out;
+pub(crate) mod own;
 #[cfg(feature = "parallel")]
 mod threads;
 

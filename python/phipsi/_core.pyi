@@ -36,6 +36,7 @@ __all__ = [
     "get_num_threads",
     "growth",
     "measure",
+    "method_call",
     "operator_growth",
     "reference",
     "residuals",
@@ -784,12 +785,18 @@ def measure(
 ) -> tuple[float, _Array]:
     """Median time a state (ns) of one method in one precision, and the error of each state against the reference.
 
-    method: one of METHODS; precision: "float64" or "float32"; repeats: passes over the states. The error is the largest
-    over the joints, relative to the largest acceleration; NaN where the method met a bad pivot.
+    What is timed is `Scene::evaluate` in Rust, one state a call, and the error is that of the same calls. method: one of METHODS;
+    precision: "float64" or "float32"; repeats: passes over the states. The error is the largest over the joints, relative to the largest
+    acceleration; NaN where the method met a bad pivot.
     """
 
-def growth(bodies: int, repeats: int) -> tuple[float, float]:
-    """Forward and inverse dynamics of a chain of `bodies` equal links, median ns a body over `repeats` passes."""
+def growth(bodies: int, repeats: int) -> tuple[float, float, float]:
+    """`Scene::evaluate` in Rust on a chain of `bodies` equal links, one state a call, median ns a body over `repeats` passes: forward
+    dynamics in form "auto" and in form "covariance", and inverse dynamics.
+    """
+
+def method_call(method: str) -> tuple[str, str | None]:
+    """What a method of METHODS calls in Rust, and the form it asks for; None where its calls have none."""
 
 def emergence(scene: Scene, q: ArrayLike, route: str, samples: int, seed: int, repeats: int) -> tuple[float, float]:
     """Median time (ns) of one route from q to the mass matrix, and its relative error (Frobenius norm, against double-double).

@@ -178,6 +178,7 @@ impl Scene {
     pub fn factor(&self, workspace: &mut Workspace<f64>, q: &[f64]) -> Result<Factor<f64>, Error> {
         self.model().omissions.check_every_body_moves("scene")?;
         self.check_configuration("q", q)?;
+        self.check_workspace(workspace)?;
         self.check_form(workspace)?;
         let (factor, monitor) = Factor::new(self.model(), workspace, q);
         self.check_pivots(workspace, monitor)?;

@@ -26,7 +26,7 @@ pub(super) const WORTH_RELEASING: usize = 5_000;
 
 /// What a thread needs to evaluate states, kept between calls.
 pub(super) struct Scratch {
-    /// Per-body arrays.
+    /// Per-body arrays of the recursions; the kernels are the evaluators'.
     pub workspace: Workspace<f64>,
     /// For estimation only.
     pub estimation: Option<Estimation>,
@@ -44,7 +44,7 @@ pub(super) struct Scratch {
 impl Scratch {
     pub(super) fn new(scene: &Scene) -> Self {
         Self {
-            workspace: scene.workspace(),
+            workspace: Workspace::new(scene.model()),
             estimation: None,
             operational: None,
             evaluator: None,

@@ -50,7 +50,9 @@ mod core_module {
     #[pymodule_export]
     use super::plan::{PyOmission, PyPlan};
     #[pymodule_export]
-    use super::report::{PyReference, growth_of, measure_method, operator_growth_of, reference_of, residuals_at};
+    use super::report::{
+        PyReference, call_of_method, growth_of, measure_method, operator_growth_of, reference_of, residuals_at,
+    };
     #[pymodule_export]
     use super::scene::PyScene;
     #[pymodule_export]

@@ -7,6 +7,7 @@ use super::errors::asked_by;
 use super::interrupts::detached_checked;
 use super::scene::PyScene;
 use crate::error::Error;
+use crate::filter::FORMS;
 use crate::report::accuracy::{METHODS, States, measure, reference};
 use crate::report::{growth, residuals};
 use crate::scalar::DoubleDouble;
@@ -131,8 +132,9 @@ pub(super) fn reference_of(
 
 /// Median time a state (ns) of one method in one precision, and the error of each state against the reference.
 ///
-/// method: one of METHODS; precision: "float64" or "float32"; repeats: passes over the states. The error is the largest
-/// over the joints, relative to the largest acceleration; NaN where the method met a bad pivot.
+/// What is timed is `Scene::evaluate` in Rust, one state a call, and the error is that of the same calls. method: one of METHODS;
+/// precision: "float64" or "float32"; repeats: passes over the states. The error is the largest over the joints, relative to the largest
+/// acceleration; NaN where the method met a bad pivot.
 #[pyfunction(name = "measure")]
 #[pyo3(signature = (scene, method, precision, q, qd, tau, reference, repeats))]
 #[allow(clippy::too_many_arguments)] // keywords, in Python
@@ -168,13 +170,27 @@ pub(super) fn measure_method<'py>(
     Ok((measurement.ns, errors.cast_into()?))
 }
 
-/// Forward and inverse dynamics of a chain of `bodies` equal links, median ns a body over `repeats` passes.
+/// `Scene::evaluate` in Rust on a chain of `bodies` equal links, one state a call, median ns a body over `repeats` passes: forward
+/// dynamics in form "auto" and in form "covariance", and inverse dynamics.
 #[pyfunction(name = "growth")]
 #[pyo3(signature = (bodies, repeats))]
-pub(super) fn growth_of(py: Python<'_>, bodies: &Bound<'_, PyAny>, repeats: &Bound<'_, PyAny>) -> PyResult<(f64, f64)> {
+pub(super) fn growth_of(
+    py: Python<'_>,
+    bodies: &Bound<'_, PyAny>,
+    repeats: &Bound<'_, PyAny>,
+) -> PyResult<(f64, f64, f64)> {
     let (bodies, repeats) = (count("bodies", bodies, 0)?, count("repeats", repeats, 1)?);
     let growth = detached_checked(py, || growth::growth(bodies, repeats))?;
-    Ok((growth.forward, growth.inverse))
+    Ok((growth.forward, growth.covariance, growth.inverse))
+}
+
+/// What a method of METHODS calls in Rust, and the form it asks for; None where its calls have none.
+#[pyfunction(name = "method_call")]
+#[pyo3(signature = (method))]
+pub(super) fn call_of_method(method: &str) -> PyResult<(&'static str, Option<&'static str>)> {
+    let method = choose("method", method, &METHODS)?;
+    let name = |form| FORMS.iter().find(|(_, known)| *known == form).map(|&(name, _)| name);
+    Ok((method.call(), method.form().and_then(name)))
 }
 
 /// Applying each operator, and with a star its transpose, on a chain of `bodies` equal links: (name, median ns a body).

@@ -40,6 +40,7 @@ impl Scene {
         self.check_rates("qd", qd)?;
         self.check_measurements(measurements)?;
         self.check_wrenches(wrenches)?;
+        self.check_workspace(workspace)?;
         let (nv, bodies) = (self.nv(), self.model.bodies.len());
         check_length("estimate", estimate.acceleration.len().min(estimate.torque.len()), nv)?;
         check_length("estimate (bodies)", estimate.force.len().min(estimate.process.len()), bodies)?;
@@ -80,6 +81,7 @@ impl Scene {
         self.check_rates("qd", qd)?;
         self.check_measurements(measurements)?;
         self.check_wrenches(wrenches)?;
+        self.check_workspace(workspace)?;
         let state = (q, qd, wrenches);
         let estimate = dynamics::estimate_batch(&self.model, workspace, state, measurements, with_covariance)?;
         self.check_result("estimated acceleration", &estimate.acceleration)?;

@@ -15,6 +15,7 @@ pub mod model;
 pub mod omissions;
 pub mod operational;
 pub(crate) mod queries;
+mod recursions;
 pub mod spring;
 #[cfg(feature = "urdf")]
 pub mod urdf;
@@ -33,6 +34,7 @@ use crate::planar::PlanarModel;
 use crate::spatial::RigidShift;
 use std::collections::HashMap;
 use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A movable joint of a scene.
 #[derive(Debug, Clone, PartialEq)]
@@ -65,6 +67,8 @@ pub struct Link {
 /// An articulated system: bodies, joints, gravity, and the names of them. Immutable.
 #[derive(Debug, Clone)]
 pub struct Scene {
+    /// Which scene this is: a copy is the same, another one built never is.
+    identity: u64,
     source: SceneBuilder,
     warnings: Vec<SceneWarning>,
     model: Model<f64>,
@@ -82,7 +86,9 @@ pub struct Scene {
 impl Scene {
     /// A scene that has no links yet, for the builder to fill.
     fn unfilled(source: SceneBuilder, warnings: Vec<SceneWarning>) -> Self {
+        static BUILT: AtomicU64 = AtomicU64::new(0);
         Self {
+            identity: BUILT.fetch_add(1, Ordering::Relaxed),
             model: Model::empty(source.gravity, source.omissions),
             source,
             warnings,
@@ -94,6 +100,11 @@ impl Scene {
             link_index: HashMap::new(),
             joint_index: HashMap::new(),
         }
+    }
+
+    /// Which scene this is, among all of this process: what is kept for one is never used for another.
+    pub(crate) fn identity(&self) -> u64 {
+        self.identity
     }
 
     /// Number of coordinates in q.

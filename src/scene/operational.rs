@@ -58,6 +58,7 @@ impl Scene {
         self.check_configuration("q", q)?;
         some_link(links)?;
         check_length("out", out.len(), 36 * links.len() * links.len())?;
+        self.check_workspace(workspace)?;
         self.check_form(workspace)?;
         let mut frames = std::mem::take(&mut scratch.frames);
         frames.clear();

@@ -1,9 +1,9 @@
 //! What is to be said of a scene as a whole, once its links and joints make a tree: warnings, and a base that floats twice.
 
-use super::{AT_A_TIME, SceneBuilder};
 use super::assembly::Tree;
 use super::description::{Inertial, JointKind, SceneWarning};
 use super::inertia_check::unphysical;
+use super::{AT_A_TIME, SceneBuilder};
 use crate::error::Error;
 use crate::watch;
 use std::collections::HashSet;

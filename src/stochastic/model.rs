@@ -10,6 +10,7 @@ use crate::memory;
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
 use crate::watch;
+use crate::workspace::Workspace;
 use nalgebra::{Matrix6, Vector6};
 use std::ops::Range;
 
@@ -99,7 +100,7 @@ impl Scene {
             let found = acceleration_variance.to_string();
             return Err(Error::argument("acceleration_variance", found, "a positive number, (rad/s^2)^2"));
         }
-        let (model, mut workspace) = (self.model(), self.workspace());
+        let (model, mut workspace) = (self.model(), Workspace::new(self.model()));
         let mut bias = vec![Vector6::zeros(); model.bodies.len()];
         if let Some(qd) = qd {
             self.check_rates("qd", qd)?;
