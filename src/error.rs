@@ -53,7 +53,7 @@ pub enum Error {
     },
     /// A joint about whose axis nothing is left to move: the pivot D(k) of eq. 3.6 is lost in rounding.
     #[error(
-        "joint {joint:?} (of link {link:?}){}: the inertia along its axis is {}; add inertia about the axis, or give the joint armature",
+        "joint {joint:?} (of link {link:?}){}: the inertia along its axis is {}; add inertia about the axis (scene.with_payload), or give the joint armature, for instance scene.with_properties(armature={{{joint:?}: 1e-3}})",
         in_state(*state),
         lost(*pivot, *terms)
     )]
@@ -117,6 +117,15 @@ impl Error {
             *state = Some(index);
         } else if let Self::Argument { found, .. } = &mut self {
             *found = format!("{found} in state {index}");
+        }
+        self
+    }
+
+    /// The same error, said of another argument: of the one that the caller gave.
+    #[must_use]
+    pub(crate) fn of_argument(mut self, name: &str) -> Self {
+        if let Self::Argument { argument, .. } = &mut self {
+            name.clone_into(argument);
         }
         self
     }

@@ -1,6 +1,8 @@
 //! Arguments to contiguous float64 (or float32, where that was asked for) and results to arrays: the one place where either is done.
 
 use super::kept;
+use super::labels::{self, Axis, resolved};
+use super::scene::PyScene;
 use crate::batch::{Broadcast, shape_text};
 use crate::error::Error;
 use crate::scalar::Precision;
@@ -36,18 +38,37 @@ enum Numbers<'py, P: Element> {
 }
 
 impl<'py> Input<'py> {
-    /// Reads an argument of shape (..., width) as float64.
-    pub fn new(name: impl Into<Cow<'static, str>>, value: &Bound<'py, PyAny>, width: usize) -> PyResult<Self> {
-        Self::in_kind(name, value, width)
+    /// Reads an argument of shape (..., entries of the axis) as float64.
+    pub fn new<'a>(
+        name: impl Into<Cow<'static, str>>,
+        value: &Bound<'py, PyAny>,
+        axis: impl Into<Axis<'a>>,
+    ) -> PyResult<Self> {
+        Self::in_kind(name, value, axis)
     }
 
-    /// Reads an argument of shape (..., width), or one number that stands for all of them.
-    pub fn spread(name: &'static str, value: &Bound<'py, PyAny>, width: usize) -> PyResult<Self> {
-        let array = read(name, value)?;
+    /// Reads an argument of that shape, or one number that stands for all of them.
+    pub fn spread(name: &'static str, value: &Bound<'py, PyAny>, axis: Axis<'_>) -> PyResult<Self> {
+        let array = read(name, value, axis)?;
         match (array.ndim(), array.len()) {
-            (0, 1) => Self::filled(value.py(), name, array.to_vec()?[0], width),
-            _ => Self::of(name.into(), array, width),
+            (0, 1) => Self::filled(value.py(), name, array.to_vec()?[0], axis.width()),
+            _ => Self::of(name.into(), array, axis.width()),
         }
+    }
+
+    /// Reads an argument of which entries may be masked: zero where they are, and infinity there in a second, which is zero elsewhere.
+    pub fn with_mask<'a>(
+        name: &'static str,
+        value: &Bound<'py, PyAny>,
+        axis: Axis<'a>,
+        read: impl Fn(&'static str, &Bound<'py, PyAny>, Axis<'a>) -> PyResult<Self>,
+    ) -> PyResult<(Self, Self)> {
+        let Some(mask) = labels::mask_of(value)? else {
+            return Ok((read(name, value, axis)?, Self::filled(value.py(), name, 0.0, axis.width())?));
+        };
+        let known = read(name, &value.call_method1("filled", (0,))?, axis)?;
+        let unknown = value.py().import("numpy")?.call_method1("where", (mask, f64::INFINITY, 0.0))?;
+        Ok((known, read(name, &unknown, axis)?))
     }
 
     /// One state of `width` equal numbers, for an argument that was not given.
@@ -59,11 +80,15 @@ impl<'py> Input<'py> {
 }
 
 impl<'py, P: Precision + Element> Input<'py, P> {
-    /// Reads an argument of shape (..., width) as numbers of kind `P`.
-    pub fn in_kind(name: impl Into<Cow<'static, str>>, value: &Bound<'py, PyAny>, width: usize) -> PyResult<Self> {
-        let name = name.into();
-        let array = read(&name, value)?;
-        Self::of(name, array, width)
+    /// Reads an argument of shape (..., entries of the axis) as numbers of kind `P`.
+    pub fn in_kind<'a>(
+        name: impl Into<Cow<'static, str>>,
+        value: &Bound<'py, PyAny>,
+        axis: impl Into<Axis<'a>>,
+    ) -> PyResult<Self> {
+        let (name, axis) = (name.into(), axis.into());
+        let array = read(&name, value, axis)?;
+        Self::of(name, array, axis.width())
     }
 
     /// Checks the last axis.
@@ -116,30 +141,49 @@ fn addresses<P: Element, D: Dimension>(array: &Bound<'_, PyArray<P, D>>) -> Rang
 
 /// An argument of exactly the given shape, as numbers in row-major order.
 pub(super) fn fixed(name: &str, value: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<Vec<f64>> {
-    let array = read::<f64>(name, value)?;
+    let array = read::<f64>(name, value, shape.last().copied().unwrap_or(1).into())?;
     if array.shape() != shape {
         return Err(wrong_shape(name, array.shape(), shape_text(shape)));
     }
     Ok(array.to_vec()?)
 }
 
-/// One number for all of `width`, or an array (width,): the numbers.
-pub(super) fn spread(name: &str, value: &Bound<'_, PyAny>, width: usize) -> PyResult<Vec<f64>> {
-    let array = read(name, value)?;
-    match (array.ndim(), array.len()) {
-        (0, 1) => Ok(vec![array.to_vec()?[0]; width]),
-        (1, found) if found == width => Ok(array.to_vec()?),
-        _ => Err(wrong_shape(name, array.shape(), format!("() or ({width},)"))),
+/// One state: an argument of shape (entries of the axis,).
+pub(super) fn state(name: &str, value: &Bound<'_, PyAny>, axis: Axis<'_>) -> PyResult<Vec<f64>> {
+    let (shape, numbers) = shaped(name, value, axis)?;
+    if shape != [axis.width()] {
+        return Err(wrong_shape(name, &shape, shape_text(&[axis.width()])));
+    }
+    Ok(numbers)
+}
+
+/// An argument of any shape, and that shape.
+pub(super) fn shaped(name: &str, value: &Bound<'_, PyAny>, axis: Axis<'_>) -> PyResult<(Vec<usize>, Vec<f64>)> {
+    let array = read::<f64>(name, value, axis)?;
+    Ok((array.shape().to_vec(), array.to_vec()?))
+}
+
+/// One number for all entries of the axis, or an array of them: the numbers.
+pub(super) fn spread(name: &str, value: &Bound<'_, PyAny>, axis: Axis<'_>) -> PyResult<Vec<f64>> {
+    let (shape, numbers) = shaped(name, value, axis)?;
+    let width = axis.width();
+    match shape[..] {
+        [] => Ok(vec![numbers[0]; width]),
+        [found] if found == width => Ok(numbers),
+        _ => Err(wrong_shape(name, &shape, format!("() or ({width},)"))),
     }
 }
 
-/// A boolean array of exactly `length` entries; none where the argument has another dtype.
-pub(super) fn mask(name: &str, value: &Bound<'_, PyAny>, length: usize) -> PyResult<Option<Vec<bool>>> {
-    let Ok(array) = as_array(value) else { return Ok(None) };
-    let untyped = array.cast::<PyUntypedArray>()?;
-    if untyped.dtype().getattr("kind")?.extract::<String>()? != "b" {
+/// A boolean array of exactly the entries of an axis; none where the argument has another dtype.
+pub(super) fn mask(name: &str, value: &Bound<'_, PyAny>, axis: Axis<'_>) -> PyResult<Option<Vec<bool>>> {
+    let length = axis.width();
+    // What has labels without being a mask, an index of names for instance, is for the caller.
+    let Ok(unlabelled) = as_array(value) else { return Ok(None) };
+    if unlabelled.cast::<PyUntypedArray>()?.dtype().getattr("kind")?.extract::<String>()? != "b" {
         return Ok(None);
     }
+    let array = as_array(&resolved(name, value, axis)?)?;
+    let untyped = array.cast::<PyUntypedArray>()?;
     if untyped.shape() != [length] {
         return Err(wrong_shape(name, untyped.shape(), shape_text(&[length])));
     }
@@ -153,7 +197,7 @@ pub(super) fn one_or_each(
     count: usize,
     shape: &[usize],
 ) -> PyResult<Vec<Vec<f64>>> {
-    let array = read::<f64>(name, value)?;
+    let array = read::<f64>(name, value, shape.last().copied().unwrap_or(1).into())?;
     let numbers = array.to_vec()?;
     if array.shape() == shape {
         return Ok(vec![numbers; count]);
@@ -168,7 +212,7 @@ pub(super) fn one_or_each(
 
 /// An argument of shape (rows, width), at least one row: how many, and the numbers in row-major order.
 pub(super) fn rows(name: &str, value: &Bound<'_, PyAny>, width: usize) -> PyResult<(usize, Vec<f64>)> {
-    let array = read::<f64>(name, value)?;
+    let array = read::<f64>(name, value, width.into())?;
     match *array.shape() {
         [rows, found] if found == width && rows > 0 => Ok((rows, array.to_vec()?)),
         _ => Err(wrong_shape(name, array.shape(), format!("(k, {width}), k at least 1"))),
@@ -181,16 +225,25 @@ pub(super) fn triple(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]>
     Ok([numbers[0], numbers[1], numbers[2]])
 }
 
-fn wrong_shape(name: &str, found: &[usize], expected: String) -> PyErr {
+pub(super) fn wrong_shape(name: &str, found: &[usize], expected: String) -> PyErr {
     Error::Shape { argument: name.to_owned(), found: shape_text(found), expected }.into()
 }
 
 /// C-contiguous and aligned numbers of kind `P` as they are; any other real numbers converted; the rest refused by name.
-fn read<'py, P: Precision + Element>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
+fn read<'py, P: Precision + Element>(
+    name: &str,
+    value: &Bound<'py, PyAny>,
+    axis: Axis<'_>,
+) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     match value.cast::<PyArrayDyn<P>>() {
-        Ok(array) if in_order(array) => Ok(array.clone()),
-        _ => convert(name, value),
+        Ok(array) if in_order(array) && is_bare(value) => Ok(array.clone()),
+        _ => convert(name, &resolved(name, value, axis)?),
     }
+}
+
+/// Whether it is an array and no subclass: such have masks or units.
+fn is_bare(value: &Bound<'_, PyAny>) -> bool {
+    value.is_exact_instance_of::<PyUntypedArray>()
 }
 
 /// Whether the numbers of an array can be read as they lie.
@@ -202,14 +255,14 @@ fn in_order<P: Element, D: Dimension>(array: &Bound<'_, PyArray<P, D>>) -> bool 
 #[inline(always)] // what it returns would be stored and loaded again
 pub(super) fn plain(value: &Bound<'_, PyAny>, width: usize) -> Option<(Vec<f64>, Range<usize>)> {
     let array = value.cast::<PyArray1<f64>>().ok()?;
-    if width > FEW || array.len() != width || !in_order(array) {
+    if width > FEW || array.len() != width || !in_order(array) || !is_bare(value) {
         return None;
     }
     Some((array.to_vec().ok()?, addresses(array)))
 }
 
 /// What NumPy makes of `value`.
-fn as_array<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+pub(super) fn as_array<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     static ASARRAY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     ASARRAY.import(value.py(), "numpy", "asarray")?.call1((value,))
 }
@@ -218,20 +271,31 @@ fn as_array<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
 fn convert<'py, P: Precision + Element>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     let py = value.py();
     let array = as_array(value).map_err(|cause| {
-        let error = refused(name, &format!("what NumPy cannot read ({})", cause.value(py)));
+        let error = refused(name, &format!("what NumPy cannot read ({})", cause.value(py)), None);
         error.set_cause(py, Some(cause));
         error
     })?;
-    let dtype = array.cast::<PyUntypedArray>()?.dtype();
+    let untyped = array.cast::<PyUntypedArray>()?;
+    let dtype = untyped.dtype();
     let kind: String = dtype.getattr("kind")?.extract()?;
     if !matches!(kind.as_str(), "f" | "i" | "u") {
-        return Err(refused(name, &format!("dtype {dtype}")));
+        let is_sequence = labels::is_sequence(value);
+        // Truth values and complex numbers are what their dtype says.
+        if value.is_instance_of::<PyUntypedArray>() || (is_sequence && matches!(kind.as_str(), "b" | "c")) {
+            return Err(refused(name, &format!("dtype {dtype}"), None));
+        }
+        if is_sequence {
+            return Err(refused(name, &format!("dtype {dtype}{}", labels::culprit(value)?), None));
+        }
+        return Err(refused(name, &format!("dtype {dtype} from {}", labels::described(value)?), labels::remedy(value)));
     }
     Ok(array.call_method1("astype", (P::NAME, "C"))?.cast_into()?)
 }
 
-fn refused(name: &str, found: &str) -> PyErr {
-    Error::argument(name, found, "an array of real numbers (float64; float32 and integers are converted)").into()
+fn refused(name: &str, found: &str, remedy: Option<&str>) -> PyErr {
+    let expected = "an array of real numbers (float64; float32 and integers are converted)";
+    let expected = remedy.map_or_else(|| expected.to_owned(), |remedy| format!("{expected}; {remedy}"));
+    Error::argument(name, found, expected).into()
 }
 
 /// Where a call writes its result: an array of its own, or the caller's `out`.
@@ -270,6 +334,9 @@ impl<'py, P: Precision + Element> Output<'py, P> {
         let Ok(untyped) = out.cast::<PyUntypedArray>() else {
             return Err(refuse(format!("an object of type {}", out.get_type().name()?)));
         };
+        if labels::is_masked(out)? {
+            return Err(refuse("a masked array".to_owned()));
+        }
         let Ok(array) = out.cast::<PyArrayDyn<P>>() else {
             return Err(refuse(format!("dtype {}", untyped.dtype())));
         };
@@ -373,4 +440,21 @@ pub(super) fn from_numbers<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize
     output.numbers()?.copy_from_slice(numbers);
     let array = output.finish().into_any();
     if shape.is_empty() { array.get_item(()) } else { Ok(array) }
+}
+
+/// An argument of a method written in Python as float64, of any shape: its last axis of q's entries or qd's where a scene is given.
+#[pyfunction]
+#[pyo3(name = "_numbers", signature = (name, value, scene=None, coordinates=false, /))]
+pub(super) fn numbers<'py>(
+    name: &str,
+    value: &Bound<'py, PyAny>,
+    scene: Option<&PyScene>,
+    coordinates: bool,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let axis = match scene {
+        None => Axis::Plain(0),
+        Some(scene) if coordinates => scene.coordinates(),
+        Some(scene) => scene.rates(),
+    };
+    read(name, value, axis)
 }

@@ -7,7 +7,7 @@ use super::evaluate::Scratch;
 use super::scene::PyScene;
 use crate::batch::{Batch, Broadcast, Fault, Pool, broadcast_axes};
 use crate::error::{Error, check_finite};
-use crate::filter::Form;
+use crate::filter::{FORMS, Form};
 use crate::operators::dense::Composite;
 use crate::operators::{Factor, KINDS, Kind, Operator};
 use crate::scene::{Model, Scene};
@@ -18,17 +18,22 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::PyTuple;
 use std::sync::{PoisonError, RwLock, RwLockReadGuard};
 
+/// What a factor is made of anew: scene, configurations, name of the form.
+type Remade<'py> = (Py<PyScene>, Bound<'py, PyAny>, &'static str);
+
 /// The compiled half of `phipsi.operators.Factor`: applies operators by name.
 #[pyclass(frozen, name = "RawFactor", module = "phipsi._core")]
 pub(crate) struct PyFactor {
     scene: Py<PyScene>,
     batch: Vec<usize>,
+    form: Form,
     pool: Pool<()>,
     /// Never waited for by a thread that another waits for with the GIL in hand: who holds it takes no GIL.
     state: RwLock<State>,
 }
 
 /// What an update changes.
+#[derive(Clone)]
 struct State {
     factors: Vec<Factor<f64>>,
     configurations: Vec<f64>,
@@ -37,6 +42,16 @@ struct State {
 impl PyFactor {
     fn model(&self) -> &Model<f64> {
         self.scene.get().scene.model()
+    }
+
+    /// Factors every configuration of q.
+    fn new(scene: &Bound<'_, PyScene>, q: &Bound<'_, PyAny>, form: Form) -> PyResult<Self> {
+        let (py, own) = (scene.py(), scene.get());
+        let input = Input::new("q", q, own.coordinates())?;
+        let batch = input.leading().to_vec();
+        let factors = own.factors(py, &input, form)?.map_err(|error| fault(py, error, &batch))?;
+        let state = RwLock::new(State { factors, configurations: input.data()?.to_vec() });
+        Ok(Self { scene: scene.clone().unbind(), batch, form, pool: Pool::default(), state })
     }
 
     /// The factors and configurations; a panic cannot have left them half written that this hides, for updates are undone or whole.
@@ -93,22 +108,32 @@ impl PyScene {
     #[pyo3(signature = (q, *, form="auto"))]
     fn factor<'py>(slf: &Bound<'py, Self>, q: &Bound<'py, PyAny>, form: &str) -> PyResult<Bound<'py, PyAny>> {
         static FACTOR: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-        let (py, scene) = (slf.py(), slf.get());
-        let input = Input::new("q", q, scene.scene.nq())?;
-        let batch = input.leading().to_vec();
-        let factors = scene.factors(py, &input, read_form(form)?)?.map_err(|error| fault(py, error, &batch))?;
-        let raw = PyFactor {
-            scene: slf.clone().unbind(),
-            batch,
-            pool: Pool::default(),
-            state: RwLock::new(State { factors, configurations: input.data()?.to_vec() }),
-        };
-        FACTOR.import(py, "phipsi.operators", "Factor")?.call1((raw,))
+        FACTOR.import(slf.py(), "phipsi.operators", "Factor")?.call1((PyFactor::new(slf, q, read_form(form)?)?,))
     }
 }
 
 #[pymethods]
 impl PyFactor {
+    /// Scene, configurations and form: a factor is made of them to the same bits, updated or not.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Remade<'py>)> {
+        let rebuild = py.import("phipsi._core")?.getattr("_rebuild_factor")?;
+        let shape = [&self.batch[..], &[self.model().nq]].concat();
+        let q = arrays::from_numbers(py, &self.read().configurations, &shape)?;
+        Ok((rebuild, (self.scene.clone_ref(py), q, name_of(self.form))))
+    }
+
+    /// A factor that is updated by itself.
+    fn __copy__(&self, py: Python<'_>) -> Self {
+        let (scene, batch, state) = (self.scene.clone_ref(py), self.batch.clone(), self.read().clone());
+        Self { scene, batch, form: self.form, pool: Pool::default(), state: RwLock::new(state) }
+    }
+
+    #[pyo3(signature = (memo, /))]
+    fn __deepcopy__(&self, py: Python<'_>, memo: &Bound<'_, PyAny>) -> Self {
+        let _ = memo;
+        self.__copy__(py)
+    }
+
     /// Number of degrees of freedom.
     #[getter]
     fn nv(&self) -> usize {
@@ -153,7 +178,8 @@ impl PyFactor {
         let kind = find(kind)?;
         let (rows, columns) = kind.shape(self.model().nv());
         let (from, to) = if transpose { (rows, columns) } else { (columns, rows) };
-        let x = Input::new("x", x, from)?;
+        let rates = self.scene.get().rates();
+        let x = Input::new("x", x, if from == rates.width() { rates } else { from.into() })?;
         let batch = broadcast_axes([("the factor", &self.batch[..]), ("x", x.leading())])?;
         // Which factor belongs to a state: broadcast over their indices.
         #[allow(clippy::cast_precision_loss)] // an index far below 2^53
@@ -216,6 +242,17 @@ impl PyFactor {
         shape.extend([rows, columns]);
         arrays::from_numbers(py, &values, &shape)
     }
+}
+
+/// The factor of what `RawFactor.__reduce__` gave.
+#[pyfunction]
+#[pyo3(name = "_rebuild_factor", signature = (scene, q, form, /))]
+pub(super) fn rebuild_factor(scene: &Bound<'_, PyScene>, q: &Bound<'_, PyAny>, form: &str) -> PyResult<PyFactor> {
+    PyFactor::new(scene, q, read_form(form)?)
+}
+
+fn name_of(form: Form) -> &'static str {
+    FORMS.iter().find(|(_, known)| *known == form).map_or("auto", |(name, _)| name)
 }
 
 fn find(name: &str) -> Result<Kind, Error> {

@@ -2,12 +2,13 @@
 
 use super::description::{self, Description};
 use super::evaluate::Scratch;
+use super::labels::Axis;
 use super::{arrays, errors, plan, single};
 use crate::batch::Pool;
 use crate::error::Error;
 use crate::scene::{Scene, SceneBuilder};
 use pyo3::prelude::*;
-use pyo3::types::{PySlice, PyString, PyTuple};
+use pyo3::types::{PyMapping, PySlice, PyString, PyTuple};
 use std::path::PathBuf;
 
 /// An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
@@ -24,6 +25,16 @@ pub(crate) struct PyScene {
 impl PyScene {
     pub(super) fn new(scene: Scene) -> Self {
         Self { scene, pool: Pool::default(), single: single::Kept::default() }
+    }
+
+    /// What the entries of q, and of a result like it, belong to.
+    pub(super) fn coordinates(&self) -> Axis<'_> {
+        Axis::Coordinates(&self.scene)
+    }
+
+    /// What the entries of qd, qdd and tau belong to.
+    pub(super) fn rates(&self) -> Axis<'_> {
+        Axis::Rates(&self.scene)
     }
 
     /// Number of moving bodies, at least one: what the time of a call is counted in.
@@ -141,7 +152,7 @@ impl PyScene {
             let found = format!("{}", joints.repr()?);
             return Err(Error::argument("joints", found, "a list of joint names").into());
         };
-        let q = arrays::fixed("q", q, &[self.scene.nq()])?;
+        let q = arrays::state("q", q, self.coordinates())?;
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         Ok(Self::new(self.scene.lock(&names, &q)?))
     }
@@ -192,6 +203,10 @@ impl Source {
 
 /// The strings of an iterable; none if it is something else.
 pub(super) fn names(iterable: &Bound<'_, PyAny>) -> Option<Vec<String>> {
+    // The keys of a dict would pass, and its values be lost.
+    if iterable.is_instance_of::<PyMapping>() {
+        return None;
+    }
     iterable.try_iter().ok()?.map(|name| name.and_then(|name| name.extract()).ok()).collect()
 }
 

@@ -1,7 +1,7 @@
 //! The scene of a checked tree: the order, the frames, the merging.
 
 use super::description::{Inertial, JointDescription, JointKind};
-use super::{Joint, Link, ROOT_JOINT, Scene};
+use super::{Joint, Link, Scene};
 use crate::planar::PlanarModel;
 use crate::scene::model::Motion;
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, inertia_root, join_roots, root_of_merged};
@@ -70,12 +70,7 @@ type Place = (Option<usize>, RigidShift<f64>);
 impl Assembly {
     fn run(mut self, tree: &Tree) -> Scene {
         let place = if self.scene.source.floating_base {
-            let root = JointDescription::new(
-                ROOT_JOINT,
-                JointKind::Floating,
-                "",
-                self.scene.source.links[tree.root].name.clone(),
-            );
+            let root = self.scene.source.root_joint(self.scene.source.links[tree.root].name.clone());
             self.add_joint(&root, (None, RigidShift::identity()))
         } else if self.scene.source.omissions.base_links {
             (None, RigidShift::identity())

@@ -1,6 +1,7 @@
 //! Locking joints: a new scene with those joints folded into the bodies around them.
 
 use super::description::{JointDescription, JointKind};
+use super::properties::Properties;
 use super::{ROOT_JOINT, Scene};
 use crate::error::Error;
 use crate::kinematics::joint_shift;
@@ -64,7 +65,8 @@ fn on_a_base(mut source: super::SceneBuilder, root: String, placement: RigidShif
     while source.links.iter().any(|link| link.name == base) {
         base.push('_');
     }
-    let mut joint = JointDescription::new(ROOT_JOINT, JointKind::Fixed, base.clone(), root);
+    let mut joint = JointDescription { kind: JointKind::Fixed, parent: base.clone(), ..source.root_joint(root) };
+    source.root = Properties::default();
     joint.origin = tidy(&placement);
     source.links.insert(0, super::LinkDescription { name: base, inertial: None });
     source.joints.insert(0, joint);

@@ -1,6 +1,6 @@
 //! Scenes from URDF: `<link>` and `<joint>` elements under `<robot>`, by the specification at wiki.ros.org/urdf/XML.
 //!
-//! Read: names, `<inertial>`, and the joint's type, parent, child, origin, axis, limit, dynamics and mimic (the name). One
+//! Read: names, `<inertial>`, and the joint's type, parent, child, origin, axis, limit, dynamics and mimic. One
 //! extension: `<dynamics armature="..." stiffness="..." rest="...">`, in kg m^2 or kg, N m/rad or N/m, and rad or m (rest: for
 //! joints of one coordinate only). Everything else (visual, collision, transmission, gazebo,
 //! ...) is passed over. What a link or joint says wrongly is an error that names it; whether the links and joints make
@@ -8,7 +8,7 @@
 
 mod xml;
 
-use super::description::{Inertial, JointDescription, JointKind, Limits, LinkDescription};
+use super::description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic};
 use super::{SceneBuilder, Spring};
 use crate::error::Error;
 use crate::spatial::{RigidShift, Symmetric3};
@@ -132,7 +132,11 @@ fn joint(element: &Element) -> Result<JointDescription, Error> {
         joint.spring = spring(&dynamics)?;
     }
     if let Some(mimic) = element.child("mimic") {
-        joint.mimic = Some(mimic.required("joint")?.to_owned());
+        joint.mimic = Some(Mimic {
+            joint: mimic.required("joint")?.to_owned(),
+            multiplier: mimic.number("multiplier")?.unwrap_or(1.0),
+            offset: mimic.number("offset")?.unwrap_or(0.0),
+        });
     }
     Ok(joint)
 }
