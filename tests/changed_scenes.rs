@@ -11,7 +11,7 @@ use phipsi::{Error, Scene};
 
 fn arm() -> Scene {
     let (links, joints) = parts();
-    assembled(links, joints).build().unwrap()
+    assembled((links, joints)).build().unwrap()
 }
 
 /// M at the neutral configuration.
@@ -38,7 +38,7 @@ fn properties_of_some_joints_change_and_no_others() {
 #[test]
 fn the_free_joint_of_a_floating_base_has_properties_too_until_it_is_locked() {
     let (links, joints) = parts();
-    let scene = assembled(links, joints).floating_base(true).build().unwrap();
+    let scene = assembled((links, joints)).floating_base(true).build().unwrap();
     let changed = scene.with_properties([(ROOT_JOINT, Property::Armature, 0.5)]).unwrap();
     assert_eq!(changed.model().system.noise[..6], [0.5; 6]);
     let again = changed.source().clone().build().unwrap();
@@ -105,6 +105,6 @@ fn a_mimic_keeps_its_numbers() {
     let (links, mut joints) = parts();
     let mimic = Mimic { joint: joints[1].name.clone(), multiplier: -0.5, offset: 0.25 };
     joints[0].mimic = Some(mimic.clone());
-    let scene = assembled(links, joints).build().unwrap();
+    let scene = assembled((links, joints)).build().unwrap();
     assert_eq!(scene.source().joints()[0].mimic, Some(mimic));
 }

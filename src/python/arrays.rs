@@ -1,8 +1,8 @@
 //! Arguments to contiguous float64 (or float32, where that was asked for) and results to arrays: the one place where either is done.
 
 use super::kept;
-use super::labels::{self, Axis, resolved};
-use super::scene::PyScene;
+use super::labels::{Axis, resolved};
+use super::{masks, refusals};
 use crate::batch::{Broadcast, shape_text};
 use crate::error::Error;
 use crate::scalar::Precision;
@@ -54,21 +54,6 @@ impl<'py> Input<'py> {
             (0, 1) => Self::filled(value.py(), name, array.to_vec()?[0], axis.width()),
             _ => Self::of(name.into(), array, axis.width()),
         }
-    }
-
-    /// Reads an argument of which entries may be masked: zero where they are, and infinity there in a second, which is zero elsewhere.
-    pub fn with_mask<'a>(
-        name: &'static str,
-        value: &Bound<'py, PyAny>,
-        axis: Axis<'a>,
-        read: impl Fn(&'static str, &Bound<'py, PyAny>, Axis<'a>) -> PyResult<Self>,
-    ) -> PyResult<(Self, Self)> {
-        let Some(mask) = labels::mask_of(value)? else {
-            return Ok((read(name, value, axis)?, Self::filled(value.py(), name, 0.0, axis.width())?));
-        };
-        let known = read(name, &value.call_method1("filled", (0,))?, axis)?;
-        let unknown = value.py().import("numpy")?.call_method1("where", (mask, f64::INFINITY, 0.0))?;
-        Ok((known, read(name, &unknown, axis)?))
     }
 
     /// One state of `width` equal numbers, for an argument that was not given.
@@ -230,7 +215,7 @@ pub(super) fn wrong_shape(name: &str, found: &[usize], expected: String) -> PyEr
 }
 
 /// C-contiguous and aligned numbers of kind `P` as they are; any other real numbers converted; the rest refused by name.
-fn read<'py, P: Precision + Element>(
+pub(super) fn read<'py, P: Precision + Element>(
     name: &str,
     value: &Bound<'py, PyAny>,
     axis: Axis<'_>,
@@ -271,7 +256,7 @@ pub(super) fn as_array<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, Py
 fn convert<'py, P: Precision + Element>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     let py = value.py();
     let array = as_array(value).map_err(|cause| {
-        let error = refused(name, &format!("what NumPy cannot read ({})", cause.value(py)), None);
+        let error = refusals::no_numbers(name, &format!("what NumPy cannot read ({})", cause.value(py)), None);
         error.set_cause(py, Some(cause));
         error
     })?;
@@ -279,23 +264,9 @@ fn convert<'py, P: Precision + Element>(name: &str, value: &Bound<'py, PyAny>) -
     let dtype = untyped.dtype();
     let kind: String = dtype.getattr("kind")?.extract()?;
     if !matches!(kind.as_str(), "f" | "i" | "u") {
-        let is_sequence = labels::is_sequence(value);
-        // Truth values and complex numbers are what their dtype says.
-        if value.is_instance_of::<PyUntypedArray>() || (is_sequence && matches!(kind.as_str(), "b" | "c")) {
-            return Err(refused(name, &format!("dtype {dtype}"), None));
-        }
-        if is_sequence {
-            return Err(refused(name, &format!("dtype {dtype}{}", labels::culprit(value)?), None));
-        }
-        return Err(refused(name, &format!("dtype {dtype} from {}", labels::described(value)?), labels::remedy(value)));
+        return Err(refusals::of_dtype(name, value, dtype.as_any(), &kind)?);
     }
     Ok(array.call_method1("astype", (P::NAME, "C"))?.cast_into()?)
-}
-
-fn refused(name: &str, found: &str, remedy: Option<&str>) -> PyErr {
-    let expected = "an array of real numbers (float64; float32 and integers are converted)";
-    let expected = remedy.map_or_else(|| expected.to_owned(), |remedy| format!("{expected}; {remedy}"));
-    Error::argument(name, found, expected).into()
 }
 
 /// Where a call writes its result: an array of its own, or the caller's `out`.
@@ -334,7 +305,7 @@ impl<'py, P: Precision + Element> Output<'py, P> {
         let Ok(untyped) = out.cast::<PyUntypedArray>() else {
             return Err(refuse(format!("an object of type {}", out.get_type().name()?)));
         };
-        if labels::is_masked(out)? {
+        if masks::is_masked(out)? {
             return Err(refuse("a masked array".to_owned()));
         }
         let Ok(array) = out.cast::<PyArrayDyn<P>>() else {
@@ -440,21 +411,4 @@ pub(super) fn from_numbers<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize
     output.numbers()?.copy_from_slice(numbers);
     let array = output.finish().into_any();
     if shape.is_empty() { array.get_item(()) } else { Ok(array) }
-}
-
-/// An argument of a method written in Python as float64, of any shape: its last axis of q's entries or qd's where a scene is given.
-#[pyfunction]
-#[pyo3(name = "_numbers", signature = (name, value, scene=None, coordinates=false, /))]
-pub(super) fn numbers<'py>(
-    name: &str,
-    value: &Bound<'py, PyAny>,
-    scene: Option<&PyScene>,
-    coordinates: bool,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let axis = match scene {
-        None => Axis::Plain(0),
-        Some(scene) if coordinates => scene.coordinates(),
-        Some(scene) => scene.rates(),
-    };
-    read(name, value, axis)
 }

@@ -91,8 +91,8 @@ impl PyScene {
         let has_prior = prior_acceleration.is_some();
         let errors = Errors::read(errors)?;
         self.scene.check_prior(acceleration_variance)?;
-        let (torque, torque_unknown) = Input::with_mask("torque", torque, self.rates(), Input::new)?;
-        let (noise, noise_unknown) = match noise {
+        let (torque, unknown) = Input::with_mask("torque", torque, self.rates(), Input::new)?;
+        let (noise, hidden) = match noise {
             Some(noise) => Input::with_mask("noise", noise, self.rates(), Input::spread)?,
             None => (Input::filled(py, "noise", 0.0, nv)?, Input::filled(py, "noise", 0.0, nv)?),
         };
@@ -101,8 +101,8 @@ impl PyScene {
             Input::new("qd", qd, self.rates())?,
             torque,
             noise,
-            torque_unknown,
-            noise_unknown,
+            unknown,
+            hidden,
             match prior_acceleration {
                 Some(prior) => Input::new("prior_acceleration", prior, self.rates())?,
                 None => Input::filled(py, "prior_acceleration", 0.0, nv)?,
@@ -114,33 +114,27 @@ impl PyScene {
         let call = Call::new(self, inputs, wrenches, cost)?.with(errors);
         let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
         let mut results = call.scratch_results(width)?;
-        call.numbers(
-            py,
-            &mut results,
-            |scene, scratch, [q, qd, torque, noise, torque_unknown, noise_unknown, prior], out| {
-                let Scratch { workspace, estimation, forces, .. } = scratch;
-                let kept = estimation.get_or_insert_with(|| Estimation::new(scene));
-                for (row, own) in kept.noise.iter_mut().enumerate() {
-                    let is_measured = measured.as_ref().is_none_or(|measured| measured[row]);
-                    // Infinite where masked, else zero.
-                    *own =
-                        if is_measured { noise[row] + torque_unknown[row] + noise_unknown[row] } else { f64::INFINITY };
-                }
-                let prior_acceleration = has_prior.then_some(prior);
-                let measurements =
-                    Measurements { torque, noise: &kept.noise, prior_acceleration, acceleration_variance };
-                if dense {
-                    let batch = scene.estimate_batch(workspace, q, qd, &measurements, forces, covariance)?;
-                    write_batch(&batch, out);
-                } else {
-                    let room = covariance.then_some(&mut kept.covariance);
-                    let (scratch, estimate) = (&mut kept.scratch, &mut kept.estimate);
-                    scene.estimate(workspace, scratch, q, qd, &measurements, forces, estimate, room)?;
-                    write_sequential(scene, estimate, covariance.then_some(&kept.covariance), out);
-                }
-                Ok(())
-            },
-        )?;
+        call.numbers(py, &mut results, |scene, scratch, [q, qd, torque, noise, unknown, hidden, prior], out| {
+            let Scratch { workspace, estimation, forces, .. } = scratch;
+            let kept = estimation.get_or_insert_with(|| Estimation::new(scene));
+            for (row, own) in kept.noise.iter_mut().enumerate() {
+                let is_measured = measured.as_ref().is_none_or(|measured| measured[row]);
+                // Infinite where masked, else zero.
+                *own = if is_measured { noise[row] + unknown[row] + hidden[row] } else { f64::INFINITY };
+            }
+            let prior_acceleration = has_prior.then_some(prior);
+            let measurements = Measurements { torque, noise: &kept.noise, prior_acceleration, acceleration_variance };
+            if dense {
+                let batch = scene.estimate_batch(workspace, q, qd, &measurements, forces, covariance)?;
+                write_batch(&batch, out);
+            } else {
+                let room = covariance.then_some(&mut kept.covariance);
+                let (scratch, estimate) = (&mut kept.scratch, &mut kept.estimate);
+                scene.estimate(workspace, scratch, q, qd, &measurements, forces, estimate, room)?;
+                write_sequential(scene, estimate, covariance.then_some(&kept.covariance), out);
+            }
+            Ok(())
+        })?;
         result(py, &results, &call.batch, nv, covariance)
     }
 }

@@ -1,13 +1,16 @@
 //! Arguments that carry names or masks: entries are matched with joints by name, or refused; none is taken by its position alone.
 //!
-//! Told by what their classes have, not by their modules: whatever looks like a Series or DataFrame of pandas (modin, cuDF, polars), a
-//! DataArray of xarray or a Table of Arrow is one, and none of them is imported.
+//! [`tables`](super::tables) finds the labels, [`masks`](super::masks) the masked entries.
 
+use super::arrays::{as_array, fixed, from_numbers, read, spread};
+use super::masks::masked_entries;
+use super::refusals::described;
+use super::scene::PyScene;
+use super::tables::{Along, Labels};
 use crate::error::Error;
 use crate::scene::{JointKind, Scene};
-use numpy::PyUntypedArray;
+use numpy::{PyArrayDyn, PyUntypedArray};
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyFloat, PyInt, PyList, PyMapping, PyString, PyTuple};
 use std::collections::HashMap;
 
@@ -76,7 +79,7 @@ pub(super) fn resolved<'py>(name: &str, value: &Bound<'py, PyAny>, axis: Axis<'_
     }
 }
 
-fn is_number(value: &Bound<'_, PyAny>) -> bool {
+pub(super) fn is_number(value: &Bound<'_, PyAny>) -> bool {
     value.is_exact_instance_of::<PyFloat>() || value.is_exact_instance_of::<PyInt>()
 }
 
@@ -114,75 +117,6 @@ fn check_entries(name: &str, sequence: &Bound<'_, PyAny>, place: &mut Vec<usize>
     Ok(())
 }
 
-/// Type and module of an object, in words.
-pub(super) fn described(value: &Bound<'_, PyAny>) -> PyResult<String> {
-    if value.is_none() {
-        return Ok("None".to_owned());
-    }
-    let class = value.get_type();
-    let (module, name) = (class.module()?.to_string(), class.qualname()?.to_string());
-    Ok(if module == "builtins" {
-        format!("an object of type {name}")
-    } else {
-        format!("an object of type {module}.{name}")
-    })
-}
-
-/// Masked entries of an array: how many, of how many, and where the first is.
-pub(super) struct Masked {
-    count: usize,
-    total: usize,
-    first: usize,
-}
-
-impl Masked {
-    fn refuse(&self, name: &str) -> PyErr {
-        let Self { count, total, first } = self;
-        let found =
-            format!("a masked array with {count} of {total} entries masked, the first at index {first} (flattened)");
-        let expected = "numbers for all entries (only the torque and noise of estimate may be masked: not measured); \
-                        .filled(value) puts a number in their place";
-        Error::argument(name, found, expected).into()
-    }
-}
-
-/// The masked array of `NumPy` that it is, if it is one.
-fn as_masked<'a, 'py>(value: &'a Bound<'py, PyAny>) -> PyResult<Option<&'a Bound<'py, PyAny>>> {
-    static MASKED: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    let is_subclass = value.is_instance_of::<PyUntypedArray>() && !value.is_exact_instance_of::<PyUntypedArray>();
-    if !is_subclass {
-        return Ok(None);
-    }
-    let class = MASKED.import(value.py(), "numpy.ma", "MaskedArray")?;
-    Ok(value.is_instance(class)?.then_some(value))
-}
-
-/// Whether it is a masked array, of which even the empty mask would not follow what is written.
-pub(super) fn is_masked(value: &Bound<'_, PyAny>) -> PyResult<bool> {
-    Ok(as_masked(value)?.is_some())
-}
-
-/// The masked entries of a masked array that has any.
-fn masked_entries(value: &Bound<'_, PyAny>) -> PyResult<Option<Masked>> {
-    let Some(mask) = mask_of(value)? else { return Ok(None) };
-    let flat = mask.call_method0("ravel")?;
-    let count: usize = flat.call_method0("sum")?.extract()?;
-    let (total, first) = (flat.len()?, flat.call_method0("argmax")?.extract()?);
-    Ok(Some(Masked { count, total, first }))
-}
-
-/// The mask of a masked array, of its shape, where any entry is masked.
-pub(super) fn mask_of<'py>(value: &Bound<'py, PyAny>) -> PyResult<Option<Bound<'py, PyAny>>> {
-    static MASK: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    let Some(array) = as_masked(value)? else { return Ok(None) };
-    let mask = MASK.import(value.py(), "numpy.ma", "getmaskarray")?.call1((array,))?;
-    // Of a record each field has its own; such are refused for their dtype.
-    if mask.getattr("dtype")?.getattr("kind")?.extract::<String>()? != "b" {
-        return Ok(None);
-    }
-    Ok(mask.call_method0("any")?.is_truthy()?.then_some(mask))
-}
-
 /// The entries of a mapping whose keys are strings.
 pub(super) fn items<'py>(name: &str, mapping: &Bound<'py, PyMapping>) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
     let mut items = Vec::with_capacity(mapping.len()?);
@@ -210,12 +144,12 @@ fn by_joint<'py>(name: &str, mapping: &Bound<'py, PyMapping>, axis: Axis<'_>) ->
         let of_joint = format!("{name}[{joint:?}]");
         let value = &items[at].1;
         numbers.extend(if count == 1 {
-            super::arrays::spread(&of_joint, value, Axis::Plain(1))?
+            spread(&of_joint, value, Axis::Plain(1))?
         } else {
-            super::arrays::fixed(&of_joint, value, &[count])?
+            fixed(&of_joint, value, &[count])?
         });
     }
-    super::arrays::from_numbers(mapping.py(), &numbers, &[numbers.len()])
+    from_numbers(mapping.py(), &numbers, &[numbers.len()])
 }
 
 /// For each joint where its label is; every joint must have one, and every label a joint.
@@ -261,61 +195,7 @@ fn listed(names: &[&str]) -> String {
     quoted.join(", ") + &more
 }
 
-/// The labels of the entries along the last axis of a value.
-struct Labels {
-    /// What carries them.
-    what: String,
-    /// What gives the numbers alone.
-    remedy: &'static str,
-    along: Along,
-}
-
-enum Along {
-    /// The numbers from 0 on, which say no more than the position.
-    Default,
-    /// A label each; none for what is no string.
-    Names(Vec<Option<String>>),
-    /// The names are on another axis.
-    Elsewhere,
-    /// Nothing that could be matched, and why not.
-    Never(&'static str),
-    /// Names of fields, which say something where joints are expected only.
-    Fields(Vec<Option<String>>),
-}
-
 impl Labels {
-    /// Those of a value that has such.
-    fn of(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Option<Self>> {
-        Self::read(value).map_err(|error| {
-            let found = format!("{} with labels that cannot be read ({error})", value.get_type());
-            Error::argument(name, found, "an array of numbers").into()
-        })
-    }
-
-    fn read(value: &Bound<'_, PyAny>) -> PyResult<Option<Self>> {
-        let class = value.get_type();
-        // Of the class: a Series finds its labels among its own attributes.
-        let has = |attribute: &str| class.hasattr(attribute);
-        let (remedy, along) = if value.is_instance_of::<PyTuple>() && has("_fields")? {
-            ("list(..)", Along::Fields(names(&value.getattr("_fields")?)?))
-        } else if has("column_names")? {
-            (".to_pandas().to_numpy()", Along::Names(names(&value.getattr("column_names")?)?))
-        } else if has("columns")? && has("collect")? {
-            (".collect().to_numpy()", Along::Never("its columns are not known before collect()"))
-        } else if has("columns")? {
-            (".to_numpy()", of_table(value, has("index")?)?)
-        } else if has("iloc")? && has("index")? {
-            (".to_numpy()", of_index(&value.getattr("index")?)?)
-        } else if has("dims")? && has("coords")? {
-            (".to_numpy()", of_dimensions(value)?)
-        } else if (has("unit")? && has("to_value")?) || (has("units")? && has("magnitude")?) {
-            (" in SI units and radians, as a plain array", Along::Never("units are not converted"))
-        } else {
-            return Ok(None);
-        };
-        Ok(Some(Self { what: described(value)?, remedy, along }))
-    }
-
     /// The numbers of the value in the order of the joints.
     fn matched<'py>(self, name: &str, value: &Bound<'py, PyAny>, axis: Axis<'_>) -> PyResult<Bound<'py, PyAny>> {
         let Self { what, remedy, along } = self;
@@ -353,7 +233,7 @@ impl Labels {
             return Err(refuse("its labels are no names".to_owned()));
         }
         let order = order(name, &what, &labels, &joints)?;
-        let array = super::arrays::as_array(value)?;
+        let array = as_array(value)?;
         let is_along = array.getattr("shape")?.extract::<Vec<usize>>()?.last() == Some(&labels.len());
         if !is_along {
             return Err(refuse("its labels are not those of its last axis".to_owned()));
@@ -362,92 +242,19 @@ impl Labels {
     }
 }
 
-/// Labels as strings.
-fn names(labels: &Bound<'_, PyAny>) -> PyResult<Vec<Option<String>>> {
-    labels.try_iter()?.map(|label| Ok(label?.extract::<String>().ok())).collect()
-}
-
-/// Those of an index of pandas.
-fn of_index(index: &Bound<'_, PyAny>) -> PyResult<Along> {
-    if index.get_type().name()? == "RangeIndex" {
-        let is = |part: &str, number: i64| -> PyResult<bool> { Ok(index.getattr(part)?.extract::<i64>()? == number) };
-        if is("start", 0)? && is("step", 1)? {
-            return Ok(Along::Default);
-        }
-    }
-    Ok(Along::Names(names(index)?))
-}
-
-/// Those of the columns of a table; with rows that have labels too.
-fn of_table(table: &Bound<'_, PyAny>, has_rows: bool) -> PyResult<Along> {
-    let columns = table.getattr("columns")?;
-    let along = of_index(&columns)?;
-    if matches!(along, Along::Default) && has_rows {
-        let rows = table.getattr("index")?;
-        // A time is a label of a state, a name is one of a joint.
-        if !rows.is_callable()
-            && !matches!(of_index(&rows)?, Along::Default)
-            && names(&rows)?.iter().any(Option::is_some)
-        {
-            return Ok(Along::Elsewhere);
-        }
-    }
-    Ok(along)
-}
-
-/// Those of the last dimension of an array of xarray.
-fn of_dimensions(array: &Bound<'_, PyAny>) -> PyResult<Along> {
-    if array.get_type().hasattr("data_vars")? {
-        return Ok(Along::Never("it has several arrays"));
-    }
-    let dimensions: Vec<Bound<'_, PyAny>> = array.getattr("dims")?.try_iter()?.collect::<PyResult<_>>()?;
-    let coordinates = array.getattr("coords")?;
-    let labels = |dimension: &Bound<'_, PyAny>| -> PyResult<Option<Vec<Option<String>>>> {
-        if !coordinates.contains(dimension)? {
-            return Ok(None);
-        }
-        names(&coordinates.get_item(dimension)?.getattr("values")?.call_method0("tolist")?).map(Some)
+/// An argument of a method written in Python as float64, of any shape: its last axis of q's entries or qd's where a scene is given.
+#[pyfunction]
+#[pyo3(name = "_numbers", signature = (name, value, scene=None, coordinates=false, /))]
+pub(super) fn numbers<'py>(
+    name: &str,
+    value: &Bound<'py, PyAny>,
+    scene: Option<&PyScene>,
+    coordinates: bool,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let axis = match scene {
+        None => Axis::Plain(0),
+        Some(scene) if coordinates => scene.coordinates(),
+        Some(scene) => scene.rates(),
     };
-    let Some((last, others)) = dimensions.split_last() else { return Ok(Along::Default) };
-    if let Some(labels) = labels(last)? {
-        return Ok(Along::Names(labels));
-    }
-    for dimension in others {
-        if labels(dimension)?.is_some_and(|labels| labels.iter().any(Option::is_some)) {
-            return Ok(Along::Elsewhere);
-        }
-    }
-    Ok(Along::Default)
-}
-
-/// The first entry of a sequence, however deep, that is no real number; nothing where that is not to be told.
-pub(super) fn culprit(sequence: &Bound<'_, PyAny>) -> PyResult<String> {
-    for (at, entry) in sequence.try_iter()?.enumerate() {
-        let entry = entry?;
-        if is_sequence(&entry) {
-            let within = culprit(&entry)?;
-            if !within.is_empty() {
-                return Ok(within);
-            }
-        } else if !is_number(&entry) && !entry.is_instance_of::<PyUntypedArray>() {
-            return Ok(format!(" (entry {at} is {})", described(&entry)?));
-        }
-    }
-    Ok(String::new())
-}
-
-/// What to do with an object that is no array of numbers.
-pub(super) fn remedy(value: &Bound<'_, PyAny>) -> Option<&'static str> {
-    let class = value.get_type();
-    let has = |attribute: &str| class.hasattr(attribute).unwrap_or(false);
-    if value.is_instance_of::<PyString>() {
-        return None;
-    }
-    if has("toarray") {
-        return Some(".toarray() gives one");
-    }
-    if has("__next__") || has("__iter__") {
-        return Some("list(..) or numpy.fromiter gives one, where it has an order");
-    }
-    None
+    read(name, value, axis)
 }

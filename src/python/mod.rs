@@ -22,16 +22,19 @@ mod factor;
 mod geometry;
 mod kept;
 mod labels;
+mod masks;
 mod motion;
 mod operational;
 mod parts;
 mod plan;
+mod refusals;
 mod report;
 mod scene;
 mod scenes;
 mod single;
 mod stability;
 mod stochastic;
+mod tables;
 mod threads;
 mod wrenches;
 
@@ -42,8 +45,6 @@ mod core_module {
     use pyo3::types::PyTuple;
 
     #[pymodule_export]
-    use super::arrays::numbers;
-    #[pymodule_export]
     use super::builder::PySceneBuilder;
     #[pymodule_export]
     use super::description::{rebuild_builder, rebuild_scene};
@@ -51,6 +52,8 @@ mod core_module {
     use super::factor::{PyFactor, rebuild_factor};
     #[pymodule_export]
     use super::kept::{get_kept_memory, set_kept_memory};
+    #[pymodule_export]
+    use super::labels::numbers;
     #[pymodule_export]
     use super::plan::{PyOmission, PyPlan, rebuild_omission, rebuild_plan};
     #[pymodule_export]
