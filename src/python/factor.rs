@@ -5,7 +5,7 @@ use super::dynamics::read_form;
 use super::errors::fault;
 use super::evaluate::Scratch;
 use super::scene::PyScene;
-use crate::batch::{Batch, Broadcast, Fault, Pool, broadcast_axes};
+use crate::batch::{Batch, Broadcast, Fault, Pool, broadcast_axes, shape_text};
 use crate::error::{Error, check_finite};
 use crate::filter::{FORMS, Form};
 use crate::operators::dense::Composite;
@@ -218,7 +218,10 @@ impl PyFactor {
         let PyScene { scene, pool, .. } = self.scene.get();
         let mut shape = self.batch.clone();
         shape.push(scene.nq());
-        let q = arrays::fixed("q", q, &shape)?;
+        let (found, q) = arrays::shaped("q", q, self.scene.get().coordinates())?;
+        if found != shape {
+            return Err(arrays::wrong_shape("q", &found, shape_text(&shape)));
+        }
         let update = |scratch: &mut Scratch| {
             self.state.write().unwrap_or_else(PoisonError::into_inner).update(scene, &mut scratch.workspace, &q)
         };

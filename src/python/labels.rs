@@ -11,8 +11,12 @@ use crate::error::Error;
 use crate::scene::{JointKind, Scene};
 use numpy::{PyArrayDyn, PyUntypedArray};
 use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyFloat, PyInt, PyList, PyMapping, PyString, PyTuple};
 use std::collections::HashMap;
+
+/// Lists within lists are looked into so deep: one may hold itself.
+pub(super) const DEEPEST: usize = 8;
 
 /// What the entries along the last axis of an argument belong to.
 #[derive(Clone, Copy)]
@@ -79,8 +83,12 @@ pub(super) fn resolved<'py>(name: &str, value: &Bound<'py, PyAny>, axis: Axis<'_
     }
 }
 
+/// Whether it is a number of Python's, or a scalar of `NumPy`'s of any kind: neither has names.
 pub(super) fn is_number(value: &Bound<'_, PyAny>) -> bool {
-    value.is_exact_instance_of::<PyFloat>() || value.is_exact_instance_of::<PyInt>()
+    static SCALAR: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    value.is_exact_instance_of::<PyFloat>()
+        || value.is_exact_instance_of::<PyInt>()
+        || SCALAR.import(value.py(), "numpy", "generic").is_ok_and(|scalar| value.is_instance(scalar).unwrap_or(false))
 }
 
 /// Whether it is a list or a tuple, and nothing that has names beside.
@@ -97,8 +105,7 @@ fn check_entries(name: &str, sequence: &Bound<'_, PyAny>, place: &mut Vec<usize>
         }
         place.push(at);
         if is_sequence(&entry) {
-            // NumPy has at most 64 axes.
-            if place.len() <= 64 {
+            if place.len() < DEEPEST {
                 check_entries(name, &entry, place)?;
             }
         } else {

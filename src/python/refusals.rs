@@ -1,6 +1,6 @@
 //! What is no array of real numbers, in words: its type, the entry at fault, and what gives one.
 
-use super::labels::{is_number, is_sequence};
+use super::labels::{DEEPEST, is_number, is_sequence};
 use crate::error::Error;
 use numpy::PyUntypedArray;
 use pyo3::prelude::*;
@@ -14,7 +14,7 @@ pub(super) fn of_dtype(name: &str, value: &Bound<'_, PyAny>, dtype: &Bound<'_, P
         return Ok(no_numbers(name, &format!("dtype {dtype}"), None));
     }
     if is_sequence {
-        return Ok(no_numbers(name, &format!("dtype {dtype}{}", culprit(value)?), None));
+        return Ok(no_numbers(name, &format!("dtype {dtype}{}", culprit(value, 1)?), None));
     }
     Ok(no_numbers(name, &format!("dtype {dtype} from {}", described(value)?), remedy(value)))
 }
@@ -41,11 +41,14 @@ pub(super) fn described(value: &Bound<'_, PyAny>) -> PyResult<String> {
 }
 
 /// The first entry of a sequence, however deep, that is no real number; nothing where that is not to be told.
-fn culprit(sequence: &Bound<'_, PyAny>) -> PyResult<String> {
+fn culprit(sequence: &Bound<'_, PyAny>, depth: usize) -> PyResult<String> {
+    if depth > DEEPEST {
+        return Ok(String::new());
+    }
     for (at, entry) in sequence.try_iter()?.enumerate() {
         let entry = entry?;
         if is_sequence(&entry) {
-            let within = culprit(&entry)?;
+            let within = culprit(&entry, depth + 1)?;
             if !within.is_empty() {
                 return Ok(within);
             }

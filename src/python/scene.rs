@@ -14,7 +14,8 @@ use std::path::PathBuf;
 /// An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
 ///
 /// Made by Scene.from_urdf or SceneBuilder.build. All units are SI and radians; spatial vectors are angular first;
-/// arrays have leading batch axes that broadcast, and joints run in depth-first order.
+/// arrays have leading batch axes that broadcast, and joints run in depth-first order. One state may be a dict from joint names to
+/// numbers; labels (pandas, polars, xarray, Arrow) are matched by joint name or refused, masks raise but in estimate.
 #[pyclass(frozen, name = "Scene", module = "phipsi")]
 pub(crate) struct PyScene {
     pub(super) scene: Scene,

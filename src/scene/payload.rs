@@ -2,8 +2,7 @@
 
 use super::Scene;
 use super::description::Inertial;
-use super::inertia_check::check_numbers;
-use crate::error::Error;
+use crate::error::{Error, check_finite};
 use crate::spatial::Symmetric3;
 use nalgebra::Matrix3;
 
@@ -14,16 +13,16 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for an unknown link, for a mass that is negative and for numbers that are not finite; with a strict
-    /// scene [`Error::Scene`] for an inertia that no body can have.
+    /// [`Error::Argument`] for an unknown link and for a mass that is negative or not finite, [`Error::NotFinite`] for other numbers (`com`,
+    /// `inertia`); with a strict scene [`Error::Scene`] for an inertia that no body can have.
     pub fn with_payload(&self, link: &str, payload: &Inertial) -> Result<Self, Error> {
         self.link(link)?;
-        check_numbers(link, payload).map_err(|error| match error {
-            Error::Scene { subject, found, expected } => {
-                Error::argument(format!("payload on {subject}"), found, expected)
-            }
-            other => other,
-        })?;
+        let Inertial { mass, centre, central } = payload;
+        if !(mass.is_finite() && *mass >= 0.0) {
+            return Err(Error::argument("mass", mass.to_string(), "a finite mass, zero or positive"));
+        }
+        check_finite("com", centre.as_slice())?;
+        check_finite("inertia", &central.entries)?;
         let mut source = self.source().clone();
         if let Some(carrier) = source.links.iter_mut().find(|carrier| carrier.name == link) {
             carrier.inertial = Some(carrier.inertial.as_ref().map_or(*payload, |own| together(own, payload)));

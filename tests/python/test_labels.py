@@ -121,6 +121,9 @@ def test_every_method_takes_names(arm: phipsi.Scene, state: Any) -> None:
     assert_same_bits(arm.momentum(*by_name[:2]), arm.momentum(q, qd))
     assert_same_bits(arm.operational_inverse_inertia(by_name[0], "link3"), arm.operational_inverse_inertia(q, "link3"))
     assert_same_bits(arm.factor(by_name[0]).solve(by_name[2]), arm.factor(q).solve(tau))
+    factor = arm.factor(arm.neutral())
+    factor.update(by_name[0])  # type: ignore[arg-type]
+    assert_same_bits(factor.solve(tau), arm.factor(q).solve(tau))
     assert_same_bits(arm.estimate(*by_name).acceleration, arm.estimate(*state).acceleration)
     assert_same_bits(arm.lock(["joint2"], by_name[0]).neutral(), np.zeros(6))
     assert arm.check(by_name[0]) == arm.check(q)
@@ -414,6 +417,17 @@ def test_what_is_no_array_is_named(arm: phipsi.Scene, case: str) -> None:
         with pytest.raises(ArgumentError, match=message) as found:
             call(make())
         assert found.value.argument == "q"
+
+
+def test_a_list_that_holds_itself(arm: phipsi.Scene) -> None:
+    endless: list[Any] = []
+    endless.append(endless)
+    with pytest.raises(ArgumentError, match="q: found"):
+        arm.mass_matrix(endless)
+
+
+def test_scalars_of_numpy_in_a_list(arm: phipsi.Scene, state: Any) -> None:
+    assert_same_bits(arm.mass_matrix(list(state[0])), arm.mass_matrix(state[0]))
 
 
 def test_a_dict_is_no_list_of_names(arm: phipsi.Scene) -> None:
