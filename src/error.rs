@@ -53,7 +53,7 @@ pub enum Error {
     },
     /// A joint about whose axis nothing is left to move: the pivot D(k) of eq. 3.6 is lost in rounding.
     #[error(
-        "joint {joint:?} (of link {link:?}){}: the inertia along its axis is {}; add inertia about the axis, or give the joint armature",
+        "joint {joint:?} (of link {link:?}){}: the inertia along its axis is {}; add inertia about the axis (scene.with_payload), or give the joint armature, for instance scene.with_properties(armature={{{joint:?}: 1e-3}})",
         in_state(*state),
         lost(*pivot, *terms)
     )]
@@ -167,6 +167,15 @@ impl Error {
     #[must_use]
     pub(crate) fn asked_by(mut self, name: &str) -> Self {
         if let Self::Memory { argument, .. } = &mut self {
+            name.clone_into(argument);
+        }
+        self
+    }
+
+    /// The same error, said of another argument: of the one that the caller gave.
+    #[must_use]
+    pub(crate) fn of_argument(mut self, name: &str) -> Self {
+        if let Self::Argument { argument, .. } = &mut self {
             name.clone_into(argument);
         }
         self

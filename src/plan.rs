@@ -3,7 +3,7 @@
 mod counted;
 
 use crate::filter::{HingeMap, Rows};
-use crate::scene::{Body, JointKind, Motion, Omissions, Scene};
+use crate::scene::{Body, Inertial, JointKind, Motion, Omissions, Scene};
 use crate::spatial::Symmetric3;
 use crate::watch;
 use std::collections::HashSet;
@@ -134,7 +134,8 @@ impl Scene {
         let bodies = moving.clone().filter(|link| children.contains(link.name.as_str())).count();
         let forces = if self.model().omissions.massless_bodies {
             let with_force = self.model().bodies.iter().filter(|body| !body.needs_no_force).count();
-            moving.filter(|link| self.has_inertia(&link.name)).count() - with_force
+            let massive = self.massive_links();
+            moving.filter(|link| massive.contains(link.name.as_str())).count() - with_force
         } else {
             bodies
         };
@@ -153,10 +154,11 @@ impl Scene {
         )
     }
 
-    /// Whether a link has mass or inertia.
-    fn has_inertia(&self, name: &str) -> bool {
-        let inertial = self.source().links().iter().find(|link| link.name == name).and_then(|link| link.inertial);
-        inertial.is_some_and(|inertial| inertial.mass != 0.0 || inertial.central != Symmetric3::zero())
+    /// Names of the links that have mass or inertia.
+    fn massive_links(&self) -> HashSet<&str> {
+        let is_massive = |inertial: Inertial| inertial.mass != 0.0 || inertial.central != Symmetric3::zero();
+        let massive = self.source().links().iter().filter(|link| link.inertial.is_some_and(is_massive));
+        massive.map(|link| link.name.as_str()).collect()
     }
 
     fn base_item(&self) -> Omission {
@@ -166,7 +168,8 @@ impl Scene {
         let omissions = self.model().omissions;
         let most = if omissions.fixed_joints { 1 } else { usize::MAX };
         let bodies = names.len().min(most);
-        let massive = names.iter().filter(|name| self.has_inertia(name)).count().min(most);
+        let massive = self.massive_links();
+        let massive = names.iter().filter(|name| massive.contains(name.as_str())).count().min(most);
         let forces = if omissions.massless_bodies { massive } else { bodies };
         let carried = self.model().system.stages.iter().filter(|stage| stage.parent.is_none()).count();
         // The body of the base sends nothing inward itself.

@@ -6,7 +6,7 @@ mod common;
 use common::Random;
 use common::tolerance::{assert_near, product};
 use nalgebra::Vector3;
-use phipsi::scene::{JointDescription, JointKind, Limits, SceneBuilder, SceneWarning};
+use phipsi::scene::{JointDescription, JointKind, Limits, Mimic, SceneBuilder, SceneWarning};
 use phipsi::{Error, Scene};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -88,7 +88,7 @@ fn every_joint_type_and_attribute_is_read() {
     let spin = joint(&builder, "spin");
     assert_eq!(spin.axis, Vector3::new(1.0, 0.0, 0.0), "the axis defaults to x");
     assert_eq!(spin.limits, Limits { velocity: 9.0, effort: 8.0, ..Limits::default() }, "continuous: no lower, upper");
-    assert_eq!(spin.mimic.as_deref(), Some("shoulder"));
+    assert_eq!(spin.mimic, Some(Mimic { multiplier: 2.0, ..Mimic::of("shoulder") }));
 
     let slide = joint(&builder, "slide");
     assert_eq!(slide.limits, Limits { lower: 0.0, upper: 0.4, velocity: 1.0, effort: f64::INFINITY });

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ArgumentError",
+    "BadStateWarning",
     "InertiaWarning",
     "LimitWarning",
     "MimicWarning",
@@ -64,7 +65,7 @@ class NotFiniteError(PhipsiError, ValueError):
 class SingularJointError(PhipsiError, ArithmeticError):
     """A joint without inertia along its axis: its pivot D(k) of equation 3.6 is lost in rounding.
 
-    Add inertia about the axis, or give the joint armature.
+    Add inertia about the axis (Scene.with_payload), or give the joint armature (Scene.with_properties).
     """
 
     joint: str = ""
@@ -143,3 +144,16 @@ class MimicWarning(UserWarning):
 
 class UnknownTagWarning(UserWarning):
     """Elements, attributes or text of a URDF that are not understood and were passed over: one warning for a file."""
+
+
+class BadStateWarning(UserWarning):
+    """States of a call with errors="nan" that could not be computed: their results are NaN, all others are as they would be.
+
+    ``with warnings.catch_warnings(record=True) as caught: ...`` keeps it, as ``caught[0].message``; a filter that makes it an error raises
+    it, and the results are lost.
+    """
+
+    states: tuple[int | tuple[int, ...], ...] = ()
+    """Indices of the bad states in the batch, ascending: numbers, tuples if the batch has several axes, () for a single state."""
+    reasons: tuple[PhipsiError, ...] = ()
+    """What errors="raise" would have raised for each of them alone, with its attributes."""

@@ -1,6 +1,8 @@
 //! Arguments to contiguous float64 (or float32, where that was asked for) and results to arrays: the one place where either is done.
 
 use super::kept;
+use super::labels::{Axis, resolved};
+use super::{masks, refusals};
 use crate::batch::{Broadcast, shape_text};
 use crate::error::Error;
 use crate::memory;
@@ -44,17 +46,21 @@ enum Numbers<'py, P: Element> {
 }
 
 impl<'py> Input<'py> {
-    /// Reads an argument of shape (..., width) as float64.
-    pub fn new(name: impl Into<Cow<'static, str>>, value: &Bound<'py, PyAny>, width: usize) -> PyResult<Self> {
-        Self::in_kind(name, value, width)
+    /// Reads an argument of shape (..., entries of the axis) as float64.
+    pub fn new<'a>(
+        name: impl Into<Cow<'static, str>>,
+        value: &Bound<'py, PyAny>,
+        axis: impl Into<Axis<'a>>,
+    ) -> PyResult<Self> {
+        Self::in_kind(name, value, axis)
     }
 
-    /// Reads an argument of shape (..., width), or one number that stands for all of them.
-    pub fn spread(name: &'static str, value: &Bound<'py, PyAny>, width: usize) -> PyResult<Self> {
-        let array = read(name, value)?;
+    /// Reads an argument of that shape, or one number that stands for all of them.
+    pub fn spread(name: &'static str, value: &Bound<'py, PyAny>, axis: Axis<'_>) -> PyResult<Self> {
+        let array = read(name, value, axis)?;
         match (array.ndim(), array.len()) {
-            (0, 1) => Self::filled(value.py(), name, array.to_vec()?[0], width),
-            _ => Self::of(name.into(), array, width),
+            (0, 1) => Self::filled(value.py(), name, array.to_vec()?[0], axis.width()),
+            _ => Self::of(name.into(), array, axis.width()),
         }
     }
 
@@ -67,11 +73,15 @@ impl<'py> Input<'py> {
 }
 
 impl<'py, P: Precision + Element> Input<'py, P> {
-    /// Reads an argument of shape (..., width) as numbers of kind `P`.
-    pub fn in_kind(name: impl Into<Cow<'static, str>>, value: &Bound<'py, PyAny>, width: usize) -> PyResult<Self> {
-        let name = name.into();
-        let array = read(&name, value)?;
-        Self::of(name, array, width)
+    /// Reads an argument of shape (..., entries of the axis) as numbers of kind `P`.
+    pub fn in_kind<'a>(
+        name: impl Into<Cow<'static, str>>,
+        value: &Bound<'py, PyAny>,
+        axis: impl Into<Axis<'a>>,
+    ) -> PyResult<Self> {
+        let (name, axis) = (name.into(), axis.into());
+        let array = read(&name, value, axis)?;
+        Self::of(name, array, axis.width())
     }
 
     /// Checks the last axis.
@@ -120,7 +130,7 @@ fn addresses<P: Element, D: Dimension>(array: &Bound<'_, PyArray<P, D>>) -> Rang
 
 /// An argument of exactly the given shape, as numbers in row-major order.
 pub(super) fn fixed(name: &str, value: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<Vec<f64>> {
-    let array = read::<f64>(name, value)?;
+    let array = read::<f64>(name, value, shape.last().copied().unwrap_or(1).into())?;
     if array.shape() != shape {
         return Err(wrong_shape(name, array.shape(), shape_text(shape)));
     }
@@ -140,23 +150,42 @@ fn being_written(name: &str) -> Error {
     Error::argument(name, "an array that another call is writing to", "an array that does not change during the call")
 }
 
-/// One number for all of `width`, or an array (width,): the numbers.
-pub(super) fn spread(name: &str, value: &Bound<'_, PyAny>, width: usize) -> PyResult<Vec<f64>> {
-    let array = read(name, value)?;
-    match (array.ndim(), array.len()) {
-        (0, 1) => Ok(memory::filled("scene", width, array.to_vec()?[0])?),
-        (1, found) if found == width => copied(name, &array),
-        _ => Err(wrong_shape(name, array.shape(), format!("() or ({width},)"))),
+/// One state: an argument of shape (entries of the axis,).
+pub(super) fn state(name: &str, value: &Bound<'_, PyAny>, axis: Axis<'_>) -> PyResult<Vec<f64>> {
+    let (shape, numbers) = shaped(name, value, axis)?;
+    if shape != [axis.width()] {
+        return Err(wrong_shape(name, &shape, shape_text(&[axis.width()])));
+    }
+    Ok(numbers)
+}
+
+/// An argument of any shape, and that shape.
+pub(super) fn shaped(name: &str, value: &Bound<'_, PyAny>, axis: Axis<'_>) -> PyResult<(Vec<usize>, Vec<f64>)> {
+    let array = read::<f64>(name, value, axis)?;
+    Ok((array.shape().to_vec(), copied(name, &array)?))
+}
+
+/// One number for all entries of the axis, or an array of them: the numbers.
+pub(super) fn spread(name: &str, value: &Bound<'_, PyAny>, axis: Axis<'_>) -> PyResult<Vec<f64>> {
+    let (shape, numbers) = shaped(name, value, axis)?;
+    let width = axis.width();
+    match shape[..] {
+        [] => Ok(memory::filled("scene", width, numbers[0])?),
+        [found] if found == width => Ok(numbers),
+        _ => Err(wrong_shape(name, &shape, format!("() or ({width},)"))),
     }
 }
 
-/// A boolean array of exactly `length` entries; none where the argument has another dtype.
-pub(super) fn mask(name: &str, value: &Bound<'_, PyAny>, length: usize) -> PyResult<Option<Vec<bool>>> {
-    let Ok(array) = as_array(value) else { return Ok(None) };
-    let untyped = array.cast::<PyUntypedArray>()?;
-    if untyped.dtype().getattr("kind")?.extract::<String>()? != "b" {
+/// A boolean array of exactly the entries of an axis; none where the argument has another dtype.
+pub(super) fn mask(name: &str, value: &Bound<'_, PyAny>, axis: Axis<'_>) -> PyResult<Option<Vec<bool>>> {
+    let length = axis.width();
+    // What has labels without being a mask, an index of names for instance, is for the caller.
+    let Ok(unlabelled) = as_array(value) else { return Ok(None) };
+    if unlabelled.cast::<PyUntypedArray>()?.dtype().getattr("kind")?.extract::<String>()? != "b" {
         return Ok(None);
     }
+    let array = as_array(&resolved(name, value, axis)?)?;
+    let untyped = array.cast::<PyUntypedArray>()?;
     if untyped.shape() != [length] {
         return Err(wrong_shape(name, untyped.shape(), shape_text(&[length])));
     }
@@ -170,7 +199,7 @@ pub(super) fn one_or_each(
     count: usize,
     shape: &[usize],
 ) -> PyResult<Vec<Vec<f64>>> {
-    let array = read::<f64>(name, value)?;
+    let array = read::<f64>(name, value, shape.last().copied().unwrap_or(1).into())?;
     let numbers = copied(name, &array)?;
     if array.shape() == shape {
         return Ok(vec![numbers; count]);
@@ -185,7 +214,7 @@ pub(super) fn one_or_each(
 
 /// An argument of shape (rows, width), at least one row: how many, and the numbers in row-major order.
 pub(super) fn rows(name: &str, value: &Bound<'_, PyAny>, width: usize) -> PyResult<(usize, Vec<f64>)> {
-    let array = read::<f64>(name, value)?;
+    let array = read::<f64>(name, value, width.into())?;
     match *array.shape() {
         [rows, found] if found == width && rows > 0 => Ok((rows, copied(name, &array)?)),
         _ => Err(wrong_shape(name, array.shape(), format!("(k, {width}), k at least 1"))),
@@ -198,16 +227,25 @@ pub(super) fn triple(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]>
     Ok([numbers[0], numbers[1], numbers[2]])
 }
 
-fn wrong_shape(name: &str, found: &[usize], expected: String) -> PyErr {
+pub(super) fn wrong_shape(name: &str, found: &[usize], expected: String) -> PyErr {
     Error::Shape { argument: name.to_owned(), found: shape_text(found), expected }.into()
 }
 
 /// C-contiguous and aligned numbers of kind `P` as they are; any other real numbers converted; the rest refused by name.
-fn read<'py, P: Precision + Element>(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
+pub(super) fn read<'py, P: Precision + Element>(
+    name: &str,
+    value: &Bound<'py, PyAny>,
+    axis: Axis<'_>,
+) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     match value.cast::<PyArrayDyn<P>>() {
-        Ok(array) if in_order(array) => Ok(array.clone()),
-        _ => convert(name, value),
+        Ok(array) if in_order(array) && is_bare(value) => Ok(array.clone()),
+        _ => convert(name, &resolved(name, value, axis)?),
     }
+}
+
+/// Whether it is an array and no subclass: such have masks or units.
+fn is_bare(value: &Bound<'_, PyAny>) -> bool {
+    value.is_exact_instance_of::<PyUntypedArray>()
 }
 
 /// Whether the numbers of an array can be read as they lie.
@@ -219,14 +257,14 @@ fn in_order<P: Element, D: Dimension>(array: &Bound<'_, PyArray<P, D>>) -> bool 
 #[inline(always)] // what it returns would be stored and loaded again
 pub(super) fn plain(value: &Bound<'_, PyAny>, width: usize) -> Option<(Vec<f64>, Range<usize>)> {
     let array = value.cast::<PyArray1<f64>>().ok()?;
-    if width > FEW || array.len() != width || !in_order(array) {
+    if width > FEW || array.len() != width || !in_order(array) || !is_bare(value) {
         return None;
     }
     Some((array.to_vec().ok()?, addresses(array)))
 }
 
 /// What NumPy makes of `value`.
-fn as_array<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+pub(super) fn as_array<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
     static ASARRAY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     ASARRAY.import(value.py(), "numpy", "asarray")?.call1((value,))
 }
@@ -238,14 +276,15 @@ fn convert<'py, P: Precision + Element>(name: &str, value: &Bound<'py, PyAny>) -
         if cause.is_instance_of::<PyMemoryError>(py) {
             return no_room(name, &cause, py, None);
         }
-        let error = refused(name, &format!("what NumPy cannot read ({})", cause.value(py)));
+        let error = refusals::no_numbers(name, &format!("what NumPy cannot read ({})", cause.value(py)), None);
         error.set_cause(py, Some(cause));
         error
     })?;
-    let dtype = array.cast::<PyUntypedArray>()?.dtype();
+    let untyped = array.cast::<PyUntypedArray>()?;
+    let dtype = untyped.dtype();
     let kind: String = dtype.getattr("kind")?.extract()?;
     if !matches!(kind.as_str(), "f" | "i" | "u") {
-        return Err(refused(name, &format!("dtype {dtype}")));
+        return Err(refusals::of_dtype(name, value, dtype.as_any(), &kind)?);
     }
     let bytes = memory::bytes_of::<P>(&[array.cast::<PyUntypedArray>()?.len()]);
     memory::room(name, bytes)?;
@@ -264,10 +303,6 @@ fn no_room(name: &str, cause: &PyErr, py: Python<'_>, bytes: Option<u128>) -> Py
         Some(bytes) => Error::memory(name, bytes, None).into(),
         None => PyMemoryError::new_err(format!("{name}: {}", cause.value(py))),
     }
-}
-
-fn refused(name: &str, found: &str) -> PyErr {
-    Error::argument(name, found, "an array of real numbers (float64; float32 and integers are converted)").into()
 }
 
 /// Where a call writes its result: an array of its own, or the caller's `out`.
@@ -306,6 +341,9 @@ impl<'py, P: Precision + Element> Output<'py, P> {
         let Ok(untyped) = out.cast::<PyUntypedArray>() else {
             return Err(refuse(format!("an object of type {}", out.get_type().name()?)));
         };
+        if masks::is_masked(out)? {
+            return Err(refuse("a masked array".to_owned()));
+        }
         let Ok(array) = out.cast::<PyArrayDyn<P>>() else {
             return Err(refuse(format!("dtype {}", untyped.dtype())));
         };

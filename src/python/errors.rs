@@ -10,7 +10,7 @@ use pyo3::types::{PyTuple, PyType};
 use std::ffi::CString;
 
 /// The module of the Python classes, imported once.
-fn classes(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
+pub(super) fn classes(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
     static MODULE: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
     MODULE.get_or_try_init(py, || Ok(py.import("phipsi.errors")?.unbind())).map(|module| module.bind(py))
 }
@@ -125,7 +125,12 @@ pub(super) fn batch_index<'py>(py: Python<'py>, state: usize, batch: &[usize]) -
 
 /// Issues the warnings of a scene, at the line of Python that built it.
 pub(super) fn warn(py: Python<'_>, scene: &Scene) -> PyResult<()> {
-    for warning in scene.warnings() {
+    warn_beyond(py, scene, &[])
+}
+
+/// The same but for those that are known.
+pub(super) fn warn_beyond(py: Python<'_>, scene: &Scene, known: &[SceneWarning]) -> PyResult<()> {
+    for warning in scene.warnings().iter().filter(|warning| !known.contains(warning)) {
         let class = match warning {
             SceneWarning::Inertia { .. } | SceneWarning::NoMass { .. } => "InertiaWarning",
             SceneWarning::Mimic { .. } => "MimicWarning",

@@ -1,6 +1,7 @@
 //! One call: its arguments over the states of the batch, its result, and the GIL.
 
 use super::arrays::{Input, Output};
+use super::bad_states::Errors;
 use super::cost::Cost;
 use super::errors::{asked_by, fault};
 use super::estimation::Estimation;
@@ -82,6 +83,7 @@ pub(super) struct Call<'a, 'py, const N: usize, P: Element = f64> {
     pub batch: Vec<usize>,
     states: usize,
     cost: Cost,
+    errors: Errors,
 }
 
 /// The arguments of neighbouring states of a batch, q, then qd, then u; forces stay as they are.
@@ -90,6 +92,31 @@ fn take<'a, P>(states: &mut [Arguments<'a, P>], arguments: &[Broadcast<'a, P>], 
     for (i, state) in states.iter_mut().enumerate() {
         (state.q, state.qd, state.u) = (of(0, first + i), of(1, first + i), of(2, first + i));
     }
+}
+
+/// Evaluates neighbouring states of a batch, the first of which is its `first`; with bad ones among them the others all the same, if faults
+/// are gathered.
+fn evaluate<P: Dtype>(
+    scene: &Scene,
+    (evaluator, algorithm): (&mut Evaluator<P>, Algorithm),
+    states: &[Arguments<'_, P>],
+    first: usize,
+    out: &mut [P],
+    errors: &Errors,
+) -> Result<(), Fault> {
+    let width = scene.width(algorithm);
+    let mut done = 0;
+    // Those before a bad one are done, in the lanes that they would have without it.
+    while let Err(fault) = scene.evaluate(evaluator, algorithm, &states[done..], &mut out[done * width..]) {
+        let bad = done + fault.state;
+        errors.note(Fault { state: first + bad, ..fault })?;
+        out[bad * width..(bad + 1) * width].fill(P::nearest(f64::NAN));
+        done = bad + 1;
+        if done == states.len() {
+            break;
+        }
+    }
+    Ok(())
 }
 
 impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
@@ -107,7 +134,12 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         let Some(states) = states else {
             return Err(Error::argument("batch", "more states than memory has addresses", "fewer").into());
         };
-        Ok(Self { scene, inputs, wrenches, batch, states, cost: cost.into() })
+        Ok(Self { scene, inputs, wrenches, batch, states, cost: cost.into(), errors: Errors::Raise })
+    }
+
+    /// The same call with another choice of what becomes of bad states.
+    pub fn with(self, errors: Errors) -> Self {
+        Self { errors, ..self }
     }
 
     /// Runs `algorithm` on every state, in lanes, into an array of shape batch + `shape`; the inputs are q, then qd, then u.
@@ -122,7 +154,7 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         let results = output.numbers()?;
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
-        let width = scene.width(algorithm);
+        let (width, errors) = (scene.width(algorithm), &self.errors);
         let bodies = scene.model().bodies.len();
         self.run(py, self.cost.of_many::<P>(self.states, algorithm), |batch| {
             batch.run_pieces(MOST_LANES, results, |scratch, states, results| {
@@ -135,20 +167,25 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
                     let count = evaluator.lanes().min(last - first);
                     let from = (first - states.start) * width;
                     let out = &mut results[from..from + count * width];
-                    let outcome = if wrenches.is_empty() {
+                    if wrenches.is_empty() {
                         take(&mut chunk[..count], &arguments, first);
-                        scene.evaluate(evaluator, algorithm, &chunk[..count], out)
+                        evaluate(scene, (&mut *evaluator, algorithm), &chunk[..count], first, out, errors)?;
                     } else {
                         let mut chunk = chunk;
                         take(&mut chunk[..count], &arguments, first);
+                        let mut is_bad = [false; MOST_LANES];
                         for (lane, (state, forces)) in chunk.iter_mut().zip(forces.iter_mut()).enumerate().take(count) {
-                            wrenches::on_bodies(&wrenches, bodies, first + lane, forces)
-                                .map_err(|error| Fault { state: first + lane, error })?;
+                            if let Err(error) = wrenches::on_bodies(&wrenches, bodies, first + lane, forces) {
+                                errors.note(Fault { state: first + lane, error })?;
+                                is_bad[lane] = true;
+                            }
                             state.wrenches = forces;
                         }
-                        scene.evaluate(evaluator, algorithm, &chunk[..count], out)
-                    };
-                    outcome.map_err(|fault| Fault { state: first + fault.state, ..fault })?;
+                        evaluate(scene, (&mut *evaluator, algorithm), &chunk[..count], first, out, errors)?;
+                        for lane in (0..count).filter(|&lane| is_bad[lane]) {
+                            out[lane * width..(lane + 1) * width].fill(P::nearest(f64::NAN));
+                        }
+                    }
                     first += count;
                 }
                 Ok(())
@@ -213,7 +250,8 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
             self.scene.check_scratch(self.states)?;
             detached(py, || work(batch))?
         };
-        outcome.map_err(|error| fault(py, error, &self.batch))
+        outcome.map_err(|error| fault(py, error, &self.batch))?;
+        self.errors.warn(py, &self.batch)
     }
 }
 
@@ -250,11 +288,16 @@ impl<'py, const N: usize> Call<'_, 'py, N> {
     {
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
-        let bodies = scene.model().bodies.len();
+        let (bodies, errors) = (scene.model().bodies.len(), &self.errors);
         self.run(py, self.cost.of_one(), |batch| {
             batch.run(results, |scratch, i, out| {
-                wrenches::on_bodies(&wrenches, bodies, i, &mut scratch.forces)?;
-                kernel(scene, scratch, std::array::from_fn(|k| arguments[k].state(i)), out)
+                let outcome = wrenches::on_bodies(&wrenches, bodies, i, &mut scratch.forces)
+                    .and_then(|()| kernel(scene, scratch, std::array::from_fn(|k| arguments[k].state(i)), out));
+                if let Err(error) = outcome {
+                    errors.note(Fault { state: i, error }).map_err(|fault| fault.error)?;
+                    out.fill(f64::NAN);
+                }
+                Ok(())
             })
         })
     }

@@ -6,9 +6,9 @@ use super::errors::{asked_by, fault};
 use super::evaluate::Scratch;
 use super::interrupts::{detached, detached_checked, drop_elsewhere};
 use super::scene::PyScene;
-use crate::batch::{Batch, Broadcast, Fault, Pool, broadcast_axes};
+use crate::batch::{Batch, Broadcast, Fault, Pool, broadcast_axes, shape_text};
 use crate::error::{Error, check_finite};
-use crate::filter::Form;
+use crate::filter::{FORMS, Form};
 use crate::memory;
 use crate::operators::dense::Composite;
 use crate::operators::{Factor, KINDS, Kind, Operator};
@@ -21,11 +21,15 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::PyTuple;
 use std::sync::{Arc, PoisonError, RwLock};
 
+/// What a factor is made of anew: scene, configurations, name of the form.
+type Remade<'py> = (Py<PyScene>, Bound<'py, PyAny>, &'static str);
+
 /// The compiled half of `phipsi.operators.Factor`: applies operators by name.
 #[pyclass(frozen, name = "RawFactor", module = "phipsi._core")]
 pub(crate) struct PyFactor {
     scene: Py<PyScene>,
     batch: Vec<usize>,
+    form: Form,
     pool: Pool<()>,
     /// Held to take or put the reference, or for an update that takes no time: whoever holds it waits for nothing, the GIL least of all.
     state: RwLock<Arc<State>>,
@@ -47,6 +51,17 @@ struct State {
 impl PyFactor {
     fn model(&self) -> &Model<f64> {
         self.scene.get().scene.model()
+    }
+
+    /// Factors every configuration of q.
+    fn new(scene: &Bound<'_, PyScene>, q: &Bound<'_, PyAny>, form: Form) -> PyResult<Self> {
+        let (py, own) = (scene.py(), scene.get());
+        let input = Input::new("q", q, own.coordinates())?;
+        let batch = input.leading().to_vec();
+        let factors = own.factors(py, &input, form)?.map_err(|error| fault(py, error, &batch))?;
+        let state = State { factors, configurations: memory::copied("q", input.data()?)? };
+        let state = RwLock::new(Arc::new(state));
+        Ok(Self { scene: scene.clone().unbind(), batch, form, pool: Pool::default(), state })
     }
 
     /// The factors and configurations as they are now; a panic cannot have left them half written that this hides, for updates are undone or
@@ -160,22 +175,33 @@ impl PyScene {
     #[pyo3(signature = (q, *, form="auto"))]
     fn factor<'py>(slf: &Bound<'py, Self>, q: &Bound<'py, PyAny>, form: &str) -> PyResult<Bound<'py, PyAny>> {
         static FACTOR: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-        let (py, scene) = (slf.py(), slf.get());
-        let input = Input::new("q", q, scene.scene.nq())?;
-        let batch = input.leading().to_vec();
-        let factors = scene.factors(py, &input, read_form(form)?)?.map_err(|error| fault(py, error, &batch))?;
-        let raw = PyFactor {
-            scene: slf.clone().unbind(),
-            batch,
-            pool: Pool::default(),
-            state: RwLock::new(Arc::new(State { factors, configurations: memory::copied("q", input.data()?)? })),
-        };
-        FACTOR.import(py, "phipsi.operators", "Factor")?.call1((raw,))
+        FACTOR.import(slf.py(), "phipsi.operators", "Factor")?.call1((PyFactor::new(slf, q, read_form(form)?)?,))
     }
 }
 
 #[pymethods]
 impl PyFactor {
+    /// Scene, configurations and form: a factor is made of them to the same bits, updated or not.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Remade<'py>)> {
+        let rebuild = py.import("phipsi._core")?.getattr("_rebuild_factor")?;
+        let shape = [&self.batch[..], &[self.model().nq]].concat();
+        let q = arrays::from_numbers(py, &self.read().configurations, &shape)?;
+        Ok((rebuild, (self.scene.clone_ref(py), q, name_of(self.form))))
+    }
+
+    /// A factor that is updated by itself.
+    fn __copy__(&self, py: Python<'_>) -> Self {
+        // Shared until either is updated.
+        let (scene, batch, state) = (self.scene.clone_ref(py), self.batch.clone(), self.read());
+        Self { scene, batch, form: self.form, pool: Pool::default(), state: RwLock::new(state) }
+    }
+
+    #[pyo3(signature = (memo, /))]
+    fn __deepcopy__(&self, py: Python<'_>, memo: &Bound<'_, PyAny>) -> Self {
+        let _ = memo;
+        self.__copy__(py)
+    }
+
     /// Number of degrees of freedom.
     #[getter]
     fn nv(&self) -> usize {
@@ -227,7 +253,8 @@ impl PyFactor {
         let kind = find(kind)?;
         let (rows, columns) = kind.shape(self.model().nv());
         let (from, to) = if transpose { (rows, columns) } else { (columns, rows) };
-        let x = Input::new("x", x, from)?;
+        let rates = self.scene.get().rates();
+        let x = Input::new("x", x, if from == rates.width() { rates } else { from.into() })?;
         let batch = broadcast_axes([("the factor", &self.batch[..]), ("x", x.leading())])?;
         let state = self.read();
         let factors = Broadcast::new("the factor", &state.factors, 1, &self.batch, &batch)?;
@@ -264,7 +291,10 @@ impl PyFactor {
         let PyScene { scene, pool, .. } = self.scene.get();
         let mut shape = self.batch.clone();
         shape.push(scene.nq());
-        let q = arrays::fixed("q", q, &shape)?;
+        let (found, q) = arrays::shaped("q", q, self.scene.get().coordinates())?;
+        if found != shape {
+            return Err(arrays::wrong_shape("q", &found, shape_text(&shape)));
+        }
         let update = |scratch: &mut Scratch| self.update_all(scratch, &q);
         detached(py, || pool.with(|| Scratch::new(scene), update))?.map_err(|error| fault(py, error, &self.batch))
     }
@@ -293,6 +323,17 @@ impl PyFactor {
         })?;
         output.finish_or_scalar()
     }
+}
+
+/// The factor of what `RawFactor.__reduce__` gave.
+#[pyfunction]
+#[pyo3(name = "_rebuild_factor", signature = (scene, q, form, /))]
+pub(super) fn rebuild_factor(scene: &Bound<'_, PyScene>, q: &Bound<'_, PyAny>, form: &str) -> PyResult<PyFactor> {
+    PyFactor::new(scene, q, read_form(form)?)
+}
+
+fn name_of(form: Form) -> &'static str {
+    FORMS.iter().find(|(_, known)| *known == form).map_or("auto", |(name, _)| name)
 }
 
 fn find(name: &str) -> Result<Kind, Error> {

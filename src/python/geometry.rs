@@ -1,6 +1,7 @@
 //! Methods of `Scene`: where links are, how they move, energy and momentum.
 
 use super::arrays::{Input, Output};
+use super::bad_states::Errors;
 use super::errors::asked_by;
 use super::evaluate::Call;
 use super::scene::PyScene;
@@ -24,12 +25,13 @@ impl PyScene {
     ///
     /// q: (..., nq). Each value: (..., 4, 4), [[R, p], [0, 1]] with p in m; an array of its own, in the order of `link_names`.
     ///
-    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
-    #[pyo3(signature = (q))]
-    fn placements<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
+    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
+    #[pyo3(signature = (q, *, errors="raise"))]
+    fn placements<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, errors: &str) -> PyResult<Bound<'py, PyDict>> {
         let links = self.scene.links();
-        let inputs = [Input::new("q", q, self.scene.nq())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::PLACEMENT * (self.size() + links.len()))?;
+        let inputs = [Input::new("q", q, self.coordinates())?];
+        let call = Call::new(self, inputs, Vec::new(), cost::PLACEMENT * (self.size() + links.len()))?
+            .with(Errors::read(errors)?);
         let mut all = call.scratch_results(py, 16 * links.len())?;
         call.numbers(py, all.numbers()?, |scene, _, [q], out| {
             for (shift, out) in scene.placements(q)?.iter().zip(out.chunks_exact_mut(16)) {
@@ -58,14 +60,14 @@ impl PyScene {
     ///
     /// q: (..., nq). Returns (..., 6, nv), SI units; a wrench w on the link there gives the joint torques J^T w.
     ///
-    /// Raises `ArgumentError` for an unknown link; `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
-    #[pyo3(signature = (q, link))]
-    fn jacobian<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, link: &str) -> Array<'py> {
+    /// errors: as in `forward_dynamics`. Raises `ArgumentError` for an unknown link; `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
+    #[pyo3(signature = (q, link, *, errors="raise"))]
+    fn jacobian<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, link: &str, errors: &str) -> Array<'py> {
         // Also where the batch is empty.
         self.scene.link(link)?;
         let nv = self.scene.nv();
-        let inputs = [Input::new("q", q, self.scene.nq())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::PLACEMENT * self.size())?;
+        let inputs = [Input::new("q", q, self.coordinates())?];
+        let call = Call::new(self, inputs, Vec::new(), cost::PLACEMENT * self.size())?.with(Errors::read(errors)?);
         call.array(py, &[6, nv], None, |scene, _, [q], out| scene.jacobian(q, link, out))
     }
 
@@ -74,17 +76,18 @@ impl PyScene {
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. Each (...), J; the potential is zero with the mass centre at the
     /// base's origin.
     ///
-    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
-    #[pyo3(signature = (q, qd))]
+    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    #[pyo3(signature = (q, qd, *, errors="raise"))]
     fn energy<'py>(
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
         qd: &Bound<'py, PyAny>,
+        errors: &str,
     ) -> PyResult<Bound<'py, PyAny>> {
         static ENERGY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-        let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, self.scene.nv())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::ENERGY * self.size())?;
+        let inputs = [Input::new("q", q, self.coordinates())?, Input::new("qd", qd, self.rates())?];
+        let call = Call::new(self, inputs, Vec::new(), cost::ENERGY * self.size())?.with(Errors::read(errors)?);
         let mut both = call.scratch_results(py, 2)?;
         call.numbers(py, both.numbers()?, |scene, scratch, [q, qd], out| {
             let energy = scene.energy(&mut scratch.workspace, q, qd)?;
@@ -103,11 +106,17 @@ impl PyScene {
     ///
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 6), N m s and N s. Armature adds nothing here.
     ///
-    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
-    #[pyo3(signature = (q, qd))]
-    fn momentum<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, qd: &Bound<'py, PyAny>) -> Array<'py> {
-        let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, self.scene.nv())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::MOMENTUM * self.size())?;
+    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    #[pyo3(signature = (q, qd, *, errors="raise"))]
+    fn momentum<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        qd: &Bound<'py, PyAny>,
+        errors: &str,
+    ) -> Array<'py> {
+        let inputs = [Input::new("q", q, self.coordinates())?, Input::new("qd", qd, self.rates())?];
+        let call = Call::new(self, inputs, Vec::new(), cost::MOMENTUM * self.size())?.with(Errors::read(errors)?);
         call.array(py, &[6], None, |scene, scratch, [q, qd], out| {
             out.copy_from_slice(scene.momentum(&mut scratch.workspace, q, qd)?.as_slice());
             Ok(())

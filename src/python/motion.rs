@@ -4,6 +4,7 @@ use super::arrays::{self, Input, Output, from_numbers};
 use super::counts::{count, count_or};
 use super::errors::asked_by;
 use super::interrupts::detached;
+use super::labels::Axis;
 use super::scene::PyScene;
 use crate::batch::{Broadcast, broadcast_axes};
 use crate::error::{Error, check_finite};
@@ -116,17 +117,17 @@ impl PyScene {
             ("friction", friction, &mut properties.friction),
         ] {
             if let Some(given) = given {
-                *place = arrays::spread(name, given, nv)?;
+                *place = arrays::spread(name, given, slf.get().rates())?;
             }
         }
         if let Some(rest) = rest {
-            properties.rest = arrays::fixed("rest", rest, &[nq])?;
+            properties.rest = arrays::state("rest", rest, slf.get().coordinates())?;
         }
         properties.friction_speed = friction_speed;
 
-        let [q, qd] = [Input::new("q", q, nq)?, Input::new("qd", qd, nv)?];
-        let given = Given::read(tau, tau_steps, steps, nv)?;
-        let pd = pd.map(|pd| Pd::read(pd, nq, nv)).transpose()?;
+        let [q, qd] = [Input::new("q", q, slf.get().coordinates())?, Input::new("qd", qd, slf.get().rates())?];
+        let given = Given::read(tau, tau_steps, steps, slf.get().rates())?;
+        let pd = pd.map(|pd| Pd::read(pd, slf.get())).transpose()?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
         axes.extend(given.leading());
         if let Some(pd) = &pd {
@@ -162,8 +163,13 @@ impl PyScene {
         let stopped = {
             let [out_q, out_qd] = &mut outputs;
             let mut records = Records { q: out_q.numbers()?, qd: out_qd.numbers()?, every };
-            run(py, &mut rollout, &mut records, &Plan { given: &given, batch: &batch, steps, dt, progress, nq, nv })
-                .err()
+            run(
+                py,
+                &mut rollout,
+                &mut records,
+                &Plan { given: &given, batch: &batch, steps, dt, progress, nq, nv, rates: slf.get().rates() },
+            )
+            .err()
         };
         let done = rollout.steps();
         let [out_q, out_qd] = outputs;
@@ -290,22 +296,22 @@ impl<'py> Given<'py> {
         tau: Option<&Bound<'py, PyAny>>,
         tau_steps: Option<&Bound<'py, PyAny>>,
         steps: usize,
-        nv: usize,
+        rates: Axis<'_>,
     ) -> PyResult<Self> {
         match (tau, tau_steps) {
             (None, None) => Ok(Self::Nothing),
             (Some(_), Some(_)) => Err(Error::argument("tau_steps", "tau as well", "one of the two").into()),
             (Some(tau), None) if tau.is_callable() => Ok(Self::Function(tau.clone())),
             (Some(tau), None) => {
-                let tau = Input::new("tau", tau, nv)?;
+                let tau = Input::new("tau", tau, rates)?;
                 check_finite("tau", tau.data()?)?;
                 Ok(Self::Constant(tau))
             }
             (None, Some(tau)) => {
-                let tau = Input::new("tau_steps", tau, nv)?;
+                let tau = Input::new("tau_steps", tau, rates)?;
                 if tau.leading().last() != Some(&steps) {
-                    let found = crate::batch::shape_text(&[tau.leading(), &[nv]].concat());
-                    let expected = format!("(..., {steps}, {nv})");
+                    let found = crate::batch::shape_text(&[tau.leading(), &[rates.width()]].concat());
+                    let expected = format!("(..., {steps}, {})", rates.width());
                     return Err(Error::Shape { argument: "tau_steps".to_owned(), found, expected }.into());
                 }
                 check_finite("tau_steps", tau.data()?)?;
@@ -348,7 +354,7 @@ struct Pd<'py> {
 }
 
 impl<'py> Pd<'py> {
-    fn read(pd: &Bound<'py, PyAny>, nq: usize, nv: usize) -> PyResult<Self> {
+    fn read(pd: &Bound<'py, PyAny>, scene: &PyScene) -> PyResult<Self> {
         let expected = "PD(kp, kd, target) or PD(kp, kd, target, target_rate)";
         let refuse = |found: String| PyErr::from(Error::argument("pd", found, expected));
         let Ok(parts) = pd.cast::<PyTuple>() else {
@@ -358,15 +364,15 @@ impl<'py> Pd<'py> {
             return Err(refuse(format!("{} parts", parts.len())));
         }
         let rate = match parts.get_item(3) {
-            Ok(rate) if !rate.is_none() => Input::new("pd.target_rate", &rate, nv)?,
-            _ => Input::filled(pd.py(), "pd.target_rate", 0.0, nv)?,
+            Ok(rate) if !rate.is_none() => Input::new("pd.target_rate", &rate, scene.rates())?,
+            _ => Input::filled(pd.py(), "pd.target_rate", 0.0, scene.scene.nv())?,
         };
         Ok(Self {
             gains: [
-                arrays::spread("pd.kp", &parts.get_item(0)?, nv)?,
-                arrays::spread("pd.kd", &parts.get_item(1)?, nv)?,
+                arrays::spread("pd.kp", &parts.get_item(0)?, scene.rates())?,
+                arrays::spread("pd.kd", &parts.get_item(1)?, scene.rates())?,
             ],
-            target: Input::new("pd.target", &parts.get_item(2)?, nq)?,
+            target: Input::new("pd.target", &parts.get_item(2)?, scene.coordinates())?,
             rate,
         })
     }
@@ -451,6 +457,7 @@ struct Plan<'a, 'py> {
     progress: Option<&'a Bound<'py, PyAny>>,
     nq: usize,
     nv: usize,
+    rates: Axis<'a>,
 }
 
 /// All steps, in blocks of about the time between two reports; signals are looked at after each, and within those that take longer.
@@ -523,7 +530,7 @@ fn asked<'py>(tau: &Bound<'py, PyAny>, rollout: &Rollout<'_>, plan: &Plan<'_, 'p
     #[allow(clippy::cast_precision_loss)] // a time
     let t = rollout.steps() as f64 * plan.dt;
     let value = tau.call1((t, from_numbers(py, &q, &shape(plan.nq))?, from_numbers(py, &qd, &shape(plan.nv))?))?;
-    let tau = Input::new("tau(t, q, qd)", &value, plan.nv)?;
+    let tau = Input::new("tau(t, q, qd)", &value, plan.rates)?;
     check_finite("tau(t, q, qd)", tau.data()?)?;
     Ok(tau)
 }

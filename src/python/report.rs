@@ -5,6 +5,7 @@ use super::choice::choose;
 use super::counts::count;
 use super::errors::asked_by;
 use super::interrupts::detached_checked;
+use super::labels::Axis;
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::filter::FORMS;
@@ -46,9 +47,9 @@ impl<'py> Arguments<'py> {
     fn read(scene: &PyScene, q: &Bound<'py, PyAny>, qd: &Bound<'py, PyAny>, tau: &Bound<'py, PyAny>) -> PyResult<Self> {
         let scene = &scene.scene;
         let all = Self {
-            q: Input::new("q", q, scene.nq())?,
-            qd: Input::new("qd", qd, scene.nv())?,
-            tau: Input::new("tau", tau, scene.nv())?,
+            q: Input::new("q", q, Axis::Coordinates(scene))?,
+            qd: Input::new("qd", qd, Axis::Rates(scene))?,
+            tau: Input::new("tau", tau, Axis::Rates(scene))?,
         };
         for input in [&all.qd, &all.tau] {
             if input.leading() != all.q.leading() {
@@ -83,7 +84,7 @@ impl PyScene {
     #[pyo3(signature = (q))]
     fn check<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
         let scene = &self.scene;
-        let q = arrays::fixed("q", q, &[scene.nq()])?;
+        let q = arrays::state("q", q, Axis::Coordinates(scene))?;
         let wave = |phase: f64| -> Vec<f64> {
             #[allow(clippy::cast_precision_loss)] // an index
             (0..scene.nv()).map(|i| (phase + 1.3 * i as f64).sin()).collect()
@@ -107,9 +108,11 @@ pub(super) fn residuals_at(
     qd: &Bound<'_, PyAny>,
     tau: &Bound<'_, PyAny>,
 ) -> PyResult<Vec<(&'static str, f64, bool)>> {
-    let (nq, nv) = (scene.scene.nq(), scene.scene.nv());
-    let (q, qd, tau) =
-        (arrays::fixed("q", q, &[nq])?, arrays::fixed("qd", qd, &[nv])?, arrays::fixed("tau", tau, &[nv])?);
+    let (q, qd, tau) = (
+        arrays::state("q", q, scene.coordinates())?,
+        arrays::state("qd", qd, scene.rates())?,
+        arrays::state("tau", tau, scene.rates())?,
+    );
     let list = detached_checked(py, || residuals::residuals(&scene.scene, &q, &qd, &tau))?;
     Ok(list.into_iter().map(|r| (r.name, r.value, r.through_inverse)).collect())
 }

@@ -3,19 +3,21 @@
 use super::description::{self, Description};
 use super::evaluate::Scratch;
 use super::interrupts::detached_checked;
+use super::labels::Axis;
 use super::{arrays, errors, plan, single};
 use crate::batch::{self, Pool};
 use crate::error::Error;
 use crate::memory;
 use crate::scene::{Scene, SceneBuilder};
 use pyo3::prelude::*;
-use pyo3::types::{PySlice, PyString, PyTuple};
+use pyo3::types::{PyMapping, PySlice, PyString, PyTuple};
 use std::path::PathBuf;
 
 /// An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
 ///
 /// Made by Scene.from_urdf or SceneBuilder.build. All units are SI and radians; spatial vectors are angular first;
-/// arrays have leading batch axes that broadcast, and joints run in depth-first order.
+/// arrays have leading batch axes that broadcast, and joints run in depth-first order. One state may be a dict from joint names to
+/// numbers; labels (pandas, polars, xarray, Arrow) are matched by joint name or refused, masks raise but in estimate.
 #[pyclass(frozen, name = "Scene", module = "phipsi")]
 pub(crate) struct PyScene {
     pub(super) scene: Scene,
@@ -43,6 +45,16 @@ impl PyScene {
         }
         let threads = batch::threads().min(states).saturating_sub(self.pool.idle());
         memory::room("scene", memory::bytes_of::<[u8; A_BODY]>(&[bodies, threads]))
+    }
+
+    /// What the entries of q, and of a result like it, belong to.
+    pub(super) fn coordinates(&self) -> Axis<'_> {
+        Axis::Coordinates(&self.scene)
+    }
+
+    /// What the entries of qd, qdd and tau belong to.
+    pub(super) fn rates(&self) -> Axis<'_> {
+        Axis::Rates(&self.scene)
     }
 
     /// Number of moving bodies, at least one: what the time of a call is counted in.
@@ -163,7 +175,7 @@ impl PyScene {
             let found = format!("{}", joints.repr()?);
             return Err(Error::argument("joints", found, "a list of joint names").into());
         };
-        let q = arrays::fixed("q", q, &[self.scene.nq()])?;
+        let q = arrays::state("q", q, self.coordinates())?;
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         let lock = || self.scene.lock(&names, &q);
         Ok(Self::new(if self.size() < WORTH_DETACHING { lock()? } else { detached_checked(py, lock)? }))
@@ -215,6 +227,10 @@ impl Source {
 
 /// The strings of an iterable; none if it is something else.
 pub(super) fn names(iterable: &Bound<'_, PyAny>) -> Option<Vec<String>> {
+    // The keys of a dict would pass, and its values be lost.
+    if iterable.is_instance_of::<PyMapping>() {
+        return None;
+    }
     iterable.try_iter().ok()?.map(|name| name.and_then(|name| name.extract()).ok()).collect()
 }
 

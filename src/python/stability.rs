@@ -4,6 +4,7 @@ use super::arrays;
 use super::choice::choose;
 use super::counts::{count, count_or, number};
 use super::interrupts::{detached, detached_checked};
+use super::labels::Axis;
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::report::accuracy::{Method, States, measure};
@@ -49,9 +50,9 @@ impl PyExact {
     ) -> PyResult<Self> {
         let quantity = choose("quantity", quantity, &QUANTITIES)?;
         let inner = &scene.get().scene;
-        let q = arrays::fixed("q", q, &[inner.nq()])?;
-        let qd = arrays::fixed("qd", qd, &[inner.nv()])?;
-        let u = arrays::fixed("u", u, &[inner.nv()])?;
+        let q = arrays::state("q", q, Axis::Coordinates(inner))?;
+        let qd = arrays::state("qd", qd, Axis::Rates(inner))?;
+        let u = arrays::state("u", u, Axis::Rates(inner))?;
         let state = State { q: &q, qd: &qd, u: &u };
         let exact = detached_checked(scene.py(), || Exact::new(inner, quantity, state))?;
         Ok(Self { scene: scene.clone().unbind(), quantity, q, qd, u, exact })

@@ -1,10 +1,11 @@
 //! The class `RandomModel`: the spatially random model of a scene at one configuration.
 
-use super::arrays::{Output, fixed, from_numbers};
+use super::arrays::{Output, from_numbers, state};
 use super::choice::choose;
 use super::counts::{count, count_or, number};
 use super::errors::asked_by;
 use super::interrupts::detached_checked;
+use super::labels::Axis;
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::memory;
@@ -21,6 +22,29 @@ use std::ops::Range;
 #[pyclass(frozen, name = "RandomModel", module = "phipsi")]
 pub(crate) struct PyRandomModel {
     model: RandomModel,
+    scene: Py<PyScene>,
+    q: Vec<f64>,
+    qd: Option<Vec<f64>>,
+    acceleration_variance: f64,
+}
+
+impl PyRandomModel {
+    fn new(scene: &Bound<'_, PyScene>, q: Vec<f64>, qd: Option<Vec<f64>>, variance: f64) -> PyResult<Self> {
+        let model = scene.get().scene.random_model(&q, qd.as_deref(), variance)?;
+        Ok(Self { model, scene: scene.clone().unbind(), q, qd, acceleration_variance: variance })
+    }
+}
+
+/// The model of what `RandomModel.__reduce__` gave.
+#[pyfunction]
+#[pyo3(name = "_rebuild_random_model", signature = (scene, q, qd, acceleration_variance, /))]
+pub(super) fn rebuild_random_model(
+    scene: &Bound<'_, PyScene>,
+    q: Vec<f64>,
+    qd: Option<Vec<f64>>,
+    acceleration_variance: f64,
+) -> PyResult<PyRandomModel> {
+    PyRandomModel::new(scene, q, qd, acceleration_variance)
 }
 
 #[pymethods]
@@ -34,14 +58,14 @@ impl PyScene {
     /// ShapeError or NotFiniteError for bad arrays.
     #[pyo3(signature = (q, qd=None, *, acceleration_variance=1.0))]
     fn random_model(
-        &self,
+        slf: &Bound<'_, Self>,
         q: &Bound<'_, PyAny>,
         qd: Option<&Bound<'_, PyAny>>,
         acceleration_variance: f64,
     ) -> PyResult<PyRandomModel> {
-        let q = fixed("q", q, &[self.scene.nq()])?;
-        let qd = qd.map(|qd| fixed("qd", qd, &[self.scene.nv()])).transpose()?;
-        Ok(PyRandomModel { model: self.scene.random_model(&q, qd.as_deref(), acceleration_variance)? })
+        let q = state("q", q, slf.get().coordinates())?;
+        let qd = qd.map(|qd| state("qd", qd, slf.get().rates())).transpose()?;
+        PyRandomModel::new(slf, q, qd, acceleration_variance)
     }
 }
 
@@ -62,7 +86,7 @@ impl PyRandomModel {
     /// s, (rad/s^2)^2 of one kg m^2.
     #[getter]
     fn acceleration_variance(&self) -> f64 {
-        self.model.acceleration_variance()
+        self.acceleration_variance
     }
 
     /// Samples of the model: the named tuple Samples(process, force, torque).
@@ -156,10 +180,31 @@ impl PyRandomModel {
         to_python(py, &estimate, self.model.nv(), confidence)
     }
 
+    /// What the model is made of.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Remade)> {
+        let rebuild = py.import("phipsi._core")?.getattr("_rebuild_random_model")?;
+        Ok((rebuild, (self.scene.clone_ref(py), self.q.clone(), self.qd.clone(), self.acceleration_variance)))
+    }
+
+    /// The model itself: it cannot change.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    /// The model itself: it cannot change.
+    #[pyo3(signature = (memo, /))]
+    fn __deepcopy__(slf: Py<Self>, memo: &Bound<'_, PyAny>) -> Py<Self> {
+        let _ = memo;
+        slf
+    }
+
     fn __repr__(&self) -> String {
         format!("<phipsi.RandomModel of {} torques, {} random numbers a sample>", self.nv(), self.dimension())
     }
 }
+
+/// What a model is made of: scene, q, qd, acceleration variance.
+type Remade = (Py<PyScene>, Vec<f64>, Option<Vec<f64>>, f64);
 
 /// The named tuple of an estimate.
 fn to_python<'py>(py: Python<'py>, estimate: &MassEstimate, nv: usize, confidence: f64) -> PyResult<Bound<'py, PyAny>> {
@@ -213,7 +258,7 @@ pub(super) fn emergence_of(
     let samples = at_most("samples", count("samples", samples, 1)?)?;
     let (seed, repeats) = (number("seed", seed)?, count("repeats", repeats, 1)?);
     let scene = &scene.scene;
-    let q = fixed("q", q, &[scene.nq()])?;
+    let q = state("q", q, Axis::Coordinates(scene))?;
     let route = choose("route", route, &ROUTES)?;
     detached_checked(py, || emergence(scene, &q, route, (samples, seed), repeats))
 }

@@ -81,12 +81,7 @@ type Place = (Option<usize>, RigidShift<f64>);
 impl Assembly {
     fn run(mut self, tree: &Tree) -> Result<Scene, Error> {
         let place = if self.scene.source.floating_base {
-            let root = JointDescription::new(
-                self.scene.source.root_joint_name(),
-                JointKind::Floating,
-                "",
-                self.scene.source.links[tree.root].name.clone(),
-            );
+            let root = self.scene.source.root_joint(self.scene.source.links[tree.root].name.clone());
             self.add_joint(&root, (None, RigidShift::identity()))
         } else if self.scene.source.omissions.base_links {
             (None, RigidShift::identity())

@@ -6,6 +6,7 @@ use super::description::{JointDescription, JointKind, LinkDescription, SceneWarn
 use super::inertia_check::check_numbers;
 use super::joint_check::check_joint;
 use super::omissions::Omissions;
+use super::properties::Properties;
 use crate::error::Error;
 use crate::{memory, watch};
 use nalgebra::Vector3;
@@ -50,6 +51,8 @@ pub struct SceneBuilder {
     pub(super) floating_base: bool,
     pub(super) strict: bool,
     pub(super) omissions: Omissions,
+    /// What the free joint of a floating base has beside its freedom.
+    pub(super) root: Properties,
     /// The joints that [`Scene::lock`] fixed, with what they were.
     pub(super) locked: Vec<(String, JointKind)>,
     /// Whether links and joints come from a file: from code, a scene without mass is meant so.
@@ -75,6 +78,7 @@ impl SceneBuilder {
             floating_base: false,
             strict: false,
             omissions: Omissions::default(),
+            root: Properties::default(),
             locked: Vec::new(),
             from_file: false,
             notes: Vec::new(),
@@ -154,6 +158,27 @@ impl SceneBuilder {
         self.omissions
     }
 
+    /// The free joint that a floating base puts under the link of that name.
+    pub(crate) fn root_joint(&self, link: String) -> JointDescription {
+        let mut joint = JointDescription::new(self.root_joint_name(), JointKind::Floating, "", link);
+        self.root.give(&mut joint);
+        joint
+    }
+
+    /// The same of what such a joint has beside its freedom, for a copy of the description elsewhere.
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) fn root_properties(&self) -> Properties {
+        self.root
+    }
+
+    /// Sets what the free joint of a floating base has beside its freedom.
+    #[must_use]
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) fn with_root(mut self, root: Properties) -> Self {
+        self.root = root;
+        self
+    }
+
     /// Names of the joints that were movable before [`Scene::lock`] fixed them.
     pub fn locked_joints(&self) -> impl Iterator<Item = &str> {
         self.locked.iter().map(|(name, _)| name.as_str())
@@ -177,8 +202,9 @@ impl SceneBuilder {
     #[must_use]
     pub(crate) fn unlocked(&self) -> Self {
         let mut source = self.clone();
-        for (name, kind) in source.locked.drain(..) {
-            if let Some(joint) = source.joints.iter_mut().find(|joint| joint.name == name) {
+        let locked: HashMap<String, JointKind> = source.locked.drain(..).collect();
+        for joint in &mut source.joints {
+            if let Some(&kind) = locked.get(&joint.name) {
                 joint.kind = kind;
             }
         }
@@ -309,6 +335,7 @@ impl SceneBuilder {
                 check_numbers(&link.name, inertial)?;
             }
         }
-        self.joints.iter().try_for_each(check_joint)
+        self.joints.iter().try_for_each(check_joint)?;
+        check_joint(&self.root_joint(String::new()))
     }
 }

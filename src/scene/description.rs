@@ -72,6 +72,16 @@ impl JointKind {
         }
     }
 
+    /// The neutral coordinates: zero, quaternions the identity.
+    #[must_use]
+    pub fn neutral(self) -> Vec<f64> {
+        let mut neutral = vec![0.0; self.nq()];
+        if let (Self::Spherical | Self::Floating, Some(scalar)) = (self, neutral.last_mut()) {
+            *scalar = 1.0;
+        }
+        neutral
+    }
+
     /// Whether the joint's axis means anything.
     #[must_use]
     pub fn has_axis(self) -> bool {
@@ -113,6 +123,24 @@ impl Default for Limits {
     }
 }
 
+/// Which joint another should follow: its coordinate is the multiplier times that joint's, plus the offset.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mimic {
+    /// Name of the joint to follow.
+    pub joint: String,
+    /// Ratio of the coordinates.
+    pub multiplier: f64,
+    /// Coordinate where the other is at zero, rad or m.
+    pub offset: f64,
+}
+
+impl Mimic {
+    /// The same coordinate as another joint's.
+    pub fn of(joint: impl Into<String>) -> Self {
+        Self { joint: joint.into(), multiplier: 1.0, offset: 0.0 }
+    }
+}
+
 /// A joint between two links.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointDescription {
@@ -138,8 +166,8 @@ pub struct JointDescription {
     pub spring: Spring,
     /// Limits.
     pub limits: Limits,
-    /// Name of the joint that this one should mimic; it stays an independent coordinate.
-    pub mimic: Option<String>,
+    /// The joint that this one should mimic; it stays an independent coordinate.
+    pub mimic: Option<Mimic>,
 }
 
 impl JointDescription {

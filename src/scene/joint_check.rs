@@ -33,6 +33,12 @@ pub(super) fn check_joint(joint: &JointDescription) -> Result<(), Error> {
         }
     }
     check_spring(&joint.name, joint.kind, &joint.spring)?;
+    if let Some(mimic) = &joint.mimic
+        && !(mimic.multiplier.is_finite() && mimic.offset.is_finite())
+    {
+        let found = format!("a mimic with multiplier {} and offset {}", mimic.multiplier, mimic.offset);
+        return refuse(found, "finite numbers");
+    }
     let limits = &joint.limits;
     if !(limits.lower <= limits.upper) {
         return refuse(

@@ -2,6 +2,7 @@
 
 use super::Scene;
 use super::description::{JointDescription, JointKind};
+use super::properties::Properties;
 use crate::error::Error;
 use crate::kinematics::joint_shift;
 use crate::spatial::RigidShift;
@@ -67,7 +68,14 @@ fn on_a_base(mut source: super::SceneBuilder, free: &super::Joint, placement: &R
     while source.links.iter().any(|link| link.name == base) {
         base.push('_');
     }
-    let mut joint = JointDescription::new(&free.name, JointKind::Fixed, base.clone(), &free.child);
+    // Of the free joint it keeps what that has beside its freedom.
+    let mut joint = JointDescription {
+        name: free.name.clone(),
+        kind: JointKind::Fixed,
+        parent: base.clone(),
+        ..source.root_joint(free.child.clone())
+    };
+    source.root = Properties::default();
     joint.origin = tidy(placement);
     source.links.insert(0, super::LinkDescription { name: base, inertial: None });
     source.joints.insert(0, joint);

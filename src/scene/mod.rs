@@ -1,7 +1,7 @@
 //! The scene: an immutable articulated system, shareable between threads.
 //!
 //! [`description`] says what the user gives, [`builder`] checks it, `assembly` makes the scene of it but for its [`omissions`], [`model`] is what the sweeps read, `urdf`
-//! reads files, [`configuration`] moves on the manifold of configurations, and `Scene` has the checked algorithms.
+//! reads files, `properties` and `payload` make changed scenes, [`configuration`] moves on the manifold of configurations, and `Scene` has the checked algorithms.
 
 mod assembly;
 pub mod builder;
@@ -14,6 +14,8 @@ mod lock;
 pub mod model;
 pub mod omissions;
 pub mod operational;
+mod payload;
+pub(crate) mod properties;
 pub(crate) mod queries;
 mod recursions;
 pub mod spring;
@@ -23,10 +25,11 @@ mod whole_check;
 
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
-pub use description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, SceneWarning};
+pub use description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, SceneWarning};
 pub use model::{Body, Model, Motion};
 pub use omissions::Omissions;
 pub use operational::TaskFrame;
+pub use properties::Property;
 pub use spring::Spring;
 
 use crate::error::Error;

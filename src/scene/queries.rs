@@ -275,7 +275,7 @@ impl Scene {
     ) -> Result<BodyWrenches, Error> {
         let mut on_bodies = vec![Vector6::zeros(); self.model.bodies.len()];
         for (name, wrench) in wrenches {
-            let link = self.link(name)?;
+            let link = self.link(name).map_err(|error| error.of_argument("wrenches"))?;
             check_finite(&format!("wrench on {name:?}"), wrench.as_slice())?;
             if let Some(body) = link.body {
                 on_bodies[body] += link.placement.force_to_parent(&wrench);
@@ -309,7 +309,12 @@ impl Scene {
 
     /// The square-root form needs a root of every inertia.
     pub(crate) fn check_form(&self, workspace: &Workspace<f64>) -> Result<(), Error> {
-        if workspace.form != Form::SquareRoot {
+        self.check_roots(workspace.form)
+    }
+
+    /// The same of a form.
+    pub(crate) fn check_roots(&self, form: Form) -> Result<(), Error> {
+        if form != Form::SquareRoot {
             return Ok(());
         }
         self.model.inertia_roots.iter().position(Option::is_none).map_or(Ok(()), |body| Err(self.indefinite(body)))

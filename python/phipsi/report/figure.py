@@ -26,6 +26,8 @@ INK, FAINT = "#2b2f33", "#d9dde1"
 STYLE: Any = {
     "font.family": "sans-serif",
     "font.size": 8.5,
+    # Names of robots have underscores, which TeX does not take for what they are.
+    "text.usetex": False,
     "text.color": INK,
     "axes.edgecolor": "#8a9199",
     "axes.labelcolor": INK,

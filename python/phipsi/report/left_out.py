@@ -42,8 +42,8 @@ Timer = Callable[[], float]
 def without(scene: Scene, switch: str) -> Scene:
     """The same scene with one switch off."""
     rebuild, (description,) = scene.__reduce__()
-    *rest, left_out, locked = description
-    again: Scene = rebuild((*rest, [name for name in left_out if name != switch], locked))
+    *rest, left_out, locked, root = description
+    again: Scene = rebuild((*rest, [name for name in left_out if name != switch], locked, root))
     return again
 
 

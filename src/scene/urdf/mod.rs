@@ -1,6 +1,6 @@
 //! Scenes from URDF: `<link>` and `<joint>` elements under `<robot>`, by the specification at wiki.ros.org/urdf/XML.
 //!
-//! Read: names, `<inertial>`, and the joint's type, parent, child, origin, axis, limit, dynamics and mimic (the name). One
+//! Read: names, `<inertial>`, and the joint's type, parent, child, origin, axis, limit, dynamics and mimic. One
 //! extension: `<dynamics armature="..." stiffness="..." rest="...">`, in kg m^2 or kg, N m/rad or N/m, and rad or m (rest: for
 //! joints of one coordinate only). Rotor inertia is read in Drake's words too, and makes armature. Visual, collision,
 //! gazebo and the like, and elements and attributes with a foreign prefix, are passed over; any other thing that is not read
@@ -14,7 +14,7 @@ mod rotor;
 mod survey;
 mod xml;
 
-use super::description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, SceneWarning};
+use super::description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, SceneWarning};
 use super::{AT_A_TIME, SceneBuilder, Spring};
 use crate::error::{Error, number};
 use crate::spatial::{RigidShift, Symmetric3};
@@ -173,7 +173,11 @@ fn joint(element: &Element, told: &mut Vec<String>) -> Result<JointDescription, 
         joint.spring = spring(&dynamics)?;
     }
     if let Some(mimic) = element.child("mimic") {
-        joint.mimic = Some(mimic.required("joint")?.to_owned());
+        joint.mimic = Some(Mimic {
+            joint: mimic.required("joint")?.to_owned(),
+            multiplier: mimic.number("multiplier")?.unwrap_or(1.0),
+            offset: mimic.number("offset")?.unwrap_or(0.0),
+        });
     }
     Ok(joint)
 }
