@@ -1,17 +1,16 @@
 //! One state a call, on the chains and robots that the peers run too: `cargo bench --features urdf --bench dynamics`.
 //!
-//! 256 random states are drawn outside the timed part and cycled through; none is zero. The robots are there once
+//! 256 random states are drawn outside the timed part and cycled through; none is zero. Form `auto` is also timed held, at rest and falling. The robots are there once
 //! `make peers` has written their files.
 
 mod common;
 
-use common::{ALGORITHMS, BATCH, CHAINS, ROBOTS, arguments, model, states};
+use common::{ALGORITHMS, BATCH, CHAINS, KINDS, ROBOTS, arguments, model, states, states_of};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::DMatrixView;
-use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::dynamics::operational::Frame;
 use phipsi::filter::FORMS;
-use phipsi::{Scene, dynamics, scenes};
+use phipsi::{Algorithm, Arguments, Form, Scene, dynamics, scenes};
 use std::hint::black_box;
 
 /// Every algorithm on one scene, as group/name: one state a call, and with `batches` a batch a call on one thread. The group `forms`
@@ -85,6 +84,34 @@ fn forms(c: &mut Criterion) {
                         scene.evaluate(&mut evaluator, algorithm, states, black_box(&mut out)).expect("states");
                     });
                 });
+            }
+        }
+    }
+}
+
+/// Forward dynamics in form `auto` and `covariance` in the states that robots are in: one state a call, and as many as there are lanes.
+fn auto_states(c: &mut Criterion) {
+    for name in ["chain_7"].into_iter().chain(ROBOTS.map(|(name, _)| name)) {
+        let Some(scene) = model(name) else { continue };
+        let (random, mut evaluator) = (states(&scene), scene.evaluator());
+        let lanes = evaluator.lanes();
+        for (kind, states) in KINDS.map(|(text, kind)| (text, states_of(kind, &scene, &random))) {
+            for (form_name, form) in FORMS.into_iter().filter(|(_, form)| matches!(form, Form::Auto | Form::Covariance))
+            {
+                let algorithm = Algorithm::ForwardDynamics(form);
+                let all: Vec<_> = states.iter().map(|state| arguments(algorithm, state)).collect();
+                for (what, a_call) in [("one", 1), ("lanes", lanes)] {
+                    let mut out = vec![0.0; scene.width(algorithm) * a_call];
+                    let mut cycle = all.chunks_exact(a_call).cycle();
+                    let mut group = c.benchmark_group("auto_states");
+                    group.throughput(Throughput::Elements(a_call as u64));
+                    group.bench_function(BenchmarkId::new(format!("{kind}/{form_name}/{what}"), name), |b| {
+                        b.iter(|| {
+                            let states = black_box(cycle.next().expect("a cycle has no end"));
+                            scene.evaluate(&mut evaluator, algorithm, states, black_box(&mut out)).expect("states");
+                        });
+                    });
+                }
             }
         }
     }
@@ -166,5 +193,5 @@ fn operational(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, chains, robots, growth, operational, forms);
+criterion_group!(benches, chains, robots, growth, operational, forms, auto_states);
 criterion_main!(benches);

@@ -7,9 +7,7 @@ mod common;
 
 use common::{arguments, model, states};
 use phipsi::batch::arms::Arm;
-use phipsi::batch::chunk::Algorithm;
-use phipsi::filter::Form;
-use phipsi::{Scene, scenes};
+use phipsi::{Algorithm, Form, Scene, scenes};
 use std::hint::black_box;
 
 const ALGORITHMS: [(&str, Algorithm); 9] = [

@@ -3,9 +3,8 @@
 //! Times are of the whole batch on one core: divide by 1024 for a state. `--features parallel` adds threads.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use phipsi::batch::chunk::{Algorithm, Arguments};
-use phipsi::filter::Form;
 use phipsi::motion::{METHODS, Rollout, Settings, Torque};
+use phipsi::{Algorithm, Arguments, Form};
 use std::hint::black_box;
 
 const STATES: usize = 1024;

@@ -3,7 +3,7 @@
 Usage: .venv-peers/bin/python benches/report.py [--passes N] [--quick] [--write-only]
 
 It runs under the interpreter of the peers, in which `make bench` has installed the wheel of phipsi (with the extra `report`,
-for matplotlib): python_peers.py needs all of them in one process. In this order: criterion's groups that no peer takes part in;
+for matplotlib): python_peers.py needs all of them in one process. In this order: auto_states.py; criterion's groups that no peer takes part in;
 compare.py, where phipsi in Rust and Pinocchio in C++ take turns, case by case; python_peers.py; motion_peers.py. What was run is kept in
 target/peers/run.json, so that --write-only can write the page again. --quick has few repeats: to see that all works, not for figures.
 """
@@ -31,6 +31,8 @@ import report_page
 
 #: Criterion has these too, but its figures of them were not taken in turns.
 COMPARED = [operation + suffix for operation in OPERATIONS for suffix in ("", BATCH)]
+#: What benches/auto_states.py prints.
+AUTO_STATES = "auto_states.md"
 #: Criterion's options where there is no need to be exact; and for all else, a median of a hundred samples.
 QUICK = ("--warm-up-time", "0.1", "--measurement-time", "0.2", "--sample-size", "10")
 SHORT = ("--warm-up-time", "1", "--measurement-time", "2")
@@ -80,9 +82,15 @@ def measure(passes: int | None, quick: bool) -> dict[str, Any]:
     python = [sys.executable, "benches/peers/python_peers.py", *few]
     little = [*few, "--states", "512"] if quick else []
     motion = [sys.executable, "benches/peers/motion_peers.py", *little]
-    commands = {"alone": alone, "compare": compare, "python": python, "motion": motion}
-    for command in commands.values():
-        run(command)
+    # Before the first of the others loads the machine.
+    auto = [sys.executable, "benches/auto_states.py", *(["--quick"] if quick else [])]
+    commands = {"auto": auto, "alone": alone, "compare": compare, "python": python, "motion": motion}
+    PEERS.mkdir(parents=True, exist_ok=True)
+    for name, command in commands.items():
+        printed = run(command, capture=name == "auto")
+        if name == "auto":
+            print(printed)
+            (PEERS / AUTO_STATES).write_text(printed, encoding="utf-8")
     # As somebody would type it here.
     written = {name: shlex.join(command).replace(f"{ROOT}/", "") for name, command in commands.items()}
     return {"began": began, "quick": quick, "commands": written}
@@ -141,7 +149,10 @@ def main() -> None:
     folder = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "criterion"
     alone = [row for row in criterion(folder, ran["began"]) if row["group"] not in COMPARED]
     compared, python, motion = (load(name) for name in ("comparison.json", "python.json", "motion.json"))
-    report_page.write(options.output, ran, compared, python, motion, alone)
+    states = PEERS / AUTO_STATES
+    if not states.exists():
+        fail(f"no {states}: run without --write-only first")
+    report_page.write(options.output, ran, compared, python, motion, alone, states.read_text(encoding="utf-8"))
     print(f"written: {options.output}")
 
 

@@ -316,7 +316,7 @@ def machine_text(compared: Row, python: Row) -> str:
     return table(("", ""), ((name, str(value) or "none") for name, value in known.items()))
 
 
-def write(path: Path, ran: Row, compared: Row, python: Row, motion: Row, alone: Sequence[Row]) -> None:
+def write(path: Path, ran: Row, compared: Row, python: Row, motion: Row, alone: Sequence[Row], auto_states: str) -> None:
     """The page, and its plots beside it."""
     commands = ran["commands"]
     rows, called, arm = compared["rows"], python["rows"], compared["machine"]["arm"]
@@ -369,6 +369,10 @@ def write(path: Path, ran: Row, compared: Row, python: Row, motion: Row, alone: 
             "## From Python, batches of 4096",
             f"ns a state: ratio to phipsi's default form on as many threads. {command(commands['python'])}\n"
             f"{pictures.get('python-batches', '')}\n{python_text(arrays)}",
+        ),
+        (
+            "## Form auto in the states that robots are in",
+            f"From Python: its time over that of the covariance form. {command(commands['auto'])}\n{auto_states}",
         ),
         (
             "## Motion",

@@ -7,14 +7,12 @@ mod common;
 
 use common::{BATCH, arguments, robot, states};
 use phipsi::batch::arms::{ARMS, Arm, Target, Vectorised, Work};
-use phipsi::batch::chunk::Algorithm;
 use phipsi::batch::evaluator::Evaluator;
-use phipsi::filter::Form;
 use phipsi::report::operations::{Task, count, footprint};
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 use phipsi::scalar::Lanes;
 use phipsi::scalar::Operations;
-use phipsi::{Scene, scenes};
+use phipsi::{Algorithm, Form, Scene, scenes};
 #[cfg(target_arch = "x86_64")]
 use pulp::x86::{V3, V4};
 use std::hint::black_box;

@@ -5,17 +5,17 @@
 //! `cargo bench` starts it) it does nothing.
 //!
 //! A group is an algorithm of [`ALGORITHMS`], with `_batch` for batches of 4096 states; behind it another form than covariance and
-//! another arm than that of the process: `forward_dynamics/square-root`, `forward_dynamics_batch/avx2`. All go through
+//! another arm than that of the process, and a kind of states other than random ones: `forward_dynamics/square-root`,
+//! `forward_dynamics_batch/avx2`, `forward_dynamics/auto/held`. All go through
 //! [`Scene::evaluate`], with the checks of every argument and result.
 
 mod common;
 
-use common::{ALGORITHMS, BATCH, State, arguments, median_ns, model, states};
-use phipsi::Scene;
+use common::{ALGORITHMS, BATCH, KINDS, Kind, State, arguments, median_ns, model, states, states_of};
 use phipsi::batch::arms::{ARMS, Arm};
-use phipsi::batch::chunk::Algorithm;
 use phipsi::batch::evaluator::Evaluator;
 use phipsi::filter::FORMS;
+use phipsi::{Algorithm, Scene};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::hint::black_box;
@@ -26,6 +26,8 @@ struct Group {
     algorithm: Algorithm,
     batch: bool,
     arm: Arm,
+    /// None: random states.
+    kind: Option<Kind>,
 }
 
 fn named<T: Copy>(table: &[(&str, T)], name: &str) -> Option<T> {
@@ -38,7 +40,7 @@ impl Group {
         let first = parts.next().unwrap_or_default();
         let (name, batch) = first.strip_suffix("_batch").map_or((first, false), |name| (name, true));
         let algorithm = named(&ALGORITHMS, name).ok_or_else(|| format!("no algorithm {name:?}"))?;
-        let mut group = Self { algorithm, batch, arm: Arm::of_process() };
+        let mut group = Self { algorithm, batch, arm: Arm::of_process(), kind: None };
         for part in parts {
             if let Some(form) = named(&FORMS, part) {
                 group.algorithm = match algorithm {
@@ -46,10 +48,13 @@ impl Group {
                     Algorithm::MassMatrixInverse(_) => Algorithm::MassMatrixInverse(form),
                     _ => return Err(format!("{name} has no forms, so no {part:?}")),
                 };
+            } else if let Some(kind) = named(&KINDS, part) {
+                group.kind = Some(kind);
             } else {
                 // Another arm than the one asked for would be measured as that.
                 let arm = named(&ARMS, part).filter(|arm| arm.available());
-                group.arm = arm.ok_or_else(|| format!("{part:?} is no form, and no arm of this processor"))?;
+                group.arm =
+                    arm.ok_or_else(|| format!("{part:?} is no form, no kind of states, and no arm of this processor"))?;
             }
         }
         Ok(group)
@@ -59,20 +64,26 @@ impl Group {
 /// A scene with what it needs to be evaluated, made when it is first asked for.
 struct Kept {
     scene: Scene,
-    states: Vec<State>,
+    /// By kind; the random ones are always there.
+    states: HashMap<Option<Kind>, Vec<State>>,
     evaluators: HashMap<Arm, Evaluator>,
 }
 
 impl Kept {
     fn new(name: &str) -> Result<Self, String> {
         let scene = model(name).ok_or_else(|| format!("no model {name:?}"))?;
-        Ok(Self { states: states(&scene), scene, evaluators: HashMap::new() })
+        Ok(Self { states: HashMap::from([(None, states(&scene))]), scene, evaluators: HashMap::new() })
     }
 
     /// Nanoseconds a state; `out` is scratch for results, because a batch of every scene would fill the memory.
     fn measure(&mut self, group: &Group, seconds: f64, out: &mut Vec<f64>) -> f64 {
         let Self { scene, states, evaluators } = self;
-        let &Group { algorithm, batch, arm } = group;
+        let &Group { algorithm, batch, arm, kind } = group;
+        if let (Some(wanted), false) = (kind, states.contains_key(&kind)) {
+            let of_kind = states_of(wanted, scene, &states[&None]);
+            states.insert(kind, of_kind);
+        }
+        let states = &states[&kind];
         let evaluator = evaluators.entry(arm).or_insert_with(|| Evaluator::on(arm, scene));
         let (count, a_call) = if batch { (BATCH, BATCH) } else { (states.len(), 1) };
         let states: Vec<_> = states.iter().map(|state| arguments(algorithm, state)).cycle().take(count).collect();

@@ -5,10 +5,8 @@
 //! from those of their parents
 
 use nalgebra::Vector3;
-use phipsi::batch::chunk::{Algorithm, Arguments};
-use phipsi::filter::Form;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, Omissions, SceneBuilder};
-use phipsi::{Error, Scene, scenes};
+use phipsi::{Algorithm, Arguments, Error, Form, Scene, scenes};
 use std::hint::black_box;
 
 /// The benches' chain of seven with a weld on every link, a second link on the base, and a planar joint at the tip.

@@ -14,6 +14,7 @@ mod compiled;
 pub mod evaluator;
 #[cfg(feature = "parallel")]
 mod handed_out;
+pub(crate) mod own;
 #[cfg(feature = "parallel")]
 mod threads;
 
@@ -21,8 +22,12 @@ mod threads;
 pub use threads::{set_threads, threads};
 
 use crate::error::Error;
+use crate::watch;
 use std::ops::Range;
 use std::sync::Mutex;
+
+/// About so long, in ns of one thread, goes by between two questions whether to go on; it takes a thousandth of that to ask.
+const SLICE: usize = 100_000;
 
 /// Another thread is woken for so much of a batch, in ns of one thread: it gains what waking costs twice over.
 #[cfg(feature = "parallel")]
@@ -176,6 +181,12 @@ impl<S> Default for Pool<S> {
 }
 
 impl<S> Pool<S> {
+    /// How many are kept, that nobody uses now.
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) fn idle(&self) -> usize {
+        self.idle.try_lock().map_or(0, |idle| idle.len())
+    }
+
     /// Runs `work` with scratch from the pool, or from `make` where the pool has none.
     pub fn with<R>(&self, make: impl FnOnce() -> S, work: impl FnOnce(&mut S) -> R) -> R {
         let kept = self.idle.try_lock().ok().and_then(|mut idle| idle.pop());
@@ -243,7 +254,7 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
     ///
     /// # Errors
     ///
-    /// As [`Batch::run`]; a kernel's fault is the lowest of its range.
+    /// As [`Batch::run`]; a kernel's fault is the lowest of its range. [`Error::Interrupted`] under a [`watch`] that ends the work.
     #[cfg_attr(not(feature = "parallel"), allow(unused_variables))] // pieces are for threads
     pub fn run_pieces<P, K>(&self, grain: usize, results: &mut [P], kernel: K) -> Result<(), Fault>
     where
@@ -265,7 +276,34 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
                 }
             }
         }
-        self.pool.with(&self.make, |scratch| kernel(scratch, 0..self.states, results))
+        self.pool.with(&self.make, |scratch| self.in_slices(grain, scratch, (0..self.states, results), &kernel))
+    }
+
+    /// The kernel on one slice after another of a piece, between which it is asked whether to go on; they begin at multiples of the grain.
+    fn in_slices<P, K>(
+        &self,
+        grain: usize,
+        scratch: &mut S,
+        (states, mut results): (Range<usize>, &mut [P]),
+        kernel: &K,
+    ) -> Result<(), Fault>
+    where
+        K: Fn(&mut S, Range<usize>, &mut [P]) -> Result<(), Fault>,
+    {
+        if states.len().saturating_mul(self.cost) <= SLICE {
+            return kernel(scratch, states, results);
+        }
+        let width = results.len().checked_div(states.len()).unwrap_or(0);
+        let slice = (SLICE / self.cost.max(1)).max(1).next_multiple_of(grain);
+        let mut first = states.start;
+        while first < states.end {
+            watch::check().map_err(|error| Fault { state: first, error })?;
+            let count = slice.min(states.end - first);
+            let (own, others) = results.split_at_mut(count * width);
+            kernel(scratch, first..first + count, own)?;
+            (first, results) = (first + count, others);
+        }
+        Ok(())
     }
 
     /// On so many threads of a place.
@@ -283,14 +321,15 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
         K: Fn(&mut S, Range<usize>, &mut [P]) -> Result<(), Fault> + Sync,
     {
         let batch = handed_out::HandedOut::new((self.states, self.cost), (threads, grain), results);
-        place.together(threads - 1, &|| {
+        let stop = |error| batch.end_with(Fault { state: 0, error });
+        place.together(threads - 1, &stop, &|| {
             let mut piece = batch.next();
             if piece.is_none() {
                 return;
             }
             self.pool.with(&self.make, |scratch| {
-                while let Some((states, results)) = piece.take() {
-                    if let Err(fault) = kernel(scratch, states, results) {
+                while let Some(own) = piece.take() {
+                    if let Err(fault) = self.in_slices(grain, scratch, own, kernel) {
                         batch.end_with(fault);
                     }
                     // Another caller may wait for no more than to hear that its batch is done. Between pieces: one in hand would wait too.

@@ -53,7 +53,7 @@ pub enum Error {
     },
     /// A joint about whose axis nothing is left to move: the pivot D(k) of eq. 3.6 is lost in rounding.
     #[error(
-        "joint {joint:?} (of link {link:?}){}: the inertia along its axis is {}; add inertia about the axis, or give the joint armature",
+        "joint {joint:?} (of link {link:?}){}: the inertia along its axis is {}; add inertia about the axis (scene.with_payload), or give the joint armature, for instance scene.with_properties(armature={{{joint:?}: 1e-3}})",
         in_state(*state),
         lost(*pivot, *terms)
     )]
@@ -86,6 +86,48 @@ pub enum Error {
         /// Index of the state in a batch, if there is one.
         state: Option<usize>,
     },
+    /// A size that there is no memory for.
+    #[error("{argument}: no room for {shortage}; expected a size that there is room for")]
+    Memory {
+        /// Name of the argument that says how large.
+        argument: String,
+        /// How much that is.
+        shortage: Box<Shortage>,
+    },
+    /// Work that was told to stop: see [`watch`](crate::watch).
+    #[error("interrupted")]
+    Interrupted,
+}
+
+/// What memory had no room for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Shortage {
+    /// What the bytes are for, where that needs to be explained.
+    pub what: String,
+    /// What it would take.
+    pub bytes: u128,
+    /// What is free, where that is known and was the reason.
+    pub free: Option<u128>,
+}
+
+impl std::fmt::Display for Shortage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { what, bytes, free } = self;
+        let comma = if what.is_empty() { "" } else { ", " };
+        write!(f, "{what}{comma}{bytes} bytes{}", in_units(*bytes))?;
+        free.map_or(Ok(()), |free| write!(f, ", of which {free} bytes{} are free", in_units(free)))
+    }
+}
+
+/// Many bytes in a unit that can be read at a glance; nothing for few.
+fn in_units(bytes: u128) -> String {
+    const UNITS: [&str; 6] = ["MB", "GB", "TB", "PB", "EB", "ZB"];
+    #[allow(clippy::cast_precision_loss)] // two digits are shown
+    let (mut size, mut unit) = (bytes as f64 / 1e6, 0);
+    while size >= 1e3 && unit + 1 < UNITS.len() {
+        (size, unit) = (size / 1e3, unit + 1);
+    }
+    if size < 1.0 { String::new() } else { format!(" ({size:.3} {})", UNITS[unit]) }
 }
 
 /// The words for one link or several.
@@ -121,6 +163,30 @@ impl Error {
         self
     }
 
+    /// The same error; one about memory said of the argument that chose the size.
+    #[must_use]
+    pub(crate) fn asked_by(mut self, name: &str) -> Self {
+        if let Self::Memory { argument, .. } = &mut self {
+            name.clone_into(argument);
+        }
+        self
+    }
+
+    /// The same error, said of another argument: of the one that the caller gave.
+    #[must_use]
+    pub(crate) fn of_argument(mut self, name: &str) -> Self {
+        if let Self::Argument { argument, .. } = &mut self {
+            name.clone_into(argument);
+        }
+        self
+    }
+
+    /// An error about memory, of which nothing more is known.
+    pub(crate) fn memory(argument: &str, bytes: u128, free: Option<u128>) -> Self {
+        let shortage = Box::new(Shortage { what: String::new(), bytes, free });
+        Self::Memory { argument: argument.to_owned(), shortage }
+    }
+
     /// A scene error from its three parts.
     pub(crate) fn scene(subject: impl Into<String>, found: impl Into<String>, expected: impl Into<String>) -> Self {
         Self::Scene { subject: subject.into(), found: found.into(), expected: expected.into() }
@@ -129,6 +195,16 @@ impl Error {
     /// An argument error from its three parts.
     pub(crate) fn argument(argument: impl Into<String>, found: impl Into<String>, expected: impl Into<String>) -> Self {
         Self::Argument { argument: argument.into(), found: found.into(), expected: expected.into() }
+    }
+}
+
+/// A number for a message, as short as it is exact: with an exponent where the digits would be many.
+pub(crate) fn number(value: f64) -> String {
+    let size = value.abs();
+    if size == 0.0 || (1e-4..1e7).contains(&size) || !value.is_finite() {
+        format!("{value}")
+    } else {
+        format!("{value:e}")
     }
 }
 

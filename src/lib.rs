@@ -29,7 +29,7 @@
 //! # fn main() -> Result<(), phipsi::Error> {
 //! let scene = phipsi::scenes::chain(7)?;
 //! let (q, qd, tau) = ([0.3; 7], [0.1; 7], [1.0; 7]);
-//! let mut workspace = scene.workspace();
+//! let mut workspace = scene.workspace(); // with the compiled kernels, so that the calls below allocate nothing
 //! let mut qdd = [f64::NAN; 7];
 //! scene.forward_dynamics(&mut workspace, &q, &qd, &tau, &[], &mut qdd)?;
 //! let mut back = [f64::NAN; 7];
@@ -47,6 +47,7 @@ pub mod dynamics;
 pub mod error;
 pub mod filter;
 pub mod kinematics;
+pub mod memory;
 pub mod motion;
 pub mod operators;
 pub mod plan;
@@ -60,9 +61,12 @@ pub mod scenes;
 pub mod spatial;
 #[cfg(feature = "stochastic")]
 pub mod stochastic;
+pub mod watch;
 mod workspace;
 
+pub use batch::chunk::{Algorithm, Arguments};
 pub use error::Error;
+pub use filter::Form;
 pub use scene::{Scene, SceneBuilder};
 pub use workspace::{Tally, Workspace};
 

@@ -3,8 +3,9 @@
 mod counted;
 
 use crate::filter::{HingeMap, Rows};
-use crate::scene::{Body, JointKind, Motion, Omissions, Scene};
+use crate::scene::{Body, Inertial, JointKind, Motion, Omissions, Scene};
 use crate::spatial::Symmetric3;
+use crate::watch;
 use std::collections::HashSet;
 
 /// One thing left out.
@@ -86,25 +87,29 @@ fn counted(count: usize, one: &str, many: &str) -> String {
 impl Scene {
     /// What this scene does not need, and what leaving it out saved.
     ///
-    /// Some of it is counted by running the algorithms on numbers that count: O(N), some microseconds a body.
+    /// Some of it is counted by running the algorithms on numbers that count: O(N), some microseconds a body. Under a [`watch`] that ends the
+    /// work, only what was found until then.
     #[must_use]
     pub fn plan(&self) -> Plan {
-        let built = [
-            self.merged_item(),
-            self.base_item(),
-            self.zeros_item(),
-            self.renamed_item(),
-            self.tilted_item(),
-            self.levers_item(),
-            self.axis_masses_item(),
-            self.pivot_bounds_item(),
-            self.massless_item(),
-            self.planar_item(),
+        let built: [fn(&Self) -> Omission; 10] = [
+            Self::merged_item,
+            Self::base_item,
+            Self::zeros_item,
+            Self::renamed_item,
+            Self::tilted_item,
+            Self::levers_item,
+            Self::axis_masses_item,
+            Self::pivot_bounds_item,
+            Self::massless_item,
+            Self::planar_item,
         ];
-        let called = [self.velocity_item(), self.gravity_item()];
-        let others = [self.locked_item(), self.factor_item(), self.branch_item(), self.outputs_item()];
-        let always = [self.axes_item(), self.armature_item()];
-        let items = built.into_iter().chain(called).chain(others).chain(always).filter(|item| item.count > 0).collect();
+        let called: [fn(&Self) -> Omission; 2] = [Self::velocity_item, Self::gravity_item];
+        let others: [fn(&Self) -> Omission; 4] =
+            [Self::locked_item, Self::factor_item, Self::branch_item, Self::outputs_item];
+        let always: [fn(&Self) -> Omission; 2] = [Self::axes_item, Self::armature_item];
+        let all = built.into_iter().chain(called).chain(others).chain(always);
+        let found = all.map_while(|item| watch::check().ok().map(|()| item(self)));
+        let items = found.filter(|item| item.count > 0).collect();
         Plan { bodies: self.model().bodies.len(), links: self.links().len(), items }
     }
 
@@ -129,7 +134,8 @@ impl Scene {
         let bodies = moving.clone().filter(|link| children.contains(link.name.as_str())).count();
         let forces = if self.model().omissions.massless_bodies {
             let with_force = self.model().bodies.iter().filter(|body| !body.needs_no_force).count();
-            moving.filter(|link| self.has_inertia(&link.name)).count() - with_force
+            let massive = self.massive_links();
+            moving.filter(|link| massive.contains(link.name.as_str())).count() - with_force
         } else {
             bodies
         };
@@ -148,10 +154,11 @@ impl Scene {
         )
     }
 
-    /// Whether a link has mass or inertia.
-    fn has_inertia(&self, name: &str) -> bool {
-        let inertial = self.source().links().iter().find(|link| link.name == name).and_then(|link| link.inertial);
-        inertial.is_some_and(|inertial| inertial.mass != 0.0 || inertial.central != Symmetric3::zero())
+    /// Names of the links that have mass or inertia.
+    fn massive_links(&self) -> HashSet<&str> {
+        let is_massive = |inertial: Inertial| inertial.mass != 0.0 || inertial.central != Symmetric3::zero();
+        let massive = self.source().links().iter().filter(|link| link.inertial.is_some_and(is_massive));
+        massive.map(|link| link.name.as_str()).collect()
     }
 
     fn base_item(&self) -> Omission {
@@ -161,7 +168,8 @@ impl Scene {
         let omissions = self.model().omissions;
         let most = if omissions.fixed_joints { 1 } else { usize::MAX };
         let bodies = names.len().min(most);
-        let massive = names.iter().filter(|name| self.has_inertia(name)).count().min(most);
+        let massive = self.massive_links();
+        let massive = names.iter().filter(|name| massive.contains(name.as_str())).count().min(most);
         let forces = if omissions.massless_bodies { massive } else { bodies };
         let carried = self.model().system.stages.iter().filter(|stage| stage.parent.is_none()).count();
         // The body of the base sends nothing inward itself.

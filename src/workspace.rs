@@ -1,5 +1,6 @@
 //! Every per-body array of the sweeps, allocated once.
 
+use crate::batch::own::OwnKernels;
 use crate::dynamics::Accuracy;
 use crate::filter::cancellation::weight;
 use crate::filter::pivots::{Evidence, LostPivot, PivotMonitor, Scale, first_lost};
@@ -11,7 +12,8 @@ use crate::scene::Model;
 use crate::spatial::{BodyInertia, RigidShift, Root6, Symmetric3, Symmetric6};
 use nalgebra::{Vector3, Vector6};
 
-/// How many calls of forward dynamics needed more than their form's first attempt, all lanes of a call counted as one.
+/// How many calls of the recursion of forward dynamics needed more than their form's first attempt, all lanes of a call counted as one. A
+/// call of [`Scene::forward_dynamics`](crate::Scene::forward_dynamics) that the kernels do by themselves is none of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Tally {
     /// `auto` went on to the square-root form.
@@ -31,7 +33,7 @@ pub struct Workspace<T: Real> {
     pub tally: Tally,
     /// Whether forward dynamics is to estimate its error in each form that can, which takes the square-root form half as long again.
     pub estimates_error: bool,
-    /// What the last forward dynamics found of its own accuracy, in lane 0.
+    /// What the last recursion of forward dynamics found of its own accuracy, in lane 0.
     pub accuracy: Accuracy,
     pub(crate) shift: Vec<RigidShift<T>>,
     pub(crate) velocity: Vec<Vector6<T>>,
@@ -61,10 +63,14 @@ pub struct Workspace<T: Real> {
     pub(crate) composite: Vec<BodyInertia<T>>,
     /// For a planar scene, where the scene made this workspace.
     pub(crate) planar: Option<PlanarScratch<T>>,
+    /// What the methods of a scene run; those in `dynamics` do not.
+    pub(crate) kernels: OwnKernels,
 }
 
 impl<T: Real> Workspace<T> {
-    /// Scratch for `model`, about 1 kB a body in f64.
+    /// Scratch for the recursions of `model`, about 1 kB a body in f64; that of a scene's methods is [`Scene::workspace`]'s.
+    ///
+    /// [`Scene::workspace`]: crate::Scene::workspace
     pub fn new(model: &Model<T>) -> Self {
         let nan = T::from_f64(f64::NAN);
         let bodies = model.bodies.len();
@@ -98,6 +104,7 @@ impl<T: Real> Workspace<T> {
                 bodies
             ],
             planar: None,
+            kernels: OwnKernels::default(),
         }
     }
 

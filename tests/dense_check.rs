@@ -53,7 +53,7 @@ fn every_operator_and_its_transpose_match_the_definition() {
         let dense = scene.composite(&q).unwrap();
         for (name, kind) in KINDS {
             let operator = factor.operator(kind);
-            let matrix = dense.matrix(kind);
+            let matrix = dense.matrix(kind).unwrap();
             let (rows, columns) = operator.shape();
             assert_eq!((matrix.nrows(), matrix.ncols()), (rows, columns), "{name}");
             let (x, t) = (random.array(columns, 1.0), random.array(rows, 1.0));

@@ -158,7 +158,7 @@ fn sequential_is_batch() {
 /// The largest entry of R.
 #[cfg(feature = "dense")]
 fn largest_of_r(scene: &Scene, q: &[f64]) -> f64 {
-    let r = scene.composite(q).unwrap().matrix(phipsi::operators::Kind::R);
+    let r = scene.composite(q).unwrap().matrix(phipsi::operators::Kind::R).unwrap();
     (0..r.nrows()).map(|i| r[(i, i)].abs()).fold(0.0, f64::max)
 }
 

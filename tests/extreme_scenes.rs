@@ -14,7 +14,7 @@ use phipsi::report::stability::forward_error;
 use phipsi::scene::{Inertial, SceneBuilder};
 use phipsi::scenes::{Extreme, extreme, names};
 use phipsi::spatial::Symmetric3;
-use phipsi::{Error, Scene, dynamics};
+use phipsi::{Error, Form, Scene, dynamics};
 
 /// Joints, so that a debug build takes seconds: as many as usual, at most this many.
 const MOST: f64 = 100.0;
@@ -133,7 +133,8 @@ struct Measured {
 impl Measured {
     fn new(what: &str, scene: &Scene, state: State<'_>) -> Self {
         let exact = Exact::new(scene, Quantity::ForwardDynamics, state).expect("positive pivots");
-        let found = forward_error::<f64>(scene, Method::SquareRoot, state, &exact).expect("positive pivots");
+        let found =
+            forward_error::<f64>(scene, Method::Filter(Form::SquareRoot), state, &exact).expect("positive pivots");
         // The largest of all that may move: the state, and each kind of parameter.
         let inherent = sensitivity(scene, Quantity::ForwardDynamics, state, 3, 0).unwrap();
         let largest = |of: &dyn Fn(usize) -> f64| (0..inherent.len()).map(of).fold(0.0, f64::max);
@@ -236,10 +237,11 @@ fn covariance_and_dense_algebra_lose_digits_where_the_problem_does_not() {
     let case = extreme("heavy-tip", Some(1e9), None, 0).unwrap();
     let exact = Exact::new(&case.scene, Quantity::ForwardDynamics, state(&case)).unwrap();
     let error = |method| forward_error::<f64>(&case.scene, method, state(&case), &exact).unwrap().norm;
-    let root = error(Method::SquareRoot);
-    for method in [Method::Filter, Method::DenseLdlt, Method::DenseCholesky] {
+    let root = error(Method::Filter(Form::SquareRoot));
+    for method in [Method::Filter(Form::Covariance), Method::DenseLdlt, Method::DenseCholesky] {
         assert!(error(method) > 1e3 * root, "{method:?}: {:e} beside {root:e}", error(method));
     }
-    let single = forward_error::<f32>(&case.scene, Method::SquareRoot, state(&case), &exact).unwrap().norm;
+    let single =
+        forward_error::<f32>(&case.scene, Method::Filter(Form::SquareRoot), state(&case), &exact).unwrap().norm;
     assert!(single > 1e-9 && single < 1e-3, "{single:e}");
 }

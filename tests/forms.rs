@@ -64,7 +64,7 @@ fn factors_and_inverses_of_every_form_match_the_definitions() {
         let (q, ..) = random_state(&scene, &mut random);
         let nv = scene.nv();
         let dense = scene.composite(&q).unwrap();
-        let inverse = dense.matrix(phipsi::operators::Kind::MassInverse);
+        let inverse = dense.matrix(phipsi::operators::Kind::MassInverse).unwrap();
         let mut m = vec![f64::NAN; nv * nv];
         scene.mass_matrix(&mut scene.workspace(), &q, &mut m).unwrap();
         let cond = tolerance::conditioning(nv, &m).number;
@@ -77,7 +77,7 @@ fn factors_and_inverses_of_every_form_match_the_definitions() {
 
             let factor: Factor<f64> = scene.factor(&mut workspace, &q).unwrap();
             for (operator_name, kind) in KINDS {
-                let (operator, matrix) = (factor.operator(kind), dense.matrix(kind));
+                let (operator, matrix) = (factor.operator(kind), dense.matrix(kind).unwrap());
                 let (rows, columns) = operator.shape();
                 let x = random.array(columns, 1.0);
                 let mut y = vec![f64::NAN; rows];

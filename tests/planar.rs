@@ -147,6 +147,9 @@ fn planar_trees_are_found_and_right() {
         for (algorithm, (expected, bound)) in ALGORITHMS.into_iter().zip(expected(&scene, (&q, &qd, &u), wrench)) {
             let say = format!("seed {seed}, {algorithm:?}");
             assert_near(&say, &run(&scene, algorithm, &state).unwrap(), &expected, bound);
+            let mut out = vec![f64::NAN; scene.width(algorithm)];
+            scene.recursion(&mut scene.workspace(), None, algorithm, &state, &mut out).unwrap();
+            assert_near(&format!("{say}, the recursion"), &out, &expected, bound);
             assert_near(&say, &run(&other, algorithm, &state).unwrap(), &expected, bound);
         }
     }

@@ -11,7 +11,7 @@ use phipsi::dynamics;
 use phipsi::dynamics::mass_inverse::InverseScratch;
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Model, SceneBuilder};
 use phipsi::spatial::{RigidShift, Symmetric3};
-use phipsi::{Scene, Workspace};
+use phipsi::{Algorithm, Arguments, Form, Scene, Workspace};
 
 /// Joints whose rates are the derivatives of their coordinates, for which Lagrange's equations hold as in the textbook.
 const COORDINATE_KINDS: [JointKind; 5] = [
@@ -244,18 +244,23 @@ fn recursions_match_themselves_in_double_double() {
         let (_, terms) = Oracle::new(&source).at(&ds(&q), &ds(&qd)).bias(&[]);
         let conditioning = conditioning(nv, &exact_mass);
 
-        scene.mass_matrix(&mut workspace, &q, &mut matrix).unwrap();
+        let configuration = Arguments { q: &q, ..Arguments::default() };
+        let state = Arguments { q: &q, qd: &qd, u: &tau, wrenches: &[] };
+        let mut recursion = |algorithm, state: &Arguments<'_>, out: &mut Vec<f64>| {
+            scene.recursion(&mut workspace, None, algorithm, state, out).unwrap();
+        };
+        recursion(Algorithm::MassMatrix, &configuration, &mut matrix);
         assert_near("M in double-double", &matrix, &exact_mass, tolerance::product(n, size(&exact_mass)));
-        scene.mass_matrix_inverse(&mut workspace, &mut scene.inverse_scratch(), &q, &mut matrix).unwrap();
+        recursion(Algorithm::MassMatrixInverse(Form::Auto), &configuration, &mut matrix);
         let bound = tolerance::inverse(conditioning.number, conditioning.inverse_norm);
         assert_near("M^-1 in double-double", &matrix, &round(&exact.inverse), bound);
-        scene.bias_torque(&mut workspace, &q, &qd, &mut vector).unwrap();
+        recursion(Algorithm::BiasTorque, &Arguments { u: &[], ..state }, &mut vector);
         assert_near("bias in double-double", &vector, &round(&exact.bias), tolerance::product(n, terms));
         // The torque serves as the acceleration here.
-        scene.inverse_dynamics(&mut workspace, &q, &qd, &tau, &[], &mut vector).unwrap();
+        recursion(Algorithm::InverseDynamics, &state, &mut vector);
         let moving = terms + size(&exact_mass) * tau.iter().map(|x| x.abs()).sum::<f64>();
         assert_near("ID in double-double", &vector, &round(&exact.torque), tolerance::product(n, moving));
-        scene.forward_dynamics(&mut workspace, &q, &qd, &tau, &[], &mut vector).unwrap();
+        recursion(Algorithm::ForwardDynamics(Form::Auto), &state, &mut vector);
         let acceleration = round(&exact.acceleration);
         let bound = tolerance::solution(&conditioning, size(&acceleration), terms.max(size(&tau)));
         assert_near("FD in double-double", &vector, &acceleration, bound);

@@ -1,9 +1,7 @@
 //! What the benches share: algorithms, models (chains, and the robots of `make peers`), states, and a clock.
 #![allow(dead_code)] // each bench uses its own part
 
-use phipsi::batch::chunk::{Algorithm, Arguments};
-use phipsi::filter::Form;
-use phipsi::{Scene, scenes};
+use phipsi::{Algorithm, Arguments, Form, Scene, scenes};
 use std::time::{Duration, Instant};
 
 /// The algorithms that the peers have too, in the form that they run.
@@ -49,6 +47,34 @@ pub fn states(scene: &Scene) -> Vec<State> {
             [q, draw(scene.nv()), draw(scene.nv())]
         })
         .collect()
+}
+
+/// A kind of states that robots are in, and random ones never: python/phipsi/report/kinds.py says what each is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Kind {
+    /// Held against gravity: no rates, the torques of the bias.
+    Held,
+    /// Let go: no rates, no torques.
+    AtRest,
+    /// No torques.
+    Falling,
+}
+
+/// Every kind by its name, a minus for a space.
+pub const KINDS: [(&str, Kind); 3] = [("held", Kind::Held), ("at-rest", Kind::AtRest), ("falling", Kind::Falling)];
+
+/// States of a kind, with the configurations and rates of random ones.
+pub fn states_of(kind: Kind, scene: &Scene, states: &[State]) -> Vec<State> {
+    let zero = || vec![0.0; scene.nv()];
+    let mut workspace = scene.workspace();
+    let of = |[q, qd, _]: &State| -> State {
+        let (qd, mut tau) = (if kind == Kind::Falling { qd.clone() } else { zero() }, zero());
+        if kind == Kind::Held {
+            scene.bias_torque(&mut workspace, q, &qd, &mut tau).expect("a torque");
+        }
+        [q.clone(), qd, tau]
+    };
+    states.iter().map(of).collect()
 }
 
 /// The arguments that an algorithm reads of a state.

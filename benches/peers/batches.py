@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from compare import BATCH, INTO_GIVEN
 from contestants import Entry, mujoco_model, pinocchio_arrays, pinocchio_model, symmetric
-from problems import Array, Problem
+from problems import KINDS, Array, Problem
 
 
 def of_phipsi(problem: Problem, threads: int = 1) -> Iterator[Entry]:
@@ -26,6 +26,13 @@ def of_phipsi(problem: Problem, threads: int = 1) -> Iterator[Entry]:
     for form in ("covariance", "auto"):
         loop = lambda form=form: scene.forward_dynamics(q, qd, tau, form=form)  # noqa: E731
         yield entry("forward_dynamics", f"forward_dynamics, {form}", loop)
+    for kind in KINDS:
+        states = problem.at(kind)
+        alone = float(np.max(np.abs(scene.forward_dynamics(states[0][-1], states[1][-1], np.zeros(scene.nv)))))
+        for form in ("covariance", "auto"):
+            loop = lambda form=form, states=states: scene.forward_dynamics(*states, form=form)  # noqa: E731
+            operation = f"forward_dynamics, {kind}{BATCH}"
+            yield Entry(operation, library, f"forward_dynamics, {form}", loop, lambda result: result[-1], alone)
     yield entry("inverse_dynamics", "inverse_dynamics", lambda: scene.inverse_dynamics(q, qd, qdd))
     yield entry("mass_matrix", "mass_matrix", lambda: scene.mass_matrix(q))
     for form in ("covariance", "auto"):

@@ -44,6 +44,8 @@ BATCH = "_batch"
 INTO_GIVEN = ", out="
 #: Forms that are measured beside covariance, where there are forms.
 FORMS = {"forward_dynamics": ("auto", "square-root"), "mass_matrix_inverse": ("auto",)}
+#: States that form "auto" is measured in beside random ones: names of python/phipsi/report/kinds.py, a minus for a space.
+STATES = ("held", "at-rest", "falling")
 #: The arm on which batches are measured too, where the machine has a wider one.
 NARROWER = "avx2"
 
@@ -159,6 +161,9 @@ def groups(arm: str, arms: Sequence[str]) -> Iterator[tuple[str, str]]:
             yield group, operation
             for form in FORMS.get(operation, ()):
                 yield f"{group}/{form}", operation
+            if operation == "forward_dynamics":
+                for state in STATES:
+                    yield f"{group}/auto/{state}", operation
         if arm != NARROWER and NARROWER in arms:
             yield f"{operation}{BATCH}/{NARROWER}", operation
 

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pydrake.all as drake
-from problems import GRAVITY, Array, Coordinates, Problem
+from problems import GRAVITY, KINDS, Array, Coordinates, Problem
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,8 @@ class Entry:
     call: str
     loop: Callable[[], Any]
     ours: Callable[[Any], Array]
+    scale: float = 0.0
+    """What answers may differ relative to, where the answer is less: of what is held still nothing is left."""
 
 
 class Refused(Exception):
@@ -71,6 +73,12 @@ def of_phipsi(problem: Problem) -> Iterator[Entry]:
     for form in ("covariance", "auto"):
         loop = over(scene.forward_dynamics, velocity, form=form)
         yield entry("forward_dynamics", f"forward_dynamics, {form}", loop)
+    for kind in KINDS:
+        states = problem.at(kind)
+        alone = float(np.max(np.abs(scene.forward_dynamics(states[0][-1], states[1][-1], np.zeros(scene.nv)))))
+        for form in ("covariance", "auto"):
+            loop, call = over(scene.forward_dynamics, rows(*states), form=form), f"forward_dynamics, {form}"
+            yield Entry(f"forward_dynamics, {kind}", "phipsi", call, loop, np.array, alone)
     yield entry("inverse_dynamics", "inverse_dynamics", over(scene.inverse_dynamics, acceleration))
     yield entry("mass_matrix", "mass_matrix", over(scene.mass_matrix, configuration))
     for form in ("covariance", "auto"):

@@ -11,10 +11,13 @@ from dataclasses import dataclass
 import dump_models
 import numpy as np
 import phipsi
+from phipsi.report import kinds
 from phipsi.report.stability.peers.model import World
 
 #: dynibo has this one and no other; so all of them have it.
 GRAVITY = (0.0, 0.0, -9.80665)
+#: What form "auto" is timed in beside random states.
+KINDS = (kinds.HELD, kinds.REST, kinds.FALLING)
 MODELS = ("chain_7", "ur5", "panda", "g1", "talos")
 ONE_STATES, BATCH_STATES = 256, 4096
 
@@ -36,6 +39,11 @@ class Problem:
 
     def __len__(self) -> int:
         return len(self.q)
+
+    def at(self, kind: str) -> "tuple[Array, Array, Array]":
+        """q, qd and tau of states of a kind, at the same configurations."""
+        drawn = kinds.of(self.scene, self.q, self.qd, self.tau, np.random.default_rng(2))
+        return kinds.state(self.scene, drawn, kind)
 
     @property
     def first(self) -> int:

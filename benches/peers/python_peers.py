@@ -88,7 +88,7 @@ class SecondProcess:
 
     def entries(self, model: str, states: int) -> Iterator[tuple[Entry, Callable[[float], float]]]:
         """What phipsi does in this process, with how to time it there."""
-        for index, (operation, library, call) in enumerate(self.ask("load", model, states)):
+        for index, (operation, library, call, scale) in enumerate(self.ask("load", model, states)):
 
             def loop(index: int = index) -> Any:
                 return self.ask("answer", index)
@@ -96,7 +96,7 @@ class SecondProcess:
             def measure(seconds: float, index: int = index) -> float:
                 return float(self.ask("time", index, seconds))
 
-            yield Entry(operation, library, call, loop, np.asarray), measure
+            yield Entry(operation, library, call, loop, np.asarray, scale), measure
 
 
 def serve(pipe: Any, threads: int) -> None:
@@ -109,7 +109,7 @@ def serve(pipe: Any, threads: int) -> None:
                 case ("load", model, count):
                     states = count
                     entries = list(batches.of_phipsi(problem(model, states), threads))
-                    pipe.send([(entry.operation, entry.library, entry.call) for entry in entries])
+                    pipe.send([(entry.operation, entry.library, entry.call, entry.scale) for entry in entries])
                 case ("answer", index):
                     pipe.send(answer(entries[index]))
                 case ("time", index, seconds):
@@ -135,7 +135,7 @@ class Table:
         states = len(model)
         found = answer(entry)
         known = expected.setdefault(entry.operation, found)
-        off = float(np.max(np.abs(found - known)) / np.max(np.abs(known)))
+        off = float(np.max(np.abs(found - known)) / max(np.max(np.abs(known)), entry.scale))
         if not off <= AGREEMENT:
             self.refuse(model.name, entry.library, f"{entry.call}: off by {off:.1e}, not timed")
             return

@@ -33,7 +33,7 @@ from ._core import (
 )
 from ._motion import PD, MomentumCorrection, MotionEnergy, Trajectory, Violation
 from ._ode import Ode
-from ._results import Energy, Estimate, Limits, MassEstimate, Samples
+from ._results import Energy, Estimate, Joint, Limits, Link, MassEstimate, Mimic, Samples
 from .operators import Factor, Operator
 
 __all__ = [
@@ -41,8 +41,11 @@ __all__ = [
     "Energy",
     "Estimate",
     "Factor",
+    "Joint",
     "Limits",
+    "Link",
     "MassEstimate",
+    "Mimic",
     "MomentumCorrection",
     "MotionEnergy",
     "Ode",

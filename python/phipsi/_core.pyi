@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._motion import PD, Trajectory
 from ._ode import Ode
-from ._results import Energy, Estimate, Limits, MassEstimate, Samples
+from ._results import Energy, Estimate, Joint, Limits, Link, MassEstimate, Samples
 from .operators import Factor
 
 __all__ = [
@@ -27,6 +27,12 @@ __all__ = [
     "Scene",
     "SceneBuilder",
     "__version__",
+    "_numbers",
+    "_rebuild_builder",
+    "_rebuild_factor",
+    "_rebuild_omission",
+    "_rebuild_plan",
+    "_rebuild_random_model",
     "_rebuild_scene",
     "chain",
     "emergence",
@@ -36,6 +42,7 @@ __all__ = [
     "get_num_threads",
     "growth",
     "measure",
+    "method_call",
     "operator_growth",
     "reference",
     "residuals",
@@ -50,6 +57,7 @@ _Single: TypeAlias = NDArray[np.float32]
 _Float64: TypeAlias = type[np.float64] | np.dtype[np.float64] | Literal["float64"] | None
 # mypy takes type[np.float32] for something of type[np.float64]: overloads of the two are told to ignore that.
 _Float32: TypeAlias = type[np.float32] | np.dtype[np.float32] | Literal["float32"]
+_Errors: TypeAlias = Literal["raise", "nan"]
 _Form: TypeAlias = Literal["auto", "covariance", "joseph", "square-root"]
 _JointType: TypeAlias = Literal[
     "fixed", "revolute", "continuous", "prismatic", "screw", "planar", "spherical", "floating"
@@ -70,7 +78,14 @@ class Scene:
 
     Arguments raise ShapeError, NotFiniteError or ArgumentError (see phipsi.errors), naming the argument and the state.
     The GIL is released in all calls longer than some microseconds; large batches run on several threads (as many as
-    RAYON_NUM_THREADS says, else one a core), with the same bits for any number of them.
+    RAYON_NUM_THREADS says, else one a core), with the same bits for any number of them. On the main thread Ctrl-C ends any long call within
+    some tenths of a second, on all threads of it; out is partly written then.
+
+    Results that memory has no room for raise OutOfMemoryError (a MemoryError), naming the arguments that ask for them and the bytes.
+
+    An argument of one state may be a dict from joint names to numbers (arrays for joints of several coordinates). Labels are matched by
+    joint name, or refused: the index of a pandas Series, the columns of a DataFrame (pandas, polars, Arrow) or the last dimension
+    of an xarray DataArray; a default RangeIndex is none. Masked entries raise but in estimate. Neither is silently dropped.
 
     Scenes pickle, compare and hash by identity; copies are the scene itself.
     """
@@ -86,15 +101,18 @@ class Scene:
     ) -> Scene:
         """The scene of a URDF file or text.
 
-        source: a path, or the XML itself: a str that starts with "<" after white space. floating_base: puts a free joint,
-        "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame. strict: unphysical inertias raise.
+        source: a path, or the XML itself: a str that starts with "<" after white space. floating_base: puts a free joint
+        under the root link, "root_joint", or with "_" behind where the file has that name (it is joint_names[0]). gravity:
+        (3,), m/s^2, in the base frame. strict: what is warned of raises, but for mimic joints whose source is there.
         leave_out: names of what may be left out, of "fixed_joints", "base_links", "exact_zeros",
         "renamed_axes", "tilted_axes", "zero_levers", "axis_masses", "pivot_bounds", "massless_bodies", "planar", "zero_velocity" and
         "zero_gravity"; None: all.
         Results are the same to rounding, but operators and estimates need the first two (ArgumentError).
 
         Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for another source.
-        Warns InertiaWarning for inertias that no body can have, MimicWarning for mimic joints (they stay free).
+        Warns InertiaWarning for inertias that no body can have and for moving links that all have no mass, MimicWarning for
+        mimic joints (they stay free), LimitWarning for limits that mean nothing (they are taken as none), and
+        UnknownTagWarning, once, for elements, attributes and text that are not understood (they are passed over).
         """
 
     @property
@@ -127,7 +145,7 @@ class Scene:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the movable joints, in the order of q; the free joint of a floating base is "root_joint"."""
+        """Names of the movable joints, in the order of q; the free joint of a floating base is the first, "root_joint"."""
 
     @property
     def body_names(self) -> tuple[str, ...]:
@@ -169,6 +187,7 @@ class Scene:
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Array | None = None,
         dtype: _Float64 = None,
+        errors: _Errors = "raise",
     ) -> _Array:
         """Joint accelerations from joint torques, in O(N): the smoother's estimates given the torques as measurements.
 
@@ -178,6 +197,10 @@ class Scene:
         out: C-contiguous, of the result's shape and dtype, overlapping no argument; it is returned. dtype: float64, or float32 to
         compute in twice as many SIMD lanes: about 6 digits, fewer by those of the condition number of M; a state that loses more
         than 4 in form "auto" is done in float64 and rounded, and so is all that docs/lanes.md lists. Arguments are converted.
+        errors: "raise", or "nan" to go on past bad states (numbers that are not finite, a quaternion off unit norm, a singular joint,
+        an overflow): their results are NaN, and one BadStateWarning has .states and .reasons. Wrong shapes raise all the same.
+
+        **tau of a free joint is (force, moment), as its qd is (linear, angular); wrenches are (moment, force).**
 
         Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (equations 4.4 to 4.11).
 
@@ -196,6 +219,7 @@ class Scene:
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Single | None = None,
         dtype: _Float32,
+        errors: _Errors = "raise",
     ) -> _Single: ...
 
     def simulate(
@@ -247,7 +271,7 @@ class Scene:
         the start; momentum_correction, the largest that conserve_momentum made, else None. The same bits for any number of threads.
 
         Raises SimulationError where motion diverges, a pivot is lost, or tau raises, with the rows of the finished
-        steps; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; MemoryError where the rows have no room;
+        steps; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; OutOfMemoryError where the rows have no room;
         ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
         """
 
@@ -280,10 +304,13 @@ class Scene:
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Array | None = None,
         dtype: _Float64 = None,
+        errors: _Errors = "raise",
     ) -> _Array:
         """Joint torques from joint accelerations, in O(N), gravity and armature included.
 
-        q: (..., nq); qd, qdd: (..., nv); wrenches, out and dtype as in forward_dynamics.
+        q: (..., nq); qd, qdd: (..., nv); wrenches, out, dtype and errors as in forward_dynamics.
+
+        **tau of a free joint is (force, moment), as its qd and qdd are (linear, angular); wrenches are (moment, force).**
 
         Returns tau, (..., nv) = H phi (Q lambda + b) + armature qdd - J^T w (equations 1.5, 2.9, 2.10).
         """
@@ -298,44 +325,47 @@ class Scene:
         wrenches: Mapping[str, ArrayLike] | None = None,
         out: _Single | None = None,
         dtype: _Float32,
+        errors: _Errors = "raise",
     ) -> _Single: ...
 
     @overload
     def bias_torque(  # type: ignore[overload-overlap]
-        self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, dtype: _Float64 = None
+        self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
     ) -> _Array:
         """The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
 
-        q: (..., nq); qd: (..., nv); out and dtype as in forward_dynamics. Returns (..., nv), N m or N.
+        q: (..., nq); qd: (..., nv); out, dtype and errors as in forward_dynamics. Returns (..., nv), N m or N.
         """
 
     @overload
     def bias_torque(
-        self, q: ArrayLike, qd: ArrayLike, *, out: _Single | None = None, dtype: _Float32
+        self, q: ArrayLike, qd: ArrayLike, *, out: _Single | None = None, dtype: _Float32, errors: _Errors = "raise"
     ) -> _Single: ...
 
     @overload
     def mass_matrix(  # type: ignore[overload-overlap]
-        self, q: ArrayLike, *, out: _Array | None = None, dtype: _Float64 = None
+        self, q: ArrayLike, *, out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
     ) -> _Array:
         """The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
 
-        q: (..., nq); out and dtype as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric. Large batches of
+        q: (..., nq); out, dtype and errors as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric. Large batches of
         matrices take less time into an out that was used before: new memory is cleared by the system first.
 
         Raises ArgumentError above 4000 degrees of freedom: inverse_dynamics multiplies by the matrix without forming it.
         """
 
     @overload
-    def mass_matrix(self, q: ArrayLike, *, out: _Single | None = None, dtype: _Float32) -> _Single: ...
+    def mass_matrix(
+        self, q: ArrayLike, *, out: _Single | None = None, dtype: _Float32, errors: _Errors = "raise"
+    ) -> _Single: ...
 
     @overload
     def mass_matrix_inverse(  # type: ignore[overload-overlap]
-        self, q: ArrayLike, *, form: _Form = "auto", out: _Array | None = None, dtype: _Float64 = None
+        self, q: ArrayLike, *, form: _Form = "auto", out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
     ) -> _Array:
         """The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
 
-        q: (..., nq). form, out and dtype: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric.
+        q: (..., nq). form, out, dtype and errors: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric.
 
         Raises SingularJointError; ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse
         without forming it.
@@ -343,16 +373,16 @@ class Scene:
 
     @overload
     def mass_matrix_inverse(
-        self, q: ArrayLike, *, form: _Form = "auto", out: _Single | None = None, dtype: _Float32
+        self, q: ArrayLike, *, form: _Form = "auto", out: _Single | None = None, dtype: _Float32, errors: _Errors = "raise"
     ) -> _Single: ...
 
-    def placements(self, q: ArrayLike) -> dict[str, _Array]:
+    def placements(self, q: ArrayLike, *, errors: _Errors = "raise") -> dict[str, _Array]:
         """Where every link is: a dict from link names to homogeneous matrices, link frame to base frame.
 
         q: (..., nq). Each value: (..., 4, 4), [[R, p], [0, 1]] with p in m; an array of its own, in the order of link_names.
         """
 
-    def jacobian(self, q: ArrayLike, link: str) -> _Array:
+    def jacobian(self, q: ArrayLike, link: str, *, errors: _Errors = "raise") -> _Array:
         """The Jacobian J of a link: its spatial velocity (angular, linear), at its origin and in its own frame, is J qd.
 
         q: (..., nq). Returns (..., 6, nv); a wrench w on the link there gives the joint torques J^T w.
@@ -368,12 +398,13 @@ class Scene:
         xyz: ArrayLike | None = None,
         rotation: ArrayLike | None = None,
         form: _Form = "auto",
+        errors: _Errors = "raise",
     ) -> _Array:
         """The operational-space inverse inertia J M^-1 J^T of links, in O(N) from the co-states' covariance (5.6, 5.7, Psi A).
 
         q: (..., nq). links: a name, or m names (links on the base and repeated ones too). xyz: (3,) or (m, 3), m, and
         rotation: (3, 3) or (m, 3, 3): the task frame's origin and axes in its link's frame, by default the link's own; the same
-        for the whole batch. form: as in forward_dynamics.
+        for the whole batch. form and errors: as in forward_dynamics.
 
         Returns (..., 6m, 6m), full and exactly symmetric. Wrenches (moment, force) on the frames, each at its origin and in its
         axes, stacked, times this is how they change the frames' (angular, linear) accelerations. Defined in singular
@@ -391,10 +422,11 @@ class Scene:
         rotation: ArrayLike | None = None,
         directions: ArrayLike | None = None,
         form: _Form = "auto",
+        errors: _Errors = "raise",
     ) -> _Array:
         """The operational-space inertia (S J M^-1 J^T S^T)^-1 of task directions S.
 
-        q, links, xyz, rotation and form as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
+        q, links, xyz, rotation, form and errors as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
         stacked (angular, linear) velocities of the frames; all 6m by default; the same for the whole batch.
 
         Returns (..., k, k), exactly symmetric and positive definite.
@@ -404,26 +436,26 @@ class Scene:
         64 k eps. Otherwise as operational_inverse_inertia.
         """
 
-    def energy(self, q: ArrayLike, qd: ArrayLike) -> Energy:
+    def energy(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> Energy:
         """Kinetic energy (armature included) and potential energy: the named tuple Energy(kinetic, potential).
 
         q: (..., nq); qd: (..., nv). Each (...), J; the potential is zero with the mass centre at the base's origin.
         """
 
-    def momentum(self, q: ArrayLike, qd: ArrayLike) -> _Array:
+    def momentum(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """Spatial momentum of all moving bodies: (angular about the base's origin, linear), in the base frame.
 
         q: (..., nq); qd: (..., nv). Returns (..., 6), N m s and N s. Armature adds nothing here.
         """
 
-    def integrate(self, q: ArrayLike, v: ArrayLike) -> _Array:
+    def integrate(self, q: ArrayLike, v: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """The configuration reached from q by the constant velocity v in unit time, on the manifold.
 
         q: (..., nq); v: (..., nv). Returns (..., nq), quaternions of unit norm. A free joint moves along the screw of its
         twist, a spherical joint turns about its rate, all others add.
         """
 
-    def difference(self, q0: ArrayLike, q1: ArrayLike) -> _Array:
+    def difference(self, q0: ArrayLike, q1: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """The velocity that takes q0 to q1 in unit time, the inverse of integrate; rotations go the short way.
 
         q0, q1: (..., nq). Returns (..., nv).
@@ -435,6 +467,63 @@ class Scene:
         What is locked is folded into the bodies around it and costs nothing. Locking "root_joint" gives a fixed base.
 
         Raises ArgumentError for an unknown joint.
+        """
+
+    def link(self, name: str, /) -> Link:
+        """The link of that name, those on fixed joints too: the named tuple Link(name, mass, com, inertia, parent, joint).
+
+        Raises ArgumentError, with the names that there are, for an unknown link.
+        """
+
+    def joint(self, name: str, /) -> Joint:
+        """The joint of that name, fixed ones too: the named tuple Joint(name, type, parent, child, xyz, ...).
+
+        Raises ArgumentError, with the names that there are, for an unknown joint.
+        """
+
+    @property
+    def links(self) -> dict[str, Link]:
+        """All links by name, in the order of link_names: a dict of Link, made anew."""
+
+    @property
+    def joints(self) -> dict[str, Joint]:
+        """All joints by name, fixed ones too, in the order they were given, a floating base's first: a dict of Joint, made anew."""
+
+    def to_builder(self) -> SceneBuilder:
+        """A builder that holds what the scene was made of: links, joints, gravity, base, and what is left out.
+
+        build() without arguments gives a scene with the same results, bit for bit; links and joints can be added before.
+        """
+
+    def with_properties(
+        self,
+        *,
+        armature: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        damping: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        friction: Mapping[str, ArrayLike] | ArrayLike | None = None,
+        stiffness: Mapping[str, ArrayLike] | ArrayLike | None = None,
+    ) -> Scene:
+        """A new scene with other properties of joints; what is not given stays.
+
+        armature: kg m^2 or kg; damping: N m s/rad or N s/m; friction: N m or N; stiffness: N m/rad or N/m. Each is a dict from
+        joint names to numbers, one number for all movable joints (a floating base's "root_joint" among them: name joints to leave
+        it out), or an array: (nv,), or a number a joint in the order of joint_names. A joint has one number for all its degrees of
+        freedom.
+
+        Raises ArgumentError, named after the property, for a joint that is unknown or fixed and for a value that is negative or
+        not finite; ShapeError.
+        """
+
+    def with_payload(
+        self, link: str, mass: float, com: ArrayLike = (0, 0, 0), inertia: ArrayLike | None = None
+    ) -> Scene:
+        """A new scene with a rigid body added to a link: what a gripper holds, a tool, a battery.
+
+        link: its name. mass: kg. com: (3,), the body's mass centre in the link's frame, m. inertia: (3, 3), about that mass
+        centre, axes parallel to the link's frame, kg m^2; None for a point mass. On a link of the base it changes nothing.
+
+        Raises ArgumentError for an unknown link and for a mass that is negative; ShapeError, ArgumentError for arrays. Warns
+        InertiaWarning where link and body together have an inertia that no body can have.
         """
 
     def plan(self) -> Plan:
@@ -453,12 +542,13 @@ class Scene:
         wrenches: Mapping[str, ArrayLike] | None = None,
         covariance: bool = False,
         method: Literal["sequential", "batch"] = "sequential",
+        errors: _Errors = "raise",
     ) -> Estimate:
         """Forces, accelerations and torques given the torques of some joints, with noise: conditional means (2.1, 2.7).
 
         q: (..., nq); qd, torque: (..., nv). noise: variance of each measurement, (N m)^2 (or N^2), one number or (..., nv);
         0 is exact, inf is not measured. measured: None (all), names of joints, or a boolean array (nv,); torque and noise of
-        the other joints are not read. prior_acceleration: (..., nv), mean a0 of the accelerations before, zero by default.
+        the other joints are not read, and entries that a masked array (numpy.ma) masks are not measured. prior_acceleration: (..., nv), mean a0 of the accelerations before, zero by default.
         acceleration_variance: s, the variance of the acceleration of one kg m^2, (rad/s^2)^2, and of one kg, (m/s^2)^2.
         covariance: the covariances of the errors too. method: "sequential" (filter and smoother, O(N)) or "batch" (section 2
         with dense matrices, O(N^3), at most 300 degrees of freedom: a check).
@@ -467,7 +557,7 @@ class Scene:
         keeps its prior acceleration, mean (a0, as if locked there) and variance; its torque is what that takes. All joints
         measured without noise: forward dynamics. Variances are right to eps times those of the prior (docs/estimation.md).
 
-        Returns a phipsi.Estimate. Raises SingularJointError where a measured joint has no inertia along its axis (with
+        errors: as in forward_dynamics. Returns a phipsi.Estimate. Raises SingularJointError where a measured joint has no inertia along its axis (with
         covariance: any joint); ArgumentError for an unknown joint or method, noise that is negative or NaN, a variance that is
         not positive; NotFiniteError for a torque that is measured and not finite.
         """
@@ -509,7 +599,10 @@ class Scene:
 
 @final
 class SceneBuilder:
-    """Collects links and joints by name, each call returning the builder; build() checks them and makes the Scene."""
+    """Collects links and joints by name, each call returning the builder; build() checks them and makes the Scene.
+
+    Builders pickle and copy; a copy goes its own way.
+    """
 
     def __new__(cls) -> SceneBuilder: ...
     def link(
@@ -549,6 +642,8 @@ class SceneBuilder:
         velocity: float | None = None,
         effort: float | None = None,
         mimic: str | None = None,
+        mimic_multiplier: float = 1.0,
+        mimic_offset: float = 0.0,
     ) -> SceneBuilder:
         """Adds a joint; the links that it names may come later.
 
@@ -556,8 +651,8 @@ class SceneBuilder:
         configuration seen from the parent's. axis: (3,), in the child's frame, of any length. pitch: m/rad, for a screw.
         armature: kg m^2 or kg for each degree of freedom, part of the mass matrix. damping (N m s/rad or N s/m),
         friction (N m or N), stiffness (N m/rad or N/m) and rest (the joint's coordinates there; None: the neutral ones): simulation only.
-        lower, upper, velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow; it
-        stays free.
+        lower, upper, velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow, as
+        mimic_multiplier times its coordinate plus mimic_offset (rad or m); it stays free.
 
         Raises SceneError for an unknown type or a missing pitch; ShapeError or ArgumentError for arrays, naming the joint;
         build() checks the rest.
@@ -565,22 +660,36 @@ class SceneBuilder:
 
     def build(
         self,
-        floating_base: bool = False,
-        gravity: ArrayLike = (0, 0, -9.81),
-        strict: bool = False,
+        floating_base: bool | None = None,
+        gravity: ArrayLike | None = None,
+        strict: bool | None = None,
         *,
         leave_out: Collection[str] | None = None,
     ) -> Scene:
         """Checks everything and makes the Scene; the builder can be used again.
 
-        floating_base: puts a free joint, "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame.
-        strict: unphysical inertias raise instead of warning. leave_out: as in Scene.from_urdf.
+        floating_base: puts a free joint under the root link, named as in Scene.from_urdf. gravity: (3,), m/s^2, in the base
+        frame. strict: unphysical inertias raise instead of warning. leave_out: as in Scene.from_urdf. What is None is as the
+        builder has it: a fixed base, (0, 0, -9.81), False and all in a new one, the scene's own in one from Scene.to_builder.
 
         Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
         two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
-        friction, lower above upper. Warns InertiaWarning and MimicWarning as Scene.from_urdf does.
+        friction, lower above upper, a floating base of what floats already. Warns InertiaWarning for
+        inertias that no body can have, and MimicWarning, as Scene.from_urdf does.
         """
 
+    def __copy__(self) -> SceneBuilder: ...
+    def __deepcopy__(self, memo: Any, /) -> SceneBuilder: ...
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
+
+def _numbers(name: str, value: ArrayLike, scene: Scene | None = None, coordinates: bool = False, /) -> _Array: ...
+def _rebuild_builder(description: tuple[Any, ...], /) -> SceneBuilder: ...
+def _rebuild_factor(scene: Scene, q: ArrayLike, form: str, /) -> RawFactor: ...
+def _rebuild_omission(fields: tuple[Any, ...], /) -> Omission: ...
+def _rebuild_plan(fields: tuple[Any, ...], /) -> Plan: ...
+def _rebuild_random_model(
+    scene: Scene, q: list[float], qd: list[float] | None, acceleration_variance: float, /
+) -> RandomModel: ...
 def _rebuild_scene(description: tuple[Any, ...], /) -> Scene: ...
 
 @final
@@ -619,6 +728,10 @@ class Omission:
     def saved(self) -> str:
         """What that saved."""
 
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
+
 @final
 class Plan:
     """What a scene does not need, and what leaving it out saved; printed, it is a list."""
@@ -634,6 +747,10 @@ class Plan:
     @property
     def items(self) -> tuple[Omission, ...]:
         """What was left out; only what this scene had."""
+
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
 
 @final
 class RandomModel:
@@ -662,7 +779,7 @@ class RandomModel:
         of a seed is the same whatever is drawn with it and on however many threads. process and force: (samples, nv, 6), W and
         X = phi W in body frames, a block a degree of freedom as in Factor; torque: (samples, nv), T = H X + v.
 
-        Raises ArgumentError for a bad count or seed.
+        Raises ArgumentError for a bad count or seed; OutOfMemoryError for more samples than there is room for.
         """
 
     def sample_torque(self, samples: int, *, seed: int, first: int | None = None) -> _Array:
@@ -681,10 +798,15 @@ class RandomModel:
 
         method: "monte-carlo", independent samples, whose error falls as samples^-1/2; "sobol", scrambled Sobol points, samples
         being replicates times a power of two, about samples^-1; "sigma-points", exact, which takes neither samples nor seed.
-        confidence: of the interval of each entry, between 0 and 1. replicates: scrambles, at least 2, for "sobol" only.
+        confidence: of the interval of each entry, between 0 and 1. replicates: scrambles, at least 2, for "sobol" only. Memory does not
+        grow with the samples.
 
-        Raises ArgumentError, naming the argument.
+        Raises ArgumentError, naming the argument; OutOfMemoryError for more replicates than there is room for.
         """
+
+    def __copy__(self) -> RandomModel: ...
+    def __deepcopy__(self, memo: Any, /) -> RandomModel: ...
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
 
 @final
 class RawFactor:
@@ -718,6 +840,10 @@ class RawFactor:
 
     def dense(self, kind: str, /) -> _Array:
         """The operator of that name as a matrix, (..., rows, columns), built from its definition and not by a sweep."""
+
+    def __copy__(self) -> RawFactor: ...
+    def __deepcopy__(self, memo: Any, /) -> RawFactor: ...
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
 
 @final
 class Reference:
@@ -776,12 +902,18 @@ def measure(
 ) -> tuple[float, _Array]:
     """Median time a state (ns) of one method in one precision, and the error of each state against the reference.
 
-    method: one of METHODS; precision: "float64" or "float32"; repeats: passes over the states. The error is the largest
-    over the joints, relative to the largest acceleration; NaN where the method met a bad pivot.
+    What is timed is `Scene::evaluate` in Rust, one state a call, and the error is that of the same calls. method: one of METHODS;
+    precision: "float64" or "float32"; repeats: passes over the states. The error is the largest over the joints, relative to the largest
+    acceleration; NaN where the method met a bad pivot.
     """
 
-def growth(bodies: int, repeats: int) -> tuple[float, float]:
-    """Forward and inverse dynamics of a chain of `bodies` equal links, median ns a body over `repeats` passes."""
+def growth(bodies: int, repeats: int) -> tuple[float, float, float]:
+    """`Scene::evaluate` in Rust on a chain of `bodies` equal links, one state a call, median ns a body over `repeats` passes: forward
+    dynamics in form "auto" and in form "covariance", and inverse dynamics.
+    """
+
+def method_call(method: str) -> tuple[str, str | None]:
+    """What a method of METHODS calls in Rust, and the form it asks for; None where its calls have none."""
 
 def emergence(scene: Scene, q: ArrayLike, route: str, samples: int, seed: int, repeats: int) -> tuple[float, float]:
     """Median time (ns) of one route from q to the mass matrix, and its relative error (Frobenius norm, against double-double).

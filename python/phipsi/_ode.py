@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import errors
+from . import _core, errors
 from ._motion import PD, Trajectory
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class Ode:
         nv = scene.nv
 
         def rates(name: str, given: ArrayLike | None, default: ArrayLike, *, signed: bool = False) -> _Array:
-            value = np.asarray(default if given is None else given, dtype=np.float64)
+            value = _core._numbers(name, default if given is None else given, scene)
             if value.ndim == 0:
                 value = np.full(nv, value)
             if value.shape != (nv,):
@@ -134,7 +134,7 @@ class Ode:
         self._centre = scene.neutral()
 
     def _configuration(self, name: str, value: ArrayLike) -> _Array:
-        q = np.asarray(value, dtype=np.float64)
+        q = _core._numbers(name, value, self.scene, True)
         if q.shape != (self.scene.nq,):
             raise _error("ShapeError", name, f"{name}: found shape {q.shape}; expected ({self.scene.nq},)")
         return self.scene.integrate(q, np.zeros(self.scene.nv))
@@ -161,8 +161,8 @@ class Ode:
 
     def torque(self, t: float, q: _Array, v: _Array) -> _Array:
         """All joint torques: given, damping, friction, springs and control law, (..., nv)."""
-        given = self._tau(t, q, v) if callable(self._tau) else self._tau
-        u = np.asarray(given, dtype=np.float64) - self._damping * v
+        given = _core._numbers("tau(t, q, qd)", self._tau(t, q, v), self.scene) if callable(self._tau) else self._tau
+        u = given - self._damping * v
         u = u - self._friction * v / np.hypot(v, self._speed)
         if self._stiffness.any():
             u = u - self._stiffness * self._away(self._rest, q)
@@ -235,12 +235,12 @@ class Ode:
         start, end = (float(t) for t in t_span)
         if not (np.isfinite(start) and np.isfinite(end) and end > start):
             raise _error("ArgumentError", "t_span", f"t_span: found ({start}, {end}); expected finite times, the second later")
-        wanted = None if t_eval is None else np.asarray(t_eval, dtype=np.float64)
+        wanted = None if t_eval is None else _core._numbers("t_eval", t_eval)
         if wanted is not None and not (
             wanted.ndim == 1 and np.all(np.diff(wanted) > 0) and np.all((wanted >= start) & (wanted <= end))
         ):
             raise _error("ArgumentError", "t_eval", "t_eval: found other; expected times within t_span, each later than the last")
-        v = np.asarray(qd, dtype=np.float64)
+        v = _core._numbers("qd", qd, self.scene)
         if v.shape != (self.scene.nv,):
             raise _error("ShapeError", "qd", f"qd: found shape {v.shape}; expected ({self.scene.nv},)")
         rows = _Rows(self, wanted)

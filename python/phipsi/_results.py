@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Energy", "Estimate", "Limits", "MassEstimate", "Samples"]
+__all__ = ["Energy", "Estimate", "Joint", "Limits", "Link", "MassEstimate", "Mimic", "Samples"]
 
 
 class Energy(NamedTuple):
@@ -57,6 +57,75 @@ class Limits(NamedTuple):
     """Largest speed, rad/s or m/s."""
     effort: NDArray[np.float64]
     """Largest torque or force, N m or N."""
+
+
+class Link(NamedTuple):
+    """A link as it was given; what is locked or fixed onto it is not in its numbers. Arrays are copies."""
+
+    name: str
+    """Its name."""
+    mass: float
+    """Mass, kg; zero for a link that is a mere frame."""
+    com: NDArray[np.float64]
+    """Mass centre in the link's frame, (3,), m."""
+    inertia: NDArray[np.float64]
+    """Rotational inertia about the mass centre, axes parallel to the link's frame, (3, 3), kg m^2."""
+    parent: str | None
+    """Name of the link on the base's side; None for the root link."""
+    joint: str | None
+    """Name of the joint that carries it, fixed or not; None for the root link of a fixed base."""
+
+
+class Mimic(NamedTuple):
+    """What a joint should follow: multiplier times the other's coordinate, plus offset. It is not followed."""
+
+    joint: str
+    """Name of the other joint."""
+    multiplier: float
+    """Ratio of the coordinates."""
+    offset: float
+    """Coordinate where the other is at zero, rad or m."""
+
+
+class Joint(NamedTuple):
+    """A joint as it was given, by the names of SceneBuilder.joint. Arrays are copies."""
+
+    name: str
+    """Its name."""
+    type: str
+    """"fixed", "revolute", "continuous", "prismatic", "screw", "planar", "spherical" or "floating"; a locked joint is "fixed"."""
+    parent: str | None
+    """Name of the link on the base's side; None for the free joint of a floating base."""
+    child: str
+    """Name of the link that it carries."""
+    xyz: NDArray[np.float64]
+    """Origin of the child's frame at zero configuration, in the parent's frame, (3,), m."""
+    rotation: NDArray[np.float64]
+    """Axes of the child's frame there, (3, 3): the columns in the parent's frame."""
+    axis: NDArray[np.float64] | None
+    """Unit vector in the child's frame, (3,); None where the joint has no axis."""
+    pitch: float | None
+    """Advance of a screw, m/rad; None for others."""
+    armature: float
+    """Inertia of the rotor at each degree of freedom, kg m^2 or kg."""
+    damping: float
+    """Viscous damping, N m s/rad or N s/m."""
+    friction: float
+    """Coulomb friction, N m or N."""
+    stiffness: float
+    """Stiffness of the spring, N m/rad or N/m."""
+    rest: NDArray[np.float64]
+    """The joint's coordinates where the spring is at rest, as many as it has in q."""
+    lower: float
+    """Smallest position, rad or m; -inf where there is none."""
+    upper: float
+    """Largest position, rad or m; inf where there is none."""
+    velocity: float
+    """Largest speed, rad/s or m/s; inf where there is none."""
+    effort: float
+    """Largest torque or force, N m or N; inf where there is none."""
+    mimic: Mimic | None
+    """The joint that it should follow; None for most."""
 
 
 class Samples(NamedTuple):

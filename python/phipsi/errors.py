@@ -12,9 +12,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ArgumentError",
+    "BadStateWarning",
     "InertiaWarning",
+    "LimitWarning",
     "MimicWarning",
     "NotFiniteError",
+    "OutOfMemoryError",
     "PhipsiError",
     "SceneError",
     "ShapeError",
@@ -22,6 +25,7 @@ __all__ = [
     "SimulationInterrupted",
     "SingularJointError",
     "SingularTaskError",
+    "UnknownTagWarning",
 ]
 
 
@@ -61,7 +65,7 @@ class NotFiniteError(PhipsiError, ValueError):
 class SingularJointError(PhipsiError, ArithmeticError):
     """A joint without inertia along its axis: its pivot D(k) of equation 3.6 is lost in rounding.
 
-    Add inertia about the axis, or give the joint armature.
+    Add inertia about the axis (Scene.with_payload), or give the joint armature (Scene.with_properties).
     """
 
     joint: str = ""
@@ -90,6 +94,17 @@ class SingularTaskError(PhipsiError, ArithmeticError):
     """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
 
 
+class OutOfMemoryError(PhipsiError, MemoryError):
+    """A size that there is no memory for, refused before anything is computed where that can be known."""
+
+    argument: str = ""
+    """Name of the argument that says how large."""
+    bytes: int = 0
+    """What it would take."""
+    free: int | None = None
+    """What is free, where that is known and was the reason."""
+
+
 class SimulationError(PhipsiError, ArithmeticError):
     """A simulation that could not go on: motion diverged, a pivot was lost, or the function for tau raised.
 
@@ -116,8 +131,29 @@ class SimulationInterrupted(KeyboardInterrupt):
 
 
 class InertiaWarning(UserWarning):
-    """A link whose inertia no distribution of mass can have; it is computed with as it is."""
+    """A link whose inertia no body can have, or a URDF whose moving links all have no mass; it is computed with as it is."""
+
+
+class LimitWarning(UserWarning):
+    """Limits in a URDF that mean nothing, lower above upper or velocity or effort below zero; they are taken as none."""
 
 
 class MimicWarning(UserWarning):
     """A joint that should follow another; it is taken as an independent coordinate."""
+
+
+class UnknownTagWarning(UserWarning):
+    """Elements, attributes or text of a URDF that are not understood and were passed over: one warning for a file."""
+
+
+class BadStateWarning(UserWarning):
+    """States of a call with errors="nan" that could not be computed: their results are NaN, all others are as they would be.
+
+    ``with warnings.catch_warnings(record=True) as caught: ...`` keeps it, as ``caught[0].message``; a filter that makes it an error raises
+    it, and the results are lost.
+    """
+
+    states: tuple[int | tuple[int, ...], ...] = ()
+    """Indices of the bad states in the batch, ascending: numbers, tuples if the batch has several axes, () for a single state."""
+    reasons: tuple[PhipsiError, ...] = ()
+    """What errors="raise" would have raised for each of them alone, with its attributes."""

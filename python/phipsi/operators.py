@@ -10,12 +10,14 @@ from the tip.
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from . import _core
 from .errors import ArgumentError, ShapeError
 
 if TYPE_CHECKING:
@@ -61,7 +63,7 @@ class Operator(ABC):
 
     def matmat(self, x: ArrayLike) -> Array:
         """The operator times matrices: x (..., columns, k) to (..., rows, k)."""
-        columns = np.moveaxis(np.asarray(x), -1, 0)
+        columns = np.moveaxis(_core._numbers("x", x), -1, 0)
         batch = self._batch_axes()
         # One axis in front for the columns, then room for the factor's own axes.
         lead = max(batch - (columns.ndim - 2), 0)
@@ -79,7 +81,7 @@ class Operator(ABC):
         """Composition with an operator; or the product with a vector (1-D) or matrices (2-D and more), as NumPy's ``@``."""
         if isinstance(other, Operator):
             return _Product(self, other)
-        x = np.asarray(other)
+        x = _core._numbers("x", other)
         if x.ndim == 0:
             raise ShapeError(f"operator @ x: found a scalar; expected a vector ({self.shape[1]},) or matrices")
         return self.matvec(x) if x.ndim == 1 else self.matmat(x)
@@ -133,7 +135,7 @@ class Identity(Operator):
 
     def matvec(self, x: ArrayLike) -> Array:
         """x itself, as float64."""
-        vector = np.array(x, dtype=np.float64)
+        vector = np.array(_core._numbers("x", x))
         if vector.shape[-1:] != self.shape[1:]:
             raise ShapeError(f"x: found shape {vector.shape}; expected (..., {self.shape[1]})")
         return vector
@@ -200,7 +202,7 @@ class _Diagonal(Operator):
         self._name = name
 
     def matvec(self, x: ArrayLike) -> Array:
-        vector = np.asarray(x, dtype=np.float64)
+        vector = _core._numbers("x", x)
         if vector.shape[-1:] != self.shape[1:]:
             raise ShapeError(f"x: found shape {vector.shape}; expected (..., {self.shape[1]})")
         return np.asarray(self._entries * vector)
@@ -342,6 +344,10 @@ class Factor:
 
     def __init__(self, raw: RawFactor) -> None:
         self._raw = raw
+
+    def __copy__(self) -> Factor:
+        """A factor that is updated by itself; factors and operators pickle, as scene, configurations and form."""
+        return Factor(copy.copy(self._raw))
 
     @property
     def nv(self) -> int:

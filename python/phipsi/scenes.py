@@ -54,11 +54,14 @@ def extreme(name: str, value: float | None = None, *, bodies: int | None = None,
     arguments give the same case. "zero-inertia" at 0 builds, and its forward dynamics raises for its last joint. O(bodies).
 
     Raises ArgumentError for a name that is not there (with those that are), a value that the case has no meaning for, and
-    too few or too many bodies.
+    too few or too many bodies; OutOfMemoryError for more than there is room for.
     """
     return Extreme(*_core.extreme(name, value, bodies, seed))
 
 
 def chain(n: int) -> Scene:
-    """A chain of n equal links, 0.3 m and 1 kg, revolute about z, successive axes at right angles: what the benches run."""
+    """A chain of n equal links, 0.3 m and 1 kg, revolute about z, successive axes at right angles: what the benches run.
+
+    Raises ArgumentError where n is no whole number; OutOfMemoryError for more links than there is room for.
+    """
     return _core.chain(n)

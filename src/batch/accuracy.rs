@@ -49,7 +49,11 @@ impl Scene {
         let mut again = vec![P::nearest(f64::NAN); self.nv()];
         let checked = &mut evaluator.checked;
         checked.workspace.estimates_error = true;
-        for (state, accuracy) in states.iter().zip(accuracy) {
+        for (i, (state, accuracy)) in states.iter().zip(accuracy).enumerate() {
+            if let Err(error) = crate::watch::check() {
+                checked.workspace.estimates_error = false;
+                return Err(Fault { state: i, error });
+            }
             if self.evaluate_checked(checked, Algorithm::ForwardDynamics(form), state, &mut again).is_ok() {
                 *accuracy = checked.workspace.accuracy;
             }

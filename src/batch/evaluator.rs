@@ -22,7 +22,7 @@ pub struct Evaluator<P = f64> {
     pub(super) checked: Checked,
 }
 
-/// The compiled kernels of one arm; a state for which there are none is done by the checked method.
+/// The compiled kernels of one arm; a state for which there are none is done by the checked recursion.
 pub struct Kernels<P> {
     /// For one state.
     one: Option<Box<dyn Chunks<P>>>,
@@ -144,12 +144,25 @@ impl<P: Evaluated> Evaluator<P> {
     /// The kernel alone, on one state or at most as many as there are lanes, of equal shapes: no lengths are checked. Results one
     /// after another in `out`; the bits of the result are the states in doubt, which [`Scene::evaluate`] would do again.
     pub fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
-        match (&mut self.kernels.one, &mut self.kernels.many) {
+        self.kernels.run(algorithm, states, out)
+    }
+}
+
+impl<P> Kernels<P> {
+    /// As [`Evaluator::run`].
+    pub(super) fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
+        match (&mut self.one, &mut self.many) {
             (Some(one), None) => one.run(algorithm, states, out),
             (Some(one), _) if states.len() == 1 => one.run(algorithm, states, out),
             (_, Some(many)) => many.run(algorithm, states, out),
             (None, None) => u64::MAX,
         }
+    }
+
+    /// Those that run a single state, without the others' scratch.
+    pub(super) fn for_one_state(self) -> Self {
+        let many = if self.one.is_some() { None } else { self.many };
+        Self { one: self.one, many }
     }
 }
 
@@ -188,11 +201,11 @@ impl Scene {
     /// One algorithm on any number of states: the results one after another in `out`, as long for each state.
     ///
     /// As many states at once as the processor's registers hold; a state whose arguments, pivots or digits are in doubt is done
-    /// once more by the checked method of one state ([`Scene::forward_dynamics`] and its like), in the form asked for.
+    /// once more by the checked recursion ([`Scene::recursion`]), in the form asked for.
     ///
     /// # Errors
     ///
-    /// [`Fault`] of the lowest state that failed, with the error of the checked method; `out` is then partly written.
+    /// [`Fault`] of the lowest state that failed, with the error of the recursion; `out` is then partly written.
     pub fn evaluate<P: Evaluated>(
         &self,
         evaluator: &mut Evaluator<P>,
@@ -244,6 +257,8 @@ impl Scene {
             while doubt != 0 {
                 let lane = doubt.trailing_zeros() as usize;
                 doubt &= doubt - 1;
+                // These take up to a thousand times as long.
+                crate::watch::check().map_err(|error| Fault { state: i * lanes + lane, error })?;
                 let out = &mut out[lane * width..(lane + 1) * width];
                 self.evaluate_checked(&mut evaluator.checked, algorithm, &states[lane], out)
                     .map_err(|error| Fault { state: i * lanes + lane, error })?;
@@ -263,7 +278,7 @@ impl Scene {
     }
 
     /// Whether the arguments of a state have the lengths that an algorithm reads.
-    fn fits<P>(&self, algorithm: Algorithm, state: &Arguments<'_, P>) -> bool {
+    pub(crate) fn fits<P>(&self, algorithm: Algorithm, state: &Arguments<'_, P>) -> bool {
         let nv = self.nv();
         let (qd, u) = match algorithm {
             Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => (nv, nv),
@@ -275,7 +290,7 @@ impl Scene {
             && (forces == 0 || forces == self.model().bodies.len())
     }
 
-    /// One state by the checked method, in f64.
+    /// One state by the checked recursion, in f64.
     #[cold]
     pub(super) fn evaluate_checked<P: Evaluated>(
         &self,
@@ -287,20 +302,10 @@ impl Scene {
         let Checked { workspace, inverse, results } = scratch;
         let (q, qd, u) = (P::all_widened(state.q), P::all_widened(state.qd), P::all_widened(state.u));
         let (q, qd, u, wrenches, full) = (&*q, &*qd, &*u, state.wrenches, P::in_f64(out, results));
-        match algorithm {
-            Algorithm::ForwardDynamics(form) => {
-                workspace.form = form;
-                self.forward_dynamics(workspace, q, qd, u, wrenches, full)
-            }
-            Algorithm::InverseDynamics => self.inverse_dynamics(workspace, q, qd, u, wrenches, full),
-            Algorithm::BiasTorque => self.bias_torque(workspace, q, qd, full),
-            Algorithm::MassMatrix => self.mass_matrix(workspace, q, full),
-            Algorithm::MassMatrixInverse(form) => {
-                workspace.form = form;
-                let scratch = inverse.get_or_insert_with(|| self.inverse_scratch());
-                self.mass_matrix_inverse(workspace, scratch, q, full)
-            }
-        }?;
+        if matches!(algorithm, Algorithm::MassMatrixInverse(_)) {
+            inverse.get_or_insert_with(|| self.inverse_scratch());
+        }
+        self.recursion(workspace, inverse.as_mut(), algorithm, &Arguments { q, qd, u, wrenches }, full)?;
         // Nothing, where `out` is f64 and was written in place.
         for (i, (rounded, &value)) in out.iter_mut().zip(&*results).enumerate() {
             *rounded = P::nearest(value);

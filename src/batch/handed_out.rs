@@ -4,6 +4,7 @@
 //! multiples of a grain: what is computed side by side is the same for any number of threads.
 
 use super::Fault;
+use crate::error::Error;
 use std::ops::Range;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -51,11 +52,12 @@ impl<'r, P> HandedOut<'r, P> {
         Some((first..first + states, results))
     }
 
-    /// Hands out nothing any more; pieces before the one that failed are with somebody.
+    /// Hands out nothing any more; pieces before the one that failed are with somebody. That the work was to stop is told before all else.
     pub(super) fn end_with(&self, fault: Fault) {
         *locked(&self.rest) = (0..0, &mut []);
         let mut lowest = locked(&self.lowest);
-        if lowest.as_ref().is_none_or(|known| fault.state < known.state) {
+        let rank = |fault: &Fault| (fault.error != Error::Interrupted, fault.state);
+        if lowest.as_ref().is_none_or(|known| rank(&fault) < rank(known)) {
             *lowest = Some(fault);
         }
     }
@@ -69,7 +71,6 @@ impl<'r, P> HandedOut<'r, P> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::error::Error;
 
     #[test]
     fn pieces_are_all_there_is_in_order_and_become_smaller() {
@@ -99,6 +100,8 @@ mod tests {
             batch.end_with(fault(state));
             assert!(batch.next().is_none());
         }
-        assert_eq!(batch.outcome(), Err(fault(3)));
+        batch.end_with(Fault { state: 50, error: Error::Interrupted });
+        batch.end_with(fault(1));
+        assert_eq!(batch.outcome(), Err(Fault { state: 50, error: Error::Interrupted }));
     }
 }

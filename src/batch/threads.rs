@@ -7,9 +7,11 @@
 //! Python's multiprocessing forks, so the pool here remembers its process and is made anew in another.
 
 use crate::error::Error;
+use crate::watch::{self, Told};
 use rayon::{Scope, ThreadPool, ThreadPoolBuilder};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, RwLock};
+use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 /// The caller waits so long for its helpers without going to sleep, from which waking takes as long as a small piece of work.
@@ -60,40 +62,66 @@ impl Place {
 
     /// Calls `work` here and, at the same time, on `helpers` other threads, of which there are as many; returns when all have returned. Those
     /// of a pool of ours lend themselves to other callers wherever `work` calls [`rayon::yield_now`].
-    pub(super) fn together(&self, helpers: usize, work: &(dyn Fn() + Sync)) {
+    ///
+    /// All work under the caller's [`watch`], which it keeps while it waits for the others: `stop` is told when that ends the work.
+    pub(super) fn together(&self, helpers: usize, stop: &dyn Fn(Error), work: &(dyn Fn() + Sync)) {
+        let told = Told::here();
         let helping = AtomicUsize::new(helpers);
+        let waiting = told.is_watched().then(std::thread::current);
+        let company = Company { helping: &helping, waiting: waiting.as_ref(), told: &told, work };
         match self {
             Self::Alone => work(),
-            Self::Inside => rayon::in_place_scope(|scope| all_at_once(scope, helpers, &helping, work)),
-            Self::Ours(pool) => pool.in_place_scope(|scope| all_at_once(scope, helpers, &helping, work)),
+            Self::Inside => rayon::in_place_scope(|scope| company.all_at_once(scope, helpers, stop)),
+            Self::Ours(pool) => pool.in_place_scope(|scope| company.all_at_once(scope, helpers, stop)),
         }
     }
 }
 
-/// `work` here and on `helpers` other threads, `helping` of which have not returned.
-fn all_at_once<'scope>(
-    scope: &Scope<'scope>,
-    helpers: usize,
+/// The threads that do some work together.
+#[derive(Clone, Copy)]
+struct Company<'scope> {
+    /// How many beside the caller have not returned.
     helping: &'scope AtomicUsize,
+    /// The caller, where it is to be woken by the last of them.
+    waiting: Option<&'scope Thread>,
+    told: &'scope Told,
     work: &'scope (dyn Fn() + Sync),
-) {
-    wake(scope, helpers, helping, work);
-    work();
-    let since = Instant::now();
-    while helping.load(Ordering::Acquire) > 0 && since.elapsed() < AWAKE {
-        std::hint::spin_loop();
-    }
 }
 
-/// Has `helpers` threads do `work`, of which two are woken here and wake the others.
-fn wake<'scope>(scope: &Scope<'scope>, helpers: usize, helping: &'scope AtomicUsize, work: &'scope (dyn Fn() + Sync)) {
-    for helpers in [helpers.div_ceil(2), helpers / 2] {
-        if helpers > 0 {
-            scope.spawn(move |scope| {
-                wake(scope, helpers - 1, helping, work);
-                work();
-                helping.fetch_sub(1, Ordering::Release);
-            });
+impl<'scope> Company<'scope> {
+    /// The work here and on `helpers` other threads.
+    fn all_at_once(self, scope: &Scope<'scope>, helpers: usize, stop: &dyn Fn(Error)) {
+        self.wake(scope, helpers);
+        (self.work)();
+        let since = Instant::now();
+        while self.helping.load(Ordering::Acquire) > 0 && since.elapsed() < AWAKE {
+            std::hint::spin_loop();
+        }
+        if self.waiting.is_some() {
+            while self.helping.load(Ordering::Acquire) > 0 {
+                if let Err(error) = watch::check() {
+                    // The others hear of it by themselves, at their next question.
+                    return stop(error);
+                }
+                std::thread::park_timeout(watch::PERIOD);
+            }
+        }
+    }
+
+    /// Has `helpers` threads do the work, of which two are woken here and wake the others.
+    fn wake(self, scope: &Scope<'scope>, helpers: usize) {
+        for helpers in [helpers.div_ceil(2), helpers / 2] {
+            if helpers > 0 {
+                scope.spawn(move |scope| {
+                    self.wake(scope, helpers - 1);
+                    self.told.help(self.work);
+                    if self.helping.fetch_sub(1, Ordering::AcqRel) == 1
+                        && let Some(waiting) = self.waiting
+                    {
+                        waiting.unpark();
+                    }
+                });
+            }
         }
     }
 }

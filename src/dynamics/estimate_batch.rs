@@ -7,7 +7,7 @@ use super::estimate::Measurements;
 use super::forces::Motion;
 use super::inverse::forces_base_to_tip;
 use crate::error::Error;
-use crate::operators::dense::Composite;
+use crate::operators::dense::{Composite, product};
 use crate::scene::Model;
 use crate::workspace::Workspace;
 use faer::linalg::solvers::{Llt, Solve};
@@ -60,9 +60,9 @@ pub fn estimate_batch(
     let composite = Composite::new(model, q)?;
     let nv = model.nv();
     let s = measurements.acceleration_variance;
-    let phi = composite.phi();
+    let phi = composite.phi()?;
     let to_torque = &composite.h * &phi;
-    let mass = composite.mass_matrix();
+    let mass = composite.mass_matrix()?;
 
     // The prior means: W ~ b + Q phi* H* a0, T = H phi W + r a0.
     forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
@@ -141,14 +141,15 @@ fn covariances(
     let force = phi * &process;
     let torque = Mat::from_fn(nv, m, |i, j| mass[(i, rows[j])]);
     let remaining = |prior: &Mat<f64>, with_measured: &Mat<f64>| {
-        (prior - with_measured * factor.solve(with_measured.transpose())) * faer::Scale(s)
+        let told = product(with_measured, &factor.solve(with_measured.transpose()))?;
+        Ok::<_, Error>((prior - told) * faer::Scale(s))
     };
-    let r = phi * &composite.q * phi.transpose();
+    let r = product(&product(phi, &composite.q)?, &phi.transpose().to_owned())?;
     Ok(BatchCovariance {
         acceleration: acceleration * faer::Scale(s),
-        torque: remaining(mass, &torque),
-        force: remaining(&r, &force),
-        process: remaining(&composite.q, &process),
+        torque: remaining(mass, &torque)?,
+        force: remaining(&r, &force)?,
+        process: remaining(&composite.q, &process)?,
     })
 }
 

@@ -4,6 +4,7 @@ use super::columns::{
     Block, Columns, body_of_row, put, put_row, spread_hinge, spread_shift, spread_symmetric, spread_vector,
 };
 use super::forward::factorise;
+use crate::error::Error;
 use crate::filter::covariance;
 use crate::filter::innovations::past_rows;
 use crate::filter::pivots::PivotMonitor;
@@ -44,6 +45,18 @@ impl<T: Real, C: ColumnsOf<T>> InverseScratch<T, C> {
             outward: Columns::new(bodies),
             branches: children.into_iter().map(|count| count > 1).collect(),
         }
+    }
+}
+
+impl InverseScratch<f64> {
+    /// Whether this is scratch of the lengths of `model`'s.
+    pub(crate) fn check(&self, model: &Model<f64>) -> Result<(), Error> {
+        let (bodies, nv) = (self.co_state_covariance.len(), self.spread_gain.len());
+        if (bodies, nv) == (model.bodies.len(), model.nv()) {
+            return Ok(());
+        }
+        let found = format!("that of a scene of {bodies} bodies and {nv} degrees of freedom");
+        Err(Error::argument("scratch", found, "this scene's own, from scene.inverse_scratch()"))
     }
 }
 

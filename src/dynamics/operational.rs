@@ -7,8 +7,12 @@ use crate::filter::pivots::PivotMonitor;
 use crate::scalar::Real;
 use crate::scene::Model;
 use crate::spatial::{RigidShift, Symmetric6, dot};
+use crate::watch;
 use crate::workspace::Workspace;
 use nalgebra::{Matrix6, Vector6};
+
+/// Pairs of frames between two questions whether to go on.
+pub(crate) const MANY: usize = 16;
 
 /// A frame that moves with a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,7 +47,7 @@ impl<T: Real> OperationalScratch<T> {
 /// common ancestor of bodies i and j, which may be one of them, its block is X(c,i)* Lambda^-(c) X(c,j), where X = Psi A carries
 /// forces from the outboard side of one body to that of another and X(c,c) = 1. Without a common ancestor, and on the base,
 /// it is zero. O(N + m^2 depth), and nothing is allocated. Where [`Workspace::lost_pivot`] finds one with the returned
-/// monitor, `out` means nothing. A frame's body must be one of the model's.
+/// monitor, `out` means nothing, and so it is under a [`watch`] that ends the work. A frame's body must be one of the model's.
 pub fn operational_inverse_inertia<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -58,6 +62,9 @@ pub fn operational_inverse_inertia<T: Real>(
     let width = 6 * frames.len();
     for (i, first) in frames.iter().enumerate() {
         for (j, second) in frames.iter().enumerate().skip(i) {
+            if watch::check_at(i * frames.len() + j + 1, MANY).is_err() {
+                return monitor;
+            }
             let block = covariance_between(model, workspace, lambda, [first, second]);
             for row in 0..6 {
                 // A diagonal block is mirrored too: its lower triangle differs from the upper one by rounding.

@@ -40,9 +40,10 @@ impl Properties {
             friction: vec![0.0; nv],
             friction_speed: FRICTION_SPEED,
         };
+        let root = scene.source().root_joint(String::new());
         for joint in scene.joints() {
-            // The free joint of a floating base has no description.
-            let Some(of) = described.get(joint.name.as_str()) else { continue };
+            // The free joint of a floating base is not among those described.
+            let of = described.get(joint.name.as_str()).copied().unwrap_or(&root);
             properties.damping[joint.v.clone()].fill(of.damping);
             properties.friction[joint.v.clone()].fill(of.friction);
             properties.stiffness[joint.v.clone()].fill(of.spring.stiffness);

@@ -10,6 +10,7 @@ use crate::batch::{Batch, Broadcast, Fault, Pool};
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
 use crate::scene::Scene;
+use crate::{memory, watch};
 use std::sync::{Mutex, PoisonError};
 
 /// What does not change during a rollout.
@@ -159,8 +160,9 @@ impl<'a> Rollout<'a> {
         let roots = if conserve_momentum { conserve::roots(scene, &properties, gains.as_ref())? } else { Vec::new() };
         let law = Law::new(scene.model(), dt, method, (properties, gains), roots);
         let mut keeper = conserve::Keeper::new(scene.model(), &law.roots);
-        let mut current = Vec::with_capacity(states * law.width(scene));
+        let mut current = memory::with_capacity("q, qd", states.saturating_mul(law.width(scene)))?;
         for state in 0..states {
+            watch::check_at(state, 1_024)?;
             let (q, qd) = (&q[state * nq..(state + 1) * nq], &qd[state * nv..(state + 1) * nv]);
             let named = |error: Error| if states > 1 { error.in_state(state) } else { error };
             scene.check_configuration("q", q).map_err(named)?;
@@ -222,7 +224,8 @@ impl<'a> Rollout<'a> {
     /// # Errors
     ///
     /// [`StepFault`] where a joint runs away or its pivot is lost. The rows of earlier steps are all there; states are then at
-    /// different steps, and the rollout is at its end. Records and torques of the wrong size are a fault of the step at hand.
+    /// different steps, and the rollout is at its end. Records and torques of the wrong size are a fault of the step at hand; so is that a
+    /// [`watch`] ended the work.
     pub fn advance(
         &mut self,
         steps: usize,
@@ -264,7 +267,8 @@ impl<'a> Rollout<'a> {
             }
             Ok(())
         });
-        debug_assert_eq!(outcome, Ok(()));
+        // What was interrupted is at its end, with the steps made before; no other fault comes out here.
+        outcome.map_err(|fault| refuse(fault.error))?;
         if let Some(fault) = fault.into_inner().unwrap_or_else(PoisonError::into_inner) {
             self.done = fault.step;
             return Err(fault);
@@ -332,7 +336,7 @@ impl<'a> Rollout<'a> {
             });
         }
         let (mut q, mut qd): (&mut [f64], &mut [f64]) = (q, qd);
-        let mut pieces = Vec::with_capacity(self.states.div_ceil(GRAIN));
+        let mut pieces = memory::with_capacity("q, qd", self.states.div_ceil(GRAIN))?;
         for first in (0..self.states).step_by(GRAIN) {
             let count = GRAIN.min(self.states - first) * rows;
             let (own_q, rest_q) = q.split_at_mut(count * nq);

@@ -1,14 +1,16 @@
 //! The same operators as matrices, built from their definitions with dense algebra, and faer's LDLT of M beside them.
 //!
-//! Nothing here calls a sweep: phi is the inverse of 1 - E, the Riccati recursion is written on full 6x6 matrices, and K
+//! Nothing here calls a sweep: phi is the inverse of 1 - E (unit triangular, in this order), the Riccati recursion is written on full 6x6 matrices, and K
 //! and L are products of the composite matrices. This is the oracle that the sweeps are checked against.
 
 use super::Kind;
 use crate::error::Error;
 use crate::kinematics::joint_shift;
 use crate::scene::{Model, Scene};
+use crate::watch;
 use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
+use faer::linalg::triangular_solve::solve_unit_upper_triangular_in_place;
+use faer::{Mat, MatRef, Par, Side};
 use nalgebra::{Matrix6, Vector6};
 
 /// Dense composites beyond this many degrees of freedom are refused: 6N x 6N numbers at 300 are 26 MB.
@@ -125,9 +127,12 @@ impl Composite {
     }
 
     /// phi = (1 - E)^-1.
-    #[must_use]
-    pub fn phi(&self) -> Mat<f64> {
-        (self.identity() - &self.shifts).partial_piv_lu().solve(self.identity())
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Interrupted`] under a [`watch`] that ends the work: minutes, for the largest of these.
+    pub fn phi(&self) -> Result<Mat<f64>, Error> {
+        unit_upper_solved(&(self.identity() - &self.shifts), &self.identity())
     }
 
     /// A = 1 - g H.
@@ -137,74 +142,123 @@ impl Composite {
     }
 
     /// Psi = (1 - E A)^-1 E.
-    #[must_use]
-    pub fn psi(&self) -> Mat<f64> {
-        (self.identity() - &self.shifts * self.closed_loop()).partial_piv_lu().solve(&self.shifts)
+    ///
+    /// # Errors
+    ///
+    /// As [`Composite::phi`].
+    pub fn psi(&self) -> Result<Mat<f64>, Error> {
+        unit_upper_solved(&(self.identity() - product(&self.shifts, &self.closed_loop())?), &self.shifts)
     }
 
     /// R = phi Q phi* (2.2).
-    fn state_covariance(&self) -> Mat<f64> {
-        let phi = self.phi();
-        &phi * &self.q * phi.transpose()
+    fn state_covariance(&self) -> Result<Mat<f64>, Error> {
+        let phi = self.phi()?;
+        product(&product(&phi, &self.q)?, &phi.transpose().to_owned())
     }
 
     /// cov(lambda^+) = Psi* H* D^-1 H Psi, whole (5.5).
-    fn co_state_covariance(&self) -> Mat<f64> {
-        let observed = &self.h * self.psi();
+    fn co_state_covariance(&self) -> Result<Mat<f64>, Error> {
+        let observed = &self.h * self.psi()?;
         let scaled = Mat::from_fn(observed.nrows(), observed.ncols(), |i, j| observed[(i, j)] / self.d[i]);
-        observed.transpose() * scaled
+        product(&observed.transpose().to_owned(), &scaled)
     }
 
     /// The matrix of one operator, from its definition.
-    #[must_use]
-    pub fn matrix(&self, kind: Kind) -> Mat<f64> {
-        match kind {
-            Kind::Phi => self.phi(),
+    ///
+    /// # Errors
+    ///
+    /// As [`Composite::phi`].
+    pub fn matrix(&self, kind: Kind) -> Result<Mat<f64>, Error> {
+        Ok(match kind {
+            Kind::Phi => self.phi()?,
             Kind::Shifts => self.shifts.clone(),
-            Kind::PhiStrict => self.phi() - self.identity(),
-            Kind::Psi => self.psi(),
+            Kind::PhiStrict => self.phi()? - self.identity(),
+            Kind::Psi => self.psi()?,
             Kind::ClosedLoop => self.closed_loop(),
-            Kind::PsiA => self.psi() * self.closed_loop(),
-            Kind::APsi => self.closed_loop() * self.psi(),
+            Kind::PsiA => product(&self.psi()?, &self.closed_loop())?,
+            Kind::APsi => product(&self.closed_loop(), &self.psi()?)?,
             Kind::H => self.h.clone(),
             Kind::Q => self.q.clone(),
-            Kind::R => self.state_covariance(),
+            Kind::R => self.state_covariance()?,
             Kind::P => self.p.clone(),
             Kind::PFiltered => self.p_plus.clone(),
             Kind::D => Mat::from_fn(self.d.len(), self.d.len(), |i, j| if i == j { self.d[i] } else { 0.0 }),
             Kind::Gain => self.gain.clone(),
-            Kind::BatchGain => self.state_covariance() * self.h.transpose() * self.matrix(Kind::MassInverse),
+            Kind::BatchGain => self.state_covariance()? * self.h.transpose() * self.matrix(Kind::MassInverse)?,
             // The diagonal blocks of the whole covariances, not the recursion of 5.6 and 5.7.
             Kind::Lambda => {
-                let to_torque = &self.h * self.phi();
-                block_diagonal(&(to_torque.transpose() * self.matrix(Kind::MassInverse) * to_torque))
+                let to_torque = &self.h * self.phi()?;
+                let scaled = to_torque.transpose() * self.matrix(Kind::MassInverse)?;
+                block_diagonal(&product(&scaled, &to_torque)?)
             }
-            Kind::LambdaPlus => block_diagonal(&self.co_state_covariance()),
+            Kind::LambdaPlus => block_diagonal(&self.co_state_covariance()?),
             Kind::S => {
-                let psi_p = self.psi() * &self.p;
-                &self.p - &psi_p - psi_p.transpose() + &self.p * self.co_state_covariance() * &self.p
+                let psi_p = product(&self.psi()?, &self.p)?;
+                let told = product(&product(&self.p, &self.co_state_covariance()?)?, &self.p)?;
+                &self.p - &psi_p - psi_p.transpose() + told
             }
-            Kind::K => &self.h * self.matrix(Kind::PhiStrict) * &self.gain,
-            Kind::L => &self.h * self.psi() * &self.gain,
-            Kind::Mass => self.mass_matrix(),
+            Kind::K => &self.h * self.matrix(Kind::PhiStrict)? * &self.gain,
+            Kind::L => &self.h * self.psi()? * &self.gain,
+            Kind::Mass => self.mass_matrix()?,
             Kind::MassInverse => {
-                let m = self.mass_matrix();
+                let m = self.mass_matrix()?;
                 let one = Mat::<f64>::identity(m.nrows(), m.nrows());
                 m.partial_piv_lu().solve(&one)
             }
-        }
+        })
     }
 
     /// M = H phi Q phi* H* + r (2.8, 5.1).
-    #[must_use]
-    pub fn mass_matrix(&self) -> Mat<f64> {
-        let to_torque = &self.h * self.phi();
+    ///
+    /// # Errors
+    ///
+    /// As [`Composite::phi`].
+    pub fn mass_matrix(&self) -> Result<Mat<f64>, Error> {
+        let to_torque = &self.h * self.phi()?;
         let mut m = &to_torque * &self.q * to_torque.transpose();
         for (i, r) in self.noise.iter().enumerate() {
             m[(i, i)] += r;
         }
-        m
+        Ok(m)
     }
+}
+
+/// Products with this much arithmetic are done at once; larger ones by columns, between which it is asked whether to go on.
+const AT_ONCE: usize = 100_000_000;
+
+/// a b.
+pub(crate) fn product(a: &Mat<f64>, b: &Mat<f64>) -> Result<Mat<f64>, Error> {
+    by_columns(b, a.nrows(), a.nrows() * a.ncols(), |b| a * b)
+}
+
+/// a^-1 b, where a is what rows that run from the base outward make it: one on the diagonal, zero below.
+fn unit_upper_solved(a: &Mat<f64>, b: &Mat<f64>) -> Result<Mat<f64>, Error> {
+    by_columns(b, a.nrows(), a.nrows() * a.ncols(), |b| {
+        let mut x = b.to_owned();
+        solve_unit_upper_triangular_in_place(a.as_ref(), x.as_mut(), Par::Seq);
+        x
+    })
+}
+
+/// What `of` makes of the columns of `b`, `rows` numbers of each with so much arithmetic, some columns at a time.
+fn by_columns(
+    b: &Mat<f64>,
+    rows: usize,
+    each: usize,
+    of: impl Fn(MatRef<'_, f64>) -> Mat<f64>,
+) -> Result<Mat<f64>, Error> {
+    watch::check()?;
+    let together = (AT_ONCE / each.max(1)).max(1);
+    if b.ncols() <= together {
+        return Ok(of(b.as_ref()));
+    }
+    let mut all = Mat::zeros(rows, b.ncols());
+    for first in (0..b.ncols()).step_by(together) {
+        watch::check()?;
+        let count = together.min(b.ncols() - first);
+        all.subcols_mut(first, count).copy_from(of(b.subcols(first, count)));
+    }
+    Ok(all)
 }
 
 /// faer's LDLT of a symmetric matrix with the rows taken from the tip: (unit upper factor in base-to-tip order, diagonal).

@@ -5,7 +5,8 @@ use crate::dynamics::factorise;
 use crate::error::Error;
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::Measured;
-use crate::filter::{Form, HingeMap, System, covariance, innovations, smoother};
+use crate::filter::{Form, HingeMap, Stage, System, covariance, innovations, smoother};
+use crate::memory;
 use crate::scalar::Real;
 use crate::scene::{Model, Scene};
 use crate::spatial::{BodyInertia, RigidShift, Symmetric6};
@@ -92,6 +93,29 @@ impl<T: Real> Factor<T> {
         (factor, monitor)
     }
 
+    /// About the bytes that the factors of so many states take.
+    #[must_use]
+    pub fn bytes(model: &Model<T>, states: usize) -> u128 {
+        /// Vectors that a factor has, and what the allocator adds to each.
+        const VECTORS: usize = 11;
+        const ADDED: usize = 32;
+        let body = size_of::<Stage<T>>()
+            + size_of::<RigidShift<T>>()
+            + size_of::<BodyInertia<T>>()
+            + size_of::<Symmetric6<T>>()
+            + size_of::<Scale<T>>();
+        let row =
+            2 * size_of::<T>() + size_of::<Measured<T>>() + size_of::<HingeMap<T>>() + 2 * size_of::<Symmetric6<T>>();
+        let one = size_of::<Self>() + VECTORS * ADDED + body * model.bodies.len() + row * model.nv() + 8 * model.nq;
+        memory::bytes_of::<u8>(&[one, states])
+    }
+
+    /// About the bytes that operators need besides, of the factors of so many states, once Lambda is asked for.
+    #[must_use]
+    pub fn bytes_of_co_states(model: &Model<T>, states: usize) -> u128 {
+        memory::bytes_of::<[Symmetric6<T>; 2]>(&[states, model.nv() + 1])
+    }
+
     /// Number of degrees of freedom.
     #[must_use]
     pub fn nv(&self) -> usize {
@@ -154,6 +178,7 @@ impl Scene {
     pub fn factor(&self, workspace: &mut Workspace<f64>, q: &[f64]) -> Result<Factor<f64>, Error> {
         self.model().omissions.check_every_body_moves("scene")?;
         self.check_configuration("q", q)?;
+        self.check_workspace(workspace)?;
         self.check_form(workspace)?;
         let (factor, monitor) = Factor::new(self.model(), workspace, q);
         self.check_pivots(workspace, monitor)?;

@@ -99,6 +99,12 @@ impl Kind {
         KINDS.iter().find(|(known, _)| *known == name).map(|&(_, kind)| kind)
     }
 
+    /// Whether it is made of the covariances of the co-states, which a factor computes when they are first asked for.
+    #[must_use]
+    pub fn needs_co_states(self) -> bool {
+        matches!(self, Self::Lambda | Self::LambdaPlus)
+    }
+
     /// (rows, columns) for `nv` degrees of freedom.
     #[must_use]
     pub fn shape(self, nv: usize) -> (usize, usize) {

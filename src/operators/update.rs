@@ -140,6 +140,7 @@ impl Scene {
             let expected = format!("one of this scene, {} bodies and nv = {}", model.bodies.len(), self.nv());
             return Err(Error::argument("factor", found, expected));
         }
+        self.check_workspace(workspace)?;
         self.check_configuration("q", q)?;
         if matches!(factor.sweep.form, Form::Auto | Form::SquareRoot) {
             workspace.form = factor.sweep.form;

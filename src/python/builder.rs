@@ -1,10 +1,11 @@
 //! The class `SceneBuilder`: a scene from code.
 
-use super::description::joint_kind;
-use super::scene::PyScene;
+use super::description::{Description, joint_kind};
+use super::interrupts::detached_checked;
+use super::scene::{PyScene, WORTH_DETACHING};
 use super::{arrays, errors, plan};
 use crate::error::Error;
-use crate::scene::{Inertial, JointDescription, Limits, LinkDescription, SceneBuilder, Spring};
+use crate::scene::{Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneBuilder, Spring};
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::{Matrix3, Rotation3};
 use pyo3::prelude::*;
@@ -13,9 +14,11 @@ use pyo3::prelude::*;
 const ASYMMETRY: f64 = 1e-9;
 
 /// Collects links and joints by name, each call returning the builder; `build()` checks them and makes the Scene.
+///
+/// Builders pickle and copy; a copy goes its own way.
 #[pyclass(name = "SceneBuilder", module = "phipsi")]
 pub(crate) struct PySceneBuilder {
-    builder: SceneBuilder,
+    pub(super) builder: SceneBuilder,
 }
 
 #[pymethods]
@@ -40,12 +43,8 @@ impl PySceneBuilder {
         com: Option<&Bound<'py, PyAny>>,
         inertia: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<PyRefMut<'py, Self>> {
-        let centre = optional_triple(&format!("com of link {name:?}"), com, [0.0; 3])?;
-        let central = match inertia {
-            Some(inertia) => symmetric(&format!("inertia of link {name:?}"), inertia)?,
-            None => Symmetric3::zero(),
-        };
-        let inertial = (mass != 0.0 || inertia.is_some()).then(|| Inertial { mass, centre: centre.into(), central });
+        let inertial = inertial(&|argument| format!("{argument} of link {name:?}"), mass, com, inertia)?;
+        let inertial = (mass != 0.0 || inertia.is_some()).then_some(inertial);
         slf.change(|builder| builder.link(LinkDescription { name, inertial }));
         Ok(slf)
     }
@@ -57,16 +56,17 @@ impl PySceneBuilder {
     /// seen from the parent's. axis: (3,), in the child's frame, of any length. pitch: m/rad, for a screw. armature: kg m^2
     /// or kg for each degree of freedom, part of the mass matrix. damping (N m s/rad or N s/m), friction (N m or N),
     /// stiffness (N m/rad or N/m) and rest (the joint's coordinates there, None: the neutral ones): simulation only. lower, upper,
-    /// velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow; it stays free.
+    /// velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow, as mimic_multiplier
+    /// times its coordinate plus mimic_offset (rad or m); it stays free.
     ///
     /// Raises `SceneError` for an unknown type or a missing pitch; `ShapeError` or `ArgumentError` for arrays, naming the joint;
     /// `build()` checks the rest.
     #[pyo3(signature = (name, r#type, parent, child, *, xyz=None, rpy=None, rotation=None, axis=None, pitch=None,
                         armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, lower=None, upper=None, velocity=None,
-                        effort=None, mimic=None),
+                        effort=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0),
            text_signature = "($self, name, type, parent, child, *, xyz=(0, 0, 0), rpy=None, rotation=None, \
                              axis=(0, 0, 1), pitch=None, armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, \
-                             lower=None, upper=None, velocity=None, effort=None, mimic=None)")]
+                             lower=None, upper=None, velocity=None, effort=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn joint<'py>(
         mut slf: PyRefMut<'py, Self>,
@@ -89,13 +89,15 @@ impl PySceneBuilder {
         velocity: Option<f64>,
         effort: Option<f64>,
         mimic: Option<String>,
+        mimic_multiplier: f64,
+        mimic_offset: f64,
     ) -> PyResult<PyRefMut<'py, Self>> {
         let of_joint = |argument: &str| format!("{argument} of joint {name:?}");
         let none = Limits::default();
         let kind = joint_kind(&name, r#type, pitch)?;
         let rest = match rest {
             None => Vec::new(),
-            Some(rest) if kind.nq() == 1 => arrays::spread(&of_joint("rest"), rest, 1)?,
+            Some(rest) if kind.nq() == 1 => arrays::spread(&of_joint("rest"), rest, 1.into())?,
             Some(rest) => arrays::fixed(&of_joint("rest"), rest, &[kind.nq()])?,
         };
         let joint = JointDescription {
@@ -117,7 +119,7 @@ impl PySceneBuilder {
                 velocity: velocity.unwrap_or(none.velocity),
                 effort: effort.unwrap_or(none.effort),
             },
-            mimic,
+            mimic: mimic.map(|joint| Mimic { joint, multiplier: mimic_multiplier, offset: mimic_offset }),
             name,
         };
         slf.change(|builder| builder.joint(joint));
@@ -126,30 +128,60 @@ impl PySceneBuilder {
 
     /// Checks everything and makes the Scene; the builder can be used again.
     ///
-    /// `floating_base`: puts a free joint, "`root_joint`", under the root link. gravity: (3,), m/s^2, in the base frame.
-    /// strict: unphysical inertias raise instead of warning. `leave_out`: as in `Scene.from_urdf`.
+    /// `floating_base`: puts a free joint under the root link, named as in `Scene.from_urdf`. gravity: (3,), m/s^2, in the base
+    /// frame. strict: unphysical inertias raise instead of warning. `leave_out`: as in `Scene.from_urdf`. What is None is as the
+    /// builder has it: a fixed base, (0, 0, -9.81), False and all in a new one, the scene's own in one from `Scene.to_builder`.
     ///
     /// Raises `SceneError`, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
     /// two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
-    /// friction, lower above upper. Warns `InertiaWarning` and `MimicWarning` as `Scene.from_urdf` does.
-    #[pyo3(signature = (floating_base=false, gravity=None, strict=false, *, leave_out=None),
-           text_signature = "($self, floating_base=False, gravity=(0, 0, -9.81), strict=False, *, leave_out=None)")]
+    /// friction, lower above upper, a floating base of what floats already. Warns `InertiaWarning` for
+    /// inertias that no body can have, and `MimicWarning`, as `Scene.from_urdf` does.
+    #[pyo3(signature = (floating_base=None, gravity=None, strict=None, *, leave_out=None))]
     fn build(
         &self,
         py: Python<'_>,
-        floating_base: bool,
+        floating_base: Option<bool>,
         gravity: Option<&Bound<'_, PyAny>>,
-        strict: bool,
+        strict: Option<bool>,
         leave_out: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<PyScene> {
-        let omissions = plan::left_out(leave_out)?;
-        let mut builder = self.builder.clone().floating_base(floating_base).strict(strict).omissions(omissions);
-        if let Some(gravity) = gravity {
-            builder = builder.gravity(arrays::triple("gravity", gravity)?);
-        }
-        let scene = builder.build()?;
+        let omissions = leave_out.map(|given| plan::left_out(Some(given))).transpose()?;
+        let gravity = gravity.map(|gravity| arrays::triple("gravity", gravity)).transpose()?;
+        let build = || {
+            let mut builder = self.builder.clone();
+            if let Some(floating_base) = floating_base {
+                builder = builder.floating_base(floating_base);
+            }
+            if let Some(strict) = strict {
+                builder = builder.strict(strict);
+            }
+            if let Some(omissions) = omissions {
+                builder = builder.omissions(omissions);
+            }
+            if let Some(gravity) = gravity {
+                builder = builder.gravity(gravity);
+            }
+            builder.build()
+        };
+        // A builder that is being read without the GIL refuses to grow: that is for those which take long.
+        let scene = if self.builder.links().len() < WORTH_DETACHING { build()? } else { detached_checked(py, build)? };
         errors::warn(py, &scene)?;
         Ok(PyScene::new(scene))
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (Description,))> {
+        let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_builder")?;
+        Ok((rebuild, (Description::of(&slf.borrow().builder)?,)))
+    }
+
+    fn __copy__(&self) -> Self {
+        Self { builder: self.builder.clone() }
+    }
+
+    #[pyo3(signature = (memo, /))]
+    fn __deepcopy__(&self, memo: &Bound<'_, PyAny>) -> Self {
+        let _ = memo;
+        self.__copy__()
     }
 
     fn __repr__(&self) -> String {
@@ -162,6 +194,18 @@ impl PySceneBuilder {
     fn change(&mut self, step: impl FnOnce(SceneBuilder) -> SceneBuilder) {
         self.builder = step(std::mem::take(&mut self.builder));
     }
+}
+
+/// Mass, mass centre and inertia from the arguments of those names, in messages as `named` says.
+pub(super) fn inertial(
+    named: &dyn Fn(&str) -> String,
+    mass: f64,
+    com: Option<&Bound<'_, PyAny>>,
+    inertia: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Inertial> {
+    let centre = optional_triple(&named("com"), com, [0.0; 3])?.into();
+    let central = inertia.map_or(Ok(Symmetric3::zero()), |inertia| symmetric(&named("inertia"), inertia))?;
+    Ok(Inertial { mass, centre, central })
 }
 
 fn optional_triple(name: &str, value: Option<&Bound<'_, PyAny>>, default: [f64; 3]) -> PyResult<[f64; 3]> {

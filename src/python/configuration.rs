@@ -1,6 +1,7 @@
 //! Methods of `Scene`: configurations as a manifold, and limits.
 
 use super::arrays::{Input, from_numbers};
+use super::bad_states::Errors;
 use super::evaluate::Call;
 use super::scene::PyScene;
 use crate::scene::Limits;
@@ -26,12 +27,18 @@ impl PyScene {
     /// q: (..., nq); v: (..., nv); leading axes broadcast. Returns (..., nq), quaternions of unit norm. A free joint moves
     /// along the screw of its twist, a spherical joint turns about its rate, all others add.
     ///
-    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
-    #[pyo3(signature = (q, v))]
-    fn integrate<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, v: &Bound<'py, PyAny>) -> Array<'py> {
+    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    #[pyo3(signature = (q, v, *, errors="raise"))]
+    fn integrate<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        v: &Bound<'py, PyAny>,
+        errors: &str,
+    ) -> Array<'py> {
         let nq = self.scene.nq();
-        let inputs = [Input::new("q", q, nq)?, Input::new("v", v, self.scene.nv())?];
-        let call = Call::new(self, inputs, Vec::new(), COST * self.size())?;
+        let inputs = [Input::new("q", q, self.coordinates())?, Input::new("v", v, self.rates())?];
+        let call = Call::new(self, inputs, Vec::new(), COST * self.size())?.with(Errors::read(errors)?);
         call.array(py, &[nq], None, |scene, _, [q, v], out| scene.integrate(q, v, out))
     }
 
@@ -39,12 +46,17 @@ impl PyScene {
     ///
     /// q0, q1: (..., nq); leading axes broadcast. Returns (..., nv), SI units.
     ///
-    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
-    #[pyo3(signature = (q0, q1))]
-    fn difference<'py>(&self, py: Python<'py>, q0: &Bound<'py, PyAny>, q1: &Bound<'py, PyAny>) -> Array<'py> {
-        let nq = self.scene.nq();
-        let inputs = [Input::new("q0", q0, nq)?, Input::new("q1", q1, nq)?];
-        let call = Call::new(self, inputs, Vec::new(), COST * self.size())?;
+    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    #[pyo3(signature = (q0, q1, *, errors="raise"))]
+    fn difference<'py>(
+        &self,
+        py: Python<'py>,
+        q0: &Bound<'py, PyAny>,
+        q1: &Bound<'py, PyAny>,
+        errors: &str,
+    ) -> Array<'py> {
+        let inputs = [Input::new("q0", q0, self.coordinates())?, Input::new("q1", q1, self.coordinates())?];
+        let call = Call::new(self, inputs, Vec::new(), COST * self.size())?.with(Errors::read(errors)?);
         call.array(py, &[self.scene.nv()], None, |scene, _, [q0, q1], out| scene.difference(q0, q1, out))
     }
 

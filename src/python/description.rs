@@ -1,21 +1,27 @@
 //! A scene as plain tuples of numbers and names, for pickling; and in one line, for `repr`.
 
+use super::builder::PySceneBuilder;
+use super::interrupts::detached_checked;
 use super::plan;
 use super::scene::PyScene;
-use crate::error::Error;
-use crate::scene::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Scene, SceneBuilder, Spring};
+use crate::error::{Error, number};
+use crate::memory;
+use crate::scene::properties::Properties;
+use crate::scene::{
+    Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene, SceneBuilder, Spring,
+};
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Matrix3;
 use pyo3::prelude::*;
 
 /// Counts up when the tuples change.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// Name, then mass, mass centre and inertia about it (xx, xy, xz, yy, yz, zz) if it has any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
 
 /// Name, kind, pitch, parent, child, origin (rotation row by row, lever), axis, (armature, damping, friction), limits
-/// (lower, upper, velocity, effort), mimic, spring (stiffness, rest).
+/// (lower, upper, velocity, effort), mimic (joint, multiplier, offset), spring (stiffness, rest).
 type JointTuple = (
     String,
     String,
@@ -26,14 +32,15 @@ type JointTuple = (
     [f64; 3],
     [f64; 3],
     [f64; 4],
-    Option<String>,
+    Option<(String, f64, f64)>,
     (f64, Vec<f64>),
 );
 
 /// A joint that was locked: name, kind, pitch.
 type LockedTuple = (String, String, Option<f64>);
 
-/// Version, gravity, floating base, strict, links, joints, names of what is left out, joints that were locked.
+/// Version, gravity, floating base, strict, links, joints, names of what is left out, joints that were locked, what the free joint of a
+/// floating base has (armature, damping, friction, stiffness).
 #[derive(IntoPyObject, FromPyObject)]
 pub(super) struct Description(
     u32,
@@ -44,22 +51,40 @@ pub(super) struct Description(
     Vec<JointTuple>,
     Vec<String>,
     Vec<LockedTuple>,
+    [f64; 4],
 );
+
+/// Where the links are in a description.
+const LINKS: usize = 4;
+
+/// About what the description of a link and its joint takes, in bytes, as numbers and as Python's objects.
+const A_COPY: usize = 3_000;
 
 impl Description {
     /// Everything that a scene was built from.
-    pub fn of(source: &SceneBuilder) -> Self {
+    pub fn of(source: &SceneBuilder) -> Result<Self, Error> {
+        memory::room("scene", memory::bytes_of::<[u8; A_COPY]>(&[source.links().len()]))?;
         let links = source.links().iter().map(link_tuple).collect();
         let joints = source.joints().iter().map(joint_tuple).collect();
         let left_out = plan::names_of(source.left_out());
         let locked = source.locked().iter();
         let locked = locked.map(|(name, kind)| (name.clone(), kind.name().to_owned(), pitch_of(*kind))).collect();
         let (gravity, floating, strict) = (source.gravity_vector(), source.is_floating(), source.is_strict());
-        Self(VERSION, gravity, floating, strict, links, joints, left_out, locked)
+        let root = source.root_properties().0;
+        Ok(Self(VERSION, gravity, floating, strict, links, joints, left_out, locked, root))
     }
 
-    fn build(self) -> Result<Scene, Error> {
-        let Self(version, gravity, floating, strict, links, joints, left_out, locked) = self;
+    /// From its tuples, if there is room for what they describe.
+    fn read(what: &str, tuples: &Bound<'_, PyAny>) -> PyResult<Self> {
+        if let Ok(links) = tuples.get_item(LINKS).and_then(|links| links.len()) {
+            memory::room(what, memory::bytes_of::<[u8; A_COPY]>(&[links]))?;
+        }
+        tuples.extract()
+    }
+
+    /// The builder that it was made from.
+    fn builder(self) -> Result<SceneBuilder, Error> {
+        let Self(version, gravity, floating, strict, links, joints, left_out, locked, root) = self;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
@@ -79,7 +104,8 @@ impl Description {
             builder = builder.joint(joint_of(joint)?);
         }
         let kind = |(name, kind, pitch): LockedTuple| joint_kind(&name, &kind, pitch).map(|kind| (name, kind));
-        builder.with_locked(locked.into_iter().map(kind).collect::<Result<_, _>>()?).build()
+        let locked = locked.into_iter().map(kind).collect::<Result<_, _>>()?;
+        Ok(builder.with_locked(locked).with_root(Properties(root)))
     }
 }
 
@@ -117,7 +143,7 @@ fn joint_tuple(joint: &JointDescription) -> JointTuple {
         (*axis).into(),
         [*armature, *damping, *friction],
         [lower, upper, velocity, effort],
-        mimic.clone(),
+        mimic.as_ref().map(|Mimic { joint, multiplier, offset }| (joint.clone(), *multiplier, *offset)),
         (spring.stiffness, spring.rest.clone()),
     )
 }
@@ -156,7 +182,7 @@ fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
         friction,
         spring: Spring { stiffness, rest },
         limits: Limits { lower, upper, velocity, effort },
-        mimic,
+        mimic: mimic.map(|(joint, multiplier, offset)| Mimic { joint, multiplier, offset }),
     })
 }
 
@@ -182,9 +208,11 @@ pub(super) fn joint_kind(joint: &str, name: &str, pitch: Option<f64>) -> Result<
             })?;
             match pitch {
                 None => Ok(kind),
-                Some(pitch) => {
-                    Err(Error::scene(subject(), format!("pitch {pitch} for a {name} joint"), "pitch for a screw only"))
-                }
+                Some(pitch) => Err(Error::scene(
+                    subject(),
+                    format!("pitch {} for a {name} joint", number(pitch)),
+                    "pitch for a screw only",
+                )),
             }
         }
     }
@@ -193,8 +221,16 @@ pub(super) fn joint_kind(joint: &str, name: &str, pitch: Option<f64>) -> Result<
 /// Builds a scene from what `Scene.__reduce__` gave; without warnings, which the first building issued.
 #[pyfunction]
 #[pyo3(name = "_rebuild_scene", signature = (description, /))]
-pub(super) fn rebuild_scene(py: Python<'_>, description: Description) -> PyResult<PyScene> {
-    Ok(PyScene::new(py.detach(|| description.build())?))
+pub(super) fn rebuild_scene(py: Python<'_>, description: &Bound<'_, PyAny>) -> PyResult<PyScene> {
+    let description = Description::read("pickled scene", description)?;
+    Ok(PyScene::new(detached_checked(py, || description.builder()?.build())?))
+}
+
+/// The builder of what `SceneBuilder.__reduce__` gave.
+#[pyfunction]
+#[pyo3(name = "_rebuild_builder", signature = (description, /))]
+pub(super) fn rebuild_builder(description: &Bound<'_, PyAny>) -> PyResult<PySceneBuilder> {
+    Ok(PySceneBuilder { builder: Description::read("pickled builder", description)?.builder()? })
 }
 
 /// A scene in one line.

@@ -1,6 +1,7 @@
 //! Methods of `Scene`: forces, accelerations, and the mass matrix.
 
 use super::arrays::Input;
+use super::bad_states::{Errors, is_nan};
 use super::choice::{Precise, choose, read_dtype};
 use super::cost::Cost;
 use super::evaluate::Call;
@@ -51,12 +52,16 @@ impl PyScene {
     /// (3.6), "joseph", "square-root", or "auto". out: C-contiguous, of the result's shape and dtype, overlapping no argument; returned.
     /// dtype: float64, or float32 to compute in twice as many SIMD lanes (docs/lanes.md has what that costs in digits, and when a state
     /// is done in float64 all the same); arguments are converted to it where they have another.
+    /// errors: "raise", or "nan" to go on past bad states (numbers that are not finite, a quaternion off unit norm, a
+    /// singular joint, an overflow): their results are NaN, and one BadStateWarning has .states and .reasons.
+    ///
+    /// **tau of a free joint is (force, moment), as its qd is (linear, angular); wrenches are (moment, force).**
     ///
     /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11).
     ///
     /// Raises `SingularJointError` where a joint has no inertia along its axis, `ShapeError`, `NotFiniteError`, `ArgumentError`,
     /// each naming the argument and the state. After an error out is partly written.
-    #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, out=None, dtype=None))]
+    #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, out=None, dtype=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics<'py>(
         &self,
@@ -68,31 +73,35 @@ impl PyScene {
         wrenches: Option<&Bound<'py, PyAny>>,
         out: Option<&Bound<'py, PyAny>>,
         dtype: Option<&Bound<'py, PyAny>>,
+        errors: &str,
     ) -> Array<'py> {
-        let algorithm = Algorithm::ForwardDynamics(read_form(form)?);
-        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        let form = read_form(form)?;
+        let algorithm = Algorithm::ForwardDynamics(form);
+        let nv = self.scene.nv();
         let cost = self.cost(cost::FORWARD, nv);
-        let keywords = Keywords { wrenches, out, dtype };
+        let keywords = Keywords { wrenches, out, dtype, nan: is_nan(errors)? };
         if let Some(qdd) = self.single(py, algorithm, [q, qd, tau], &[nv], cost, keywords)? {
             return Ok(qdd);
         }
         in_dtype!(dtype, P => {
             let inputs =
-                [Input::<P>::in_kind("q", q, nq)?, Input::in_kind("qd", qd, nv)?, Input::in_kind("tau", tau, nv)?];
+                [Input::<P>::in_kind("q", q, self.coordinates())?, Input::in_kind("qd", qd, self.rates())?, Input::in_kind("tau", tau, self.rates())?];
             let wrenches = Wrench::read(&self.scene, wrenches)?;
-            let call = Call::new(self, inputs, wrenches, cost)?;
+            let call = Call::new(self, inputs, wrenches, cost)?.with(self.errors(errors, form)?);
             Ok(call.algorithm(py, algorithm, &[nv], out)?.into_any())
         })
     }
 
     /// Joint torques from joint accelerations, in O(N), gravity and armature included.
     ///
-    /// q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches, out and dtype as in `forward_dynamics`.
+    /// q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches, out, dtype and errors as in `forward_dynamics`.
+    ///
+    /// **tau of a free joint is (force, moment), as its qd and qdd are (linear, angular); wrenches are (moment, force).**
     ///
     /// Returns tau, (..., nv) = H phi (Q lambda + b) + armature qdd - J^T w (1.5, 2.9, 2.10).
     ///
     /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, qdd, *, wrenches=None, out=None, dtype=None))]
+    #[pyo3(signature = (q, qd, qdd, *, wrenches=None, out=None, dtype=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics<'py>(
         &self,
@@ -103,29 +112,31 @@ impl PyScene {
         wrenches: Option<&Bound<'py, PyAny>>,
         out: Option<&Bound<'py, PyAny>>,
         dtype: Option<&Bound<'py, PyAny>>,
+        errors: &str,
     ) -> Array<'py> {
-        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        let nv = self.scene.nv();
         let cost = self.cost(cost::INVERSE, nv);
         let algorithm = Algorithm::InverseDynamics;
-        let keywords = Keywords { wrenches, out, dtype };
+        let keywords = Keywords { wrenches, out, dtype, nan: is_nan(errors)? };
         if let Some(tau) = self.single(py, algorithm, [q, qd, qdd], &[nv], cost, keywords)? {
             return Ok(tau);
         }
         in_dtype!(dtype, P => {
             let inputs =
-                [Input::<P>::in_kind("q", q, nq)?, Input::in_kind("qd", qd, nv)?, Input::in_kind("qdd", qdd, nv)?];
+                [Input::<P>::in_kind("q", q, self.coordinates())?, Input::in_kind("qd", qd, self.rates())?, Input::in_kind("qdd", qdd, self.rates())?];
             let wrenches = Wrench::read(&self.scene, wrenches)?;
-            let call = Call::new(self, inputs, wrenches, cost)?;
+            let call = Call::new(self, inputs, wrenches, cost)?.with(Errors::read(errors)?);
             Ok(call.algorithm(py, algorithm, &[nv], out)?.into_any())
         })
     }
 
     /// The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
     ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast; out and dtype as in `forward_dynamics`. Returns (..., nv), N m or N.
+    /// q: (..., nq); qd: (..., nv); leading axes broadcast; out, dtype and errors as in `forward_dynamics`. Returns (..., nv), N m or N.
     ///
     /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, *, out=None, dtype=None))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    #[pyo3(signature = (q, qd, *, out=None, dtype=None, errors="raise"))]
     fn bias_torque<'py>(
         &self,
         py: Python<'py>,
@@ -133,56 +144,60 @@ impl PyScene {
         qd: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, PyAny>>,
         dtype: Option<&Bound<'py, PyAny>>,
+        errors: &str,
     ) -> Array<'py> {
-        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        let nv = self.scene.nv();
         let cost = self.cost(cost::INVERSE, nv);
-        let (algorithm, keywords) = (Algorithm::BiasTorque, Keywords { out, dtype, ..Keywords::default() });
+        let (algorithm, keywords) =
+            (Algorithm::BiasTorque, Keywords { out, dtype, nan: is_nan(errors)?, ..Keywords::default() });
         if let Some(tau) = self.single(py, algorithm, [q, qd], &[nv], cost, keywords)? {
             return Ok(tau);
         }
         in_dtype!(dtype, P => {
-            let inputs = [Input::<P>::in_kind("q", q, nq)?, Input::in_kind("qd", qd, nv)?];
-            let call = Call::new(self, inputs, Vec::new(), cost)?;
+            let inputs = [Input::<P>::in_kind("q", q, self.coordinates())?, Input::in_kind("qd", qd, self.rates())?];
+            let call = Call::new(self, inputs, Vec::new(), cost)?.with(Errors::read(errors)?);
             Ok(call.algorithm(py, algorithm, &[nv], out)?.into_any())
         })
     }
 
     /// The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
     ///
-    /// q: (..., nq); out and dtype as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units. Large batches of
+    /// q: (..., nq); out, dtype and errors as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units. Large batches of
     /// matrices take less time into an `out` that was used before: new memory is cleared by the system first.
     ///
     /// Raises `ArgumentError` above 4000 degrees of freedom: `inverse_dynamics` multiplies by the matrix without forming it.
     /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
-    #[pyo3(signature = (q, *, out=None, dtype=None))]
+    #[pyo3(signature = (q, *, out=None, dtype=None, errors="raise"))]
     fn mass_matrix<'py>(
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, PyAny>>,
         dtype: Option<&Bound<'py, PyAny>>,
+        errors: &str,
     ) -> Array<'py> {
         self.check_dense("mass_matrix", "inverse_dynamics, which multiplies by it")?;
-        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        let nv = self.scene.nv();
         let cost = self.cost(cost::COMPOSITE, nv * nv);
-        let (algorithm, keywords) = (Algorithm::MassMatrix, Keywords { out, dtype, ..Keywords::default() });
+        let (algorithm, keywords) =
+            (Algorithm::MassMatrix, Keywords { out, dtype, nan: is_nan(errors)?, ..Keywords::default() });
         if let Some(matrix) = self.single(py, algorithm, [q], &[nv, nv], cost, keywords)? {
             return Ok(matrix);
         }
         in_dtype!(dtype, P => {
-            let inputs = [Input::<P>::in_kind("q", q, nq)?];
-            let call = Call::new(self, inputs, Vec::new(), cost)?;
+            let inputs = [Input::<P>::in_kind("q", q, self.coordinates())?];
+            let call = Call::new(self, inputs, Vec::new(), cost)?.with(Errors::read(errors)?);
             Ok(call.algorithm(py, algorithm, &[nv, nv], out)?.into_any())
         })
     }
 
     /// The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
     ///
-    /// q: (..., nq). form, out and dtype: as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units.
+    /// q: (..., nq). form, out, dtype and errors: as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units.
     ///
     /// Raises `ArgumentError` above 4000 degrees of freedom: `forward_dynamics` multiplies by the inverse without forming it.
     /// Raises `SingularJointError`, `ShapeError`, `NotFiniteError`, `ArgumentError`, naming the state.
-    #[pyo3(signature = (q, *, form="auto", out=None, dtype=None))]
+    #[pyo3(signature = (q, *, form="auto", out=None, dtype=None, errors="raise"))]
     fn mass_matrix_inverse<'py>(
         &self,
         py: Python<'py>,
@@ -190,24 +205,35 @@ impl PyScene {
         form: &str,
         out: Option<&Bound<'py, PyAny>>,
         dtype: Option<&Bound<'py, PyAny>>,
+        errors: &str,
     ) -> Array<'py> {
-        let algorithm = Algorithm::MassMatrixInverse(read_form(form)?);
+        let form = read_form(form)?;
+        let algorithm = Algorithm::MassMatrixInverse(form);
         self.check_dense("mass_matrix_inverse", "forward_dynamics, which multiplies by it")?;
-        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        let nv = self.scene.nv();
         let cost = self.cost(cost::CLOSED_FORM, nv * nv);
-        let keywords = Keywords { out, dtype, ..Keywords::default() };
+        let keywords = Keywords { out, dtype, nan: is_nan(errors)?, ..Keywords::default() };
         if let Some(matrix) = self.single(py, algorithm, [q], &[nv, nv], cost, keywords)? {
             return Ok(matrix);
         }
         in_dtype!(dtype, P => {
-            let inputs = [Input::<P>::in_kind("q", q, nq)?];
-            let call = Call::new(self, inputs, Vec::new(), cost)?;
+            let inputs = [Input::<P>::in_kind("q", q, self.coordinates())?];
+            let call = Call::new(self, inputs, Vec::new(), cost)?.with(self.errors(errors, form)?);
             Ok(call.algorithm(py, algorithm, &[nv, nv], out)?.into_any())
         })
     }
 }
 
 impl PyScene {
+    /// What becomes of bad states; what is wrong with the scene in this form, for all of them, is told first.
+    pub(super) fn errors(&self, errors: &str, form: Form) -> Result<Errors, Error> {
+        let errors = Errors::read(errors)?;
+        if errors.are_gathered() {
+            self.scene.check_roots(form)?;
+        }
+        Ok(errors)
+    }
+
     /// Of so many ns a body and as many results.
     fn cost(&self, body: usize, results: usize) -> Cost {
         Cost { arithmetic: body * self.size(), results }

@@ -3,14 +3,14 @@
 use crate::batch::{Fault, shape_text};
 use crate::error::Error;
 use crate::scene::{Scene, SceneWarning};
-use pyo3::exceptions::PyUserWarning;
+use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyUserWarning};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyTuple, PyType};
 use std::ffi::CString;
 
 /// The module of the Python classes, imported once.
-fn classes(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
+pub(super) fn classes(py: Python<'_>) -> PyResult<&Bound<'_, PyModule>> {
     static MODULE: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
     MODULE.get_or_try_init(py, || Ok(py.import("phipsi.errors")?.unbind())).map(|module| module.bind(py))
 }
@@ -81,8 +81,31 @@ fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> 
             instance.setattr("state", index)?;
             instance
         }
+        Error::Memory { argument, shortage } => {
+            let instance = instance("OutOfMemoryError")?;
+            instance.setattr("argument", argument)?;
+            instance.setattr("bytes", shortage.bytes)?;
+            instance.setattr("free", shortage.free)?;
+            instance
+        }
+        // What a handler raised is raised where the work was begun; this is for work that nobody looked after.
+        Error::Interrupted => return Ok(PyKeyboardInterrupt::new_err(())),
     };
     Ok(PyErr::from_value(instance))
+}
+
+/// The same result; an `OutOfMemoryError` said of the argument that chose the size.
+pub(super) fn asked_by<R>(py: Python<'_>, argument: &str, result: PyResult<R>) -> PyResult<R> {
+    result.map_err(|error| {
+        let value = error.value(py);
+        let sizes = || -> PyResult<(u128, Option<u128>)> {
+            Ok((value.getattr("bytes")?.extract()?, value.getattr("free")?.extract()?))
+        };
+        match (error.is_instance_of::<PyMemoryError>(py), sizes()) {
+            (true, Ok((bytes, free))) => Error::memory(argument, bytes, free).into(),
+            _ => error,
+        }
+    })
 }
 
 /// What indexes a state in Python: a number for one leading axis, a tuple for several.
@@ -102,10 +125,17 @@ pub(super) fn batch_index<'py>(py: Python<'py>, state: usize, batch: &[usize]) -
 
 /// Issues the warnings of a scene, at the line of Python that built it.
 pub(super) fn warn(py: Python<'_>, scene: &Scene) -> PyResult<()> {
-    for warning in scene.warnings() {
+    warn_beyond(py, scene, &[])
+}
+
+/// The same but for those that are known.
+pub(super) fn warn_beyond(py: Python<'_>, scene: &Scene, known: &[SceneWarning]) -> PyResult<()> {
+    for warning in scene.warnings().iter().filter(|warning| !known.contains(warning)) {
         let class = match warning {
-            SceneWarning::Inertia { .. } => "InertiaWarning",
+            SceneWarning::Inertia { .. } | SceneWarning::NoMass { .. } => "InertiaWarning",
             SceneWarning::Mimic { .. } => "MimicWarning",
+            SceneWarning::NotUnderstood { .. } => "UnknownTagWarning",
+            SceneWarning::Limits { .. } => "LimitWarning",
         };
         let text = CString::new(warning.to_string().replace('\0', "\\0")).unwrap_or_default();
         let class = classes(py)?.getattr(class)?;

@@ -1,6 +1,8 @@
 //! The method `Scene.estimate`: forces, accelerations and torques given the torques of some joints (section 2).
 
-use super::arrays::{self, Input, Output, from_numbers};
+use super::arrays::{self, Input, Output};
+use super::bad_states::Errors;
+use super::errors::asked_by;
 use super::evaluate::{Call, Scratch};
 use super::scene::{PyScene, names};
 use super::wrenches::Wrench;
@@ -52,7 +54,7 @@ impl PyScene {
     ///
     /// q: (..., nq); qd, torque: (..., nv), N m or N; leading axes broadcast. noise: variance of each measurement, (N m)^2,
     /// one number or (..., nv); 0 is exact, inf is not measured. measured: None (all), names of joints, or a boolean array
-    /// (nv,); torque and noise of other joints are not read. prior_acceleration: (..., nv), the mean a0 of the accelerations,
+    /// (nv,); torque and noise of other joints are not read, and entries that a masked array (numpy.ma) masks are not measured. prior_acceleration: (..., nv), the mean a0 of the accelerations,
     /// zero by default. acceleration_variance: s, the variance of the acceleration of one kg m^2, (rad/s^2)^2. wrenches as
     /// in forward_dynamics. covariance: also the covariances of the errors. method: "sequential" (filter and smoother) or
     /// "batch" (section 2 with dense matrices, O(N^3), at most 300 degrees of freedom).
@@ -60,14 +62,14 @@ impl PyScene {
     /// Under the model W ~ N(b + Q phi* H* a0, s Q), accelerations are N(a0, s M^-1) before anything is measured. The
     /// acceleration of a joint that is not measured keeps its mean a0 (as if locked) and its variance.
     ///
-    /// Returns a phipsi.Estimate.
+    /// Returns a phipsi.Estimate. errors: as in forward_dynamics.
     ///
     /// Raises `SingularJointError` where a measured joint has no inertia along its axis (with covariance: any joint);
     /// `ArgumentError` for an unknown joint or method, noise that is negative or NaN, or a variance that is not positive;
     /// `ShapeError`, `NotFiniteError`, naming the argument and the state.
     #[pyo3(signature = (q, qd, torque, *, noise=None, measured=None, prior_acceleration=None, acceleration_variance=1.0,
-                        wrenches=None, covariance=false, method="sequential"),
-           text_signature = "($self, q, qd, torque, *, noise=0.0, measured=None, prior_acceleration=None, acceleration_variance=1.0, wrenches=None, covariance=False, method='sequential')")]
+                        wrenches=None, covariance=false, method="sequential", errors="raise"),
+           text_signature = "($self, q, qd, torque, *, noise=0.0, measured=None, prior_acceleration=None, acceleration_variance=1.0, wrenches=None, covariance=False, method='sequential', errors='raise')")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn estimate<'py>(
         &self,
@@ -82,36 +84,45 @@ impl PyScene {
         wrenches: Option<&Bound<'py, PyAny>>,
         covariance: bool,
         method: &str,
+        errors: &str,
     ) -> PyResult<Bound<'py, PyAny>> {
         let nv = self.scene.nv();
         let dense = self.is_dense(method)?;
         let measured = measured.map(|measured| self.measured(measured)).transpose()?;
         let has_prior = prior_acceleration.is_some();
+        let errors = Errors::read(errors)?;
+        self.scene.check_prior(acceleration_variance)?;
+        let (torque, unknown) = Input::with_mask("torque", torque, self.rates(), Input::new)?;
+        let (noise, hidden) = match noise {
+            Some(noise) => Input::with_mask("noise", noise, self.rates(), Input::spread)?,
+            None => (Input::filled(py, "noise", 0.0, nv)?, Input::filled(py, "noise", 0.0, nv)?),
+        };
         let inputs = [
-            Input::new("q", q, self.scene.nq())?,
-            Input::new("qd", qd, nv)?,
-            Input::new("torque", torque, nv)?,
-            match noise {
-                Some(noise) => Input::spread("noise", noise, nv)?,
-                None => Input::filled(py, "noise", 0.0, nv)?,
-            },
+            Input::new("q", q, self.coordinates())?,
+            Input::new("qd", qd, self.rates())?,
+            torque,
+            noise,
+            unknown,
+            hidden,
             match prior_acceleration {
-                Some(prior) => Input::new("prior_acceleration", prior, nv)?,
+                Some(prior) => Input::new("prior_acceleration", prior, self.rates())?,
                 None => Input::filled(py, "prior_acceleration", 0.0, nv)?,
             },
         ];
         let wrenches = Wrench::read(&self.scene, wrenches)?;
         let bodies = (cost::MEANS + usize::from(covariance) * cost::COVARIANCES) * self.size();
         let cost = if dense { cost::DENSE * nv * nv * nv } else { bodies };
-        let call = Call::new(self, inputs, wrenches, cost)?;
+        let call = Call::new(self, inputs, wrenches, cost)?.with(errors);
         let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
-        let mut results = call.scratch_results(width)?;
-        call.numbers(py, &mut results, |scene, scratch, [q, qd, torque, noise, prior], out| {
+        let mut results = call.scratch_results(py, width)?;
+        let numbers = results.numbers()?;
+        call.numbers(py, numbers, |scene, scratch, [q, qd, torque, noise, unknown, hidden, prior], out| {
             let Scratch { workspace, estimation, forces, .. } = scratch;
             let kept = estimation.get_or_insert_with(|| Estimation::new(scene));
             for (row, own) in kept.noise.iter_mut().enumerate() {
                 let is_measured = measured.as_ref().is_none_or(|measured| measured[row]);
-                *own = if is_measured { noise[row] } else { f64::INFINITY };
+                // Infinite where masked, else zero.
+                *own = if is_measured { noise[row] + unknown[row] + hidden[row] } else { f64::INFINITY };
             }
             let prior_acceleration = has_prior.then_some(prior);
             let measurements = Measurements { torque, noise: &kept.noise, prior_acceleration, acceleration_variance };
@@ -126,7 +137,8 @@ impl PyScene {
             }
             Ok(())
         })?;
-        result(py, &results, &call.batch, nv, covariance)
+        let gathered = result(py, results.numbers()?, &call.batch, nv, covariance);
+        asked_by(py, &call.asking(), gathered)
     }
 }
 
@@ -149,7 +161,7 @@ impl PyScene {
     /// The argument `measured` as one flag a degree of freedom.
     fn measured(&self, measured: &Bound<'_, PyAny>) -> PyResult<Vec<bool>> {
         let nv = self.scene.nv();
-        if let Some(mask) = arrays::mask("measured", measured, nv)? {
+        if let Some(mask) = arrays::mask("measured", measured, self.rates())? {
             return Ok(mask);
         }
         let Some(joints) = (!measured.is_instance_of::<PyString>()).then(|| names(measured)).flatten() else {
@@ -158,7 +170,7 @@ impl PyScene {
         };
         let mut mask = vec![false; nv];
         for joint in joints {
-            mask[self.scene.joint(&joint)?.v.clone()].fill(true);
+            mask[self.scene.joint(&joint).map_err(|error| error.of_argument("measured"))?.v.clone()].fill(true);
         }
         Ok(mask)
     }
@@ -239,8 +251,9 @@ fn result<'py>(
     static ESTIMATE: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
     let fields = PyDict::new(py);
-    let likelihoods: Vec<f64> = results.iter().step_by(width).copied().collect();
-    fields.set_item("log_likelihood", from_numbers(py, &likelihoods, batch)?)?;
+    let mut likelihoods = Output::new(py, batch)?;
+    likelihoods.gather(py, 1, results.chunks_exact(width).map(|state| &state[..1]))?;
+    fields.set_item("log_likelihood", likelihoods.finish_or_scalar()?)?;
     let names: [(&str, &[usize]); 8] = [
         ("acceleration", &[]),
         ("torque", &[]),
@@ -256,11 +269,7 @@ fn result<'py>(
         let shape = [batch, &[nv], block].concat();
         let own = nv * block.iter().product::<usize>();
         let mut output = Output::new(py, &shape)?;
-        if own > 0 {
-            for (to, from) in output.numbers()?.chunks_exact_mut(own).zip(results.chunks_exact(width)) {
-                to.copy_from_slice(&from[at..at + own]);
-            }
-        }
+        output.gather(py, own, results.chunks_exact(width).map(|state| &state[at..at + own]))?;
         fields.set_item(*name, output.finish())?;
         at += own;
     }

@@ -1,9 +1,11 @@
 //! One call: its arguments over the states of the batch, its result, and the GIL.
 
 use super::arrays::{Input, Output};
+use super::bad_states::Errors;
 use super::cost::Cost;
-use super::errors::fault;
+use super::errors::{asked_by, fault};
 use super::estimation::Estimation;
+use super::interrupts::detached;
 use super::scene::PyScene;
 use super::wrenches::{self, Wrench};
 use crate::batch::chunk::{Algorithm, Arguments};
@@ -11,12 +13,12 @@ use crate::batch::evaluator::{Evaluated, Evaluator};
 use crate::batch::{Batch, Broadcast, Fault, broadcast_axes};
 use crate::dynamics::operational::OperationalScratch;
 use crate::error::Error;
+use crate::memory;
 use crate::scalar::MOST_LANES;
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 use numpy::{Element, PyArrayDyn};
-use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 
 /// The GIL is kept for calls shorter than this (ns of one thread), as `NumPy` does: giving it up takes a tenth of a
@@ -25,7 +27,7 @@ pub(super) const WORTH_RELEASING: usize = 5_000;
 
 /// What a thread needs to evaluate states, kept between calls.
 pub(super) struct Scratch {
-    /// Per-body arrays.
+    /// Per-body arrays of the recursions; the kernels are the evaluators'.
     pub workspace: Workspace<f64>,
     /// For estimation only.
     pub estimation: Option<Estimation>,
@@ -43,7 +45,7 @@ pub(super) struct Scratch {
 impl Scratch {
     pub(super) fn new(scene: &Scene) -> Self {
         Self {
-            workspace: scene.workspace(),
+            workspace: Workspace::new(scene.model()),
             estimation: None,
             operational: None,
             evaluator: None,
@@ -81,6 +83,7 @@ pub(super) struct Call<'a, 'py, const N: usize, P: Element = f64> {
     pub batch: Vec<usize>,
     states: usize,
     cost: Cost,
+    errors: Errors,
 }
 
 /// The arguments of neighbouring states of a batch, q, then qd, then u; forces stay as they are.
@@ -89,6 +92,31 @@ fn take<'a, P>(states: &mut [Arguments<'a, P>], arguments: &[Broadcast<'a, P>], 
     for (i, state) in states.iter_mut().enumerate() {
         (state.q, state.qd, state.u) = (of(0, first + i), of(1, first + i), of(2, first + i));
     }
+}
+
+/// Evaluates neighbouring states of a batch, the first of which is its `first`; with bad ones among them the others all the same, if faults
+/// are gathered.
+fn evaluate<P: Dtype>(
+    scene: &Scene,
+    (evaluator, algorithm): (&mut Evaluator<P>, Algorithm),
+    states: &[Arguments<'_, P>],
+    first: usize,
+    out: &mut [P],
+    errors: &Errors,
+) -> Result<(), Fault> {
+    let width = scene.width(algorithm);
+    let mut done = 0;
+    // Those before a bad one are done, in the lanes that they would have without it.
+    while let Err(fault) = scene.evaluate(evaluator, algorithm, &states[done..], &mut out[done * width..]) {
+        let bad = done + fault.state;
+        errors.note(Fault { state: first + bad, ..fault })?;
+        out[bad * width..(bad + 1) * width].fill(P::nearest(f64::NAN));
+        done = bad + 1;
+        if done == states.len() {
+            break;
+        }
+    }
+    Ok(())
 }
 
 impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
@@ -106,7 +134,12 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         let Some(states) = states else {
             return Err(Error::argument("batch", "more states than memory has addresses", "fewer").into());
         };
-        Ok(Self { scene, inputs, wrenches, batch, states, cost: cost.into() })
+        Ok(Self { scene, inputs, wrenches, batch, states, cost: cost.into(), errors: Errors::Raise })
+    }
+
+    /// The same call with another choice of what becomes of bad states.
+    pub fn with(self, errors: Errors) -> Self {
+        Self { errors, ..self }
     }
 
     /// Runs `algorithm` on every state, in lanes, into an array of shape batch + `shape`; the inputs are q, then qd, then u.
@@ -117,11 +150,11 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         shape: &[usize],
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
-        let mut output = self.output(shape, out, |full| Output::unwritten(py, full))?;
+        let mut output = self.output(py, shape, out, |full| Output::unwritten(py, full))?;
         let results = output.numbers()?;
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
-        let width = scene.width(algorithm);
+        let (width, errors) = (scene.width(algorithm), &self.errors);
         let bodies = scene.model().bodies.len();
         self.run(py, self.cost.of_many::<P>(self.states, algorithm), |batch| {
             batch.run_pieces(MOST_LANES, results, |scratch, states, results| {
@@ -134,20 +167,25 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
                     let count = evaluator.lanes().min(last - first);
                     let from = (first - states.start) * width;
                     let out = &mut results[from..from + count * width];
-                    let outcome = if wrenches.is_empty() {
+                    if wrenches.is_empty() {
                         take(&mut chunk[..count], &arguments, first);
-                        scene.evaluate(evaluator, algorithm, &chunk[..count], out)
+                        evaluate(scene, (&mut *evaluator, algorithm), &chunk[..count], first, out, errors)?;
                     } else {
                         let mut chunk = chunk;
                         take(&mut chunk[..count], &arguments, first);
+                        let mut is_bad = [false; MOST_LANES];
                         for (lane, (state, forces)) in chunk.iter_mut().zip(forces.iter_mut()).enumerate().take(count) {
-                            wrenches::on_bodies(&wrenches, bodies, first + lane, forces)
-                                .map_err(|error| Fault { state: first + lane, error })?;
+                            if let Err(error) = wrenches::on_bodies(&wrenches, bodies, first + lane, forces) {
+                                errors.note(Fault { state: first + lane, error })?;
+                                is_bad[lane] = true;
+                            }
                             state.wrenches = forces;
                         }
-                        scene.evaluate(evaluator, algorithm, &chunk[..count], out)
-                    };
-                    outcome.map_err(|fault| Fault { state: first + fault.state, ..fault })?;
+                        evaluate(scene, (&mut *evaluator, algorithm), &chunk[..count], first, out, errors)?;
+                        for lane in (0..count).filter(|&lane| is_bad[lane]) {
+                            out[lane * width..(lane + 1) * width].fill(P::nearest(f64::NAN));
+                        }
+                    }
                     first += count;
                 }
                 Ok(())
@@ -159,6 +197,7 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
     /// The array of shape batch + `shape` that receives the results: a new one from `make`, or the caller's `out`.
     fn output(
         &self,
+        py: Python<'py>,
         shape: &[usize],
         out: Option<&Bound<'py, PyAny>>,
         make: impl FnOnce(&[usize]) -> PyResult<Output<'py, P>>,
@@ -167,12 +206,23 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         full.extend_from_slice(&self.batch);
         full.extend_from_slice(shape);
         match out {
-            None => make(&full),
+            None => match make(&full) {
+                Ok(made) => Ok(made),
+                Err(failed) => asked_by(py, &self.asking(), Err(failed)),
+            },
             Some(out) => {
                 let wrenches = self.wrenches.iter().map(|wrench| wrench.input.addresses());
                 Output::given(out, &full, self.inputs.iter().map(Input::addresses).chain(wrenches))
             }
         }
+    }
+
+    /// The names of the arguments that make the batch as large as it is.
+    pub fn asking(&self) -> String {
+        let given = self.inputs.iter().map(|input| (&*input.name, input.leading()));
+        let all = given.chain(self.wrenches.iter().map(|Wrench { input, .. }| (&*input.name, input.leading())));
+        let names: Vec<&str> = all.filter(|(_, leading)| !leading.is_empty()).map(|(name, _)| name).collect();
+        if names.is_empty() { "scene".to_owned() } else { names.join(", ") }
     }
 
     /// The arguments for the threads, which see no Python.
@@ -194,25 +244,25 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         let batch =
             Batch { states: self.states, cost, pool: &self.scene.pool, make: &make as &(dyn Fn() -> Scratch + Sync) };
         let short = self.states.saturating_mul(cost) < WORTH_RELEASING;
-        let outcome = if short { work(batch) } else { py.detach(|| work(batch)) };
-        outcome.map_err(|error| fault(py, error, &self.batch))
+        let outcome = if short {
+            work(batch)
+        } else {
+            self.scene.check_scratch(self.states)?;
+            detached(py, || work(batch))?
+        };
+        outcome.map_err(|error| fault(py, error, &self.batch))?;
+        self.errors.warn(py, &self.batch)
     }
 }
 
 impl<'py, const N: usize> Call<'_, 'py, N> {
-    /// Room for `width` numbers a state, where the result is not one array.
-    pub fn scratch_results(&self, width: usize) -> PyResult<Vec<f64>> {
-        let mut results = Vec::new();
-        let entries = self.states.checked_mul(width);
-        match entries.filter(|&entries| results.try_reserve_exact(entries).is_ok()) {
-            None => {
-                Err(PyMemoryError::new_err(format!("no room for {width} numbers for each of {} states", self.states)))
-            }
-            Some(entries) => {
-                results.resize(entries, 0.0);
-                Ok(results)
-            }
-        }
+    /// Room for `width` numbers a state, where the result is not one array; for the arrays that they are copied to there is room too.
+    pub fn scratch_results(&self, py: Python<'py>, width: usize) -> PyResult<Output<'py>> {
+        memory::room(&self.asking(), memory::bytes_of::<f64>(&[self.states, width, 2]))?;
+        let Some(entries) = self.states.checked_mul(width) else {
+            return Err(Error::argument(self.asking(), "more numbers than memory has addresses", "fewer states").into());
+        };
+        asked_by(py, &self.asking(), Output::new(py, &[entries]))
     }
 
     /// Evaluates every state into an array of shape batch + `shape`: a new one, or the caller's `out`.
@@ -226,7 +276,7 @@ impl<'py, const N: usize> Call<'_, 'py, N> {
     where
         K: Fn(&Scene, &mut Scratch, [&[f64]; N], &mut [f64]) -> Result<(), Error> + Sync,
     {
-        let mut output = self.output(shape, out, |full| Output::new(py, full))?;
+        let mut output = self.output(py, shape, out, |full| Output::new(py, full))?;
         self.numbers(py, output.numbers()?, kernel)?;
         Ok(output.finish())
     }
@@ -238,11 +288,16 @@ impl<'py, const N: usize> Call<'_, 'py, N> {
     {
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
-        let bodies = scene.model().bodies.len();
+        let (bodies, errors) = (scene.model().bodies.len(), &self.errors);
         self.run(py, self.cost.of_one(), |batch| {
             batch.run(results, |scratch, i, out| {
-                wrenches::on_bodies(&wrenches, bodies, i, &mut scratch.forces)?;
-                kernel(scene, scratch, std::array::from_fn(|k| arguments[k].state(i)), out)
+                let outcome = wrenches::on_bodies(&wrenches, bodies, i, &mut scratch.forces)
+                    .and_then(|()| kernel(scene, scratch, std::array::from_fn(|k| arguments[k].state(i)), out));
+                if let Err(error) = outcome {
+                    errors.note(Fault { state: i, error }).map_err(|fault| fault.error)?;
+                    out.fill(f64::NAN);
+                }
+                Ok(())
             })
         })
     }

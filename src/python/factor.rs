@@ -2,33 +2,47 @@
 
 use super::arrays::{self, Input, Output};
 use super::dynamics::read_form;
-use super::errors::fault;
+use super::errors::{asked_by, fault};
 use super::evaluate::Scratch;
+use super::interrupts::{detached, detached_checked, drop_elsewhere};
 use super::scene::PyScene;
-use crate::batch::{Batch, Broadcast, Fault, Pool, broadcast_axes};
+use crate::batch::{Batch, Broadcast, Fault, Pool, broadcast_axes, shape_text};
 use crate::error::{Error, check_finite};
-use crate::filter::Form;
+use crate::filter::{FORMS, Form};
+use crate::memory;
 use crate::operators::dense::Composite;
 use crate::operators::{Factor, KINDS, Kind, Operator};
 use crate::scene::{Model, Scene};
+use crate::watch;
 use crate::workspace::Workspace;
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyTuple;
-use std::sync::{PoisonError, RwLock, RwLockReadGuard};
+use std::sync::{Arc, PoisonError, RwLock};
+
+/// What a factor is made of anew: scene, configurations, name of the form.
+type Remade<'py> = (Py<PyScene>, Bound<'py, PyAny>, &'static str);
 
 /// The compiled half of `phipsi.operators.Factor`: applies operators by name.
 #[pyclass(frozen, name = "RawFactor", module = "phipsi._core")]
 pub(crate) struct PyFactor {
     scene: Py<PyScene>,
     batch: Vec<usize>,
+    form: Form,
     pool: Pool<()>,
-    /// Never waited for by a thread that another waits for with the GIL in hand: who holds it takes no GIL.
-    state: RwLock<State>,
+    /// Held to take or put the reference, or for an update that takes no time: whoever holds it waits for nothing, the GIL least of all.
+    state: RwLock<Arc<State>>,
 }
 
+/// An update that takes longer, by its estimate in ns, is made on a copy, so that it can be interrupted and nobody waits for it.
+const IN_PLACE: usize = 1_000_000;
+
+/// Rough time of one body in one state, ns.
+const COST: usize = 500;
+
 /// What an update changes.
+#[derive(Clone)]
 struct State {
     factors: Vec<Factor<f64>>,
     configurations: Vec<f64>,
@@ -39,9 +53,54 @@ impl PyFactor {
         self.scene.get().scene.model()
     }
 
-    /// The factors and configurations; a panic cannot have left them half written that this hides, for updates are undone or whole.
-    fn read(&self) -> RwLockReadGuard<'_, State> {
-        self.state.read().unwrap_or_else(PoisonError::into_inner)
+    /// Factors every configuration of q.
+    fn new(scene: &Bound<'_, PyScene>, q: &Bound<'_, PyAny>, form: Form) -> PyResult<Self> {
+        let (py, own) = (scene.py(), scene.get());
+        let input = Input::new("q", q, own.coordinates())?;
+        let batch = input.leading().to_vec();
+        let factors = own.factors(py, &input, form)?.map_err(|error| fault(py, error, &batch))?;
+        let state = State { factors, configurations: memory::copied("q", input.data()?)? };
+        let state = RwLock::new(Arc::new(state));
+        Ok(Self { scene: scene.clone().unbind(), batch, form, pool: Pool::default(), state })
+    }
+
+    /// The factors and configurations as they are now; a panic cannot have left them half written that this hides, for updates are undone or
+    /// whole.
+    fn read(&self) -> Arc<State> {
+        Arc::clone(&self.state.read().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Moves every factor to its configuration in `q`, or none of them; how many bodies were computed anew.
+    fn update_all(&self, scratch: &mut Scratch, q: &[f64]) -> Result<usize, Fault> {
+        let scene = &self.scene.get().scene;
+        let states: usize = self.batch.iter().product();
+        if states.saturating_mul(COST).saturating_mul(scene.model().bodies.len()) < IN_PLACE {
+            let mut held = self.state.write().unwrap_or_else(PoisonError::into_inner);
+            if let Some(state) = Arc::get_mut(&mut held) {
+                return state.update(scene, &mut scratch.workspace, q);
+            }
+        }
+        let before = self.read();
+        let whole = |error| Fault { state: 0, error };
+        memory::room("q", Factor::bytes(scene.model(), states)).map_err(whole)?;
+        let mut factors = memory::with_capacity("q", states).map_err(whole)?;
+        let configurations = memory::copied("q", &before.configurations).map_err(whole)?;
+        let copied = before.factors.iter().enumerate().try_for_each(|(i, factor)| {
+            watch::check_at(i, 64)?;
+            factors.push(factor.clone());
+            Ok(())
+        });
+        let mut state = State { factors, configurations };
+        match copied.map_err(whole).and_then(|()| state.update(scene, &mut scratch.workspace, q)) {
+            Ok(bodies) => {
+                *self.state.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(state);
+                Ok(bodies)
+            }
+            Err(fault) => {
+                drop_elsewhere(state);
+                Err(fault)
+            }
+        }
     }
 }
 
@@ -51,8 +110,11 @@ impl State {
         let nq = scene.nq();
         let mut bodies = 0;
         for i in 0..self.factors.len() {
-            match scene.update_factor(workspace, &mut self.factors[i], &q[i * nq..(i + 1) * nq]) {
+            let go_on = watch::check_at(i + 1, 64);
+            match go_on.and_then(|()| scene.update_factor(workspace, &mut self.factors[i], &q[i * nq..(i + 1) * nq])) {
                 Ok(count) => bodies += count,
+                // Who is interrupted has a copy in hand.
+                Err(error @ Error::Interrupted) => return Err(Fault { state: 0, error }),
                 Err(error) => {
                     // Those before it go back; where they were they had no fault.
                     for (factor, q) in self.factors.iter_mut().zip(self.configurations.chunks(nq.max(1))).take(i) {
@@ -73,12 +135,32 @@ impl PyScene {
         let scene = &self.scene;
         let states: usize = input.leading().iter().product();
         let q = input.over(input.leading())?;
-        let one = |scratch: &mut Scratch, state: usize| {
-            scratch.workspace.form = form;
-            scene.factor(&mut scratch.workspace, q.state(state)).map_err(|error| Fault { state, error })
-        };
-        let all = |scratch: &mut Scratch| (0..states).map(|state| one(scratch, state)).collect();
-        Ok(py.detach(|| self.pool.with(|| Scratch::new(scene), all)))
+        // Twice the outer part of each, which is moved in the end, and q.
+        let outer = memory::bytes_of::<Factor<f64>>(&[states]) + memory::bytes_of::<f64>(&[states, scene.nq()]);
+        memory::room("q", Factor::bytes(scene.model(), states).saturating_add(outer))?;
+        self.check_scratch(states)?;
+        let mut made: Vec<Option<Factor<f64>>> = memory::with_capacity("q", states)?;
+        made.resize_with(states, || None);
+        detached(py, || {
+            let make = || Scratch::new(scene);
+            let cost = COST * self.size();
+            let outcome =
+                Batch { states, cost, pool: &self.pool, make }.run_pieces(1, &mut made, |scratch, states, made| {
+                    scratch.workspace.form = form;
+                    for (state, made) in states.zip(made) {
+                        let factor = scene.factor(&mut scratch.workspace, q.state(state));
+                        *made = Some(factor.map_err(|error| Fault { state, error })?);
+                    }
+                    Ok(())
+                });
+            if let Err(fault) = outcome {
+                drop_elsewhere(made);
+                return Err(fault);
+            }
+            let mut factors = memory::with_capacity("q", states).map_err(|error| Fault { state: 0, error })?;
+            factors.extend(made.into_iter().flatten());
+            Ok(factors)
+        })
     }
 }
 
@@ -93,22 +175,33 @@ impl PyScene {
     #[pyo3(signature = (q, *, form="auto"))]
     fn factor<'py>(slf: &Bound<'py, Self>, q: &Bound<'py, PyAny>, form: &str) -> PyResult<Bound<'py, PyAny>> {
         static FACTOR: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-        let (py, scene) = (slf.py(), slf.get());
-        let input = Input::new("q", q, scene.scene.nq())?;
-        let batch = input.leading().to_vec();
-        let factors = scene.factors(py, &input, read_form(form)?)?.map_err(|error| fault(py, error, &batch))?;
-        let raw = PyFactor {
-            scene: slf.clone().unbind(),
-            batch,
-            pool: Pool::default(),
-            state: RwLock::new(State { factors, configurations: input.data()?.to_vec() }),
-        };
-        FACTOR.import(py, "phipsi.operators", "Factor")?.call1((raw,))
+        FACTOR.import(slf.py(), "phipsi.operators", "Factor")?.call1((PyFactor::new(slf, q, read_form(form)?)?,))
     }
 }
 
 #[pymethods]
 impl PyFactor {
+    /// Scene, configurations and form: a factor is made of them to the same bits, updated or not.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Remade<'py>)> {
+        let rebuild = py.import("phipsi._core")?.getattr("_rebuild_factor")?;
+        let shape = [&self.batch[..], &[self.model().nq]].concat();
+        let q = arrays::from_numbers(py, &self.read().configurations, &shape)?;
+        Ok((rebuild, (self.scene.clone_ref(py), q, name_of(self.form))))
+    }
+
+    /// A factor that is updated by itself.
+    fn __copy__(&self, py: Python<'_>) -> Self {
+        // Shared until either is updated.
+        let (scene, batch, state) = (self.scene.clone_ref(py), self.batch.clone(), self.read());
+        Self { scene, batch, form: self.form, pool: Pool::default(), state: RwLock::new(state) }
+    }
+
+    #[pyo3(signature = (memo, /))]
+    fn __deepcopy__(&self, py: Python<'_>, memo: &Bound<'_, PyAny>) -> Self {
+        let _ = memo;
+        self.__copy__(py)
+    }
+
     /// Number of degrees of freedom.
     #[getter]
     fn nv(&self) -> usize {
@@ -123,16 +216,23 @@ impl PyFactor {
 
     /// log det M of every configuration, shape of the batch.
     fn log_det<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let values: Vec<f64> = self.read().factors.iter().map(Factor::log_det).collect();
-        arrays::from_numbers(py, &values, &self.batch)
+        let mut output = asked_by(py, "q", Output::new(py, &self.batch))?;
+        for (value, factor) in output.numbers()?.iter_mut().zip(&self.read().factors) {
+            *value = factor.log_det();
+        }
+        output.finish_or_scalar()
     }
 
     /// D of every configuration, (..., nv).
     fn pivots<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let values: Vec<f64> = self.read().factors.iter().flat_map(Factor::pivots).collect();
         let mut shape = self.batch.clone();
         shape.push(self.model().nv());
-        arrays::from_numbers(py, &values, &shape)
+        let mut output = asked_by(py, "q", Output::new(py, &shape))?;
+        let state = self.read();
+        for (value, pivot) in output.numbers()?.iter_mut().zip(state.factors.iter().flat_map(Factor::pivots)) {
+            *value = pivot;
+        }
+        output.finish_or_scalar()
     }
 
     /// (rows, columns) of the operator of that name.
@@ -153,27 +253,26 @@ impl PyFactor {
         let kind = find(kind)?;
         let (rows, columns) = kind.shape(self.model().nv());
         let (from, to) = if transpose { (rows, columns) } else { (columns, rows) };
-        let x = Input::new("x", x, from)?;
+        let rates = self.scene.get().rates();
+        let x = Input::new("x", x, if from == rates.width() { rates } else { from.into() })?;
         let batch = broadcast_axes([("the factor", &self.batch[..]), ("x", x.leading())])?;
-        // Which factor belongs to a state: broadcast over their indices.
-        #[allow(clippy::cast_precision_loss)] // an index far below 2^53
-        let indices: Vec<f64> = (0..self.batch.iter().product()).map(|i: usize| i as f64).collect();
-        let which = Broadcast::new("the factor", &indices, 1, &self.batch, &batch)?;
+        let state = self.read();
+        let factors = Broadcast::new("the factor", &state.factors, 1, &self.batch, &batch)?;
         let vectors = x.over(&batch)?;
         let mut shape = batch.clone();
         shape.push(to);
-        let mut output = Output::new(py, &shape)?;
+        let mut output = asked_by(py, "x", Output::new(py, &shape))?;
         let results = output.numbers()?;
         let states = batch.iter().product();
+        if kind.needs_co_states() {
+            memory::room("q", Factor::bytes_of_co_states(self.model(), state.factors.len()))?;
+        }
         let run = || {
-            let state = self.read();
-            let factors = &state.factors;
-            let batch = Batch { states, cost: 500 * self.model().nv().max(1), pool: &self.pool, make: || () };
+            let batch = Batch { states, cost: COST * self.model().nv().max(1), pool: &self.pool, make: || () };
             batch.run(results, |(), i, y| {
                 let x = vectors.state(i);
                 check_finite("x", x)?;
-                #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // it was an index above
-                let operator = factors[which.state(i)[0] as usize].operator(kind);
+                let operator = factors.state(i)[0].operator(kind);
                 if transpose {
                     operator.apply_transpose(x, y);
                 } else {
@@ -182,7 +281,7 @@ impl PyFactor {
                 Ok(())
             })
         };
-        py.detach(run).map_err(|error| fault(py, error, &batch))?;
+        detached(py, run)?.map_err(|error| fault(py, error, &batch))?;
         Ok(output.finish())
     }
 
@@ -192,11 +291,12 @@ impl PyFactor {
         let PyScene { scene, pool, .. } = self.scene.get();
         let mut shape = self.batch.clone();
         shape.push(scene.nq());
-        let q = arrays::fixed("q", q, &shape)?;
-        let update = |scratch: &mut Scratch| {
-            self.state.write().unwrap_or_else(PoisonError::into_inner).update(scene, &mut scratch.workspace, &q)
-        };
-        py.detach(|| pool.with(|| Scratch::new(scene), update)).map_err(|error| fault(py, error, &self.batch))
+        let (found, q) = arrays::shaped("q", q, self.scene.get().coordinates())?;
+        if found != shape {
+            return Err(arrays::wrong_shape("q", &found, shape_text(&shape)));
+        }
+        let update = |scratch: &mut Scratch| self.update_all(scratch, &q);
+        detached(py, || pool.with(|| Scratch::new(scene), update))?.map_err(|error| fault(py, error, &self.batch))
     }
 
     /// The operator of that name as a matrix, (..., rows, columns), built from its definition and not by a sweep.
@@ -205,17 +305,35 @@ impl PyFactor {
         let kind = find(kind)?;
         let (rows, columns) = kind.shape(self.model().nv());
         let nq = self.model().nq;
-        let mut values = Vec::with_capacity(rows * columns);
-        let configurations = self.read().configurations.clone();
-        for state in 0..self.batch.iter().product() {
-            let q = &configurations[state * nq..(state + 1) * nq];
-            let matrix = py.detach(|| Composite::new(self.model(), q).map(|composite| composite.matrix(kind)))?;
-            values.extend((0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))).map(|at| matrix[at]));
-        }
         let mut shape = self.batch.clone();
         shape.extend([rows, columns]);
-        arrays::from_numbers(py, &values, &shape)
+        let mut output = asked_by(py, "q", Output::new(py, &shape))?;
+        let numbers = output.numbers()?;
+        let state = self.read();
+        detached_checked(py, || {
+            for (i, numbers) in numbers.chunks_exact_mut((rows * columns).max(1)).enumerate() {
+                watch::check()?;
+                let q = &state.configurations[i * nq..(i + 1) * nq];
+                let matrix = Composite::new(self.model(), q)?.matrix(kind)?;
+                for (at, number) in numbers.iter_mut().enumerate() {
+                    *number = matrix[(at / columns, at % columns)];
+                }
+            }
+            Ok::<_, Error>(())
+        })?;
+        output.finish_or_scalar()
     }
+}
+
+/// The factor of what `RawFactor.__reduce__` gave.
+#[pyfunction]
+#[pyo3(name = "_rebuild_factor", signature = (scene, q, form, /))]
+pub(super) fn rebuild_factor(scene: &Bound<'_, PyScene>, q: &Bound<'_, PyAny>, form: &str) -> PyResult<PyFactor> {
+    PyFactor::new(scene, q, read_form(form)?)
+}
+
+fn name_of(form: Form) -> &'static str {
+    FORMS.iter().find(|(_, known)| *known == form).map_or("auto", |(name, _)| name)
 }
 
 fn find(name: &str) -> Result<Kind, Error> {

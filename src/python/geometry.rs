@@ -1,6 +1,8 @@
 //! Methods of `Scene`: where links are, how they move, energy and momentum.
 
-use super::arrays::{Input, Output, from_numbers};
+use super::arrays::{Input, Output};
+use super::bad_states::Errors;
+use super::errors::asked_by;
 use super::evaluate::Call;
 use super::scene::PyScene;
 use numpy::PyArrayDyn;
@@ -23,14 +25,15 @@ impl PyScene {
     ///
     /// q: (..., nq). Each value: (..., 4, 4), [[R, p], [0, 1]] with p in m; an array of its own, in the order of `link_names`.
     ///
-    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
-    #[pyo3(signature = (q))]
-    fn placements<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
+    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
+    #[pyo3(signature = (q, *, errors="raise"))]
+    fn placements<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, errors: &str) -> PyResult<Bound<'py, PyDict>> {
         let links = self.scene.links();
-        let inputs = [Input::new("q", q, self.scene.nq())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::PLACEMENT * (self.size() + links.len()))?;
-        let mut all = call.scratch_results(16 * links.len())?;
-        call.numbers(py, &mut all, |scene, _, [q], out| {
+        let inputs = [Input::new("q", q, self.coordinates())?];
+        let call = Call::new(self, inputs, Vec::new(), cost::PLACEMENT * (self.size() + links.len()))?
+            .with(Errors::read(errors)?);
+        let mut all = call.scratch_results(py, 16 * links.len())?;
+        call.numbers(py, all.numbers()?, |scene, _, [q], out| {
             for (shift, out) in scene.placements(q)?.iter().zip(out.chunks_exact_mut(16)) {
                 for (i, row) in out.chunks_exact_mut(4).take(3).enumerate() {
                     for (j, entry) in row.iter_mut().take(3).enumerate() {
@@ -46,11 +49,8 @@ impl PyScene {
         shape.extend([4, 4]);
         let placements = PyDict::new(py);
         for (at, link) in links.iter().enumerate() {
-            let mut output = Output::new(py, &shape)?;
-            let of_link = all.chunks_exact(16).skip(at).step_by(links.len());
-            for (matrix, numbers) in output.numbers()?.chunks_exact_mut(16).zip(of_link) {
-                matrix.copy_from_slice(numbers);
-            }
+            let mut output = asked_by(py, &call.asking(), Output::new(py, &shape))?;
+            output.gather(py, 16, all.numbers()?.chunks_exact(16).skip(at).step_by(links.len()))?;
             placements.set_item(&link.name, output.finish())?;
         }
         Ok(placements)
@@ -60,14 +60,14 @@ impl PyScene {
     ///
     /// q: (..., nq). Returns (..., 6, nv), SI units; a wrench w on the link there gives the joint torques J^T w.
     ///
-    /// Raises `ArgumentError` for an unknown link; `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
-    #[pyo3(signature = (q, link))]
-    fn jacobian<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, link: &str) -> Array<'py> {
+    /// errors: as in `forward_dynamics`. Raises `ArgumentError` for an unknown link; `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
+    #[pyo3(signature = (q, link, *, errors="raise"))]
+    fn jacobian<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, link: &str, errors: &str) -> Array<'py> {
         // Also where the batch is empty.
         self.scene.link(link)?;
         let nv = self.scene.nv();
-        let inputs = [Input::new("q", q, self.scene.nq())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::PLACEMENT * self.size())?;
+        let inputs = [Input::new("q", q, self.coordinates())?];
+        let call = Call::new(self, inputs, Vec::new(), cost::PLACEMENT * self.size())?.with(Errors::read(errors)?);
         call.array(py, &[6, nv], None, |scene, _, [q], out| scene.jacobian(q, link, out))
     }
 
@@ -76,26 +76,28 @@ impl PyScene {
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. Each (...), J; the potential is zero with the mass centre at the
     /// base's origin.
     ///
-    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
-    #[pyo3(signature = (q, qd))]
+    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    #[pyo3(signature = (q, qd, *, errors="raise"))]
     fn energy<'py>(
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
         qd: &Bound<'py, PyAny>,
+        errors: &str,
     ) -> PyResult<Bound<'py, PyAny>> {
         static ENERGY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-        let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, self.scene.nv())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::ENERGY * self.size())?;
-        let mut both = call.scratch_results(2)?;
-        call.numbers(py, &mut both, |scene, scratch, [q, qd], out| {
+        let inputs = [Input::new("q", q, self.coordinates())?, Input::new("qd", qd, self.rates())?];
+        let call = Call::new(self, inputs, Vec::new(), cost::ENERGY * self.size())?.with(Errors::read(errors)?);
+        let mut both = call.scratch_results(py, 2)?;
+        call.numbers(py, both.numbers()?, |scene, scratch, [q, qd], out| {
             let energy = scene.energy(&mut scratch.workspace, q, qd)?;
             out.copy_from_slice(&[energy.kinetic, energy.potential]);
             Ok(())
         })?;
-        let part = |which: usize| {
-            let numbers: Vec<f64> = both.iter().skip(which).step_by(2).copied().collect();
-            from_numbers(py, &numbers, &call.batch)
+        let mut part = |which: usize| {
+            let mut output = asked_by(py, &call.asking(), Output::new(py, &call.batch))?;
+            output.gather(py, 1, both.numbers()?.chunks_exact(2).map(|state| &state[which..=which]))?;
+            output.finish_or_scalar()
         };
         ENERGY.import(py, "phipsi._results", "Energy")?.call1((part(0)?, part(1)?))
     }
@@ -104,11 +106,17 @@ impl PyScene {
     ///
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 6), N m s and N s. Armature adds nothing here.
     ///
-    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
-    #[pyo3(signature = (q, qd))]
-    fn momentum<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, qd: &Bound<'py, PyAny>) -> Array<'py> {
-        let inputs = [Input::new("q", q, self.scene.nq())?, Input::new("qd", qd, self.scene.nv())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::MOMENTUM * self.size())?;
+    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    #[pyo3(signature = (q, qd, *, errors="raise"))]
+    fn momentum<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        qd: &Bound<'py, PyAny>,
+        errors: &str,
+    ) -> Array<'py> {
+        let inputs = [Input::new("q", q, self.coordinates())?, Input::new("qd", qd, self.rates())?];
+        let call = Call::new(self, inputs, Vec::new(), cost::MOMENTUM * self.size())?.with(Errors::read(errors)?);
         call.array(py, &[6], None, |scene, scratch, [q, qd], out| {
             out.copy_from_slice(scene.momentum(&mut scratch.workspace, q, qd)?.as_slice());
             Ok(())

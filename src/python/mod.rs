@@ -7,10 +7,13 @@
 #![allow(clippy::doc_markdown)] // the comments of classes and methods are Python's docstrings
 
 mod arrays;
+mod bad_states;
 mod builder;
+mod changes;
 mod choice;
 mod configuration;
 mod cost;
+mod counts;
 mod description;
 mod dynamics;
 mod errors;
@@ -18,16 +21,22 @@ mod estimation;
 mod evaluate;
 mod factor;
 mod geometry;
+mod interrupts;
 mod kept;
+mod labels;
+mod masks;
 mod motion;
 mod operational;
+mod parts;
 mod plan;
+mod refusals;
 mod report;
 mod scene;
 mod scenes;
 mod single;
 mod stability;
 mod stochastic;
+mod tables;
 mod threads;
 mod wrenches;
 
@@ -40,15 +49,19 @@ mod core_module {
     #[pymodule_export]
     use super::builder::PySceneBuilder;
     #[pymodule_export]
-    use super::description::rebuild_scene;
+    use super::description::{rebuild_builder, rebuild_scene};
     #[pymodule_export]
-    use super::factor::PyFactor;
+    use super::factor::{PyFactor, rebuild_factor};
     #[pymodule_export]
     use super::kept::{get_kept_memory, set_kept_memory};
     #[pymodule_export]
-    use super::plan::{PyOmission, PyPlan};
+    use super::labels::numbers;
     #[pymodule_export]
-    use super::report::{PyReference, growth_of, measure_method, operator_growth_of, reference_of, residuals_at};
+    use super::plan::{PyOmission, PyPlan, rebuild_omission, rebuild_plan};
+    #[pymodule_export]
+    use super::report::{
+        PyReference, call_of_method, growth_of, measure_method, operator_growth_of, reference_of, residuals_at,
+    };
     #[pymodule_export]
     use super::scene::PyScene;
     #[pymodule_export]
@@ -56,7 +69,7 @@ mod core_module {
     #[pymodule_export]
     use super::stability::PyExact;
     #[pymodule_export]
-    use super::stochastic::{PyRandomModel, emergence_of};
+    use super::stochastic::{PyRandomModel, emergence_of, rebuild_random_model};
     #[pymodule_export]
     use super::threads::{get_num_threads, set_num_threads};
 

@@ -1,18 +1,23 @@
 //! Methods of `Scene`: states through time.
 
 use super::arrays::{self, Input, Output, from_numbers};
+use super::counts::{count, count_or};
+use super::errors::asked_by;
+use super::interrupts::detached;
+use super::labels::Axis;
 use super::scene::PyScene;
 use crate::batch::{Broadcast, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::filter::FORMS;
+use crate::memory;
 use crate::motion::properties::FRICTION_SPEED;
 use crate::motion::{Gains, Method, Properties, Records, Rollout, Settings, StepFault, Torque};
-use pyo3::exceptions::{PyException, PyKeyboardInterrupt, PyMemoryError};
+use pyo3::exceptions::{PyException, PyKeyboardInterrupt};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use std::time::{Duration, Instant};
 
-/// Between looks at signals and reports of progress.
+/// Between reports of progress.
 const BLOCK: Duration = Duration::from_millis(50);
 
 /// The class or function of that name in `phipsi._motion`.
@@ -65,7 +70,7 @@ impl PyScene {
     /// momentum_correction, the largest that was made, or None.
     ///
     /// Raises SimulationError where motion diverges, a pivot is lost or tau raises, with .trajectory (the rows of the steps finished),
-    /// .step, .joint and .state; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, with .trajectory; MemoryError where the rows have no
+    /// .step, .joint and .state; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, with .trajectory; OutOfMemoryError where the rows have no
     /// room; ShapeError, NotFiniteError, ArgumentError.
     #[pyo3(signature = (q, qd, *, dt, steps, tau=None, tau_steps=None, method="semi-implicit-euler", record_every=None, pd=None,
                         armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED, form="auto",
@@ -99,7 +104,7 @@ impl PyScene {
         let scene = &slf.get().scene;
         let (nq, nv) = (scene.nq(), scene.nv());
         let steps = count("steps", steps, 0)?;
-        let every = record_every.map_or(Ok(1), |every| count("record_every", every, 1))?;
+        let every = count_or("record_every", record_every, 1, 1)?;
         let mut settings = Settings::new(scene, dt);
         settings.method = Method::named(method)?;
         settings.conserve_momentum = conserve_momentum;
@@ -112,17 +117,17 @@ impl PyScene {
             ("friction", friction, &mut properties.friction),
         ] {
             if let Some(given) = given {
-                *place = arrays::spread(name, given, nv)?;
+                *place = arrays::spread(name, given, slf.get().rates())?;
             }
         }
         if let Some(rest) = rest {
-            properties.rest = arrays::fixed("rest", rest, &[nq])?;
+            properties.rest = arrays::state("rest", rest, slf.get().coordinates())?;
         }
         properties.friction_speed = friction_speed;
 
-        let [q, qd] = [Input::new("q", q, nq)?, Input::new("qd", qd, nv)?];
-        let given = Given::read(tau, tau_steps, steps, nv)?;
-        let pd = pd.map(|pd| Pd::read(pd, nq, nv)).transpose()?;
+        let [q, qd] = [Input::new("q", q, slf.get().coordinates())?, Input::new("qd", qd, slf.get().rates())?];
+        let given = Given::read(tau, tau_steps, steps, slf.get().rates())?;
+        let pd = pd.map(|pd| Pd::read(pd, slf.get())).transpose()?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
         axes.extend(given.leading());
         if let Some(pd) = &pd {
@@ -131,6 +136,7 @@ impl PyScene {
         let batch = broadcast_axes(axes)?;
         let room = Room { states: product(&batch), rows: steps / every + 1, numbers: nq + nv };
         let states = room.checked()?;
+        slf.get().check_scratch(states)?;
         if let Some(pd) = pd {
             settings.gains = Some(pd.over(&batch, states)?);
         }
@@ -141,10 +147,10 @@ impl PyScene {
             settings.properties.stiffness.clone(),
             settings.properties.rest.clone(),
         ];
-        let rollout = py.detach(|| {
+        let rollout = detached(py, || {
             let (q, qd): (&[f64], &[f64]) = (&all_q, &all_qd);
             Rollout::new(scene, settings, q, qd)
-        });
+        })?;
         let mut rollout = rollout.map_err(|error| super::errors::of_batch(py, &error, &batch))?;
         drop((all_q, all_qd));
         if conserve_momentum {
@@ -157,8 +163,13 @@ impl PyScene {
         let stopped = {
             let [out_q, out_qd] = &mut outputs;
             let mut records = Records { q: out_q.numbers()?, qd: out_qd.numbers()?, every };
-            run(py, &mut rollout, &mut records, &Plan { given: &given, batch: &batch, steps, dt, progress, nq, nv })
-                .err()
+            run(
+                py,
+                &mut rollout,
+                &mut records,
+                &Plan { given: &given, batch: &batch, steps, dt, progress, nq, nv, rates: slf.get().rates() },
+            )
+            .err()
         };
         let done = rollout.steps();
         let [out_q, out_qd] = outputs;
@@ -226,19 +237,6 @@ impl PyScene {
     }
 }
 
-/// A count that is not negative.
-fn count(name: &str, value: &Bound<'_, PyAny>, least: usize) -> PyResult<usize> {
-    let refuse = |found: String| Error::argument(name, found, format!("a whole number, at least {least}"));
-    let index = value.call_method0("__index__").map_err(|_| {
-        let found = value.repr().map_or_else(|_| "an object".to_owned(), |text| text.to_string());
-        PyErr::from(refuse(found))
-    })?;
-    match index.extract::<usize>() {
-        Ok(number) if number >= least => Ok(number),
-        _ => Err(refuse(index.to_string()).into()),
-    }
-}
-
 fn product(axes: &[usize]) -> Option<usize> {
     axes.iter().try_fold(1, |product: usize, &length| product.checked_mul(length))
 }
@@ -251,33 +249,38 @@ struct Room {
 }
 
 impl Room {
-    /// The number of states, if what they record has addresses.
-    fn checked(&self) -> PyResult<usize> {
-        let states = self.states.filter(|states| {
-            let numbers = states.checked_mul(self.rows).and_then(|n| n.checked_mul(self.numbers.max(1)));
-            numbers.and_then(|n| n.checked_mul(size_of::<f64>())).is_some_and(|n| isize::try_from(n).is_ok())
-        });
-        states.ok_or_else(|| self.none())
-    }
-
-    fn none(&self) -> PyErr {
-        let states = self.states.map_or_else(|| "so many".to_owned(), |states| states.to_string());
-        PyMemoryError::new_err(format!(
-            "steps: no room for {} rows of {} numbers for {states} states; expected fewer steps, or a larger record_every",
-            self.rows, self.numbers
-        ))
+    /// The number of states, if there is room for what they record, for where they are, and for where they began.
+    fn checked(&self) -> Result<usize, Error> {
+        let Some(states) = self.states else {
+            return Err(Error::argument("batch", "more states than memory has addresses", "fewer"));
+        };
+        let numbers = self.numbers.max(1);
+        let rows = memory::bytes_of::<f64>(&[states, self.rows, numbers]);
+        let at_once = memory::bytes_of::<f64>(&[states, numbers, 3]);
+        let asking = if self.rows > 3 { "steps" } else { "q, qd" };
+        memory::room(asking, rows.saturating_add(at_once)).map_err(|mut error| {
+            if let Error::Memory { shortage, .. } = &mut error {
+                shortage.what = format!("{} rows of {} numbers for {states} states", self.rows, self.numbers);
+            }
+            error
+        })?;
+        Ok(states)
     }
 
     fn output<'py>(&self, py: Python<'py>, batch: &[usize], width: usize) -> PyResult<Output<'py>> {
-        Output::new(py, &[batch, &[self.rows, width]].concat())
-            .map_err(|error| if error.is_instance_of::<PyMemoryError>(py) { self.none() } else { error })
+        asked_by(py, "steps", Output::new(py, &[batch, &[self.rows, width]].concat()))
     }
 }
 
 /// The numbers of every state of the batch, one after another.
 fn everyone(input: &Input<'_>, batch: &[usize], states: usize) -> PyResult<Vec<f64>> {
     let own = input.over(batch)?;
-    Ok((0..states).flat_map(|state| own.state(state)).copied().collect())
+    let width = if states == 0 { 0 } else { own.state(0).len() };
+    let mut all = memory::with_capacity(&input.name, states.saturating_mul(width))?;
+    for state in 0..states {
+        all.extend_from_slice(own.state(state));
+    }
+    Ok(all)
 }
 
 /// The torques of a call, as given.
@@ -293,22 +296,22 @@ impl<'py> Given<'py> {
         tau: Option<&Bound<'py, PyAny>>,
         tau_steps: Option<&Bound<'py, PyAny>>,
         steps: usize,
-        nv: usize,
+        rates: Axis<'_>,
     ) -> PyResult<Self> {
         match (tau, tau_steps) {
             (None, None) => Ok(Self::Nothing),
             (Some(_), Some(_)) => Err(Error::argument("tau_steps", "tau as well", "one of the two").into()),
             (Some(tau), None) if tau.is_callable() => Ok(Self::Function(tau.clone())),
             (Some(tau), None) => {
-                let tau = Input::new("tau", tau, nv)?;
+                let tau = Input::new("tau", tau, rates)?;
                 check_finite("tau", tau.data()?)?;
                 Ok(Self::Constant(tau))
             }
             (None, Some(tau)) => {
-                let tau = Input::new("tau_steps", tau, nv)?;
+                let tau = Input::new("tau_steps", tau, rates)?;
                 if tau.leading().last() != Some(&steps) {
-                    let found = crate::batch::shape_text(&[tau.leading(), &[nv]].concat());
-                    let expected = format!("(..., {steps}, {nv})");
+                    let found = crate::batch::shape_text(&[tau.leading(), &[rates.width()]].concat());
+                    let expected = format!("(..., {steps}, {})", rates.width());
                     return Err(Error::Shape { argument: "tau_steps".to_owned(), found, expected }.into());
                 }
                 check_finite("tau_steps", tau.data()?)?;
@@ -351,7 +354,7 @@ struct Pd<'py> {
 }
 
 impl<'py> Pd<'py> {
-    fn read(pd: &Bound<'py, PyAny>, nq: usize, nv: usize) -> PyResult<Self> {
+    fn read(pd: &Bound<'py, PyAny>, scene: &PyScene) -> PyResult<Self> {
         let expected = "PD(kp, kd, target) or PD(kp, kd, target, target_rate)";
         let refuse = |found: String| PyErr::from(Error::argument("pd", found, expected));
         let Ok(parts) = pd.cast::<PyTuple>() else {
@@ -361,22 +364,26 @@ impl<'py> Pd<'py> {
             return Err(refuse(format!("{} parts", parts.len())));
         }
         let rate = match parts.get_item(3) {
-            Ok(rate) if !rate.is_none() => Input::new("pd.target_rate", &rate, nv)?,
-            _ => Input::filled(pd.py(), "pd.target_rate", 0.0, nv)?,
+            Ok(rate) if !rate.is_none() => Input::new("pd.target_rate", &rate, scene.rates())?,
+            _ => Input::filled(pd.py(), "pd.target_rate", 0.0, scene.scene.nv())?,
         };
         Ok(Self {
             gains: [
-                arrays::spread("pd.kp", &parts.get_item(0)?, nv)?,
-                arrays::spread("pd.kd", &parts.get_item(1)?, nv)?,
+                arrays::spread("pd.kp", &parts.get_item(0)?, scene.rates())?,
+                arrays::spread("pd.kd", &parts.get_item(1)?, scene.rates())?,
             ],
-            target: Input::new("pd.target", &parts.get_item(2)?, nq)?,
+            target: Input::new("pd.target", &parts.get_item(2)?, scene.coordinates())?,
             rate,
         })
     }
 
     fn over(self, batch: &[usize], states: usize) -> PyResult<Gains> {
         let each = |input: &Input<'_>| {
-            if input.leading().is_empty() { Ok(input.data()?.to_vec()) } else { everyone(input, batch, states) }
+            if input.leading().is_empty() {
+                Ok(memory::copied(&input.name, input.data()?)?)
+            } else {
+                everyone(input, batch, states)
+            }
         };
         let (target, target_rate) = (each(&self.target)?, each(&self.rate)?);
         let [proportional, derivative] = self.gains;
@@ -450,9 +457,10 @@ struct Plan<'a, 'py> {
     progress: Option<&'a Bound<'py, PyAny>>,
     nq: usize,
     nv: usize,
+    rates: Axis<'a>,
 }
 
-/// All steps, in blocks between which signals are looked at.
+/// All steps, in blocks of about the time between two reports; signals are looked at after each, and within those that take longer.
 fn run<'py>(
     py: Python<'py>,
     rollout: &mut Rollout<'_>,
@@ -461,7 +469,7 @@ fn run<'py>(
 ) -> Result<(), Stopped> {
     let constant = plan.given.torque(plan.batch, (plan.steps, plan.nv))?;
     if plan.steps == 0 {
-        return py.detach(|| rollout.advance(0, &constant, Some(records))).map_err(Stopped::Fault);
+        return advanced(py, rollout, 0, &constant, records);
     }
     // Doubled or halved until a block takes as long as it should: where steps are cut changes nothing in them.
     let mut block = 1_usize;
@@ -472,9 +480,9 @@ fn run<'py>(
         if let Given::Function(tau) = plan.given {
             let tau = asked(tau, rollout, plan)?;
             let torque = Torque::Constant(tau.over(plan.batch)?);
-            py.detach(|| rollout.advance(count, &torque, Some(records))).map_err(Stopped::Fault)?;
+            advanced(py, rollout, count, &torque, records)?;
         } else {
-            py.detach(|| rollout.advance(count, &constant, Some(records))).map_err(Stopped::Fault)?;
+            advanced(py, rollout, count, &constant, records)?;
         }
         py.check_signals()?;
         if !matches!(plan.given, Given::Function(_)) {
@@ -496,10 +504,23 @@ fn run<'py>(
     Ok(())
 }
 
+/// So many steps, without the GIL.
+fn advanced(
+    py: Python<'_>,
+    rollout: &mut Rollout<'_>,
+    steps: usize,
+    torque: &Torque<'_>,
+    records: &mut Records<'_>,
+) -> Result<(), Stopped> {
+    detached(py, || rollout.advance(steps, torque, Some(records)))?.map_err(Stopped::Fault)
+}
+
 /// The torques that the caller's function gives for the states as they are.
 fn asked<'py>(tau: &Bound<'py, PyAny>, rollout: &Rollout<'_>, plan: &Plan<'_, 'py>) -> PyResult<Input<'py>> {
     let py = tau.py();
-    let (mut q, mut qd) = (Vec::new(), Vec::new());
+    let states = rollout.states();
+    let mut q = memory::with_capacity("q", states * plan.nq)?;
+    let mut qd = memory::with_capacity("qd", states * plan.nv)?;
     for state in 0..rollout.states() {
         let (own_q, own_qd) = rollout.state(state);
         q.extend_from_slice(own_q);
@@ -509,7 +530,7 @@ fn asked<'py>(tau: &Bound<'py, PyAny>, rollout: &Rollout<'_>, plan: &Plan<'_, 'p
     #[allow(clippy::cast_precision_loss)] // a time
     let t = rollout.steps() as f64 * plan.dt;
     let value = tau.call1((t, from_numbers(py, &q, &shape(plan.nq))?, from_numbers(py, &qd, &shape(plan.nv))?))?;
-    let tau = Input::new("tau(t, q, qd)", &value, plan.nv)?;
+    let tau = Input::new("tau(t, q, qd)", &value, plan.rates)?;
     check_finite("tau(t, q, qd)", tau.data()?)?;
     Ok(tau)
 }

@@ -4,7 +4,8 @@ use super::arrays::{Input, one_or_each, rows};
 use super::dynamics::read_form;
 use super::evaluate::{Call, Scratch};
 use super::scene::{PyScene, names};
-use crate::error::Error;
+use crate::error::{Error, check_finite};
+use crate::memory;
 use crate::scene::{Scene, TaskFrame};
 use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Vector3};
@@ -35,9 +36,10 @@ impl PyScene {
     /// in its axes, stacked, times this is how they change the frames' (angular, linear) accelerations. Defined in singular
     /// configurations too, where `operational_inertia` is not.
     ///
-    /// Raises `ArgumentError` for an unknown link, no link, or a rotation that is none; `ShapeError`, `NotFiniteError`;
+    /// errors: as in `forward_dynamics`. Raises `ArgumentError` for an unknown link, no link, or a rotation that is none; `ShapeError`, `NotFiniteError`;
     /// `SingularJointError`, naming the state.
-    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, form="auto"))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, form="auto", errors="raise"))]
     fn operational_inverse_inertia<'py>(
         &self,
         py: Python<'py>,
@@ -46,13 +48,16 @@ impl PyScene {
         xyz: Option<&Bound<'py, PyAny>>,
         rotation: Option<&Bound<'py, PyAny>>,
         form: &str,
+        errors: &str,
     ) -> Array<'py> {
         let form = read_form(form)?;
+        let errors = self.errors(errors, form)?;
         let task = Task::read(&self.scene, links, xyz, rotation)?;
         let frames = task.frames();
         let width = 6 * frames.len();
-        let inputs = [Input::new("q", q, self.scene.nq())?];
-        let call = Call::new(self, inputs, Vec::new(), self.cost_of_task(frames.len()))?;
+        memory::room("links", memory::bytes_of::<f64>(&[width, width]))?;
+        let inputs = [Input::new("q", q, self.coordinates())?];
+        let call = Call::new(self, inputs, Vec::new(), self.cost_of_task(frames.len()))?.with(errors);
         call.array(py, &[width, width], None, |scene, scratch, [q], out| {
             let Scratch { workspace, operational, .. } = scratch;
             workspace.form = form;
@@ -63,7 +68,7 @@ impl PyScene {
 
     /// The operational-space inertia (S J M^-1 J^T S^T)^-1 of task directions S.
     ///
-    /// q, links, xyz, rotation: as in `operational_inverse_inertia`. directions: S, (k, 6m), each row a direction over the
+    /// q, links, xyz, rotation, errors: as in `operational_inverse_inertia`. directions: S, (k, 6m), each row a direction over the
     /// stacked (angular, linear) velocities of the frames; all 6m by default.
     ///
     /// Returns (..., k, k), symmetric and positive definite.
@@ -71,7 +76,7 @@ impl PyScene {
     /// Raises `SingularTaskError`, with .links .rank .directions .state, where the scene cannot move in all directions
     /// independently: an eigenvalue of the inverse inertia, scaled to the terms that form it, is not above 64 k eps.
     /// Raises as `operational_inverse_inertia` besides.
-    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, directions=None, form="auto"))]
+    #[pyo3(signature = (q, links, *, xyz=None, rotation=None, directions=None, form="auto", errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn operational_inertia<'py>(
         &self,
@@ -82,19 +87,27 @@ impl PyScene {
         rotation: Option<&Bound<'py, PyAny>>,
         directions: Option<&Bound<'py, PyAny>>,
         form: &str,
+        errors: &str,
     ) -> Array<'py> {
         let form = read_form(form)?;
+        let errors = self.errors(errors, form)?;
         let task = Task::read(&self.scene, links, xyz, rotation)?;
         let frames = task.frames();
         let width = 6 * frames.len();
+        Self::check_task_room("links", [width, width])?;
         let directions = directions.map(|directions| rows("directions", directions, width)).transpose()?;
+        if let Some((_, directions)) = &directions {
+            check_finite("directions", directions)?;
+        }
         let (k, directions) = match directions {
             Some((k, directions)) => (k, Some(directions)),
             None => (width, None),
         };
-        let inputs = [Input::new("q", q, self.scene.nq())?];
+        Self::check_task_room(if directions.is_some() { "directions" } else { "links" }, [k, width.max(k)])?;
+        let inputs = [Input::new("q", q, self.coordinates())?];
         let of_inverse = cost::INVERSE.saturating_mul(k.saturating_pow(3));
-        let call = Call::new(self, inputs, Vec::new(), self.cost_of_task(frames.len()).saturating_add(of_inverse))?;
+        let call = Call::new(self, inputs, Vec::new(), self.cost_of_task(frames.len()).saturating_add(of_inverse))?
+            .with(errors);
         call.array(py, &[k, k], None, |scene, scratch, [q], out| {
             let Scratch { workspace, operational, .. } = scratch;
             workspace.form = form;
@@ -105,8 +118,15 @@ impl PyScene {
 }
 
 impl PyScene {
+    /// Whether there is room for the matrices between the links' frames and the result.
+    fn check_task_room(argument: &str, [rows, columns]: [usize; 2]) -> Result<(), Error> {
+        /// Matrices of that size at a time.
+        const AT_ONCE: usize = 6;
+        memory::room(argument, memory::bytes_of::<f64>(&[rows, columns, AT_ONCE]))
+    }
+
     fn cost_of_task(&self, frames: usize) -> usize {
-        cost::BODY * self.size() + cost::PAIR * frames * frames
+        cost::BODY * self.size() + cost::PAIR.saturating_mul(frames.saturating_mul(frames))
     }
 }
 

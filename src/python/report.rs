@@ -1,9 +1,14 @@
 //! What the report measures: residuals, reference, error and time of each method, growth.
 
-use super::arrays::{self, Input};
+use super::arrays::{self, Input, Output};
 use super::choice::choose;
+use super::counts::count;
+use super::errors::asked_by;
+use super::interrupts::detached_checked;
+use super::labels::Axis;
 use super::scene::PyScene;
 use crate::error::Error;
+use crate::filter::FORMS;
 use crate::report::accuracy::{METHODS, States, measure, reference};
 use crate::report::{growth, residuals};
 use crate::scalar::DoubleDouble;
@@ -22,9 +27,12 @@ pub(crate) struct PyReference {
 impl PyReference {
     /// The reference rounded to float64, (n, nv).
     fn toarray<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let rounded: Vec<f64> = self.values.iter().map(|value| value.high).collect();
-        let states = rounded.len().checked_div(self.nv).unwrap_or(0);
-        arrays::from_numbers(py, &rounded, &[states, self.nv])
+        let states = self.values.len().checked_div(self.nv).unwrap_or(0);
+        let mut output = asked_by(py, "q", Output::new(py, &[states, self.nv]))?;
+        for (rounded, value) in output.numbers()?.iter_mut().zip(&self.values) {
+            *rounded = value.high;
+        }
+        output.finish_or_scalar()
     }
 }
 
@@ -39,9 +47,9 @@ impl<'py> Arguments<'py> {
     fn read(scene: &PyScene, q: &Bound<'py, PyAny>, qd: &Bound<'py, PyAny>, tau: &Bound<'py, PyAny>) -> PyResult<Self> {
         let scene = &scene.scene;
         let all = Self {
-            q: Input::new("q", q, scene.nq())?,
-            qd: Input::new("qd", qd, scene.nv())?,
-            tau: Input::new("tau", tau, scene.nv())?,
+            q: Input::new("q", q, Axis::Coordinates(scene))?,
+            qd: Input::new("qd", qd, Axis::Rates(scene))?,
+            tau: Input::new("tau", tau, Axis::Rates(scene))?,
         };
         for input in [&all.qd, &all.tau] {
             if input.leading() != all.q.leading() {
@@ -76,12 +84,12 @@ impl PyScene {
     #[pyo3(signature = (q))]
     fn check<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
         let scene = &self.scene;
-        let q = arrays::fixed("q", q, &[scene.nq()])?;
+        let q = arrays::state("q", q, Axis::Coordinates(scene))?;
         let wave = |phase: f64| -> Vec<f64> {
             #[allow(clippy::cast_precision_loss)] // an index
             (0..scene.nv()).map(|i| (phase + 1.3 * i as f64).sin()).collect()
         };
-        let list = py.detach(|| residuals::residuals(scene, &q, &wave(0.4), &wave(2.0)))?;
+        let list = detached_checked(py, || residuals::residuals(scene, &q, &wave(0.4), &wave(2.0)))?;
         let all = PyDict::new(py);
         for residual in list {
             all.set_item(residual.name, residual.value)?;
@@ -100,10 +108,12 @@ pub(super) fn residuals_at(
     qd: &Bound<'_, PyAny>,
     tau: &Bound<'_, PyAny>,
 ) -> PyResult<Vec<(&'static str, f64, bool)>> {
-    let (nq, nv) = (scene.scene.nq(), scene.scene.nv());
-    let (q, qd, tau) =
-        (arrays::fixed("q", q, &[nq])?, arrays::fixed("qd", qd, &[nv])?, arrays::fixed("tau", tau, &[nv])?);
-    let list = py.detach(|| residuals::residuals(&scene.scene, &q, &qd, &tau))?;
+    let (q, qd, tau) = (
+        arrays::state("q", q, scene.coordinates())?,
+        arrays::state("qd", qd, scene.rates())?,
+        arrays::state("tau", tau, scene.rates())?,
+    );
+    let list = detached_checked(py, || residuals::residuals(&scene.scene, &q, &qd, &tau))?;
     Ok(list.into_iter().map(|r| (r.name, r.value, r.through_inverse)).collect())
 }
 
@@ -119,14 +129,15 @@ pub(super) fn reference_of(
 ) -> PyResult<PyReference> {
     let arguments = Arguments::read(scene, q, qd, tau)?;
     let states = arguments.states()?;
-    let values = py.detach(|| reference(&scene.scene, states))?;
+    let values = detached_checked(py, || reference(&scene.scene, states))?;
     Ok(PyReference { values, nv: scene.scene.nv() })
 }
 
 /// Median time a state (ns) of one method in one precision, and the error of each state against the reference.
 ///
-/// method: one of METHODS; precision: "float64" or "float32"; repeats: passes over the states. The error is the largest
-/// over the joints, relative to the largest acceleration; NaN where the method met a bad pivot.
+/// What is timed is `Scene::evaluate` in Rust, one state a call, and the error is that of the same calls. method: one of METHODS;
+/// precision: "float64" or "float32"; repeats: passes over the states. The error is the largest over the joints, relative to the largest
+/// acceleration; NaN where the method met a bad pivot.
 #[pyfunction(name = "measure")]
 #[pyo3(signature = (scene, method, precision, q, qd, tau, reference, repeats))]
 #[allow(clippy::too_many_arguments)] // keywords, in Python
@@ -139,9 +150,10 @@ pub(super) fn measure_method<'py>(
     qd: &Bound<'py, PyAny>,
     tau: &Bound<'py, PyAny>,
     reference: &PyReference,
-    repeats: usize,
+    repeats: &Bound<'py, PyAny>,
 ) -> PyResult<(f64, Bound<'py, PyArrayDyn<f64>>)> {
     let method = choose("method", method, &METHODS)?;
+    let repeats = count("repeats", repeats, 1)?;
     let arguments = Arguments::read(scene, q, qd, tau)?;
     let states = arguments.states()?;
     if reference.values.len() != states.tau.len() {
@@ -150,8 +162,8 @@ pub(super) fn measure_method<'py>(
     }
     let values = &reference.values;
     let measurement = match precision {
-        "float64" => py.detach(|| measure::<f64>(&scene.scene, method, states, values, repeats)),
-        "float32" => py.detach(|| measure::<f32>(&scene.scene, method, states, values, repeats)),
+        "float64" => detached_checked(py, || measure::<f64>(&scene.scene, method, states, values, repeats))?,
+        "float32" => detached_checked(py, || measure::<f32>(&scene.scene, method, states, values, repeats))?,
         _ => {
             let expected = "\"float64\" or \"float32\"";
             return Err(Error::argument("precision", format!("{precision:?}"), expected).into());
@@ -161,17 +173,37 @@ pub(super) fn measure_method<'py>(
     Ok((measurement.ns, errors.cast_into()?))
 }
 
-/// Forward and inverse dynamics of a chain of `bodies` equal links, median ns a body over `repeats` passes.
+/// `Scene::evaluate` in Rust on a chain of `bodies` equal links, one state a call, median ns a body over `repeats` passes: forward
+/// dynamics in form "auto" and in form "covariance", and inverse dynamics.
 #[pyfunction(name = "growth")]
 #[pyo3(signature = (bodies, repeats))]
-pub(super) fn growth_of(py: Python<'_>, bodies: usize, repeats: usize) -> PyResult<(f64, f64)> {
-    let growth = py.detach(|| growth::growth(bodies, repeats))?;
-    Ok((growth.forward, growth.inverse))
+pub(super) fn growth_of(
+    py: Python<'_>,
+    bodies: &Bound<'_, PyAny>,
+    repeats: &Bound<'_, PyAny>,
+) -> PyResult<(f64, f64, f64)> {
+    let (bodies, repeats) = (count("bodies", bodies, 0)?, count("repeats", repeats, 1)?);
+    let growth = detached_checked(py, || growth::growth(bodies, repeats))?;
+    Ok((growth.forward, growth.covariance, growth.inverse))
+}
+
+/// What a method of METHODS calls in Rust, and the form it asks for; None where its calls have none.
+#[pyfunction(name = "method_call")]
+#[pyo3(signature = (method))]
+pub(super) fn call_of_method(method: &str) -> PyResult<(&'static str, Option<&'static str>)> {
+    let method = choose("method", method, &METHODS)?;
+    let name = |form| FORMS.iter().find(|(_, known)| *known == form).map(|&(name, _)| name);
+    Ok((method.call(), method.form().and_then(name)))
 }
 
 /// Applying each operator, and with a star its transpose, on a chain of `bodies` equal links: (name, median ns a body).
 #[pyfunction(name = "operator_growth")]
 #[pyo3(signature = (bodies, repeats))]
-pub(super) fn operator_growth_of(py: Python<'_>, bodies: usize, repeats: usize) -> PyResult<Vec<(String, f64)>> {
-    Ok(py.detach(|| growth::operator_growth(bodies, repeats))?)
+pub(super) fn operator_growth_of(
+    py: Python<'_>,
+    bodies: &Bound<'_, PyAny>,
+    repeats: &Bound<'_, PyAny>,
+) -> PyResult<Vec<(String, f64)>> {
+    let (bodies, repeats) = (count("bodies", bodies, 0)?, count("repeats", repeats, 1)?);
+    detached_checked(py, || growth::operator_growth(bodies, repeats))
 }

@@ -2,18 +2,22 @@
 
 use super::description::{self, Description};
 use super::evaluate::Scratch;
+use super::interrupts::detached_checked;
+use super::labels::Axis;
 use super::{arrays, errors, plan, single};
-use crate::batch::Pool;
+use crate::batch::{self, Pool};
 use crate::error::Error;
+use crate::memory;
 use crate::scene::{Scene, SceneBuilder};
 use pyo3::prelude::*;
-use pyo3::types::{PySlice, PyString, PyTuple};
+use pyo3::types::{PyMapping, PySlice, PyString, PyTuple};
 use std::path::PathBuf;
 
 /// An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
 ///
 /// Made by Scene.from_urdf or SceneBuilder.build. All units are SI and radians; spatial vectors are angular first;
-/// arrays have leading batch axes that broadcast, and joints run in depth-first order.
+/// arrays have leading batch axes that broadcast, and joints run in depth-first order. One state may be a dict from joint names to
+/// numbers; labels (pandas, polars, xarray, Arrow) are matched by joint name or refused, masks raise but in estimate.
 #[pyclass(frozen, name = "Scene", module = "phipsi")]
 pub(crate) struct PyScene {
     pub(super) scene: Scene,
@@ -21,9 +25,36 @@ pub(crate) struct PyScene {
     pub(super) single: single::Kept,
 }
 
+/// Work on all links at once is done without the GIL from so many on.
+pub(super) const WORTH_DETACHING: usize = 1_000;
+
 impl PyScene {
     pub(super) fn new(scene: Scene) -> Self {
         Self { scene, pool: Pool::default(), single: single::Kept::default() }
+    }
+
+    /// Whether there is room for what the threads of a batch compute in, where that is large.
+    pub(super) fn check_scratch(&self, states: usize) -> Result<(), Error> {
+        /// About what a thread needs for a body, in bytes, lanes included.
+        const A_BODY: usize = 10_000;
+        /// The rest of a process takes more than the scratch of so many bodies.
+        const MANY: usize = 5_000;
+        let bodies = self.scene.model().bodies.len();
+        if bodies < MANY {
+            return Ok(());
+        }
+        let threads = batch::threads().min(states).saturating_sub(self.pool.idle());
+        memory::room("scene", memory::bytes_of::<[u8; A_BODY]>(&[bodies, threads]))
+    }
+
+    /// What the entries of q, and of a result like it, belong to.
+    pub(super) fn coordinates(&self) -> Axis<'_> {
+        Axis::Coordinates(&self.scene)
+    }
+
+    /// What the entries of qd, qdd and tau belong to.
+    pub(super) fn rates(&self) -> Axis<'_> {
+        Axis::Rates(&self.scene)
     }
 
     /// Number of moving bodies, at least one: what the time of a call is counted in.
@@ -37,13 +68,16 @@ impl PyScene {
     /// The scene of a URDF file or text.
     ///
     /// source: a path (str or os.PathLike), or the XML itself: a str that starts with "<" after white space.
-    /// floating_base: puts a free joint, "root_joint", under the root link. gravity: (3,), m/s^2, in the base frame.
-    /// strict: unphysical inertias raise instead of warning. leave_out: names of what may be left out, of "fixed_joints",
+    /// floating_base: puts a free joint under the root link, "root_joint", or with "_" behind where the file has that name
+    /// (it is joint_names[0]). gravity: (3,), m/s^2, in the base frame. strict: what is warned of raises, but for mimic
+    /// joints whose source is there. leave_out: names of what may be left out, of "fixed_joints",
     /// "base_links", "exact_zeros", "renamed_axes", "tilted_axes", "zero_levers", "axis_masses", "pivot_bounds", "massless_bodies", "planar", "zero_velocity" and "zero_gravity"; None: all.
     /// Results are the same to rounding, but operators and estimates need the first two (ArgumentError).
     ///
     /// Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for a source that is
-    /// neither. Warns InertiaWarning for inertias that no body can have, MimicWarning for mimic joints (they stay free).
+    /// neither. Warns InertiaWarning for inertias that no body can have and for moving links that all have no mass,
+    /// MimicWarning for mimic joints (they stay free), LimitWarning for limits that mean nothing (they are taken as none), and
+    /// UnknownTagWarning, once, for elements, attributes and text that are not understood (they are passed over).
     #[staticmethod]
     #[pyo3(signature = (source, *, floating_base=false, gravity=None, strict=false, leave_out=None),
            text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False, leave_out=None)")]
@@ -58,7 +92,7 @@ impl PyScene {
         let omissions = plan::left_out(leave_out)?;
         let gravity = gravity.map(|gravity| arrays::triple("gravity", gravity)).transpose()?;
         let source = Source::read(source)?;
-        let scene = py.detach(|| {
+        let scene = detached_checked(py, || {
             let builder = match source {
                 Source::Text(xml) => SceneBuilder::from_urdf(&xml)?,
                 Source::File(path) => SceneBuilder::from_urdf_file(&path)?,
@@ -136,14 +170,15 @@ impl PyScene {
     /// What is locked is folded into the bodies around it and costs nothing. Locking "root_joint" gives a fixed base.
     ///
     /// Raises ArgumentError for an unknown joint; ShapeError, NotFiniteError or ArgumentError for a bad q.
-    fn lock(&self, joints: &Bound<'_, PyAny>, q: &Bound<'_, PyAny>) -> PyResult<Self> {
+    fn lock(&self, py: Python<'_>, joints: &Bound<'_, PyAny>, q: &Bound<'_, PyAny>) -> PyResult<Self> {
         let Some(names) = (!joints.is_instance_of::<PyString>()).then(|| names(joints)).flatten() else {
             let found = format!("{}", joints.repr()?);
             return Err(Error::argument("joints", found, "a list of joint names").into());
         };
-        let q = arrays::fixed("q", q, &[self.scene.nq()])?;
+        let q = arrays::state("q", q, self.coordinates())?;
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
-        Ok(Self::new(self.scene.lock(&names, &q)?))
+        let lock = || self.scene.lock(&names, &q);
+        Ok(Self::new(if self.size() < WORTH_DETACHING { lock()? } else { detached_checked(py, lock)? }))
     }
 
     fn __repr__(&self) -> String {
@@ -152,7 +187,7 @@ impl PyScene {
 
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (Description,))> {
         let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_scene")?;
-        Ok((rebuild, (Description::of(slf.get().scene.source()),)))
+        Ok((rebuild, (Description::of(slf.get().scene.source())?,)))
     }
 
     /// The scene itself: it cannot change.
@@ -176,11 +211,11 @@ enum Source {
 
 impl Source {
     fn read(source: &Bound<'_, PyAny>) -> PyResult<Self> {
-        if let Ok(text) = source.extract::<std::borrow::Cow<'_, str>>() {
-            let text = text.trim_start_matches('\u{feff}');
-            if text.trim_start().starts_with('<') {
-                return Ok(Self::Text(text.trim_start().to_owned()));
-            }
+        if let Ok(text) = source.extract::<std::borrow::Cow<'_, str>>()
+            && text.trim_start_matches('\u{feff}').trim_start().starts_with('<')
+        {
+            // Whole, so that lines are counted as the user counts them.
+            return Ok(Self::Text(text.into_owned()));
         }
         if let Ok(path) = source.extract::<PathBuf>() {
             return Ok(Self::File(path));
@@ -192,6 +227,10 @@ impl Source {
 
 /// The strings of an iterable; none if it is something else.
 pub(super) fn names(iterable: &Bound<'_, PyAny>) -> Option<Vec<String>> {
+    // The keys of a dict would pass, and its values be lost.
+    if iterable.is_instance_of::<PyMapping>() {
+        return None;
+    }
     iterable.try_iter().ok()?.map(|name| name.and_then(|name| name.extract()).ok()).collect()
 }
 

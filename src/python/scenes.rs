@@ -1,6 +1,8 @@
 //! The scenes that ship with the library, for `phipsi.scenes`.
 
 use super::arrays;
+use super::counts::{count, number};
+use super::interrupts::detached_checked;
 use super::scene::PyScene;
 use crate::scenes;
 use pyo3::prelude::*;
@@ -25,10 +27,12 @@ pub(super) fn extreme_case<'py>(
     py: Python<'py>,
     name: &str,
     value: Option<f64>,
-    bodies: Option<usize>,
-    seed: u64,
+    bodies: Option<&Bound<'py, PyAny>>,
+    seed: &Bound<'py, PyAny>,
 ) -> PyResult<Case<'py>> {
-    let case = py.detach(|| scenes::extreme(name, value, bodies, seed))?;
+    let bodies = bodies.map(|bodies| count("bodies", bodies, 0)).transpose()?;
+    let seed = number("seed", seed)?;
+    let case = detached_checked(py, || scenes::extreme(name, value, bodies, seed))?;
     let array = |numbers: &[f64]| arrays::from_numbers(py, numbers, &[numbers.len()]);
     let (q, qd, tau) = (array(&case.q)?, array(&case.qd)?, array(&case.tau)?);
     let values = PyTuple::new(py, case.values)?;
@@ -44,6 +48,7 @@ pub(super) fn extreme_names(py: Python<'_>) -> PyResult<Bound<'_, PyTuple>> {
 /// A chain of n equal links; see `phipsi.scenes.chain`.
 #[pyfunction(name = "chain")]
 #[pyo3(signature = (n))]
-pub(super) fn chain_of(py: Python<'_>, n: usize) -> PyResult<PyScene> {
-    Ok(PyScene::new(py.detach(|| scenes::chain(n))?))
+pub(super) fn chain_of(py: Python<'_>, n: &Bound<'_, PyAny>) -> PyResult<PyScene> {
+    let n = count("n", n, 0)?;
+    Ok(PyScene::new(detached_checked(py, || scenes::chain(n))?))
 }

@@ -37,6 +37,8 @@ pub(super) struct Keywords<'a, 'py> {
     pub wrenches: Option<&'a Bound<'py, PyAny>>,
     pub out: Option<&'a Bound<'py, PyAny>>,
     pub dtype: Option<&'a Bound<'py, PyAny>>,
+    /// Whether bad states become NaN.
+    pub nan: bool,
 }
 
 impl PyScene {
@@ -53,7 +55,7 @@ impl PyScene {
         cost: Cost,
         keywords: Keywords<'_, 'py>,
     ) -> PyResult<Option<Bound<'py, PyAny>>> {
-        let Keywords { wrenches: None, dtype: None, out } = keywords else { return Ok(None) };
+        let Keywords { wrenches: None, dtype: None, nan: false, out } = keywords else { return Ok(None) };
         if cost.of_one() >= WORTH_RELEASING {
             return Ok(None);
         }

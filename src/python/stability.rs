@@ -2,6 +2,9 @@
 
 use super::arrays;
 use super::choice::choose;
+use super::counts::{count, count_or, number};
+use super::interrupts::{detached, detached_checked};
+use super::labels::Axis;
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::report::accuracy::{Method, States, measure};
@@ -47,11 +50,11 @@ impl PyExact {
     ) -> PyResult<Self> {
         let quantity = choose("quantity", quantity, &QUANTITIES)?;
         let inner = &scene.get().scene;
-        let q = arrays::fixed("q", q, &[inner.nq()])?;
-        let qd = arrays::fixed("qd", qd, &[inner.nv()])?;
-        let u = arrays::fixed("u", u, &[inner.nv()])?;
+        let q = arrays::state("q", q, Axis::Coordinates(inner))?;
+        let qd = arrays::state("qd", qd, Axis::Rates(inner))?;
+        let u = arrays::state("u", u, Axis::Rates(inner))?;
         let state = State { q: &q, qd: &qd, u: &u };
-        let exact = scene.py().detach(|| Exact::new(inner, quantity, state))?;
+        let exact = detached_checked(scene.py(), || Exact::new(inner, quantity, state))?;
         Ok(Self { scene: scene.clone().unbind(), quantity, q, qd, u, exact })
     }
 
@@ -80,12 +83,12 @@ impl PyExact {
     ) -> PyResult<(f64, Bound<'py, PyAny>, Option<&'static str>)> {
         let (method, single) = (choose("method", method, &FORMS)?, is_single(precision)?);
         let (scene, state, exact) = (&self.scene.get().scene, self.state(), &self.exact);
-        let found = py.detach(|| match (self.quantity, single) {
+        let found = detached(py, || match (self.quantity, single) {
             (Quantity::ForwardDynamics, false) => forward_error::<f64>(scene, method, state, exact),
             (Quantity::ForwardDynamics, true) => forward_error::<f32>(scene, method, state, exact),
             (quantity, false) => recursion_error::<f64>(scene, quantity, state, exact),
             (quantity, true) => recursion_error::<f32>(scene, quantity, state, exact),
-        });
+        })?;
         let (difference, reason) = match found {
             Ok(difference) => (difference, None),
             Err(failure) => (nothing(exact.values.len()), Some(Failure::reason(failure))),
@@ -95,10 +98,17 @@ impl PyExact {
     }
 
     /// By how much the answer changes when numbers move by one unit in the last place: kind of number to (max-norm, components).
-    #[pyo3(signature = (draws=4, seed=0))]
-    fn sensitivity<'py>(&self, py: Python<'py>, draws: usize, seed: u64) -> PyResult<Bound<'py, PyDict>> {
+    #[pyo3(signature = (draws=None, seed=None), text_signature = "($self, draws=4, seed=0)")]
+    fn sensitivity<'py>(
+        &self,
+        py: Python<'py>,
+        draws: Option<&Bound<'py, PyAny>>,
+        seed: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let draws = count_or("draws", draws, 0, 4)?;
+        let seed = seed.map_or(Ok(0), |seed| number("seed", seed))?;
         let scene = &self.scene.get().scene;
-        let found = py.detach(|| sensitivity(scene, self.quantity, self.state(), draws, seed))?;
+        let found = detached_checked(py, || sensitivity(scene, self.quantity, self.state(), draws, seed))?;
         let all = PyDict::new(py);
         for (name, difference) in found {
             all.set_item(name, norms(py, &difference)?)?;
@@ -108,20 +118,22 @@ impl PyExact {
 
     /// Median time of one method on this state over `repeats` calls, ns; for forward dynamics.
     #[pyo3(signature = (method, precision, repeats))]
-    fn time(&self, py: Python<'_>, method: &str, precision: &str, repeats: usize) -> PyResult<f64> {
+    fn time(&self, py: Python<'_>, method: &str, precision: &str, repeats: &Bound<'_, PyAny>) -> PyResult<f64> {
+        let repeats = count("repeats", repeats, 1)?;
         let (method, single) = (choose("method", method, &FORMS)?, is_single(precision)?);
         if self.quantity != Quantity::ForwardDynamics {
             return Err(Error::argument("quantity", format!("{:?}", self.quantity), "forward dynamics").into());
         }
         let (scene, values) = (&self.scene.get().scene, &self.exact.values);
         let states = States { q: &self.q, qd: &self.qd, tau: &self.u };
-        Ok(py.detach(|| {
+        let measured = detached_checked(py, || {
             if single {
-                measure::<f32>(scene, method, states, values, repeats).ns
+                measure::<f32>(scene, method, states, values, repeats)
             } else {
-                measure::<f64>(scene, method, states, values, repeats).ns
+                measure::<f64>(scene, method, states, values, repeats)
             }
-        }))
+        })?;
+        Ok(measured.ns)
     }
 }
 

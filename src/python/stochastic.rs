@@ -1,15 +1,19 @@
 //! The class `RandomModel`: the spatially random model of a scene at one configuration.
 
-use super::arrays::{fixed, from_numbers};
+use super::arrays::{Output, from_numbers, state};
 use super::choice::choose;
+use super::counts::{count, count_or, number};
+use super::errors::asked_by;
+use super::interrupts::detached_checked;
+use super::labels::Axis;
 use super::scene::PyScene;
 use crate::error::Error;
+use crate::memory;
 use crate::report::emergence::{ROUTES, emergence};
 use crate::stochastic::{MassEstimate, Method, Points, RandomModel};
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::PyBool;
 use std::ops::Range;
 
 /// The spatially random model of a scene at one configuration (1.1 to 1.6): w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
@@ -18,6 +22,29 @@ use std::ops::Range;
 #[pyclass(frozen, name = "RandomModel", module = "phipsi")]
 pub(crate) struct PyRandomModel {
     model: RandomModel,
+    scene: Py<PyScene>,
+    q: Vec<f64>,
+    qd: Option<Vec<f64>>,
+    acceleration_variance: f64,
+}
+
+impl PyRandomModel {
+    fn new(scene: &Bound<'_, PyScene>, q: Vec<f64>, qd: Option<Vec<f64>>, variance: f64) -> PyResult<Self> {
+        let model = scene.get().scene.random_model(&q, qd.as_deref(), variance)?;
+        Ok(Self { model, scene: scene.clone().unbind(), q, qd, acceleration_variance: variance })
+    }
+}
+
+/// The model of what `RandomModel.__reduce__` gave.
+#[pyfunction]
+#[pyo3(name = "_rebuild_random_model", signature = (scene, q, qd, acceleration_variance, /))]
+pub(super) fn rebuild_random_model(
+    scene: &Bound<'_, PyScene>,
+    q: Vec<f64>,
+    qd: Option<Vec<f64>>,
+    acceleration_variance: f64,
+) -> PyResult<PyRandomModel> {
+    PyRandomModel::new(scene, q, qd, acceleration_variance)
 }
 
 #[pymethods]
@@ -31,14 +58,14 @@ impl PyScene {
     /// ShapeError or NotFiniteError for bad arrays.
     #[pyo3(signature = (q, qd=None, *, acceleration_variance=1.0))]
     fn random_model(
-        &self,
+        slf: &Bound<'_, Self>,
         q: &Bound<'_, PyAny>,
         qd: Option<&Bound<'_, PyAny>>,
         acceleration_variance: f64,
     ) -> PyResult<PyRandomModel> {
-        let q = fixed("q", q, &[self.scene.nq()])?;
-        let qd = qd.map(|qd| fixed("qd", qd, &[self.scene.nv()])).transpose()?;
-        Ok(PyRandomModel { model: self.scene.random_model(&q, qd.as_deref(), acceleration_variance)? })
+        let q = state("q", q, slf.get().coordinates())?;
+        let qd = qd.map(|qd| state("qd", qd, slf.get().rates())).transpose()?;
+        PyRandomModel::new(slf, q, qd, acceleration_variance)
     }
 }
 
@@ -59,7 +86,7 @@ impl PyRandomModel {
     /// s, (rad/s^2)^2 of one kg m^2.
     #[getter]
     fn acceleration_variance(&self) -> f64 {
-        self.model.acceleration_variance()
+        self.acceleration_variance
     }
 
     /// Samples of the model: the named tuple Samples(process, force, torque).
@@ -68,7 +95,7 @@ impl PyRandomModel {
     /// same whatever is drawn with it and on however many threads. process and force: (samples, nv, 6), W and X = phi W in body
     /// frames, a block a degree of freedom as in Factor; torque: (samples, nv), T = H X + v.
     ///
-    /// Raises ArgumentError for a bad count or seed.
+    /// Raises ArgumentError for a bad count or seed; OutOfMemoryError for more samples than there is room for.
     #[pyo3(signature = (samples, *, seed, first=None))]
     fn sample<'py>(
         &self,
@@ -81,11 +108,13 @@ impl PyRandomModel {
         let (points, range) = points_of(samples, seed, first)?;
         let count = usize::try_from(range.end - range.start)?;
         let nv = self.model.nv();
-        let drawn = py.detach(|| self.model.sample(&points, range));
-        let process = from_numbers(py, &drawn.process, &[count, nv, 6])?;
-        let force = from_numbers(py, &drawn.force, &[count, nv, 6])?;
-        let torque = from_numbers(py, &drawn.torque, &[count, nv])?;
-        SAMPLES.import(py, "phipsi._results", "Samples")?.call1((process, force, torque))
+        memory::room("samples", self.model.bytes_of_samples(count))?;
+        let unset = |shape: &[usize]| asked_by(py, "samples", Output::unwritten(py, shape));
+        let [mut process, mut force, mut torque] =
+            [unset(&[count, nv, 6])?, unset(&[count, nv, 6])?, unset(&[count, nv])?];
+        let all = [process.numbers()?, force.numbers()?, torque.numbers()?];
+        detached_checked(py, || self.model.sample_into(&points, range, all))?;
+        SAMPLES.import(py, "phipsi._results", "Samples")?.call1((process.finish(), force.finish(), torque.finish()))
     }
 
     /// The torques alone of the same samples, (samples, nv): arguments and errors as of sample().
@@ -99,8 +128,10 @@ impl PyRandomModel {
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let (points, range) = points_of(samples, seed, first)?;
         let count = usize::try_from(range.end - range.start)?;
-        let torque = py.detach(|| self.model.sample_torque(&points, range));
-        Ok(from_numbers(py, &torque, &[count, self.model.nv()])?.cast_into()?)
+        let mut torque = asked_by(py, "samples", Output::unwritten(py, &[count, self.model.nv()]))?;
+        let numbers = torque.numbers()?;
+        detached_checked(py, || self.model.sample_into(&points, range, [&mut [], &mut [], numbers]))?;
+        Ok(torque.finish())
     }
 
     /// The mass matrix as the covariance of T (5.1), with what is known of its error: the named tuple MassEstimate.
@@ -109,7 +140,9 @@ impl PyRandomModel {
     /// being replicates times a power of two, about samples^-1; "sigma-points", exact, which takes neither samples nor seed.
     /// confidence: of the interval of each entry, between 0 and 1. replicates: scrambles, at least 2, for "sobol" only.
     ///
-    /// Raises ArgumentError, naming the argument.
+    /// Memory does not grow with the samples.
+    ///
+    /// Raises ArgumentError, naming the argument; OutOfMemoryError for more replicates than there is room for.
     #[pyo3(signature = (samples=None, *, seed=None, method="monte-carlo", confidence=0.95, replicates=None),
            text_signature = "($self, samples=None, *, seed=None, method='monte-carlo', confidence=0.95, replicates=8)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
@@ -124,8 +157,8 @@ impl PyRandomModel {
     ) -> PyResult<Bound<'py, PyAny>> {
         let drawn = || -> PyResult<(usize, u64)> {
             let missing = |name: &str| Error::argument(name, "none", format!("an integer, for method {method:?}"));
-            let samples = count("samples", samples.ok_or_else(|| missing("samples"))?)?;
-            Ok((usize::try_from(samples)?, whole("seed", seed.ok_or_else(|| missing("seed"))?)?))
+            let samples = count("samples", samples.ok_or_else(|| missing("samples"))?, 1)?;
+            Ok((at_most("samples", samples)?, number("seed", seed.ok_or_else(|| missing("seed"))?)?))
         };
         let method = match method {
             "monte-carlo" => {
@@ -134,8 +167,7 @@ impl PyRandomModel {
             }
             "sobol" => {
                 let (samples, seed) = drawn()?;
-                let replicates = replicates.map_or(Ok(8), |replicates| count("replicates", replicates))?;
-                let replicates = usize::try_from(replicates)?;
+                let replicates = at_most("replicates", count_or("replicates", replicates, 1, 8)?)?;
                 Method::Sobol { samples, seed, replicates, confidence }
             }
             "sigma-points" => Method::SigmaPoints,
@@ -144,14 +176,35 @@ impl PyRandomModel {
                 return Err(Error::argument("method", format!("{method:?}"), expected).into());
             }
         };
-        let estimate = py.detach(|| self.model.mass_matrix(method))?;
+        let estimate = detached_checked(py, || self.model.mass_matrix(method))?;
         to_python(py, &estimate, self.model.nv(), confidence)
+    }
+
+    /// What the model is made of.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Remade)> {
+        let rebuild = py.import("phipsi._core")?.getattr("_rebuild_random_model")?;
+        Ok((rebuild, (self.scene.clone_ref(py), self.q.clone(), self.qd.clone(), self.acceleration_variance)))
+    }
+
+    /// The model itself: it cannot change.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    /// The model itself: it cannot change.
+    #[pyo3(signature = (memo, /))]
+    fn __deepcopy__(slf: Py<Self>, memo: &Bound<'_, PyAny>) -> Py<Self> {
+        let _ = memo;
+        slf
     }
 
     fn __repr__(&self) -> String {
         format!("<phipsi.RandomModel of {} torques, {} random numbers a sample>", self.nv(), self.dimension())
     }
 }
+
+/// What a model is made of: scene, q, qd, acceleration variance.
+type Remade = (Py<PyScene>, Vec<f64>, Option<Vec<f64>>, f64);
 
 /// The named tuple of an estimate.
 fn to_python<'py>(py: Python<'py>, estimate: &MassEstimate, nv: usize, confidence: f64) -> PyResult<Bound<'py, PyAny>> {
@@ -174,30 +227,18 @@ fn points_of(
     seed: &Bound<'_, PyAny>,
     first: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<(Points, Range<u64>)> {
-    let samples = count("samples", samples)?;
-    let first = first.map_or(Ok(0), |first| whole("first", first))?;
+    let samples = count("samples", samples, 1)? as u64;
+    let first = first.map_or(Ok(0), |first| number("first", first))?;
     let Some(end) = first.checked_add(samples) else {
         return Err(Error::argument("first", first.to_string(), "samples that are numbered below 2^64").into());
     };
-    Ok((Points::random(whole("seed", seed)?), first..end))
+    Ok((Points::random(number("seed", seed)?), first..end))
 }
 
-/// A positive integer that memory could have as many samples of.
-fn count(name: &str, value: &Bound<'_, PyAny>) -> PyResult<u64> {
-    match whole(name, value)? {
-        0 => Err(Error::argument(name, "0", "at least one").into()),
-        many if many > 1 << 40 => Err(Error::argument(name, many.to_string(), "at most 2^40").into()),
-        fine => Ok(fine),
-    }
-}
-
-/// An integer from 0 to 2^64 - 1; a truth value is none.
-fn whole(name: &str, value: &Bound<'_, PyAny>) -> PyResult<u64> {
-    let refused = || -> PyErr {
-        let found = value.repr().map_or_else(|_| "an object".to_owned(), |text| text.to_string());
-        Error::argument(name, found, "an integer from 0 to 2^64 - 1").into()
-    };
-    if value.is_instance_of::<PyBool>() { Err(refused()) } else { value.extract().map_err(|_| refused()) }
+/// More than that nobody waits for.
+fn at_most(name: &str, count: usize) -> Result<usize, Error> {
+    const MOST: usize = 1 << 40;
+    if count > MOST { Err(Error::argument(name, count.to_string(), "at most 2^40")) } else { Ok(count) }
 }
 
 /// Median time (ns) of one route from q to the mass matrix, and its relative error (Frobenius norm, against double-double).
@@ -210,12 +251,14 @@ pub(super) fn emergence_of(
     scene: &PyScene,
     q: &Bound<'_, PyAny>,
     route: &str,
-    samples: usize,
-    seed: u64,
-    repeats: usize,
+    samples: &Bound<'_, PyAny>,
+    seed: &Bound<'_, PyAny>,
+    repeats: &Bound<'_, PyAny>,
 ) -> PyResult<(f64, f64)> {
+    let samples = at_most("samples", count("samples", samples, 1)?)?;
+    let (seed, repeats) = (number("seed", seed)?, count("repeats", repeats, 1)?);
     let scene = &scene.scene;
-    let q = fixed("q", q, &[scene.nq()])?;
+    let q = state("q", q, Axis::Coordinates(scene))?;
     let route = choose("route", route, &ROUTES)?;
-    Ok(py.detach(|| emergence(scene, &q, route, (samples, seed), repeats))?)
+    detached_checked(py, || emergence(scene, &q, route, (samples, seed), repeats))
 }

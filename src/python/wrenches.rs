@@ -32,7 +32,7 @@ impl<'py> Wrench<'py> {
             let Ok(name) = key.extract::<String>() else {
                 return Err(Error::argument("wrenches", format!("the key {key}"), "names of links").into());
             };
-            let link = scene.link(&name)?;
+            let link = scene.link(&name).map_err(|error| error.of_argument("wrenches"))?;
             let input = Input::new(format!("wrenches[{name:?}]"), &value, 6)?;
             read.push(Self { input, body: link.body, placement: link.placement });
         }

@@ -1,12 +1,18 @@
 //! Error against run time: each way to get the accelerations, its time a state and its distance from double-double.
+//!
+//! What is measured is what is called: [`Scene::evaluate`], one state a call, in float32 with [`Scene::evaluator_f32`]. Error and time
+//! are of the same calls.
 
 use super::growth::median_ns;
-use crate::dynamics::{self, mass_inverse::InverseScratch};
+use crate::batch::chunk::{Algorithm, Arguments};
+use crate::batch::evaluator::{Evaluated, Evaluator};
+use crate::dynamics;
 use crate::error::Error;
 use crate::filter::Form;
 use crate::scalar::{DoubleDouble, Real};
 use crate::scene::{Model, Scene};
 use crate::workspace::Workspace;
+use crate::{memory, watch};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::{ldlt, llt};
 use faer::{MatMut, Par, Spec};
@@ -15,11 +21,9 @@ use std::hint::black_box;
 /// A way from torques to accelerations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
-    /// Kalman filter and Bryson-Frazier smoother in covariance form, O(N).
-    Filter,
-    /// The same in square-root form.
-    SquareRoot,
-    /// M^-1 in closed form (6.1), times torque less bias.
+    /// Forward dynamics: Kalman filter and Bryson-Frazier smoother, O(N), P carried in this form.
+    Filter(Form),
+    /// M^-1 in closed form (6.1), in form `auto`, times torque less bias.
     ClosedInverse,
     /// M and bias, then faer's LDLT of M, taken from the tip.
     DenseLdlt,
@@ -27,13 +31,51 @@ pub enum Method {
     DenseCholesky,
 }
 
-/// Every method with the name it has in Python.
-pub const METHODS: [(&str, Method); 4] = [
-    ("filter and smoother", Method::Filter),
+/// Every method with the name it has in Python; `auto`, which is what a call does that asks for nothing else, comes first.
+pub const METHODS: [(&str, Method); 7] = [
+    ("auto", Method::Filter(Form::Auto)),
+    ("covariance", Method::Filter(Form::Covariance)),
+    ("square-root", Method::Filter(Form::SquareRoot)),
+    ("joseph", Method::Filter(Form::Joseph)),
     ("M^-1 (6.1) times torque", Method::ClosedInverse),
-    ("dense LDLT (faer)", Method::DenseLdlt),
-    ("dense Cholesky (faer)", Method::DenseCholesky),
+    (LDLT, Method::DenseLdlt),
+    (CHOLESKY, Method::DenseCholesky),
 ];
+
+/// Degrees of freedom, of all states together, in a timed pass between two questions whether to go on.
+const LONG: usize = 2_048;
+
+/// The names of the two dense methods, here and in the report on extreme scenes.
+pub(super) const LDLT: &str = "dense LDLT (faer)";
+pub(super) const CHOLESKY: &str = "dense Cholesky (faer)";
+
+impl Method {
+    /// What is called, in Rust.
+    #[must_use]
+    pub const fn call(self) -> &'static str {
+        match self {
+            Self::Filter(_) => "Scene::evaluate(ForwardDynamics)",
+            Self::ClosedInverse => "Scene::evaluate(MassMatrixInverse), Scene::evaluate(BiasTorque), product",
+            Self::DenseLdlt => "Scene::evaluate(MassMatrix), Scene::evaluate(BiasTorque), faer's LDLT",
+            Self::DenseCholesky => "Scene::evaluate(MassMatrix), Scene::evaluate(BiasTorque), faer's Cholesky",
+        }
+    }
+
+    /// The form that its calls are in; none where they have none.
+    #[must_use]
+    pub const fn form(self) -> Option<Form> {
+        match self {
+            Self::Filter(form) => Some(form),
+            Self::ClosedInverse => Some(Form::Auto),
+            Self::DenseLdlt | Self::DenseCholesky => None,
+        }
+    }
+
+    /// Whether it forms a matrix of nv x nv numbers.
+    pub(super) const fn is_dense(self) -> bool {
+        !matches!(self, Self::Filter(_))
+    }
+}
 
 /// States of a scene, row by row.
 #[derive(Debug, Clone, Copy)]
@@ -55,9 +97,9 @@ pub struct Measurement {
     pub errors: Vec<f64>,
 }
 
-/// A scalar that faer factors.
-pub trait Dense: Real + faer::traits::RealField {}
-impl<T: Real + faer::traits::RealField> Dense for T {}
+/// A kind of number that states are evaluated in, and that faer factors.
+pub trait Dense: Evaluated + Real + faer::traits::RealField {}
+impl<P: Evaluated + Real + faer::traits::RealField> Dense for P {}
 
 /// The accelerations in double-double, (n x nv): the reference, about 31 digits.
 ///
@@ -69,9 +111,10 @@ pub fn reference(scene: &Scene, states: States<'_>) -> Result<Vec<DoubleDouble>,
     let model: Model<DoubleDouble> = scene.model().cast();
     let mut workspace = Workspace::new(&model).in_form(Form::Covariance);
     let wide = |x: &[f64]| -> Vec<DoubleDouble> { x.iter().map(|&v| DoubleDouble::from_f64(v)).collect() };
-    let mut all = Vec::with_capacity(states.qd.len());
+    let mut all = memory::with_capacity("q", states.qd.len())?;
     let mut qdd = vec![DoubleDouble::from_f64(f64::NAN); nv];
     for i in 0..states.qd.len().checked_div(nv).unwrap_or(0) {
+        watch::check()?;
         let q = wide(&states.q[i * nq..(i + 1) * nq]);
         let qd = wide(&states.qd[i * nv..(i + 1) * nv]);
         let tau = wide(&states.tau[i * nv..(i + 1) * nv]);
@@ -85,148 +128,154 @@ pub fn reference(scene: &Scene, states: States<'_>) -> Result<Vec<DoubleDouble>,
 }
 
 /// Everything one method needs for one state, allocated once.
-pub(super) struct Solver<T: Dense> {
-    model: Model<T>,
-    workspace: Workspace<T>,
-    scratch: InverseScratch<T>,
-    matrix: Vec<T>,
-    right: Vec<T>,
+pub(super) struct Solver<'a, P: Dense> {
+    scene: &'a Scene,
+    method: Method,
+    evaluator: Evaluator<P>,
+    matrix: Vec<P>,
+    right: Vec<P>,
     buffer: MemBuffer,
 }
 
-impl<T: Dense> Solver<T> {
-    /// Scratch for one method; the two forms need no matrix.
-    pub fn new(scene: &Scene, method: Method) -> Self {
-        let model: Model<T> = scene.model().cast();
-        let nv = model.nv();
-        let dense = !matches!(method, Method::Filter | Method::SquareRoot);
-        let order = if dense { nv } else { 0 };
-        let need = ldlt::factor::cholesky_in_place_scratch::<T>(order, Par::Seq, Spec::default())
-            .or(llt::factor::cholesky_in_place_scratch::<T>(order, Par::Seq, Spec::default()));
-        Self {
-            workspace: Workspace::new(&model),
-            scratch: InverseScratch::new(&model),
-            matrix: vec![T::from_f64(f64::NAN); order * order],
-            right: vec![T::from_f64(f64::NAN); nv],
+impl<'a, P: Dense> Solver<'a, P> {
+    /// Scratch for one method; the filter needs no matrix.
+    pub fn new(scene: &'a Scene, method: Method) -> Result<Self, Error> {
+        let nv = scene.nv();
+        let order = if method.is_dense() { nv } else { 0 };
+        let need = ldlt::factor::cholesky_in_place_scratch::<P>(order, Par::Seq, Spec::default())
+            .or(llt::factor::cholesky_in_place_scratch::<P>(order, Par::Seq, Spec::default()));
+        Ok(Self {
+            scene,
+            method,
+            evaluator: Evaluator::new(scene),
+            matrix: memory::filled("scene", order.saturating_mul(order), P::nearest(f64::NAN))?,
+            right: vec![P::nearest(f64::NAN); nv],
             buffer: MemBuffer::new(need),
-            model,
-        }
+        })
     }
 
-    /// One state; false where the method met a bad pivot.
-    pub fn run(&mut self, method: Method, q: &[T], qd: &[T], tau: &[T], qdd: &mut [T]) -> bool {
-        match method {
-            Method::Filter => {
-                self.workspace.form = Form::Covariance;
-                let monitor = dynamics::forward_dynamics(&self.model, &mut self.workspace, q, qd, tau, &[], qdd);
-                self.workspace.lost_pivot(&self.model, &monitor).is_none()
-            }
-            Method::SquareRoot => {
-                let (model, workspace) = (&self.model, &mut self.workspace);
-                workspace.form = Form::SquareRoot;
-                let monitor = dynamics::forward_dynamics(model, workspace, q, qd, tau, &[], qdd);
-                monitor.clear(0) || workspace.pivots_are_positive()
+    /// One state; false where the method met a bad pivot, or a result is not finite.
+    pub fn run(&mut self, q: &[P], qd: &[P], tau: &[P], qdd: &mut [P]) -> bool {
+        let Self { scene, method, evaluator, matrix, right, buffer } = self;
+        let mut call = |algorithm, state: Arguments<'_, P>, out: &mut [P]| {
+            scene.evaluate(evaluator, algorithm, &[state], out).is_ok()
+        };
+        let configuration = Arguments { q, qd: &[], u: &[], wrenches: &[] };
+        match *method {
+            Method::Filter(form) => {
+                return call(Algorithm::ForwardDynamics(form), Arguments { q, qd, u: tau, wrenches: &[] }, qdd);
             }
             Method::ClosedInverse => {
-                self.workspace.form = Form::Covariance;
-                self.centred_torque(q, qd, tau);
-                let monitor = dynamics::mass_matrix_inverse(
-                    &self.model,
-                    &mut self.workspace,
-                    &mut self.scratch,
-                    q,
-                    &mut self.matrix,
-                );
-                let nv = qdd.len();
-                for (row, qdd) in self.matrix.chunks_exact(nv.max(1)).zip(qdd.iter_mut()) {
-                    *qdd = row.iter().zip(&self.right).fold(T::zero(), |sum, (m, t)| sum + *m * *t);
+                if !call(Algorithm::MassMatrixInverse(Form::Auto), configuration, matrix) {
+                    return false;
                 }
-                self.workspace.lost_pivot(&self.model, &monitor).is_none()
             }
             Method::DenseLdlt | Method::DenseCholesky => {
-                self.centred_torque(q, qd, tau);
-                dynamics::mass_matrix(&self.model, &mut self.workspace, q, &mut self.matrix);
-                qdd.copy_from_slice(&self.right);
-                self.dense_solve(method == Method::DenseLdlt, qdd)
+                if !call(Algorithm::MassMatrix, configuration, matrix) {
+                    return false;
+                }
             }
         }
-    }
-
-    /// tau less the bias torque, into `right`.
-    fn centred_torque(&mut self, q: &[T], qd: &[T], tau: &[T]) {
-        dynamics::bias_torque(&self.model, &mut self.workspace, q, qd, &[], &mut self.right);
-        for (right, tau) in self.right.iter_mut().zip(tau) {
-            *right = *tau - *right;
+        if !call(Algorithm::BiasTorque, Arguments { q, qd, u: &[], wrenches: &[] }, right) {
+            return false;
         }
-    }
-
-    fn dense_solve(&mut self, with_diagonal: bool, right: &mut [T]) -> bool {
-        let n = right.len();
-        let mut matrix = MatMut::from_column_major_slice_mut(&mut self.matrix, n, n);
-        let mut right = MatMut::from_column_major_slice_mut(right, n, 1);
-        let stack = MemStack::new(&mut self.buffer);
-        if with_diagonal {
-            let done = ldlt::factor::cholesky_in_place(
-                matrix.as_mut(),
-                ldlt::factor::LdltRegularization::default(),
-                Par::Seq,
-                stack,
-                Spec::default(),
-            );
-            if done.is_err() {
-                return false;
-            }
-            let factor = matrix.as_ref();
-            ldlt::solve::solve_in_place(factor, factor.diagonal(), right.as_mut(), Par::Seq, stack);
-        } else {
-            let done = llt::factor::cholesky_in_place(
-                matrix.as_mut(),
-                llt::factor::LltRegularization::default(),
-                Par::Seq,
-                stack,
-                Spec::default(),
-            );
-            if done.is_err() {
-                return false;
-            }
-            llt::solve::solve_in_place(matrix.as_ref(), right.as_mut(), Par::Seq, stack);
+        for (right, &tau) in right.iter_mut().zip(tau) {
+            *right = tau - *right;
         }
-        true
+        if *method == Method::ClosedInverse {
+            let nv = qdd.len();
+            for (row, qdd) in matrix.chunks_exact(nv.max(1)).zip(qdd.iter_mut()) {
+                *qdd = row.iter().zip(&*right).fold(<P as Real>::from_f64(0.0), |sum, (&m, &t)| sum + m * t);
+            }
+            return true;
+        }
+        qdd.copy_from_slice(right);
+        dense_solve(matrix, qdd, MemStack::new(buffer), *method == Method::DenseLdlt)
     }
 }
 
-/// Times `method` in the scalar `T` over all states, and compares with the reference.
-#[must_use]
-pub fn measure<T: Dense>(
+/// M x = right in place, M overwritten; false where a pivot is not positive.
+fn dense_solve<P: Dense>(matrix: &mut [P], right: &mut [P], stack: &mut MemStack, with_diagonal: bool) -> bool {
+    let n = right.len();
+    let mut matrix = MatMut::from_column_major_slice_mut(matrix, n, n);
+    let mut right = MatMut::from_column_major_slice_mut(right, n, 1);
+    if with_diagonal {
+        let done = ldlt::factor::cholesky_in_place(
+            matrix.as_mut(),
+            ldlt::factor::LdltRegularization::default(),
+            Par::Seq,
+            stack,
+            Spec::default(),
+        );
+        if done.is_err() {
+            return false;
+        }
+        let factor = matrix.as_ref();
+        ldlt::solve::solve_in_place(factor, factor.diagonal(), right.as_mut(), Par::Seq, stack);
+    } else {
+        let done = llt::factor::cholesky_in_place(
+            matrix.as_mut(),
+            llt::factor::LltRegularization::default(),
+            Par::Seq,
+            stack,
+            Spec::default(),
+        );
+        if done.is_err() {
+            return false;
+        }
+        llt::solve::solve_in_place(matrix.as_ref(), right.as_mut(), Par::Seq, stack);
+    }
+    true
+}
+
+/// Times `method` in numbers of the kind `P` over all states, one a call, and compares with the reference.
+///
+/// # Errors
+///
+/// [`Error::Memory`] for more states or repeats than there is room for; [`Error::Interrupted`] under a [`watch`] that ends the work.
+pub fn measure<P: Dense>(
     scene: &Scene,
     method: Method,
     states: States<'_>,
     reference: &[DoubleDouble],
     repeats: usize,
-) -> Measurement {
+) -> Result<Measurement, Error> {
     let (nq, nv) = (scene.nq(), scene.nv());
-    let mut solver = Solver::<T>::new(scene, method);
-    let cast = |x: &[f64]| -> Vec<T> { x.iter().map(|&v| <T as Real>::from_f64(v)).collect() };
-    let (q, qd, tau) = (cast(states.q), cast(states.qd), cast(states.tau));
+    let mut solver = Solver::<P>::new(scene, method)?;
+    let cast = |x: &[f64]| -> Result<Vec<P>, Error> {
+        let mut all = memory::with_capacity("q", x.len())?;
+        all.extend(x.iter().map(|&v| P::nearest(v)));
+        Ok(all)
+    };
+    let (q, qd, tau) = (cast(states.q)?, cast(states.qd)?, cast(states.tau)?);
     let count = qd.len().checked_div(nv).unwrap_or(0);
-    let mut qdd = vec![<T as Real>::from_f64(f64::NAN); nv];
+    let mut qdd = vec![P::nearest(f64::NAN); nv];
     let state = |i: usize| (&q[i * nq..(i + 1) * nq], &qd[i * nv..(i + 1) * nv], &tau[i * nv..(i + 1) * nv]);
 
-    let mut errors = Vec::with_capacity(count);
+    let mut errors = memory::with_capacity("q", count)?;
     for i in 0..count {
+        watch::check()?;
         let (q, qd, tau) = state(i);
-        let fine = solver.run(method, q, qd, tau, &mut qdd);
+        let fine = solver.run(q, qd, tau, &mut qdd);
         errors.push(if fine { error(&qdd, &reference[i * nv..(i + 1) * nv]) } else { f64::NAN });
     }
+    let mut outcome = Ok(());
+    let together = (LONG / nv.max(1)).max(1);
     let ns = median_ns(repeats, &mut || {
         for i in 0..count {
+            // So seldom that the time does not show it.
+            outcome = watch::check_at(i + 1, together);
+            if outcome.is_err() {
+                return;
+            }
             let (q, qd, tau) = black_box(state(i));
-            black_box(solver.run(method, q, qd, tau, black_box(&mut qdd)));
+            black_box(solver.run(q, qd, tau, black_box(&mut qdd)));
         }
-    });
+    })?;
+    outcome?;
     #[allow(clippy::cast_precision_loss)] // a count
     let ns = ns / count.max(1) as f64;
-    Measurement { ns, errors }
+    Ok(Measurement { ns, errors })
 }
 
 /// Largest error over the largest entry of the reference.

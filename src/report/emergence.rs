@@ -1,7 +1,10 @@
 //! M five ways, each with its time and its error: from samples of the random model (5.1), and by algebra.
 
+use crate::batch::chunk::{Algorithm, Arguments};
+use crate::batch::evaluator::Evaluator;
 use crate::dynamics;
 use crate::error::Error;
+use crate::memory;
 use crate::operators::dense::Composite;
 use crate::report::growth::median_ns;
 use crate::scalar::{DoubleDouble, Real};
@@ -19,7 +22,7 @@ pub enum Route {
     Sobol,
     /// Sigma points.
     SigmaPoints,
-    /// Composite inertias (3.5).
+    /// Composite inertias (3.5), by [`Scene::evaluate`].
     Recursion,
     /// H phi Q phi* H* with dense matrices (5.1).
     DenseProduct,
@@ -36,7 +39,13 @@ pub const ROUTES: [(&str, Route); 5] = [
 
 impl Route {
     /// M at `q`; `samples` and `seed` mean something to the first two routes only.
-    fn run(self, scene: &Scene, q: &[f64], samples: usize, seed: u64) -> Result<Vec<f64>, Error> {
+    fn run(
+        self,
+        scene: &Scene,
+        evaluator: &mut Evaluator,
+        q: &[f64],
+        (samples, seed): (usize, u64),
+    ) -> Result<Vec<f64>, Error> {
         let nv = scene.nv();
         let centred = || -> Result<RandomModel, Error> { scene.random_model(q, None, 1.0) };
         match self {
@@ -47,19 +56,20 @@ impl Route {
             Self::Sobol => centred()?.sobol_estimate(samples, seed, 0),
             Self::SigmaPoints => Ok(centred()?.mass_matrix(Method::SigmaPoints)?.mass_matrix),
             Self::Recursion => {
-                let mut m = vec![f64::NAN; nv * nv];
-                scene.mass_matrix(&mut scene.workspace(), q, &mut m)?;
+                let mut m = memory::filled("scene", nv.saturating_mul(nv), f64::NAN)?;
+                let state = Arguments { q, ..Arguments::default() };
+                scene.evaluate(evaluator, Algorithm::MassMatrix, &[state], &mut m).map_err(|fault| fault.error)?;
                 Ok(m)
             }
             Self::DenseProduct => {
-                let m = Composite::new(scene.model(), q)?.mass_matrix();
+                let m = Composite::new(scene.model(), q)?.mass_matrix()?;
                 Ok((0..nv * nv).map(|at| m[(at / nv, at % nv)]).collect())
             }
         }
     }
 }
 
-/// Median time of one route, ns, its setup included, and its error: the Frobenius norm of the difference from M in double-double,
+/// Median time of one route, ns, with the model that it samples and the matrix that it gives made anew, and its error: the Frobenius norm of the difference from M in double-double,
 /// over that of M.
 ///
 /// # Errors
@@ -72,13 +82,17 @@ pub fn emergence(
     (samples, seed): (usize, u64),
     repeats: usize,
 ) -> Result<(f64, f64), Error> {
-    let found = route.run(scene, q, samples, seed)?;
+    let mut evaluator = scene.evaluator();
+    let found = route.run(scene, &mut evaluator, q, (samples, seed))?;
+    let mut outcome = Ok(());
     let ns = median_ns(repeats, &mut || {
-        let _ = black_box(route.run(scene, black_box(q), samples, seed));
-    });
+        let found = black_box(route.run(scene, &mut evaluator, black_box(q), (samples, seed)));
+        outcome = found.map(|_| ());
+    })?;
+    outcome?;
     let model: Model<DoubleDouble> = scene.model().cast();
     let wide: Vec<DoubleDouble> = q.iter().map(|&x| DoubleDouble::from_f64(x)).collect();
-    let mut exact = vec![DoubleDouble::from_f64(f64::NAN); found.len()];
+    let mut exact = memory::filled("scene", found.len(), DoubleDouble::from_f64(f64::NAN))?;
     dynamics::mass_matrix(&model, &mut Workspace::new(&model), &wide, &mut exact);
     let (mut off, mut size) = (0.0, 0.0);
     for (&found, &exact) in found.iter().zip(&exact) {

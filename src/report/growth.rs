@@ -1,64 +1,71 @@
 //! Run time against the number of bodies.
 
-use crate::dynamics;
+use crate::batch::chunk::{Algorithm, Arguments};
 use crate::error::Error;
 use crate::filter::Form;
 use crate::operators::{KINDS, Operator};
 use crate::scenes;
+use crate::workspace::Workspace;
+use crate::{memory, watch};
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Time of one call on a chain.
+/// Time of one call of [`Scene::evaluate`] on a chain, one state a call.
+///
+/// [`Scene::evaluate`]: crate::Scene::evaluate
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Growth {
     /// Bodies.
     pub bodies: usize,
-    /// Forward dynamics, ns a body.
+    /// Forward dynamics in form `auto`, ns a body.
     pub forward: f64,
+    /// Forward dynamics in covariance form, ns a body.
+    pub covariance: f64,
     /// Inverse dynamics, ns a body.
     pub inverse: f64,
 }
 
-/// Median time a body of forward (covariance form) and inverse dynamics on the equal-link chain of `bodies` links, over `repeats` passes.
+/// Median time a body of forward and inverse dynamics on the equal-link chain of `bodies` links, over `repeats` passes.
 ///
 /// # Errors
 ///
-/// Those of building the chain.
+/// Those of building the chain and of the calls, and [`Error::Memory`] for too many repeats.
 pub fn growth(bodies: usize, repeats: usize) -> Result<Growth, Error> {
-    let scene = scenes::chain(bodies)?;
-    let model = scene.model();
-    let mut workspace = scene.workspace().in_form(Form::Covariance);
+    let scene = scenes::chain(bodies).map_err(|error| error.asked_by("bodies"))?;
+    let mut evaluator = scene.evaluator();
     let (q, qd, tau) = (wave(bodies, 2.0), wave(bodies, 0.5), wave(bodies, 3.0));
+    let state = Arguments { q: &q, qd: &qd, u: &tau, wrenches: &[] };
     let mut out = vec![0.0; bodies];
     // Small chains are called many times, so that the clock's own cost and grain do not show.
     let calls = (2_000 / bodies.max(1)).max(1);
-    let mut forward = || {
-        for _ in 0..calls {
-            let (q, qd, tau) = black_box((&q, &qd, &tau));
-            black_box(dynamics::forward_dynamics(model, &mut workspace, q, qd, tau, &[], &mut out));
-        }
-    };
-    let forward_ns = median_ns(repeats, &mut forward);
-    let mut inverse = || {
-        for _ in 0..calls {
-            let (q, qd, tau) = black_box((&q, &qd, &tau));
-            dynamics::inverse_dynamics(model, &mut workspace, q, qd, tau, &[], black_box(&mut out));
-        }
-    };
-    let inverse_ns = median_ns(repeats, &mut inverse);
     #[allow(clippy::cast_precision_loss)] // counts
     let work = (calls * bodies.max(1)) as f64;
-    Ok(Growth { bodies, forward: forward_ns / work, inverse: inverse_ns / work })
+    let mut timed = |algorithm| -> Result<f64, Error> {
+        scene.evaluate(&mut evaluator, algorithm, &[state], &mut out).map_err(|fault| fault.error)?;
+        let ns = median_ns(repeats, &mut || {
+            for _ in 0..calls {
+                let (states, out) = black_box(([state], &mut out));
+                let _ = black_box(scene.evaluate(&mut evaluator, algorithm, &states, out));
+            }
+        })?;
+        Ok(ns / work)
+    };
+    Ok(Growth {
+        bodies,
+        forward: timed(Algorithm::ForwardDynamics(Form::Auto))?,
+        covariance: timed(Algorithm::ForwardDynamics(Form::Covariance))?,
+        inverse: timed(Algorithm::InverseDynamics)?,
+    })
 }
 
 /// Median time a body of applying each operator (and, with a star, its transpose) on the chain of `bodies` links, ns.
 ///
 /// # Errors
 ///
-/// Those of building the chain.
+/// Those of building the chain, and [`Error::Memory`] for too many repeats.
 pub fn operator_growth(bodies: usize, repeats: usize) -> Result<Vec<(String, f64)>, Error> {
-    let scene = scenes::chain(bodies)?;
-    let factor = scene.factor(&mut scene.workspace(), &wave(bodies, 2.0))?;
+    let scene = scenes::chain(bodies).map_err(|error| error.asked_by("bodies"))?;
+    let factor = scene.factor(&mut Workspace::new(scene.model()), &wave(bodies, 2.0))?;
     let calls = (2_000 / bodies.max(1)).max(1);
     #[allow(clippy::cast_precision_loss)] // counts
     let work = (calls * bodies.max(1)) as f64;
@@ -68,10 +75,10 @@ pub fn operator_growth(bodies: usize, repeats: usize) -> Result<Vec<(String, f64
         let (rows, columns) = operator.shape();
         let (x, mut y) = (wave(columns, 1.0), vec![f64::NAN; rows]);
         let mut forward = || (0..calls).for_each(|_| operator.apply(black_box(&x), black_box(&mut y)));
-        all.push((name.to_owned(), median_ns(repeats, &mut forward) / work));
+        all.push((name.to_owned(), median_ns(repeats, &mut forward)? / work));
         let (x, mut y) = (wave(rows, 1.0), vec![f64::NAN; columns]);
         let mut backward = || (0..calls).for_each(|_| operator.apply_transpose(black_box(&x), black_box(&mut y)));
-        all.push((format!("{name}*"), median_ns(repeats, &mut backward) / work));
+        all.push((format!("{name}*"), median_ns(repeats, &mut backward)? / work));
     }
     Ok(all)
 }
@@ -82,16 +89,18 @@ fn wave(length: usize, scale: f64) -> Vec<f64> {
     (0..length).map(|i| scale * (1.0 + 0.7 * i as f64).sin()).collect()
 }
 
-/// Median wall time of `call`, ns; one call beforehand warms the caches.
-pub(super) fn median_ns(repeats: usize, call: &mut impl FnMut()) -> f64 {
+/// Median wall time of `call`, ns; one call beforehand warms the caches. Fails for more repeats than there is room for, and where it is
+/// interrupted.
+pub(super) fn median_ns(repeats: usize, call: &mut impl FnMut()) -> Result<f64, Error> {
+    let repeats = repeats.max(1);
+    let mut times = memory::with_capacity("repeats", repeats)?;
     call();
-    let mut times: Vec<f64> = (0..repeats.max(1))
-        .map(|_| {
-            let start = Instant::now();
-            call();
-            start.elapsed().as_secs_f64() * 1e9
-        })
-        .collect();
+    for _ in 0..repeats {
+        watch::check()?;
+        let start = Instant::now();
+        call();
+        times.push(start.elapsed().as_secs_f64() * 1e9);
+    }
     times.sort_by(f64::total_cmp);
-    times[times.len() / 2]
+    Ok(times[times.len() / 2])
 }

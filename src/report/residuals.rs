@@ -7,6 +7,7 @@ use crate::operators::dense::{Composite, ldlt_from_tip};
 use crate::operators::{Factor, Kind, Operator};
 use crate::scalar::{DoubleDouble, Real};
 use crate::scene::{Model, Scene};
+use crate::watch;
 use crate::workspace::Workspace;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -41,12 +42,13 @@ fn relative_each(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// An operator applied to the columns of the identity: its sweep, as a matrix.
-fn swept(factor: &Factor<f64>, kind: Kind) -> Mat<f64> {
+fn swept(factor: &Factor<f64>, kind: Kind) -> Result<Mat<f64>, Error> {
     let operator = factor.operator(kind);
     let (rows, columns) = operator.shape();
     let mut matrix = Mat::zeros(rows, columns);
     let (mut x, mut y) = (vec![0.0; columns], vec![0.0; rows]);
     for j in 0..columns {
+        watch::check_at(j, 16)?;
         x[j] = 1.0;
         operator.apply(&x, &mut y);
         x[j] = 0.0;
@@ -54,7 +56,7 @@ fn swept(factor: &Factor<f64>, kind: Kind) -> Mat<f64> {
             matrix[(i, j)] = *value;
         }
     }
-    matrix
+    Ok(matrix)
 }
 
 fn column(values: &[f64]) -> Mat<f64> {
@@ -78,10 +80,10 @@ pub fn residuals(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64]) -> Result<Ve
     let mut flat = vec![f64::NAN; nv * nv];
     scene.mass_matrix(&mut workspace, q, &mut flat)?;
     let m = Mat::from_fn(nv, nv, |i, j| flat[i * nv + j]);
-    add("M by composite inertias (3.5) = H phi Q phi* H* (5.1)", relative(&m, &dense.mass_matrix()), false);
+    add("M by composite inertias (3.5) = H phi Q phi* H* (5.1)", relative(&m, &dense.mass_matrix()?), false);
 
     let one = Mat::<f64>::identity(nv, nv);
-    let (k, l) = (swept(&factor, Kind::K), swept(&factor, Kind::L));
+    let (k, l) = (swept(&factor, Kind::K)?, swept(&factor, Kind::L)?);
     let pivots: Vec<f64> = factor.pivots().collect();
     let d = Mat::from_fn(nv, nv, |i, j| if i == j { pivots[i] } else { 0.0 });
     let unit = &one + &k;
@@ -92,13 +94,13 @@ pub fn residuals(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64]) -> Result<Ve
     add("(1 + K)(1 - L) = 1 (3.2)", relative(&(&unit * (&one - &l)), &one), true);
     add("K = L + K L (3.14)", relative(&(&l + &k * &l), &k), true);
     add("K L = L K (3.14)", commutator(&k, &l), true);
-    operators_against_definitions(&factor, &dense, &mut add);
+    operators_against_definitions(&factor, &dense, &mut add)?;
 
     let mut inverse = vec![f64::NAN; nv * nv];
     scene.mass_matrix_inverse(&mut workspace, &mut scene.inverse_scratch(), q, &mut inverse)?;
     let inverse = Mat::from_fn(nv, nv, |i, j| inverse[i * nv + j]);
     add("M M^-1 = 1, M^-1 in closed form (6.1)", relative(&(&m * &inverse), &one), true);
-    add("M^-1 (6.1) = (1 - L*) D^-1 (1 - L) (3.3)", relative(&inverse, &swept(&factor, Kind::MassInverse)), true);
+    add("M^-1 (6.1) = (1 - L*) D^-1 (1 - L) (3.3)", relative(&inverse, &swept(&factor, Kind::MassInverse)?), true);
 
     add("Omega of two links by Lambda and Psi A = J M^-1 J*: operational space", operational(scene, q, &dense)?, true);
 
@@ -126,7 +128,7 @@ fn operational(scene: &Scene, q: &[f64], dense: &Composite) -> Result<f64, Error
     scene.jacobian(q, links[0], first)?;
     scene.jacobian(q, links[1], second)?;
     let jacobian = Mat::from_fn(12, nv, |i, k| rows[i * nv + k]);
-    let solved = dense.mass_matrix().partial_piv_lu().solve(jacobian.transpose());
+    let solved = dense.mass_matrix()?.partial_piv_lu().solve(jacobian.transpose());
     Ok(relative(&Mat::from_fn(12, 12, |i, k| omega[12 * i + k]), &(&jacobian * solved)))
 }
 
@@ -141,7 +143,7 @@ fn operators_against_definitions(
     factor: &Factor<f64>,
     dense: &Composite,
     add: &mut impl FnMut(&'static str, f64, bool),
-) {
+) -> Result<(), Error> {
     for (name, kind, through_inverse) in [
         ("phi by sweep = (1 - E)^-1 (1.7)", Kind::Phi, false),
         ("Psi by sweep = (1 - E A)^-1 E (3.11)", Kind::Psi, true),
@@ -154,8 +156,9 @@ fn operators_against_definitions(
         ("Lambda+ = diagonal of Psi* H* D^-1 H Psi (5.7)", Kind::LambdaPlus, true),
         ("S by sweep = its definition (6.2)", Kind::S, true),
     ] {
-        add(name, relative(&swept(factor, kind), &dense.matrix(kind)), through_inverse);
+        add(name, relative(&swept(factor, kind)?, &dense.matrix(kind)?), through_inverse);
     }
+    Ok(())
 }
 
 /// |dE/dt - tau . qd| over the sum of |`tau_i` `qd_i`|, with dE/dt by a central difference in double-double.

@@ -11,6 +11,7 @@ use crate::scalar::{DoubleDouble, Real};
 use crate::scene::{Model, Scene, SceneBuilder};
 use crate::scenes::draw::Draw;
 use crate::workspace::Workspace;
+use crate::{memory, watch};
 
 /// What is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -131,8 +132,8 @@ impl Exact {
         let wide = |x: &[f64]| -> Vec<DoubleDouble> { x.iter().map(|&v| DoubleDouble::from_f64(v)).collect() };
         let (q, qd, u) = (wide(state.q), wide(state.qd), wide(state.u));
         let mut workspace = Workspace::new(&model);
-        let count = scene.nv() * if quantity == Quantity::MassMatrix { scene.nv() } else { 1 };
-        let mut values = vec![DoubleDouble::from_f64(f64::NAN); count];
+        let count = scene.nv().saturating_mul(if quantity == Quantity::MassMatrix { scene.nv() } else { 1 });
+        let mut values = memory::filled("scene", count, DoubleDouble::from_f64(f64::NAN))?;
         let state = State { q: &q, qd: &qd, u: &u };
         let sound = evaluate(&model, &mut workspace, quantity, state, &mut values);
         if sound { Ok(Self { values }) } else { Err(singular(scene, &workspace)) }
@@ -209,6 +210,7 @@ pub fn sensitivity(
     for (name, moved) in MOVED {
         let mut worst = Difference::none(exact.values.len());
         for _ in 0..draws {
+            watch::check()?;
             let found = match moved {
                 Moved::State => {
                     let (q, qd, u) =
@@ -219,6 +221,7 @@ pub fn sensitivity(
             };
             worst.widen(&match found {
                 Ok(found) => exact.difference(&found.values),
+                Err(error @ (Error::Interrupted | Error::Memory { .. })) => return Err(error),
                 Err(_) => Difference { norm: f64::INFINITY, components: vec![f64::INFINITY; exact.values.len()] },
             });
         }

@@ -1,18 +1,19 @@
 //! Stability: the error of every method on one state, against the exact answer, in two norms and in two precisions.
 
-use super::accuracy::{Dense, METHODS, Method, Solver};
+use super::accuracy::{CHOLESKY, Dense, LDLT, Method, Solver};
 use super::sensitivity::{Difference, Exact, Quantity, State};
-use crate::dynamics;
+use crate::batch::chunk::{Algorithm, Arguments};
+use crate::batch::evaluator::{Evaluated, Evaluator};
+use crate::filter::Form;
 use crate::scalar::{DoubleDouble, Real};
-use crate::scene::{Model, Scene};
-use crate::workspace::Workspace;
+use crate::scene::Scene;
 
 /// Every way to the accelerations, with the name it has in Python.
 pub const FORMS: [(&str, Method); 4] = [
-    ("covariance form", Method::Filter),
-    ("square-root form", Method::SquareRoot),
-    (METHODS[2].0, Method::DenseLdlt),
-    (METHODS[3].0, Method::DenseCholesky),
+    ("covariance form", Method::Filter(Form::Covariance)),
+    ("square-root form", Method::Filter(Form::SquareRoot)),
+    (LDLT, Method::DenseLdlt),
+    (CHOLESKY, Method::DenseCholesky),
 ];
 
 /// Nothing dense is formed beyond this many degrees of freedom.
@@ -41,35 +42,37 @@ impl Failure {
     }
 }
 
-/// The error of joint accelerations by `method` in the scalar `T`; in float32 scene and state are rounded first.
+/// The error of joint accelerations by `method` with states and results in `P`; in float32 the state is rounded first, and the scene
+/// where the kernels are float32's own.
 ///
 /// # Errors
 ///
 /// [`Failure`], which is a result and not a mistake of the caller.
-pub fn forward_error<T: Dense>(
+pub fn forward_error<P: Dense>(
     scene: &Scene,
     method: Method,
     state: State<'_>,
     exact: &Exact,
 ) -> Result<Difference, Failure> {
-    if matches!(method, Method::DenseLdlt | Method::DenseCholesky | Method::ClosedInverse) && scene.nv() > DENSE_CAP {
+    if method.is_dense() && scene.nv() > DENSE_CAP {
         return Err(Failure::TooLarge);
     }
-    let (q, qd, u) = (cast::<T>(state.q), cast::<T>(state.qd), cast::<T>(state.u));
-    let mut qdd = cast::<T>(&vec![f64::NAN; scene.nv()]);
-    let sound = Solver::<T>::new(scene, method).run(method, &q, &qd, &u, &mut qdd);
+    let (q, qd, u) = (cast::<P>(state.q), cast::<P>(state.qd), cast::<P>(state.u));
+    let mut qdd = cast::<P>(&vec![f64::NAN; scene.nv()]);
+    let mut solver = Solver::<P>::new(scene, method).map_err(|_| Failure::TooLarge)?;
+    let sound = solver.run(&q, &qd, &u, &mut qdd);
     if !sound {
         return Err(Failure::Pivot);
     }
     finite(&qdd, exact)
 }
 
-/// The error of another quantity by this library's recursion in the scalar `T`.
+/// The error of another quantity by [`Scene::evaluate`] with states and results in `P`; of forward dynamics in covariance form.
 ///
 /// # Errors
 ///
 /// As of [`forward_error`].
-pub fn recursion_error<T: Dense>(
+pub fn recursion_error<P: Dense>(
     scene: &Scene,
     quantity: Quantity,
     state: State<'_>,
@@ -78,25 +81,34 @@ pub fn recursion_error<T: Dense>(
     if quantity == Quantity::MassMatrix && scene.nv() > DENSE_CAP {
         return Err(Failure::TooLarge);
     }
-    let model: Model<T> = scene.model().cast();
-    let mut workspace = Workspace::new(&model);
-    let (q, qd, u) = (cast::<T>(state.q), cast::<T>(state.qd), cast::<T>(state.u));
-    let mut out = cast::<T>(&vec![f64::NAN; exact.values.len()]);
-    match quantity {
-        Quantity::ForwardDynamics => return forward_error::<T>(scene, Method::Filter, state, exact),
-        Quantity::InverseDynamics => dynamics::inverse_dynamics(&model, &mut workspace, &q, &qd, &u, &[], &mut out),
-        Quantity::BiasTorque => dynamics::bias_torque(&model, &mut workspace, &q, &qd, &[], &mut out),
-        Quantity::MassMatrix => dynamics::mass_matrix(&model, &mut workspace, &q, &mut out),
+    let (q, qd, u) = (cast::<P>(state.q), cast::<P>(state.qd), cast::<P>(state.u));
+    let mut state = Arguments { q: &q, qd: &qd, u: &u, wrenches: &[] };
+    let algorithm = match quantity {
+        Quantity::ForwardDynamics => Algorithm::ForwardDynamics(Form::Covariance),
+        Quantity::InverseDynamics => Algorithm::InverseDynamics,
+        Quantity::BiasTorque => {
+            state.u = &[];
+            Algorithm::BiasTorque
+        }
+        Quantity::MassMatrix => {
+            (state.qd, state.u) = (&[], &[]);
+            Algorithm::MassMatrix
+        }
+    };
+    let mut out = cast::<P>(&vec![f64::NAN; exact.values.len()]);
+    if scene.evaluate(&mut Evaluator::<P>::new(scene), algorithm, &[state], &mut out).is_err() {
+        let is_factored = quantity == Quantity::ForwardDynamics;
+        return Err(if is_factored { Failure::Pivot } else { Failure::NotFinite });
     }
     finite(&out, exact)
 }
 
-fn cast<T: Real>(x: &[f64]) -> Vec<T> {
-    x.iter().map(|&v| T::from_f64(v)).collect()
+fn cast<P: Evaluated>(x: &[f64]) -> Vec<P> {
+    x.iter().map(|&v| P::nearest(v)).collect()
 }
 
-fn finite<T: Real>(found: &[T], exact: &Exact) -> Result<Difference, Failure> {
-    let found: Vec<DoubleDouble> = found.iter().map(|x| DoubleDouble::from_f64(x.lane(0))).collect();
+fn finite<P: Evaluated>(found: &[P], exact: &Exact) -> Result<Difference, Failure> {
+    let found: Vec<DoubleDouble> = found.iter().map(|x| DoubleDouble::from_f64(x.widened())).collect();
     let all = exact.difference(&found);
-    if found.iter().all(|x| x.lane(0).is_finite()) { Ok(all) } else { Err(Failure::NotFinite) }
+    if found.iter().all(|x| x.high.is_finite()) { Ok(all) } else { Err(Failure::NotFinite) }
 }

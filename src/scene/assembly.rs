@@ -1,10 +1,13 @@
 //! The scene of a checked tree: the order, the frames, the merging.
 
+use super::builder::AT_A_TIME;
 use super::description::{Inertial, JointDescription, JointKind};
-use super::{Joint, Link, ROOT_JOINT, Scene};
+use super::{Joint, Link, Scene};
+use crate::error::Error;
 use crate::planar::PlanarModel;
 use crate::scene::model::Motion;
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, inertia_root, join_roots, root_of_merged};
+use crate::watch;
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// The checked tree: for each link its children as (joint, link), and the root.
@@ -13,14 +16,14 @@ pub(super) struct Tree {
     pub root: usize,
 }
 
-/// Fills a scene that has no links yet.
-pub(super) fn assemble(unfilled: Scene, tree: &Tree) -> Scene {
+/// Fills a scene that has no links yet; fails where that is interrupted.
+pub(super) fn assemble(unfilled: Scene, tree: &Tree) -> Result<Scene, Error> {
     Assembly { scene: unfilled }.run(tree)
 }
 
 /// A rotation R with R `e_z` = axis; exact where the axis is a coordinate axis.
 fn axis_onto_z(axis: &Vector3<f64>) -> Matrix3<f64> {
-    let z = axis / axis.norm();
+    let z = unit(axis);
     if z == Vector3::z() {
         return Matrix3::identity();
     }
@@ -28,6 +31,14 @@ fn axis_onto_z(axis: &Vector3<f64>) -> Matrix3<f64> {
     let helper = Vector3::ith(z.iamin(), 1.0);
     let x = (helper - z * z.dot(&helper)).normalize();
     Matrix3::from_columns(&[x, z.cross(&x), z])
+}
+
+/// A vector of length 1 in that direction. Lengths whose square is no number of 64 bits are scaled first; others keep their
+/// rounding.
+fn unit(axis: &Vector3<f64>) -> Vector3<f64> {
+    let size = axis.amax();
+    let axis = if (1e-100..1e100).contains(&size) { *axis } else { axis / size };
+    axis / axis.norm()
 }
 
 /// A pure rotation.
@@ -68,14 +79,9 @@ struct Assembly {
 type Place = (Option<usize>, RigidShift<f64>);
 
 impl Assembly {
-    fn run(mut self, tree: &Tree) -> Scene {
+    fn run(mut self, tree: &Tree) -> Result<Scene, Error> {
         let place = if self.scene.source.floating_base {
-            let root = JointDescription::new(
-                ROOT_JOINT,
-                JointKind::Floating,
-                "",
-                self.scene.source.links[tree.root].name.clone(),
-            );
+            let root = self.scene.source.root_joint(self.scene.source.links[tree.root].name.clone());
             self.add_joint(&root, (None, RigidShift::identity()))
         } else if self.scene.source.omissions.base_links {
             (None, RigidShift::identity())
@@ -84,6 +90,7 @@ impl Assembly {
         };
         let mut stack: Vec<(Option<usize>, usize, Place)> = vec![(None, tree.root, place)];
         while let Some((joint, link, at)) = stack.pop() {
+            watch::check_at(self.scene.links.len(), AT_A_TIME)?;
             let at = match joint {
                 Some(joint) => {
                     let joint = self.scene.source.joints[joint].clone();
@@ -98,7 +105,7 @@ impl Assembly {
             }
         }
         self.scene.planar = PlanarModel::of(&self.scene.model);
-        self.scene
+        Ok(self.scene)
     }
 
     /// Adds a joint on a parent link placed at `at`; gives the place of its child link.

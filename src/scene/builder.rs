@@ -3,15 +3,23 @@
 use super::Scene;
 use super::assembly::{Tree, assemble};
 use super::description::{JointDescription, JointKind, LinkDescription, SceneWarning};
-use super::inertia_check::{check_numbers, unphysical};
+use super::inertia_check::check_numbers;
 use super::joint_check::check_joint;
 use super::omissions::Omissions;
+use super::properties::Properties;
 use crate::error::Error;
+use crate::{memory, watch};
 use nalgebra::Vector3;
 use std::collections::{HashMap, HashSet};
 
-/// Name of the joint that a floating base gets.
+/// Name of the joint that a floating base gets, unless a joint of the scene has it.
 pub const ROOT_JOINT: &str = "root_joint";
+
+/// Links or joints that are looked at before it is asked whether to go on.
+pub(crate) const AT_A_TIME: usize = 1 << 12;
+
+/// About what a link with its joint takes in a scene, in bytes, beside what describes it.
+pub(crate) const A_LINK: usize = 2_000;
 
 /// Collects links and joints; [`SceneBuilder::build`] checks them and makes the scene.
 ///
@@ -43,8 +51,14 @@ pub struct SceneBuilder {
     pub(super) floating_base: bool,
     pub(super) strict: bool,
     pub(super) omissions: Omissions,
+    /// What the free joint of a floating base has beside its freedom.
+    pub(super) root: Properties,
     /// The joints that [`Scene::lock`] fixed, with what they were.
     pub(super) locked: Vec<(String, JointKind)>,
+    /// Whether links and joints come from a file: from code, a scene without mass is meant so.
+    pub(super) from_file: bool,
+    /// What the file was read with, for the scene's warnings.
+    pub(super) notes: Vec<SceneWarning>,
 }
 
 impl Default for SceneBuilder {
@@ -64,7 +78,10 @@ impl SceneBuilder {
             floating_base: false,
             strict: false,
             omissions: Omissions::default(),
+            root: Properties::default(),
             locked: Vec::new(),
+            from_file: false,
+            notes: Vec::new(),
         }
     }
 
@@ -89,14 +106,15 @@ impl SceneBuilder {
         self
     }
 
-    /// Puts a free joint, named "`root_joint`", under the root link.
+    /// Puts a free joint under the root link, named [`ROOT_JOINT`], with as many "_" behind as make the name unique.
     #[must_use]
     pub fn floating_base(mut self, floating: bool) -> Self {
         self.floating_base = floating;
         self
     }
 
-    /// Makes unphysical inertias and mimics of unknown joints an error.
+    /// Makes an error of unphysical inertias and mimics of unknown joints; in a file also of moving links that all have no
+    /// mass, of what is not understood, and of limits that mean nothing.
     #[must_use]
     pub fn strict(mut self, strict: bool) -> Self {
         self.strict = strict;
@@ -140,6 +158,27 @@ impl SceneBuilder {
         self.omissions
     }
 
+    /// The free joint that a floating base puts under the link of that name.
+    pub(crate) fn root_joint(&self, link: String) -> JointDescription {
+        let mut joint = JointDescription::new(self.root_joint_name(), JointKind::Floating, "", link);
+        self.root.give(&mut joint);
+        joint
+    }
+
+    /// The same of what such a joint has beside its freedom, for a copy of the description elsewhere.
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) fn root_properties(&self) -> Properties {
+        self.root
+    }
+
+    /// Sets what the free joint of a floating base has beside its freedom.
+    #[must_use]
+    #[cfg_attr(not(feature = "python"), allow(dead_code))]
+    pub(crate) fn with_root(mut self, root: Properties) -> Self {
+        self.root = root;
+        self
+    }
+
     /// Names of the joints that were movable before [`Scene::lock`] fixed them.
     pub fn locked_joints(&self) -> impl Iterator<Item = &str> {
         self.locked.iter().map(|(name, _)| name.as_str())
@@ -163,8 +202,9 @@ impl SceneBuilder {
     #[must_use]
     pub(crate) fn unlocked(&self) -> Self {
         let mut source = self.clone();
-        for (name, kind) in source.locked.drain(..) {
-            if let Some(joint) = source.joints.iter_mut().find(|joint| joint.name == name) {
+        let locked: HashMap<String, JointKind> = source.locked.drain(..).collect();
+        for joint in &mut source.joints {
+            if let Some(&kind) = locked.get(&joint.name) {
                 joint.kind = kind;
             }
         }
@@ -184,13 +224,15 @@ impl SceneBuilder {
     ///
     /// [`Error::Scene`], naming the link or joint, for: no link, a name used twice, an unknown parent or child, a link
     /// with two parents, two roots, a cycle, an axis of no direction, numbers that are not finite, a negative mass,
-    /// armature, damping, friction or stiffness, a rest that is no configuration of the joint, lower limit above upper; with `strict`, an unphysical inertia or a mimic of an
-    /// unknown joint.
+    /// armature, damping, friction or stiffness, a rest that is no configuration of the joint, lower limit above upper; a
+    /// floating base for what floats already, under a root link without mass; and what [`SceneBuilder::strict`] makes one.
     pub fn build(self) -> Result<Scene, Error> {
-        let tree = self.check_tree()?;
+        memory::room("links", memory::bytes_of::<[u8; A_LINK]>(&[self.links.len()]))?;
+        let tree = self.check_tree().map_err(|error| self.with_notes(error))?;
         self.check_numbers()?;
-        let warnings = self.warnings()?;
-        Ok(assemble(Scene::unfilled(self, warnings), &tree))
+        self.check_base(&tree)?;
+        let warnings = self.warnings(&tree)?;
+        assemble(Scene::unfilled(self, warnings), &tree)
     }
 
     /// Children's joints of each link, and the root.
@@ -200,24 +242,24 @@ impl SceneBuilder {
         }
         let mut index = HashMap::new();
         for (i, link) in self.links.iter().enumerate() {
+            watch::check_at(i, AT_A_TIME)?;
             if index.insert(link.name.as_str(), i).is_some() {
                 return Err(Error::scene(format!("link {:?}", link.name), "the name twice", "unique link names"));
             }
         }
         let mut names: HashSet<&str> = HashSet::new();
-        if self.floating_base {
-            names.insert(ROOT_JOINT);
-        }
         let mut parent_joint: Vec<Option<usize>> = vec![None; self.links.len()];
         let mut children: Vec<Vec<(usize, usize)>> = vec![Vec::new(); self.links.len()];
         for (j, joint) in self.joints.iter().enumerate() {
+            watch::check_at(j, AT_A_TIME)?;
             let subject = || format!("joint {:?}", joint.name);
             if !names.insert(&joint.name) {
                 return Err(Error::scene(subject(), "the name twice", "unique joint names"));
             }
             let find = |role: &str, name: &str| {
                 index.get(name).copied().ok_or_else(|| {
-                    Error::scene(subject(), format!("{role} link {name:?}, which is not there"), self.known_links())
+                    let found = format!("{role} link {name:?}, which is not there");
+                    Error::scene(subject(), found, self.known_links(name))
                 })
             };
             let (parent, child) = (find("parent", &joint.parent)?, find("child", &joint.child)?);
@@ -266,50 +308,34 @@ impl SceneBuilder {
         Ok(Tree { children, root })
     }
 
-    /// A short list of the links, for messages.
-    fn known_links(&self) -> String {
+    /// A short list of the links, for messages; how to declare the ground, for the link that many files leave out.
+    fn known_links(&self, wanted: &str) -> String {
         let names: Vec<_> = self.links.iter().take(8).map(|l| format!("{:?}", l.name)).collect();
         let more = if self.links.len() > 8 { ", ..." } else { "" };
-        format!("one of the links {}{more}", names.join(", "))
+        let listed = format!("one of the links {}{more}", names.join(", "));
+        if wanted == "world" {
+            return format!("<link name=\"world\"/> in the file (in code: a link \"world\" without mass), or {listed}");
+        }
+        listed
+    }
+
+    /// The name of the joint that a floating base gets.
+    pub(super) fn root_joint_name(&self) -> String {
+        let mut name = ROOT_JOINT.to_owned();
+        while self.joints.iter().any(|joint| joint.name == name) {
+            name.push('_');
+        }
+        name
     }
 
     fn check_numbers(&self) -> Result<(), Error> {
-        for link in &self.links {
+        for (i, link) in self.links.iter().enumerate() {
+            watch::check_at(i, AT_A_TIME)?;
             if let Some(inertial) = &link.inertial {
                 check_numbers(&link.name, inertial)?;
             }
         }
-        self.joints.iter().try_for_each(check_joint)
-    }
-
-    fn warnings(&self) -> Result<Vec<SceneWarning>, Error> {
-        let mut warnings = Vec::new();
-        for link in &self.links {
-            if let Some(found) = link.inertial.as_ref().and_then(unphysical) {
-                if self.strict {
-                    return Err(Error::scene(
-                        format!("link {:?}", link.name),
-                        found,
-                        "an inertia that a body can have (strict)",
-                    ));
-                }
-                warnings.push(SceneWarning::Inertia { link: link.name.clone(), found });
-            }
-        }
-        let names: HashSet<&str> = self.joints.iter().map(|joint| joint.name.as_str()).collect();
-        // A fixed joint that keeps its <mimic> has no coordinate to be independent.
-        for joint in self.joints.iter().filter(|joint| joint.kind != JointKind::Fixed) {
-            if let Some(source) = &joint.mimic {
-                if self.strict && !names.contains(source.as_str()) {
-                    return Err(Error::scene(
-                        format!("joint {:?}", joint.name),
-                        format!("a mimic of joint {source:?}, which is not there"),
-                        "the name of another joint (strict)",
-                    ));
-                }
-                warnings.push(SceneWarning::Mimic { joint: joint.name.clone(), source: source.clone() });
-            }
-        }
-        Ok(warnings)
+        self.joints.iter().try_for_each(check_joint)?;
+        check_joint(&self.root_joint(String::new()))
     }
 }

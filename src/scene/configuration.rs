@@ -8,13 +8,7 @@ impl Scene {
     /// The neutral configuration: zero everywhere, the identity for quaternions.
     #[must_use]
     pub fn neutral(&self) -> Vec<f64> {
-        let mut q = vec![0.0; self.nq()];
-        for joint in self.joints() {
-            if let Some(quaternion) = joint.quaternion() {
-                q[quaternion.end - 1] = 1.0;
-            }
-        }
-        q
+        self.joints().iter().flat_map(|joint| joint.kind.neutral()).collect()
     }
 
     /// The configuration reached from `q` by the constant velocity `v` in unit time; quaternions come out unit.

@@ -1,6 +1,7 @@
 //! What a scene is made of, as the user says it: links and joints by name.
 
 use super::spring::Spring;
+use crate::error::Error;
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Vector3;
 
@@ -71,6 +72,16 @@ impl JointKind {
         }
     }
 
+    /// The neutral coordinates: zero, quaternions the identity.
+    #[must_use]
+    pub fn neutral(self) -> Vec<f64> {
+        let mut neutral = vec![0.0; self.nq()];
+        if let (Self::Spherical | Self::Floating, Some(scalar)) = (self, neutral.last_mut()) {
+            *scalar = 1.0;
+        }
+        neutral
+    }
+
     /// Whether the joint's axis means anything.
     #[must_use]
     pub fn has_axis(self) -> bool {
@@ -112,6 +123,24 @@ impl Default for Limits {
     }
 }
 
+/// Which joint another should follow: its coordinate is the multiplier times that joint's, plus the offset.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mimic {
+    /// Name of the joint to follow.
+    pub joint: String,
+    /// Ratio of the coordinates.
+    pub multiplier: f64,
+    /// Coordinate where the other is at zero, rad or m.
+    pub offset: f64,
+}
+
+impl Mimic {
+    /// The same coordinate as another joint's.
+    pub fn of(joint: impl Into<String>) -> Self {
+        Self { joint: joint.into(), multiplier: 1.0, offset: 0.0 }
+    }
+}
+
 /// A joint between two links.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointDescription {
@@ -137,8 +166,8 @@ pub struct JointDescription {
     pub spring: Spring,
     /// Limits.
     pub limits: Limits,
-    /// Name of the joint that this one should mimic; it stays an independent coordinate.
-    pub mimic: Option<String>,
+    /// The joint that this one should mimic; it stays an independent coordinate.
+    pub mimic: Option<Mimic>,
 }
 
 impl JointDescription {
@@ -178,6 +207,60 @@ pub enum SceneWarning {
         /// The joint that it should follow.
         source: String,
     },
+    /// A file none of whose moving links has mass.
+    NoMass {
+        /// The moving links.
+        links: Vec<String>,
+    },
+    /// Elements and attributes of a file that are not understood and were passed over.
+    NotUnderstood {
+        /// "URDF", or the path.
+        source: String,
+        /// What they are, and where.
+        found: String,
+    },
+    /// Limits in a file that mean nothing and are taken as none.
+    Limits {
+        /// The joints, and what is wrong with their limits.
+        found: String,
+    },
+}
+
+impl SceneWarning {
+    /// The error that it is in a strict scene.
+    pub(super) fn into_error(self) -> Error {
+        let (subject, found, expected) = match self {
+            Self::Inertia { link, found } => {
+                (format!("link {link:?}"), found, "an inertia that a body can have (strict)".to_owned())
+            }
+            Self::Mimic { joint, source } => (
+                format!("joint {joint:?}"),
+                format!("a mimic of joint {source:?}, which is not there"),
+                "the name of another joint (strict)".to_owned(),
+            ),
+            Self::NoMass { links } => {
+                ("scene".to_owned(), no_mass(&links), "a moving link with mass (strict)".to_owned())
+            }
+            Self::NotUnderstood { source, found } => (
+                source,
+                format!("what is not understood: {found}"),
+                "elements and attributes that are read (strict)".to_owned(),
+            ),
+            Self::Limits { found } => {
+                let expected = "lower not above upper, velocity and effort zero or positive (strict)";
+                ("limits".to_owned(), found, expected.to_owned())
+            }
+        };
+        Error::scene(subject, found, expected)
+    }
+}
+
+/// The words for moving links without mass.
+fn no_mass(links: &[String]) -> String {
+    let names: Vec<String> = links.iter().take(8).map(|link| format!("{link:?}")).collect();
+    let more = if links.len() > names.len() { ", ..." } else { "" };
+    let (n, have) = (links.len(), if links.len() == 1 { "link has" } else { "links have" });
+    format!("{n} of {n} moving {have} no mass: {}{more}", names.join(", "))
 }
 
 impl std::fmt::Display for SceneWarning {
@@ -187,6 +270,11 @@ impl std::fmt::Display for SceneWarning {
             Self::Mimic { joint, source } => {
                 write!(f, "joint {joint:?}: mimics {source:?}; it is taken as an independent coordinate")
             }
+            Self::NoMass { links } => {
+                write!(f, "{}; torques are zero, and accelerations not defined, but for armature", no_mass(links))
+            }
+            Self::NotUnderstood { source, found } => write!(f, "{source}: not understood and passed over: {found}"),
+            Self::Limits { found } => write!(f, "limits that mean nothing, taken as none: {found}"),
         }
     }
 }

@@ -40,6 +40,7 @@ impl Scene {
         self.check_rates("qd", qd)?;
         self.check_measurements(measurements)?;
         self.check_wrenches(wrenches)?;
+        self.check_workspace(workspace)?;
         let (nv, bodies) = (self.nv(), self.model.bodies.len());
         check_length("estimate", estimate.acceleration.len().min(estimate.torque.len()), nv)?;
         check_length("estimate (bodies)", estimate.force.len().min(estimate.process.len()), bodies)?;
@@ -80,6 +81,7 @@ impl Scene {
         self.check_rates("qd", qd)?;
         self.check_measurements(measurements)?;
         self.check_wrenches(wrenches)?;
+        self.check_workspace(workspace)?;
         let state = (q, qd, wrenches);
         let estimate = dynamics::estimate_batch(&self.model, workspace, state, measurements, with_covariance)?;
         self.check_result("estimated acceleration", &estimate.acceleration)?;
@@ -89,12 +91,8 @@ impl Scene {
 
     /// Torques finite where measured, noise zero or positive, the variance of accelerations positive.
     fn check_measurements(&self, measurements: &Measurements<'_, f64>) -> Result<(), Error> {
-        self.model.omissions.check_every_body_moves("scene")?;
         let s = measurements.acceleration_variance;
-        if !(s > 0.0 && s.is_finite()) {
-            let expected = "a variance of the acceleration of one kg m^2, (rad/s^2)^2: positive and finite";
-            return Err(Error::argument("acceleration_variance", s.to_string(), expected));
-        }
+        self.check_prior(s)?;
         check_length("torque", measurements.torque.len(), self.nv())?;
         check_length("noise", measurements.noise.len(), self.nv())?;
         for (row, (&noise, &torque)) in measurements.noise.iter().zip(measurements.torque).enumerate() {
@@ -122,6 +120,16 @@ impl Scene {
             check_finite("prior_acceleration", prior)?;
         }
         Ok(())
+    }
+
+    /// The scene can be estimated, and the variance of accelerations is positive: what all states of a batch share.
+    pub(crate) fn check_prior(&self, s: f64) -> Result<(), Error> {
+        self.model.omissions.check_every_body_moves("scene")?;
+        if s > 0.0 && s.is_finite() {
+            return Ok(());
+        }
+        let expected = "a variance of the acceleration of one kg m^2, (rad/s^2)^2: positive and finite";
+        Err(Error::argument("acceleration_variance", s.to_string(), expected))
     }
 
     /// The name of the joint of a degree of freedom.

@@ -1,7 +1,7 @@
 //! Whether a link's inertia is one that a distribution of mass can have.
 
 use super::description::Inertial;
-use crate::error::Error;
+use crate::error::{Error, number};
 use crate::spatial::Symmetric3;
 
 /// Slack for the rounding of a file's numbers, relative to the largest principal inertia.
@@ -17,7 +17,7 @@ const ROUNDING: f64 = 2.5e-5;
 /// Refuses NaN, infinities and negative mass.
 pub(super) fn check_numbers(link: &str, inertial: &Inertial) -> Result<(), Error> {
     let refuse = |what: &str, value: f64, expected: &str| {
-        Err(Error::scene(format!("link {link:?}"), format!("{what} {value}"), expected))
+        Err(Error::scene(format!("link {link:?}"), format!("{what} {}", number(value)), expected))
     };
     if !inertial.mass.is_finite() || inertial.mass < 0.0 {
         return refuse("mass", inertial.mass, "a finite mass, zero or positive");

@@ -2,7 +2,7 @@
 
 use super::description::{JointDescription, JointKind};
 use super::spring::check_spring;
-use crate::error::Error;
+use crate::error::{Error, number};
 use nalgebra::Matrix3;
 
 /// Numbers of one joint: finite, of the right sign, with an axis that has a direction.
@@ -17,32 +17,38 @@ pub(super) fn check_joint(joint: &JointDescription) -> Result<(), Error> {
     if !(defect <= 1e-9 && r.determinant() > 0.0) {
         return refuse(format!("an origin whose rotation is off by {defect:.1e}"), "a rotation matrix");
     }
-    let norm = joint.axis.norm();
-    if joint.kind.has_axis() && !(norm.is_finite() && norm > 1e-12) {
-        let [x, y, z]: [f64; 3] = joint.axis.into();
+    let usable = joint.axis.iter().all(|x| x.is_finite()) && joint.axis.amax() > 0.0;
+    if joint.kind.has_axis() && !usable {
+        let [x, y, z] = <[f64; 3]>::from(joint.axis).map(number);
         return refuse(format!("axis ({x}, {y}, {z})"), "an axis with a direction");
     }
     if let JointKind::Screw { pitch } = joint.kind
         && !pitch.is_finite()
     {
-        return refuse(format!("pitch {pitch}"), "a finite pitch in m/rad");
+        return refuse(format!("pitch {}", number(pitch)), "a finite pitch in m/rad");
     }
     for (name, value) in [("armature", joint.armature), ("damping", joint.damping), ("friction", joint.friction)] {
         if !(value.is_finite() && value >= 0.0) {
-            return refuse(format!("{name} {value}"), "a finite number, zero or positive");
+            return refuse(format!("{name} {}", number(value)), "a finite number, zero or positive");
         }
     }
     check_spring(&joint.name, joint.kind, &joint.spring)?;
+    if let Some(mimic) = &joint.mimic
+        && !(mimic.multiplier.is_finite() && mimic.offset.is_finite())
+    {
+        let found = format!("a mimic with multiplier {} and offset {}", mimic.multiplier, mimic.offset);
+        return refuse(found, "finite numbers");
+    }
     let limits = &joint.limits;
     if !(limits.lower <= limits.upper) {
         return refuse(
-            format!("limits from {} to {}", limits.lower, limits.upper),
+            format!("limits from {} to {}", number(limits.lower), number(limits.upper)),
             "a lower limit that is not above the upper one",
         );
     }
     for (name, value) in [("velocity", limits.velocity), ("effort", limits.effort)] {
         if !(value >= 0.0) {
-            return refuse(format!("{name} limit {value}"), "a limit that is zero or positive");
+            return refuse(format!("{name} limit {}", number(value)), "a limit that is zero or positive");
         }
     }
     Ok(())

@@ -1,10 +1,12 @@
 //! Locking joints: a new scene with those joints folded into the bodies around them.
 
+use super::Scene;
 use super::description::{JointDescription, JointKind};
-use super::{ROOT_JOINT, Scene};
+use super::properties::Properties;
 use crate::error::Error;
 use crate::kinematics::joint_shift;
 use crate::spatial::RigidShift;
+use crate::watch;
 use nalgebra::Matrix3;
 
 impl Scene {
@@ -20,13 +22,15 @@ impl Scene {
     pub fn lock(&self, joints: &[&str], q: &[f64]) -> Result<Self, Error> {
         self.check_configuration("q", q)?;
         let mut source = self.source().clone();
+        let free = source.floating_base.then(|| source.root_joint_name());
         for name in joints {
+            watch::check()?;
             let joint = self.joint(name)?;
             let moved = self.child_placement(joint, q);
             source.locked.push((joint.name.clone(), joint.kind));
-            if *name == ROOT_JOINT && source.floating_base {
+            if source.floating_base && free.as_deref() == Some(*name) {
                 source.floating_base = false;
-                source = on_a_base(source, joint.child.clone(), moved);
+                source = on_a_base(source, joint, &moved);
                 continue;
             }
             if let Some(description) = source.joints.iter_mut().find(|d| d.name == *name) {
@@ -59,13 +63,20 @@ impl Scene {
 }
 
 /// A fixed joint in place of the floating base's free one.
-fn on_a_base(mut source: super::SceneBuilder, root: String, placement: RigidShift<f64>) -> super::SceneBuilder {
+fn on_a_base(mut source: super::SceneBuilder, free: &super::Joint, placement: &RigidShift<f64>) -> super::SceneBuilder {
     let mut base = "base".to_owned();
     while source.links.iter().any(|link| link.name == base) {
         base.push('_');
     }
-    let mut joint = JointDescription::new(ROOT_JOINT, JointKind::Fixed, base.clone(), root);
-    joint.origin = tidy(&placement);
+    // Of the free joint it keeps what that has beside its freedom.
+    let mut joint = JointDescription {
+        name: free.name.clone(),
+        kind: JointKind::Fixed,
+        parent: base.clone(),
+        ..source.root_joint(free.child.clone())
+    };
+    source.root = Properties::default();
+    joint.origin = tidy(placement);
     source.links.insert(0, super::LinkDescription { name: base, inertial: None });
     source.joints.insert(0, joint);
     source

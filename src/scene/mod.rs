@@ -1,7 +1,7 @@
 //! The scene: an immutable articulated system, shareable between threads.
 //!
 //! [`description`] says what the user gives, [`builder`] checks it, `assembly` makes the scene of it but for its [`omissions`], [`model`] is what the sweeps read, `urdf`
-//! reads files, [`configuration`] moves on the manifold of configurations, and `Scene` has the checked algorithms.
+//! reads files, `properties` and `payload` make changed scenes, [`configuration`] moves on the manifold of configurations, and `Scene` has the checked algorithms.
 
 mod assembly;
 pub mod builder;
@@ -14,16 +14,22 @@ mod lock;
 pub mod model;
 pub mod omissions;
 pub mod operational;
+mod payload;
+pub(crate) mod properties;
 pub(crate) mod queries;
+mod recursions;
 pub mod spring;
 #[cfg(feature = "urdf")]
 pub mod urdf;
+mod whole_check;
 
+pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
-pub use description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, SceneWarning};
+pub use description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, SceneWarning};
 pub use model::{Body, Model, Motion};
 pub use omissions::Omissions;
 pub use operational::TaskFrame;
+pub use properties::Property;
 pub use spring::Spring;
 
 use crate::error::Error;
@@ -31,6 +37,7 @@ use crate::planar::PlanarModel;
 use crate::spatial::RigidShift;
 use std::collections::HashMap;
 use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A movable joint of a scene.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,6 +70,8 @@ pub struct Link {
 /// An articulated system: bodies, joints, gravity, and the names of them. Immutable.
 #[derive(Debug, Clone)]
 pub struct Scene {
+    /// Which scene this is: a copy is the same, another one built never is.
+    identity: u64,
     source: SceneBuilder,
     warnings: Vec<SceneWarning>,
     model: Model<f64>,
@@ -80,7 +89,9 @@ pub struct Scene {
 impl Scene {
     /// A scene that has no links yet, for the builder to fill.
     fn unfilled(source: SceneBuilder, warnings: Vec<SceneWarning>) -> Self {
+        static BUILT: AtomicU64 = AtomicU64::new(0);
         Self {
+            identity: BUILT.fetch_add(1, Ordering::Relaxed),
             model: Model::empty(source.gravity, source.omissions),
             source,
             warnings,
@@ -92,6 +103,11 @@ impl Scene {
             link_index: HashMap::new(),
             joint_index: HashMap::new(),
         }
+    }
+
+    /// Which scene this is, among all of this process: what is kept for one is never used for another.
+    pub(crate) fn identity(&self) -> u64 {
+        self.identity
     }
 
     /// Number of coordinates in q.

@@ -2,9 +2,10 @@
 
 use super::Scene;
 use crate::dynamics;
-use crate::dynamics::operational::{Frame, OperationalScratch};
+use crate::dynamics::operational::{Frame, MANY, OperationalScratch};
 use crate::error::{Error, check_finite, check_length};
 use crate::spatial::RigidShift;
+use crate::watch;
 use crate::workspace::Workspace;
 use nalgebra::{DMatrix, Matrix3};
 
@@ -57,6 +58,7 @@ impl Scene {
         self.check_configuration("q", q)?;
         some_link(links)?;
         check_length("out", out.len(), 36 * links.len() * links.len())?;
+        self.check_workspace(workspace)?;
         self.check_form(workspace)?;
         let mut frames = std::mem::take(&mut scratch.frames);
         frames.clear();
@@ -64,7 +66,11 @@ impl Scene {
             frames.push(self.frame(&link.into())?);
         }
         let monitor = dynamics::operational_inverse_inertia(&self.model, workspace, scratch, q, &frames, out);
+        let many = frames.len() * frames.len() >= MANY;
         scratch.frames = frames;
+        if many {
+            watch::check()?;
+        }
         self.check_pivots(workspace, monitor)?;
         self.check_result("operational inverse inertia", out)
     }

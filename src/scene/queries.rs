@@ -1,14 +1,15 @@
 //! The algorithms on one state of a scene, with arguments checked and faults named.
 
 use super::{Joint, Link, Scene};
-use crate::batch::chunk::Algorithm;
+use crate::batch::chunk::{Algorithm, Arguments};
+use crate::batch::own::OwnKernels;
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::dynamics::{self, Energy};
 use crate::error::{Error, check_finite, check_length};
 use crate::filter::Form;
 use crate::filter::pivots::{LostPivot, PivotMonitor};
 use crate::kinematics;
-use crate::planar::{self, PlanarScratch};
+use crate::planar::PlanarScratch;
 use crate::spatial::{RigidShift, SpatialVector};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
@@ -16,14 +17,21 @@ use nalgebra::Vector6;
 /// How far the norm of a quaternion may be from one.
 pub const QUATERNION_SLACK: f64 = 1e-3;
 
+/// Scratch of M and M^-1, which can be as large as they, is made with the workspace up to so many degrees of freedom.
+pub const MATRICES_AHEAD: usize = 128;
+
 /// Wrenches on links, as forces on bodies: empty, or one a body in the body's frame.
 pub type BodyWrenches = Vec<SpatialVector<f64>>;
 
 impl Scene {
     /// Scratch for the methods below; one for each thread.
+    ///
+    /// With the compiled kernels of one state, so that these methods allocate nothing; but scratch of the two matrices is made by their
+    /// first call where the scene has more than 128 degrees of freedom.
     #[must_use]
     pub fn workspace(&self) -> Workspace<f64> {
-        Workspace { planar: self.planar.as_ref().map(PlanarScratch::new), ..Workspace::new(&self.model) }
+        let planar = self.planar.as_ref().map(PlanarScratch::new);
+        Workspace { planar, kernels: OwnKernels::ready(self), ..Workspace::new(&self.model) }
     }
 
     /// Scratch for [`Scene::mass_matrix_inverse`].
@@ -64,11 +72,15 @@ impl Scene {
         check_finite(argument, values)
     }
 
-    /// Forward dynamics of one state: see [`dynamics::forward_dynamics`].
+    /// Forward dynamics of one state, in the form of the workspace.
+    ///
+    /// By the compiled kernels of [`Scene::evaluate`], as all of these five; a state that they doubt is done again by
+    /// [`Scene::recursion`], and so is every state where the workspace is to estimate errors. What else the workspace holds afterwards is
+    /// not said.
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, and [`Error::SingularJoint`] where a pivot is lost.
+    /// Wrong lengths, numbers that are not finite, a workspace of another scene, and [`Error::SingularJoint`] where a pivot is lost.
     #[allow(clippy::too_many_arguments)] // a state is three arrays; scratch and result are the caller's
     pub fn forward_dynamics(
         &self,
@@ -79,25 +91,15 @@ impl Scene {
         wrenches: &[SpatialVector<f64>],
         qdd: &mut [f64],
     ) -> Result<(), Error> {
-        self.check_configuration("q", q)?;
-        self.check_rates("qd", qd)?;
-        self.check_rates("tau", tau)?;
-        self.check_wrenches(wrenches)?;
-        check_length("qdd", qdd.len(), self.nv())?;
-        self.check_form(workspace)?;
-        if self.in_the_plane(Algorithm::ForwardDynamics(workspace.form), workspace, (q, qd, tau), wrenches, qdd) {
-            return Ok(());
-        }
-        let monitor = dynamics::forward_dynamics(&self.model, workspace, q, qd, tau, wrenches, qdd);
-        self.check_pivots(workspace, monitor)?;
-        self.check_result("forward dynamics", qdd)
+        let algorithm = Algorithm::ForwardDynamics(workspace.form);
+        self.run_one(workspace, None, algorithm, &Arguments { q, qd, u: tau, wrenches }, qdd)
     }
 
-    /// Inverse dynamics of one state: see [`dynamics::inverse_dynamics`].
+    /// Inverse dynamics of one state.
     ///
     /// # Errors
     ///
-    /// Wrong lengths and numbers that are not finite.
+    /// Wrong lengths, numbers that are not finite, and a workspace of another scene.
     #[allow(clippy::too_many_arguments)] // as above
     pub fn inverse_dynamics(
         &self,
@@ -108,16 +110,7 @@ impl Scene {
         wrenches: &[SpatialVector<f64>],
         tau: &mut [f64],
     ) -> Result<(), Error> {
-        self.check_configuration("q", q)?;
-        self.check_rates("qd", qd)?;
-        self.check_rates("qdd", qdd)?;
-        self.check_wrenches(wrenches)?;
-        check_length("tau", tau.len(), self.nv())?;
-        if self.in_the_plane(Algorithm::InverseDynamics, workspace, (q, qd, qdd), wrenches, tau) {
-            return Ok(());
-        }
-        dynamics::inverse_dynamics(&self.model, workspace, q, qd, qdd, wrenches, tau);
-        self.check_result("inverse dynamics", tau)
+        self.run_one(workspace, None, Algorithm::InverseDynamics, &Arguments { q, qd, u: qdd, wrenches }, tau)
     }
 
     /// The bias torque H phi b of one state, gravity included.
@@ -132,14 +125,8 @@ impl Scene {
         qd: &[f64],
         tau: &mut [f64],
     ) -> Result<(), Error> {
-        self.check_configuration("q", q)?;
-        self.check_rates("qd", qd)?;
-        check_length("tau", tau.len(), self.nv())?;
-        if self.in_the_plane(Algorithm::BiasTorque, workspace, (q, qd, &[]), &[], tau) {
-            return Ok(());
-        }
-        dynamics::bias_torque(&self.model, workspace, q, qd, &[], tau);
-        self.check_result("bias torque", tau)
+        let state = Arguments { q, qd, ..Arguments::default() };
+        self.run_one(workspace, None, Algorithm::BiasTorque, &state, tau)
     }
 
     /// The mass matrix at `q`, (nv x nv) row by row.
@@ -148,13 +135,8 @@ impl Scene {
     ///
     /// Wrong lengths and numbers that are not finite.
     pub fn mass_matrix(&self, workspace: &mut Workspace<f64>, q: &[f64], out: &mut [f64]) -> Result<(), Error> {
-        self.check_configuration("q", q)?;
-        check_length("out", out.len(), self.nv() * self.nv())?;
-        if self.in_the_plane(Algorithm::MassMatrix, workspace, (q, &[], &[]), &[], out) {
-            return Ok(());
-        }
-        dynamics::mass_matrix(&self.model, workspace, q, out);
-        self.check_result("mass matrix", out)
+        let state = Arguments { q, ..Arguments::default() };
+        self.run_one(workspace, None, Algorithm::MassMatrix, &state, out)
     }
 
     /// The inverse of the mass matrix at `q` in closed form (6.1), (nv x nv) row by row.
@@ -169,15 +151,42 @@ impl Scene {
         q: &[f64],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        self.check_configuration("q", q)?;
-        check_length("out", out.len(), self.nv() * self.nv())?;
-        self.check_form(workspace)?;
-        if self.in_the_plane(Algorithm::MassMatrixInverse(workspace.form), workspace, (q, &[], &[]), &[], out) {
+        let algorithm = Algorithm::MassMatrixInverse(workspace.form);
+        self.run_one(workspace, Some(scratch), algorithm, &Arguments { q, ..Arguments::default() }, out)
+    }
+
+    /// By the kernels of one state; what they doubt, by the recursion.
+    fn run_one(
+        &self,
+        workspace: &mut Workspace<f64>,
+        inverse: Option<&mut InverseScratch<f64>>,
+        algorithm: Algorithm,
+        state: &Arguments<'_>,
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        self.check_workspace(workspace)?;
+        // Only the recursion writes its accuracy into the workspace.
+        let estimated = workspace.estimates_error && matches!(algorithm, Algorithm::ForwardDynamics(_));
+        let fits = self.fits(algorithm, state) && out.len() == self.width(algorithm);
+        if fits && !estimated && workspace.kernels.run(self, algorithm, state, out) {
             return Ok(());
         }
-        let monitor = dynamics::mass_matrix_inverse(&self.model, workspace, scratch, q, out);
-        self.check_pivots(workspace, monitor)?;
-        self.check_result("mass matrix inverse", out)
+        self.recursion(workspace, inverse, algorithm, state, out)
+    }
+
+    /// Whether a workspace has the lengths of this scene's.
+    pub(crate) fn check_workspace(&self, workspace: &Workspace<f64>) -> Result<(), Error> {
+        let (bodies, nv) = (workspace.shift.len(), workspace.measured.len());
+        if (bodies, nv) == (self.model.bodies.len(), self.nv()) {
+            return Ok(());
+        }
+        let found = format!("that of a scene of {bodies} bodies and {nv} degrees of freedom");
+        let expected = format!(
+            "this scene's own, from scene.workspace(): {} bodies and {} degrees of freedom",
+            self.model.bodies.len(),
+            self.nv()
+        );
+        Err(Error::argument("workspace", found, expected))
     }
 
     /// Kinetic and potential energy, J.
@@ -188,6 +197,7 @@ impl Scene {
     pub fn energy(&self, workspace: &mut Workspace<f64>, q: &[f64], qd: &[f64]) -> Result<Energy<f64>, Error> {
         self.check_configuration("q", q)?;
         self.check_rates("qd", qd)?;
+        self.check_workspace(workspace)?;
         let energy = dynamics::energy(&self.model, workspace, q, qd);
         self.check_result("energy", &[energy.kinetic, energy.potential])?;
         Ok(energy)
@@ -201,6 +211,7 @@ impl Scene {
     pub fn momentum(&self, workspace: &mut Workspace<f64>, q: &[f64], qd: &[f64]) -> Result<SpatialVector<f64>, Error> {
         self.check_configuration("q", q)?;
         self.check_rates("qd", qd)?;
+        self.check_workspace(workspace)?;
         let momentum = dynamics::momentum(&self.model, workspace, q, qd);
         self.check_result("momentum", momentum.as_slice())?;
         Ok(momentum)
@@ -264,29 +275,13 @@ impl Scene {
     ) -> Result<BodyWrenches, Error> {
         let mut on_bodies = vec![Vector6::zeros(); self.model.bodies.len()];
         for (name, wrench) in wrenches {
-            let link = self.link(name)?;
+            let link = self.link(name).map_err(|error| error.of_argument("wrenches"))?;
             check_finite(&format!("wrench on {name:?}"), wrench.as_slice())?;
             if let Some(body) = link.body {
                 on_bodies[body] += link.placement.force_to_parent(&wrench);
             }
         }
         Ok(on_bodies)
-    }
-
-    /// Runs an algorithm in the plane, where the scene has one and the workspace is this scene's; false where 6-vectors are to do it:
-    /// no planar way, a pivot near the bound of its terms, or a result that is not finite.
-    fn in_the_plane(
-        &self,
-        algorithm: Algorithm,
-        workspace: &mut Workspace<f64>,
-        state: (&[f64], &[f64], &[f64]),
-        wrenches: &[SpatialVector<f64>],
-        out: &mut [f64],
-    ) -> bool {
-        let (Some(model), Some(scratch)) = (&self.planar, &mut workspace.planar) else { return false };
-        planar::covers(algorithm)
-            && planar::run(algorithm, model, scratch, state, wrenches, out) == 0
-            && out.iter().all(|x| x.is_finite())
     }
 
     /// Turns a lost pivot into an error that names the joint; a pivot that is not finite comes of overflow.
@@ -314,7 +309,12 @@ impl Scene {
 
     /// The square-root form needs a root of every inertia.
     pub(crate) fn check_form(&self, workspace: &Workspace<f64>) -> Result<(), Error> {
-        if workspace.form != Form::SquareRoot {
+        self.check_roots(workspace.form)
+    }
+
+    /// The same of a form.
+    pub(crate) fn check_roots(&self, form: Form) -> Result<(), Error> {
+        if form != Form::SquareRoot {
             return Ok(());
         }
         self.model.inertia_roots.iter().position(Option::is_none).map_or(Ok(()), |body| Err(self.indefinite(body)))

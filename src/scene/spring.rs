@@ -1,7 +1,7 @@
 //! The spring of a joint: stiffness, and where it is at rest. Simulation only.
 
 use super::description::JointKind;
-use crate::error::Error;
+use crate::error::{Error, number};
 
 /// A spring in a joint, the same for each of its degrees of freedom.
 ///
@@ -41,7 +41,7 @@ impl Spring {
         };
         let norm = quaternion.iter().map(|x| x * x).sum::<f64>().sqrt();
         let off = !((norm - 1.0).abs() <= super::queries::QUATERNION_SLACK);
-        off.then(|| (format!("a quaternion of norm {norm} at rest"), "unit norm, to within 1e-3".to_owned()))
+        off.then(|| (format!("a quaternion of norm {} at rest", number(norm)), "unit norm, to within 1e-3".to_owned()))
     }
 }
 

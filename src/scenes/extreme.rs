@@ -3,10 +3,12 @@
 //! Most are well-conditioned problems: the exact accelerations hardly change when the numbers that describe them do. Whether a
 //! case is one says [`crate::report::sensitivity`], and not its name.
 
+use super::DESCRIBED;
 use super::blueprint::{AXES, Blueprint, LENGTH, row, slab};
 use super::draw::Draw;
 use crate::error::Error;
-use crate::scene::{Inertial, JointKind, Scene};
+use crate::memory;
+use crate::scene::{A_LINK, Inertial, JointKind, Scene};
 use crate::spatial::Symmetric3;
 use nalgebra::Vector3;
 
@@ -112,6 +114,7 @@ pub fn extreme(name: &str, value: Option<f64>, bodies: Option<usize>, seed: u64)
     let value = value.unwrap_or(kind.usual);
     kind.allowed.check(kind, value)?;
     let bodies = kind.count(value, bodies)?;
+    memory::room("bodies", memory::bytes_of::<[u8; A_LINK + DESCRIBED]>(&[bodies]))?;
     let mut draw = Draw::new(seed);
     let scene = (kind.make)(value, bodies, &mut draw).build()?;
     let (q, qd, tau) = state(&scene, (kind.state)(value), &mut draw, if name == "far-base" { value } else { 0.0 })?;

@@ -6,13 +6,18 @@ pub mod extreme;
 
 pub use extreme::{Extreme, extreme, names};
 
-use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
+use crate::error::Error;
+use crate::scene::{A_LINK, AT_A_TIME, Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
 use crate::spatial::{RigidShift, Symmetric3};
+use crate::{memory, watch};
 use nalgebra::{Matrix3, Vector3};
 
 /// The bundled arm as URDF: a PUMA 560 written from the published figures that the file names.
 #[cfg(feature = "urdf")]
 pub const BUNDLED_ARM: &str = include_str!("../../assets/puma560.urdf");
+
+/// About what describes a link with its joint, in bytes.
+const DESCRIBED: usize = 1_000;
 
 /// A chain of `n` equal links, 0.3 m and 1 kg, revolute about z, successive axes at right angles.
 ///
@@ -20,16 +25,18 @@ pub const BUNDLED_ARM: &str = include_str!("../../assets/puma560.urdf");
 ///
 /// # Errors
 ///
-/// None in practice; the builder's checks are passed on.
-pub fn chain(n: usize) -> Result<Scene, crate::Error> {
+/// [`Error::Memory`] for more links than there is room for.
+pub fn chain(n: usize) -> Result<Scene, Error> {
     let rod = Inertial {
         mass: 1.0,
         centre: Vector3::new(0.0, 0.0, 0.15),
         central: Symmetric3::new([0.01, 0.0, 0.0, 0.01, 0.0, 0.002]),
     };
+    memory::room("n", memory::bytes_of::<[u8; A_LINK + DESCRIBED]>(&[n]))?;
     let quarter = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
     let mut builder = SceneBuilder::new().link(LinkDescription { name: "base".into(), inertial: None });
     for k in 0..n {
+        watch::check_at(k, AT_A_TIME)?;
         let parent = if k == 0 { "base".into() } else { format!("link{}", k - 1) };
         let mut joint = JointDescription::new(format!("j{k}"), JointKind::Revolute, parent, format!("link{k}"));
         joint.origin = RigidShift {

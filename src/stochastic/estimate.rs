@@ -5,9 +5,15 @@ use super::model::{Block, COST, RandomModel, Wanted};
 use super::points::{BLOCK, Points};
 use crate::batch::{Batch, Pool};
 use crate::error::Error;
+use crate::memory;
 
 /// Samples that are summed up by one thread before the sums of others are added: fixed, so that results are.
 const PIECE: usize = 256 * BLOCK;
+
+/// Sums of pieces that are kept at a time, and the bounds of how many pieces that are.
+const AT_ONCE: usize = 1 << 22;
+const LEAST: usize = 32;
+const MOST: usize = 1 << 14;
 
 /// How M is found from the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,16 +72,21 @@ impl RandomModel {
     /// # Errors
     ///
     /// [`Error::Argument`] for no samples, a confidence out of range, Sobol samples that are not `replicates` times a power of
-    /// two, fewer than two replicates, or more than 1000 random numbers a sample with Sobol points.
+    /// two, fewer than two replicates, or more than 1000 random numbers a sample with Sobol points; [`Error::Memory`] for more replicates, or
+    /// a larger matrix, than there is room for; [`Error::Interrupted`] under a [`watch`](crate::watch) that ends the work.
     pub fn mass_matrix(&self, method: Method) -> Result<MassEstimate, Error> {
+        let nv = self.nv();
+        // M, its error and the ends of the intervals, and the sums on the way there.
+        memory::room("scene", memory::bytes_of::<f64>(&[nv, nv, 6]))?;
         match method {
             Method::MonteCarlo { samples, seed, confidence } => {
                 let quantiles = Quantiles::new(samples, confidence)?;
-                let mass_matrix = self.second_moment(&Points::random(seed), samples);
+                let mass_matrix = self.second_moment(&Points::random(seed), samples)?;
                 let spread = Some(self.spread_of_samples(&mass_matrix, samples, &quantiles));
                 Ok(MassEstimate { mass_matrix, spread, samples })
             }
             Method::Sobol { samples, seed, replicates, confidence } => {
+                memory::room("replicates", memory::bytes_of::<f64>(&[nv * nv + 4, replicates]))?;
                 let quantile = students_quantile(replicates, confidence)?;
                 let each = samples / replicates;
                 if each * replicates != samples || !each.is_power_of_two() {
@@ -83,14 +94,15 @@ impl RandomModel {
                     let expected = format!("{replicates} replicates of a power of two each, such as {near}");
                     return Err(Error::argument("samples", samples.to_string(), expected));
                 }
-                let estimates = (0..replicates as u64)
-                    .map(|replicate| self.sobol_estimate(each, seed, replicate))
-                    .collect::<Result<Vec<_>, _>>()?;
+                let mut estimates = memory::with_capacity("replicates", replicates)?;
+                for replicate in 0..replicates as u64 {
+                    estimates.push(self.sobol_estimate(each, seed, replicate)?);
+                }
                 Ok(of_replicates(&estimates, quantile, samples))
             }
             Method::SigmaPoints => {
-                let mut mass_matrix = vec![f64::NAN; self.nv() * self.nv()];
-                let samples = self.sigma_points(&mut mass_matrix);
+                let mut mass_matrix = vec![f64::NAN; nv * nv];
+                let samples = self.sigma_points(&mut mass_matrix)?;
                 Ok(MassEstimate { mass_matrix, spread: None, samples })
             }
         }
@@ -102,38 +114,51 @@ impl RandomModel {
     ///
     /// [`Error::Argument`] for more than 1000 random numbers a sample.
     pub fn sobol_estimate(&self, samples: usize, seed: u64, replicate: u64) -> Result<Vec<f64>, Error> {
-        Ok(self.second_moment(&Points::sobol(self.dimension(), seed, replicate)?, samples))
+        self.second_moment(&Points::sobol(self.dimension(), seed, replicate)?, samples)
     }
 
     /// The mean of T T^T over the first `samples` points, over the acceleration variance.
-    fn second_moment(&self, points: &Points, samples: usize) -> Vec<f64> {
+    fn second_moment(&self, points: &Points, samples: usize) -> Result<Vec<f64>, Error> {
         let nv = self.nv();
         let width = nv * (nv + 1) / 2;
         let pieces = samples.div_ceil(PIECE);
-        let mut sums = vec![f64::NAN; pieces * width];
+        self.check_blocks()?;
+        // The sums of some pieces at a time are added up in their order, so that memory does not grow with the samples.
+        let together = (AT_ONCE / width.max(1)).clamp(LEAST, MOST).min(pieces);
+        let mut sums = memory::filled("scene", together * width, f64::NAN)?;
+        let mut total = memory::filled("scene", width, 0.0)?;
         let pool = Pool::default();
         let cost = (PIECE.min(samples) * COST).saturating_mul(self.dimension() + nv * nv / 16);
-        let batch = Batch { states: pieces, cost, pool: &pool, make: || self.block() };
-        let done = batch.run(&mut sums, |block, piece, sums| {
-            sums.fill(0.0);
-            let end = samples.min((piece + 1) * PIECE);
-            for first in (piece * PIECE..end).step_by(BLOCK) {
-                self.draw(block, points.block((first / BLOCK) as u64), Wanted::CentredTorque);
-                add_products(block, BLOCK.min(end - first), sums);
+        for begin in (0..pieces).step_by(together.max(1)) {
+            let states = together.min(pieces - begin);
+            let sums = &mut sums[..states * width];
+            let batch = Batch { states, cost, pool: &pool, make: || self.block() };
+            let done = batch.run(sums, |block, piece, sums| {
+                sums.fill(0.0);
+                let piece = begin + piece;
+                let end = samples.min((piece + 1) * PIECE);
+                for first in (piece * PIECE..end).step_by(BLOCK) {
+                    self.draw(block, points.block((first / BLOCK) as u64), Wanted::CentredTorque)?;
+                    add_products(block, BLOCK.min(end - first), sums);
+                }
+                Ok(())
+            });
+            done.map_err(|fault| fault.error)?;
+            for sums in sums.chunks_exact(width.max(1)) {
+                for (total, sum) in total.iter_mut().zip(sums) {
+                    *total += sum;
+                }
             }
-            Ok(())
-        });
-        debug_assert!(done.is_ok());
+        }
         #[allow(clippy::cast_precision_loss)] // a count
         let scale = 1.0 / (samples as f64 * self.acceleration_variance());
         let mut moment = vec![f64::NAN; nv * nv];
         let pairs = (0..nv).flat_map(|i| (i..nv).map(move |j| (i, j)));
-        for (at, (i, j)) in pairs.enumerate() {
-            let sum: f64 = sums.iter().skip(at).step_by(width).sum();
+        for (sum, (i, j)) in total.into_iter().zip(pairs) {
             moment[i * nv + j] = sum * scale;
             moment[j * nv + i] = sum * scale;
         }
-        moment
+        Ok(moment)
     }
 
     fn spread_of_samples(&self, m: &[f64], samples: usize, quantiles: &Quantiles) -> Spread {
@@ -213,7 +238,7 @@ mod tests {
             pool.install(|| -> Result<_, Error> {
                 let monte_carlo = Method::MonteCarlo { samples: 40_000, seed: 3, confidence: 0.9 };
                 let sobol = Method::Sobol { samples: 1 << 16, seed: 3, replicates: 2, confidence: 0.9 };
-                let samples = model.sample(&Points::random(5), 7..2_000);
+                let samples = model.sample(&Points::random(5), 7..2_000)?;
                 Ok((model.mass_matrix(monte_carlo)?, model.mass_matrix(sobol)?, samples))
             })
         };

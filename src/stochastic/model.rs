@@ -1,13 +1,16 @@
 //! Drawing from the model: white forces on the bodies, carried inward, measured at the joints (1.1 to 1.4).
 
 use super::points::{BLOCK, Coordinates, Lane, Points};
-use crate::batch::{Batch, Pool};
+use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::bias_forces_base_to_tip;
 use crate::error::Error;
 use crate::filter::{HingeMap, System};
 use crate::kinematics::placements_base_to_tip;
+use crate::memory;
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
+use crate::watch;
+use crate::workspace::Workspace;
 use nalgebra::{Matrix6, Vector6};
 use std::ops::Range;
 
@@ -41,6 +44,32 @@ pub struct Samples {
     pub torque: Vec<f64>,
 }
 
+/// Bodies of which a block is drawn before it is asked whether to go on; the scratch of fewer is small.
+const FEW: usize = 1_024;
+
+/// Blocks that are handed out to threads at once.
+const TOGETHER: u64 = 1 << 14;
+
+/// Where the samples of a block go: which of its lanes were asked for, and rows of W, X and T for them.
+struct Rows<'a> {
+    lanes: Range<usize>,
+    parts: [&'a mut [f64]; 3],
+}
+
+/// The first `count` entries of a slice, which it then has no more.
+#[allow(clippy::mut_mut)] // a slice that becomes shorter
+fn taken<'a>(slice: &mut &'a mut [f64], count: usize) -> &'a mut [f64] {
+    let (own, rest) = std::mem::take(slice).split_at_mut(count);
+    *slice = rest;
+    own
+}
+
+/// How many samples there are.
+fn count_of(samples: &Range<u64>) -> Result<usize, Error> {
+    let count = samples.end.saturating_sub(samples.start);
+    usize::try_from(count).map_err(|_| Error::argument("samples", count.to_string(), "as many as memory has addresses"))
+}
+
 /// One block of samples on its way inward.
 pub(super) struct Block {
     /// The normal numbers of the body at hand.
@@ -71,7 +100,7 @@ impl Scene {
             let found = acceleration_variance.to_string();
             return Err(Error::argument("acceleration_variance", found, "a positive number, (rad/s^2)^2"));
         }
-        let (model, mut workspace) = (self.model(), self.workspace());
+        let (model, mut workspace) = (self.model(), Workspace::new(self.model()));
         let mut bias = vec![Vector6::zeros(); model.bodies.len()];
         if let Some(qd) = qd {
             self.check_rates("qd", qd)?;
@@ -127,61 +156,115 @@ impl RandomModel {
     /// W, X and T of the samples numbered `samples`; the same sample for the same number, whatever is drawn with it.
     ///
     /// O(N) a sample; threads share the blocks of 64.
-    #[must_use]
-    pub fn sample(&self, points: &Points, samples: Range<u64>) -> Samples {
-        let (nv, wide) = (self.nv(), 6 * self.nv());
-        let rows = self.rows_of_samples(points, &samples, 2 * wide + nv, |block, lane, row| {
-            let (process, rest) = row.split_at_mut(wide);
-            let (force, torque) = rest.split_at_mut(wide);
-            self.write_states(block, lane, process, force);
-            write_torque(block, lane, torque);
-        });
-        let part = |range: Range<usize>| -> Vec<f64> {
-            rows.chunks_exact((2 * wide + nv).max(1)).flat_map(|row| row[range.clone()].iter().copied()).collect()
-        };
-        Samples { process: part(0..wide), force: part(wide..2 * wide), torque: part(2 * wide..2 * wide + nv) }
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Memory`] for more samples than there is room for; [`Error::Interrupted`] under a [`watch`] that ends the work.
+    pub fn sample(&self, points: &Points, samples: Range<u64>) -> Result<Samples, Error> {
+        let (count, nv) = (count_of(&samples)?, self.nv());
+        memory::room("samples", self.bytes_of_samples(count))?;
+        let unset = |width: usize| memory::filled("samples", count * width, f64::NAN);
+        let mut all = Samples { process: unset(6 * nv)?, force: unset(6 * nv)?, torque: unset(nv)? };
+        self.sample_into(points, samples, [&mut all.process, &mut all.force, &mut all.torque])?;
+        Ok(all)
     }
 
     /// T alone of the samples numbered `samples`, (samples x nv).
-    #[must_use]
-    pub fn sample_torque(&self, points: &Points, samples: Range<u64>) -> Vec<f64> {
-        self.rows_of_samples(points, &samples, self.nv(), write_torque)
+    ///
+    /// # Errors
+    ///
+    /// As [`RandomModel::sample`].
+    pub fn sample_torque(&self, points: &Points, samples: Range<u64>) -> Result<Vec<f64>, Error> {
+        let mut torque = memory::filled("samples", count_of(&samples)?.saturating_mul(self.nv()), f64::NAN)?;
+        self.sample_into(points, samples, [&mut [], &mut [], &mut torque])?;
+        Ok(torque)
     }
 
-    /// `width` numbers of every sample, by blocks over threads.
-    fn rows_of_samples(
+    /// The bytes of W, X and T of so many samples.
+    #[must_use]
+    pub fn bytes_of_samples(&self, count: usize) -> u128 {
+        memory::bytes_of::<f64>(&[count, 13, self.nv()])
+    }
+
+    /// W, X and T of the samples numbered `samples`, into arrays of the shapes of [`Samples`]; W and X may be empty, and are left out then.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`] for arrays of other lengths; as [`RandomModel::sample`] besides.
+    pub fn sample_into(
         &self,
         points: &Points,
-        samples: &Range<u64>,
-        width: usize,
-        write: impl Fn(&Block, usize, &mut [f64]) + Sync,
-    ) -> Vec<f64> {
-        let block = BLOCK as u64;
-        if samples.is_empty() {
-            return Vec::new();
-        }
-        let blocks = samples.start / block..samples.end.div_ceil(block);
-        #[allow(clippy::cast_possible_truncation)] // what has no room in memory fails to allocate below
-        let count = (blocks.end - blocks.start) as usize;
-        let mut rows = vec![f64::NAN; count * BLOCK * width];
-        let pool = Pool::default();
-        let batch = Batch { states: count, cost: COST * BLOCK * self.dimension, pool: &pool, make: || self.block() };
-        let done = batch.run(&mut rows, |scratch, i, out| {
-            self.draw(scratch, points.block(blocks.start + i as u64), Wanted::All);
-            for (lane, row) in out.chunks_exact_mut(width.max(1)).enumerate() {
-                write(scratch, lane, row);
+        samples: Range<u64>,
+        [mut process, mut force, mut torque]: [&mut [f64]; 3],
+    ) -> Result<(), Error> {
+        let (count, nv) = (count_of(&samples)?, self.nv());
+        let wide = if process.is_empty() && force.is_empty() { 0 } else { 6 * nv };
+        for (name, found, width) in
+            [("process", process.len(), wide), ("force", force.len(), wide), ("torque", torque.len(), nv)]
+        {
+            if Some(found) != count.checked_mul(width) {
+                let expected = format!("{count} samples of {width} numbers");
+                return Err(Error::Shape { argument: name.to_owned(), found: format!("({found},)"), expected });
             }
-            Ok(())
-        });
-        debug_assert!(done.is_ok());
-        // The blocks at either end may hold samples that nobody asked for.
-        #[allow(clippy::cast_possible_truncation)] // less than a block
-        let before = (samples.start - blocks.start * block) as usize;
-        #[allow(clippy::cast_possible_truncation)] // as above
-        let wanted = (samples.end - samples.start) as usize;
-        rows.truncate((before + wanted) * width);
-        rows.drain(..before * width);
-        rows
+        }
+        self.check_blocks()?;
+        let block = BLOCK as u64;
+        let pool = Pool::default();
+        let mut first = samples.start;
+        while first < samples.end {
+            // A part of them at a time: what is written down of the blocks then takes no memory to speak of.
+            let last = samples.end.min((first / block + TOGETHER) * block);
+            let (begin, mut rows) = (first / block, Vec::new());
+            while first < last {
+                let end = last.min((first / block + 1) * block);
+                #[allow(clippy::cast_possible_truncation)] // both are within a block
+                let lanes = (first % block) as usize..(end - first + first % block) as usize;
+                let count = lanes.len();
+                let parts = [
+                    taken(&mut process, count * wide),
+                    taken(&mut force, count * wide),
+                    taken(&mut torque, count * nv),
+                ];
+                rows.push(Rows { lanes, parts });
+                first = end;
+            }
+            let batch =
+                Batch { states: rows.len(), cost: COST * BLOCK * self.dimension, pool: &pool, make: || self.block() };
+            batch
+                .run_pieces(1, &mut rows, |scratch, blocks, rows| {
+                    for (i, rows) in blocks.zip(rows) {
+                        self.draw(scratch, points.block(begin + i as u64), Wanted::All)
+                            .map_err(|error| Fault { state: i, error })?;
+                        self.write(scratch, rows);
+                    }
+                    Ok(())
+                })
+                .map_err(|fault| fault.error)?;
+        }
+        Ok(())
+    }
+
+    /// The samples of a block that were asked for.
+    fn write(&self, block: &Block, Rows { lanes, parts: [process, force, torque] }: &mut Rows<'_>) {
+        let (nv, wide) = (self.nv(), 6 * self.nv());
+        for (i, lane) in lanes.clone().enumerate() {
+            if !process.is_empty() {
+                let row = i * wide..(i + 1) * wide;
+                self.write_states(block, lane, &mut process[row.clone()], &mut force[row]);
+            }
+            for (out, of_row) in torque[i * nv..(i + 1) * nv].iter_mut().zip(&block.torque) {
+                *out = of_row[lane];
+            }
+        }
+    }
+
+    /// Whether there is room for what threads draw a block in.
+    pub(super) fn check_blocks(&self) -> Result<(), Error> {
+        #[cfg(feature = "parallel")]
+        let threads = if self.shift.len() < FEW { 1 } else { crate::batch::threads() };
+        #[cfg(not(feature = "parallel"))]
+        let threads = 1;
+        memory::room("scene", memory::bytes_of::<Lane>(&[12 * self.shift.len() + self.nv() + 6, threads]))
     }
 
     /// Scratch for one block.
@@ -196,10 +279,16 @@ impl RandomModel {
         }
     }
 
-    /// Tip to base: one block of samples (1.1 to 1.4).
-    pub(super) fn draw(&self, block: &mut Block, mut coordinates: Coordinates<'_>, wanted: Wanted) {
+    /// Tip to base: one block of samples (1.1 to 1.4); fails where that is interrupted.
+    pub(super) fn draw(
+        &self,
+        block: &mut Block,
+        mut coordinates: Coordinates<'_>,
+        wanted: Wanted,
+    ) -> Result<(), Error> {
         block.force.iter_mut().for_each(|lane| lane.fill(0.0));
         for (k, stage) in self.system.stages.iter().enumerate().rev() {
+            watch::check_at(k, FEW)?;
             let (outboard, here) = block.force.split_at_mut(6 * k);
             let force = &mut here[..6];
             // 1.1: what the bodies outboard sent, plus w(k) = b(k) + S n.
@@ -238,6 +327,7 @@ impl RandomModel {
                 carry(&self.shift[k], force, &mut outboard[6 * parent..6 * parent + 6]);
             }
         }
+        Ok(())
     }
 
     fn write_states(&self, block: &Block, lane: usize, process: &mut [f64], force: &mut [f64]) {
@@ -262,12 +352,6 @@ pub(super) enum Wanted {
     All,
     /// T without its mean.
     CentredTorque,
-}
-
-fn write_torque(block: &Block, lane: usize, row: &mut [f64]) {
-    for (out, torque) in row.iter_mut().zip(&block.torque) {
-        *out = torque[lane];
-    }
 }
 
 /// y += scale x, nothing where the scale is zero.

@@ -1,6 +1,8 @@
 //! Sigma points: the columns of +-sqrt(n) S, pushed through T = H phi W, have M as their covariance exactly.
 
 use super::model::{RandomModel, used_columns};
+use crate::error::Error;
+use crate::watch;
 use nalgebra::Vector6;
 
 impl RandomModel {
@@ -8,15 +10,16 @@ impl RandomModel {
     ///
     /// n is the number of random numbers a sample. The weights 1/(2n) and the squares of sqrt(n) cancel, and a point and its
     /// mirror image contribute the same: half of the points are pushed, unscaled. Each reaches only the joints between its
-    /// body and the base. O(N depth^2).
-    pub(super) fn sigma_points(&self, out: &mut [f64]) -> usize {
+    /// body and the base. O(N depth^2). Fails where it is interrupted.
+    pub(super) fn sigma_points(&self, out: &mut [f64]) -> Result<usize, Error> {
         let nv = self.nv();
         out.fill(0.0);
         let mut path: Vec<(usize, f64)> = Vec::with_capacity(nv);
         for (k, root) in self.roots.iter().enumerate() {
             for column in used_columns(root) {
                 self.push_inward(k, root.column(column).into(), &mut path);
-                for &(i, t) in &path {
+                for (at, &(i, t)) in path.iter().enumerate() {
+                    watch::check_at(at, 256)?;
                     for &(j, other) in &path {
                         out[i * nv + j] += t * other;
                     }
@@ -26,7 +29,7 @@ impl RandomModel {
         for (row, &armature) in self.system.noise.iter().enumerate() {
             out[row * nv + row] += armature;
         }
-        2 * self.dimension()
+        Ok(2 * self.dimension())
     }
 
     /// The torques that a force on body `k` causes, by row.

@@ -69,25 +69,10 @@ pub fn evaluate<P: Evaluated>(
     out
 }
 
-/// One state by the checked method of plain f64, which other tests hold to dense algebra and higher precision.
+/// One state by the checked recursion in plain f64, which other tests hold to dense algebra and higher precision.
 pub fn plainly(scene: &Scene, algorithm: Algorithm, state: &Arguments<'_>) -> Vec<f64> {
-    let mut workspace = scene.workspace();
     let mut out = vec![f64::NAN; scene.width(algorithm)];
-    let &Arguments { q, qd, u, wrenches } = state;
-    match algorithm {
-        Algorithm::ForwardDynamics(form) => {
-            workspace.form = form;
-            scene.forward_dynamics(&mut workspace, q, qd, u, wrenches, &mut out)
-        }
-        Algorithm::InverseDynamics => scene.inverse_dynamics(&mut workspace, q, qd, u, wrenches, &mut out),
-        Algorithm::BiasTorque => scene.bias_torque(&mut workspace, q, qd, &mut out),
-        Algorithm::MassMatrix => scene.mass_matrix(&mut workspace, q, &mut out),
-        Algorithm::MassMatrixInverse(form) => {
-            workspace.form = form;
-            scene.mass_matrix_inverse(&mut workspace, &mut scene.inverse_scratch(), q, &mut out)
-        }
-    }
-    .unwrap();
+    scene.recursion(&mut scene.workspace(), None, algorithm, state, &mut out).unwrap();
     out
 }
 

@@ -44,7 +44,7 @@ BROKEN: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "infinite": ({"tau": NAN * 0 + np.inf}, NotFiniteError, "tau: found "),
     "form": ({"form": "cholesky"}, ArgumentError, 'form: found "cholesky"; expected one of "auto", "covariance"'),
     "wrenches": ({"wrenches": [1, 2]}, ArgumentError, "wrenches: found an object of type list; expected a dict"),
-    "wrench on nothing": ({"wrenches": {"hand": np.zeros(6)}}, ArgumentError, 'link: found "hand"; expected one of "base"'),
+    "wrench on nothing": ({"wrenches": {"hand": np.zeros(6)}}, ArgumentError, 'wrenches: found "hand"; expected one of "base"'),
     "wrench key": ({"wrenches": {3: np.zeros(6)}}, ArgumentError, "wrenches: found the key 3"),
     "wrench width": ({"wrenches": {"link2": np.zeros(3)}}, ShapeError, 'wrenches["link2"]: found shape (3,); expected (..., 6)'),
     "wrench axes": (

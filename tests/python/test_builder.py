@@ -12,7 +12,16 @@ import pytest
 from tolerances import EPS, assert_near
 
 import phipsi
-from phipsi.errors import ArgumentError, InertiaWarning, MimicWarning, NotFiniteError, SceneError, ShapeError
+from phipsi.errors import (
+    ArgumentError,
+    InertiaWarning,
+    LimitWarning,
+    MimicWarning,
+    NotFiniteError,
+    SceneError,
+    ShapeError,
+    UnknownTagWarning,
+)
 
 BODY = {"mass": 1.0, "com": (0.1, 0.2, 0.3), "inertia": np.diag([2.0, 3.0, 4.0])}
 
@@ -165,7 +174,7 @@ def test_error_classes() -> None:
     for error in (SceneError, ShapeError, ArgumentError, NotFiniteError):
         assert issubclass(error, ValueError) and issubclass(error, phipsi.errors.PhipsiError)
     assert issubclass(phipsi.errors.SingularJointError, ArithmeticError)
-    for warning in (InertiaWarning, MimicWarning):
+    for warning in (InertiaWarning, LimitWarning, MimicWarning, UnknownTagWarning):
         assert issubclass(warning, UserWarning)
 
 

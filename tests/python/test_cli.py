@@ -9,7 +9,7 @@ from pathlib import Path
 import phipsi
 import pytest
 from click.testing import CliRunner, Result
-from phipsi.report import commands, measure
+from phipsi.report import commands, kinds, measure
 
 #: Two links in line, the second without mass: its joint moves nothing.
 MASSLESS_TIP = """
@@ -57,11 +57,39 @@ def test_check_of_a_floating_base() -> None:
     assert run("check", "--states", "2", "--floating-base").exit_code == 0
 
 
-def test_bench_names_every_method() -> None:
-    result = run("bench")
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """What it prints for two robots."""
+    folder = tmp_path_factory.mktemp("bench")
+    for name in ("first", "second"):
+        (folder / f"{name}.urdf").write_text(phipsi.BUNDLED_ARM, encoding="utf-8")
+    result = run("bench", "--quick", str(folder / "first.urdf"), str(folder / "second.urdf"))
     assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_bench_names_every_method(bench: str) -> None:
     for method in phipsi._core.METHODS:
-        assert method in result.output
+        assert method in bench
+
+
+def test_bench_times_public_calls_auto_first(bench: str) -> None:
+    assert "call from Python" in bench and "Scene::evaluate in Rust" in bench
+    lines = [line for line in bench.splitlines() if line.startswith("scene.forward_dynamics")]
+    assert [line.split()[3] for line in lines] == ["auto", "covariance", "square-root", "joseph"]
+    for call in ("inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"):
+        assert f"scene.{call}(" in bench
+
+
+def test_bench_has_the_states_that_robots_are_in(bench: str) -> None:
+    assert bench.count("form auto over covariance") == 2
+    heads = [line.split() for line in bench.splitlines() if line.startswith("state ")]
+    assert heads == [["state", "first", "second"]] * 2
+    for base in ("fixed base", "free base"):
+        for kind in kinds.KINDS:
+            rows = [line for line in bench.splitlines() if line.startswith(f"{base}, {kind} ")]
+            found = [row.removeprefix(f"{base}, {kind} ").split() for row in rows]
+            assert any(len(cells) == 2 and all(float(cell) > 0.0 for cell in cells) for cells in found), kind
 
 
 @pytest.mark.parametrize("command", [("check",), ("bench",), ("report", "-o", "out")])

@@ -111,13 +111,13 @@ BROKEN: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "variance infinite": ({"acceleration_variance": np.inf}, ArgumentError, "acceleration_variance: found inf"),
     "prior": ({"prior_acceleration": np.zeros(6)}, ShapeError, "prior_acceleration: found shape (6,); expected (..., 7)"),
     "prior NaN": ({"prior_acceleration": NAN}, NotFiniteError, "prior_acceleration: found NaN at index 2"),
-    "unknown joint": ({"measured": ["elbow"]}, ArgumentError, 'joint: found "elbow"; expected one of "joint0", "joint1"'),
+    "unknown joint": ({"measured": ["elbow"]}, ArgumentError, 'measured: found "elbow"; expected one of "joint0", "joint1"'),
     "one name": ({"measured": "joint0"}, ArgumentError, "measured: found 'joint0'; expected names of joints, or a boolean array"),
     "mask length": ({"measured": np.ones(6, bool)}, ShapeError, "measured: found shape (6,); expected (7,)"),
     "mask of numbers": ({"measured": np.ones(7)}, ArgumentError, "measured: found array([1."),
     "mask a number": ({"measured": 3}, ArgumentError, "measured: found 3"),
     "method": ({"method": "dense"}, ArgumentError, 'method: found "dense"; expected "sequential" or "batch"'),
-    "wrenches": ({"wrenches": {"hand": np.zeros(6)}}, ArgumentError, 'link: found "hand"'),
+    "wrenches": ({"wrenches": {"hand": np.zeros(6)}}, ArgumentError, 'wrenches: found "hand"'),
     "axes": ({"q": np.zeros((3, 7)), "noise": np.ones((2, 7))}, ShapeError, "noise: found shape (2, ...)"),
 }
 

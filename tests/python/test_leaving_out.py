@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import time
 
 import numpy as np
 import pytest
@@ -275,3 +276,26 @@ def test_the_plan_lists_calls_and_outputs() -> None:
     assert "its inverse" in outputs.saved
     times = left_out.measured(scene, states.draw(scene, tree_of(scene), 8, 0))
     assert {shared.what, branch.what, "planar"} <= set(times)
+
+
+def many_links(count: int) -> phipsi.Scene:
+    """A hinge with so many links welded onto it, and as many onto the base."""
+    builder = phipsi.SceneBuilder().link("base").link("rod", 1.0, inertia=np.eye(3)).joint("hinge", "revolute", "base", "rod")
+    for k in range(count):
+        for carrier in ("base", "rod"):
+            builder.link(f"{carrier} {k}", 0.01, inertia=np.eye(3)).joint(f"on {carrier} {k}", "fixed", carrier, f"{carrier} {k}")
+    return builder.build()
+
+
+def test_the_plan_takes_time_in_proportion_to_the_links() -> None:
+    """Eight times the links took sixty times as long where each was looked up among all."""
+    times = []
+    for count in (1_000, 8_000):
+        scene = many_links(count)
+        runs = []
+        for _ in range(5):
+            begin = time.perf_counter()
+            scene.plan()
+            runs.append(time.perf_counter() - begin)
+        times.append(min(runs))
+    assert times[1] < 24 * times[0]

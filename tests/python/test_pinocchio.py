@@ -14,7 +14,7 @@ from oracle_pinocchio import ROBOTS, Oracle, load, urdf_files
 from tolerances import EPS, inverse, recursion, solve
 
 import phipsi
-from phipsi.errors import InertiaWarning, MimicWarning, SceneError, SingularJointError
+from phipsi.errors import InertiaWarning, MimicWarning, SceneError, SingularJointError, UnknownTagWarning
 
 STATES = 3
 FILES = urdf_files()
@@ -49,6 +49,17 @@ UNPHYSICAL = {
     "tiago_description/robots/tiago_no_hand.urdf",
 }
 """Robots with a link whose inertia no body can have."""
+
+#: Files with elements or attributes that are not understood, and the first of them.
+NOT_UNDERSTOOD = {
+    "anymal_b_simple_description/robots/anymal-kinova.urdf": 'attribute command_effort of <limit> of joint "LF_HAA"',
+    "anymal_b_simple_description/robots/anymal.urdf": 'attribute command_effort of <limit> of joint "LF_HAA"',
+    "panda_description/urdf/panda.urdf": 'attribute D of <dynamics> of joint "panda_joint1"',
+    "panda_description/urdf/panda_collision.urdf": 'attribute D of <dynamics> of joint "panda_joint1"',
+    "so_arm_description/urdf/so101.urdf": '<origin> in link "gripper_frame_link"',
+    "tiago_description/robots/tiago_dual.urdf": '<kinematic> in link "suspension_right_link"',
+    "tiago_pro_description/robots/tiago_pro.urdf": '<kinematic> in link "suspension_front_right_link"',
+}
 
 REAL = [file for file in FILES if file != EMPTY]
 REGULAR = [file for file in REAL if file not in SINGULAR]
@@ -240,8 +251,18 @@ def test_unphysical_inertias_warn_by_link_and_raise_when_strict(file: str) -> No
         with pytest.raises(SceneError, match="strict") as error:
             load(file, False, strict=True)
         assert f'link "{links[0]}"' in str(error.value)
-    else:
+    elif file not in NOT_UNDERSTOOD:
         assert load(file, False, strict=True)[0].nv == scene.nv
+
+
+@robots
+def test_what_is_not_understood_is_one_warning_and_raises_when_strict(file: str) -> None:
+    texts = [str(warning.message) for warning in load(file, False)[1] if warning.category is UnknownTagWarning]
+    assert len(texts) == (file in NOT_UNDERSTOOD)
+    if texts:
+        assert f"passed over: {NOT_UNDERSTOOD[file]} (line " in texts[0]
+        with pytest.raises(SceneError, match="strict"):
+            load(file, False, strict=True)
 
 
 ROUNDED = 1e-4
@@ -278,7 +299,7 @@ def test_mimic_joints_warn_by_name(file: str) -> None:
     assert len(text) == len(expected)
     for joint, leader in expected.items():
         assert any(f'joint "{joint}": mimics "{leader}"' in message for message in text), joint
-    assert {warning.category for warning in caught} <= {InertiaWarning, MimicWarning}
+    assert {warning.category for warning in caught} <= {InertiaWarning, MimicWarning, UnknownTagWarning}
 
 
 def test_summary(capsys: pytest.CaptureFixture[str]) -> None:

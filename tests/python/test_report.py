@@ -16,12 +16,12 @@ import pytest
 from click.testing import CliRunner
 from phipsi import report
 from phipsi._core import BUNDLED_ARM, METHODS, ROUTES
-from phipsi.report import commands, draw, emergence, labels, machine, measure, states, text, worker
+from phipsi.report import auto_cost, calls, commands, draw, emergence, kinds, labels, machine, measure, states, text, worker
 from phipsi.report.progress import Silent
 from phipsi.report.structure import tree_of
 from tolerances import SIGMAS, product
 
-PARTS = ("scene", "plan", "residuals", "accuracy", "condition", "emergence", "growth", "limits", "provenance")
+PARTS = ("scene", "plan", "residuals", "calls", "accuracy", "condition", "emergence", "growth", "limits", "provenance")
 INERTIA = np.diag([0.1, 0.1, 0.05])
 
 
@@ -109,6 +109,150 @@ def test_errors_of_every_method_and_precision(bundled: tuple[dict[str, Any], str
         assert row["digits_lost"] == pytest.approx(math.log10(row["error_median"] / eps))
 
 
+def rows_with_times(tree: Any) -> Iterator[dict[str, Any]]:
+    """Every dictionary that holds a time, and what its keys above it say where it says nothing itself."""
+    if isinstance(tree, list):
+        for item in tree:
+            yield from rows_with_times(item)
+    elif isinstance(tree, dict):
+        if any(key.startswith("ns_") and value is not None for key, value in tree.items()):
+            yield tree
+        for value in tree.values():
+            yield from rows_with_times(value)
+
+
+def test_every_time_says_what_it_is_of(bundled: tuple[dict[str, Any], str, Path]) -> None:
+    found = json.loads(json.dumps(bundled[0]))
+    operators = found["growth"].pop("operators")
+    rows = [*rows_with_times(found), operators, *(found["growth"][key] for key in ("forward", "covariance", "inverse"))]
+    assert len(rows) > 14 + 14 + 32
+    for row in rows:
+        assert row["from"] in ("Rust", "Python"), row
+        assert row["call"] and row["states"] and row["batch"] >= 1, row
+        assert row["form"] in (None, "auto", "covariance", "square-root", "joseph"), row
+        # The general recursions are nobody's call.
+        assert row["from"] == "Python" or any(name in row["call"] for name in PUBLIC), row
+
+
+PUBLIC = ("Scene::evaluate(", "Scene::random_model", "Composite::new", "Operator::apply")
+
+
+def test_auto_comes_first(bundled: tuple[dict[str, Any], str, Path]) -> None:
+    found, page, _ = bundled
+    assert METHODS[0] == "auto"
+    for part in ("accuracy", "calls", "kinds"):
+        assert found[part][0]["form"] == "auto"
+        assert "dynamics" in found[part][0]["call"].lower()
+    assert {row["form"] for row in found["accuracy"]} >= {"auto", "covariance", "square-root", "joseph", None}
+    lead = page[page.index('<p class="lead">') : page.index("<nav>")]
+    one, many = (
+        next(row for row in found["calls"] if (row["form"], row["batch"] > 1) == ("auto", batch)) for batch in (False, True)
+    )
+    assert "called from Python" in lead and "form auto" in lead
+    assert text.time(one["ns_per_state"]) in lead and text.time(many["ns_per_state"]) in lead
+
+
+def test_one_state_and_a_batch_of_every_call(bundled: tuple[dict[str, Any], str, Path]) -> None:
+    found = bundled[0]["calls"]
+    for batch in (1, 256):
+        rows = [row for row in found if row["batch"] == batch]
+        forward = [row["form"] for row in rows if "forward_dynamics" in row["call"]]
+        assert forward == ["auto", "covariance", "square-root", "joseph"]
+        for name in ("inverse_dynamics", "bias_torque", "mass_matrix(", "mass_matrix_inverse"):
+            assert any(name in row["call"] for row in rows)
+        assert all(row["from"] == "Python" and row["ns_per_state"] > 0.0 for row in rows)
+
+
+def test_the_states_that_robots_are_in_are_measured(bundled: tuple[dict[str, Any], str, Path]) -> None:
+    found, page, _ = bundled
+    rows = found["kinds"]
+    for kind in kinds.KINDS:
+        for batch in (1, 256):
+            chosen = [row for row in rows if (row["states"], row["batch"]) == (kind, batch)]
+            assert [row["form"] for row in chosen] == ["auto", "covariance"]
+            assert all(row["ns_per_state"] > 0.0 and row["ns_over_covariance"] > 0.0 for row in chosen)
+            # Beside what the bias alone would give, both forms are right.
+            assert all(0.0 <= row["error_median"] <= row["error_max"] < 1e-12 for row in chosen), chosen
+        assert f"<td>{kind}<br>" in page
+    assert {kinds.REST, kinds.HELD, kinds.FALLING, kinds.MOVING} <= {row["states"] for row in rows}
+
+
+class Counting:
+    """A scene that counts the calls of its methods, by name and form."""
+
+    def __init__(self, scene: phipsi.Scene) -> None:
+        self.scene = scene
+        self.seen: dict[tuple[str, str | None], list[int]] = {}
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self.scene, name)
+        if not callable(found):
+            return found
+
+        def call(*arguments: Any, **options: Any) -> Any:
+            states = np.shape(arguments[0])[0] if arguments and np.ndim(arguments[0]) > 1 else 1
+            self.seen.setdefault((name, options.get("form")), []).append(states)
+            return found(*arguments, **options)
+
+        return call
+
+
+def test_times_from_python_are_of_public_calls() -> None:
+    scene = Counting(arm())
+    drawn = kinds.draw(arm(), 8, 0)
+    found = calls.measured(scene, drawn, True)  # type: ignore[arg-type]
+    assert {(row.call.split("(")[0].removeprefix("scene."), row.form) for row in found} == set(scene.seen)
+    for sizes in scene.seen.values():
+        # Warmed up, then timed: one state a call, and all of them.
+        assert sizes.count(1) >= 8 * 2 and sizes.count(8) >= 2
+
+
+def test_the_costs_of_auto_are_of_public_calls_at_every_kind_of_state() -> None:
+    scene = Counting(arm())
+    found = auto_cost.measured(scene, kinds.draw(arm(), 8, 0), quick=True)  # type: ignore[arg-type]
+    assert [(row.kind, row.batch) for row in found] == [(kind, batch) for kind in kinds.KINDS for batch in (1, 8)]
+    timed = {key: sizes for key, sizes in scene.seen.items() if key[0] == "forward_dynamics"}
+    assert set(timed) == {("forward_dynamics", form) for form in ("auto", "covariance")}
+    for sizes in timed.values():
+        assert sizes.count(8) >= len(kinds.KINDS) * 4
+
+
+@pytest.mark.parametrize("floating_base", [False, True])
+def test_kinds_of_states_are_what_they_say(floating_base: bool) -> None:
+    scene = phipsi.Scene.from_urdf(BUNDLED_ARM, floating_base=floating_base)
+    drawn = kinds.draw(scene, 12, 3)
+    first = 6 if floating_base else 0
+    assert kinds.first_joint(scene) == first
+    assert (drawn.joint >= first).all()
+    for kind in kinds.KINDS:
+        q, qd, tau = kinds.state(scene, drawn, kind)
+        assert (q == drawn.q).all()
+        if kind in (kinds.HELD, kinds.PUSHED, kinds.REST, kinds.ONE_TORQUE):
+            assert not qd.any()
+        if kind in (kinds.REST, kinds.FALLING, kinds.ONE_RATE, kinds.MOVING):
+            assert not tau.any()
+        if kind in (kinds.ONE_RATE, kinds.MOVING):
+            assert (np.count_nonzero(qd, axis=1) == 1).all()
+        if kind == kinds.HELD:
+            assert np.abs(scene.forward_dynamics(q, qd, tau)).max() < 1e-9
+    again = kinds.draw(scene, 12, 3)
+    assert (again.q == drawn.q).all() and (again.joint == drawn.joint).all()
+
+
+def test_the_table_of_auto_over_covariance() -> None:
+    costs = {
+        ("fixed base", "one"): [auto_cost.Cost(kinds.HELD, 1, 300.0, 200.0, 1.5), auto_cost.Cost(kinds.HELD, 256, 3.0, 1.0, 3.0)],
+        ("free base", "one"): [auto_cost.Cost(kinds.HELD, 256, 8.0, 2.0, 4.0)],
+    }
+    robots, rows = auto_cost.table(costs, True)
+    assert robots == ["one"]
+    assert ["fixed base, held", "3.00"] in rows and ["free base, held", "4.00"] in rows
+    assert ["free base, held", "–"] in auto_cost.table(costs, False)[1]
+    page = auto_cost.markdown(costs)
+    assert "| fixed base, held | 3.00 |" in page
+    assert "Worst: one, free base, held, a batch of 256: auto 8 ns a state, covariance 2." in page
+
+
 def test_the_page_needs_nothing_beside_itself(bundled: tuple[dict[str, Any], str, Path]) -> None:
     page = bundled[1]
     for part in PARTS:
@@ -192,9 +336,9 @@ def test_a_singular_scene_has_a_page(tmp_path: Path) -> None:
         .build()
     )
     found, page = written(scene, tmp_path)
-    assert found["missing"].keys() == {"residuals", "accuracy"}
+    assert found["missing"].keys() == {"residuals", "calls", "accuracy"}
     assert "massless" in found["missing"]["accuracy"]
-    assert found["residuals"] == found["accuracy"] == []
+    assert found["residuals"] == found["calls"] == found["kinds"] == found["accuracy"] == []
     assert found["condition"]["rank"] == 1
     assert "1 of 2" in page
     assert found["passed"] is True
@@ -205,7 +349,7 @@ def test_a_singular_scene_has_a_page(tmp_path: Path) -> None:
 def test_a_scene_where_nothing_moves_has_a_page(tmp_path: Path) -> None:
     scene = phipsi.SceneBuilder().link("base", mass=1.0, com=(0, 0, 0), inertia=INERTIA).build()
     found, page = written(scene, tmp_path)
-    assert found["missing"].keys() == {"residuals", "accuracy", "condition", "emergence"}
+    assert found["missing"].keys() == {"residuals", "calls", "accuracy", "condition", "emergence"}
     assert found["emergence"] is None
     assert "Nothing moves" in page
 
@@ -221,7 +365,8 @@ def test_a_scene_too_large_for_dense_algebra_has_a_page(tmp_path: Path) -> None:
     assert found["missing"].keys() - {"samples a second"} == {"residuals", "condition", "sobol", "dense product"}
     assert {point["route"] for point in found["emergence"]["points"]} == {"monte-carlo", "sigma-points", "recursion"}
     assert "1920 random numbers a sample" in page
-    assert {row["method"] for row in found["accuracy"]} == set(METHODS[:2])
+    assert {row["method"] for row in found["accuracy"]} == set(METHODS[:5])
+    assert {row["form"] for row in found["calls"]} == {None, "auto", "covariance", "square-root", "joseph"}
     assert "320 degrees of freedom" in page
 
 

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from .. import _core, errors
 from .._core import Scene
-from . import emergence, left_out, machine, measure, states
+from . import auto_cost, calls, emergence, kinds, left_out, machine, measure, states
+from .auto_cost import Cost
+from .calls import CallTime, KindError
 from .emergence import Emergence
 from .measure import DENSE_CAP, Accuracy, Growth, OperatorGrowth, Residual
 from .progress import Reporter
@@ -24,6 +26,8 @@ Array = NDArray[np.float64]
 
 #: Beyond this, M^-1 is not formed either.
 INVERSE_CAP = 2000
+#: What forward dynamics is called in Rust.
+FORWARD = _core.method_call(_core.METHODS[0])[0]
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,9 @@ class Report:
     conditions: Array = field(default_factory=lambda: np.empty(0))
     residuals: list[Residual] = field(default_factory=list)
     accuracy: list[Accuracy] = field(default_factory=list)
+    calls: list[CallTime] = field(default_factory=list)
+    costs: list[Cost] = field(default_factory=list)
+    kind_errors: list[KindError] = field(default_factory=list)
     emergence: Emergence | None = None
     growth: list[Growth] = field(default_factory=list)
     operators: list[OperatorGrowth] = field(default_factory=list)
@@ -78,6 +85,11 @@ class Report:
     def passed(self) -> bool:
         """Whether no residual is beyond its bound."""
         return all(residual.passed for residual in self.residuals)
+
+    def call(self, text: str, form: str | None, *, batch: bool) -> CallTime | None:
+        """The time of one call from Python, of one state or of a batch."""
+        rows = (row for row in self.calls if (row.call, row.form, row.batch > 1) == (text, form, batch))
+        return next(rows, None)
 
     def of(self, method: str, precision: str) -> Accuracy | None:
         """The row of one method in one precision."""
@@ -102,7 +114,7 @@ def collect(
     tree = tree_of(scene)
     report = Report(name, source, scene, tree, warnings, seed, quick, effort, date, machine.describe())
     if scene.nv == 0:
-        for part in ("residuals", "accuracy", "condition", "emergence"):
+        for part in ("residuals", "calls", "accuracy", "condition", "emergence"):
             report.missing[part] = (
                 "Nothing moves in this scene: it has no degree of freedom, so there is nothing to compute."
             )
@@ -128,7 +140,11 @@ def _states(report: Report, drawn: states.States, reporter: Reporter) -> None:
             " dense algebra."
         )
         missing["residuals"] = missing["condition"] = note
-        methods = _core.METHODS[: 2 if scene.nv <= INVERSE_CAP else 1]
+        methods = tuple(
+            method
+            for method in _core.METHODS
+            if _core.method_call(method)[0] == FORWARD or (scene.nv <= INVERSE_CAP and "M^-1" in method)
+        )
     else:
         report.mass_matrix = scene.mass_matrix(drawn.q[0])
         report.rank = int(np.linalg.matrix_rank(report.mass_matrix, hermitian=True))
@@ -136,8 +152,16 @@ def _states(report: Report, drawn: states.States, reporter: Reporter) -> None:
     try:
         scene.forward_dynamics(drawn.q, drawn.qd, drawn.tau)
     except errors.PhipsiError as error:
-        missing["residuals"] = missing["accuracy"] = str(error)
+        missing["residuals"] = missing["calls"] = missing["accuracy"] = str(error)
         return
+    tick = reporter.stage("What calls take", 3)
+    batch = calls.batch_of(scene, drawn.q, drawn.qd, drawn.tau, report.seed)
+    report.calls = calls.measured(scene, batch, report.quick)
+    tick()
+    report.costs = auto_cost.measured(scene, batch, quick=report.quick)
+    tick()
+    report.kind_errors = calls.kind_errors(scene, batch, min(len(batch.q), effort.states))
+    tick()
     report.left_out = left_out.measured(scene, drawn)
     try:
         if "residuals" not in missing:
@@ -200,6 +224,7 @@ def to_json(report: Report) -> dict[str, Any]:
             {
                 "method": row.method,
                 "precision": row.precision,
+                **_rust(*_core.method_call(row.method), kinds.RANDOM),
                 "ns_per_state": number(row.ns),
                 "error_median": number(row.median),
                 "error_max": number(row.worst),
@@ -209,10 +234,44 @@ def to_json(report: Report) -> dict[str, Any]:
             }
             for row in report.accuracy
         ],
+        "calls": [
+            {**_python(row.call, row.form, row.states, row.batch), "ns_per_state": number(row.ns)} for row in report.calls
+        ],
+        "kinds": _kinds(report),
         "condition": _condition(report),
         "emergence": _emergence_numbers(report.emergence),
         "growth": _growth(report.growth) | {"operators": _operators(report.operators)},
     }
+
+
+def _rust(call: str, form: str | None, states: str) -> dict[str, Any]:
+    """What a time is of: a call in Rust, one state."""
+    return {"from": "Rust", "call": call, "form": form, "states": states, "batch": 1}
+
+
+def _python(call: str, form: str | None, states: str, batch: int) -> dict[str, Any]:
+    """What a time is of: a call from Python, on one thread."""
+    return {"from": "Python", "call": call, "form": form, "states": states, "batch": batch}
+
+
+def _kinds(report: Report) -> list[dict[str, Any]]:
+    """Forward dynamics at every kind of state: a row a form and size of call, with the error of the form."""
+    errors_of = {(row.kind, row.form): row for row in report.kind_errors}
+    rows = []
+    for row in report.costs:
+        for form, ns in (("auto", row.auto), ("covariance", row.covariance)):
+            error = errors_of.get((row.kind, form))
+            rows.append(
+                {
+                    **_python(left_out.FORWARD, form, row.kind, row.batch),
+                    "meaning": kinds.MEANING[row.kind],
+                    "ns_per_state": number(ns),
+                    "ns_over_covariance": number(row.ratio if form == "auto" else 1.0),
+                    "error_median": number(error.median) if error else None,
+                    "error_max": number(error.worst) if error else None,
+                }
+            )
+    return rows
 
 
 def _scene(report: Report) -> dict[str, Any]:
@@ -246,12 +305,20 @@ def _plan(report: Report) -> dict[str, Any]:
             "why": item.why,
             "saved": item.saved,
             "operations": item.operations,
-            "ns_on": number(times[left_out.name_of(item)].on) if left_out.name_of(item) in times else None,
-            "ns_off": number(times[left_out.name_of(item)].off) if left_out.name_of(item) in times else None,
+            **_saved(report, item, times.get(left_out.name_of(item))),
         }
         for item in plan.items
     ]
     return {"bodies": plan.bodies, "links": plan.links, "items": items}
+
+
+def _saved(report: Report, item: _core.Omission, times: left_out.Times | None) -> dict[str, Any]:
+    """The times with an item left out and without, and what they are of."""
+    if times is None:
+        return {"ns_on": None, "ns_off": None}
+    at = f"{kinds.RANDOM}, qd = 0" if (item.switch or "").startswith("zero_") else kinds.RANDOM
+    of = _python(times.call, "covariance", at, report.effort.states)
+    return {**of, "ns_on": number(times.on), "ns_off": number(times.off)}
 
 
 def _condition(report: Report) -> dict[str, Any] | None:
@@ -276,7 +343,13 @@ def _emergence_numbers(found: Emergence | None) -> dict[str, Any] | None:
         "random_numbers_a_sample": found.dimension,
         "unit_error_in_theory": found.unit_error,
         "points": [
-            {"route": point.route, "samples": point.samples, "ns_median": point.ns, "error": number(point.error)}
+            {
+                "route": point.route,
+                "samples": point.samples,
+                **_rust(emergence.CALLS[point.route], None, kinds.RANDOM),
+                "ns_median": point.ns,
+                "error": number(point.error),
+            }
             for point in found.points
         ],
         "slopes": [
@@ -298,7 +371,13 @@ def _emergence_numbers(found: Emergence | None) -> dict[str, Any] | None:
             ],
         },
         "samples_a_second": [
-            {"threads": rate.threads, "samples": rate.samples, "per_second": rate.per_second} for rate in found.rates
+            {
+                "threads": rate.threads,
+                "samples": rate.samples,
+                **_rust(emergence.CALLS[emergence.PLAIN], None, kinds.RANDOM),
+                "per_second": rate.per_second,
+            }
+            for rate in found.rates
         ],
     }
 
@@ -309,6 +388,7 @@ def _share(pair: tuple[float, float] | None) -> dict[str, float] | None:
 
 def _operators(rows: Sequence[OperatorGrowth]) -> dict[str, Any]:
     return {
+        **_rust("Operator::apply, Operator::apply_transpose", "auto", "chain"),
         "bodies": list(measure.OPERATOR_SIZES),
         "rows": [{"name": row.name, "ns_per_body": list(row.ns), "max_over_min": row.spread} for row in rows],
     }
@@ -317,9 +397,18 @@ def _operators(rows: Sequence[OperatorGrowth]) -> dict[str, Any]:
 def _growth(rows: Sequence[Growth]) -> dict[str, Any]:
     return {
         "rows": [
-            {"bodies": row.bodies, "forward_ns_per_body": row.forward, "inverse_ns_per_body": row.inverse}
+            {
+                "bodies": row.bodies,
+                "forward_ns_per_body": row.forward,
+                "covariance_ns_per_body": row.covariance,
+                "inverse_ns_per_body": row.inverse,
+            }
             for row in rows
         ],
+        "forward": _rust(FORWARD, "auto", "chain"),
+        "covariance": _rust(FORWARD, "covariance", "chain"),
+        "inverse": _rust("Scene::evaluate(InverseDynamics)", None, "chain"),
         "forward_max_over_min": measure.spread([row.forward for row in rows]),
+        "covariance_max_over_min": measure.spread([row.covariance for row in rows]),
         "inverse_max_over_min": measure.spread([row.inverse for row in rows]),
     }

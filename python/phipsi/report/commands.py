@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,7 +13,7 @@ from rich.console import Console
 
 from .. import __version__, _core, errors
 from .._core import Scene
-from . import measure, states, terminal
+from . import auto_cost, calls, measure, states, terminal
 from .collect import Effort, collect
 from .measure import DENSE_CAP
 from .progress import Silent, reporter
@@ -99,8 +99,8 @@ def report(
 ) -> None:
     """Write a page about a robot: index.html, report.json and plots.
 
-    Scene and tree, what was left out, residuals of the theory's identities, error against run time of four methods in two
-    precisions, condition of the mass matrix, the mass matrix from samples of the random model, growth with size. Without
+    Scene and tree, what was left out, residuals of the theory's identities, what every public call takes, form auto in the states
+    that robots are in, error against run time of every method in two precisions, condition of the mass matrix, the mass matrix from samples of the random model, growth with size. Without
     ROBOT.urdf, the bundled arm.
 
     With --stability, a page about the extreme scenes instead: the error of every form, of dense algebra and of the peers
@@ -141,6 +141,7 @@ def report(
             found = collect(scene, says, name=name, source=source, warnings=texts, quick=quick, count=count, seed=seed)
             index = write(found, output, says)
     click.echo(index)
+    terminal.forward(console, found)
     if found.emergence is not None:
         terminal.emergence(console, found.emergence)
     for part, reason in found.missing.items():
@@ -220,25 +221,41 @@ def check(robot: Path | None, floating_base: bool, count: int, seed: int) -> Non
 
 
 @group.command()
-@ROBOT
+@click.argument("robots", metavar="[ROBOT.urdf...]", nargs=-1, type=click.Path(path_type=Path))
 @FLOATING
+@click.option("--quick", is_flag=True, help="Fewer turns.")
 @SEED
-def bench(robot: Path | None, floating_base: bool, seed: int) -> None:
-    """Time the ways to the accelerations, and the growth with size.
+def bench(robots: tuple[Path, ...], floating_base: bool, quick: bool, seed: int) -> None:
+    """Time what people call: each call from Python, each method in Rust, form auto in the states that robots are in, growth with size.
 
-    A quick look, one state a call on one thread; `cargo bench` and `make peers` in the repository measure properly.
+    The first two are of the first ROBOT.urdf, or of the bundled arm. Form auto over covariance is of every robot given, on a fixed and on
+    a free base; without one, of ur5, panda, anymal, g1 and talos of example-robot-data where it is installed, else of the bundled
+    arm. A quick look, on one thread; `cargo bench` and `make peers` in the repository measure properly.
     """
     console = Console()
-    scene, name, _, texts = _load(robot, floating_base)
+    scene, name, _, texts = _load(robots[0] if robots else None, floating_base)
     _warn(Console(stderr=True), texts)
     effort = Effort.of(scene.nv, True, None)
     with _typed_errors():
         if 0 < scene.nv <= DENSE_CAP:
             drawn = states.draw(scene, tree_of(scene), effort.states, seed)
-            rows = measure.accuracy(scene, drawn, _core.METHODS, 5, lambda: None)
-            terminal.accuracy(console, f"{name}, {effort.states} random states, one at a time", rows)
+            batch = calls.batch_of(scene, drawn.q, drawn.qd, drawn.tau, seed)
+            terminal.calls(console, f"{name}, random states, one thread", calls.measured(scene, batch, quick))
+            rows = measure.accuracy(scene, drawn, _core.METHODS, 3 if quick else 5, lambda: None)
+            title = f"{name}, {effort.states} random states, Scene::evaluate in Rust, one state a call"
+            terminal.accuracy(console, title, rows)
         else:
             click.echo(f"{name}: {scene.nv} degrees of freedom; the methods are compared from 1 to {DENSE_CAP}")
+        sources: Mapping[str, str | Path] = auto_cost.example_robots() or {BUNDLED: _core.BUNDLED_ARM}
+        if robots:
+            # Files of one name in several folders stay apart.
+            stems = [robot.stem for robot in robots]
+            sources = {robot.stem if stems.count(robot.stem) == 1 else str(robot): robot for robot in robots}
+        with reporter(Console(stderr=True)) as says:
+            tick = says.stage("Form auto by kind of state", len(auto_cost.BASES) * len(sources))
+            costs = auto_cost.of_robots(sources, quick=quick, seed=seed, tick=tick)
+        if costs:
+            terminal.auto_costs(console, costs)
         tick = Silent().stage("", 0)
         terminal.growth(console, measure.growth((7, 10, 100, 1000, 10_000), effort.growth_repeats, tick))
     click.echo("For more: cargo bench, make peers; phipsi report -o DIR for error against run time as a page.")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .._core import Scene
 from .labels import Anchor, Label, columns
 from .states import ranges
-from .structure import WORLD, Joint, Tree
+from .structure import Joint, Tree
 from .text import escape
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ def _origins(scene: Scene, tree: Tree, q: Array) -> Array:
 
 def skeleton(scene: Scene, tree: Tree, q: Array) -> str:
     """The figure as an SVG element."""
-    placements = {WORLD: np.eye(4), **scene.placements(q)}
+    placements = {tree.root: np.eye(4), **scene.placements(q)}
     origins = {name: placement[:3, 3] for name, placement in placements.items()}
     cloud = np.array(list(origins.values()))
     joints = [joint for joint in tree.joints.values() if not joint.fixed]
@@ -78,7 +78,7 @@ def skeleton(scene: Scene, tree: Tree, q: Array) -> str:
     view = _framed(best, cloud, size, height, COLUMN if named else MARGIN)
     marks = [_ground(view, size)]
     marks += _segments(view, tree, origins)
-    marks += [_mass(view, tree, name, placement) for name, placement in placements.items() if name != WORLD]
+    marks += [_mass(view, tree, name, placement) for name, placement in placements.items() if name in tree.links]
     radius = _radius(view, tree, origins)
     marks += [_joint(view, joint, placements[joint.child], radius) for joint in joints]
     anchors = [Anchor((joint.name,), *view.flat(origins[joint.child])) for joint in named]

@@ -18,6 +18,14 @@ from .worker import Job
 Array = NDArray[np.float64]
 
 PLAIN, SOBOL, SIGMA, RECURSION, DENSE = _core.ROUTES
+#: What is timed of each way, all in Rust: what it makes is made within the time, and dropped.
+CALLS = {
+    PLAIN: "Scene::random_model, RandomModel::mass_matrix(MonteCarlo)",
+    SOBOL: "Scene::random_model, RandomModel::sobol_estimate",
+    SIGMA: "Scene::random_model, RandomModel::mass_matrix(SigmaPoints)",
+    RECURSION: "Scene::evaluate(MassMatrix)",
+    DENSE: "Composite::new, Composite::mass_matrix",
+}
 #: The ways that take a number of samples, and the slope of log error on log samples that theory gives them.
 SAMPLED = {PLAIN: -0.5, SOBOL: -1.0}
 #: Beyond this many degrees of freedom sigma points take seconds.

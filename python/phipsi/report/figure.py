@@ -20,12 +20,14 @@ from .text import power
 Array = NDArray[np.float64]
 
 #: By place in METHODS; apart for all kinds of colour vision.
-COLOURS = ("#0072b2", "#009e73", "#d55e00", "#aa3377")
+COLOURS = ("#0072b2", "#009e73", "#d55e00", "#aa3377", "#56b4e9", "#e69f00", "#4d4d4d")
 INK, FAINT = "#2b2f33", "#d9dde1"
 #: Any, for the stubs of some versions of matplotlib list every key.
 STYLE: Any = {
     "font.family": "sans-serif",
     "font.size": 8.5,
+    # Names of robots have underscores, which TeX does not take for what they are.
+    "text.usetex": False,
     "text.color": INK,
     "axes.edgecolor": "#8a9199",
     "axes.labelcolor": INK,

@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from .. import errors
@@ -20,7 +21,8 @@ from .._core import Scene
 from .._motion import Trajectory
 from .draw import View, _best
 from .figure import COLOURS, FAINT, INK, STYLE, Plot, finished
-from .structure import WORLD, Tree
+from .names import write_names
+from .structure import Tree
 
 Array = NDArray[np.float64]
 
@@ -117,8 +119,8 @@ def motion_plot(path: Trajectory) -> Plot:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.2, 6.6), layout="constrained")
         top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(1.25, 1.0, 1.0))
-        _curves(top, path.t, path.q, [name[2:] for name in names])
-        _curves(middle, path.t, path.qd, [])
+        curves = _curves(top, path.t, path.q)
+        _curves(middle, path.t, path.qd)
         top.set_ylabel("coordinates (rad, m)")
         middle.set_ylabel("rates (rad/s, m/s)")
         kinds = [("kinetic", energy.kinetic), ("of gravity", energy.potential), ("of springs", energy.spring)]
@@ -133,14 +135,15 @@ def motion_plot(path: Trajectory) -> Plot:
             axes.grid(color=FAINT, lw=0.5)
             axes.margins(x=0.01)
         if 0 < len(names) <= MOST_NAMES:
-            top.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.02), fontsize=7.5)
+            places = [str(i) for i in range(len(names))]
+            legend = top.legend(curves, places, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.02), fontsize=7.5)
+            write_names(legend.get_texts(), [name[2:] for name in names])
         return finished("motion", figure)
 
 
-def _curves(axes: Axes, t: Array, values: Array, names: Sequence[str]) -> None:
+def _curves(axes: Axes, t: Array, values: Array) -> list[Line2D]:
     colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.92, max(values.shape[1], 1)))
-    for i in range(values.shape[1]):
-        axes.plot(t, values[:, i], color=colours[i], lw=1.1, label=names[i] if i < len(names) else None)
+    return [axes.plot(t, values[:, i], color=colours[i], lw=1.1)[0] for i in range(values.shape[1])]
 
 
 def stroboscope(path: Trajectory, tree: Tree, flashes: int = FLASHES) -> Plot:
@@ -148,8 +151,8 @@ def stroboscope(path: Trajectory, tree: Tree, flashes: int = FLASHES) -> Plot:
     scene = path.scene
     at = np.unique(np.linspace(0, len(path) - 1, flashes).round().astype(int))
     dense = np.unique(np.linspace(0, len(path) - 1, 400).round().astype(int))
-    bones = [(joint.parent, joint.child) for joint in tree.joints.values() if joint.parent != WORLD]
-    tips = [link for link in tree.links if link != WORLD and not tree.children.get(link)] or [tree.root]
+    bones = [(joint.parent, joint.child) for joint in tree.joints.values() if joint.parent in tree.links]
+    tips = [link for link in tree.links if not tree.children.get(link)] or [tree.root]
     frozen, flown = scene.placements(path.q[at]), scene.placements(path.q[dense])
     origins = {name: placement[:, :3, 3] for name, placement in frozen.items()}
     cloud = np.concatenate([points for points in origins.values()])

@@ -8,8 +8,8 @@ from . import emergence_section, sections
 from .collect import Report
 from .figure import Plot
 from .measure import EPS
-from .sections import FILTER
-from .structure import ROOT_JOINT
+from .left_out import FORWARD
+from .sections import AUTO
 from .style import CSS
 from .text import count, escape, plural, scientific, significant, time
 
@@ -17,6 +17,7 @@ PARTS = (
     ("scene", "The scene"),
     ("plan", "Left out"),
     ("residuals", "Residuals"),
+    ("calls", "What a call takes"),
     ("accuracy", "Error against run time"),
     ("condition", "Condition"),
     ("emergence", "The mass matrix emerges"),
@@ -33,6 +34,7 @@ def page(report: Report, skeleton: str, caption: str, plots: Sequence[Plot]) -> 
         "scene": sections.scene(report, skeleton, caption),
         "plan": sections.plan(report),
         "residuals": sections.residuals(report),
+        "calls": sections.calls(report),
         "accuracy": sections.accuracy(report, drawn.get("error-against-time")),
         "condition": sections.condition(report, drawn.get("mass-matrix"), drawn.get("error-against-condition")),
         "emergence": emergence_section.emergence(report, drawn.get("emergence"), drawn.get("emergence-slopes")),
@@ -59,7 +61,7 @@ def _head(report: Report, links: str) -> str:
         f"{count(scene.nv)} degrees of freedom",
         plural(scene.plan().bodies, "moving body", "moving bodies"),
         f"{significant(report.tree.mass)} kg",
-        "floating base" if ROOT_JOINT in report.tree.joints else "fixed base",
+        "floating base" if report.tree.floating else "fixed base",
     ]
     return (
         f"<header><h1>{escape(report.name)}</h1><p>{' · '.join(parts)}</p></header>"
@@ -81,17 +83,20 @@ def _lead(report: Report) -> str:
     """The result in a sentence or two."""
     if report.scene.nv == 0:
         return "Nothing moves in this scene, so there is nothing to compute; its tree and what was left out are below."
-    row, dense = report.of(FILTER, "float64"), report.of("dense Cholesky (faer)", "float64")
-    if row is None:
+    row, dense = report.of(AUTO, "float64"), report.of("dense Cholesky (faer)", "float64")
+    one, many = (report.call(FORWARD, AUTO, batch=batch) for batch in (False, True))
+    if row is None or one is None or many is None:
         return (
             "Forward dynamics is not possible for this scene:"
             f" {escape(report.missing.get('accuracy', 'every method failed'))}."
         )
-    text = f"Forward dynamics by filter and smoother takes {time(row.ns)} a state on one core"
+    text = (
+        f"Forward dynamics called from Python takes {time(one.ns)} for one state, and {time(many.ns)} a state in batches of"
+        f" {many.batch}, in form auto on one core"
+    )
     if dense is None:
         return f"{text}, with a median error of {scientific(row.median)} against a reference of 31 digits."
-    ratio = dense.ns / row.ns
-    text = f"{text}, {_pace(ratio)} forming M and its dense Cholesky factor. "
+    text = f"{text}. In Rust a call of it is {_pace(dense.ns / row.ns)} forming M and its dense Cholesky factor. "
     against = f"Its median error is {scientific(row.median)}, against {scientific(dense.median)} by Cholesky"
     return f"{text}{against}, both measured against a reference of 31 digits."
 
@@ -107,9 +112,10 @@ def _pace(ratio: float) -> str:
 
 def _key(report: Report) -> str:
     boxes = []
-    row = report.of(FILTER, "float64")
+    row, one = report.of(AUTO, "float64"), report.call(FORWARD, AUTO, batch=False)
+    if one is not None:
+        boxes.append((time(one.ns), "a call from Python: joint accelerations of one state, form auto, one core", True))
     if row is not None:
-        boxes.append((time(row.ns), "a state: joint accelerations by filter and smoother, float64, one core", True))
         eps = row.median / EPS["float64"]
         boxes.append(
             (

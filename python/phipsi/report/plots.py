@@ -28,7 +28,7 @@ def _units(value: float, _: int) -> str:
 
 
 def error_against_time(rows: Sequence[Accuracy], methods: Sequence[str]) -> Plot:
-    """Median time a state against the error of every state, one panel a precision on the same axis of times."""
+    """Median time of a call of `Scene::evaluate` against the error of every state, one panel a precision on the same axis of times."""
     usable = [row for row in rows if np.isfinite(row.median)]
     times = [row.ns for row in usable] or [1.0, 10.0]
     with mpl.rc_context(STYLE):
@@ -38,7 +38,7 @@ def error_against_time(rows: Sequence[Accuracy], methods: Sequence[str]) -> Plot
         for axes, precision in zip(panels, reversed(PRECISIONS), strict=True):
             time_axis(axes, min(times) / 1.5, max(times) * 1.25)
             _error_panel(axes, [row for row in usable if row.precision == precision], precision, methods)
-        panels[-1].set_xlabel("median time a state")
+        panels[-1].set_xlabel("median time of a call in Rust, one state (Scene::evaluate)")
         return finished("error-against-time", figure)
 
 
@@ -132,13 +132,14 @@ def growth(rows: Sequence[Growth]) -> Plot:
         axes.set_ylabel("time a body, ns")
         entries = []
         for name, ink, values in (
-            ("forward dynamics", COLOURS[0], np.array([row.forward for row in rows])),
+            ("forward dynamics, auto", COLOURS[0], np.array([row.forward for row in rows])),
+            ("forward dynamics, covariance", COLOURS[1], np.array([row.covariance for row in rows])),
             ("inverse dynamics", "#6b7279", np.array([row.inverse for row in rows])),
         ):
             axes.plot(bodies, values, "-o", color=ink, ms=4, lw=1.4)
             label = f"{name}\nmax / min = {values.max() / values.min():.2f}"
             entries.append((float(bodies[-1]), float(values[-1]), label, ink))
-        axes.set_ylim(0.0, 1.15 * max(max(row.forward, row.inverse) for row in rows))
+        axes.set_ylim(0.0, 1.15 * max(max(row.forward, row.covariance, row.inverse) for row in rows))
         axes.grid(axis="y", color=FAINT, lw=0.6)
         direct_labels(axes, entries, 0.2)
         return finished("growth", figure)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import _core
-from . import measure
+from . import kinds, measure
 from .collect import Report
 from .draw import FREE, MERGED, SLIDE, TURN
 from .left_out import TURNS, name_of
@@ -16,9 +16,10 @@ from .measure import EPS, OperatorGrowth, Residual
 from .plots import colour
 from .prose import LIMITS
 from .structure import Row
+from .timing import TURNS as CALL_TURNS
 from .text import count, escape, plural, power, scientific, significant, symbols, time
 
-FILTER = _core.METHODS[0]
+AUTO = _core.METHODS[0]
 #: A tree with more rows than this is cut short.
 MOST_ROWS = 400
 
@@ -140,12 +141,13 @@ def plan(report: Report) -> str:
     )
     head = (
         "<tr><th>left out</th><th class=n>how many</th><th>why the results are the same</th><th>what it saves</th>"
-        "<th class=n>operations</th><th class=n>a state</th><th class=n>not left out</th></tr>"
+        "<th class=n>operations</th><th class=n>call</th><th class=n>not left out</th></tr>"
     )
     note = (
         "<p class=small>Operations: what forward dynamics of one state in covariance form does less, where it needs nothing of "
-        f"this; a product with a sum is two; in 6-vectors, but for the row of planar scenes. Times: the same in one call over all states; of "
-        "calls that share q, a right side of factor.solve beside forward dynamics; of a joint that moves alone, factor.update beside a "
+        f"this; a product with a sum is two; in 6-vectors, but for the row of planar scenes. Times: of the same, "
+        "<code>forward_dynamics(q, qd, tau, form=\"covariance\")</code> from Python over all states in one call, on one thread, each divided by the"
+        " number of states; of calls that share q, a right side of factor.solve beside forward dynamics; of a joint that moves alone, factor.update beside a "
         f"new factor, call by call. Medians of {TURNS} in turns; what is smaller than their noise says nothing.</p>"
     )
     return f"{intro}<table>{head}{rows}</table>{note}"
@@ -223,10 +225,10 @@ def accuracy(report: Report, plot: str | None) -> str:
     caption = (
         f"Joint accelerations of {states}, by every method in float32 (hollow squares) and float64 (filled circles)."
         " Large marks: median; bar: worst state; faint dots: every state. The dashed line is one unit of rounding."
-        " Left and low is better."
+        " Left and low is better. Error and time are of the same calls: <code>Scene::evaluate</code> in Rust, one state a call."
     )
-    titles = ("median time a state", "against filter, float64", "median error", "worst error", "digits lost", "failed")
-    first = report.of(FILTER, "float64")
+    titles = ("call in Rust, one state", "against auto, float64", "median error", "worst error", "digits lost", "failed")
+    first = report.of(AUTO, "float64")
     rows = [f"<tr><th>method</th><th>precision</th>{heads(*titles)}</tr>"]
     for row in report.accuracy:
         ink = colour(row.method, _core.METHODS)
@@ -256,6 +258,68 @@ def _digits_note() -> str:
         " below one unit. Failed: states where the method met a pivot that is not positive; they do not enter the"
         " errors.</p>"
     )
+
+
+def calls(report: Report) -> str:
+    """What every public call takes from Python, and what form auto costs in the states that robots are in."""
+    if "calls" in report.missing:
+        return note(report.missing["calls"])
+    batches = sorted({row.batch for row in report.calls if row.batch > 1}, reverse=True)
+    head = f"<tr><th>call from Python</th><th>form</th>{heads('one state a call', f'in a batch of {batches[0]}')}</tr>"
+    ones = [row for row in report.calls if row.batch == 1]
+    rows = "".join(
+        f"<tr><td><code>{escape(row.call)}</code></td><td>{row.form or ''}</td>"
+        f"{numbers(time(row.ns), _batch_time(report, row.call, row.form, batches[0]))}</tr>"
+        for row in ones
+    )
+    text = (
+        "<p>Medians of whole calls as a program makes them from Python, at random states, on one thread; of a batch, the time of the call"
+        " over the number of its states. Without <code>form</code>, forward_dynamics and mass_matrix_inverse are in form auto.</p>"
+    )
+    return f"{text}<table>{head}{rows}</table>{_kinds(report)}"
+
+
+def _batch_time(report: Report, call: str, form: str | None, usual: int) -> str:
+    row = report.call(call, form, batch=True)
+    if row is None:
+        return ""
+    return time(row.ns) if row.batch == usual else f"{time(row.ns)} (of {row.batch})"
+
+
+def _kinds(report: Report) -> str:
+    """Forward dynamics in form auto and covariance at every kind of state: times and errors."""
+    if not report.costs:
+        return ""
+    times = {(row.kind, row.batch > 1): row for row in report.costs}
+    errors_of = {(row.kind, row.form): row for row in report.kind_errors}
+    found = []
+    for kind, meaning in kinds.MEANING.items():
+        one, many = times.get((kind, False)), times.get((kind, True))
+        if one is None or many is None:
+            continue
+        errors = [errors_of.get((kind, form)) for form in ("auto", "covariance")]
+        cells = numbers(
+            time(one.auto),
+            f"{one.ratio:.2f} ×",
+            time(many.auto),
+            f"{many.ratio:.2f} ×",
+            *(scientific(error.worst) if error else "" for error in errors),
+        )
+        found.append(f'<tr><td>{kind}<br><span class="soft small">{escape(meaning)}</span></td>{cells}</tr>')
+    titles = heads(
+        "auto, one state a call",
+        "over covariance",
+        f"auto, batch of {report.costs[-1].batch}",
+        "over covariance",
+        "worst error, auto",
+        "worst error, covariance",
+    )
+    text = (
+        "<p>Robots are rarely in random states. Forward dynamics from Python, as above, at the same configurations held against"
+        " gravity, let go, falling, and with one joint moving. Errors are the largest of a state over its largest acceleration,"
+        " or over that of the bias torque alone where this is more: of what is held still, nothing is left to compare with.</p>"
+    )
+    return f"<h3>The states that robots are in</h3>{text}<table><tr><th>state</th>{titles}</tr>{''.join(found)}</table>"
 
 
 def condition(report: Report, matrix: str | None, scatter: str | None) -> str:
@@ -300,20 +364,21 @@ def condition(report: Report, matrix: str | None, scatter: str | None) -> str:
 def growth(report: Report, plot: str) -> str:
     """The plot of time a body, and its flatness in words."""
     rows = report.growth
-    forward, inverse = (measure.spread([getattr(row, kind) for row in rows]) for kind in ("forward", "inverse"))
-    words = (
-        f"<p>From {count(rows[0].bodies)} to {count(rows[-1].bodies)} bodies the time a body stays within a factor of "
-        f"{forward:.2f} for forward dynamics and {inverse:.2f} for inverse dynamics: the work is O(N).</p>"
+    spreads = {kind: measure.spread([getattr(row, kind) for row in rows]) for kind in ("forward", "covariance", "inverse")}
+    flat = (
+        f"{spreads['forward']:.2f} for forward dynamics in form auto, {spreads['covariance']:.2f} in form covariance and"
+        f" {spreads['inverse']:.2f} for inverse dynamics"
     )
-    if max(forward, inverse) > 2.0:
+    reach = f"From {count(rows[0].bodies)} to {count(rows[-1].bodies)} bodies the time a body"
+    words = f"<p>{reach} stays within a factor of {flat}: the work is O(N).</p>"
+    if max(spreads.values()) > 2.0:
         words = (
-            f"<p>From {count(rows[0].bodies)} to {count(rows[-1].bodies)} bodies the time a body varies by a factor of"
-            f" {forward:.2f} for forward dynamics and {inverse:.2f} for inverse dynamics; O(N) work would keep it near"
-            " 1, and caches and other load on the machine move it.</p>"
+            f"<p>{reach} varies by a factor of {flat}; O(N) work would keep it near"
+            " 1, and caches, states that auto does again, and other load on the machine move it.</p>"
         )
     caption = (
-        f"Chains of equal links, one state a call, least of {measure.GROWTH_ROUNDS} rounds' medians. This does not"
-        " depend on the robot of this page."
+        f"Chains of equal links, <code>Scene::evaluate</code> in Rust, one state a call, least of {measure.GROWTH_ROUNDS} rounds'"
+        " medians. This does not depend on the robot of this page."
     )
     return words + figure(plot, caption) + _operators(report.operators)
 
@@ -329,8 +394,8 @@ def _operators(rows: Sequence[OperatorGrowth]) -> str:
         for row in rows
     )
     words = (
-        "<p>Applying an operator of the paper is a sweep, and never forms a matrix. Nanoseconds a body, operator by operator; a star is"
-        f" the transpose. From {count(measure.OPERATOR_SIZES[0])} to {count(measure.OPERATOR_SIZES[-1])} bodies the least steady,"
+        "<p>Applying an operator of the paper is a sweep, and never forms a matrix. Nanoseconds a body of <code>Operator::apply</code> in"
+        f" Rust, operator by operator; a star is the transpose. From {count(measure.OPERATOR_SIZES[0])} to {count(measure.OPERATOR_SIZES[-1])} bodies the least steady,"
         f" {symbols(worst.name)}, varies by a factor of {worst.spread:.2f}.</p>"
     )
     return f"{words}<details><summary>All operators</summary><table><tr><th>operator</th>{titles}</tr>{lines}</table></details>"
@@ -359,8 +424,8 @@ def provenance(report: Report) -> str:
         (
             "passes timed",
             (
-                f"{measure.ROUNDS} rounds of {report.effort.repeats} over all states, {report.effort.growth_repeats}"
-                " for growth"
+                f"{measure.ROUNDS} rounds of {report.effort.repeats} over all states in Rust, {report.effort.growth_repeats}"
+                f" for growth; calls from Python {CALL_TURNS[report.quick]} turns"
             ),
         ),
     ]

@@ -12,9 +12,8 @@ from .._core import Scene
 
 Array = NDArray[np.float64]
 
-#: Above the root link of a floating base.
+#: Above the root link of a floating base, unless a link has that name.
 WORLD = "world"
-ROOT_JOINT = "root_joint"
 
 
 @dataclass(frozen=True)
@@ -66,6 +65,8 @@ class Tree:
     links: dict[str, Link]
     joints: dict[str, Joint]
     children: dict[str, list[Joint]] = field(default_factory=dict)
+    floating: bool = False
+    """Whether the first joint is the free one of a floating base."""
 
     @property
     def mass(self) -> float:
@@ -104,23 +105,23 @@ class Tree:
 
 
 def tree_of(scene: Scene) -> Tree:
-    """The tree of a scene, from the description that it pickles by."""
-    _, (description,) = scene.__reduce__()
-    version, _gravity, floating, _strict, links, joints, *_rest = description
-    if version != 3:
-        raise RuntimeError(f"description of a scene: found version {version}, expected 3")
+    """The tree of a scene, as it was described."""
     tree = Tree("", {}, {})
-    for name, inertial in links:
-        mass, centre, _inertia = inertial or (0.0, (0.0, 0.0, 0.0), None)
-        tree.links[name] = Link(name, mass, np.array(centre))
-    for name, kind, _pitch, parent, child, _origin, axis, (armature, _damping, _friction), _limits, mimic, _spring in joints:
-        tree.joints[name] = Joint(name, kind, parent, child, np.array(axis), armature, mimic)
-    carried = {joint.child for joint in tree.joints.values()}
-    tree.root = next(name for name in tree.links if name not in carried)
-    if floating:
-        joint = Joint(ROOT_JOINT, "floating", WORLD, tree.root, np.zeros(3), 0.0, None)
-        tree.joints = {ROOT_JOINT: joint, **tree.joints}
-        tree.root = WORLD
-    for joint in tree.joints.values():
-        tree.children.setdefault(joint.parent, []).append(joint)
+    for link in scene.links.values():
+        tree.links[link.name] = Link(link.name, link.mass, link.com)
+        if link.joint is None:
+            tree.root = link.name
+    world = WORLD
+    while world in tree.links:
+        world += "_"
+    for name, joint in scene.joints.items():
+        axis = np.zeros(3) if joint.axis is None else joint.axis
+        mimic = None if joint.mimic is None else joint.mimic.joint
+        # A floating base's free joint has no parent link.
+        if joint.parent is None:
+            tree.root, tree.floating = world, True
+        parent = world if joint.parent is None else joint.parent
+        tree.joints[name] = Joint(name, joint.type, parent, joint.child, axis, joint.armature, mimic)
+    for described in tree.joints.values():
+        tree.children.setdefault(described.parent, []).append(described)
     return tree

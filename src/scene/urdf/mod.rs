@@ -1,19 +1,28 @@
 //! Scenes from URDF: `<link>` and `<joint>` elements under `<robot>`, by the specification at wiki.ros.org/urdf/XML.
 //!
-//! Read: names, `<inertial>`, and the joint's type, parent, child, origin, axis, limit, dynamics and mimic (the name). One
+//! Read: names, `<inertial>`, and the joint's type, parent, child, origin, axis, limit, dynamics and mimic. One
 //! extension: `<dynamics armature="..." stiffness="..." rest="...">`, in kg m^2 or kg, N m/rad or N/m, and rad or m (rest: for
-//! joints of one coordinate only). Everything else (visual, collision, transmission, gazebo,
-//! ...) is passed over. What a link or joint says wrongly is an error that names it; whether the links and joints make
-//! a tree of physical bodies is checked by [`SceneBuilder::build`].
+//! joints of one coordinate only). Rotor inertia is read in Drake's words too, and makes armature. Visual, collision,
+//! gazebo and the like, and elements and attributes with a foreign prefix, are passed over; any other thing that is not read
+//! is told in one [`SceneWarning::NotUnderstood`], which strictness makes an error. What a link or joint says wrongly is an
+//! error that names it, limits excepted: they enter no dynamics, and one that means nothing is taken as none, with a
+//! [`SceneWarning::Limits`]. Whether the links and joints make a tree of physical bodies is checked by [`SceneBuilder::build`].
 
+mod known;
+mod lenient;
+mod rotor;
+mod survey;
 mod xml;
 
-use super::description::{Inertial, JointDescription, JointKind, Limits, LinkDescription};
-use super::{SceneBuilder, Spring};
-use crate::error::Error;
+use super::description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, SceneWarning};
+use super::{AT_A_TIME, SceneBuilder, Spring};
+use crate::error::{Error, number};
 use crate::spatial::{RigidShift, Symmetric3};
+use crate::{memory, watch};
 use nalgebra::{Matrix3, Vector3};
+use rotor::read_rotors;
 use std::path::Path;
+use survey::Findings;
 use xml::{Element, Source};
 
 /// The joint types of URDF, and "spherical", which is not in the specification but can mean only one thing.
@@ -64,34 +73,63 @@ impl SceneBuilder {
     }
 }
 
+/// About what a letter of a document takes while it is read, in bytes.
+const A_LETTER: usize = 8;
+
 /// Reads a document that messages call `name`.
 fn read(xml: &str, name: &str) -> Result<SceneBuilder, Error> {
+    memory::room("source", memory::bytes_of::<[u8; A_LETTER]>(&[xml.len()]))?;
     let source = Source::new(xml, name);
-    let document = source.parse()?;
+    let mut restated = String::new();
+    let document = source.parse(&mut restated)?;
     let robot = document.root_element();
-    if robot.tag_name().name() != "robot" {
-        return Err(source.refuse(format!("root element <{}>", robot.tag_name().name()), "<robot>"));
+    let tag = robot.tag_name().name();
+    if tag != "robot" {
+        return Err(source.refuse(format!("root element <{tag}>"), robot_instead(tag)));
     }
-    let mut builder = SceneBuilder::new();
-    for node in robot.children().filter(roxmltree::Node::is_element) {
-        let tag = node.tag_name();
-        if tag.namespace().is_some_and(|uri| uri.ends_with("xacro")) {
-            let found = format!("<xacro:{}>", tag.name());
-            return Err(Error::scene(source.place_of(&node), found, "plain URDF: run xacro on the file first"));
-        }
-        if tag.namespace() != robot.tag_name().namespace() {
-            continue;
-        }
-        match tag.name() {
+    let mut findings = Findings::new(&source, &document);
+    findings.survey()?;
+    let mut builder = SceneBuilder { from_file: true, ..SceneBuilder::new() };
+    let mut limits = Vec::new();
+    let parts = robot.children().filter(|node| node.is_element() && same_namespace(node, &robot));
+    for (i, node) in parts.enumerate() {
+        watch::check_at(i, AT_A_TIME)?;
+        match node.tag_name().name() {
             "link" => builder.links.push(link(&Element::named(node, &source)?)?),
-            "joint" => builder.joints.push(joint(&Element::named(node, &source)?)?),
+            "joint" => builder.joints.push(joint(&Element::named(node, &source)?, &mut limits)?),
             _ => {}
         }
     }
+    read_rotors(&robot, &source, &mut builder.joints, &mut findings)?;
+    let found = findings.into_text();
     if builder.links.is_empty() {
-        return Err(source.refuse("a <robot> without links", "at least one <link>"));
+        let besides = found.map_or_else(String::new, |found| format!("; not understood: {found}"));
+        return Err(source.refuse(format!("a <robot> without links{besides}"), "at least one <link>"));
+    }
+    let source = || name.to_owned();
+    builder.notes.extend(found.map(|found| SceneWarning::NotUnderstood { source: source(), found }));
+    if !limits.is_empty() {
+        builder.notes.push(SceneWarning::Limits { found: limits.join("; ") });
     }
     Ok(builder)
+}
+
+/// What to give in place of a document of another kind.
+fn robot_instead(tag: &str) -> String {
+    let read = |format: &str, way: &str| {
+        format!("<robot>: only URDF is read, not {format}; {way}, or build the scene in code with SceneBuilder")
+    };
+    match tag {
+        "mujoco" | "mujocoinclude" => {
+            read("MJCF", "convert it to URDF (for instance with mjcf-urdf-simple-converter from PyPI)")
+        }
+        "sdf" | "world" | "model" => read("SDF", "use the URDF that it was made from, convert it to URDF"),
+        _ => "<robot>".to_owned(),
+    }
+}
+
+fn same_namespace(one: &roxmltree::Node, other: &roxmltree::Node) -> bool {
+    one.tag_name().namespace() == other.tag_name().namespace()
 }
 
 fn link(element: &Element) -> Result<LinkDescription, Error> {
@@ -112,7 +150,8 @@ fn read_inertial(element: &Element) -> Result<Inertial, Error> {
     Ok(Inertial { mass, centre: frame.lever, central: Symmetric3::new(entries).congruence(&frame.rotation) })
 }
 
-fn joint(element: &Element) -> Result<JointDescription, Error> {
+/// A joint; limits that mean nothing are added to `told`.
+fn joint(element: &Element, told: &mut Vec<String>) -> Result<JointDescription, Error> {
     let kind = joint_kind(element)?;
     let parent = element.required_child("parent", "a <parent link=\"...\">")?.required("link")?;
     let child = element.required_child("child", "a <child link=\"...\">")?.required("link")?;
@@ -123,7 +162,9 @@ fn joint(element: &Element) -> Result<JointDescription, Error> {
         joint.axis = given.unwrap_or_else(Vector3::x);
     }
     if let Some(limit) = element.child("limit") {
-        joint.limits = limits(&limit, kind)?;
+        let (limits, found) = limits(&limit, kind)?;
+        joint.limits = limits;
+        told.extend((!found.is_empty()).then(|| format!("joint {:?}: {}", joint.name, found.join(", "))));
     }
     if let Some(dynamics) = element.child("dynamics") {
         joint.damping = dynamics.number("damping")?.unwrap_or(0.0);
@@ -132,7 +173,11 @@ fn joint(element: &Element) -> Result<JointDescription, Error> {
         joint.spring = spring(&dynamics)?;
     }
     if let Some(mimic) = element.child("mimic") {
-        joint.mimic = Some(mimic.required("joint")?.to_owned());
+        joint.mimic = Some(Mimic {
+            joint: mimic.required("joint")?.to_owned(),
+            multiplier: mimic.number("multiplier")?.unwrap_or(1.0),
+            offset: mimic.number("offset")?.unwrap_or(0.0),
+        });
     }
     Ok(joint)
 }
@@ -154,19 +199,29 @@ fn joint_kind(element: &Element) -> Result<JointKind, Error> {
         .ok_or_else(|| element.refuse(format!("type {}", xml::quoted(name)), known()))
 }
 
-/// The specification lets lower and upper default to 0; a joint that gives neither has none.
-fn limits(element: &Element, kind: JointKind) -> Result<Limits, Error> {
-    let mut limits = Limits::default();
+/// The limits, and what is wrong with those that are taken as none. The specification lets lower and upper default to 0; a
+/// joint that gives neither has none.
+fn limits(element: &Element, kind: JointKind) -> Result<(Limits, Vec<String>), Error> {
+    let none = Limits::default();
+    let (mut limits, mut found) = (none, Vec::new());
     let (lower, upper) = (element.limit("lower")?, element.limit("upper")?);
     if matches!(kind, JointKind::Revolute | JointKind::Prismatic) && (lower.is_some() || upper.is_some()) {
         limits.lower = lower.unwrap_or(0.0);
         limits.upper = upper.unwrap_or(0.0);
+        if limits.lower > limits.upper {
+            found.push(format!("lower {} above upper {}", number(limits.lower), number(limits.upper)));
+            (limits.lower, limits.upper) = (none.lower, none.upper);
+        }
     }
     if kind != JointKind::Fixed {
-        limits.velocity = element.limit("velocity")?.unwrap_or(limits.velocity);
-        limits.effort = element.limit("effort")?.unwrap_or(limits.effort);
+        for (name, limit) in [("velocity", &mut limits.velocity), ("effort", &mut limits.effort)] {
+            match element.limit(name)? {
+                Some(value) if value < 0.0 => found.push(format!("{name} {} below zero", number(value))),
+                value => *limit = value.unwrap_or(*limit),
+            }
+        }
     }
-    Ok(limits)
+    Ok((limits, found))
 }
 
 /// The element's `<origin xyz rpy>`; the identity if there is none.

@@ -1,6 +1,7 @@
 //! What the reader needs of XML: a parsed document, and elements that know the link or joint they are part of, so that
 //! every complaint names it.
 
+use super::lenient;
 use crate::error::Error;
 use nalgebra::Vector3;
 use roxmltree::{Document, Node, ParsingOptions, TextPos};
@@ -8,7 +9,7 @@ use roxmltree::{Document, Node, ParsingOptions, TextPos};
 /// The text of a URDF, and what messages call it.
 pub(super) struct Source<'a> {
     /// "URDF", or the path.
-    name: &'a str,
+    pub(super) name: &'a str,
     /// A byte order mark and white space before the XML, which XML does not allow but people's editors do.
     skipped: &'a str,
     body: &'a str,
@@ -20,9 +21,9 @@ impl<'a> Source<'a> {
         Self { name, skipped: &xml[..xml.len() - body.len()], body }
     }
 
-    /// The document. A document type is let be, but not with entities: nothing in a URDF needs them, and with them a
-    /// small file can grow without bound.
-    pub(super) fn parse(&self) -> Result<Document<'a>, Error> {
+    /// The document; `restated` is where it is kept if it has to be put in the words of XML first. A document type is let
+    /// be, but not with entities: nothing in a URDF needs them, and with them a small file can grow without bound.
+    pub(super) fn parse<'b>(&'b self, restated: &'b mut String) -> Result<Document<'b>, Error> {
         if self.body.is_empty() {
             return Err(self.refuse("nothing", "XML with a <robot> element"));
         }
@@ -30,13 +31,22 @@ impl<'a> Source<'a> {
             let found = format!("text that starts with {}", quoted(self.body));
             return Err(self.refuse(found, "XML with a <robot> element (a path is for from_urdf_file)"));
         }
-        let options = ParsingOptions { allow_dtd: !self.body.contains("<!ENTITY"), ..ParsingOptions::default() };
-        Document::parse_with_options(self.body, options).map_err(|error| self.malformed(&error))
+        let parsed = |text: &'b str| {
+            let options = ParsingOptions { allow_dtd: !text.contains("<!ENTITY"), ..ParsingOptions::default() };
+            Document::parse_with_options(text, options)
+        };
+        match parsed(self.body) {
+            Err(error) if lenient::can_be_restated(&error) => {
+                *restated = lenient::restated(self.body);
+                parsed(restated)
+            }
+            result => result,
+        }
+        .map_err(|error| self.malformed(&error))
     }
 
     fn malformed(&self, error: &roxmltree::Error) -> Error {
         use roxmltree::Error::{DtdDetected, UnclosedRootNode, UnexpectedEndOfStream};
-        let reason = error.to_string().replace(&format!(" at {}", error.pos()), "");
         let place = match error {
             DtdDetected => return self.refuse("a document type that declares entities", "XML without entities"),
             // These show at the end of the document; roxmltree says 1:1.
@@ -47,7 +57,8 @@ impl<'a> Source<'a> {
             }
             _ => self.place(error.pos()),
         };
-        Error::scene(place, format!("malformed XML ({reason})"), "well-formed XML")
+        let (found, expected) = lenient::remedy(error);
+        Error::scene(place, found, expected)
     }
 
     /// An error that names the text as a whole.
@@ -60,9 +71,23 @@ impl<'a> Source<'a> {
         self.place(node.document().text_pos_at(node.range().start))
     }
 
+    /// Where the name of an element is, after its `<`.
+    pub(super) fn place_of_name(&self, node: &Node) -> String {
+        self.place(node.document().text_pos_at(node.range().start + 1))
+    }
+
+    /// The line, from 1, of a byte of the document.
+    pub(super) fn line(&self, document: &Document, byte: usize) -> u32 {
+        self.line_of(document.text_pos_at(byte))
+    }
+
+    fn line_of(&self, within: TextPos) -> u32 {
+        count(self.skipped.matches('\n').count()).saturating_add(within.row)
+    }
+
     /// Name, line and column, both from 1, of a position in the body.
     fn place(&self, within: TextPos) -> String {
-        let line = count(self.skipped.matches('\n').count()).saturating_add(within.row);
+        let line = self.line_of(within);
         let before = self.skipped.rsplit('\n').next().unwrap_or_default().trim_start_matches('\u{feff}');
         let column = if within.row == 1 { count(before.len()).saturating_add(within.col) } else { within.col };
         format!("{}, line {line}, column {column}", self.name)
@@ -83,7 +108,7 @@ pub(super) fn quoted(text: &str) -> String {
 }
 
 /// An attribute without a namespace; roxmltree's own look-up takes any.
-fn plain_attribute<'a>(node: &Node<'a, '_>, name: &str) -> Option<&'a str> {
+pub(super) fn plain_attribute<'a>(node: &Node<'a, '_>, name: &str) -> Option<&'a str> {
     node.attributes().find(|attribute| attribute.name() == name && attribute.namespace().is_none()).map(|a| a.value())
 }
 

@@ -25,7 +25,7 @@ CAPTIONS = {
     "error-against-lever": "Eight links, two of the joints further and further apart.",
     "error-against-run-time": (
         "One point a method; filled circles float64, hollow squares float32. A method without a point failed. Times are of one"
-        " thread and one state, inside compiled code, so that peers are not in this plot."
+        " thread and one state, calls of Scene::evaluate in Rust (the dense methods: with faer), so that peers are not in this plot."
     ),
 }
 

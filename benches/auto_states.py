@@ -1,0 +1,39 @@
+"""Print what form "auto" costs beside "covariance" in the states that robots are in, as Markdown.
+
+Usage: python benches/auto_states.py [--quick] [--seed N] [NAME|ROBOT.urdf ...]
+
+Default: ur5, panda, anymal, g1 and talos of example-robot-data where this interpreter has it, else the bundled arm. It measures
+whichever phipsi is installed, older ones too: the kinds of states come from this repository, all else is public.
+"""
+
+import argparse
+import importlib
+import sys
+import types
+from pathlib import Path
+
+import phipsi
+
+FOLDER = Path(__file__).resolve().parents[1] / "python" / "phipsi" / "report"
+
+
+def main() -> None:
+    # As a package of another name, because the installed one may be older and have no such module.
+    package = types.ModuleType("states_of_this_repository")
+    package.__path__ = [str(FOLDER)]
+    sys.modules[package.__name__] = package
+    auto_cost = importlib.import_module(f"{package.__name__}.auto_cost")
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("robots", nargs="*", metavar="ROBOT")
+    parser.add_argument("--quick", action="store_true", help="fewer turns")
+    parser.add_argument("--seed", type=int, default=0, help="default: %(default)s")
+    options = parser.parse_args()
+    known = auto_cost.example_robots()
+    sources = {Path(robot).stem: known.get(robot, Path(robot)) for robot in options.robots}
+    sources = sources or known or {"PUMA 560 (bundled)": phipsi.BUNDLED_ARM}
+    print(auto_cost.markdown(auto_cost.of_robots(sources, quick=options.quick, seed=options.seed)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,151 @@
+"""What form "auto" costs beside "covariance", by kind of state: Python calls, one state and a batch.
+
+benches/auto_states.py runs it against wheels that are older than it: the public names of phipsi, kinds.py and timing.py are all it uses.
+"""
+
+from __future__ import annotations
+
+import sys
+import sysconfig
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import phipsi
+
+from . import kinds
+from .timing import BATCH, Arguments, Once, in_turns, one_by_one, one_thread
+
+FORMS = ("auto", "covariance")
+#: Robots of example-robot-data, below its folder robots/.
+ROBOTS = {
+    "ur5": "ur_description/urdf/ur5_robot.urdf",
+    "panda": "panda_description/urdf/panda.urdf",
+    "anymal": "anymal_b_simple_description/robots/anymal.urdf",
+    "g1": "g1_description/urdf/g1_29dof_rev_1_0.urdf",
+    "talos": "talos_data/robots/talos_reduced.urdf",
+}
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Times of `scene.forward_dynamics(q, qd, tau, form=...)` called from Python on one thread, ns a state, medians."""
+
+    kind: str
+    batch: int
+    """States of a call; 1: a call a state."""
+    auto: float
+    covariance: float
+    ratio: float
+    """auto over covariance: median over the turns, in each of which one follows the other."""
+
+
+def measured(scene: phipsi.Scene, drawn: kinds.Drawn, *, quick: bool = False) -> list[Cost]:
+    """The cost of every kind, one state and the batch of `drawn`; without a kind whose states have no answer."""
+    rows = []
+    with one_thread():
+        for kind in kinds.KINDS:
+            states = kinds.state(scene, drawn, kind)
+            for size, calls in ((1, one_by_one(states)), (len(drawn.q), [states])):
+                try:
+                    rows.append(_cost(scene, kind, size, calls, quick))
+                except phipsi.errors.PhipsiError:
+                    continue
+    return rows
+
+
+def _cost(scene: phipsi.Scene, kind: str, size: int, calls: Sequence[Arguments], quick: bool) -> Cost:
+    def loop(form: str) -> Once:
+        def once() -> None:
+            for call in calls:
+                scene.forward_dynamics(*call, form=form)  # type: ignore[call-overload]
+
+        return once
+
+    times = in_turns([loop(form) for form in FORMS], quick) / (size * len(calls))
+    auto, covariance = map(float, np.median(times, axis=0))
+    return Cost(kind, size, auto, covariance, float(np.median(times[:, 0] / times[:, 1])))
+
+
+def example_robots() -> dict[str, Path]:
+    """The robots of example-robot-data where this interpreter has them, by name."""
+    # Of the wheel, and of conda.
+    prefixes = Path(sysconfig.get_path("purelib")) / "cmeel.prefix", Path(sys.prefix)
+    folders = [prefix / "share" / "example-robot-data" / "robots" for prefix in prefixes]
+    return {
+        name: folder / path for name, path in ROBOTS.items() for folder in reversed(folders) if (folder / path).is_file()
+    }
+
+
+#: Kind of base, robot, and what was measured.
+Costs = Mapping[tuple[str, str], Sequence[Cost]]
+BASES = {"fixed base": False, "free base": True}
+
+
+def of_robots(
+    sources: Mapping[str, str | Path], *, quick: bool = False, seed: int = 0, tick: Callable[[], None] = lambda: None
+) -> dict[tuple[str, str], list[Cost]]:
+    """The costs on every robot (a path or URDF text by name), on a fixed and on a free base."""
+    found = {}
+    for base, floating in BASES.items():
+        for name, source in sources.items():
+            scene = _on(source, floating)
+            if scene is not None and scene.nv:
+                found[base, name] = measured(scene, kinds.draw(scene, BATCH, seed), quick=quick)
+            tick()
+    return found
+
+
+def _on(source: str | Path, floating: bool) -> phipsi.Scene | None:
+    """The robot on that base; None where a free one cannot be: it floats already."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            return phipsi.Scene.from_urdf(source, floating_base=floating)
+        except phipsi.errors.PhipsiError:
+            if not floating:
+                raise
+            return None
+
+
+def table(costs: Costs, batch: bool) -> tuple[list[str], list[list[str]]]:
+    """Robots, and a row a base and kind: auto over covariance, for the batch or for one state a call."""
+    robots = list(dict.fromkeys(robot for _, robot in costs))
+    rows = []
+    for base in dict.fromkeys(base for base, _ in costs):
+        for kind in kinds.KINDS:
+            cells = [
+                next((f"{row.ratio:.2f}" for row in costs.get((base, robot), ()) if _is(row, kind, batch)), "–")
+                for robot in robots
+            ]
+            rows.append([f"{base}, {kind}", *cells])
+    return robots, rows
+
+
+def _is(row: Cost, kind: str, batch: bool) -> bool:
+    return row.kind == kind and (row.batch > 1) is batch
+
+
+#: What the tables show.
+TITLE = "forward_dynamics from Python, form auto over covariance (medians, one thread)"
+SIZES = {True: f"batches of {BATCH}", False: "one state a call"}
+
+
+def markdown(costs: Costs) -> str:
+    """Both tables as Markdown, with the times of the worst case, and what the kinds are."""
+    parts = [f"phipsi {phipsi.__version__}: {TITLE}"]
+    for batch, title in SIZES.items():
+        robots, rows = table(costs, batch)
+        lines = [[title, *robots], ["---"] + ["---:"] * len(robots), *rows]
+        parts.append("\n".join(f"| {' | '.join(line)} |" for line in lines))
+    every = [(row, base, robot) for (base, robot), rows in costs.items() for row in rows]
+    row, base, robot = max(every, key=lambda one: one[0].ratio)
+    size = f"a batch of {row.batch}" if row.batch > 1 else "one state a call"
+    parts.append(
+        f"Worst: {robot}, {base}, {row.kind}, {size}: auto {row.auto:.0f} ns a state, covariance {row.covariance:.0f}."
+    )
+    parts.append("\n".join(f"- {kind}: {meaning}" for kind, meaning in kinds.MEANING.items()))
+    return "\n\n".join(parts)

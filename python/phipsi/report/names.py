@@ -1,0 +1,87 @@
+"""Names of a robot in plots: as they are, whatever characters they have, in fonts that have them; what no font has is spelled out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+from matplotlib import font_manager, rcParams
+from matplotlib.text import Text
+
+#: Longer names would leave no room for the curves.
+LONGEST = 36
+#: Families that have what DejaVu lacks, tried before all others that are installed.
+PREFERRED = (
+    "Noto Sans CJK JP",
+    "Noto Sans CJK SC",
+    "Noto Sans CJK KR",
+    "Source Han Sans",
+    "WenQuanYi Micro Hei",
+    "WenQuanYi Zen Hei",
+    "Droid Sans Fallback",
+    "IPAexGothic",
+    "Hiragino Sans",
+    "PingFang SC",
+    "Apple SD Gothic Neo",
+    "Microsoft YaHei",
+    "Yu Gothic",
+    "Malgun Gothic",
+    "Noto Emoji",
+    "Symbola",
+    "Segoe UI Symbol",
+    "Unifont",
+)
+#: Fonts that have pictures or boxes for everything, which is no help.
+UNUSABLE = ("color", "last resort", "lastresort")
+
+
+def write_names(texts: Sequence[Text], names: Sequence[str]) -> None:
+    """Puts a name into each text: no mathematics in it, no box, nothing that the plotting library warns of; long ones without their middle."""
+    names = [name if len(name) <= LONGEST else f"{name[: LONGEST - 13]}…{name[-12:]}" for name in names]
+    default = [str(family) for family in rcParams["font.family"]]
+    more = _families("".join(names), tuple(default))
+    for text, name in zip(texts, names, strict=True):
+        text.set_parse_math(False)
+        text.set_fontfamily([*default, *more])
+        text.set_text(readable(name, (*default, *more)))
+
+
+def readable(name: str, families: Sequence[str]) -> str:
+    """The name with the characters that none of the families has written as in Python, such as \\u81c2."""
+    return "".join(c if _is_known(c, tuple(families)) else c.encode("unicode_escape").decode("ascii") for c in name)
+
+
+def _is_known(character: str, families: tuple[str, ...]) -> bool:
+    return character.isprintable() and any(_has(family, character) for family in families)
+
+
+def _families(characters: str, default: tuple[str, ...]) -> list[str]:
+    """Installed families that have what the default ones lack, as few as are needed."""
+    lacking = {c for c in characters if c.isprintable() and not any(_has(family, c) for family in default)}
+    found: list[str] = []
+    if not lacking:
+        return found
+    # Upright and of usual weight: others would be taken for want of these, with a message.
+    installed = {font.name for font in font_manager.fontManager.ttflist if font.style == "normal" and font.weight in (400, "normal")}
+    others = sorted(installed.difference(PREFERRED))
+    for family in (*(family for family in PREFERRED if family in installed), *others):
+        if any(word in family.lower() for word in UNUSABLE):
+            continue
+        had = {c for c in lacking if _has(family, c)}
+        if had:
+            found.append(family)
+            lacking -= had
+        if not lacking:
+            break
+    return found
+
+
+@lru_cache(maxsize=None)
+def _has(family: str, character: str) -> bool:
+    """Whether the font that the plotting library takes for a family has a character."""
+    try:
+        path = font_manager.findfont(font_manager.FontProperties(family=[family]), fallback_to_default=True)
+        return bool(font_manager.get_font(path).get_char_index(ord(character)))
+    except (OSError, RuntimeError, ValueError):
+        # A font of pictures, or one that was removed.
+        return False

@@ -1,0 +1,90 @@
+//! The argument `errors`: whether a state that cannot be computed ends the call, or becomes NaN.
+
+use super::choice::choose;
+use super::errors::{batch_index, classes, fault};
+use crate::batch::Fault;
+use crate::error::Error;
+use crate::memory;
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+use std::sync::{Mutex, PoisonError};
+
+/// So many reasons stand in the text of the warning.
+const TOLD: usize = 3;
+
+/// What becomes of the faults of states.
+#[derive(Default)]
+pub(super) enum Errors {
+    /// The lowest ends the call.
+    #[default]
+    Raise,
+    /// They are gathered, of all threads.
+    Nan(Mutex<Vec<Fault>>),
+}
+
+/// Whether NaN is asked for, by the name of the choice.
+pub(super) fn is_nan(errors: &str) -> Result<bool, Error> {
+    choose("errors", errors, &[("raise", false), ("nan", true)])
+}
+
+impl Errors {
+    /// The choice of that name.
+    pub fn read(errors: &str) -> Result<Self, Error> {
+        Ok(if is_nan(errors)? { Self::Nan(Mutex::default()) } else { Self::Raise })
+    }
+
+    /// Whether bad states become NaN.
+    pub fn are_gathered(&self) -> bool {
+        matches!(self, Self::Nan(_))
+    }
+
+    /// Gathers a fault, or gives it back as what ends the call. An interrupt and want of memory end it always: they are no state's.
+    pub fn note(&self, fault: Fault) -> Result<(), Fault> {
+        match (self, &fault.error) {
+            (Self::Raise, _) | (_, Error::Interrupted | Error::Memory { .. }) => Err(fault),
+            (Self::Nan(faults), _) => {
+                let mut faults = faults.lock().unwrap_or_else(PoisonError::into_inner);
+                if faults.try_reserve(1).is_err() {
+                    let bytes = memory::bytes_of::<Fault>(&[2, faults.len()]);
+                    return Err(Fault { state: fault.state, error: Error::memory("errors", bytes, None) });
+                }
+                faults.push(fault);
+                Ok(())
+            }
+        }
+    }
+
+    /// Warns of what was gathered, once, at the caller's line.
+    pub fn warn(&self, py: Python<'_>, batch: &[usize]) -> PyResult<()> {
+        let Self::Nan(faults) = self else { return Ok(()) };
+        let mut faults = std::mem::take(&mut *faults.lock().unwrap_or_else(PoisonError::into_inner));
+        if faults.is_empty() {
+            return Ok(());
+        }
+        // Stable: of several faults of a state the first found stays.
+        faults.sort_by_key(|fault| fault.state);
+        faults.dedup_by_key(|fault| fault.state);
+        let bad = faults.len();
+        let (mut states, mut reasons) = (Vec::with_capacity(bad), Vec::with_capacity(bad));
+        for found in faults {
+            let index =
+                if batch.is_empty() { PyTuple::empty(py).into_any() } else { batch_index(py, found.state, batch)? };
+            states.push(index);
+            reasons.push(fault(py, found, batch).into_value(py));
+        }
+        let told: Vec<String> = reasons.iter().take(TOLD).map(|reason| reason.bind(py).to_string()).collect();
+        let more = if bad > TOLD { "; ..." } else { "" };
+        let total: usize = batch.iter().product();
+        let text = format!(
+            "{bad} of {total} states could not be computed and {} NaN: {}{more} (the warning's .states and .reasons have all)",
+            if bad == 1 { "is" } else { "are" },
+            told.join("; ")
+        );
+        let warning = classes(py)?.getattr("BadStateWarning")?.call1((text,))?;
+        warning.setattr("states", PyTuple::new(py, states)?)?;
+        warning.setattr("reasons", PyTuple::new(py, reasons)?)?;
+        // Functions of a compiled module have no Python frame of their own: level 1 is the caller's line.
+        py.import("warnings")?.call_method1("warn", (warning,))?;
+        Ok(())
+    }
+}

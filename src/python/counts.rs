@@ -1,0 +1,39 @@
+//! Arguments that are whole numbers.
+
+use crate::error::Error;
+use pyo3::prelude::*;
+use pyo3::types::PyBool;
+
+/// A whole number that is at least `least` and that memory could have as many bytes of: an int, or what NumPy has for one.
+pub(super) fn count(name: &str, value: &Bound<'_, PyAny>, least: usize) -> PyResult<usize> {
+    let most = isize::MAX.unsigned_abs();
+    match whole(name, value, || format!("a whole number, at least {least}"))?.extract::<usize>() {
+        Ok(number) if number >= least && number <= most => Ok(number),
+        _ => {
+            let at_least = value.lt(least).is_ok_and(|below| below);
+            let expected = if at_least { String::new() } else { format!(" and at most {most}") };
+            Err(Error::argument(name, value.to_string(), format!("a whole number, at least {least}{expected}")).into())
+        }
+    }
+}
+
+/// The same, and one where nothing is given.
+pub(super) fn count_or(name: &str, value: Option<&Bound<'_, PyAny>>, least: usize, usual: usize) -> PyResult<usize> {
+    value.map_or(Ok(usual), |value| count(name, value, least))
+}
+
+/// The seed of a random stream, or the number of a sample: from 0 to 2^64 - 1.
+pub(super) fn number(name: &str, value: &Bound<'_, PyAny>) -> PyResult<u64> {
+    let expected = || "an integer from 0 to 2^64 - 1".to_owned();
+    let index = whole(name, value, expected)?;
+    index.extract().map_err(|_| Error::argument(name, index.to_string(), expected()).into())
+}
+
+/// What Python counts with; a truth value is none.
+fn whole<'py>(name: &str, value: &Bound<'py, PyAny>, expected: impl Fn() -> String) -> PyResult<Bound<'py, PyAny>> {
+    let index = if value.is_instance_of::<PyBool>() { None } else { value.call_method0("__index__").ok() };
+    index.ok_or_else(|| {
+        let found = value.repr().map_or_else(|_| "an object".to_owned(), |text| text.to_string());
+        Error::argument(name, found, expected()).into()
+    })
+}

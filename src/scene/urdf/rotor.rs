@@ -1,0 +1,200 @@
+//! Rotor inertia, as Drake and others write it: seen at the joint it is ratio^2 inertia, the armature.
+//!
+//! Read are `<drake:rotor_inertia value="...">` and `<drake:gear_ratio value="...">`, in the `<actuator>` of a simple
+//! `<transmission>` as Drake has them, or in the `<joint>` itself; in an actuator also `<rotorInertia>`, `<rotor_inertia>` and
+//! `<motorInertia>` with the value as text, `<gearRatio>` and `<gear_ratio>`, and `<mechanicalReduction>` for the ratio, in the
+//! actuator, the transmission or its joint. Without ratio it is 1, without inertia 0.
+
+use super::known::one_off;
+use super::survey::{Findings, foreign};
+use super::xml::{Source, plain_attribute, quoted};
+use crate::error::{Error, number};
+use crate::scene::description::{JointDescription, JointKind};
+use roxmltree::Node;
+use std::collections::{HashMap, HashSet};
+
+/// Names of the rotor's inertia and of the ratio; those of Drake first.
+const INERTIAS: [&str; 4] = ["drake:rotor_inertia", "rotorInertia", "rotor_inertia", "motorInertia"];
+const RATIOS: [&str; 5] =
+    ["drake:gear_ratio", "gearRatio", "gear_ratio", "mechanicalReduction", "mechanical_reduction"];
+
+/// Adds the rotors' inertia to the armature of the joints.
+///
+/// # Errors
+///
+/// A value that is no number, or a negative inertia.
+pub(super) fn read_rotors(
+    robot: &Node,
+    source: &Source,
+    joints: &mut [JointDescription],
+    findings: &mut Findings,
+) -> Result<(), Error> {
+    let index: HashMap<String, usize> = joints.iter().enumerate().map(|(i, joint)| (joint.name.clone(), i)).collect();
+    // Where `<dynamics armature>` or the joint's own tags have said it already.
+    let mut said: HashSet<usize> =
+        joints.iter().enumerate().filter(|(_, joint)| joint.armature != 0.0).map(|(i, _)| i).collect();
+    let named = |tag: &'static str| {
+        robot.children().filter(move |node| {
+            node.tag_name().name() == tag && node.tag_name().namespace() == robot.tag_name().namespace()
+        })
+    };
+    let reader = Reader { source };
+    for node in named("joint") {
+        let Some(rotor) = reader.rotor(&[node], &INERTIAS[..1], &RATIOS[..1], findings)? else { continue };
+        let Some(&joint) = plain_attribute(&node, "name").and_then(|name| index.get(name)) else { continue };
+        add(&rotor, joint, joints, &said, findings);
+        said.insert(joint);
+    }
+    for node in named("transmission") {
+        let parts =
+            |tag: &'static str| node.children().filter(move |child| child.has_tag_name(tag)).collect::<Vec<_>>();
+        let (actuators, driven) = (parts("actuator"), parts("joint"));
+        for child in node.children().filter(Node::is_element) {
+            let tag = child.tag_name().name();
+            if ["actuator", "joint"].iter().any(|known| one_off(tag, known)) {
+                findings.add(&format!("<{tag}> in a <transmission>"), &child, "");
+            }
+        }
+        for &actuator in &actuators {
+            let mut around = vec![actuator, node];
+            around.extend(&driven);
+            let Some(rotor) = reader.rotor(&around, &INERTIAS, &RATIOS, findings)? else { continue };
+            let joint = match driven[..] {
+                [joint] if is_simple(&node) => plain_attribute(&joint, "name").and_then(|name| index.get(name)),
+                _ => None,
+            };
+            match joint {
+                Some(&joint) => add(&rotor, joint, joints, &said, findings),
+                None => {
+                    findings.add(
+                        &rotor.what(),
+                        &rotor.node,
+                        "read in a SimpleTransmission of one joint of this file only",
+                    );
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Drake's rule: the type has this word in it. Files that leave it out have simple ones.
+fn is_simple(transmission: &Node) -> bool {
+    let given = transmission.children().find(|child| child.has_tag_name("type")).and_then(|node| node.text());
+    let given = given.or_else(|| plain_attribute(transmission, "type"));
+    given.is_none_or(|text| text.contains("SimpleTransmission"))
+}
+
+/// Adds the inertia at the joint, unless it has been said otherwise or the joint has not one coordinate.
+fn add(rotor: &Rotor, joint: usize, joints: &mut [JointDescription], said: &HashSet<usize>, findings: &mut Findings) {
+    let joint_name = joints[joint].name.clone();
+    let what = format!("{} for joint {}", rotor.what(), quoted(&joint_name));
+    if said.contains(&joint) {
+        findings.add(&what, &rotor.node, "its armature is given already");
+    } else if joints[joint].kind == JointKind::Fixed || joints[joint].kind.nv() != 1 {
+        findings.add(&what, &rotor.node, "read for joints of one coordinate only");
+    } else {
+        joints[joint].armature += rotor.inertia * rotor.ratio * rotor.ratio;
+    }
+}
+
+/// A rotor with inertia, and where it is written.
+struct Rotor<'a, 'd> {
+    inertia: f64,
+    ratio: f64,
+    tag: String,
+    node: Node<'a, 'd>,
+}
+
+impl Rotor<'_, '_> {
+    fn what(&self) -> String {
+        format!("<{}>", self.tag)
+    }
+}
+
+struct Reader<'s> {
+    source: &'s Source<'s>,
+}
+
+impl Reader<'_> {
+    /// The rotor that the first of the elements has, with the ratio of the first that has one; none without inertia.
+    fn rotor<'a, 'd>(
+        &self,
+        elements: &[Node<'a, 'd>],
+        inertias: &[&str],
+        ratios: &[&str],
+        findings: &mut Findings,
+    ) -> Result<Option<Rotor<'a, 'd>>, Error> {
+        let children =
+            |element: Node<'a, 'd>| element.children().filter(Node::is_element).map(|child| (written(&child), child));
+        let known = || inertias.iter().chain(ratios).copied();
+        for (name, child) in children(elements[0]) {
+            // A name without prefix in a joint is the survey's.
+            let here = name.contains(':') || elements[0].has_tag_name("actuator");
+            let close = |other: &str| one_off(&name, other) || local(&name) == local(other);
+            if here && !known().any(|other| other == name) && known().any(close) {
+                findings.add(&format!("<{name}> in <{}>", elements[0].tag_name().name()), &child, "");
+            }
+        }
+        let find = |element: Node<'a, 'd>, names: &[&str]| {
+            names.iter().find_map(|name| children(element).find(|(written, _)| written == name))
+        };
+        let Some((tag, node)) = find(elements[0], inertias) else {
+            return Ok(None);
+        };
+        if children(elements[0]).filter(|(name, _)| inertias.contains(&name.as_str())).count() > 1 {
+            findings.add(&format!("a second rotor inertia beside <{tag}>"), &node, "");
+        }
+        let inertia = self.value(&tag, &node, findings)?;
+        if inertia < 0.0 {
+            let found = format!("{} in <{tag}>", number(inertia));
+            return Err(Error::scene(self.source.place_of(&node), found, "an inertia, zero or positive"));
+        }
+        let mut found = elements.iter().flat_map(|element| {
+            let ratios = ratios.iter().filter_map(|name| find(*element, &[name]));
+            ratios.collect::<Vec<_>>()
+        });
+        let mut ratio = 1.0;
+        if let Some((tag, node)) = found.next() {
+            ratio = self.value(&tag, &node, findings)?;
+        }
+        for (tag, node) in found {
+            let other = self.value(&tag, &node, findings)?;
+            // Files for Drake have a mechanicalReduction of 1 beside the ratio.
+            if (other - 1.0).abs() > 0.0 && (other - ratio).abs() > 0.0 {
+                findings.add(&format!("<{tag}>"), &node, &format!("the gear ratio {} is read", number(ratio)));
+            }
+        }
+        Ok(Some(Rotor { inertia, ratio, tag, node }))
+    }
+
+    /// The attribute `value`, or else the text, as a finite number.
+    fn value(&self, tag: &str, node: &Node, findings: &Findings) -> Result<f64, Error> {
+        let text = plain_attribute(node, "value").or_else(|| node.text()).unwrap_or_default().trim();
+        findings.refuse_expression(text, || format!("<{tag}>"), node)?;
+        match text.parse::<f64>() {
+            Ok(value) if value.is_finite() => Ok(value),
+            _ => {
+                let found = format!("{} in <{tag}>", quoted(text));
+                Err(Error::scene(
+                    self.source.place_of(node),
+                    found,
+                    format!("<{tag} value=\"...\"> with a finite number"),
+                ))
+            }
+        }
+    }
+}
+
+/// A name without its prefix.
+fn local(name: &str) -> &str {
+    name.rsplit(':').next().unwrap_or(name)
+}
+
+/// The name of an element as the file has it, with its prefix.
+fn written(node: &Node) -> String {
+    match foreign(node) {
+        Some((prefix, local)) => format!("{prefix}:{local}"),
+        None => node.tag_name().name().to_owned(),
+    }
+}

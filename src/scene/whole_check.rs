@@ -1,0 +1,108 @@
+//! What is to be said of a scene as a whole, once its links and joints make a tree: warnings, and a base that floats twice.
+
+use super::assembly::Tree;
+use super::description::{Inertial, JointKind, Mimic, SceneWarning};
+use super::inertia_check::unphysical;
+use super::{AT_A_TIME, SceneBuilder};
+use crate::error::Error;
+use crate::watch;
+use std::collections::HashSet;
+
+impl SceneBuilder {
+    /// An error of the tree, with what was not understood in the file: a misspelt joint leaves two trees.
+    pub(super) fn with_notes(&self, mut error: Error) -> Error {
+        if let Error::Scene { found, .. } = &mut error {
+            for note in &self.notes {
+                if let SceneWarning::NotUnderstood { found: passed_over, .. } = note {
+                    *found = format!("{found} (not understood in the file: {passed_over})");
+                }
+            }
+        }
+        error
+    }
+
+    /// Whether a link has mass or inertia.
+    fn has_mass(&self, link: usize) -> bool {
+        let heavy = |inertial: &Inertial| inertial.mass != 0.0 || inertial.central.entries.iter().any(|&x| x != 0.0);
+        self.links[link].inertial.as_ref().is_some_and(heavy)
+    }
+
+    /// Refuses a floating base under a robot that floats already, where the ground would be what floats.
+    pub(super) fn check_base(&self, tree: &Tree) -> Result<(), Error> {
+        // Where joints are locked, the whole scene has been looked at.
+        if !self.floating_base || !self.locked.is_empty() {
+            return Ok(());
+        }
+        let (mut heavy, mut joints, mut stack) = (false, Vec::new(), vec![tree.root]);
+        while let Some(link) = stack.pop() {
+            heavy |= self.has_mass(link);
+            for &(joint, child) in &tree.children[link] {
+                if self.joints[joint].kind == JointKind::Fixed { stack.push(child) } else { joints.push(joint) }
+            }
+        }
+        let floats = |joint: &&usize| self.joints[**joint].kind == JointKind::Floating;
+        let root = &self.links[tree.root].name;
+        let Some(&joint) = joints.iter().find(floats) else {
+            return Ok(());
+        };
+        if root != "world" && (heavy || !joints.iter().all(|joint| floats(&joint))) {
+            return Ok(());
+        }
+        Err(Error::scene(
+            format!("floating base of root link {root:?}"),
+            format!("joint {:?}, on which the scene floats already", self.joints[joint].name),
+            "no floating base (floating_base=False), or that joint and its parent link left out",
+        ))
+    }
+
+    /// What the user should know, what was read first; as an error if the scene is strict.
+    pub(super) fn warnings(&self, tree: &Tree) -> Result<Vec<SceneWarning>, Error> {
+        let mut warnings = self.notes.clone();
+        warnings.extend(self.no_mass(tree));
+        for (i, link) in self.links.iter().enumerate() {
+            watch::check_at(i, AT_A_TIME)?;
+            if let Some(found) = link.inertial.as_ref().and_then(unphysical) {
+                warnings.push(SceneWarning::Inertia { link: link.name.clone(), found });
+            }
+        }
+        let names: HashSet<&str> = self.joints.iter().map(|joint| joint.name.as_str()).collect();
+        // A fixed joint that keeps its <mimic> has no coordinate to be independent.
+        for joint in self.joints.iter().filter(|joint| joint.kind != JointKind::Fixed) {
+            if let Some(Mimic { joint: source, .. }) = &joint.mimic {
+                warnings.push(SceneWarning::Mimic { joint: joint.name.clone(), source: source.clone() });
+            }
+        }
+        if self.strict {
+            // Bodies before words. A mimic of a joint that is there means something, though it is not followed.
+            let physical = |warning: &SceneWarning| matches!(warning, SceneWarning::Inertia { .. });
+            let fault = |warning: &SceneWarning| match warning {
+                SceneWarning::Mimic { source, .. } => !names.contains(source.as_str()),
+                _ => true,
+            };
+            if let Some(first) = warnings.iter().position(physical).or_else(|| warnings.iter().position(fault)) {
+                return Err(warnings.swap_remove(first).into_error());
+            }
+        }
+        Ok(warnings)
+    }
+
+    /// The moving links of a file, if there are some and none has mass. Where joints are locked, the whole scene has been
+    /// looked at.
+    fn no_mass(&self, tree: &Tree) -> Option<SceneWarning> {
+        if !self.from_file || !self.locked.is_empty() {
+            return None;
+        }
+        let mut links = Vec::new();
+        let mut stack = vec![(tree.root, self.floating_base)];
+        while let Some((link, moving)) = stack.pop() {
+            if moving && self.has_mass(link) {
+                return None;
+            }
+            links.extend(moving.then(|| self.links[link].name.clone()));
+            let children = tree.children[link].iter().rev();
+            stack
+                .extend(children.map(|&(joint, child)| (child, moving || self.joints[joint].kind != JointKind::Fixed)));
+        }
+        (!links.is_empty()).then_some(SceneWarning::NoMass { links })
+    }
+}

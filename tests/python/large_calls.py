@@ -1,0 +1,252 @@
+"""Calls of every method with a size that memory does not hold, and the child process that makes one of them.
+
+``python large_calls.py NAME`` prepares the call, leaves this process a little more memory than it has, makes the call, and prints
+the error as JSON. What it must not do is die.
+"""
+
+from __future__ import annotations
+
+import json
+import pickle
+import sys
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import phipsi
+from phipsi import _core
+
+MEGABYTE = 2**20
+
+Call = Callable[[], object]
+
+
+class Large(NamedTuple):
+    """A call that asks for too much."""
+
+    argument: str
+    """What the error must name."""
+    prepare: Callable[[phipsi.Scene], Call]
+    """The call, all that it is given made already."""
+    room: int = 200
+    """Megabytes that are left to it."""
+    covers: tuple[str, ...] = ()
+    """Parameters that this is a test of, as "method.parameter"."""
+
+
+def broadcast(method: str, second: str = "nv") -> Callable[[phipsi.Scene], Call]:
+    """Two arguments that are small by themselves and make a batch that is not."""
+
+    def prepare(scene: phipsi.Scene) -> Call:
+        first, other = np.zeros((2**14, 1, scene.nq)), np.zeros((2**14, scene.nv if second == "nv" else scene.nq))
+        third = [np.zeros(scene.nv)] if method in ("forward_dynamics", "inverse_dynamics", "estimate") else []
+        return lambda: getattr(scene, method)(first, other, *third)
+
+    return prepare
+
+
+def batch(states: int, call: Callable[..., object], **options: Any) -> Callable[[phipsi.Scene], Call]:
+    """One argument with many states."""
+
+    def prepare(scene: phipsi.Scene) -> Call:
+        q = np.zeros((states, scene.nq))
+        return lambda: call(scene, q, **options)
+
+    return prepare
+
+
+def of_model(call: Callable[[phipsi.RandomModel], object]) -> Callable[[phipsi.Scene], Call]:
+    def prepare(scene: phipsi.Scene) -> Call:
+        model = scene.random_model(np.zeros(scene.nq))
+        return lambda: call(model)
+
+    return prepare
+
+
+def of_factor(states: int, call: Callable[[phipsi.Factor, np.ndarray], object]) -> Callable[[phipsi.Scene], Call]:
+    def prepare(scene: phipsi.Scene) -> Call:
+        q = np.full((states, scene.nq), 0.2)
+        factor = scene.factor(q)
+        return lambda: call(factor, q)
+
+    return prepare
+
+
+def of_long_chain(call: Callable[[phipsi.Scene, np.ndarray], object]) -> Callable[[phipsi.Scene], Call]:
+    """A scene that is there, for whose scratch there is no room."""
+
+    def prepare(scene: phipsi.Scene) -> Call:
+        long = phipsi.scenes.chain(30_000)
+        return lambda: call(long, np.zeros(long.nq))
+
+    return prepare
+
+
+def unpickled(scene: phipsi.Scene) -> Call:
+    rebuild, arguments = phipsi.scenes.chain(30_000).__reduce__()
+    return lambda: rebuild(*arguments)
+
+
+def pickled(scene: phipsi.Scene) -> Call:
+    long = phipsi.scenes.chain(30_000)
+    return lambda: pickle.dumps(long)
+
+
+def built(scene: phipsi.Scene) -> Call:
+    builder = phipsi.SceneBuilder().link("base")
+    for k in range(40_000):
+        builder.link(f"l{k}", 1.0, (1, 0, 0)).joint(f"j{k}", "revolute", "base", f"l{k}")
+    return builder.build
+
+
+def of_text(scene: phipsi.Scene) -> Call:
+    text = '<robot name="r">' + "".join(f'<link name="l{k}"/>' for k in range(100_000)) + "</robot>"
+    return lambda: phipsi.Scene.from_urdf(text)
+
+
+def exact_of(scene: phipsi.Scene) -> _core.Exact:
+    zero = np.full(scene.nv, 0.1)
+    return _core.Exact(scene, "forward dynamics", zero, zero, zero)
+
+
+def measured(scene: phipsi.Scene, repeats: int) -> object:
+    states = np.full((2, scene.nv), 0.1)
+    reference = _core.reference(scene, states, states, states)
+    return _core.measure(scene, "filter and smoother", "float64", states, states, states, reference, repeats)
+
+
+def in_steps(scene: phipsi.Scene) -> Call:
+    tau = np.broadcast_to(np.zeros(scene.nv), (10**7, scene.nv))
+    return lambda: scene.simulate(np.zeros(scene.nq), np.zeros(scene.nv), dt=1e-3, steps=10**7, tau_steps=tau, record_every=10**7)
+
+
+def rates(q: np.ndarray) -> np.ndarray:
+    return np.zeros(q.shape[-1])
+
+
+LARGE: dict[str, Large] = {
+    "forward_dynamics": Large("q, qd", broadcast("forward_dynamics")),
+    "inverse_dynamics": Large("q, qd", broadcast("inverse_dynamics")),
+    "bias_torque": Large("q, qd", broadcast("bias_torque")),
+    "energy": Large("q, qd", broadcast("energy")),
+    "momentum": Large("q, qd", broadcast("momentum")),
+    "integrate": Large("q, v", broadcast("integrate")),
+    "difference": Large("q0, q1", broadcast("difference", "nq")),
+    "estimate of a product": Large("q, qd", broadcast("estimate")),
+    "estimate": Large("q", batch(50_000, lambda scene, q: scene.estimate(q, rates(q), rates(q), covariance=True))),
+    "estimate, dense": Large(
+        "q", batch(50_000, lambda scene, q: scene.estimate(q, rates(q), rates(q), covariance=True, method="batch"))
+    ),
+    "mass_matrix": Large("q", batch(10**6, lambda scene, q: scene.mass_matrix(q))),
+    "mass_matrix, float32": Large("q", batch(2 * 10**6, lambda scene, q: scene.mass_matrix(q, dtype=np.float32))),
+    "mass_matrix_inverse": Large("q", batch(10**6, lambda scene, q: scene.mass_matrix_inverse(q))),
+    "placements": Large("q", batch(10**6, lambda scene, q: scene.placements(q))),
+    "jacobian": Large("q", batch(10**6, lambda scene, q: scene.jacobian(q, "link3"))),
+    "operational_inverse_inertia": Large("q", batch(10**6, lambda scene, q: scene.operational_inverse_inertia(q, "link3"))),
+    "operational_inertia": Large("q", batch(10**6, lambda scene, q: scene.operational_inertia(q, "link6"))),
+    "many links": Large(
+        "links",
+        lambda scene: lambda: scene.operational_inverse_inertia(np.zeros(7), ["link3"] * 10_000),
+        covers=("operational_inverse_inertia.links",),
+    ),
+    "inertia of many links": Large(
+        "links",
+        lambda scene: lambda: scene.operational_inertia(np.zeros(7), ["link3"] * 10_000),
+        covers=("operational_inertia.links",),
+    ),
+    "many directions": Large(
+        "directions",
+        lambda scene: lambda: scene.operational_inertia(np.zeros(7), "link3", directions=np.ones((10_000, 6))),
+        covers=("operational_inertia.directions",),
+    ),
+    "numbers to convert": Large("q", batch(10**6, lambda scene, q: scene.bias_torque(q[:, ::-1], rates(q))), room=40),
+    "numbers in a list": Large("q", lambda scene: lambda: scene.bias_torque([[0.0] * 7] * 10**6, np.zeros(7)), room=40),
+    "simulate": Large(
+        "steps",
+        lambda scene: lambda: scene.simulate(np.zeros(7), np.zeros(7), dt=1e-3, steps=10**12),
+        covers=("simulate.steps", "simulate.record_every"),
+    ),
+    "some steps": Large("steps", lambda scene: lambda: scene.simulate(np.zeros(7), np.zeros(7), dt=1e-3, steps=4 * 10**6)),
+    "simulate, a batch": Large(
+        "q, qd", batch(10**6, lambda scene, q: scene.simulate(q, rates(q), dt=1e-3, steps=1, record_every=2))
+    ),
+    "simulate, torques": Large("tau_steps", in_steps),
+    "factor": Large("q", batch(50_000, lambda scene, q: scene.factor(q))),
+    "factor.update": Large("q", of_factor(4_000, lambda factor, q: factor.update(q + 0.1)), room=15),
+    "factor.solve": Large("x", of_factor(200, lambda factor, q: factor.solve(np.zeros((2**15, 1, 7))))),
+    "factor.mul": Large("x", of_factor(200, lambda factor, q: factor.mul(np.zeros((2**15, 1, 7))))),
+    "operator @ x": Large("x", of_factor(200, lambda factor, q: factor.phi.matvec(np.zeros((2**12, 1, 42))))),
+    "operator, Lambda": Large("q", of_factor(4_000, lambda factor, q: factor.Lambda.matvec(np.zeros(42))), room=8),
+    "operator.toarray": Large("q", of_factor(4_000, lambda factor, q: factor.phi.toarray()), room=40),
+    "sample": Large("samples", of_model(lambda model: model.sample(10**10, seed=1)), covers=("sample.samples",)),
+    "some samples": Large("samples", of_model(lambda model: model.sample(10**6, seed=1))),
+    "sample_torque": Large(
+        "samples", of_model(lambda model: model.sample_torque(10**11, seed=1)), covers=("sample_torque.samples",)
+    ),
+    "some sampled torques": Large("samples", of_model(lambda model: model.sample_torque(10**7, seed=1))),
+    "random_model.mass_matrix": Large(
+        "replicates",
+        of_model(lambda model: model.mass_matrix(2**35, seed=1, method="sobol", replicates=2**35)),
+        covers=("mass_matrix.samples", "mass_matrix.replicates"),
+    ),
+    "mass matrix of a long chain": Large(
+        "scene", of_long_chain(lambda scene, q: scene.random_model(q).mass_matrix(method="sigma-points"))
+    ),
+    "chain": Large("n", lambda scene: lambda: phipsi.scenes.chain(10**11), covers=("chain.n",)),
+    "some links": Large("n", lambda scene: lambda: phipsi.scenes.chain(200_000)),
+    "extreme": Large(
+        "bodies", lambda scene: lambda: phipsi.scenes.extreme("heavy-tip", bodies=100_000), covers=("extreme.bodies",)
+    ),
+    "extreme.value": Large("bodies", lambda scene: lambda: phipsi.scenes.extreme("long-chain", 1e5)),
+    "build": Large("links", built, room=50),
+    "from_urdf": Large("source", of_text, room=8),
+    "unpickled": Large("pickled scene", unpickled, room=60),
+    "pickled": Large("scene", pickled, room=60),
+    "a long chain": Large("scene", of_long_chain(lambda scene, q: scene.forward_dynamics(q, q, q))),
+    "a long chain's mass": Large("scene", of_long_chain(lambda scene, q: scene.estimate(q, q, q))),
+    "growth": Large("bodies", lambda scene: lambda: _core.growth(10**11, 1), covers=("growth.bodies",)),
+    "growth.repeats": Large("repeats", lambda scene: lambda: _core.growth(2, 10**13), covers=("growth.repeats",)),
+    "operator_growth": Large("bodies", lambda scene: lambda: _core.operator_growth(10**11, 1), covers=("operator_growth.bodies",)),
+    "operator_growth.repeats": Large(
+        "repeats", lambda scene: lambda: _core.operator_growth(2, 10**13), covers=("operator_growth.repeats",)
+    ),
+    "emergence": Large(
+        "repeats",
+        lambda scene: lambda: _core.emergence(scene, np.zeros(7), "recursion", 1, 0, 10**13),
+        covers=("emergence.repeats",),
+    ),
+    "measure": Large("repeats", lambda scene: lambda: measured(scene, 10**13), covers=("measure.repeats",)),
+    "reference": Large("q", batch(10**6, lambda scene, q: _core.reference(scene, q, q, q)), room=80),
+    "exact.time": Large(
+        "repeats", lambda scene: lambda: exact_of(scene).time("covariance form", "float64", 10**13), covers=("time.repeats",)
+    ),
+}
+
+#: Parameters that say how much work there is, and not how much memory.
+NO_MEMORY = {"emergence.samples", "sensitivity.draws"}
+
+
+def main(name: str) -> None:
+    import resource
+
+    large = LARGE[name]
+    # Threads take address space of their own.
+    phipsi.set_num_threads(1)
+    call = large.prepare(phipsi.scenes.chain(7))
+    with open("/proc/self/statm") as file:
+        used = int(file.read().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + large.room * MEGABYTE, resource.RLIM_INFINITY))
+    try:
+        call()
+    except (MemoryError, phipsi.errors.ArgumentError) as error:
+        found = {"class": type(error).__name__, "text": str(error), "argument": getattr(error, "argument", None)}
+        resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+        # Whatever was asked for, small things go on.
+        small = phipsi.scenes.chain(2)
+        found["after"] = small.forward_dynamics(np.zeros(2), np.zeros(2), np.zeros(2)).shape == (2,)
+        print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
