@@ -33,10 +33,11 @@ from ._core import (
 )
 from ._motion import PD, MomentumCorrection, MotionEnergy, Trajectory, Violation
 from ._ode import Ode
-from ._results import Energy, Estimate, Joint, Limits, Link, MassEstimate, Mimic, Samples
+from ._results import Accuracy, Energy, Estimate, Joint, Limits, Link, MassEstimate, Mimic, Samples
 from .operators import Factor, Operator
 
 __all__ = [
+    "Accuracy",
     "BUNDLED_ARM",
     "Energy",
     "Estimate",

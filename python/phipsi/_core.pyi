@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._motion import PD, Trajectory
 from ._ode import Ode
-from ._results import Energy, Estimate, Joint, Limits, Link, MassEstimate, Samples
+from ._results import Accuracy, Energy, Estimate, Joint, Limits, Link, MassEstimate, Samples
 from .operators import Factor
 
 __all__ = [
@@ -188,6 +188,7 @@ class Scene:
         out: _Array | None = None,
         dtype: _Float64 = None,
         errors: _Errors = "raise",
+        return_info: Literal[False] = False,
     ) -> _Array:
         """Joint accelerations from joint torques, in O(N): the smoother's estimates given the torques as measurements.
 
@@ -202,11 +203,30 @@ class Scene:
 
         **tau of a free joint is (force, moment), as its qd is (linear, angular); wrenches are (moment, force).**
 
+        return_info: whether to tell the accuracy too, one entry a state, for about five times the time in the forms "covariance" and
+        "square-root", next to nothing in "auto": then (qdd, Accuracy) is returned, with .form, the form that gave the result, and
+        .error, the estimated error of the largest acceleration.
+
         Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (equations 4.4 to 4.11).
 
         Raises SingularJointError where a joint has no inertia along its axis; ArgumentError, naming the link, for the square-root
         form of an inertia that no body can have. After an error out is partly written.
         """
+
+    @overload
+    def forward_dynamics(  # type: ignore[overload-overlap]
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        form: _Form = "auto",
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        out: _Array | None = None,
+        dtype: _Float64 = None,
+        errors: _Errors = "raise",
+        return_info: Literal[True],
+    ) -> tuple[_Array, Accuracy]: ...
 
     @overload
     def forward_dynamics(
@@ -220,7 +240,23 @@ class Scene:
         out: _Single | None = None,
         dtype: _Float32,
         errors: _Errors = "raise",
+        return_info: Literal[False] = False,
     ) -> _Single: ...
+
+    @overload
+    def forward_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        form: _Form = "auto",
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        out: _Single | None = None,
+        dtype: _Float32,
+        errors: _Errors = "raise",
+        return_info: Literal[True],
+    ) -> tuple[_Single, Accuracy]: ...
 
     def simulate(
         self,

@@ -7,7 +7,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Energy", "Estimate", "Joint", "Limits", "Link", "MassEstimate", "Mimic", "Samples"]
+__all__ = ["Accuracy", "Energy", "Estimate", "Joint", "Limits", "Link", "MassEstimate", "Mimic", "Samples"]
+
+
+class Accuracy(NamedTuple):
+    """What forward dynamics knows of its own accuracy: one entry a state, plain values for one state, arrays of the batch's shape for many."""
+
+    form: NDArray[np.str_] | str
+    """The form that gave the accelerations: "covariance", "square-root" or "joseph", or "double-double" where form "auto" or "square-root"
+    was still in doubt and did the state once more with twice the digits."""
+    error: NDArray[np.float64] | float
+    """The estimated error of the largest acceleration, rad/s^2 or m/s^2: as a rule five to ten times the true one, and not 20 times below it
+    in 400,000 random scenes, ordinary and extreme; NaN where there is no estimate (form "joseph"; float32, but for "auto")."""
 
 
 class Energy(NamedTuple):

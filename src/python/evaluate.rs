@@ -1,5 +1,6 @@
 //! One call: its arguments over the states of the batch, its result, and the GIL.
 
+use super::accuracy::Told;
 use super::arrays::{Input, Output};
 use super::bad_states::Errors;
 use super::cost::Cost;
@@ -13,6 +14,7 @@ use crate::batch::evaluator::{Evaluated, Evaluator};
 use crate::batch::{Batch, Broadcast, Fault, broadcast_axes};
 use crate::dynamics::operational::OperationalScratch;
 use crate::error::Error;
+use crate::filter::Form;
 use crate::memory;
 use crate::scalar::MOST_LANES;
 use crate::scene::Scene;
@@ -84,6 +86,7 @@ pub(super) struct Call<'a, 'py, const N: usize, P: Element = f64> {
     states: usize,
     cost: Cost,
     errors: Errors,
+    told: Option<Told>,
 }
 
 /// The arguments of neighbouring states of a batch, q, then qd, then u; forces stay as they are.
@@ -102,12 +105,16 @@ fn evaluate<P: Dtype>(
     states: &[Arguments<'_, P>],
     first: usize,
     out: &mut [P],
-    errors: &Errors,
+    (errors, told): (&Errors, Option<&Told>),
 ) -> Result<(), Fault> {
     let width = scene.width(algorithm);
     let mut done = 0;
+    let mut from = |done: usize, out: &mut [P]| match told {
+        Some(told) => told.evaluate(scene, evaluator, &states[done..], first + done, out),
+        None => scene.evaluate(evaluator, algorithm, &states[done..], out),
+    };
     // Those before a bad one are done, in the lanes that they would have without it.
-    while let Err(fault) = scene.evaluate(evaluator, algorithm, &states[done..], &mut out[done * width..]) {
+    while let Err(fault) = from(done, &mut out[done * width..]) {
         let bad = done + fault.state;
         errors.note(Fault { state: first + bad, ..fault })?;
         out[bad * width..(bad + 1) * width].fill(P::nearest(f64::NAN));
@@ -134,12 +141,23 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         let Some(states) = states else {
             return Err(Error::argument("batch", "more states than memory has addresses", "fewer").into());
         };
-        Ok(Self { scene, inputs, wrenches, batch, states, cost: cost.into(), errors: Errors::Raise })
+        Ok(Self { scene, inputs, wrenches, batch, states, cost: cost.into(), errors: Errors::Raise, told: None })
     }
 
     /// The same call with another choice of what becomes of bad states.
     pub fn with(self, errors: Errors) -> Self {
         Self { errors, ..self }
+    }
+
+    /// The same call of forward dynamics, which tells its accuracy.
+    pub fn telling(self, form: Form) -> Result<Self, Error> {
+        let told = Some(Told::new(form, self.states)?);
+        Ok(Self { told, ..self })
+    }
+
+    /// What a call that is [`telling`](Self::telling) found of its accuracy.
+    pub fn accuracy(self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        self.told.map(|told| told.finish(py, &self.batch)).transpose()
     }
 
     /// Runs `algorithm` on every state, in lanes, into an array of shape batch + `shape`; the inputs are q, then qd, then u.
@@ -154,7 +172,7 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
         let results = output.numbers()?;
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
-        let (width, errors) = (scene.width(algorithm), &self.errors);
+        let (width, errors, told) = (scene.width(algorithm), &self.errors, self.told.as_ref());
         let bodies = scene.model().bodies.len();
         self.run(py, self.cost.of_many::<P>(self.states, algorithm), |batch| {
             batch.run_pieces(MOST_LANES, results, |scratch, states, results| {
@@ -169,7 +187,7 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
                     let out = &mut results[from..from + count * width];
                     if wrenches.is_empty() {
                         take(&mut chunk[..count], &arguments, first);
-                        evaluate(scene, (&mut *evaluator, algorithm), &chunk[..count], first, out, errors)?;
+                        evaluate(scene, (&mut *evaluator, algorithm), &chunk[..count], first, out, (errors, told))?;
                     } else {
                         let mut chunk = chunk;
                         take(&mut chunk[..count], &arguments, first);
@@ -181,7 +199,7 @@ impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
                             }
                             state.wrenches = forces;
                         }
-                        evaluate(scene, (&mut *evaluator, algorithm), &chunk[..count], first, out, errors)?;
+                        evaluate(scene, (&mut *evaluator, algorithm), &chunk[..count], first, out, (errors, told))?;
                         for lane in (0..count).filter(|&lane| is_bad[lane]) {
                             out[lane * width..(lane + 1) * width].fill(P::nearest(f64::NAN));
                         }

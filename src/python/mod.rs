@@ -6,6 +6,7 @@
 
 #![allow(clippy::doc_markdown)] // the comments of classes and methods are Python's docstrings
 
+mod accuracy;
 mod arrays;
 mod bad_states;
 mod builder;

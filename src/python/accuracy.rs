@@ -1,0 +1,66 @@
+//! What forward dynamics knows of its own accuracy, for Python: the form of each state, and its estimated error.
+
+use crate::batch::Fault;
+use crate::batch::chunk::Arguments;
+use crate::batch::evaluator::{Evaluated, Evaluator};
+use crate::dynamics::Accuracy;
+use crate::error::Error;
+use crate::filter::Form;
+use crate::memory;
+use crate::scalar::MOST_LANES;
+use crate::scene::Scene;
+use numpy::IntoPyArray;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyType;
+use std::sync::{Mutex, PoisonError};
+
+/// `phipsi._results.Accuracy`.
+static ACCURACY: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+
+/// The accuracy of every state of a call, written by all of its threads.
+pub(super) struct Told {
+    form: Form,
+    of_states: Mutex<Vec<Accuracy>>,
+}
+
+impl Told {
+    /// Room for so many states.
+    pub fn new(form: Form, states: usize) -> Result<Self, Error> {
+        let of_states = memory::filled("return_info", states, Accuracy::unknown(form))?;
+        Ok(Self { form, of_states: Mutex::new(of_states) })
+    }
+
+    /// Evaluates neighbouring states, the first of which is the batch's `first`, and keeps their accuracy.
+    pub fn evaluate<P: Evaluated>(
+        &self,
+        scene: &Scene,
+        evaluator: &mut Evaluator<P>,
+        states: &[Arguments<'_, P>],
+        first: usize,
+        out: &mut [P],
+    ) -> Result<(), Fault> {
+        let mut found = [Accuracy::unknown(self.form); MOST_LANES];
+        let found = &mut found[..states.len()];
+        let outcome = scene.evaluate_with_accuracy(evaluator, self.form, states, out, found);
+        let mut of_states = self.of_states.lock().unwrap_or_else(PoisonError::into_inner);
+        of_states[first..first + found.len()].copy_from_slice(found);
+        outcome
+    }
+
+    /// The `Accuracy` of a batch with these leading axes.
+    pub fn finish<'py>(self, py: Python<'py>, batch: &[usize]) -> PyResult<Bound<'py, PyAny>> {
+        let of_states = self.of_states.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let class = ACCURACY.import(py, "phipsi._results", "Accuracy")?;
+        if let ([], [one]) = (batch, &*of_states) {
+            return class.call1((one.name(), one.error));
+        }
+        let names: Vec<&str> = of_states.iter().map(Accuracy::name).collect();
+        let errors: Vec<f64> = of_states.iter().map(|accuracy| accuracy.error).collect();
+        let shape = batch.to_vec();
+        // The longest name's width, though no state have it.
+        let form = py.import("numpy")?.call_method1("array", (names, "U13"))?.call_method1("reshape", (shape.clone(),))?;
+        let error = errors.into_pyarray(py).call_method1("reshape", (shape,))?;
+        class.call1((form, error))
+    }
+}
