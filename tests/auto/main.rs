@@ -158,8 +158,9 @@ fn spread_of(case: &Case, found: &[f64], expected: &[DoubleDouble], allowed: f64
     if qdd != found {
         return Err(format!("told of other numbers: {form:?}"));
     }
-    // Below a few units in the last place, and below the problem's own, there is nothing to estimate.
-    if off <= 16.0 * f64::EPSILON * largest || off <= allowed * largest {
+    // Below a few units in the last place, of gravity too, which are lost before the sweeps, and below the problem's own there is nothing to estimate.
+    let units = 16.0 * f64::EPSILON * largest.max(case.scene.model().gravity.norm());
+    if off <= units || off <= allowed * largest {
         return Ok(0.0);
     }
     if estimate.is_nan() || off > ESTIMATE_SPREAD * estimate {
