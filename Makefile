@@ -14,7 +14,7 @@ ROBOT ?=
 BENCH ?=
 ROOFLINE ?=
 # All that needs no Python.
-FEATURES := urdf,parallel,dense,stochastic,adaptive
+FEATURES := urdf,parallel,dense,stochastic,adaptive,avx512,float32
 VENV := .venv
 BIN := $(VENV)/bin
 PEERS := .venv-peers/bin/python
@@ -63,7 +63,7 @@ check: $(VENV)/test
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo clippy --locked --all-targets --features $(FEATURES) -- -D warnings
-	cargo clippy --locked --all-targets --features python -- -D warnings
+	cargo clippy --locked --all-targets --features python,avx512,float32 -- -D warnings
 	if rustup target add $(OTHER); then cargo clippy --locked --lib --features $(FEATURES) --target $(OTHER) -- -D warnings; \
 	else echo "$(OTHER): not checked, rustup cannot have it"; fi
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features $(FEATURES)

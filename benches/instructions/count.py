@@ -49,7 +49,7 @@ def output(command: list[str], **environment: str) -> str:
 
 def built() -> str:
     """The path of the bench, after building it."""
-    command = ["cargo", "bench", "--locked", "--no-run", "--features", "urdf,parallel,dense,stochastic,adaptive"]
+    command = ["cargo", "bench", "--locked", "--no-run", "--features", "urdf,parallel,dense,stochastic,adaptive,avx512,float32"]
     found = re.search(r"\(([^)]*instructions-[0-9a-f]+)\)", output([*command, "--bench", "instructions"]))
     if found is None:
         fail("cargo does not say where it put the bench")

@@ -29,7 +29,7 @@ PEERS = ROOT / "target" / "peers"
 MODELS = ("chain_7", "chain_16", "chain_30", "chain_64", "ur5", "panda", "anymal", "g1", "talos")
 
 #: The features that the benches are built with: those of `make check`, after which nothing is compiled again.
-FEATURES = "urdf,parallel,dense,stochastic,adaptive"
+FEATURES = "urdf,parallel,dense,stochastic,adaptive,avx512,float32"
 
 #: phipsi's groups: the algorithms of pinocchio_bench that answer the same question. The fastest one is the peer.
 OPERATIONS = {

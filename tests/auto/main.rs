@@ -441,9 +441,13 @@ fn robots_stay_in_covariance_form() {
     assert!(states > 0 && worst <= tolerance::KEPT && failures.is_empty(), "{worst:e}\n{}", failures.join("\n"));
 }
 
+/// Accelerations, what they are of, and what was found on the way.
+#[cfg(feature = "urdf")]
+type Answer = ((Vec<f64>, Case), dynamics::Choice<f64>);
+
 /// A robot as drawn, and in each of the states that robots are in, there and in its neutral configuration.
 #[cfg(feature = "urdf")]
-fn robot(scene: &Scene, seed: u64) -> Vec<(&'static str, ((Vec<f64>, Case), dynamics::Choice<f64>))> {
+fn robot(scene: &Scene, seed: u64) -> Vec<(&'static str, Answer)> {
     let (q, qd, tau) = random_state(scene, &mut Random::new(seed));
     let case = Case {
         builder: scene.source().clone(),

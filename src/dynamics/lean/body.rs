@@ -243,6 +243,24 @@ pub(crate) struct LeanModel<T: Real> {
     pub(super) longest_path: usize,
 }
 
+/// The bodies that are carried by any shift, and what carries those that turn, by their places in the sweeps.
+fn by_carrier<T: Real>(framed: &Framed, whole: &Model<T>, at: &[usize]) -> (Vec<Body<T>>, Vec<Turning<T::Parameter>>) {
+    let of_carrier = |turns: bool| {
+        let carriers = framed.carriers.iter().enumerate();
+        carriers.filter(move |(_, carrier)| matches!(carrier, Carrier::Turn(_)) == turns).map(|(k, _)| k)
+    };
+    let shifting = of_carrier(false).map(|k| whole.bodies[k]).collect();
+    let turning_of = |k: usize| Turning {
+        q: whole.bodies[k].q,
+        place: at[k],
+        sense: T::parameter(framed.from_model[k][(2, 2)]),
+        offset: framed.offsets[k].map(|offset| offset.map(T::parameter)),
+    };
+    let mut turning: Vec<_> = of_carrier(true).map(turning_of).collect();
+    turning.sort_by_key(|turning| turning.place);
+    (shifting, turning)
+}
+
 impl<T: Real> LeanModel<T> {
     pub fn new(model: &Model<f64>) -> Self {
         let framed = Framed::of(model);
@@ -304,21 +322,8 @@ impl<T: Real> LeanModel<T> {
         let (steps, longest_path) = measure_paths(model, &mut bodies);
         let root = |&k: &usize| root_in(&framed.from_model[k], model.inertia_roots[k].as_ref()).map(number);
         let arms = arms(&framed, model.omissions.zero_levers, number);
-        let framed_bodies = framed.bodies;
-        let whole = Model { bodies: framed_bodies.clone(), ..model.clone() }.cast::<T>();
-        let of_carrier = |turns: bool| {
-            let carriers = framed.carriers.iter().enumerate();
-            carriers.filter(move |(_, carrier)| matches!(carrier, Carrier::Turn(_)) == turns).map(|(k, _)| k)
-        };
-        let shifting = of_carrier(false).map(|k| whole.bodies[k]).collect();
-        let turning_of = |k: usize| Turning {
-            q: whole.bodies[k].q,
-            place: swept.at[k],
-            sense: number(framed.from_model[k][(2, 2)]),
-            offset: framed.offsets[k].map(|offset| offset.map(number)),
-        };
-        let mut turning: Vec<_> = of_carrier(true).map(turning_of).collect();
-        turning.sort_by_key(|turning| turning.place);
+        let whole = Model { bodies: framed.bodies.clone(), ..model.clone() }.cast::<T>();
+        let (shifting, turning) = by_carrier(&framed, &whole, &swept.at);
         let composites = order.iter().map(|&k| composites[k].clone()).collect();
         let reordered = |&k: &usize| LeanBody { places: swept.places[k], ..bodies[k].clone() };
         let reordered = if order.is_sorted() { Vec::new() } else { order.iter().map(reordered).collect() };
@@ -334,7 +339,7 @@ impl<T: Real> LeanModel<T> {
         let moves_mass = framed.loads.iter().any(|load| load.is_off_axis);
         Self {
             segments: with_loads(&|k| framed.loads[k].clone()),
-            whole_segments: if moves_mass { with_loads(&|k| Load::of(&framed_bodies[k])) } else { Vec::new() },
+            whole_segments: if moves_mass { with_loads(&|k| Load::of(&framed.bodies[k])) } else { Vec::new() },
             bodies,
             tilts: framed.tilts.iter().map(|tilt| tilt.map(number)).collect(),
             slides: framed.slides.iter().map(|slide| slide.map(number)).collect(),
