@@ -113,7 +113,7 @@ def exact_of(scene: phipsi.Scene) -> _core.Exact:
 def measured(scene: phipsi.Scene, repeats: int) -> object:
     states = np.full((2, scene.nv), 0.1)
     reference = _core.reference(scene, states, states, states)
-    return _core.measure(scene, "filter and smoother", "float64", states, states, states, reference, repeats)
+    return _core.measure(scene, "covariance", "float64", states, states, states, reference, repeats)
 
 
 def in_steps(scene: phipsi.Scene) -> Call:

@@ -96,7 +96,7 @@ def reported() -> Call:
     scene = chain(7)
     q = states(scene, 64)
     reference = _core.reference(scene, q, q, q)
-    return lambda: _core.measure(scene, "filter and smoother", "float64", q, q, q, reference, 10**7)
+    return lambda: _core.measure(scene, "covariance", "float64", q, q, q, reference, 10**7)
 
 
 def exact() -> _core.Exact:
