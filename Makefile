@@ -5,6 +5,7 @@
 #   make check     what CI adds: format, clippy (of the benches too), docs, stubs, abi3
 #   make peers     what to measure against: the peers, and Pinocchio's C++ harness (Debian: apt-get, as root)
 #   make instructions   counts instructions with valgrind, fails where there are more than before
+#   make auto-states  what form auto costs at rest, held, falling, ...: writes docs/auto-states.md (two minutes)
 #   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
 #   make bench     after make peers: measures all of it (20 minutes), writes docs/benchmarks.md (BENCH=--quick: a trial)
 
@@ -21,7 +22,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: report test test-rust test-python check bench instructions roofline peers peers-there clean
+.PHONY: report test test-rust test-python check bench instructions auto-states roofline peers peers-there clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -81,6 +82,9 @@ bench: peers-there $(VENV)/wheel
 # Builds the bench, runs it under valgrind, compares with benches/instructions/expected.json.
 instructions:
 	$(PYTHON) benches/instructions/count.py
+
+auto-states: $(VENV)/test
+	$(BIN)/python benches/auto_states.py --markdown docs/auto-states.md
 
 # ROOFLINE=--write-only: the page again from what was measured last.
 roofline: $(VENV)/report

@@ -1,6 +1,6 @@
 """Print what form "auto" costs beside "covariance" in the states that robots are in, as Markdown.
 
-Usage: python benches/auto_states.py [--quick] [--seed N] [NAME|ROBOT.urdf ...]
+Usage: python benches/auto_states.py [--quick] [--seed N] [--markdown FILE] [NAME|ROBOT.urdf ...]
 
 Default: ur5, panda, anymal, g1 and talos of example-robot-data where this interpreter has it, else the bundled arm. It measures
 whichever phipsi is installed, older ones too: the kinds of states come from this repository, all else is public.
@@ -16,6 +16,12 @@ import phipsi
 
 FOLDER = Path(__file__).resolve().parents[1] / "python" / "phipsi" / "report"
 
+HEAD = """# What `auto` costs in the states that robots are in
+
+Time of `form="auto"` over that of `form="covariance"`. Made by `make auto-states`; another machine gives other times, and ratios within some percent.
+How `auto` judges is in [numerics.md](numerics.md#how-a-form-is-judged). The page does not show states that lose digits, which `auto` does again in square-root form.
+"""
+
 
 def main() -> None:
     # As a package of another name, because the installed one may be older and have no such module.
@@ -28,11 +34,16 @@ def main() -> None:
     parser.add_argument("robots", nargs="*", metavar="ROBOT")
     parser.add_argument("--quick", action="store_true", help="fewer turns")
     parser.add_argument("--seed", type=int, default=0, help="default: %(default)s")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write a page instead, as make auto-states does")
     options = parser.parse_args()
     known = auto_cost.example_robots()
     sources = {Path(robot).stem: known.get(robot, Path(robot)) for robot in options.robots}
     sources = sources or known or {"PUMA 560 (bundled)": phipsi.BUNDLED_ARM}
-    print(auto_cost.markdown(auto_cost.of_robots(sources, quick=options.quick, seed=options.seed)))
+    table = auto_cost.markdown(auto_cost.of_robots(sources, quick=options.quick, seed=options.seed))
+    if options.markdown is None:
+        print(table)
+    else:
+        options.markdown.write_text(f"{HEAD}\n{table}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

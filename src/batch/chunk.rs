@@ -4,7 +4,7 @@
 //! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
 use super::arms::{Entry, Target, Vectorised, Work};
-use crate::dynamics::auto;
+use crate::dynamics::auto::{self, Errors};
 use crate::dynamics::lean::{self, Entries, LeanColumns, LeanModel, LeanScratch, MassColumns};
 use crate::filter::Form;
 use crate::planar::{self, PlanarModel, PlanarScratch};
@@ -76,7 +76,7 @@ pub struct Chunk<T: Vectorised> {
     wrenches: Vec<Vector6<T>>,
     results: Vec<T>,
     /// What form `auto` estimates its error to be.
-    error: T,
+    errors: Errors<T>,
 }
 
 impl<T: Vectorised> Chunk<T> {
@@ -106,7 +106,7 @@ impl<T: Vectorised> Chunk<T> {
             arguments,
             wrenches,
             results,
-            error: T::from_f64(f64::NAN),
+            errors: Errors::unknown(),
         }
     }
 }
@@ -121,7 +121,7 @@ impl<T: Vectorised> Chunk<T> {
     /// As [`Chunks::error`].
     #[must_use]
     pub fn error(&self, lane: usize) -> f64 {
-        self.error.lane(lane)
+        self.errors.of(lane)
     }
 
     /// As [`Chunks::run`], for these instructions; all that the scalar needs becomes part of whatever calls it.
@@ -297,7 +297,7 @@ impl<T: Vectorised, const GROUP: u8> Work for Run<'_, T, GROUP> {
             arguments,
             wrenches,
             results,
-            error,
+            errors,
         } = chunk;
         let [q, qd, u] = arguments;
         // Lanes without a state of their own repeat the last.
@@ -326,7 +326,7 @@ impl<T: Vectorised, const GROUP: u8> Work for Run<'_, T, GROUP> {
                 planar::run(algorithm, model, scratch, (q, qd, u), wrenches, results)
             } else {
                 let scratch = (&mut *lean_scratch, &mut *lean_columns, workspace);
-                compute::<T, GROUP>(algorithm, scene, scratch, (q, qd, u), wrenches, (to, results, error))
+                compute::<T, GROUP>(algorithm, scene, scratch, (q, qd, u), wrenches, (to, results, errors))
             };
         }
         if let Some(entries) = entries_of::<T, GROUP>(algorithm, scene, lean_columns, mass_columns) {
@@ -367,7 +367,7 @@ fn compute<T: Vectorised, const GROUP: u8>(
     (scratch, columns, workspace): (&mut LeanScratch<T>, &mut LeanColumns<T, T::Columns>, &mut Workspace<T>),
     (q, qd, u): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
-    (entries, results, error): (&mut [Entry<T>], &mut [T], &mut T),
+    (entries, results, errors): (&mut [Entry<T>], &mut [T], &mut Errors<T>),
 ) -> u64 {
     let scene = (model, lean);
     match algorithm {
@@ -379,7 +379,7 @@ fn compute<T: Vectorised, const GROUP: u8>(
                 wrenches,
                 results,
             );
-            *error = watched.error();
+            *errors = watched.errors();
             lanes_but::<T>(|lane| watched.kept(lane))
         }
         Algorithm::ForwardDynamics(Form::SquareRoot) if GROUP == ACCELERATIONS && T::Number::SQUARE_ROOT => {

@@ -64,7 +64,7 @@ pub fn forward_dynamics_auto<T: Real>(
     let without_root = !kept && model.inertia_roots.iter().any(Option::is_none);
     if kept || without_root {
         workspace.tally.in_doubt += usize::from(without_root);
-        workspace.accuracy = Accuracy { form: Form::Covariance, doubled: false, error: cancellation.error().lane(0) };
+        workspace.accuracy = Accuracy { form: Form::Covariance, doubled: false, error: watched.errors().of(0) };
         return Choice { form: Form::Covariance, pivots, cancellation, judged: None, without_root };
     }
     workspace.tally.square_root += 1;
@@ -83,7 +83,7 @@ pub(super) fn forward_dynamics_estimated<T: Real>(
     qdd: &mut [T],
 ) -> PivotMonitor<T> {
     let watched = forward_dynamics_watched(model, workspace, (q, qd, tau), wrenches, qdd);
-    workspace.accuracy = Accuracy { form: Form::Covariance, doubled: false, error: watched.error().lane(0) };
+    workspace.accuracy = Accuracy { form: Form::Covariance, doubled: false, error: watched.errors().of(0) };
     watched.pivots
 }
 
@@ -155,11 +155,34 @@ fn watched_step<T: Real>(
     }
 }
 
+/// The estimated errors of the lanes of one run. A state's is the same whatever its neighbours need.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Errors<T> {
+    first: T,
+    both: T,
+    clear_before: u64,
+}
+
+impl<T: Real> Errors<T> {
+    /// Of nothing yet.
+    pub fn unknown() -> Self {
+        let nan = T::from_f64(f64::NAN);
+        Self { first: nan, both: nan, clear_before: 0 }
+    }
+
+    /// That of one lane.
+    pub fn of(&self, lane: usize) -> f64 {
+        if self.clear_before >> lane & 1 == 1 { self.first.lane(lane) } else { self.both.lane(lane) }
+    }
+}
+
 /// The covariance form's answer, and what is known of the digits that it lost.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Watched<T> {
     pub pivots: PivotMonitor<T>,
     pub cancellation: Cancellation<T>,
+    /// What the first look found.
+    first: Cancellation<T>,
     /// How far the estimate stays below its margin: negative or NaN in a lane that is in doubt.
     slack: T,
     /// Lanes that an earlier look found clear, as bits: what their neighbours need does not touch them.
@@ -171,19 +194,20 @@ impl<T: Real> Watched<T> {
     #[inline(always)]
     fn with_one_set(pivots: PivotMonitor<T>, near: PivotMonitor<T>, cancellation: Cancellation<T>) -> Self {
         let slack = cancellation.slack(&Margins::CLOSE).worst(near.margin());
-        Self { pivots, cancellation, slack, clear_before: 0 }
+        Self { pivots, cancellation, first: cancellation, slack, clear_before: 0 }
     }
 
     /// What one set of weights saw of another, where there is no right side.
     #[inline(always)]
     fn of_a_factor(pivots: PivotMonitor<T>, cancellation: Cancellation<T>) -> Self {
-        Self { pivots, cancellation, slack: cancellation.slack(&Margins::OF_A_FACTOR), clear_before: 0 }
+        let slack = cancellation.slack(&Margins::OF_A_FACTOR);
+        Self { pivots, cancellation, first: cancellation, slack, clear_before: 0 }
     }
 
-    /// The estimated error of the largest acceleration, in its unit.
+    /// The estimated error of the largest acceleration, in its unit: of the first look, and of both in the lanes that needed the second.
     #[inline(always)]
-    pub fn error(&self) -> T {
-        self.cancellation.error()
+    pub fn errors(&self) -> Errors<T> {
+        Errors { first: self.first.error(), both: self.cancellation.error(), clear_before: self.clear_before }
     }
 
     /// Whether one lane kept its digits.
@@ -298,7 +322,7 @@ fn look_again<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, first: Wa
     let [second, both] = cancellation::look_again(system, &second, co_state, qdd, &first.cancellation);
     // Each by its own weights: what the problem allows is seen by the same.
     let slack = first.cancellation.slack(&Margins::USUAL).worst(second.slack(&Margins::USUAL));
-    Watched { pivots: first.pivots, cancellation: both, slack, clear_before: first.kept_lanes() }
+    Watched { cancellation: both, slack, clear_before: first.kept_lanes(), ..first }
 }
 
 #[cfg(test)]

@@ -59,7 +59,8 @@ impl Told {
         let errors: Vec<f64> = of_states.iter().map(|accuracy| accuracy.error).collect();
         let shape = batch.to_vec();
         // The longest name's width, though no state have it.
-        let form = py.import("numpy")?.call_method1("array", (names, "U13"))?.call_method1("reshape", (shape.clone(),))?;
+        let form =
+            py.import("numpy")?.call_method1("array", (names, "U13"))?.call_method1("reshape", (shape.clone(),))?;
         let error = errors.into_pyarray(py).call_method1("reshape", (shape,))?;
         class.call1((form, error))
     }

@@ -438,8 +438,10 @@ impl Case {
     pub fn jiggled(&self, seed: u64) -> Case {
         let mut random = Random::new(seed);
         let mut ulp = |x: f64| x * (1.0 + if random.below(2) == 0 { f64::EPSILON } else { -f64::EPSILON });
+        let gravity = self.scene.model().gravity.norm();
         let mut builder = SceneBuilder::new()
-            .gravity(self.builder.gravity_vector().map(&mut ulp))
+            // Its direction too: where an axis is along gravity, a component that is zero is one unit off.
+            .gravity(self.builder.gravity_vector().map(|x| x + ulp(gravity) - gravity))
             .floating_base(self.builder.is_floating());
         for link in self.builder.links() {
             let inertial = link.inertial.map(|i| Inertial {

@@ -70,7 +70,7 @@ def of_one(bodies: int, call: Callable[[phipsi.Scene, np.ndarray], object]) -> C
 
 def in_doubt() -> Call:
     """States that take a thousand times what is expected of them."""
-    case = phipsi.scenes.extreme("alternating-masses", 1e-12, bodies=30)
+    case = phipsi.scenes.extreme("heavy-tip", 1e12, bodies=30)
     many = np.tile(case.q, (100_000, 1))
     return lambda: case.scene.forward_dynamics(many, case.qd, case.tau)
 
