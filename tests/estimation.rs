@@ -172,7 +172,8 @@ fn all_measured_without_noise_is_forward_dynamics_to_the_bit() {
         let mut qdd = vec![f64::NAN; case.scene.nv()];
         // The estimate's own form.
         let mut workspace = case.scene.workspace().in_form(phipsi::filter::Form::Covariance);
-        case.scene.forward_dynamics(&mut workspace, &case.q, &case.qd, &case.torque, &case.wrenches, &mut qdd).unwrap();
+        let (q, qd, tau, wrenches) = (&case.q, &case.qd, &case.torque, &case.wrenches);
+        phipsi::dynamics::forward_dynamics(case.scene.model(), &mut workspace, q, qd, tau, wrenches, &mut qdd);
         assert_eq!(room.estimate.acceleration, qdd);
         assert!(room.covariance.acceleration.iter().chain(&room.covariance.torque).all(|&x| x == 0.0));
         assert!(room.covariance.force.iter().any(|block| block.to_matrix().amax() > 0.0));

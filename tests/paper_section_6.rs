@@ -111,6 +111,8 @@ fn eq_6_3_equations_of_motion() {
             (vec![f64::NAN; a.len()], vec![f64::NAN; a.len()], vec![f64::NAN; a.len()]);
         case.scene.inverse_dynamics(&mut workspace, &case.q, &case.qd, a, &[], &mut whole).unwrap();
         case.scene.bias_torque(&mut workspace, &case.q, &case.qd, &mut bias).unwrap();
+        // The placements that mul_mass reads.
+        dynamics::bias_torque(model, &mut workspace, &case.q, &case.qd, &[], &mut swept);
         dynamics::mul_mass(model, &mut workspace, a, &mut swept);
         case.holds_directly("mul_mass", &column(&Vector::from_vec(swept)), &expected);
         let bias = Vector::from_vec(bias);

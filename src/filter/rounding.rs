@@ -12,9 +12,6 @@
 //! df = dS eta + S d(eta) + dt + g de; dlambda^+ is eps of the terms that a lever makes of the parent's co-state. Measured over 44,000 random scenes,
 //! ordinary and extreme, the true error was 0.08 of the estimate in the median, and above it in one of a thousand.
 //!
-//! What the error may be is a part of the largest estimate, or what one unit in the last place of the measurements and of the forces that are
-//! transmitted, f = z^+ + P^+ lambda^+, makes of the estimates ([`REST_MARGIN`]): what is held still accelerates by nothing else.
-//!
 //! A judge costs about as much as half the covariance form. It is asked only where [`RootMonitor`] saw a pivot or a weight that is
 //! small beside the terms that form it, or where [`Reach`] finds gains times levers that could carry the smoother's rounding far.
 
@@ -28,9 +25,6 @@ use nalgebra::Vector6;
 /// The estimated error, in eps and relative to the largest estimate, above which digits are in doubt: 2e-14 in f64, where true
 /// errors are below 1e-13.
 pub const ROUNDING_MARGIN: f64 = 100.0;
-
-/// The same in units of what one unit in the last place of the measurements and of the transmitted forces makes of the estimates.
-pub const REST_MARGIN: f64 = 10.0;
 
 /// How far a pivot may be below the bound of its terms, so that the first look calls it clear.
 const PIVOT_REACH: f64 = 1e6;
@@ -217,18 +211,15 @@ fn is_near([angular, linear]: [f64; 2], [turned, moved]: [f64; 2], size: f64) ->
 pub struct Rounding<T> {
     /// The estimated square of w* da, over eps^2.
     noise: T,
-    /// The square of what one unit in the last place of the measurements and of the transmitted forces makes of w* a, over eps^2.
-    rest: T,
     /// Minus the largest estimate.
     size: T,
 }
 
 impl<T: Real> Rounding<T> {
-    /// The estimated error of the largest estimate, in its unit, with what one unit in the last place of the forces makes of it; NaN where
-    /// it cannot be told.
+    /// The estimated error of the largest estimate, in its unit; NaN where it cannot be told.
     #[must_use]
     pub fn error(&self) -> T {
-        (self.noise + self.rest).sqrt() * T::epsilon()
+        self.noise.sqrt() * T::epsilon()
     }
 
     /// The same of one lane, relative to the largest estimate.
@@ -241,9 +232,7 @@ impl<T: Real> Rounding<T> {
     /// Whether the square-root form of one lane kept its digits.
     #[must_use]
     pub fn clear(&self, lane: usize) -> bool {
-        let [noise, rest, size] = [self.noise, self.rest, self.size].map(|x| x.lane(lane));
-        let of_size = ROUNDING_MARGIN * size;
-        noise <= of_size * of_size + REST_MARGIN * REST_MARGIN * rest
+        self.relative_error(lane) <= ROUNDING_MARGIN * T::epsilon().lane(lane)
     }
 }
 
@@ -284,7 +273,7 @@ pub struct Weighed<'a, T: Real> {
 /// The estimate, from both right sides. About 420 operations a stage.
 #[must_use]
 pub fn judge<T: Real>(system: &System<T>, swept: &Swept<'_, T>, weighed: &Weighed<'_, T>) -> Rounding<T> {
-    let mut seen = Rounding { noise: T::zero(), rest: T::zero(), size: T::zero() };
+    let mut seen = Rounding { noise: T::zero(), size: T::zero() };
     for (k, stage) in system.stages.iter().enumerate() {
         let mut lambda = Vector6::from_element(T::zero());
         if let Some(parent) = stage.parent {
@@ -293,9 +282,6 @@ pub fn judge<T: Real>(system: &System<T>, swept: &Swept<'_, T>, weighed: &Weighe
             seen.noise += carried(squares(&weighed.state[k]), outer, swept.shift[k].lever.dot(&swept.shift[k].lever));
         }
         let (nu, mut terms) = (&weighed.co_state[k], Terms::of_root(&swept.root[k], &swept.coordinates[k]));
-        let transmitted = swept.added[k] + state(&swept.root[k], &swept.coordinates[k]) + terms.times(&lambda);
-        let (turned, moved) = squares(&transmitted.component_mul(nu));
-        seen.rest += turned + moved;
         for i in 0..stage.rows.count() {
             let row = stage.first_row + i;
             let (m, a) = (&swept.measured[row], swept.estimates[row]);
@@ -304,7 +290,6 @@ pub fn judge<T: Real>(system: &System<T>, swept: &Swept<'_, T>, weighed: &Weighe
             let tau = swept.measurement[row];
             let smoothed = terms_of_a * weighed.innovations[row];
             let measured = weighed.estimates[row];
-            seen.rest += measured * measured * (tau * tau);
             let (turned, moved) = squares(&nu.component_mul(&m.gain));
             seen.noise += smoothed * smoothed + measured * measured * (tau * tau + e * e) + (turned + moved) * (e * e);
             terms.add_row(m, (tau * tau + e * e) * m.pivot_inverse);
@@ -357,17 +342,6 @@ impl<'a, T: Real> Terms<'a, T> {
         Self { root, diagonal: Vector6::from_fn(|i, _| kept[root_row(i)]), mean }
     }
 
-    /// P^+ x.
-    fn times(&self, x: &Vector6<T>) -> Vector6<T> {
-        let along: [T; 6] = std::array::from_fn(|j| self.along_column(j, x) * self.root.weights[j]);
-        state(self.root, &along)
-    }
-
-    /// x along column `j` of the root.
-    fn along_column(&self, j: usize, x: &Vector6<T>) -> T {
-        (j + 1..6).fold(x[root_row(j)], |along, i| along + self.root.rows[i][j] * x[root_row(i)])
-    }
-
     /// With one measurement undone: P^- = P^+ + g D g*.
     fn add_row(&mut self, m: &Measured<T>, mean: T) {
         self.diagonal += m.gain.component_mul(&m.gain) * m.pivot;
@@ -377,16 +351,10 @@ impl<'a, T: Real> Terms<'a, T> {
     /// x* P^+ x.
     fn squared_length(&self, x: &Vector6<T>) -> T {
         (0..6).fold(T::zero(), |sum, j| {
-            let along = self.along_column(j, x);
+            let along = (j + 1..6).fold(x[root_row(j)], |along, i| along + self.root.rows[i][j] * x[root_row(i)]);
             sum + along * along * self.root.weights[j]
         })
     }
-}
-
-/// L y: the state with these coordinates.
-fn state<T: Real>(root: &Root6<T>, y: &[T; 6]) -> Vector6<T> {
-    let of_row = |i: usize| (0..i).fold(y[i], |sum, j| sum + root.rows[i][j] * y[j]);
-    Vector6::from_fn(|component, _| of_row(root_row(component)))
 }
 
 /// Squares of the two halves.

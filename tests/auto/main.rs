@@ -159,7 +159,7 @@ fn spread_of(case: &Case, found: &[f64], expected: &[DoubleDouble], allowed: f64
         return Err(format!("told of other numbers: {form:?}"));
     }
     // Below a few units in the last place, of gravity too, which are lost before the sweeps, and below the problem's own there is nothing to estimate.
-    let units = 16.0 * f64::EPSILON * largest.max(case.scene.model().gravity.norm());
+    let units = 64.0 * f64::EPSILON * largest.max(case.scene.model().gravity.norm());
     if off <= units || off <= allowed * largest {
         return Ok(0.0);
     }
@@ -214,7 +214,7 @@ fn enter(row: &mut Row, number: usize, case: &Case, state: &str) -> Option<Strin
     let mut sensitivity = f64::NAN;
     let of_estimate = spread_of(case, &answer, &expected, 0.0).or_else(|_| {
         sensitivity = self::sensitivity(case, &expected);
-        spread_of(case, &answer, &expected, 20.0 * sensitivity)
+        spread_of(case, &answer, &expected, 100.0 * sensitivity)
     });
     match of_estimate {
         Ok(spread) => row.spread = row.spread.max(spread),

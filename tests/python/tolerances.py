@@ -12,7 +12,7 @@ STEP = EPS ** (1 / 3)
 
 
 ESTIMATE_SPREAD = 20.0
-"""How many times the estimated error of forward dynamics the true one may be; tests/auto holds 400,000 random scenes to it."""
+"""How many times the estimated error of forward dynamics the true one may be here; over random scenes tests/auto has the bound."""
 
 SIGMAS = 6.0
 """Standard errors that an estimate may be off: one in two billion is further, and the seeds are fixed."""
