@@ -392,8 +392,9 @@ mod tests {
         let mut kept = 0;
         for make in makes {
             let mut doubted = 0;
-            for exponent in 0..48 {
-                let scene = make(10_f64.powf(0.25 * f64::from(exponent)));
+            // In steps that fall between the margins of one look and of two.
+            for exponent in 0..192 {
+                let scene = make(10_f64.powf(0.0625 * f64::from(exponent)));
                 let (model, nv) = (scene.model(), scene.nv());
                 let wave =
                     |scale: f64| -> Vec<f64> { (1_u32..).take(nv).map(|i| (scale * f64::from(i)).sin()).collect() };
