@@ -18,7 +18,7 @@ class Accuracy(NamedTuple):
     was still in doubt and did the state once more with twice the digits."""
     error: NDArray[np.float64] | float
     """The estimated error of the largest acceleration, rad/s^2 or m/s^2: as a rule five to ten times the true one. Of 10,000 random
-    scenes, ordinary and extreme, one is off by more than 20 times it, none by more than 500 times; NaN where there is no estimate (form "joseph"; float32, but for "auto")."""
+    scenes, ordinary and extreme, one is off by more than 20 times it, none by more than 1000 times; NaN where there is no estimate (form "joseph"; float32, but for "auto")."""
 
 
 class Energy(NamedTuple):

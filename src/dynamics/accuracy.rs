@@ -18,9 +18,9 @@ pub struct Accuracy {
     pub error: f64,
 }
 
-/// How many times the estimated error the true one may be: more than was seen in 400,000 random scenes, ordinary and extreme, in all states that robots
-/// are in; of 10,000 of them one was off by more than 20 times. One right side sees most errors, but may miss one.
-pub const ESTIMATE_SPREAD: f64 = 500.0;
+/// How many times the estimated error the true one may be: more than was seen in 400,000 random cases, ordinary and extreme, in all states that robots
+/// are in, but for what is rounded before the sweeps; of 10,000 of them one was off by more than 20 times. One right side sees most errors, but may miss one.
+pub const ESTIMATE_SPREAD: f64 = 1000.0;
 
 impl Accuracy {
     /// Of a form without an estimate.

@@ -54,7 +54,7 @@ impl Margins {
 
     /// Where two sets have been looked at: 7e-14 in f64.
     ///
-    /// Of 400,000 random scenes none has a true error above 1e-12, or 20 times the sensitivity, with an estimate below it.
+    /// Of 400,000 random cases a dozen have a true error above 1e-12 and 20 times the sensitivity with an estimate below it, by a factor of 2.3 at the most.
     pub const USUAL: Self = Self { of_size: 300.0, of_rest: 3.0, of_bias: 60.0, of_bias_at_most: 2500.0 };
 
     /// For right sides that nobody gave: there is no problem whose sensitivity would matter. 5e-14 in f64.
