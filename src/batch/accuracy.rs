@@ -36,7 +36,7 @@ impl Scene {
         if form == Form::Auto {
             let auto = Algorithm::ForwardDynamics(form);
             evaluator.checked.workspace.estimates_error = true;
-            let outcome = self.evaluate_each(evaluator, auto, states, out, |state, found| accuracy[state] = found);
+            let outcome = self.evaluate_each(evaluator, auto, states, out, |state, found| accuracy[state] = found());
             evaluator.checked.workspace.estimates_error = false;
             return outcome;
         }

@@ -164,9 +164,7 @@ impl<P> Kernels<P> {
         let many = if self.one.is_some() { None } else { self.many };
         Self { one: self.one, many }
     }
-}
 
-impl<P> Kernels<P> {
     /// Of one lane, after a run of so many states in form `auto`.
     #[inline]
     pub(super) fn accuracy(&self, states: usize, lane: usize) -> Accuracy {
@@ -213,10 +211,10 @@ impl Scene {
         states: &[Arguments<'_, P>],
         out: &mut [P],
     ) -> Result<(), Fault> {
-        self.evaluate_each(evaluator, algorithm, states, out, |_, _| {})
+        self.evaluate_each(evaluator, algorithm, states, out, |_, _: &dyn Fn() -> Accuracy| {})
     }
 
-    /// The same; `found` is called with the index of each state and what is known of its accuracy, which only form `auto` tells.
+    /// The same; `found` is called with the index of each state and what tells its accuracy, in form `auto`: a call of the kernels that nobody else pays.
     #[inline]
     pub(super) fn evaluate_each<P: Evaluated>(
         &self,
@@ -224,7 +222,7 @@ impl Scene {
         algorithm: Algorithm,
         states: &[Arguments<'_, P>],
         out: &mut [P],
-        mut found: impl FnMut(usize, Accuracy),
+        mut found: impl FnMut(usize, &dyn Fn() -> Accuracy),
     ) -> Result<(), Fault> {
         let width = self.width(algorithm);
         if out.len() != width * states.len() {
@@ -238,12 +236,12 @@ impl Scene {
         if let [state] = states {
             // Without the divisions and the loops of many.
             if self.fits(algorithm, state) && evaluator.run(algorithm, states, out) & 1 == 0 {
-                found(0, evaluator.kernels.accuracy(1, 0));
+                found(0, &|| evaluator.kernels.accuracy(1, 0));
                 return Ok(());
             }
             self.evaluate_checked(&mut evaluator.checked, algorithm, state, out)
                 .map_err(|error| Fault { state: 0, error })?;
-            found(0, evaluator.checked.accuracy(out));
+            found(0, &|| evaluator.checked.accuracy(out));
             return Ok(());
         }
         let lanes = evaluator.lanes();
@@ -252,7 +250,7 @@ impl Scene {
             let mut doubt = if fits { evaluator.run(algorithm, states, out) } else { u64::MAX };
             doubt &= u64::MAX >> (64 - states.len());
             for lane in (0..states.len()).filter(|lane| doubt >> lane & 1 == 0) {
-                found(i * lanes + lane, evaluator.kernels.accuracy(states.len(), lane));
+                found(i * lanes + lane, &|| evaluator.kernels.accuracy(states.len(), lane));
             }
             while doubt != 0 {
                 let lane = doubt.trailing_zeros() as usize;
@@ -262,7 +260,7 @@ impl Scene {
                 let out = &mut out[lane * width..(lane + 1) * width];
                 self.evaluate_checked(&mut evaluator.checked, algorithm, &states[lane], out)
                     .map_err(|error| Fault { state: i * lanes + lane, error })?;
-                found(i * lanes + lane, evaluator.checked.accuracy(out));
+                found(i * lanes + lane, &|| evaluator.checked.accuracy(out));
             }
         }
         Ok(())

@@ -64,27 +64,12 @@ pub fn forward_dynamics_auto<T: Real>(
     let without_root = !kept && model.inertia_roots.iter().any(Option::is_none);
     if kept || without_root {
         workspace.tally.in_doubt += usize::from(without_root);
-        workspace.accuracy = Accuracy { form: Form::Covariance, doubled: false, error: watched.errors().of(0) };
+        workspace.accuracy = watched.accuracy();
         return Choice { form: Form::Covariance, pivots, cancellation, judged: None, without_root };
     }
     workspace.tally.square_root += 1;
     let judged = forward_dynamics_judged(model, workspace, q, qd, tau, wrenches, qdd);
     Choice { form: Form::SquareRoot, pivots: judged.pivots, cancellation, judged: Some(judged), without_root }
-}
-
-/// The covariance form, whatever it lost, with its estimated error in the workspace.
-pub(super) fn forward_dynamics_estimated<T: Real>(
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    q: &[T],
-    qd: &[T],
-    tau: &[T],
-    wrenches: &[Vector6<T>],
-    qdd: &mut [T],
-) -> PivotMonitor<T> {
-    let watched = forward_dynamics_watched(model, workspace, (q, qd, tau), wrenches, qdd);
-    workspace.accuracy = Accuracy { form: Form::Covariance, doubled: false, error: watched.errors().of(0) };
-    watched.pivots
 }
 
 /// The factor of M, with phi already in the workspace: in covariance form, and where that lost digits in square-root form.
@@ -208,6 +193,11 @@ impl<T: Real> Watched<T> {
     #[inline(always)]
     pub fn errors(&self) -> Errors<T> {
         Errors { first: self.first.error(), both: self.cancellation.error(), clear_before: self.clear_before }
+    }
+
+    /// What is known of lane 0.
+    pub fn accuracy(&self) -> Accuracy {
+        Accuracy { error: self.errors().of(0), ..Accuracy::unknown(Form::Covariance) }
     }
 
     /// Whether one lane kept its digits.

@@ -37,7 +37,10 @@ pub fn forward_dynamics<T: Real>(
         Form::Covariance | Form::Joseph => workspace.accuracy = Accuracy::unknown(workspace.form),
     }
     if workspace.form == Form::Covariance && workspace.estimates_error {
-        return auto::forward_dynamics_estimated(model, workspace, q, qd, tau, wrenches, qdd);
+        // Whatever it lost.
+        let watched = auto::forward_dynamics_watched(model, workspace, (q, qd, tau), wrenches, qdd);
+        workspace.accuracy = watched.accuracy();
+        return watched.pivots;
     }
     if workspace.form == Form::Joseph {
         covariance_form::<T, true>(model, workspace, q, qd, tau, wrenches, qdd)
