@@ -1,26 +1,17 @@
 //! The algorithms, again and again, for callgrind to count instructions: `make instructions`, see benches/instructions/count.py.
 //!
 //! `instructions count <scene> <algorithm> <states> <repeats>` evaluates that many states a call, on the arm of `PHIPSI_ARM`; without
-//! `count` (as `cargo bench` starts it) it does nothing. The scene is a chain of so many bodies, or by hand a model of `make peers`.
+//! `count` (as `cargo bench` starts it) it does nothing. The scene is one of tests/common/gate.rs, or by hand a model of `make peers`.
 
 mod common;
+#[path = "../tests/common/gate.rs"]
+mod gate;
 
-use common::{arguments, model, states};
+use common::{model, states};
+use gate::{ALGORITHMS, SCENES, arguments};
 use phipsi::batch::arms::Arm;
-use phipsi::{Algorithm, Form, Scene, scenes};
+use phipsi::{Algorithm, Scene};
 use std::hint::black_box;
-
-const ALGORITHMS: [(&str, Algorithm); 9] = [
-    ("forward_dynamics/auto", Algorithm::ForwardDynamics(Form::Auto)),
-    ("forward_dynamics/covariance", Algorithm::ForwardDynamics(Form::Covariance)),
-    ("forward_dynamics/joseph", Algorithm::ForwardDynamics(Form::Joseph)),
-    ("forward_dynamics/square-root", Algorithm::ForwardDynamics(Form::SquareRoot)),
-    ("inverse_dynamics", Algorithm::InverseDynamics),
-    ("bias_torque", Algorithm::BiasTorque),
-    ("mass_matrix", Algorithm::MassMatrix),
-    ("mass_matrix_inverse/auto", Algorithm::MassMatrixInverse(Form::Auto)),
-    ("mass_matrix_inverse/covariance", Algorithm::MassMatrixInverse(Form::Covariance)),
-];
 
 fn run(scene: &Scene, algorithm: Algorithm, count: usize, repeats: usize) {
     let mut evaluator = scene.evaluator();
@@ -36,7 +27,13 @@ fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     match &arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         // What there is to count: a line each.
-        ["list"] => ALGORITHMS.iter().for_each(|(name, _)| println!("{name}")),
+        ["list"] => {
+            for scene in SCENES {
+                for (name, _) in ALGORITHMS {
+                    println!("{scene} {name}");
+                }
+            }
+        }
         ["count", scene, algorithm, states, repeats] => {
             let number = |text: &str| text.parse().unwrap_or_else(|_| panic!("not a number: {text}"));
             let (_, found) =
@@ -44,10 +41,7 @@ fn main() {
             // Another arm than the one asked for would be counted as that.
             let (wanted, arm) = (std::env::var("PHIPSI_ARM").unwrap_or_default(), Arm::of_process().name());
             assert!(wanted == arm, "PHIPSI_ARM is {wanted:?}, this processor runs {arm:?}");
-            let found_scene = match scene.parse() {
-                Ok(bodies) => scenes::chain(bodies).ok(),
-                Err(_) => model(scene),
-            };
+            let found_scene = gate::scene(scene).or_else(|| model(scene));
             run(&found_scene.unwrap_or_else(|| panic!("no scene {scene}")), found, number(states), number(repeats));
         }
         _ => eprintln!("instructions: counted by `make instructions`, nothing to do here"),

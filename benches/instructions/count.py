@@ -2,7 +2,7 @@
 
 Usage: python3 benches/instructions/count.py [--update] [--binary PATH]
 
-Each case runs twice, with different numbers of calls; the difference is the calls alone. Counts are compared with those
+Each case (a scene of tests/common/gate.rs and an algorithm) runs twice, with different numbers of calls; the difference is the calls alone. Counts are compared with those
 of expected.json beside this file: more than 3 % above is a failure, more than 3 % below is told. They depend on the compiler: under
 another rustc than the one that expected.json names nothing is compared. --update writes the file anew.
 Arms: baseline and avx2 (valgrind has no AVX-512); one state, and on avx2 four, a register full of them.
@@ -22,7 +22,6 @@ from typing import NoReturn
 
 ROOT = Path(__file__).resolve().parents[2]
 EXPECTED = Path(__file__).with_name("expected.json")
-BODIES = "7"
 #: Calls of the shorter and of the longer run.
 REPEATS = (4, 24)
 #: (arm, states of a call).
@@ -56,11 +55,11 @@ def built() -> str:
     return str(ROOT / found[1])
 
 
-def instructions(binary: str, arm: str, algorithm: str, states: int, repeats: int) -> int | None:
+def instructions(binary: str, arm: str, case: str, states: int, repeats: int) -> int | None:
     """Of one whole run; none where valgrind cannot run it."""
     with tempfile.TemporaryDirectory() as folder:
         valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/out"]
-        program = [binary, "count", BODIES, algorithm, str(states), str(repeats)]
+        program = [binary, "count", *case.split(), str(states), str(repeats)]
         said = output([*valgrind, *program], PHIPSI_ARM=arm)
     if UNKNOWN in said:
         return None
@@ -70,18 +69,18 @@ def instructions(binary: str, arm: str, algorithm: str, states: int, repeats: in
     return int(found[1])
 
 
-def a_call(binary: str, arm: str, algorithm: str, states: int) -> int | None:
-    few, many = (instructions(binary, arm, algorithm, states, repeats) for repeats in REPEATS)
+def a_call(binary: str, arm: str, case: str, states: int) -> int | None:
+    few, many = (instructions(binary, arm, case, states, repeats) for repeats in REPEATS)
     return None if few is None or many is None else round((many - few) / (REPEATS[1] - REPEATS[0]))
 
 
 def counted(binary: str) -> dict[str, int | None]:
     """Instructions of one call, by case; none where valgrind lacks one of them."""
-    algorithms = output([binary, "list"]).split()
-    cases = [(arm, algorithm, states) for arm, states in RUNS for algorithm in algorithms]
+    listed = output([binary, "list"]).splitlines()
+    cases = [(arm, case, states) for arm, states in RUNS for case in listed]
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
         counts = pool.map(lambda case: a_call(binary, *case), cases)
-    return {f"{arm}/{states}/{algorithm}": count for (arm, algorithm, states), count in zip(cases, counts, strict=True)}
+    return {f"{arm}/{states}/{case.replace(' ', '/')}": count for (arm, case, states), count in zip(cases, counts, strict=True)}
 
 
 def main() -> None:
@@ -98,7 +97,7 @@ def main() -> None:
         return
     counts = counted(options.binary or built())
     if options.update:
-        content = {"rustc": compiler, "scene": f"chain of {BODIES}", "instructions a call": counts}
+        content = {"rustc": compiler, "instructions a call": counts}
         EXPECTED.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         print(f"written: {EXPECTED}")
         return
@@ -108,12 +107,12 @@ def main() -> None:
     worse = 0
     for case, count in counts.items():
         if count is None or expected[case] is None:
-            print(f"{case:48} not compared: valgrind lacks an instruction of it, here or where it was counted")
+            print(f"{case:56} not compared: valgrind lacks an instruction of it, here or where it was counted")
             continue
         ratio = count / expected[case]
         mark = "MORE" if ratio > 1 + SLACK else "less" if ratio < 1 - SLACK else ""
         worse += mark == "MORE"
-        print(f"{case:48} {count:8} of {expected[case]:8} {100 * ratio - 100:+6.1f} % {mark}")
+        print(f"{case:56} {count:8} of {expected[case]:8} {100 * ratio - 100:+6.1f} % {mark}")
     if worse:
         fail(
             f"{worse} of {len(counts)} take over {SLACK:.0%} more instructions than before. Find out why; if it is worth it, "

@@ -2,6 +2,7 @@
 #![allow(dead_code)] // each test file uses its own part
 
 pub mod arm;
+pub mod gate;
 pub mod lanes;
 #[cfg(feature = "dense")]
 pub mod matrices;
