@@ -1,8 +1,7 @@
 //! Forward dynamics of one state, in covariance form, with one omission turned off or none: for callgrind, whose counts do not
 //! depend on what else the machine does (docs/leaving-out.md).
 //!
-//! `leaving_out SWITCH|none rest|moving weight|weightless CALLS [turning|tilted]`: the last without the joint that slides, or with it and axes tilted
-//! from those of their parents
+//! `leaving_out SWITCH|none rest|moving weight|weightless CALLS [tilted]`: the last with axes tilted from those of their parents.
 
 use nalgebra::Vector3;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, Omissions, SceneBuilder};
@@ -27,9 +26,7 @@ fn scene(omissions: Omissions, gravity: [f64; 3], kind: &str) -> Result<Scene, E
     }
     let mut parts = vec![("column".to_owned(), JointKind::Fixed, "base".to_owned())];
     parts.extend((0..7).map(|k| (format!("weld{k}"), JointKind::Fixed, format!("link{k}"))));
-    if kind != "turning" {
-        parts.push(("sledge".to_owned(), JointKind::Planar, "link6".to_owned()));
-    }
+    parts.push(("sledge".to_owned(), JointKind::Planar, "link6".to_owned()));
     for (name, kind, parent) in parts {
         let mut joint = JointDescription::new(format!("to {name}"), kind, parent, name.clone());
         joint.origin.lever = [0.1, 0.0, 0.1].into();

@@ -6,7 +6,6 @@
 //! threads there are.
 
 #[cfg(target_arch = "x86_64")]
-mod abreast;
 mod accuracy;
 pub mod arms;
 pub mod chunk;

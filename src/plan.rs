@@ -3,8 +3,7 @@
 mod counted;
 
 use crate::filter::{HingeMap, Rows};
-use crate::scene::{Body, Inertial, JointKind, Motion, Omissions, Scene};
-use crate::spatial::Symmetric3;
+use crate::scene::{Body, JointKind, Motion, Omissions, Scene};
 use crate::watch;
 use std::collections::HashSet;
 
@@ -52,8 +51,6 @@ mod operations {
     pub const FIXED_BODY: usize = 550;
     /// What a body sends inward: phi z, and both sums.
     pub const INWARD: usize = 113;
-    /// phi P phi* in full, less the same with row and column 2 of P zero.
-    pub const ZEROS: usize = 57;
     /// M a + v x* M v.
     pub const FORCE: usize = 102;
     /// M a.
@@ -70,13 +67,11 @@ mod operations {
             Motion::Spherical | Motion::Free => 84,
             Motion::Fixed => 54,
         };
-        motion + if body.needs_no_force { 0 } else { FORCE - WEIGHT }
+        motion + FORCE - WEIGHT
     }
 
     /// The acceleration of gravity at a body, and its weight.
-    pub fn of_weight(body: &Body<f64>) -> usize {
-        SHIFTED + if body.needs_no_force { 0 } else { WEIGHT }
-    }
+    pub const OF_WEIGHT: usize = SHIFTED + WEIGHT;
 }
 
 /// A number with its noun.
@@ -91,16 +86,12 @@ impl Scene {
     /// work, only what was found until then.
     #[must_use]
     pub fn plan(&self) -> Plan {
-        let built: [fn(&Self) -> Omission; 10] = [
+        let built: [fn(&Self) -> Omission; 6] = [
             Self::merged_item,
             Self::base_item,
-            Self::zeros_item,
             Self::renamed_item,
             Self::tilted_item,
             Self::levers_item,
-            Self::axis_masses_item,
-            Self::pivot_bounds_item,
-            Self::massless_item,
             Self::planar_item,
         ];
         let called: [fn(&Self) -> Omission; 2] = [Self::velocity_item, Self::gravity_item];
@@ -131,14 +122,7 @@ impl Scene {
             .map(|joint| joint.child.as_str())
             .collect();
         let moving = self.links().iter().filter(|link| link.body.is_some());
-        let bodies = moving.clone().filter(|link| children.contains(link.name.as_str())).count();
-        let forces = if self.model().omissions.massless_bodies {
-            let with_force = self.model().bodies.iter().filter(|body| !body.needs_no_force).count();
-            let massive = self.massive_links();
-            moving.filter(|link| massive.contains(link.name.as_str())).count() - with_force
-        } else {
-            bodies
-        };
+        let bodies = moving.filter(|link| children.contains(link.name.as_str())).count();
         let saved = counted(names.len(), "shift of an inertia and of a force", "shifts of an inertia and of a force");
         self.switched(
             "fixed_joints",
@@ -148,17 +132,10 @@ impl Scene {
                 names,
                 why: "a fixed joint transmits every force: two links are one body",
                 saved: saved + ", each sweep",
-                operations: bodies * operations::FIXED_BODY + forces * operations::FORCE,
+                operations: bodies * (operations::FIXED_BODY + operations::FORCE),
                 ..NOTHING
             },
         )
-    }
-
-    /// Names of the links that have mass or inertia.
-    fn massive_links(&self) -> HashSet<&str> {
-        let is_massive = |inertial: Inertial| inertial.mass != 0.0 || inertial.central != Symmetric3::zero();
-        let massive = self.source().links().iter().filter(|link| link.inertial.is_some_and(is_massive));
-        massive.map(|link| link.name.as_str()).collect()
     }
 
     fn base_item(&self) -> Omission {
@@ -168,12 +145,9 @@ impl Scene {
         let omissions = self.model().omissions;
         let most = if omissions.fixed_joints { 1 } else { usize::MAX };
         let bodies = names.len().min(most);
-        let massive = self.massive_links();
-        let massive = names.iter().filter(|name| massive.contains(name.as_str())).count().min(most);
-        let forces = if omissions.massless_bodies { massive } else { bodies };
         let carried = self.model().system.stages.iter().filter(|stage| stage.parent.is_none()).count();
         // The body of the base sends nothing inward itself.
-        let kept = bodies * operations::FIXED_BODY + forces * operations::FORCE + carried * operations::INWARD;
+        let kept = bodies * (operations::FIXED_BODY + operations::FORCE) + carried * operations::INWARD;
         self.switched(
             "base_links",
             Omission {
@@ -183,41 +157,6 @@ impl Scene {
                 why: "a link that cannot move adds nothing to M, to the bias or to the energy's changes",
                 saved: counted(bodies, "body that is not visited", "bodies that are not visited"),
                 operations: kept.saturating_sub(operations::INWARD),
-                ..NOTHING
-            },
-        )
-    }
-
-    fn zeros_item(&self) -> Omission {
-        let system = &self.model().system;
-        let count = system
-            .stages
-            .iter()
-            .filter(|stage| stage.rows == Rows::One(HingeMap::Axis(2)) && system.is_noise_free(stage.first_row))
-            .count();
-        self.switched(
-            "exact_zeros",
-            Omission {
-                what: "products with the zeros of P^+",
-                count,
-                why: "past a joint that turns without armature H P^+ = 0 holds exactly",
-                saved: counted(count, "shift of P", "shifts of P") + ", a row and a column less each",
-                operations: count * operations::ZEROS,
-                ..NOTHING
-            },
-        )
-    }
-
-    fn massless_item(&self) -> Omission {
-        let count = self.model().bodies.iter().filter(|body| body.needs_no_force).count();
-        self.switched(
-            "massless_bodies",
-            Omission {
-                what: "forces of bodies without mass",
-                count,
-                why: "M(k) = 0 needs no force, however it moves",
-                saved: counted(count, "force M a + v x* M v", "forces M a + v x* M v"),
-                operations: count * operations::FORCE,
                 ..NOTHING
             },
         )
@@ -250,7 +189,7 @@ impl Scene {
                 why: "without velocity and gravity b = 0",
                 saved: counted(model.bodies.len(), "acceleration and force", "accelerations and forces"),
                 // Looking at gravity is three sums.
-                operations: model.bodies.iter().map(operations::of_weight).sum::<usize>().saturating_sub(3),
+                operations: (model.bodies.len() * operations::OF_WEIGHT).saturating_sub(3),
                 ..NOTHING
             },
         )

@@ -74,7 +74,7 @@ fn deep_trees_and_aligned_ones() {
             aligned(38, 80, 0.02),
         ];
         let crowds = [crowd(60, 2, 3), crowd(61, 3, 2), crowd(62, 5, 5)];
-        for (which, scene) in scenes.into_iter().chain(crowds).chain(with_limbs()).enumerate() {
+        for (which, scene) in scenes.into_iter().chain(crowds).chain(branched()).enumerate() {
             let scene = &scene;
             let states = states(scene, 9);
             let forces = forces(scene, states.len());
@@ -102,8 +102,8 @@ fn deep_trees_and_aligned_ones() {
     });
 }
 
-/// Scenes whose limbs go side by side where one state is alone.
-fn with_limbs() -> impl Iterator<Item = Scene> {
+/// Trunks with limbs of like build, whole ones and such that miss a body.
+fn branched() -> impl Iterator<Item = Scene> {
     let kinds = [(50, 2, 6, true), (51, 4, 3, true), (52, 3, 5, false), (53, 6, 3, true), (54, 5, 2, false)];
     kinds.into_iter().flat_map(|(seed, limbs, length, floating)| {
         [false, true].map(|ragged| limbed(seed, limbs, length, floating, ragged))
@@ -125,13 +125,12 @@ fn pendula() -> Scene {
     scene
 }
 
-/// A state's bits depend on nothing but the state: alone, in any lane, beside any others, in a chunk that is not full; and whether its limbs
-/// went side by side or not.
+/// A state's bits depend on nothing but the state: alone, in any lane, beside any others, in a chunk that is not full.
 #[test]
 fn neighbours_change_no_bit() {
     on_a_large_stack(|| {
         check_neighbours(&trees().nth(2).unwrap(), 19);
-        with_limbs().for_each(|scene| check_neighbours(&scene, 9));
+        branched().for_each(|scene| check_neighbours(&scene, 9));
         check_neighbours(&pendula(), 9);
         // Deeper than the trees, shallower than what M^-1 goes the other way for.
         check_neighbours(&phipsi::scenes::chain(40).unwrap(), 9);
@@ -172,7 +171,7 @@ fn check_neighbours(scene: &Scene, count: u64) {
 #[test]
 fn one_bad_number_is_seen_wherever_it_is() {
     on_a_large_stack(|| {
-        for scene in [trees().nth(2).unwrap(), with_limbs().next().unwrap(), phipsi::scenes::chain(37).unwrap()] {
+        for scene in [trees().nth(2).unwrap(), branched().next().unwrap(), phipsi::scenes::chain(37).unwrap()] {
             for arm in arms() {
                 let mut evaluator = Evaluator::on(arm, &scene);
                 for algorithm in [Algorithm::ForwardDynamics(Form::Covariance), Algorithm::InverseDynamics] {
@@ -337,14 +336,14 @@ fn rods() -> Scene {
     builder.build().expect("rods")
 }
 
-/// What the kernels of the square-root form give without being in doubt keeps all digits, of heavy tips, of limbs side by side and of rods; and they
+/// What the kernels of the square-root form give without being in doubt keeps all digits, of heavy tips, of limbs and of rods; and they
 /// are in doubt of few.
 #[test]
 fn the_square_root_form_keeps_all_digits_in_lanes() {
     on_a_large_stack(|| {
         let heavy = |weight| phipsi::scenes::extreme("heavy-tip", Some(weight), None, 0).unwrap().scene;
         let scenes =
-            [heavy(1e3), heavy(1e9), rods(), aligned(37, 20, 0.3)].into_iter().chain(with_limbs()).chain(trees());
+            [heavy(1e3), heavy(1e9), rods(), aligned(37, 20, 0.3)].into_iter().chain(branched()).chain(trees());
         let algorithm = Algorithm::ForwardDynamics(Form::SquareRoot);
         for (which, scene) in scenes.enumerate() {
             let states = states(&scene, 16);
@@ -352,7 +351,7 @@ fn the_square_root_form_keeps_all_digits_in_lanes() {
             let exact: Vec<_> = all.iter().map(|state| plainly(&scene, algorithm, state)).collect();
             for arm in arms() {
                 let mut evaluator = Evaluator::on(arm, &scene);
-                // One at a time, where limbs go side by side, and as many as there are lanes.
+                // One at a time, and as many as there are lanes.
                 for count in [1, evaluator.lanes()] {
                     let mut kept = 0;
                     for (given, exact) in all.chunks(count).zip(exact.chunks(count)) {

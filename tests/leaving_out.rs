@@ -244,26 +244,25 @@ fn along_some_axes(armature: f64, axes: [[f64; 3]; 3]) -> SceneBuilder {
     builder
 }
 
-/// What entries of levers that are zero multiply changes no digit where it is left out; nor do bounds that do not follow P.
+/// What entries of levers that are zero multiply changes no digit where it is left out.
 #[test]
-fn levers_along_some_axes_and_bounds_that_are_known_lose_no_digit() {
+fn levers_along_some_axes_lose_no_digit() {
     for (armature, axes) in [(0.0, STRAIGHT), (0.2, STRAIGHT), (0.0, TILTED), (0.2, TILTED)] {
         let source = along_some_axes(armature, axes);
         let scene = source.clone().build().unwrap();
         let off = |switch| source.clone().omissions(Omissions::all_but(switch)).build().unwrap();
-        let (levers, following) = (off(|of| &mut of.zero_levers), off(|of| &mut of.pivot_bounds));
+        let levers = off(|of| &mut of.zero_levers);
         let none = source.clone().omissions(Omissions::none()).build().unwrap();
         let untilted = off(|of| &mut of.tilted_axes);
         let (q, qd, u) = random_state(&scene, &mut Random::new(3));
         let state = State { q, qd, u, wrenches: Vec::new() };
         let expected = results(&scene, &state);
         let bounds = Bounds::new(&scene, &state, &expected);
-        let others = [levers, following, untilted, none].map(|scene| results(&scene, &state));
+        let others = [levers, untilted, none].map(|scene| results(&scene, &state));
         for (i, (what, expected)) in expected.iter().enumerate() {
-            let [levers, following, untilted, none] = others.each_ref().map(|results| &results[i].1[..]);
+            let [levers, untilted, none] = others.each_ref().map(|results| &results[i].1[..]);
             let say = format!("armature {armature}, axes {axes:?}: {what}");
             assert_near(&say, levers, expected, 0.0);
-            assert_near(&say, following, expected, 0.0);
             assert_near(&say, untilted, expected, bounds.of(what, expected));
             assert_near(&say, none, expected, bounds.of(what, expected));
         }
@@ -292,12 +291,6 @@ fn switches_that_are_off_keep_what_they_name() {
     assert_eq!(bodies(Omissions { fixed_joints: false, ..Omissions::all() }), all + 3);
     assert_eq!(bodies(Omissions { base_links: false, ..Omissions::all() }), all + 1);
     assert_eq!(bodies(Omissions::none()), all + 5);
-    let massless = |omissions| {
-        let scene = builder(0).omissions(omissions).build().unwrap();
-        scene.model().bodies.iter().filter(|body| body.needs_no_force).count()
-    };
-    assert!(massless(Omissions::all()) >= 1);
-    assert_eq!(massless(Omissions::none()), 0);
     let scene = builder(0).omissions(Omissions::none()).build().unwrap();
     assert!(scene.plan().items.iter().all(|item| item.switch.is_none()));
     assert_eq!(scene.source().left_out(), Omissions::none());
@@ -307,20 +300,11 @@ fn switches_that_are_off_keep_what_they_name() {
 #[test]
 fn the_plan_names_every_switch_and_what_it_saves() {
     let plan = builder(0).gravity([0.0; 3]).build().unwrap().plan();
-    // There is a body without inertia.
-    let turning = along_some_axes(0.0, STRAIGHT).build().unwrap().plan();
     // What planar scenes leave out is in tests/planar.rs.
     for (name, _) in Omissions::SWITCHES.into_iter().filter(|&(name, _)| name != "planar") {
-        let plan = if name == "pivot_bounds" { &turning } else { &plan };
         let item = plan.items.iter().find(|item| item.switch == Some(name));
         let item = item.unwrap_or_else(|| panic!("no item for {name}"));
         assert!(item.count > 0 && item.operations > 0, "{name}: {item:?}");
-    }
-    // Nothing may slide outward of another body.
-    for (kind, is_there) in [(JointKind::Revolute, true), (JointKind::Prismatic, false)] {
-        let source = attached(along_some_axes(0.0, STRAIGHT), &mut Random::new(1), "last", (kind, "8"), true);
-        let plan = source.build().unwrap().plan();
-        assert_eq!(plan.items.iter().any(|item| item.switch == Some("pivot_bounds")), is_there);
     }
     // With gravity there is no bias to leave out.
     let plan = builder(0).build().unwrap().plan();

@@ -104,8 +104,8 @@ class Scene:
         source: a path, or the XML itself: a str that starts with "<" after white space. floating_base: puts a free joint
         under the root link, "root_joint", or with "_" behind where the file has that name (it is joint_names[0]). gravity:
         (3,), m/s^2, in the base frame. strict: what is warned of raises, but for mimic joints whose source is there.
-        leave_out: names of what may be left out, of "fixed_joints", "base_links", "exact_zeros",
-        "renamed_axes", "tilted_axes", "zero_levers", "axis_masses", "pivot_bounds", "massless_bodies", "planar", "zero_velocity" and
+        leave_out: names of what may be left out, of "fixed_joints", "base_links",
+        "renamed_axes", "tilted_axes", "zero_levers", "planar", "zero_velocity" and
         "zero_gravity"; None: all.
         Results are the same to rounding, but operators and estimates need the first two (ArgumentError).
 

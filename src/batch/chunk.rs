@@ -391,7 +391,9 @@ fn compute<T: Vectorised, const GROUP: u8>(
             let pivots = lean::forward_dynamics::<T, T::Columns>(scene, scratch, (q, qd, u), wrenches, results);
             lanes_but::<T>(|lane| pivots.clear(lane))
         }
-        Algorithm::MassMatrixInverse(form @ (Form::Auto | Form::Covariance)) if GROUP == INVERSE => {
+        Algorithm::MassMatrixInverse(form @ (Form::Auto | Form::Covariance))
+            if GROUP == INVERSE && lean.is_shallow() =>
+        {
             let doubt = if form == Form::Auto {
                 let estimates = &mut results[..model.nv()];
                 let watched = auto::factor_watched_lean::<T, T::Columns>(scene, scratch, q, estimates);
@@ -401,7 +403,7 @@ fn compute<T: Vectorised, const GROUP: u8>(
                 lanes_but::<T>(|lane| pivots.clear(lane))
             };
             // Called in one place: each call is compiled by itself.
-            lean::closed_form::<T, T::Columns, true>(scene, (scratch, columns), (entries, results));
+            lean::multiplied_out::<T, T::Columns, true>(scene, scratch, columns, entries);
             doubt
         }
         Algorithm::InverseDynamics | Algorithm::BiasTorque if GROUP == TORQUES => {

@@ -51,55 +51,11 @@ macro_rules! compiled {
     };
 }
 
-/// The same of one state with its limbs side by side.
-#[cfg(target_arch = "x86_64")]
-macro_rules! side_by_side {
-    ($module:ident, $instructions:ty) => {
-        pub(super) mod $module {
-            use super::*;
-            use crate::batch::abreast::SideBySide;
-            use crate::batch::arms::Target;
-            use crate::batch::chunk::{Algorithm, Arguments, Chunks};
-            use crate::scene::Scene;
-
-            struct Compiled(SideBySide, $instructions);
-
-            impl Chunks<f64> for Compiled {
-                fn lanes(&self) -> usize {
-                    1
-                }
-
-                fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]) -> u64 {
-                    self.0.run(self.1, algorithm, states, out)
-                }
-
-                fn error(&self, _: usize) -> f64 {
-                    self.0.error()
-                }
-            }
-
-            /// The kernels for `scene`, with scratch; those without limbs side by side where it has none that can be, or the processor not
-            /// their instructions.
-            pub fn kernels(scene: &Scene, one_by_one: Box<dyn Chunks<f64>>) -> Box<dyn Chunks<f64>> {
-                let Some(target) = <$instructions>::here() else { return one_by_one };
-                match SideBySide::of(scene, one_by_one) {
-                    Ok(side_by_side) => Box::new(Compiled(side_by_side, target)),
-                    Err(one_by_one) => one_by_one,
-                }
-            }
-        }
-    };
-}
-
 compiled!(plain, f64);
 compiled!(fused, Fused);
 // The same numbers, in twice as many registers.
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 compiled!(fused_avx512, Fused, V4);
-#[cfg(target_arch = "x86_64")]
-side_by_side!(limbs, V3);
-#[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-side_by_side!(limbs_avx512, V4);
 #[cfg(target_arch = "x86_64")]
 compiled!(avx2, Lanes<V3>);
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]

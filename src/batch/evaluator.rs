@@ -41,12 +41,7 @@ impl Evaluated for f64 {
         let one = match arm {
             Arm::Baseline => compiled::plain::kernels(scene),
             #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-            Arm::Avx512 => {
-                compiled::fused_avx512::kernels(scene).map(|one| compiled::limbs_avx512::kernels(scene, one))
-            }
-            #[cfg(target_arch = "x86_64")]
-            Arm::Avx2 => compiled::fused::kernels(scene).map(|one| compiled::limbs::kernels(scene, one)),
-            #[cfg(not(target_arch = "x86_64"))]
+            Arm::Avx512 => compiled::fused_avx512::kernels(scene),
             Arm::Avx2 | Arm::Neon => compiled::fused::kernels(scene),
             // Not compiled, so never picked.
             #[allow(unreachable_patterns)]

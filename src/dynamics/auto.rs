@@ -10,8 +10,6 @@ use super::refined::{Judged, forward_dynamics_judged};
 use crate::filter::cancellation::{self, Cancellation, Margins, Probe};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{Form, System, innovations, smoother, terms};
-#[cfg(target_arch = "x86_64")]
-use crate::scalar::Limbs;
 use crate::scalar::{ColumnsOf, Real, lanes_but};
 use crate::scene::Model;
 use crate::spatial::Symmetric6;
@@ -271,22 +269,6 @@ pub(crate) fn forward_dynamics_watched_lean<T: Real, C: ColumnsOf<T>>(
     look_again(model, workspace, first, qdd)
 }
 
-/// The same with [limbs side by side](lean::Abreast): the estimated error where one look finds that every digit was kept. It does not look again.
-#[cfg(target_arch = "x86_64")]
-#[inline(always)]
-pub(crate) fn forward_dynamics_seen_abreast(
-    scene: (&Model<Limbs>, &LeanModel<Limbs>),
-    scratch: &mut LeanScratch<Limbs>,
-    state: (&[Limbs], &[Limbs], &[Limbs]),
-    wrenches: &[Vector6<Limbs>],
-    qdd: &mut [Limbs],
-) -> Option<f64> {
-    let (pivots, near, cancellation) = lean::forward_dynamics_watched::<_, Limbs>(scene, scratch, state, wrenches, qdd);
-    let together = cancellation.together();
-    let clear = pivots.clear_in_every_lane() && near.clear_in_every_lane() && together.slack(&Margins::CLOSE) >= 0.0;
-    clear.then(|| together.error())
-}
-
 /// The factor of M by the same sweeps, in the scratch; `estimates` is scratch, (nv).
 #[inline(always)]
 pub(crate) fn factor_watched_lean<T: Real, C: ColumnsOf<T>>(
@@ -318,7 +300,7 @@ fn look_again<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, first: Wa
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Omissions, Scene, SceneBuilder};
+    use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
     use crate::scenes;
     use crate::spatial::Symmetric3;
     use nalgebra::Vector3;
@@ -391,26 +373,22 @@ mod tests {
                 let (q, qd, tau, mut qdd) = (wave(1.7), wave(2.3), wave(0.9), vec![f64::NAN; nv]);
                 let mut workspace = scene.workspace();
                 let expected = forward_dynamics_watched(model, &mut workspace, (&q, &qd, &tau), &[], &mut qdd);
-                for axis_masses in [true, false] {
-                    let model = &Model { omissions: Omissions { axis_masses, ..model.omissions }, ..model.clone() };
-                    let lean = LeanModel::new(model);
-                    let (sweeps, mut scratch) = ((model, &lean), LeanScratch::new(model, &lean));
-                    let (pivots, near, seen) =
-                        lean::forward_dynamics_watched::<_, f64>(sweeps, &mut scratch, (&q, &qd, &tau), &[], &mut qdd);
-                    let first = Watched::with_one_set(pivots, near, seen);
-                    let mut handed = scene.workspace();
-                    let scratch = (&mut scratch, &mut handed);
-                    let found =
-                        forward_dynamics_watched_lean::<_, f64>(sweeps, scratch, (&q, &qd, &tau), &[], &mut qdd);
-                    let (one, other) = (found.cancellation.relative_error(0), expected.cancellation.relative_error(0));
-                    // Bounds for a turn are a little closer than those for any shift.
-                    assert!(one <= 4.0 * other && other <= 4.0 * one, "{exponent}: {one:e} {other:e}");
-                    if !first.kept(0) && other < 1e-9 {
-                        same(&handed, &workspace);
-                    }
-                    doubted += usize::from(!first.kept(0));
-                    kept += usize::from(!first.kept(0) && found.kept(0) && expected.kept(0));
+                let lean = LeanModel::new(model);
+                let (sweeps, mut scratch) = ((model, &lean), LeanScratch::new(model, &lean));
+                let (pivots, near, seen) =
+                    lean::forward_dynamics_watched::<_, f64>(sweeps, &mut scratch, (&q, &qd, &tau), &[], &mut qdd);
+                let first = Watched::with_one_set(pivots, near, seen);
+                let mut handed = scene.workspace();
+                let scratch = (&mut scratch, &mut handed);
+                let found = forward_dynamics_watched_lean::<_, f64>(sweeps, scratch, (&q, &qd, &tau), &[], &mut qdd);
+                let (one, other) = (found.cancellation.relative_error(0), expected.cancellation.relative_error(0));
+                // Bounds for a turn are a little closer than those for any shift.
+                assert!(one <= 4.0 * other && other <= 4.0 * one, "{exponent}: {one:e} {other:e}");
+                if !first.kept(0) && other < 1e-9 {
+                    same(&handed, &workspace);
                 }
+                doubted += usize::from(!first.kept(0));
+                kept += usize::from(!first.kept(0) && found.kept(0) && expected.kept(0));
             }
             assert!(doubted > 0);
         }

@@ -76,7 +76,7 @@ pub(super) fn step_outward<T: Real>(
         }
         workspace.velocity[k] = velocity;
         workspace.acceleration[k] = acceleration;
-        if body.needs_no_force { *still } else { body.inertia.bias_force(&velocity, &acceleration) }
+        body.inertia.bias_force(&velocity, &acceleration)
     } else if needed.acceleration {
         let parent = match stage.parent {
             Some(parent) => &workspace.acceleration[parent],
@@ -88,7 +88,7 @@ pub(super) fn step_outward<T: Real>(
         }
         workspace.velocity[k] = *still;
         workspace.acceleration[k] = acceleration;
-        if body.needs_no_force { *still } else { body.inertia.mul_motion(&acceleration) }
+        body.inertia.mul_motion(&acceleration)
     } else {
         workspace.velocity[k] = *still;
         workspace.acceleration[k] = *still;

@@ -225,31 +225,6 @@ impl<T: Real> OfStage<T> {
 }
 
 impl<T: Real> Cancellation<T> {
-    /// Leaves out what was seen since `before` in the lanes where `counts` is zero, and not one.
-    #[inline(always)]
-    pub(crate) fn leave_out_of(&mut self, before: &Self, counts: T) {
-        self.noise = counts.mul_add(self.noise - before.noise, before.noise);
-        self.smoother = counts.mul_add(self.smoother - before.smoother, before.smoother);
-        self.rest = counts.mul_add(self.rest - before.rest, before.rest);
-        self.bias = counts.mul_add(self.bias - before.bias, before.bias);
-        self.size = counts.mul_add(self.size - before.size, before.size);
-    }
-
-    /// What all lanes saw together, each of other stages of one system.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    pub(crate) fn together(&self) -> Cancellation<f64> {
-        let mut all = Cancellation::<f64>::new();
-        for lane in 0..T::LANES {
-            all.noise += self.noise.lane(lane);
-            all.smoother += self.smoother.lane(lane);
-            all.rest += self.rest.lane(lane);
-            all.bias += self.bias.lane(lane);
-            all.size = all.size.worst(self.size.lane(lane));
-        }
-        all
-    }
-
     /// What the smoother's rounding is, of a co-state `outer` carried past a lever of this square to where zeta^+ has these [`squares`].
     #[inline(always)]
     pub(crate) fn carried(&mut self, zeta: (T, T), outer: &Vector6<T>, lever_square: T) {

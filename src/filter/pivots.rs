@@ -137,17 +137,6 @@ impl<T: Real> PivotMonitor<T> {
         self.worst
     }
 
-    /// Whether every pivot of every lane stood clear of the bound.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    pub(crate) fn clear_in_every_lane(&self) -> bool {
-        let mut all = true;
-        for lane in 0..T::LANES {
-            all &= self.clear(lane);
-        }
-        all
-    }
-
     /// Whether every pivot of one lane stood clear of the bound; where not, [`first_lost`] is to judge.
     #[inline(always)]
     #[must_use]

@@ -115,11 +115,7 @@ pub fn through_stage<T: Real, const JOSEPH: bool>(
         monitor.observe(m.pivot, &hinge, scale);
         measured[row] = m;
         *p = carried;
-        return if system.skips_zeros_of(row) {
-            shift.inertia_to_parent_past_z(&carried)
-        } else {
-            shift.inertia_to_parent(&carried)
-        };
+        return shift.inertia_to_parent(&carried);
     }
     for i in (0..stage.rows.count()).rev() {
         let (row, hinge) = (stage.first_row + i, stage.rows.row(i));

@@ -111,14 +111,10 @@ impl<T: Real> Outward<T> {
         self.carried = [turned.worst(-angular), moved.worst(-lever_square.mul_add(angular, linear))];
     }
 
-    /// Takes note of an estimate, which counts in lanes where `is_there` is one and not where it is zero.
+    /// Takes note of an estimate.
     #[inline(always)]
-    pub fn observe_estimate(&mut self, a: T, is_there: Option<T>) {
-        let square = a * a;
-        self.size = self.size.worst(-match is_there {
-            Some(is_there) => square * is_there,
-            None => square,
-        });
+    pub fn observe_estimate(&mut self, a: T) {
+        self.size = self.size.worst(-(a * a));
     }
 }
 
@@ -153,7 +149,7 @@ impl<T: Real> Reach<T> {
             outward.observe_carried(&co_state[parent], shift[k].lever_square());
         }
         for &a in estimates {
-            outward.observe_estimate(a, None);
+            outward.observe_estimate(a);
         }
         Self::of(monitor, outward)
     }
@@ -172,31 +168,6 @@ impl<T: Real> Reach<T> {
         let smoother = is_near([g.lane(lane), h.lane(lane)], [t.lane(lane), m.lane(lane)], size.lane(lane));
         self.shortfall.lane(lane) <= 0.0 && smoother
     }
-
-    /// The same of all lanes together, where they are limbs of one state.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    #[must_use]
-    pub(crate) fn clear_together(&self) -> bool {
-        let ([g, h], [t, m], size) = (self.gain, self.outward.carried, self.outward.size);
-        let mut all = true;
-        for lane in 0..T::LANES {
-            all &= self.shortfall.lane(lane) <= 0.0;
-        }
-        all && is_near([largest(g), largest(h)], [largest(t), largest(m)], largest(size))
-    }
-}
-
-/// Of the lanes of a number that is not positive the largest in size; NaN stays.
-#[cfg(target_arch = "x86_64")]
-#[inline(always)]
-fn largest<T: Real>(x: T) -> f64 {
-    let mut largest = 0.0_f64;
-    for lane in 0..T::LANES {
-        let x = x.lane(lane);
-        largest = if largest.is_nan() || x >= largest { largest } else { x };
-    }
-    largest
 }
 
 /// Whether gains times co-states, squared, are within reach of the largest estimate; all are negative.

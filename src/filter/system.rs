@@ -109,8 +109,6 @@ pub struct System<T> {
     pub stages: Vec<Stage<T>>,
     /// Measurement noise r of each row, zero or positive; infinite where a row is not measured.
     pub noise: Vec<T>,
-    /// Whether the zeros of P^+ past a noise-free rotation are left out of what is computed.
-    pub skips_zeros: bool,
 }
 
 impl<T: Real> System<T> {
@@ -125,20 +123,6 @@ impl<T: Real> System<T> {
     #[must_use]
     pub fn is_noise_free(&self, row: usize) -> bool {
         self.noise[row].lane(0) == 0.0
-    }
-
-    /// Whether the row and column of P^+ that a row's measurement leaves zero are left out of the time update.
-    #[inline(always)]
-    #[must_use]
-    pub fn skips_zeros_of(&self, row: usize) -> bool {
-        self.skips_zeros_at(self.noise[row])
-    }
-
-    /// The same of a row with this variance.
-    #[inline(always)]
-    #[must_use]
-    pub fn skips_zeros_at(&self, variance: T) -> bool {
-        self.skips_zeros && variance.lane(0) == 0.0
     }
 
     /// Whether a row is measured at all.

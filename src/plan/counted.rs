@@ -2,7 +2,7 @@
 
 use super::{NOTHING, Omission, counted};
 use crate::batch::chunk::{Algorithm, Arguments};
-use crate::dynamics::lean::{bodies_off_axis, knows_scales, turns_about_a_tilted_axis, turns_about_an_axis};
+use crate::dynamics::lean::{turns_about_a_tilted_axis, turns_about_an_axis};
 use crate::filter::Form;
 use crate::report::operations::{Count, Task, count as count_as_run, count_in_six_vectors, count_lean, of_factor};
 use crate::scalar::Operations;
@@ -88,44 +88,6 @@ impl Scene {
                 count,
                 why: "a lever along some axes only, or of no length, leaves the rest of its products out",
                 saved: counted(count, "entry", "entries") + " of levers, in P, forces and motions",
-                operations: saved,
-                ..NOTHING
-            },
-        )
-    }
-
-    /// Masses on joints' axes, of the same joints.
-    pub(super) fn axis_masses_item(&self) -> Omission {
-        let count = bodies_off_axis(self.model());
-        let saved = self.saved_of_lean(count, |omissions| omissions.axis_masses = false);
-        self.switched(
-            "axis_masses",
-            Omission {
-                what: "mass along joints' axes, in forces",
-                count,
-                why: "it has no moment about the axis and looks the same at every angle: the parent carries it, or the base",
-                saved: counted(count, "mass, first moment and second moment", "masses, first moments and second moments")
-                    + " along an axis",
-                operations: saved,
-                ..NOTHING
-            },
-        )
-    }
-
-    /// Bounds on pivots that follow P.
-    pub(super) fn pivot_bounds_item(&self) -> Omission {
-        let model = self.model();
-        // In the plane other sweeps run, whose bounds follow P.
-        let is_known = self.planar().is_none() && knows_scales(model);
-        let count = if is_known { model.bodies.len() } else { 0 };
-        let saved = self.saved_of_lean(count, |omissions| omissions.pivot_bounds = false);
-        self.switched(
-            "pivot_bounds",
-            Omission {
-                what: "bounds on the terms of pivots, carried inward",
-                count,
-                why: "no joint slides outward of another body: what a subtree weighs at most is known beforehand",
-                saved: counted(count, "bound", "bounds"),
                 operations: saved,
                 ..NOTHING
             },

@@ -48,8 +48,6 @@ pub struct PlanarBody<T> {
     pub armature: T,
     /// Whether r = 0.
     pub is_noise_free: bool,
-    /// Whether M(k) is zero and what it would add is left out.
-    pub needs_no_force: bool,
     /// The bound on the terms of M(k).
     pub scale: Scale<T>,
     /// x, y and the normal of the planar frame, in the frame of the model's body: rows.
@@ -115,7 +113,6 @@ impl PlanarModel<f64> {
                 inertia: (normal.transpose() * body.inertia.rotational.to_matrix() * normal)[(0, 0)],
                 armature: model.system.noise[k],
                 is_noise_free: model.system.is_noise_free(k),
-                needs_no_force: body.needs_no_force,
                 scale: Scale::of_noise(&body.inertia_terms),
                 frame: std::array::from_fn(|i| std::array::from_fn(|j| frame[(j, i)])),
             });
@@ -141,7 +138,6 @@ impl PlanarModel<f64> {
             inertia: scalar(body.inertia),
             armature: scalar(body.armature),
             is_noise_free: body.is_noise_free,
-            needs_no_force: body.needs_no_force,
             scale: Scale { angular: scalar(body.scale.angular), linear: scalar(body.scale.linear) },
             frame: body.frame.map(|row| row.map(scalar)),
         };

@@ -91,18 +91,15 @@ pub(super) fn forces<T: Real>(model: &PlanarModel<T>, of: &mut [Of<T>], state: S
             }
         }
         let square = spin * spin;
-        let mut force = [zero; 3];
-        if !body.needs_no_force {
-            let [hx, hy] = body.first_moment;
-            let moment = cross([hx, hy], [x, y]);
-            force = [moment, (body.mass * x).minus_product(square, hx), (body.mass * y).minus_product(square, hy)];
-            if state.qdd.is_some() {
-                force = [
-                    body.inertia.mul_add(angular, moment),
-                    force[1].minus_product(angular, hy),
-                    angular.mul_add(hx, force[2]),
-                ];
-            }
+        let [hx, hy] = body.first_moment;
+        let moment = cross([hx, hy], [x, y]);
+        let mut force = [moment, (body.mass * x).minus_product(square, hx), (body.mass * y).minus_product(square, hy)];
+        if state.qdd.is_some() {
+            force = [
+                body.inertia.mul_add(angular, moment),
+                force[1].minus_product(angular, hy),
+                angular.mul_add(hx, force[2]),
+            ];
         }
         if !state.wrenches.is_empty() {
             let given = in_plane(body, &state.wrenches[k]);

@@ -86,10 +86,11 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
     let mut columns: LeanColumns<Counted, Counted> = LeanColumns::new();
     let mut mass_columns: MassColumns<Counted, Counted> = MassColumns::new();
     mass_columns.prepare(&model, &lean);
-    let by_tiles = columns.prepare(&model, &lean).is_some();
-    let mut inverted = |scratch: &mut LeanScratch<Counted>, out: &mut [Counted]| {
-        let out = if by_tiles { (out, &mut [][..]) } else { (&mut [][..], out) };
-        lean::closed_form::<_, _, false>((&model, &lean), (scratch, &mut columns), out);
+    if columns.prepare(&model, &lean).is_none() && matches!(algorithm, Algorithm::MassMatrixInverse(_)) {
+        return count_in_six_vectors(scene, Task::Algorithm(algorithm), state);
+    }
+    let mut inverted = |scratch: &LeanScratch<Counted>, out: &mut [Counted]| {
+        lean::multiplied_out::<_, _, false>((&model, &lean), scratch, &mut columns, out);
     };
     let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
     let (kept, operations) = Counted::during(|| {
@@ -104,7 +105,7 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
             Algorithm::MassMatrixInverse(Form::Auto) => {
                 let nv = model.nv();
                 let watched = auto::factor_watched_lean::<_, Counted>(scene, &mut scratch, &q, &mut out[..nv]);
-                inverted(&mut scratch, &mut out);
+                inverted(&scratch, &mut out);
                 return watched.kept(0);
             }
             Algorithm::ForwardDynamics(Form::SquareRoot) => {
@@ -125,7 +126,7 @@ pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorit
             }
             Algorithm::MassMatrixInverse(_) => {
                 lean::factor::<_, Counted>(scene, &mut scratch, &q);
-                inverted(&mut scratch, &mut out);
+                inverted(&scratch, &mut out);
             }
         }
         true

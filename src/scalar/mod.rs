@@ -10,8 +10,6 @@ mod double_double;
 mod fused;
 mod instructions;
 mod lanes;
-#[cfg(target_arch = "x86_64")]
-mod limbs;
 mod precision;
 mod transposed;
 mod trigonometry;
@@ -22,8 +20,6 @@ pub use double_double::DoubleDouble;
 pub use fused::Fused;
 pub use instructions::Instructions;
 pub use lanes::Lanes;
-#[cfg(target_arch = "x86_64")]
-pub use limbs::Limbs;
 pub use precision::Precision;
 pub(crate) use transposed::MOST_LANES;
 pub use trigonometry::Circle;
@@ -51,11 +47,8 @@ pub trait Real:
     /// How many numbers one value holds side by side.
     const LANES: usize;
 
-    /// How many limbs of one state lie side by side in the lanes; where each lane is a state of its own, one.
-    const LIMBS: usize = 1;
-
     /// Whether one branch is for many numbers: then it is worth its while for a few operations. Where operations are counted those of such code are.
-    const SHARES_BRANCHES: bool = Self::LANES > Self::LIMBS;
+    const SHARES_BRANCHES: bool = Self::LANES > 1;
 
     /// The nearest value to `x`, in every lane.
     fn from_f64(x: f64) -> Self;
@@ -68,7 +61,7 @@ pub trait Real:
         Self::from_f64(x)
     }
 
-    /// What a constant of a scene is kept in: one number for all lanes, or where these are limbs one for each.
+    /// What a constant of a scene is kept in: one number for all lanes.
     type Parameter: Scalar + Copy + Send + Sync;
 
     /// The nearest number to `x`.
@@ -77,13 +70,6 @@ pub trait Real:
     /// A number in every lane; `self` says only of which kind, as for [`Real::constant`].
     #[must_use]
     fn everywhere(self, x: Self::Parameter) -> Self;
-
-    /// The number of one of the [limbs](Self::LIMBS), in the lanes of all.
-    #[must_use]
-    #[inline(always)]
-    fn of_limb(self, _limb: usize) -> Self {
-        self
-    }
 
     /// The number in one lane, rounded to f64.
     fn lane(self, index: usize) -> f64;

@@ -167,8 +167,6 @@ impl Assembly {
             let carrier = &mut self.scene.model.bodies[body];
             carrier.inertia = carrier.inertia.add(&placed(inertial, &placement));
             carrier.inertia_terms += placed_terms(inertial, &placement);
-            carrier.needs_no_force =
-                self.scene.source.omissions.massless_bodies && carrier.inertia == BodyInertia::zero();
             let root = &mut self.scene.model.inertia_roots[body];
             *root = match (*root, placed_root(inertial, &placement)) {
                 (Some(first), Some(second)) => Some(join_roots(&first, &second)),

@@ -56,8 +56,6 @@ pub struct Body<T> {
     pub inertia: BodyInertia<T>,
     /// Absolute sum of the terms that form each diagonal entry of M(k): what its rounding is measured by.
     pub inertia_terms: Vector6<T>,
-    /// Whether M(k) is zero and what it would add is left out.
-    pub needs_no_force: bool,
     /// The joint to the parent.
     pub motion: Motion<T>,
     /// Index of its first coordinate in q.
@@ -84,7 +82,7 @@ pub struct Model<T> {
 impl<T: Real> Model<T> {
     /// A model without bodies.
     pub fn empty(gravity: Vector3<T>, omissions: Omissions) -> Self {
-        let system = System { stages: Vec::new(), noise: Vec::new(), skips_zeros: omissions.exact_zeros };
+        let system = System { stages: Vec::new(), noise: Vec::new() };
         Self { bodies: Vec::new(), inertia_roots: Vec::new(), system, nq: 0, gravity, omissions }
     }
 
@@ -100,7 +98,6 @@ impl<T: Real> Model<T> {
             tree,
             inertia: BodyInertia::zero(),
             inertia_terms: Vector6::from_element(T::zero()),
-            needs_no_force: self.omissions.massless_bodies,
             motion,
             q: self.nq,
         });
@@ -142,7 +139,6 @@ impl Model<f64> {
                         rotational: Symmetric3::new(body.inertia.rotational.entries.map(scalar)),
                     },
                     inertia_terms: body.inertia_terms.map(scalar),
-                    needs_no_force: body.needs_no_force,
                     motion: motion(&body.motion),
                     q: body.q,
                 })
@@ -161,7 +157,6 @@ impl Model<f64> {
                     })
                     .collect(),
                 noise: self.system.noise.iter().copied().map(scalar).collect(),
-                skips_zeros: self.system.skips_zeros,
             },
             nq: self.nq,
             gravity: vector(&self.gravity),

@@ -11,8 +11,6 @@ pub struct Omissions {
     pub fixed_joints: bool,
     /// Links on the base. Off, they are a body that cannot move.
     pub base_links: bool,
-    /// What is exactly zero past a rotation measured without noise (armature). Off, the products with these zeros are formed.
-    pub exact_zeros: bool,
     /// The rotation of the tree at a joint that turns about an axis of its parent's frame, where it only renames the axes (the identity is one) or
     /// turns about the joint's own: the angle alone is carried. To rounding: entries within 9e-16 of 0 and 1 are taken for
     /// them, for a right angle has no double. Of a body that slides along such an axis P alone, by the constant, and not in square-root form. Off, a rotation matrix. For one state and lanes, in the algorithms that [`Scene::evaluate`](super::Scene::evaluate) runs in covariance form, and forward dynamics in square-root form.
@@ -22,14 +20,6 @@ pub struct Omissions {
     pub tilted_axes: bool,
     /// Entries of levers that are zero, of those of these joints that turn. For one state in motions and forces levers that are zero whole.
     pub zero_levers: bool,
-    /// What the force of a body that turns has of the mass along its joint's axis: its parent carries that, to which it looks the same at every angle.
-    /// Of the same joints, inverse dynamics, the bias, and forward dynamics in covariance form.
-    pub axis_masses: bool,
-    /// What follows P inward to tell a pivot that was lost, where a bound that holds at all angles does: no joint slides outward of another body, and
-    /// no body is next to nothing beside what it carries. In forward dynamics and M^-1 in covariance form, of one state and lanes.
-    pub pivot_bounds: bool,
-    /// The force that a body without inertia needs.
-    pub massless_bodies: bool,
     /// Components of forces and motions across the plane, where all joints move in one: 3-vectors instead of 6-vectors, in the algorithms of
     /// [`planar`](mod@crate::planar).
     pub planar: bool,
@@ -44,16 +34,12 @@ pub type Switch = fn(&mut Omissions) -> &mut bool;
 
 impl Omissions {
     /// The switches by name.
-    pub const SWITCHES: [(&'static str, Switch); 12] = [
+    pub const SWITCHES: [(&'static str, Switch); 8] = [
         ("fixed_joints", |of| &mut of.fixed_joints),
         ("base_links", |of| &mut of.base_links),
-        ("exact_zeros", |of| &mut of.exact_zeros),
         ("renamed_axes", |of| &mut of.renamed_axes),
         ("tilted_axes", |of| &mut of.tilted_axes),
         ("zero_levers", |of| &mut of.zero_levers),
-        ("axis_masses", |of| &mut of.axis_masses),
-        ("pivot_bounds", |of| &mut of.pivot_bounds),
-        ("massless_bodies", |of| &mut of.massless_bodies),
         ("planar", |of| &mut of.planar),
         ("zero_velocity", |of| &mut of.zero_velocity),
         ("zero_gravity", |of| &mut of.zero_gravity),
@@ -65,13 +51,9 @@ impl Omissions {
         Self {
             fixed_joints: true,
             base_links: true,
-            exact_zeros: true,
             renamed_axes: true,
             tilted_axes: true,
             zero_levers: true,
-            axis_masses: true,
-            pivot_bounds: true,
-            massless_bodies: true,
             planar: true,
             zero_velocity: true,
             zero_gravity: true,
@@ -84,13 +66,9 @@ impl Omissions {
         Self {
             fixed_joints: false,
             base_links: false,
-            exact_zeros: false,
             renamed_axes: false,
             tilted_axes: false,
             zero_levers: false,
-            axis_masses: false,
-            pivot_bounds: false,
-            massless_bodies: false,
             planar: false,
             zero_velocity: false,
             zero_gravity: false,

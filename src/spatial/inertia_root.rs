@@ -99,16 +99,6 @@ impl<T: Real> BodyRoot<T> {
     }
 }
 
-impl<N: Scalar> BodyRoot<N> {
-    /// Its numbers.
-    #[cfg(target_arch = "x86_64")]
-    pub(crate) fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
-        let Self { mass, centre, central, weights, spin, rest } = self;
-        let few = [mass].into_iter().chain(centre.iter_mut()).chain(central.iter_mut()).chain(weights.iter_mut());
-        few.chain(spin.iter_mut()).chain(rest.iter_mut())
-    }
-}
-
 /// Row `i` of a matrix times the products of w.
 #[inline(always)]
 fn form<T: Real>(m: &Matrix3x6<T>, i: usize, products: &[T; 6]) -> T {

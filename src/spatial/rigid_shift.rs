@@ -100,29 +100,6 @@ impl<T: Real> RigidShift<T> {
         self.lever_terms(&a, &c, p.linear.congruence(&self.rotation))
     }
 
-    /// phi P phi^T where row and column 2 of P are zero, as after a noise-free measurement of a rotation about z.
-    ///
-    /// The zeros are not read: 30 products less than [`RigidShift::inertia_to_parent`].
-    #[inline(always)]
-    pub fn inertia_to_parent_past_z(&self, p: &Symmetric6<T>) -> Symmetric6<T> {
-        let r = &self.rotation;
-        let [xx, xy, _, yy, ..] = p.angular.entries;
-        // Rows of R A and R C, from the first two columns of R.
-        let top = [[xx, xy], [xy, yy]];
-        let (a0, a1, a2) = (turned(r, 0, &top), turned(r, 1, &top), turned(r, 2, &top));
-        let a = Symmetric3::new([
-            entry_past_z(a0, r, 0),
-            entry_past_z(a0, r, 1),
-            entry_past_z(a0, r, 2),
-            entry_past_z(a1, r, 1),
-            entry_past_z(a1, r, 2),
-            entry_past_z(a2, r, 2),
-        ]);
-        let upper = [row(&p.coupling, 0), row(&p.coupling, 1)];
-        let c = times_transpose(&[turned(r, 0, &upper), turned(r, 1, &upper), turned(r, 2, &upper)], r);
-        self.lever_terms(&a, &c, p.linear.congruence(r))
-    }
-
     /// [[A, C], [C^T, B]], already turned, moved by the lever: C' = C + l~ B; A' = A + l~ C^T + C' l~^T.
     #[inline(always)]
     fn lever_terms(&self, a: &Symmetric3<T>, c: &Matrix3<T>, b: Symmetric3<T>) -> Symmetric6<T> {
@@ -151,23 +128,6 @@ impl<T: Real> RigidShift<T> {
             linear: linear.congruence(&back),
         }
     }
-}
-
-/// Row `i` of R M, where M has two rows that are not zero.
-#[inline(always)]
-fn turned<T: Real, const N: usize>(r: &Matrix3<T>, i: usize, m: &[[T; N]; 2]) -> [T; N] {
-    let (x, y) = (r[(i, 0)], r[(i, 1)]);
-    let mut row = m[1];
-    for (entry, &first) in row.iter_mut().zip(&m[0]) {
-        *entry = x.mul_add(first, y * *entry);
-    }
-    row
-}
-
-/// Entry `j` of t R^T where the last entry of t is zero.
-#[inline(always)]
-fn entry_past_z<T: Real>(t: [T; 2], r: &Matrix3<T>, j: usize) -> T {
-    t[0].mul_add(r[(j, 0)], t[1] * r[(j, 1)])
 }
 
 /// R C R^T for a general 3x3 block.

@@ -32,7 +32,7 @@ impl AboutAxis {
     pub fn tilted(rotation: &Matrix3<f64>) -> Option<Self> {
         let z: Vector3<f64> = rotation.column(2).into();
         let in_plane = (z.iamin() + 2) % 3;
-        // From z it is two angles to anywhere, the same two for limbs of like build.
+        // From z it is two angles to anywhere.
         [(in_plane, true), (2, false)].into_iter().find_map(|(axis, is_in_plane)| {
             let axis = Axis::new(axis);
             let tilt = Tilt::to(&z, axis, is_in_plane);

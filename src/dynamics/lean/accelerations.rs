@@ -81,9 +81,8 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
             }
         };
         if SEEN {
-            let is_there = if T::LIMBS > 1 { Some(lambda.estimate.everywhere(body.stands_for_itself)) } else { None };
             for i in 0..if body.is_about_z { 1 } else { model.system.stages[body.index].rows.count() } {
-                seen.observe_estimate(estimates[body.row + i], is_there);
+                seen.observe_estimate(estimates[body.row + i]);
             }
         }
         if !body.is_leaf {

@@ -1,13 +1,11 @@
-//! The constants of a scene as these sweeps read them: one number for all lanes (or limbs), in [frames](super::frames) of their own.
+//! The constants of a scene as these sweeps read them: one number for all lanes, in [frames](super::frames) of their own.
 
 use super::frames::Framed;
 use super::lever::Lever;
-use super::limbs::ranks;
-use super::loads::Load;
-use super::scales::scales_at_all_angles;
 use super::segment::{OfSegment, Segment, alone_at_depth, segments};
 use super::slide::Slide;
 use super::slots::{Ordered, Places, SlotCounts, last_children};
+use super::spin::Load;
 use super::tilt::{Axle, Tilt};
 use super::turn::Renaming;
 use crate::filter::pivots::Scale;
@@ -17,13 +15,12 @@ use crate::scene::{Body, Model};
 use crate::spatial::{BodyInertia, BodyRoot};
 use nalgebra::Matrix3;
 
-/// As many joints inward of both as two joints may have, on average over all pairs, for M^-1 to be multiplied out: it takes less time below, on
-/// chains and robots. On a chain of 64, 21 on average, a tenth less for one state and a tenth more in lanes; one number for both, or a state's bits would depend
-/// on whether it is alone.
-const SHALLOW: usize = 15;
+/// As many joints inward of both as two joints may have, on average over all pairs, for M^-1 to be multiplied out: chains of up to 300. Beyond, (6.1)
+/// takes fewer operations, by the recursion that keeps everything.
+const SHALLOW: usize = 100;
 
 /// As many bodies are swept in an order of their own: what is kept of them fits in the caches then, whatever the order. Not timed beyond.
-pub(super) const INTERLEAVED: usize = 500;
+const INTERLEAVED: usize = 500;
 
 /// How many bodies there are between each and the base.
 pub(super) fn bodies_inward(parents: &[Option<usize>]) -> Vec<usize> {
@@ -35,12 +32,12 @@ pub(super) fn bodies_inward(parents: &[Option<usize>]) -> Vec<usize> {
 }
 
 /// The order of the sweeps, but for M^-1 in closed form, parents first: those at equal depth one after another, for they do not wait for each
-/// other, and what a body waits for was done a while ago. Those at equal depth by their `rank`.
-pub(super) fn interleaved<R: Ord>(parents: &[Option<usize>], rank: impl Fn(usize) -> R) -> Vec<usize> {
+/// other, and what a body waits for was done a while ago.
+pub(super) fn interleaved(parents: &[Option<usize>]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..parents.len()).collect();
     if parents.len() <= INTERLEAVED {
         let bodies_inward = bodies_inward(parents);
-        order.sort_by_key(|&k| (bodies_inward[k], rank(k)));
+        order.sort_by_key(|&k| bodies_inward[k]);
     }
     order
 }
@@ -55,7 +52,7 @@ fn with_all_outboard<V: Copy>(parents: &[Option<usize>], mut values: Vec<V>, joi
     values
 }
 
-/// Tells bodies, in the order of the rows, how many rows there are inward of them, whether they hang on a first turn, and whether they are parted from what comes later. Gives the steps that M^-1 by
+/// Tells bodies, in the order of the rows, how many rows there are inward of them. Gives the steps that M^-1 by
 /// its rows takes, and how many rows the longest path from the base has.
 fn measure_paths<N>(model: &Model<f64>, bodies: &mut [LeanBody<N>]) -> (usize, usize) {
     let (mut steps, mut longest_path) = (0, 0);
@@ -65,10 +62,6 @@ fn measure_paths<N>(model: &Model<f64>, bodies: &mut [LeanBody<N>]) -> (usize, u
         bodies[k].depth = parent.map_or(0, |parent| bodies[parent].depth + count(parent));
         longest_path = longest_path.max(bodies[k].depth + count(k));
         steps += count(k) * (bodies[k].end_row - bodies[k].row).pow(2);
-        let turns = |k: usize| matches!(bodies[k].carrier, Carrier::Turn(_));
-        let is_first = |parent: usize| bodies[parent].parent.is_none() && turns(parent);
-        bodies[k].hangs_on_first = turns(k) && parent.is_some_and(is_first);
-        bodies[k].is_parted = bodies[k].sibling_follows() || parent.is_some_and(|parent| bodies[parent].is_parted);
     }
     (steps, longest_path)
 }
@@ -119,9 +112,8 @@ pub(super) struct LeanBody<N> {
     pub mass: N,
     pub first_moment: [N; 3],
     pub rotational: [N; 6],
-    /// The bounds on the terms of M(k); and those on the terms of P^- at all angles, where they are [known](LeanModel::knows_scales).
+    /// The bounds on the terms of M(k).
     pub scale: [N; 2],
-    pub scale_at_all_angles: [N; 2],
     /// The terms of its diagonal.
     pub terms: [N; 6],
     /// Twice the squares of its entries.
@@ -132,45 +124,13 @@ pub(super) struct LeanBody<N> {
     /// Whether the weights of its root are positive, and of its parent's.
     pub is_definite: bool,
     pub hangs_on_definite: bool,
-    /// Whether it is on a turn and hangs on a body that turns on the base: that one asks of it what H picks, and nothing else.
-    pub hangs_on_first: bool,
-    /// How many bodies [side by side](super::limbs) in the lanes hang on one; 1 where lanes are states, and further out on limbs.
-    pub limbs: usize,
-    /// Whether each of the limbs has such a body; and 1 in the lanes of those that have, else 0.
-    pub is_on_all_limbs: bool,
-    pub stands_for_itself: N,
     pub places: Places,
     /// Whether anything hangs on it.
     pub is_leaf: bool,
-    /// The body before it on the same parent.
-    pub sibling: Option<usize>,
     /// How many rows there are from the base to its own.
     pub depth: usize,
     /// One past the last row of what hangs on it.
     pub end_row: usize,
-    /// Whether a later body hangs on its parent, or on that of one inward of it.
-    pub is_parted: bool,
-}
-
-impl<N> LeanBody<N> {
-    /// Whether a later body hangs on the same parent.
-    #[inline(always)]
-    pub fn sibling_follows(&self) -> bool {
-        self.parent.is_some() && !self.places.arrives_first
-    }
-
-    /// Its numbers, but for the lever's.
-    #[cfg(target_arch = "x86_64")]
-    pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
-        let one = [&mut self.sense, &mut self.lever_square, &mut self.mass];
-        let three = [&mut self.frame.sign, &mut self.first_moment, &mut self.lever_squares];
-        let six = [&mut self.rotational, &mut self.terms];
-        one.into_iter()
-            .chain(three.into_iter().flatten())
-            .chain(six.into_iter().flatten())
-            .chain(&mut self.scale)
-            .chain(&mut self.scale_at_all_angles)
-    }
 }
 
 /// A body with all outboard of it, held still against each other.
@@ -216,8 +176,6 @@ pub(crate) struct LeanModel<T: Real> {
     pub(super) reordered: Vec<LeanBody<T::Parameter>>,
     /// What motions, forces and co-states need of them, in that order.
     pub(super) segments: Vec<Segment<T::Parameter>>,
-    /// The same with every mass at its own body; empty where none was moved.
-    pub(super) whole_segments: Vec<Segment<T::Parameter>>,
     /// What tilts turns, and how bodies slide.
     pub(super) tilts: Vec<Tilt<T::Parameter>>,
     pub(super) slides: Vec<Slide<T::Parameter>>,
@@ -232,11 +190,8 @@ pub(crate) struct LeanModel<T: Real> {
     pub(super) shifting: Vec<Body<T>>,
     /// Those on a turn, in the order of the sweeps.
     pub(super) turning: Vec<Turning<T::Parameter>>,
-    /// How many slots there are in the order of the rows, and in that of those sweeps.
-    pub(super) row_slots: SlotCounts,
+    /// How many slots there are in the order of the sweeps.
     pub(super) swept_slots: SlotCounts,
-    /// Whether the pivots' bounds are those at all angles.
-    pub(super) knows_scales: bool,
     /// Whether M^-1 is its factors multiplied out.
     pub(super) is_shallow: bool,
     /// As many rows has the longest path from the base.
@@ -264,22 +219,18 @@ fn by_carrier<T: Real>(framed: &Framed, whole: &Model<T>, at: &[usize]) -> (Vec<
 impl<T: Real> LeanModel<T> {
     pub fn new(model: &Model<f64>) -> Self {
         let framed = Framed::of(model);
-        let ranks = ranks(model, &framed);
         let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();
-        let (order, is_alone) = (interleaved(&parents, |body| ranks[body]), alone_at_depth(&parents));
+        let (order, is_alone) = (interleaved(&parents), alone_at_depth(&parents));
         let by_rows = Ordered::new(&parents, &(0..parents.len()).collect::<Vec<_>>());
         let swept = Ordered::new(&parents, &order);
         let masses = model.bodies.iter().map(|body| body.inertia.mass);
         let composite_mass = with_all_outboard(&parents, masses.collect(), |a, b| a + b);
         let end_rows = model.system.stages.iter().map(|stage| stage.first_row + stage.rows.count()).collect();
         let end_row = with_all_outboard(&parents, end_rows, usize::max);
-        // The last child of each body; and the last up to the body at hand.
-        let (last_child, mut youngest) = (last_children(&parents), vec![None; parents.len()]);
+        let last_child = last_children(&parents);
         let number = T::parameter;
-        let scales = scales_at_all_angles(model, T::epsilon().lane(0));
         let mut composites = Vec::with_capacity(parents.len());
         let is_definite = |k: usize| model.inertia_roots[k].as_ref().is_some_and(BodyRoot::is_definite);
-        let known = |k: usize| scales.as_ref().map_or([f64::NAN; 2], |of| [of[k].angular, of[k].linear]);
         let bodies = framed.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
             let (frame, turned) = (&framed.from_model[k], <[f64; 3]>::from(framed.levers[k]));
             let BodyInertia { mass, first_moment, rotational } = &body.inertia;
@@ -299,23 +250,16 @@ impl<T: Real> LeanModel<T> {
                 first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],
                 rotational: rotational.entries.map(number),
                 scale: [number(scale.angular), number(scale.linear)],
-                scale_at_all_angles: known(k).map(number),
                 terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
                 lever_squares: turned.map(|l| number(2.0 * l * l)),
                 is_about_z: matches!(stage.rows, Rows::One(HingeMap::Axis(2))),
-                is_afloat: matches!(stage.rows, Rows::Six) && stage.parent.is_none() && model.system.skips_zeros,
+                is_afloat: matches!(stage.rows, Rows::Six) && stage.parent.is_none(),
                 is_definite: is_definite(k),
                 hangs_on_definite: stage.parent.is_some_and(is_definite),
-                hangs_on_first: false,
-                limbs: 1,
-                is_on_all_limbs: true,
-                stands_for_itself: number(1.0),
                 places: by_rows.places[k],
                 is_leaf: last_child[k].is_none(),
-                sibling: stage.parent.and_then(|parent| youngest[parent].replace(k)),
                 depth: 0,
                 end_row: end_row[k],
-                is_parted: false,
             }
         });
         let mut bodies: Vec<_> = bodies.collect();
@@ -328,18 +272,13 @@ impl<T: Real> LeanModel<T> {
         let reordered = |&k: &usize| LeanBody { places: swept.places[k], ..bodies[k].clone() };
         let reordered = if order.is_sorted() { Vec::new() } else { order.iter().map(reordered).collect() };
         let in_order = if reordered.is_empty() { &bodies } else { &reordered };
-        let with_loads = |load: &dyn Fn(usize) -> Load<f64>| {
-            segments(in_order, |k| OfSegment {
-                arm: arms[k],
-                load: load(k).map(number),
-                needs_no_force: whole.bodies[k].needs_no_force,
-                waits_for_parent: is_alone[k],
-            })
-        };
-        let moves_mass = framed.loads.iter().any(|load| load.is_off_axis);
+        let segments = segments(in_order, |k| OfSegment {
+            arm: arms[k],
+            load: Load::of(&framed.bodies[k].inertia, number),
+            waits_for_parent: is_alone[k],
+        });
         Self {
-            segments: with_loads(&|k| framed.loads[k].clone()),
-            whole_segments: if moves_mass { with_loads(&|k| Load::of(&framed.bodies[k])) } else { Vec::new() },
+            segments,
             bodies,
             tilts: framed.tilts.iter().map(|tilt| tilt.map(number)).collect(),
             slides: framed.slides.iter().map(|slide| slide.map(number)).collect(),
@@ -349,27 +288,15 @@ impl<T: Real> LeanModel<T> {
             composites,
             shifting,
             turning,
-            knows_scales: scales.is_some(),
             is_shallow: steps <= SHALLOW * model.nv().pow(2),
             longest_path,
-            row_slots: by_rows.slots,
             swept_slots: swept.slots,
         }
     }
 
-    /// How many slots M^-1 has, and how many columns each can hold: of its factors those on the longest path from the base.
-    pub(super) fn column_slots(&self) -> (usize, usize) {
-        if self.is_shallow {
-            (self.swept_slots.outward, self.longest_path)
-        } else {
-            (self.row_slots.outward, self.bodies.iter().map(|body| body.end_row).max().unwrap_or(0))
-        }
-    }
-
-    /// The segments with every mass at its own body.
-    #[inline(always)]
-    pub(super) fn whole_segments(&self) -> &[Segment<T::Parameter>] {
-        if self.whole_segments.is_empty() { &self.segments } else { &self.whole_segments }
+    /// Whether M^-1 is its factors multiplied out.
+    pub fn is_shallow(&self) -> bool {
+        self.is_shallow
     }
 
     /// The bodies in the order of the sweeps.

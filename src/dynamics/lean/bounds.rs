@@ -140,13 +140,10 @@ mod tests {
             let entries = packed(&Symmetric6 { angular: symmetric(0), coupling, linear: symmetric(3) });
             // Row and column 2 are the gain times this noise.
             let m = Measured { pivot: 1.0, pivot_inverse: 1.0, gain: Vector6::from(p.column(2)) };
-            let noise = Noise { variance: 1.0, skips_zeros: false };
+            let noise = Noise::of(1.0);
             let Carrier::Turn(axle) = body.carrier else { panic!("a turn") };
             let (sent, bound) = rotated!(axle, turn, lean.tilts, rotation, {
-                (
-                    carried::<f64, true>(body, &rotation, &entries, &[0.0; 5], (&m, noise)),
-                    sent_terms(body, &rotation, &p.diagonal()),
-                )
+                (carried(body, &rotation, &entries, &[0.0; 5], (&m, noise)), sent_terms(body, &rotation, &p.diagonal()))
             });
             for (i, at) in [0, 3, 5, 15, 18, 20].into_iter().enumerate() {
                 assert!(sent[at] <= bound[i], "{seed} {i}: {} {}", sent[at], bound[i]);

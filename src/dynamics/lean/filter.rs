@@ -1,18 +1,15 @@
 //! Tip to base: Riccati recursion and filter in one pass.
 
-use super::accelerations::along;
 use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
 use super::bounds::{scale_everywhere, sent, sent_terms, terms_of_noise};
-use super::carry::{
-    carried, diagonal, in_joint_frame, kept, of_first_turn, packed, pivot_column, unpacked, variance_along, with_noise,
-};
-use super::rotation::{Rotates, TiltedTurn, rotated, tilts};
+use super::carry::{carried, diagonal, in_joint_frame, packed, pivot_column, unpacked, with_noise};
+use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::row::{Noise, diagonal_past, measure, measured};
 use super::scratch::{Arriving, Besides, LeanScratch, Own, Watched, Watching, arrive};
 use super::slide::{ALONG_Z, Slide, past_slide};
 use super::tilt::Axle;
-use super::turn::{Axis, PACKED, about, packed_to_parent, to_parent};
+use super::turn::{Axis, about, packed_to_parent, to_parent};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
 use crate::filter::rounding::squares;
@@ -24,8 +21,6 @@ use nalgebra::Vector6;
 
 /// The row of a turn.
 pub(super) const ABOUT_Z: usize = 2;
-/// Its place on the diagonal of P.
-const ZZ: usize = PACKED[ABOUT_Z][ABOUT_Z];
 
 /// Only the factor: D and g of each row.
 pub(super) const FACTOR: usize = 0;
@@ -51,8 +46,6 @@ struct Inward<'a, T: Real> {
     weighed: &'a mut [T],
     monitor: PivotMonitor<T>,
     near: PivotMonitor<T>,
-    /// Whether the bounds on the terms of P^- follow it: where its digits are watched they have to be close.
-    follows_scales: bool,
 }
 
 /// Every stage's measurements (3.6, 4.2, 4.5) and the way to its parent; `innovations` receives e^-. `SIDES` is [`FACTOR`], [`FILTER`] or
@@ -88,7 +81,6 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
         weighed,
         monitor: PivotMonitor::new(),
         near: PivotMonitor::for_a_single_look(),
-        follows_scales: SIDES == WATCH || !lean.knows_scales,
     };
     for ((body, own), watched) in lean.swept().iter().zip(own).zip(watched).rev() {
         match body.carrier {
@@ -106,15 +98,10 @@ pub(super) fn tip_to_base<T: Real, const SIDES: usize>(
 
 // In debug builds these are calls: in one frame, where nothing shares a place, they would take more than a thread's stack has.
 impl<T: Real> Inward<'_, T> {
-    /// The bound on the terms of P^-: of M(k) and of what arrived, or at all angles.
+    /// The bound on the terms of P^-: of M(k) and of what arrived.
     #[inline(always)]
-    fn scale_of(&self, body: &LeanBody<T::Parameter>, arrived: &Scale<T>) -> Scale<T> {
-        let like = arrived.angular;
-        if self.follows_scales {
-            arrived.sum(&scale_everywhere(body.scale, like))
-        } else {
-            scale_everywhere(body.scale_at_all_angles, like)
-        }
+    fn scale_of(body: &LeanBody<T::Parameter>, arrived: &Scale<T>) -> Scale<T> {
+        arrived.sum(&scale_everywhere(body.scale, arrived.angular))
     }
 
     /// A body on a turn.
@@ -127,13 +114,8 @@ impl<T: Real> Inward<'_, T> {
         watched: &mut Watched<T>,
     ) {
         let row = body.row;
-        let noise = Noise::of(self.system, self.noise[row]);
-        // All of it in each arm: what both begin with would be there at once, and not in registers.
-        let (mut m, scale, kept_diagonal) = if noise.skips_zeros && !tilts(rotation) {
-            self.send_past_z::<SIDES, false>(body, noise, (axis, rotation))
-        } else {
-            self.send_past_z::<SIDES, true>(body, noise, (axis, rotation))
-        };
+        let noise = Noise::of(self.noise[row]);
+        let (m, scale, kept_diagonal) = self.send_past_z::<SIDES>(body, noise, (axis, rotation));
         self.monitor.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
         if SIDES >= FILTER {
             let z = sum(own.force, &self.arriving[body.places.inward].force);
@@ -141,13 +123,8 @@ impl<T: Real> Inward<'_, T> {
             let (e, force) = measure(noise, &m, sense * self.tau[row], &z);
             if body.parent.is_some() {
                 let to = &mut self.arriving[body.places.parent_inward];
-                if SIDES != WATCH && body.hangs_on_first {
-                    let w = about!(axis, X, Y, Z, of_first_turn::<T, X, Y, Z>(&body.lever, rotation));
-                    arrive_at(body, along(&w, &force), &mut to.force[ABOUT_Z]);
-                } else {
-                    let sent = in_joint_frame(&body.lever, rotation, &force);
-                    about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
-                }
+                let sent = in_joint_frame(&body.lever, rotation, &force);
+                about!(axis, X, Y, Z, arrive(body, &to_parent::<T, X, Y, Z>(&sent), &mut to.force));
             }
             self.innovations[row] = e;
             if SIDES == WATCH {
@@ -155,58 +132,36 @@ impl<T: Real> Inward<'_, T> {
                 self.near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
             }
         }
-        if SIDES != WATCH && body.parent.is_none() {
-            // Of P only the entry that H picks arrived there; the co-state that g would multiply is zero.
-            let own = m.gain[ABOUT_Z];
-            m.gain = Vector6::from_element(own.constant(0.0));
-            m.gain[ABOUT_Z] = own;
-        }
         self.measured[row] = m;
         if SIDES == WATCH {
             self.watch_about_z(body, (axis, rotation), &kept_diagonal, watched);
         }
     }
 
-    /// D and g of such a body, and P on its way to the parent; where `NOISY` with row and column 2 of P^+; of a tilted turn its noise is asked for instead.
-    /// Gives them, the bounds on P^-, and where it is watched the diagonal of P^+.
+    /// D and g of such a body, and P on its way to the parent. Gives them, the bounds on P^-, and where it is watched the diagonal of P^+.
     ///
     /// P leaves before anything is written: the compiler could take that for P's, and would read all of it before.
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn send_past_z<const SIDES: usize, const NOISY: bool>(
+    fn send_past_z<const SIDES: usize>(
         &mut self,
         body: &LeanBody<T::Parameter>,
         noise: Noise<T>,
         (axis, rotation): (Axis, &impl Rotates<T>),
     ) -> (Measured<T>, Scale<T>, Vector6<T>) {
-        let noise = if tilts(rotation) { noise } else { Noise { skips_zeros: !NOISY, ..noise } };
         let arrived = &self.arriving[body.places.inward];
         let (m, column) = measured(noise, &pivot_column(body, &arrived.p));
-        // As `Inward::scale_of`, asked once for both: to ask again further down took 1 % more time.
-        let (scale, sent_scale) = if self.follows_scales {
-            (arrived.scale.sum(&scale_everywhere(body.scale, m.pivot)), sent(body, &diagonal(body, &arrived.p)))
-        } else {
-            let known = scale_everywhere(body.scale_at_all_angles, m.pivot);
-            (known, known)
-        };
+        let scale = Self::scale_of(body, &arrived.scale);
         let mut kept_diagonal = m.gain;
         if SIDES == WATCH {
             kept_diagonal = diagonal_past(noise, &diagonal(body, &arrived.p), &column, &m);
         }
         if body.parent.is_some() {
-            let p = with_noise(body, &arrived.p);
+            let (p, sent_scale) = (with_noise(body, &arrived.p), sent(body, &diagonal(body, &arrived.p)));
             let to = &mut self.arriving[body.places.parent_inward];
-            if SIDES != WATCH && body.hangs_on_first {
-                let w = about!(axis, X, Y, Z, of_first_turn::<T, X, Y, Z>(&body.lever, rotation));
-                let kept = kept::<T, NOISY>(&p, &column, (&m, noise.variance));
-                arrive_at(body, variance_along::<T, NOISY>(&kept, &w), &mut to.p[ZZ]);
-            } else {
-                // Not all of it for each axis, which takes no less time here and the compiler more.
-                let sent = carried::<T, NOISY>(body, rotation, &p, &column, (&m, noise));
-                about!(axis, X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
-            }
-            if self.follows_scales {
-                arrive_bounds(body, sent_scale, &mut to.scale);
-            }
+            // Not all of it for each axis, which takes no less time here and the compiler more.
+            let sent = carried(body, rotation, &p, &column, (&m, noise));
+            about!(axis, X, Y, Z, arrive(body, &packed_to_parent::<T, X, Y, Z>(&sent), &mut to.p));
+            arrive_bounds(body, sent_scale, &mut to.scale);
         }
         (m, scale, kept_diagonal)
     }
@@ -224,7 +179,7 @@ impl<T: Real> Inward<'_, T> {
         let arrived = &self.besides[body.places.inward];
         let sense = arrived.terms[0].everywhere(body.sense);
         watched.terms = sum(terms_of_noise(body, sense), &arrived.terms);
-        let noise = Noise::of(self.system, self.noise[row]);
+        let noise = Noise::of(self.noise[row]);
         let zeta;
         (self.weighed[row], zeta) = measure(noise, &self.measured[row], sense * self.weights[row], &arrived.zeta);
         watched.zeta = squares(&zeta.into());
@@ -248,7 +203,7 @@ impl<T: Real> Inward<'_, T> {
         watched: &mut Watched<T>,
     ) {
         let (arrived, rows) = (&self.arriving[body.places.inward], afloat::rows(body.row));
-        let scale = self.scale_of(body, &arrived.scale);
+        let scale = Self::scale_of(body, &arrived.scale);
         let measured = &mut self.measured[rows.clone()];
         afloat::measure(with_noise(body, &arrived.p), &scale, measured, &mut self.monitor);
         if SIDES >= FILTER {
@@ -277,7 +232,7 @@ impl<T: Real> Inward<'_, T> {
         at: usize,
     ) {
         let arrived = &self.arriving[body.places.inward];
-        let (arrived_force, scale) = (arrived.force, self.scale_of(body, &arrived.scale));
+        let (arrived_force, scale) = (arrived.force, Self::scale_of(body, &arrived.scale));
         let left = match body.slide {
             Some(slide) => self.send_past_slide(body, (at, slide), &scale),
             None => self.send_past_stage(body, at, &scale),
@@ -314,7 +269,7 @@ impl<T: Real> Inward<'_, T> {
     fn send_past_stage(&mut self, body: &LeanBody<T::Parameter>, at: usize, scale: &Scale<T>) -> Vector6<T> {
         let (shift, stage) = (&self.shifts[at], &self.system.stages[body.index]);
         let mut p = unpacked(&with_noise(body, &self.arriving[body.places.inward].p));
-        let sent = self.follows_scales.then(|| Scale::sent_by(&p, shift));
+        let sent = Scale::sent_by(&p, shift);
         let before = p.diagonal();
         let carried = riccati::through_stage::<T, false>(
             (self.system, body.index),
@@ -326,9 +281,7 @@ impl<T: Real> Inward<'_, T> {
         );
         if body.parent.is_some() {
             let to = &mut self.arriving[body.places.parent_inward];
-            if let Some(sent) = sent {
-                arrive_bounds(body, sent, &mut to.scale);
-            }
+            arrive_bounds(body, sent, &mut to.scale);
             arrive(body, &packed(&carried), &mut to.p);
         }
         terms::left(stage, &before, &p)
@@ -344,13 +297,11 @@ impl<T: Real> Inward<'_, T> {
     ) -> Vector6<T> {
         let (shift, slide) = (&self.shifts[at], &self.slides[slide]);
         let p = with_noise(body, &self.arriving[body.places.inward].p);
-        let (m, after) = past_slide(Noise::of(self.system, self.noise[body.row]), &p);
+        let (m, after) = past_slide(Noise::of(self.noise[body.row]), &p);
         if body.parent.is_some() {
             let to = &mut self.arriving[body.places.parent_inward];
-            if self.follows_scales {
-                let traces = (p[0] + p[3] + p[5], p[15] + p[18] + p[20]);
-                arrive_bounds(body, Scale::sent(traces, shift.lever_square()), &mut to.scale);
-            }
+            let traces = (p[0] + p[3] + p[5], p[15] + p[18] + p[20]);
+            arrive_bounds(body, Scale::sent(traces, shift.lever_square()), &mut to.scale);
             let l = &shift.lever;
             arrive(body, &slide.at_parent(&after, [l[0], l[1], l[2]]), &mut to.p);
         }
@@ -358,14 +309,6 @@ impl<T: Real> Inward<'_, T> {
         self.measured[body.row] = m;
         absolute(&Vector6::new(after[0], after[3], after[5], after[15], after[18], after[20]))
     }
-}
-
-/// As [`arrive`], of one number.
-#[inline(always)]
-fn arrive_at<T: Real>(body: &LeanBody<T::Parameter>, sent: T, to: &mut T) {
-    let mut sum = [*to];
-    arrive(body, &[sent], &mut sum);
-    [*to] = sum;
 }
 
 /// As [`arrive`], of the bounds.

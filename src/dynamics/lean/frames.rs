@@ -8,7 +8,6 @@
 
 use super::about_axis::AboutAxis;
 use super::body::Carrier;
-use super::loads::{Load, loads};
 use super::slide::Slide;
 use super::tilt::{Axle, Tilt};
 use super::turn::Renaming;
@@ -31,8 +30,6 @@ pub(super) struct Framed {
     pub slide_at: Vec<Option<usize>>,
     /// From each body's frame in the model, zeros and ones.
     pub from_model: Vec<Matrix3<f64>>,
-    /// What their forces see of them.
-    pub loads: Vec<Load<f64>>,
 }
 
 impl Framed {
@@ -47,7 +44,6 @@ impl Framed {
             slides: Vec::new(),
             slide_at: Vec::with_capacity(count),
             from_model: Vec::with_capacity(count),
-            loads: Vec::new(),
         };
         let mut shifts = 0;
         for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
@@ -89,7 +85,6 @@ impl Framed {
             framed.slide_at.push(sliding.is_some().then_some(framed.slides.len()));
             framed.slides.extend(sliding.as_ref().map(Slide::of));
         }
-        framed.loads = loads(model, &framed.bodies, &framed.carriers);
         framed
     }
 }

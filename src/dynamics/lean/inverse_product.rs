@@ -2,8 +2,8 @@
 //!
 //! A column of (1 - L)* is one joint's unit innovation on its way outward: c begins as -H*, and at each row further out gives
 //! w = g* c and goes on as phi* (c - H* w). All of it times D^-1/2, an entry of M^-1 is the sum of w w over the joints inward of both, the diagonal
-//! a sum of squares. Costs the sum of depths for the factors and N^2 times the depth for the product, where [`mass_inverse`](super::mass_inverse)
-//! pays for Lambda at each body.
+//! a sum of squares. Costs the sum of depths for the factors and N^2 times the depth for the product, where
+//! [the closed form](crate::dynamics::mass_inverse) pays for Lambda at each body.
 
 use super::body::{Carrier, LeanModel};
 use super::columns::{Block, LeanColumns, set_column};
@@ -21,7 +21,7 @@ use crate::spatial::{dot, zero};
 
 /// M^-1 of the factor in the scratch, into `out`, as [`Entries`](super::Entries) has it; with CHECK it is seen whether all are finite.
 #[inline(always)]
-pub(super) fn multiplied_out<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
+pub(crate) fn multiplied_out<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     scene: (&Model<T>, &LeanModel<T>),
     scratch: &LeanScratch<T>,
     columns: &mut LeanColumns<T, C>,

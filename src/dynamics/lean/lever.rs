@@ -1,8 +1,6 @@
 //! From a parent's origin to a body's. Most levers of robots are along one axis of the joint's frame or two: what the other entries would multiply
 //! is left out, entry by entry.
 
-#[cfg(target_arch = "x86_64")]
-use crate::scalar::Limbs;
 use crate::scalar::Real;
 
 /// A constant lever.
@@ -66,17 +64,6 @@ impl<N: Copy> Lever<N> {
     pub fn velocity<T: Real<Parameter = N>>(&self, w: [T; 3], mut v: [T; 3]) -> [T; 3] {
         along_each!(T, self, I, turn_velocity::<T, I>(w[0].everywhere(self.entries[I]), w, &mut v));
         v
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-impl Lever<Limbs> {
-    /// Takes a lane of another; whose entries are there, this one has too.
-    pub fn take_limb(&mut self, lane: usize, other: &Self) {
-        for i in 0..3 {
-            self.entries[i].take_limb(lane, &other.entries[i]);
-            self.along[i] |= other.along[i];
-        }
     }
 }
 

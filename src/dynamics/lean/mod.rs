@@ -9,12 +9,9 @@
 //! chosen so that what is left of the renaming is one of three orders of the parent's axes ([`frames`]): each is compiled by itself. About any other axis a
 //! constant angle or two come between ([`tilt`]).
 //! Of a body that slides P goes by constant angles too ([`slide`]); every other body, and all else of that one, goes through the general shift. Bodies at equal depth come one after another, for they do not wait for each other;
-//! M^-1 in closed form keeps to the order of the rows. Of one state, limbs of like build can go
-//! [side by side](limbs).
+//!
 
 mod about_axis;
-#[cfg(target_arch = "x86_64")]
-mod abreast;
 mod accelerations;
 mod afloat;
 mod body;
@@ -26,8 +23,6 @@ mod filter;
 mod frames;
 mod inverse_product;
 mod lever;
-mod limbs;
-mod loads;
 mod mass_columns;
 mod mass_inverse;
 mod mass_matrix;
@@ -36,7 +31,6 @@ mod predict;
 mod root_filter;
 mod rotation;
 mod row;
-mod scales;
 mod scratch;
 mod segment;
 mod slide;
@@ -49,16 +43,13 @@ mod watch;
 mod way;
 
 pub(crate) use about_axis::{turns_about_a_tilted_axis, turns_about_an_axis};
-#[cfg(target_arch = "x86_64")]
-pub(crate) use abreast::{Abreast, Places};
 pub(crate) use body::LeanModel;
 pub(crate) use columns::LeanColumns;
 pub(crate) use entries::Entries;
-pub(crate) use loads::bodies_off_axis;
+pub(crate) use inverse_product::multiplied_out;
 pub(crate) use mass_columns::MassColumns;
-pub(crate) use mass_inverse::{closed_form, factor};
+pub(crate) use mass_inverse::factor;
 pub(crate) use mass_matrix::mass_matrix;
-pub(crate) use scales::knows_scales;
 pub(crate) use scratch::{LeanScratch, bytes};
 pub(crate) use watch::{factor_watched, forward_dynamics_watched, hand_over};
 
@@ -89,7 +80,7 @@ pub(crate) fn forward_dynamics<T: Real, C: ColumnsOf<T>>(
     qdd: &mut [T],
 ) -> PivotMonitor<T> {
     let state = Motion { q, qd, qdd: None, wrenches };
-    motion::base_to_tip::<T, C, false>((model, lean), &lean.segments, scratch, state);
+    motion::base_to_tip::<T, C, false>((model, lean), scratch, state);
     let [monitor, _] = filter::tip_to_base::<T, { filter::FILTER }>((model, lean), scratch, tau, qdd);
     accelerations::base_to_tip::<T, false>((model, lean), scratch, qdd);
     monitor
@@ -106,7 +97,7 @@ pub(crate) fn forward_dynamics_by_roots<T: Real, C: ColumnsOf<T>>(
     qdd: &mut [T],
 ) -> (PivotMonitor<T>, Reach<T>) {
     let state = Motion { q, qd, qdd: None, wrenches };
-    motion::base_to_tip::<T, C, true>((model, lean), &lean.segments, scratch, state);
+    motion::base_to_tip::<T, C, true>((model, lean), scratch, state);
     let monitor = root_filter::tip_to_base((model, lean), scratch, tau, qdd);
     let outward = accelerations::base_to_tip::<T, true>((model, lean), scratch, qdd);
     (monitor.pivots, Reach::of(&monitor, outward))
@@ -122,7 +113,7 @@ pub(crate) fn inverse_dynamics<T: Real, C: ColumnsOf<T>>(
     tau: &mut [T],
 ) {
     let state = Motion { q, qd, qdd, wrenches };
-    motion::base_to_tip::<T, C, false>((model, lean), &lean.segments, scratch, state);
+    motion::base_to_tip::<T, C, false>((model, lean), scratch, state);
     predict::tip_to_base((model, lean), scratch, tau);
     if let Some(qdd) = qdd {
         for ((tau, &qdd), &armature) in tau.iter_mut().zip(qdd).zip(&model.system.noise) {

@@ -67,11 +67,10 @@ pub(super) fn carriers<T: Real, C: ColumnsOf<T>>(lean: &LeanModel<T>, scratch: &
     }
 }
 
-/// Base to tip: the force b of every body of these segments; where `ROOT` the coordinates y of its root, b = L y + t, and t, what wrenches bring.
+/// Base to tip: the force b of every body; where `ROOT` the coordinates y of its root, b = L y + t, and t, what wrenches bring.
 #[inline(always)]
 pub(super) fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
     scene: (&Model<T>, &LeanModel<T>),
-    segments: &[Segment<T::Parameter>],
     scratch: &mut LeanScratch<T>,
     state: Motion<'_, T>,
 ) {
@@ -80,9 +79,9 @@ pub(super) fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
     if needed.velocity && state.wrenches.is_empty() {
         // Mostly: what is known of all bodies is not asked at each.
         let needed = Needed { velocity: true, acceleration: true };
-        forces::<T, ROOT>(scene, segments, scratch, Motion { wrenches: &[], ..state }, needed);
+        forces::<T, ROOT>(scene, scratch, Motion { wrenches: &[], ..state }, needed);
     } else {
-        forces::<T, ROOT>(scene, segments, scratch, state, needed);
+        forces::<T, ROOT>(scene, scratch, state, needed);
     }
 }
 
@@ -90,12 +89,11 @@ pub(super) fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
 #[inline(always)]
 fn forces<T: Real, const ROOT: bool>(
     (model, lean): (&Model<T>, &LeanModel<T>),
-    bodies: &[Segment<T::Parameter>],
     scratch: &mut LeanScratch<T>,
     state: Motion<'_, T>,
     needed: Needed,
 ) {
-    let o = T::zero();
+    let (o, bodies) = (T::zero(), &lean.segments[..]);
     let g = &model.gravity;
     let LeanScratch { motions, own, added, shifts, .. } = scratch;
     let base = [-g[0], -g[1], -g[2]];
@@ -169,13 +167,10 @@ fn keep<T: Real>(
             next = child_body.next_turn;
         }
     }
-    own[place].force = if body.needs_no_force || !needed.acceleration {
-        [a[0].constant(0.0); 6]
-    } else {
-        match root {
-            Some(root) => coordinates_of(root, &spin, a),
-            None => force_of(&body.load, &spin, a),
-        }
+    own[place].force = match root {
+        _ if !needed.acceleration => [a[0].constant(0.0); 6],
+        Some(root) => coordinates_of(root, &spin, a),
+        None => force_of(&body.load, &spin, a),
     };
 }
 

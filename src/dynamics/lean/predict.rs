@@ -4,7 +4,7 @@ use super::body::{Carrier, LeanModel};
 use super::filter::ABOUT_Z;
 use super::lever::Lever;
 use super::rotation::{Rotates, TiltedTurn, rotated};
-use super::scratch::{LeanScratch, Own, arrive_after};
+use super::scratch::{LeanScratch, Own};
 use super::segment::Segment;
 use super::tilt::Axle;
 use super::turn::{Axis, Turn, about};
@@ -40,7 +40,9 @@ pub(super) fn tip_to_base<T: Real>(
                     torques[body.row + i] = stage.rows.row(i).project(&force);
                 }
                 if let Some(to) = to {
-                    arrive_after(&lean.swept()[place], false, &shifts[at].force_to_parent(&force).into(), to);
+                    for (to, &sent) in to.iter_mut().zip(&shifts[at].force_to_parent(&force)) {
+                        *to += sent;
+                    }
                 }
             }
         }
@@ -58,26 +60,7 @@ fn send_force<T: Real, R: Rotates<T>, const X: usize, const Y: usize, const Z: u
     let like = force[0];
     let Lever { entries: [x, y, z], along } = body.arm.in_axes::<X, Y, Z>();
     let lever = Lever { entries: [like.everywhere(x), like.everywhere(y), like.everywhere(z)], along };
-    if T::LIMBS > 1 && body.limbs > 1 {
-        // One after another, as where they are bodies by themselves.
-        for limb in (0..body.limbs).rev() {
-            let [a, b, c, d, e, f] = *force;
-            let force =
-                [a.of_limb(limb), b.of_limb(limb), c.of_limb(limb), d.of_limb(limb), e.of_limb(limb), f.of_limb(limb)];
-            let [x, y, z] = lever.entries;
-            let lever = Lever { entries: [x.of_limb(limb), y.of_limb(limb), z.of_limb(limb)], along };
-            *to = with_force::<T, R, X, Y, Z>(&lever, &rotation.of_limb(limb), &force, to);
-        }
-        return;
-    }
-    let mut force = *force;
-    if T::LIMBS > 1 && !body.is_on_all_limbs {
-        // Nothing from a limb that has no such body: a sum with products of zero changes no bit.
-        for number in &mut force {
-            *number *= like.everywhere(body.stands_for_itself);
-        }
-    }
-    *to = with_force::<T, R, X, Y, Z>(&lever, rotation, &force, to);
+    *to = with_force::<T, R, X, Y, Z>(&lever, rotation, force, to);
 }
 
 /// What a parent has and a force across a turn: what was there comes in where the sum begins, so that nothing waits for it.

@@ -2,7 +2,7 @@
 //! later.
 //!
 //! What hangs on a body is joined to its root before its own measurements: first comes the body itself, then its children one after
-//! another, limbs side by side too.
+//! another.
 
 use super::afloat;
 use super::body::{Carrier, LeanBody, LeanModel};
@@ -43,22 +43,6 @@ impl<T: Real> Sent<T> {
     fn filled(x: T) -> Self {
         Self { columns: RootColumns::filled(x), y: [x; 6], t: [x; 6], scale: Scale::filled(x) }
     }
-
-    /// What one limb sends.
-    #[inline(always)]
-    fn of_limb(&self, limb: usize, own: &mut Self) {
-        let (there, here) = (&self.columns, &mut own.columns);
-        for i in 0..6 {
-            here.weights[i] = there.weights[i].of_limb(limb);
-            own.y[i] = self.y[i].of_limb(limb);
-            own.t[i] = self.t[i].of_limb(limb);
-            for j in 0..6 {
-                here.rows[i][j] = there.rows[i][j].of_limb(limb);
-            }
-        }
-        let Scale { angular, linear } = self.scale;
-        own.scale = Scale { angular: angular.of_limb(limb), linear: linear.of_limb(limb) };
-    }
 }
 
 impl<T: Real> Rooted<T> {
@@ -95,52 +79,13 @@ impl<T: Real> Rooted<T> {
 
     /// Takes in a child, as [`Root6::join`] does.
     #[inline(always)]
-    fn join<const FREE: usize, const POSITIVE: bool>(&mut self, body: &LeanBody<T::Parameter>, sent: &mut Sent<T>) {
-        if T::LIMBS > 1 && body.limbs > 1 {
-            for limb in (0..body.limbs).rev() {
-                let mut of_limb = Sent::filled(sent.y[0]);
-                sent.of_limb(limb, &mut of_limb);
-                self.join_one::<FREE, POSITIVE>(&mut of_limb);
-            }
-        } else if T::LIMBS > 1 && !body.is_on_all_limbs {
-            let before = *self;
-            self.join_one::<FREE, POSITIVE>(sent);
-            self.only_where(before.y[0].everywhere(body.stands_for_itself), &before);
-        } else {
-            self.join_one::<FREE, POSITIVE>(sent);
-        }
-    }
-
-    #[inline(always)]
-    fn join_one<const FREE: usize, const POSITIVE: bool>(&mut self, sent: &mut Sent<T>) {
+    fn join<const FREE: usize, const POSITIVE: bool>(&mut self, sent: &mut Sent<T>) {
         self.root.join::<FREE, POSITIVE>(&mut sent.columns, Some((&mut self.y, &mut sent.y)));
         for (to, &t) in self.t.iter_mut().zip(&sent.t) {
             *to += t;
         }
         self.scale = self.scale.sum(&sent.scale);
     }
-
-    /// `before`, but where `is_there` is one.
-    #[inline(always)]
-    fn only_where(&mut self, is_there: T, before: &Self) {
-        let is_not = is_there.constant(1.0) - is_there;
-        for i in 0..6 {
-            pick(&mut self.root.weights[i], before.root.weights[i], (is_there, is_not));
-            pick(&mut self.y[i], before.y[i], (is_there, is_not));
-            pick(&mut self.t[i], before.t[i], (is_there, is_not));
-            for j in 0..i {
-                pick(&mut self.root.rows[i][j], before.root.rows[i][j], (is_there, is_not));
-            }
-        }
-        pick(&mut self.scale.angular, before.scale.angular, (is_there, is_not));
-        pick(&mut self.scale.linear, before.scale.linear, (is_there, is_not));
-    }
-}
-
-/// `before` where it is not there.
-#[inline(always)]
-fn pick<T: Real>(now: &mut T, before: T, (is_there, is_not): (T, T)) {
-    *now = is_there.mul_add(*now, is_not * before);
 }
 
 /// Every stage's measurements (3.6, 4.2, 4.5) and the way to its parent; `innovations` receives e^-. Of a turn D, g and e^- are those about
@@ -220,10 +165,10 @@ pub(super) fn tip_to_base<T: Real>(
             to.begin(lean, own, added, body.places.parent - 1);
         }
         match (two_are_free, body.hangs_on_definite) {
-            (true, true) => to.join::<2, true>(body, &mut sent),
-            (false, true) => to.join::<3, true>(body, &mut sent),
-            (true, false) => to.join::<2, false>(body, &mut sent),
-            (false, false) => to.join::<3, false>(body, &mut sent),
+            (true, true) => to.join::<2, true>(&mut sent),
+            (false, true) => to.join::<3, true>(&mut sent),
+            (true, false) => to.join::<2, false>(&mut sent),
+            (false, false) => to.join::<3, false>(&mut sent),
         }
     }
     monitor

@@ -1,7 +1,7 @@
 //! How a body on a turn is rotated.
 
 use super::tilt::Tilt;
-use super::turn::{Axis, Turn, about, packed_to_parent, packed_to_turn, symmetric_to_parent};
+use super::turn::{Axis, Turn, about, packed_to_parent, symmetric_to_parent};
 use crate::scalar::{ColumnsOf, Real};
 
 /// The rotation of a body on a turn, from its frame to the joint's: by its angle; of a tilted axle to its parent's, by the tilt too. Which of both it is the
@@ -31,18 +31,8 @@ pub(super) trait Rotates<T: Real>: Copy {
     /// 6 + 9 + 6 numbers of a covariance, body's frame to joint's.
     fn covariance(&self, p: &[T; 21]) -> [T; 21];
 
-    /// The same where row and column 2 are zero, and are there too if nothing tilts.
-    fn covariance_past_z(&self, p: &[T; 21]) -> [T; 21];
-
-    /// 6 + 9 + 6 numbers, joint's frame to body's.
-    fn covariance_back(&self, p: &[T; 21]) -> [T; 21];
-
     /// Spread over columns.
     fn spread<C: ColumnsOf<T>>(&self, like: C) -> Self::Spread<C>;
-
-    /// That of one limb.
-    #[must_use]
-    fn of_limb(&self, limb: usize) -> Self;
 }
 
 impl<T: Real> Rotates<T> for Turn<T> {
@@ -81,43 +71,20 @@ impl<T: Real> Rotates<T> for Turn<T> {
 
     #[inline(always)]
     fn covariance(&self, p: &[T; 21]) -> [T; 21] {
-        let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] =
-            self.covariance_past_z(p);
-        let ((a2, a4), (c6, c7)) = (self.pair(a2, a4), self.pair(c6, c7));
-        [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5]
-    }
-
-    #[inline(always)]
-    fn covariance_past_z(&self, p: &[T; 21]) -> [T; 21] {
         let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *p;
         let (a0, a1, a3) = self.plane((a0, a1, a3));
         let (b0, b1, b3) = self.plane((b0, b1, b3));
         let (b2, b4) = self.pair(b2, b4);
         let [c0, c1, c3, c4] = self.square([c0, c1, c3, c4]);
         let (c2, c5) = self.pair(c2, c5);
+        let ((a2, a4), (c6, c7)) = (self.pair(a2, a4), self.pair(c6, c7));
         [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5]
-    }
-
-    #[inline(always)]
-    fn covariance_back(&self, p: &[T; 21]) -> [T; 21] {
-        self.inverse().covariance(p)
     }
 
     #[inline(always)]
     fn spread<C: ColumnsOf<T>>(&self, like: C) -> Turn<C> {
         Turn { s: like.spread(self.s), c: like.spread(self.c) }
     }
-
-    #[inline(always)]
-    fn of_limb(&self, limb: usize) -> Self {
-        Self { s: self.s.of_limb(limb), c: self.c.of_limb(limb) }
-    }
-}
-
-/// Whether there is a tilt, of a rotation whose kind has no name.
-#[inline(always)]
-pub(super) fn tilts<T: Real, R: Rotates<T>>(_: &R) -> bool {
-    R::TILTS
 }
 
 /// A turn about a tilted axis.
@@ -207,50 +174,6 @@ impl<T: Real> Rotates<T> for TiltedTurn<T> {
     }
 
     #[inline(always)]
-    fn covariance_past_z(&self, p: &[T; 21]) -> [T; 21] {
-        let (turn, Turn { s, c }) = (self.about_x, self.about_x);
-        let [a0, a1, _, a3, _, _, c0, c1, c2, c3, c4, c5, _, _, _, b0, b1, b2, b3, b4, b5] =
-            self.turn.covariance_past_z(p);
-        let (b3, b4, b5) = turn.plane((b3, b4, b5));
-        let (b1, b2) = turn.pair(b1, b2);
-        // The columns of C first; then its row y, and that of A, become y and z.
-        let ((c1, c2), (c4, c5)) = (turn.pair(c1, c2), turn.pair(c4, c5));
-        let (a3, a4, a5) = (c * (c * a3), s * (c * a3), s * (s * a3));
-        self.and_about_z([
-            a0,
-            c * a1,
-            s * a1,
-            a3,
-            a4,
-            a5,
-            c0,
-            c1,
-            c2,
-            c * c3,
-            c * c4,
-            c * c5,
-            s * c3,
-            s * c4,
-            s * c5,
-            b0,
-            b1,
-            b2,
-            b3,
-            b4,
-            b5,
-        ])
-    }
-
-    #[inline(always)]
-    fn covariance_back(&self, p: &[T; 21]) -> [T; 21] {
-        let mut p = about!(self.axis, X, Y, Z, packed_to_turn::<T, X, Y, Z>(p));
-        if self.turns_about_z {
-            p = self.about_z.covariance_back(&p);
-        }
-        self.turn.covariance_back(&about_x(self.about_x.inverse(), &p))
-    }
-
-    #[inline(always)]
     fn spread<C: ColumnsOf<T>>(&self, like: C) -> TiltedTurn<C> {
         let Self { turn, axis, about_x, about_z, turns_about_z } = *self;
         TiltedTurn {
@@ -258,18 +181,6 @@ impl<T: Real> Rotates<T> for TiltedTurn<T> {
             axis,
             about_x: about_x.spread(like),
             about_z: about_z.spread(like),
-            turns_about_z,
-        }
-    }
-
-    #[inline(always)]
-    fn of_limb(&self, limb: usize) -> Self {
-        let Self { turn, axis, about_x, about_z, turns_about_z } = *self;
-        Self {
-            axis,
-            turn: turn.of_limb(limb),
-            about_x: about_x.of_limb(limb),
-            about_z: about_z.of_limb(limb),
             turns_about_z,
         }
     }
@@ -350,13 +261,6 @@ mod tests {
         let whole = |p: &[f64; 21]| -> Matrix6<f64> { Symmetric6::to_matrix(&unpacked(p)) };
         let there = |p: &[f64; 21]| twice(matrix) * whole(p) * twice(&back);
         assert!(near(whole(&rotation.covariance(&p)).as_slice(), there(&p).as_slice()));
-        let inward = twice(&back) * whole(&p) * twice(matrix);
-        assert!(near(whole(&rotation.covariance_back(&p)).as_slice(), inward.as_slice()));
-        let mut past = p;
-        for i in [2, 4, 5, 12, 13, 14] {
-            past[i] = 0.0;
-        }
-        assert!(near(whole(&rotation.covariance_past_z(&past)).as_slice(), there(&past).as_slice()));
     }
 
     /// Everything that a rotation does is what its matrix does.

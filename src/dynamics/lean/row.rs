@@ -1,7 +1,6 @@
 //! Past the row of a turn: what its measurement tells and what it leaves.
 
 use super::filter::ABOUT_Z;
-use crate::filter::System;
 use crate::filter::riccati::Measured;
 use crate::scalar::Real;
 use nalgebra::Vector6;
@@ -10,14 +9,14 @@ use nalgebra::Vector6;
 #[derive(Clone, Copy)]
 pub(super) struct Noise<T> {
     pub variance: T,
-    /// Whether row and column 2 of P^+ are zero and not formed.
-    pub skips_zeros: bool,
+    /// Whether it is zero: then H g = 1 and H P^+ = 0 are written, not computed.
+    pub is_free: bool,
 }
 
 impl<T: Real> Noise<T> {
     #[inline(always)]
-    pub fn of(system: &System<T>, variance: T) -> Self {
-        Self { variance, skips_zeros: system.skips_zeros_at(variance) }
+    pub fn of(variance: T) -> Self {
+        Self { variance, is_free: variance.lane(0) == 0.0 }
     }
 }
 
@@ -27,7 +26,7 @@ pub(super) fn measured<T: Real>(noise: Noise<T>, &[c0, c1, c2, c3, c4, c5]: &[T;
     let pivot = c2 + noise.variance;
     let pivot_inverse = pivot.recip();
     let column = [c0, c1, c3, c4, c5];
-    let own = if noise.skips_zeros { pivot.constant(1.0) } else { c2 * pivot_inverse };
+    let own = if noise.is_free { pivot.constant(1.0) } else { c2 * pivot_inverse };
     let gain = Vector6::new(
         column[0] * pivot_inverse,
         column[1] * pivot_inverse,
@@ -48,7 +47,7 @@ pub(super) fn diagonal_past<T: Real>(
     m: &Measured<T>,
 ) -> Vector6<T> {
     let g = &m.gain;
-    let own = if noise.skips_zeros { g[2].constant(0.0) } else { noise.variance * g[2] };
+    let own = if noise.is_free { g[2].constant(0.0) } else { noise.variance * g[2] };
     Vector6::new(
         p0.minus_product(g[0], *ph0),
         p1.minus_product(g[1], *ph1),
@@ -65,8 +64,7 @@ pub(super) fn measure<T: Real>(noise: Noise<T>, m: &Measured<T>, measurement: T,
     let e = measurement - z[ABOUT_Z];
     let g = &m.gain;
     // H z^+ = tau - (r / D) e^-, which a sum with a large H z^- would not give.
-    let own =
-        if noise.skips_zeros { measurement } else { measurement.minus_product(e, noise.variance * m.pivot_inverse) };
+    let own = if noise.is_free { measurement } else { measurement.minus_product(e, noise.variance * m.pivot_inverse) };
     let z = [
         g[0].mul_add(e, z[0]),
         g[1].mul_add(e, z[1]),

@@ -13,7 +13,6 @@ use crate::filter::riccati::Measured;
 use crate::scalar::Real;
 use crate::scene::{Body, Model};
 use crate::spatial::{BodyRoot, RigidShift};
-use nalgebra::Vector6;
 
 /// Angular velocity, angular acceleration and acceleration of the origin (kept for shifts only).
 pub(super) type Moving<T> = [[T; 3]; 3];
@@ -89,52 +88,15 @@ pub(super) struct Watched<T> {
     pub zeta: (T, T),
 }
 
-/// Adds what one body sends to what is there already, or begins with it; limbs side by side one after another, the last one first, as they come
-/// where they are bodies by themselves.
+/// Adds what one body sends to what is there already, or begins with it.
 #[inline(always)]
 pub(super) fn arrive<T: Real, const N: usize>(body: &LeanBody<T::Parameter>, sent: &[T; N], to: &mut [T; N]) {
-    arrive_after(body, body.places.arrives_first, sent, to);
-}
-
-/// The same where it is told whether anything is there already.
-#[inline(always)]
-pub(super) fn arrive_after<T: Real, const N: usize>(
-    body: &LeanBody<T::Parameter>,
-    is_first: bool,
-    sent: &[T; N],
-    to: &mut [T; N],
-) {
-    if T::LIMBS > 1 && body.limbs > 1 {
-        // As many as there are, each known to the compiler.
-        match body.limbs {
-            2 => arrive_from_limbs::<T, N, 2>(is_first, sent, to),
-            3 => arrive_from_limbs::<T, N, 3>(is_first, sent, to),
-            _ => arrive_from_limbs::<T, N, 4>(is_first, sent, to),
-        }
-    } else if T::LIMBS > 1 && !body.is_on_all_limbs {
-        for (to, &sent) in to.iter_mut().zip(sent) {
-            let sent = sent * sent.everywhere(body.stands_for_itself);
-            *to = if is_first { sent } else { *to + sent };
-        }
-    } else if is_first {
+    if body.places.arrives_first {
         put(sent, to);
     } else {
         for (to, &sent) in to.iter_mut().zip(sent) {
             *to += sent;
         }
-    }
-}
-
-/// What limbs side by side send to one body.
-#[inline(always)]
-fn arrive_from_limbs<T: Real, const N: usize, const LIMBS: usize>(is_first: bool, sent: &[T; N], to: &mut [T; N]) {
-    for (to, &sent) in to.iter_mut().zip(sent) {
-        let last = sent.of_limb(LIMBS - 1);
-        let mut sum = if is_first { last } else { *to + last };
-        for limb in (0..LIMBS - 1).rev() {
-            sum += sent.of_limb(limb);
-        }
-        *to = sum;
     }
 }
 
@@ -197,10 +159,6 @@ pub(crate) struct LeanScratch<T: Real> {
     pub(super) added: Vec<[T; 6]>,
     /// In slots, inward: what the square-root form has of a body before its measurements; the first is any leaf's while it is its turn.
     pub(super) rooted: Vec<Rooted<T>>,
-    /// Lambda^- of each body.
-    pub(super) co_covariances: Vec<[T; 21]>,
-    /// Lambda^+ g of each row.
-    pub(super) spread_gains: Vec<Vector6<T>>,
 }
 
 impl<T: Real> LeanScratch<T> {
@@ -239,8 +197,6 @@ impl<T: Real> LeanScratch<T> {
             co_states,
             added: vec![[nan; 6]; bodies],
             rooted: vec![Rooted::filled(nan); lean.swept_slots.inward],
-            co_covariances: vec![[nan; 21]; bodies],
-            spread_gains: vec![Vector6::from_element(nan); nv],
         }
     }
 }
@@ -271,14 +227,7 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> [
         + bodies * size_of::<Watched<f64>>()
         + lean.swept_slots.inward * size_of::<Besides<f64>>()
         + lean.swept_slots.outward * size_of::<[[f64; 6]; 2]>();
-    let (slots, columns) = lean.column_slots();
-    let columns = slots * columns * size_of::<[f64; 6]>();
-    let closed_form = columns
-        + if lean.is_shallow {
-            nv * nv * size_of::<f64>()
-        } else {
-            bodies * size_of::<[f64; 21]>() + nv * size_of::<Vector6<f64>>()
-        };
+    let product = lean.swept_slots.outward * lean.longest_path * size_of::<[f64; 6]>() + nv * nv * size_of::<f64>();
     let swept = match algorithm {
         Algorithm::InverseDynamics | Algorithm::BiasTorque => motions,
         Algorithm::MassMatrix => lean.swept_slots.inward * size_of::<Composite<f64>>() + nv * size_of::<[f64; 6]>(),
@@ -292,9 +241,9 @@ pub(crate) fn bytes(lean: &LeanModel<f64>, nv: usize, algorithm: Algorithm) -> [
         Algorithm::ForwardDynamics(_) => motions + filter + lean.swept_slots.outward * size_of::<CoState<f64>>(),
         // And a right side that is made up, with its forces.
         Algorithm::MassMatrixInverse(Form::Auto) => {
-            filter + watching + closed_form + nv * size_of::<f64>() + bodies * size_of::<[f64; 6]>()
+            filter + watching + product + nv * size_of::<f64>() + bodies * size_of::<[f64; 6]>()
         }
-        Algorithm::MassMatrixInverse(_) => filter + closed_form,
+        Algorithm::MassMatrixInverse(_) => filter + product,
     };
     [model, noise + shifts + turns + swept]
 }

@@ -4,7 +4,7 @@
 
 use super::body::{Carrier, LeanBody, bodies_inward};
 use super::lever::Lever;
-use super::loads::Load;
+use super::spin::Load;
 
 /// One body.
 #[allow(clippy::struct_excessive_bools)] // facts, each by itself
@@ -13,11 +13,8 @@ pub(super) struct Segment<N> {
     pub carrier: Carrier,
     /// As [`LeanBody`] has them.
     pub sense: N,
-    pub stands_for_itself: N,
     pub index: usize,
     pub row: usize,
-    pub limbs: usize,
-    pub is_on_all_limbs: bool,
     pub is_about_z: bool,
     pub is_afloat: bool,
     pub is_leaf: bool,
@@ -25,9 +22,8 @@ pub(super) struct Segment<N> {
     pub is_on_base: bool,
     /// Of a turn, from the parent's origin to the body's, in the parent's frame.
     pub arm: Lever<N>,
-    /// The body as its force sees it, if it needs any.
+    /// The body as its force sees it.
     pub load: Load<N>,
-    pub needs_no_force: bool,
     /// Where its motion and its co-state are, and its parent's; one past its parent.
     pub outward: usize,
     pub parent_outward: usize,
@@ -46,7 +42,6 @@ pub(super) struct Segment<N> {
 pub(super) struct OfSegment<N> {
     pub arm: Lever<N>,
     pub load: Load<N>,
-    pub needs_no_force: bool,
     pub waits_for_parent: bool,
 }
 
@@ -62,22 +57,18 @@ pub(super) fn alone_at_depth(parents: &[Option<usize>]) -> Vec<bool> {
 impl<N: Copy> Segment<N> {
     /// Of a body in the order of the sweeps, that nothing hangs on yet.
     fn new(body: &LeanBody<N>, own: OfSegment<N>) -> Self {
-        let OfSegment { arm, load, needs_no_force, waits_for_parent } = own;
+        let OfSegment { arm, load, waits_for_parent } = own;
         Self {
             carrier: body.carrier,
             sense: body.sense,
-            stands_for_itself: body.stands_for_itself,
             index: body.index,
             row: body.row,
-            limbs: body.limbs,
-            is_on_all_limbs: body.is_on_all_limbs,
             is_about_z: body.is_about_z,
             is_afloat: body.is_afloat,
             is_leaf: body.is_leaf,
             is_on_base: body.parent.is_none(),
             arm,
             load,
-            needs_no_force,
             outward: body.places.outward,
             parent_outward: body.places.parent_outward,
             parent: body.places.parent,
@@ -86,12 +77,6 @@ impl<N: Copy> Segment<N> {
             carries_shifts: false,
             waits_for_parent,
         }
-    }
-
-    /// Those of its numbers that [`LeanBody`] has not, but for the arm's.
-    #[cfg(target_arch = "x86_64")]
-    pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
-        self.load.numbers_mut()
     }
 }
 

@@ -48,12 +48,6 @@ impl<N: Copy> Slide<N> {
         Slide { about_z: [number(s), number(c)], turns, tilt: self.tilt.map(number), tilts }
     }
 
-    /// Its numbers.
-    #[cfg(target_arch = "x86_64")]
-    pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
-        self.about_z.iter_mut().chain(self.tilt.numbers_mut())
-    }
-
     /// R P R*, in the parent's frame.
     #[inline(always)]
     fn covariance<T: Real<Parameter = N>>(&self, p: &[T; 21]) -> [T; 21] {
@@ -73,7 +67,7 @@ impl<N: Copy> Slide<N> {
     /// P at the parent, of P^+ here; `lever` is where the body is now, there.
     #[inline(always)]
     pub fn at_parent<T: Real<Parameter = N>>(&self, p: &[T; 21], lever: [T; 3]) -> [T; 21] {
-        along_lever(&Lever { entries: lever, along: [true; 3] }, &self.covariance(p), true)
+        along_lever(&Lever { entries: lever, along: [true; 3] }, &self.covariance(p))
     }
 }
 
@@ -89,11 +83,7 @@ fn exchanged<T: Copy>(p: &[T; 21]) -> [T; 21] {
 pub(super) fn past_slide<T: Real>(noise: Noise<T>, p: &[T; 21]) -> (Measured<T>, [T; 21]) {
     let p = exchanged(p);
     let (m, column) = measured(noise, &[p[2], p[4], p[5], p[12], p[13], p[14]]);
-    let after = if noise.skips_zeros {
-        kept::<T, false>(&p, &column, (&m, noise.variance))
-    } else {
-        kept::<T, true>(&p, &column, (&m, noise.variance))
-    };
+    let after = kept(&p, &column, (&m, noise.variance));
     let g = &m.gain;
     (Measured { gain: Vector6::new(g[3], g[4], g[5], g[0], g[1], g[2]), ..m }, exchanged(&after))
 }
@@ -173,8 +163,8 @@ mod tests {
             }
         }
         let hinge = HingeMap::<f64>::Axis(ALONG_Z).to_column();
-        for (variance, skips_zeros) in [(0.0, true), (0.0, false), (0.7, false)] {
-            let (m, after) = past_slide(Noise { variance, skips_zeros }, &p);
+        for variance in [0.0, 0.7] {
+            let (m, after) = past_slide(Noise::of(variance), &p);
             let pivot = (hinge.transpose() * before * hinge)[(0, 0)] + variance;
             let gain = before * hinge / pivot;
             assert!((m.pivot - pivot).abs() <= 1e-15 * pivot && (m.pivot_inverse * pivot - 1.0).abs() <= 1e-15);

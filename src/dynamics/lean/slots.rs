@@ -122,7 +122,7 @@ mod tests {
     fn no_body_overwrites_what_is_still_read() {
         for parents in [TREE.to_vec(), (0..20_usize).map(|k| k.checked_sub(1)).collect()] {
             let rows: Vec<usize> = (0..parents.len()).collect();
-            for order in [rows, interleaved(&parents, |k| k)] {
+            for order in [rows, interleaved(&parents)] {
                 let Ordered { at, places, slots } = Ordered::new(&parents, &order);
                 let mut held = vec![usize::MAX; slots.outward];
                 for &k in &order {
@@ -158,6 +158,6 @@ mod tests {
         };
         assert_eq!(counts(&TREE).0, 3);
         assert_eq!(counts(&[None, Some(0), Some(1), Some(2)]).1, 3);
-        assert_eq!(interleaved(&TREE, |k| k), [0, 8, 1, 4, 2, 3, 5, 7, 6]);
+        assert_eq!(interleaved(&TREE), [0, 8, 1, 4, 2, 3, 5, 7, 6]);
     }
 }

@@ -1,15 +1,39 @@
 //! How the accelerations of a body's points vary in it, and the force that this needs.
 
 use super::lever::{Lever, along_each};
-use super::loads::Load;
 use super::motion::minus_cross_number;
 use crate::dynamics::forces::Needed;
 use crate::scalar::Real;
-use crate::spatial::BodyRoot;
+use crate::spatial::{BodyInertia, BodyRoot};
 
 /// Each in every lane.
 macro_rules! everywhere {
     ($like:expr, $($number:expr),+) => { [$($like.everywhere($number)),+] };
+}
+
+/// A body as its force sees it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Load<N> {
+    /// Mass, first moment, rotational inertia about the origin.
+    pub mass: N,
+    pub first_moment: [N; 3],
+    pub rotational: [N; 6],
+    /// `I_zz` - `I_yy`, `I_xx` - `I_zz`, `I_yy` - `I_xx`: what w x I w has of them.
+    pub differences: [N; 3],
+}
+
+impl<N> Load<N> {
+    /// Of a body with this inertia.
+    pub fn of(inertia: &BodyInertia<f64>, number: impl Fn(f64) -> N) -> Self {
+        let BodyInertia { mass, first_moment, rotational } = inertia;
+        let [xx, _, _, yy, _, zz] = rotational.entries;
+        Self {
+            mass: number(*mass),
+            first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],
+            rotational: rotational.entries.map(&number),
+            differences: [zz - yy, xx - zz, yy - xx].map(number),
+        }
+    }
 }
 
 /// How the acceleration of a body's points varies in it: U = dw~ + w~ w~.
@@ -70,18 +94,6 @@ impl<T: Real> Spin<T> {
         a
     }
 
-    /// U (x, y, 0).
-    #[inline(always)]
-    fn times_across(&self, x: T::Parameter, y: T::Parameter) -> [T; 3] {
-        let [x, y] = everywhere!(self.dw[0], x, y);
-        let ([_, zx, xy], [zy, _, yx]) = (self.after, self.before);
-        let mut sums = [xy * y, yx * x];
-        if self.has_velocity {
-            sums = [sums[0].minus_product(self.pull[0], x), sums[1].minus_product(self.pull[1], y)];
-        }
-        [sums[0], sums[1], zy.mul_add(y, zx * x)]
-    }
-
     /// I dw + w x I w.
     #[inline(always)]
     fn moment(&self, load: &Load<T::Parameter>) -> [T; 3] {
@@ -89,33 +101,21 @@ impl<T: Real> Spin<T> {
         let [dx, dy, dz] = self.dw;
         let [xx, xy, xz, yy, yz, zz] = load.rotational;
         let [xx, xy, xz, yy, yz, zz] = everywhere!(dx, xx, xy, xz, yy, yz, zz);
-        // I dw, and of w x I w what products of inertia have but for differences of squares; off the axis U has it all.
-        let mut n = if load.is_off_axis {
-            [
-                u_yx.mul_add(xz, u_zy * xx).minus_product(u_zx, xy),
-                (u_zy * xy).minus_product(u_zx, yy).minus_product(u_xy, yz),
-                u_xz.mul_add(yz, dz * zz).minus_product(u_yz, xz),
-            ]
-        } else {
-            [
-                u_yx.mul_add(xz, dx * xx).minus_product(u_zx, xy),
-                u_zy.mul_add(xy, dy * yy).minus_product(u_xy, yz),
-                u_xz.mul_add(yz, dz * zz).minus_product(u_yz, xz),
-            ]
-        };
+        // I dw, and of w x I w what products of inertia have but for differences of squares.
+        let mut n = [
+            u_yx.mul_add(xz, dx * xx).minus_product(u_zx, xy),
+            u_zy.mul_add(xy, dy * yy).minus_product(u_xy, yz),
+            u_xz.mul_add(yz, dz * zz).minus_product(u_yz, xz),
+        ];
         if self.has_velocity {
             let [square_x, square_y, square_z] = self.squares;
             let [x, y, z] = load.differences;
             let [around_x, around_y, around_z] = everywhere!(dx, x, y, z);
             n = [
-                (square_y - square_z).mul_add(yz, n[0]),
-                (square_z - square_x).mul_add(xz, n[1]),
+                self.products[0].mul_add(around_x, (square_y - square_z).mul_add(yz, n[0])),
+                self.products[1].mul_add(around_y, (square_z - square_x).mul_add(xz, n[1])),
                 self.products[2].mul_add(around_z, (square_x - square_y).mul_add(xy, n[2])),
             ];
-            if !load.is_off_axis {
-                n[0] = self.products[0].mul_add(around_x, n[0]);
-                n[1] = self.products[1].mul_add(around_y, n[1]);
-            }
         }
         n
     }
@@ -124,18 +124,10 @@ impl<T: Real> Spin<T> {
 /// (I dw + w x I w + m p x a, m a + U m p).
 #[inline(always)]
 pub(super) fn force_of<T: Real>(load: &Load<T::Parameter>, spin: &Spin<T>, a: [T; 3]) -> [T; 6] {
-    let [hx, hy, hz] = load.first_moment;
-    let (like, moment) = (a[0], spin.moment(load));
-    let (moment, force) = if load.is_off_axis {
-        let [x, y] = everywhere!(like, hx, hy);
-        let along = x.mul_add(a[1], moment[2]).minus_product(y, a[0]);
-        ([y.mul_add(a[2], moment[0]), moment[1].minus_product(x, a[2]), along], spin.times_across(hx, hy))
-    } else {
-        let m = like.everywhere(load.mass);
-        let [x, y, z] = spin.times([hx, hy, hz]);
-        let force = [m.mul_add(a[0], x), m.mul_add(a[1], y), m.mul_add(a[2], z)];
-        (minus_cross_number(a, [hx, hy, hz], moment), force)
-    };
+    let (m, moment) = (a[0].everywhere(load.mass), spin.moment(load));
+    let [x, y, z] = spin.times(load.first_moment);
+    let force = [m.mul_add(a[0], x), m.mul_add(a[1], y), m.mul_add(a[2], z)];
+    let moment = minus_cross_number(a, load.first_moment, moment);
     [moment[0], moment[1], moment[2], force[0], force[1], force[2]]
 }
 

@@ -61,12 +61,6 @@ impl<N: Copy> Tilt<N> {
             turns_about_z: self.turns_about_z,
         }
     }
-
-    /// Its numbers.
-    #[cfg(target_arch = "x86_64")]
-    pub fn numbers_mut(&mut self) -> impl Iterator<Item = &mut N> {
-        self.about_x.iter_mut().chain(&mut self.about_z)
-    }
 }
 
 /// What a turn is about.

@@ -93,34 +93,6 @@ pub(super) fn packed_to_parent<T: Copy, const X: usize, const Y: usize, const Z:
     there
 }
 
-/// A packed matrix from the parent's frame to the turn's.
-#[inline(always)]
-pub(super) fn packed_to_turn<T: Copy, const X: usize, const Y: usize, const Z: usize>(p: &[T; 21]) -> [T; 21] {
-    [
-        p[PACKED[X][X]],
-        p[PACKED[X][Y]],
-        p[PACKED[X][Z]],
-        p[PACKED[Y][Y]],
-        p[PACKED[Y][Z]],
-        p[PACKED[Z][Z]],
-        p[6 + 3 * X + X],
-        p[6 + 3 * X + Y],
-        p[6 + 3 * X + Z],
-        p[6 + 3 * Y + X],
-        p[6 + 3 * Y + Y],
-        p[6 + 3 * Y + Z],
-        p[6 + 3 * Z + X],
-        p[6 + 3 * Z + Y],
-        p[6 + 3 * Z + Z],
-        p[15 + PACKED[X][X]],
-        p[15 + PACKED[X][Y]],
-        p[15 + PACKED[X][Z]],
-        p[15 + PACKED[Y][Y]],
-        p[15 + PACKED[Y][Z]],
-        p[15 + PACKED[Z][Z]],
-    ]
-}
-
 /// A renaming of axes, from a body's frame in the model to the one that these sweeps have it in, as a table: which entry each becomes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Renaming<N> {

@@ -28,8 +28,7 @@ pub(crate) fn forward_dynamics_watched<T: Real, C: ColumnsOf<T>>(
     qdd: &mut [T],
 ) -> (PivotMonitor<T>, PivotMonitor<T>, Cancellation<T>) {
     let state = Motion { q, qd, qdd: None, wrenches };
-    // With mass where it is: z + P lambda is to be the force that is transmitted.
-    motion::base_to_tip::<T, C, false>((model, lean), lean.whole_segments(), scratch, state);
+    motion::base_to_tip::<T, C, false>((model, lean), scratch, state);
     let [monitor, near] = filter::tip_to_base::<T, { filter::WATCH }>((model, lean), scratch, tau, qdd);
     (monitor, near, base_to_tip((model, lean), scratch, qdd))
 }
@@ -96,7 +95,6 @@ fn base_to_tip<T: Real>(
     let rows = measured.len();
     let (estimates, innovations) = (&mut estimates[..rows], &innovations[..rows]);
     for ((body, own), watched) in lean.swept().iter().zip(own).zip(watched) {
-        let before = seen;
         let [outer, outer_nu] = &co_states[body.places.parent_outward];
         let row = body.row;
         let (mut lambda, mut nu);
@@ -137,9 +135,6 @@ fn base_to_tip<T: Real>(
         }
         if !body.is_leaf {
             co_states[body.places.outward] = [lambda, nu];
-        }
-        if T::LIMBS > 1 {
-            seen.leave_out_of(&before, lambda[0].everywhere(body.stands_for_itself));
         }
     }
     seen
