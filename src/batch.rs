@@ -13,7 +13,6 @@ mod compiled;
 pub mod evaluator;
 #[cfg(feature = "parallel")]
 mod handed_out;
-pub(crate) mod own;
 #[cfg(feature = "parallel")]
 mod threads;
 

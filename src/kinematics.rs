@@ -1,9 +1,12 @@
 //! Base to tip: placements, velocities, and the accelerations that are there without joint accelerations.
 
+use crate::model::{Body, Model, Motion};
 use crate::scalar::Real;
-use crate::scene::{Body, Model, Motion};
 use crate::spatial::{RigidShift, cross_motion, from_rows, minus, product, row, sum, zero};
 use nalgebra::{Matrix3, Vector3, Vector6};
+
+/// How far the norm of a quaternion may be from one.
+pub const QUATERNION_SLACK: f64 = 1e-3;
 
 /// Rotation matrix of a quaternion (x, y, z, w), normalised by its squared norm.
 #[inline(always)]

@@ -42,12 +42,16 @@
 //! Features, none needed by the recursions: `urdf` (scenes from files), `parallel` (batches on threads), `dense` (composite
 //! matrices and faer's LDLT as the check), `stochastic` (the random model, sampled), `python` (the module that maturin builds).
 
+pub mod accuracy;
+pub mod algorithm;
+pub mod api;
 pub mod batch;
 pub mod dynamics;
 pub mod error;
 pub mod filter;
 pub mod kinematics;
 pub mod memory;
+pub mod model;
 pub mod motion;
 pub mod operators;
 pub mod plan;
@@ -64,7 +68,7 @@ pub mod stochastic;
 pub mod watch;
 mod workspace;
 
-pub use batch::chunk::{Algorithm, Arguments};
+pub use algorithm::{Algorithm, Arguments};
 pub use error::Error;
 pub use filter::Form;
 pub use scene::{Scene, SceneBuilder};

@@ -3,7 +3,8 @@
 mod counted;
 
 use crate::filter::{HingeMap, Rows};
-use crate::scene::{Body, JointKind, Motion, Omissions, Scene};
+use crate::model::{Body, Motion, Omissions};
+use crate::scene::{JointKind, Scene};
 use crate::watch;
 use std::collections::HashSet;
 

@@ -1,14 +1,13 @@
 //! Every per-body array of the sweeps, allocated once.
 
-use crate::batch::own::OwnKernels;
-use crate::dynamics::Accuracy;
+use crate::accuracy::Accuracy;
+use crate::algorithm::Chunks;
 use crate::filter::cancellation::weight;
 use crate::filter::pivots::{Evidence, LostPivot, PivotMonitor, Scale, first_lost};
 use crate::filter::riccati::{Covariances, Measured};
 use crate::filter::{Form, System};
-use crate::planar::PlanarScratch;
+use crate::model::Model;
 use crate::scalar::Real;
-use crate::scene::Model;
 use crate::spatial::{BodyInertia, RigidShift, Root6, Symmetric3, Symmetric6};
 use nalgebra::{Vector3, Vector6};
 
@@ -22,6 +21,23 @@ pub struct Tally {
     pub refined: usize,
     /// The answer was in doubt and there was nothing better: not f64, several lanes, a body without a root, or an overflow.
     pub in_doubt: usize,
+}
+
+/// Compiled kernels of one state, and the scene whose constants they have; none before they are made.
+#[derive(Default)]
+pub(crate) struct OwnKernels(pub(crate) Option<(u64, Box<dyn Chunks<f64>>)>);
+
+/// A copy has none yet: kernels are not copied, but made again.
+impl Clone for OwnKernels {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+impl std::fmt::Debug for OwnKernels {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("OwnKernels").field(&self.0.as_ref().map(|(scene, _)| scene)).finish()
+    }
 }
 
 /// The scratch of every algorithm for one state (or one state a lane); starts as NaN, so that nothing unset is ever used.
@@ -61,9 +77,7 @@ pub struct Workspace<T: Real> {
     pub(crate) estimates: Vec<T>,
     /// r(k), the inertia of everything outboard of joint k.
     pub(crate) composite: Vec<BodyInertia<T>>,
-    /// For a planar scene, where the scene made this workspace.
-    pub(crate) planar: Option<PlanarScratch<T>>,
-    /// What the methods of a scene run; those in `dynamics` do not.
+    /// What the methods of a scene run; the functions of `dynamics` do not.
     pub(crate) kernels: OwnKernels,
 }
 
@@ -103,7 +117,6 @@ impl<T: Real> Workspace<T> {
                 };
                 bodies
             ],
-            planar: None,
             kernels: OwnKernels::default(),
         }
     }

@@ -8,12 +8,13 @@ use common::lanes::{
 };
 use common::{ALL_KINDS, Random, Tree, tolerance};
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::batch::evaluator::Evaluator;
 use phipsi::filter::Form;
+use phipsi::planar::PlanarModel;
 use phipsi::scalar::{Fused, Real};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::{SpatialVector, Symmetric3};
+use phipsi::{Algorithm, Arguments};
 use phipsi::{Error, Scene};
 use std::f64::consts::FRAC_PI_2;
 
@@ -121,7 +122,7 @@ fn pendula() -> Scene {
         builder = builder.link(LinkDescription { name: name.into(), inertial }).joint(joint);
     }
     let scene = builder.gravity([0.0, -9.81, 0.0]).build().expect("pendula");
-    assert!(scene.planar().is_some());
+    assert!(PlanarModel::of(scene.model()).is_some());
     scene
 }
 

@@ -8,12 +8,12 @@ use common::lanes::{
 };
 use common::tolerance::{self, Conditioning, assert_near, conditioning};
 use phipsi::batch::arms::Arm;
-use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::batch::evaluator::Evaluator;
 use phipsi::filter::Form;
 use phipsi::scalar::{Instructions, Lanes, Real};
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::SpatialVector;
+use phipsi::{Algorithm, Arguments};
 use phipsi::{Error, Scene};
 
 #[allow(clippy::cast_possible_truncation)] // that is the question

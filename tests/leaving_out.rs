@@ -6,12 +6,12 @@ use common::oracle::{Oracle, ds};
 use common::tolerance::{self, Conditioning, assert_near, conditioning, size};
 use common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_inertial, random_state};
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
-use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::filter::Form;
 use phipsi::operators::{Factor, KINDS, Operator};
 use phipsi::report::operations::{Task, count_in_six_vectors, of_factor};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Omissions, SceneBuilder};
 use phipsi::spatial::{SpatialVector, Symmetric3};
+use phipsi::{Algorithm, Arguments};
 use phipsi::{Error, Scene};
 
 /// A link on a joint anywhere.

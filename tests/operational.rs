@@ -6,8 +6,9 @@ use common::oracle::{D, Instant, Oracle, d, ds, solve};
 use common::tolerance::{self, assert_near, conditioning, size, to_f64};
 use common::{KINDS_WITH_FIXED, Random, Tree, random_inertial, random_state};
 use nalgebra::{DMatrix, Vector3};
+use phipsi::api::TaskFrame;
 use phipsi::dynamics::{self, operational::Frame, operational::OperationalScratch};
-use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder, TaskFrame};
+use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::RigidShift;
 use phipsi::{Error, Scene, Workspace};
 

@@ -5,7 +5,6 @@ mod common;
 use common::{ALL_KINDS, Random, random_scene, random_state};
 use nalgebra::Vector6;
 use phipsi::batch::arms::Arm;
-use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::batch::evaluator::Evaluator;
 use phipsi::dynamics::mass_inverse::InverseScratch;
 use phipsi::dynamics::{self, Estimate, EstimateCovariance, EstimateScratch, Measurements};
@@ -19,6 +18,7 @@ use phipsi::report::operations::{Count, Task, count, count_in_six_vectors, tasks
 use phipsi::scalar::{Counted, Operations, Real};
 use phipsi::scene::{JointKind, Model};
 use phipsi::spatial::RigidShift;
+use phipsi::{Algorithm, Arguments};
 use phipsi::{Scene, Workspace, scenes};
 
 /// A state of a chain, no number of it zero.

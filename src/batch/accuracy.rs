@@ -1,8 +1,8 @@
 //! Forward dynamics of many states, each with the form that gave it and its estimated error.
 
 use super::Fault;
-use super::chunk::{Algorithm, Arguments};
 use super::evaluator::{Evaluated, Evaluator};
+use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics::Accuracy;
 use crate::error::Error;
 use crate::filter::Form;

@@ -4,57 +4,17 @@
 //! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
 use super::arms::{Entry, Target, Vectorised, Work};
+use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics::auto::{self, Errors};
 use crate::dynamics::lean::{self, Entries, LeanColumns, LeanModel, LeanScratch, MassColumns};
 use crate::filter::Form;
+use crate::kinematics::QUATERNION_SLACK;
+use crate::model::{Body, Model, Motion};
 use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::{MOST_LANES, Precision, Real, lanes_but};
-use crate::scene::queries::QUATERNION_SLACK;
-use crate::scene::{Body, Model, Motion, Scene};
-use crate::spatial::SpatialVector;
+use crate::scene::Scene;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
-
-/// What is computed from one state (q, qd, u).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Algorithm {
-    /// u = tau; gives qdd, (nv).
-    ForwardDynamics(Form),
-    /// u = qdd; gives tau, (nv).
-    InverseDynamics,
-    /// No u; gives the torque of the bias, (nv).
-    BiasTorque,
-    /// q alone; gives M, (nv x nv) row by row.
-    MassMatrix,
-    /// q alone; gives M^-1, (nv x nv) row by row.
-    MassMatrixInverse(Form),
-}
-
-/// The arguments of one state, in f64 or f32; what an algorithm does not take is empty.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Arguments<'a, P = f64> {
-    /// Configuration, (nq).
-    pub q: &'a [P],
-    /// Rates, (nv).
-    pub qd: &'a [P],
-    /// Torques or accelerations, (nv).
-    pub u: &'a [P],
-    /// Forces on bodies, each in the body's frame, f64 always; empty where there are none.
-    pub wrenches: &'a [SpatialVector<f64>],
-}
-
-/// What runs chunks of states in `P`, whatever its scalar.
-pub trait Chunks<P>: Send + Sync {
-    /// How many states at once.
-    fn lanes(&self) -> usize;
-
-    /// Runs `algorithm` on one state or more, at most as many as there are lanes, of equal shapes; results one after another in
-    /// `out`. Gives the lanes in doubt as bits; their results mean nothing.
-    fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
-
-    /// The estimated error of the largest acceleration of one lane of the last run of forward dynamics in form `auto`, in its unit.
-    fn error(&self, lane: usize) -> f64;
-}
 
 /// A planar scene's numbers in the plane, and scratch for them.
 type Plane<T> = (PlanarModel<T>, PlanarScratch<T, <T as Vectorised>::Columns>);
@@ -88,7 +48,7 @@ impl<T: Vectorised> Chunk<T> {
         let (quaternions, model) = (quaternions(model), model.cast::<T>());
         let (workspace, lean_scratch) = (Workspace::new(&model), LeanScratch::new(&model, &lean));
         let arguments = [vec![T::zero(); model.nq], vec![T::zero(); model.nv()], vec![T::zero(); model.nv()]];
-        let planar = scene.planar().map(PlanarModel::cast).map(|model| {
+        let planar = PlanarModel::of(scene.model()).map(|model| model.cast()).map(|model| {
             let scratch = PlanarScratch::new(&model);
             (model, scratch)
         });

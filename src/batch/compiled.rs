@@ -18,8 +18,9 @@ macro_rules! compiled {
         pub(super) mod $module {
             #[allow(unused_imports)] // each scalar needs some of them
             use super::*;
+            use crate::algorithm::{Algorithm, Arguments, Chunks};
             use crate::batch::arms::{Target, Vectorised};
-            use crate::batch::chunk::{Algorithm, Arguments, Chunk, Chunks};
+            use crate::batch::chunk::Chunk;
             #[allow(unused_imports)]
             use crate::scalar::{Fused, Lanes};
             use crate::scene::Scene;

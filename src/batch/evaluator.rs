@@ -2,8 +2,8 @@
 
 use super::Fault;
 use super::arms::Arm;
-use super::chunk::{Algorithm, Arguments, Chunks};
 use super::compiled;
+use crate::algorithm::{Algorithm, Arguments, Chunks};
 use crate::dynamics::Accuracy;
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::error::Error;
@@ -28,6 +28,23 @@ pub struct Kernels<P> {
     one: Option<Box<dyn Chunks<P>>>,
     /// For as many as there are lanes.
     many: Option<Box<dyn Chunks<P>>>,
+}
+
+/// What there is where there are no kernels: every state is in doubt.
+struct Doubts;
+
+impl<P> Chunks<P> for Doubts {
+    fn lanes(&self) -> usize {
+        1
+    }
+
+    fn run(&mut self, _: Algorithm, _: &[Arguments<'_, P>], _: &mut [P]) -> u64 {
+        u64::MAX
+    }
+
+    fn error(&self, _: usize) -> f64 {
+        f64::NAN
+    }
 }
 
 /// A kind of number that states can be given in.
@@ -155,9 +172,11 @@ impl<P> Kernels<P> {
     }
 
     /// Those that run a single state, without the others' scratch.
-    pub(super) fn for_one_state(self) -> Self {
-        let many = if self.one.is_some() { None } else { self.many };
-        Self { one: self.one, many }
+    pub(crate) fn for_one_state(self) -> Box<dyn Chunks<P>>
+    where
+        P: 'static,
+    {
+        self.one.or(self.many).unwrap_or_else(|| Box::new(Doubts))
     }
 
     /// Of one lane, after a run of so many states in form `auto`.
@@ -259,28 +278,6 @@ impl Scene {
             }
         }
         Ok(())
-    }
-
-    /// How many numbers an algorithm gives for one state.
-    #[must_use]
-    pub fn width(&self, algorithm: Algorithm) -> usize {
-        match algorithm {
-            Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => self.nv() * self.nv(),
-            _ => self.nv(),
-        }
-    }
-
-    /// Whether the arguments of a state have the lengths that an algorithm reads.
-    pub(crate) fn fits<P>(&self, algorithm: Algorithm, state: &Arguments<'_, P>) -> bool {
-        let nv = self.nv();
-        let (qd, u) = match algorithm {
-            Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => (nv, nv),
-            Algorithm::BiasTorque => (nv, 0),
-            Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => (0, 0),
-        };
-        let forces = state.wrenches.len();
-        (state.q.len(), state.qd.len(), state.u.len()) == (self.nq(), qd, u)
-            && (forces == 0 || forces == self.model().bodies.len())
     }
 
     /// One state by the checked recursion, in f64.

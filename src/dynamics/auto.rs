@@ -1,17 +1,17 @@
 //! Forward dynamics in covariance form, watched; in square-root form, judged, where the covariance form lost digits; and with
 //! twice the digits where that is in doubt too.
 
-use super::accuracy::Accuracy;
 use super::forces::Motion;
 use super::forward::{covariances_of_noise, forces_base_to_tip};
 use super::forward_root;
 use super::lean::{self, LeanModel, LeanScratch};
 use super::refined::{Judged, forward_dynamics_judged};
+use crate::accuracy::Accuracy;
 use crate::filter::cancellation::{self, Cancellation, Margins, Probe};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{Form, System, innovations, smoother, terms};
+use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real, lanes_but};
-use crate::scene::Model;
 use crate::spatial::Symmetric6;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;

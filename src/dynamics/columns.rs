@@ -4,8 +4,8 @@
 //! at a body holds zeros there, so that lanes of different branches go through one sweep.
 
 use crate::filter::HingeMap;
+use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
-use crate::scene::Model;
 use crate::spatial::{RigidShift, Symmetric3, Symmetric6, zero};
 use nalgebra::{Matrix3, Vector3, Vector6};
 use std::ops::Range;

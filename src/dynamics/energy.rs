@@ -2,8 +2,8 @@
 
 use super::mass_matrix::composite_inertias_tip_to_base;
 use crate::kinematics::{joint_motion, placements_base_to_tip};
+use crate::model::Model;
 use crate::scalar::Real;
-use crate::scene::Model;
 use crate::spatial::{BodyInertia, dot};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;

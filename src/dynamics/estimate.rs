@@ -13,8 +13,8 @@ use super::forward::{covariances_of_noise, filter_tip_to_base, forces_base_to_ti
 use super::inverse;
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{System, covariance, innovations, riccati, smoothed, smoother};
+use crate::model::Model;
 use crate::scalar::Real;
-use crate::scene::Model;
 use crate::spatial::Symmetric6;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;

@@ -1,15 +1,15 @@
 //! Base to tip, one body: where it is, how it moves, and the force that this motion needs.
 
 use crate::kinematics::{joint_motion, joint_shift, motion_step};
+use crate::model::Model;
 use crate::scalar::Real;
-use crate::scene::Model;
 use crate::spatial::{scaled_add, sum};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
 /// One state of a scene, as the sweeps read it.
 #[derive(Clone, Copy)]
-pub(super) struct Motion<'a, T: Real> {
+pub(crate) struct Motion<'a, T: Real> {
     pub q: &'a [T],
     pub qd: &'a [T],
     /// Without joint accelerations the force is the bias b(k).

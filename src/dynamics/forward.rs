@@ -1,15 +1,15 @@
 //! Forward dynamics: joint torques are measurements, the smoother's estimates are the joint accelerations.
 
-use super::accuracy::Accuracy;
 use super::auto;
 use super::forces::{Motion, Needed, step_outward};
 use super::{forward_root, refined};
+use crate::accuracy::Accuracy;
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Covariances};
 use crate::filter::{Form, System, innovations, smoother};
 use crate::kinematics::{base_acceleration, placements_base_to_tip};
+use crate::model::Model;
 use crate::scalar::Real;
-use crate::scene::Model;
 use crate::spatial::zero;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;

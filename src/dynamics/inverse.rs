@@ -3,8 +3,8 @@
 use super::forces::{Motion, Needed, step_outward};
 use crate::filter::innovations;
 use crate::kinematics::{base_acceleration, joint_motion};
+use crate::model::Model;
 use crate::scalar::Real;
-use crate::scene::Model;
 use crate::spatial::{sum, zero};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
@@ -52,7 +52,7 @@ pub(crate) fn bias_forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut
 
 /// Base to tip: the force that each body needs, into `workspace.z`.
 #[inline(always)]
-pub(super) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
+pub(crate) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
     let (still, base) = (zero(), base_acceleration(model));
     let needed = Needed::of(model, state);
     for k in 0..model.bodies.len() {

@@ -1,8 +1,8 @@
 //! The mass matrix as the covariance of the measurements, M = H R H* (5.1), from the composite inertias r(k) (3.4, 3.5).
 
 use crate::kinematics::placements_base_to_tip;
+use crate::model::Model;
 use crate::scalar::Real;
-use crate::scene::Model;
 use crate::workspace::Workspace;
 
 /// M at `q` into `out`, (nv x nv) row by row, full and symmetric, armature on the diagonal.

@@ -3,14 +3,12 @@
 //! Each file is one problem; the functions take a [`Model`](crate::scene::Model) in any scalar, slices for one state and a
 //! [`Workspace`](crate::Workspace), check nothing and allocate nothing. [`Scene`](crate::Scene) wraps them with checks and names.
 
-pub mod accuracy;
 pub mod auto;
+mod checked;
 mod columns;
 pub mod energy;
 pub mod estimate;
-#[cfg(feature = "dense")]
-pub mod estimate_batch;
-mod forces;
+pub(crate) mod forces;
 pub mod forward;
 mod forward_root;
 pub mod inverse;
@@ -23,12 +21,10 @@ pub mod refined;
 #[cfg(feature = "stochastic")]
 pub(crate) use inverse::bias_forces_base_to_tip;
 
-pub use accuracy::{Accuracy, ESTIMATE_SPREAD};
+pub use crate::accuracy::{Accuracy, ESTIMATE_SPREAD};
 pub use auto::{Choice, forward_dynamics_auto};
 pub use energy::{Energy, energy, momentum};
 pub use estimate::{Estimate, EstimateCovariance, EstimateScratch, Measurements, estimate, estimate_covariance};
-#[cfg(feature = "dense")]
-pub use estimate_batch::{BatchCovariance, BatchEstimate, estimate_batch};
 pub use forward::{factorise, forward_dynamics, solve};
 pub use inverse::{bias_torque, inverse_dynamics, mul_mass};
 pub use mass_inverse::mass_matrix_inverse;

@@ -1,12 +1,12 @@
 //! The square-root form, judged; and where it is in doubt, once more with twice the digits.
 
-use super::accuracy::Accuracy;
 use super::forward_root;
+use crate::accuracy::Accuracy;
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::rounding::{self, Reach, Rounding, Swept, Weighed};
 use crate::filter::{Form, innovations, smoother};
+use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
-use crate::scene::Model;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 use std::any::Any;

@@ -17,7 +17,8 @@ use super::step::{Checked, Law, Scratch, accelerations};
 use crate::error::Error;
 use crate::filter::Form;
 use crate::kinematics::quaternion_rotation;
-use crate::scene::{Motion, Scene};
+use crate::model::Motion;
+use crate::scene::Scene;
 use diffsol::error::OdeSolverError;
 use diffsol::{
     DiffsolError, NalgebraLU, NalgebraMat, NalgebraVec, OdeBuilder, OdeEquations, OdeSolverMethod, OdeSolverStopReason,

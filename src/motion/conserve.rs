@@ -22,8 +22,9 @@ use super::manifold::{cross, plus, triple, write};
 use super::properties::{Gains, Properties};
 use crate::error::Error;
 use crate::kinematics::{joint_motion, placements_base_to_tip};
+use crate::model::{Model, Motion};
 use crate::scalar::Real;
-use crate::scene::{Model, Motion, Scene};
+use crate::scene::Scene;
 use crate::spatial::{BodyInertia, RigidShift, Symmetric3, angular, dot, linear, sum, zero};
 use nalgebra::{Vector3, Vector6};
 

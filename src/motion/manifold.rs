@@ -4,8 +4,8 @@
 //! nothing branches on values, and only sums, products, quotients, roots, sines and cosines are used.
 
 use crate::kinematics::quaternion_rotation;
+use crate::model::{Model, Motion};
 use crate::scalar::Real;
-use crate::scene::{Model, Motion};
 use crate::spatial::RigidShift;
 use nalgebra::Vector3;
 

@@ -8,8 +8,9 @@ use crate::batch::arms::Vectorised;
 use crate::dynamics::lean::{self, LeanModel, LeanScratch};
 use crate::dynamics::{self, auto};
 use crate::filter::pivots::LostPivot;
+use crate::model::Model;
 use crate::scalar::{Real, lanes_but};
-use crate::scene::{Model, Scene};
+use crate::scene::Scene;
 use crate::workspace::Workspace;
 
 /// What every step of a rollout has in common, in numbers of one state.

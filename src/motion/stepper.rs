@@ -7,10 +7,11 @@ use super::step::{Checked, Law, Plain, Scratch, Watched, step};
 use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
 use crate::error::Error;
 use crate::filter::Form;
+use crate::model::Model;
 use crate::scalar::{Fused, lanes_but};
 #[cfg(target_arch = "x86_64")]
 use crate::scalar::{Lanes, Real};
-use crate::scene::{Model, Scene};
+use crate::scene::Scene;
 #[cfg(target_arch = "x86_64")]
 use pulp::x86::V3;
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]

@@ -6,7 +6,8 @@
 use super::Kind;
 use crate::error::Error;
 use crate::kinematics::joint_shift;
-use crate::scene::{Model, Scene};
+use crate::model::Model;
+use crate::scene::Scene;
 use crate::watch;
 use faer::linalg::solvers::Solve;
 use faer::linalg::triangular_solve::solve_unit_upper_triangular_in_place;

@@ -7,9 +7,14 @@
 mod compose;
 #[cfg(feature = "dense")]
 pub mod dense;
+#[cfg(feature = "dense")]
+pub mod estimate_batch;
 mod factor;
 mod sweeps;
 mod update;
+
+#[cfg(feature = "dense")]
+pub use estimate_batch::{BatchCovariance, BatchEstimate, estimate_batch};
 
 pub use compose::{Diagonal, Identity, Product, Sum, Transpose};
 pub use factor::Factor;

@@ -6,8 +6,9 @@ use crate::filter::Form;
 use crate::filter::pivots::{Evidence, LostPivot, PivotMonitor, Scale, first_lost};
 use crate::filter::riccati::Covariances;
 use crate::kinematics::joint_shift;
+use crate::model::Model;
 use crate::scalar::Real;
-use crate::scene::{Model, Scene};
+use crate::scene::Scene;
 use crate::workspace::Workspace;
 
 /// What an update did.

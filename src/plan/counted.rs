@@ -1,12 +1,14 @@
 //! What is saved where that is counted by running the algorithms on numbers that count.
 
 use super::{NOTHING, Omission, counted};
-use crate::batch::chunk::{Algorithm, Arguments};
+use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics::lean::{turns_about_a_tilted_axis, turns_about_an_axis};
 use crate::filter::Form;
+use crate::model::{Body, Motion, Omissions};
+use crate::planar::PlanarModel;
 use crate::report::operations::{Count, Task, count as count_as_run, count_in_six_vectors, count_lean, of_factor};
 use crate::scalar::Operations;
-use crate::scene::{Body, Motion, Omissions, Scene};
+use crate::scene::Scene;
 use nalgebra::Matrix3;
 
 /// Dense results are counted up to this many degrees of freedom: they are O(N^2).
@@ -130,7 +132,7 @@ impl Scene {
     }
 
     pub(super) fn planar_item(&self) -> Omission {
-        let count = self.planar().map_or(0, |planar| planar.bodies.len());
+        let count = PlanarModel::of(self.model()).map_or(0, |planar| planar.bodies.len());
         let (three, six) =
             if count > 0 { (forward(self, count_as_run), forward(self, count_in_six_vectors)) } else { (0, 0) };
         self.switched(

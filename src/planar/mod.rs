@@ -23,7 +23,7 @@ mod scratch;
 pub use model::{Direction, PlanarBody, PlanarModel};
 pub use scratch::PlanarScratch;
 
-use crate::batch::chunk::Algorithm;
+use crate::algorithm::Algorithm;
 use crate::filter::Form;
 use crate::scalar::{ColumnsOf, Real};
 use nalgebra::Vector6;

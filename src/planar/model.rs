@@ -1,8 +1,8 @@
 //! Whether a scene is planar, and its numbers if it is.
 
 use crate::filter::pivots::Scale;
+use crate::model::{Body, Model, Motion};
 use crate::scalar::Real;
-use crate::scene::{Body, Model, Motion};
 use nalgebra::{Matrix3, Vector3};
 
 /// How far, in any entry, a body's frame may be from what a plane asks of it, seen from its parent's frame.

@@ -1,7 +1,7 @@
 //! What forward dynamics knows of its own accuracy, for Python: the form of each state, and its estimated error.
 
+use crate::algorithm::Arguments;
 use crate::batch::Fault;
-use crate::batch::chunk::Arguments;
 use crate::batch::evaluator::{Evaluated, Evaluator};
 use crate::dynamics::Accuracy;
 use crate::error::Error;

@@ -1,7 +1,7 @@
 //! How long a state takes, roughly: that decides about threads and the GIL, not about results.
 
+use crate::algorithm::Algorithm;
 use crate::batch::arms::Arm;
-use crate::batch::chunk::Algorithm;
 use crate::dynamics::lean;
 
 /// Rough time of one state on one thread, ns.

@@ -8,7 +8,7 @@ use super::evaluate::Call;
 use super::scene::PyScene;
 use super::single::Keywords;
 use super::wrenches::Wrench;
-use crate::batch::chunk::Algorithm;
+use crate::algorithm::Algorithm;
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
 use pyo3::prelude::*;

@@ -6,7 +6,7 @@ use super::errors::asked_by;
 use super::evaluate::{Call, Scratch};
 use super::scene::{PyScene, names};
 use super::wrenches::Wrench;
-use crate::dynamics::{BatchEstimate, Estimate, EstimateCovariance, EstimateScratch, Measurements};
+use crate::dynamics::{Estimate, EstimateCovariance, EstimateScratch, Measurements};
 use crate::error::Error;
 use crate::operators::dense::DENSE_CAP;
 use crate::scene::Scene;
@@ -223,7 +223,7 @@ fn write_sequential(
     parts.put(rows().flat_map(|row| matrix(process(row))), 36 * nv);
 }
 
-fn write_batch(estimate: &BatchEstimate, out: &mut [f64]) {
+fn write_batch(estimate: &crate::operators::BatchEstimate, out: &mut [f64]) {
     let nv = estimate.acceleration.len();
     let mut parts = Parts(out);
     parts.put([estimate.log_likelihood], 1);

@@ -9,7 +9,7 @@ use super::estimation::Estimation;
 use super::interrupts::detached;
 use super::scene::PyScene;
 use super::wrenches::{self, Wrench};
-use crate::batch::chunk::{Algorithm, Arguments};
+use crate::algorithm::{Algorithm, Arguments};
 use crate::batch::evaluator::{Evaluated, Evaluator};
 use crate::batch::{Batch, Broadcast, Fault, broadcast_axes};
 use crate::dynamics::operational::OperationalScratch;

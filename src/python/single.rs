@@ -8,7 +8,7 @@ use super::cost::Cost;
 use super::errors::fault;
 use super::evaluate::WORTH_RELEASING;
 use super::scene::PyScene;
-use crate::batch::chunk::{Algorithm, Arguments};
+use crate::algorithm::{Algorithm, Arguments};
 use crate::batch::evaluator::Evaluator;
 use pyo3::prelude::*;
 use std::sync::Mutex;

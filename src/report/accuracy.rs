@@ -4,13 +4,14 @@
 //! are of the same calls.
 
 use super::growth::median_ns;
-use crate::batch::chunk::{Algorithm, Arguments};
+use crate::algorithm::{Algorithm, Arguments};
 use crate::batch::evaluator::{Evaluated, Evaluator};
 use crate::dynamics;
 use crate::error::Error;
 use crate::filter::Form;
+use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
-use crate::scene::{Model, Scene};
+use crate::scene::Scene;
 use crate::workspace::Workspace;
 use crate::{memory, watch};
 use faer::dyn_stack::{MemBuffer, MemStack};

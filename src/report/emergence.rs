@@ -1,14 +1,15 @@
 //! M five ways, each with its time and its error: from samples of the random model (5.1), and by algebra.
 
-use crate::batch::chunk::{Algorithm, Arguments};
+use crate::algorithm::{Algorithm, Arguments};
 use crate::batch::evaluator::Evaluator;
 use crate::dynamics;
 use crate::error::Error;
 use crate::memory;
+use crate::model::Model;
 use crate::operators::dense::Composite;
 use crate::report::growth::median_ns;
 use crate::scalar::{DoubleDouble, Real};
-use crate::scene::{Model, Scene};
+use crate::scene::Scene;
 use crate::stochastic::{Method, RandomModel};
 use crate::workspace::Workspace;
 use std::hint::black_box;

@@ -1,6 +1,6 @@
 //! Run time against the number of bodies.
 
-use crate::batch::chunk::{Algorithm, Arguments};
+use crate::algorithm::{Algorithm, Arguments};
 use crate::error::Error;
 use crate::filter::Form;
 use crate::operators::{KINDS, Operator};

@@ -1,16 +1,17 @@
 //! Operations of each algorithm on a scene, counted: the code that computes, run on [`Counted`] numbers; and the memory it touches.
 
-use crate::batch::chunk::{Algorithm, Arguments};
+use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics::lean::{self, LeanColumns, LeanModel, LeanScratch, MassColumns};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::dynamics::{self, auto};
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
 use crate::filter::{FORMS, Form, Stage};
+use crate::model::{Body, Model, Omissions};
 use crate::operators::{Factor, Updated};
 use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::{Counted, Operations, Real};
-use crate::scene::{Body, Model, Omissions, Scene};
+use crate::scene::Scene;
 use crate::spatial::{BodyRoot, RigidShift, Root6, SpatialVector, Symmetric6};
 use crate::workspace::Workspace;
 
@@ -61,7 +62,7 @@ pub struct Count {
 #[must_use]
 pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
     let Task::Algorithm(algorithm) = task else { return count_in_six_vectors(scene, task, state) };
-    let Some(model) = scene.planar().filter(|_| planar::covers(algorithm)) else {
+    let Some(model) = PlanarModel::of(scene.model()).filter(|_| planar::covers(algorithm)) else {
         return if lean::covers(algorithm) {
             count_lean(scene, scene.model().omissions, algorithm, state)
         } else {

@@ -3,10 +3,11 @@
 use crate::dynamics;
 use crate::error::Error;
 use crate::kinematics::coordinate_rates;
+use crate::model::Model;
 use crate::operators::dense::{Composite, ldlt_from_tip};
 use crate::operators::{Factor, Kind, Operator};
 use crate::scalar::{DoubleDouble, Real};
-use crate::scene::{Model, Scene};
+use crate::scene::Scene;
 use crate::watch;
 use crate::workspace::Workspace;
 use faer::Mat;

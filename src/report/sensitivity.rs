@@ -7,8 +7,9 @@
 use crate::dynamics;
 use crate::error::Error;
 use crate::filter::Form;
+use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
-use crate::scene::{Model, Scene, SceneBuilder};
+use crate::scene::{Scene, SceneBuilder};
 use crate::scenes::draw::Draw;
 use crate::workspace::Workspace;
 use crate::{memory, watch};

@@ -2,7 +2,7 @@
 
 use super::accuracy::{CHOLESKY, Dense, LDLT, Method, Solver};
 use super::sensitivity::{Difference, Exact, Quantity, State};
-use crate::batch::chunk::{Algorithm, Arguments};
+use crate::algorithm::{Algorithm, Arguments};
 use crate::batch::evaluator::{Evaluated, Evaluator};
 use crate::filter::Form;
 use crate::scalar::{DoubleDouble, Real};

@@ -4,8 +4,7 @@ use super::builder::AT_A_TIME;
 use super::description::{Inertial, JointDescription, JointKind};
 use super::{Joint, Link, Scene};
 use crate::error::Error;
-use crate::planar::PlanarModel;
-use crate::scene::model::Motion;
+use crate::model::Motion;
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, inertia_root, join_roots, root_of_merged};
 use crate::watch;
 use nalgebra::{Matrix3, Vector3, Vector6};
@@ -104,7 +103,6 @@ impl Assembly {
                 stack.push((Some(joint), child, at));
             }
         }
-        self.scene.planar = PlanarModel::of(&self.scene.model);
         Ok(self.scene)
     }
 

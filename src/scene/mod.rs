@@ -1,39 +1,31 @@
 //! The scene: an immutable articulated system, shareable between threads.
 //!
-//! [`description`] says what the user gives, [`builder`] checks it, `assembly` makes the scene of it but for its [`omissions`], [`model`] is what the sweeps read, `urdf`
+//! [`description`] says what the user gives, [`builder`] checks it, `assembly` makes the scene of it but for its [`omissions`](crate::model::omissions), [`model`](crate::model) is what the sweeps read, `urdf`
 //! reads files, `properties` and `payload` make changed scenes, [`configuration`] moves on the manifold of configurations, and `Scene` has the checked algorithms.
 
 mod assembly;
 pub mod builder;
+mod checks;
 pub mod configuration;
 pub mod description;
-mod estimation;
 mod inertia_check;
 mod joint_check;
 mod lock;
-pub mod model;
-pub mod omissions;
-pub mod operational;
 mod payload;
 pub(crate) mod properties;
-pub(crate) mod queries;
-mod recursions;
 pub mod spring;
 #[cfg(feature = "urdf")]
 pub mod urdf;
 mod whole_check;
 
+pub use crate::model::{Body, Model, Motion, Omissions};
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
 pub use description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, SceneWarning};
-pub use model::{Body, Model, Motion};
-pub use omissions::Omissions;
-pub use operational::TaskFrame;
 pub use properties::Property;
 pub use spring::Spring;
 
 use crate::error::Error;
-use crate::planar::PlanarModel;
 use crate::spatial::RigidShift;
 use std::collections::HashMap;
 use std::ops::Range;
@@ -75,8 +67,6 @@ pub struct Scene {
     source: SceneBuilder,
     warnings: Vec<SceneWarning>,
     model: Model<f64>,
-    /// The same in the plane that all joints move in, if there is one.
-    planar: Option<PlanarModel<f64>>,
     links: Vec<Link>,
     joints: Vec<Joint>,
     /// Index of the joint that moves each body; none for a body that stays where it is on its parent.
@@ -95,7 +85,6 @@ impl Scene {
             model: Model::empty(source.gravity, source.omissions),
             source,
             warnings,
-            planar: None,
             links: Vec::new(),
             joints: Vec::new(),
             joint_of_body: Vec::new(),
@@ -126,12 +115,6 @@ impl Scene {
     #[must_use]
     pub fn model(&self) -> &Model<f64> {
         &self.model
-    }
-
-    /// The numbers in the plane that all joints move in; none where there is no such plane, or the switch `planar` is off.
-    #[must_use]
-    pub fn planar(&self) -> Option<&PlanarModel<f64>> {
-        self.planar.as_ref()
     }
 
     /// What the scene was built from; building it again gives an equal scene.

@@ -40,7 +40,7 @@ impl Spring {
             _ => return None,
         };
         let norm = quaternion.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let off = !((norm - 1.0).abs() <= super::queries::QUATERNION_SLACK);
+        let off = !((norm - 1.0).abs() <= crate::kinematics::QUATERNION_SLACK);
         off.then(|| (format!("a quaternion of norm {} at rest", number(norm)), "unit norm, to within 1e-3".to_owned()))
     }
 }

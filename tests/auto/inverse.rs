@@ -5,12 +5,12 @@ use super::common::tolerance;
 use super::families::{Case, FAMILIES, case};
 use super::{double, error, from_environment, sensitivity_of};
 use phipsi::Workspace;
-use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::dynamics;
 use phipsi::dynamics::mass_inverse::InverseScratch;
 use phipsi::filter::Form;
 use phipsi::scalar::{DoubleDouble, Real};
 use phipsi::scene::Model;
+use phipsi::{Algorithm, Arguments};
 
 /// The square-root form in double-double arithmetic; none where a pivot is lost even there.
 fn reference(case: &Case) -> Option<Vec<DoubleDouble>> {

@@ -13,11 +13,11 @@ use families::{Case, FAMILIES, STATES, case};
 use nalgebra::Vector6;
 #[cfg(feature = "urdf")]
 use phipsi::Scene;
-use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::dynamics::{Accuracy, ESTIMATE_SPREAD};
 use phipsi::filter::Form;
 use phipsi::scalar::{DoubleDouble, Real};
 use phipsi::scene::Model;
+use phipsi::{Algorithm, Arguments};
 use phipsi::{Error, Tally, Workspace, dynamics, scenes};
 
 fn double(x: &[f64]) -> Vec<DoubleDouble> {

@@ -3,11 +3,11 @@
 use super::{ALL_KINDS, Random, Tree, random_inertial, random_state};
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use phipsi::batch::arms::{ARMS, Arm};
-use phipsi::batch::chunk::{Algorithm, Arguments};
 use phipsi::batch::evaluator::{Evaluated, Evaluator};
 use phipsi::filter::Form;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, Omissions};
 use phipsi::spatial::SpatialVector;
+use phipsi::{Algorithm, Arguments};
 use phipsi::{Scene, SceneBuilder};
 use std::f64::consts::{FRAC_PI_2, PI};
 

@@ -1,18 +1,19 @@
 //! Base to tip: the smoother.
 
 use super::afloat;
-use super::body::{Carrier, LeanModel};
+use super::carrier::Carrier;
 use super::carry::in_joint_frame;
-use super::filter::ABOUT_Z;
 use super::lever::Lever;
+use super::model::LeanModel;
 use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::scratch::{CoState, LeanScratch};
 use super::tilt::Axle;
+use super::turn::ABOUT_Z;
 use super::turn::{Axis, about, to_turn};
 use crate::filter::rounding::Outward;
 use crate::filter::smoother;
+use crate::model::Model;
 use crate::scalar::Real;
-use crate::scene::Model;
 use nalgebra::Vector6;
 
 /// Co-states and estimates (4.9 to 4.11); `estimates` holds e^- on entry and a on return. Where `SEEN` the largest estimates are told, and the

@@ -1,8 +1,8 @@
 //! A body that floats: all six rows on the base, measured without noise. Nothing goes on from it, and what a row is measured at is exactly
 //! zero for those after it, so that each row has one column less.
 
-use super::motion::cross;
 use super::scratch::Moving;
+use super::vectors::cross;
 use crate::dynamics::forces::{Motion, Needed};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::Measured;

@@ -91,8 +91,9 @@ fn along_axes<T: Real>([x, y, z]: [T; 3], across: T, along: T) -> [T; 3] {
 mod tests {
     use super::sent_terms;
     use crate::dynamics::lean::LeanModel;
-    use crate::dynamics::lean::body::Carrier;
-    use crate::dynamics::lean::carry::{carried, packed};
+    use crate::dynamics::lean::carrier::Carrier;
+    use crate::dynamics::lean::carry::carried;
+    use crate::dynamics::lean::packed::packed;
     use crate::dynamics::lean::rotation::{TiltedTurn, rotated};
     use crate::dynamics::lean::row::Noise;
     use crate::dynamics::lean::tilt::Axle;

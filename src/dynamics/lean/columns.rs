@@ -1,10 +1,10 @@
 //! Columns of M^-1 of one state, or of one state a lane, side by side.
 
-use super::body::LeanModel;
 use super::entries::Entries;
+use super::model::LeanModel;
 use super::tiles::Tiles;
+use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
-use crate::scene::Model;
 
 /// A vector of as many neighbouring columns as `C` holds.
 pub(super) type Block<C> = [C; 6];
@@ -43,16 +43,6 @@ impl<T: Real, C: ColumnsOf<T>> LeanColumns<T, C> {
         self.slots = vec![vec![nan; lean.longest_path.div_ceil(C::COLUMNS)]; lean.swept_slots.outward];
         self.tiles.prepare(model, lean);
     }
-}
-
-/// One in one lane and zero in the others, for each lane.
-pub(super) fn units<T: Real, C: ColumnsOf<T>>() -> Vec<C> {
-    let unit = |lane| {
-        let mut unit = C::zero();
-        unit.set_column(lane, T::one());
-        unit
-    };
-    (0..C::COLUMNS).map(unit).collect()
 }
 
 /// One column's vector into its lane.

@@ -1,26 +1,27 @@
 //! Tip to base: Riccati recursion and filter in one pass.
 
 use super::afloat;
-use super::body::{Carrier, LeanBody, LeanModel};
+use super::body::LeanBody;
 use super::bounds::{scale_everywhere, sent, sent_terms, terms_of_noise};
-use super::carry::{carried, diagonal, in_joint_frame, packed, pivot_column, unpacked, with_noise};
+use super::carrier::Carrier;
+use super::carry::{carried, diagonal, in_joint_frame, pivot_column, with_noise};
+use super::model::LeanModel;
+use super::packed::{packed, unpacked};
 use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::row::{Noise, diagonal_past, measure, measured};
 use super::scratch::{Arriving, Besides, LeanScratch, Own, Watched, Watching, arrive};
 use super::slide::{ALONG_Z, Slide, past_slide};
 use super::tilt::Axle;
+use super::turn::ABOUT_Z;
 use super::turn::{Axis, about, packed_to_parent, to_parent};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
 use crate::filter::rounding::squares;
 use crate::filter::{HingeMap, System, innovations, terms};
+use crate::model::Model;
 use crate::scalar::Real;
-use crate::scene::Model;
 use crate::spatial::{RigidShift, absolute};
 use nalgebra::Vector6;
-
-/// The row of a turn.
-pub(super) const ABOUT_Z: usize = 2;
 
 /// Only the factor: D and g of each row.
 pub(super) const FACTOR: usize = 0;

@@ -7,11 +7,11 @@
 //! [tilted](Tilt) from one of them.
 
 use super::about_axis::AboutAxis;
-use super::body::Carrier;
+use super::carrier::Carrier;
 use super::slide::Slide;
 use super::tilt::{Axle, Tilt};
 use super::turn::Renaming;
-use crate::scene::{Body, Model, Motion};
+use crate::model::{Body, Model, Motion};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// The bodies of a scene in those frames.
@@ -92,7 +92,8 @@ impl Framed {
 #[cfg(test)]
 mod tests {
     use super::{Axle, Carrier, Framed};
-    use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Omissions, SceneBuilder};
+    use crate::model::Omissions;
+    use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
     use crate::spatial::Symmetric3;
     use nalgebra::{Matrix3, Rotation3, Vector3};
     use std::f64::consts::{FRAC_PI_2, PI};

@@ -5,18 +5,19 @@
 //! a sum of squares. Costs the sum of depths for the factors and N^2 times the depth for the product, where
 //! [the closed form](crate::dynamics::mass_inverse) pays for Lambda at each body.
 
-use super::body::{Carrier, LeanModel};
+use super::carrier::Carrier;
 use super::columns::{Block, LeanColumns, set_column};
-use super::filter::ABOUT_Z;
+use super::model::LeanModel;
 use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::scratch::LeanScratch;
 use super::tiles::{Pair, TILE, Tiles, put, put_factors};
 use super::tilt::Axle;
+use super::turn::ABOUT_Z;
 use super::turn::{Axis, about};
 use super::way::Way;
 use crate::dynamics::columns::{spread_hinge, spread_shift, spread_vector};
+use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
-use crate::scene::Model;
 use crate::spatial::{dot, zero};
 
 /// M^-1 of the factor in the scratch, into `out`, as [`Entries`](super::Entries) has it; with CHECK it is seen whether all are finite.

@@ -4,12 +4,13 @@
 //! on, so that only the last block of a segment is not full; what hangs on a body is then some neighbouring blocks, each of one segment.
 
 use super::afloat::{PICKED, picked};
-use super::body::LeanModel;
-use super::columns::{Block, units};
+use super::columns::Block;
 use super::entries::Entries;
+use super::model::LeanModel;
 use super::tiles::below_overflow;
+use super::tiles::units;
+use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
-use crate::scene::Model;
 
 /// Where the column of a row is.
 #[derive(Debug, Clone, Copy, Default)]

@@ -1,12 +1,12 @@
 //! M^-1: the factor, and then its factors [multiplied out](super::inverse_product).
 
-use super::body::LeanModel;
 use super::filter;
+use super::model::LeanModel;
 use super::motion::carriers;
 use super::scratch::LeanScratch;
 use crate::filter::pivots::PivotMonitor;
+use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
-use crate::scene::Model;
 
 /// The factor of M at `q`, in the scratch, in covariance form.
 #[inline(always)]

@@ -3,20 +3,22 @@
 //! At a body every column of what hangs on it goes the same way: what the way is made of is read once, and no column waits for another.
 
 use super::afloat;
-use super::body::{Carrier, CompositeBody, LeanBody, LeanModel};
+use super::body::{CompositeBody, LeanBody};
+use super::carrier::Carrier;
 use super::columns::Block;
-use super::filter::ABOUT_Z;
 use super::lever::Lever;
 use super::mass_columns::{MassColumns, Measurement};
+use super::model::LeanModel;
 use super::motion::carriers;
 use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::scratch::{Composite, LeanScratch, arrive};
 use super::tilt::Axle;
+use super::turn::ABOUT_Z;
 use super::turn::{Axis, about, symmetric_to_parent, to_parent};
 use crate::dynamics::columns::{spread_hinge, spread_shift};
 use crate::filter::{HingeMap, Rows};
+use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
-use crate::scene::Model;
 use crate::spatial::{BodyInertia, Symmetric3};
 use nalgebra::{Vector3, Vector6};
 

@@ -5,40 +5,21 @@
 //! of what hangs on it by a turn are sent there at once.
 
 use super::afloat;
-use super::body::{Carrier, LeanModel};
+use super::carrier::Carrier;
+use super::model::LeanModel;
 use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::scratch::{LeanScratch, Moving, Own};
 use super::segment::Segment;
 use super::spin::{Spin, coordinates_of, force_of};
 use super::tilt::Axle;
 use super::turn::{Axis, Turn, about};
+use super::vectors::cross;
 use crate::dynamics::forces::{Motion, Needed};
 use crate::kinematics::{joint_motion, joint_shift};
+use crate::model::{Body, Model, Motion as JointMotion};
 use crate::scalar::{ColumnsOf, Real};
-use crate::scene::{self, Model};
 use crate::spatial::BodyRoot;
 use nalgebra::Vector3;
-
-/// c - a x k, k in every lane.
-#[inline(always)]
-pub(super) fn minus_cross_number<T: Real>(a: [T; 3], k: [T::Parameter; 3], c: [T; 3]) -> [T; 3] {
-    let (x, y, z) = (a[0].everywhere(k[0]), a[0].everywhere(k[1]), a[0].everywhere(k[2]));
-    [
-        a[2].mul_add(y, c[0].minus_product(a[1], z)),
-        a[0].mul_add(z, c[1].minus_product(a[2], x)),
-        a[1].mul_add(x, c[2].minus_product(a[0], y)),
-    ]
-}
-
-/// a x b + c.
-#[inline(always)]
-pub(super) fn cross<T: Real>(a: [T; 3], b: [T; 3], c: [T; 3]) -> [T; 3] {
-    [
-        a[1].mul_add(b[2], c[0].minus_product(a[2], b[1])),
-        a[2].mul_add(b[0], c[1].minus_product(a[0], b[2])),
-        a[0].mul_add(b[1], c[2].minus_product(a[1], b[0])),
-    ]
-}
 
 /// The turn or shift of every body at `q`: they wait for nothing. Sines and cosines of as many angles at once as `C` holds.
 #[inline(always)]
@@ -217,7 +198,7 @@ fn turned<T: Real>(
 /// Across any joint.
 #[inline(always)]
 fn shifted<T: Real>(
-    body: &scene::Body<T>,
+    body: &Body<T>,
     row: usize,
     shift: &crate::spatial::RigidShift<T>,
     parent: &Moving<T>,
@@ -236,7 +217,7 @@ fn shifted<T: Real>(
     let mut w = w;
     if needed.velocity {
         w = back(shift, w);
-        if let scene::Motion::Revolute = body.motion {
+        if let JointMotion::Revolute = body.motion {
             let rate = state.qd[row];
             dw = [w[1].mul_add(rate, dw[0]), dw[1].minus_product(w[0], rate), dw[2]];
             w[2] += rate;

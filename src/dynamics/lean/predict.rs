@@ -1,15 +1,16 @@
 //! Tip to base, open loop: the torques that forces need.
 
-use super::body::{Carrier, LeanModel};
-use super::filter::ABOUT_Z;
+use super::carrier::Carrier;
 use super::lever::Lever;
+use super::model::LeanModel;
 use super::rotation::{Rotates, TiltedTurn, rotated};
 use super::scratch::{LeanScratch, Own};
 use super::segment::Segment;
 use super::tilt::Axle;
+use super::turn::ABOUT_Z;
 use super::turn::{Axis, Turn, about};
+use crate::model::Model;
 use crate::scalar::Real;
-use crate::scene::Model;
 use nalgebra::Vector6;
 
 /// The torque H z of every row, z carried inward (1.5).

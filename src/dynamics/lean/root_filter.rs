@@ -5,30 +5,22 @@
 //! another.
 
 use super::afloat;
-use super::body::{Carrier, LeanBody, LeanModel};
+use super::body::LeanBody;
+use super::carrier::Carrier;
 use super::carry::in_joint_frame;
+use super::model::LeanModel;
 use super::rotation::{Rotates, TiltedTurn, rotated};
-use super::scratch::{LeanScratch, Own};
+use super::scratch::{LeanScratch, Own, Rooted};
 use super::tilt::Axle;
 use super::turn::{Axis, Turn, about, to_parent};
 use crate::filter::HingeMap;
 use crate::filter::pivots::Scale;
 use crate::filter::rounding::RootMonitor;
 use crate::filter::square_root::{self, StageMean};
+use crate::model::Model;
 use crate::scalar::Real;
-use crate::scene::Model;
 use crate::spatial::{Root6, RootColumns};
 use nalgebra::Vector6;
-
-/// A body with some of what hangs on it: the root of P, and z = L y + t.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Rooted<T> {
-    root: Root6<T>,
-    y: [T; 6],
-    t: [T; 6],
-    /// The bounds on the terms of P.
-    scale: Scale<T>,
-}
 
 /// What a body sends to its parent.
 struct Sent<T> {
@@ -46,10 +38,6 @@ impl<T: Real> Sent<T> {
 }
 
 impl<T: Real> Rooted<T> {
-    pub fn filled(value: T) -> Self {
-        Self { root: Root6::filled(value), y: [value; 6], t: [value; 6], scale: Scale::filled(value) }
-    }
-
     /// Becomes a body alone. Number by number: a copy of the whole would be a call.
     #[inline(always)]
     fn begin(&mut self, lean: &LeanModel<T>, own: &[Own<T>], added: &[[T; 6]], place: usize) {

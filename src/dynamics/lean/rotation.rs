@@ -230,7 +230,7 @@ pub(super) use rotated;
 #[cfg(test)]
 mod tests {
     use super::{Rotates, TiltedTurn};
-    use crate::dynamics::lean::carry::unpacked;
+    use crate::dynamics::lean::packed::unpacked;
     use crate::dynamics::lean::tilt::Tilt;
     use crate::dynamics::lean::turn::{Axis, Turn};
     use crate::spatial::{Symmetric3, Symmetric6};

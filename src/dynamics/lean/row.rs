@@ -1,6 +1,6 @@
 //! Past the row of a turn: what its measurement tells and what it leaves.
 
-use super::filter::ABOUT_Z;
+use super::turn::ABOUT_Z;
 use crate::filter::riccati::Measured;
 use crate::scalar::Real;
 use nalgebra::Vector6;

@@ -1,18 +1,18 @@
 //! Scratch of the lean sweeps.
 
-use super::body::{CompositeBody, LeanBody, LeanModel};
-use super::root_filter::Rooted;
+use super::body::{CompositeBody, LeanBody};
+use super::model::LeanModel;
 use super::segment::Segment;
 use super::tilt::Tilt;
 use super::turn::Turn;
-use crate::batch::chunk::Algorithm;
+use crate::algorithm::Algorithm;
 use crate::filter::Form;
 use crate::filter::cancellation::weight;
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
+use crate::model::{Body, Model};
 use crate::scalar::Real;
-use crate::scene::{Body, Model};
-use crate::spatial::{BodyRoot, RigidShift};
+use crate::spatial::{BodyRoot, RigidShift, Root6};
 
 /// Angular velocity, angular acceleration and acceleration of the origin (kept for shifts only).
 pub(super) type Moving<T> = [[T; 3]; 3];
@@ -110,6 +110,22 @@ fn put<T: Copy, const N: usize>(sent: &[T; N], to: &mut [T; N]) {
         (to[14], to[15], to[16], to[17], to[18], to[19], to[20]) = (c8, b0, b1, b2, b3, b4, b5);
     } else {
         *to = *sent;
+    }
+}
+
+/// A body with some of what hangs on it: the root of P, and z = L y + t.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rooted<T> {
+    pub root: Root6<T>,
+    pub y: [T; 6],
+    pub t: [T; 6],
+    /// The bounds on the terms of P.
+    pub scale: Scale<T>,
+}
+
+impl<T: Real> Rooted<T> {
+    pub fn filled(value: T) -> Self {
+        Self { root: Root6::filled(value), y: [value; 6], t: [value; 6], scale: Scale::filled(value) }
     }
 }
 

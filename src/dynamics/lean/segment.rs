@@ -2,8 +2,10 @@
 //!
 //! It is apart from the rest, and in the order of the sweeps: scenes that no cache holds take as long as it takes to read them.
 
-use super::body::{Carrier, LeanBody, bodies_inward};
+use super::body::LeanBody;
+use super::carrier::Carrier;
 use super::lever::Lever;
+use super::slots::bodies_inward;
 use super::spin::Load;
 
 /// One body.

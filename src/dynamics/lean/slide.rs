@@ -5,8 +5,8 @@
 //! are left as past a turn's. Everything else of a slide goes the general way.
 
 use super::about_axis::AboutAxis;
-use super::carry::{along_lever, kept};
 use super::lever::Lever;
+use super::packed::{along_lever, kept};
 use super::rotation::{Rotates, about_x};
 use super::row::{Noise, measured};
 use super::tilt::Tilt;
@@ -92,7 +92,7 @@ pub(super) fn past_slide<T: Real>(noise: Noise<T>, p: &[T; 21]) -> (Measured<T>,
 mod tests {
     use super::{ALONG_Z, Slide, past_slide};
     use crate::dynamics::lean::about_axis::AboutAxis;
-    use crate::dynamics::lean::carry::unpacked;
+    use crate::dynamics::lean::packed::unpacked;
     use crate::dynamics::lean::row::Noise;
     use crate::dynamics::lean::turn::PACKED;
     use crate::filter::HingeMap;

@@ -1,7 +1,7 @@
 //! How the accelerations of a body's points vary in it, and the force that this needs.
 
 use super::lever::{Lever, along_each};
-use super::motion::minus_cross_number;
+use super::vectors::minus_cross_number;
 use crate::dynamics::forces::Needed;
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, BodyRoot};

@@ -2,11 +2,10 @@
 //!
 //! A tile of M^-1 needs the joints inward of one of its rows and of one of its columns; in the others its factors are zero.
 
-use super::body::LeanModel;
-use super::columns::units;
 use super::entries::Entries;
+use super::model::LeanModel;
+use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
-use crate::scene::Model;
 use std::ops::Range;
 
 /// Rows and columns of a tile.
@@ -22,6 +21,16 @@ pub(super) struct Pair {
     pub other: usize,
     /// Those in [`Tiles::inward`] that both have something of: joints further out than the columns have nothing there.
     pub joints: Range<usize>,
+}
+
+/// One in one lane and zero in the others, for each lane.
+pub(super) fn units<T: Real, C: ColumnsOf<T>>() -> Vec<C> {
+    let unit = |lane| {
+        let mut unit = C::zero();
+        unit.set_column(lane, T::one());
+        unit
+    };
+    (0..C::COLUMNS).map(unit).collect()
 }
 
 /// Scratch of the product.

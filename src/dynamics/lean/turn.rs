@@ -3,6 +3,9 @@
 use crate::scalar::Real;
 use nalgebra::{Matrix3, Vector6};
 
+/// The row of a turn.
+pub(super) const ABOUT_Z: usize = 2;
+
 /// Where each entry of a packed 3x3 symmetric matrix is.
 pub(super) const PACKED: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
 

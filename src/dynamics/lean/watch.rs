@@ -1,19 +1,20 @@
 //! The covariance form with an estimate of the digits that it lost: the first look of [`auto`](crate::dynamics::auto).
 
-use super::body::{Carrier, LeanModel};
-use super::filter::ABOUT_Z;
+use super::carrier::Carrier;
+use super::model::LeanModel;
 use super::motion;
 use super::rotation::{TiltedTurn, rotated};
 use super::scratch::{LeanScratch, Watching};
 use super::tilt::Axle;
+use super::turn::ABOUT_Z;
 use super::turn::{Axis, about, to_turn};
 use super::{accelerations, filter};
 use crate::dynamics::forces::Motion;
 use crate::filter::cancellation::{Cancellation, Swept};
 use crate::filter::pivots::PivotMonitor;
 use crate::kinematics::joint_shift;
+use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
-use crate::scene::Model;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 

@@ -3,9 +3,9 @@
 use super::accelerations::along;
 use super::body::LeanBody;
 use super::columns::Block;
-use super::filter::ABOUT_Z;
 use super::lever::Lever;
 use super::rotation::Rotates;
+use super::turn::ABOUT_Z;
 use super::turn::to_turn;
 use crate::scalar::{ColumnsOf, Real};
 use nalgebra::Vector6;

@@ -3,12 +3,12 @@
 //! Nothing here calls the filter: phi, H and Q are matrices, the gain G = R H* (H R H* + r + noise/s)^-1 is over the measured
 //! rows, and the covariance that it inverts is factored by faer.
 
-use super::estimate::Measurements;
-use super::forces::Motion;
-use super::inverse::forces_base_to_tip;
+use super::dense::{Composite, product};
+use crate::dynamics::estimate::Measurements;
+use crate::dynamics::forces::Motion;
+use crate::dynamics::inverse::forces_base_to_tip;
 use crate::error::Error;
-use crate::operators::dense::{Composite, product};
-use crate::scene::Model;
+use crate::model::Model;
 use crate::workspace::Workspace;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};

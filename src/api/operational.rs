@@ -1,9 +1,9 @@
 //! Operational-space inertia of a scene's links, with arguments checked and faults named.
 
-use super::Scene;
 use crate::dynamics;
 use crate::dynamics::operational::{Frame, MANY, OperationalScratch};
 use crate::error::{Error, check_finite, check_length};
+use crate::scene::Scene;
 use crate::spatial::RigidShift;
 use crate::watch;
 use crate::workspace::Workspace;
@@ -34,7 +34,7 @@ impl Scene {
     /// Scratch for [`Scene::operational_inverse_inertia`] and [`Scene::operational_inertia`].
     #[must_use]
     pub fn operational_scratch(&self) -> OperationalScratch<f64> {
-        OperationalScratch::new(&self.model)
+        OperationalScratch::new(self.model())
     }
 
     /// The operational-space inverse inertia Omega = J M^-1 J^T of links (names, or [`TaskFrame`]s) at `q`, (6m x 6m) row by row.
@@ -65,7 +65,7 @@ impl Scene {
         for &link in links {
             frames.push(self.frame(&link.into())?);
         }
-        let monitor = dynamics::operational_inverse_inertia(&self.model, workspace, scratch, q, &frames, out);
+        let monitor = dynamics::operational_inverse_inertia(self.model(), workspace, scratch, q, &frames, out);
         let many = frames.len() * frames.len() >= MANY;
         scratch.frames = frames;
         if many {
@@ -105,7 +105,7 @@ impl Scene {
         // entry is zero, rounding would be scaled to one and pass for a direction of its own.
         let mut sizes = vec![0.0; k];
         for (at, frame) in scratch.frames.iter().enumerate() {
-            let of_frame = scratch.term_sizes(&self.model, frame);
+            let of_frame = scratch.term_sizes(self.model(), frame);
             for (row, size) in sizes.iter_mut().enumerate() {
                 for (half, part) in of_frame.iter().enumerate() {
                     *size += s.view((row, 6 * at + 3 * half), (1, 3)).norm() * part;

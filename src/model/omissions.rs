@@ -3,7 +3,7 @@
 use crate::error::Error;
 
 /// The switches: what is left out wherever a scene or a call does not need it. All are on unless one is turned off, by
-/// [`SceneBuilder::omissions`](super::SceneBuilder::omissions); results are the same to rounding either way.
+/// [`SceneBuilder::omissions`](crate::SceneBuilder::omissions); results are the same to rounding either way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[allow(clippy::struct_excessive_bools)] // switches
 pub struct Omissions {
@@ -13,7 +13,7 @@ pub struct Omissions {
     pub base_links: bool,
     /// The rotation of the tree at a joint that turns about an axis of its parent's frame, where it only renames the axes (the identity is one) or
     /// turns about the joint's own: the angle alone is carried. To rounding: entries within 9e-16 of 0 and 1 are taken for
-    /// them, for a right angle has no double. Of a body that slides along such an axis P alone, by the constant, and not in square-root form. Off, a rotation matrix. For one state and lanes, in the algorithms that [`Scene::evaluate`](super::Scene::evaluate) runs in covariance form, and forward dynamics in square-root form.
+    /// them, for a right angle has no double. Of a body that slides along such an axis P alone, by the constant, and not in square-root form. Off, a rotation matrix. For one state and lanes, in the algorithms that [`Scene::evaluate`](crate::Scene::evaluate) runs in covariance form, and forward dynamics in square-root form.
     pub renamed_axes: bool,
     /// The rotation of the tree at any other joint that turns, and of P at any other that slides: up to two constant angles more take its place. To rounding, as above (2e-15).
     /// In the same algorithms, and only where `renamed_axes` is on.

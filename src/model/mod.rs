@@ -1,6 +1,9 @@
 //! The numbers of a scene, ready for the sweeps: what the recursions read, in any scalar.
 
-use super::omissions::Omissions;
+pub mod omissions;
+
+pub use omissions::Omissions;
+
 use crate::filter::{HingeMap, Rows, Stage, System};
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Symmetric3};

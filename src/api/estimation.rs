@@ -1,8 +1,8 @@
 //! Estimation on one state of a scene, with arguments checked and faults named.
 
-use super::Scene;
 use crate::dynamics::{self, Estimate, EstimateCovariance, EstimateScratch, Measurements};
 use crate::error::{Error, check_finite, check_length};
+use crate::scene::Scene;
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 
@@ -10,7 +10,7 @@ impl Scene {
     /// Scratch for [`Scene::estimate`].
     #[must_use]
     pub fn estimate_scratch(&self) -> EstimateScratch<f64> {
-        EstimateScratch::new(&self.model)
+        EstimateScratch::new(self.model())
     }
 
     /// Forces, accelerations and torques given the torques of some joints: see [`dynamics::estimate()`], and
@@ -41,11 +41,11 @@ impl Scene {
         self.check_measurements(measurements)?;
         self.check_wrenches(wrenches)?;
         self.check_workspace(workspace)?;
-        let (nv, bodies) = (self.nv(), self.model.bodies.len());
+        let (nv, bodies) = (self.nv(), self.model().bodies.len());
         check_length("estimate", estimate.acceleration.len().min(estimate.torque.len()), nv)?;
         check_length("estimate (bodies)", estimate.force.len().min(estimate.process.len()), bodies)?;
-        let monitor = dynamics::estimate(&self.model, workspace, scratch, q, qd, measurements, wrenches, estimate);
-        if let Some(lost) = workspace.lost_pivot_of(&self.model, &scratch.system, &monitor) {
+        let monitor = dynamics::estimate(self.model(), workspace, scratch, q, qd, measurements, wrenches, estimate);
+        if let Some(lost) = workspace.lost_pivot_of(self.model(), &scratch.system, &monitor) {
             return Err(self.singular(lost));
         }
         self.check_result("estimated acceleration", &estimate.acceleration)?;
@@ -55,13 +55,13 @@ impl Scene {
         let Some(covariance) = covariance else { return Ok(()) };
         check_length("covariance", covariance.acceleration.len().min(covariance.torque.len()), nv)?;
         check_length("covariance (bodies)", covariance.force.len().min(covariance.process.len()), bodies)?;
-        let monitor = dynamics::estimate_covariance(&self.model, workspace, scratch, measurements, covariance);
+        let monitor = dynamics::estimate_covariance(self.model(), workspace, scratch, measurements, covariance);
         self.check_pivots(workspace, monitor)?;
         self.check_result("variance of the acceleration", &covariance.acceleration)?;
         self.check_result("variance of the torque", &covariance.torque)
     }
 
-    /// The same estimate from the definitions of section 2 with dense matrices: see [`dynamics::estimate_batch()`].
+    /// The same estimate from the definitions of section 2 with dense matrices: see [`crate::operators::estimate_batch()`].
     ///
     /// # Errors
     ///
@@ -76,14 +76,14 @@ impl Scene {
         measurements: &Measurements<'_, f64>,
         wrenches: &[SpatialVector<f64>],
         with_covariance: bool,
-    ) -> Result<dynamics::BatchEstimate, Error> {
+    ) -> Result<crate::operators::BatchEstimate, Error> {
         self.check_configuration("q", q)?;
         self.check_rates("qd", qd)?;
         self.check_measurements(measurements)?;
         self.check_wrenches(wrenches)?;
         self.check_workspace(workspace)?;
         let state = (q, qd, wrenches);
-        let estimate = dynamics::estimate_batch(&self.model, workspace, state, measurements, with_covariance)?;
+        let estimate = crate::operators::estimate_batch(self.model(), workspace, state, measurements, with_covariance)?;
         self.check_result("estimated acceleration", &estimate.acceleration)?;
         self.check_result("estimated force", &estimate.force)?;
         Ok(estimate)
@@ -124,7 +124,7 @@ impl Scene {
 
     /// The scene can be estimated, and the variance of accelerations is positive: what all states of a batch share.
     pub(crate) fn check_prior(&self, s: f64) -> Result<(), Error> {
-        self.model.omissions.check_every_body_moves("scene")?;
+        self.model().omissions.check_every_body_moves("scene")?;
         if s > 0.0 && s.is_finite() {
             return Ok(());
         }

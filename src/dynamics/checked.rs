@@ -1,19 +1,18 @@
 //! The algorithms on one state by the general recursions, with arguments checked and faults named.
 
-use super::Scene;
-use crate::batch::chunk::{Algorithm, Arguments};
-use crate::dynamics;
-use crate::dynamics::mass_inverse::InverseScratch;
+use super::mass_inverse::{InverseScratch, mass_matrix_inverse};
+use super::{forward, inverse, mass_matrix};
+use crate::algorithm::{Algorithm, Arguments};
 use crate::error::{Error, check_length};
-use crate::planar;
+use crate::filter::pivots::PivotMonitor;
+use crate::scene::Scene;
 use crate::workspace::Workspace;
 
 impl Scene {
     /// One algorithm on one state by the recursion of the paper, in `f64` and with every check: what [`Scene::forward_dynamics`] and its
     /// like do where the compiled kernels are in doubt, three times as slow.
     ///
-    /// Of `state` it looks at what the algorithm takes and at nothing else. It sets the workspace's form to that of the algorithm. `inverse`: scratch for M^-1; None: made for this call. A scene whose
-    /// joints move in one plane goes by three-vectors where the workspace is [`Scene::workspace`]'s.
+    /// Of `state` it looks at what the algorithm takes and at nothing else. It sets the workspace's form to that of the algorithm. `inverse`: scratch for M^-1; None: made for this call.
     ///
     /// # Errors
     ///
@@ -44,42 +43,71 @@ impl Scene {
             workspace.form = form;
             self.check_form(workspace)?;
         }
-        if self.in_the_plane(algorithm, workspace, state, out) {
-            return Ok(());
-        }
-        let model = &self.model;
+        let model = self.model();
         match algorithm {
             Algorithm::ForwardDynamics(_) => {
-                let monitor = dynamics::forward_dynamics(model, workspace, q, qd, u, wrenches, out);
+                let monitor = forward::forward_dynamics(model, workspace, q, qd, u, wrenches, out);
                 self.check_pivots(workspace, monitor)?;
             }
-            Algorithm::InverseDynamics => dynamics::inverse_dynamics(model, workspace, q, qd, u, wrenches, out),
-            Algorithm::BiasTorque => dynamics::bias_torque(model, workspace, q, qd, &[], out),
-            Algorithm::MassMatrix => dynamics::mass_matrix(model, workspace, q, out),
+            Algorithm::InverseDynamics => inverse::inverse_dynamics(model, workspace, q, qd, u, wrenches, out),
+            Algorithm::BiasTorque => inverse::bias_torque(model, workspace, q, qd, &[], out),
+            Algorithm::MassMatrix => mass_matrix::mass_matrix(model, workspace, q, out),
             Algorithm::MassMatrixInverse(_) => {
                 let mut own = None;
-                let scratch = inverse.unwrap_or_else(|| own.insert(self.inverse_scratch()));
+                let scratch = inverse.unwrap_or_else(|| own.insert(InverseScratch::new(model)));
                 scratch.check(model)?;
-                let monitor = dynamics::mass_matrix_inverse(model, workspace, scratch, q, out);
+                let monitor = mass_matrix_inverse(model, workspace, scratch, q, out);
                 self.check_pivots(workspace, monitor)?;
             }
         }
         self.check_result(named.what, out)
     }
 
-    /// Runs an algorithm in the plane, where the scene has one and the workspace is this scene's; false where 6-vectors are to do it:
-    /// no planar way, a pivot near the bound of its terms, or a result that is not finite.
-    fn in_the_plane(
-        &self,
-        algorithm: Algorithm,
-        workspace: &mut Workspace<f64>,
-        state: &Arguments<'_>,
-        out: &mut [f64],
-    ) -> bool {
-        let (Some(model), Some(scratch)) = (&self.planar, &mut workspace.planar) else { return false };
-        planar::covers(algorithm)
-            && planar::run(algorithm, model, scratch, (state.q, state.qd, state.u), state.wrenches, out) == 0
-            && out.iter().all(|x| x.is_finite())
+    /// How many numbers an algorithm gives for one state.
+    #[must_use]
+    pub fn width(&self, algorithm: Algorithm) -> usize {
+        match algorithm {
+            Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => self.nv() * self.nv(),
+            _ => self.nv(),
+        }
+    }
+
+    /// Whether the arguments of a state have the lengths that an algorithm reads.
+    pub(crate) fn fits<P>(&self, algorithm: Algorithm, state: &Arguments<'_, P>) -> bool {
+        let nv = self.nv();
+        let (qd, u) = match algorithm {
+            Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => (nv, nv),
+            Algorithm::BiasTorque => (nv, 0),
+            Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => (0, 0),
+        };
+        let forces = state.wrenches.len();
+        (state.q.len(), state.qd.len(), state.u.len()) == (self.nq(), qd, u)
+            && (forces == 0 || forces == self.model().bodies.len())
+    }
+
+    /// Whether a workspace has the lengths of this scene's.
+    pub(crate) fn check_workspace(&self, workspace: &Workspace<f64>) -> Result<(), Error> {
+        let (bodies, nv) = (workspace.shift.len(), workspace.measured.len());
+        if (bodies, nv) == (self.model().bodies.len(), self.nv()) {
+            return Ok(());
+        }
+        let found = format!("that of a scene of {bodies} bodies and {nv} degrees of freedom");
+        let expected = format!(
+            "this scene's own, from scene.workspace(): {} bodies and {} degrees of freedom",
+            self.model().bodies.len(),
+            self.nv()
+        );
+        Err(Error::argument("workspace", found, expected))
+    }
+
+    /// Turns a lost pivot into an error that names the joint; a pivot that is not finite comes of overflow.
+    pub(crate) fn check_pivots(&self, workspace: &Workspace<f64>, monitor: PivotMonitor<f64>) -> Result<(), Error> {
+        workspace.lost_pivot(self.model(), &monitor).map_or(Ok(()), |lost| Err(self.singular(lost)))
+    }
+
+    /// The square-root form needs a root of every inertia.
+    pub(crate) fn check_form(&self, workspace: &Workspace<f64>) -> Result<(), Error> {
+        self.check_roots(workspace.form)
     }
 }
 

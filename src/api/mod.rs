@@ -1,0 +1,9 @@
+//! The algorithms as methods of a [`Scene`](crate::Scene): arguments are checked, faults named.
+
+mod estimation;
+pub mod methods;
+pub mod operational;
+mod own;
+
+pub use methods::BodyWrenches;
+pub use operational::TaskFrame;

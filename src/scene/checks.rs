@@ -1,0 +1,110 @@
+//! Checks of what a call is given and of what it gives.
+
+use super::{Joint, Scene};
+use crate::error::{Error, check_finite, check_length};
+use crate::filter::Form;
+use crate::filter::pivots::LostPivot;
+use crate::kinematics::QUATERNION_SLACK;
+use crate::spatial::SpatialVector;
+
+impl Scene {
+    /// Checks a configuration: length, finite, quaternions within 1e-3 of unit norm.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`], [`Error::NotFinite`], or [`Error::Argument`] naming the joint of the quaternion.
+    pub fn check_configuration(&self, argument: &str, q: &[f64]) -> Result<(), Error> {
+        check_length(argument, q.len(), self.nq())?;
+        check_finite(argument, q)?;
+        for joint in self.joints() {
+            let Some(quaternion) = joint.quaternion() else { continue };
+            let norm = q[quaternion].iter().map(|x| x * x).sum::<f64>().sqrt();
+            if !((norm - 1.0).abs() <= QUATERNION_SLACK) {
+                return Err(Error::argument(
+                    argument,
+                    format!("a quaternion of norm {norm} for joint {:?}", joint.name),
+                    "unit norm, to within 1e-3",
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks rates, accelerations or torques of one state.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`] or [`Error::NotFinite`].
+    pub fn check_rates(&self, argument: &str, values: &[f64]) -> Result<(), Error> {
+        check_length(argument, values.len(), self.nv())?;
+        check_finite(argument, values)
+    }
+
+    /// The error that names the joint of a lost pivot.
+    pub(crate) fn singular(&self, lost: LostPivot) -> Error {
+        let joint = self.joint_of_body(lost.stage);
+        let name = |of: fn(&Joint) -> &String| joint.map(of).cloned().unwrap_or_default();
+        if let Some(&value) = [lost.pivot, lost.terms].iter().find(|value| !value.is_finite()) {
+            let what = name(|joint| &joint.name);
+            let argument = format!("inertia along the axis of joint {what:?} (result; the arguments overflow)");
+            return Error::NotFinite { argument, index: lost.row, value, state: None };
+        }
+        Error::SingularJoint {
+            joint: name(|joint| &joint.name),
+            link: name(|joint| &joint.child),
+            state: None,
+            pivot: lost.pivot,
+            terms: lost.terms,
+        }
+    }
+
+    /// The square-root form needs a root of every inertia.
+    pub(crate) fn check_roots(&self, form: Form) -> Result<(), Error> {
+        if form != Form::SquareRoot {
+            return Ok(());
+        }
+        self.model.inertia_roots.iter().position(Option::is_none).map_or(Ok(()), |body| Err(self.indefinite(body)))
+    }
+
+    /// What is wrong with the inertia of a body that has no root.
+    pub(crate) fn indefinite(&self, body: usize) -> Error {
+        let link = self.joint_of_body(body).map(|joint| joint.child.clone()).unwrap_or_default();
+        Error::argument(
+            format!("inertia of link {link:?}"),
+            "a negative principal inertia",
+            "an inertia that a body can have: as the covariance of a force it has a square root",
+        )
+    }
+
+    /// Checks forces on bodies: none, or one a body.
+    pub(crate) fn check_wrenches(&self, wrenches: &[SpatialVector<f64>]) -> Result<(), Error> {
+        if !wrenches.is_empty() {
+            check_length("wrenches", wrenches.len(), self.model.bodies.len())?;
+            wrenches.iter().try_for_each(|wrench| check_finite("wrenches", wrench.as_slice()))?;
+        }
+        Ok(())
+    }
+
+    /// Finite arguments can still overflow on the way.
+    #[allow(clippy::unused_self)] // reads as the other checks do
+    pub(crate) fn check_result(&self, what: &str, values: &[f64]) -> Result<(), Error> {
+        // The name is written only where it is needed: this is on the path of every call.
+        if values.iter().all(|value| value.is_finite()) {
+            return Ok(());
+        }
+        check_finite(&format!("{what} (result; the arguments overflow)"), values)
+    }
+}
+
+impl Joint {
+    /// Where its quaternion is in q, if it has one.
+    #[must_use]
+    pub fn quaternion(&self) -> Option<std::ops::Range<usize>> {
+        use super::JointKind::{Floating, Spherical};
+        match self.kind {
+            Spherical => Some(self.q.clone()),
+            Floating => Some(self.q.start + 3..self.q.end),
+            _ => None,
+        }
+    }
+}
