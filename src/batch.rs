@@ -5,6 +5,7 @@
 //! Scratch comes from a [`Pool`], so that the second call allocates none. With the feature `parallel`, `set_threads` says how many
 //! threads there are.
 
+pub(crate) mod accelerations;
 #[cfg(target_arch = "x86_64")]
 mod accuracy;
 pub mod arms;

@@ -274,11 +274,11 @@ fn as_documented() {
     let [more_in_joseph, more_in_auto] =
         [Form::Joseph, Form::Auto].map(|form| calm(forward(form)) - calm(forward(Form::Covariance)));
     let documented: [(&str, u64, u64); 14] = [
-        ("dynamics::forward_dynamics, covariance", 750, a_joint_of(forward(Form::Covariance))),
+        ("dynamics::forward_dynamics, covariance", 810, a_joint_of(forward(Form::Covariance))),
         ("dynamics::inverse_dynamics", 330, a_joint_of(Task::Algorithm(Algorithm::InverseDynamics))),
         ("dynamics::estimate", 1150, a_joint(|n| estimates(n)[0])),
         ("dynamics::estimate_covariance", 2700, a_joint(|n| estimates(n)[1])),
-        ("Scene::factor, covariance", 440, a_joint_of(Task::Factor(Form::Covariance))),
+        ("Scene::factor, covariance", 490, a_joint_of(Task::Factor(Form::Covariance))),
         ("Scene::factor, auto beside it", 490, calm(Task::Factor(Form::Auto)) - calm(Task::Factor(Form::Covariance))),
         ("riccati::measurement_update", 56, update),
         ("riccati::update, Joseph", 170, update + more_in_joseph),

@@ -3,6 +3,7 @@
 //! Nothing is raised here: a lane whose arguments, pivots, digits or results are not in order is in *doubt*, and whoever
 //! called does that state again with every check (see [`Evaluator`](super::evaluator::Evaluator)).
 
+use super::accelerations;
 use super::arms::{Entry, Target, Vectorised, Work};
 use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics::auto::{self, Errors};
@@ -15,23 +16,28 @@ use crate::scalar::{MOST_LANES, Precision, Real, lanes_but};
 use crate::scene::Scene;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
+use std::sync::Arc;
 
-/// A planar scene's numbers in the plane, and scratch for them.
-type Plane<T> = (PlanarModel<T>, PlanarScratch<T, <T as Vectorised>::Columns>);
+/// The constants of a scene in the scalar of the lanes, one for all threads.
+#[derive(Debug)]
+struct Numbers<T: Vectorised> {
+    model: Model<T>,
+    lean: LeanModel<T>,
+    /// The same in the plane that all joints move in, if there is one.
+    planar: Option<PlanarModel<T>>,
+    /// Where the quaternions are in q.
+    quaternions: Vec<usize>,
+}
 
 /// Scratch for as many states as `T` has lanes.
 #[derive(Debug)]
 pub struct Chunk<T: Vectorised> {
-    model: Model<T>,
-    lean: LeanModel<T>,
+    numbers: Arc<Numbers<T>>,
     lean_scratch: LeanScratch<T>,
     lean_columns: LeanColumns<T, T::Columns>,
     mass_columns: MassColumns<T, T::Columns>,
-    /// Where the quaternions are in q.
-    quaternions: Vec<usize>,
     workspace: Workspace<T>,
-    /// The same scene in its plane, with scratch.
-    planar: Option<Plane<T>>,
+    planar_scratch: Option<PlanarScratch<T, T::Columns>>,
     arguments: [Vec<T>; 3],
     wrenches: Vec<Vector6<T>>,
     results: Vec<T>,
@@ -43,30 +49,27 @@ impl<T: Vectorised> Chunk<T> {
     /// Scratch for a scene, its constants rounded to the numbers of the lanes.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
-        let model = scene.model();
-        let lean = LeanModel::new(model);
-        let (quaternions, model) = (quaternions(model), model.cast::<T>());
-        let (workspace, lean_scratch) = (Workspace::new(&model), LeanScratch::new(&model, &lean));
-        let arguments = [vec![T::zero(); model.nq], vec![T::zero(); model.nv()], vec![T::zero(); model.nv()]];
-        let planar = PlanarModel::of(scene.model()).map(|model| model.cast()).map(|model| {
-            let scratch = PlanarScratch::new(&model);
-            (model, scratch)
+        let numbers = scene.shared().get_or_make(|| {
+            let model = scene.model();
+            Numbers::<T> {
+                model: model.cast(),
+                lean: LeanModel::new(model),
+                planar: PlanarModel::of(model).as_ref().map(PlanarModel::cast),
+                quaternions: quaternions(model),
+            }
         });
-        let (wrenches, results) = (Vec::new(), Vec::new());
-        let (lean_columns, mass_columns) = (LeanColumns::new(), MassColumns::new());
+        let Numbers { model, lean, planar, .. } = &*numbers;
         Self {
-            model,
-            lean,
-            lean_scratch,
-            lean_columns,
-            mass_columns,
-            quaternions,
-            workspace,
-            planar,
-            arguments,
-            wrenches,
-            results,
+            lean_scratch: LeanScratch::new(model, lean),
+            lean_columns: LeanColumns::new(),
+            mass_columns: MassColumns::new(),
+            workspace: Workspace::new(model),
+            planar_scratch: planar.as_ref().map(PlanarScratch::new),
+            arguments: [vec![T::zero(); model.nq], vec![T::zero(); model.nv()], vec![T::zero(); model.nv()]],
+            wrenches: Vec::new(),
+            results: Vec::new(),
             errors: Errors::unknown(),
+            numbers,
         }
     }
 }
@@ -97,14 +100,14 @@ impl<T: Vectorised> Chunk<T> {
             return 0;
         }
         self.gather_wrenches(states);
-        let is_planar = self.planar.is_some();
+        let is_planar = self.planar_scratch.is_some();
         let call = Call { chunk: self, algorithm, states, out };
         match algorithm {
-            _ if is_planar && planar::covers(algorithm) => target.within(Run::<T, PLANE>(call)),
-            Algorithm::ForwardDynamics(_) => target.within(Run::<T, ACCELERATIONS>(call)),
-            Algorithm::InverseDynamics | Algorithm::BiasTorque => target.within(Run::<T, TORQUES>(call)),
-            Algorithm::MassMatrix => target.within(Run::<T, MASS>(call)),
-            Algorithm::MassMatrixInverse(_) => target.within(Run::<T, INVERSE>(call)),
+            _ if is_planar && planar::covers(algorithm) => target.within(Run::<T, I, PLANE>(call, target)),
+            Algorithm::ForwardDynamics(_) => target.within(Run::<T, I, ACCELERATIONS>(call, target)),
+            Algorithm::InverseDynamics | Algorithm::BiasTorque => target.within(Run::<T, I, TORQUES>(call, target)),
+            Algorithm::MassMatrix => target.within(Run::<T, I, MASS>(call, target)),
+            Algorithm::MassMatrixInverse(_) => target.within(Run::<T, I, INVERSE>(call, target)),
         }
     }
 
@@ -114,7 +117,7 @@ impl<T: Vectorised> Chunk<T> {
         if states.iter().all(|state| state.wrenches.is_empty()) {
             return;
         }
-        self.wrenches.resize(self.model.bodies.len(), Vector6::from_element(T::zero()));
+        self.wrenches.resize(self.numbers.model.bodies.len(), Vector6::from_element(T::zero()));
         for lane in 0..T::LANES {
             let state = &states[lane.min(states.len() - 1)];
             for (force, given) in self.wrenches.iter_mut().zip(state.wrenches) {
@@ -237,28 +240,27 @@ struct Call<'a, T: Vectorised> {
 }
 
 /// The same, to be run inside an arm; the algorithm is one of GROUP.
-struct Run<'a, T: Vectorised, const GROUP: u8>(Call<'a, T>);
+struct Run<'a, T: Vectorised, I: Target, const GROUP: u8>(Call<'a, T>, I);
 
-impl<T: Vectorised, const GROUP: u8> Work for Run<'_, T, GROUP> {
+impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
     type Output = u64;
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Self(Call { chunk, algorithm, states, out }) = self;
+        let Self(Call { chunk, algorithm, states, out }, target) = self;
         let Chunk {
-            model,
-            lean,
+            numbers: constants,
             lean_scratch,
             lean_columns,
             mass_columns,
-            quaternions,
             workspace,
-            planar,
+            planar_scratch,
             arguments,
             wrenches,
             results,
             errors,
         } = chunk;
+        let Numbers { model, lean, planar, quaternions } = &**constants;
         let [q, qd, u] = arguments;
         // Lanes without a state of their own repeat the last.
         let given = std::array::from_fn(|lane| &states[lane.min(states.len() - 1)]);
@@ -271,8 +273,8 @@ impl<T: Vectorised, const GROUP: u8> Work for Run<'_, T, GROUP> {
                 fault += not_finite(number);
             }
         }
-        let scene = (&*model, &*lean);
-        let in_plane = planar.as_mut().filter(|_| GROUP == PLANE);
+        let scene = (model, lean);
+        let in_plane = planar.as_ref().zip(planar_scratch.as_mut()).filter(|_| GROUP == PLANE);
         let entries = entries_of::<T, GROUP>(algorithm, scene, lean_columns, mass_columns);
         // Beside them `auto` keeps a number a row.
         let width = if entries.is_some() { model.nv() } else { out.len() / states.len().min(T::LANES) };
@@ -286,7 +288,7 @@ impl<T: Vectorised, const GROUP: u8> Work for Run<'_, T, GROUP> {
                 planar::run(algorithm, model, scratch, (q, qd, u), wrenches, results)
             } else {
                 let scratch = (&mut *lean_scratch, &mut *lean_columns, workspace);
-                compute::<T, GROUP>(algorithm, scene, scratch, (q, qd, u), wrenches, (to, results, errors))
+                compute::<T, I, GROUP>((algorithm, target), scene, scratch, (q, qd, u), wrenches, (to, results, errors))
             };
         }
         if let Some(entries) = entries_of::<T, GROUP>(algorithm, scene, lean_columns, mass_columns) {
@@ -321,35 +323,25 @@ fn entries_of<'a, T: Vectorised, const GROUP: u8>(
 
 /// The algorithm itself, in no plane; gives the lanes that it doubts.
 #[inline(always)]
-fn compute<T: Vectorised, const GROUP: u8>(
-    algorithm: Algorithm,
-    (model, lean): (&Model<T>, &LeanModel<T>),
+fn compute<T: Vectorised, I: Target, const GROUP: u8>(
+    (algorithm, target): (Algorithm, I),
+    scene: (&Model<T>, &LeanModel<T>),
     (scratch, columns, workspace): (&mut LeanScratch<T>, &mut LeanColumns<T, T::Columns>, &mut Workspace<T>),
     (q, qd, u): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     (entries, results, errors): (&mut [Entry<T>], &mut [T], &mut Errors<T>),
 ) -> u64 {
-    let scene = (model, lean);
+    let (model, lean) = scene;
     match algorithm {
-        Algorithm::ForwardDynamics(Form::Auto) if GROUP == ACCELERATIONS => {
-            let watched = auto::forward_dynamics_watched_lean::<T, T::Columns>(
-                scene,
-                (scratch, workspace),
-                (q, qd, u),
-                wrenches,
-                results,
-            );
-            *errors = watched.errors();
-            lanes_but::<T>(|lane| watched.kept(lane))
-        }
-        Algorithm::ForwardDynamics(Form::SquareRoot) if GROUP == ACCELERATIONS && T::Number::SQUARE_ROOT => {
-            let (pivots, reach) =
-                lean::forward_dynamics_by_roots::<T, T::Columns>(scene, scratch, (q, qd, u), wrenches, results);
-            lanes_but::<T>(|lane| pivots.clear(lane) && reach.clear(lane))
-        }
-        Algorithm::ForwardDynamics(Form::Covariance) if GROUP == ACCELERATIONS => {
-            let pivots = lean::forward_dynamics::<T, T::Columns>(scene, scratch, (q, qd, u), wrenches, results);
-            lanes_but::<T>(|lane| pivots.clear(lane))
+        Algorithm::ForwardDynamics(form) if GROUP == ACCELERATIONS => {
+            let call = accelerations::Call { scene, scratch, workspace, state: (q, qd, u), wrenches, qdd: results };
+            match form {
+                Form::Auto => accelerations::watched(target, call, errors),
+                Form::Covariance => accelerations::by_covariance(target, call),
+                Form::SquareRoot if T::Number::SQUARE_ROOT => accelerations::by_roots(target, call),
+                // Joseph's form is not worth code of its own for every arm.
+                _ => u64::MAX,
+            }
         }
         Algorithm::MassMatrixInverse(form @ (Form::Auto | Form::Covariance))
             if GROUP == INVERSE && lean.is_shallow() =>
@@ -371,7 +363,7 @@ fn compute<T: Vectorised, const GROUP: u8>(
             lean::inverse_dynamics::<T, T::Columns>(scene, scratch, (q, qd, u), wrenches, results);
             0
         }
-        // Rare, or not worth code of its own for every arm; M has columns of its own.
+        // Rare; M has columns of its own.
         _ => u64::MAX,
     }
 }

@@ -147,12 +147,19 @@ impl<T: Real> Cancellation<T> {
     /// Adds what a stage makes of w* a.
     #[inline(always)]
     fn add(&mut self, stage: &OfStage<T>) {
-        let OfStage { p, state, added, bias } = *stage;
-        self.noise = p.mul_add(p.constant(1.0 / BOUND_SQUARED), self.noise) + (state + added);
+        let OfStage { p, state, bias, .. } = *stage;
+        self.add_noise(stage);
         // Less what may be accelerated of it; never less than nothing.
         let transmitted = state.mul_add(p.constant(-0.5), p);
         self.rest -= transmitted.worst(p.constant(0.0));
         self.bias += bias;
+    }
+
+    /// The same of its rounding alone.
+    #[inline(always)]
+    fn add_noise(&mut self, stage: &OfStage<T>) {
+        let OfStage { p, state, added, .. } = *stage;
+        self.noise = p.mul_add(p.constant(1.0 / BOUND_SQUARED), self.noise) + (state + added);
     }
 }
 
@@ -233,9 +240,10 @@ impl<T: Real> Cancellation<T> {
 
     /// [`through_stage`](Self::through_stage) of one row that picks entry `PICKED` of its state; e^- of both right sides in, the estimate out.
     ///
-    /// Each number is read where it is needed: all of them at once are more than there are registers.
+    /// Without ALLOWS what the problem allows is not summed up: there is none where nobody gave the right side. Each number is read where
+    /// it is needed: all of them at once are more than there are registers.
     #[inline(always)]
-    pub(crate) fn through_axis<const PICKED: usize>(
+    pub(crate) fn through_axis<const PICKED: usize, const ALLOWS: bool>(
         &mut self,
         measured: &Measured<T>,
         (z, bias, terms): (&[T; 6], &[T; 6], &[T; 6]),
@@ -252,14 +260,21 @@ impl<T: Real> Cancellation<T> {
         let o = a.constant(0.0);
         let (mut of_p_nu, mut of_p_lambda, mut state, mut added, mut of_bias) = (o, o, o, o, o);
         for i in 0..6 {
-            let (square, force) = (nu[i] * nu[i], gain[i] * e);
+            let square = nu[i] * nu[i];
             of_p_nu = terms[i].mul_add(square, of_p_nu);
             of_p_lambda = terms[i].mul_add(lambda[i] * lambda[i], of_p_lambda);
             state = (z[i] * z[i]).mul_add(square, state);
-            added = (force * force).mul_add(square, added);
-            of_bias = (bias[i] * bias[i]).mul_add(square, of_bias);
+            added = (gain[i] * gain[i]).mul_add(square, added);
+            if ALLOWS {
+                of_bias = (bias[i] * bias[i]).mul_add(square, of_bias);
+            }
         }
-        self.add(&OfStage { p: of_p_nu * of_p_lambda, state, added, bias: of_bias });
+        let of_stage = OfStage { p: of_p_nu * of_p_lambda, state, added: e * e * added, bias: of_bias };
+        if ALLOWS {
+            self.add(&of_stage);
+        } else {
+            self.add_noise(&of_stage);
+        }
         a
     }
 

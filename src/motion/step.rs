@@ -4,12 +4,14 @@ use super::conserve::{KEPT, Keeper};
 use super::manifold::{advance, carry_back, displacement};
 use super::method::{Method, STAGES, Tableau};
 use super::properties::{Gains, Properties};
-use crate::batch::arms::Vectorised;
-use crate::dynamics::lean::{self, LeanModel, LeanScratch};
-use crate::dynamics::{self, auto};
+use crate::batch::accelerations::{Call, by_covariance, watched};
+use crate::batch::arms::{Target, Vectorised};
+use crate::dynamics;
+use crate::dynamics::auto::Errors;
+use crate::dynamics::lean::{LeanModel, LeanScratch};
 use crate::filter::pivots::LostPivot;
 use crate::model::Model;
-use crate::scalar::{Real, lanes_but};
+use crate::scalar::Real;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
 
@@ -205,37 +207,36 @@ pub(super) trait Solver<T: Real> {
     ) -> u64;
 }
 
-/// The covariance form, trusted where its pivots are clear.
-pub(super) struct Plain;
+/// The compiled kernels of these instructions: the covariance form, trusted where its pivots are clear.
+pub(super) struct Plain<I>(pub I);
 
-impl<T: Vectorised> Solver<T> for Plain {
+impl<T: Vectorised, I: Target> Solver<T> for Plain<I> {
     #[inline(always)]
     fn solve(
         &mut self,
         scene: (&Model<T>, &LeanModel<T>),
-        (scratch, _): (&mut LeanScratch<T>, &mut Workspace<T>),
+        (scratch, workspace): (&mut LeanScratch<T>, &mut Workspace<T>),
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
-        let pivots = lean::forward_dynamics::<T, T::Columns>(scene, scratch, state, &[], qdd);
-        lanes_but::<T>(|lane| pivots.clear(lane))
+        by_covariance(self.0, Call { scene, scratch, workspace, state, wrenches: &[], qdd })
     }
 }
 
-/// The covariance form, watched.
-pub(super) struct Watched;
+/// The same, watched.
+pub(super) struct Watched<T, I>(pub I, pub Errors<T>);
 
-impl<T: Vectorised> Solver<T> for Watched {
+impl<T: Vectorised, I: Target> Solver<T> for Watched<T, I> {
     #[inline(always)]
     fn solve(
         &mut self,
         scene: (&Model<T>, &LeanModel<T>),
-        scratch: (&mut LeanScratch<T>, &mut Workspace<T>),
+        (scratch, workspace): (&mut LeanScratch<T>, &mut Workspace<T>),
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
-        let watched = auto::forward_dynamics_watched_lean::<T, T::Columns>(scene, scratch, state, &[], qdd);
-        lanes_but::<T>(|lane| watched.kept(lane))
+        let call = Call { scene, scratch, workspace, state, wrenches: &[], qdd };
+        watched(self.0, call, &mut self.1)
     }
 }
 

@@ -5,6 +5,7 @@ use super::properties::{joint_of_row, of_state};
 use super::rollout::{StepFault, Torque};
 use super::step::{Checked, Law, Plain, Scratch, Watched, step};
 use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
+use crate::dynamics::auto::Errors;
 use crate::error::Error;
 use crate::filter::Form;
 use crate::model::Model;
@@ -123,12 +124,14 @@ struct Alone {
 
 impl<T: Vectorised<Number = f64>, I: Target> Stepping for Compiled<T, I> {
     fn run(&mut self, form: Form, checked: &mut Alone, job: Job<'_, '_>) -> Result<(), StepFault> {
-        self.target.within(Run { scratch: &mut self.scratch, form, checked, job })
+        let target = self.target;
+        target.within(Run { scratch: &mut self.scratch, target, form, checked, job })
     }
 }
 
-struct Run<'a, 'r, T: Vectorised> {
+struct Run<'a, 'r, T: Vectorised, I> {
     scratch: &'a mut Scratch<T>,
+    target: I,
     form: Form,
     checked: &'a mut Alone,
     job: Job<'a, 'r>,
@@ -142,12 +145,12 @@ fn scatter<T: Vectorised<Number = f64>>(numbers: &[T], lane: usize, out: &mut [f
     }
 }
 
-impl<T: Vectorised<Number = f64>> Work for Run<'_, '_, T> {
+impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
     type Output = Result<(), StepFault>;
 
     #[inline(always)]
     fn call(self) -> Result<(), StepFault> {
-        let Self { scratch: s, form, checked, job } = self;
+        let Self { scratch: s, target, form, checked, job } = self;
         let Job { scene, law, steps, states, current, torque, mut rows } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
         let width = law.width(scene);
@@ -169,6 +172,7 @@ impl<T: Vectorised<Number = f64>> Work for Run<'_, '_, T> {
                 *u = u.constant(0.0);
             }
         }
+        let (mut plain, mut watched) = (Plain(target), Watched(target, Errors::unknown()));
         let mut outcome = Ok(());
         for n in steps {
             if let Torque::Steps { torque, first } = torque {
@@ -177,8 +181,8 @@ impl<T: Vectorised<Number = f64>> Work for Run<'_, '_, T> {
             }
             s.keeper.time = law.time(n + 1);
             let mut doubt = match form {
-                Form::Covariance => step(law, s, &mut Plain),
-                _ => step(law, s, &mut Watched),
+                Form::Covariance => step(law, s, &mut plain),
+                _ => step(law, s, &mut watched),
             };
             doubt |= strayed(law, s);
             doubt &= u64::MAX >> (64 - count);

@@ -170,7 +170,7 @@ impl<T: Real> Factor<T> {
 }
 
 impl Scene {
-    /// The factor of the mass matrix at `q`, checked: see [`Factor`]. About 440 operations a one-axis joint in
+    /// The factor of the mass matrix at `q`, checked: see [`Factor`]. About 490 operations a one-axis joint in
     /// covariance form, at least 490 more in `auto`.
     ///
     /// # Errors

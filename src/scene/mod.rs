@@ -13,6 +13,7 @@ mod joint_check;
 mod lock;
 mod payload;
 pub(crate) mod properties;
+mod shared;
 pub mod spring;
 #[cfg(feature = "urdf")]
 pub mod urdf;
@@ -25,6 +26,7 @@ pub use description::{Inertial, JointDescription, JointKind, Limits, LinkDescrip
 pub use properties::Property;
 pub use spring::Spring;
 
+use self::shared::Shared;
 use crate::error::Error;
 use crate::spatial::RigidShift;
 use std::collections::HashMap;
@@ -74,6 +76,7 @@ pub struct Scene {
     merged: Vec<String>,
     link_index: HashMap<String, usize>,
     joint_index: HashMap<String, usize>,
+    shared: Shared,
 }
 
 impl Scene {
@@ -91,12 +94,18 @@ impl Scene {
             merged: Vec::new(),
             link_index: HashMap::new(),
             joint_index: HashMap::new(),
+            shared: Shared::default(),
         }
     }
 
     /// Which scene this is, among all of this process: what is kept for one is never used for another.
     pub(crate) fn identity(&self) -> u64 {
         self.identity
+    }
+
+    /// What is made of this scene once.
+    pub(crate) fn shared(&self) -> &Shared {
+        &self.shared
     }
 
     /// Number of coordinates in q.

@@ -31,7 +31,7 @@ pub(crate) fn forward_dynamics_watched<T: Real, C: ColumnsOf<T>>(
     let state = Motion { q, qd, qdd: None, wrenches };
     motion::base_to_tip::<T, C, false>((model, lean), scratch, state);
     let [monitor, near] = filter::tip_to_base::<T, { filter::WATCH }>((model, lean), scratch, tau, qdd);
-    (monitor, near, base_to_tip((model, lean), scratch, qdd))
+    (monitor, near, base_to_tip::<T, true>((model, lean), scratch, qdd))
 }
 
 /// The factor of M, and what two made-up right sides say of it; `estimates` is scratch, (nv).
@@ -51,7 +51,7 @@ pub(crate) fn factor_watched<T: Real, C: ColumnsOf<T>>(
     let weights = std::mem::take(&mut scratch.watching.others);
     let [monitor, _] = filter::tip_to_base::<T, { filter::WATCH }>((model, lean), scratch, &weights, estimates);
     scratch.watching.others = weights;
-    (monitor, base_to_tip((model, lean), scratch, estimates))
+    (monitor, base_to_tip::<T, false>((model, lean), scratch, estimates))
 }
 
 /// What the first look left, as the second look of [`auto`](crate::dynamics::auto) reads it; that finds the co-states itself.
@@ -82,9 +82,9 @@ pub(crate) fn hand_over<T: Real>(
     }
 }
 
-/// The smoother for both right sides.
+/// The smoother for both right sides; where `ALLOWS` with what the problem allows.
 #[inline(always)]
-fn base_to_tip<T: Real>(
+fn base_to_tip<T: Real, const ALLOWS: bool>(
     (model, lean): (&Model<T>, &LeanModel<T>),
     scratch: &mut LeanScratch<T>,
     estimates: &mut [T],
@@ -124,7 +124,7 @@ fn base_to_tip<T: Real>(
         let whole = (&own.force, &watched.bias, &watched.terms);
         if body.is_about_z {
             let right_sides = (estimates[row], innovations[row]);
-            let estimate = seen.through_axis::<ABOUT_Z>(&measured[row], whole, (&mut lambda, &mut nu), right_sides);
+            let estimate = seen.through_axis::<ABOUT_Z, ALLOWS>(&measured[row], whole, (&mut lambda, &mut nu), right_sides);
             estimates[row] = estimate * estimate.everywhere(body.sense);
         } else {
             let (z, bias, terms) = (Vector6::from(*whole.0), Vector6::from(*whole.1), Vector6::from(*whole.2));

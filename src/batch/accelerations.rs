@@ -1,0 +1,82 @@
+//! Joint accelerations of as many states as a scalar has lanes: each form compiled once for a scalar and its instructions, and called by whoever
+//! asks, batches and simulation.
+
+use super::arms::{Target, Vectorised, Work};
+use crate::dynamics::auto::{self, Errors};
+use crate::dynamics::lean::{self, LeanModel, LeanScratch};
+use crate::model::Model;
+use crate::scalar::{Real, lanes_but};
+use crate::workspace::Workspace;
+use nalgebra::Vector6;
+
+/// What the kernels read, and what they write.
+pub(crate) struct Call<'a, T: Real> {
+    pub scene: (&'a Model<T>, &'a LeanModel<T>),
+    pub scratch: &'a mut LeanScratch<T>,
+    /// For the second look of form `auto`.
+    pub workspace: &'a mut Workspace<T>,
+    /// (q, qd, tau).
+    pub state: (&'a [T], &'a [T], &'a [T]),
+    /// On bodies; empty where there are none.
+    pub wrenches: &'a [Vector6<T>],
+    pub qdd: &'a mut [T],
+}
+
+/// In covariance form. Gives the lanes in doubt as bits, as the others do.
+#[inline(never)]
+pub(crate) fn by_covariance<T: Vectorised, I: Target>(target: I, call: Call<'_, T>) -> u64 {
+    target.within(ByCovariance(call))
+}
+
+/// In covariance form, watched: the first form of `auto`. Writes the estimated errors.
+#[inline(never)]
+pub(crate) fn watched<T: Vectorised, I: Target>(target: I, call: Call<'_, T>, errors: &mut Errors<T>) -> u64 {
+    target.within(Watched(call, errors))
+}
+
+/// In square-root form.
+#[inline(never)]
+pub(crate) fn by_roots<T: Vectorised, I: Target>(target: I, call: Call<'_, T>) -> u64 {
+    target.within(ByRoots(call))
+}
+
+struct ByCovariance<'a, T: Real>(Call<'a, T>);
+
+impl<T: Vectorised> Work for ByCovariance<'_, T> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let Call { scene, scratch, state, wrenches, qdd, .. } = self.0;
+        let pivots = lean::forward_dynamics::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
+        lanes_but::<T>(|lane| pivots.clear(lane))
+    }
+}
+
+struct Watched<'a, T: Real>(Call<'a, T>, &'a mut Errors<T>);
+
+impl<T: Vectorised> Work for Watched<'_, T> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let Call { scene, scratch, workspace, state, wrenches, qdd } = self.0;
+        let scratch = (scratch, workspace);
+        let watched = auto::forward_dynamics_watched_lean::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
+        *self.1 = watched.errors();
+        lanes_but::<T>(|lane| watched.kept(lane))
+    }
+}
+
+struct ByRoots<'a, T: Real>(Call<'a, T>);
+
+impl<T: Vectorised> Work for ByRoots<'_, T> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let Call { scene, scratch, state, wrenches, qdd, .. } = self.0;
+        let (pivots, reach) = lean::forward_dynamics_by_roots::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
+        lanes_but::<T>(|lane| pivots.clear(lane) && reach.clear(lane))
+    }
+}
