@@ -9,7 +9,7 @@ use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics::auto::{self, Errors};
 use crate::dynamics::lean::{self, Entries, LeanColumns, LeanModel, LeanScratch, MassColumns};
 use crate::filter::Form;
-use crate::kinematics::QUATERNION_SLACK;
+use crate::joints::quaternion::QUATERNION_SLACK;
 use crate::model::{Body, Model, Motion};
 use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::{MOST_LANES, Precision, Real, lanes_but};

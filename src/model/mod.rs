@@ -2,53 +2,13 @@
 
 pub mod omissions;
 
+pub use crate::joints::Motion;
 pub use omissions::Omissions;
 
-use crate::filter::{HingeMap, Rows, Stage, System};
+use crate::filter::{Stage, System};
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Symmetric3};
 use nalgebra::{Matrix3, Vector3, Vector6};
-
-/// How a body moves against its parent. Axes were turned onto z when the scene was built.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Motion<T> {
-    /// Rotation about z, rad.
-    Revolute,
-    /// Translation along z, m.
-    Prismatic,
-    /// Rotation about z that advances by the pitch, m/rad.
-    Screw(T),
-    /// Quaternion (x, y, z, w); rates are the angular velocity in the body frame.
-    Spherical,
-    /// Position, then quaternion; rates are (linear, angular) velocity in the body frame.
-    Free,
-    /// None: a fixed joint that was not merged, or what is on the base and was not dropped.
-    Fixed,
-}
-
-impl<T: Real> Motion<T> {
-    /// Number of configuration coordinates.
-    pub fn nq(&self) -> usize {
-        match self {
-            Self::Spherical => 4,
-            Self::Free => 7,
-            Self::Fixed => 0,
-            _ => 1,
-        }
-    }
-
-    /// The measurement rows of the joint.
-    pub fn rows(&self) -> Rows<T> {
-        match *self {
-            Self::Revolute => Rows::One(HingeMap::Axis(2)),
-            Self::Prismatic => Rows::One(HingeMap::Axis(5)),
-            Self::Screw(pitch) => Rows::One(HingeMap::Screw(pitch)),
-            Self::Spherical => Rows::Angular,
-            Self::Free => Rows::Six,
-            Self::Fixed => Rows::None,
-        }
-    }
-}
 
 /// One moving body: fixed joints are merged unless asked not to be, a planar joint is three of these.
 #[derive(Debug, Clone, Copy, PartialEq)]

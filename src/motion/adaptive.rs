@@ -16,7 +16,7 @@ use super::properties::{Gains, Properties, joint_of_row};
 use super::step::{Checked, Law, Scratch, accelerations};
 use crate::error::Error;
 use crate::filter::Form;
-use crate::kinematics::quaternion_rotation;
+use crate::joints::quaternion::quaternion_rotation;
 use crate::model::Motion;
 use crate::scene::Scene;
 use diffsol::error::OdeSolverError;

@@ -18,9 +18,9 @@
 //! correction leaves rounding. It is as large as the error of the step in these numbers, so the order of the method is
 //! what it was. What is wanted comes from the start and the time, not from the step before: rounding does not add up.
 
-use super::manifold::{cross, plus, triple, write};
 use super::properties::{Gains, Properties};
 use crate::error::Error;
+use crate::joints::vectors::{cross, plus, triple, write};
 use crate::kinematics::{joint_motion, placements_base_to_tip};
 use crate::model::{Model, Motion};
 use crate::scalar::Real;

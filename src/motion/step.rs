@@ -1,7 +1,7 @@
 //! One step of one state, or of one state a lane, by any method.
 
 use super::conserve::{KEPT, Keeper};
-use super::manifold::{advance, carry_back, displacement};
+use super::manifold::{advance, carry_back};
 use super::method::{Method, STAGES, Tableau};
 use super::properties::{Gains, Properties};
 use crate::batch::accelerations::{Call, by_covariance, watched};
@@ -363,10 +363,10 @@ fn forces<T: Real>(law: &Law, s: &mut Scratch<T>, i: usize) {
         let stage = &s.model.system.stages[k];
         let (row, at) = (stage.first_row, body.q);
         if law.sprung[k] {
-            displacement(&body.motion, &s.rest[at..], &s.q_stage[at..], &mut s.displaced[row..]);
+            body.motion.displacement(&s.rest[at..], &s.q_stage[at..], &mut s.displaced[row..]);
         }
         if law.pulled[k] {
-            displacement(&body.motion, &s.target[at..], &s.q_stage[at..], &mut s.displaced_target[row..]);
+            body.motion.displacement(&s.target[at..], &s.q_stage[at..], &mut s.displaced_target[row..]);
         }
     }
     for (row, of) in s.rows.iter().enumerate() {

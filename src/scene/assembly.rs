@@ -1,13 +1,14 @@
 //! The scene of a checked tree: the order, the frames, the merging.
 
 use super::builder::AT_A_TIME;
-use super::description::{Inertial, JointDescription, JointKind};
+use super::description::{Inertial, JointDescription};
 use super::{Joint, Link, Scene};
 use crate::error::Error;
+use crate::joints::{JointKind, Parts};
 use crate::model::Motion;
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, inertia_root, join_roots, root_of_merged};
 use crate::watch;
-use nalgebra::{Matrix3, Vector3, Vector6};
+use nalgebra::Vector6;
 
 /// The checked tree: for each link its children as (joint, link), and the root.
 pub(super) struct Tree {
@@ -18,31 +19,6 @@ pub(super) struct Tree {
 /// Fills a scene that has no links yet; fails where that is interrupted.
 pub(super) fn assemble(unfilled: Scene, tree: &Tree) -> Result<Scene, Error> {
     Assembly { scene: unfilled }.run(tree)
-}
-
-/// A rotation R with R `e_z` = axis; exact where the axis is a coordinate axis.
-fn axis_onto_z(axis: &Vector3<f64>) -> Matrix3<f64> {
-    let z = unit(axis);
-    if z == Vector3::z() {
-        return Matrix3::identity();
-    }
-    // The coordinate axis least along z gives x by projection; along z itself it would be lost.
-    let helper = Vector3::ith(z.iamin(), 1.0);
-    let x = (helper - z * z.dot(&helper)).normalize();
-    Matrix3::from_columns(&[x, z.cross(&x), z])
-}
-
-/// A vector of length 1 in that direction. Lengths whose square is no number of 64 bits are scaled first; others keep their
-/// rounding.
-fn unit(axis: &Vector3<f64>) -> Vector3<f64> {
-    let size = axis.amax();
-    let axis = if (1e-100..1e100).contains(&size) { *axis } else { axis / size };
-    axis / axis.norm()
-}
-
-/// A pure rotation.
-fn turn(rotation: Matrix3<f64>) -> RigidShift<f64> {
-    RigidShift { rotation, lever: Vector3::zeros() }
 }
 
 /// A link's inertia in the frame of the body that carries it: centre and axes are moved first, so that nothing cancels in
@@ -118,27 +94,13 @@ impl Assembly {
             return (parent, origin);
         }
         let (first_q, first_v) = (self.scene.model.nq, self.scene.model.nv());
-        let align = if joint.kind.has_axis() { axis_onto_z(&joint.axis) } else { Matrix3::identity() };
-        let mut push = |parent: Option<usize>, tree: RigidShift<f64>, motion: Motion<f64>| {
+        let Parts { motions, end } = joint.kind.parts(&joint.axis);
+        let (mut body, mut at) = (parent, origin);
+        for (tree, motion) in motions {
             self.scene.joint_of_body.push(Some(self.scene.joints.len()));
-            Some(self.scene.model.push(parent, tree, motion, joint.armature))
-        };
-        let aligned = origin.compose(&turn(align));
-        let body = match joint.kind {
-            JointKind::Revolute | JointKind::Continuous => push(parent, aligned, Motion::Revolute),
-            JointKind::Prismatic => push(parent, aligned, Motion::Prismatic),
-            JointKind::Screw { pitch } => push(parent, aligned, Motion::Screw(pitch)),
-            JointKind::Planar => {
-                // u, v, theta one after another, through two massless bodies; each frame has its own axis on z.
-                let (along_u, along_v) = (axis_onto_z(&Vector3::x()), axis_onto_z(&Vector3::y()));
-                let u = push(parent, aligned.compose(&turn(along_u)), Motion::Prismatic);
-                let v = push(u, turn(along_u.transpose() * along_v), Motion::Prismatic);
-                push(v, turn(along_v.transpose()), Motion::Revolute)
-            }
-            JointKind::Spherical => push(parent, origin, Motion::Spherical),
-            JointKind::Floating => push(parent, origin, Motion::Free),
-            JointKind::Fixed => parent,
-        };
+            body = Some(self.scene.model.push(body, at.compose(&tree), motion, joint.armature));
+            at = RigidShift::identity();
+        }
         self.scene.joint_index.insert(joint.name.clone(), self.scene.joints.len());
         self.scene.joints.push(Joint {
             name: joint.name.clone(),
@@ -148,7 +110,7 @@ impl Assembly {
             v: first_v..self.scene.model.nv(),
             limits: joint.limits,
         });
-        (body, turn(align.transpose()))
+        (body, end)
     }
 
     /// A body that does not move against its parent, for what could have been merged or dropped.

@@ -2,11 +2,12 @@
 
 use super::Scene;
 use super::assembly::{Tree, assemble};
-use super::description::{JointDescription, JointKind, LinkDescription, SceneWarning};
+use super::description::{JointDescription, LinkDescription, SceneWarning};
 use super::inertia_check::check_numbers;
 use super::joint_check::check_joint;
 use super::properties::Properties;
 use crate::error::Error;
+use crate::joints::JointKind;
 use crate::model::Omissions;
 use crate::{memory, watch};
 use nalgebra::Vector3;

@@ -4,7 +4,7 @@ use super::{Joint, Scene};
 use crate::error::{Error, check_finite, check_length};
 use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
-use crate::kinematics::QUATERNION_SLACK;
+use crate::joints::quaternion::QUATERNION_SLACK;
 use crate::spatial::SpatialVector;
 
 impl Scene {
@@ -100,11 +100,7 @@ impl Joint {
     /// Where its quaternion is in q, if it has one.
     #[must_use]
     pub fn quaternion(&self) -> Option<std::ops::Range<usize>> {
-        use super::JointKind::{Floating, Spherical};
-        match self.kind {
-            Spherical => Some(self.q.clone()),
-            Floating => Some(self.q.start + 3..self.q.end),
-            _ => None,
-        }
+        let of_joint = self.kind.quaternion()?;
+        Some(self.q.start + of_joint.start..self.q.start + of_joint.end)
     }
 }

@@ -2,6 +2,7 @@
 
 use super::spring::Spring;
 use crate::error::Error;
+use crate::joints::JointKind;
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Vector3;
 
@@ -23,85 +24,6 @@ pub struct LinkDescription {
     pub name: String,
     /// Inertia; none for a link that is a mere frame.
     pub inertial: Option<Inertial>,
-}
-
-/// The kind of a joint.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum JointKind {
-    /// No motion: the child is merged into its parent.
-    Fixed,
-    /// Rotation about the axis, rad; with limits, as a rule.
-    Revolute,
-    /// Rotation about the axis, rad, without limits. The same dynamics as revolute.
-    Continuous,
-    /// Translation along the axis, m.
-    Prismatic,
-    /// Rotation about the axis that advances along it.
-    Screw {
-        /// Advance, m/rad.
-        pitch: f64,
-    },
-    /// Motion in the plane whose normal is the axis: (u, v, theta), m, m, rad.
-    Planar,
-    /// Quaternion (x, y, z, w); rates are the angular velocity in the child's frame.
-    Spherical,
-    /// Position and quaternion; rates are linear, then angular velocity in the child's frame.
-    Floating,
-}
-
-impl JointKind {
-    /// Number of coordinates in q.
-    #[must_use]
-    pub fn nq(self) -> usize {
-        match self {
-            Self::Fixed => 0,
-            Self::Revolute | Self::Continuous | Self::Prismatic | Self::Screw { .. } => 1,
-            Self::Planar => 3,
-            Self::Spherical => 4,
-            Self::Floating => 7,
-        }
-    }
-
-    /// Number of degrees of freedom.
-    #[must_use]
-    pub fn nv(self) -> usize {
-        match self {
-            Self::Spherical => 3,
-            Self::Floating => 6,
-            other => other.nq(),
-        }
-    }
-
-    /// The neutral coordinates: zero, quaternions the identity.
-    #[must_use]
-    pub fn neutral(self) -> Vec<f64> {
-        let mut neutral = vec![0.0; self.nq()];
-        if let (Self::Spherical | Self::Floating, Some(scalar)) = (self, neutral.last_mut()) {
-            *scalar = 1.0;
-        }
-        neutral
-    }
-
-    /// Whether the joint's axis means anything.
-    #[must_use]
-    pub fn has_axis(self) -> bool {
-        !matches!(self, Self::Fixed | Self::Spherical | Self::Floating)
-    }
-
-    /// The name used in URDF, in Python and in messages.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Fixed => "fixed",
-            Self::Revolute => "revolute",
-            Self::Continuous => "continuous",
-            Self::Prismatic => "prismatic",
-            Self::Screw { .. } => "screw",
-            Self::Planar => "planar",
-            Self::Spherical => "spherical",
-            Self::Floating => "floating",
-        }
-    }
 }
 
 /// Limits of a joint, reported and never enforced.

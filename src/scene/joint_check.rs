@@ -1,8 +1,9 @@
 //! Whether the numbers of a joint can be used.
 
-use super::description::{JointDescription, JointKind};
+use super::description::JointDescription;
 use super::spring::check_spring;
 use crate::error::{Error, number};
+use crate::joints::JointKind;
 use nalgebra::Matrix3;
 
 /// Numbers of one joint: finite, of the right sign, with an axis that has a direction.

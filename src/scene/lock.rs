@@ -1,9 +1,10 @@
 //! Locking joints: a new scene with those joints folded into the bodies around them.
 
 use super::Scene;
-use super::description::{JointDescription, JointKind};
+use super::description::JointDescription;
 use super::properties::Properties;
 use crate::error::Error;
+use crate::joints::JointKind;
 use crate::kinematics::joint_shift;
 use crate::spatial::RigidShift;
 use crate::watch;

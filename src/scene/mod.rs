@@ -19,10 +19,11 @@ pub mod spring;
 pub mod urdf;
 mod whole_check;
 
+pub use crate::joints::JointKind;
 pub use crate::model::{Body, Model, Motion, Omissions};
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
-pub use description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, SceneWarning};
+pub use description::{Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneWarning};
 pub use properties::Property;
 pub use spring::Spring;
 

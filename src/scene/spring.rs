@@ -1,7 +1,8 @@
 //! The spring of a joint: stiffness, and where it is at rest. Simulation only.
 
-use super::description::JointKind;
 use crate::error::{Error, number};
+use crate::joints::JointKind;
+use crate::joints::quaternion::QUATERNION_SLACK;
 
 /// A spring in a joint, the same for each of its degrees of freedom.
 ///
@@ -34,13 +35,9 @@ impl Spring {
         if let Some(value) = self.rest.iter().find(|x| !x.is_finite()) {
             return Some((format!("rest {value}"), "finite numbers".to_owned()));
         }
-        let quaternion = match kind {
-            JointKind::Spherical => &self.rest[..],
-            JointKind::Floating => &self.rest[3..],
-            _ => return None,
-        };
+        let quaternion = &self.rest[kind.quaternion()?];
         let norm = quaternion.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let off = !((norm - 1.0).abs() <= crate::kinematics::QUATERNION_SLACK);
+        let off = !((norm - 1.0).abs() <= QUATERNION_SLACK);
         off.then(|| (format!("a quaternion of norm {} at rest", number(norm)), "unit norm, to within 1e-3".to_owned()))
     }
 }

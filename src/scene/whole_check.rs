@@ -1,10 +1,11 @@
 //! What is to be said of a scene as a whole, once its links and joints make a tree: warnings, and a base that floats twice.
 
 use super::assembly::Tree;
-use super::description::{Inertial, JointKind, Mimic, SceneWarning};
+use super::description::{Inertial, Mimic, SceneWarning};
 use super::inertia_check::unphysical;
 use super::{AT_A_TIME, SceneBuilder};
 use crate::error::Error;
+use crate::joints::JointKind;
 use crate::watch;
 use std::collections::HashSet;
 

@@ -124,7 +124,8 @@ fn base_to_tip<T: Real, const ALLOWS: bool>(
         let whole = (&own.force, &watched.bias, &watched.terms);
         if body.is_about_z {
             let right_sides = (estimates[row], innovations[row]);
-            let estimate = seen.through_axis::<ABOUT_Z, ALLOWS>(&measured[row], whole, (&mut lambda, &mut nu), right_sides);
+            let estimate =
+                seen.through_axis::<ABOUT_Z, ALLOWS>(&measured[row], whole, (&mut lambda, &mut nu), right_sides);
             estimates[row] = estimate * estimate.everywhere(body.sense);
         } else {
             let (z, bias, terms) = (Vector6::from(*whole.0), Vector6::from(*whole.1), Vector6::from(*whole.2));

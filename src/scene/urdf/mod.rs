@@ -14,9 +14,10 @@ mod rotor;
 mod survey;
 mod xml;
 
-use super::description::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, SceneWarning};
+use super::description::{Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneWarning};
 use super::{AT_A_TIME, SceneBuilder, Spring};
 use crate::error::{Error, number};
+use crate::joints::JointKind;
 use crate::spatial::{RigidShift, Symmetric3};
 use crate::{memory, watch};
 use nalgebra::{Matrix3, Vector3};

@@ -9,7 +9,8 @@ use super::known::one_off;
 use super::survey::{Findings, foreign};
 use super::xml::{Source, plain_attribute, quoted};
 use crate::error::{Error, number};
-use crate::scene::description::{JointDescription, JointKind};
+use crate::joints::JointKind;
+use crate::scene::description::JointDescription;
 use roxmltree::Node;
 use std::collections::{HashMap, HashSet};
 

@@ -1,0 +1,20 @@
+//! Joints: one file a kind, and what all have in common.
+//!
+//! [`JointKind`] is what people name; it is made of [`Motion`]s about or along z, one body each. To add a kind that is made of motions that there
+//! are: a file with its parts, a line in each `match` of [`kind`], its name where Python reads names, and a sentence in the stub.
+
+mod exact;
+mod frames;
+mod free;
+pub mod kind;
+mod motion;
+mod planar;
+mod prismatic;
+pub mod quaternion;
+mod revolute;
+mod screw;
+mod spherical;
+pub(crate) mod vectors;
+
+pub use kind::{JointKind, Parts};
+pub use motion::Motion;

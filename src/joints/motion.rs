@@ -1,0 +1,130 @@
+//! The motions that joints are made of, and what each does.
+
+use super::{free, prismatic, revolute, screw, spherical};
+use crate::filter::{HingeMap, Rows};
+use crate::scalar::Real;
+use crate::spatial::{RigidShift, cross_motion, zero};
+use nalgebra::Vector6;
+
+/// How a body moves against its parent. Axes were turned onto z when the scene was built.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Motion<T> {
+    /// Rotation about z, rad.
+    Revolute,
+    /// Translation along z, m.
+    Prismatic,
+    /// Rotation about z that advances by the pitch, m/rad.
+    Screw(T),
+    /// Quaternion (x, y, z, w); rates are the angular velocity in the body frame.
+    Spherical,
+    /// Position, then quaternion; rates are (linear, angular) velocity in the body frame.
+    Free,
+    /// None: a fixed joint that was not merged, or what is on the base and was not dropped.
+    Fixed,
+}
+
+impl<T: Real> Motion<T> {
+    /// Number of configuration coordinates.
+    pub fn nq(&self) -> usize {
+        match self {
+            Self::Spherical => 4,
+            Self::Free => 7,
+            Self::Fixed => 0,
+            _ => 1,
+        }
+    }
+
+    /// The measurement rows of the joint.
+    pub fn rows(&self) -> Rows<T> {
+        match *self {
+            Self::Revolute => Rows::One(HingeMap::Axis(2)),
+            Self::Prismatic => Rows::One(HingeMap::Axis(5)),
+            Self::Screw(pitch) => Rows::One(HingeMap::Screw(pitch)),
+            Self::Spherical => Rows::Angular,
+            Self::Free => Rows::Six,
+            Self::Fixed => Rows::None,
+        }
+    }
+
+    /// phi from the body's frame to its parent's, at the joint's coordinates: the tree's shift, then the joint's.
+    #[inline(always)]
+    pub fn shift(&self, tree: &RigidShift<T>, q: &[T]) -> RigidShift<T> {
+        match *self {
+            Self::Revolute => revolute::shift(tree, q[0]),
+            Self::Prismatic => prismatic::shift(tree, q[0]),
+            Self::Screw(pitch) => screw::shift(tree, pitch, q[0]),
+            Self::Spherical => spherical::shift(tree, &q[..4]),
+            Self::Free => free::shift(tree, &q[..7]),
+            Self::Fixed => *tree,
+        }
+    }
+
+    /// H* u in the body's frame; `like` says only of which kind its zeros are, for a body that does not move has no rate.
+    #[inline(always)]
+    pub fn velocity(&self, u: &[T], like: T) -> Vector6<T> {
+        let o = like.constant(0.0);
+        match *self {
+            Self::Revolute => Vector6::new(o, o, u[0], o, o, o),
+            Self::Prismatic => Vector6::new(o, o, o, o, o, u[0]),
+            Self::Screw(pitch) => Vector6::new(o, o, u[0], o, o, pitch * u[0]),
+            Self::Spherical => Vector6::new(u[0], u[1], u[2], o, o, o),
+            Self::Free => Vector6::new(u[3], u[4], u[5], u[0], u[1], u[2]),
+            Self::Fixed => zero(),
+        }
+    }
+
+    /// v x (H* qd), the acceleration that the joint's velocity adds.
+    #[inline(always)]
+    pub fn velocity_product(&self, v: &Vector6<T>, joint: &Vector6<T>) -> Vector6<T> {
+        match self {
+            Self::Revolute => revolute::velocity_product(v, joint[2]),
+            Self::Prismatic => prismatic::velocity_product(v, joint[5]),
+            Self::Fixed => zero(),
+            _ => cross_motion(v, joint),
+        }
+    }
+
+    /// dq/dt of the joint's coordinates at its rates: these themselves, but for quaternions and the position of a free joint.
+    pub fn coordinate_rates(&self, q: &[T], v: &[T], rates: &mut [T]) {
+        match self {
+            Self::Spherical => spherical::coordinate_rates(q, v, rates),
+            Self::Free => free::coordinate_rates(q, v, rates),
+            Self::Fixed => {}
+            _ => rates[0] = v[0],
+        }
+    }
+
+    /// The coordinates from `q` along the rates `v` for unit time; quaternions come out unit.
+    #[inline(always)]
+    pub fn advance(&self, q: &[T], v: &[T], out: &mut [T]) {
+        match self {
+            Self::Spherical => spherical::advance(q, v, out),
+            Self::Free => free::advance(q, v, out),
+            Self::Fixed => {}
+            _ => out[0] = q[0] + v[0],
+        }
+    }
+
+    /// The rate of the increment x, q = q0 exp(x), where the body moves with the velocity `v` at q: the inverse of the exponential's
+    /// derivative, v + [x, v]/2 + [x, [x, v]]/12, exact to the third power of x. In place; joints whose motions commute have it as it is.
+    #[inline(always)]
+    pub fn carry_back(&self, x: &[T], v: &mut [T]) {
+        match self {
+            Self::Spherical => spherical::carry_back(x, v),
+            Self::Free => free::carry_back(x, v),
+            _ => {}
+        }
+    }
+
+    /// How far the joint is from rest, in the child's frame: a difference of coordinates; the rotation vector from rest, at most pi
+    /// long; for a free joint the displacement, then that vector. Minus this is the gradient of half its square.
+    #[inline(always)]
+    pub fn displacement(&self, rest: &[T], q: &[T], out: &mut [T]) {
+        match self {
+            Self::Spherical => spherical::displacement(rest, q, out),
+            Self::Free => free::displacement(rest, q, out),
+            Self::Fixed => {}
+            _ => out[0] = q[0] - rest[0],
+        }
+    }
+}

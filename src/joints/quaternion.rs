@@ -1,0 +1,110 @@
+//! Rotations by quaternions (x, y, z, w), in lanes: nothing branches on values, and only sums, products, quotients, roots, sines and cosines
+//! are used.
+
+use crate::scalar::Real;
+use crate::spatial::RigidShift;
+use nalgebra::{Matrix3, Vector3};
+
+/// How far the norm of a quaternion may be from one.
+pub const QUATERNION_SLACK: f64 = 1e-3;
+
+/// Rotation matrix of a quaternion (x, y, z, w), normalised by its squared norm.
+#[inline(always)]
+pub fn quaternion_rotation<T: Real>(q: &[T]) -> Matrix3<T> {
+    let (x, y, z, w) = (q[0], q[1], q[2], q[3]);
+    let one = x.constant(1.0);
+    let two = one + one;
+    let s = two / (x * x + y * y + z * z + w * w);
+    Matrix3::new(
+        one - s * (y * y + z * z),
+        s * (x * y - z * w),
+        s * (x * z + y * w),
+        s * (x * y + z * w),
+        one - s * (x * x + z * z),
+        s * (y * z - x * w),
+        s * (x * z - y * w),
+        s * (y * z + x * w),
+        one - s * (x * x + y * y),
+    )
+}
+
+/// A quaternion.
+pub type Quaternion<T> = [T; 4];
+
+/// x / y, and `limit` where y is zero.
+#[inline(always)]
+fn quotient<T: Real>(x: T, y: T, limit: f64) -> T {
+    let o = y.one_if_zero();
+    (x + o * x.constant(limit)) / (y + o)
+}
+
+/// The product of two quaternions (x, y, z, w).
+#[inline(always)]
+pub(super) fn multiply<T: Real>(a: &Quaternion<T>, b: &Quaternion<T>) -> Quaternion<T> {
+    [
+        a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1],
+        a[3] * b[1] - a[0] * b[2] + a[1] * b[3] + a[2] * b[0],
+        a[3] * b[2] + a[0] * b[1] - a[1] * b[0] + a[2] * b[3],
+        a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2],
+    ]
+}
+
+#[inline(always)]
+pub(super) fn normalised<T: Real>(q: &Quaternion<T>) -> Quaternion<T> {
+    let s = (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]).sqrt().recip();
+    [q[0] * s, q[1] * s, q[2] * s, q[3] * s]
+}
+
+/// A rotation vector's quaternion, and b = (1 - cos t)/t^2, c = (t - sin t)/t^3 of its length t.
+///
+/// What cancels in c for a small t is multiplied by t^2 wherever c is used.
+#[inline(always)]
+pub(super) fn exponential<T: Real>(w: &Vector3<T>) -> (Quaternion<T>, T, T) {
+    let half = w[0].constant(0.5);
+    let t = (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]).sqrt();
+    let (sine, cosine) = (half * t).sin_cos();
+    let sinc = quotient(sine, half * t, 1.0);
+    let scale = half * sinc;
+    let b = half * sinc * sinc;
+    // sin t from the half angle.
+    let c = quotient(t - (sine + sine) * cosine, t * t * t, 0.0);
+    ([w[0] * scale, w[1] * scale, w[2] * scale, cosine], b, c)
+}
+
+/// The rotation of a quaternion, without a lever.
+#[inline(always)]
+pub(super) fn rotation<T: Real>(q: &[T]) -> RigidShift<T> {
+    let o = q[0].constant(0.0);
+    RigidShift { rotation: quaternion_rotation(q), lever: Vector3::new(o, o, o) }
+}
+
+/// Halvings of an angle before its tangent's series is used.
+const HALVINGS: usize = 4;
+
+/// The rotation vector from one quaternion to another, the short way.
+///
+/// With (v, w) the quaternion between them, w not negative, the angle is 2 atan2(|v|, w): each halving takes (v, w) to
+/// (v, w + 1), and what is left, a tangent below 1/10, goes through the series of the arc tangent.
+#[inline(always)]
+pub(super) fn turn_between<T: Real>(from: &[T], to: &[T]) -> Vector3<T> {
+    let one = to[0].constant(1.0);
+    let [x, y, z, w] = normalised(&multiply(&[-from[0], -from[1], -from[2], from[3]], &[to[0], to[1], to[2], to[3]]));
+    let sign = quotient(w, w.abs(), 1.0);
+    let (mut v, mut w) = (Vector3::new(x * sign, y * sign, z * sign), w.abs());
+    for _ in 0..HALVINGS {
+        // (v, w + 1) is along the root of a unit quaternion; its square is 2 (w + 1).
+        let scale = (w + one + w + one).sqrt().recip();
+        w = (w + one) * scale;
+        v = Vector3::new(v[0] * scale, v[1] * scale, v[2] * scale);
+    }
+    let over = w.recip();
+    let v = Vector3::new(v[0] * over, v[1] * over, v[2] * over);
+    let square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
+    // atan(x)/x = 1 - x^2/3 + x^4/5 - ..., x^2 < 0.0098.
+    let mut series = one.constant(1.0 / 17.0);
+    for odd in [-15.0, 13.0, -11.0, 9.0, -7.0, 5.0, -3.0, 1.0] {
+        series = series.mul_add(square, one.constant(1.0 / odd));
+    }
+    let scale = series * one.constant(f64::from(2 << HALVINGS));
+    Vector3::new(v[0] * scale, v[1] * scale, v[2] * scale)
+}
