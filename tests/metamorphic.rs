@@ -258,11 +258,16 @@ fn knee(seed: u64, kind: JointKind) -> JointDescription {
 }
 
 /// The knee as a chain of one-axis joints through links without mass.
-fn knee_chain(seed: u64, parts: [(JointKind, Vector3<f64>); 3]) -> Vec<JointDescription> {
-    let names = ["thigh", "knee0", "knee1", "shin"];
-    (0..3)
+fn knee_chain(seed: u64, parts: &[(JointKind, Vector3<f64>)]) -> Vec<JointDescription> {
+    let between = |i: usize| format!("knee{i}");
+    let name = |i: usize| match i {
+        0 => "thigh".to_owned(),
+        i if i == parts.len() => "shin".to_owned(),
+        i => between(i - 1),
+    };
+    (0..parts.len())
         .map(|i| {
-            let mut joint = JointDescription::new(format!("knee{i}"), parts[i].0, names[i], names[i + 1]);
+            let mut joint = JointDescription::new(format!("knee{i}"), parts[i].0, name(i), name(i + 1));
             if i == 0 {
                 joint.origin = knee(seed, JointKind::Fixed).origin;
             }
@@ -281,11 +286,24 @@ fn a_planar_joint_is_two_slides_and_a_hinge() {
             (JointKind::Revolute, Vector3::z()),
         ];
         let planar = with_knee(seed, &[knee(seed, JointKind::Planar)]).build().unwrap();
-        let chain = with_knee(seed, &knee_chain(seed, slides)).build().unwrap();
+        let chain = with_knee(seed, &knee_chain(seed, &slides)).build().unwrap();
         let (q, qd, tau) = random_state(&planar, &mut Random::new(seed));
         let original = results(&chain, &q, &qd, &tau);
         let bounds = Bounds::new(&chain, &q, &qd, &original);
         bounds.assert_same("planar", &results(&planar, &q, &qd, &tau), &original, &tau);
+    }
+}
+
+#[test]
+fn a_universal_joint_is_two_hinges() {
+    for seed in 540..550 {
+        let hinges = [(JointKind::Revolute, Vector3::x()), (JointKind::Revolute, Vector3::y())];
+        let universal = with_knee(seed, &[knee(seed, JointKind::Universal)]).build().unwrap();
+        let chain = with_knee(seed, &knee_chain(seed, &hinges)).build().unwrap();
+        let (q, qd, tau) = random_state(&universal, &mut Random::new(seed));
+        let original = results(&chain, &q, &qd, &tau);
+        let bounds = Bounds::new(&chain, &q, &qd, &original);
+        bounds.assert_same("universal", &results(&universal, &q, &qd, &tau), &original, &tau);
     }
 }
 
@@ -314,7 +332,7 @@ fn a_spherical_joint_is_three_hinges() {
             (JointKind::Revolute, Vector3::x()),
         ];
         let ball = with_knee(seed, &[knee(seed, JointKind::Spherical)]).build().unwrap();
-        let chain = with_knee(seed, &knee_chain(seed, hinges)).build().unwrap();
+        let chain = with_knee(seed, &knee_chain(seed, &hinges)).build().unwrap();
         let (q, qd, tau) = random_state(&chain, &mut Random::new(seed));
         let (yaw, pitch, roll) = (q[1], q[2], q[3]);
         let turned = nalgebra::UnitQuaternion::from_euler_angles(roll, pitch, yaw).coords;

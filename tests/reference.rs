@@ -19,7 +19,7 @@ const COORDINATE_KINDS: [JointKind; 5] = [
     JointKind::Prismatic,
     JointKind::Screw { pitch: 0.4 },
     JointKind::Planar,
-    JointKind::Revolute,
+    JointKind::Universal,
 ];
 
 fn round(values: &[D]) -> Vec<f64> {

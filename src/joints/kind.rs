@@ -1,7 +1,7 @@
 //! The kinds of joints that people name.
 
 use super::frames::{axis_onto_z, turn};
-use super::{Motion, free, planar, spherical};
+use super::{Motion, free, planar, spherical, universal};
 use crate::spatial::RigidShift;
 use nalgebra::Vector3;
 use std::ops::Range;
@@ -24,6 +24,8 @@ pub enum JointKind {
     },
     /// Motion in the plane whose normal is the axis: (u, v, theta), m, m, rad.
     Planar,
+    /// Two angles about perpendicular axes, rad: about x, then about y of the frame that has turned so far. A Cardan joint.
+    Universal,
     /// Quaternion (x, y, z, w); rates are the angular velocity in the child's frame.
     Spherical,
     /// Position and quaternion; rates are linear, then angular velocity in the child's frame.
@@ -37,6 +39,7 @@ impl JointKind {
         match self {
             Self::Fixed => 0,
             Self::Revolute | Self::Continuous | Self::Prismatic | Self::Screw { .. } => 1,
+            Self::Universal => 2,
             Self::Planar => 3,
             Self::Spherical => 4,
             Self::Floating => 7,
@@ -66,7 +69,7 @@ impl JointKind {
     /// Whether the joint's axis means anything.
     #[must_use]
     pub fn has_axis(self) -> bool {
-        !matches!(self, Self::Fixed | Self::Spherical | Self::Floating)
+        !matches!(self, Self::Fixed | Self::Universal | Self::Spherical | Self::Floating)
     }
 
     /// The name used in URDF, in Python and in messages.
@@ -79,6 +82,7 @@ impl JointKind {
             Self::Prismatic => "prismatic",
             Self::Screw { .. } => "screw",
             Self::Planar => "planar",
+            Self::Universal => "universal",
             Self::Spherical => "spherical",
             Self::Floating => "floating",
         }
@@ -108,6 +112,7 @@ impl JointKind {
             Self::Prismatic => one(Motion::Prismatic),
             Self::Screw { pitch } => one(Motion::Screw(pitch)),
             Self::Planar => planar::parts(axis),
+            Self::Universal => universal::parts(),
             Self::Spherical => as_it_is(Motion::Spherical),
             Self::Floating => as_it_is(Motion::Free),
         }

@@ -14,6 +14,7 @@ pub mod quaternion;
 mod revolute;
 mod screw;
 mod spherical;
+mod universal;
 pub(crate) mod vectors;
 
 pub use kind::{JointKind, Parts};

@@ -228,6 +228,8 @@ struct Local {
     change: V,
     rotation: R,
     directions: Vec<(V, V)>,
+    /// How fast the joint's own angular velocity turns, where its directions turn neither with the parent nor with the child alone.
+    turning: V,
 }
 
 impl Local {
@@ -240,6 +242,7 @@ impl Local {
             change: zero(),
             rotation: R::identity(),
             directions: Vec::new(),
+            turning: zero(),
         };
         match joint.kind {
             JointKind::Fixed => still,
@@ -283,6 +286,18 @@ impl Local {
                     change: rotation * cross(&angular, &linear),
                     rotation,
                     directions: directions.collect(),
+                    ..still
+                }
+            }
+            JointKind::Universal => {
+                let (x, y) = (V::new(d(1.0), d(0.0), d(0.0)), V::new(d(0.0), d(1.0), d(0.0)));
+                let first = turn(&x, q[0]);
+                let second = first * y;
+                Self {
+                    rotation: first * turn(&y, q[1]),
+                    directions: vec![(x, zero()), (second, zero())],
+                    turning: cross(&(x * qd[0]), &(second * qd[1])),
+                    ..still
                 }
             }
         }
@@ -323,8 +338,8 @@ impl Instant<'_> {
             position,
             omega: w + relative,
             velocity,
-            // The rates are constant either in the parent or in the child: the change is w x relative both ways.
-            alpha: parent.alpha + cross(w, &relative),
+            // The rates are constant either in the parent or in the child, the change is w x relative both ways; but for what turns by itself.
+            alpha: parent.alpha + cross(w, &relative) + frame * local.turning,
             acceleration,
             path,
         }
