@@ -238,7 +238,7 @@ pub(crate) fn forward_dynamics_watched<T: Real>(
     let (mut pivots, mut near) = (PivotMonitor::new(), PivotMonitor::for_a_single_look());
     for k in (0..system.stages.len()).rev() {
         watched_step(system, k, workspace, &mut pivots, &mut |_, _| {});
-        near.observe_terms(&system.stages[k], &workspace.measured, &workspace.terms[k]);
+        near.observe_stage(&system.stages[k], &workspace.measured, &workspace.scale[k]);
         let Workspace { shift, measured, z, velocity, weights, probe, .. } = workspace;
         innovations::step(system, k, shift, measured, tau, z, qdd);
         innovations::step(system, k, shift, measured, weights, velocity, probe);

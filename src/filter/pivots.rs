@@ -131,24 +131,6 @@ impl<T: Real> PivotMonitor<T> {
         }
     }
 
-    /// The same against bounds on the terms of the diagonal of P^-, axis by axis.
-    #[inline(always)]
-    pub(crate) fn observe_terms(&mut self, stage: &Stage<T>, measured: &[Measured<T>], terms: &Vector6<T>) {
-        for i in 0..stage.rows.count() {
-            let (hinge, pivot) = (stage.rows.row(i), measured[stage.first_row + i].pivot);
-            match hinge {
-                HingeMap::Axis(axis) => self.observe_term(pivot, terms[axis]),
-                HingeMap::Screw(_) => self.observe(pivot, &hinge, &Scale::of_noise(terms)),
-            }
-        }
-    }
-
-    /// The same of one pivot, and the bound on its terms.
-    #[inline(always)]
-    pub(crate) fn observe_term(&mut self, pivot: T, bound: T) {
-        self.worst = self.worst.worst(pivot - self.threshold * bound);
-    }
-
     /// By how much the worst pivot stood clear.
     #[inline(always)]
     pub(crate) fn margin(&self) -> T {

@@ -130,6 +130,7 @@ impl<T: Real> Inward<'_, T> {
             self.innovations[row] = e;
             if SIDES == WATCH {
                 (watched.bias, own.force) = (own.force, force);
+                self.near.observe(m.pivot, &HingeMap::Axis(ABOUT_Z), &scale);
             }
         }
         self.measured[row] = m;
@@ -179,7 +180,6 @@ impl<T: Real> Inward<'_, T> {
         let arrived = &self.besides[body.places.inward];
         let sense = arrived.terms[0].everywhere(body.sense);
         watched.terms = sum(terms_of_noise(body, sense), &arrived.terms);
-        self.near.observe_term(self.measured[row].pivot, watched.terms[ABOUT_Z]);
         let noise = Noise::of(self.noise[row]);
         let zeta;
         (self.weighed[row], zeta) = measure(noise, &self.measured[row], sense * self.weights[row], &arrived.zeta);
@@ -215,9 +215,9 @@ impl<T: Real> Inward<'_, T> {
             afloat::filter(measured, &self.tau[rows.clone()], &mut own.force, &mut self.innovations[rows.clone()]);
         }
         if SIDES == WATCH {
+            self.near.observe_stage(&self.system.stages[body.index], self.measured, &scale);
             let Besides { terms, mut zeta } = self.besides[body.places.inward];
             watched.terms = sum(terms_of_noise(body, terms[0]), &terms);
-            self.near.observe_terms(&self.system.stages[body.index], self.measured, &watched.terms.into());
             let weights = &self.weights[rows.clone()];
             afloat::filter(&self.measured[rows.clone()], weights, &mut zeta, &mut self.weighed[rows]);
             watched.zeta = squares(&zeta.into());
@@ -251,9 +251,9 @@ impl<T: Real> Inward<'_, T> {
             }
         }
         if SIDES == WATCH {
+            self.near.observe_stage(stage, self.measured, &scale);
             let Besides { terms, mut zeta } = self.besides[body.places.inward];
             watched.terms = sum(terms_of_noise(body, terms[0]), &terms);
-            self.near.observe_terms(stage, self.measured, &watched.terms.into());
             let right_side = (self.weights, &mut *self.weighed);
             let sent = through_general_stage(at_stage, shift, self.measured, right_side, &mut zeta);
             watched.zeta = squares(&zeta.into());
