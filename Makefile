@@ -2,10 +2,12 @@
 #
 #   make report [ROBOT=some.urdf] [OUT=report]   build, install into .venv, run the main job
 #   make test      Rust tests, then the Python tests against the built wheel
+#   make dev       the fast loop: a debug build with fewer kernels into .venv-dev (try: .venv-dev/bin/python, or -m pytest tests/python)
 #   make check     what CI adds: format, clippy (of the benches too), docs, stubs, abi3
 #   make peers     what to measure against: the peers, and Pinocchio's C++ harness (Debian: apt-get, as root)
 #   make instructions   counts instructions with valgrind, fails where there are more than before
 #   make auto-states  what form auto costs at rest, held, falling, ...: writes docs/auto-states.md (two minutes)
+#   make leaving-out   counts with valgrind what each switch saves: writes the table of docs/leaving-out.md
 #   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
 #   make bench     after make peers: measures all of it (20 minutes), writes docs/benchmarks.md (BENCH=--quick: a trial)
 
@@ -22,7 +24,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: report test test-rust test-python check bench instructions auto-states roofline peers peers-there clean
+.PHONY: dev report test test-rust test-python check bench instructions auto-states leaving-out roofline peers peers-there clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -52,6 +54,17 @@ test: test-rust test-python
 
 test-rust:
 	cargo test --locked --features $(FEATURES)
+
+DEV := .venv-dev
+$(DEV)/bin/python:
+	$(PYTHON) -m venv $(DEV)
+	$(DEV)/bin/python -m pip install --quiet numpy pytest hypothesis mpmath scipy matplotlib rich click
+	echo "$(CURDIR)/python" > "$$($(DEV)/bin/python -c 'import site; print(site.getsitepackages()[0])')/phipsi-dev.pth"
+
+dev: | $(DEV)/bin/python
+	cargo build --locked --features python
+	cp target/debug/libphipsi.so python/phipsi/_core.abi3.so || cp target/debug/libphipsi.dylib python/phipsi/_core.abi3.so
+	$(DEV)/bin/python -c 'import phipsi; print("phipsi", phipsi.__version__, "from", phipsi.__file__)'
 
 # From another folder, so that the installed wheel is imported and not the source.
 test-python: $(VENV)/test
@@ -83,6 +96,9 @@ bench: peers-there $(VENV)/wheel
 instructions:
 	$(PYTHON) benches/instructions/count.py
 
+leaving-out:
+	$(PYTHON) benches/leaving_out.py
+
 auto-states: $(VENV)/test
 	$(BIN)/python benches/auto_states.py --markdown docs/auto-states.md
 
@@ -97,4 +113,4 @@ peers:
 	bash benches/peers/install.sh
 
 clean:
-	rm -rf target $(VENV) report
+	rm -rf target $(VENV) $(DEV) report python/phipsi/_core.abi3.so

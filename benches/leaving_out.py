@@ -1,0 +1,78 @@
+"""What each switch saves, in instructions: writes the table of docs/leaving-out.md (`make leaving-out`).
+
+Builds examples/leaving_out.rs, runs it under callgrind on the arm `baseline` with everything left out and with everything but one thing, and takes
+the difference of 110 and 10 calls: building the scene is not in it. valgrind must be there (Debian: apt-get install valgrind).
+"""
+
+import concurrent.futures
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "leaving-out.md"
+BEGIN, END = "<!-- written by benches/leaving_out.py -->", "<!-- to here -->"
+CALLS = (10, 110)
+
+#: switch, what is left out, rates and gravity of the call, and the kind of scene where it is not the usual one.
+SWITCHES = (
+    ("fixed_joints", "fixed joints: two links are one body; off, the child is a body without rows", "moving", "weight", ""),
+    ("base_links", "links that cannot move; off, one body", "moving", "weight", ""),
+    ("renamed_axes", "rotation matrices of joints that turn about an axis of the parent's frame, or slide along one", "moving", "weight", ""),
+    ("tilted_axes", "rotation matrices of the other joints that turn or slide, where axes are tilted", "moving", "weight", "tilted"),
+    ("zero_levers", "entries of the levers that are zero, of those of the same joints that turn", "moving", "weight", ""),
+    ("zero_velocity", "velocities and what they cause, where all rates are zero", "rest", "weight", ""),
+    ("zero_gravity", "the rest of the bias, where there is no gravity either", "rest", "weightless", ""),
+)
+
+
+def output(command: list[str], **environment: str) -> str:
+    done = subprocess.run(command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        sys.exit(f"leaving_out.py: {' '.join(command)}\n{done.stdout}{done.stderr}")
+    return done.stdout + done.stderr
+
+
+def counted(case: tuple[str, str, str, str]) -> int:
+    """Instructions of one call with this switch off."""
+    switch, rates, gravity, kind = case
+    counts = []
+    for calls in CALLS:
+        with tempfile.TemporaryDirectory() as folder:
+            valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/out"]
+            program = [str(ROOT / "target/release/examples/leaving_out"), switch, rates, gravity, str(calls), *([kind] if kind else [])]
+            found = re.search(r"Collected : (\d+)", output([*valgrind, *program], PHIPSI_ARM="baseline"))
+        if found is None:
+            sys.exit("leaving_out.py: callgrind counted nothing")
+        counts.append(int(found[1]))
+    return round((counts[1] - counts[0]) / (CALLS[1] - CALLS[0]))
+
+
+def table() -> str:
+    cases = [(switch, *call) for switch, _, *call in SWITCHES]
+    everything = [("none", *call) for _, *call in cases]
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        off, on = pool.map(counted, cases), pool.map(counted, everything)
+        rows = [
+            f"| `{switch}` | {what} | {rates}, {gravity} | {with_it} | {without} | {100 * (1 - with_it / without):.1f} % |"
+            for (switch, what, rates, gravity, _), without, with_it in zip(SWITCHES, list(off), list(on), strict=True)
+        ]
+    head = ["| switch | what is left out | rates, gravity | instructions, on | off | saved |", "|---|---|---|---|---|---|"]
+    commit = output(["git", "rev-parse", "--short", "HEAD"]).strip()
+    return "\n".join([BEGIN, f"Counted at commit {commit}.", "", *head, *rows, END])
+
+
+def main() -> None:
+    features = "urdf,parallel,dense,stochastic"
+    output(["cargo", "build", "--release", "--locked", "--features", features, "--example", "leaving_out"])
+    text = PAGE.read_text(encoding="utf-8")
+    begin, end = text.index(BEGIN), text.index(END) + len(END)
+    PAGE.write_text(text[:begin] + table() + text[end:], encoding="utf-8")
+    print(f"written: {PAGE}")
+
+
+if __name__ == "__main__":
+    main()
