@@ -12,10 +12,11 @@ pub mod arms;
 pub mod chunk;
 mod compiled;
 pub mod evaluator;
-#[cfg(feature = "parallel")]
-mod handed_out;
+mod finite;
 #[cfg(feature = "parallel")]
 mod threads;
+#[cfg(feature = "parallel")]
+mod work_queue;
 
 #[cfg(feature = "parallel")]
 pub use threads::{set_threads, threads};
@@ -319,7 +320,7 @@ impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {
         P: Send,
         K: Fn(&mut S, Range<usize>, &mut [P]) -> Result<(), Fault> + Sync,
     {
-        let batch = handed_out::HandedOut::new((self.states, self.cost), (threads, grain), results);
+        let batch = work_queue::WorkQueue::new((self.states, self.cost), (threads, grain), results);
         let stop = |error| batch.end_with(Fault { state: 0, error });
         place.together(threads - 1, &stop, &|| {
             let mut piece = batch.next();

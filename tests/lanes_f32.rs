@@ -270,7 +270,7 @@ fn sine_and_cosine_of<S: Instructions>() {
     angles.extend((0..60_000).map(|k| f64::from(k) * std::f64::consts::FRAC_PI_2));
     angles.extend([0.0, -0.0, 1e5, -1e5, 233.293_98, 42_913.41]);
     for chunk in rounded(&angles).chunks(Lanes::<S, f32>::LANES) {
-        let mut angle = Lanes::<S, f32>::splat(0.0);
+        let mut angle = Lanes::<S, f32>::filled(0.0);
         angle.lanes_mut()[..chunk.len()].copy_from_slice(chunk);
         let (sines, cosines) = angle.sin_cos();
         for (i, &x) in chunk.iter().enumerate() {
@@ -280,14 +280,14 @@ fn sine_and_cosine_of<S: Instructions>() {
             }
         }
     }
-    let mut odd = Lanes::<S, f32>::splat(0.5);
+    let mut odd = Lanes::<S, f32>::filled(0.5);
     odd.lanes_mut()[..3].copy_from_slice(&[-0.0, f32::NAN, f32::INFINITY]);
     let (sine, cosine) = odd.sin_cos();
     assert_eq!((sine.lane(0).to_bits(), cosine.lane(0).to_bits()), ((-0.0_f64).to_bits(), 1.0_f64.to_bits()));
     for bad in [sine.lane(1), cosine.lane(1), sine.lane(2), cosine.lane(2)] {
         assert!(bad.is_nan());
     }
-    let half = Lanes::<S, f32>::splat(0.5).sin_cos();
+    let half = Lanes::<S, f32>::filled(0.5).sin_cos();
     assert_eq!((sine.lane(3), cosine.lane(3)), (half.0.lane(0), half.1.lane(0)), "a NaN changes no other lane");
 }
 

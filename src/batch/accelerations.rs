@@ -3,7 +3,7 @@
 
 use super::arms::{Target, Vectorised, Work};
 use crate::dynamics::auto::{self, Errors};
-use crate::dynamics::lean::{self, LeanModel, LeanScratch};
+use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
 use crate::model::Model;
 use crate::scalar::{Real, lanes_but};
 use crate::workspace::Workspace;
@@ -11,8 +11,8 @@ use nalgebra::Vector6;
 
 /// What the kernels read, and what they write.
 pub(crate) struct Call<'a, T: Real> {
-    pub scene: (&'a Model<T>, &'a LeanModel<T>),
-    pub scratch: &'a mut LeanScratch<T>,
+    pub scene: (&'a Model<T>, &'a SweepModel<T>),
+    pub scratch: &'a mut SweepScratch<T>,
     /// For the second look of form `auto`.
     pub workspace: &'a mut Workspace<T>,
     /// (q, qd, tau).
@@ -48,7 +48,7 @@ impl<T: Vectorised> Work for ByCovariance<'_, T> {
     #[inline(always)]
     fn call(self) -> u64 {
         let Call { scene, scratch, state, wrenches, qdd, .. } = self.0;
-        let pivots = lean::forward_dynamics::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
+        let pivots = sweeps::forward_dynamics::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
         lanes_but::<T>(|lane| pivots.clear(lane))
     }
 }
@@ -62,7 +62,7 @@ impl<T: Vectorised> Work for Watched<'_, T> {
     fn call(self) -> u64 {
         let Call { scene, scratch, workspace, state, wrenches, qdd } = self.0;
         let scratch = (scratch, workspace);
-        let watched = auto::forward_dynamics_watched_lean::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
+        let watched = auto::watched_in_sweeps::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
         *self.1 = watched.errors();
         lanes_but::<T>(|lane| watched.kept(lane))
     }
@@ -76,7 +76,7 @@ impl<T: Vectorised> Work for ByRoots<'_, T> {
     #[inline(always)]
     fn call(self) -> u64 {
         let Call { scene, scratch, state, wrenches, qdd, .. } = self.0;
-        let (pivots, reach) = lean::forward_dynamics_by_roots::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
+        let (pivots, reach) = sweeps::forward_dynamics_by_roots::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
         lanes_but::<T>(|lane| pivots.clear(lane) && reach.clear(lane))
     }
 }

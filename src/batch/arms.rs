@@ -3,7 +3,7 @@
 //! A *kernel* is generic over the scalar; an *arm* is a scalar together with the instructions it is compiled for. Which arm runs
 //! is decided once, from what the processor has and from the environment variable `PHIPSI_ARM`.
 
-use super::chunk::any_not_finite;
+use super::finite::any_not_finite;
 use crate::scalar::{ColumnsOf, Fused, Precision, Real};
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 use crate::scalar::{Instructions, Lanes};

@@ -5,9 +5,10 @@
 
 use super::accelerations;
 use super::arms::{Entry, Target, Vectorised, Work};
+use super::finite::{any_not_finite, not_finite};
 use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics::auto::{self, Errors};
-use crate::dynamics::lean::{self, Entries, LeanColumns, LeanModel, LeanScratch, MassColumns};
+use crate::dynamics::sweeps::{self, Entries, InverseColumns, MassColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::joints::quaternion::QUATERNION_SLACK;
 use crate::model::{Body, Model, Motion};
@@ -22,7 +23,7 @@ use std::sync::Arc;
 #[derive(Debug)]
 struct Numbers<T: Vectorised> {
     model: Model<T>,
-    lean: LeanModel<T>,
+    sweeps: SweepModel<T>,
     /// The same in the plane that all joints move in, if there is one.
     planar: Option<PlanarModel<T>>,
     /// Where the quaternions are in q.
@@ -33,8 +34,8 @@ struct Numbers<T: Vectorised> {
 #[derive(Debug)]
 pub struct Chunk<T: Vectorised> {
     numbers: Arc<Numbers<T>>,
-    lean_scratch: LeanScratch<T>,
-    lean_columns: LeanColumns<T, T::Columns>,
+    sweep_scratch: SweepScratch<T>,
+    inverse_columns: InverseColumns<T, T::Columns>,
     mass_columns: MassColumns<T, T::Columns>,
     workspace: Workspace<T>,
     planar_scratch: Option<PlanarScratch<T, T::Columns>>,
@@ -53,15 +54,15 @@ impl<T: Vectorised> Chunk<T> {
             let model = scene.model();
             Numbers::<T> {
                 model: model.cast(),
-                lean: LeanModel::new(model),
+                sweeps: SweepModel::new(model),
                 planar: PlanarModel::of(model).as_ref().map(PlanarModel::cast),
                 quaternions: quaternions(model),
             }
         });
-        let Numbers { model, lean, planar, .. } = &*numbers;
+        let Numbers { model, sweeps, planar, .. } = &*numbers;
         Self {
-            lean_scratch: LeanScratch::new(model, lean),
-            lean_columns: LeanColumns::new(),
+            sweep_scratch: SweepScratch::new(model, sweeps),
+            inverse_columns: InverseColumns::new(),
             mass_columns: MassColumns::new(),
             workspace: Workspace::new(model),
             planar_scratch: planar.as_ref().map(PlanarScratch::new),
@@ -157,37 +158,6 @@ pub(super) fn is_far<T: Real>(nearness: T, lane: usize) -> bool {
     !(nearness.lane(lane) >= -QUATERNION_SLACK)
 }
 
-/// Zero where `x` is finite, else NaN; no branch.
-#[inline(always)]
-#[allow(clippy::eq_op)] // that is the point
-fn not_finite<T: Real>(x: T) -> T {
-    x - x
-}
-
-/// Zero where all are finite, else NaN; in lanes by four sums that do not wait for each other: there can be thousands.
-#[inline(always)]
-pub(super) fn any_not_finite<T: Real>(numbers: &[T]) -> T {
-    if T::LANES == 1 {
-        let mut are_finite = true;
-        for number in numbers {
-            are_finite &= number.lane(0).is_finite();
-        }
-        return T::from_f64(if are_finite { 0.0 } else { f64::NAN });
-    }
-    let (mut sums, zero) = ([T::zero(); 4], T::zero());
-    let (fours, rest) = numbers.as_chunks::<4>();
-    for four in fours {
-        for (sum, &number) in sums.iter_mut().zip(four) {
-            *sum = number.mul_add(zero, *sum);
-        }
-    }
-    for &number in rest {
-        sums[0] = number.mul_add(zero, sums[0]);
-    }
-    let [a, b, c, d] = sums;
-    (a + b) + (c + d)
-}
-
 /// As many numbers of one state are copied first and looked at after.
 const LONG: usize = 32;
 
@@ -250,8 +220,8 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
         let Self(Call { chunk, algorithm, states, out }, target) = self;
         let Chunk {
             numbers: constants,
-            lean_scratch,
-            lean_columns,
+            sweep_scratch,
+            inverse_columns,
             mass_columns,
             workspace,
             planar_scratch,
@@ -260,7 +230,7 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             results,
             errors,
         } = chunk;
-        let Numbers { model, lean, planar, quaternions } = &**constants;
+        let Numbers { model, sweeps, planar, quaternions } = &**constants;
         let [q, qd, u] = arguments;
         // Lanes without a state of their own repeat the last.
         let given = std::array::from_fn(|lane| &states[lane.min(states.len() - 1)]);
@@ -273,25 +243,25 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
                 fault += not_finite(number);
             }
         }
-        let scene = (model, lean);
+        let scene = (model, sweeps);
         let in_plane = planar.as_ref().zip(planar_scratch.as_mut()).filter(|_| GROUP == PLANE);
-        let entries = entries_of::<T, GROUP>(algorithm, scene, lean_columns, mass_columns);
+        let entries = entries_of::<T, GROUP>(algorithm, scene, inverse_columns, mass_columns);
         // Beside them `auto` keeps a number a row.
         let width = if entries.is_some() { model.nv() } else { out.len() / states.len().min(T::LANES) };
         let mut numbers = entries.map(|entries| std::mem::take(&mut entries.numbers)).unwrap_or_default();
         let (mut doubt, to) = (0, T::entries_in(&mut numbers, out));
         if GROUP == MASS {
-            lean::mass_matrix::<T, T::Columns, true>(scene, (lean_scratch, mass_columns), q, to);
+            sweeps::mass_matrix::<T, T::Columns, true>(scene, (sweep_scratch, mass_columns), q, to);
         } else {
             results.resize(width, T::zero());
             doubt = if let Some((model, scratch)) = in_plane {
                 planar::run(algorithm, model, scratch, (q, qd, u), wrenches, results)
             } else {
-                let scratch = (&mut *lean_scratch, &mut *lean_columns, workspace);
+                let scratch = (&mut *sweep_scratch, &mut *inverse_columns, workspace);
                 compute::<T, I, GROUP>((algorithm, target), scene, scratch, (q, qd, u), wrenches, (to, results, errors))
             };
         }
-        if let Some(entries) = entries_of::<T, GROUP>(algorithm, scene, lean_columns, mass_columns) {
+        if let Some(entries) = entries_of::<T, GROUP>(algorithm, scene, inverse_columns, mass_columns) {
             entries.numbers = numbers;
             fault += entries.fault();
             T::put_entries(&entries.numbers, entries.chosen(), out);
@@ -310,13 +280,15 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
 #[inline(always)]
 fn entries_of<'a, T: Vectorised, const GROUP: u8>(
     algorithm: Algorithm,
-    (model, lean): (&Model<T>, &LeanModel<T>),
-    columns: &'a mut LeanColumns<T, T::Columns>,
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    columns: &'a mut InverseColumns<T, T::Columns>,
     mass_columns: &'a mut MassColumns<T, T::Columns>,
 ) -> Option<&'a mut Entries<T, T::Columns>> {
     match algorithm {
-        _ if GROUP == MASS => Some(mass_columns.prepare(model, lean)),
-        Algorithm::MassMatrixInverse(Form::Auto | Form::Covariance) if GROUP == INVERSE => columns.prepare(model, lean),
+        _ if GROUP == MASS => Some(mass_columns.prepare(model, sweeps)),
+        Algorithm::MassMatrixInverse(Form::Auto | Form::Covariance) if GROUP == INVERSE => {
+            columns.prepare(model, sweeps)
+        }
         _ => None,
     }
 }
@@ -325,13 +297,13 @@ fn entries_of<'a, T: Vectorised, const GROUP: u8>(
 #[inline(always)]
 fn compute<T: Vectorised, I: Target, const GROUP: u8>(
     (algorithm, target): (Algorithm, I),
-    scene: (&Model<T>, &LeanModel<T>),
-    (scratch, columns, workspace): (&mut LeanScratch<T>, &mut LeanColumns<T, T::Columns>, &mut Workspace<T>),
+    scene: (&Model<T>, &SweepModel<T>),
+    (scratch, columns, workspace): (&mut SweepScratch<T>, &mut InverseColumns<T, T::Columns>, &mut Workspace<T>),
     (q, qd, u): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     (entries, results, errors): (&mut [Entry<T>], &mut [T], &mut Errors<T>),
 ) -> u64 {
-    let (model, lean) = scene;
+    let (model, sweeps) = scene;
     match algorithm {
         Algorithm::ForwardDynamics(form) if GROUP == ACCELERATIONS => {
             let call = accelerations::Call { scene, scratch, workspace, state: (q, qd, u), wrenches, qdd: results };
@@ -344,23 +316,23 @@ fn compute<T: Vectorised, I: Target, const GROUP: u8>(
             }
         }
         Algorithm::MassMatrixInverse(form @ (Form::Auto | Form::Covariance))
-            if GROUP == INVERSE && lean.is_shallow() =>
+            if GROUP == INVERSE && sweeps.is_shallow() =>
         {
             let doubt = if form == Form::Auto {
                 let estimates = &mut results[..model.nv()];
-                let watched = auto::factor_watched_lean::<T, T::Columns>(scene, scratch, q, estimates);
+                let watched = auto::factor_watched_in_sweeps::<T, T::Columns>(scene, scratch, q, estimates);
                 lanes_but::<T>(|lane| watched.kept(lane))
             } else {
-                let pivots = lean::factor::<T, T::Columns>(scene, scratch, q);
+                let pivots = sweeps::factor::<T, T::Columns>(scene, scratch, q);
                 lanes_but::<T>(|lane| pivots.clear(lane))
             };
             // Called in one place: each call is compiled by itself.
-            lean::multiplied_out::<T, T::Columns, true>(scene, scratch, columns, entries);
+            sweeps::multiplied_out::<T, T::Columns, true>(scene, scratch, columns, entries);
             doubt
         }
         Algorithm::InverseDynamics | Algorithm::BiasTorque if GROUP == TORQUES => {
             let u = (algorithm == Algorithm::InverseDynamics).then_some(u);
-            lean::inverse_dynamics::<T, T::Columns>(scene, scratch, (q, qd, u), wrenches, results);
+            sweeps::inverse_dynamics::<T, T::Columns>(scene, scratch, (q, qd, u), wrenches, results);
             0
         }
         // Rare; M has columns of its own.

@@ -4,8 +4,8 @@
 use super::forces::Motion;
 use super::forward::{covariances_of_noise, forces_base_to_tip};
 use super::forward_root;
-use super::lean::{self, LeanModel, LeanScratch};
 use super::refined::{Judged, forward_dynamics_judged};
+use super::sweeps::{self, SweepModel, SweepScratch};
 use crate::accuracy::Accuracy;
 use crate::filter::cancellation::{self, Cancellation, Margins, Probe};
 use crate::filter::pivots::PivotMonitor;
@@ -252,32 +252,32 @@ pub(crate) fn forward_dynamics_watched<T: Real>(
 
 /// The same by the sweeps that keep nothing but the result; the general ones are asked only where a lane is in doubt.
 #[inline(always)]
-pub(crate) fn forward_dynamics_watched_lean<T: Real, C: ColumnsOf<T>>(
-    (model, lean): (&Model<T>, &LeanModel<T>),
-    (scratch, workspace): (&mut LeanScratch<T>, &mut Workspace<T>),
+pub(crate) fn watched_in_sweeps<T: Real, C: ColumnsOf<T>>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    (scratch, workspace): (&mut SweepScratch<T>, &mut Workspace<T>),
     state: (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
 ) -> Watched<T> {
     let (pivots, near, cancellation) =
-        lean::forward_dynamics_watched::<T, C>((model, lean), scratch, state, wrenches, qdd);
+        sweeps::forward_dynamics_watched::<T, C>((model, sweeps), scratch, state, wrenches, qdd);
     let first = Watched::with_one_set(pivots, near, cancellation);
     if first.kept_in_every_lane() {
         return first;
     }
-    lean::hand_over((model, lean), (scratch, state.0), workspace);
+    sweeps::hand_over((model, sweeps), (scratch, state.0), workspace);
     look_again(model, workspace, first, qdd)
 }
 
 /// The factor of M by the same sweeps, in the scratch; `estimates` is scratch, (nv).
 #[inline(always)]
-pub(crate) fn factor_watched_lean<T: Real, C: ColumnsOf<T>>(
-    (model, lean): (&Model<T>, &LeanModel<T>),
-    scratch: &mut LeanScratch<T>,
+pub(crate) fn factor_watched_in_sweeps<T: Real, C: ColumnsOf<T>>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
     q: &[T],
     estimates: &mut [T],
 ) -> Watched<T> {
-    let (pivots, cancellation) = lean::factor_watched::<T, C>((model, lean), scratch, q, estimates);
+    let (pivots, cancellation) = sweeps::factor_watched::<T, C>((model, sweeps), scratch, q, estimates);
     Watched::of_a_factor(pivots, cancellation)
 }
 
@@ -356,7 +356,7 @@ mod tests {
         }
     }
 
-    /// What the lean sweeps hand over is what the general ones leave: a state that the first look doubts is kept by the second, by both.
+    /// What the sweeps sweeps hand over is what the general ones leave: a state that the first look doubts is kept by the second, by both.
     #[test]
     fn the_second_look_is_the_same_after_either_sweep() {
         let heavy_tip = |tip| scenes::extreme("heavy-tip", Some(tip), None, 0).expect("a scene").scene;
@@ -373,14 +373,14 @@ mod tests {
                 let (q, qd, tau, mut qdd) = (wave(1.7), wave(2.3), wave(0.9), vec![f64::NAN; nv]);
                 let mut workspace = scene.workspace();
                 let expected = forward_dynamics_watched(model, &mut workspace, (&q, &qd, &tau), &[], &mut qdd);
-                let lean = LeanModel::new(model);
-                let (sweeps, mut scratch) = ((model, &lean), LeanScratch::new(model, &lean));
+                let sweeps = SweepModel::new(model);
+                let (sweeps, mut scratch) = ((model, &sweeps), SweepScratch::new(model, &sweeps));
                 let (pivots, near, seen) =
-                    lean::forward_dynamics_watched::<_, f64>(sweeps, &mut scratch, (&q, &qd, &tau), &[], &mut qdd);
+                    sweeps::forward_dynamics_watched::<_, f64>(sweeps, &mut scratch, (&q, &qd, &tau), &[], &mut qdd);
                 let first = Watched::with_one_set(pivots, near, seen);
                 let mut handed = scene.workspace();
                 let scratch = (&mut scratch, &mut handed);
-                let found = forward_dynamics_watched_lean::<_, f64>(sweeps, scratch, (&q, &qd, &tau), &[], &mut qdd);
+                let found = watched_in_sweeps::<_, f64>(sweeps, scratch, (&q, &qd, &tau), &[], &mut qdd);
                 let (one, other) = (found.cancellation.relative_error(0), expected.cancellation.relative_error(0));
                 // Bounds for a turn are a little closer than those for any shift.
                 assert!(one <= 4.0 * other && other <= 4.0 * one, "{exponent}: {one:e} {other:e}");

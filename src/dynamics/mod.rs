@@ -12,11 +12,11 @@ pub(crate) mod forces;
 pub mod forward;
 mod forward_root;
 pub mod inverse;
-pub(crate) mod lean;
 pub mod mass_inverse;
 pub mod mass_matrix;
 pub mod operational;
 pub mod refined;
+pub(crate) mod sweeps;
 
 #[cfg(feature = "stochastic")]
 pub(crate) use inverse::bias_forces_base_to_tip;

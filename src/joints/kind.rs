@@ -1,6 +1,7 @@
 //! The kinds of joints that people name.
 
 use super::frames::{axis_onto_z, turn};
+use super::parts::Parts;
 use super::{Motion, free, planar, spherical, universal};
 use crate::spatial::RigidShift;
 use nalgebra::Vector3;
@@ -135,14 +136,4 @@ impl JointKind {
             _ => out.iter_mut().zip(q0.iter().zip(q1)).for_each(|(out, (q0, q1))| *out = q1 - q0),
         }
     }
-}
-
-/// A joint as motions one after another: of each the shift from its frame at zero to that of the one before (of the first to the joint's), and
-/// last that from the child's frame to the last one's.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Parts {
-    /// Shifts and motions, from the parent on.
-    pub motions: Vec<(RigidShift<f64>, Motion<f64>)>,
-    /// From the child's frame to that of the last motion.
-    pub end: RigidShift<f64>,
 }

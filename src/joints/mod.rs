@@ -8,6 +8,7 @@ mod frames;
 mod free;
 pub mod kind;
 mod motion;
+mod parts;
 mod planar;
 mod prismatic;
 pub mod quaternion;
@@ -17,5 +18,6 @@ mod spherical;
 mod universal;
 pub(crate) mod vectors;
 
-pub use kind::{JointKind, Parts};
+pub use kind::JointKind;
 pub use motion::Motion;
+pub use parts::Parts;

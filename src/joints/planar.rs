@@ -2,7 +2,7 @@
 
 use super::Motion;
 use super::frames::{axis_onto_z, turn};
-use super::kind::Parts;
+use super::parts::Parts;
 use nalgebra::Vector3;
 
 /// Along u, along v, about the normal; each frame has its own axis on z.

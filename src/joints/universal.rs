@@ -2,7 +2,7 @@
 
 use super::Motion;
 use super::frames::{axis_onto_z, turn};
-use super::kind::Parts;
+use super::parts::Parts;
 use nalgebra::Vector3;
 
 /// About x, then about y; each frame has its own axis on z.

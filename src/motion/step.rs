@@ -8,7 +8,7 @@ use crate::batch::accelerations::{Call, by_covariance, watched};
 use crate::batch::arms::{Target, Vectorised};
 use crate::dynamics;
 use crate::dynamics::auto::Errors;
-use crate::dynamics::lean::{LeanModel, LeanScratch};
+use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scalar::Real;
@@ -106,8 +106,8 @@ struct RowTerms<T> {
 #[derive(Debug)]
 pub(super) struct Scratch<T: Real> {
     pub model: Model<T>,
-    lean: LeanModel<T>,
-    sweeps: LeanScratch<T>,
+    constants: SweepModel<T>,
+    sweeps: SweepScratch<T>,
     pub workspace: Workspace<T>,
     rows: Vec<RowTerms<T>>,
     rest: Vec<T>,
@@ -139,7 +139,7 @@ impl<T: Real> Scratch<T> {
     pub fn new(scene_model: &Model<f64>, law: &Law) -> Self {
         let mut of_step = scene_model.clone();
         of_step.system.noise = law.noise();
-        let lean = LeanModel::new(&of_step);
+        let constants = SweepModel::new(&of_step);
         let model = of_step.cast::<T>();
         let (nq, nv) = (model.nq, model.nv());
         let row = |row: usize| {
@@ -158,8 +158,8 @@ impl<T: Real> Scratch<T> {
         let coordinates = || vec![T::zero(); nq];
         let rates = || vec![T::zero(); nv];
         Self {
-            sweeps: LeanScratch::new(&model, &lean),
-            lean,
+            sweeps: SweepScratch::new(&model, &constants),
+            constants,
             workspace: Workspace::new(&model),
             rows: (0..nv).map(row).collect(),
             rest: law.properties.rest.iter().map(|&x| T::from_f64(x)).collect(),
@@ -200,8 +200,8 @@ pub(super) trait Solver<T: Real> {
     /// Writes qdd; gives the lanes that it doubts as bits.
     fn solve(
         &mut self,
-        scene: (&Model<T>, &LeanModel<T>),
-        scratch: (&mut LeanScratch<T>, &mut Workspace<T>),
+        scene: (&Model<T>, &SweepModel<T>),
+        scratch: (&mut SweepScratch<T>, &mut Workspace<T>),
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64;
@@ -214,8 +214,8 @@ impl<T: Vectorised, I: Target> Solver<T> for Plain<I> {
     #[inline(always)]
     fn solve(
         &mut self,
-        scene: (&Model<T>, &LeanModel<T>),
-        (scratch, workspace): (&mut LeanScratch<T>, &mut Workspace<T>),
+        scene: (&Model<T>, &SweepModel<T>),
+        (scratch, workspace): (&mut SweepScratch<T>, &mut Workspace<T>),
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
@@ -230,8 +230,8 @@ impl<T: Vectorised, I: Target> Solver<T> for Watched<T, I> {
     #[inline(always)]
     fn solve(
         &mut self,
-        scene: (&Model<T>, &LeanModel<T>),
-        (scratch, workspace): (&mut LeanScratch<T>, &mut Workspace<T>),
+        scene: (&Model<T>, &SweepModel<T>),
+        (scratch, workspace): (&mut SweepScratch<T>, &mut Workspace<T>),
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
@@ -250,8 +250,8 @@ pub(super) struct Checked {
 impl Solver<f64> for Checked {
     fn solve(
         &mut self,
-        (model, _): (&Model<f64>, &LeanModel<f64>),
-        (_, workspace): (&mut LeanScratch<f64>, &mut Workspace<f64>),
+        (model, _): (&Model<f64>, &SweepModel<f64>),
+        (_, workspace): (&mut SweepScratch<f64>, &mut Workspace<f64>),
         (q, v, u): (&[f64], &[f64], &[f64]),
         qdd: &mut [f64],
     ) -> u64 {
@@ -279,7 +279,7 @@ fn add_scaled<T: Real>(sum: &mut [T], c: f64, x: &[T]) {
 pub(super) fn accelerations<T: Real, S: Solver<T>>(law: &Law, s: &mut Scratch<T>, solver: &mut S) {
     forces(law, s, 0);
     let scratch = (&mut s.sweeps, &mut s.workspace);
-    solver.solve((&s.model, &s.lean), scratch, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[0]);
+    solver.solve((&s.model, &s.constants), scratch, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[0]);
 }
 
 /// From `q`, `v` to `q_next`, `v_next`; gives the lanes in doubt as bits.
@@ -312,7 +312,7 @@ pub(super) fn step<T: Real, S: Solver<T>>(law: &Law, s: &mut Scratch<T>, solver:
         }
         forces(law, s, i);
         let scratch = (&mut s.sweeps, &mut s.workspace);
-        doubt |= solver.solve((&s.model, &s.lean), scratch, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[i]);
+        doubt |= solver.solve((&s.model, &s.constants), scratch, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[i]);
         s.l[i].copy_from_slice(&s.c);
         add_scaled(&mut s.l[i], t.gamma[i][i], &s.m[i]);
     }

@@ -2,11 +2,11 @@
 
 use super::{NOTHING, Omission, counted};
 use crate::algorithm::{Algorithm, Arguments};
-use crate::dynamics::lean::{turns_about_a_tilted_axis, turns_about_an_axis};
+use crate::dynamics::sweeps::{turns_about_a_tilted_axis, turns_about_an_axis};
 use crate::filter::Form;
 use crate::model::{Body, Motion, Omissions};
 use crate::planar::PlanarModel;
-use crate::report::operations::{Count, Task, count as count_as_run, count_in_six_vectors, count_lean, of_factor};
+use crate::report::operations::{Count, Task, count as count_as_run, count_in_six_vectors, count_in_sweeps, of_factor};
 use crate::scalar::Operations;
 use crate::scene::Scene;
 use nalgebra::Matrix3;
@@ -59,7 +59,7 @@ impl Scene {
     pub(super) fn tilted_item(&self) -> Omission {
         let renamed = self.model().omissions.renamed_axes;
         let count = if renamed { self.bodies_on(turns_about_a_tilted_axis).count() } else { 0 };
-        let saved = self.saved_of_lean(count, |omissions| omissions.tilted_axes = false);
+        let saved = self.saved_in_sweeps(count, |omissions| omissions.tilted_axes = false);
         self.switched(
             "tilted_axes",
             Omission {
@@ -82,7 +82,7 @@ impl Scene {
         };
         let turn = |body: &&Body<f64>| matches!(body.motion, Motion::Revolute);
         let count = self.bodies_on(is_in).filter(turn).flat_map(|body| &body.tree.lever).filter(|&&x| x == 0.0).count();
-        let saved = self.saved_of_lean(count, |omissions| omissions.zero_levers = false);
+        let saved = self.saved_in_sweeps(count, |omissions| omissions.zero_levers = false);
         self.switched(
             "zero_levers",
             Omission {
@@ -104,7 +104,7 @@ impl Scene {
     }
 
     /// Operations of forward dynamics with a switch off, less those with it on.
-    fn saved_of_lean(&self, count: usize, turn_off: impl Fn(&mut Omissions)) -> usize {
+    fn saved_in_sweeps(&self, count: usize, turn_off: impl Fn(&mut Omissions)) -> usize {
         self.saved_beside(count, |_| {}, turn_off)
     }
 
@@ -126,7 +126,7 @@ impl Scene {
         let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[] };
         let of = |omissions| {
             let algorithm = Algorithm::ForwardDynamics(Form::Covariance);
-            flops(&count_lean(self, omissions, algorithm, &state).operations)
+            flops(&count_in_sweeps(self, omissions, algorithm, &state).operations)
         };
         of(off).saturating_sub(of(on))
     }

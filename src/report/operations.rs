@@ -1,8 +1,8 @@
 //! Operations of each algorithm on a scene, counted: the code that computes, run on [`Counted`] numbers; and the memory it touches.
 
 use crate::algorithm::{Algorithm, Arguments};
-use crate::dynamics::lean::{self, LeanColumns, LeanModel, LeanScratch, MassColumns};
 use crate::dynamics::mass_inverse::InverseScratch;
+use crate::dynamics::sweeps::{self, InverseColumns, MassColumns, SweepModel, SweepScratch};
 use crate::dynamics::{self, auto};
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
@@ -63,8 +63,8 @@ pub struct Count {
 pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
     let Task::Algorithm(algorithm) = task else { return count_in_six_vectors(scene, task, state) };
     let Some(model) = PlanarModel::of(scene.model()).filter(|_| planar::covers(algorithm)) else {
-        return if lean::covers(algorithm) {
-            count_lean(scene, scene.model().omissions, algorithm, state)
+        return if sweeps::covers(algorithm) {
+            count_in_sweeps(scene, scene.model().omissions, algorithm, state)
         } else {
             count_in_six_vectors(scene, task, state)
         };
@@ -79,54 +79,58 @@ pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
 }
 
 /// The same of the sweeps that keep nothing but the result, in 6-vectors, with other switches than the scene's.
-pub(crate) fn count_lean(scene: &Scene, omissions: Omissions, algorithm: Algorithm, state: &Arguments<'_>) -> Count {
+pub(crate) fn count_in_sweeps(
+    scene: &Scene,
+    omissions: Omissions,
+    algorithm: Algorithm,
+    state: &Arguments<'_>,
+) -> Count {
     let model = Model { omissions, ..scene.model().clone() };
-    let (lean, model) = (LeanModel::<Counted>::new(&model), model.cast());
+    let (sweeps, model) = (SweepModel::<Counted>::new(&model), model.cast());
     let ([q, qd, u], wrenches) = on_counted(state);
-    let (mut scratch, mut workspace) = (LeanScratch::new(&model, &lean), Workspace::new(&model));
-    let mut columns: LeanColumns<Counted, Counted> = LeanColumns::new();
+    let (mut scratch, mut workspace) = (SweepScratch::new(&model, &sweeps), Workspace::new(&model));
+    let mut columns: InverseColumns<Counted, Counted> = InverseColumns::new();
     let mut mass_columns: MassColumns<Counted, Counted> = MassColumns::new();
-    mass_columns.prepare(&model, &lean);
-    if columns.prepare(&model, &lean).is_none() && matches!(algorithm, Algorithm::MassMatrixInverse(_)) {
+    mass_columns.prepare(&model, &sweeps);
+    if columns.prepare(&model, &sweeps).is_none() && matches!(algorithm, Algorithm::MassMatrixInverse(_)) {
         return count_in_six_vectors(scene, Task::Algorithm(algorithm), state);
     }
-    let mut inverted = |scratch: &LeanScratch<Counted>, out: &mut [Counted]| {
-        lean::multiplied_out::<_, _, false>((&model, &lean), scratch, &mut columns, out);
+    let mut inverted = |scratch: &SweepScratch<Counted>, out: &mut [Counted]| {
+        sweeps::multiplied_out::<_, _, false>((&model, &sweeps), scratch, &mut columns, out);
     };
     let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
     let (kept, operations) = Counted::during(|| {
-        let scene = (&model, &lean);
+        let scene = (&model, &sweeps);
         match algorithm {
             Algorithm::ForwardDynamics(Form::Auto) => {
                 let (scratch, state) = ((&mut scratch, &mut workspace), (&q[..], &qd[..], &u[..]));
-                let watched =
-                    auto::forward_dynamics_watched_lean::<_, Counted>(scene, scratch, state, &wrenches, &mut out);
+                let watched = auto::watched_in_sweeps::<_, Counted>(scene, scratch, state, &wrenches, &mut out);
                 return watched.kept(0);
             }
             Algorithm::MassMatrixInverse(Form::Auto) => {
                 let nv = model.nv();
-                let watched = auto::factor_watched_lean::<_, Counted>(scene, &mut scratch, &q, &mut out[..nv]);
+                let watched = auto::factor_watched_in_sweeps::<_, Counted>(scene, &mut scratch, &q, &mut out[..nv]);
                 inverted(&scratch, &mut out);
                 return watched.kept(0);
             }
             Algorithm::ForwardDynamics(Form::SquareRoot) => {
                 let state = (&q[..], &qd[..], &u[..]);
                 let (pivots, reach) =
-                    lean::forward_dynamics_by_roots::<_, Counted>(scene, &mut scratch, state, &wrenches, &mut out);
+                    sweeps::forward_dynamics_by_roots::<_, Counted>(scene, &mut scratch, state, &wrenches, &mut out);
                 return pivots.clear(0) && reach.clear(0);
             }
             Algorithm::ForwardDynamics(_) => {
-                lean::forward_dynamics::<_, Counted>(scene, &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
+                sweeps::forward_dynamics::<_, Counted>(scene, &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
             }
             Algorithm::InverseDynamics | Algorithm::BiasTorque => {
                 let u = (algorithm == Algorithm::InverseDynamics).then_some(&u[..]);
-                lean::inverse_dynamics::<_, Counted>(scene, &mut scratch, (&q, &qd, u), &wrenches, &mut out);
+                sweeps::inverse_dynamics::<_, Counted>(scene, &mut scratch, (&q, &qd, u), &wrenches, &mut out);
             }
             Algorithm::MassMatrix => {
-                lean::mass_matrix::<_, _, false>(scene, (&mut scratch, &mut mass_columns), &q, &mut out);
+                sweeps::mass_matrix::<_, _, false>(scene, (&mut scratch, &mut mass_columns), &q, &mut out);
             }
             Algorithm::MassMatrixInverse(_) => {
-                lean::factor::<_, Counted>(scene, &mut scratch, &q);
+                sweeps::factor::<_, Counted>(scene, &mut scratch, &q);
                 inverted(&scratch, &mut out);
             }
         }
@@ -243,7 +247,7 @@ pub fn footprint(scene: &Scene, algorithm: Algorithm) -> Footprint {
         Algorithm::ForwardDynamics(Form::Joseph) | Algorithm::MassMatrixInverse(Form::SquareRoot | Form::Joseph) => {
             [0, of_general_sweeps(scene, algorithm)]
         }
-        _ => lean::bytes(&LeanModel::<f64>::new(scene.model()), scene.nv(), algorithm),
+        _ => sweeps::bytes(&SweepModel::<f64>::new(scene.model()), scene.nv(), algorithm),
     };
     Footprint { scene: shared, state: swept + (arguments + scene.width(algorithm)) * number }
 }

@@ -32,7 +32,7 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
     /// Where the processor lacks the instructions: no arm that it cannot run is ever picked.
     #[inline(always)]
     #[must_use]
-    pub fn splat(x: f64) -> Self {
+    pub fn filled(x: f64) -> Self {
         let simd = S::token().expect("an arm of this processor");
         Self::new(simd, P::splat(simd, x))
     }
@@ -93,7 +93,7 @@ impl<S: Instructions, P: Precision> Neg for Lanes<S, P> {
 impl<S: Instructions, P: Precision> Zero for Lanes<S, P> {
     #[inline(always)]
     fn zero() -> Self {
-        Self::splat(0.0)
+        Self::filled(0.0)
     }
 
     #[inline(always)]
@@ -105,7 +105,7 @@ impl<S: Instructions, P: Precision> Zero for Lanes<S, P> {
 impl<S: Instructions, P: Precision> One for Lanes<S, P> {
     #[inline(always)]
     fn one() -> Self {
-        Self::splat(1.0)
+        Self::filled(1.0)
     }
 }
 
@@ -114,7 +114,7 @@ impl<S: Instructions, P: Precision> Real for Lanes<S, P> {
 
     #[inline(always)]
     fn from_f64(x: f64) -> Self {
-        Self::splat(x)
+        Self::filled(x)
     }
 
     #[inline(always)]
@@ -130,7 +130,7 @@ impl<S: Instructions, P: Precision> Real for Lanes<S, P> {
     }
 
     #[inline(always)]
-    fn everywhere(self, x: P) -> Self {
+    fn splat(self, x: P) -> Self {
         self.constant(x.widened())
     }
 
@@ -194,6 +194,6 @@ impl<S: Instructions, P: Precision> Real for Lanes<S, P> {
 
     #[inline(always)]
     fn epsilon() -> Self {
-        Self::splat(P::EPSILON)
+        Self::filled(P::EPSILON)
     }
 }

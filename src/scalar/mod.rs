@@ -69,7 +69,7 @@ pub trait Real:
 
     /// A number in every lane; `self` says only of which kind, as for [`Real::constant`].
     #[must_use]
-    fn everywhere(self, x: Self::Parameter) -> Self;
+    fn splat(self, x: Self::Parameter) -> Self;
 
     /// The number in one lane, rounded to f64.
     fn lane(self, index: usize) -> f64;
@@ -122,7 +122,7 @@ macro_rules! its_own_parameter {
         }
 
         #[inline(always)]
-        fn everywhere(self, x: Self) -> Self {
+        fn splat(self, x: Self) -> Self {
             x
         }
     };

@@ -24,7 +24,7 @@ impl<S: Instructions, P: Precision> Lanes<S, P> {
     /// few are a fault of every lane.
     #[inline(always)]
     pub(crate) fn take_lanes<'a>(numbers: &mut [Self], of: impl Fn(usize) -> &'a [P]) -> Self {
-        let Some(zero) = numbers.first().map(|number| number.constant(0.0)) else { return Self::splat(0.0) };
+        let Some(zero) = numbers.first().map(|number| number.constant(0.0)) else { return Self::filled(0.0) };
         let length = numbers.len();
         // Of one length, for the compiler to see: what is looked at once for all of a square is not looked at for each of its rows.
         let mut states: [&[P]; MOST_LANES] = [&[]; MOST_LANES];
@@ -173,7 +173,7 @@ mod tests {
         for length in 1..=3 * lanes + 1 {
             let states: Vec<Vec<P>> = (0..lanes).map(|lane| (0..length).map(|at| number(lane, at)).collect()).collect();
             let slices: Vec<&[P]> = states.iter().map(Vec::as_slice).collect();
-            let mut numbers = vec![Lanes::<S, P>::splat(f64::NAN); length];
+            let mut numbers = vec![Lanes::<S, P>::filled(f64::NAN); length];
             let fault = Lanes::take_lanes(&mut numbers, |lane| slices[lane]);
             assert!(fault.lanes().iter().all(|&fault| fault == P::default()));
             for (at, number_of_all) in numbers.iter().enumerate() {
@@ -183,7 +183,7 @@ mod tests {
             }
             // Backwards, with number 0 put before all; every third number left zero, and where there are three squares all of the first.
             let is_zero = |i: usize| i.is_multiple_of(3) || (length > 2 * lanes && i < lanes);
-            let zeros_and = [&[Lanes::splat(0.0)], numbers.as_slice()].concat();
+            let zeros_and = [&[Lanes::filled(0.0)], numbers.as_slice()].concat();
             let place = |i: usize| if is_zero(i) { 0 } else { u32::try_from(length - i).expect("small") };
             let chosen: Vec<u32> = (0..length).map(place).collect();
             for count in [1, lanes / 2 + 1, lanes] {
@@ -224,7 +224,7 @@ mod tests {
         for a in numbers {
             for b in numbers {
                 let expected = if a.is_nan() || b.is_nan() { f64::NAN } else { a.min(b) };
-                for &found in Lanes::<S, P>::splat(a).worst(Lanes::splat(b)).lanes() {
+                for &found in Lanes::<S, P>::filled(a).worst(Lanes::filled(b)).lanes() {
                     let found = found.widened();
                     // Both zeros are one.
                     let same = found.partial_cmp(&expected) == Some(Ordering::Equal);

@@ -4,7 +4,7 @@ use super::Scene;
 use crate::error::{Error, check_length};
 
 impl Scene {
-    /// The neutral configuration: zero everywhere, the identity for quaternions.
+    /// The neutral configuration: zero splat, the identity for quaternions.
     #[must_use]
     pub fn neutral(&self) -> Vec<f64> {
         self.joints().iter().flat_map(|joint| joint.kind.neutral()).collect()

@@ -95,7 +95,7 @@ fn auto(case: &Case) -> (Vec<f64>, dynamics::Choice<f64>) {
 
 /// The sweeps that keep nothing but the result, as batches and calls from Python run them: the answer, and whether it is theirs. None where
 /// the call said that a pivot is lost.
-fn lean(case: &Case, form: Form) -> Option<(Vec<f64>, bool)> {
+fn sweeps(case: &Case, form: Form) -> Option<(Vec<f64>, bool)> {
     let mut qdd = vec![f64::NAN; case.scene.nv()];
     let state = [Arguments { q: &case.q, qd: &case.qd, u: &case.tau, wrenches: &case.wrenches }];
     let mut evaluator = case.scene.evaluator();
@@ -113,8 +113,8 @@ struct Row {
     scenes: usize,
     singular: usize,
     worst: [f64; 5],
-    /// Of all: kept by the lean sweeps, of the covariance form and of the square-root form.
-    lean: [usize; 2],
+    /// Of all: kept by the sweeps sweeps, of the covariance form and of the square-root form.
+    sweeps: [usize; 2],
     /// Of all: to the square-root form, and from there to double-double arithmetic.
     by_auto: [usize; 2],
     /// Of those: where the form that was left had a tenth of the allowed error.
@@ -179,12 +179,12 @@ fn enter(row: &mut Row, number: usize, case: &Case, state: &str) -> Option<Strin
     if tolerance::size(&expected.iter().map(|&x| tolerance::to_f64(x)).collect::<Vec<_>>()) <= tolerance::NOTHING {
         // Nothing moves, as where gravity is along every axis; what is left of the reference is its own rounding.
         let found =
-            [Form::Auto, Form::SquareRoot].map(|form| lean(case, form).map_or(0.0, |(qdd, _)| tolerance::size(&qdd)));
+            [Form::Auto, Form::SquareRoot].map(|form| sweeps(case, form).map_or(0.0, |(qdd, _)| tolerance::size(&qdd)));
         let still = found.iter().all(|&size| size <= tolerance::KEPT);
         return (!still).then(|| format!("scene {number}, {state}: {found:?} where nothing moves"));
     }
     let ((watched, choice), (rooted, judged)) = (auto(case), square_root(case));
-    let found = [Form::Auto, Form::SquareRoot].map(|form| lean(case, form));
+    let found = [Form::Auto, Form::SquareRoot].map(|form| sweeps(case, form));
     for (refused, found) in row.refused.iter_mut().zip(&found) {
         *refused += usize::from(found.is_none());
     }
@@ -195,7 +195,7 @@ fn enter(row: &mut Row, number: usize, case: &Case, state: &str) -> Option<Strin
     let answer = by_lean.0.clone();
     let errors =
         [covariance(case), rooted, watched, by_lean.0, roots_by_lean.0].map(|qdd| error(&double(&qdd), &expected));
-    for (all, kept) in row.lean.iter_mut().zip(kept_by_lean) {
+    for (all, kept) in row.sweeps.iter_mut().zip(kept_by_lean) {
         *all += usize::from(kept);
     }
     for (worst, error) in row.worst.iter_mut().zip(errors) {
@@ -208,7 +208,7 @@ fn enter(row: &mut Row, number: usize, case: &Case, state: &str) -> Option<Strin
     row.by_root[0] += usize::from(judged.rounding.is_some());
     row.by_root[1] += usize::from(judged.refined);
     row.in_doubt += usize::from(judged.in_doubt(0) || choice.without_root);
-    let [_, root, auto, lean, lean_root] = errors;
+    let [_, root, auto, sweeps, lean_root] = errors;
     let place = format!("scene {number}, {}, {state}", FAMILIES[number % FAMILIES.len()]);
     // Looked at with what the problem allows only where it is needed: that takes six references.
     let mut sensitivity = f64::NAN;
@@ -236,7 +236,7 @@ fn enter(row: &mut Row, number: usize, case: &Case, state: &str) -> Option<Strin
     let [c, ..] = errors;
     let estimates = (choice.cancellation.relative_error(0), judged.rounding.map(|rounding| rounding.relative_error(0)));
     Some(format!(
-        "{place}: covariance {c:.1e}, square-root {root:.1e}, auto {auto:.1e}, lean {lean:.1e}, lean square-root {lean_root:.1e} ({kept_by_lean:?}), estimates {estimates:?}, sensitivity {sensitivity:.1e}"
+        "{place}: covariance {c:.1e}, square-root {root:.1e}, auto {auto:.1e}, sweeps {sweeps:.1e}, sweeps square-root {lean_root:.1e} ({kept_by_lean:?}), estimates {estimates:?}, sensitivity {sensitivity:.1e}"
     ))
 }
 
@@ -255,7 +255,7 @@ fn auto_and_the_square_root_form_keep_digits_wherever_the_problem_does() {
         }
     }
     println!(
-        "| family | scenes | singular | covariance | square-root | auto | lean | lean square-root | auto: to square-root | lean: kept | lean square-root: kept | needlessly | to double-double | \
+        "| family | scenes | singular | covariance | square-root | auto | sweeps | sweeps square-root | auto: to square-root | sweeps: kept | sweeps square-root: kept | needlessly | to double-double | \
          square-root: judged | to double-double | in doubt | beyond the aim: auto | square-root | error over estimate |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
@@ -265,8 +265,8 @@ fn auto_and_the_square_root_form_keep_digits_wherever_the_problem_does() {
             "| {name} | {} | {} | {c:.0e} | {s:.0e} | {a:.0e} | {l:.0e} | {r:.0e} | {to_root} | {} | {} | {} | {to_double} | {looked} | {refined} | {} | {} | {} | {:.2} |",
             row.scenes,
             row.singular,
-            row.lean[0],
-            row.lean[1],
+            row.sweeps[0],
+            row.sweeps[1],
             row.needlessly,
             row.in_doubt,
             row.beyond_aim[0],
@@ -281,8 +281,8 @@ fn auto_and_the_square_root_form_keep_digits_wherever_the_problem_does() {
     for form in 0..2 {
         let refused: usize = rows.iter().map(|row| row.refused[form]).sum();
         assert!(refused * 1000 <= scenes, "{refused} of {scenes} refused");
-        assert!(chains.lean[form] * 10 >= chains.scenes * 9, "{:?} of {} kept", chains.lean, chains.scenes);
-        assert!(rows.iter().any(|row| row.lean[form] < row.scenes));
+        assert!(chains.sweeps[form] * 10 >= chains.scenes * 9, "{:?} of {} kept", chains.sweeps, chains.scenes);
+        assert!(rows.iter().any(|row| row.sweeps[form] < row.scenes));
     }
 }
 
@@ -419,7 +419,7 @@ fn robots_stay_in_covariance_form() {
                             expected.as_ref().map(of)
                         ));
                     }
-                    let kept = |form| lean(&answer.1, form).is_some_and(|(_, kept)| kept);
+                    let kept = |form| sweeps(&answer.1, form).is_some_and(|(_, kept)| kept);
                     // A pivot in doubt is looked at again in either form.
                     if counts && !choice.without_root && kept(Form::Covariance) && !kept(Form::Auto) {
                         again += 1;

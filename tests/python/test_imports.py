@@ -23,6 +23,7 @@ ROOMS = (
     "filter",
     "algorithm",
     "accuracy",
+    "joints",
     "model",
     "kinematics",
     "planar",

@@ -1,0 +1,228 @@
+//! The frames that these sweeps have the bodies in.
+//!
+//! Where a joint turns about an axis of its parent's frame, signs and places become part of the body's constants, no digit of them touched:
+//! its z is then one axis of its parent's at zero angle, its x and y the two that follow it in their cycle. What is left of a revolute joint is a
+//! rotation about z, to one side or the other, and one of three ways to read the parent's vectors; and where the joint's frame is turned about
+//! its z at zero angle by what is no renaming of axes, a constant *offset* of the angle. An axis that is along none of its parent's is
+//! [tilted](ConstantRotation) from one of them.
+
+use super::about_axis::AboutAxis;
+use super::axial_rotation::Renaming;
+use super::carrier::Carrier;
+use super::constant_rotation::{ConstantRotation, JointAxis};
+use super::prismatic::ConstantSlide;
+use crate::model::{Body, Model, Motion};
+use nalgebra::{Matrix3, Vector3, Vector6};
+
+/// The bodies of a scene in those frames.
+pub(super) struct Framed {
+    /// Each from its frame to that of its parent; of a revolute joint where its angle is zero.
+    pub bodies: Vec<Body<f64>>,
+    pub carriers: Vec<Carrier>,
+    /// Sine and cosine of the turn's angle where the joint's is zero, where they are not those of none.
+    pub offsets: Vec<Option<[f64; 2]>>,
+    /// The levers as they are met inward: of a revolute joint in its frame at zero angle, or its parent's where it is tilted.
+    pub levers: Vec<Vector3<f64>>,
+    /// Those of tilted axles.
+    pub tilts: Vec<ConstantRotation<f64>>,
+    /// Those of bodies that slide by constant angles, and of each body its place among them.
+    pub slides: Vec<ConstantSlide<f64>>,
+    pub slide_at: Vec<Option<usize>>,
+    /// From each body's frame in the model, zeros and ones.
+    pub from_model: Vec<Matrix3<f64>>,
+}
+
+impl Framed {
+    pub fn of(model: &Model<f64>) -> Self {
+        let count = model.bodies.len();
+        let mut framed = Self {
+            bodies: Vec::with_capacity(count),
+            carriers: Vec::with_capacity(count),
+            offsets: Vec::with_capacity(count),
+            levers: Vec::with_capacity(count),
+            tilts: Vec::new(),
+            slides: Vec::new(),
+            slide_at: Vec::with_capacity(count),
+            from_model: Vec::with_capacity(count),
+        };
+        let mut shifts = 0;
+        for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
+            let outer = stage.parent.map_or_else(Matrix3::identity, |parent| framed.from_model[parent]);
+            let rotation = outer * body.tree.rotation;
+            let turns = matches!(body.motion, Motion::Revolute) && model.omissions.renamed_axes;
+            let tilted = || if model.omissions.tilted_axes { AboutAxis::tilted(&rotation) } else { None };
+            let slides = matches!(body.motion, Motion::Prismatic) && model.omissions.renamed_axes;
+            let sliding = || AboutAxis::sliding(&rotation, model.omissions.tilted_axes);
+            let sliding = if slides { sliding() } else { None };
+            let about = if turns { AboutAxis::of(&rotation).or_else(tilted) } else { None };
+            let mut here = *body;
+            let (carrier, frame, offset) = if let Some(AboutAxis { axis, tilt, frame, offset }) = about {
+                here.tree.rotation = tilt.map_or_else(|| axis.rotation(), |tilt| tilt.matrix());
+                let mut axle = JointAxis::Aligned(axis);
+                if let Some(tilt) = tilt {
+                    axle = JointAxis::Oblique(framed.tilts.len());
+                    framed.tilts.push(tilt);
+                }
+                (Carrier::Axial(axle), frame, offset)
+            } else {
+                let frame = sliding.as_ref().map_or_else(Matrix3::identity, |about| about.frame);
+                here.tree.rotation = rotation * frame.transpose();
+                shifts += 1;
+                (Carrier::Shift(shifts - 1), frame, None)
+            };
+            here.tree.lever = outer * body.tree.lever;
+            framed.levers.push(match carrier {
+                Carrier::Axial(axle) => axle.axis().rotation().transpose() * here.tree.lever,
+                Carrier::Shift(_) => here.tree.rotate_back(&here.tree.lever),
+            });
+            here.inertia.first_moment = frame * body.inertia.first_moment;
+            here.inertia.rotational = body.inertia.rotational.congruence(&frame);
+            here.inertia_terms = Vector6::from(Renaming::of(&frame, |x| x).apply(&body.inertia_terms)).abs();
+            framed.bodies.push(here);
+            framed.carriers.push(carrier);
+            framed.offsets.push(offset);
+            framed.from_model.push(frame);
+            framed.slide_at.push(sliding.is_some().then_some(framed.slides.len()));
+            framed.slides.extend(sliding.as_ref().map(ConstantSlide::of));
+        }
+        framed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Carrier, Framed, JointAxis};
+    use crate::model::Omissions;
+    use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
+    use crate::spatial::Symmetric3;
+    use nalgebra::{Matrix3, Rotation3, Vector3};
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    fn rpy(roll: f64, pitch: f64, yaw: f64) -> Matrix3<f64> {
+        Rotation3::from_euler_angles(roll, pitch, yaw).into_inner()
+    }
+
+    /// How a joint about an axis of a frame turned so is carried.
+    #[derive(Debug, PartialEq)]
+    enum Kind {
+        Plain,
+        /// About how many axes it is tilted.
+        Tilted(usize),
+        Shift,
+    }
+
+    /// The frames of a body on a joint about or along an axis of a frame turned so, and the rotation that the model has there.
+    fn framed(
+        kind: JointKind,
+        (rotation, axis): (Matrix3<f64>, Vector3<f64>),
+        omissions: Omissions,
+    ) -> (Framed, Matrix3<f64>) {
+        let mut joint = JointDescription::new("joint", kind, "base", "link");
+        (joint.origin.rotation, joint.axis) = (rotation, axis);
+        let central = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+        let inertial = Some(Inertial { mass: 1.0, centre: [0.1, 0.2, 0.3].into(), central });
+        let scene = SceneBuilder::new()
+            .omissions(omissions)
+            .link(LinkDescription { name: "base".into(), inertial: None })
+            .link(LinkDescription { name: "link".into(), inertial })
+            .joint(joint)
+            .build()
+            .expect("a scene");
+        (Framed::of(scene.model()), scene.model().bodies[0].tree.rotation)
+    }
+
+    /// Of such a joint, its offset, and by how much what it is made of differs from what it is.
+    fn of(rotation: Matrix3<f64>, axis: Vector3<f64>) -> (Kind, Option<[f64; 2]>, f64) {
+        let (framed, given) = framed(JointKind::Revolute, (rotation, axis), Omissions::all());
+        let [s, c] = framed.offsets[0].unwrap_or([0.0, 1.0]);
+        let about_z = Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0);
+        let made = framed.bodies[0].tree.rotation * about_z * framed.from_model[0];
+        let off = (made - given).amax();
+        let kind = match framed.carriers[0] {
+            Carrier::Shift(_) => Kind::Shift,
+            Carrier::Axial(JointAxis::Aligned(_)) => Kind::Plain,
+            Carrier::Axial(JointAxis::Oblique(at)) => Kind::Tilted(1 + usize::from(framed.tilts[at].turns_about_z)),
+        };
+        (kind, framed.offsets[0], off)
+    }
+
+    #[test]
+    fn right_angles_as_doubles_have_them_rename_axes() {
+        for rotation in
+            [rpy(0.0, 0.0, 0.0), rpy(FRAC_PI_2, 0.0, 0.0), rpy(-FRAC_PI_2, 0.0, PI), rpy(0.0, -FRAC_PI_2, 0.0)]
+        {
+            for axis in [Vector3::x(), -Vector3::y(), Vector3::z()] {
+                let (kind, offset, off) = of(rotation, axis);
+                assert!(kind == Kind::Plain && offset.is_none() && off <= 4.0 * f64::EPSILON, "{rotation}");
+            }
+        }
+        // What is no rotation to rounding, though the builder takes it, is none.
+        for rotation in [
+            Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 5e-10, 0.0, 1.0),
+            rpy(0.0, 0.0, 0.3) * (1.0 + 2e-11),
+            rpy(0.4, 0.2, 0.3) * (1.0 + 2e-11),
+        ] {
+            assert_eq!(of(rotation, Vector3::z()).0, Kind::Shift, "{rotation}");
+        }
+    }
+
+    #[test]
+    fn what_brings_the_axis_anywhere_tilts_it() {
+        // As URDF files round right angles: what they say is kept.
+        let about = |angle: f64| (angle * 1e4).round() / 1e4;
+        for (rotation, axes) in [
+            (rpy(FRAC_PI_2 - 5e-12, 0.0, 0.0), 1),
+            (rpy(about(FRAC_PI_2), 0.0, 0.0), 1),
+            (rpy(about(FRAC_PI_2), 0.0, about(FRAC_PI_2)), 2),
+            (rpy(about(PI), -about(FRAC_PI_2), 0.0), 2),
+            (rpy(0.0, -0.1749, 0.0), 1),
+            (rpy(0.3, 0.0, 0.0), 1),
+            (rpy(0.0, 2.1, 0.0), 1),
+            (rpy(0.0, -2.1, 0.7), 2),
+            (rpy(-1e-9, 1e-8, 3.0), 2),
+            (rpy(0.3, -0.2, 1.1), 2),
+        ] {
+            let (kind, _, off) = of(rotation, Vector3::z());
+            assert!(kind == Kind::Tilted(axes) && off <= 8.0 * f64::EPSILON, "{rotation} {kind:?} {off}");
+            for axis in [Vector3::x(), -Vector3::y(), -Vector3::z(), Vector3::new(0.3, -0.4, 0.8)] {
+                let (kind, _, off) = of(rotation, axis.normalize());
+                assert!(kind != Kind::Shift && off <= 8.0 * f64::EPSILON, "{rotation} {axis} {off}");
+            }
+        }
+        // The joint's own angle beside it.
+        let (kind, offset, _) = of(rpy(0.3, 0.0, 0.0) * rpy(0.0, 0.0, 0.5), Vector3::z());
+        assert!(kind == Kind::Tilted(1) && offset.is_some());
+        let (kind, offset, _) = of(rpy(0.3, 0.0, 0.0) * rpy(0.0, 0.0, FRAC_PI_2), Vector3::z());
+        assert!(kind == Kind::Tilted(1) && offset.is_none());
+    }
+
+    #[test]
+    fn what_turns_about_the_joints_own_axis_is_an_offset() {
+        for axis in [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::z()] {
+            let rotation = Rotation3::from_scaled_axis(axis.abs() * 0.3).into_inner();
+            let (kind, offset, off) = of(rotation, axis);
+            assert!(kind == Kind::Plain && offset.is_some() && off <= 4.0 * f64::EPSILON, "{axis}: {off}");
+        }
+    }
+
+    /// A slide goes by constants where the switches let it, and is not renamed where it does not.
+    #[test]
+    fn what_slides_goes_by_constants_where_it_may() {
+        let all = Omissions::all();
+        let (untilted, unnamed) = (Omissions { tilted_axes: false, ..all }, Omissions { renamed_axes: false, ..all });
+        for (rotation, axis, is_tilted) in [
+            (rpy(0.0, 0.0, 0.0), -Vector3::y(), false),
+            (rpy(FRAC_PI_2, 0.0, 0.0), Vector3::z(), false),
+            (rpy(0.0, 0.0, -0.7), Vector3::x(), true),
+            (rpy(0.3, -0.2, 1.1), Vector3::x(), true),
+        ] {
+            for (omissions, is_there) in [(all, true), (untilted, !is_tilted), (unnamed, false)] {
+                let (framed, given) = framed(JointKind::Prismatic, (rotation, axis), omissions);
+                assert_eq!((framed.slide_at[0], framed.slides.len()), (is_there.then_some(0), usize::from(is_there)));
+                let made = framed.bodies[0].tree.rotation * framed.from_model[0];
+                assert!((made - given).amax() <= 4.0 * f64::EPSILON);
+                assert!(is_there || framed.from_model[0] == Matrix3::identity(), "{}", framed.from_model[0]);
+            }
+        }
+    }
+}

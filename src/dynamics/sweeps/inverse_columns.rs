@@ -1,0 +1,54 @@
+//! Columns of M^-1 of one state, or of one state a lane, side by side.
+
+use super::entries::Entries;
+use super::model::SweepModel;
+use super::tiles::Tiles;
+use crate::model::Model;
+use crate::scalar::{ColumnsOf, Real};
+
+/// A vector of as many neighbouring columns as `C` holds.
+pub(super) type Block<C> = [C; 6];
+
+/// Scratch of M^-1; a block begins at a place on the path from the base that is a multiple of its width.
+#[derive(Debug)]
+pub(crate) struct InverseColumns<T: Real, C: ColumnsOf<T>> {
+    /// In slots outward: of every joint on the path c of the innovation D^-1/2, and beyond them zero.
+    pub(super) slots: Vec<Vec<Block<C>>>,
+    /// What multiplies the factors out.
+    pub(super) tiles: Tiles<T, C>,
+}
+
+impl<T: Real, C: ColumnsOf<T>> InverseColumns<T, C> {
+    /// None yet: they are made when M^-1 is first asked for.
+    pub fn new() -> Self {
+        Self { slots: Vec::new(), tiles: Tiles::new() }
+    }
+
+    /// Makes them for a scene, where there are none; gives what M^-1 is written to in lanes. None for a scene whose factors are not
+    /// [multiplied out](super::inverse_product).
+    #[inline(always)]
+    pub fn prepare(&mut self, model: &Model<T>, sweeps: &SweepModel<T>) -> Option<&mut Entries<T, C>> {
+        if !sweeps.is_shallow {
+            return None;
+        }
+        if self.slots.is_empty() {
+            self.make(model, sweeps);
+        }
+        Some(&mut self.tiles.entries)
+    }
+
+    #[cold]
+    fn make(&mut self, model: &Model<T>, sweeps: &SweepModel<T>) {
+        let nan = [C::from_f64(f64::NAN); 6];
+        self.slots = vec![vec![nan; sweeps.longest_path.div_ceil(C::COLUMNS)]; sweeps.swept_slots.outward];
+        self.tiles.prepare(model, sweeps);
+    }
+}
+
+/// One column's vector into its lane.
+#[inline(always)]
+pub(super) fn set_column<T: Real, C: ColumnsOf<T>>(block: &mut Block<C>, lane: usize, x: &[T; 6]) {
+    for (block, &x) in block.iter_mut().zip(x) {
+        block.set_column(lane, x);
+    }
+}

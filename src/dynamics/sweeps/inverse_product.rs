@@ -1,0 +1,147 @@
+//! M^-1 = (1 - L*) D^-1 (1 - L), multiplied out: for scenes whose joints have few others inward of them.
+//!
+//! A column of (1 - L)* is one joint's unit innovation on its way outward: c begins as -H*, and at each row further out gives
+//! w = g* c and goes on as phi* (c - H* w). All of it times D^-1/2, an entry of M^-1 is the sum of w w over the joints inward of both, the diagonal
+//! a sum of squares. Costs the sum of depths for the factors and N^2 times the depth for the product, where
+//! [the closed form](crate::dynamics::mass_inverse) pays for Lambda at each body.
+
+use super::axial_rotation::ABOUT_Z;
+use super::axial_rotation::{Axis, about};
+use super::carrier::Carrier;
+use super::constant_rotation::JointAxis;
+use super::inverse_columns::{Block, InverseColumns, set_column};
+use super::model::SweepModel;
+use super::motion_transform::MotionTransform;
+use super::rotation::{ObliqueRotation, Rotates, rotated};
+use super::scratch::SweepScratch;
+use super::tiles::{Pair, TILE, Tiles, put, put_factors};
+use crate::dynamics::columns::{spread_hinge, spread_shift, spread_vector};
+use crate::model::Model;
+use crate::scalar::{ColumnsOf, Real};
+use crate::spatial::{dot, zero};
+
+/// M^-1 of the factor in the scratch, into `out`, as [`Entries`](super::Entries) has it; with CHECK it is seen whether all are finite.
+#[inline(always)]
+pub(crate) fn multiplied_out<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &SweepScratch<T>,
+    columns: &mut InverseColumns<T, C>,
+    out: &mut [C::Entry],
+) {
+    factors_base_to_tip(scene, (scratch, columns));
+    product::<T, C, CHECK>(&mut columns.tiles, out);
+}
+
+/// Base to tip: w of every pair of joints one inward of the other, over the root of D of the one. Columns are in the order of the path from the base; lanes beyond it
+/// hold zeros.
+#[inline(always)]
+fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    (scratch, columns): (&SweepScratch<T>, &mut InverseColumns<T, C>),
+) {
+    let InverseColumns { slots, tiles: Tiles { factors, targets, units, blocks: blocks_of_row, entries, .. }, .. } =
+        columns;
+    let (none, mut targets) = (entries.zero(), &targets[..]);
+    for (body, of_body) in sweeps.swept().iter().zip(&scratch.own) {
+        let mut own = std::mem::take(&mut slots[body.places.outward]);
+        let parents: &[Block<C>] = if body.parent.is_some() { &slots[body.places.parent_outward] } else { &[] };
+        let blocks = body.depth.div_ceil(C::COLUMNS);
+        match body.carrier {
+            Carrier::Axial(axle) => rotated!(axle, of_body.turn, sweeps.tilts, rotation, X, Y, Z, {
+                let gain = &scratch.measured[body.row].gain;
+                let way = MotionTransform::<C, _, X, Y, Z>::new(body, rotation.spread(none), gain, none);
+                let lane = body.row % C::COLUMNS;
+                let (parents, here) = (&parents[..blocks], &targets[..blocks]);
+                targets = &targets[blocks..];
+                // By their index, or divisions would say how many there are.
+                for at in 0..parents.len().min(here.len()) {
+                    let mut c = way.carried(&parents[at]);
+                    let w = way.entry(&c);
+                    put_factors(factors, &here[at], lane, &w);
+                    if !body.is_leaf {
+                        way.past_row(&mut c, w);
+                        own[at] = c;
+                    }
+                }
+                let root = scratch.measured[body.row].pivot_inverse.sqrt();
+                factors[body.row * *blocks_of_row + body.row / C::COLUMNS].set_column(lane, root);
+                if !body.is_leaf {
+                    let begun = way.begun(units[body.depth % C::COLUMNS] * none.spread(root));
+                    if body.depth.is_multiple_of(C::COLUMNS) {
+                        own[blocks] = [none, none, begun, none, none, none];
+                    } else {
+                        own[blocks - 1][ABOUT_Z] += begun;
+                    }
+                }
+            }),
+            Carrier::Shift(at) => {
+                let stage = &model.system.stages[body.index];
+                let (rows, shift) = (stage.rows.count(), spread_shift(none, &scratch.shifts[at]));
+                for (parent, own) in parents[..blocks].iter().zip(&mut own) {
+                    let mut c = shift.motion_to_child(&(*parent).into());
+                    let here;
+                    (here, targets) = targets.split_at(rows);
+                    for (row, here) in (body.row..body.row + rows).zip(here) {
+                        let w = dot(&spread_vector(none, &scratch.measured[row].gain), &c);
+                        put_factors(factors, here, row % C::COLUMNS, &w);
+                        c = spread_hinge(w, stage.rows.row(row - body.row)).spread_onto(&c, -w);
+                    }
+                    *own = c.into();
+                }
+                own[blocks..(body.depth + rows).div_ceil(C::COLUMNS)].fill([none; 6]);
+                for i in 0..rows {
+                    let joint = body.row + i;
+                    let root = scratch.measured[joint].pivot_inverse.sqrt();
+                    factors[joint * *blocks_of_row + joint / C::COLUMNS].set_column(joint % C::COLUMNS, root);
+                    let mut c = stage.rows.row(i).spread_onto(&zero(), -root.splat(body.sense) * root);
+                    for outer in i + 1..rows {
+                        let w = dot(&scratch.measured[body.row + outer].gain, &c);
+                        let row = body.row + outer;
+                        factors[joint * *blocks_of_row + row / C::COLUMNS].set_column(row % C::COLUMNS, w);
+                        c = stage.rows.row(outer).spread_onto(&c, -w);
+                    }
+                    set_column(&mut own[(body.depth + i) / C::COLUMNS], (body.depth + i) % C::COLUMNS, &c.into());
+                }
+            }
+        }
+        slots[body.places.outward] = own;
+    }
+}
+
+/// Tile by tile of the lower triangle: the sum of w w over the joints inward of both of its sides.
+#[inline(always)]
+#[allow(clippy::eq_op)] // that is the point
+fn product<T: Real, C: ColumnsOf<T>, const CHECK: bool>(tiles: &mut Tiles<T, C>, out: &mut [C::Entry]) {
+    let none = tiles.entries.zero();
+    let (across, at_once) = (Tiles::<T, C>::ACROSS, Tiles::<T, C>::AT_ONCE);
+    tiles.entries.begin(out);
+    let Tiles { factors, pairs, inward, nv, .. } = &*tiles;
+    let (factors, inward, nv, mut fault) = (&factors[..], &inward[..], *nv, none);
+    for (number, &Pair { side, other, ref joints }) in pairs.iter().enumerate() {
+        let mut sums = [[none; TILE]; TILE];
+        for &at in &inward[joints.clone()] {
+            let columns = &factors[at + other * across..][..across * at_once];
+            for row in 0..TILE {
+                let factor = none.spread(factors[at + side * across + row / C::COLUMNS].column(row % C::COLUMNS));
+                for column in 0..across * at_once {
+                    sums[row][column] = factor.mul_add(columns[column], sums[row][column]);
+                }
+            }
+        }
+        if CHECK {
+            // Not finite where one of them is not; where only their sum is, the state is done again.
+            let mut all = none;
+            for row in &sums {
+                for &some in &row[..across * at_once] {
+                    all += some;
+                }
+            }
+            fault += all - all;
+        }
+        put::<T, C, 0>(out, nv, (side, other), number, &sums);
+        if at_once == 2 && other < side {
+            put::<T, C, 1>(out, nv, (side, other + 1), number, &sums);
+        }
+    }
+    tiles.entries.fault = fault;
+}

@@ -1,0 +1,21 @@
+//! M^-1: the factor, and then its factors [multiplied out](super::inverse_product).
+
+use super::filter;
+use super::model::SweepModel;
+use super::motion::carriers;
+use super::scratch::SweepScratch;
+use crate::filter::pivots::PivotMonitor;
+use crate::model::Model;
+use crate::scalar::{ColumnsOf, Real};
+
+/// The factor of M at `q`, in the scratch, in covariance form.
+#[inline(always)]
+pub(crate) fn factor<T: Real, C: ColumnsOf<T>>(
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    q: &[T],
+) -> PivotMonitor<T> {
+    carriers(scene.1, scratch, C::zero(), q);
+    let [monitor, _] = filter::tip_to_base::<T, { filter::FACTOR }>(scene, scratch, &[], &mut []);
+    monitor
+}

@@ -1,0 +1,197 @@
+//! A scene as these sweeps read it.
+
+use super::axial_rotation::Renaming;
+use super::body::{CompositeBody, SweepBody, Turning};
+use super::carrier::Carrier;
+use super::constant_rotation::ConstantRotation;
+use super::frames::Framed;
+use super::lever::Lever;
+use super::prismatic::ConstantSlide;
+use super::segment::{OfSegment, Segment, alone_at_depth, segments};
+use super::slots::{Ordered, SlotCounts, interleaved, last_children};
+use super::spin::Load;
+use crate::filter::pivots::Scale;
+use crate::filter::{HingeMap, Rows};
+use crate::model::{Body, Model};
+use crate::scalar::Real;
+use crate::spatial::{BodyInertia, BodyRoot};
+use nalgebra::Matrix3;
+
+/// As many joints inward of both as two joints may have, on average over all pairs, for M^-1 to be multiplied out: chains of up to 300. Beyond, (6.1)
+/// takes fewer operations, by the recursion that keeps everything.
+const SHALLOW: usize = 100;
+
+/// Of each body its own value joined with those of all outboard of it.
+fn with_all_outboard<V: Copy>(parents: &[Option<usize>], mut values: Vec<V>, join: impl Fn(V, V) -> V) -> Vec<V> {
+    for (k, parent) in parents.iter().enumerate().rev() {
+        if let Some(parent) = *parent {
+            values[parent] = join(values[parent], values[k]);
+        }
+    }
+    values
+}
+
+/// Tells bodies, in the order of the rows, how many rows there are inward of them. Gives the steps that M^-1 by
+/// its rows takes, and how many rows the longest path from the base has.
+fn measure_paths<N>(model: &Model<f64>, bodies: &mut [SweepBody<N>]) -> (usize, usize) {
+    let (mut steps, mut longest_path) = (0, 0);
+    for k in 0..bodies.len() {
+        let count = |k: usize| model.system.stages[k].rows.count();
+        let parent = bodies[k].parent;
+        bodies[k].depth = parent.map_or(0, |parent| bodies[parent].depth + count(parent));
+        longest_path = longest_path.max(bodies[k].depth + count(k));
+        steps += count(k) * (bodies[k].end_row - bodies[k].row).pow(2);
+    }
+    (steps, longest_path)
+}
+
+/// A root in a body's frame here; NaN where there is none, or where something is left beside it, which depends on the frame.
+fn root_in(frame: &Matrix3<f64>, root: Option<&BodyRoot<f64>>) -> BodyRoot<f64> {
+    match root.map(|root| root.turned(frame)) {
+        Some(root) if root.rest.iter().all(|&x| x == 0.0) => root,
+        _ => BodyRoot::zero().map(|_| f64::NAN),
+    }
+}
+
+/// From each parent's origin to the body's, in the parent's frame.
+fn arms<N: Copy>(framed: &Framed, leaves_out: bool, number: impl Copy + Fn(f64) -> N) -> Vec<Lever<N>> {
+    framed.bodies.iter().map(|body| Lever::new(body.tree.lever.into(), leaves_out, number)).collect()
+}
+
+/// The bodies of a scene.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct SweepModel<T: Real> {
+    pub(super) bodies: Vec<SweepBody<T::Parameter>>,
+    /// The bodies in the order of the sweeps, with their places in it; none where that is theirs.
+    pub(super) reordered: Vec<SweepBody<T::Parameter>>,
+    /// What motions, forces and co-states need of them, in that order.
+    pub(super) segments: Vec<Segment<T::Parameter>>,
+    /// What tilts turns, and how bodies slide.
+    pub(super) tilts: Vec<ConstantRotation<T::Parameter>>,
+    pub(super) slides: Vec<ConstantSlide<T::Parameter>>,
+    /// Where each body is in that order: what these sweeps keep of it is there.
+    pub(super) at: Vec<usize>,
+    /// What the square-root form needs of them, in the order of the sweeps: NaN of a body that has no root, or whose
+    /// spin needs a force outside of it.
+    pub(super) roots: Vec<BodyRoot<T::Parameter>>,
+    /// What M needs of them besides, in that order.
+    pub(super) composites: Vec<CompositeBody<T::Parameter>>,
+    /// Those that are not on a revolute joint, whole: the frames of those that do not slide are the model's, those of their parents need not be.
+    pub(super) shifting: Vec<Body<T>>,
+    /// Those on a revolute joint, in the order of the sweeps.
+    pub(super) turning: Vec<Turning<T::Parameter>>,
+    /// How many slots there are in the order of the sweeps.
+    pub(super) swept_slots: SlotCounts,
+    /// Whether M^-1 is its factors multiplied out.
+    pub(super) is_shallow: bool,
+    /// As many rows has the longest path from the base.
+    pub(super) longest_path: usize,
+}
+
+/// The bodies that are carried by any shift, and what carries those that turn, by their places in the sweeps.
+fn by_carrier<T: Real>(framed: &Framed, whole: &Model<T>, at: &[usize]) -> (Vec<Body<T>>, Vec<Turning<T::Parameter>>) {
+    let of_carrier = |turns: bool| {
+        let carriers = framed.carriers.iter().enumerate();
+        carriers.filter(move |(_, carrier)| matches!(carrier, Carrier::Axial(_)) == turns).map(|(k, _)| k)
+    };
+    let shifting = of_carrier(false).map(|k| whole.bodies[k]).collect();
+    let turning_of = |k: usize| Turning {
+        q: whole.bodies[k].q,
+        place: at[k],
+        sense: T::parameter(framed.from_model[k][(2, 2)]),
+        offset: framed.offsets[k].map(|offset| offset.map(T::parameter)),
+    };
+    let mut turning: Vec<_> = of_carrier(true).map(turning_of).collect();
+    turning.sort_by_key(|turning| turning.place);
+    (shifting, turning)
+}
+
+impl<T: Real> SweepModel<T> {
+    pub fn new(model: &Model<f64>) -> Self {
+        let framed = Framed::of(model);
+        let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();
+        let (order, is_alone) = (interleaved(&parents), alone_at_depth(&parents));
+        let by_rows = Ordered::new(&parents, &(0..parents.len()).collect::<Vec<_>>());
+        let swept = Ordered::new(&parents, &order);
+        let masses = model.bodies.iter().map(|body| body.inertia.mass);
+        let composite_mass = with_all_outboard(&parents, masses.collect(), |a, b| a + b);
+        let end_rows = model.system.stages.iter().map(|stage| stage.first_row + stage.rows.count()).collect();
+        let end_row = with_all_outboard(&parents, end_rows, usize::max);
+        let last_child = last_children(&parents);
+        let number = T::parameter;
+        let mut composites = Vec::with_capacity(parents.len());
+        let is_definite = |k: usize| model.inertia_roots[k].as_ref().is_some_and(BodyRoot::is_definite);
+        let bodies = framed.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
+            let (frame, turned) = (&framed.from_model[k], <[f64; 3]>::from(framed.levers[k]));
+            let BodyInertia { mass, first_moment, rotational } = &body.inertia;
+            let scale = Scale::of_noise(&body.inertia_terms);
+            composites.push(CompositeBody::new(composite_mass[k], turned, number));
+            SweepBody {
+                carrier: framed.carriers[k],
+                slide: framed.slide_at[k],
+                sense: number(frame[(2, 2)]),
+                frame: Renaming::of(frame, number),
+                index: k,
+                parent: stage.parent,
+                row: stage.first_row,
+                lever: Lever::new(turned, model.omissions.zero_levers, number),
+                lever_square: number(turned[0] * turned[0] + turned[1] * turned[1] + turned[2] * turned[2]),
+                mass: number(*mass),
+                first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],
+                rotational: rotational.entries.map(number),
+                scale: [number(scale.angular), number(scale.linear)],
+                terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
+                lever_squares: turned.map(|l| number(2.0 * l * l)),
+                is_about_z: matches!(stage.rows, Rows::One(HingeMap::Axis(2))),
+                is_free_joint: matches!(stage.rows, Rows::Six) && stage.parent.is_none(),
+                is_definite: is_definite(k),
+                hangs_on_definite: stage.parent.is_some_and(is_definite),
+                places: by_rows.places[k],
+                is_leaf: last_child[k].is_none(),
+                depth: 0,
+                end_row: end_row[k],
+            }
+        });
+        let mut bodies: Vec<_> = bodies.collect();
+        let (steps, longest_path) = measure_paths(model, &mut bodies);
+        let root = |&k: &usize| root_in(&framed.from_model[k], model.inertia_roots[k].as_ref()).map(number);
+        let arms = arms(&framed, model.omissions.zero_levers, number);
+        let whole = Model { bodies: framed.bodies.clone(), ..model.clone() }.cast::<T>();
+        let (shifting, turning) = by_carrier(&framed, &whole, &swept.at);
+        let composites = order.iter().map(|&k| composites[k].clone()).collect();
+        let reordered = |&k: &usize| SweepBody { places: swept.places[k], ..bodies[k].clone() };
+        let reordered = if order.is_sorted() { Vec::new() } else { order.iter().map(reordered).collect() };
+        let in_order = if reordered.is_empty() { &bodies } else { &reordered };
+        let segments = segments(in_order, |k| OfSegment {
+            arm: arms[k],
+            load: Load::of(&framed.bodies[k].inertia, number),
+            waits_for_parent: is_alone[k],
+        });
+        Self {
+            segments,
+            bodies,
+            tilts: framed.tilts.iter().map(|tilt| tilt.map(number)).collect(),
+            slides: framed.slides.iter().map(|slide| slide.map(number)).collect(),
+            reordered,
+            at: swept.at,
+            roots: order.iter().map(root).collect(),
+            composites,
+            shifting,
+            turning,
+            is_shallow: steps <= SHALLOW * model.nv().pow(2),
+            longest_path,
+            swept_slots: swept.slots,
+        }
+    }
+
+    /// Whether M^-1 is its factors multiplied out.
+    pub fn is_shallow(&self) -> bool {
+        self.is_shallow
+    }
+
+    /// The bodies in the order of the sweeps.
+    #[inline(always)]
+    pub(super) fn swept(&self) -> &[SweepBody<T::Parameter>] {
+        if self.reordered.is_empty() { &self.bodies } else { &self.reordered }
+    }
+}

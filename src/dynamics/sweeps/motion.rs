@@ -1,0 +1,254 @@
+//! Base to tip: how each body moves, and the force that this motion needs.
+//!
+//! The acceleration here is that of the point at the frame's origin, a + w x v of the spatial one: three vectors are carried instead of
+//! four, and nothing large is added that would have to cancel again. A body's [spin](Spin) gives the accelerations of all its points relative to that one: those
+//! of what hangs on it by a revolute joint are sent there at once.
+
+use super::axial_rotation::{AxialRotation, Axis, about};
+use super::carrier::Carrier;
+use super::constant_rotation::JointAxis;
+use super::free_joint;
+use super::model::SweepModel;
+use super::rotation::{ObliqueRotation, Rotates, rotated};
+use super::scratch::{BodyState, Moving, SweepScratch};
+use super::segment::Segment;
+use super::spin::{Spin, coordinates_of, force_of};
+use super::vectors::cross;
+use crate::dynamics::forces::{Motion, Needed};
+use crate::kinematics::{joint_motion, joint_shift};
+use crate::model::{Body, Model, Motion as JointMotion};
+use crate::scalar::{ColumnsOf, Real};
+use crate::spatial::BodyRoot;
+use nalgebra::Vector3;
+
+/// The turn or shift of every body at `q`: they wait for nothing. Sines and cosines of as many angles at once as `C` holds.
+#[inline(always)]
+pub(super) fn carriers<T: Real, C: ColumnsOf<T>>(
+    sweeps: &SweepModel<T>,
+    scratch: &mut SweepScratch<T>,
+    like: C,
+    q: &[T],
+) {
+    for some in sweeps.turning.chunks(C::COLUMNS) {
+        let mut angles = like.constant(0.0);
+        // By a number of lanes that the compiler knows.
+        for lane in 0..C::COLUMNS {
+            if let Some(turning) = some.get(lane) {
+                angles.set_column(lane, q[turning.q]);
+            }
+        }
+        let (s, c) = angles.sin_cos();
+        for lane in 0..C::COLUMNS {
+            let Some(turning) = some.get(lane) else { break };
+            let s = s.column(lane);
+            let mut turn = AxialRotation { s: s * s.splat(turning.sense), c: c.column(lane) };
+            if let Some([of_s, of_c]) = turning.offset {
+                turn = turn.and([s.splat(of_s), s.splat(of_c)]);
+            }
+            scratch.own[turning.place].turn = turn;
+        }
+    }
+    for (shift, body) in scratch.shifts.iter_mut().zip(&sweeps.shifting) {
+        *shift = joint_shift(body, q);
+    }
+}
+
+/// Base to tip: the force b of every body; where `ROOT` the coordinates y of its root, b = L y + t, and t, what wrenches bring.
+#[inline(always)]
+pub(super) fn base_to_tip<T: Real, C: ColumnsOf<T>, const ROOT: bool>(
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    state: Motion<'_, T>,
+) {
+    carriers(scene.1, scratch, C::zero(), state.q);
+    let needed = Needed::of(scene.0, state);
+    if needed.velocity && state.wrenches.is_empty() {
+        // Mostly: what is known of all bodies is not asked at each.
+        let needed = Needed { velocity: true, acceleration: true };
+        forces::<T, ROOT>(scene, scratch, Motion { wrenches: &[], ..state }, needed);
+    } else {
+        forces::<T, ROOT>(scene, scratch, state, needed);
+    }
+}
+
+/// The same, turns and shifts being there: compiled once for what is mostly needed, and once for anything else.
+#[inline(always)]
+fn forces<T: Real, const ROOT: bool>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    state: Motion<'_, T>,
+    needed: Needed,
+) {
+    let (o, bodies) = (T::zero(), &sweeps.segments[..]);
+    let g = &model.gravity;
+    let SweepScratch { motions, own, added, shifts, .. } = scratch;
+    let base = [-g[0], -g[1], -g[2]];
+    motions[0] = [[o; 3], [o; 3], base];
+    // Of one length, for the compiler to see: a row of one is a row of the other.
+    let state = Motion { qdd: state.qdd.map(|qdd| &qdd[..state.qd.len()]), ..state };
+    let own = &mut own[..bodies.len()];
+    for (place, body) in bodies.iter().enumerate() {
+        let root = if ROOT { Some(&sweeps.roots[place]) } else { None };
+        let [w, dw, _] = motions[body.parent_outward];
+        // All of it in each arm: after them the motion would come by way of memory.
+        match body.carrier {
+            Carrier::Axial(axle) => rotated!(axle, own[place].turn, sweeps.tilts, rotation, X, Y, Z, {
+                let joint = (state.qd, state.qdd);
+                let moving = if body.is_on_base {
+                    on_base(body, &rotation, [base[X], base[Y], base[Z]], joint, needed)
+                } else {
+                    let [a0, a1, a2, ..] = own[place].force;
+                    let a = [a0, a1, a2];
+                    let there = [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]];
+                    turned(body, &rotation, there, joint, needed)
+                };
+                keep((bodies, place), root, moving, needed, (motions, own));
+            }),
+            Carrier::Shift(at) if body.is_free_joint => {
+                let moving = free_joint::moving(body.row, &shifts[at], &base, state, needed);
+                keep((bodies, place), root, moving, needed, (motions, own));
+            }
+            Carrier::Shift(at) => {
+                let parent = motions[body.parent_outward];
+                let moving = shifted(&sweeps.shifting[at], body.row, &shifts[at], &parent, state, needed);
+                keep((bodies, place), root, moving, needed, (motions, own));
+            }
+        }
+        let outside = if ROOT { &mut added[place] } else { &mut own[place].force };
+        if ROOT {
+            *outside = [o; 6];
+        }
+        if !state.wrenches.is_empty() {
+            for (f, given) in outside.iter_mut().zip(sweeps.swept()[place].frame.apply(&state.wrenches[body.index])) {
+                *f -= given;
+            }
+        }
+    }
+}
+
+/// The force; where a body hangs on this one the motion, and of those on a revolute joint the acceleration of their origins, in the frame here: where their forces
+/// will be.
+#[inline(always)]
+fn keep<T: Real>(
+    (bodies, place): (&[Segment<T::Parameter>], usize),
+    root: Option<&BodyRoot<T::Parameter>>,
+    moving: Moving<T>,
+    needed: Needed,
+    (motions, own): (&mut [Moving<T>], &mut [BodyState<T>]),
+) {
+    let (body, [w, dw, a]) = (&bodies[place], moving);
+    let spin = Spin::of(w, dw, needed);
+    if !body.is_leaf {
+        let to = &mut motions[body.outward];
+        (to[0], to[1]) = (w, dw);
+        if body.carries_shifts {
+            to[2] = a;
+        }
+        let mut next = body.first_turn;
+        while let Some(child) = next.checked_sub(1) {
+            let child_body = &bodies[child];
+            let there = spin.at(&child_body.arm, a);
+            let to = &mut own[child].force;
+            (to[0], to[1], to[2]) = (there[0], there[1], there[2]);
+            next = child_body.next_turn;
+        }
+    }
+    own[place].force = match root {
+        _ if !needed.acceleration => [a[0].constant(0.0); 6],
+        Some(root) => coordinates_of(root, &spin, a),
+        None => force_of(&body.load, &spin, a),
+    };
+}
+
+/// Across a turn of a base that accelerates by `a`, in the joint's frame, and does not turn.
+#[inline(always)]
+fn on_base<T: Real>(
+    body: &Segment<T::Parameter>,
+    rotation: &impl Rotates<T>,
+    a: [T; 3],
+    (qd, qdd): (&[T], Option<&[T]>),
+    needed: Needed,
+) -> Moving<T> {
+    let (o, sense) = (a[0].constant(0.0), a[0].splat(body.sense));
+    let rate = if needed.velocity { qd[body.row] * sense } else { o };
+    let acceleration = qdd.map_or(o, |qdd| qdd[body.row] * sense);
+    [[o, o, rate], [o, o, acceleration], rotation.rotate_back(a)]
+}
+
+/// Across a turn, in the joint's frame the parent's motion and the acceleration of the origin: about z, and the joint's own.
+#[inline(always)]
+fn turned<T: Real>(
+    body: &Segment<T::Parameter>,
+    rotation: &impl Rotates<T>,
+    [w, dw, a]: Moving<T>,
+    (qd, qdd): (&[T], Option<&[T]>),
+    needed: Needed,
+) -> Moving<T> {
+    let still = w;
+    let (mut dw, a) = (rotation.rotate_back(dw), rotation.rotate_back(a));
+    let w = if needed.velocity {
+        let rate = qd[body.row] * still[0].splat(body.sense);
+        let [x, y, z] = rotation.rotate_back(w);
+        dw = [y.mul_add(rate, dw[0]), dw[1].minus_product(x, rate), dw[2]];
+        [x, y, z + rate]
+    } else {
+        still
+    };
+    if let Some(qdd) = qdd {
+        dw[2] = qdd[body.row].mul_add(still[0].splat(body.sense), dw[2]);
+    }
+    [w, dw, a]
+}
+
+/// Across any joint.
+#[inline(always)]
+fn shifted<T: Real>(
+    body: &Body<T>,
+    row: usize,
+    shift: &crate::spatial::RigidShift<T>,
+    parent: &Moving<T>,
+    state: Motion<'_, T>,
+    needed: Needed,
+) -> Moving<T> {
+    let [w, dw, a] = *parent;
+    let l = [shift.lever[0], shift.lever[1], shift.lever[2]];
+    let mut carried = cross(dw, l, a);
+    let o = w[0].constant(0.0);
+    if needed.velocity {
+        carried = cross(w, cross(w, l, [o; 3]), carried);
+    }
+    let mut dw = back(shift, dw);
+    let mut a = back(shift, carried);
+    let mut w = w;
+    if needed.velocity {
+        w = back(shift, w);
+        if let JointMotion::Revolute = body.motion {
+            let rate = state.qd[row];
+            dw = [w[1].mul_add(rate, dw[0]), dw[1].minus_product(w[0], rate), dw[2]];
+            w[2] += rate;
+        } else {
+            let joint = joint_motion(body, row, state.qd);
+            let (turning, moving) = ([joint[0], joint[1], joint[2]], [joint[3], joint[4], joint[5]]);
+            let before = w;
+            w = [w[0] + turning[0], w[1] + turning[1], w[2] + turning[2]];
+            dw = cross(before, turning, dw);
+            let both = [before[0] + w[0], before[1] + w[1], before[2] + w[2]];
+            a = cross(both, moving, a);
+        }
+    }
+    if let Some(qdd) = state.qdd {
+        let joint = joint_motion(body, row, qdd);
+        for i in 0..3 {
+            dw[i] += joint[i];
+            a[i] += joint[3 + i];
+        }
+    }
+    [w, dw, a]
+}
+
+/// A free vector, parent to child.
+#[inline(always)]
+fn back<T: Real>(shift: &crate::spatial::RigidShift<T>, v: [T; 3]) -> [T; 3] {
+    let turned = shift.rotate_back(&Vector3::new(v[0], v[1], v[2]));
+    [turned[0], turned[1], turned[2]]
+}

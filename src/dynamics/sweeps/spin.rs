@@ -1,0 +1,161 @@
+//! How the accelerations of a body's points vary in it, and the force that this needs.
+
+use super::lever::{Lever, along_each};
+use super::vectors::minus_cross_number;
+use crate::dynamics::forces::Needed;
+use crate::scalar::Real;
+use crate::spatial::{BodyInertia, BodyRoot};
+
+/// Each in every lane.
+macro_rules! splat {
+    ($like:expr, $($number:expr),+) => { [$($like.splat($number)),+] };
+}
+
+/// A body as its force sees it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Load<N> {
+    /// Mass, first moment, rotational inertia about the origin.
+    pub mass: N,
+    pub first_moment: [N; 3],
+    pub rotational: [N; 6],
+    /// `I_zz` - `I_yy`, `I_xx` - `I_zz`, `I_yy` - `I_xx`: what w x I w has of them.
+    pub differences: [N; 3],
+}
+
+impl<N> Load<N> {
+    /// Of a body with this inertia.
+    pub fn of(inertia: &BodyInertia<f64>, number: impl Fn(f64) -> N) -> Self {
+        let BodyInertia { mass, first_moment, rotational } = inertia;
+        let [xx, _, _, yy, _, zz] = rotational.entries;
+        Self {
+            mass: number(*mass),
+            first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],
+            rotational: rotational.entries.map(&number),
+            differences: [zz - yy, xx - zz, yy - xx].map(number),
+        }
+    }
+}
+
+/// How the acceleration of a body's points varies in it: U = dw~ + w~ w~.
+pub(super) struct Spin<T> {
+    /// Of U the entries yz, zx, xy, and zy, xz, yx.
+    after: [T; 3],
+    before: [T; 3],
+    /// What the diagonal takes away: `w_y`^2 + `w_z`^2, and so on. Zero without velocities and not read, as all below.
+    pull: [T; 3],
+    dw: [T; 3],
+    /// The squares of w, and its products of y and z, z and x, x and y.
+    squares: [T; 3],
+    products: [T; 3],
+    has_velocity: bool,
+}
+
+impl<T: Real> Spin<T> {
+    #[inline(always)]
+    pub fn of([x, y, z]: [T; 3], dw: [T; 3], needed: Needed) -> Self {
+        let [dx, dy, dz] = dw;
+        if !needed.velocity {
+            let none = [x.constant(0.0); 3];
+            let after = [-dx, -dy, -dz];
+            return Self { after, before: dw, pull: none, dw, squares: none, products: none, has_velocity: false };
+        }
+        let (squares, products) = ([x * x, y * y, z * z], [y * z, z * x, x * y]);
+        let ([xx, yy, zz], [yz, zx, xy]) = (squares, products);
+        let (after, before) = ([yz - dx, zx - dy, xy - dz], [yz + dx, zx + dy, xy + dz]);
+        Self { after, before, pull: [yy + zz, zz + xx, xx + yy], dw, squares, products, has_velocity: true }
+    }
+
+    /// U k.
+    #[inline(always)]
+    pub fn times(&self, k: [T::Parameter; 3]) -> [T; 3] {
+        let [x, y, z] = splat!(self.dw[0], k[0], k[1], k[2]);
+        let ([yz, zx, xy], [zy, xz, yx]) = (self.after, self.before);
+        let mut sums = [xy * y, yz * z, zx * x];
+        if self.has_velocity {
+            let [pull_x, pull_y, pull_z] = self.pull;
+            sums =
+                [sums[0].minus_product(pull_x, x), sums[1].minus_product(pull_y, y), sums[2].minus_product(pull_z, z)];
+        }
+        [xz.mul_add(z, sums[0]), yx.mul_add(x, sums[1]), zy.mul_add(y, sums[2])]
+    }
+
+    /// The acceleration of the point at this lever, `a` being that of the origin.
+    #[inline(always)]
+    pub fn at(&self, lever: &Lever<T::Parameter>, mut a: [T; 3]) -> [T; 3] {
+        along_each!(T, lever, I, {
+            let (j, k) = ((I + 1) % 3, (I + 2) % 3);
+            let l = a[0].splat(lever.entries[I]);
+            a[j] = self.before[k].mul_add(l, a[j]);
+            a[k] = self.after[j].mul_add(l, a[k]);
+            if self.has_velocity {
+                a[I] = a[I].minus_product(self.pull[I], l);
+            }
+        });
+        a
+    }
+
+    /// I dw + w x I w.
+    #[inline(always)]
+    fn moment(&self, load: &Load<T::Parameter>) -> [T; 3] {
+        let ([u_yz, u_zx, u_xy], [u_zy, u_xz, u_yx]) = (self.after, self.before);
+        let [dx, dy, dz] = self.dw;
+        let [xx, xy, xz, yy, yz, zz] = load.rotational;
+        let [xx, xy, xz, yy, yz, zz] = splat!(dx, xx, xy, xz, yy, yz, zz);
+        // I dw, and of w x I w what products of inertia have but for differences of squares.
+        let mut n = [
+            u_yx.mul_add(xz, dx * xx).minus_product(u_zx, xy),
+            u_zy.mul_add(xy, dy * yy).minus_product(u_xy, yz),
+            u_xz.mul_add(yz, dz * zz).minus_product(u_yz, xz),
+        ];
+        if self.has_velocity {
+            let [square_x, square_y, square_z] = self.squares;
+            let [x, y, z] = load.differences;
+            let [around_x, around_y, around_z] = splat!(dx, x, y, z);
+            n = [
+                self.products[0].mul_add(around_x, (square_y - square_z).mul_add(yz, n[0])),
+                self.products[1].mul_add(around_y, (square_z - square_x).mul_add(xz, n[1])),
+                self.products[2].mul_add(around_z, (square_x - square_y).mul_add(xy, n[2])),
+            ];
+        }
+        n
+    }
+}
+
+/// (I dw + w x I w + m p x a, m a + U m p).
+#[inline(always)]
+pub(super) fn force_of<T: Real>(load: &Load<T::Parameter>, spin: &Spin<T>, a: [T; 3]) -> [T; 6] {
+    let (m, moment) = (a[0].splat(load.mass), spin.moment(load));
+    let [x, y, z] = spin.times(load.first_moment);
+    let force = [m.mul_add(a[0], x), m.mul_add(a[1], y), m.mul_add(a[2], z)];
+    let moment = minus_cross_number(a, load.first_moment, moment);
+    [moment[0], moment[1], moment[2], force[0], force[1], force[2]]
+}
+
+/// y of the force L y that a body of this motion needs, as [`BodyRoot::coordinates`] gives it: linear entries first.
+#[inline(always)]
+pub(super) fn coordinates_of<T: Real>(root: &BodyRoot<T::Parameter>, spin: &Spin<T>, a: [T; 3]) -> [T; 6] {
+    let like = a[0];
+    let o = like.constant(0.0);
+    // The acceleration of the mass centre.
+    let [x, y, z] = spin.times(root.centre.into());
+    let at_centre = [a[0] + x, a[1] + y, a[2] + z];
+    let (mass, c, dw) = (like.splat(root.mass), &root.central, spin.dw);
+    let turned = [
+        like.splat(c[(2, 0)]).mul_add(dw[2], like.splat(c[(1, 0)]).mul_add(dw[1], dw[0])),
+        like.splat(c[(2, 1)]).mul_add(dw[2], dw[1]),
+        dw[2],
+    ];
+    let mut y = [mass * at_centre[0], mass * at_centre[1], mass * at_centre[2], o, o, o];
+    for i in 0..3 {
+        y[3 + i] = like.splat(root.weights[i]) * turned[i];
+    }
+    if spin.has_velocity {
+        let ([xx, yy, zz], [yz, zx, xy]) = (spin.squares, spin.products);
+        for i in 0..3 {
+            for (j, product) in [xx, yy, zz, xy, zx, yz].into_iter().enumerate() {
+                y[3 + i] = like.splat(root.spin[(i, j)]).mul_add(product, y[3 + i]);
+            }
+        }
+    }
+    y
+}

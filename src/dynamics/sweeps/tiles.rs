@@ -1,0 +1,227 @@
+//! D^-1/2 (1 - L) and M^-1 in tiles of four rows and four columns.
+//!
+//! A tile of M^-1 needs the joints inward of one of its rows and of one of its columns; in the others its factors are zero.
+
+use super::entries::Entries;
+use super::model::SweepModel;
+use crate::model::Model;
+use crate::scalar::{ColumnsOf, Real};
+use std::ops::Range;
+
+/// Rows and columns of a tile.
+pub(super) const TILE: usize = 4;
+
+/// Of each row its blocks, and room for the most that there are.
+pub(super) type Tile<C> = [[C; TILE]; TILE];
+
+/// A four of rows and as many fours of columns as are multiplied at once, the first of them no further out than the rows.
+#[derive(Debug, Clone)]
+pub(super) struct Pair {
+    pub side: usize,
+    pub other: usize,
+    /// Those in [`Tiles::inward`] that both have something of: joints further out than the columns have nothing there.
+    pub joints: Range<usize>,
+}
+
+/// One in one lane and zero in the others, for each lane.
+pub(super) fn units<T: Real, C: ColumnsOf<T>>() -> Vec<C> {
+    let unit = |lane| {
+        let mut unit = C::zero();
+        unit.set_column(lane, T::one());
+        unit
+    };
+    (0..C::COLUMNS).map(unit).collect()
+}
+
+/// Scratch of the product.
+#[derive(Debug)]
+pub(crate) struct Tiles<T: Real, C: ColumnsOf<T>> {
+    /// D^-1/2 (1 - L) by rows, in blocks of columns; zero where the column's joint is not outward of the row's. Behind all of it one place for what
+    /// means nothing.
+    pub(super) factors: Vec<C>,
+    /// Where [`put_factors`] puts them, in the order of the sweep; the first as many as a block has lanes count.
+    pub(super) targets: Vec<[usize; TILE]>,
+    /// One in one lane, zero in the others.
+    pub(super) units: Vec<C>,
+    /// What is multiplied, in order.
+    pub(super) pairs: Vec<Pair>,
+    /// By fours of rows: where the factors begin of each joint inward of one of them.
+    pub(super) inward: Vec<usize>,
+    pub(super) entries: Entries<T, C>,
+    pub(super) nv: usize,
+    /// Of a row.
+    pub(super) blocks: usize,
+}
+
+impl<T: Real, C: ColumnsOf<T>> Tiles<T, C> {
+    /// Blocks side by side in a tile.
+    pub(super) const ACROSS: usize = TILE / C::COLUMNS;
+
+    /// Tiles side by side that are multiplied at once: more would not fit the registers.
+    pub(super) const AT_ONCE: usize = if C::COLUMNS == 1 { 1 } else { 2 };
+
+    /// None yet.
+    pub(super) fn new() -> Self {
+        Self {
+            factors: Vec::new(),
+            targets: Vec::new(),
+            units: Vec::new(),
+            pairs: Vec::new(),
+            inward: Vec::new(),
+            entries: Entries::new(),
+            nv: 0,
+            blocks: 0,
+        }
+    }
+
+    /// Makes them for a scene.
+    pub(super) fn prepare(&mut self, model: &Model<T>, sweeps: &SweepModel<T>) {
+        const { assert!(TILE.is_multiple_of(C::COLUMNS), "a tile is some blocks across") }
+        let nv = model.nv();
+        let across = nv.div_ceil(TILE);
+        let blocks = (across + Self::AT_ONCE - 1) * Self::ACROSS;
+        (self.nv, self.blocks) = (nv, blocks);
+        self.factors = vec![C::zero(); nv * blocks + 1];
+        self.units = units::<T, C>();
+        let rows = |k: usize| sweeps.bodies[k].row..sweeps.bodies[k].row + model.system.stages[k].rows.count();
+        let mut sides = vec![Vec::new(); across];
+        for body in sweeps.swept() {
+            let k = body.index;
+            let mut path: Vec<usize> = std::iter::successors(body.parent, |&parent| sweeps.bodies[parent].parent)
+                .flat_map(|inward| rows(inward).rev())
+                .collect();
+            path.reverse();
+            for columns in path.chunks(C::COLUMNS) {
+                for row in rows(k) {
+                    let target =
+                        |lane| columns.get(lane).map_or(nv * blocks, |joint| joint * blocks + row / C::COLUMNS);
+                    self.targets.push([0, 1, 2, 3].map(target));
+                }
+            }
+            for row in rows(k) {
+                sides[row / TILE].extend(path.iter().copied().chain(body.row..=row));
+            }
+        }
+        // Of tiles that no joint is inward of there is none in the pairs.
+        let mut has_gaps = false;
+        for (side, mut joints) in sides.into_iter().enumerate() {
+            joints.sort_unstable();
+            joints.dedup();
+            let (first, nearest) = (self.inward.len(), joints.first().map_or(side, |joint| joint / TILE));
+            has_gaps |= nearest != 0;
+            for other in (nearest..=side).step_by(Self::AT_ONCE) {
+                let common = joints.partition_point(|joint| joint / TILE < other + Self::AT_ONCE);
+                self.pairs.push(Pair { side, other, joints: first..first + common });
+            }
+            self.inward.extend(joints.iter().map(|joint| joint * blocks));
+        }
+        let pairs = &self.pairs;
+        self.entries.make(has_gaps, || {
+            let (mut chosen, mut next) = (vec![0; nv * nv], 1);
+            for Pair { side, other, .. } in pairs {
+                for row in side * TILE..(side + 1) * TILE {
+                    for column in other * TILE..(other + 1) * TILE {
+                        if column <= row && row < nv {
+                            (chosen[row * nv + column], chosen[column * nv + row]) = (next, next);
+                        }
+                        next += 1;
+                    }
+                }
+            }
+            (next, chosen)
+        });
+    }
+}
+
+/// w of as many joints as a block holds in a row outward of them, of which `lane` is the lane.
+#[inline(always)]
+pub(super) fn put_factors<T: Real, C: ColumnsOf<T>>(factors: &mut [C], targets: &[usize; TILE], lane: usize, w: &C) {
+    for (column, &target) in targets[..C::COLUMNS].iter().enumerate() {
+        factors[target].set_column(lane, w.column(column));
+    }
+}
+
+/// Writes one tile of the lower triangle, the tile WHICH of those side by side: in lanes the `number`th, of one state where it belongs, and its
+/// mirror image.
+#[inline(always)]
+pub(super) fn put<T: Real, C: ColumnsOf<T>, const WHICH: usize>(
+    numbers: &mut [C::Entry],
+    nv: usize,
+    (side, other): (usize, usize),
+    number: usize,
+    sums: &Tile<C>,
+) {
+    let (width, across) = (C::COLUMNS, TILE / C::COLUMNS);
+    let block = |i: usize, j: usize| sums[i][WHICH * across + j];
+    if T::LANES > 1 {
+        let to = &mut numbers[1 + number * TILE * TILE..][..TILE * TILE];
+        for i in 0..TILE {
+            for j in 0..across {
+                block(i, j).store(&mut to[i * TILE + j * width..][..width]);
+            }
+        }
+        return;
+    }
+    let (row, column) = (side * TILE, other * TILE);
+    let rows = TILE.min(nv - row);
+    if rows < TILE {
+        put_some::<T, C>(numbers, nv, (row, column), (rows, if side == other { rows } else { TILE }), block);
+        return;
+    }
+    // On the diagonal it is its own mirror image, to the last bit.
+    let mirrors = side != other;
+    for down in 0..across {
+        for j in 0..across {
+            let mut square = [sums[0][0]; TILE];
+            let square = &mut square[..width];
+            for (i, to) in square.iter_mut().enumerate() {
+                *to = block(down * width + i, j);
+            }
+            let (row, column) = (row + down * width, column + j * width);
+            put_square::<T, C>(&mut numbers[row * nv + column..], nv, square);
+            if mirrors {
+                C::transpose(square);
+                put_square::<T, C>(&mut numbers[column * nv + row..], nv, square);
+            }
+        }
+    }
+}
+
+/// The same number, known to be below 2^32: products of it are seen not to overflow, and one look at a length is enough for all that is below it.
+#[inline(always)]
+#[allow(clippy::cast_possible_truncation)] // a matrix of that many rows fits no memory
+pub(super) fn below_overflow(nv: usize) -> usize {
+    nv as u32 as usize
+}
+
+/// As many rows as a block is wide, to where `out` begins and below.
+#[inline(always)]
+fn put_square<T: Real, C: ColumnsOf<T>>(out: &mut [C::Entry], nv: usize, square: &[C]) {
+    let (width, side) = (C::COLUMNS, below_overflow(nv));
+    assert!(out.len() >= (width - 1) * side + width, "a square of the matrix");
+    let mut at = 0;
+    for row in square {
+        row.store(&mut out[at..at + width]);
+        at += side;
+    }
+}
+
+/// The first rows and columns of a tile behind which there is nothing, one by one, and their mirror images.
+#[inline(always)]
+fn put_some<T: Real, C: ColumnsOf<T>>(
+    out: &mut [C::Entry],
+    nv: usize,
+    (row, column): (usize, usize),
+    (rows, columns): (usize, usize),
+    block: impl Fn(usize, usize) -> C,
+) {
+    for i in 0..TILE {
+        for j in 0..TILE {
+            if i < rows && j < columns {
+                let value = C::kept(block(i, j / C::COLUMNS).column(j % C::COLUMNS));
+                out[(row + i) * nv + column + j] = value;
+                out[(column + j) * nv + row + i] = value;
+            }
+        }
+    }
+}

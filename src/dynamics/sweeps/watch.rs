@@ -1,0 +1,202 @@
+//! The covariance form with an estimate of the digits that it lost: the first look of [`auto`](crate::dynamics::auto).
+
+use super::axial_rotation::ABOUT_Z;
+use super::axial_rotation::{Axis, about, to_turn};
+use super::carrier::Carrier;
+use super::constant_rotation::JointAxis;
+use super::model::SweepModel;
+use super::motion;
+use super::rotation::{ObliqueRotation, rotated};
+use super::scratch::{SweepScratch, Watching};
+use super::{accelerations, filter};
+use crate::dynamics::forces::Motion;
+use crate::filter::cancellation::{Cancellation, Swept};
+use crate::filter::pivots::PivotMonitor;
+use crate::kinematics::joint_shift;
+use crate::model::Model;
+use crate::scalar::{ColumnsOf, Real};
+use crate::workspace::Workspace;
+use nalgebra::Vector6;
+
+/// [`forward_dynamics`](super::forward_dynamics), whether a single look at its pivots may do, and what
+/// [`cancellation::sweep`](crate::filter::cancellation::sweep) finds.
+#[inline(always)]
+pub(crate) fn forward_dynamics_watched<T: Real, C: ColumnsOf<T>>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    (q, qd, tau): (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    qdd: &mut [T],
+) -> (PivotMonitor<T>, PivotMonitor<T>, Cancellation<T>) {
+    let state = Motion { q, qd, qdd: None, wrenches };
+    motion::base_to_tip::<T, C, false>((model, sweeps), scratch, state);
+    let [monitor, near] = filter::tip_to_base::<T, { filter::WATCH }>((model, sweeps), scratch, tau, qdd);
+    (monitor, near, base_to_tip::<T, true>((model, sweeps), scratch, qdd))
+}
+
+/// The factor of M, and what two made-up right sides say of it; `estimates` is scratch, (nv).
+#[inline(always)]
+pub(crate) fn factor_watched<T: Real, C: ColumnsOf<T>>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    q: &[T],
+    estimates: &mut [T],
+) -> (PivotMonitor<T>, Cancellation<T>) {
+    motion::carriers(sweeps, scratch, C::zero(), q);
+    let o = T::zero();
+    for own in &mut scratch.own {
+        own.force = [o; 6];
+    }
+    // Borrowed from the scratch and given back: it is read beside the rest, and nothing is allocated.
+    let weights = std::mem::take(&mut scratch.watching.others);
+    let [monitor, _] = filter::tip_to_base::<T, { filter::WATCH }>((model, sweeps), scratch, &weights, estimates);
+    scratch.watching.others = weights;
+    (monitor, base_to_tip::<T, false>((model, sweeps), scratch, estimates))
+}
+
+/// What the first look left, as the second look of [`auto`](crate::dynamics::auto) reads it; that finds the co-states itself.
+#[inline(always)]
+pub(crate) fn hand_over<T: Real>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    (scratch, q): (&SweepScratch<T>, &[T]),
+    workspace: &mut Workspace<T>,
+) {
+    workspace.measured.copy_from_slice(&scratch.measured);
+    for (place, body) in sweeps.swept().iter().enumerate() {
+        let k = body.index;
+        // Frames here need not be the model's.
+        workspace.shift[k] = joint_shift(&model.bodies[k], q);
+        if matches!(body.carrier, Carrier::Axial(_)) || body.slide.is_some() {
+            // About the model's z, which may point the other way.
+            let gain = &mut workspace.measured[body.row].gain;
+            let sense = gain[0].splat(body.sense);
+            let mut own: [T; 6] = (*gain).into();
+            for entry in &mut own {
+                *entry *= sense;
+            }
+            *gain = body.frame.undo(&own);
+        }
+        workspace.z[k] = body.frame.undo(&scratch.own[place].force);
+        workspace.bias[k] = body.frame.undo(&scratch.watching.own[place].bias);
+        workspace.terms[k] = body.frame.undo_on_sizes(&scratch.watching.own[place].terms);
+    }
+}
+
+/// The smoother for both right sides; where `ALLOWS` with what the problem allows.
+#[inline(always)]
+fn base_to_tip<T: Real, const ALLOWS: bool>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    estimates: &mut [T],
+) -> Cancellation<T> {
+    let mut seen = Cancellation::new();
+    let SweepScratch { own, shifts, measured, watching, .. } = scratch;
+    let Watching { own: watched, co_states, innovations, .. } = watching;
+    // Of one length, for the compiler to see.
+    let rows = measured.len();
+    let (estimates, innovations) = (&mut estimates[..rows], &innovations[..rows]);
+    for ((body, own), watched) in sweeps.swept().iter().zip(own).zip(watched) {
+        let [outer, outer_nu] = &co_states[body.places.parent_outward];
+        let row = body.row;
+        let (mut lambda, mut nu);
+        match body.carrier {
+            _ if body.parent.is_none() => {
+                // Nothing is carried to it.
+                let o = outer[0].constant(0.0);
+                (lambda, nu) = ([o; 6], [o; 6]);
+            }
+            Carrier::Axial(axle) => {
+                seen.carried(watched.zeta, &Vector6::from(*outer), outer[0].splat(body.lever_square));
+                (lambda, nu) = rotated!(axle, own.turn, sweeps.tilts, rotation, {
+                    let (outer, outer_nu) =
+                        about!(axle.axis(), X, Y, Z, (to_turn::<T, X, Y, Z>(outer), to_turn::<T, X, Y, Z>(outer_nu)));
+                    let lambda = accelerations::carried(&body.lever, &rotation, &outer);
+                    (lambda, accelerations::carried(&body.lever, &rotation, &outer_nu))
+                });
+            }
+            Carrier::Shift(at) => {
+                let (shift, outer) = (&shifts[at], Vector6::from(*outer));
+                seen.carried(watched.zeta, &outer, shift.lever_square());
+                lambda = shift.motion_to_child(&outer).into();
+                nu = shift.motion_to_child(&Vector6::from(*outer_nu)).into();
+            }
+        }
+        let whole = (&own.force, &watched.bias, &watched.terms);
+        if body.is_about_z {
+            let right_sides = (estimates[row], innovations[row]);
+            let estimate =
+                seen.through_axis::<ABOUT_Z, ALLOWS>(&measured[row], whole, (&mut lambda, &mut nu), right_sides);
+            estimates[row] = estimate * estimate.splat(body.sense);
+        } else {
+            let (z, bias, terms) = (Vector6::from(*whole.0), Vector6::from(*whole.1), Vector6::from(*whole.2));
+            let swept = Swept { z: &z, bias: &bias, terms: &terms, measured };
+            let (mut state, mut probe) = (Vector6::from(lambda), Vector6::from(nu));
+            let stage = &model.system.stages[body.index];
+            seen.through_stage(stage, &swept, (&mut state, &mut probe), (estimates, innovations));
+            (lambda, nu) = (state.into(), probe.into());
+        }
+        if !body.is_leaf {
+            co_states[body.places.outward] = [lambda, nu];
+        }
+    }
+    seen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{SweepModel, SweepScratch, forward_dynamics_watched};
+    use crate::filter::cancellation::Margins;
+    use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
+    use crate::scenes;
+    use crate::spatial::Symmetric3;
+
+    /// Torques that hold a chain against its weight leave next to nothing of it: beside what is left most digits are missing, beside
+    /// what one unit in the last place of the forces makes of it none.
+    #[test]
+    fn what_is_held_still_is_seen_beside_the_forces_that_hold_it() {
+        let scene = scenes::chain(7).expect("a chain");
+        let model = scene.model();
+        let (q, still) = ([0.3, -0.7, 0.5, 0.9, -0.4, 0.6, 0.2], [0.0; 7]);
+        let mut held = [f64::NAN; 7];
+        scene.bias_torque(&mut scene.workspace(), &q, &still, &mut held).expect("a state");
+        // Off by a part in ten thousand million, which is what is left.
+        held[3] *= 1.0 + 1e-10;
+        let sweeps = SweepModel::new(model);
+        let seen = |torque: &[f64]| {
+            let (mut scratch, mut qdd) = (SweepScratch::new(model, &sweeps), [f64::NAN; 7]);
+            let state = (&q[..], &still[..], torque);
+            forward_dynamics_watched::<_, f64>((model, &sweeps), &mut scratch, state, &[], &mut qdd).2
+        };
+        let nothing = Margins { of_size: 0.0, of_rest: 0.0, of_bias: 0.0, of_bias_at_most: 0.0 };
+        let (size, rest) = (Margins { of_size: 400.0, ..nothing }, Margins { of_rest: 4.0, ..nothing });
+        let (holding, falling) = (seen(&held), seen(&still));
+        assert!(holding.relative_error(0) > 1e-6 && holding.slack(&size) < 0.0 && holding.slack(&rest) > 0.0);
+        assert!(falling.relative_error(0) < 1e-13 && falling.slack(&size) > 0.0);
+    }
+
+    /// Two bodies that fall freely transmit no force: nothing is excused but what their own weights allow.
+    #[test]
+    fn what_falls_freely_is_not_at_rest() {
+        let link = |name: &str| LinkDescription {
+            name: name.into(),
+            inertial: Some(Inertial {
+                mass: 2.0,
+                centre: [0.1, -0.2, 0.3].into(),
+                central: Symmetric3::new([0.3, 0.02, -0.01, 0.2, 0.03, 0.25]),
+            }),
+        };
+        let mut joint = JointDescription::new("joint", JointKind::Revolute, "body", "arm");
+        joint.origin.lever = [0.4, 0.1, -0.2].into();
+        let scene = SceneBuilder::new().floating_base(true).link(link("body")).link(link("arm")).joint(joint);
+        let scene = scene.build().expect("two bodies");
+        let (model, still) = (scene.model(), [0.0; 7]);
+        let (sweeps, mut q) = (SweepModel::new(model), scene.neutral());
+        q[7] = 0.8;
+        let (mut scratch, mut qdd) = (SweepScratch::new(model, &sweeps), [f64::NAN; 7]);
+        let state = (&q[..], &still[..], &still[..]);
+        let seen = forward_dynamics_watched::<_, f64>((model, &sweeps), &mut scratch, state, &[], &mut qdd).2;
+        let nothing = Margins { of_size: 0.0, of_rest: 0.0, of_bias: 0.0, of_bias_at_most: 0.0 };
+        assert!(seen.relative_error(0) > 0.0 && seen.slack(&Margins { of_rest: 1e6, ..nothing }) < 0.0);
+        assert!(seen.slack(&Margins { of_bias: 60.0, of_bias_at_most: 1500.0, ..nothing }) > 0.0);
+    }
+}
