@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import errors
+from phipsi import errors
 from .cases import Case
 from .runs import METHODS
 
@@ -29,6 +30,7 @@ AGREED = 1e-10
 class Horizon:
     """Growth of a small change of the start, and of the difference of two references."""
 
+    case: str
     t: Array
     """(n,), s."""
     growth: Array
@@ -37,6 +39,13 @@ class Horizon:
     """(n,), between the references, rad."""
     errors: dict[str, Array]
     """(n,) by method, with steps of 1/SHOWN s; NaN after a failure."""
+
+    def json(self) -> dict[str, Any]:
+        """All numbers, with what was asked for."""
+        return {
+            "case": self.case, "seconds": self.end, "agreement": AGREED, "t": self.t, "growth": self.growth, "difference_of_references": self.difference,
+            "step": 1.0 / SHOWN, "errors": self.errors,
+        }  # fmt: skip
 
     @property
     def end(self) -> float:
@@ -67,7 +76,7 @@ def measure(case: Case, end: float = END) -> Horizon:
         error = np.full(count, np.nan)
         error[: len(rows)] = np.abs(scene.difference(first[: len(rows)], rows)).max(axis=-1)
         found[method.name] = error
-    return Horizon(t, growth, difference, found)
+    return Horizon(case.name, t, growth, difference, found)
 
 
 def _adaptive(case: Case, t: Array) -> Array:

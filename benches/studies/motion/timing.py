@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import numpy as np
 
-from ... import _core
 from .cases import Case
 from .peers import Peer
 from .runs import METHODS, ROWS
@@ -17,17 +15,6 @@ from .runs import METHODS, ROWS
 BATCH = 64
 #: Steps times stages times degrees of freedom in a timed run, about.
 WORK = 6000
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Batches on the caller's thread alone."""
-    before = _core.get_num_threads()
-    _core.set_num_threads(1)
-    try:
-        yield
-    finally:
-        _core.set_num_threads(before)
 
 
 def times(case: Case, peers: list[Peer], turns: int) -> tuple[dict[str, float], dict[str, float]]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...._core import Scene
+from phipsi import Scene
 from .model import Array, Inertial, Model, Refused, Solver, World, read
 
 #: Standard gravity, m/s^2: what dynibo has, and offers no way to set.

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import errors
+from phipsi import errors
 from .cases import Case
 
 Array = NDArray[np.float64]

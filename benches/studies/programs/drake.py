@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...._core import Scene
+from phipsi import Scene
 from .model import Array, Inertial, Model, Refused, Solver, World, read
 
 

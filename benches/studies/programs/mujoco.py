@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...._core import Scene
+from phipsi import Scene
 from .model import Array, Inertial, Model, Part, Refused, Solver, World, read
 
 #: Nothing is raised to a bound, averaged or guessed from shapes; what MuJoCo still refuses, it refuses.

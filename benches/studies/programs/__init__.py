@@ -13,11 +13,15 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-from ...._core import Scene
+from phipsi import Scene
 from . import drake, dynibo, mujoco, pinocchio
 from .model import Refused, Solver, under_gravity
 
-__all__ = ["PROGRAMS", "Peer", "Refused", "Solver", "installed", "under_gravity", "version"]
+__all__ = ["INKS", "PROGRAMS", "Peer", "Refused", "Solver", "installed", "under_gravity", "version"]
+
+
+#: Colours in plots, by program.
+INKS = {"Pinocchio": "#222222", "MuJoCo": "#b8860b", "Drake": "#56b4e9", "dynibo": "#e377c2"}
 
 
 class Peer(NamedTuple):
@@ -26,6 +30,8 @@ class Peer(NamedTuple):
     name: str
     version: str
     solver: Callable[[Scene], Solver]
+    colour: str = "#555555"
+    """In plots."""
     gravity: tuple[float, float, float] | None = None
     """Its gravity, m/s^2, where that cannot be set: it is then given the scene, and compared with the reference, under this one."""
 
@@ -41,21 +47,21 @@ class _Program(NamedTuple):
 
 def _pinocchio(pin: Any, version: str) -> list[Peer]:
     return [
-        Peer(f"Pinocchio, {name}", version, partial(pinocchio.solver, pin, convention))
-        for name, convention in (("local", pin.Convention.LOCAL), ("world", pin.Convention.WORLD))
+        Peer(f"Pinocchio, {name}", version, partial(pinocchio.solver, pin, convention), ink)
+        for name, convention, ink in (("local", pin.Convention.LOCAL, INKS["Pinocchio"]), ("world", pin.Convention.WORLD, "#7f7f7f"))
     ]
 
 
 PROGRAMS = (
     _Program("Pinocchio", "pinocchio", "pin", _pinocchio),
     _Program("MuJoCo", "mujoco", "mujoco", lambda module, version: [
-        Peer("MuJoCo", version, partial(mujoco.solver, module)),
+        Peer("MuJoCo", version, partial(mujoco.solver, module), INKS["MuJoCo"]),
     ]),
     _Program("Drake", "pydrake.all", "drake", lambda module, version: [
-        Peer("Drake", version, partial(drake.solver, module)),
+        Peer("Drake", version, partial(drake.solver, module), INKS["Drake"]),
     ]),
     _Program("dynibo", "dynibo", "dynibo", lambda module, version: [
-        Peer("dynibo", version, partial(dynibo.solver, module), dynibo.GRAVITY),
+        Peer("dynibo", version, partial(dynibo.solver, module), INKS["dynibo"], dynibo.GRAVITY),
     ]),
 )  # fmt: skip
 

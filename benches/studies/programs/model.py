@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...._core import Scene
+from phipsi import Scene
 
 Array = NDArray[np.float64]
 #: (q, qd, tau) to accelerations.

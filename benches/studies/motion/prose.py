@@ -5,7 +5,7 @@ from __future__ import annotations
 NO_INVARIANTS = "No method keeps energy or momentum by construction; they drift by an amount that falls with the order."
 
 PINOCCHIO_TIME = """\
-Pinocchio's time is not shown: its integrators are a loop in Python here. Its aba in C++ is timed by `make peers`.
+Pinocchio's time is not shown: its integrators are a loop in Python here. Its aba in C++ is timed by make bench.
 """
 
 HORIZON = """\
@@ -96,12 +96,3 @@ against other programs and arithmetic show.
 """
 
 REFERENCES_PEERS = "The peers compute accelerations of their own, and their errors fall to the same references."
-
-PROVENANCE = """\
-Times are noisy where other programs share the machine; errors, orders and drifts are the same in every run.
-"""
-
-
-def flowed(text: str, **values: object) -> str:
-    """One line, with the values put in."""
-    return " ".join(text.format(**values).split())

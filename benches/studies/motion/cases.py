@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._core import Scene, SceneBuilder
+from phipsi import Scene, SceneBuilder
 from .slow import at_rest
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._core import Scene
+from phipsi import Scene
 
 Array = NDArray[np.float64]
 

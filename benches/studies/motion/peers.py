@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..stability.peers import PROGRAMS, version
-from ..stability.peers.model import Refused, World, read
-from ..stability.peers.mujoco import load as load_mujoco
-from ..stability.peers.mujoco import quiet
-from ..stability.peers.pinocchio import load as load_pinocchio
+from ..programs import PROGRAMS, version
+from ..programs.model import Refused, World, read
+from ..programs.mujoco import load as load_mujoco
+from ..programs.mujoco import quiet
+from ..programs.pinocchio import load as load_pinocchio
 from .cases import Case
 from .runs import ROWS, Path, Runner
 

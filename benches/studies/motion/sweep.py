@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..progress import Reporter
+from phipsi.report.pipeline import Findings
+from phipsi.report.progress import Reporter
 from . import cases
 from .cases import Case
 from .order import local
@@ -43,10 +44,12 @@ class Spring(NamedTuple):
     """The reference's own error, rad."""
     rate_reference: float
     """rad/s."""
+    steps: tuple[float, ...] = STEPS
 
 
-def sweep(reporter: Reporter, *, quick: bool) -> list[Spring]:
+def sweep(study: Findings, reporter: Reporter) -> list[Spring]:
     """Every method at every spring, from both starts."""
+    quick = study.quick
     chosen = [10.0 ** (e / 2) for e in (QUICK if quick else FULL)]
     pairs = [(k, rings) for k in chosen for rings in (False, True) if not rings or k <= RINGING[quick]]
     tick = reporter.stage("Springs from soft to stiff", len(pairs))

@@ -1,21 +1,19 @@
-"""Everything that the motion report says, measured; and the same as JSON."""
+"""Everything that the motion report says, measured."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import datetime, timezone
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ... import errors
-from .. import machine
-from ..progress import Reporter
-from . import cases, horizon, order, peers, sweep, timing
+from phipsi import errors
+from phipsi.report.pipeline import Findings
+from phipsi.report.progress import Reporter
+from . import cases, order, peers, timing
 from .cases import Case
 from .drift import Drift, drift
 from .horizon import Horizon
@@ -113,6 +111,35 @@ class Result:
         above = [(dt, value) for dt, value in rows if value is not None and value >= ROUNDING]
         return order.fitted([dt for dt, _ in above], [value for _, value in above])
 
+    def json(self) -> dict[str, Any]:
+        """All numbers; the runs as rows."""
+        case, exact, names = self.case, self.exact, list(self.points)
+        return {
+            "name": case.name,
+            "what": case.what,
+            "stiff": case.stiff,
+            "degrees_of_freedom": case.scene.nv,
+            "seconds": case.time,
+            "omega": case.omega,
+            "reference": {
+                "by": exact.by, "beside": exact.beside, "error": exact.error, "rate_error": exact.rate_error,
+                "smallest_error_shown": self.smallest(),
+            },
+            "orders": {name: self.order(name) for name in names},
+            "rate_orders": {name: self.rate_order(name) for name in names},
+            "drift_orders": {kind: {name: self.drift_order(name, kind) for name in names} for kind in Drift._fields},
+            "ns_a_step": {"alone": self.alone, "batch": self.batch},
+            "refused": self.refused,
+            "runs": [
+                {"method": name, "steps": point.steps, "dt": point.dt, "error": point.error, "known": point.known,
+                 "rate_error": point.rate_error, "rate_known": point.rate_known,
+                 "energy_drift": point.drift.energy, "angular_momentum_drift": point.drift.angular,
+                 "linear_momentum_drift": point.drift.linear, "failure": point.failure}
+                for name, points in self.points.items() for point in points
+            ],
+            "adaptive": self.adaptive,
+        }  # fmt: skip
+
     def smallest(self) -> float:
         """The smallest error that is shown."""
         shown = [p.error for rows in self.points.values() for p in rows if p.known and p.error is not None]
@@ -120,24 +147,36 @@ class Result:
 
 
 @dataclass
-class Study:
+class Study(Findings):
     """What was measured."""
 
-    quick: bool
-    date: str
-    machine: dict[str, str | int | None]
-    peers: Sequence[peers.Peer]
-    versions: Sequence[str]
-    absent: Sequence[str]
+    peers: Sequence[peers.Peer] = ()
+    versions: Sequence[str] = ()
+    absent: Sequence[str] = ()
     """A line on each program that is not installed."""
-    horizon: Horizon
-    results: list[Result] = field(default_factory=list)
-    springs: list[Spring] = field(default_factory=list)
 
     @property
     def methods(self) -> tuple[str, ...]:
         """phipsi's and the peers'."""
         return (*(method.name for method in METHODS), *(peer.name for peer in self.peers))
+
+    @property
+    def results(self) -> list[Result]:
+        """Every case."""
+        results: list[Result] = self.parts["cases"]
+        return results
+
+    @property
+    def horizon(self) -> Horizon:
+        """How long the motion of the first case can be compared."""
+        seen: Horizon = self.parts["horizon"]
+        return seen
+
+    @property
+    def springs(self) -> list[Spring]:
+        """Every method at every spring."""
+        rows: list[Spring] = self.parts["springs"]
+        return rows
 
     def of(self, name: str) -> Result:
         """The result of that case."""
@@ -153,6 +192,22 @@ class Study:
         """The others."""
         return [result for result in self.results if result.case.stiff]
 
+    def head(self) -> dict[str, Any]:
+        """Programs and methods."""
+        return {
+            "quick": self.quick,
+            "peers": self.versions,
+            "not_compared": self.absent,
+            "errors_shown_above_reference_times": FAR,
+            "methods": [{"method": name, "order": expected(self, name)} for name in self.methods],
+        }
+
+    def provenance(self) -> list[tuple[str, str]]:
+        """Machine and programs."""
+        noisy = "noisy where other programs share the machine; errors, orders and drifts are the same in every run"
+        quick = [("quick", "fewer steps, tolerances and springs")] if self.quick else []
+        return [*super().provenance(), ("programs compared", ", ".join(self.versions) or "none"), ("times", noisy), *quick]
+
 
 def expected(study: Study, method: str) -> int:
     """The order of a method on smooth motion, by its makers."""
@@ -160,36 +215,29 @@ def expected(study: Study, method: str) -> int:
     return orders[method]
 
 
-def collect(reporter: Reporter, *, quick: bool = False) -> Study:
-    """Measures every case. With `quick`: fewer steps, tolerances and springs."""
-    date = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    effort = QUICK if quick else FULL
-    others, versions, absent = peers.installed()
-    with timing.one_thread():
-        chosen = cases.cases()
-        tick = reporter.stage("How long motion is comparable", 1)
-        seen = horizon.measure(chosen[0])
+def results(study: Study, reporter: Reporter) -> list[Result]:
+    """Measures every case. Quick: fewer steps and tolerances."""
+    effort = QUICK if study.quick else FULL
+    chosen = cases.cases()
+    tick = reporter.stage("References", len(chosen))
+    found = []
+    for case in chosen:
+        found.append(Result(case, reference(case, effort.followed)))
         tick()
-        study = Study(quick, date, machine.describe(), others, versions, absent, seen)
-        tick = reporter.stage("References", len(chosen))
-        for case in chosen:
-            study.results.append(Result(case, reference(case, effort.followed)))
-            tick()
-        tick = reporter.stage("Error against step", len(chosen))
-        for result in study.results:
-            _fixed(result, others, effort)
-            tick()
-        tick = reporter.stage("Adaptive methods", len(chosen))
-        for result in study.results:
-            result.adaptive += _adaptive(result.case, result.exact, effort)
-            tick()
-        tick = reporter.stage("Time of a step", len(chosen))
-        for result in study.results:
-            takes = [peer for peer in others if peer.name in result.points]
-            result.alone, result.batch = timing.times(result.case, takes, effort.turns)
-            tick()
-        study.springs += sweep.sweep(reporter, quick=quick)
-    return study
+    tick = reporter.stage("Error against step", len(chosen))
+    for result in found:
+        _fixed(result, study.peers, effort)
+        tick()
+    tick = reporter.stage("Adaptive methods", len(chosen))
+    for result in found:
+        result.adaptive += _adaptive(result.case, result.exact, effort)
+        tick()
+    tick = reporter.stage("Time of a step", len(chosen))
+    for result in found:
+        takes = [peer for peer in study.peers if peer.name in result.points]
+        result.alone, result.batch = timing.times(result.case, takes, effort.turns)
+        tick()
+    return found
 
 
 def _fixed(result: Result, others: Sequence[peers.Peer], effort: Effort) -> None:
@@ -269,75 +317,3 @@ def _solved(case: Case, exact: Exact, method: str, tolerance: float) -> Adaptive
     return Adaptive(
         method, tolerance, taken[0][1].steps, min(ns for ns, _ in taken), error, error >= FAR * exact.error
     )
-
-
-def number(value: float | None) -> float | None:
-    """A number that JSON can hold; None for NaN and infinities."""
-    return float(value) if value is not None and math.isfinite(value) else None
-
-
-def _numbers(values: Sequence[float] | Any) -> list[float | None]:
-    return [number(float(value)) for value in values]
-
-
-def _each(names: Sequence[str], of: Callable[[str], float | None]) -> dict[str, float | None]:
-    return {name: number(of(name)) for name in names}
-
-
-def to_json(study: Study) -> dict[str, Any]:
-    """All numbers; None where a run failed, with the reason."""
-    seen = study.horizon
-    return {
-        "format": 1,
-        "date": study.date,
-        "machine": study.machine,
-        "quick": study.quick,
-        "peers": list(study.versions),
-        "not_compared": list(study.absent),
-        "errors_shown_above_reference_times": FAR,
-        "methods": [{"method": name, "order": expected(study, name)} for name in study.methods],
-        "horizon": {
-            "case": study.results[0].case.name,
-            "seconds": seen.end,
-            "agreement": horizon.AGREED,
-            "t": _numbers(seen.t),
-            "growth": _numbers(seen.growth),
-            "difference_of_references": _numbers(seen.difference),
-            "step": 1.0 / horizon.SHOWN,
-            "errors": {name: _numbers(values) for name, values in seen.errors.items()},
-        },
-        "cases": [
-            {
-                "name": result.case.name,
-                "what": result.case.what,
-                "stiff": result.case.stiff,
-                "degrees_of_freedom": result.case.scene.nv,
-                "seconds": result.case.time,
-                "omega": number(result.case.omega),
-                "reference": {
-                    "by": result.exact.by, "beside": result.exact.beside, "error": result.exact.error,
-                    "rate_error": result.exact.rate_error, "smallest_error_shown": number(result.smallest()),
-                },
-                "orders": _each(list(result.points), result.order),
-                "rate_orders": _each(list(result.points), result.rate_order),
-                "drift_orders": {
-                    kind: _each(list(result.points), partial(result.drift_order, kind=kind)) for kind in Drift._fields
-                },
-                "ns_a_step": {"alone": _each(list(result.alone), result.alone.__getitem__),
-                              "batch": _each(list(result.batch), result.batch.__getitem__)},
-                "refused": result.refused,
-                "runs": [
-                    {"method": name, "steps": point.steps, "dt": point.dt, "error": number(point.error), "known": point.known,
-                     "rate_error": number(point.rate_error), "rate_known": point.rate_known,
-                     "energy_drift": number(point.drift.energy), "angular_momentum_drift": number(point.drift.angular),
-                     "linear_momentum_drift": number(point.drift.linear), "failure": point.failure}
-                    for name, points in result.points.items() for point in points
-                ],
-                "adaptive": [row._asdict() for row in result.adaptive],
-            }
-            for result in study.results
-        ],
-        "springs": [row._asdict() | {"errors": list(row.errors), "steps": list(sweep.STEPS)} for row in study.springs],
-    }  # fmt: skip
-
-

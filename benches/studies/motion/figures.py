@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from ..tables import Table
-from ..text import significant, time
+from phipsi.report.page import Table
+from phipsi.report.text import significant, time
 from . import order
 from .collect import Point, Result, Study
 from .runs import METHODS
@@ -34,7 +34,7 @@ def smooth_orders(study: Study) -> Table:
     """A row a method, a column a smooth scene."""
     names = [name for name in study.methods if any(name in result.points for result in study.smooth)]
     rows = [[name, *(_order_text(result.order(name)) for result in study.smooth)] for name in names]
-    return ("method", *(result.case.name for result in study.smooth)), rows
+    return Table(("method", *(result.case.name for result in study.smooth)), rows)
 
 
 def drift_orders(study: Study) -> Table:
@@ -43,7 +43,7 @@ def drift_orders(study: Study) -> Table:
     columns = [(result, "energy") for result in study.smooth] + [(tree, "angular"), (tree, "linear")]
     names = [name for name in study.methods if any(name in result.points for result in study.smooth)]
     rows = [[name, *(_order_text(result.drift_order(name, kind)) for result, kind in columns)] for name in names]
-    return ("method", *(f"{result.case.name}, {kind}" for result, kind in columns)), rows
+    return Table(("method", *(f"{result.case.name}, {kind}" for result, kind in columns)), rows)
 
 
 def adaptive_wins(study: Study) -> str:
@@ -100,7 +100,7 @@ def stiff_orders(study: Study, *, rates: bool = False) -> Table:
     """The order between 1 ms and 0.5 ms, and over the finest steps; of configurations, or of rates."""
     names = [name for name in study.methods if any(name in result.points for result in study.stiff)]
     rows = [[name, *(_stiff_cell(result, name, rates) for result in study.stiff)] for name in names]
-    return ("method", *(result.case.name for result in study.stiff)), rows
+    return Table(("method", *(result.case.name for result in study.stiff)), rows)
 
 
 def _needed(result: Result, method: str) -> str:
@@ -118,7 +118,7 @@ def largest_steps(study: Study) -> Table:
     """The largest step tried at which, and below which, no run fails."""
     names = [name for name in study.methods if any(name in result.points for result in study.stiff)]
     rows = [[name, *(_needed(result, name) for result in study.stiff)] for name in names]
-    return ("method", *(result.case.name for result in study.stiff)), rows
+    return Table(("method", *(result.case.name for result in study.stiff)), rows)
 
 
 def references(study: Study) -> Table:
@@ -128,7 +128,7 @@ def references(study: Study) -> Table:
         exact, smallest = result.exact, result.smallest()
         ratio = f"{smallest / exact.error:.0f}"
         rows.append([result.case.name, exact.by, exact.beside, error_text(exact.error), error_text(smallest), ratio])
-    return ("scene", "reference", "beside it", "difference", "smallest error shown", "times"), rows
+    return Table(("scene", "reference", "beside it", "difference", "smallest error shown", "times"), rows, 3)
 
 
 def scenes(study: Study) -> Table:
@@ -138,7 +138,7 @@ def scenes(study: Study) -> Table:
         case, omega = result.case, result.case.omega
         fastest = error_text(omega)
         rows.append([case.name, case.what, str(case.scene.nv), f"{case.time:g}", fastest])
-    return ("scene", "what", "degrees of freedom", "time, s", "fastest rate of springs or dampers, 1/s"), rows
+    return Table(("scene", "what", "degrees of freedom", "time, s", "fastest rate of springs or dampers, 1/s"), rows, 2)
 
 
 def step_times(study: Study) -> Table:
@@ -150,7 +150,7 @@ def step_times(study: Study) -> Table:
         return "–" if alone is None else time(alone) + (f" / {time(batch)}" if batch is not None else "")
 
     rows = [[name, *(cell(result, name) for result in study.smooth)] for name in names]
-    return ("method", *(result.case.name for result in study.smooth)), rows
+    return Table(("method", *(result.case.name for result in study.smooth)), rows)
 
 
 def _ratios(results: Sequence[Result], ours: Callable[[Result], float | None], theirs: Callable[[Result], float | None]) -> list[float]:
