@@ -10,6 +10,7 @@ import sysconfig
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ import numpy as np
 import phipsi
 
 from . import kinds
-from .timing import BATCH, Arguments, Once, in_turns, one_by_one, one_thread
+from .timing import BATCH, Arguments, in_turns, looped, one_by_one, threads
 
 FORMS = ("auto", "covariance")
 #: Robots of example-robot-data, below its folder robots/.
@@ -46,7 +47,7 @@ class Cost:
 def measured(scene: phipsi.Scene, drawn: kinds.Drawn, *, quick: bool = False) -> list[Cost]:
     """The cost of every kind, one state and the batch of `drawn`; without a kind whose states have no answer."""
     rows = []
-    with one_thread():
+    with threads(1):
         for kind in kinds.KINDS:
             states = kinds.state(scene, drawn, kind)
             for size, calls in ((1, one_by_one(states)), (len(drawn.q), [states])):
@@ -58,14 +59,8 @@ def measured(scene: phipsi.Scene, drawn: kinds.Drawn, *, quick: bool = False) ->
 
 
 def _cost(scene: phipsi.Scene, kind: str, size: int, calls: Sequence[Arguments], quick: bool) -> Cost:
-    def loop(form: str) -> Once:
-        def once() -> None:
-            for call in calls:
-                scene.forward_dynamics(*call, form=form)  # type: ignore[call-overload]
-
-        return once
-
-    times = in_turns([loop(form) for form in FORMS], quick) / (size * len(calls))
+    forms = [looped(partial(scene.forward_dynamics, form=form), calls) for form in FORMS]
+    times = in_turns(forms, quick) / (size * len(calls))
     auto, covariance = map(float, np.median(times, axis=0))
     return Cost(kind, size, auto, covariance, float(np.median(times[:, 0] / times[:, 1])))
 
@@ -132,20 +127,3 @@ def _is(row: Cost, kind: str, batch: bool) -> bool:
 #: What the tables show.
 TITLE = "forward_dynamics from Python, form auto over covariance (medians, one thread)"
 SIZES = {True: f"batches of {BATCH}", False: "one state a call"}
-
-
-def markdown(costs: Costs) -> str:
-    """Both tables as Markdown, with the times of the worst case, and what the kinds are."""
-    parts = [f"phipsi {phipsi.__version__}: {TITLE}"]
-    for batch, title in SIZES.items():
-        robots, rows = table(costs, batch)
-        lines = [[title, *robots], ["---"] + ["---:"] * len(robots), *rows]
-        parts.append("\n".join(f"| {' | '.join(line)} |" for line in lines))
-    every = [(row, base, robot) for (base, robot), rows in costs.items() for row in rows]
-    row, base, robot = max(every, key=lambda one: one[0].ratio)
-    size = f"a batch of {row.batch}" if row.batch > 1 else "one state a call"
-    parts.append(
-        f"Worst: {robot}, {base}, {row.kind}, {size}: auto {row.auto:.0f} ns a state, covariance {row.covariance:.0f}."
-    )
-    parts.append("\n".join(f"- {kind}: {meaning}" for kind, meaning in kinds.MEANING.items()))
-    return "\n\n".join(parts)

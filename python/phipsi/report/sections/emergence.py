@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _core, errors
-from .._core import RandomModel, Scene
-from . import machine, worker
-from .measure import DENSE_CAP
-from .progress import Reporter
-from .worker import Job
-
-Array = NDArray[np.float64]
+from ... import _core, errors
+from ..._core import RandomModel, Scene
+from .. import machine
+from ..pipeline import Missing
+from ..progress import Reporter
+from ..robot import DENSE_CAP, Array, Report, rust
+from ..timing import Of, threads
 
 PLAIN, SOBOL, SIGMA, RECURSION, DENSE = _core.ROUTES
 #: What is timed of each way, all in Rust: what it makes is made within the time, and dropped.
@@ -63,49 +63,66 @@ def cost(route: str, dimension: int, nv: int) -> float:
     return (16.0 if route == SOBOL else 8.0) * dimension + 0.2 * nv * nv
 
 
-@dataclass(frozen=True)
-class Slope:
+class Slope(NamedTuple):
     """The straight line through log error over log samples, by least squares."""
 
+    route: str
     measured: float
     standard_error: float
     theory: float
-    at_one: float
+    at_one_sample: float
     """Error where the line meets one sample."""
 
     def error(self, samples: float) -> float:
         """On the line."""
-        return self.at_one * float(samples**self.measured)
+        return self.at_one_sample * float(samples**self.measured)
 
 
-@dataclass(frozen=True)
-class Point:
+class Point(NamedTuple):
     """A way to M, with a number of samples where it takes one."""
 
     route: str
     samples: int | None
-    ns: float
-    """Median over the seeds, or of all passes."""
+    ns_median: float
+    """Over the seeds, or of all passes."""
     error: float
     """Frobenius norm over that of M; the root of the mean square over the seeds."""
 
+    @property
+    def of(self) -> Of:
+        """What is timed."""
+        return rust(CALLS[self.route])
 
-@dataclass(frozen=True)
-class Coverage:
+
+class Share(NamedTuple):
+    """How often something was so, and the standard error from the scatter of the seeds."""
+
+    share: float
+    standard_error: float
+
+
+class Covered(NamedTuple):
     """How often an interval held its entry; None without such entries."""
 
-    confidence: float
-    diagonal: tuple[float, float] | None
-    """Share, and its standard error from the scatter of the seeds."""
-    off_diagonal: tuple[float, float] | None
+    stated: float
+    diagonal: Share | None
+    off_diagonal: Share | None
 
 
-@dataclass(frozen=True)
-class Rate:
+class Coverage(NamedTuple):
+    """The same for every confidence, from estimates of so many samples, one a seed."""
+
+    samples: int
+    seeds: int
+    rows: list[Covered]
+
+
+class Rate(NamedTuple):
     """Samples a second of Monte Carlo, from q to its estimate of M."""
 
     threads: int
     samples: int
+    of: Of
     per_second: float
 
 
@@ -114,57 +131,56 @@ class Emergence:
     """What was measured at one state."""
 
     seeds: int
-    dimension: int | None = None
-    """Random numbers a sample."""
-    unit_error: float | None = None
+    random_numbers_a_sample: int | None = None
+    unit_error_in_theory: float | None = None
     """The error that theory expects of plain sampling, times the root of the number of samples."""
     points: list[Point] = field(default_factory=list)
-    slopes: dict[str, Slope] = field(default_factory=dict)
-    coverage: list[Coverage] = field(default_factory=list)
-    coverage_seeds: int = 0
-    rates: list[Rate] = field(default_factory=list)
+    slopes: list[Slope] = field(default_factory=list)
+    coverage: Coverage | None = None
+    samples_a_second: list[Rate] = field(default_factory=list)
 
-    @property
     def sampled(self) -> bool:
         """Whether anything was drawn."""
         return any(point.samples for point in self.points)
 
-    def of(self, route: str) -> list[Point]:
+    def along(self, route: str) -> list[Point]:
         """The points of one way, by number of samples."""
         return [point for point in self.points if point.route == route]
 
+    def slope(self, route: str) -> Slope | None:
+        """The line through them; None where there is none."""
+        return next((line for line in self.slopes if line.route == route), None)
 
-def measured(
-    scene: Scene, q: Array, seed: int, quick: bool, missing: dict[str, str], reporter: Reporter
-) -> Emergence | None:
-    """M every way at q; what cannot be had is noted in `missing`."""
+
+def collect(report: Report, reporter: Reporter) -> Emergence:
+    """M every way at the first state of a report."""
+    return measured(report.scene, report.states.q[0], report.seed, report.quick, report.missing, reporter)
+
+
+def measured(scene: Scene, q: Array, seed: int, quick: bool, missing: dict[str, str], reporter: Reporter) -> Emergence:
+    """M every way at q; of what cannot be had the reason is noted in `missing`. Raises Missing where nothing can."""
     if scene.nv > CAP:
-        missing["emergence"] = f"{scene.nv} degrees of freedom: M is not sampled beyond {CAP}."
-        return None
+        raise Missing(f"{scene.nv} degrees of freedom: M is not sampled beyond {CAP}.")
     matrix = scene.mass_matrix(q)
     if not np.any(matrix):
-        missing["emergence"] = "The mass matrix is zero at this state: there is nothing to estimate."
-        return None
+        raise Missing("The mass matrix is zero at this state: there is nothing to estimate.")
     effort = Effort.of(scene.nv, quick)
     model = _model(scene, q, missing)
     plan = _plan(scene, q, model, effort, missing)
     found = Emergence(effort.seeds)
+    with threads(1):
+        _errors(scene, q, seed, plan, found, reporter)
+    lines = (slope(found.along(route), theory) for route, theory in SAMPLED.items())
+    found.slopes = [line for line in lines if line is not None]
     if model is not None:
-        found.dimension = model.dimension
-        found.unit_error = _unit_error(matrix)
-    _errors(scene, q, seed, plan, found, reporter)
-    for route, theory in SAMPLED.items():
-        line = slope(found.of(route), theory)
-        if line is not None:
-            found.slopes[route] = line
-    if model is not None:
+        found.random_numbers_a_sample, found.unit_error_in_theory = model.dimension, unit_error(matrix)
         tick = reporter.stage("Coverage of intervals", len(CONFIDENCES))
-        found.coverage_seeds = effort.coverage_seeds
         seeds = _seeds(seed, 1, effort.coverage_seeds)
+        found.coverage = Coverage(COVERAGE_SAMPLES, effort.coverage_seeds, [])
         for confidence in CONFIDENCES:
-            found.coverage.append(_coverage(model, matrix, confidence, seeds))
+            found.coverage.rows.append(_covered(model, matrix, confidence, seeds))
             tick()
-        _rates(scene, q, effort, found, missing, reporter)
+        found.samples_a_second = _rates(scene, q, model, effort, missing, reporter)
     return found
 
 
@@ -213,33 +229,30 @@ def _plan(scene: Scene, q: Array, model: RandomModel | None, effort: Effort, mis
 
 
 def _errors(scene: Scene, q: Array, seed: int, ways: Sequence[_Way], found: Emergence, reporter: Reporter) -> None:
-    """Error and time of every way on one thread, in rounds so that a change of the machine's pace falls on all alike."""
+    """Error and time of every way, in rounds so that a change of the machine's pace falls on all alike."""
     rounds = found.seeds
     cases = [(way, n) for way in ways for n in way.sizes or (None,)]
     # Seeds of their own for each size: the same ones would begin with the same samples, and the errors would go together.
     seeds = _seeds(seed, 0, rounds * len(cases)).reshape(rounds, len(cases))
-    # Dense products of large scenes take seconds, and always give the same.
-    jobs = [
-        [Job(way.route, n or 1, int(one), way.repeats) for (way, n), one in zip(cases, row, strict=True)]
-        for row in seeds
-    ]
-    heavy = {way.route for way in ways if not way.sizes and way.repeats == 1}
-    jobs[1:] = [[job for job in row if job.route not in heavy] for row in jobs[1:]]
-    flat = [job for row in jobs for job in row]
-    tick = reporter.stage("M from the random model", len(flat))
-    answers: dict[tuple[str, int], list[tuple[float, float]]] = {}
-    for job, answer in zip(flat, worker.run(scene, q, flat, 1, tick), strict=True):
-        answers.setdefault((job.route, job.samples), []).append(answer)
-    for way, n in cases:
-        ns, error = np.array(answers[way.route, n or 1]).T
-        found.points.append(Point(way.route, n, float(np.median(ns)), float(np.sqrt(np.mean(error**2)))))
+    answers: dict[tuple[str, int | None], list[tuple[float, float]]] = {}
+    tick = reporter.stage("M from the random model", seeds.size)
+    for row in seeds:
+        for (way, n), one in zip(cases, row, strict=True):
+            known = answers.setdefault((way.route, n), [])
+            # Dense products of large scenes take seconds, and always give the same.
+            if not known or way.sizes or way.repeats > 1:
+                known.append(_core.emergence(scene, q, way.route, n or 1, int(one), way.repeats))
+            tick()
+    for (route, n), known in answers.items():
+        ns, error = np.array(known).T
+        found.points.append(Point(route, n, float(np.median(ns)), float(np.sqrt(np.mean(error**2)))))
 
 
 def _seeds(seed: int, purpose: int, count: int) -> NDArray[np.int64]:
     return np.random.default_rng((seed, purpose)).integers(0, 2**63, count)
 
 
-def _unit_error(matrix: Array) -> float:
+def unit_error(matrix: Array) -> float:
     """Of one sample: the variance of the product T_i T_j of centred normal numbers is M_ii M_jj + M_ij^2."""
     square = float(np.sum(matrix**2))
     return float(np.sqrt((float(np.trace(matrix)) ** 2 + square) / square))
@@ -256,10 +269,10 @@ def slope(points: Sequence[Point], theory: float) -> Slope | None:
     measured = float(middle @ y) / spread
     off = y - y.mean() - measured * middle
     standard_error = float(np.sqrt(off @ off / (len(points) - 2) / spread))
-    return Slope(measured, standard_error, theory, float(np.exp(y.mean() - measured * x.mean())))
+    return Slope(points[0].route, measured, standard_error, theory, float(np.exp(y.mean() - measured * x.mean())))
 
 
-def _coverage(model: RandomModel, matrix: Array, confidence: float, seeds: NDArray[np.int64]) -> Coverage:
+def _covered(model: RandomModel, matrix: Array, confidence: float, seeds: NDArray[np.int64]) -> Covered:
     """Over entries whose torques vary; a sum is over entries, its standard error over seeds, which are independent."""
     size = np.diagonal(matrix) > 0.0
     varies = np.outer(size, size)
@@ -271,33 +284,33 @@ def _coverage(model: RandomModel, matrix: Array, confidence: float, seeds: NDArr
         held.append((estimate.low <= matrix) & (matrix <= estimate.high))
     every = np.array(held)
 
-    def share(chosen: NDArray[np.bool_]) -> tuple[float, float] | None:
+    def share(chosen: NDArray[np.bool_]) -> Share | None:
         if not chosen.any():
             return None
         shares = every[:, chosen].mean(axis=1)
-        return float(shares.mean()), float(shares.std(ddof=1) / np.sqrt(len(shares)))
+        return Share(float(shares.mean()), float(shares.std(ddof=1) / np.sqrt(len(shares))))
 
-    return Coverage(confidence, share(diagonal & varies), share(~diagonal & varies))
+    return Covered(confidence, share(diagonal & varies), share(~diagonal & varies))
 
 
 def _rates(
-    scene: Scene, q: Array, effort: Effort, found: Emergence, missing: dict[str, str], reporter: Reporter
-) -> None:
-    """On one core and on all, the same samples, one process after the other."""
+    scene: Scene, q: Array, model: RandomModel, effort: Effort, missing: dict[str, str], reporter: Reporter
+) -> list[Rate]:
+    """On one thread and on as many as there are cores, the same samples."""
     repeats, cores = 3, machine.threads()
     pieces = effort.rate_pieces * cores
-    assert found.dimension is not None
-    piece = PIECE * cost(PLAIN, found.dimension, scene.nv) * (repeats + 2)
+    piece = PIECE * cost(PLAIN, model.dimension, scene.nv) * (repeats + 2)
     while pieces > cores and pieces * piece > effort.rate_ns:
         pieces //= 2
     if pieces * piece > 4 * effort.rate_ns:
-        missing["samples a second"] = (
-            f"{scene.nv} degrees of freedom: enough samples for {cores} threads take too long."
-        )
-        return
-    samples = pieces * PIECE
-    used = sorted({1, cores})
+        missing["samples a second"] = f"{scene.nv} degrees of freedom: enough samples for {cores} threads take too long."
+        return []
+    samples, used = pieces * PIECE, sorted({1, cores})
     tick = reporter.stage("Samples a second", len(used))
-    for threads in used:
-        ((ns, _),) = worker.run(scene, q, [Job(PLAIN, samples, 0, repeats)], threads, tick)
-        found.rates.append(Rate(threads, samples, samples / ns * 1e9))
+    rates = []
+    for count in used:
+        with threads(count):
+            ns, _ = _core.emergence(scene, q, PLAIN, samples, 0, repeats)
+        rates.append(Rate(count, samples, rust(CALLS[PLAIN]), samples / ns * 1e9))
+        tick()
+    return rates

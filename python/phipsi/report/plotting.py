@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import wraps
+from typing import Any, ParamSpec
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -18,10 +20,12 @@ from .labels import spread
 from .text import power
 
 Array = NDArray[np.float64]
+P = ParamSpec("P")
 
 #: By place in METHODS; apart for all kinds of colour vision.
 COLOURS = ("#0072b2", "#009e73", "#d55e00", "#aa3377", "#56b4e9", "#e69f00", "#4d4d4d")
-INK, FAINT = "#2b2f33", "#d9dde1"
+INK, SOFT, GREY, FAINT = "#2b2f33", "#6b7279", "#8a9199", "#d9dde1"
+DASHES = (0, (4, 3))
 #: Any, for the stubs of some versions of matplotlib list every key.
 STYLE: Any = {
     "font.family": "sans-serif",
@@ -29,7 +33,7 @@ STYLE: Any = {
     # Names of robots have underscores, which TeX does not take for what they are.
     "text.usetex": False,
     "text.color": INK,
-    "axes.edgecolor": "#8a9199",
+    "axes.edgecolor": GREY,
     "axes.labelcolor": INK,
     "axes.linewidth": 0.7,
     "axes.spines.top": False,
@@ -53,6 +57,17 @@ class Plot:
     png: bytes
 
 
+def styled(draw: Callable[P, tuple[str, Figure]]) -> Callable[P, Plot]:
+    """Has a function that gives a name and a figure draw in the style above, and makes a plot of them."""
+
+    @wraps(draw)
+    def drawn(*arguments: P.args, **options: P.kwargs) -> Plot:
+        with mpl.rc_context(STYLE):
+            return finished(*draw(*arguments, **options))
+
+    return drawn
+
+
 def finished(name: str, figure: Figure) -> Plot:
     """The figure as SVG and PNG."""
     svg, png = io.StringIO(), io.BytesIO()
@@ -63,11 +78,41 @@ def finished(name: str, figure: Figure) -> Plot:
     return Plot(name, text[text.index("<svg") :], png.getvalue())
 
 
+def panels(size: tuple[float, float], rows: int = 1, columns: int = 1, *, margins: Sequence[float], **options: Any) -> tuple[Figure, Any]:
+    """A figure of that size, inches, and its axes (rows, columns); margins: left, right, top and bottom edge, as shares of the figure."""
+    figure = Figure(figsize=size)
+    space = {key: options.pop(key) for key in ("wspace", "hspace") if key in options}
+    every = figure.subplots(rows, columns, squeeze=False, **options)
+    figure.subplots_adjust(**dict(zip(("left", "right", "top", "bottom"), margins, strict=True)), **space)
+    return figure, every
+
+
+def log_log(axes: Axes, title: str, ylabel: str, xlabel: str) -> None:
+    """Both axes logarithmic, with their names and a title."""
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_title(title, loc="left", fontsize=9.5, fontweight="bold")
+    axes.set_ylabel(ylabel)
+    axes.set_xlabel(xlabel)
+    axes.grid(axis="y", color=FAINT, lw=0.6)
+
+
+def level(axes: Axes, value: float) -> None:
+    """A dashed line across."""
+    axes.axhline(value, color=GREY, lw=0.8, ls=DASHES)
+
+
 def power_ticks(axis: Any, most: int) -> None:
     """Ticks at powers of ten, at most so many."""
-    axis.set_major_locator(LogLocator(numticks=most))
+    ticks(axis, lambda value: power(round(np.log10(value))), LogLocator(numticks=most))
+
+
+def ticks(axis: Any, name: Callable[[float], str], locator: Any = None) -> None:
+    """Ticks with names, where the locator wants them, and none between."""
+    if locator is not None:
+        axis.set_major_locator(locator)
     axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(FuncFormatter(lambda value, _: power(round(np.log10(value)))))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: name(value)))
 
 
 def time_axis(axes: Axes, low: float, high: float) -> None:
@@ -76,12 +121,11 @@ def time_axis(axes: Axes, low: float, high: float) -> None:
     axes.set_xlim(low, high)
     fine = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
     subs = fine if high / low < 12 else (1.0, 2.0, 5.0) if high / low < 300 else (1.0,)
-    axes.xaxis.set_major_locator(LogLocator(subs=subs))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: plain_time(value)))
+    ticks(axes.xaxis, plain_time, LogLocator(subs=subs))
 
 
 def plain_time(ns: float) -> str:
+    """A time with its unit, no more digits than it has."""
     for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)):
         if ns >= size * 0.999:
             return f"{ns / size:g} {unit}"
@@ -102,24 +146,11 @@ def direct_labels(axes: Axes, entries: Sequence[tuple[float, float, str, str]], 
     placed.sort()
     heights = spread([entry[0] for entry in placed], [gap] * len(placed), 0.0, 1.0)
     for (_, x, y, text, ink), height in zip(placed, heights, strict=True):
+        line = {"arrowstyle": "-", "color": ink, "lw": 0.6, "alpha": 0.55, "shrinkA": 2, "shrinkB": 5, "relpos": (0.0, 0.5)}
         axes.annotate(
-            text,
-            xy=(x, y),
-            xytext=(1.025, height),
-            textcoords="axes fraction",
-            va="center",
-            color=ink,
-            arrowprops={
-                "arrowstyle": "-",
-                "color": ink,
-                "lw": 0.6,
-                "alpha": 0.55,
-                "shrinkA": 2,
-                "shrinkB": 5,
-                "relpos": (0.0, 0.5),
-            },
+            text, xy=(x, y), xytext=(1.025, height), textcoords="axes fraction", va="center", color=ink, arrowprops=line,
             annotation_clip=False,
-        )
+        )  # fmt: skip
 
 
 def _room(point: Array, points: Sequence[Array]) -> bool:

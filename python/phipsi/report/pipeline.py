@@ -1,0 +1,182 @@
+"""The one way that every report is made: sections measure and draw, templates show; what was found becomes a page, Markdown and JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from .. import errors
+from . import machine
+from .page import Block, Box, Facts, Page
+from .plotting import Plot
+from .progress import Reporter, Silent
+
+
+class Missing(Exception):
+    """A section that cannot be had; the message says why, and stands in its place."""
+
+
+@dataclass
+class Findings:
+    """What every report knows of itself, and what its sections have found."""
+
+    quick: bool
+    parts: dict[str, Any] = field(default_factory=dict, kw_only=True)
+    """By section, as JSON has it: rows, or a mapping."""
+    missing: dict[str, str] = field(default_factory=dict, kw_only=True)
+    """Why a section, or a part of one, is empty."""
+    date: str = field(default_factory=lambda: datetime.now(timezone.utc).isoformat(timespec="seconds"), kw_only=True)
+    machine: dict[str, str | int | None] = field(default_factory=machine.describe, kw_only=True)
+
+    def head(self) -> dict[str, Any]:
+        """What stands in the JSON beside the sections."""
+        return {}
+
+    def boxes(self) -> list[Box]:
+        """The results in a few numbers, for the top of the page."""
+        return []
+
+    def provenance(self) -> list[tuple[str, str]]:
+        """What it was measured on and with."""
+        known = {key: "unknown" if value is None else str(value) for key, value in self.machine.items()}
+        commit = f", commit {known['commit']}" if self.machine["commit"] else ""
+        return [
+            ("processor", f"{known['cpu']}, {known['cores']} cores seen"),
+            ("system", known["os"]),
+            ("phipsi", known["phipsi"] + commit),
+            ("compiler", known["compiler"]),
+            ("Python, NumPy", f"{known['python']}, {known['numpy']}"),
+            ("date", self.date),
+        ]
+
+
+F = TypeVar("F", bound=Findings)
+
+
+@dataclass(frozen=True)
+class Section(Generic[F]):
+    """A part of a report. On the page it is its template, named after its key, or the blocks that it gives."""
+
+    key: str
+    title: str
+    collect: Callable[[F, Reporter], Any] | None = None
+    """Measures; raises Missing, or an error of phipsi, where it cannot be had."""
+    plots: Callable[[F], Iterable[Plot]] | None = None
+    blocks: Callable[[F], Sequence[Block]] | None = None
+    """None: the section has a template."""
+    shown: Callable[[F], Any] | None = None
+    """What its template gets beside the report: numbers put together for the page, and not in the JSON."""
+    empty: Any = None
+    """What the JSON has where the section is missing."""
+
+
+@dataclass(frozen=True)
+class Layout(Generic[F]):
+    """A kind of report."""
+
+    name: str
+    """The folder of its templates; the page itself is page.html there, and page.md where it has Markdown."""
+    numbers: str
+    """The name of its JSON."""
+    sections: Sequence[Section[F]]
+    templates: Sequence[Path] = ()
+    """Folders of templates beside those that ship."""
+
+
+def provenance() -> Section[Any]:
+    """The last section of every report."""
+    return Section("provenance", "How this was made", blocks=lambda found: [Facts(found.provenance())])
+
+
+def collect(layout: Layout[F], found: F, reporter: Reporter) -> F:
+    """Has every section measure, in their order; what cannot be had is noted in `missing`."""
+    for section in layout.sections:
+        if section.collect is not None:
+            found.parts[section.key] = section.empty
+            try:
+                found.parts[section.key] = section.collect(found, reporter)
+            except (Missing, errors.PhipsiError) as reason:
+                found.missing[section.key] = str(reason)
+    return found
+
+
+def to_json(layout: Layout[F], found: F) -> dict[str, Any]:
+    """All numbers of a report; None where a method failed and where a part is missing."""
+    about = {"format": 1, "date": found.date, "machine": found.machine, "missing": found.missing}
+    shown = {section.key: found.parts[section.key] for section in layout.sections if section.key in found.parts}
+    content: dict[str, Any] = plain(about | found.head() | shown)
+    return content
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it. Rows give their fields and properties, what is under `of` among them; NaN and infinities become None."""
+    if hasattr(value, "json"):
+        value = value.json()
+    if dataclasses.is_dataclass(value) or hasattr(value, "_asdict"):
+        kind = type(value)
+        names = value._fields if hasattr(value, "_asdict") else [one.name for one in dataclasses.fields(value)]
+        names = [*names, *(name for name, member in vars(kind).items() if isinstance(member, property))]
+        value = {name: getattr(value, name) for name in names if not name.startswith("_")}
+    if isinstance(value, Mapping):
+        row: dict[str, Any] = {}
+        for key, item in value.items():
+            row |= (plain(item) or {}) if key == "of" else {str(key).rstrip("_"): plain(item)}
+        return row
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def draw(layout: Layout[F], found: F, reporter: Reporter | None = None) -> list[Plot]:
+    """The plots of all sections that are there."""
+    drawing = [section for section in layout.sections if section.plots is not None and section.key not in found.missing]
+    tick = (reporter or Silent()).stage("Drawing", len(drawing))
+    plots: list[Plot] = []
+    for section in drawing:
+        assert section.plots is not None
+        plots += section.plots(found)
+        tick()
+    return plots
+
+
+def write(layout: Layout[F], found: F, folder: Path, plots: Sequence[Plot] | None = None, reporter: Reporter | None = None) -> Path:
+    """Writes index.html, the JSON and the plots into the folder, made where missing; returns the page's path."""
+    plots = draw(layout, found, reporter) if plots is None else plots
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(to_json(layout, found), indent=1, allow_nan=False, ensure_ascii=False)
+    (folder / layout.numbers).write_text(text + "\n", encoding="utf-8")
+    for plot in plots:
+        (folder / f"{plot.name}.svg").write_text(plot.svg, encoding="utf-8")
+        (folder / f"{plot.name}.png").write_bytes(plot.png)
+    index = folder / "index.html"
+    index.write_text(Page(layout, found, plots).render("page.html"), encoding="utf-8")
+    return index
+
+
+def write_markdown(layout: Layout[F], found: F, path: Path, plots: Sequence[Plot] | None = None) -> Path:
+    """Writes the page as Markdown, its plots beside it under its name; returns the path."""
+    plots = draw(layout, found) if plots is None else plots
+    path.parent.mkdir(parents=True, exist_ok=True)
+    for plot in plots:
+        (path.parent / f"{path.stem}-{plot.name}.png").write_bytes(plot.png)
+    path.write_text(Page(layout, found, plots, path.stem).render("page.md"), encoding="utf-8")
+    return path
+
+
+def write_both(
+    layout: Layout[F], found: F, folder: Path | None, markdown: Path | None, reporter: Reporter | None = None
+) -> list[Path]:
+    """The folder and the Markdown, each where asked for, with plots that are drawn once; returns the pages."""
+    plots = draw(layout, found, reporter)
+    pages = [write(layout, found, folder, plots)] if folder is not None else []
+    return [*pages, write_markdown(layout, found, markdown, plots)] if markdown is not None else pages

@@ -1,0 +1,91 @@
+"""Forward dynamics in the states that robots are in: what form auto costs there, and how right it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ... import _core, errors
+from ..._core import Scene
+from .. import auto_cost, kinds
+from ..kinds import Drawn
+from ..pipeline import Section
+from ..progress import Reporter
+from ..robot import FORWARD, Report, median
+from ..timing import Of
+
+
+class KindError(NamedTuple):
+    """Error of forward dynamics at states of one kind in one form, from Python.
+
+    Of each state the largest error of an acceleration over the largest acceleration, or over that of bias torque alone where this is
+    more: of what is held still nothing is left to be compared with.
+    """
+
+    median: float
+    worst: float
+
+
+class KindTime(NamedTuple):
+    """Forward dynamics at states of one kind, in one form and size of call."""
+
+    of: Of
+    meaning: str
+    ns_per_state: float
+    ns_over_covariance: float
+    error_median: float | None
+    error_max: float | None
+
+
+def kind_errors(scene: Scene, drawn: Drawn, count: int) -> dict[tuple[str, str], KindError]:
+    """The errors of the first `count` states against double-double, by kind and form ("auto" and "covariance")."""
+    found = {}
+    first = Drawn(drawn.q[:count], drawn.qd[:count], drawn.tau[:count], drawn.joint[:count])
+    for kind in kinds.KINDS:
+        q, qd, tau = kinds.state(scene, first, kind)
+        try:
+            exact = _core.reference(scene, q, qd, tau).toarray()
+            alone = scene.forward_dynamics(q, qd, np.zeros_like(tau))
+            answers = {form: scene.forward_dynamics(q, qd, tau, form=form) for form in auto_cost.FORMS}  # type: ignore[call-overload]
+        except errors.PhipsiError:
+            continue
+        scale = np.maximum(np.abs(exact), np.abs(alone)).max(axis=1)
+        for form, values in answers.items():
+            off = np.abs(values - exact).max(axis=1)
+            relative = np.divide(off, scale, out=np.zeros_like(off), where=off > 0.0)
+            found[kind, form] = KindError(median(relative), float(relative.max()))
+    return found
+
+
+def _collect(report: Report, reporter: Reporter) -> list[KindTime]:
+    if "calls" in report.missing:
+        return []
+    tick = reporter.stage("Form auto by kind of state", 2)
+    costs = auto_cost.measured(report.scene, report.batch, quick=report.quick)
+    tick()
+    errors_of = kind_errors(report.scene, report.batch, min(len(report.batch.q), report.effort.states))
+    tick()
+    rows = []
+    for cost in costs:
+        for form, ns, ratio in (("auto", cost.auto, cost.ratio), ("covariance", cost.covariance, 1.0)):
+            error = errors_of.get((cost.kind, form), (None, None))
+            of = Of("Python", FORWARD, form, cost.kind, cost.batch)
+            rows.append(KindTime(of, kinds.MEANING[cost.kind], ns, ratio, *error))
+    return rows
+
+
+def _shown(report: Report) -> Sequence[dict[str, Any]]:
+    """A row a kind that was measured in every form and size: auto and covariance, one state a call and a batch."""
+    rows: list[KindTime] = report.parts["kinds"]
+    found = []
+    for kind, meaning in kinds.MEANING.items():
+        mine = {(row.of.form, row.of.batch > 1): row for row in rows if row.of.states == kind}
+        if len(mine) == 4:
+            one, many, covariance = mine["auto", False], mine["auto", True], mine["covariance", True]
+            found.append({"kind": kind, "meaning": meaning, "one": one, "many": many, "covariance": covariance})
+    return found
+
+
+SECTION = Section("kinds", "The states that robots are in", _collect, shown=_shown, empty=[])
