@@ -175,4 +175,4 @@ def collect(reporter: Reporter, *, quick: bool = False, seed: int = 0) -> Compar
 
 def write(found: Compared, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None) -> list[Path]:
     """Writes the folder and the Markdown, each where asked for; returns the pages."""
-    return pipeline.write_both(COMPARED, found, folder, markdown, reporter)
+    return pipeline.write(COMPARED, found, folder, markdown, reporter)

@@ -205,7 +205,7 @@ class Counting:
 def test_times_from_python_are_of_public_calls() -> None:
     scene = Counting(arm())
     drawn = kinds.draw(arm(), 8, 0)
-    found = calls.measured(scene, drawn, True)  # type: ignore[arg-type]
+    found = calls.measured(scene, drawn, True, Silent())  # type: ignore[arg-type]
     assert {(row.of.call.split("(")[0].removeprefix("scene."), row.of.form) for row in found} == set(scene.seen)
     for sizes in scene.seen.values():
         # Warmed up, then timed: one state a call, and all of them.

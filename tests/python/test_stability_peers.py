@@ -58,12 +58,15 @@ def point(ours: float, theirs: float) -> Point:
         (1e-9, math.nan, 0),
     ],
 )
-def test_where_phipsi_is_worse_is_found(found: Compared, tmp_path: Path, ours: float, theirs: float, expected: int) -> None:
+def test_where_phipsi_is_worse_is_found(
+    found: Compared, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ours: float, theirs: float, expected: int
+) -> None:
+    monkeypatch.setattr(pipeline, "draw", lambda *_: [])
     peer = Other("Peer", "Peer 1", "#000000", lambda case, exact: Error(theirs, theirs))
     made = Compared(True, others=[peer], parts=found.parts | {"cases": [point(ours, theirs)]})
     rows = worse(made, ROOT)
     assert len(rows) == expected
-    text = pipeline.write_markdown(COMPARED, made, tmp_path / "numerics.md", []).read_text(encoding="utf-8")
+    text = pipeline.write(COMPARED, made, None, tmp_path / "numerics.md")[0].read_text(encoding="utf-8")
     assert text.index("Where phipsi is worse than a peer") < text.index("## Where the square-root form misses")
     assert ("| heavy-tip | Peer |" in text) == bool(expected)
 
@@ -120,9 +123,8 @@ def test_programs_that_are_not_there_are_named(monkeypatch: pytest.MonkeyPatch, 
     assert others == []
     assert [line.split(" is not installed")[0] for line in lines] == ["Pinocchio", "MuJoCo", "Drake", "dynibo"]
     made = Compared(True, others=others, absent=lines, parts=found.parts | {"cases": [point(1.0, 1.0)]})
-    markdown = pipeline.write_markdown(COMPARED, made, tmp_path / "n.md", [])
-    index = pipeline.write(COMPARED, made, tmp_path, [])
-    for text in (page.read_text(encoding="utf-8") for page in (markdown, index)):
+    monkeypatch.setattr(pipeline, "draw", lambda *_: [])
+    for text in (page.read_text(encoding="utf-8") for page in pipeline.write(COMPARED, made, tmp_path, tmp_path / "n.md")):
         assert text.index("pip install drake") < text.rindex("Where the square-root form misses")
     assert pipeline.to_json(COMPARED, made)["not_compared"] == lines
 

@@ -29,4 +29,4 @@ def to_json(study: Study) -> dict[str, Any]:
 
 def write(study: Study, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None) -> list[Path]:
     """Writes the folder and the Markdown, each where asked for; returns the pages."""
-    return pipeline.write_both(MOTION, study, folder, markdown, reporter)
+    return pipeline.write(MOTION, study, folder, markdown, reporter)

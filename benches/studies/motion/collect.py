@@ -218,25 +218,14 @@ def expected(study: Study, method: str) -> int:
 def results(study: Study, reporter: Reporter) -> list[Result]:
     """Measures every case. Quick: fewer steps and tolerances."""
     effort = QUICK if study.quick else FULL
-    chosen = cases.cases()
-    tick = reporter.stage("References", len(chosen))
-    found = []
-    for case in chosen:
-        found.append(Result(case, reference(case, effort.followed)))
-        tick()
-    tick = reporter.stage("Error against step", len(chosen))
-    for result in found:
+    found = [Result(case, reference(case, effort.followed)) for case in reporter.each("References", cases.cases())]
+    for result in reporter.each("Error against step", found):
         _fixed(result, study.peers, effort)
-        tick()
-    tick = reporter.stage("Adaptive methods", len(chosen))
-    for result in found:
+    for result in reporter.each("Adaptive methods", found):
         result.adaptive += _adaptive(result.case, result.exact, effort)
-        tick()
-    tick = reporter.stage("Time of a step", len(chosen))
-    for result in found:
+    for result in reporter.each("Time of a step", found):
         takes = [peer for peer in study.peers if peer.name in result.points]
         result.alone, result.batch = timing.times(result.case, takes, effort.turns)
-        tick()
     return found
 
 

@@ -96,9 +96,7 @@ def _references(study: Study) -> list[Block]:
 
 
 def _seen(study: Study, reporter: Reporter) -> horizon.Horizon:
-    tick = reporter.stage("How long motion is comparable", 1)
-    seen = horizon.measure(study.results[0].case)
-    tick()
+    (seen,) = map(horizon.measure, reporter.each("How long motion is comparable", [study.results[0].case]))
     return seen
 
 

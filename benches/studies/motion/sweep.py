@@ -52,13 +52,11 @@ def sweep(study: Findings, reporter: Reporter) -> list[Spring]:
     quick = study.quick
     chosen = [10.0 ** (e / 2) for e in (QUICK if quick else FULL)]
     pairs = [(k, rings) for k in chosen for rings in (False, True) if not rings or k <= RINGING[quick]]
-    tick = reporter.stage("Springs from soft to stiff", len(pairs))
     rows = []
-    for stiffness, rings in pairs:
+    for stiffness, rings in reporter.each("Springs from soft to stiff", pairs):
         case = cases.held(stiffness, ringing=rings)
         exact = ringing(case) if rings else reference(case, 20_000)
         rows += [_spring(case, exact, stiffness, method.name) for method in METHODS]
-        tick()
     return rows
 
 

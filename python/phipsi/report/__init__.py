@@ -37,4 +37,4 @@ def to_json(report: Report) -> dict[str, Any]:
 
 def write(report: Report, directory: Path, reporter: Reporter | None = None) -> Path:
     """Writes index.html, report.json and the plots into `directory`, made where missing; returns the page's path."""
-    return pipeline.write(ROBOT, report, directory, reporter=reporter)
+    return pipeline.write(ROBOT, report, directory, reporter=reporter)[0]

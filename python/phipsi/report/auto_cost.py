@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 import sysconfig
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -44,18 +44,21 @@ class Cost:
     """auto over covariance: median over the turns, in each of which one follows the other."""
 
 
-def measured(scene: phipsi.Scene, drawn: kinds.Drawn, *, quick: bool = False) -> list[Cost]:
-    """The cost of every kind, one state and the batch of `drawn`; without a kind whose states have no answer."""
-    rows = []
+def of_kind(scene: phipsi.Scene, drawn: kinds.Drawn, kind: str, quick: bool) -> list[Cost]:
+    """The cost of one kind, one state and the batch of `drawn`; without what has no answer."""
+    rows, states = [], kinds.state(scene, drawn, kind)
     with threads(1):
-        for kind in kinds.KINDS:
-            states = kinds.state(scene, drawn, kind)
-            for size, calls in ((1, one_by_one(states)), (len(drawn.q), [states])):
-                try:
-                    rows.append(_cost(scene, kind, size, calls, quick))
-                except phipsi.errors.PhipsiError:
-                    continue
+        for size, calls in ((1, one_by_one(states)), (len(drawn.q), [states])):
+            try:
+                rows.append(_cost(scene, kind, size, calls, quick))
+            except phipsi.errors.PhipsiError:
+                continue
     return rows
+
+
+def measured(scene: phipsi.Scene, drawn: kinds.Drawn, *, quick: bool = False) -> list[Cost]:
+    """The cost of every kind."""
+    return [row for kind in kinds.KINDS for row in of_kind(scene, drawn, kind, quick)]
 
 
 def _cost(scene: phipsi.Scene, kind: str, size: int, calls: Sequence[Arguments], quick: bool) -> Cost:
@@ -81,16 +84,18 @@ BASES = {"fixed base": False, "free base": True}
 
 
 def of_robots(
-    sources: Mapping[str, str | Path], *, quick: bool = False, seed: int = 0, tick: Callable[[], None] = lambda: None
+    sources: Mapping[str, str | Path],
+    *,
+    quick: bool = False,
+    seed: int = 0,
+    each: Callable[[Sequence[tuple[str, str]]], Iterable[tuple[str, str]]] = iter,
 ) -> dict[tuple[str, str], list[Cost]]:
-    """The costs on every robot (a path or URDF text by name), on a fixed and on a free base."""
+    """The costs on every robot (a path or URDF text by name), on a fixed and on a free base; `each` hands them out."""
     found = {}
-    for base, floating in BASES.items():
-        for name, source in sources.items():
-            scene = _on(source, floating)
-            if scene is not None and scene.nv:
-                found[base, name] = measured(scene, kinds.draw(scene, BATCH, seed), quick=quick)
-            tick()
+    for base, name in each([(base, name) for base in BASES for name in sources]):
+        scene = _on(sources[name], BASES[base])
+        if scene is not None and scene.nv:
+            found[base, name] = measured(scene, kinds.draw(scene, BATCH, seed), quick=quick)
     return found
 
 
@@ -112,16 +117,9 @@ def table(costs: Costs, batch: bool) -> tuple[list[str], list[list[str]]]:
     rows = []
     for base in dict.fromkeys(base for base, _ in costs):
         for kind in kinds.KINDS:
-            cells = [
-                next((f"{row.ratio:.2f}" for row in costs.get((base, robot), ()) if _is(row, kind, batch)), "–")
-                for robot in robots
-            ]
-            rows.append([f"{base}, {kind}", *cells])
+            wanted = [[row for row in costs.get((base, robot), ()) if (row.kind, row.batch > 1) == (kind, batch)] for robot in robots]
+            rows.append([f"{base}, {kind}", *(f"{found[0].ratio:.2f}" if found else "–" for found in wanted)])
     return robots, rows
-
-
-def _is(row: Cost, kind: str, batch: bool) -> bool:
-    return row.kind == kind and (row.batch > 1) is batch
 
 
 #: What the tables show.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import click
@@ -41,21 +42,16 @@ def _typed_errors() -> Iterator[None]:
 
 
 def _load(robot: Path | None, floating_base: bool) -> tuple[Scene, str, str, list[str]]:
-    """Scene, name, source and warnings."""
+    """Scene, name, source and warnings, of which the first are shown."""
     with warnings.catch_warnings(record=True) as caught, _typed_errors():
         warnings.simplefilter("always")
-        source = _core.BUNDLED_ARM if robot is None else robot
-        scene = Scene.from_urdf(source, floating_base=floating_base)
+        scene = Scene.from_urdf(_core.BUNDLED_ARM if robot is None else robot, floating_base=floating_base)
     texts = [str(one.message) for one in caught]
+    for text in [f"warning: {text}" for text in texts[:3]] + [f"and {len(texts) - 3} more warnings"] * (len(texts) > 3):
+        terminal.line(Console(stderr=True), text, "yellow")
     if robot is None:
         return scene, BUNDLED, "assets/puma560.urdf, in the wheel", texts
     return scene, robot.stem, str(robot), texts
-
-
-def _warn(console: Console, texts: list[str]) -> None:
-    shown = [f"warning: {text}" for text in texts[:3]] + [f"and {len(texts) - 3} more warnings"] * (len(texts) > 3)
-    for text in shown:
-        console.print(text, style="yellow", highlight=False, markup=False, soft_wrap=True)
 
 
 ROBOT = click.argument("robot", metavar="[ROBOT.urdf]", required=False, type=click.Path(path_type=Path))
@@ -122,7 +118,6 @@ def report(
         return
     assert output is not None
     scene, name, source, texts = _load(robot, floating_base)
-    _warn(console, texts)
     with _typed_errors(), reporter(console) as says:
         output.mkdir(parents=True, exist_ok=True)
         found = collect(scene, says, name=name, source=source, warnings=texts, quick=quick, count=count, seed=seed)
@@ -147,16 +142,13 @@ def check(robot: Path | None, floating_base: bool, count: int, seed: int) -> Non
     bundled arm. Exit code 1: a residual is beyond its bound; 2: bad input, or a robot that cannot be checked.
     """
     console = Console(width=None if Console().is_terminal else 110)
-    scene, name, _, texts = _load(robot, floating_base)
-    _warn(Console(stderr=True), texts)
+    scene, name, _, _ = _load(robot, floating_base)
     if scene.nv == 0:
         click.echo(f"{name}: nothing moves, nothing to check")
         return
     drawn = Report(True, name, "", scene, seed, count)
     if scene.nv > DENSE_CAP:
-        raise BadInput(
-            f"scene: {scene.nv} degrees of freedom found; expected at most {DENSE_CAP}, for the dense comparison"
-        )
+        raise BadInput(f"scene: {scene.nv} degrees of freedom found; expected at most {DENSE_CAP}, for the dense comparison")
     with _typed_errors(), reporter(Console(stderr=True)) as says:
         rows = residuals.residuals(scene, drawn.states, drawn.conditions, says)
     terminal.residuals(console, rows)
@@ -179,12 +171,11 @@ def bench(robots: tuple[Path, ...], floating_base: bool, quick: bool, seed: int)
     arm. A quick look, on one thread; `cargo bench` and `make peers` in the repository measure properly.
     """
     console = Console()
-    scene, name, _, texts = _load(robots[0] if robots else None, floating_base)
-    _warn(Console(stderr=True), texts)
+    scene, name, _, _ = _load(robots[0] if robots else None, floating_base)
     drawn = Report(True, name, "", scene, seed)
     with _typed_errors():
         if 0 < scene.nv <= DENSE_CAP:
-            terminal.calls(console, f"{name}, random states, one thread", calls.measured(scene, drawn.batch, quick))
+            terminal.calls(console, f"{name}, random states, one thread", calls.measured(scene, drawn.batch, quick, Silent()))
             rows = accuracy.accuracy(scene, drawn.states, _core.METHODS, 3 if quick else 5, Silent())
             title = f"{name}, {drawn.effort.states} random states, Scene::evaluate in Rust, one state a call"
             terminal.accuracy(console, title, rows)
@@ -196,8 +187,8 @@ def bench(robots: tuple[Path, ...], floating_base: bool, quick: bool, seed: int)
             stems = [robot.stem for robot in robots]
             sources = {robot.stem if stems.count(robot.stem) == 1 else str(robot): robot for robot in robots}
         with reporter(Console(stderr=True)) as says:
-            tick = says.stage("Form auto by kind of state", len(auto_cost.BASES) * len(sources))
-            costs = auto_cost.of_robots(sources, quick=quick, seed=seed, tick=tick)
+            each = partial(says.each, "Form auto by kind of state")
+            costs = auto_cost.of_robots(sources, quick=quick, seed=seed, each=each)
         if costs:
             terminal.auto_costs(console, costs)
         terminal.growth(console, growth.growth((7, 10, 100, 1000, 10_000), drawn.effort.growth_repeats, Silent()))

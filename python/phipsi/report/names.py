@@ -12,25 +12,10 @@ from matplotlib.text import Text
 LONGEST = 36
 #: Families that have what DejaVu lacks, tried before all others that are installed.
 PREFERRED = (
-    "Noto Sans CJK JP",
-    "Noto Sans CJK SC",
-    "Noto Sans CJK KR",
-    "Source Han Sans",
-    "WenQuanYi Micro Hei",
-    "WenQuanYi Zen Hei",
-    "Droid Sans Fallback",
-    "IPAexGothic",
-    "Hiragino Sans",
-    "PingFang SC",
-    "Apple SD Gothic Neo",
-    "Microsoft YaHei",
-    "Yu Gothic",
-    "Malgun Gothic",
-    "Noto Emoji",
-    "Symbola",
-    "Segoe UI Symbol",
-    "Unifont",
-)
+    "Noto Sans CJK JP", "Noto Sans CJK SC", "Noto Sans CJK KR", "Source Han Sans", "WenQuanYi Micro Hei", "WenQuanYi Zen Hei",
+    "Droid Sans Fallback", "IPAexGothic", "Hiragino Sans", "PingFang SC", "Apple SD Gothic Neo", "Microsoft YaHei", "Yu Gothic",
+    "Malgun Gothic", "Noto Emoji", "Symbola", "Segoe UI Symbol", "Unifont",
+)  # fmt: skip
 #: Fonts that have pictures or boxes for everything, which is no help.
 UNUSABLE = ("color", "last resort", "lastresort")
 

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from .pipeline import Layout
 
 
+#: Unit roundoff of float64.
+EPS = float(np.finfo(np.float64).eps)
+
+
 class Table(NamedTuple):
     """Rows of text under a head."""
 
@@ -54,14 +58,6 @@ class Facts(NamedTuple):
 Block: TypeAlias = "str | Table | Figure | Heading | Code | Facts"
 
 
-class Box(NamedTuple):
-    """A number at the top of the page, and what it says."""
-
-    top: str
-    text: str
-    good: bool = True
-
-
 class Page:
     """What the templates of one report are filled with."""
 
@@ -80,7 +76,7 @@ class Page:
         self._templates.filters.update(FILTERS)
         self._templates.globals.update(
             report=found, parts=found.parts, missing=found.missing, sections=layout.sections, plots=self._plots,
-            show=self._show, stem=stem, numbers=layout.numbers,
+            show=self._show, stem=stem, numbers=layout.numbers, eps=EPS,
         )  # fmt: skip
 
     def render(self, name: str) -> str:
@@ -118,6 +114,7 @@ FILTERS: dict[str, Callable[..., Any]] = {
     "count": text.count,
     "minus": text.minus,
     "plural": text.plural,
+    "power": text.power,
     "scientific": text.scientific,
     "significant": text.significant,
     "symbols": text.symbols,

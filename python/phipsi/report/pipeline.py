@@ -15,7 +15,7 @@ import numpy as np
 
 from .. import errors
 from . import machine
-from .page import Block, Box, Facts, Page
+from .page import Block, Facts, Page
 from .plotting import Plot
 from .progress import Reporter, Silent
 
@@ -39,10 +39,6 @@ class Findings:
     def head(self) -> dict[str, Any]:
         """What stands in the JSON beside the sections."""
         return {}
-
-    def boxes(self) -> list[Box]:
-        """The results in a few numbers, for the top of the page."""
-        return []
 
     def provenance(self) -> list[tuple[str, str]]:
         """What it was measured on and with."""
@@ -140,43 +136,28 @@ def plain(value: Any) -> Any:
 def draw(layout: Layout[F], found: F, reporter: Reporter | None = None) -> list[Plot]:
     """The plots of all sections that are there."""
     drawing = [section for section in layout.sections if section.plots is not None and section.key not in found.missing]
-    tick = (reporter or Silent()).stage("Drawing", len(drawing))
-    plots: list[Plot] = []
-    for section in drawing:
-        assert section.plots is not None
-        plots += section.plots(found)
-        tick()
-    return plots
+    return [plot for section in (reporter or Silent()).each("Drawing", drawing) for plot in section.plots(found)]  # type: ignore[misc]
 
 
-def write(layout: Layout[F], found: F, folder: Path, plots: Sequence[Plot] | None = None, reporter: Reporter | None = None) -> Path:
-    """Writes index.html, the JSON and the plots into the folder, made where missing; returns the page's path."""
-    plots = draw(layout, found, reporter) if plots is None else plots
-    folder.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(to_json(layout, found), indent=1, allow_nan=False, ensure_ascii=False)
-    (folder / layout.numbers).write_text(text + "\n", encoding="utf-8")
-    for plot in plots:
-        (folder / f"{plot.name}.svg").write_text(plot.svg, encoding="utf-8")
-        (folder / f"{plot.name}.png").write_bytes(plot.png)
-    index = folder / "index.html"
-    index.write_text(Page(layout, found, plots).render("page.html"), encoding="utf-8")
-    return index
-
-
-def write_markdown(layout: Layout[F], found: F, path: Path, plots: Sequence[Plot] | None = None) -> Path:
-    """Writes the page as Markdown, its plots beside it under its name; returns the path."""
-    plots = draw(layout, found) if plots is None else plots
-    path.parent.mkdir(parents=True, exist_ok=True)
-    for plot in plots:
-        (path.parent / f"{path.stem}-{plot.name}.png").write_bytes(plot.png)
-    path.write_text(Page(layout, found, plots, path.stem).render("page.md"), encoding="utf-8")
-    return path
-
-
-def write_both(
-    layout: Layout[F], found: F, folder: Path | None, markdown: Path | None, reporter: Reporter | None = None
+def write(
+    layout: Layout[F], found: F, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None
 ) -> list[Path]:
-    """The folder and the Markdown, each where asked for, with plots that are drawn once; returns the pages."""
+    """Writes index.html, the JSON and the plots into the folder, and Markdown with the plots beside it, each where asked for; gives the pages."""
     plots = draw(layout, found, reporter)
-    pages = [write(layout, found, folder, plots)] if folder is not None else []
-    return [*pages, write_markdown(layout, found, markdown, plots)] if markdown is not None else pages
+    pages = []
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(to_json(layout, found), indent=1, allow_nan=False, ensure_ascii=False)
+        (folder / layout.numbers).write_text(text + "\n", encoding="utf-8")
+        for plot in plots:
+            (folder / f"{plot.name}.svg").write_text(plot.svg, encoding="utf-8")
+            (folder / f"{plot.name}.png").write_bytes(plot.png)
+        pages.append(folder / "index.html")
+        pages[-1].write_text(Page(layout, found, plots).render("page.html"), encoding="utf-8")
+    if markdown is not None:
+        markdown.parent.mkdir(parents=True, exist_ok=True)
+        for plot in plots:
+            (markdown.parent / f"{markdown.stem}-{plot.name}.png").write_bytes(plot.png)
+        pages.append(markdown)
+        markdown.write_text(Page(layout, found, plots, markdown.stem).render("page.md"), encoding="utf-8")
+    return pages

@@ -115,13 +115,18 @@ def ticks(axis: Any, name: Callable[[float], str], locator: Any = None) -> None:
     axis.set_major_formatter(FuncFormatter(lambda value, _: name(value)))
 
 
+def fine_ticks(axis: Any, reach: float, name: Callable[[float], str]) -> None:
+    """Ticks of a logarithmic axis from its low end to so many times that: the finer, the less this is."""
+    finest, fine = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
+    subs = finest if reach < 3 else fine if reach < 12 else (1.0, 2.0, 5.0) if reach < 300 else (1.0,)
+    ticks(axis, name, LogLocator(subs=subs))
+
+
 def time_axis(axes: Axes, low: float, high: float) -> None:
     """A logarithmic axis of times in ns, ticks at 1, 2, 5."""
     axes.set_xscale("log")
     axes.set_xlim(low, high)
-    fine = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
-    subs = fine if high / low < 12 else (1.0, 2.0, 5.0) if high / low < 300 else (1.0,)
-    ticks(axes.xaxis, plain_time, LogLocator(subs=subs))
+    fine_ticks(axes.xaxis, high / low, plain_time)
 
 
 def plain_time(ns: float) -> str:

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from .. import _core
 from .._core import Scene
 from . import kinds
-from .page import Box
 from .pipeline import Findings, Missing
 from .states import States, draw
 from .structure import Tree, tree_of
-from .text import plural, significant, time
+from .text import plural
 from .timing import BATCH, TURNS, Of
 
 Array = NDArray[np.float64]
@@ -138,24 +137,6 @@ class Report(Findings):
         effort = self.effort
         counts = {"count": effort.states, "for_residuals": effort.residual_states, "seed": self.seed, "quick": self.quick}
         return {"passed": self.passed, "states": counts}
-
-    def boxes(self) -> list[Box]:
-        """Time of a call, its error, identities that hold."""
-        found = []
-        row, one, rows = self.accuracy(AUTO), self.forward(batch=False), self.parts["residuals"]
-        if one is not None:
-            found.append(Box(time(one.ns_per_state), "a call from Python: joint accelerations of one state, form auto, one core"))
-        if row is not None:
-            median, worst = (significant(error / EPS["float64"], 2) for error in (row.error_median, row.error_max))
-            words = f"median error of those accelerations over {plural(len(row.errors), 'random state')} (worst {worst} eps); eps = 2.2 × 10⁻¹⁶"
-            found.append(Box(f"{median} eps", words))
-        if rows:
-            words = f"identities of the theory hold to rounding on this robot, at {plural(self.effort.residual_states, 'random state')}"
-            found.append(Box(f"{len(rows) - len(self.beyond)} of {len(rows)}", words, self.passed))
-        rank = (self.parts["condition"] or {"rank": self.scene.nv})["rank"]
-        if len(found) < 3 and rank < self.scene.nv:
-            found.append(Box(f"{rank} of {self.scene.nv}", "rank of the mass matrix: some joints move no mass", False))
-        return found
 
     def provenance(self) -> list[tuple[str, str]]:
         """Machine, states and passes."""

@@ -81,14 +81,13 @@ def accuracy(scene: Scene, states: States, methods: Sequence[str], repeats: int,
 
     The time is the median over the rounds of each round's median of `repeats` passes.
     """
-    tick = reporter.stage("Error against run time", ROUNDS)
     reference = _core.reference(scene, *states.arrays)
     cases = [(method, precision) for precision in PRECISIONS for method in methods]
-    rounds = []
     # In rounds, so that a change of the machine's pace falls on all methods alike.
-    for _ in range(ROUNDS):
-        rounds.append([_core.measure(scene, *case, *states.arrays, reference, repeats) for case in cases])
-        tick()
+    rounds = [
+        [_core.measure(scene, *case, *states.arrays, reference, repeats) for case in cases]
+        for _ in reporter.each("Error against run time", range(ROUNDS))
+    ]
     times = np.median([[ns for ns, _ in row] for row in rounds], axis=0)
     return [Accuracy(*case, float(ns), errors) for case, ns, (_, errors) in zip(cases, times, rounds[-1], strict=True)]
 

@@ -53,13 +53,13 @@ def _calls(scene: Scene) -> list[_Call]:
     return found
 
 
-def measured(scene: Scene, drawn: Drawn, quick: bool) -> list[CallTime]:
+def measured(scene: Scene, drawn: Drawn, quick: bool, reporter: Reporter) -> list[CallTime]:
     """Every call at the random states, in turns: one state a call, and a batch. Without a call that a form refuses."""
     states = kinds.state(scene, drawn, kinds.RANDOM)
     rows = []
     with threads(1):
         usable = [call for call in _calls(scene) if _answers(call, states)]
-        for is_batch in (False, True):
+        for is_batch in reporter.each("What calls take", (False, True)):
             sized = [_sized(scene, call, states, is_batch) for call in usable]
             loops = [looped(call.run, arguments) for call, (_, arguments) in zip(usable, sized, strict=True)]
             times = np.median(in_turns(loops, quick), axis=0)
@@ -87,10 +87,7 @@ def _sized(scene: Scene, call: _Call, states: Arguments, is_batch: bool) -> tupl
 
 
 def _collect(report: Report, reporter: Reporter) -> list[CallTime]:
-    tick = reporter.stage("What calls take", 1)
-    rows = measured(report.scene, report.batch, report.quick)
-    tick()
-    return rows
+    return measured(report.scene, report.batch, report.quick, reporter)
 
 
 SECTION = Section("calls", "What a call takes", _collect, empty=[])

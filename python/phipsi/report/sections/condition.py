@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 
 from ..pipeline import Section
-from ..plotting import Plot, direct_labels, level, panels, power_ticks, styled, ticks
+from ..plotting import Plot, direct_labels, fine_ticks, level, panels, power_ticks, styled, ticks
 from ..progress import Reporter
 from ..robot import EPS, Array, Report
 from ..text import power, scientific, symbols
@@ -55,8 +55,7 @@ def error_against_condition(rows: Sequence[Accuracy], conditions: Array) -> tupl
     if high / low > 30:
         power_ticks(axes.xaxis, 8)
     else:
-        subs = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if high / low > 3 else (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9)
-        ticks(axes.xaxis, scientific, LogLocator(subs=subs))
+        fine_ticks(axes.xaxis, high / low, scientific)
     ticks(axes.yaxis, _units)
     axes.set_xlabel("condition number of M at the state")
     axes.set_ylabel("error in units of eps")

@@ -166,20 +166,17 @@ def measured(scene: Scene, q: Array, seed: int, quick: bool, missing: dict[str, 
         raise Missing("The mass matrix is zero at this state: there is nothing to estimate.")
     effort = Effort.of(scene.nv, quick)
     model = _model(scene, q, missing)
-    plan = _plan(scene, q, model, effort, missing)
+    cases = _cases(scene, q, model, effort, missing)
     found = Emergence(effort.seeds)
     with threads(1):
-        _errors(scene, q, seed, plan, found, reporter)
+        found.points = _errors(scene, q, seed, cases, effort.seeds, reporter)
     lines = (slope(found.along(route), theory) for route, theory in SAMPLED.items())
     found.slopes = [line for line in lines if line is not None]
     if model is not None:
         found.random_numbers_a_sample, found.unit_error_in_theory = model.dimension, unit_error(matrix)
-        tick = reporter.stage("Coverage of intervals", len(CONFIDENCES))
         seeds = _seeds(seed, 1, effort.coverage_seeds)
-        found.coverage = Coverage(COVERAGE_SAMPLES, effort.coverage_seeds, [])
-        for confidence in CONFIDENCES:
-            found.coverage.rows.append(_covered(model, matrix, confidence, seeds))
-            tick()
+        rows = [_covered(model, matrix, confidence, seeds) for confidence in reporter.each("Coverage of intervals", CONFIDENCES)]
+        found.coverage = Coverage(COVERAGE_SAMPLES, effort.coverage_seeds, rows)
         found.samples_a_second = _rates(scene, q, model, effort, missing, reporter)
     return found
 
@@ -192,19 +189,19 @@ def _model(scene: Scene, q: Array, missing: dict[str, str]) -> RandomModel | Non
         return None
 
 
-@dataclass(frozen=True)
-class _Way:
+class _Case(NamedTuple):
+    """A way, with a number of samples where it takes one, and how often it is timed."""
+
     route: str
-    sizes: tuple[int, ...]
-    """Empty for a way without samples."""
+    samples: int | None
     repeats: int
 
 
-def _plan(scene: Scene, q: Array, model: RandomModel | None, effort: Effort, missing: dict[str, str]) -> list[_Way]:
-    """The ways that this scene can be asked for."""
+def _cases(scene: Scene, q: Array, model: RandomModel | None, effort: Effort, missing: dict[str, str]) -> list[_Case]:
+    """What this scene can be asked for."""
     nv = scene.nv
     passes = 301 if nv <= 12 else 31 if nv <= 60 else 3
-    ways = []
+    found = []
     if model is not None:
         for route in SAMPLED:
             try:
@@ -214,38 +211,34 @@ def _plan(scene: Scene, q: Array, model: RandomModel | None, effort: Effort, mis
                 continue
             # The core computes M thrice for one time and one error.
             sample = 3.0 * effort.seeds * cost(route, model.dimension, nv)
-            sizes = tuple(n for n in effort.sizes if n * sample <= effort.size_ns)
-            if sizes:
-                ways.append(_Way(route, sizes, 1))
-            else:
+            sizes = [_Case(route, n, 1) for n in effort.sizes if n * sample <= effort.size_ns]
+            if not sizes:
                 missing[route] = f"{nv} degrees of freedom: even {effort.sizes[0]} samples take too long."
-        ways.append(_Way(SIGMA, (), passes))
-    ways.append(_Way(RECURSION, (), passes))
+            found += sizes
+        found.append(_Case(SIGMA, None, passes))
+    found.append(_Case(RECURSION, None, passes))
     if nv <= DENSE_CAP:
-        ways.append(_Way(DENSE, (), passes if nv <= 60 else 1))
+        found.append(_Case(DENSE, None, passes if nv <= 60 else 1))
     else:
         missing[DENSE] = f"{nv} degrees of freedom: nothing dense is built beyond {DENSE_CAP}."
-    return ways
+    return found
 
 
-def _errors(scene: Scene, q: Array, seed: int, ways: Sequence[_Way], found: Emergence, reporter: Reporter) -> None:
-    """Error and time of every way, in rounds so that a change of the machine's pace falls on all alike."""
-    rounds = found.seeds
-    cases = [(way, n) for way in ways for n in way.sizes or (None,)]
+def _errors(scene: Scene, q: Array, seed: int, cases: Sequence[_Case], rounds: int, reporter: Reporter) -> list[Point]:
+    """Error and time of every case, in rounds so that a change of the machine's pace falls on all alike."""
     # Seeds of their own for each size: the same ones would begin with the same samples, and the errors would go together.
-    seeds = _seeds(seed, 0, rounds * len(cases)).reshape(rounds, len(cases))
-    answers: dict[tuple[str, int | None], list[tuple[float, float]]] = {}
-    tick = reporter.stage("M from the random model", seeds.size)
-    for row in seeds:
-        for (way, n), one in zip(cases, row, strict=True):
-            known = answers.setdefault((way.route, n), [])
-            # Dense products of large scenes take seconds, and always give the same.
-            if not known or way.sizes or way.repeats > 1:
-                known.append(_core.emergence(scene, q, way.route, n or 1, int(one), way.repeats))
-            tick()
-    for (route, n), known in answers.items():
+    seeds = _seeds(seed, 0, rounds * len(cases))
+    answers: dict[_Case, list[tuple[float, float]]] = {}
+    for case, one in reporter.each("M from the random model", list(zip([*cases] * rounds, seeds, strict=True))):
+        known = answers.setdefault(case, [])
+        # Dense products of large scenes take seconds, and always give the same.
+        if not known or case.samples or case.repeats > 1:
+            known.append(_core.emergence(scene, q, case.route, case.samples or 1, int(one), case.repeats))
+    found = []
+    for case, known in answers.items():
         ns, error = np.array(known).T
-        found.points.append(Point(route, n, float(np.median(ns)), float(np.sqrt(np.mean(error**2)))))
+        found.append(Point(case.route, case.samples, float(np.median(ns)), float(np.sqrt(np.mean(error**2)))))
+    return found
 
 
 def _seeds(seed: int, purpose: int, count: int) -> NDArray[np.int64]:
@@ -262,14 +255,9 @@ def slope(points: Sequence[Point], theory: float) -> Slope | None:
     """The line of least squares through log error over log samples; None below three points, or where an error is zero."""
     if len(points) < 3 or not all(point.error > 0.0 for point in points):
         return None
-    x = np.log([float(point.samples or 1) for point in points])
-    y = np.log([point.error for point in points])
-    middle = x - x.mean()
-    spread = float(middle @ middle)
-    measured = float(middle @ y) / spread
-    off = y - y.mean() - measured * middle
-    standard_error = float(np.sqrt(off @ off / (len(points) - 2) / spread))
-    return Slope(points[0].route, measured, standard_error, theory, float(np.exp(y.mean() - measured * x.mean())))
+    samples, found = np.array([(float(point.samples or 1), point.error) for point in points]).T
+    (measured, at_one), covariance = np.polyfit(np.log(samples), np.log(found), 1, cov=True)
+    return Slope(points[0].route, float(measured), float(np.sqrt(covariance[0, 0])), theory, float(np.exp(at_one)))
 
 
 def _covered(model: RandomModel, matrix: Array, confidence: float, seeds: NDArray[np.int64]) -> Covered:
@@ -298,19 +286,15 @@ def _rates(
 ) -> list[Rate]:
     """On one thread and on as many as there are cores, the same samples."""
     repeats, cores = 3, machine.threads()
-    pieces = effort.rate_pieces * cores
     piece = PIECE * cost(PLAIN, model.dimension, scene.nv) * (repeats + 2)
-    while pieces > cores and pieces * piece > effort.rate_ns:
-        pieces //= 2
+    # As many as work should allow, and one a thread at least; no clock decides.
+    pieces = cores * max(1, min(effort.rate_pieces, int(effort.rate_ns / piece / cores)))
     if pieces * piece > 4 * effort.rate_ns:
         missing["samples a second"] = f"{scene.nv} degrees of freedom: enough samples for {cores} threads take too long."
         return []
-    samples, used = pieces * PIECE, sorted({1, cores})
-    tick = reporter.stage("Samples a second", len(used))
     rates = []
-    for count in used:
+    for count in reporter.each("Samples a second", sorted({1, cores})):
         with threads(count):
-            ns, _ = _core.emergence(scene, q, PLAIN, samples, 0, repeats)
-        rates.append(Rate(count, samples, rust(CALLS[PLAIN]), samples / ns * 1e9))
-        tick()
+            ns, _ = _core.emergence(scene, q, PLAIN, pieces * PIECE, 0, repeats)
+        rates.append(Rate(count, pieces * PIECE, rust(CALLS[PLAIN]), pieces * PIECE / ns * 1e9))
     return rates

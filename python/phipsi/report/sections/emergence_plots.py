@@ -13,8 +13,8 @@ from matplotlib.ticker import LogLocator
 from ..pipeline import Section
 from ..plotting import COLOURS, DASHES, INK, SOFT, Plot, direct_labels, level, panels, power_ticks, styled, ticks, time_axis
 from ..robot import EPS, Report
-from ..text import count, minus, power, scientific, significant, time
-from .emergence import DENSE, PLAIN, RECURSION, SAMPLED, SIGMA, SOBOL, Emergence, Point, collect
+from ..text import minus, power, scientific, time
+from .emergence import DENSE, PLAIN, RECURSION, SAMPLED, SIGMA, SOBOL, Emergence, Point, Slope, collect
 
 #: By way, apart for all kinds of colour vision; names as the page has them.
 INKS = {PLAIN: COLOURS[2], SOBOL: COLOURS[0], SIGMA: COLOURS[1], RECURSION: COLOURS[3], DENSE: SOFT}
@@ -73,7 +73,7 @@ def _curve(axes: Axes, found: Emergence, route: str) -> tuple[float, float, str,
         return x[-1], y[-1], NAMES[route], ink
     # The time is proportional to the number of samples but for the setup, which bends the curve where they are few.
     axes.plot(x, y[-1] * (x / x[-1]) ** line.measured, color=ink, lw=0.9, ls=DASHES, alpha=0.7)
-    return x[-1], y[-1], f"{NAMES[route]}\nslope {_slope(found, route)} (dashed)", ink
+    return x[-1], y[-1], f"{NAMES[route]}\nslope {_slope(line)} (dashed)", ink
 
 
 def _exact(axes: Axes, points: Sequence[Point]) -> None:
@@ -91,9 +91,8 @@ def _exact(axes: Axes, points: Sequence[Point]) -> None:
         )  # fmt: skip
 
 
-def _slope(found: Emergence, route: str, digits: int = 2) -> str:
-    line = found.slope(route)
-    return minus(f"{line.measured:.{digits}f} ± {line.standard_error:.{digits}f}") if line else ""
+def _slope(line: Slope) -> str:
+    return minus(f"{line.measured:.2f} ± {line.standard_error:.2f}")
 
 
 @styled
@@ -123,7 +122,7 @@ def _line(axes: Axes, found: Emergence, route: str) -> tuple[float, float, str, 
     if line is None:
         return n[-1], _floor(points[-1].error), NAMES[route], ink
     axes.plot(n, [line.error(one) for one in n], "-", color=ink, lw=1.2)
-    text = f"{NAMES[route]}\nslope {_slope(found, route)}\ntheory {THEORY[route]}"
+    text = f"{NAMES[route]}\nslope {_slope(line)}\ntheory {THEORY[route]}"
     if route == PLAIN and found.unit_error_in_theory is not None:
         # Where theory knows the error itself, and not its slope alone.
         axes.plot(n, found.unit_error_in_theory / np.sqrt(n), color=INK, lw=0.9, ls=DASHES)
@@ -139,24 +138,11 @@ def _plots(report: Report) -> Iterable[Plot]:
 
 
 def _shown(report: Report) -> dict[str, Any]:
+    """A row a way, at its largest number of samples where it takes one; and what is missing."""
     found: Emergence = report.parts["emergence"]
-    (recursion,) = found.along(RECURSION)
-    ways = [_way(found, points[-1], recursion) for route in INKS if (points := found.along(route))]
-    needed = None
-    if found.unit_error_in_theory is not None and found.along(SIGMA):
-        needed = power(round(2.0 * np.log10(found.unit_error_in_theory / EPS["float64"])))
-    return {"ways": ways, "needed": needed, "absent": {t: report.missing[part] for part, t in PARTS.items() if part in report.missing}}
-
-
-def _way(found: Emergence, point: Point, recursion: Point) -> dict[str, Any]:
-    """A row of the table: a way at its largest number of samples where it takes one."""
-    route, times = point.route, point.ns_median / recursion.ns_median
-    samples = count(point.samples) if point.samples else ""
-    if route == SIGMA and found.random_numbers_a_sample is not None:
-        samples = f"{count(2 * found.random_numbers_a_sample)} points"
-    ratio = f"{significant(times, 3 if times < 1000.0 else 2)} ×"
-    cells = [samples, time(point.ns_median), ratio, scientific(point.error), _slope(found, route, 3), THEORY.get(route, "exact")]
-    return {"name": NAMES[route], "ink": INKS[route], "cells": cells}
+    ways = [(NAMES[route], ink, points[-1], THEORY.get(route, "exact")) for route, ink in INKS.items() if (points := found.along(route))]
+    absent = {title: report.missing[part] for part, title in PARTS.items() if part in report.missing}
+    return {"ways": ways, "recursion": found.along(RECURSION)[0].ns_median, "absent": absent}
 
 
 SECTION = Section("emergence", "The mass matrix emerges", collect, _plots, shown=_shown)

@@ -43,13 +43,10 @@ class Row(NamedTuple):
 
 def growth(sizes: Sequence[int], repeats: int, reporter: Reporter) -> dict[str, Any]:
     """Time a body of forward and inverse dynamics, by number of bodies."""
-    tick = reporter.stage("Growth with size", ROUNDS * len(sizes))
     best = np.full((len(sizes), len(TIMED)), np.inf)
     # Other load only ever adds time, and rarely to the same size twice: the least of the rounds' medians.
-    for _ in range(ROUNDS):
-        for row, bodies in zip(best, sizes, strict=True):
-            np.minimum(row, _core.growth(bodies, repeats), out=row)
-            tick()
+    for row, bodies in reporter.each("Growth with size", list(zip(best, sizes, strict=True)) * ROUNDS):
+        np.minimum(row, _core.growth(bodies, repeats), out=row)
     rows = [Row(bodies, *map(float, times)) for bodies, times in zip(sizes, best, strict=True)]
     spreads = {f"{kind}_max_over_min": spread([row.of(kind) for row in rows]) for kind in TIMED}
     return {"rows": rows, **{kind: rust(call, form, "chain") for kind, (_, call, form) in TIMED.items()}, **spreads}
@@ -57,14 +54,11 @@ def growth(sizes: Sequence[int], repeats: int, reporter: Reporter) -> dict[str, 
 
 def operators(repeats: int, reporter: Reporter) -> dict[str, Any]:
     """Time a body of applying every operator and its transpose (a star), by number of bodies."""
-    tick = reporter.stage("Operators on chains", ROUNDS * len(OPERATOR_SIZES))
     best: dict[str, list[float]] = {}
-    for _ in range(ROUNDS):
-        for at, bodies in enumerate(OPERATOR_SIZES):
-            for name, ns in _core.operator_growth(bodies, repeats):
-                times = best.setdefault(name, [float("inf")] * len(OPERATOR_SIZES))
-                times[at] = min(times[at], ns)
-            tick()
+    for at, bodies in reporter.each("Operators on chains", list(enumerate(OPERATOR_SIZES)) * ROUNDS):
+        for name, ns in _core.operator_growth(bodies, repeats):
+            times = best.setdefault(name, [float("inf")] * len(OPERATOR_SIZES))
+            times[at] = min(times[at], ns)
     rows = [{"name": name, "ns_per_body": times, "max_over_min": spread(times)} for name, times in best.items()]
     return {"of": rust("Operator::apply, Operator::apply_transpose", "auto", "chain"), "bodies": OPERATOR_SIZES, "rows": rows}
 

@@ -39,40 +39,34 @@ class KindTime(NamedTuple):
     error_max: float | None
 
 
-def kind_errors(scene: Scene, drawn: Drawn, count: int) -> dict[tuple[str, str], KindError]:
-    """The errors of the first `count` states against double-double, by kind and form ("auto" and "covariance")."""
+def kind_errors(scene: Scene, drawn: Drawn, kind: str, count: int) -> dict[str, KindError]:
+    """The errors of the first `count` states against double-double, by form ("auto" and "covariance"); empty where they have no answer."""
+    q, qd, tau = (values[:count] for values in kinds.state(scene, drawn, kind))
+    try:
+        exact = _core.reference(scene, q, qd, tau).toarray()
+        alone = scene.forward_dynamics(q, qd, np.zeros_like(tau))
+        answers = {form: scene.forward_dynamics(q, qd, tau, form=form) for form in auto_cost.FORMS}  # type: ignore[call-overload]
+    except errors.PhipsiError:
+        return {}
+    scale = np.maximum(np.abs(exact), np.abs(alone)).max(axis=1)
     found = {}
-    first = Drawn(drawn.q[:count], drawn.qd[:count], drawn.tau[:count], drawn.joint[:count])
-    for kind in kinds.KINDS:
-        q, qd, tau = kinds.state(scene, first, kind)
-        try:
-            exact = _core.reference(scene, q, qd, tau).toarray()
-            alone = scene.forward_dynamics(q, qd, np.zeros_like(tau))
-            answers = {form: scene.forward_dynamics(q, qd, tau, form=form) for form in auto_cost.FORMS}  # type: ignore[call-overload]
-        except errors.PhipsiError:
-            continue
-        scale = np.maximum(np.abs(exact), np.abs(alone)).max(axis=1)
-        for form, values in answers.items():
-            off = np.abs(values - exact).max(axis=1)
-            relative = np.divide(off, scale, out=np.zeros_like(off), where=off > 0.0)
-            found[kind, form] = KindError(median(relative), float(relative.max()))
+    for form, values in answers.items():
+        off = np.abs(values - exact).max(axis=1)
+        relative = np.divide(off, scale, out=np.zeros_like(off), where=off > 0.0)
+        found[form] = KindError(median(relative), float(relative.max()))
     return found
 
 
 def _collect(report: Report, reporter: Reporter) -> list[KindTime]:
     if "calls" in report.missing:
         return []
-    tick = reporter.stage("Form auto by kind of state", 2)
-    costs = auto_cost.measured(report.scene, report.batch, quick=report.quick)
-    tick()
-    errors_of = kind_errors(report.scene, report.batch, min(len(report.batch.q), report.effort.states))
-    tick()
     rows = []
-    for cost in costs:
-        for form, ns, ratio in (("auto", cost.auto, cost.ratio), ("covariance", cost.covariance, 1.0)):
-            error = errors_of.get((cost.kind, form), (None, None))
-            of = Of("Python", FORWARD, form, cost.kind, cost.batch)
-            rows.append(KindTime(of, kinds.MEANING[cost.kind], ns, ratio, *error))
+    for kind in reporter.each("Form auto by kind of state", kinds.KINDS):
+        errors_of = kind_errors(report.scene, report.batch, kind, report.effort.states)
+        for cost in auto_cost.of_kind(report.scene, report.batch, kind, report.quick):
+            for form, ns, ratio in (("auto", cost.auto, cost.ratio), ("covariance", cost.covariance, 1.0)):
+                of = Of("Python", FORWARD, form, kind, cost.batch)
+                rows.append(KindTime(of, kinds.MEANING[kind], ns, ratio, *errors_of.get(form, (None, None))))
     return rows
 
 

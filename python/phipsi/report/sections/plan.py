@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,13 +13,9 @@ from ..._core import Omission, Scene
 from .. import kinds
 from ..pipeline import Section
 from ..progress import Reporter
-from ..robot import FORWARD, Array, Report, median
+from ..robot import FORWARD, Report
 from ..states import States
-from ..timing import Of, threads
-
-#: Each pair is timed this often, in turns.
-TURNS = 15
-
+from ..timing import TURNS, Of, Once, in_turns, looped, threads
 
 class Times(NamedTuple):
     """Forward dynamics in covariance form from Python on one thread, all states in one call, ns a state, medians.
@@ -34,10 +29,6 @@ class Times(NamedTuple):
     """As the scene is, or by the factor."""
     ns_off: float | None
     """With this switch off, or without the factor."""
-
-
-#: Does something once; gives ns a state.
-Timer = Callable[[], float]
 
 
 def without(scene: Scene, switch: str) -> Scene:
@@ -59,14 +50,14 @@ def measured(scene: Scene, states: States) -> dict[str, Times]:
             pair = _pair(scene, states, item)
             if pair is None:
                 continue
-            call, on, off = pair
+            call, count, *loops = pair
             try:
-                rows = [(on(), off()) for _ in range(TURNS)]
+                times = np.median(in_turns(loops, True), axis=0) / count
             except errors.PhipsiError:
                 continue
             at = f"{kinds.RANDOM}, qd = 0" if (item.switch or "").startswith("zero_") else kinds.RANDOM
             of = Of("Python", call, "covariance", at, len(states))
-            found[name_of(item)] = Times(of, *(median(times) for times in np.array(rows).T))
+            found[name_of(item)] = Times(of, *map(float, times))
     return found
 
 
@@ -75,41 +66,28 @@ def name_of(item: Omission) -> str:
     return item.switch or item.what
 
 
-def _pair(scene: Scene, states: States, item: Omission) -> tuple[str, Timer, Timer] | None:
-    """What is timed for an item: the call, ns a state with this left out, and without."""
+def _pair(scene: Scene, states: States, item: Omission) -> tuple[str, int, Once, Once] | None:
+    """What is timed for an item: the call, of how many states, with this left out, and without."""
     if item.switch is not None:
         # Two of the switches are for calls at rest.
         here = replace(states, qd=np.zeros_like(states.qd)) if item.switch.startswith("zero_") else states
-        return FORWARD, _forward(scene, here), _forward(without(scene, item.switch), here)
+        return FORWARD, len(here), _forward(scene, here), _forward(without(scene, item.switch), here)
     if "share q" in item.what:
         factor = scene.factor(states.q[0], form="covariance")
         here = replace(states, q=np.broadcast_to(states.q[0], states.q.shape))
-        return f"factor.solve(tau) beside {FORWARD}", _clocked(lambda: factor.solve(here.tau), len(here)), _forward(scene, here)
+        return f"factor.solve(tau) beside {FORWARD}", len(here), looped(factor.solve, [(here.tau,)]), _forward(scene, here)
     if "last joint alone" in item.what:
         # There and back, so that each call moves it.
         step = np.zeros(scene.nv)
         step[-1] = 0.1
-        both = np.array([states.q[0], scene.integrate(states.q[0], step)])
-        moving = scene.factor(both[1], form="covariance")
-        return (
-            "factor.update(q) beside scene.factor(q)",
-            _clocked(lambda: [moving.update(q) for q in both], 2),
-            _clocked(lambda: [scene.factor(q, form="covariance") for q in both], 2),
-        )
+        both = [(states.q[0],), (scene.integrate(states.q[0], step),)]
+        moving, anew = scene.factor(*both[1], form="covariance"), partial(scene.factor, form="covariance")
+        return "factor.update(q) beside scene.factor(q)", len(both), looped(moving.update, both), looped(anew, both)
     return None
 
 
-def _forward(scene: Scene, states: States) -> Timer:
-    return _clocked(lambda: scene.forward_dynamics(*states.arrays, form="covariance"), len(states))
-
-
-def _clocked(call: Callable[[], object], states: int) -> Timer:
-    def once() -> float:
-        start = time.perf_counter_ns()
-        call()
-        return (time.perf_counter_ns() - start) / states
-
-    return once
+def _forward(scene: Scene, states: States) -> Once:
+    return looped(partial(scene.forward_dynamics, form="covariance"), [states.arrays])
 
 
 def _collect(report: Report, _: Reporter) -> dict[str, Any]:
@@ -124,4 +102,4 @@ def _collect(report: Report, _: Reporter) -> dict[str, Any]:
     return {"bodies": plan.bodies, "links": plan.links, "items": items}
 
 
-SECTION = Section("plan", "Left out", _collect, shown=lambda _: TURNS)
+SECTION = Section("plan", "Left out", _collect, shown=lambda _: TURNS[True])

@@ -48,12 +48,10 @@ def residuals(scene: Scene, states: States, conditions: Array, reporter: Reporte
     """Every identity at every state, against its bound; `conditions`: cond(M) of each state."""
     values: dict[str, list[float]] = {}
     grows: dict[str, bool] = {}
-    tick = reporter.stage("Residuals", len(states))
-    for q, qd, tau in zip(*states.arrays, strict=True):
+    for q, qd, tau in reporter.each("Residuals", list(zip(*states.arrays, strict=True))):
         for name, value, through_inverse in _core.residuals(scene, q, qd, tau):
             values.setdefault(name, []).append(value)
             grows[name] = through_inverse
-        tick()
     by_size = np.full(len(states), SLACK * scene.nv * EPS["float64"])
     # The condition number of a small matrix may be below its size, and so the sums of nv terms decide.
     by_condition = np.maximum(by_size, SLACK * conditions * EPS["float64"])

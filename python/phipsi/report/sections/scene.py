@@ -14,7 +14,7 @@ from ..plotting import Plot
 from ..progress import Reporter
 from ..robot import Report
 from ..structure import Row
-from ..text import count, significant
+from ..text import significant
 
 #: A tree with more rows than this is cut short.
 MOST_ROWS = 400
@@ -41,22 +41,10 @@ def _plots(report: Report) -> list[Plot]:
 
 
 def _shown(report: Report) -> dict[str, Any]:
-    scene, tree = report.scene, report.tree
-    rows = list(tree.rows())
-    facts = [
-        ("joints that move", ", ".join(f"{number} {kind}" for kind, number in tree.kinds.items()) or "none"),
-        ("fixed joints, merged", count(len(tree.joints) - len(tree.movable))),
-        ("coordinates", f"{count(scene.nq)} (q), {count(scene.nv)} (qd)"),
-        ("links given", count(scene.plan().links)),
-        ("moving bodies", count(scene.plan().bodies)),
-        ("total mass", f"{significant(tree.mass, 4)} kg"),
-        ("gravity", f"({', '.join(f'{g:g}' for g in scene.gravity)}) m/s²".replace("-", "−")),
-        ("source", Path(report.source).name),
-    ]
+    rows = list(report.tree.rows())
     return {
-        "facts": facts,
-        "pose": draw.pose(scene, tree)[1],
-        "root": tree.links.get(tree.root),
+        "pose": draw.pose(report.scene, report.tree)[1],
+        "source": Path(report.source).name,
         "rows": [_row(row) for row in rows[:MOST_ROWS]],
         "more": max(len(rows) - MOST_ROWS, 0),
         "inks": {"turn": TURN, "slide": SLIDE, "free": FREE},

@@ -44,4 +44,4 @@ def to_json(found: Stability) -> dict[str, Any]:
 
 def write(found: Stability, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None) -> list[Path]:
     """Writes index.html, stability.json and the plots into the folder, and the page as Markdown, where asked for; returns the pages."""
-    return pipeline.write_both(STABILITY, found, folder, markdown, reporter)
+    return pipeline.write(STABILITY, found, folder, markdown, reporter)

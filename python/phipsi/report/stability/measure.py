@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,15 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import _core, errors, scenes
-from ..page import Box
 from ..pipeline import Findings
 from ..progress import Reporter
-from ..text import plural, scientific
+from ..robot import PRECISIONS
 
 Array = NDArray[np.float64]
 
 COVARIANCE, ROOT, LDLT, CHOLESKY = _core.FORMS
-PRECISIONS = ("float64", "float32")
 #: Draws of each sensitivity.
 DRAWS = 3
 #: States of each case at each value.
@@ -177,19 +174,19 @@ class Stability(Findings):
         """States, and what was compared."""
         return {"quick": self.quick, "seeds": list(self.seeds), "peers": [other.version for other in self.others]}
 
-    def boxes(self) -> list[Box]:
-        """The largest error of the two forms over all cases, and how often the square-root form misses its aim."""
-        found = []
-        for method in (ROOT, COVARIANCE):
-            norms = [point.errors[method, "float64"].norm for point in self.points]
-            largest = max((norm for norm in norms if math.isfinite(norm)), default=math.nan)
-            good = all(norm <= point.aim.norm for norm, point in zip(norms, self.points, strict=True))
-            text = f"largest max-norm error of the {method} over {plural(len(norms), 'state')} in float64"
-            found.append(Box(scientific(largest), text, good))
+    def keeps(self, method: str) -> bool:
+        """Whether the method keeps to the aim everywhere in the max-norm."""
+        return all(point.errors[method, "float64"].norm <= point.aim.norm for point in self.points)
+
+    def largest(self, method: str) -> float:
+        """The method's largest error in the max-norm, where it did not fail."""
+        return worst([point.errors[method, "float64"] for point in self.points]).norm
+
+    @property
+    def missed(self) -> set[str]:
+        """The cases where the square-root form misses its aim in either norm."""
         roots = [(point, point.errors[ROOT, "float64"]) for point in self.points]
-        missed = {point.name for point, own in roots if not (own.norm <= point.aim.norm and own.component <= point.aim.component)}
-        text = f"of {len(self.names)} cases where the square-root form misses its aim: 1e-13, component by component 1e-12, or 20 times the sensitivity"
-        return [*found, Box(str(len(missed)), text, not missed)]
+        return {point.name for point, own in roots if not (own.norm <= point.aim.norm and own.component <= point.aim.component)}
 
     def provenance(self) -> list[tuple[str, str]]:
         """Machine, states and programs."""
@@ -223,13 +220,8 @@ def _is_singular(case: scenes.Extreme) -> bool:
 
 def cases(found: Stability, reporter: Reporter) -> list[Point]:
     """The error of every method on every case that is not singular."""
-    tick = reporter.stage("Error of every method", len(found.scenes))
-    points = []
-    for seed, case in found.scenes:
-        if not _is_singular(case):
-            points.append(_point(case, seed, found.others))
-        tick()
-    return points
+    chosen = [(case, seed) for seed, case in found.scenes if not _is_singular(case)]
+    return [_point(case, seed, found.others) for case, seed in reporter.each("Error of every method", chosen)]
 
 
 def _point(case: scenes.Extreme, seed: int, others: Sequence[Other]) -> Point:
@@ -252,28 +244,22 @@ def singular(found: Stability, _: Reporter) -> str:
 
 def timed(found: Stability, reporter: Reporter) -> list[Timed]:
     """Time and error of every form on a few cases."""
-    tick = reporter.stage("Error against run time", len(TIMED))
     rows = []
-    for name, value in TIMED:
+    for name, value in reporter.each("Error against run time", TIMED):
         exact = exact_of(scenes.extreme(name, value, seed=found.seed))
         for precision in PRECISIONS:
             for method in _core.FORMS:
                 # The least of some medians: other load only ever adds time.
                 ns = min(exact.time(method, precision, 200 if found.quick else 2000) for _ in range(5))
                 rows.append(Timed(name, value, method, precision, ns, *_own(exact, method, precision)))
-        tick()
     return rows
 
 
 def recursions(found: Stability, reporter: Reporter) -> list[Recursion]:
     """The error of the other recursions, on scenes that are not large; and of inverse dynamics in free fall."""
-    chosen = [case for seed, case in found.scenes if case.scene.nv <= 100 and seed < found.seed + 2]
-    tick = reporter.stage("Inverse dynamics, bias and mass matrix", len(chosen))
-    rows = []
-    for case in chosen:
-        rows += [_recursion(quantity, case) for quantity in _core.QUANTITIES[1:]]
-        tick()
-    return [*rows, *_falling()]
+    small = [case for seed, case in found.scenes if case.scene.nv <= 100 and seed < found.seed + 2]
+    chosen = [(quantity, case) for case in small for quantity in _core.QUANTITIES[1:]]
+    return [_recursion(*one) for one in reporter.each("Inverse dynamics, bias and mass matrix", [*chosen, *_falling()])]
 
 
 def _recursion(quantity: str, case: scenes.Extreme) -> Recursion:
@@ -282,13 +268,13 @@ def _recursion(quantity: str, case: scenes.Extreme) -> Recursion:
     return Recursion(quantity, case.name, case.value, *_own(exact, ROOT, "float64"), sensitivity)
 
 
-def _falling() -> list[Recursion]:
+def _falling() -> list[tuple[str, scenes.Extreme]]:
     """A floating base that falls freely but for a small acceleration: gravity against it cancels in inverse dynamics."""
-    rows = []
+    falls = []
     case = scenes.extreme("far-base", 1.0)
     fall = np.zeros(case.scene.nv)
     fall[:3] = case.scene.placements(case.q)["base"][:3, :3].T @ case.scene.gravity
     for small in (1.0, 1e-3, 1e-6, 1e-9, 1e-12):
         state = {"qd": 1e-3 * np.sqrt(small) * case.qd, "tau": fall + small * case.tau}
-        rows.append(_recursion("inverse dynamics", case._replace(name="free fall", value=small, **state)))
-    return rows
+        falls.append(("inverse dynamics", case._replace(name="free fall", value=small, **state)))
+    return falls

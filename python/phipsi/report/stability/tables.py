@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 from ... import scenes
 from ..page import Block, Code, Figure, Heading, Table, flowed
+from ..robot import PRECISIONS
 from ..text import plural, time
-from .measure import COVARIANCE, PRECISIONS, ROOT, TIMED, Error, Point, Recursion, Stability
+from .measure import COVARIANCE, ROOT, TIMED, Error, Point, Recursion, Stability
 
 CAPTIONS = {
     "error-against-tip-mass": "Eight links, the last one heavier and heavier.",
