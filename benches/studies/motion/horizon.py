@@ -43,8 +43,8 @@ class Horizon:
     def json(self) -> dict[str, Any]:
         """All numbers, with what was asked for."""
         return {
-            "case": self.case, "seconds": self.end, "agreement": AGREED, "t": self.t, "growth": self.growth, "difference_of_references": self.difference,
-            "step": 1.0 / SHOWN, "errors": self.errors,
+            "case": self.case, "seconds": self.end, "agreement": AGREED, "t": self.t, "growth": self.growth,
+            "difference_of_references": self.difference, "step": 1.0 / SHOWN, "errors": self.errors,
         }  # fmt: skip
 
     @property

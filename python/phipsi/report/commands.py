@@ -172,13 +172,12 @@ def bench(robots: tuple[Path, ...], floating_base: bool, quick: bool, seed: int)
     """
     console = Console()
     scene, name, _, _ = _load(robots[0] if robots else None, floating_base)
-    drawn = Report(True, name, "", scene, seed)
+    drawn = Report(quick, name, "", scene, seed, 64)
     with _typed_errors():
         if 0 < scene.nv <= DENSE_CAP:
             terminal.calls(console, f"{name}, random states, one thread", calls.measured(scene, drawn.batch, quick, Silent()))
-            rows = accuracy.accuracy(scene, drawn.states, _core.METHODS, 3 if quick else 5, Silent())
             title = f"{name}, {drawn.effort.states} random states, Scene::evaluate in Rust, one state a call"
-            terminal.accuracy(console, title, rows)
+            terminal.accuracy(console, title, accuracy.accuracy(drawn, Silent()))
         else:
             click.echo(f"{name}: {scene.nv} degrees of freedom; the methods are compared from 1 to {DENSE_CAP}")
         sources: Mapping[str, str | Path] = auto_cost.example_robots() or {BUNDLED: _core.BUNDLED_ARM}
@@ -191,5 +190,5 @@ def bench(robots: tuple[Path, ...], floating_base: bool, quick: bool, seed: int)
             costs = auto_cost.of_robots(sources, quick=quick, seed=seed, each=each)
         if costs:
             terminal.auto_costs(console, costs)
-        terminal.growth(console, growth.growth((7, 10, 100, 1000, 10_000), drawn.effort.growth_repeats, Silent()))
+        terminal.growth(console, growth.growth((7, 10, 100, 1000, 10_000), 5, Silent()))
     click.echo("For more: cargo bench, make peers; phipsi report -o DIR for error against run time as a page.")

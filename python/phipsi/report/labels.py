@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import accumulate
+from statistics import fmean
 from typing import NamedTuple
 
 
@@ -16,29 +18,16 @@ class Anchor(NamedTuple):
 
 def spread(wanted: Sequence[float], sizes: Sequence[float], low: float, high: float) -> list[float]:
     """Middles of things of these sizes, near the wanted ones (which ascend), none over another, in low to high if they fit."""
-    blocks: list[tuple[float, float, int]] = []  # wanted begin, length, members
-    for want, size in zip(wanted, sizes, strict=True):
-        begin, length, members = want - size / 2, size, 1
-        while blocks and blocks[-1][0] + blocks[-1][1] > begin:
-            before, ahead, count = blocks.pop()
-            # The mean of where each member would have the block begin.
-            begin = (before * count + (begin - ahead) * members) / (count + members)
-            length, members = length + ahead, members + count
-        blocks.append((begin, length, members))
-    begins = []
-    sizes_left = iter(sizes)
-    for begin, _, members in blocks:
-        for _ in range(members):
-            begins.append(begin)
-            begin += next(sizes_left)
-    limit = high
-    for k in range(len(begins) - 1, -1, -1):
-        begins[k] = limit = min(begins[k], limit - sizes[k])
-    limit = low
-    for k, size in enumerate(sizes):
-        begins[k] = max(begins[k], limit)
-        limit = begins[k] + size
-    return [begin + size / 2 for begin, size in zip(begins, sizes, strict=True)]
+    ends = list(accumulate(sizes, initial=0.0))
+    # Where all of them would begin, were each the one that is where it is wanted. Neighbours that meet share their mean.
+    blocks: list[list[float]] = []
+    for want, size, ahead in zip(wanted, sizes, ends, strict=False):
+        blocks.append([want - size / 2 - ahead])
+        while len(blocks) > 1 and fmean(blocks[-2]) > fmean(blocks[-1]):
+            last = blocks.pop()
+            blocks[-1] += last
+    begins = [max(low, min(fmean(block), high - ends[-1])) for block in blocks for _ in block]
+    return [begin + ahead + size / 2 for begin, ahead, size in zip(begins, ends, sizes, strict=False)]
 
 
 def gathered(anchors: Sequence[Anchor], near: float) -> list[Anchor]:

@@ -142,7 +142,7 @@ def draw(layout: Layout[F], found: F, reporter: Reporter | None = None) -> list[
 def write(
     layout: Layout[F], found: F, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None
 ) -> list[Path]:
-    """Writes index.html, the JSON and the plots into the folder, and Markdown with the plots beside it, each where asked for; gives the pages."""
+    """Writes index.html, the JSON and the plots into the folder, Markdown with plots beside it, each where asked for; gives the pages."""
     plots = draw(layout, found, reporter)
     pages = []
     if folder is not None:

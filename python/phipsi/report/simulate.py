@@ -73,8 +73,9 @@ def simulate(
         try:
             with reporter(console) as says:
                 path = scene.simulate(
-                    q, qd, dt=dt, steps=steps, tau=start.get("tau"), method=method, record_every=every, pd=law, progress=says.counter("Simulating")
-                )
+                    q, qd, dt=dt, steps=steps, tau=start.get("tau"), method=method, record_every=every, pd=law,
+                    progress=says.counter("Simulating"),
+                )  # fmt: skip
         except errors.SimulationError as error:
             code, path = BEYOND, error.trajectory
             line(console, str(error), "bold red")

@@ -80,7 +80,8 @@ def growth(console: Console, found: Mapping[str, Any]) -> None:
     title, rows = "Time a body on a chain: Scene::evaluate in Rust, one state a call", found["rows"]
     cells = [[text.count(row.bodies), *(text.time(row.of(kind)) for kind in TIMED)] for row in rows]
     _table(console, title, ("bodies", "forward, auto", "forward, covariance", "inverse"), cells, 0)
-    line(console, "largest over smallest: {:.2f} auto, {:.2f} covariance, {:.2f} inverse".format(*(found[f"{kind}_max_over_min"] for kind in TIMED)))
+    spreads = (found[f"{kind}_max_over_min"] for kind in TIMED)
+    line(console, "largest over smallest: {:.2f} auto, {:.2f} covariance, {:.2f} inverse".format(*spreads))
 
 
 def summary(console: Console, found: Report) -> None:

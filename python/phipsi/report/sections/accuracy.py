@@ -10,12 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ... import _core
-from ..._core import Scene
 from ..pipeline import Section
 from ..plotting import COLOURS, Plot, direct_labels, level, panels, power_ticks, styled, time_axis
 from ..progress import Reporter
 from ..robot import DENSE_CAP, EPS, PRECISIONS, Array, Report, median, rust
-from ..states import States
 from ..text import power, significant, symbols
 from ..timing import Of
 
@@ -76,29 +74,24 @@ class Accuracy:
         return float(np.log10(max(error, 1e-300) / EPS[self.precision])) if np.isfinite(error) else float("nan")
 
 
-def accuracy(scene: Scene, states: States, methods: Sequence[str], repeats: int, reporter: Reporter) -> list[Accuracy]:
+def accuracy(report: Report, reporter: Reporter) -> list[Accuracy]:
     """Error against run time: every method in both precisions, against double-double, `auto` first.
 
-    The time is the median over the rounds of each round's median of `repeats` passes.
+    The time is the median over the rounds of each round's median of some passes. Large scenes go without what forms a matrix.
     """
+    scene, states, methods = report.scene, report.solvable, _core.METHODS
+    if scene.nv > DENSE_CAP:
+        inverse = scene.nv <= INVERSE_CAP
+        methods = tuple(m for m in methods if _core.method_call(m)[0] == FORWARD or (inverse and "M^-1" in m))
     reference = _core.reference(scene, *states.arrays)
     cases = [(method, precision) for precision in PRECISIONS for method in methods]
     # In rounds, so that a change of the machine's pace falls on all methods alike.
     rounds = [
-        [_core.measure(scene, *case, *states.arrays, reference, repeats) for case in cases]
+        [_core.measure(scene, *case, *states.arrays, reference, report.effort.repeats) for case in cases]
         for _ in reporter.each("Error against run time", range(ROUNDS))
     ]
     times = np.median([[ns for ns, _ in row] for row in rounds], axis=0)
     return [Accuracy(*case, float(ns), errors) for case, ns, (_, errors) in zip(cases, times, rounds[-1], strict=True)]
-
-
-def _collect(report: Report, reporter: Reporter) -> list[Accuracy]:
-    scene = report.scene
-    methods = _core.METHODS
-    if scene.nv > DENSE_CAP:
-        inverse = scene.nv <= INVERSE_CAP
-        methods = tuple(m for m in methods if _core.method_call(m)[0] == FORWARD or (inverse and "M^-1" in m))
-    return accuracy(scene, report.solvable, methods, report.effort.repeats, reporter)
 
 
 def _plots(report: Report) -> Iterable[Plot]:
@@ -149,4 +142,4 @@ def _panel(axes: Axes, rows: Sequence[Accuracy], precision: str) -> None:
     direct_labels(axes, entries, 0.085)
 
 
-SECTION = Section("accuracy", "Error against run time", _collect, _plots, empty=[])
+SECTION = Section("accuracy", "Error against run time", accuracy, _plots, empty=[])

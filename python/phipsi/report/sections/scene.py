@@ -56,7 +56,8 @@ def _row(row: Row) -> dict[str, Any]:
     mass = f"{significant(row.link.mass)} kg" if row.link.mass > 0.0 else ""
     kind = "" if joint.type == "fixed" else f"{joint.type}{_axis(row)}"
     details = " · ".join(text for text in (kind, mass) if text)
-    return {"joint": joint, "ink": draw.COLOURS.get(joint.type, TURN), "details": details, "rails": min(row.level, 12) - row.branch, "branch": row.branch}
+    ink, rails = draw.COLOURS.get(joint.type, TURN), min(row.level, 12) - row.branch
+    return {"joint": joint, "ink": ink, "details": details, "rails": rails, "branch": row.branch}
 
 
 def _axis(row: Row) -> str:

@@ -19,21 +19,21 @@ CAPTIONS = {
     "error-against-lever": "Eight links, two of the joints further and further apart.",
 }
 RUN_TIME = """\
-One point a method; filled circles float64, hollow squares float32. A method without a point failed. Times are of one thread and one state, calls of
-Scene::evaluate in Rust (the dense methods: with faer).
+One point a method; filled circles float64, hollow squares float32. A method without a point failed. Times are of one thread and one
+state, calls of Scene::evaluate in Rust (the dense methods: with faer).
 """
 AIM = """\
-The aim is an error of at most 1e-13 in the max-norm (largest error over the largest acceleration), and of at most 1e-12 component by component (each
-acceleration against its own size); or 20 times the problem's own sensitivity where that is larger. It is missed by:
+The aim is an error of at most 1e-13 in the max-norm (largest error over the largest acceleration), and of at most 1e-12 component by
+component (each acceleration against its own size); or 20 times the problem's own sensitivity where that is larger. It is missed by:
 """
 SWEPT = """\
-The grey area is below the problem's sensitivity: the change of the exact answer when the numbers that describe the problem move by one unit in the last
-place.
+The grey area is below the problem's sensitivity: the change of the exact answer when the numbers that describe the problem move by
+one unit in the last place.
 """
 RECURSIONS = "For each case the value where a component is furthest above its sensitivity, if it loses more than 1e-13:"
 CASES = """\
-Each number is the worst of the states, of the errors as of the sensitivities. The columns state and parameters are sensitivities; – means that a method
-failed or was not compared at every state, with the reason above.
+Each number is the worst of the states, of the errors as of the sensitivities. The columns state and parameters are sensitivities; –
+means that a method failed or was not compared at every state, with the reason above.
 """
 
 
