@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -159,11 +159,9 @@ def _blocks(found: Compared) -> list[Block]:
     ]
 
 
-COMPARED: Layout[Any] = replace(
-    STABILITY,
-    name="compared",
-    sections=(Section("worse", "Where phipsi is worse than a peer", blocks=_blocks), *STABILITY.sections),
-    templates=(Path(__file__).with_name("templates"),),
+WORSE = Section("worse", "Where phipsi is worse than a peer", blocks=_blocks)
+COMPARED: Layout[Compared] = Layout(
+    "compared", STABILITY.numbers, (WORSE, *STABILITY.sections), (Path(__file__).with_name("templates"),)
 )
 
 

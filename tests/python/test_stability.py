@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from phipsi.report import commands, stability
+from phipsi.report import commands, pipeline, stability
 from phipsi.report.progress import Silent
-from phipsi.report.stability import Stability, collect, to_json
+from phipsi.report.stability import STABILITY, Stability, collect
 from phipsi.report.stability.measure import COVARIANCE, ROOT
 
 import phipsi
@@ -50,7 +50,7 @@ def test_the_forms_are_told_apart(found: Stability) -> None:
 
 
 def test_json_has_no_nan(found: Stability) -> None:
-    text = json.dumps(to_json(found), allow_nan=False)
+    text = json.dumps(pipeline.to_json(STABILITY, found), allow_nan=False)
     again = json.loads(text)
     assert len(again["cases"]) == len(found.points)
     assert len(again["timed"]) == 32
@@ -58,7 +58,7 @@ def test_json_has_no_nan(found: Stability) -> None:
 
 
 def test_the_pages_are_written(found: Stability, tmp_path: Path) -> None:
-    index, markdown = stability.write(found, tmp_path / "report", tmp_path / "docs" / "numerics.md")
+    index, markdown = pipeline.write(STABILITY, found, tmp_path / "report", tmp_path / "docs" / "numerics.md")
     text = index.read_text(encoding="utf-8")
     assert text.index("Where the square-root form misses its aim") < text.index("heavy-tip")
     assert "`" not in re.sub(r"<svg.*?</svg>", "", text, flags=re.DOTALL)

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from .. import __version__, _core, errors
 from .._core import Scene
-from . import auto_cost, collect, terminal, write
+from . import auto_cost, collect, pipeline, terminal, write
 from . import stability as stability_report
 from .progress import Silent, reporter
 from .robot import DENSE_CAP, Report
@@ -113,7 +113,7 @@ def report(
     if stability:
         with _typed_errors(), reporter(console) as says:
             extreme = stability_report.collect(says, quick=quick, seed=seed)
-            pages = stability_report.write(extreme, output, markdown, says)
+            pages = pipeline.write(stability_report.STABILITY, extreme, output, markdown, says)
         click.echo("\n".join(map(str, pages)))
         return
     assert output is not None

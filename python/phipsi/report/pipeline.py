@@ -55,34 +55,36 @@ class Findings:
 
 
 F = TypeVar("F", bound=Findings)
+#: A section of a report serves every report that says more.
+C = TypeVar("C", bound=Findings, contravariant=True)
 
 
 @dataclass(frozen=True)
-class Section(Generic[F]):
+class Section(Generic[C]):
     """A part of a report. On the page it is its template, named after its key, or the blocks that it gives."""
 
     key: str
     title: str
-    collect: Callable[[F, Reporter], Any] | None = None
+    collect: Callable[[C, Reporter], Any] | None = None
     """Measures; raises Missing, or an error of phipsi, where it cannot be had."""
-    plots: Callable[[F], Iterable[Plot]] | None = None
-    blocks: Callable[[F], Sequence[Block]] | None = None
+    plots: Callable[[C], Iterable[Plot]] | None = None
+    blocks: Callable[[C], Sequence[Block]] | None = None
     """None: the section has a template."""
-    shown: Callable[[F], Any] | None = None
+    shown: Callable[[C], Any] | None = None
     """What its template gets beside the report: numbers put together for the page, and not in the JSON."""
     empty: Any = None
     """What the JSON has where the section is missing."""
 
 
 @dataclass(frozen=True)
-class Layout(Generic[F]):
+class Layout(Generic[C]):
     """A kind of report."""
 
     name: str
     """The folder of its templates; the page itself is page.html there, and page.md where it has Markdown."""
     numbers: str
     """The name of its JSON."""
-    sections: Sequence[Section[F]]
+    sections: Sequence[Section[C]]
     templates: Sequence[Path] = ()
     """Folders of templates beside those that ship."""
 

@@ -36,26 +36,21 @@ COVERAGE_SAMPLES, CONFIDENCES = 100, (0.8, 0.95, 0.99)
 PIECE = 2**14
 
 
-@dataclass(frozen=True)
-class Effort:
+class Effort(NamedTuple):
     """How much is drawn. It rests on what work should cost, not on a clock, so the same seed gives the same numbers."""
 
     sizes: tuple[int, ...]
     seeds: int
     size_ns: float
     """What all seeds of one number of samples may take."""
-    coverage_seeds: int
     rate_ns: float
     """What measuring the rate on one core may take."""
     rate_pieces: int
     """Pieces a thread, where there is time for them."""
 
-    @staticmethod
-    def of(nv: int, quick: bool) -> Effort:
-        coverage = 400 if nv <= 100 else 100
-        if quick:
-            return Effort(tuple(2**k for k in range(6, 15)), 6, 6e8, coverage, 1e9, 4)
-        return Effort(tuple(2**k for k in range(6, 21)), 12, 2.6e10, coverage, 1e10, 16)
+
+QUICK = Effort(tuple(2**k for k in range(6, 15)), 6, 6e8, 1e9, 4)
+FULL = Effort(tuple(2**k for k in range(6, 21)), 12, 2.6e10, 1e10, 16)
 
 
 def cost(route: str, dimension: int, nv: int) -> float:
@@ -164,8 +159,12 @@ def measured(scene: Scene, q: Array, seed: int, quick: bool, missing: dict[str, 
     matrix = scene.mass_matrix(q)
     if not np.any(matrix):
         raise Missing("The mass matrix is zero at this state: there is nothing to estimate.")
-    effort = Effort.of(scene.nv, quick)
-    model = _model(scene, q, missing)
+    effort = QUICK if quick else FULL
+    model = None
+    try:
+        model = scene.random_model(q)
+    except errors.PhipsiError as error:
+        missing["sampling"] = str(error)
     cases = _cases(scene, q, model, effort, missing)
     found = Emergence(effort.seeds)
     with threads(1):
@@ -174,19 +173,11 @@ def measured(scene: Scene, q: Array, seed: int, quick: bool, missing: dict[str, 
     found.slopes = [line for line in lines if line is not None]
     if model is not None:
         found.random_numbers_a_sample, found.unit_error_in_theory = model.dimension, unit_error(matrix)
-        seeds = _seeds(seed, 1, effort.coverage_seeds)
+        seeds = _seeds(seed, 1, 400 if scene.nv <= 100 else 100)
         rows = [_covered(model, matrix, confidence, seeds) for confidence in reporter.each("Coverage of intervals", CONFIDENCES)]
-        found.coverage = Coverage(COVERAGE_SAMPLES, effort.coverage_seeds, rows)
+        found.coverage = Coverage(COVERAGE_SAMPLES, len(seeds), rows)
         found.samples_a_second = _rates(scene, q, model, effort, missing, reporter)
     return found
-
-
-def _model(scene: Scene, q: Array, missing: dict[str, str]) -> RandomModel | None:
-    try:
-        return scene.random_model(q)
-    except errors.PhipsiError as error:
-        missing["sampling"] = str(error)
-        return None
 
 
 class _Case(NamedTuple):

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 from .. import pipeline
 from ..pipeline import Layout, Section, provenance
 from ..progress import Reporter
 from . import measure, plots, tables
 from .measure import Stability
 
-__all__ = ["STABILITY", "Stability", "collect", "to_json", "write"]
+__all__ = ["STABILITY", "Stability", "collect"]
 
 STABILITY: Layout[Stability] = Layout(
     "stability",
@@ -35,13 +32,3 @@ def collect(reporter: Reporter, *, quick: bool = False, seed: int = 0) -> Stabil
     With `quick`: two states, chains of up to 1000 links, fewer passes.
     """
     return pipeline.collect(STABILITY, Stability(quick, seed), reporter)
-
-
-def to_json(found: Stability) -> dict[str, Any]:
-    """All numbers; None where a method failed, with the reason."""
-    return pipeline.to_json(STABILITY, found)
-
-
-def write(found: Stability, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None) -> list[Path]:
-    """Writes index.html, stability.json and the plots into the folder, and the page as Markdown, where asked for; returns the pages."""
-    return pipeline.write(STABILITY, found, folder, markdown, reporter)
