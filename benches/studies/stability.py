@@ -47,7 +47,7 @@ def error_of(peer: Peer, case: scenes.Extreme, exact: _core.Exact) -> Error:
         return Error(nan, nan, NOT_FINITE)
     if peer.gravity is not None:
         exact = exact_of(case._replace(scene=scene))
-    return Error.of(exact.difference(accelerations))
+    return Error.of(*exact.difference(accelerations))
 
 
 def compared(seed: int = 0) -> tuple[list[Other], list[str]]:

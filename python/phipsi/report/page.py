@@ -16,10 +16,6 @@ if TYPE_CHECKING:
     from .pipeline import Layout
 
 
-#: Unit roundoff of float64.
-EPS = float(np.finfo(np.float64).eps)
-
-
 class Table(NamedTuple):
     """Rows of text under a head."""
 
@@ -76,7 +72,7 @@ class Page:
         self._templates.filters.update(FILTERS)
         self._templates.globals.update(
             report=found, parts=found.parts, missing=found.missing, sections=layout.sections, plots=self._plots,
-            show=self._show, stem=stem, numbers=layout.numbers, eps=EPS,
+            show=self._show, stem=stem, numbers=layout.numbers, eps=float(np.finfo(np.float64).eps),
         )  # fmt: skip
 
     def render(self, name: str) -> str:

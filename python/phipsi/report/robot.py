@@ -118,14 +118,10 @@ class Report(Findings):
         """The identities whose residual is beyond its bound."""
         return [row.name for row in self.parts.get("residuals", ()) if not row.passed]
 
-    def call(self, text: str, form: str | None, *, batch: bool) -> Any:
+    def call(self, text: str = FORWARD, form: str | None = AUTO, *, batch: bool) -> Any:
         """The time of one call from Python, of one state or of a batch; None where it was not measured."""
         rows = (row for row in self.parts.get("calls", ()) if (row.of.call, row.of.form, row.of.batch > 1) == (text, form, batch))
         return next(rows, None)
-
-    def forward(self, *, batch: bool) -> Any:
-        """The same of forward dynamics as people call it."""
-        return self.call(FORWARD, AUTO, batch=batch)
 
     def accuracy(self, method: str, precision: str = "float64") -> Any:
         """The row of one method in one precision; None where there is none."""

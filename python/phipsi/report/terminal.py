@@ -86,7 +86,7 @@ def growth(console: Console, found: Mapping[str, Any]) -> None:
 
 def summary(console: Console, found: Report) -> None:
     """What forward dynamics takes, how M emerges, and what is missing, in a line each."""
-    one, many = (found.forward(batch=batch) for batch in (False, True))
+    one, many = (found.call(batch=batch) for batch in (False, True))
     if one is not None and many is not None:
         line(
             console,

@@ -6,20 +6,6 @@ from ..pipeline import Layout, Section, provenance
 from ..robot import Report
 from . import accuracy, calls, condition, emergence_plots, growth, kinds, plan, residuals, scene
 
-ROBOT: Layout[Report] = Layout(
-    "robot",
-    "report.json",
-    (
-        scene.SECTION,
-        plan.SECTION,
-        residuals.SECTION,
-        calls.SECTION,
-        kinds.SECTION,
-        accuracy.SECTION,
-        condition.SECTION,
-        emergence_plots.SECTION,
-        growth.SECTION,
-        Section("limits", "What the figures do not show"),
-        provenance(),
-    ),
-)
+MEASURED = (scene, plan, residuals, calls, kinds, accuracy, condition, emergence_plots, growth)
+LIMITS: Section[Report] = Section("limits", "What the figures do not show")
+ROBOT: Layout[Report] = Layout("robot", "report.json", (*(one.SECTION for one in MEASURED), LIMITS, provenance()))

@@ -59,18 +59,14 @@ class Accuracy:
     @property
     def digits_lost(self) -> float:
         """log10 of the median error in units of eps; below zero where it is less than one unit."""
-        return self._digits(self.error_median)
-
-    @property
-    def digits_lost_worst(self) -> float:
-        """The same of the worst state."""
-        return self._digits(self.error_max)
+        return self.digits(self.error_median)
 
     def colour(self) -> str:
         """Its colour in every plot and table."""
         return COLOURS[_core.METHODS.index(self.method) % len(COLOURS)]
 
-    def _digits(self, error: float) -> float:
+    def digits(self, error: float) -> float:
+        """The same of an error."""
         return float(np.log10(max(error, 1e-300) / EPS[self.precision])) if np.isfinite(error) else float("nan")
 
 

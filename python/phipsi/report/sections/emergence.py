@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,29 +89,6 @@ class Point(NamedTuple):
         return rust(CALLS[self.route])
 
 
-class Share(NamedTuple):
-    """How often something was so, and the standard error from the scatter of the seeds."""
-
-    share: float
-    standard_error: float
-
-
-class Covered(NamedTuple):
-    """How often an interval held its entry; None without such entries."""
-
-    stated: float
-    diagonal: Share | None
-    off_diagonal: Share | None
-
-
-class Coverage(NamedTuple):
-    """The same for every confidence, from estimates of so many samples, one a seed."""
-
-    samples: int
-    seeds: int
-    rows: list[Covered]
-
-
 class Rate(NamedTuple):
     """Samples a second of Monte Carlo, from q to its estimate of M."""
 
@@ -131,7 +108,8 @@ class Emergence:
     """The error that theory expects of plain sampling, times the root of the number of samples."""
     points: list[Point] = field(default_factory=list)
     slopes: list[Slope] = field(default_factory=list)
-    coverage: Coverage | None = None
+    coverage: dict[str, Any] | None = None
+    """How often intervals held their entries, by the confidence that they state."""
     samples_a_second: list[Rate] = field(default_factory=list)
 
     def sampled(self) -> bool:
@@ -175,7 +153,7 @@ def measured(scene: Scene, q: Array, seed: int, quick: bool, missing: dict[str, 
         found.random_numbers_a_sample, found.unit_error_in_theory = model.dimension, unit_error(matrix)
         seeds = _seeds(seed, 1, 400 if scene.nv <= 100 else 100)
         rows = [_covered(model, matrix, confidence, seeds) for confidence in reporter.each("Coverage of intervals", CONFIDENCES)]
-        found.coverage = Coverage(COVERAGE_SAMPLES, len(seeds), rows)
+        found.coverage = {"samples": COVERAGE_SAMPLES, "seeds": len(seeds), "rows": rows}
         found.samples_a_second = _rates(scene, q, model, effort, missing, reporter)
     return found
 
@@ -251,8 +229,11 @@ def slope(points: Sequence[Point], theory: float) -> Slope | None:
     return Slope(points[0].route, float(measured), float(np.sqrt(covariance[0, 0])), theory, float(np.exp(at_one)))
 
 
-def _covered(model: RandomModel, matrix: Array, confidence: float, seeds: NDArray[np.int64]) -> Covered:
-    """Over entries whose torques vary; a sum is over entries, its standard error over seeds, which are independent."""
+def _covered(model: RandomModel, matrix: Array, confidence: float, seeds: NDArray[np.int64]) -> dict[str, Any]:
+    """The share of entries that their intervals held, of those whose torques vary, and its standard error; None without such entries.
+
+    A share is over entries, its standard error over seeds, which are independent.
+    """
     size = np.diagonal(matrix) > 0.0
     varies = np.outer(size, size)
     diagonal = np.eye(len(matrix), dtype=bool)
@@ -263,13 +244,13 @@ def _covered(model: RandomModel, matrix: Array, confidence: float, seeds: NDArra
         held.append((estimate.low <= matrix) & (matrix <= estimate.high))
     every = np.array(held)
 
-    def share(chosen: NDArray[np.bool_]) -> Share | None:
+    def share(chosen: NDArray[np.bool_]) -> dict[str, float] | None:
         if not chosen.any():
             return None
         shares = every[:, chosen].mean(axis=1)
-        return Share(float(shares.mean()), float(shares.std(ddof=1) / np.sqrt(len(shares))))
+        return {"share": float(shares.mean()), "standard_error": float(shares.std(ddof=1) / np.sqrt(len(shares)))}
 
-    return Covered(confidence, share(diagonal & varies), share(~diagonal & varies))
+    return {"stated": confidence, "diagonal": share(diagonal & varies), "off_diagonal": share(~diagonal & varies)}
 
 
 def _rates(

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from ... import _core
 from ..pipeline import Section
-from ..plotting import COLOURS, FAINT, SOFT, Plot, direct_labels, panels, styled, ticks
+from ..plotting import COLOURS, FAINT, SOFT, direct_labels, panels, styled, ticks
 from ..progress import Reporter
 from ..robot import Report, rust, spread
 from ..text import count
@@ -89,8 +89,6 @@ def _plot(rows: Sequence[Row]) -> tuple[str, Figure]:
     return "growth", figure
 
 
-def _plots(report: Report) -> list[Plot]:
-    return [_plot(report.parts["growth"]["rows"])]
-
-
-SECTION = Section("growth", "Growth with size", _collect, _plots, shown=lambda _: ROUNDS)
+SECTION = Section(
+    "growth", "Growth with size", _collect, lambda report: [_plot(report.parts["growth"]["rows"])], shown=lambda _: ROUNDS
+)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,30 +17,12 @@ from ..robot import FORWARD, Report, median
 from ..timing import Of
 
 
-class KindError(NamedTuple):
-    """Error of forward dynamics at states of one kind in one form, from Python.
+def kind_errors(scene: Scene, drawn: Drawn, kind: str, count: int) -> dict[str, tuple[float, float]]:
+    """Median and worst error of the first `count` states, from Python, by form ("auto" and "covariance"); empty where they have no answer.
 
-    Of each state the largest error of an acceleration over the largest acceleration, or over that of bias torque alone where this is
-    more: of what is held still nothing is left to be compared with.
+    Of each state the largest error of an acceleration, against double-double, over the largest acceleration, or over that of bias torque
+    alone where this is more: of what is held still nothing is left to be compared with.
     """
-
-    median: float
-    worst: float
-
-
-class KindTime(NamedTuple):
-    """Forward dynamics at states of one kind, in one form and size of call."""
-
-    of: Of
-    meaning: str
-    ns_per_state: float
-    ns_over_covariance: float
-    error_median: float | None
-    error_max: float | None
-
-
-def kind_errors(scene: Scene, drawn: Drawn, kind: str, count: int) -> dict[str, KindError]:
-    """The errors of the first `count` states against double-double, by form ("auto" and "covariance"); empty where they have no answer."""
     q, qd, tau = (values[:count] for values in kinds.state(scene, drawn, kind))
     try:
         exact = _core.reference(scene, q, qd, tau).toarray()
@@ -53,11 +35,11 @@ def kind_errors(scene: Scene, drawn: Drawn, kind: str, count: int) -> dict[str, 
     for form, values in answers.items():
         off = np.abs(values - exact).max(axis=1)
         relative = np.divide(off, scale, out=np.zeros_like(off), where=off > 0.0)
-        found[form] = KindError(median(relative), float(relative.max()))
+        found[form] = median(relative), float(relative.max())
     return found
 
 
-def _collect(report: Report, reporter: Reporter) -> list[KindTime]:
+def _collect(report: Report, reporter: Reporter) -> list[dict[str, Any]]:
     if "calls" in report.missing:
         return []
     rows = []
@@ -65,17 +47,17 @@ def _collect(report: Report, reporter: Reporter) -> list[KindTime]:
         errors_of = kind_errors(report.scene, report.batch, kind, report.effort.states)
         for cost in auto_cost.of_kind(report.scene, report.batch, kind, report.quick):
             for form, ns, ratio in (("auto", cost.auto, cost.ratio), ("covariance", cost.covariance, 1.0)):
-                of = Of("Python", FORWARD, form, kind, cost.batch)
-                rows.append(KindTime(of, kinds.MEANING[kind], ns, ratio, *errors_of.get(form, (None, None))))
+                middle, worst = errors_of.get(form, (None, None))
+                told = {"meaning": kinds.MEANING[kind], "ns_per_state": ns, "ns_over_covariance": ratio, "error_median": middle}
+                rows.append({"of": Of("Python", FORWARD, form, kind, cost.batch), **told, "error_max": worst})
     return rows
 
 
 def _shown(report: Report) -> Sequence[dict[str, Any]]:
     """A row a kind that was measured in every form and size: auto and covariance, one state a call and a batch."""
-    rows: list[KindTime] = report.parts["kinds"]
     found = []
     for kind, meaning in kinds.MEANING.items():
-        mine = {(row.of.form, row.of.batch > 1): row for row in rows if row.of.states == kind}
+        mine = {(row["of"].form, row["of"].batch > 1): row for row in report.parts["kinds"] if row["of"].states == kind}
         if len(mine) == 4:
             one, many, covariance = mine["auto", False], mine["auto", True], mine["covariance", True]
             found.append({"kind": kind, "meaning": meaning, "one": one, "many": many, "covariance": covariance})

@@ -40,9 +40,9 @@ class Error(NamedTuple):
     reason: str | None = None
 
     @staticmethod
-    def of(norms: tuple[float, Array], reason: str | None = None) -> Error:
+    def of(norm: float, components: Array, reason: str | None = None) -> Error:
         """From the max-norm and the components."""
-        return Error(norms[0], float(np.max(norms[1], initial=0.0)), reason)
+        return Error(norm, float(np.max(components, initial=0.0)), reason)
 
 
 def worst(found: Sequence[Error]) -> Error:
@@ -209,11 +209,6 @@ def exact_of(case: scenes.Extreme, quantity: str = "forward dynamics") -> _core.
     return _core.Exact(case.scene, quantity, case.q, case.qd, case.tau)
 
 
-def _own(exact: _core.Exact, method: str, precision: str) -> Error:
-    norm, components, reason = exact.error(method, precision)
-    return Error.of((norm, components), reason)
-
-
 def _is_singular(case: scenes.Extreme) -> bool:
     return case.name == "zero-inertia" and case.value == 0.0
 
@@ -226,9 +221,9 @@ def cases(found: Stability, reporter: Reporter) -> list[Point]:
 
 def _point(case: scenes.Extreme, seed: int, others: Sequence[Other]) -> Point:
     exact = exact_of(case)
-    errors_of = {(method, precision): _own(exact, method, precision) for precision in PRECISIONS for method in _core.FORMS}
+    errors_of = {(method, precision): Error.of(*exact.error(method, precision)) for precision in PRECISIONS for method in _core.FORMS}
     errors_of |= {(other.name, "float64"): other.error(case, exact) for other in others}
-    sensitivity = {kind: Error.of(norms) for kind, norms in exact.sensitivity(DRAWS).items()}
+    sensitivity = {kind: Error.of(*norms) for kind, norms in exact.sensitivity(DRAWS).items()}
     return Point(case.name, case.value, seed, case.scene.nv, sensitivity, errors_of)
 
 
@@ -251,7 +246,7 @@ def timed(found: Stability, reporter: Reporter) -> list[Timed]:
             for method in _core.FORMS:
                 # The least of some medians: other load only ever adds time.
                 ns = min(exact.time(method, precision, 200 if found.quick else 2000) for _ in range(5))
-                rows.append(Timed(name, value, method, precision, ns, *_own(exact, method, precision)))
+                rows.append(Timed(name, value, method, precision, ns, *Error.of(*exact.error(method, precision))))
     return rows
 
 
@@ -264,8 +259,8 @@ def recursions(found: Stability, reporter: Reporter) -> list[Recursion]:
 
 def _recursion(quantity: str, case: scenes.Extreme) -> Recursion:
     exact = exact_of(case, quantity)
-    sensitivity = worst([Error.of(norms) for norms in exact.sensitivity(DRAWS).values()])
-    return Recursion(quantity, case.name, case.value, *_own(exact, ROOT, "float64"), sensitivity)
+    sensitivity = worst([Error.of(*norms) for norms in exact.sensitivity(DRAWS).values()])
+    return Recursion(quantity, case.name, case.value, *Error.of(*exact.error(ROOT)), sensitivity)
 
 
 def _falling() -> list[tuple[str, scenes.Extreme]]:
