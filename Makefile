@@ -8,6 +8,8 @@
 #   make instructions   counts instructions with valgrind, fails where there are more than before
 #   make auto-states  what form auto costs at rest, held, falling, ...: writes docs/auto-states.md (two minutes)
 #   make leaving-out   counts with valgrind what each switch saves: writes the table of docs/leaving-out.md
+#   make numerics  after make peers: errors on extreme scenes beside the peers', writes docs/numerics.md and its plots (ten minutes)
+#   make motion [OUT=report]   after make peers: the study of integrators, beside the peers' (some minutes)
 #   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
 #   make bench     after make peers: measures all of it (20 minutes), writes docs/benchmarks.md (BENCH=--quick: a trial)
 
@@ -16,6 +18,7 @@ OUT ?= report
 ROBOT ?=
 BENCH ?=
 ROOFLINE ?=
+STUDY ?=
 # All that needs no Python.
 FEATURES := urdf,parallel,dense,stochastic,adaptive,avx512,float32
 VENV := .venv
@@ -24,7 +27,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python check bench instructions auto-states leaving-out roofline peers peers-there clean
+.PHONY: dev report test test-rust test-python check bench numerics motion instructions auto-states leaving-out roofline peers peers-there peers-phipsi clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -58,7 +61,7 @@ test-rust:
 DEV := .venv-dev
 $(DEV)/bin/python:
 	$(PYTHON) -m venv $(DEV)
-	$(DEV)/bin/python -m pip install --quiet numpy pytest hypothesis mpmath scipy matplotlib rich click
+	$(DEV)/bin/python -m pip install --quiet numpy pytest hypothesis mpmath scipy matplotlib rich click jinja2
 	echo "$(CURDIR)/python" > "$$($(DEV)/bin/python -c 'import site; print(site.getsitepackages()[0])')/phipsi-dev.pth"
 
 dev: | $(DEV)/bin/python
@@ -87,10 +90,19 @@ check: $(VENV)/test
 	$(BIN)/abi3audit --strict $(WHEELS)/phipsi-*.whl
 
 # phipsi goes into the peers' environment: all of them are measured in one process.
-bench: peers-there $(VENV)/wheel
+peers-phipsi: peers-there $(VENV)/wheel
 	$(PEERS) -m pip install --quiet --force-reinstall --no-deps $(WHEELS)/phipsi-*.whl
-	$(PEERS) -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[report]"
+	$(PEERS) -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[report,motion]"
+
+bench: peers-phipsi
 	$(PEERS) benches/report.py $(BENCH)
+
+# STUDY=--quick: fewer states and steps, to see that it works.
+numerics: peers-phipsi
+	$(PEERS) benches/study.py stability --markdown docs/numerics.md $(STUDY)
+
+motion: peers-phipsi
+	$(PEERS) benches/study.py motion -o $(OUT) $(STUDY)
 
 # Builds the bench, runs it under valgrind, compares with benches/instructions/expected.json.
 instructions:

@@ -7,7 +7,8 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-from phipsi.report.figure import COLOURS, FAINT, STYLE, Plot, finished, plain_time, power_ticks
+from phipsi.report.plotting import COLOURS, FAINT, STYLE, Plot, finished, plain_time, power_ticks
+from studies.programs import INKS
 
 Row = dict[str, Any]
 
@@ -18,15 +19,14 @@ NAMES = {
     "mass_matrix_inverse": "inverse of the mass matrix",
 }
 MARKERS = "osD^vPX*"
-#: By library in front of a series' name, as in the stability report; else by place.
-LIBRARIES = {"Pinocchio": "#222222", "MuJoCo": "#b8860b", "Drake": "#56b4e9", "dynibo": "#e377c2"}
 #: model, series, ratio: median, minimum and maximum (all the same where there is no range)
 Dot = tuple[str, str, tuple[float, float, float]]
 
 
 def _ink(series: str, index: int) -> str:
+    """By library in front of a series' name, as in the stability study; else by place."""
     library = series.partition(":")[0].partition(",")[0]
-    return LIBRARIES.get(library, COLOURS[index % len(COLOURS)])
+    return INKS.get(library, COLOURS[index % len(COLOURS)])
 
 
 def draw(

@@ -4,15 +4,20 @@ phipsi's coordinates are the reference: q of a free joint is (x, y, z, qx, qy, q
 along the base's own axes. A peer may order joints otherwise, put the angular part first, or use the axes of the world.
 """
 
+import sys
 import warnings
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
+from pathlib import Path
 
 import dump_models
 import numpy as np
 import phipsi
 from phipsi.report import kinds
-from phipsi.report.stability.peers.model import World
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from studies.programs.model import World
 
 #: dynibo has this one and no other; so all of them have it.
 GRAVITY = (0.0, 0.0, -9.80665)

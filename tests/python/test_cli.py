@@ -9,7 +9,8 @@ from pathlib import Path
 import phipsi
 import pytest
 from click.testing import CliRunner, Result
-from phipsi.report import commands, kinds, measure
+from phipsi.report import commands, kinds
+from phipsi.report.sections import residuals
 
 #: Two links in line, the second without mass: its joint moves nothing.
 MASSLESS_TIP = """
@@ -47,7 +48,7 @@ def test_check_of_the_bundled_arm_holds() -> None:
 
 
 def test_check_beyond_the_bound_exits_with_1(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(measure, "SLACK", 1e-9)
+    monkeypatch.setattr(residuals, "SLACK", 1e-9)
     result = run("check", "--states", "2")
     assert result.exit_code == 1
     assert "FAIL" in result.output
@@ -125,18 +126,35 @@ def test_output_that_cannot_be_made_exits_with_2(tmp_path: Path) -> None:
     assert "Traceback" not in result.output
 
 
-def test_without_the_extra_the_message_names_it() -> None:
+@pytest.mark.parametrize("name", ["click", "rich", "matplotlib", "jinja2"])
+def test_without_the_extra_the_message_names_it(name: str) -> None:
     script = (
         "import sys, importlib.util as u\n"
         "known = u.find_spec\n"
-        "u.find_spec = lambda name, *rest: None if name == 'rich' else known(name, *rest)\n"
+        f"u.find_spec = lambda name, *rest: None if name == {name!r} else known(name, *rest)\n"
         "import phipsi.cli\n"
         "phipsi.cli.main()\n"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert 'pip install "phipsi[report]"' in done.stderr
+    assert 'pip install "phipsi[report]"' in done.stderr and name in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_the_library_needs_numpy_alone() -> None:
+    script = (
+        "import builtins, sys\n"
+        "load = builtins.__import__\n"
+        "def only(name, *rest):\n"
+        "    if name.split('.')[0] in ('click', 'rich', 'matplotlib', 'jinja2', 'markupsafe', 'scipy'):\n"
+        "        raise ModuleNotFoundError(name)\n"
+        "    return load(name, *rest)\n"
+        "builtins.__import__ = only\n"
+        "import phipsi, phipsi.cli\n"
+        "print(phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM).nv)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["6"]
 
 
 def test_the_command_is_installed() -> None:

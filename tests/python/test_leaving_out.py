@@ -12,7 +12,8 @@ from conftest import random_states
 
 import phipsi
 from phipsi.errors import ArgumentError, NotFiniteError, ShapeError, SingularJointError
-from phipsi.report import left_out, states
+from phipsi.report import states
+from phipsi.report.sections import plan as left_out
 from phipsi.report.structure import tree_of
 
 SWITCHES = (
@@ -116,7 +117,7 @@ def test_the_report_times_what_is_left_out() -> None:
     switches = {item.switch for item in scene.plan().items if item.switch}
     # On a chain every body carries the last joint, and an update saves nothing.
     assert set(times) == switches | {"the factor of M, in calls that share q"}
-    assert all(np.isfinite(row.on) and row.on > 0 and np.isfinite(row.off) and row.off > 0 for row in times.values())
+    assert all(np.isfinite(row.ns_on) and row.ns_on > 0 and np.isfinite(row.ns_off) and row.ns_off > 0 for row in times.values())
     kept = {item.switch for item in left_out.without(scene, "base_links").plan().items}
     assert kept == {item.switch for item in scene.plan().items} - {"base_links"}
 

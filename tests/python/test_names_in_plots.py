@@ -13,8 +13,8 @@ import phipsi
 import pytest
 from click.testing import CliRunner
 from matplotlib import font_manager
-from phipsi.report import commands, motion, names, simulate  # noqa: F401  # the last registers its command
-from phipsi.report.figure import STYLE
+from phipsi.report import commands, draw, motion, names, simulate  # noqa: F401  # the last registers its command
+from phipsi.report.plotting import STYLE
 from phipsi.report.structure import tree_of
 
 NAMES = {
@@ -73,6 +73,15 @@ def test_the_command(case: str, tmp_path: Path) -> None:
     result = CliRunner().invoke(commands.group, ["simulate", str(robot), "-o", str(tmp_path / "out"), "--time", "0.01"])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "out" / "motion.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("case", [*NAMES, *CONTROLS])
+def test_the_figure_of_the_robot(case: str, caplog: pytest.LogCaptureFixture) -> None:
+    scene = scene_of((NAMES | CONTROLS)[case])
+    with caplog.at_level(logging.WARNING):
+        found = draw.skeleton(scene, tree_of(scene), scene.neutral())
+    assert not caplog.records
+    assert found.png.startswith(b"\x89PNG") and found.svg.startswith("<svg")
 
 
 def shown(name: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import sys
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -14,12 +15,16 @@ import numpy as np
 import phipsi
 import pytest
 from click.testing import CliRunner
-from phipsi import report
+from phipsi import _core, report
 from phipsi._core import BUNDLED_ARM, METHODS, ROUTES
-from phipsi.report import auto_cost, calls, commands, draw, emergence, kinds, labels, machine, measure, states, text, worker
+from phipsi.report import auto_cost, commands, draw, kinds, labels, machine, robot, states, text
 from phipsi.report.progress import Silent
+from phipsi.report.sections import calls, emergence, residuals
 from phipsi.report.structure import tree_of
 from tolerances import SIGMAS, product
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
+import auto_states
 
 PARTS = ("scene", "plan", "residuals", "calls", "accuracy", "condition", "emergence", "growth", "limits", "provenance")
 INERTIA = np.diag([0.1, 0.1, 0.05])
@@ -101,7 +106,7 @@ def test_errors_of_every_method_and_precision(bundled: tuple[dict[str, Any], str
         (method, precision) for precision in ("float64", "float32") for method in METHODS
     ]
     for row in rows:
-        eps = measure.EPS[row["precision"]]
+        eps = robot.EPS[row["precision"]]
         assert row["failed_states"] == 0
         assert len(row["errors"]) == 64
         assert 0.0 < row["error_median"] <= row["error_max"] <= 64 * bundled[0]["condition"]["max"] * eps
@@ -200,8 +205,8 @@ class Counting:
 def test_times_from_python_are_of_public_calls() -> None:
     scene = Counting(arm())
     drawn = kinds.draw(arm(), 8, 0)
-    found = calls.measured(scene, drawn, True)  # type: ignore[arg-type]
-    assert {(row.call.split("(")[0].removeprefix("scene."), row.form) for row in found} == set(scene.seen)
+    found = calls.measured(scene, drawn, True, Silent())  # type: ignore[arg-type]
+    assert {(row.of.call.split("(")[0].removeprefix("scene."), row.of.form) for row in found} == set(scene.seen)
     for sizes in scene.seen.values():
         # Warmed up, then timed: one state a call, and all of them.
         assert sizes.count(1) >= 8 * 2 and sizes.count(8) >= 2
@@ -248,7 +253,7 @@ def test_the_table_of_auto_over_covariance() -> None:
     assert robots == ["one"]
     assert ["fixed base, held", "3.00"] in rows and ["free base, held", "4.00"] in rows
     assert ["free base, held", "–"] in auto_cost.table(costs, False)[1]
-    page = auto_cost.markdown(costs)
+    page = auto_states.markdown(auto_cost, costs)
     assert "| fixed base, held | 3.00 |" in page
     assert "Worst: one, free base, held, a batch of 256: auto 8 ns a state, covariance 2." in page
 
@@ -277,10 +282,10 @@ def test_the_page_names_what_it_draws(bundled: tuple[dict[str, Any], str, Path])
         "mass-matrix",
         "emergence",
         "emergence-slopes",
+        "skeleton",
     ):
         assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert (folder / f"{name}.svg").read_text(encoding="utf-8").startswith("<svg")
-    assert (folder / "skeleton.svg").read_text(encoding="utf-8").startswith("<svg")
 
 
 def test_names_are_escaped(tmp_path: Path) -> None:
@@ -313,7 +318,7 @@ def test_the_same_seed_gives_the_same_numbers() -> None:
 def test_a_residual_beyond_its_bound_exits_with_1_and_is_on_the_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(measure, "SLACK", 1e-9)
+    monkeypatch.setattr(residuals, "SLACK", 1e-9)
     result = CliRunner().invoke(commands.group, ["report", "--quick", "--states", "4", "-o", str(tmp_path)])
     assert result.exit_code == 1
     assert json.loads((tmp_path / "report.json").read_text())["passed"] is False
@@ -321,7 +326,7 @@ def test_a_residual_beyond_its_bound_exits_with_1_and_is_on_the_page(
 
 
 def test_a_residual_that_is_not_a_number_fails() -> None:
-    row = measure._residual("r", np.array([0.0, math.nan]), np.ones(2), False)
+    row = residuals.residual("r", np.array([0.0, math.nan]), np.ones(2), False)
     assert not row.passed
 
 
@@ -397,7 +402,7 @@ def test_the_error_of_plain_sampling_is_what_theory_expects() -> None:
     squares /= np.sum(m**2)
     standard_error = squares.std() / math.sqrt(len(squares))
     assert standard_error <= 0.05
-    assert abs(squares.mean() - emergence._unit_error(m) ** 2) <= SIGMAS * standard_error
+    assert abs(squares.mean() - emergence.unit_error(m) ** 2) <= SIGMAS * standard_error
 
 
 def test_intervals_hold_as_often_as_they_say(bundled: tuple[dict[str, Any], str, Path]) -> None:
@@ -441,23 +446,34 @@ def test_an_inertia_that_no_body_has_is_not_sampled_but_reported(tmp_path: Path)
     assert all(math.isfinite(number) for number in numbers(found))
 
 
-def test_a_process_has_the_threads_that_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker, "CHILD", "import os; print([int(os.environ['RAYON_NUM_THREADS']), 0.5])")
-    ticks: list[None] = []
-    found = worker.run(arm(), np.zeros(6), [worker.Job("recursion")], 3, lambda: ticks.append(None))
-    assert found == [(3.0, 0.5)]
-    assert len(ticks) == 1
+def test_samples_are_drawn_on_as_many_threads_as_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[str, int]] = []
+
+    def drawn(scene: phipsi.Scene, q: Any, route: str, *_: int) -> tuple[float, float]:
+        seen.append((route, phipsi.get_num_threads()))
+        return 1e6, 1e-3
+
+    monkeypatch.setattr(machine, "threads", lambda: 3)
+    monkeypatch.setattr(_core, "emergence", drawn)
+    before = phipsi.get_num_threads()
+    missing: dict[str, str] = {}
+    found = emergence.measured(arm(), np.zeros(6), 0, True, missing, Silent())
+    assert phipsi.get_num_threads() == before and missing == {}
+    assert [rate.threads for rate in found.samples_a_second] == [1, 3]
+    assert seen[-2:] == [("monte-carlo", 1), ("monte-carlo", 3)]
+    # All errors and times are those of one thread; the first calls only ask whether a way is open.
+    assert {threads for _, threads in seen[2:-2]} == {1}
 
 
-def test_a_process_that_fails_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker, "CHILD", "raise SystemExit('no such luck')")
+def test_sampling_that_fails_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuses(*_: Any) -> None:
+        raise phipsi.errors.OutOfMemoryError("no such luck")
+
+    monkeypatch.setattr(_core, "emergence", refuses)
     found, page = written(arm(), tmp_path, count=4)
     assert "no such luck" in found["missing"]["emergence"]
     assert found["emergence"] is None
     assert "no such luck" in page
-    monkeypatch.setattr(worker.sys, "executable", str(tmp_path / "nothing"))
-    with pytest.raises(worker.WorkerError, match="could not be started"):
-        worker.run(arm(), np.zeros(6), [], 1, lambda: None)
 
 
 def test_every_kind_of_joint_is_drawn_and_measured(tmp_path: Path) -> None:
@@ -485,7 +501,7 @@ def test_the_tree_of_a_floating_base_starts_at_the_world() -> None:
     rows = list(tree.rows())
     assert tree.root == "world"
     assert [row.joint.name for row in rows][:2] == ["root_joint", "joint1"]
-    assert rows[0].joint.kind == "floating"
+    assert rows[0].joint.type == "floating"
 
 
 def test_a_straight_chain_is_bent_for_the_drawing() -> None:
@@ -506,9 +522,18 @@ def test_labels_keep_their_order_and_their_distance() -> None:
         assert b - a >= (first + second) / 2 - 1e-9
     assert placed[-1] == 200.0
     assert labels.spread([], [], 0.0, 1.0) == []
+
+
+def test_names_are_on_both_sides_of_the_figure() -> None:
     anchors = [labels.Anchor((f"n{k}",), float(k), 5.0 * k) for k in range(9)]
-    found = labels.columns(anchors, 100.0, 20.0, 200.0, 14.0)
-    assert sorted(name for label in found for name in label.names) == [f"n{k}" for k in range(9)]
+    for middle in (-1.0, 4.5, 20.0):
+        left, right = labels.sides(anchors, middle)
+        assert [name for anchor in (*left, *right) for name in anchor.names] == [f"n{k}" for k in range(9)]
+        assert max(len(left), len(right)) <= 5
+    assert labels.sides([], 0.0) == ([], [])
+    assert labels.sides(anchors[:1], 20.0) == (anchors[:1], [])
+    near = labels.gathered([anchors[0], anchors[1]._replace(x=0.1, y=0.1), anchors[2]], 0.5)
+    assert [anchor.names for anchor in near] == [("n0", "n1"), ("n2",)]
 
 
 def test_numbers_as_text() -> None:

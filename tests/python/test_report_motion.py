@@ -1,4 +1,4 @@
-"""The motion report: references, orders, failures, the page and the command. Nothing here asserts a time."""
+"""The motion study of benches/: references, orders, failures, the page and the command. Nothing here asserts a time."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import dataclasses
 import importlib
 import json
 import math
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +15,16 @@ import numpy as np
 import phipsi
 import pytest
 from click.testing import CliRunner
-from phipsi.report import commands, motion_study
-from phipsi.report.figure import Plot
-from phipsi.report.motion_study import cases, order, page, peers, plots, reference, runs, slow
-from phipsi.report.motion_study.collect import Study, collect, expected, to_json
+from phipsi.report import commands, pipeline
+from phipsi.report.plotting import Plot
 from phipsi.report.progress import Silent
 from tolerances import assert_near, inverse, solve
+
+BENCHES = Path(__file__).parents[2] / "benches"
+sys.path.insert(0, str(BENCHES))
+from studies import motion
+from studies.motion import MOTION, Study, cases, collect, order, peers, reference, runs, slow, to_json
+from studies.motion.collect import expected
 
 SMOOTH = ("double pendulum", "arm", "floating tree", "chain of 64")
 SPRINGS = ("springs 1e3", "springs 1e5", "springs 1e7", "springs 1e9")
@@ -38,7 +44,7 @@ def study() -> Study:
 @pytest.fixture(scope="module")
 def drawn(study: Study) -> list[Plot]:
     """Drawing takes seconds."""
-    return plots.draw(study)
+    return pipeline.draw(MOTION, study)
 
 
 @pytest.fixture(scope="module")
@@ -216,16 +222,15 @@ def test_json_has_what_the_page_shows(numbers: dict[str, Any], study: Study) -> 
 
 
 def test_the_pages_are_written(study: Study, drawn: list[Plot], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(plots, "draw", lambda _: drawn)
-    index = motion_study.write(study, tmp_path / "report")
+    monkeypatch.setattr(pipeline, "draw", lambda *_: drawn)
+    index, markdown = motion.write(study, tmp_path / "report", tmp_path / "docs" / "motion-report.md")
     text = index.read_text(encoding="utf-8")
-    sections = page.sections(study)
-    places = [text.index(f"<h2>{section.title}</h2>") for section in sections]
-    assert places == sorted(places) and sections[0].title.startswith("Where phipsi loses")
+    places = [text.index(f"<h2>{section.title}</h2>") for section in MOTION.sections]
+    assert places == sorted(places) and MOTION.sections[0].title.startswith("Where phipsi loses")
     pictures = list((tmp_path / "report").glob("*.png"))
     assert text.count("<svg") == len(pictures) == 9
     assert json.loads((tmp_path / "report" / "report.json").read_text(encoding="utf-8"))["format"] == 1
-    written = motion_study.write_markdown(study, tmp_path / "docs" / "motion-report.md").read_text(encoding="utf-8")
+    written = markdown.read_text(encoding="utf-8")
     for picture in (tmp_path / "docs").glob("*.png"):
         assert f"({picture.name})" in written
     assert written.count("![") == 9
@@ -246,8 +251,8 @@ def test_the_report_is_made_without_peers(monkeypatch: pytest.MonkeyPatch, study
                             alone={name: ns for name, ns in result.alone.items() if name in names})
         for result in study.results
     ]  # fmt: skip
-    bare = dataclasses.replace(study, peers=[], versions=[], absent=lines, results=results)
-    text = motion_study.write(bare, tmp_path).read_text(encoding="utf-8")
+    bare = dataclasses.replace(study, peers=[], versions=[], absent=lines, parts=study.parts | {"cases": results})
+    text = motion.write(bare, tmp_path)[0].read_text(encoding="utf-8")
     assert "pip install mujoco" in text and "mj_step" not in text and "MuJoCo RK4" not in text
     assert to_json(bare)["not_compared"] == lines
 
@@ -268,33 +273,24 @@ def test_slopes(steps: list[float], errors: list[float], expected: float | None)
         assert_near(found, expected, inverse(10.0, expected))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--motion"], "-o DIR"),
-        (["robot.urdf", "--motion", "-o", "out"], "leave out ROBOT.urdf"),
-        (["--motion", "--stability", "-o", "out"], "two reports"),
-        (["--motion", "-o", "out", "--states", "3"], "--states"),
-        (["--motion", "-o", "out", "--seed", "3"], "--seed"),
-        (["--motion", "-o", "out", "--floating-base"], "--floating-base"),
-    ],
-)
-def test_options_that_do_not_go_together(arguments: list[str], words: str) -> None:
-    result = CliRunner().invoke(commands.group, ["report", *arguments])
+@pytest.mark.parametrize("arguments", [[], ["-o", "out"], ["robot.urdf", "-o", "out"], ["--stability", "-o", "out"]])
+def test_the_wheel_says_where_the_study_is(arguments: list[str]) -> None:
+    result = CliRunner().invoke(commands.group, ["report", "--motion", *arguments])
     assert result.exit_code == 2
-    assert words in " ".join(result.output.replace("│", " ").split())
+    assert result.output.startswith("Error: ") and "make motion" in result.output
+
+
+@pytest.mark.parametrize("arguments", [["motion"], ["nothing", "-o", "out"], ["stability", "--seed", "x", "-o", "out"]])
+def test_the_command_says_what_is_missing(arguments: list[str]) -> None:
+    done = subprocess.run([sys.executable, str(BENCHES / "study.py"), *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "usage:" in done.stderr and "Traceback" not in done.stderr
 
 
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, study: Study, drawn: list[Plot]) -> None:
-    monkeypatch.setattr(plots, "draw", lambda _: drawn)
-    monkeypatch.setattr(motion_study, "collect", lambda *_, **__: study)
-    page_file, text_file = tmp_path / "out", tmp_path / "m.md"
-    result = CliRunner().invoke(commands.group, ["report", "--motion", "--quick", "-o", str(page_file), "--markdown", str(text_file)])
-    assert result.exit_code == 0, result.output
-    assert (page_file / "index.html").exists() and text_file.exists()
+    import study as script
 
-
-def test_the_command_says_what_is_missing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(commands, "find_spec", lambda _: None)
-    result = CliRunner().invoke(commands.group, ["report", "--motion", "-o", str(tmp_path)])
-    assert result.exit_code == 2 and "phipsi[motion]" in result.output
+    monkeypatch.setattr(pipeline, "draw", lambda *_: drawn)
+    monkeypatch.setattr(motion, "collect", lambda *_, **__: study)
+    monkeypatch.setattr(sys, "argv", ["study.py", "motion", "--quick", "-o", str(tmp_path / "out"), "--markdown", str(tmp_path / "m.md")])
+    script.main()
+    assert (tmp_path / "out" / "index.html").exists() and (tmp_path / "m.md").exists()

@@ -8,8 +8,9 @@ from __future__ import annotations
 import sys
 import sysconfig
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ import numpy as np
 import phipsi
 
 from . import kinds
-from .timing import BATCH, Arguments, Once, in_turns, one_by_one, one_thread
+from .timing import BATCH, Arguments, in_turns, looped, one_by_one, threads
 
 FORMS = ("auto", "covariance")
 #: Robots of example-robot-data, below its folder robots/.
@@ -43,29 +44,26 @@ class Cost:
     """auto over covariance: median over the turns, in each of which one follows the other."""
 
 
-def measured(scene: phipsi.Scene, drawn: kinds.Drawn, *, quick: bool = False) -> list[Cost]:
-    """The cost of every kind, one state and the batch of `drawn`; without a kind whose states have no answer."""
-    rows = []
-    with one_thread():
-        for kind in kinds.KINDS:
-            states = kinds.state(scene, drawn, kind)
-            for size, calls in ((1, one_by_one(states)), (len(drawn.q), [states])):
-                try:
-                    rows.append(_cost(scene, kind, size, calls, quick))
-                except phipsi.errors.PhipsiError:
-                    continue
+def of_kind(scene: phipsi.Scene, drawn: kinds.Drawn, kind: str, quick: bool) -> list[Cost]:
+    """The cost of one kind, one state and the batch of `drawn`; without what has no answer."""
+    rows, states = [], kinds.state(scene, drawn, kind)
+    with threads(1):
+        for size, calls in ((1, one_by_one(states)), (len(drawn.q), [states])):
+            try:
+                rows.append(_cost(scene, kind, size, calls, quick))
+            except phipsi.errors.PhipsiError:
+                continue
     return rows
 
 
+def measured(scene: phipsi.Scene, drawn: kinds.Drawn, *, quick: bool = False) -> list[Cost]:
+    """The cost of every kind."""
+    return [row for kind in kinds.KINDS for row in of_kind(scene, drawn, kind, quick)]
+
+
 def _cost(scene: phipsi.Scene, kind: str, size: int, calls: Sequence[Arguments], quick: bool) -> Cost:
-    def loop(form: str) -> Once:
-        def once() -> None:
-            for call in calls:
-                scene.forward_dynamics(*call, form=form)  # type: ignore[call-overload]
-
-        return once
-
-    times = in_turns([loop(form) for form in FORMS], quick) / (size * len(calls))
+    forms = [looped(partial(scene.forward_dynamics, form=form), calls) for form in FORMS]
+    times = in_turns(forms, quick) / (size * len(calls))
     auto, covariance = map(float, np.median(times, axis=0))
     return Cost(kind, size, auto, covariance, float(np.median(times[:, 0] / times[:, 1])))
 
@@ -86,16 +84,18 @@ BASES = {"fixed base": False, "free base": True}
 
 
 def of_robots(
-    sources: Mapping[str, str | Path], *, quick: bool = False, seed: int = 0, tick: Callable[[], None] = lambda: None
+    sources: Mapping[str, str | Path],
+    *,
+    quick: bool = False,
+    seed: int = 0,
+    each: Callable[[Sequence[tuple[str, str]]], Iterable[tuple[str, str]]] = iter,
 ) -> dict[tuple[str, str], list[Cost]]:
-    """The costs on every robot (a path or URDF text by name), on a fixed and on a free base."""
+    """The costs on every robot (a path or URDF text by name), on a fixed and on a free base; `each` hands them out."""
     found = {}
-    for base, floating in BASES.items():
-        for name, source in sources.items():
-            scene = _on(source, floating)
-            if scene is not None and scene.nv:
-                found[base, name] = measured(scene, kinds.draw(scene, BATCH, seed), quick=quick)
-            tick()
+    for base, name in each([(base, name) for base in BASES for name in sources]):
+        scene = _on(sources[name], BASES[base])
+        if scene is not None and scene.nv:
+            found[base, name] = measured(scene, kinds.draw(scene, BATCH, seed), quick=quick)
     return found
 
 
@@ -117,35 +117,11 @@ def table(costs: Costs, batch: bool) -> tuple[list[str], list[list[str]]]:
     rows = []
     for base in dict.fromkeys(base for base, _ in costs):
         for kind in kinds.KINDS:
-            cells = [
-                next((f"{row.ratio:.2f}" for row in costs.get((base, robot), ()) if _is(row, kind, batch)), "–")
-                for robot in robots
-            ]
-            rows.append([f"{base}, {kind}", *cells])
+            wanted = [[row for row in costs.get((base, robot), ()) if (row.kind, row.batch > 1) == (kind, batch)] for robot in robots]
+            rows.append([f"{base}, {kind}", *(f"{found[0].ratio:.2f}" if found else "–" for found in wanted)])
     return robots, rows
-
-
-def _is(row: Cost, kind: str, batch: bool) -> bool:
-    return row.kind == kind and (row.batch > 1) is batch
 
 
 #: What the tables show.
 TITLE = "forward_dynamics from Python, form auto over covariance (medians, one thread)"
 SIZES = {True: f"batches of {BATCH}", False: "one state a call"}
-
-
-def markdown(costs: Costs) -> str:
-    """Both tables as Markdown, with the times of the worst case, and what the kinds are."""
-    parts = [f"phipsi {phipsi.__version__}: {TITLE}"]
-    for batch, title in SIZES.items():
-        robots, rows = table(costs, batch)
-        lines = [[title, *robots], ["---"] + ["---:"] * len(robots), *rows]
-        parts.append("\n".join(f"| {' | '.join(line)} |" for line in lines))
-    every = [(row, base, robot) for (base, robot), rows in costs.items() for row in rows]
-    row, base, robot = max(every, key=lambda one: one[0].ratio)
-    size = f"a batch of {row.batch}" if row.batch > 1 else "one state a call"
-    parts.append(
-        f"Worst: {robot}, {base}, {row.kind}, {size}: auto {row.auto:.0f} ns a state, covariance {row.covariance:.0f}."
-    )
-    parts.append("\n".join(f"- {kind}: {meaning}" for kind, meaning in kinds.MEANING.items()))
-    return "\n\n".join(parts)

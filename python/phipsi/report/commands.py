@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from importlib.util import find_spec
+from functools import partial
 from pathlib import Path
 
 import click
@@ -13,11 +13,11 @@ from rich.console import Console
 
 from .. import __version__, _core, errors
 from .._core import Scene
-from . import auto_cost, calls, measure, states, terminal
-from .collect import Effort, collect
-from .measure import DENSE_CAP
+from . import auto_cost, collect, pipeline, terminal, write
+from . import stability as stability_report
 from .progress import Silent, reporter
-from .structure import tree_of
+from .robot import DENSE_CAP, Report
+from .sections import accuracy, calls, growth, residuals
 
 #: What the bundled arm is called.
 BUNDLED = "PUMA 560 (bundled)"
@@ -42,22 +42,16 @@ def _typed_errors() -> Iterator[None]:
 
 
 def _load(robot: Path | None, floating_base: bool) -> tuple[Scene, str, str, list[str]]:
-    """Scene, name, source and warnings."""
+    """Scene, name, source and warnings, of which the first are shown."""
     with warnings.catch_warnings(record=True) as caught, _typed_errors():
         warnings.simplefilter("always")
-        source = _core.BUNDLED_ARM if robot is None else robot
-        scene = Scene.from_urdf(source, floating_base=floating_base)
+        scene = Scene.from_urdf(_core.BUNDLED_ARM if robot is None else robot, floating_base=floating_base)
     texts = [str(one.message) for one in caught]
+    for text in [f"warning: {text}" for text in texts[:3]] + [f"and {len(texts) - 3} more warnings"] * (len(texts) > 3):
+        terminal.line(Console(stderr=True), text, "yellow")
     if robot is None:
         return scene, BUNDLED, "assets/puma560.urdf, in the wheel", texts
     return scene, robot.stem, str(robot), texts
-
-
-def _warn(console: Console, texts: list[str]) -> None:
-    for text in texts[:3]:
-        console.print(f"warning: {text}", style="yellow", highlight=False, markup=False, soft_wrap=True)
-    if len(texts) > 3:
-        console.print(f"and {len(texts) - 3} more warnings", style="yellow", highlight=False)
 
 
 ROBOT = click.argument("robot", metavar="[ROBOT.urdf]", required=False, type=click.Path(path_type=Path))
@@ -80,12 +74,8 @@ def group() -> None:
 @click.option("--states", "count", type=COUNT, help="Random states.  [default: 400, quick: 64]")
 @SEED
 @click.option("--stability", is_flag=True, help="The report on extreme scenes, instead of one on a robot.")
-@click.option("--motion", is_flag=True, help="The report on integrators, instead of one on a robot.")
-@click.option(
-    "--markdown",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="With --stability or --motion: the page as Markdown, too.",
-)
+@click.option("--motion", is_flag=True, hidden=True)
+@click.option("--markdown", type=click.Path(path_type=Path, dir_okay=False), help="With --stability: the page as Markdown, too.")
 def report(
     robot: Path | None,
     output: Path | None,
@@ -99,91 +89,44 @@ def report(
 ) -> None:
     """Write a page about a robot: index.html, report.json and plots.
 
-    Scene and tree, what was left out, residuals of the theory's identities, what every public call takes, form auto in the states
-    that robots are in, error against run time of every method in two precisions, condition of the mass matrix, the mass matrix from samples of the random model, growth with size. Without
-    ROBOT.urdf, the bundled arm.
+    Scene and tree, what was left out, residuals of the theory's identities, what every public call takes, form auto in the states that
+    robots are in, error against run time of every method in two precisions, condition of the mass matrix, the mass matrix from samples
+    of the random model, growth with size. Without ROBOT.urdf, the bundled arm.
 
-    With --stability, a page about the extreme scenes instead: the error of every form, of dense algebra and of the peers
-    installed, in two norms, beside the problems' own sensitivity.
-
-    With --motion, a page about simulation: error against step and run time of every method on smooth and stiff scenes, orders,
-    drift of energy and momentum, beside the peers installed. Its scenes and starts are fixed. Needs SciPy. Quick takes about 40 s, full
-    some minutes.
+    With --stability, a page about the extreme scenes instead: the error of every form and of dense algebra, in two norms, beside the
+    problems' own sensitivity.
 
     Exit code 1: a residual is beyond its bound (the report says which); 2: bad input.
     """
-    if stability and motion:
-        raise click.UsageError("--stability and --motion are two reports: ask for one")
     if motion:
-        if robot is not None or floating_base or count is not None or seed:
-            raise click.UsageError(
-                "--motion has scenes and starts of its own: leave out ROBOT.urdf, --floating-base, --states and --seed"
-            )
-        _motion(output, markdown, quick)
-        return
+        raise BadInput("--motion: the study of integrators is made in phipsi's repository, by: make motion")
     if stability:
         if robot is not None or floating_base or count is not None:
             raise click.UsageError("--stability has scenes of its own: leave out ROBOT.urdf, --floating-base and --states")
-        _stability(output, markdown, quick, seed)
-        return
-    if markdown is not None:
-        raise click.UsageError("--markdown needs --stability or --motion")
-    if output is None:
+        if output is None and markdown is None:
+            raise click.UsageError("--stability needs -o DIR, --markdown FILE or both")
+    elif markdown is not None:
+        raise click.UsageError("--markdown needs --stability")
+    elif output is None:
         raise click.UsageError("Missing option '-o' / '--output'.")
     console = Console(stderr=True)
+    if stability:
+        with _typed_errors(), reporter(console) as says:
+            extreme = stability_report.collect(says, quick=quick, seed=seed)
+            pages = pipeline.write(stability_report.STABILITY, extreme, output, markdown, says)
+        click.echo("\n".join(map(str, pages)))
+        return
+    assert output is not None
     scene, name, source, texts = _load(robot, floating_base)
-    _warn(console, texts)
-    from . import write  # here, so that the other commands do not wait for matplotlib
-
-    with _typed_errors():
+    with _typed_errors(), reporter(console) as says:
         output.mkdir(parents=True, exist_ok=True)
-        with reporter(console) as says:
-            found = collect(scene, says, name=name, source=source, warnings=texts, quick=quick, count=count, seed=seed)
-            index = write(found, output, says)
+        found = collect(scene, says, name=name, source=source, warnings=texts, quick=quick, count=count, seed=seed)
+        index = write(found, output, says)
     click.echo(index)
-    terminal.forward(console, found)
-    if found.emergence is not None:
-        terminal.emergence(console, found.emergence)
-    for part, reason in found.missing.items():
-        console.print(f"no {part}: {reason}", style="yellow", highlight=False, markup=False, soft_wrap=True)
+    terminal.summary(console, found)
     if not found.passed:
-        bad = [row.name for row in found.residuals if not row.passed]
-        console.print(
-            f"beyond the bound: {'; '.join(bad)}", style="bold red", highlight=False, markup=False, soft_wrap=True
-        )
+        terminal.line(console, f"beyond the bound: {'; '.join(found.beyond)}", "bold red")
         raise SystemExit(BEYOND)
-
-
-def _stability(output: Path | None, markdown: Path | None, quick: bool, seed: int) -> None:
-    """The stability report as a folder, as Markdown, or both."""
-    if output is None and markdown is None:
-        raise click.UsageError("--stability needs -o DIR, --markdown FILE or both")
-    from . import stability  # here, so that the other commands do not wait for matplotlib
-
-    with _typed_errors():
-        with reporter(Console(stderr=True)) as says:
-            found = stability.collect(says, quick=quick, seed=seed)
-        if output is not None:
-            click.echo(stability.write(found, output))
-        if markdown is not None:
-            click.echo(stability.write_markdown(found, markdown))
-
-
-def _motion(output: Path | None, markdown: Path | None, quick: bool) -> None:
-    """The motion report as a folder, as Markdown, or both."""
-    if output is None and markdown is None:
-        raise click.UsageError("--motion needs -o DIR, --markdown FILE or both")
-    if find_spec("scipy") is None:
-        raise BadInput('--motion needs SciPy; install with: pip install "phipsi[motion]"')
-    from . import motion_study  # here, so that the other commands do not wait for matplotlib
-
-    with _typed_errors():
-        with reporter(Console(stderr=True)) as says:
-            found = motion_study.collect(says, quick=quick)
-        if output is not None:
-            click.echo(motion_study.write(found, output))
-        if markdown is not None:
-            click.echo(motion_study.write_markdown(found, markdown))
 
 
 @group.command()
@@ -199,20 +142,15 @@ def check(robot: Path | None, floating_base: bool, count: int, seed: int) -> Non
     bundled arm. Exit code 1: a residual is beyond its bound; 2: bad input, or a robot that cannot be checked.
     """
     console = Console(width=None if Console().is_terminal else 110)
-    scene, name, _, texts = _load(robot, floating_base)
-    _warn(Console(stderr=True), texts)
+    scene, name, _, _ = _load(robot, floating_base)
     if scene.nv == 0:
         click.echo(f"{name}: nothing moves, nothing to check")
         return
+    drawn = Report(True, name, "", scene, seed, count)
     if scene.nv > DENSE_CAP:
-        raise BadInput(
-            f"scene: {scene.nv} degrees of freedom found; expected at most {DENSE_CAP}, for the dense comparison"
-        )
-    with _typed_errors():
-        drawn = states.draw(scene, tree_of(scene), count, seed)
-        with reporter(Console(stderr=True)) as says:
-            tick = says.stage("Residuals", count)
-            rows = measure.residuals(scene, drawn, measure.condition_numbers(scene, drawn.q), tick)
+        raise BadInput(f"scene: {scene.nv} degrees of freedom found; expected at most {DENSE_CAP}, for the dense comparison")
+    with _typed_errors(), reporter(Console(stderr=True)) as says:
+        rows = residuals.residuals(scene, drawn.states, drawn.conditions, says)
     terminal.residuals(console, rows)
     held = sum(row.passed for row in rows)
     click.echo(f"{name}: {held} of {len(rows)} hold at {count} random states (seed {seed})")
@@ -233,17 +171,13 @@ def bench(robots: tuple[Path, ...], floating_base: bool, quick: bool, seed: int)
     arm. A quick look, on one thread; `cargo bench` and `make peers` in the repository measure properly.
     """
     console = Console()
-    scene, name, _, texts = _load(robots[0] if robots else None, floating_base)
-    _warn(Console(stderr=True), texts)
-    effort = Effort.of(scene.nv, True, None)
+    scene, name, _, _ = _load(robots[0] if robots else None, floating_base)
+    drawn = Report(quick, name, "", scene, seed, 64)
     with _typed_errors():
         if 0 < scene.nv <= DENSE_CAP:
-            drawn = states.draw(scene, tree_of(scene), effort.states, seed)
-            batch = calls.batch_of(scene, drawn.q, drawn.qd, drawn.tau, seed)
-            terminal.calls(console, f"{name}, random states, one thread", calls.measured(scene, batch, quick))
-            rows = measure.accuracy(scene, drawn, _core.METHODS, 3 if quick else 5, lambda: None)
-            title = f"{name}, {effort.states} random states, Scene::evaluate in Rust, one state a call"
-            terminal.accuracy(console, title, rows)
+            terminal.calls(console, f"{name}, random states, one thread", calls.measured(scene, drawn.batch, quick, Silent()))
+            title = f"{name}, {drawn.effort.states} random states, Scene::evaluate in Rust, one state a call"
+            terminal.accuracy(console, title, accuracy.accuracy(drawn, Silent()))
         else:
             click.echo(f"{name}: {scene.nv} degrees of freedom; the methods are compared from 1 to {DENSE_CAP}")
         sources: Mapping[str, str | Path] = auto_cost.example_robots() or {BUNDLED: _core.BUNDLED_ARM}
@@ -252,10 +186,9 @@ def bench(robots: tuple[Path, ...], floating_base: bool, quick: bool, seed: int)
             stems = [robot.stem for robot in robots]
             sources = {robot.stem if stems.count(robot.stem) == 1 else str(robot): robot for robot in robots}
         with reporter(Console(stderr=True)) as says:
-            tick = says.stage("Form auto by kind of state", len(auto_cost.BASES) * len(sources))
-            costs = auto_cost.of_robots(sources, quick=quick, seed=seed, tick=tick)
+            each = partial(says.each, "Form auto by kind of state")
+            costs = auto_cost.of_robots(sources, quick=quick, seed=seed, each=each)
         if costs:
             terminal.auto_costs(console, costs)
-        tick = Silent().stage("", 0)
-        terminal.growth(console, measure.growth((7, 10, 100, 1000, 10_000), effort.growth_repeats, tick))
+        terminal.growth(console, growth.growth((7, 10, 100, 1000, 10_000), 5, Silent()))
     click.echo("For more: cargo bench, make peers; phipsi report -o DIR for error against run time as a page.")

@@ -1,37 +1,39 @@
-"""The robot as a figure: links as segments, joints with their axes, names at the sides, in SVG."""
+"""The robot as a figure: links as segments, joints with their axes, names at the sides."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from .._core import Scene
-from .labels import Anchor, Label, columns
+from .._results import Joint
+from .labels import Anchor, gathered, sides, spread
+from .names import write_names
+from .plotting import GREY, INK, panels, styled
 from .states import ranges
-from .structure import Joint, Tree
-from .text import escape
+from .structure import Tree
 
 Array = NDArray[np.float64]
 
 #: Colours of the parts, in the order of the key.
-INK, MERGED, TURN, SLIDE, FREE = "#2b2f33", "#b9bec4", "#0072b2", "#d55e00", "#009e73"
-WIDTH, COLUMN, ROW, MARGIN = 1060.0, 250.0, 14.0, 24.0
-#: Names of more joints than this do not fit beside a figure.
-MOST_NAMES = 90
-COLOURS = {"prismatic": SLIDE, "planar": FREE, "spherical": FREE, "floating": FREE}
+MERGED, TURN, SLIDE, FREE, MASS = "#b9bec4", "#0072b2", "#d55e00", "#009e73", "#e69f00"
+COLOURS = {"fixed": MERGED, "prismatic": SLIDE, "planar": FREE, "spherical": FREE, "floating": FREE}
+#: Width of the figure, inches, and the share of it that a column of names takes.
+WIDTH, COLUMN = 10.0, 0.24
+#: Height of a name, inches; names of more joints than this do not fit beside a figure.
+ROW, MOST_NAMES = 0.15, 90
 
 
-@dataclass(frozen=True)
-class View:
-    """Orthographic, z up; world points to picture points."""
+class View(NamedTuple):
+    """Orthographic, z up."""
 
     right: Array
     up: Array
     towards: Array
-    scale: float = 1.0
-    shift: tuple[float, float] = (0.0, 0.0)
 
     @staticmethod
     def of(azimuth: float, elevation: float) -> View:
@@ -39,187 +41,148 @@ class View:
         ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
         return View(np.array([-sa, ca, 0.0]), np.array([-se * ca, -se * sa, ce]), np.array([ce * ca, ce * sa, se]))
 
-    def flat(self, point: Array) -> tuple[float, float]:
-        """Where a point is in the picture; y down."""
-        x, y = float(self.right @ point), float(self.up @ point)
-        return self.scale * x + self.shift[0], -self.scale * y + self.shift[1]
+    @staticmethod
+    def best(cloud: Array) -> View:
+        """The direction from which the points, (n, 3), cover the largest rectangle."""
+        size = float(np.ptp(cloud, axis=0).max()) or 1.0
+        views = [View.of(azimuth, np.radians(14.0)) for azimuth in np.radians(np.arange(-150.0, 211.0, 15.0) + 7.0)]
+
+        def area(view: View) -> float:
+            wide, high = np.ptp(view.flat(cloud), axis=0)
+            # Of two opposite views the one from the front, or with x to the right, is chosen.
+            favour = 1.0 + 0.02 * view.towards[0] + 0.02 * view.right[0]
+            return float((wide + 0.2 * size) * (high + 0.2 * size) * favour)
+
+        return max(views, key=area)
+
+    def flat(self, points: Array) -> Array:
+        """Right and up in the picture, (..., 3) to (..., 2)."""
+        return points @ np.stack([self.right, self.up], axis=-1)
 
 
 def pose(scene: Scene, tree: Tree) -> tuple[Array, str]:
     """A configuration that shows the robot, and what to call it."""
     low, high = ranges(scene, tree)
-    neutral = scene.neutral()
     step = np.clip(np.zeros(scene.nv), low, high)
-    caption = "at the neutral configuration" if not step.any() else "at neutral, moved to within the limits"
-    q = scene.integrate(neutral, step)
-    points = _origins(scene, tree, q)
+    q = scene.integrate(scene.neutral(), step)
+    placements = scene.placements(q)
+    points = np.array([placements[joint.child][:3, 3] for joint in tree.joints.values() if joint.child in placements])
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) if len(points) else np.zeros(2)
     if len(spread) > 1 and spread[1] < 0.15 * spread[0] and scene.nv > 2:
         bend = np.clip(np.where(np.arange(scene.nv) % 2, 0.6, 0.45), low, high)
-        return scene.integrate(neutral, bend), "bent by about 0.5 rad a joint, for at neutral the joints are in line"
-    return q, caption
+        return scene.integrate(scene.neutral(), bend), "bent by about 0.5 rad a joint, for at neutral the joints are in line"
+    return q, "at the neutral configuration" if not step.any() else "at neutral, moved to within the limits"
 
 
-def _origins(scene: Scene, tree: Tree, q: Array) -> Array:
-    placements = scene.placements(q)
-    return np.array([placements[joint.child][:3, 3] for joint in tree.joints.values() if joint.child in placements])
-
-
-def skeleton(scene: Scene, tree: Tree, q: Array) -> str:
-    """The figure as an SVG element."""
+@styled
+def skeleton(scene: Scene, tree: Tree, q: Array) -> tuple[str, Figure]:
+    """The figure of the robot at a configuration."""
     placements = {tree.root: np.eye(4), **scene.placements(q)}
     origins = {name: placement[:3, 3] for name, placement in placements.items()}
     cloud = np.array(list(origins.values()))
-    joints = [joint for joint in tree.joints.values() if not joint.fixed]
-    named = joints if len(joints) <= MOST_NAMES else []
+    named = tree.movable if len(tree.movable) <= MOST_NAMES else []
     size = float(np.ptp(cloud, axis=0).max()) or 1.0
-    best = _best(cloud, size)
-    height = max(_natural_height(best, cloud), min(760.0, ROW * (len(named) / 2 + 5)))
-    view = _framed(best, cloud, size, height, COLUMN if named else MARGIN)
-    marks = [_ground(view, size)]
-    marks += _segments(view, tree, origins)
-    marks += [_mass(view, tree, name, placement) for name, placement in placements.items() if name in tree.links]
-    radius = _radius(view, tree, origins)
-    marks += [_joint(view, joint, placements[joint.child], radius) for joint in joints]
-    anchors = [Anchor((joint.name,), *view.flat(origins[joint.child])) for joint in named]
-    marks += [_label(label) for label in columns(anchors, WIDTH, COLUMN, height, ROW)]
-    return (
-        f'<svg class="skeleton" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:.0f} {height:.0f}" '
-        f'role="img" aria-label="Skeleton of the robot" font-size="11.5" font-family="Helvetica, Arial, sans-serif">'
-        f"{''.join(marks)}</svg>"
-    )
+    view = View.best(cloud)
+    low, high = view.flat(cloud).min(axis=0) - 0.06 * size, view.flat(cloud).max(axis=0) + 0.06 * size
+    # More for a figure that stands than for one that lies, and room for the names.
+    height = max(float(np.clip(3.4 * (high[1] - low[1]) / (high[0] - low[0]), 3.1, 5.7)), min(7.2, ROW * (len(named) / 2 + 5)))
+    side = COLUMN if named else 0.03
+    figure, ((axes,),) = panels((WIDTH, height), margins=(side, 1.0 - side, 0.97, 0.03))
+    axes.set_axis_off()
+    room = np.array([WIDTH * (1.0 - 2.0 * side), 0.94 * height])
+    # Metres in an inch, alike in both directions.
+    share = float(np.max((high - low) / room))
+    (left, bottom), (right, top) = ((low + high) / 2 + way * share * room / 2 for way in (-1.0, 1.0))
+    axes.set(xlim=(left, right), ylim=(bottom, top))
+    _ground(axes, view, size)
+    _links(axes, view, tree, origins)
+    _masses(axes, view, tree, placements)
+    scale = 72.0 / share
+    radius = _radius(scale, tree, origins)
+    for joint in tree.movable:
+        _joint(axes, view, joint, placements[joint.child], radius, scale)
+    _names(axes, [Anchor((joint.name,), *map(float, view.flat(origins[joint.child]))) for joint in named], 7.0 / scale, height)
+    return "skeleton", figure
 
 
-def _best(cloud: Array, size: float) -> View:
-    """The direction from which the joints cover the largest rectangle."""
-    azimuths = np.radians(np.arange(-150.0, 211.0, 15.0) + 7.0)
-    views = [View.of(azimuth, np.radians(14.0)) for azimuth in azimuths]
-
-    def area(view: View) -> float:
-        flat = np.array([view.flat(point) for point in cloud])
-        wide, high = np.ptp(flat, axis=0)
-        # Of two opposite views the one from the front, or with x to the right, is chosen.
-        favour = 1.0 + 0.02 * view.towards[0] + 0.02 * view.right[0]
-        return float((wide + 0.2 * size) * (high + 0.2 * size) * favour)
-
-    return max(views, key=area)
-
-
-def _natural_height(view: View, cloud: Array) -> float:
-    """More for a figure that stands than for one that lies."""
-    wide, high = np.ptp(np.array([view.flat(point) for point in cloud]), axis=0)
-    return float(np.clip(360.0 * high / (wide or 1.0), 330.0, 600.0))
-
-
-def _framed(view: View, cloud: Array, size: float, height: float, side: float) -> View:
-    flat = np.array([view.flat(point) for point in cloud])
-    low, high = flat.min(axis=0) - 0.06 * size, flat.max(axis=0) + 0.06 * size
-    wide, tall = WIDTH - 2 * side - 40.0, height - 2 * MARGIN
-    scale = min(wide / (high[0] - low[0]), tall / (high[1] - low[1]))
-    middle = (low + high) / 2 * scale
-    shift = (WIDTH / 2 - float(middle[0]), height / 2 - float(middle[1]))
-    return View(view.right, view.up, view.towards, scale, shift)
-
-
-def _radius(view: View, tree: Tree, origins: dict[str, Array]) -> float:
+def _radius(scale: float, tree: Tree, origins: dict[str, Array]) -> float:
     """Size of a joint's mark in metres: a share of a typical link."""
-    lengths = [
-        float(np.linalg.norm(origins[joint.child] - origins[joint.parent]))
-        for joint in tree.joints.values()
-        if not joint.fixed and joint.parent in origins
-    ]
-    long = [length for length in lengths if length * view.scale > 4.0]
-    typical = float(np.median(long)) if long else 30.0 / view.scale
-    return min(max(0.16 * typical * view.scale, 4.5), 15.0) / view.scale
+    ends = [(origins[joint.child], origins[str(joint.parent)]) for joint in tree.movable if joint.parent in origins]
+    long = [length for a, b in ends if (length := float(np.linalg.norm(a - b)) * scale) > 3.0]
+    return float(np.clip(0.16 * np.median(long or [20.0]), 3.0, 10.0)) / scale
 
 
-def _line(view: View, a: Array, b: Array, style: str) -> str:
-    (x1, y1), (x2, y2) = view.flat(a), view.flat(b)
-    return f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}" {style}/>'
+def _line(axes: Axes, view: View, a: Array, b: Array, ink: str, width: float) -> None:
+    axes.plot(*view.flat(np.array([a, b])).T, color=ink, lw=width, solid_capstyle="round")
 
 
-def _ground(view: View, size: float) -> str:
+def _ground(axes: Axes, view: View, size: float) -> None:
     """The base frame's axes at its origin."""
-    marks = []
     for name, direction in zip("xyz", np.eye(3), strict=True):
         tip = 0.11 * size * direction
-        marks.append(_line(view, np.zeros(3), tip, 'stroke="#8a9199" stroke-width="1"'))
+        _line(axes, view, np.zeros(3), tip, GREY, 0.7)
         x, y = view.flat(1.25 * tip)
-        marks.append(
-            f'<text x="{x:.1f}" y="{y + 3:.1f}" text-anchor="middle" fill="#8a9199" font-style="italic">{name}</text>'
-        )
-    return "".join(marks)
+        axes.text(x, y, name, color=GREY, style="italic", ha="center", va="center", fontsize=7.5)
 
 
-def _segments(view: View, tree: Tree, origins: dict[str, Array]) -> list[str]:
+def _links(axes: Axes, view: View, tree: Tree, origins: dict[str, Array]) -> None:
     """Parent's origin to child's, far ones first; what was merged in grey."""
     found = []
     for joint in tree.joints.values():
-        if joint.parent not in origins or joint.kind == "floating":
-            continue
-        a, b = origins[joint.parent], origins[joint.child]
-        tail = joint.fixed and not tree.carries_motion(joint.child)
-        style = (
-            f'stroke="{MERGED}" stroke-width="1.4"'
-            if tail
-            else f'stroke="{INK}" stroke-width="4.2" stroke-linecap="round"'
-        )
-        found.append((not tail, float(view.towards @ (a + b)), _line(view, a, b, style)))
-    return [mark for _, _, mark in sorted(found)]
+        if joint.parent in origins and joint.type != "floating":
+            a, b = origins[joint.parent], origins[joint.child]
+            tail = joint.type == "fixed" and not tree.carries_motion(joint.child)
+            found.append((not tail, float(view.towards @ (a + b)), a.tolist(), b.tolist()))
+    for carries, _, a, b in sorted(found):
+        _line(axes, view, a, b, *((INK, 2.9) if carries else (MERGED, 1.0)))
 
 
-def _mass(view: View, tree: Tree, name: str, placement: Array) -> str:
-    """A disc at the mass centre; its area grows with the mass."""
-    link = tree.links[name]
-    if link.mass <= 0.0 or not np.isfinite(link.centre).all():
-        return ""
-    x, y = view.flat(placement[:3, :3] @ link.centre + placement[:3, 3])
-    heaviest = max(other.mass for other in tree.links.values())
-    radius = 13.0 * np.sqrt(link.mass / heaviest)
-    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{max(radius, 0.8):.1f}" fill="#e69f00" fill-opacity="0.28"/>'
+def _masses(axes: Axes, view: View, tree: Tree, placements: dict[str, Array]) -> None:
+    """A disc at each mass centre; its area grows with the mass."""
+    links = [tree.links[name] for name in placements if name in tree.links]
+    heavy = [link for link in links if link.mass > 0.0 and np.isfinite(link.com).all()]
+    if heavy:
+        places = view.flat(np.array([placements[link.name][:3, :3] @ link.com + placements[link.name][:3, 3] for link in heavy]))
+        masses = np.array([link.mass for link in heavy])
+        axes.scatter(places[:, 0], places[:, 1], s=np.maximum(300.0 * masses / masses.max(), 1.0), color=MASS, alpha=0.28, lw=0)
 
 
-def _joint(view: View, joint: Joint, placement: Array, radius: float) -> str:
-    """The axis and, for a turning joint, the circle around it."""
-    centre, colour = placement[:3, 3], COLOURS.get(joint.kind, TURN)
+def _joint(axes: Axes, view: View, joint: Joint, placement: Array, radius: float, scale: float) -> None:
+    """The axis and, for a turning joint, the circle around it: so large, m, at so many points a metre."""
+    centre, ink = placement[:3, 3], COLOURS.get(joint.type, TURN)
     x, y = view.flat(centre)
-    dot = f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.2" fill="{colour}"/>'
-    if joint.kind in ("floating", "spherical"):
-        size = radius * view.scale
-        return (
-            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{size:.1f}" fill="none" stroke="{colour}" stroke-width="1.6"/>{dot}'
-        )
-    axis = placement[:3, :3] @ joint.axis
-    axis = axis / (float(np.linalg.norm(axis)) or 1.0)
-    mark = _line(
-        view, centre - 1.5 * radius * axis, centre + 1.5 * radius * axis, f'stroke="{colour}" stroke-width="1.5"'
-    )
-    if joint.kind == "prismatic":
-        side = 0.9 * radius * view.scale
-        box = f'<rect x="{x - side / 2:.1f}" y="{y - side / 2:.1f}" width="{side:.1f}" height="{side:.1f}" '
-        return f'{mark}{box}fill="#fff" stroke="{colour}" stroke-width="1.5"/>'
-    across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-    across /= np.linalg.norm(across)
-    other = np.cross(axis, across)
-    angles = np.linspace(0.0, 2 * np.pi, 25)[:-1]
-    ring = [view.flat(centre + radius * (np.cos(t) * across + np.sin(t) * other)) for t in angles]
-    path = " ".join(f"{px:.1f},{py:.1f}" for px, py in ring)
-    circle = f'<polygon points="{path}" fill="#fff" fill-opacity="0.75" stroke="{colour}" stroke-width="1.5"/>'
-    return circle + mark + dot
+    if joint.type in ("floating", "spherical"):
+        axes.plot([x], [y], "o", ms=2.0 * radius * scale, mfc="none", color=ink, mew=1.1)
+    else:
+        assert joint.axis is not None
+        axis = placement[:3, :3] @ joint.axis
+        across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        across /= np.linalg.norm(across)
+        angles = np.linspace(0.0, 2 * np.pi, 25)[:, None]
+        if joint.type != "prismatic":
+            ring = centre + radius * (np.cos(angles) * across + np.sin(angles) * np.cross(axis, across))
+            axes.fill(*view.flat(ring).T, fc="#ffffffbf", ec=ink, lw=1.0, zorder=3)
+        _line(axes, view, centre - 1.5 * radius * axis, centre + 1.5 * radius * axis, ink, 1.0)
+        if joint.type == "prismatic":
+            axes.plot([x], [y], "s", ms=0.9 * radius * scale, mfc="white", color=ink, mew=1.0)
+            return
+    axes.plot([x], [y], "o", ms=3.0, color=ink, mew=0, zorder=4)
 
 
-def _label(label: Label) -> str:
-    """Names at the side, and the thin line to their joint."""
-    way = 1.0 if label.left else -1.0
-    middle = label.top + ROW * (len(label.names) - 1) / 2
-    bar, elbow = label.x + 5 * way, label.x + 20 * way
-    points = f"{bar:.1f},{middle:.1f} {elbow:.1f},{middle:.1f} {label.at_x:.1f},{label.at_y:.1f}"
-    marks = [f'<polyline points="{points}" fill="none" stroke="#9aa1a8" stroke-width="0.7"/>']
-    if len(label.names) > 1:
-        ends = f'y1="{label.top - 5:.1f}" y2="{label.top + ROW * (len(label.names) - 1) + 5:.1f}"'
-        marks.append(f'<line x1="{bar:.1f}" x2="{bar:.1f}" {ends} stroke="#9aa1a8" stroke-width="0.9"/>')
-    anchor = "end" if label.left else "start"
-    for k, name in enumerate(label.names):
-        y = label.top + ROW * k + 4
-        marks.append(f'<text x="{label.x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{INK}">{escape(name)}</text>')
-    return "".join(marks)
+def _names(axes: Axes, anchors: list[Anchor], near: float, height: float) -> None:
+    """Names in a column left and one right, each with a thin line to its joint."""
+    low, high = axes.get_ylim()
+    texts, written = [], []
+    for left, column in zip((True, False), sides(gathered(anchors, near), float(np.mean(axes.get_xlim()))), strict=True):
+        ordered = sorted(column, key=lambda anchor: anchor.y)
+        heights = [(ROW * len(anchor.names) + 0.03) / height for anchor in ordered]
+        places = spread([(anchor.y - low) / (high - low) for anchor in ordered], heights, 0.0, 1.0)
+        elbow = {"arrowstyle": "-", "color": "#9aa1a8", "lw": 0.6, "shrinkA": 2, "shrinkB": 0, "relpos": (float(left), 0.5),
+                 "connectionstyle": f"arc,angleA={0 if left else 180},armA=12,rad=0"}  # fmt: skip
+        for anchor, place in zip(ordered, places, strict=True):
+            texts.append(axes.annotate(
+                "", (anchor.x, anchor.y), xytext=(-0.02 if left else 1.02, place), textcoords="axes fraction", va="center",
+                ha="right" if left else "left", annotation_clip=False, arrowprops=elbow,
+            ))  # fmt: skip
+            written.append(anchor.names)
+    write_names(texts, written)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import __version__, _core
+from .. import __version__
 
 
 def describe() -> dict[str, str | int | None]:
@@ -23,7 +23,7 @@ def describe() -> dict[str, str | int | None]:
         "numpy": np.__version__,
         "phipsi": __version__,
         "commit": _output(repository, "git", "rev-parse", "--short=12", "HEAD"),
-        "compiler": getattr(_core, "COMPILER", None) or _output(repository, "rustc", "--version"),
+        "compiler": _output(repository, "rustc", "--version"),
     }
 
 

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from .. import errors
 from .._core import Scene
 from .._motion import Trajectory
-from .draw import View, _best
-from .figure import COLOURS, FAINT, INK, STYLE, Plot, finished
+from .draw import View
 from .names import write_names
+from .plotting import COLOURS, FAINT, INK, styled
 from .structure import Tree
 
 Array = NDArray[np.float64]
@@ -112,33 +112,32 @@ def _table(path: Trajectory, file: Path) -> None:
         out.writerows([repr(float(x)) for x in row] for row in np.column_stack([path.t, path.q, path.qd]))
 
 
-def motion_plot(path: Trajectory) -> Plot:
+@styled
+def motion_plot(path: Trajectory) -> tuple[str, Figure]:
     """Coordinates, rates, and energy over time."""
-    scene, energy = path.scene, path.energy()
-    names = _columns(scene, "q")
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(7.2, 6.6), layout="constrained")
-        top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(1.25, 1.0, 1.0))
-        curves = _curves(top, path.t, path.q)
-        _curves(middle, path.t, path.qd)
-        top.set_ylabel("coordinates (rad, m)")
-        middle.set_ylabel("rates (rad/s, m/s)")
-        kinds = [("kinetic", energy.kinetic), ("of gravity", energy.potential), ("of springs", energy.spring)]
-        shown = [(name, values) for name, values in kinds if np.any(values)]
-        for colour, (name, values) in zip(COLOURS, shown, strict=False):
+    energy, names = path.energy(), _columns(path.scene, "q")
+    figure = Figure(figsize=(7.2, 6.6), layout="constrained")
+    top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(1.25, 1.0, 1.0))
+    curves = _curves(top, path.t, path.q)
+    _curves(middle, path.t, path.qd)
+    top.set_ylabel("coordinates (rad, m)")
+    middle.set_ylabel("rates (rad/s, m/s)")
+    bottom.set_ylabel("energy (J)")
+    bottom.set_xlabel("time (s)")
+    kinds = (("kinetic", energy.kinetic), ("of gravity", energy.potential), ("of springs", energy.spring))
+    for colour, (name, values) in zip(COLOURS, kinds, strict=False):
+        if np.any(values):
             bottom.plot(path.t, values, color=colour, lw=1.2, label=name)
-        bottom.plot(path.t, energy.total, color=INK, lw=1.6, label="total")
-        bottom.set_ylabel("energy (J)")
-        bottom.set_xlabel("time (s)")
-        bottom.legend(frameon=False, ncols=4, loc="best", fontsize=7.5)
-        for axes in (top, middle, bottom):
-            axes.grid(color=FAINT, lw=0.5)
-            axes.margins(x=0.01)
-        if 0 < len(names) <= MOST_NAMES:
-            places = [str(i) for i in range(len(names))]
-            legend = top.legend(curves, places, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.02), fontsize=7.5)
-            write_names(legend.get_texts(), [name[2:] for name in names])
-        return finished("motion", figure)
+    bottom.plot(path.t, energy.total, color=INK, lw=1.6, label="total")
+    beside: Any = {"frameon": False, "loc": "upper left", "bbox_to_anchor": (1.0, 1.02), "fontsize": 7.5}
+    bottom.legend(**beside)
+    for axes in (top, middle, bottom):
+        axes.grid(color=FAINT, lw=0.5)
+        axes.margins(x=0.01)
+    if 0 < len(names) <= MOST_NAMES:
+        legend = top.legend(curves, [str(i) for i in range(len(names))], **beside)
+        write_names(legend.get_texts(), [[name[2:]] for name in names])
+    return "motion", figure
 
 
 def _curves(axes: Axes, t: Array, values: Array) -> list[Line2D]:
@@ -146,41 +145,28 @@ def _curves(axes: Axes, t: Array, values: Array) -> list[Line2D]:
     return [axes.plot(t, values[:, i], color=colours[i], lw=1.1)[0] for i in range(values.shape[1])]
 
 
-def stroboscope(path: Trajectory, tree: Tree, flashes: int = FLASHES) -> Plot:
+@styled
+def stroboscope(path: Trajectory, tree: Tree, flashes: int = FLASHES) -> tuple[str, Figure]:
     """The robot at instants evenly through the motion, links as lines between joints, from pale to dark; its tips' paths between."""
-    scene = path.scene
-    at = np.unique(np.linspace(0, len(path) - 1, flashes).round().astype(int))
-    dense = np.unique(np.linspace(0, len(path) - 1, 400).round().astype(int))
+    at, dense = (np.unique(np.linspace(0, len(path) - 1, count).round().astype(int)) for count in (flashes, 400))
     bones = [(joint.parent, joint.child) for joint in tree.joints.values() if joint.parent in tree.links]
     tips = [link for link in tree.links if not tree.children.get(link)] or [tree.root]
-    frozen, flown = scene.placements(path.q[at]), scene.placements(path.q[dense])
+    frozen, flown = path.scene.placements(path.q[at]), path.scene.placements(path.q[dense])
     origins = {name: placement[:, :3, 3] for name, placement in frozen.items()}
-    cloud = np.concatenate([points for points in origins.values()])
-    size = float(np.ptp(cloud, axis=0).max()) or 1.0
-    view = _best(cloud, size)
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(7.2, 5.4), layout="constrained")
-        axes = figure.add_subplot()
-        for tip in tips:
-            axes.plot(*_flat(view, flown[tip][:, :3, 3]), color=COLOURS[2], lw=0.7, alpha=0.6)
-        shades = np.linspace(0.18, 1.0, len(at))
-        for i, shade in enumerate(shades):
-            lines = [np.stack(_flat(view, np.stack([origins[a][i], origins[b][i]])), axis=-1) for a, b in bones]
-            axes.add_collection(LineCollection(lines, colors=COLOURS[0], alpha=shade, linewidths=1.0 + 1.4 * shade))
-            right, up = _flat(view, np.stack([origins[b][i] for _, b in bones])) if bones else (np.empty(0), np.empty(0))
-            axes.plot(right, up, "o", color=INK, alpha=shade, ms=2.6, lw=0)
-        axes.set_aspect("equal", "datalim")
-        axes.autoscale()
-        axes.margins(0.08)
-        axes.set_axis_off()
-        axes.set_title(
-            f"{len(at)} instants from t = {path.t[0]:g} s (pale) to {path.t[-1]:g} s (dark); z up; orange: paths of the tips",
-            fontsize=8.5,
-            color="#5c646c",
-        )
-        return finished("stroboscope", figure)
-
-
-def _flat(view: View, points: Array) -> tuple[Array, Array]:
-    """Right and up in the picture."""
-    return points @ view.right, points @ view.up
+    view = View.best(np.concatenate(list(origins.values())))
+    figure = Figure(figsize=(7.2, 5.4), layout="constrained")
+    axes = figure.add_subplot()
+    for tip in tips:
+        axes.plot(*view.flat(flown[tip][:, :3, 3]).T, color=COLOURS[2], lw=0.7, alpha=0.6)
+    ends = np.array([[view.flat(origins[str(end)]) for end in bone] for bone in bones]).reshape(-1, 2, len(at), 2)
+    for i, shade in enumerate(np.linspace(0.18, 1.0, len(at))):
+        lines = ends[:, :, i]
+        axes.add_collection(LineCollection(list(lines), colors=COLOURS[0], alpha=shade, linewidths=1.0 + 1.4 * shade))
+        axes.plot(*lines[:, 1].T, "o", color=INK, alpha=shade, ms=2.6, lw=0)
+    axes.set_aspect("equal", "datalim")
+    axes.autoscale()
+    axes.margins(0.08)
+    axes.set_axis_off()
+    title = f"{len(at)} instants from t = {path.t[0]:g} s (pale) to {path.t[-1]:g} s (dark); z up; orange: paths of the tips"
+    axes.set_title(title, fontsize=8.5, color="#5c646c")
+    return "stroboscope", figure

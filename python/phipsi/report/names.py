@@ -12,38 +12,27 @@ from matplotlib.text import Text
 LONGEST = 36
 #: Families that have what DejaVu lacks, tried before all others that are installed.
 PREFERRED = (
-    "Noto Sans CJK JP",
-    "Noto Sans CJK SC",
-    "Noto Sans CJK KR",
-    "Source Han Sans",
-    "WenQuanYi Micro Hei",
-    "WenQuanYi Zen Hei",
-    "Droid Sans Fallback",
-    "IPAexGothic",
-    "Hiragino Sans",
-    "PingFang SC",
-    "Apple SD Gothic Neo",
-    "Microsoft YaHei",
-    "Yu Gothic",
-    "Malgun Gothic",
-    "Noto Emoji",
-    "Symbola",
-    "Segoe UI Symbol",
-    "Unifont",
-)
+    "Noto Sans CJK JP", "Noto Sans CJK SC", "Noto Sans CJK KR", "Source Han Sans", "WenQuanYi Micro Hei", "WenQuanYi Zen Hei",
+    "Droid Sans Fallback", "IPAexGothic", "Hiragino Sans", "PingFang SC", "Apple SD Gothic Neo", "Microsoft YaHei", "Yu Gothic",
+    "Malgun Gothic", "Noto Emoji", "Symbola", "Segoe UI Symbol", "Unifont",
+)  # fmt: skip
 #: Fonts that have pictures or boxes for everything, which is no help.
 UNUSABLE = ("color", "last resort", "lastresort")
 
 
-def write_names(texts: Sequence[Text], names: Sequence[str]) -> None:
-    """Puts a name into each text: no mathematics in it, no box, nothing that the plotting library warns of; long ones without their middle."""
-    names = [name if len(name) <= LONGEST else f"{name[: LONGEST - 13]}…{name[-12:]}" for name in names]
+def write_names(texts: Sequence[Text], names: Sequence[Sequence[str]]) -> None:
+    """Puts names into each text, one a line: no mathematics in them, no box, nothing that the plotting library warns of."""
     default = [str(family) for family in rcParams["font.family"]]
-    more = _families("".join(names), tuple(default))
-    for text, name in zip(texts, names, strict=True):
+    families = (*default, *_families("".join(name for lines in names for name in lines), tuple(default)))
+    for text, lines in zip(texts, names, strict=True):
         text.set_parse_math(False)
-        text.set_fontfamily([*default, *more])
-        text.set_text(readable(name, (*default, *more)))
+        text.set_fontfamily(families)
+        text.set_text("\n".join(readable(shortened(name), families) for name in lines))
+
+
+def shortened(name: str) -> str:
+    """A name that leaves room for what it names: long ones without their middle."""
+    return name if len(name) <= LONGEST else f"{name[: LONGEST - 13]}…{name[-12:]}"
 
 
 def readable(name: str, families: Sequence[str]) -> str:

@@ -2,56 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Protocol
+from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-
-class Reporter(Protocol):
-    """Told what is being done."""
-
-    def stage(self, name: str, steps: int) -> Callable[[], None]:
-        """A part of the work begins; call the result after each of its steps."""
-        ...
+T = TypeVar("T")
 
 
-class Silent:
-    """Says nothing."""
-
-    def stage(self, name: str, steps: int) -> Callable[[], None]:
-        return lambda: None
-
-
-class Lines:
-    """One short line a part."""
+class Reporter:
+    """Told what is being done; says one short line a part."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
 
-    def stage(self, name: str, steps: int) -> Callable[[], None]:
+    def each(self, name: str, pieces: Sequence[T]) -> Iterator[T]:
+        """The pieces of a part of the work, one after the other; the next is asked for when one is done."""
         self._console.print(f"{name} ...", highlight=False)
-        return lambda: None
+        yield from pieces
+
+    def counter(self, name: str) -> Callable[[int, int], None] | None:
+        """What is told how many of how many steps are done; None where nothing would be shown."""
+        return None
 
 
-class Bars:
+class Silent(Reporter):
+    """Says nothing."""
+
+    def __init__(self) -> None:
+        super().__init__(Console(quiet=True))
+
+
+class Bars(Reporter):
     """A bar a part."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
 
-    def stage(self, name: str, steps: int) -> Callable[[], None]:
-        task = self._progress.add_task(name, total=steps)
-        return lambda: self._progress.advance(task)
+    def each(self, name: str, pieces: Sequence[T]) -> Iterator[T]:
+        return iter(self._progress.track(pieces, description=name))
+
+    def counter(self, name: str) -> Callable[[int, int], None]:
+        task = self._progress.add_task(name)
+        return lambda done, steps: self._progress.update(task, completed=done, total=steps)
 
 
 @contextmanager
 def reporter(console: Console) -> Iterator[Reporter]:
     """Bars on a terminal, lines elsewhere."""
     if not console.is_terminal:
-        yield Lines(console)
+        yield Reporter(console)
         return
     columns = (TextColumn("{task.description:<28}"), BarColumn(40), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console) as progress:

@@ -2,37 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import click
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from .. import errors
 from .._motion import PD, Trajectory
-from .commands import BEYOND, FLOATING, ROBOT, BadInput, _load, _typed_errors, _warn, group
+from . import motion
+from .commands import BEYOND, FLOATING, ROBOT, BadInput, _load, _typed_errors, group
+from .progress import reporter
 from .structure import tree_of
+from .terminal import line
 
 #: The exit code of a run that was stopped, as shells have it.
 STOPPED = 130
 METHODS = ("semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3")
 #: Rows of a trajectory, unless --record-every says otherwise.
 ROWS = 2000
-
-
-@contextmanager
-def _bar(console: Console) -> Iterator[Callable[[int, int], object] | None]:
-    """A bar of simulated steps on a terminal; nothing elsewhere."""
-    if not console.is_terminal:
-        yield None
-        return
-    columns = (TextColumn("Simulating"), BarColumn(40), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("")
-        yield lambda done, steps: progress.update(task, completed=done, total=steps)
 
 
 @group.command()
@@ -69,16 +57,13 @@ def simulate(
     Exit code 1: the motion diverged or a pivot was lost (what came before is written); 2: bad input; 130: stopped.
     """
     console = Console(stderr=True)
-    scene, name, _, texts = _load(robot, floating_base)
-    _warn(console, texts)
+    scene, name, _, _ = _load(robot, floating_base)
     if not (np.isfinite(dt) and dt > 0.0 and np.isfinite(duration) and duration >= 0.0):
         raise BadInput(f"--time, --dt: found {duration} and {dt}; expected finite times, the step positive")
     if duration / dt > 1e12:
         raise BadInput(f"--dt: found {duration / dt:.1e} steps; expected at most 1e12")
     steps = round(duration / dt)
     every = record_every or max(1, steps // ROWS)
-    from . import motion  # here, so that the other commands do not wait for matplotlib
-
     code, path = 0, None
     with _typed_errors():
         start = motion.read_state(state, scene) if state is not None else {}
@@ -86,16 +71,17 @@ def simulate(
         law = PD(hold[0], hold[1], q) if hold is not None else None
         output.mkdir(parents=True, exist_ok=True)
         try:
-            with _bar(console) as progress:
+            with reporter(console) as says:
                 path = scene.simulate(
-                    q, qd, dt=dt, steps=steps, tau=start.get("tau"), method=method, record_every=every, pd=law, progress=progress
-                )
+                    q, qd, dt=dt, steps=steps, tau=start.get("tau"), method=method, record_every=every, pd=law,
+                    progress=says.counter("Simulating"),
+                )  # fmt: skip
         except errors.SimulationError as error:
             code, path = BEYOND, error.trajectory
-            console.print(str(error), style="bold red", highlight=False, markup=False, soft_wrap=True)
+            line(console, str(error), "bold red")
         except errors.SimulationInterrupted as stopped:
             code, path = STOPPED, stopped.trajectory
-            console.print(str(stopped), style="yellow", highlight=False, markup=False)
+            line(console, str(stopped), "yellow")
         except MemoryError as error:
             raise BadInput(str(error)) from None
         for file in motion.write(path, tree_of(scene), output, table=table):

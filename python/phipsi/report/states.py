@@ -30,9 +30,14 @@ class States:
     def __len__(self) -> int:
         return len(self.qd)
 
+    @property
+    def arrays(self) -> tuple[Array, Array, Array]:
+        """The three of them."""
+        return self.q, self.qd, self.tau
+
     def first(self, count: int) -> States:
         """The first `count` states."""
-        return States(self.q[:count], self.qd[:count], self.tau[:count])
+        return States(*(values[:count] for values in self.arrays))
 
 
 def draw(scene: Scene, tree: Tree, count: int, seed: int) -> States:
@@ -58,7 +63,7 @@ def ranges(scene: Scene, tree: Tree) -> tuple[Array, Array]:
     limits = scene.limits
     for name in scene.joint_names:
         at = scene.v_index(name)
-        reach = np.array(REACH[tree.joints[name].kind])
+        reach = np.array(REACH[tree.joints[name].type])
         low[at], high[at] = -reach, reach
         if len(reach) == 1:
             lower, upper = float(limits.lower[at][0]), float(limits.upper[at][0])

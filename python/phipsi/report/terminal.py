@@ -1,117 +1,108 @@
-"""Tables on the terminal, for `phipsi check` and `phipsi bench`."""
+"""Tables on the terminal, for `phipsi check` and `phipsi bench`, and what `phipsi report` says in a line."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
 from . import auto_cost, kinds, text
 from .auto_cost import Costs
-from .calls import CallTime
-from .collect import Report
-from .emergence import PLAIN, SIGMA, SOBOL, Emergence
-from .left_out import FORWARD
-from .measure import Accuracy, Growth, Residual, spread
+from .robot import FORWARD, Report
+from .sections.accuracy import Accuracy
+from .sections.calls import CallTime
+from .sections.emergence import PLAIN, SIGMA, SOBOL, Emergence
+from .sections.growth import TIMED
+from .sections.residuals import Residual
 
 
-def _titled(console: Console, title: str, table: Table) -> None:
-    """The table under its title, which stays in one line however narrow the table is."""
-    console.print(title, style="italic", highlight=False, markup=False, soft_wrap=True)
+def line(console: Console, words: str, style: str | None = None) -> None:
+    """Words as they are, in one line however wide the terminal is."""
+    console.print(words, style=style, highlight=False, markup=False, soft_wrap=True)
+
+
+def _table(console: Console, title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> None:
+    """A table under its title; the first so many columns are words, the others numbers."""
+    if title:
+        line(console, title, "italic")
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for at, head in enumerate(heads):
+        number = at >= words
+        table.add_column(head.replace("[", r"\["), justify="right" if number else "left", no_wrap=number, overflow="fold")
+    for row in rows:
+        table.add_row(*row)
     console.print(table)
 
 
 def residuals(console: Console, rows: Sequence[Residual]) -> None:
     """Every identity with its bound, and whether it holds."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("identity", overflow="fold")
-    for title in ("median", "worst", "bound"):
-        table.add_column(title, justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    for row in rows:
-        mark = "[green]pass[/]" if row.passed else "[bold red]FAIL[/]"
-        numbers = (f"{value:.1e}" for value in (row.median, row.worst, row.bound))
-        table.add_row(row.name.replace("[", r"\["), *numbers, mark)
-    console.print(table)
+    cells = [
+        [row.name.replace("[", r"\["), *(f"{value:.1e}" for value in (row.median, row.worst, row.bound)),
+         "[green]pass[/]" if row.passed else "[bold red]FAIL[/]"]
+        for row in rows
+    ]  # fmt: skip
+    _table(console, "", ("identity", "median", "worst", "bound", ""), cells)
 
 
 def accuracy(console: Console, title: str, rows: Sequence[Accuracy]) -> None:
     """Time and error of every method: `Scene::evaluate` in Rust, one state a call."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("method")
-    table.add_column("precision")
-    for name in ("call in Rust", "median error", "worst error"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for row in rows:
-        table.add_row(row.method, row.precision, text.time(row.ns), f"{row.median:.1e}", f"{row.worst:.1e}")
-    _titled(console, title, table)
+    cells = [
+        [row.method, row.precision, text.time(row.ns_per_state), f"{row.error_median:.1e}", f"{row.error_max:.1e}"] for row in rows
+    ]
+    _table(console, title, ("method", "precision", "call in Rust", "median error", "worst error"), cells, 2)
 
 
 def calls(console: Console, title: str, rows: Sequence[CallTime]) -> None:
     """What every public call takes from Python, one state and a batch, ns a state."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("call from Python", overflow="fold")
-    table.add_column("form")
-    table.add_column("one state", justify="right", no_wrap=True)
-    table.add_column("in a batch", justify="right", no_wrap=True)
-    batches = {(row.call, row.form): row for row in rows if row.batch > 1}
+    batches = {(row.of.call, row.of.form): row for row in rows if row.of.batch > 1}
+    cells = []
     for row in rows:
-        if row.batch == 1:
-            many = batches[row.call, row.form]
-            table.add_row(row.call, row.form or "", text.time(row.ns), f"{text.time(many.ns)} of {many.batch}")
-    _titled(console, title, table)
-
-
-def forward(console: Console, found: Report) -> None:
-    """What forward dynamics takes, in a line."""
-    one, many = (found.call(FORWARD, "auto", batch=batch) for batch in (False, True))
-    if one is not None and many is not None:
-        line = (
-            f"{FORWARD} from Python, form auto: {text.time(one.ns)} for one state, {text.time(many.ns)} a state in batches of"
-            f" {many.batch}, on one thread"
-        )
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        if row.of.batch == 1:
+            many = batches[row.of.call, row.of.form]
+            in_batch = f"{text.time(many.ns_per_state)} of {many.of.batch}"
+            cells.append([row.of.call, row.of.form or "", text.time(row.ns_per_state), in_batch])
+    _table(console, title, ("call from Python", "form", "one state", "in a batch"), cells, 2)
 
 
 def auto_costs(console: Console, costs: Costs) -> None:
     """Form auto over covariance by kind of state and robot, batches first; and what the kinds are."""
     for batch, size in auto_cost.SIZES.items():
         robots, rows = auto_cost.table(costs, batch)
-        table = Table(box=None, pad_edge=False, header_style="bold")
-        table.add_column("state", no_wrap=True)
-        for robot in robots:
-            table.add_column(robot.replace("[", r"\["), justify="right", no_wrap=True)
-        for row in rows:
-            table.add_row(*row)
-        _titled(console, f"{auto_cost.TITLE}, {size}", table)
+        _table(console, f"{auto_cost.TITLE}, {size}", ("state", *robots), rows)
     for kind, meaning in kinds.MEANING.items():
-        console.print(f"{kind}: {meaning}", highlight=False, markup=False, soft_wrap=True, style="dim")
+        line(console, f"{kind}: {meaning}", "dim")
 
 
-def growth(console: Console, rows: Sequence[Growth]) -> None:
+def growth(console: Console, found: Mapping[str, Any]) -> None:
     """Time a body by number of bodies."""
-    title = "Time a body on a chain: Scene::evaluate in Rust, one state a call"
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("bodies", "forward, auto", "forward, covariance", "inverse"):
-        table.add_column(name, justify="right")
-    for row in rows:
-        table.add_row(text.count(row.bodies), text.time(row.forward), text.time(row.covariance), text.time(row.inverse))
-    _titled(console, title, table)
-    spreads = [spread([getattr(row, kind) for row in rows]) for kind in ("forward", "covariance", "inverse")]
-    line = "largest over smallest: {:.2f} auto, {:.2f} covariance, {:.2f} inverse".format(*spreads)
-    console.print(line, highlight=False)
+    title, rows = "Time a body on a chain: Scene::evaluate in Rust, one state a call", found["rows"]
+    cells = [[text.count(row.bodies), *(text.time(row.of(kind)) for kind in TIMED)] for row in rows]
+    _table(console, title, ("bodies", "forward, auto", "forward, covariance", "inverse"), cells, 0)
+    spreads = (found[f"{kind}_max_over_min"] for kind in TIMED)
+    line(console, "largest over smallest: {:.2f} auto, {:.2f} covariance, {:.2f} inverse".format(*spreads))
 
 
-def emergence(console: Console, found: Emergence) -> None:
-    """M from the random model, in a line."""
-    parts = [
-        f"{name} samples^{found.slopes[route].measured:.2f}"
-        for name, route in (("Monte Carlo", PLAIN), ("Sobol", SOBOL))
-        if route in found.slopes
-    ]
-    parts += [f"sigma points {point.error:.1e}" for point in found.of(SIGMA)]
-    parts += [f"{rate.per_second:.1e} samples/s on {text.plural(rate.threads, 'thread')}" for rate in found.rates]
+def summary(console: Console, found: Report) -> None:
+    """What forward dynamics takes, how M emerges, and what is missing, in a line each."""
+    one, many = (found.call(batch=batch) for batch in (False, True))
+    if one is not None and many is not None:
+        line(
+            console,
+            f"{FORWARD} from Python, form auto: {text.time(one.ns_per_state)} for one state, {text.time(many.ns_per_state)} a state in"
+            f" batches of {many.of.batch}, on one thread",
+        )
+    if found.parts["emergence"] is not None:
+        _emergence(console, found.parts["emergence"])
+    for part, reason in found.missing.items():
+        line(console, f"no {part}: {reason}", "yellow")
+
+
+def _emergence(console: Console, found: Emergence) -> None:
+    names = {PLAIN: "Monte Carlo", SOBOL: "Sobol"}
+    parts = [f"{names[one.route]} samples^{one.measured:.2f}" for one in found.slopes]
+    parts += [f"sigma points {point.error:.1e}" for point in found.along(SIGMA)]
+    parts += [f"{rate.per_second:.1e} samples/s on {text.plural(rate.threads, 'thread')}" for rate in found.samples_a_second]
     if parts:
-        line = f"M from the random model, error: {', '.join(parts)}"
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        line(console, f"M from the random model, error: {', '.join(parts)}")

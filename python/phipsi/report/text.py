@@ -1,8 +1,7 @@
-"""Numbers and the names of identities, as text, as HTML and in plots."""
+"""Numbers and the names of identities, as text."""
 
 from __future__ import annotations
 
-import html
 import math
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -80,8 +79,3 @@ def symbols(name: str) -> str:
     for ascii_form, symbol in SYMBOLS:
         name = name.replace(ascii_form, symbol)
     return name
-
-
-def escape(text: str) -> str:
-    """Text for HTML."""
-    return html.escape(text, quote=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,21 @@ TURNS = (15, 5)
 LEAST = (400_000, 100_000)
 #: Turns end early where they have taken so many ns, but not before three.
 ENOUGH = 4_000_000_000
+
+
+@dataclass(frozen=True)
+class Of:
+    """What a time is of."""
+
+    from_: str
+    """The language of the caller."""
+    call: str
+    form: str | None
+    """None where the call has none."""
+    states: str
+    """Their kind: one of kinds.KINDS, or "chain"."""
+    batch: int = 1
+    """States of a call."""
 
 
 def in_turns(loops: Sequence[Once], quick: bool) -> NDArray[np.float64]:
@@ -55,16 +71,26 @@ def _ns(once: Once, least: int) -> float:
             return elapsed / runs
 
 
+def looped(call: Callable[..., object], arguments: Sequence[Arguments]) -> Once:
+    """The call with each of the arguments, one after the other."""
+
+    def once() -> None:
+        for each in arguments:
+            call(*each)
+
+    return once
+
+
 def one_by_one(states: Arguments) -> list[Arguments]:
     """The first SINGLE of the states, each as the arguments of a call of its own."""
     return [tuple(np.array(array[k]) for array in states) for k in range(min(SINGLE, len(states[0])))]
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
-    """Batches on one thread, and afterwards on as many as before."""
+def threads(count: int) -> Iterator[None]:
+    """Batches on so many threads, and afterwards on as many as before."""
     before = phipsi.get_num_threads()
-    phipsi.set_num_threads(1)
+    phipsi.set_num_threads(count)
     try:
         yield
     finally:

@@ -1,23 +1,34 @@
-"""The stability report: the error of every form, of dense algebra and of the peers installed, on the extreme scenes."""
+"""The stability report: the error of every form and of dense algebra on the extreme scenes, beside the problems' own sensitivity."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from .. import pipeline
+from ..pipeline import Layout, Section, provenance
+from ..progress import Reporter
+from . import measure, plots, tables
+from .measure import Stability
 
-from ..files import write_folder, write_page
-from . import page, plots
-from .collect import Stability, collect, to_json
+__all__ = ["STABILITY", "Stability", "collect"]
 
-__all__ = ["Stability", "collect", "write", "write_markdown"]
+STABILITY: Layout[Stability] = Layout(
+    "stability",
+    "stability.json",
+    (
+        Section("beyond", "Where the square-root form misses its aim", blocks=tables.beyond),
+        Section("sweeps", "Error against what is swept", plots=plots.draw, blocks=tables.pictures),
+        Section("timed", "Error against run time", measure.timed, blocks=tables.timed),
+        Section("recursions", "Inverse dynamics, bias torque, mass matrix", measure.recursions, blocks=tables.recursions),
+        Section("singular", "Singular scenes", measure.singular, blocks=tables.singular),
+        Section("failed", "What failed", blocks=tables.failed),
+        Section("cases", "Every case", measure.cases, blocks=tables.cases),
+        provenance(),
+    ),
+)
 
 
-def write(found: Stability, directory: Path) -> Path:
-    """Writes index.html, stability.json and the plots into `directory`, made where missing; returns the page's path."""
-    drawn = plots.draw(found)
-    return write_folder(directory, page.html(found, drawn), ("stability.json", to_json(found)), drawn)
+def collect(reporter: Reporter, *, quick: bool = False, seed: int = 0) -> Stability:
+    """Measures every case at every value of its sweep, at eight states from `seed` on.
 
-
-def write_markdown(found: Stability, path: Path) -> Path:
-    """Writes the page on numerics as Markdown, its plots beside it; returns the path."""
-    drawn = plots.draw(found)
-    return write_page(path, page.markdown(found, drawn, path.stem), drawn)
+    With `quick`: two states, chains of up to 1000 links, fewer passes.
+    """
+    return pipeline.collect(STABILITY, Stability(quick, seed), reporter)

@@ -1,0 +1,176 @@
+"""phipsi's stability report with other programs beside it, and first where phipsi is worse than one of them: docs/numerics.md."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from phipsi import _core, scenes
+from phipsi.report import pipeline
+from phipsi.report.page import Block, Table
+from phipsi.report.pipeline import Layout, Section
+from phipsi.report.progress import Reporter
+from phipsi.report.stability import STABILITY, Stability
+from phipsi.report.stability.measure import COVARIANCE, ROOT, Error, Other, Point, exact_of
+from phipsi.report.stability.tables import error, number
+
+from . import programs
+from .programs import Peer
+
+#: A peer's numbers are shown if it is right to this on the cases below at 1, where nothing is extreme.
+AGREEMENT = 1e-10
+ORDINARY = ("heavy-tip", "prismatic-chain", "heavy-leaves", "armature", "far-base")
+NOT_FINITE = "a result is not finite"
+#: Errors below these, max-norm and component by component, are rounding: no comparison is made of them.
+NOISE = {"max-norm": 1e-15, "components": 1e-14}
+
+
+def error_of(peer: Peer, case: scenes.Extreme, exact: _core.Exact) -> Error:
+    """The error of a peer on one case; why, where it does not take it."""
+    nan, scene = float("nan"), case.scene
+    if peer.gravity is not None:
+        # Its own gravity cannot be set: the same scene under that, and the exact answer to that.
+        scene = programs.under_gravity(scene, peer.gravity)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            accelerations = peer.solver(scene)(case.q, case.qd, case.tau)
+    except programs.Refused as refused:
+        return Error(nan, nan, str(refused))
+    if not np.all(np.isfinite(accelerations)):
+        return Error(nan, nan, NOT_FINITE)
+    if peer.gravity is not None:
+        exact = exact_of(case._replace(scene=scene))
+    return Error.of(*exact.difference(accelerations))
+
+
+def compared(seed: int = 0) -> tuple[list[Other], list[str]]:
+    """The peers to compare with, and a line on each program that is not one of them."""
+    peers, absent = programs.installed()
+    kept, lines = [], list(absent)
+    for peer in peers:
+        off = _off(peer, seed)
+        if off <= AGREEMENT:
+            kept.append(Other(peer.name, peer.version, peer.colour, partial(error_of, peer)))
+        else:
+            lines.append(f"{peer.name} ({peer.version}) is off by {off:.0e} on scenes that are not extreme: left out.")
+    return kept, lines
+
+
+def _off(peer: Peer, seed: int) -> float:
+    """The peer's largest error on the ordinary scenes that it takes, max-norm; infinite where it takes none."""
+    errors = []
+    for name in ORDINARY:
+        case = scenes.extreme(name, 1.0, seed=seed)
+        found = error_of(peer, case, exact_of(case))
+        if found.reason in (None, NOT_FINITE):
+            errors.append(math.inf if found.reason else found.norm)
+    return max(errors, default=math.inf)
+
+
+@dataclass
+class Compared(Stability):
+    """The stability of phipsi and of its peers."""
+
+    absent: Sequence[str] = ()
+    """A line on each program that was not compared: not installed, or wrong on an ordinary scene."""
+
+    def head(self) -> dict[str, Any]:
+        """And what was not compared."""
+        return {**super().head(), "not_compared": self.absent}
+
+
+class Worse(NamedTuple):
+    """Where a peer does better."""
+
+    point: Point
+    peer: str
+    norm: str
+    ours: float
+    theirs: float
+    floor: float
+
+
+def _pairs(found: Stability, method: str) -> list[Worse]:
+    """The errors of the method beside those of every peer, in both norms."""
+    rows = []
+    for point in found.points:
+        mine, floor = point.errors[method, "float64"], point.floor
+        for peer in found.others:
+            other = point.errors[peer.name, "float64"]
+            rows.append(Worse(point, peer.name, "max-norm", mine.norm, other.norm, floor.norm))
+            rows.append(Worse(point, peer.name, "components", mine.component, other.component, floor.component))
+    return rows
+
+
+def worse(found: Stability, method: str) -> list[Worse]:
+    """Where a peer's error is less than half of the method's, in either norm, which is above rounding and 4 times the sensitivity."""
+    return [
+        row for row in _pairs(found, method)
+        if (math.isnan(row.ours) and math.isfinite(row.theirs))
+        or (row.theirs < 0.5 * row.ours and row.ours > max(NOISE[row.norm], 4.0 * row.floor))
+    ]  # fmt: skip
+
+
+def _table(found: Stability, method: str) -> Table:
+    """A row a case, peer and norm: how often, and the state where the peer is furthest ahead."""
+    grouped: dict[tuple[str, str, str], list[Worse]] = {}
+    for row in worse(found, method):
+        grouped.setdefault((row.point.name, row.peer, row.norm), []).append(row)
+    rows = []
+    for (name, peer, norm), group in grouped.items():
+        states = [point for point in found.points if point.name == name and point.errors[peer, "float64"].reason is None]
+        top = max(group, key=lambda row: math.inf if math.isnan(row.ours) else row.ours / max(row.theirs, 1e-18))
+        numbers = map(error, (top.ours, top.theirs, top.floor))
+        rows.append([name, peer, norm, f"{len(group)} of {len(states)}", number(top.point.value), *numbers])
+    return Table(("case", "peer", "norm", "states", "furthest at", "phipsi", "the peer", "sensitivity"), rows, 3)
+
+
+def _words(found: Stability, method: str) -> str:
+    """A sentence on how the method stands beside the peers, by counts."""
+    if not found.others:
+        return f"No peer was compared: the {method} stands beside dense algebra only."
+    pairs = [row for row in _pairs(found, method) if row.point.errors[row.peer, "float64"].reason is None]
+    ahead = sum(row.ours < 0.5 * row.theirs and row.theirs > NOISE[row.norm] for row in pairs)
+    versions = ", ".join(dict.fromkeys(other.version for other in found.others))
+    return (
+        f"Of {len(pairs)} comparisons with {versions} (every case, value, state and peer, in two norms), the {method} has the"
+        f" larger error in {len(worse(found, method))}: more than twice the peer's, above four times the sensitivity, and above"
+        f" {NOISE['max-norm']:.0e} (max-norm) or {NOISE['components']:.0e} (component by component). It has less than half of the"
+        f" peer's in {ahead}."
+    )
+
+
+def _blocks(found: Compared) -> list[Block]:
+    absent = " ".join(["Not compared:", *found.absent]) if found.absent else "Every peer that this report knows was compared."
+    times = "Times beside Pinocchio's in C++ are not in this report: make bench measures them."
+    refusals = (
+        "A dash in the column of phipsi is a refusal: the covariance form finds a pivot lost in rounding and raises, naming the joint, where"
+        " the peer returns an answer with the error given. It is counted as worse all the same."
+    )
+    return [
+        f"{_words(found, ROOT)} {absent} {times}", _table(found, ROOT), _words(found, COVARIANCE), _table(found, COVARIANCE), refusals
+    ]
+
+
+WORSE = Section("worse", "Where phipsi is worse than a peer", blocks=_blocks)
+COMPARED: Layout[Compared] = Layout(
+    "compared", STABILITY.numbers, (WORSE, *STABILITY.sections), (Path(__file__).with_name("templates"),)
+)
+
+
+def collect(reporter: Reporter, *, quick: bool = False, seed: int = 0) -> Compared:
+    """The stability report, every program that is installed beside phipsi."""
+    others, absent = compared(seed)
+    return pipeline.collect(COMPARED, Compared(quick, seed, others, absent), reporter)
+
+
+def write(found: Compared, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None) -> list[Path]:
+    """Writes the folder and the Markdown, each where asked for; returns the pages."""
+    return pipeline.write(COMPARED, found, folder, markdown, reporter)

@@ -1,0 +1,165 @@
+"""The one way that every report is made: sections measure and draw, templates show; what was found becomes a page, Markdown and JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from .. import errors
+from . import machine
+from .page import Block, Facts, Page
+from .plotting import Plot
+from .progress import Reporter, Silent
+
+
+class Missing(Exception):
+    """A section that cannot be had; the message says why, and stands in its place."""
+
+
+@dataclass
+class Findings:
+    """What every report knows of itself, and what its sections have found."""
+
+    quick: bool
+    parts: dict[str, Any] = field(default_factory=dict, kw_only=True)
+    """By section, as JSON has it: rows, or a mapping."""
+    missing: dict[str, str] = field(default_factory=dict, kw_only=True)
+    """Why a section, or a part of one, is empty."""
+    date: str = field(default_factory=lambda: datetime.now(timezone.utc).isoformat(timespec="seconds"), kw_only=True)
+    machine: dict[str, str | int | None] = field(default_factory=machine.describe, kw_only=True)
+
+    def head(self) -> dict[str, Any]:
+        """What stands in the JSON beside the sections."""
+        return {}
+
+    def provenance(self) -> list[tuple[str, str]]:
+        """What it was measured on and with."""
+        known = {key: "unknown" if value is None else str(value) for key, value in self.machine.items()}
+        commit = f", commit {known['commit']}" if self.machine["commit"] else ""
+        return [
+            ("processor", f"{known['cpu']}, {known['cores']} cores seen"),
+            ("system", known["os"]),
+            ("phipsi", known["phipsi"] + commit),
+            ("compiler", known["compiler"]),
+            ("Python, NumPy", f"{known['python']}, {known['numpy']}"),
+            ("date", self.date),
+        ]
+
+
+F = TypeVar("F", bound=Findings)
+#: A section of a report serves every report that says more.
+C = TypeVar("C", bound=Findings, contravariant=True)
+
+
+@dataclass(frozen=True)
+class Section(Generic[C]):
+    """A part of a report. On the page it is its template, named after its key, or the blocks that it gives."""
+
+    key: str
+    title: str
+    collect: Callable[[C, Reporter], Any] | None = None
+    """Measures; raises Missing, or an error of phipsi, where it cannot be had."""
+    plots: Callable[[C], Iterable[Plot]] | None = None
+    blocks: Callable[[C], Sequence[Block]] | None = None
+    """None: the section has a template."""
+    shown: Callable[[C], Any] | None = None
+    """What its template gets beside the report: numbers put together for the page, and not in the JSON."""
+    empty: Any = None
+    """What the JSON has where the section is missing."""
+
+
+@dataclass(frozen=True)
+class Layout(Generic[C]):
+    """A kind of report."""
+
+    name: str
+    """The folder of its templates; the page itself is page.html there, and page.md where it has Markdown."""
+    numbers: str
+    """The name of its JSON."""
+    sections: Sequence[Section[C]]
+    templates: Sequence[Path] = ()
+    """Folders of templates beside those that ship."""
+
+
+def provenance() -> Section[Any]:
+    """The last section of every report."""
+    return Section("provenance", "How this was made", blocks=lambda found: [Facts(found.provenance())])
+
+
+def collect(layout: Layout[F], found: F, reporter: Reporter) -> F:
+    """Has every section measure, in their order; what cannot be had is noted in `missing`."""
+    for section in layout.sections:
+        if section.collect is not None:
+            found.parts[section.key] = section.empty
+            try:
+                found.parts[section.key] = section.collect(found, reporter)
+            except (Missing, errors.PhipsiError) as reason:
+                found.missing[section.key] = str(reason)
+    return found
+
+
+def to_json(layout: Layout[F], found: F) -> dict[str, Any]:
+    """All numbers of a report; None where a method failed and where a part is missing."""
+    about = {"format": 1, "date": found.date, "machine": found.machine, "missing": found.missing}
+    shown = {section.key: found.parts[section.key] for section in layout.sections if section.key in found.parts}
+    content: dict[str, Any] = plain(about | found.head() | shown)
+    return content
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it. Rows give their fields and properties, what is under `of` among them; NaN and infinities become None."""
+    if hasattr(value, "json"):
+        value = value.json()
+    if dataclasses.is_dataclass(value) or hasattr(value, "_asdict"):
+        kind = type(value)
+        names = value._fields if hasattr(value, "_asdict") else [one.name for one in dataclasses.fields(value)]
+        names = [*names, *(name for name, member in vars(kind).items() if isinstance(member, property))]
+        value = {name: getattr(value, name) for name in names if not name.startswith("_")}
+    if isinstance(value, Mapping):
+        row: dict[str, Any] = {}
+        for key, item in value.items():
+            row |= (plain(item) or {}) if key == "of" else {str(key).rstrip("_"): plain(item)}
+        return row
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def draw(layout: Layout[F], found: F, reporter: Reporter | None = None) -> list[Plot]:
+    """The plots of all sections that are there."""
+    drawing = [section for section in layout.sections if section.plots is not None and section.key not in found.missing]
+    return [plot for section in (reporter or Silent()).each("Drawing", drawing) for plot in section.plots(found)]  # type: ignore[misc]
+
+
+def write(
+    layout: Layout[F], found: F, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None
+) -> list[Path]:
+    """Writes index.html, the JSON and the plots into the folder, Markdown with plots beside it, each where asked for; gives the pages."""
+    plots = draw(layout, found, reporter)
+    pages = []
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(to_json(layout, found), indent=1, allow_nan=False, ensure_ascii=False)
+        (folder / layout.numbers).write_text(text + "\n", encoding="utf-8")
+        for plot in plots:
+            (folder / f"{plot.name}.svg").write_text(plot.svg, encoding="utf-8")
+            (folder / f"{plot.name}.png").write_bytes(plot.png)
+        pages.append(folder / "index.html")
+        pages[-1].write_text(Page(layout, found, plots).render("page.html"), encoding="utf-8")
+    if markdown is not None:
+        markdown.parent.mkdir(parents=True, exist_ok=True)
+        for plot in plots:
+            (markdown.parent / f"{markdown.stem}-{plot.name}.png").write_bytes(plot.png)
+        pages.append(markdown)
+        markdown.write_text(Page(layout, found, plots, markdown.stem).render("page.md"), encoding="utf-8")
+    return pages

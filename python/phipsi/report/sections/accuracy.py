@@ -1,0 +1,141 @@
+"""Error against run time: every method in both precisions, against double-double."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ... import _core
+from ..pipeline import Section
+from ..plotting import COLOURS, Plot, direct_labels, level, panels, power_ticks, styled, time_axis
+from ..progress import Reporter
+from ..robot import DENSE_CAP, EPS, PRECISIONS, Array, Report, median, rust
+from ..text import power, significant, symbols
+from ..timing import Of
+
+#: Times each method is measured, in turns with the others.
+ROUNDS = 5
+#: Beyond this many degrees of freedom M^-1 is not formed.
+INVERSE_CAP = 2000
+#: What forward dynamics is called in Rust.
+FORWARD = _core.method_call(_core.METHODS[0])[0]
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """One method in one precision over all states; error and time are of the same calls."""
+
+    method: str
+    precision: str
+    ns_per_state: float
+    """Median time of `Scene::evaluate` in Rust, one state a call."""
+    errors: Array
+    """Of each state: largest error over largest acceleration; NaN where the method met a bad pivot."""
+
+    @property
+    def of(self) -> Of:
+        """What is timed."""
+        return rust(*_core.method_call(self.method))
+
+    @property
+    def error_median(self) -> float:
+        """Of the states where it did not fail."""
+        return median(self.errors)
+
+    @property
+    def error_max(self) -> float:
+        """The same."""
+        return float(np.max(self.errors[np.isfinite(self.errors)], initial=-np.inf)) if self.failed_states < len(self.errors) else np.nan
+
+    @property
+    def failed_states(self) -> int:
+        """States where the method met a bad pivot."""
+        return int(np.count_nonzero(~np.isfinite(self.errors)))
+
+    @property
+    def digits_lost(self) -> float:
+        """log10 of the median error in units of eps; below zero where it is less than one unit."""
+        return self.digits(self.error_median)
+
+    def colour(self) -> str:
+        """Its colour in every plot and table."""
+        return COLOURS[_core.METHODS.index(self.method) % len(COLOURS)]
+
+    def digits(self, error: float) -> float:
+        """The same of an error."""
+        return float(np.log10(max(error, 1e-300) / EPS[self.precision])) if np.isfinite(error) else float("nan")
+
+
+def accuracy(report: Report, reporter: Reporter) -> list[Accuracy]:
+    """Error against run time: every method in both precisions, against double-double, `auto` first.
+
+    The time is the median over the rounds of each round's median of some passes. Large scenes go without what forms a matrix.
+    """
+    scene, states, methods = report.scene, report.solvable, _core.METHODS
+    if scene.nv > DENSE_CAP:
+        inverse = scene.nv <= INVERSE_CAP
+        methods = tuple(m for m in methods if _core.method_call(m)[0] == FORWARD or (inverse and "M^-1" in m))
+    reference = _core.reference(scene, *states.arrays)
+    cases = [(method, precision) for precision in PRECISIONS for method in methods]
+    # In rounds, so that a change of the machine's pace falls on all methods alike.
+    rounds = [
+        [_core.measure(scene, *case, *states.arrays, reference, report.effort.repeats) for case in cases]
+        for _ in reporter.each("Error against run time", range(ROUNDS))
+    ]
+    times = np.median([[ns for ns, _ in row] for row in rounds], axis=0)
+    return [Accuracy(*case, float(ns), errors) for case, ns, (_, errors) in zip(cases, times, rounds[-1], strict=True)]
+
+
+def _plots(report: Report) -> Iterable[Plot]:
+    rows: list[Accuracy] = report.parts["accuracy"]
+    if any(row.failed_states < len(row.errors) for row in rows):
+        yield error_against_time(rows)
+
+
+@styled
+def error_against_time(rows: Sequence[Accuracy]) -> tuple[str, Figure]:
+    """Median time of a call of `Scene::evaluate` against the error of every state, one panel a precision on the same axis of times."""
+    usable = [row for row in rows if np.isfinite(row.error_median)]
+    times = [row.ns_per_state for row in usable]
+    figure, axes = panels((10.0, 5.9), 2, margins=(0.075, 0.775, 0.955, 0.09), sharex=True, hspace=0.16)
+    for one, precision in zip(axes.flat, reversed(PRECISIONS), strict=True):
+        time_axis(one, min(times) / 1.5, max(times) * 1.25)
+        _panel(one, [row for row in usable if row.precision == precision], precision)
+    axes[-1, 0].set_xlabel("median time of a call in Rust, one state (Scene::evaluate)")
+    return "error-against-time", figure
+
+
+def _panel(axes: Axes, rows: Sequence[Accuracy], precision: str) -> None:
+    eps = EPS[precision]
+    errors = [np.maximum(row.errors[np.isfinite(row.errors)], eps * 1e-3) for row in rows]
+    low = min([eps / 4, *(float(np.quantile(e, 0.02)) for e in errors)])
+    high = max([eps * 12, *(float(e.max()) for e in errors)])
+    axes.set_yscale("log")
+    axes.set_ylim(low / 1.8, high * 2.2)
+    power_ticks(axes.yaxis, 9)
+    axes.set_ylabel("relative error of the accelerations")
+    axes.set_title(precision, loc="left", fontsize=9.5, fontweight="bold")
+    level(axes, eps)
+    exponent = int(np.floor(np.log10(eps)))
+    axes.annotate(
+        f"eps = {significant(eps * 10.0**-exponent, 2)}·{power(exponent)}", xy=(0.0, eps), xycoords=("axes fraction", "data"),
+        xytext=(4, 3), textcoords="offset points", color="#6b7279", fontsize=7.5,
+    )  # fmt: skip
+    entries = []
+    generator = np.random.default_rng(0)
+    for row, values in zip(rows, errors, strict=True):
+        ink, double, at = row.colour(), precision == "float64", row.ns_per_state
+        x = at * np.exp(generator.uniform(-0.02, 0.02, len(values)))
+        axes.plot(x, values, ".", ms=3.6, color=ink, alpha=0.3, mew=0, rasterized=len(values) > 500)
+        axes.plot([at, at], [row.error_median, row.error_max], color=ink, lw=0.9, alpha=0.8)
+        axes.plot([at], [row.error_max], "_", ms=8, color=ink, mew=1.3)
+        axes.plot([at], [row.error_median], "o" if double else "s", ms=6.5, color=ink, mfc=ink if double else "white", mew=1.5)
+        entries.append((at, row.error_median, symbols(row.method), ink))
+    direct_labels(axes, entries, 0.085)
+
+
+SECTION = Section("accuracy", "Error against run time", accuracy, _plots, empty=[])
