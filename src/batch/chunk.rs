@@ -55,7 +55,7 @@ impl<T: Vectorised> Chunk<T> {
             Numbers::<T> {
                 model: model.cast(),
                 sweeps: SweepModel::new(model),
-                planar: PlanarModel::of(model).as_ref().map(PlanarModel::cast),
+                planar: PlanarModel::of(model).filter(|_| T::Number::RARE_KERNELS).as_ref().map(PlanarModel::cast),
                 quaternions: quaternions(model),
             }
         });
@@ -101,10 +101,12 @@ impl<T: Vectorised> Chunk<T> {
             return 0;
         }
         self.gather_wrenches(states);
-        let is_planar = self.planar_scratch.is_some();
+        let is_planar = self.planar_scratch.is_some() && planar::covers(algorithm);
         let call = Call { chunk: self, algorithm, states, out };
+        if T::Number::RARE_KERNELS && is_planar {
+            return target.within(Run::<T, I, PLANE>(call, target));
+        }
         match algorithm {
-            _ if is_planar && planar::covers(algorithm) => target.within(Run::<T, I, PLANE>(call, target)),
             Algorithm::ForwardDynamics(_) => target.within(Run::<T, I, ACCELERATIONS>(call, target)),
             Algorithm::InverseDynamics | Algorithm::BiasTorque => target.within(Run::<T, I, TORQUES>(call, target)),
             Algorithm::MassMatrix => target.within(Run::<T, I, MASS>(call, target)),
@@ -310,9 +312,9 @@ fn compute<T: Vectorised, I: Target, const GROUP: u8>(
             match form {
                 Form::Auto => accelerations::watched(target, call, errors),
                 Form::Covariance => accelerations::by_covariance(target, call),
-                Form::SquareRoot if T::Number::SQUARE_ROOT => accelerations::by_roots(target, call),
+                Form::SquareRoot if T::Number::RARE_KERNELS => accelerations::by_roots(target, call),
                 // Joseph's form is not worth code of its own for every arm.
-                _ => u64::MAX,
+                Form::SquareRoot | Form::Joseph => u64::MAX,
             }
         }
         Algorithm::MassMatrixInverse(form @ (Form::Auto | Form::Covariance))

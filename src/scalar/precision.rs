@@ -17,8 +17,8 @@ pub trait Precision: Circle + Pod + Default + PartialEq + Debug + Send + Sync {
     /// What the kind is called: "float64", "float32".
     const NAME: &'static str;
 
-    /// Whether the square-root form is compiled for it.
-    const SQUARE_ROOT: bool;
+    /// Whether the square-root form, and planar scenes in their plane, are compiled for it.
+    const RARE_KERNELS: bool;
 
     /// The spacing of numbers at 1.
     const EPSILON: f64;
@@ -225,7 +225,7 @@ macro_rules! instructions {
 
 impl Precision for f64 {
     const NAME: &'static str = "float64";
-    const SQUARE_ROOT: bool = true;
+    const RARE_KERNELS: bool = true;
 
     #[inline(always)]
     fn nearest(x: f64) -> Self {
@@ -277,7 +277,7 @@ impl Precision for f64 {
 
 impl Precision for f32 {
     const NAME: &'static str = "float32";
-    const SQUARE_ROOT: bool = false;
+    const RARE_KERNELS: bool = false;
 
     #[inline(always)]
     #[allow(clippy::cast_possible_truncation)] // rounding is what it is for
