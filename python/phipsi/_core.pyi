@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._motion import PD, Trajectory
 from ._ode import Ode
-from ._results import Accuracy, Energy, Estimate, Joint, Limits, Link, MassEstimate, Samples
+from ._results import Accuracy, Energy, Estimate, Joint, Limits, Link, MassEstimate, Plan, Samples
 from .operators import Factor
 
 __all__ = [
@@ -17,8 +17,6 @@ __all__ = [
     "Exact",
     "FORMS",
     "METHODS",
-    "Omission",
-    "Plan",
     "QUANTITIES",
     "ROUTES",
     "RandomModel",
@@ -30,15 +28,12 @@ __all__ = [
     "_numbers",
     "_rebuild_builder",
     "_rebuild_factor",
-    "_rebuild_omission",
-    "_rebuild_plan",
     "_rebuild_random_model",
     "_rebuild_scene",
     "chain",
     "emergence",
     "extreme",
     "extreme_names",
-    "get_kept_memory",
     "get_num_threads",
     "growth",
     "measure",
@@ -46,7 +41,6 @@ __all__ = [
     "operator_growth",
     "reference",
     "residuals",
-    "set_kept_memory",
     "set_num_threads",
 ]
 
@@ -721,72 +715,10 @@ class SceneBuilder:
 def _numbers(name: str, value: ArrayLike, scene: Scene | None = None, coordinates: bool = False, /) -> _Array: ...
 def _rebuild_builder(description: tuple[Any, ...], /) -> SceneBuilder: ...
 def _rebuild_factor(scene: Scene, q: ArrayLike, form: str, /) -> RawFactor: ...
-def _rebuild_omission(fields: tuple[Any, ...], /) -> Omission: ...
-def _rebuild_plan(fields: tuple[Any, ...], /) -> Plan: ...
 def _rebuild_random_model(
     scene: Scene, q: list[float], qd: list[float] | None, acceleration_variance: float, /
 ) -> RandomModel: ...
 def _rebuild_scene(description: tuple[Any, ...], /) -> Scene: ...
-
-@final
-class Omission:
-    """One thing that a scene does not need and that was left out."""
-
-    @property
-    def switch(self) -> str | None:
-        """The name in leave_out that stands for it; None where there is one way to compute only."""
-
-    @property
-    def operations(self) -> int:
-        """Floating-point operations (a product with a sum is two) that forward dynamics of one state in covariance form does less.
-
-        In a call that needs nothing of this; 0 where nothing was counted. In 6-vectors, of a planar scene too, but for the item
-        "planar"; items of calls on the factor say beside what they count.
-        """
-
-    @property
-    def what(self) -> str:
-        """What, in a few words."""
-
-    @property
-    def count(self) -> int:
-        """How many."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The joints or links, where they have names."""
-
-    @property
-    def why(self) -> str:
-        """Why the results are the same without it."""
-
-    @property
-    def saved(self) -> str:
-        """What that saved."""
-
-    def __eq__(self, other: object, /) -> bool: ...
-    def __hash__(self) -> int: ...
-    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
-
-@final
-class Plan:
-    """What a scene does not need, and what leaving it out saved; printed, it is a list."""
-
-    @property
-    def bodies(self) -> int:
-        """Moving bodies that the sweeps visit."""
-
-    @property
-    def links(self) -> int:
-        """Links that the scene was built from."""
-
-    @property
-    def items(self) -> tuple[Omission, ...]:
-        """What was left out; only what this scene had."""
-
-    def __eq__(self, other: object, /) -> bool: ...
-    def __hash__(self) -> int: ...
-    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
 
 @final
 class RandomModel:
@@ -979,18 +911,6 @@ def set_num_threads(threads: int | None) -> None:
 
     Raises ArgumentError for what is no number of threads, or for more than the system gives; what was set before then stays.
     """
-
-def set_kept_memory(bytes: int) -> None:
-    """Sets how many bytes of memory of large results are kept at most for results to come: 134217728 when a process begins, 0 for none.
-
-    A result of four megabytes or more is a view of such memory, which goes to another result of as many numbers once no array refers to it any more;
-    NumPy's `resize` refuses views. Nothing is kept where Python runs without its global lock.
-
-    Raises ArgumentError for what is no whole number.
-    """
-
-def get_kept_memory() -> int:
-    """How many bytes of memory of large results are kept now, in use or not."""
 
 def get_num_threads() -> int:
     """How many threads the next batch uses; 1 where it runs on the caller's alone. Starts them where they are not there yet."""

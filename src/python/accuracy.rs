@@ -1,5 +1,6 @@
 //! What forward dynamics knows of its own accuracy, for Python: the form of each state, and its estimated error.
 
+use super::output::result_class;
 use crate::batch::Fault;
 use crate::batch::chunk::Arguments;
 use crate::batch::evaluator::{Evaluated, Evaluator};
@@ -11,12 +12,7 @@ use crate::scalar::MOST_LANES;
 use crate::scene::Scene;
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
-use pyo3::types::PyType;
 use std::sync::{Mutex, PoisonError};
-
-/// `phipsi._results.Accuracy`.
-static ACCURACY: PyOnceLock<Py<PyType>> = PyOnceLock::new();
 
 /// The accuracy of every state of a call, written by all of its threads.
 pub(super) struct Told {
@@ -51,7 +47,7 @@ impl Told {
     /// The `Accuracy` of a batch with these leading axes.
     pub fn finish<'py>(self, py: Python<'py>, batch: &[usize]) -> PyResult<Bound<'py, PyAny>> {
         let of_states = self.of_states.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let class = ACCURACY.import(py, "phipsi._results", "Accuracy")?;
+        let class = result_class(py, "Accuracy")?;
         if let ([], [one]) = (batch, &*of_states) {
             return class.call1((one.name(), one.error));
         }

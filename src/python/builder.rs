@@ -1,9 +1,10 @@
 //! The class `SceneBuilder`: a scene from code.
 
-use super::description::{Description, joint_kind};
+use super::cost::WORTH_DETACHING;
+use super::description::{Description, joint_kind, left_out};
 use super::interrupts::detached_checked;
-use super::scene::{PyScene, WORTH_DETACHING};
-use super::{arrays, errors, plan};
+use super::scene::PyScene;
+use super::{errors, input};
 use crate::error::Error;
 use crate::scene::{Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneBuilder, Spring};
 use crate::spatial::{RigidShift, Symmetric3};
@@ -97,8 +98,8 @@ impl PySceneBuilder {
         let kind = joint_kind(&name, r#type, pitch)?;
         let rest = match rest {
             None => Vec::new(),
-            Some(rest) if kind.nq() == 1 => arrays::spread(&of_joint("rest"), rest, 1.into())?,
-            Some(rest) => arrays::fixed(&of_joint("rest"), rest, &[kind.nq()])?,
+            Some(rest) if kind.nq() == 1 => input::spread(&of_joint("rest"), rest, 1.into())?,
+            Some(rest) => input::fixed(&of_joint("rest"), rest, &[kind.nq()])?,
         };
         let joint = JointDescription {
             kind,
@@ -145,23 +146,16 @@ impl PySceneBuilder {
         strict: Option<bool>,
         leave_out: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<PyScene> {
-        let omissions = leave_out.map(|given| plan::left_out(Some(given))).transpose()?;
-        let gravity = gravity.map(|gravity| arrays::triple("gravity", gravity)).transpose()?;
+        let omissions = leave_out.map(|given| left_out(Some(given))).transpose()?;
+        let gravity = gravity.map(|gravity| input::triple("gravity", gravity)).transpose()?;
         let build = || {
-            let mut builder = self.builder.clone();
-            if let Some(floating_base) = floating_base {
-                builder = builder.floating_base(floating_base);
-            }
-            if let Some(strict) = strict {
-                builder = builder.strict(strict);
-            }
-            if let Some(omissions) = omissions {
-                builder = builder.omissions(omissions);
-            }
-            if let Some(gravity) = gravity {
-                builder = builder.gravity(gravity);
-            }
-            builder.build()
+            let builder = &self.builder;
+            let floating_base = floating_base.unwrap_or(builder.is_floating());
+            let strict = strict.unwrap_or(builder.is_strict());
+            let omissions = omissions.unwrap_or(builder.left_out());
+            let gravity = gravity.unwrap_or(builder.gravity_vector());
+            let builder = builder.clone().floating_base(floating_base).gravity(gravity);
+            builder.strict(strict).omissions(omissions).build()
         };
         // A builder that is being read without the GIL refuses to grow: that is for those which take long.
         let scene = if self.builder.links().len() < WORTH_DETACHING { build()? } else { detached_checked(py, build)? };
@@ -189,6 +183,13 @@ impl PySceneBuilder {
     }
 }
 
+/// The builder of what `SceneBuilder.__reduce__` gave.
+#[pyfunction]
+#[pyo3(name = "_rebuild_builder", signature = (description, /))]
+pub(super) fn rebuild_builder(description: &Bound<'_, PyAny>) -> PyResult<PySceneBuilder> {
+    Ok(PySceneBuilder { builder: Description::read("pickled builder", description)?.builder()? })
+}
+
 impl PySceneBuilder {
     /// Through the builder's methods, which take it and give it back.
     fn change(&mut self, step: impl FnOnce(SceneBuilder) -> SceneBuilder) {
@@ -209,11 +210,11 @@ pub(super) fn inertial(
 }
 
 fn optional_triple(name: &str, value: Option<&Bound<'_, PyAny>>, default: [f64; 3]) -> PyResult<[f64; 3]> {
-    value.map_or(Ok(default), |value| arrays::triple(name, value))
+    value.map_or(Ok(default), |value| input::triple(name, value))
 }
 
 fn matrix(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Matrix3<f64>> {
-    Ok(Matrix3::from_row_slice(&arrays::fixed(name, value, &[3, 3])?))
+    Ok(Matrix3::from_row_slice(&input::fixed(name, value, &[3, 3])?))
 }
 
 /// A symmetric matrix; NaN and infinities pass, the scene's own checks name them.
@@ -236,7 +237,7 @@ fn orientation(
     match (rpy, rotation) {
         (None, None) => Ok(Matrix3::identity()),
         (Some(rpy), None) => {
-            let [roll, pitch, yaw] = arrays::triple(&of_joint("rpy"), rpy)?;
+            let [roll, pitch, yaw] = input::triple(&of_joint("rpy"), rpy)?;
             Ok(*Rotation3::from_euler_angles(roll, pitch, yaw).matrix())
         }
         (None, Some(rotation)) => matrix(&of_joint("rotation"), rotation),

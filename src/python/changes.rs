@@ -1,9 +1,10 @@
 //! Methods of `Scene` that give a changed one: the way back to the builder, properties of joints, loads on links.
 
 use super::builder::{PySceneBuilder, inertial};
-use super::labels::{self, Axis};
+use super::axis::Axis;
+use super::choice::items;
 use super::scene::PyScene;
-use super::{arrays, errors};
+use super::{errors, input};
 use crate::error::Error;
 use crate::scene::{Joint, Property, Scene};
 use pyo3::prelude::*;
@@ -80,14 +81,14 @@ impl PyScene {
 /// A property of joints by name: from a dict of some, one number for all, or an array by joint or by degree of freedom.
 fn of_joints(scene: &Scene, name: &str, given: &Bound<'_, PyAny>) -> PyResult<Vec<(String, f64)>> {
     if let Ok(mapping) = given.cast::<PyMapping>() {
-        let each = labels::items(name, mapping)?.into_iter().map(|(joint, value)| {
+        let each = items(name, mapping, "names of joints")?.into_iter().map(|(joint, value)| {
             let count = scene.joint(&joint).map_err(|error| error.of_argument(name))?.v.len();
-            let numbers = arrays::spread(&format!("{name}[{joint:?}]"), &value, count.into())?;
+            let numbers = input::spread(&format!("{name}[{joint:?}]"), &value, count.into())?;
             Ok((equal(name, &joint, &numbers)?, joint))
         });
         return each.map(|entry| entry.map(|(value, joint)| (joint, value))).collect();
     }
-    let (shape, numbers) = arrays::shaped(name, given, Axis::Joints(scene))?;
+    let (shape, numbers) = input::shaped(name, given, Axis::Joints(scene))?;
     let joints = scene.joints();
     let of_joint = |(at, joint): (usize, &Joint)| {
         let value = match shape[..] {
@@ -96,7 +97,7 @@ fn of_joints(scene: &Scene, name: &str, given: &Bound<'_, PyAny>) -> PyResult<Ve
             [count] if count == scene.nv() => equal(name, &joint.name, &numbers[joint.v.clone()])?,
             _ => {
                 let expected = format!("(), ({},) or ({},)", scene.nv(), joints.len());
-                return Err(arrays::wrong_shape(name, &shape, expected));
+                return Err(input::wrong_shape(name, &shape, expected));
             }
         };
         Ok((joint.name.clone(), value))

@@ -1,15 +1,9 @@
 //! Methods of `Scene`: configurations as a manifold, and limits.
 
-use super::arrays::{Input, from_numbers};
-use super::bad_states::Errors;
-use super::evaluate::Call;
+use super::output::{Array, from_numbers, result_class};
 use super::scene::PyScene;
 use crate::scene::Limits;
-use numpy::PyArrayDyn;
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
-
-type Array<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
 
 /// Rough time of one body in one state, ns.
 const COST: usize = 30;
@@ -36,10 +30,9 @@ impl PyScene {
         v: &Bound<'py, PyAny>,
         errors: &str,
     ) -> Array<'py> {
-        let nq = self.scene.nq();
-        let inputs = [Input::new("q", q, self.coordinates())?, Input::new("v", v, self.rates())?];
-        let call = Call::new(self, inputs, Vec::new(), COST * self.size())?.with(Errors::read(errors)?);
-        call.array(py, &[nq], None, |scene, _, [q, v], out| scene.integrate(q, v, out))
+        let inputs = [self.configuration("q", q)?, self.rate("v", v)?];
+        let call = self.call(inputs, COST * self.size(), errors)?;
+        call.array(py, &[self.scene.nq()], |scene, _, [q, v], out| scene.integrate(q, v, out))
     }
 
     /// The velocity that takes q0 to q1 in unit time, the inverse of integrate; rotations go the short way.
@@ -55,9 +48,9 @@ impl PyScene {
         q1: &Bound<'py, PyAny>,
         errors: &str,
     ) -> Array<'py> {
-        let inputs = [Input::new("q0", q0, self.coordinates())?, Input::new("q1", q1, self.coordinates())?];
-        let call = Call::new(self, inputs, Vec::new(), COST * self.size())?.with(Errors::read(errors)?);
-        call.array(py, &[self.scene.nv()], None, |scene, _, [q0, q1], out| scene.difference(q0, q1, out))
+        let inputs = [self.configuration("q0", q0)?, self.configuration("q1", q1)?];
+        let call = self.call(inputs, COST * self.size(), errors)?;
+        call.array(py, &[self.scene.nv()], |scene, _, [q0, q1], out| scene.difference(q0, q1, out))
     }
 
     /// Limits by degree of freedom, as the named tuple Limits(lower, upper, velocity, effort) of arrays (nv,).
@@ -66,19 +59,14 @@ impl PyScene {
     /// Reported, never enforced.
     #[getter]
     fn limits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        static LIMITS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
         let column = |of: fn(&Limits) -> f64| {
             let joints = self.scene.joints().iter();
             let numbers: Vec<f64> =
                 joints.flat_map(|joint| std::iter::repeat_n(of(&joint.limits), joint.v.len())).collect();
             from_numbers(py, &numbers, &[self.scene.nv()])
         };
-        let columns = (
-            column(|limits| limits.lower)?,
-            column(|limits| limits.upper)?,
-            column(|limits| limits.velocity)?,
-            column(|limits| limits.effort)?,
-        );
-        LIMITS.import(py, "phipsi._results", "Limits")?.call1(columns)
+        let (lower, upper) = (column(|limits| limits.lower)?, column(|limits| limits.upper)?);
+        let (velocity, effort) = (column(|limits| limits.velocity)?, column(|limits| limits.effort)?);
+        result_class(py, "Limits")?.call1((lower, upper, velocity, effort))
     }
 }

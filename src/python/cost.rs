@@ -4,6 +4,13 @@ use crate::batch::arms::Arm;
 use crate::batch::chunk::Algorithm;
 use crate::dynamics::lean;
 
+/// The GIL is kept for calls shorter than this (ns of one thread), as `NumPy` does: giving it up takes a tenth of a
+/// microsecond where nobody wants it, and up to five milliseconds to get back where somebody does.
+pub(super) const WORTH_RELEASING: usize = 5_000;
+
+/// Work on all links at once is done without the GIL from so many on.
+pub(super) const WORTH_DETACHING: usize = 1_000;
+
 /// Rough time of one state on one thread, ns.
 #[derive(Clone, Copy)]
 pub(super) struct Cost {
@@ -13,13 +20,12 @@ pub(super) struct Cost {
     pub results: usize,
 }
 
-impl From<usize> for Cost {
-    fn from(arithmetic: usize) -> Self {
-        Self { arithmetic, results: 0 }
-    }
-}
-
 impl Cost {
+    /// Of states that are evaluated one by one.
+    pub fn of(ns: usize) -> Self {
+        Self { arithmetic: ns, results: 0 }
+    }
+
     /// Of one state by itself.
     pub fn of_one(self) -> usize {
         self.arithmetic.saturating_add(self.results)

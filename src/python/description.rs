@@ -1,14 +1,11 @@
 //! A scene as plain tuples of numbers and names, for pickling; and in one line, for `repr`.
 
-use super::builder::PySceneBuilder;
-use super::interrupts::detached_checked;
-use super::plan;
-use super::scene::PyScene;
+use super::choice::{choose, names};
 use crate::error::{Error, number};
 use crate::memory;
 use crate::scene::properties::Properties;
 use crate::scene::{
-    Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene, SceneBuilder, Spring,
+    Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Omissions, Scene, SceneBuilder, Spring,
 };
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Matrix3;
@@ -66,7 +63,9 @@ impl Description {
         memory::room("scene", memory::bytes_of::<[u8; A_COPY]>(&[source.links().len()]))?;
         let links = source.links().iter().map(link_tuple).collect();
         let joints = source.joints().iter().map(joint_tuple).collect();
-        let left_out = plan::names_of(source.left_out());
+        let mut omissions = source.left_out();
+        let on = Omissions::SWITCHES.iter().filter(|(_, switch)| *switch(&mut omissions));
+        let left_out = on.map(|&(name, _)| name.to_owned()).collect();
         let locked = source.locked().iter();
         let locked = locked.map(|(name, kind)| (name.clone(), kind.name().to_owned(), pitch_of(*kind))).collect();
         let (gravity, floating, strict) = (source.gravity_vector(), source.is_floating(), source.is_strict());
@@ -75,7 +74,7 @@ impl Description {
     }
 
     /// From its tuples, if there is room for what they describe.
-    fn read(what: &str, tuples: &Bound<'_, PyAny>) -> PyResult<Self> {
+    pub fn read(what: &str, tuples: &Bound<'_, PyAny>) -> PyResult<Self> {
         if let Ok(links) = tuples.get_item(LINKS).and_then(|links| links.len()) {
             memory::room(what, memory::bytes_of::<[u8; A_COPY]>(&[links]))?;
         }
@@ -83,13 +82,12 @@ impl Description {
     }
 
     /// The builder that it was made from.
-    fn builder(self) -> Result<SceneBuilder, Error> {
+    pub fn builder(self) -> Result<SceneBuilder, Error> {
         let Self(version, gravity, floating, strict, links, joints, left_out, locked, root) = self;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
-        let left_out: Vec<&str> = left_out.iter().map(String::as_str).collect();
-        let omissions = plan::of_names("what is left out", &left_out)?;
+        let omissions = omissions("what is left out", &left_out)?;
         let mut builder =
             SceneBuilder::new().gravity(gravity).floating_base(floating).strict(strict).omissions(omissions);
         for (name, inertial) in links {
@@ -218,19 +216,19 @@ pub(super) fn joint_kind(joint: &str, name: &str, pitch: Option<f64>) -> Result<
     }
 }
 
-/// Builds a scene from what `Scene.__reduce__` gave; without warnings, which the first building issued.
-#[pyfunction]
-#[pyo3(name = "_rebuild_scene", signature = (description, /))]
-pub(super) fn rebuild_scene(py: Python<'_>, description: &Bound<'_, PyAny>) -> PyResult<PyScene> {
-    let description = Description::read("pickled scene", description)?;
-    Ok(PyScene::new(detached_checked(py, || description.builder()?.build())?))
+/// What is left out, by name; everything where nothing is said.
+pub(super) fn left_out(leave_out: Option<&Bound<'_, PyAny>>) -> PyResult<Omissions> {
+    let Some(given) = leave_out else { return Ok(Omissions::all()) };
+    Ok(omissions("leave_out", &names("leave_out", given, "a collection of names, or None")?)?)
 }
 
-/// The builder of what `SceneBuilder.__reduce__` gave.
-#[pyfunction]
-#[pyo3(name = "_rebuild_builder", signature = (description, /))]
-pub(super) fn rebuild_builder(description: &Bound<'_, PyAny>) -> PyResult<PySceneBuilder> {
-    Ok(PySceneBuilder { builder: Description::read("pickled builder", description)?.builder()? })
+/// The switches of these names on, the others off.
+fn omissions(argument: &str, names: &[String]) -> Result<Omissions, Error> {
+    let mut omissions = Omissions::none();
+    for name in names {
+        *choose(argument, name, &Omissions::SWITCHES)?(&mut omissions) = true;
+    }
+    Ok(omissions)
 }
 
 /// A scene in one line.

@@ -1,41 +1,19 @@
 //! Methods of `Scene`: forces, accelerations, and the mass matrix.
 
-use super::arrays::Input;
-use super::bad_states::{Errors, is_nan};
-use super::choice::{Precise, choose, read_dtype};
-use super::cost::Cost;
-use super::evaluate::Call;
+use super::choice::read_form;
+use super::evaluate::Keywords;
 use super::scene::PyScene;
-use super::single::Keywords;
-use super::wrenches::Wrench;
 use crate::batch::chunk::Algorithm;
 use crate::error::Error;
-use crate::filter::{FORMS, Form};
 use pyo3::prelude::*;
 
 /// An array of float64, or of float32 where that was asked for.
 type Array<'py> = PyResult<Bound<'py, PyAny>>;
 
-/// `body` with `P` standing for the dtype that was asked for.
-macro_rules! in_dtype {
-    ($dtype:expr, $P:ident => $body:block) => {
-        match read_dtype($dtype)? {
-            Precise::Float64 => {
-                type $P = f64;
-                $body
-            }
-            Precise::Float32 => {
-                type $P = f32;
-                $body
-            }
-        }
-    };
-}
-
 /// Dense matrices stop here: (4000, 4000) are 128 MB a state.
 const DENSE_LIMIT: usize = 4000;
 
-/// Rough time of one body in one state, ns (see [`Cost`]).
+/// Rough time of one body in one state, ns (see [`Cost`](super::cost::Cost)).
 mod cost {
     pub const FORWARD: usize = 90;
     pub const INVERSE: usize = 50;
@@ -80,26 +58,10 @@ impl PyScene {
         errors: &str,
         return_info: bool,
     ) -> Array<'py> {
-        let form = read_form(form)?;
-        let algorithm = Algorithm::ForwardDynamics(form);
-        let nv = self.scene.nv();
-        let cost = self.cost(cost::FORWARD, nv);
-        let keywords = Keywords { wrenches, out, dtype, nan: is_nan(errors)? };
-        if !return_info && let Some(qdd) = self.single(py, algorithm, [q, qd, tau], &[nv], cost, keywords)? {
-            return Ok(qdd);
-        }
-        in_dtype!(dtype, P => {
-            let inputs =
-                [Input::<P>::in_kind("q", q, self.coordinates())?, Input::in_kind("qd", qd, self.rates())?, Input::in_kind("tau", tau, self.rates())?];
-            let wrenches = Wrench::read(&self.scene, wrenches)?;
-            let call = Call::new(self, inputs, wrenches, cost)?.with(self.errors(errors, form)?);
-            let call = if return_info { call.telling(form)? } else { call };
-            let qdd = call.algorithm(py, algorithm, &[nv], out)?.into_any();
-            match call.accuracy(py)? {
-                Some(info) => Ok((qdd, info).into_pyobject(py)?.into_any()),
-                None => Ok(qdd),
-            }
-        })
+        let algorithm = Algorithm::ForwardDynamics(read_form(form)?);
+        let given = [("q", q), ("qd", qd), ("tau", tau)];
+        let keywords = Keywords { wrenches, out, dtype, errors, info: return_info };
+        self.evaluate(py, algorithm, cost::FORWARD, given, &keywords)
     }
 
     /// Joint torques from joint accelerations, in O(N), gravity and armature included.
@@ -124,20 +86,9 @@ impl PyScene {
         dtype: Option<&Bound<'py, PyAny>>,
         errors: &str,
     ) -> Array<'py> {
-        let nv = self.scene.nv();
-        let cost = self.cost(cost::INVERSE, nv);
-        let algorithm = Algorithm::InverseDynamics;
-        let keywords = Keywords { wrenches, out, dtype, nan: is_nan(errors)? };
-        if let Some(tau) = self.single(py, algorithm, [q, qd, qdd], &[nv], cost, keywords)? {
-            return Ok(tau);
-        }
-        in_dtype!(dtype, P => {
-            let inputs =
-                [Input::<P>::in_kind("q", q, self.coordinates())?, Input::in_kind("qd", qd, self.rates())?, Input::in_kind("qdd", qdd, self.rates())?];
-            let wrenches = Wrench::read(&self.scene, wrenches)?;
-            let call = Call::new(self, inputs, wrenches, cost)?.with(Errors::read(errors)?);
-            Ok(call.algorithm(py, algorithm, &[nv], out)?.into_any())
-        })
+        let given = [("q", q), ("qd", qd), ("qdd", qdd)];
+        let keywords = Keywords { wrenches, out, dtype, errors, info: false };
+        self.evaluate(py, Algorithm::InverseDynamics, cost::INVERSE, given, &keywords)
     }
 
     /// The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
@@ -156,18 +107,8 @@ impl PyScene {
         dtype: Option<&Bound<'py, PyAny>>,
         errors: &str,
     ) -> Array<'py> {
-        let nv = self.scene.nv();
-        let cost = self.cost(cost::INVERSE, nv);
-        let (algorithm, keywords) =
-            (Algorithm::BiasTorque, Keywords { out, dtype, nan: is_nan(errors)?, ..Keywords::default() });
-        if let Some(tau) = self.single(py, algorithm, [q, qd], &[nv], cost, keywords)? {
-            return Ok(tau);
-        }
-        in_dtype!(dtype, P => {
-            let inputs = [Input::<P>::in_kind("q", q, self.coordinates())?, Input::in_kind("qd", qd, self.rates())?];
-            let call = Call::new(self, inputs, Vec::new(), cost)?.with(Errors::read(errors)?);
-            Ok(call.algorithm(py, algorithm, &[nv], out)?.into_any())
-        })
+        let keywords = Keywords { wrenches: None, out, dtype, errors, info: false };
+        self.evaluate(py, Algorithm::BiasTorque, cost::INVERSE, [("q", q), ("qd", qd)], &keywords)
     }
 
     /// The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
@@ -187,18 +128,8 @@ impl PyScene {
         errors: &str,
     ) -> Array<'py> {
         self.check_dense("mass_matrix", "inverse_dynamics, which multiplies by it")?;
-        let nv = self.scene.nv();
-        let cost = self.cost(cost::COMPOSITE, nv * nv);
-        let (algorithm, keywords) =
-            (Algorithm::MassMatrix, Keywords { out, dtype, nan: is_nan(errors)?, ..Keywords::default() });
-        if let Some(matrix) = self.single(py, algorithm, [q], &[nv, nv], cost, keywords)? {
-            return Ok(matrix);
-        }
-        in_dtype!(dtype, P => {
-            let inputs = [Input::<P>::in_kind("q", q, self.coordinates())?];
-            let call = Call::new(self, inputs, Vec::new(), cost)?.with(Errors::read(errors)?);
-            Ok(call.algorithm(py, algorithm, &[nv, nv], out)?.into_any())
-        })
+        let keywords = Keywords { wrenches: None, out, dtype, errors, info: false };
+        self.evaluate(py, Algorithm::MassMatrix, cost::COMPOSITE, [("q", q)], &keywords)
     }
 
     /// The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
@@ -217,38 +148,14 @@ impl PyScene {
         dtype: Option<&Bound<'py, PyAny>>,
         errors: &str,
     ) -> Array<'py> {
-        let form = read_form(form)?;
-        let algorithm = Algorithm::MassMatrixInverse(form);
+        let algorithm = Algorithm::MassMatrixInverse(read_form(form)?);
         self.check_dense("mass_matrix_inverse", "forward_dynamics, which multiplies by it")?;
-        let nv = self.scene.nv();
-        let cost = self.cost(cost::CLOSED_FORM, nv * nv);
-        let keywords = Keywords { out, dtype, nan: is_nan(errors)?, ..Keywords::default() };
-        if let Some(matrix) = self.single(py, algorithm, [q], &[nv, nv], cost, keywords)? {
-            return Ok(matrix);
-        }
-        in_dtype!(dtype, P => {
-            let inputs = [Input::<P>::in_kind("q", q, self.coordinates())?];
-            let call = Call::new(self, inputs, Vec::new(), cost)?.with(self.errors(errors, form)?);
-            Ok(call.algorithm(py, algorithm, &[nv, nv], out)?.into_any())
-        })
+        let keywords = Keywords { wrenches: None, out, dtype, errors, info: false };
+        self.evaluate(py, algorithm, cost::CLOSED_FORM, [("q", q)], &keywords)
     }
 }
 
 impl PyScene {
-    /// What becomes of bad states; what is wrong with the scene in this form, for all of them, is told first.
-    pub(super) fn errors(&self, errors: &str, form: Form) -> Result<Errors, Error> {
-        let errors = Errors::read(errors)?;
-        if errors.are_gathered() {
-            self.scene.check_roots(form)?;
-        }
-        Ok(errors)
-    }
-
-    /// Of so many ns a body and as many results.
-    fn cost(&self, body: usize, results: usize) -> Cost {
-        Cost { arithmetic: body * self.size(), results }
-    }
-
     fn check_dense(&self, method: &str, instead: &str) -> Result<(), Error> {
         let nv = self.scene.nv();
         if nv <= DENSE_LIMIT {
@@ -260,9 +167,4 @@ impl PyScene {
             format!("at most {DENSE_LIMIT} for a dense matrix; use {instead}"),
         ))
     }
-}
-
-/// The form of that name.
-pub(super) fn read_form(form: &str) -> Result<Form, Error> {
-    choose("form", form, &FORMS)
 }

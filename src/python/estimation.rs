@@ -1,19 +1,23 @@
 //! The method `Scene.estimate`: forces, accelerations and torques given the torques of some joints (section 2).
 
-use super::arrays::{self, Input, Output};
+use super::axis::Axis;
 use super::bad_states::Errors;
+use super::call::Call;
+use super::choice::names;
+use super::cost::Cost;
 use super::errors::asked_by;
-use super::evaluate::{Call, Scratch};
-use super::scene::{PyScene, names};
+use super::input::{Input, in_python};
+use super::output::{Output, result_class};
+use super::scene::PyScene;
+use super::scratch::{Estimation, Scratch};
 use super::wrenches::Wrench;
-use crate::dynamics::{BatchEstimate, Estimate, EstimateCovariance, EstimateScratch, Measurements};
+use crate::dynamics::{BatchEstimate, Estimate, EstimateCovariance, Measurements};
 use crate::error::Error;
 use crate::operators::dense::DENSE_CAP;
 use crate::scene::Scene;
 use nalgebra::{Matrix6, Vector6};
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyDict, PyString};
+use pyo3::types::PyDict;
 
 /// Rough time of one body in one state, ns (see `Call::new`).
 mod cost {
@@ -26,27 +30,6 @@ mod cost {
 /// Numbers a degree of freedom: means, and with covariances.
 const MEANS: usize = 1 + 1 + 6 + 6;
 const WITH_COVARIANCE: usize = MEANS + 1 + 1 + 36 + 36;
-
-/// What a thread keeps for estimation.
-pub(super) struct Estimation {
-    scratch: EstimateScratch<f64>,
-    estimate: Estimate<f64>,
-    covariance: EstimateCovariance<f64>,
-    /// Noise of the state at hand, infinite where not measured.
-    noise: Vec<f64>,
-}
-
-impl Estimation {
-    fn new(scene: &Scene) -> Self {
-        let model = scene.model();
-        Self {
-            scratch: EstimateScratch::new(model),
-            estimate: Estimate::new(model),
-            covariance: EstimateCovariance::new(model),
-            noise: vec![f64::NAN; model.nv()],
-        }
-    }
-}
 
 #[pymethods]
 impl PyScene {
@@ -92,27 +75,27 @@ impl PyScene {
         let has_prior = prior_acceleration.is_some();
         let errors = Errors::read(errors)?;
         self.scene.check_prior(acceleration_variance)?;
-        let (torque, unknown) = Input::with_mask("torque", torque, self.rates(), Input::new)?;
+        let (torque, unknown) = with_mask("torque", torque, self.rates(), Input::new)?;
         let (noise, hidden) = match noise {
-            Some(noise) => Input::with_mask("noise", noise, self.rates(), Input::spread)?,
+            Some(noise) => with_mask("noise", noise, self.rates(), Input::spread)?,
             None => (Input::filled(py, "noise", 0.0, nv)?, Input::filled(py, "noise", 0.0, nv)?),
         };
-        let inputs = [
-            Input::new("q", q, self.coordinates())?,
-            Input::new("qd", qd, self.rates())?,
+        let inputs = vec![
+            self.configuration("q", q)?,
+            self.rate("qd", qd)?,
             torque,
             noise,
             unknown,
             hidden,
             match prior_acceleration {
-                Some(prior) => Input::new("prior_acceleration", prior, self.rates())?,
+                Some(prior) => self.rate("prior_acceleration", prior)?,
                 None => Input::filled(py, "prior_acceleration", 0.0, nv)?,
             },
         ];
         let wrenches = Wrench::read(&self.scene, wrenches)?;
         let bodies = (cost::MEANS + usize::from(covariance) * cost::COVARIANCES) * self.size();
         let cost = if dense { cost::DENSE * nv * nv * nv } else { bodies };
-        let call = Call::new(self, inputs, wrenches, cost)?.with(errors);
+        let call = Call::new(self, inputs, wrenches, Cost::of(cost))?.with(errors);
         let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
         let mut results = call.scratch_results(py, width)?;
         let numbers = results.numbers()?;
@@ -127,12 +110,12 @@ impl PyScene {
             let prior_acceleration = has_prior.then_some(prior);
             let measurements = Measurements { torque, noise: &kept.noise, prior_acceleration, acceleration_variance };
             if dense {
-                let batch = scene.estimate_batch(workspace, q, qd, &measurements, forces, covariance)?;
+                let batch = scene.estimate_batch(workspace, q, qd, &measurements, &forces[0], covariance)?;
                 write_batch(&batch, out);
             } else {
                 let room = covariance.then_some(&mut kept.covariance);
                 let (scratch, estimate) = (&mut kept.scratch, &mut kept.estimate);
-                scene.estimate(workspace, scratch, q, qd, &measurements, forces, estimate, room)?;
+                scene.estimate(workspace, scratch, q, qd, &measurements, &forces[0], estimate, room)?;
                 write_sequential(scene, estimate, covariance.then_some(&kept.covariance), out);
             }
             Ok(())
@@ -161,18 +144,29 @@ impl PyScene {
     /// The argument `measured` as one flag a degree of freedom.
     fn measured(&self, measured: &Bound<'_, PyAny>) -> PyResult<Vec<bool>> {
         let nv = self.scene.nv();
-        if let Some(mask) = arrays::mask("measured", measured, self.rates())? {
+        if let Some(mask) = in_python("flags", "measured", measured, self.rates())?.extract()? {
             return Ok(mask);
         }
-        let Some(joints) = (!measured.is_instance_of::<PyString>()).then(|| names(measured)).flatten() else {
-            let found = format!("{}", measured.repr()?);
-            return Err(Error::argument("measured", found, "names of joints, or a boolean array (nv,)").into());
-        };
         let mut mask = vec![false; nv];
-        for joint in joints {
+        for joint in names("measured", measured, "names of joints, or a boolean array (nv,)")? {
             mask[self.scene.joint(&joint).map_err(|error| error.of_argument("measured"))?.v.clone()].fill(true);
         }
         Ok(mask)
+    }
+}
+
+/// Reads an argument of which entries may be masked: zero where they are, and infinity there in a second, which is zero elsewhere.
+fn with_mask<'a, 'py>(
+    name: &'static str,
+    value: &Bound<'py, PyAny>,
+    axis: Axis<'a>,
+    read: impl Fn(&'static str, &Bound<'py, PyAny>, Axis<'a>) -> PyResult<Input<'py>>,
+) -> PyResult<(Input<'py>, Input<'py>)> {
+    let py = value.py();
+    let parts = py.import("phipsi._arguments")?.getattr("split_mask")?.call1((value,))?;
+    match parts.extract::<Option<(Bound<'py, PyAny>, Bound<'py, PyAny>)>>()? {
+        Some((known, unknown)) => Ok((read(name, &known, axis)?, read(name, &unknown, axis)?)),
+        None => Ok((read(name, value, axis)?, Input::filled(py, name, 0.0, axis.width())?)),
     }
 }
 
@@ -248,7 +242,6 @@ fn result<'py>(
     nv: usize,
     covariance: bool,
 ) -> PyResult<Bound<'py, PyAny>> {
-    static ESTIMATE: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
     let fields = PyDict::new(py);
     let mut likelihoods = Output::new(py, batch)?;
@@ -273,5 +266,5 @@ fn result<'py>(
         fields.set_item(*name, output.finish())?;
         at += own;
     }
-    ESTIMATE.import(py, "phipsi._results", "Estimate")?.call((), Some(&fields))
+    result_class(py, "Estimate")?.call((), Some(&fields))
 }

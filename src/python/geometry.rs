@@ -1,16 +1,10 @@
 //! Methods of `Scene`: where links are, how they move, energy and momentum.
 
-use super::arrays::{Input, Output};
-use super::bad_states::Errors;
 use super::errors::asked_by;
-use super::evaluate::Call;
+use super::output::{Array, Output, result_class};
 use super::scene::PyScene;
-use numpy::PyArrayDyn;
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
 use pyo3::types::PyDict;
-
-type Array<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
 
 /// Rough time of one body (or link) in one state, ns.
 mod cost {
@@ -29,9 +23,7 @@ impl PyScene {
     #[pyo3(signature = (q, *, errors="raise"))]
     fn placements<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, errors: &str) -> PyResult<Bound<'py, PyDict>> {
         let links = self.scene.links();
-        let inputs = [Input::new("q", q, self.coordinates())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::PLACEMENT * (self.size() + links.len()))?
-            .with(Errors::read(errors)?);
+        let call = self.call([self.configuration("q", q)?], cost::PLACEMENT * (self.size() + links.len()), errors)?;
         let mut all = call.scratch_results(py, 16 * links.len())?;
         call.numbers(py, all.numbers()?, |scene, _, [q], out| {
             for (shift, out) in scene.placements(q)?.iter().zip(out.chunks_exact_mut(16)) {
@@ -45,8 +37,7 @@ impl PyScene {
             }
             Ok(())
         })?;
-        let mut shape = call.batch.clone();
-        shape.extend([4, 4]);
+        let shape = [&call.batch[..], &[4, 4]].concat();
         let placements = PyDict::new(py);
         for (at, link) in links.iter().enumerate() {
             let mut output = asked_by(py, &call.asking(), Output::new(py, &shape))?;
@@ -66,9 +57,8 @@ impl PyScene {
         // Also where the batch is empty.
         self.scene.link(link)?;
         let nv = self.scene.nv();
-        let inputs = [Input::new("q", q, self.coordinates())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::PLACEMENT * self.size())?.with(Errors::read(errors)?);
-        call.array(py, &[6, nv], None, |scene, _, [q], out| scene.jacobian(q, link, out))
+        let call = self.call([self.configuration("q", q)?], cost::PLACEMENT * self.size(), errors)?;
+        call.array(py, &[6, nv], |scene, _, [q], out| scene.jacobian(q, link, out))
     }
 
     /// Kinetic energy (armature included) and potential energy, as the named tuple Energy(kinetic, potential).
@@ -85,9 +75,8 @@ impl PyScene {
         qd: &Bound<'py, PyAny>,
         errors: &str,
     ) -> PyResult<Bound<'py, PyAny>> {
-        static ENERGY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-        let inputs = [Input::new("q", q, self.coordinates())?, Input::new("qd", qd, self.rates())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::ENERGY * self.size())?.with(Errors::read(errors)?);
+        let inputs = [self.configuration("q", q)?, self.rate("qd", qd)?];
+        let call = self.call(inputs, cost::ENERGY * self.size(), errors)?;
         let mut both = call.scratch_results(py, 2)?;
         call.numbers(py, both.numbers()?, |scene, scratch, [q, qd], out| {
             let energy = scene.energy(&mut scratch.workspace, q, qd)?;
@@ -99,7 +88,7 @@ impl PyScene {
             output.gather(py, 1, both.numbers()?.chunks_exact(2).map(|state| &state[which..=which]))?;
             output.finish_or_scalar()
         };
-        ENERGY.import(py, "phipsi._results", "Energy")?.call1((part(0)?, part(1)?))
+        result_class(py, "Energy")?.call1((part(0)?, part(1)?))
     }
 
     /// Spatial momentum of all moving bodies: (angular about the base's origin, linear), in the base frame.
@@ -115,9 +104,9 @@ impl PyScene {
         qd: &Bound<'py, PyAny>,
         errors: &str,
     ) -> Array<'py> {
-        let inputs = [Input::new("q", q, self.coordinates())?, Input::new("qd", qd, self.rates())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::MOMENTUM * self.size())?.with(Errors::read(errors)?);
-        call.array(py, &[6], None, |scene, scratch, [q, qd], out| {
+        let inputs = [self.configuration("q", q)?, self.rate("qd", qd)?];
+        let call = self.call(inputs, cost::MOMENTUM * self.size(), errors)?;
+        call.array(py, &[6], |scene, scratch, [q, qd], out| {
             out.copy_from_slice(scene.momentum(&mut scratch.workspace, q, qd)?.as_slice());
             Ok(())
         })

@@ -1,29 +1,24 @@
 //! Methods of `Scene`: states through time.
 
-use super::arrays::{self, Input, Output, from_numbers};
+use super::axis::Axis;
+use super::choice::read_form;
 use super::counts::{count, count_or};
-use super::errors::asked_by;
+use super::errors::{asked_by, batch_index, fault, of_batch};
+use super::input::{self, Input, wrong_shape};
 use super::interrupts::detached;
-use super::labels::Axis;
+use super::output::{Output, from_numbers};
 use super::scene::PyScene;
-use crate::batch::{Broadcast, broadcast_axes};
+use crate::batch::{Broadcast, Fault, broadcast_axes};
 use crate::error::{Error, check_finite};
-use crate::filter::FORMS;
 use crate::memory;
 use crate::motion::properties::FRICTION_SPEED;
 use crate::motion::{Gains, Method, Properties, Records, Rollout, Settings, StepFault, Torque};
-use pyo3::exceptions::{PyException, PyKeyboardInterrupt};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use std::time::{Duration, Instant};
 
 /// Between reports of progress.
 const BLOCK: Duration = Duration::from_millis(50);
-
-/// The class or function of that name in `phipsi._motion`.
-fn of_motion<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
-    py.import("phipsi._motion")?.getattr(name)
-}
 
 #[pymethods]
 impl PyScene {
@@ -100,15 +95,15 @@ impl PyScene {
         progress: Option<&Bound<'py, PyAny>>,
         conserve_momentum: bool,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let py = slf.py();
-        let scene = &slf.get().scene;
+        let (py, own) = (slf.py(), slf.get());
+        let scene = &own.scene;
         let (nq, nv) = (scene.nq(), scene.nv());
         let steps = count("steps", steps, 0)?;
         let every = count_or("record_every", record_every, 1, 1)?;
         let mut settings = Settings::new(scene, dt);
         settings.method = Method::named(method)?;
         settings.conserve_momentum = conserve_momentum;
-        settings.form = super::choice::choose("form", form, &FORMS)?;
+        settings.form = read_form(form)?;
         let properties = &mut settings.properties;
         for (name, given, place) in [
             ("armature", armature, &mut properties.armature),
@@ -117,17 +112,17 @@ impl PyScene {
             ("friction", friction, &mut properties.friction),
         ] {
             if let Some(given) = given {
-                *place = arrays::spread(name, given, slf.get().rates())?;
+                *place = input::spread(name, given, own.rates())?;
             }
         }
         if let Some(rest) = rest {
-            properties.rest = arrays::state("rest", rest, slf.get().coordinates())?;
+            properties.rest = input::state("rest", rest, own.coordinates())?;
         }
         properties.friction_speed = friction_speed;
 
-        let [q, qd] = [Input::new("q", q, slf.get().coordinates())?, Input::new("qd", qd, slf.get().rates())?];
-        let given = Given::read(tau, tau_steps, steps, slf.get().rates())?;
-        let pd = pd.map(|pd| Pd::read(pd, slf.get())).transpose()?;
+        let [q, qd] = [own.configuration("q", q)?, own.rate("qd", qd)?];
+        let given = Given::read(tau, tau_steps, steps, own.rates())?;
+        let pd = pd.map(|pd| Pd::read(pd, own)).transpose()?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
         axes.extend(given.leading());
         if let Some(pd) = &pd {
@@ -136,66 +131,46 @@ impl PyScene {
         let batch = broadcast_axes(axes)?;
         let room = Room { states: product(&batch), rows: steps / every + 1, numbers: nq + nv };
         let states = room.checked()?;
-        slf.get().check_scratch(states)?;
+        own.check_scratch(states)?;
         if let Some(pd) = pd {
             settings.gains = Some(pd.over(&batch, states)?);
         }
-        let mut outputs = [room.output(py, &batch, nq)?, room.output(py, &batch, nv)?];
+        let outputs = [room.output(py, &batch, nq)?, room.output(py, &batch, nv)?];
         let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];
-        let kept = [
-            settings.properties.armature.clone(),
-            settings.properties.stiffness.clone(),
-            settings.properties.rest.clone(),
-        ];
-        let rollout = detached(py, || {
-            let (q, qd): (&[f64], &[f64]) = (&all_q, &all_qd);
-            Rollout::new(scene, settings, q, qd)
-        })?;
-        let mut rollout = rollout.map_err(|error| super::errors::of_batch(py, &error, &batch))?;
-        drop((all_q, all_qd));
-        if conserve_momentum {
-            let torque = given.torque(&batch, (steps, nv))?;
-            rollout.check_torque(&torque, steps).map_err(|fault| {
-                let named = if batch.is_empty() { fault.error } else { fault.error.in_state(fault.state) };
-                super::errors::of_batch(py, &named, &batch)
-            })?;
-        }
-        let stopped = {
-            let [out_q, out_qd] = &mut outputs;
-            let mut records = Records { q: out_q.numbers()?, qd: out_qd.numbers()?, every };
-            run(
-                py,
-                &mut rollout,
-                &mut records,
-                &Plan { given: &given, batch: &batch, steps, dt, progress, nq, nv, rates: slf.get().rates() },
-            )
-            .err()
-        };
-        let done = rollout.steps();
-        let [out_q, out_qd] = outputs;
         let fields = PyDict::new(py);
-        if conserve_momentum {
-            let each: Vec<_> = (0..states).filter_map(|state| rollout.correction(state)).collect();
-            let [velocity, position] = [
-                each.iter().map(|largest| largest.velocity).collect::<Vec<_>>(),
-                each.iter().map(|largest| largest.position).collect(),
-            ];
-            let largest = (from_numbers(py, &velocity, &batch)?, from_numbers(py, &position, &batch)?);
-            fields.set_item("momentum_correction", of_motion(py, "MomentumCorrection")?.call1(largest)?)?;
-        }
         fields.set_item("scene", slf)?;
         fields.set_item("dt", dt)?;
         fields.set_item("record_every", every)?;
-        fields.set_item("steps", done)?;
-        fields.set_item("method", Method::named(method)?.name())?;
-        for (name, numbers) in ["armature", "stiffness", "rest"].into_iter().zip(&kept) {
+        fields.set_item("method", settings.method.name())?;
+        let Properties { armature, stiffness, rest, .. } = &settings.properties;
+        for (name, numbers) in [("armature", armature), ("stiffness", stiffness), ("rest", rest)] {
             fields.set_item(name, from_numbers(py, numbers, &[numbers.len()])?)?;
         }
+        let rollout = detached(py, || Rollout::new(scene, settings, &all_q[..], &all_qd[..]))?;
+        let mut rollout = rollout.map_err(|error| of_batch(py, &error, &batch))?;
+        drop((all_q, all_qd));
+        if conserve_momentum {
+            let torque = given.torque(&batch, (steps, nv))?;
+            rollout.check_torque(&torque, steps).map_err(|error| fault(py, error, &batch))?;
+        }
+        let [mut out_q, mut out_qd] = outputs;
+        let mut records = Records { q: out_q.numbers()?, qd: out_qd.numbers()?, every };
+        let plan = Plan { given: &given, batch: &batch, steps, dt, progress, nq, nv, rates: own.rates() };
+        let stopped = run(py, &mut rollout, &mut records, &plan).err();
+        fields.set_item("steps", rollout.steps())?;
+        if conserve_momentum {
+            let each = || (0..states).filter_map(|state| rollout.correction(state));
+            let velocity: Vec<f64> = each().map(|largest| largest.velocity).collect();
+            let position: Vec<f64> = each().map(|largest| largest.position).collect();
+            let largest = (from_numbers(py, &velocity, &batch)?, from_numbers(py, &position, &batch)?);
+            let largest = py.import("phipsi._motion")?.getattr("MomentumCorrection")?.call1(largest)?;
+            fields.set_item("momentum_correction", largest)?;
+        }
         let whole = (out_q.finish(), out_qd.finish());
-        let trajectory = of_motion(py, "trajectory_of")?.call(whole, Some(&fields))?;
+        let trajectory = py.import("phipsi._motion")?.getattr("trajectory_of")?.call(whole, Some(&fields))?;
         match stopped {
             None => Ok(trajectory),
-            Some(stopped) => Err(stopped.raise(py, &trajectory, done, dt, &batch)?),
+            Some(stopped) => Err(stopped.raise(py, &trajectory, &batch)?),
         }
     }
 }
@@ -208,32 +183,10 @@ impl PyScene {
     /// tau: (nv,), constant, or a function of (t, q, qd); pd, damping, stiffness, rest, friction, friction_speed: as in simulate.
     ///
     /// Returns an Ode; Ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) gives a Trajectory. Needs SciPy (ImportError).
-    #[pyo3(signature = (*, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED),
+    #[pyo3(signature = (**given),
            text_signature = "($self, *, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01)")]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn ode<'py>(
-        slf: &Bound<'py, Self>,
-        tau: Option<&Bound<'py, PyAny>>,
-        pd: Option<&Bound<'py, PyAny>>,
-        damping: Option<&Bound<'py, PyAny>>,
-        stiffness: Option<&Bound<'py, PyAny>>,
-        rest: Option<&Bound<'py, PyAny>>,
-        friction: Option<&Bound<'py, PyAny>>,
-        friction_speed: f64,
-    ) -> PyResult<Bound<'py, PyAny>> {
-        let given = PyDict::new(slf.py());
-        for (name, value) in [
-            ("tau", tau),
-            ("pd", pd),
-            ("damping", damping),
-            ("stiffness", stiffness),
-            ("rest", rest),
-            ("friction", friction),
-        ] {
-            given.set_item(name, value)?;
-        }
-        given.set_item("friction_speed", friction_speed)?;
-        slf.py().import("phipsi._ode")?.getattr("Ode")?.call((slf,), Some(&given))
+    fn ode<'py>(slf: &Bound<'py, Self>, given: Option<&Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyAny>> {
+        slf.py().import("phipsi._ode")?.getattr("Ode")?.call((slf,), given)
     }
 }
 
@@ -310,9 +263,8 @@ impl<'py> Given<'py> {
             (None, Some(tau)) => {
                 let tau = Input::new("tau_steps", tau, rates)?;
                 if tau.leading().last() != Some(&steps) {
-                    let found = crate::batch::shape_text(&[tau.leading(), &[rates.width()]].concat());
-                    let expected = format!("(..., {steps}, {})", rates.width());
-                    return Err(Error::Shape { argument: "tau_steps".to_owned(), found, expected }.into());
+                    let found = [tau.leading(), &[rates.width()]].concat();
+                    return Err(wrong_shape("tau_steps", &found, format!("(..., {steps}, {})", rates.width())));
                 }
                 check_finite("tau_steps", tau.data()?)?;
                 Ok(Self::Steps(tau))
@@ -364,15 +316,15 @@ impl<'py> Pd<'py> {
             return Err(refuse(format!("{} parts", parts.len())));
         }
         let rate = match parts.get_item(3) {
-            Ok(rate) if !rate.is_none() => Input::new("pd.target_rate", &rate, scene.rates())?,
+            Ok(rate) if !rate.is_none() => scene.rate("pd.target_rate", &rate)?,
             _ => Input::filled(pd.py(), "pd.target_rate", 0.0, scene.scene.nv())?,
         };
         Ok(Self {
             gains: [
-                arrays::spread("pd.kp", &parts.get_item(0)?, scene.rates())?,
-                arrays::spread("pd.kd", &parts.get_item(1)?, scene.rates())?,
+                input::spread("pd.kp", &parts.get_item(0)?, scene.rates())?,
+                input::spread("pd.kd", &parts.get_item(1)?, scene.rates())?,
             ],
-            target: Input::new("pd.target", &parts.get_item(2)?, scene.coordinates())?,
+            target: scene.configuration("pd.target", &parts.get_item(2)?)?,
             rate,
         })
     }
@@ -405,46 +357,16 @@ impl From<PyErr> for Stopped {
 
 impl Stopped {
     /// The exception, with what was computed.
-    fn raise(
-        self,
-        py: Python<'_>,
-        trajectory: &Bound<'_, PyAny>,
-        done: usize,
-        dt: f64,
-        batch: &[usize],
-    ) -> PyResult<PyErr> {
-        let errors = py.import("phipsi.errors")?;
-        #[allow(clippy::cast_precision_loss)] // a time, for a message
-        let place = format!("step {done} (t = {:.6} s)", done as f64 * dt);
-        let (class, message, cause) = match &self {
-            Self::Fault(fault) => {
-                let named = fault.error.clone();
-                let named = if batch.is_empty() { named } else { named.in_state(fault.state) };
-                let cause = super::errors::of_batch(py, &named, batch);
-                ("SimulationError", format!("{place}: {}", cause.value(py)), Some(cause))
-            }
-            Self::Raised(error) if error.is_instance_of::<PyKeyboardInterrupt>(py) => {
-                ("SimulationInterrupted", format!("stopped before {place}"), None)
-            }
-            // SystemExit and its like go their way.
-            Self::Raised(error) if !error.is_instance_of::<PyException>(py) => return Ok(error.clone_ref(py)),
-            Self::Raised(error) => {
-                let name = error.get_type(py).name()?;
-                ("SimulationError", format!("{place}: {name}: {}", error.value(py)), Some(error.clone_ref(py)))
+    fn raise(self, py: Python<'_>, trajectory: &Bound<'_, PyAny>, batch: &[usize]) -> PyResult<PyErr> {
+        let (cause, joint, state) = match self {
+            Self::Raised(error) => (error, None, None),
+            Self::Fault(StepFault { state, joint, error, .. }) => {
+                let index = (!batch.is_empty()).then(|| batch_index(py, state, batch)).transpose()?;
+                (fault(py, Fault { state, error }, batch), Some(joint), index)
             }
         };
-        let instance = errors.getattr(class)?.call1((message,))?;
-        instance.setattr("trajectory", trajectory)?;
-        instance.setattr("step", done)?;
-        if let Self::Fault(fault) = &self {
-            instance.setattr("joint", &fault.joint)?;
-            if !batch.is_empty() {
-                instance.setattr("state", super::errors::batch_index(py, fault.state, batch)?)?;
-            }
-        }
-        let error = PyErr::from_value(instance);
-        error.set_cause(py, cause);
-        Ok(error)
+        let made = py.import("phipsi._motion")?.getattr("stopped")?.call1((trajectory, cause.value(py), joint, state))?;
+        Ok(PyErr::from_value(made))
     }
 }
 

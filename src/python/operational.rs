@@ -1,19 +1,17 @@
 //! Methods of `Scene`: operational space.
 
-use super::arrays::{Input, one_or_each, rows};
-use super::dynamics::read_form;
-use super::evaluate::{Call, Scratch};
-use super::scene::{PyScene, names};
+use super::choice::{names, read_form};
+use super::input::{one_or_each, rows};
+use super::output::Array;
+use super::scene::PyScene;
+use super::scratch::Scratch;
 use crate::error::{Error, check_finite};
 use crate::memory;
 use crate::scene::{Scene, TaskFrame};
 use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Vector3};
-use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
-
-type Array<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
 
 /// Rough times in one state, ns (see `Call::new`).
 mod cost {
@@ -51,14 +49,13 @@ impl PyScene {
         errors: &str,
     ) -> Array<'py> {
         let form = read_form(form)?;
-        let errors = self.errors(errors, form)?;
+        self.errors(errors, Some(form))?;
         let task = Task::read(&self.scene, links, xyz, rotation)?;
         let frames = task.frames();
         let width = 6 * frames.len();
         memory::room("links", memory::bytes_of::<f64>(&[width, width]))?;
-        let inputs = [Input::new("q", q, self.coordinates())?];
-        let call = Call::new(self, inputs, Vec::new(), self.cost_of_task(frames.len()))?.with(errors);
-        call.array(py, &[width, width], None, |scene, scratch, [q], out| {
+        let call = self.call([self.configuration("q", q)?], self.cost_of_task(frames.len()), errors)?;
+        call.array(py, &[width, width], |scene, scratch, [q], out| {
             let Scratch { workspace, operational, .. } = scratch;
             workspace.form = form;
             let operational = operational.get_or_insert_with(|| scene.operational_scratch());
@@ -90,7 +87,7 @@ impl PyScene {
         errors: &str,
     ) -> Array<'py> {
         let form = read_form(form)?;
-        let errors = self.errors(errors, form)?;
+        self.errors(errors, Some(form))?;
         let task = Task::read(&self.scene, links, xyz, rotation)?;
         let frames = task.frames();
         let width = 6 * frames.len();
@@ -104,11 +101,10 @@ impl PyScene {
             None => (width, None),
         };
         Self::check_task_room(if directions.is_some() { "directions" } else { "links" }, [k, width.max(k)])?;
-        let inputs = [Input::new("q", q, self.coordinates())?];
         let of_inverse = cost::INVERSE.saturating_mul(k.saturating_pow(3));
-        let call = Call::new(self, inputs, Vec::new(), self.cost_of_task(frames.len()).saturating_add(of_inverse))?
-            .with(errors);
-        call.array(py, &[k, k], None, |scene, scratch, [q], out| {
+        let cost = self.cost_of_task(frames.len()).saturating_add(of_inverse);
+        let call = self.call([self.configuration("q", q)?], cost, errors)?;
+        call.array(py, &[k, k], |scene, scratch, [q], out| {
             let Scratch { workspace, operational, .. } = scratch;
             workspace.form = form;
             let operational = operational.get_or_insert_with(|| scene.operational_scratch());
@@ -144,10 +140,9 @@ impl Task {
         xyz: Option<&Bound<'_, PyAny>>,
         rotation: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let several = if links.is_instance_of::<PyString>() { Some(vec![links.extract()?]) } else { names(links) };
-        let Some(links) = several else {
-            let found = format!("{}", links.repr()?);
-            return Err(Error::argument("links", found, "the name of a link, or a sequence of names").into());
+        let links = match links.cast::<PyString>() {
+            Ok(link) => vec![link.extract()?],
+            Err(_) => names("links", links, "the name of a link, or a sequence of names")?,
         };
         let mut offsets = vec![RigidShift::identity(); links.len()];
         if let Some(xyz) = xyz {

@@ -1,13 +1,12 @@
 //! Methods of `Scene`: its links and joints by name, as they were given.
 
-use super::arrays::from_numbers;
+use super::output::{from_numbers, result_class};
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::scene::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene};
 use crate::spatial::Symmetric3;
 use nalgebra::Vector3;
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
 use pyo3::types::PyDict;
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -87,13 +86,12 @@ fn link_tuple<'py>(
     link: &LinkDescription,
     carrier: Option<&JointDescription>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    static LINK: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let massless = Inertial { mass: 0.0, centre: Vector3::zeros(), central: Symmetric3::zero() };
     let Inertial { mass, centre, central } = link.inertial.unwrap_or(massless);
     let inertia = from_numbers(py, central.to_matrix().as_slice(), &[3, 3])?;
     let (parent, joint) = (carrier.and_then(parent_of), carrier.map(|joint| joint.name.as_str()));
     let parts = (&link.name, mass, vector(py, &centre)?, inertia, parent, joint);
-    LINK.import(py, "phipsi._results", "Link")?.call1(parts)
+    result_class(py, "Link")?.call1(parts)
 }
 
 /// The parent link's name; the free joint of a floating base has none.
@@ -103,8 +101,6 @@ fn parent_of(joint: &JointDescription) -> Option<&str> {
 
 /// The named tuple of a joint.
 fn joint_tuple<'py>(py: Python<'py>, joint: &JointDescription) -> PyResult<Bound<'py, PyAny>> {
-    static JOINT: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    static MIMIC: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     // Named one by one, so that a new field cannot be forgotten.
     let JointDescription {
         name,
@@ -122,7 +118,7 @@ fn joint_tuple<'py>(py: Python<'py>, joint: &JointDescription) -> PyResult<Bound
     } = joint;
     let Limits { lower, upper, velocity, effort } = *limits;
     let mimic = mimic.as_ref().map(|Mimic { joint, multiplier, offset }| {
-        MIMIC.import(py, "phipsi._results", "Mimic")?.call1((joint, multiplier, offset))
+        result_class(py, "Mimic")?.call1((joint, multiplier, offset))
     });
     let axis = kind.has_axis().then(|| vector(py, &(axis / axis.amax()).normalize()));
     let rest = if spring.rest.is_empty() { kind.neutral() } else { spring.rest.clone() };
@@ -150,5 +146,5 @@ fn joint_tuple<'py>(py: Python<'py>, joint: &JointDescription) -> PyResult<Bound
     }
     fields.set_item("rest", from_numbers(py, &rest, &[rest.len()])?)?;
     fields.set_item("mimic", mimic.transpose()?)?;
-    JOINT.import(py, "phipsi._results", "Joint")?.call((), Some(&fields))
+    result_class(py, "Joint")?.call((), Some(&fields))
 }

@@ -1,11 +1,11 @@
 //! What the report measures: residuals, reference, error and time of each method, growth.
 
-use super::arrays::{self, Input, Output};
-use super::choice::choose;
+use super::input::{Input, state};
+use super::output::{Output, from_numbers};
+use super::choice::{Precise, choose, read_precision};
 use super::counts::count;
 use super::errors::asked_by;
 use super::interrupts::detached_checked;
-use super::labels::Axis;
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::filter::FORMS;
@@ -45,23 +45,18 @@ struct Arguments<'py> {
 
 impl<'py> Arguments<'py> {
     fn read(scene: &PyScene, q: &Bound<'py, PyAny>, qd: &Bound<'py, PyAny>, tau: &Bound<'py, PyAny>) -> PyResult<Self> {
+        let all = Self { q: scene.configuration("q", q)?, qd: scene.rate("qd", qd)?, tau: scene.rate("tau", tau)? };
         let scene = &scene.scene;
-        let all = Self {
-            q: Input::new("q", q, Axis::Coordinates(scene))?,
-            qd: Input::new("qd", qd, Axis::Rates(scene))?,
-            tau: Input::new("tau", tau, Axis::Rates(scene))?,
-        };
+        for state in all.q.data()?.chunks_exact(scene.nq().max(1)) {
+            scene.check_configuration("q", state)?;
+        }
         for input in [&all.qd, &all.tau] {
             if input.leading() != all.q.leading() {
                 let found = format!("leading axes {:?}", input.leading());
                 return Err(Error::argument(&*input.name, found, "those of q").into());
             }
-        }
-        for (name, data, width) in
-            [("q", all.q.data()?, scene.nq()), ("qd", all.qd.data()?, scene.nv()), ("tau", all.tau.data()?, scene.nv())]
-        {
-            for state in data.chunks_exact(width.max(1)) {
-                if name == "q" { scene.check_configuration(name, state) } else { scene.check_rates(name, state) }?;
+            for state in input.data()?.chunks_exact(scene.nv().max(1)) {
+                scene.check_rates(&input.name, state)?;
             }
         }
         Ok(all)
@@ -84,7 +79,7 @@ impl PyScene {
     #[pyo3(signature = (q))]
     fn check<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
         let scene = &self.scene;
-        let q = arrays::state("q", q, Axis::Coordinates(scene))?;
+        let q = state("q", q, self.coordinates())?;
         let wave = |phase: f64| -> Vec<f64> {
             #[allow(clippy::cast_precision_loss)] // an index
             (0..scene.nv()).map(|i| (phase + 1.3 * i as f64).sin()).collect()
@@ -108,11 +103,8 @@ pub(super) fn residuals_at(
     qd: &Bound<'_, PyAny>,
     tau: &Bound<'_, PyAny>,
 ) -> PyResult<Vec<(&'static str, f64, bool)>> {
-    let (q, qd, tau) = (
-        arrays::state("q", q, scene.coordinates())?,
-        arrays::state("qd", qd, scene.rates())?,
-        arrays::state("tau", tau, scene.rates())?,
-    );
+    let q = state("q", q, scene.coordinates())?;
+    let [qd, tau] = [state("qd", qd, scene.rates())?, state("tau", tau, scene.rates())?];
     let list = detached_checked(py, || residuals::residuals(&scene.scene, &q, &qd, &tau))?;
     Ok(list.into_iter().map(|r| (r.name, r.value, r.through_inverse)).collect())
 }
@@ -161,15 +153,15 @@ pub(super) fn measure_method<'py>(
         return Err(Error::argument("reference", found, "the reference of these states").into());
     }
     let values = &reference.values;
-    let measurement = match precision {
-        "float64" => detached_checked(py, || measure::<f64>(&scene.scene, method, states, values, repeats))?,
-        "float32" => detached_checked(py, || measure::<f32>(&scene.scene, method, states, values, repeats))?,
-        _ => {
-            let expected = "\"float64\" or \"float32\"";
-            return Err(Error::argument("precision", format!("{precision:?}"), expected).into());
+    let measurement = match read_precision(precision)? {
+        Precise::Float64 => {
+            detached_checked(py, || measure::<f64>(&scene.scene, method, states, values, repeats))?
+        }
+        Precise::Float32 => {
+            detached_checked(py, || measure::<f32>(&scene.scene, method, states, values, repeats))?
         }
     };
-    let errors = arrays::from_numbers(py, &measurement.errors, &[measurement.errors.len()])?;
+    let errors = from_numbers(py, &measurement.errors, &[measurement.errors.len()])?;
     Ok((measurement.ns, errors.cast_into()?))
 }
 

@@ -1,16 +1,19 @@
 //! The class `Scene`: where it comes from, its names, and its place among Python objects.
 
+use super::axis::Axis;
+use super::choice::names;
+use super::cost::WORTH_DETACHING;
 use super::description::{self, Description};
-use super::evaluate::Scratch;
 use super::interrupts::detached_checked;
-use super::labels::Axis;
-use super::{arrays, errors, plan, single};
+use super::scratch::Scratch;
+use super::{errors, input, output};
 use crate::batch::{self, Pool};
 use crate::error::Error;
 use crate::memory;
 use crate::scene::{Scene, SceneBuilder};
+use numpy::PyArrayDyn;
 use pyo3::prelude::*;
-use pyo3::types::{PyMapping, PySlice, PyString, PyTuple};
+use pyo3::types::{PySlice, PyTuple};
 use std::path::PathBuf;
 
 /// An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
@@ -22,15 +25,11 @@ use std::path::PathBuf;
 pub(crate) struct PyScene {
     pub(super) scene: Scene,
     pub(super) pool: Pool<Scratch>,
-    pub(super) single: single::Kept,
 }
-
-/// Work on all links at once is done without the GIL from so many on.
-pub(super) const WORTH_DETACHING: usize = 1_000;
 
 impl PyScene {
     pub(super) fn new(scene: Scene) -> Self {
-        Self { scene, pool: Pool::default(), single: single::Kept::default() }
+        Self { scene, pool: Pool::default() }
     }
 
     /// Whether there is room for what the threads of a batch compute in, where that is large.
@@ -89,18 +88,15 @@ impl PyScene {
         strict: bool,
         leave_out: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let omissions = plan::left_out(leave_out)?;
-        let gravity = gravity.map(|gravity| arrays::triple("gravity", gravity)).transpose()?;
+        let omissions = description::left_out(leave_out)?;
+        let gravity = gravity.map(|gravity| input::triple("gravity", gravity)).transpose()?;
         let source = Source::read(source)?;
         let scene = detached_checked(py, || {
             let builder = match source {
                 Source::Text(xml) => SceneBuilder::from_urdf(&xml)?,
                 Source::File(path) => SceneBuilder::from_urdf_file(&path)?,
             };
-            let builder = match gravity {
-                Some(gravity) => builder.gravity(gravity),
-                None => builder,
-            };
+            let builder = if let Some(gravity) = gravity { builder.gravity(gravity) } else { builder };
             builder.floating_base(floating_base).strict(strict).omissions(omissions).build()
         })?;
         errors::warn(py, &scene)?;
@@ -116,7 +112,7 @@ impl PyScene {
     /// Armature of each degree of freedom, (nv,), kg m^2 or kg; a copy. It is the variance of the measurement noise.
     #[getter]
     fn armature<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        arrays::from_numbers(py, &self.scene.model().system.noise, &[self.scene.nv()])
+        output::from_numbers(py, &self.scene.model().system.noise, &[self.scene.nv()])
     }
 
     /// Number of degrees of freedom: the length of qd, qdd and tau.
@@ -146,7 +142,7 @@ impl PyScene {
     /// Gravity in the base frame, (3,), m/s^2.
     #[getter]
     fn gravity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        arrays::from_numbers(py, self.scene.model().gravity.as_slice(), &[3])
+        output::from_numbers(py, self.scene.model().gravity.as_slice(), &[3])
     }
 
     /// Where a joint is in q, a slice.
@@ -171,11 +167,8 @@ impl PyScene {
     ///
     /// Raises ArgumentError for an unknown joint; ShapeError, NotFiniteError or ArgumentError for a bad q.
     fn lock(&self, py: Python<'_>, joints: &Bound<'_, PyAny>, q: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let Some(names) = (!joints.is_instance_of::<PyString>()).then(|| names(joints)).flatten() else {
-            let found = format!("{}", joints.repr()?);
-            return Err(Error::argument("joints", found, "a list of joint names").into());
-        };
-        let q = arrays::state("q", q, self.coordinates())?;
+        let names = names("joints", joints, "a list of joint names")?;
+        let q = input::state("q", q, self.coordinates())?;
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         let lock = || self.scene.lock(&names, &q);
         Ok(Self::new(if self.size() < WORTH_DETACHING { lock()? } else { detached_checked(py, lock)? }))
@@ -225,15 +218,31 @@ impl Source {
     }
 }
 
-/// The strings of an iterable; none if it is something else.
-pub(super) fn names(iterable: &Bound<'_, PyAny>) -> Option<Vec<String>> {
-    // The keys of a dict would pass, and its values be lost.
-    if iterable.is_instance_of::<PyMapping>() {
-        return None;
-    }
-    iterable.try_iter().ok()?.map(|name| name.and_then(|name| name.extract()).ok()).collect()
-}
-
 fn slice<'py>(py: Python<'py>, range: &std::ops::Range<usize>) -> PyResult<Bound<'py, PySlice>> {
     Ok(PySlice::new(py, isize::try_from(range.start)?, isize::try_from(range.end)?, 1))
+}
+
+/// Builds a scene from what `Scene.__reduce__` gave; without warnings, which the first building issued.
+#[pyfunction]
+#[pyo3(name = "_rebuild_scene", signature = (description, /))]
+pub(super) fn rebuild_scene(py: Python<'_>, description: &Bound<'_, PyAny>) -> PyResult<PyScene> {
+    let description = Description::read("pickled scene", description)?;
+    Ok(PyScene::new(detached_checked(py, || description.builder()?.build())?))
+}
+
+/// An argument of a method written in Python as float64, of any shape: its last axis of q's entries or qd's where a scene is given.
+#[pyfunction]
+#[pyo3(name = "_numbers", signature = (name, value, scene=None, coordinates=false, /))]
+pub(super) fn numbers<'py>(
+    name: &str,
+    value: &Bound<'py, PyAny>,
+    scene: Option<&PyScene>,
+    coordinates: bool,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let axis = match scene {
+        None => Axis::Plain(0),
+        Some(scene) if coordinates => scene.coordinates(),
+        Some(scene) => scene.rates(),
+    };
+    input::read(name, value, axis)
 }

@@ -1,6 +1,6 @@
 //! The scenes that ship with the library, for `phipsi.scenes`.
 
-use super::arrays;
+use super::output;
 use super::counts::{count, number};
 use super::interrupts::detached_checked;
 use super::scene::PyScene;
@@ -33,7 +33,7 @@ pub(super) fn extreme_case<'py>(
     let bodies = bodies.map(|bodies| count("bodies", bodies, 0)).transpose()?;
     let seed = number("seed", seed)?;
     let case = detached_checked(py, || scenes::extreme(name, value, bodies, seed))?;
-    let array = |numbers: &[f64]| arrays::from_numbers(py, numbers, &[numbers.len()]);
+    let array = |numbers: &[f64]| output::from_numbers(py, numbers, &[numbers.len()]);
     let (q, qd, tau) = (array(&case.q)?, array(&case.qd)?, array(&case.tau)?);
     let values = PyTuple::new(py, case.values)?;
     Ok((PyScene::new(case.scene), q, qd, tau, case.name, case.value, case.parameter, values))

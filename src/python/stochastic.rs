@@ -1,11 +1,12 @@
 //! The class `RandomModel`: the spatially random model of a scene at one configuration.
 
-use super::arrays::{Output, from_numbers, state};
+use super::input::state;
+use super::output::{Output, from_numbers, result_class};
 use super::choice::choose;
 use super::counts::{count, count_or, number};
 use super::errors::asked_by;
 use super::interrupts::detached_checked;
-use super::labels::Axis;
+use super::axis::Axis;
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::memory;
@@ -13,7 +14,6 @@ use crate::report::emergence::{ROUTES, emergence};
 use crate::stochastic::{MassEstimate, Method, Points, RandomModel};
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
 use std::ops::Range;
 
 /// The spatially random model of a scene at one configuration (1.1 to 1.6): w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
@@ -104,7 +104,6 @@ impl PyRandomModel {
         seed: &Bound<'py, PyAny>,
         first: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        static SAMPLES: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
         let (points, range) = points_of(samples, seed, first)?;
         let count = usize::try_from(range.end - range.start)?;
         let nv = self.model.nv();
@@ -114,7 +113,7 @@ impl PyRandomModel {
             [unset(&[count, nv, 6])?, unset(&[count, nv, 6])?, unset(&[count, nv])?];
         let all = [process.numbers()?, force.numbers()?, torque.numbers()?];
         detached_checked(py, || self.model.sample_into(&points, range, all))?;
-        SAMPLES.import(py, "phipsi._results", "Samples")?.call1((process.finish(), force.finish(), torque.finish()))
+        result_class(py, "Samples")?.call1((process.finish(), force.finish(), torque.finish()))
     }
 
     /// The torques alone of the same samples, (samples, nv): arguments and errors as of sample().
@@ -208,8 +207,7 @@ type Remade = (Py<PyScene>, Vec<f64>, Option<Vec<f64>>, f64);
 
 /// The named tuple of an estimate.
 fn to_python<'py>(py: Python<'py>, estimate: &MassEstimate, nv: usize, confidence: f64) -> PyResult<Bound<'py, PyAny>> {
-    static ESTIMATE: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    let class = ESTIMATE.import(py, "phipsi._results", "MassEstimate")?;
+    let class = result_class(py, "MassEstimate")?;
     let matrix = |numbers: &[f64]| from_numbers(py, numbers, &[nv, nv]);
     let m = matrix(&estimate.mass_matrix)?;
     match &estimate.spread {

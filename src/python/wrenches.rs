@@ -1,6 +1,7 @@
 //! The argument `wrenches`: a dict from links to (..., 6), as forces on bodies.
 
-use super::arrays::Input;
+use super::choice::items;
+use super::input::Input;
 use crate::batch::Broadcast;
 use crate::error::{Error, check_finite};
 use crate::scene::Scene;
@@ -27,11 +28,7 @@ impl<'py> Wrench<'py> {
             return Err(Error::argument("wrenches", found, "a dict from link names to arrays (..., 6)").into());
         };
         let mut read = Vec::with_capacity(mapping.len()?);
-        for item in mapping.items()? {
-            let (key, value): (Bound<'_, PyAny>, Bound<'_, PyAny>) = item.extract()?;
-            let Ok(name) = key.extract::<String>() else {
-                return Err(Error::argument("wrenches", format!("the key {key}"), "names of links").into());
-            };
+        for (name, value) in items("wrenches", mapping, "names of links")? {
             let link = scene.link(&name).map_err(|error| error.of_argument("wrenches"))?;
             let input = Input::new(format!("wrenches[{name:?}]"), &value, 6)?;
             read.push(Self { input, body: link.body, placement: link.placement });

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from .. import _core, errors
 from .._core import Scene
+from .._results import Omission
 from . import auto_cost, calls, emergence, kinds, left_out, machine, measure, states
 from .auto_cost import Cost
 from .calls import CallTime, KindError
@@ -312,7 +313,7 @@ def _plan(report: Report) -> dict[str, Any]:
     return {"bodies": plan.bodies, "links": plan.links, "items": items}
 
 
-def _saved(report: Report, item: _core.Omission, times: left_out.Times | None) -> dict[str, Any]:
+def _saved(report: Report, item: Omission, times: left_out.Times | None) -> dict[str, Any]:
     """The times with an item left out and without, and what they are of."""
     if times is None:
         return {"ns_on": None, "ns_off": None}

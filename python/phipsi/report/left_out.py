@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import errors
-from .._core import Omission, Scene
+from .._core import Scene
+from .._results import Omission
 from .measure import median
 from .states import States
 from .timing import one_thread
