@@ -4,6 +4,7 @@
 #   make test      Rust tests, then the Python tests against the built wheel
 #   make check     what CI adds: format, clippy (of the benches too), docs, stubs, abi3
 #   make peers     what to measure against: the peers, and Pinocchio's C++ harness (Debian: apt-get, as root)
+#   make stub      after make test: writes the docstrings of the compiled module into the stub
 #   make instructions   counts instructions with valgrind, fails where there are more than before
 #   make auto-states  what form auto costs at rest, held, falling, ...: writes docs/auto-states.md (two minutes)
 #   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
@@ -22,7 +23,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: report test test-rust test-python check bench instructions auto-states roofline peers peers-there clean
+.PHONY: report test test-rust test-python check bench instructions auto-states roofline peers peers-there stub clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -72,6 +73,9 @@ check: $(VENV)/test
 	cd tests/python && ../../$(BIN)/python -m mypy.stubtest phipsi._core
 	$(BIN)/mypy python/phipsi
 	$(BIN)/abi3audit --strict $(WHEELS)/phipsi-*.whl
+
+stub: $(VENV)/test
+	cd tests/python && ../../$(BIN)/python stub_docs.py ../../python/phipsi/_core.pyi
 
 # phipsi goes into the peers' environment: all of them are measured in one process.
 bench: peers-there $(VENV)/wheel

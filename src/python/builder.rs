@@ -14,7 +14,7 @@ use pyo3::prelude::*;
 /// How far an inertia given as a 3x3 matrix may be from symmetric, relative to its largest entry.
 const ASYMMETRY: f64 = 1e-9;
 
-/// Collects links and joints by name, each call returning the builder; `build()` checks them and makes the Scene.
+/// Collects links and joints by name, each call returning the builder; build() checks them and makes the Scene.
 ///
 /// Builders pickle and copy; a copy goes its own way.
 #[pyclass(name = "SceneBuilder", module = "phipsi")]
@@ -34,7 +34,7 @@ impl PySceneBuilder {
     /// mass: kg. com: (3,), mass centre in the link's frame, m. inertia: (3, 3), about the mass centre, axes parallel to
     /// the link's frame, kg m^2; None for a point mass. A link without mass and inertia is a mere frame.
     ///
-    /// Raises `ShapeError` or `ArgumentError` for com and inertia, naming the link; `build()` checks the rest.
+    /// Raises ShapeError or ArgumentError for com and inertia, naming the link; build() checks the rest.
     #[pyo3(signature = (name, mass=0.0, com=None, inertia=None),
            text_signature = "($self, name, mass=0.0, com=(0, 0, 0), inertia=None)")]
     fn link<'py>(
@@ -60,8 +60,8 @@ impl PySceneBuilder {
     /// velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow, as mimic_multiplier
     /// times its coordinate plus mimic_offset (rad or m); it stays free.
     ///
-    /// Raises `SceneError` for an unknown type or a missing pitch; `ShapeError` or `ArgumentError` for arrays, naming the joint;
-    /// `build()` checks the rest.
+    /// Raises SceneError for an unknown type or a missing pitch; ShapeError or ArgumentError for arrays, naming the joint;
+    /// build() checks the rest.
     #[pyo3(signature = (name, r#type, parent, child, *, xyz=None, rpy=None, rotation=None, axis=None, pitch=None,
                         armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, lower=None, upper=None, velocity=None,
                         effort=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0),
@@ -129,14 +129,14 @@ impl PySceneBuilder {
 
     /// Checks everything and makes the Scene; the builder can be used again.
     ///
-    /// `floating_base`: puts a free joint under the root link, named as in `Scene.from_urdf`. gravity: (3,), m/s^2, in the base
-    /// frame. strict: unphysical inertias raise instead of warning. `leave_out`: as in `Scene.from_urdf`. What is None is as the
-    /// builder has it: a fixed base, (0, 0, -9.81), False and all in a new one, the scene's own in one from `Scene.to_builder`.
+    /// floating_base: puts a free joint under the root link, named as in Scene.from_urdf. gravity: (3,), m/s^2, in the base
+    /// frame. strict: unphysical inertias raise instead of warning. leave_out: as in Scene.from_urdf. What is None is as the
+    /// builder has it: a fixed base, (0, 0, -9.81), False and all in a new one, the scene's own in one from Scene.to_builder.
     ///
-    /// Raises `SceneError`, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
+    /// Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
     /// two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
-    /// friction, lower above upper, a floating base of what floats already. Warns `InertiaWarning` for
-    /// inertias that no body can have, and `MimicWarning`, as `Scene.from_urdf` does.
+    /// friction, lower above upper, a floating base of what floats already. Warns InertiaWarning for
+    /// inertias that no body can have, and MimicWarning, as Scene.from_urdf does.
     #[pyo3(signature = (floating_base=None, gravity=None, strict=None, *, leave_out=None))]
     fn build(
         &self,
@@ -183,7 +183,7 @@ impl PySceneBuilder {
     }
 }
 
-/// The builder of what `SceneBuilder.__reduce__` gave.
+/// The builder of what SceneBuilder.__reduce__ gave.
 #[pyfunction]
 #[pyo3(name = "_rebuild_builder", signature = (description, /))]
 pub(super) fn rebuild_builder(description: &Bound<'_, PyAny>) -> PyResult<PySceneBuilder> {

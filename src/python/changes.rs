@@ -14,7 +14,7 @@ use pyo3::types::PyMapping;
 impl PyScene {
     /// A builder that holds what the scene was made of: links, joints, gravity, base, and what is left out.
     ///
-    /// `build()` without arguments gives a scene with the same results, bit for bit; links and joints can be added before.
+    /// build() without arguments gives a scene with the same results, bit for bit; links and joints can be added before.
     #[pyo3(signature = ())]
     fn to_builder(&self) -> PySceneBuilder {
         PySceneBuilder { builder: self.scene.source().clone() }
@@ -23,8 +23,8 @@ impl PyScene {
     /// A new scene with other properties of joints; what is not given stays.
     ///
     /// armature: kg m^2 or kg; damping: N m s/rad or N s/m; friction: N m or N; stiffness: N m/rad or N/m. Each is a dict from joint
-    /// names to numbers, one number for all movable joints (a floating base's "`root_joint`" among them: name joints to leave it out),
-    /// or an array: (nv,), or a number a joint in the order of `joint_names`. A joint has one number for all its degrees of freedom.
+    /// names to numbers, one number for all movable joints (a floating base's "root_joint" among them: name joints to leave it out),
+    /// or an array: (nv,), or a number a joint in the order of joint_names. A joint has one number for all its degrees of freedom.
     ///
     /// Raises ArgumentError, named after the property, for a joint that is unknown or fixed and for a value that is negative or
     /// not finite; ShapeError.

@@ -21,7 +21,7 @@ impl PyScene {
     /// q: (..., nq); v: (..., nv); leading axes broadcast. Returns (..., nq), quaternions of unit norm. A free joint moves
     /// along the screw of its twist, a spherical joint turns about its rate, all others add.
     ///
-    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, v, *, errors="raise"))]
     fn integrate<'py>(
         &self,
@@ -39,7 +39,7 @@ impl PyScene {
     ///
     /// q0, q1: (..., nq); leading axes broadcast. Returns (..., nv), SI units.
     ///
-    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q0, q1, *, errors="raise"))]
     fn difference<'py>(
         &self,

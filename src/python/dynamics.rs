@@ -25,24 +25,26 @@ mod cost {
 impl PyScene {
     /// Joint accelerations from joint torques, in O(N): the smoother's estimates given the torques as measurements.
     ///
-    /// q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. wrenches: dict from link names to
-    /// (..., 6), each a (moment, force) acting on that link, at its origin and in its frame. form: how P is carried, "covariance"
-    /// (3.6), "joseph", "square-root", or "auto". out: C-contiguous, of the result's shape and dtype, overlapping no argument; returned.
-    /// dtype: float64, or float32 to compute in twice as many SIMD lanes (docs/lanes.md has what that costs in digits, and when a state
-    /// is done in float64 all the same); arguments are converted to it where they have another.
-    /// errors: "raise", or "nan" to go on past bad states (numbers that are not finite, a quaternion off unit norm, a
-    /// singular joint, an overflow): their results are NaN, and one BadStateWarning has .states and .reasons.
+    /// q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. wrenches: dict from link names (links on fixed joints
+    /// too) to (..., 6), each a (moment, force) acting on that link, at its origin and in its frame. form: how P is carried: "covariance"
+    /// (3.6), "joseph", "square-root" (right at extreme mass ratios too, at about twice the time), or "auto". out: C-contiguous, of the
+    /// result's shape and dtype, overlapping no argument; it is returned. dtype: float64, or float32 to compute in twice as many SIMD
+    /// lanes: about 6 digits, fewer by those of the condition number of M; a state that loses more than 4 in form "auto" is done in
+    /// float64 and rounded, and so is all that docs/lanes.md lists. Arguments are converted to it.
+    /// errors: "raise", or "nan" to go on past bad states (numbers that are not finite, a quaternion off unit norm, a singular joint,
+    /// an overflow): their results are NaN, and one BadStateWarning has .states and .reasons. Wrong shapes raise all the same.
     ///
     /// **tau of a free joint is (force, moment), as its qd is (linear, angular); wrenches are (moment, force).**
     ///
     /// return_info: whether to tell the accuracy too, one entry a state, for about five times the time in the forms "covariance" and
     /// "square-root", next to nothing in "auto".
     ///
-    /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, `Accuracy`): .form, the form
-    /// that gave the result, and .error, the estimated error of the largest acceleration.
+    /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
+    /// the result, and .error, the estimated error of the largest acceleration.
     ///
-    /// Raises `SingularJointError` where a joint has no inertia along its axis, `ShapeError`, `NotFiniteError`, `ArgumentError`,
-    /// each naming the argument and the state. After an error out is partly written.
+    /// Raises SingularJointError where a joint has no inertia along its axis; ArgumentError, naming the link, for the square-root form
+    /// of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state. After an
+    /// error out is partly written.
     #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, out=None, dtype=None, errors="raise", return_info=false))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics<'py>(
@@ -66,13 +68,13 @@ impl PyScene {
 
     /// Joint torques from joint accelerations, in O(N), gravity and armature included.
     ///
-    /// q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches, out, dtype and errors as in `forward_dynamics`.
+    /// q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches, out, dtype and errors as in forward_dynamics.
     ///
     /// **tau of a free joint is (force, moment), as its qd and qdd are (linear, angular); wrenches are (moment, force).**
     ///
     /// Returns tau, (..., nv) = H phi (Q lambda + b) + armature qdd - J^T w (1.5, 2.9, 2.10).
     ///
-    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd, qdd, *, wrenches=None, out=None, dtype=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics<'py>(
@@ -93,9 +95,9 @@ impl PyScene {
 
     /// The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
     ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast; out, dtype and errors as in `forward_dynamics`. Returns (..., nv), N m or N.
+    /// q: (..., nq); qd: (..., nv); leading axes broadcast; out, dtype and errors as in forward_dynamics. Returns (..., nv), N m or N.
     ///
-    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     #[pyo3(signature = (q, qd, *, out=None, dtype=None, errors="raise"))]
     fn bias_torque<'py>(
@@ -113,11 +115,11 @@ impl PyScene {
 
     /// The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
     ///
-    /// q: (..., nq); out, dtype and errors as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units. Large batches of
-    /// matrices take less time into an `out` that was used before: new memory is cleared by the system first.
+    /// q: (..., nq); out, dtype and errors as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units. Large batches of
+    /// matrices take less time into an out that was used before: new memory is cleared by the system first.
     ///
-    /// Raises `ArgumentError` above 4000 degrees of freedom: `inverse_dynamics` multiplies by the matrix without forming it.
-    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
+    /// Raises ArgumentError above 4000 degrees of freedom: inverse_dynamics multiplies by the matrix without forming it.
+    /// Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
     #[pyo3(signature = (q, *, out=None, dtype=None, errors="raise"))]
     fn mass_matrix<'py>(
         &self,
@@ -134,10 +136,10 @@ impl PyScene {
 
     /// The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
     ///
-    /// q: (..., nq). form, out, dtype and errors: as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units.
+    /// q: (..., nq). form, out, dtype and errors: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units.
     ///
-    /// Raises `ArgumentError` above 4000 degrees of freedom: `forward_dynamics` multiplies by the inverse without forming it.
-    /// Raises `SingularJointError`, `ShapeError`, `NotFiniteError`, `ArgumentError`, naming the state.
+    /// Raises ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse without forming it.
+    /// Raises SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
     #[pyo3(signature = (q, *, form="auto", out=None, dtype=None, errors="raise"))]
     fn mass_matrix_inverse<'py>(
         &self,

@@ -35,21 +35,23 @@ const WITH_COVARIANCE: usize = MEANS + 1 + 1 + 36 + 36;
 impl PyScene {
     /// Forces, accelerations and torques given the torques of some joints, with noise: conditional means (2.1, 2.7), in O(N).
     ///
-    /// q: (..., nq); qd, torque: (..., nv), N m or N; leading axes broadcast. noise: variance of each measurement, (N m)^2,
-    /// one number or (..., nv); 0 is exact, inf is not measured. measured: None (all), names of joints, or a boolean array
-    /// (nv,); torque and noise of other joints are not read, and entries that a masked array (numpy.ma) masks are not measured. prior_acceleration: (..., nv), the mean a0 of the accelerations,
-    /// zero by default. acceleration_variance: s, the variance of the acceleration of one kg m^2, (rad/s^2)^2. wrenches as
-    /// in forward_dynamics. covariance: also the covariances of the errors. method: "sequential" (filter and smoother) or
-    /// "batch" (section 2 with dense matrices, O(N^3), at most 300 degrees of freedom).
+    /// q: (..., nq); qd, torque: (..., nv), N m or N; leading axes broadcast. noise: variance of each measurement, (N m)^2 or N^2, one
+    /// number or (..., nv); 0 is exact, inf is not measured. measured: None (all), names of joints, or a boolean array (nv,); torque and
+    /// noise of the other joints are not read, and entries that a masked array (numpy.ma) masks are not measured. prior_acceleration:
+    /// (..., nv), the mean a0 of the accelerations before, zero by default. acceleration_variance: s, the variance of the acceleration of
+    /// one kg m^2, (rad/s^2)^2, and of one kg, (m/s^2)^2. wrenches and errors: as in forward_dynamics. covariance: the covariances of the
+    /// errors too. method: "sequential" (filter and smoother) or "batch" (section 2 with dense matrices, O(N^3), at most 300 degrees of
+    /// freedom: a check).
     ///
-    /// Under the model W ~ N(b + Q phi* H* a0, s Q), accelerations are N(a0, s M^-1) before anything is measured. The
-    /// acceleration of a joint that is not measured keeps its mean a0 (as if locked) and its variance.
+    /// Under the model W ~ N(b + Q phi* H* a0, s Q), accelerations are N(a0, s M^-1) before anything is measured. A joint that is not
+    /// measured keeps its mean a0 (as if locked there) and its variance; its torque is what that takes. All joints measured without
+    /// noise: forward dynamics. Variances are right to eps times those of the prior (docs/estimation.md).
     ///
-    /// Returns a phipsi.Estimate. errors: as in forward_dynamics.
+    /// Returns a phipsi.Estimate.
     ///
-    /// Raises `SingularJointError` where a measured joint has no inertia along its axis (with covariance: any joint);
-    /// `ArgumentError` for an unknown joint or method, noise that is negative or NaN, or a variance that is not positive;
-    /// `ShapeError`, `NotFiniteError`, naming the argument and the state.
+    /// Raises SingularJointError where a measured joint has no inertia along its axis (with covariance: any joint); ArgumentError for an
+    /// unknown joint or method, noise that is negative or NaN, or a variance that is not positive; ShapeError, NotFiniteError, naming the
+    /// argument and the state.
     #[pyo3(signature = (q, qd, torque, *, noise=None, measured=None, prior_acceleration=None, acceleration_variance=1.0,
                         wrenches=None, covariance=false, method="sequential", errors="raise"),
            text_signature = "($self, q, qd, torque, *, noise=0.0, measured=None, prior_acceleration=None, acceleration_variance=1.0, wrenches=None, covariance=False, method='sequential', errors='raise')")]

@@ -24,7 +24,7 @@ use std::sync::{Arc, PoisonError, RwLock};
 /// What a factor is made of anew: scene, configurations, name of the form.
 type Remade<'py> = (Py<PyScene>, Bound<'py, PyAny>, &'static str);
 
-/// The compiled half of `phipsi.operators.Factor`: applies operators by name.
+/// The compiled half of phipsi.operators.Factor: applies operators by name.
 #[pyclass(frozen, name = "RawFactor", module = "phipsi._core")]
 pub(crate) struct PyFactor {
     scene: Py<PyScene>,
@@ -167,10 +167,10 @@ impl PyScene {
 impl PyScene {
     /// M = (1 + K) D (1 + K*) at q by one sweep (3.1, 3.6), and the operators phi, Psi, K, L, D, P it is made of.
     ///
-    /// q: (..., nq); the factor is batched where q is. form: as in `forward_dynamics`. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
+    /// q: (..., nq); the factor is batched where q is. form: as in forward_dynamics. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
     /// operators compose as the paper's equations do.
     ///
-    /// Raises `SingularJointError`, naming joint and state; `ShapeError`, `NotFiniteError` or `ArgumentError` for a bad q.
+    /// Raises SingularJointError, naming joint and state; ShapeError, NotFiniteError or ArgumentError for a bad q.
     #[pyo3(signature = (q, *, form="auto"))]
     fn factor<'py>(slf: &Bound<'py, Self>, q: &Bound<'py, PyAny>, form: &str) -> PyResult<Bound<'py, PyAny>> {
         slf.py().import("phipsi.operators")?.getattr("Factor")?.call1((PyFactor::new(slf, q, read_form(form)?)?,))
@@ -315,7 +315,7 @@ impl PyFactor {
     }
 }
 
-/// The factor of what `RawFactor.__reduce__` gave.
+/// The factor of what RawFactor.__reduce__ gave.
 #[pyfunction]
 #[pyo3(name = "_rebuild_factor", signature = (scene, q, form, /))]
 pub(super) fn rebuild_factor(scene: &Bound<'_, PyScene>, q: &Bound<'_, PyAny>, form: &str) -> PyResult<PyFactor> {

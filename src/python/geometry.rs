@@ -17,9 +17,9 @@ mod cost {
 impl PyScene {
     /// Where every link is: a dict from link names to homogeneous matrices, link frame to base frame.
     ///
-    /// q: (..., nq). Each value: (..., 4, 4), [[R, p], [0, 1]] with p in m; an array of its own, in the order of `link_names`.
+    /// q: (..., nq). Each value: (..., 4, 4), [[R, p], [0, 1]] with p in m; an array of its own, in the order of link_names.
     ///
-    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
+    /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
     #[pyo3(signature = (q, *, errors="raise"))]
     fn placements<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, errors: &str) -> PyResult<Bound<'py, PyDict>> {
         let links = self.scene.links();
@@ -51,7 +51,8 @@ impl PyScene {
     ///
     /// q: (..., nq). Returns (..., 6, nv), SI units; a wrench w on the link there gives the joint torques J^T w.
     ///
-    /// errors: as in `forward_dynamics`. Raises `ArgumentError` for an unknown link; `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
+    /// errors: as in forward_dynamics. Raises ArgumentError for an unknown link; ShapeError,
+    /// NotFiniteError, ArgumentError for a bad q, naming the state.
     #[pyo3(signature = (q, link, *, errors="raise"))]
     fn jacobian<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, link: &str, errors: &str) -> Array<'py> {
         // Also where the batch is empty.
@@ -66,7 +67,7 @@ impl PyScene {
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. Each (...), J; the potential is zero with the mass centre at the
     /// base's origin.
     ///
-    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd, *, errors="raise"))]
     fn energy<'py>(
         &self,
@@ -95,7 +96,7 @@ impl PyScene {
     ///
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 6), N m s and N s. Armature adds nothing here.
     ///
-    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd, *, errors="raise"))]
     fn momentum<'py>(
         &self,

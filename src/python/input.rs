@@ -13,7 +13,6 @@ use numpy::{
     Element, PyArrayDescrMethods, IntoPyArray, PyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray,
     PyUntypedArrayMethods,
 };
-use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 use std::borrow::Cow;
 use std::ops::Range;
@@ -252,13 +251,7 @@ fn convert<'py, P: Precision + Element>(
     let is_real = |array: &Bound<'_, PyUntypedArray>| matches!(array.dtype().kind(), b'f' | b'i' | b'u');
     let array = match value.cast::<PyUntypedArray>() {
         Ok(array) if is_bare(value) && is_real(array) => array.clone(),
-        _ => match in_python("array_of", name, value, axis) {
-            Ok(array) => array.cast_into()?,
-            Err(cause) if cause.get_type(py).is(py.get_type::<PyMemoryError>()) => {
-                return Err(no_room(py, name, &cause, None));
-            }
-            Err(error) => return Err(error),
-        },
+        _ => in_python("array_of", name, value, axis).map_err(|cause| no_room(py, name, &cause, None))?.cast_into()?,
     };
     let bytes = memory::bytes_of::<P>(&[array.len()]);
     memory::room(name, bytes)?;

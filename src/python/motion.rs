@@ -48,25 +48,33 @@ impl PyScene {
 
     /// Advances states in time: fixed steps, whole batches, springs and damping implicitly where the method says so.
     ///
-    /// M(q) dv/dt + bias(q, v) = tau - d v - f v / sqrt(v^2 + v0^2) - k (q - rest) + kp (target - q) + kd (target_rate - v), and
-    /// dq/dt = v on the manifold: quaternions stay unit, free joints move on SE(3).
+    /// With d damping, f friction, k stiffness, v0 friction_speed, differences on the manifold,
     ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s. steps: how many. tau: (..., nv), constant, or a function
-    /// of (t, q, qd) called once a step with the whole batch that returns (..., nv); tau_steps: (..., steps, nv) instead; held
-    /// over each step. pd: PD(kp, kd, target, target_rate), followed within the step. method: "semi-implicit-euler" (order 1), "rk4" (4),
-    /// "implicit-euler" (1), "rosenbrock-2" (2) or "rosenbrock-3" (3): the last three are L-stable for springs, damping and pd. record_every: a row after so many
-    /// steps. armature, damping, stiffness, friction: (nv,) or a number, rest: (nq,), instead of the scene's; friction_speed: v0,
-    /// rad/s or m/s. form: "auto" redoes a step whose digits are in doubt in square-root form, "covariance" watches pivots only.
-    /// progress: called with (steps done, steps) now and then. conserve_momentum: floating trees keep their momentum, and their mass
-    /// centre its parabola, to rounding: each step ends with a rigid motion of the tree, as large as the step's error in them; nothing
-    /// may act along the free joints but weight.
+    ///     M(q) dv/dt + bias(q, v) = tau - d v - f v / sqrt(v^2 + v0^2) - k (q - rest) + kp (target - q) + kd (target_rate - v)
     ///
-    /// Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first the start;
-    /// momentum_correction, the largest that was made, or None.
+    /// and dq/dt = v on the manifold: quaternions stay unit, free joints move on SE(3).
     ///
-    /// Raises SimulationError where motion diverges, a pivot is lost or tau raises, with .trajectory (the rows of the steps finished),
-    /// .step, .joint and .state; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, with .trajectory; OutOfMemoryError where the rows have no
-    /// room; ShapeError, NotFiniteError, ArgumentError.
+    /// q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s, finite and positive. steps: how many.
+    /// tau: (..., nv), constant, or a function of (t, q, qd) that is called once a step with the whole batch and returns
+    /// (..., nv); tau_steps: (..., steps, nv) instead. Either is held over each step, so that a function is followed to first
+    /// order in dt by every method. pd: PD(kp, kd, target, target_rate), followed within the step.
+    /// method: "semi-implicit-euler" (order 1), "rk4" (order 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3).
+    /// The last three take springs, damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit
+    /// stage each; they are L-stable for them: what is faster than the step is damped, not followed. record_every: a row
+    /// after so many steps. armature, damping, stiffness, friction: (nv,) or a number, rest: (nq,), instead of the
+    /// scene's. friction_speed: rad/s or m/s, where friction becomes viscous. form: "auto" does a step whose digits are in
+    /// doubt once more in square-root form; "covariance" watches the pivots only. progress: called with (steps done, steps)
+    /// some twenty times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the
+    /// parabola that weight gives it, to rounding: a step ends with a rigid motion of the tree, as large as the step's error in
+    /// them, which leaves the order as it is and costs O(N). Every tree must hang on the base by a free joint that nothing acts
+    /// along: no tau, pd, damping, stiffness, friction or armature there (ArgumentError).
+    ///
+    /// Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first
+    /// the start; momentum_correction, the largest that conserve_momentum made, else None. The same bits for any number of threads.
+    ///
+    /// Raises SimulationError where motion diverges, a pivot is lost, or tau raises, with the rows of the finished
+    /// steps; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; OutOfMemoryError where the rows have no room;
+    /// ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd, *, dt, steps, tau=None, tau_steps=None, method="semi-implicit-euler", record_every=None, pd=None,
                         armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED, form="auto",
                         progress=None, conserve_momentum=false),
@@ -180,9 +188,10 @@ impl PyScene {
     /// The equations of motion for SciPy's solve_ivp: right side and Jacobian in tangent coordinates, and a solver with error control
     /// on the manifold.
     ///
-    /// tau: (nv,), constant, or a function of (t, q, qd); pd, damping, stiffness, rest, friction, friction_speed: as in simulate.
+    /// tau: (nv,), constant, or a function of (t, q, qd), which is asked at every stage. pd, damping, stiffness, rest, friction,
+    /// friction_speed: as in simulate. Returns an Ode; Ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) gives a Trajectory.
     ///
-    /// Returns an Ode; Ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) gives a Trajectory. Needs SciPy (ImportError).
+    /// Raises ImportError without SciPy; ShapeError, NotFiniteError, ArgumentError.
     #[pyo3(signature = (**given),
            text_signature = "($self, *, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01)")]
     fn ode<'py>(slf: &Bound<'py, Self>, given: Option<&Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyAny>> {

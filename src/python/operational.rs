@@ -27,15 +27,16 @@ mod cost {
 impl PyScene {
     /// The operational-space inverse inertia J M^-1 J^T of links, in O(N) from the co-states' covariance (5.6, 5.7, Psi A).
     ///
-    /// q: (..., nq). links: a name, or a sequence of m names (on the base and repeated ones too). xyz: (3,) or (m, 3), m, and
-    /// rotation: (3, 3) or (m, 3, 3): the task frame in its link's frame, the link's own by default; fixed for the batch.
+    /// q: (..., nq). links: a name, or m names (links on the base and repeated ones too). xyz: (3,) or (m, 3), m, and
+    /// rotation: (3, 3) or (m, 3, 3): the task frame's origin and axes in its link's frame, by default the link's own; the same
+    /// for the whole batch. form and errors: as in forward_dynamics.
     ///
-    /// Returns (..., 6m, 6m), full and exactly symmetric, SI units: wrenches (moment, force) on the frames, each at its origin and
-    /// in its axes, stacked, times this is how they change the frames' (angular, linear) accelerations. Defined in singular
-    /// configurations too, where `operational_inertia` is not.
+    /// Returns (..., 6m, 6m), full and exactly symmetric, SI units. Wrenches (moment, force) on the frames, each at its origin and in
+    /// its axes, stacked, times this is how they change the frames' (angular, linear) accelerations. Defined in singular
+    /// configurations too, where operational_inertia is not; zero for links on the base.
     ///
-    /// errors: as in `forward_dynamics`. Raises `ArgumentError` for an unknown link, no link, or a rotation that is none; `ShapeError`, `NotFiniteError`;
-    /// `SingularJointError`, naming the state.
+    /// Raises ArgumentError for an unknown link, no link, or a rotation that is none (to within 1e-9); SingularJointError, ShapeError,
+    /// NotFiniteError, naming the state.
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     #[pyo3(signature = (q, links, *, xyz=None, rotation=None, form="auto", errors="raise"))]
     fn operational_inverse_inertia<'py>(
@@ -65,14 +66,14 @@ impl PyScene {
 
     /// The operational-space inertia (S J M^-1 J^T S^T)^-1 of task directions S.
     ///
-    /// q, links, xyz, rotation, errors: as in `operational_inverse_inertia`. directions: S, (k, 6m), each row a direction over the
-    /// stacked (angular, linear) velocities of the frames; all 6m by default.
+    /// q, links, xyz, rotation, form, errors: as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
+    /// stacked (angular, linear) velocities of the frames; all 6m by default; the same for the whole batch.
     ///
-    /// Returns (..., k, k), symmetric and positive definite.
+    /// Returns (..., k, k), exactly symmetric and positive definite.
     ///
-    /// Raises `SingularTaskError`, with .links .rank .directions .state, where the scene cannot move in all directions
-    /// independently: an eigenvalue of the inverse inertia, scaled to the terms that form it, is not above 64 k eps.
-    /// Raises as `operational_inverse_inertia` besides.
+    /// Raises SingularTaskError, with .links, .rank, .directions and .state, where the scene cannot move in all directions
+    /// independently: an eigenvalue of the inverse inertia, each direction scaled to the terms that form it, is not above
+    /// 64 k eps. Otherwise as operational_inverse_inertia.
     #[pyo3(signature = (q, links, *, xyz=None, rotation=None, directions=None, form="auto", errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn operational_inertia<'py>(

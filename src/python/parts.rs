@@ -37,7 +37,7 @@ impl PyScene {
         }
     }
 
-    /// All links by name, in the order of `link_names`: a dict of Link, made anew.
+    /// All links by name, in the order of link_names: a dict of Link, made anew.
     #[getter]
     fn links<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let described: HashMap<&str, &LinkDescription> =

@@ -75,7 +75,7 @@ impl PyScene {
     /// dynamics at a fixed rate and torque. Rounding is a few eps times nv, or times the condition number of M where an
     /// inverse is involved.
     ///
-    /// Raises `SingularJointError`; `ArgumentError` beyond 300 degrees of freedom; `ShapeError` or `NotFiniteError` for a bad q.
+    /// Raises SingularJointError; ArgumentError beyond 300 degrees of freedom; ShapeError or NotFiniteError for a bad q.
     #[pyo3(signature = (q))]
     fn check<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
         let scene = &self.scene;
@@ -165,7 +165,7 @@ pub(super) fn measure_method<'py>(
     Ok((measurement.ns, errors.cast_into()?))
 }
 
-/// `Scene::evaluate` in Rust on a chain of `bodies` equal links, one state a call, median ns a body over `repeats` passes: forward
+/// `Scene::evaluate` in Rust on a chain of bodies equal links, one state a call, median ns a body over repeats passes: forward
 /// dynamics in form "auto" and in form "covariance", and inverse dynamics.
 #[pyfunction(name = "growth")]
 #[pyo3(signature = (bodies, repeats))]
@@ -188,7 +188,7 @@ pub(super) fn call_of_method(method: &str) -> PyResult<(&'static str, Option<&'s
     Ok((method.call(), method.form().and_then(name)))
 }
 
-/// Applying each operator, and with a star its transpose, on a chain of `bodies` equal links: (name, median ns a body).
+/// Applying each operator, and with a star its transpose, on a chain of bodies equal links: (name, median ns a body).
 #[pyfunction(name = "operator_growth")]
 #[pyo3(signature = (bodies, repeats))]
 pub(super) fn operator_growth_of(

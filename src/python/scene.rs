@@ -18,9 +18,27 @@ use std::path::PathBuf;
 
 /// An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
 ///
-/// Made by Scene.from_urdf or SceneBuilder.build. All units are SI and radians; spatial vectors are angular first;
-/// arrays have leading batch axes that broadcast, and joints run in depth-first order. One state may be a dict from joint names to
-/// numbers; labels (pandas, polars, xarray, Arrow) are matched by joint name or refused, masks raise but in estimate.
+/// Made by Scene.from_urdf or SceneBuilder.build. SI units and radians. Spatial 6-vectors are angular first:
+/// wrench = (moment, force), velocity = (angular, linear). Movable joints are in depth-first order, siblings in file order.
+///
+/// Arrays are (..., nq) or (..., nv): leading batch axes broadcast, rank in = rank out. Lists, float32, integers, strided
+/// and Fortran-ordered arrays are converted; C-contiguous float64 is used without a copy. In q a revolute joint is an angle
+/// (rad), a prismatic one a length (m), a screw an angle (its pitch in m/rad), a planar one (u, v, theta), a spherical one a
+/// quaternion (x, y, z, w), a free one (x, y, z, qx, qy, qz, qw) with the rates (linear, angular) in the body's frame.
+/// Quaternions may be off unit norm by 1e-3, and are normalised.
+///
+/// Arguments raise ShapeError, NotFiniteError or ArgumentError (see phipsi.errors), naming the argument and the state.
+/// The GIL is released in all calls longer than some microseconds; large batches run on several threads (as many as
+/// RAYON_NUM_THREADS says, else one a core), with the same bits for any number of them. On the main thread Ctrl-C ends any long call within
+/// some tenths of a second, on all threads of it; out is partly written then.
+///
+/// Results that memory has no room for raise OutOfMemoryError (a MemoryError), naming the arguments that ask for them and the bytes.
+///
+/// An argument of one state may be a dict from joint names to numbers (arrays for joints of several coordinates). Labels are matched by
+/// joint name, or refused: the index of a pandas Series, the columns of a DataFrame (pandas, polars, Arrow) or the last dimension
+/// of an xarray DataArray; a default RangeIndex is none. Masked entries raise but in estimate. Neither is silently dropped.
+///
+/// Scenes pickle, compare and hash by identity; copies are the scene itself.
 #[pyclass(frozen, name = "Scene", module = "phipsi")]
 pub(crate) struct PyScene {
     pub(super) scene: Scene,
@@ -121,7 +139,7 @@ impl PyScene {
         self.scene.nv()
     }
 
-    /// Names of the movable joints, in the order of q.
+    /// Names of the movable joints, in the order of q; the free joint of a floating base is the first, "root_joint".
     #[getter]
     fn joint_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, self.scene.joints().iter().map(|joint| &joint.name).collect::<Vec<_>>())
@@ -139,7 +157,7 @@ impl PyScene {
         PyTuple::new(py, self.scene.links().iter().map(|link| &link.name).collect::<Vec<_>>())
     }
 
-    /// Gravity in the base frame, (3,), m/s^2.
+    /// Gravity in the base frame, (3,), m/s^2; a copy.
     #[getter]
     fn gravity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         output::from_numbers(py, self.scene.model().gravity.as_slice(), &[3])
@@ -222,7 +240,7 @@ fn slice<'py>(py: Python<'py>, range: &std::ops::Range<usize>) -> PyResult<Bound
     Ok(PySlice::new(py, isize::try_from(range.start)?, isize::try_from(range.end)?, 1))
 }
 
-/// Builds a scene from what `Scene.__reduce__` gave; without warnings, which the first building issued.
+/// Builds a scene from what Scene.__reduce__ gave; without warnings, which the first building issued.
 #[pyfunction]
 #[pyo3(name = "_rebuild_scene", signature = (description, /))]
 pub(super) fn rebuild_scene(py: Python<'_>, description: &Bound<'_, PyAny>) -> PyResult<PyScene> {

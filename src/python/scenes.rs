@@ -20,7 +20,7 @@ type Case<'py> = (
     Bound<'py, PyTuple>,
 );
 
-/// The extreme case of that name, as (scene, q, qd, tau, name, value, parameter, values); see `phipsi.scenes.extreme`.
+/// The extreme case of that name, as (scene, q, qd, tau, name, value, parameter, values); see phipsi.scenes.extreme.
 #[pyfunction(name = "extreme")]
 #[pyo3(signature = (name, value, bodies, seed))]
 pub(super) fn extreme_case<'py>(
@@ -45,7 +45,7 @@ pub(super) fn extreme_names(py: Python<'_>) -> PyResult<Bound<'_, PyTuple>> {
     PyTuple::new(py, scenes::names())
 }
 
-/// A chain of n equal links; see `phipsi.scenes.chain`.
+/// A chain of n equal links; see phipsi.scenes.chain.
 #[pyfunction(name = "chain")]
 #[pyo3(signature = (n))]
 pub(super) fn chain_of(py: Python<'_>, n: &Bound<'_, PyAny>) -> PyResult<PyScene> {

@@ -114,7 +114,7 @@ impl PyExact {
         Ok(all)
     }
 
-    /// Median time of one method on this state over `repeats` calls, ns; for forward dynamics.
+    /// Median time of one method on this state over repeats calls, ns; for forward dynamics.
     #[pyo3(signature = (method, precision, repeats))]
     fn time(&self, py: Python<'_>, method: &str, precision: &str, repeats: &Bound<'_, PyAny>) -> PyResult<f64> {
         let repeats = count("repeats", repeats, 1)?;

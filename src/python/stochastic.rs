@@ -35,7 +35,7 @@ impl PyRandomModel {
     }
 }
 
-/// The model of what `RandomModel.__reduce__` gave.
+/// The model of what RandomModel.__reduce__ gave.
 #[pyfunction]
 #[pyo3(name = "_rebuild_random_model", signature = (scene, q, qd, acceleration_variance, /))]
 pub(super) fn rebuild_random_model(
@@ -91,9 +91,9 @@ impl PyRandomModel {
 
     /// Samples of the model: the named tuple Samples(process, force, torque).
     ///
-    /// samples: how many; seed: an integer from 0 to 2^64 - 1; first: the number of the first sample. Sample i of a seed is the
-    /// same whatever is drawn with it and on however many threads. process and force: (samples, nv, 6), W and X = phi W in body
-    /// frames, a block a degree of freedom as in Factor; torque: (samples, nv), T = H X + v.
+    /// samples: how many; seed: an integer from 0 to 2^64 - 1; first: the number of the first sample, 0 if not given. Sample i
+    /// of a seed is the same whatever is drawn with it and on however many threads. process and force: (samples, nv, 6), W and
+    /// X = phi W in body frames, a block a degree of freedom as in Factor; torque: (samples, nv), T = H X + v.
     ///
     /// Raises ArgumentError for a bad count or seed; OutOfMemoryError for more samples than there is room for.
     #[pyo3(signature = (samples, *, seed, first=None))]

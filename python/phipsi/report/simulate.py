@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -55,7 +56,7 @@ def simulate(
     state: Path | None,
     duration: float,
     dt: float,
-    method: str,
+    method: Any,
     record_every: int | None,
     hold: tuple[float, float] | None,
     table: bool,
