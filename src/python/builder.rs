@@ -3,6 +3,7 @@
 use super::cost::WORTH_DETACHING;
 use super::description::{Description, joint_kind, left_out};
 use super::interrupts::detached_checked;
+use super::object::Object;
 use super::scene::PyScene;
 use super::{errors, input};
 use crate::error::Error;
@@ -41,8 +42,8 @@ impl PySceneBuilder {
         mut slf: PyRefMut<'py, Self>,
         name: String,
         mass: f64,
-        com: Option<&Bound<'py, PyAny>>,
-        inertia: Option<&Bound<'py, PyAny>>,
+        com: Option<&Object<'py>>,
+        inertia: Option<&Object<'py>>,
     ) -> PyResult<PyRefMut<'py, Self>> {
         let inertial = inertial(&|argument| format!("{argument} of link {name:?}"), mass, com, inertia)?;
         let inertial = (mass != 0.0 || inertia.is_some()).then_some(inertial);
@@ -75,16 +76,16 @@ impl PySceneBuilder {
         r#type: &str,
         parent: String,
         child: String,
-        xyz: Option<&Bound<'py, PyAny>>,
-        rpy: Option<&Bound<'py, PyAny>>,
-        rotation: Option<&Bound<'py, PyAny>>,
-        axis: Option<&Bound<'py, PyAny>>,
+        xyz: Option<&Object<'py>>,
+        rpy: Option<&Object<'py>>,
+        rotation: Option<&Object<'py>>,
+        axis: Option<&Object<'py>>,
         pitch: Option<f64>,
         armature: f64,
         damping: f64,
         friction: f64,
         stiffness: f64,
-        rest: Option<&Bound<'py, PyAny>>,
+        rest: Option<&Object<'py>>,
         lower: Option<f64>,
         upper: Option<f64>,
         velocity: Option<f64>,
@@ -142,9 +143,9 @@ impl PySceneBuilder {
         &self,
         py: Python<'_>,
         floating_base: Option<bool>,
-        gravity: Option<&Bound<'_, PyAny>>,
+        gravity: Option<&Object<'_>>,
         strict: Option<bool>,
-        leave_out: Option<&Bound<'_, PyAny>>,
+        leave_out: Option<&Object<'_>>,
     ) -> PyResult<PyScene> {
         let omissions = leave_out.map(|given| left_out(Some(given))).transpose()?;
         let gravity = gravity.map(|gravity| input::triple("gravity", gravity)).transpose()?;
@@ -163,7 +164,7 @@ impl PySceneBuilder {
         Ok(PyScene::new(scene))
     }
 
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (Description,))> {
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {
         let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_builder")?;
         Ok((rebuild, (Description::of(&slf.borrow().builder)?,)))
     }
@@ -173,7 +174,7 @@ impl PySceneBuilder {
     }
 
     #[pyo3(signature = (memo, /))]
-    fn __deepcopy__(&self, memo: &Bound<'_, PyAny>) -> Self {
+    fn __deepcopy__(&self, memo: &Object<'_>) -> Self {
         let _ = memo;
         self.__copy__()
     }
@@ -186,7 +187,7 @@ impl PySceneBuilder {
 /// The builder of what SceneBuilder.__reduce__ gave.
 #[pyfunction]
 #[pyo3(name = "_rebuild_builder", signature = (description, /))]
-pub(super) fn rebuild_builder(description: &Bound<'_, PyAny>) -> PyResult<PySceneBuilder> {
+pub(super) fn rebuild_builder(description: &Object<'_>) -> PyResult<PySceneBuilder> {
     Ok(PySceneBuilder { builder: Description::read("pickled builder", description)?.builder()? })
 }
 
@@ -201,24 +202,24 @@ impl PySceneBuilder {
 pub(super) fn inertial(
     named: &dyn Fn(&str) -> String,
     mass: f64,
-    com: Option<&Bound<'_, PyAny>>,
-    inertia: Option<&Bound<'_, PyAny>>,
+    com: Option<&Object<'_>>,
+    inertia: Option<&Object<'_>>,
 ) -> PyResult<Inertial> {
     let centre = optional_triple(&named("com"), com, [0.0; 3])?.into();
     let central = inertia.map_or(Ok(Symmetric3::zero()), |inertia| symmetric(&named("inertia"), inertia))?;
     Ok(Inertial { mass, centre, central })
 }
 
-fn optional_triple(name: &str, value: Option<&Bound<'_, PyAny>>, default: [f64; 3]) -> PyResult<[f64; 3]> {
+fn optional_triple(name: &str, value: Option<&Object<'_>>, default: [f64; 3]) -> PyResult<[f64; 3]> {
     value.map_or(Ok(default), |value| input::triple(name, value))
 }
 
-fn matrix(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Matrix3<f64>> {
+fn matrix(name: &str, value: &Object<'_>) -> PyResult<Matrix3<f64>> {
     Ok(Matrix3::from_row_slice(&input::fixed(name, value, &[3, 3])?))
 }
 
 /// A symmetric matrix; NaN and infinities pass, the scene's own checks name them.
-fn symmetric(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Symmetric3<f64>> {
+fn symmetric(name: &str, value: &Object<'_>) -> PyResult<Symmetric3<f64>> {
     let m = matrix(name, value)?;
     let defect = (m - m.transpose()).amax();
     if defect > ASYMMETRY * m.amax() {
@@ -231,8 +232,8 @@ fn symmetric(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Symmetric3<f64>> 
 /// The rotation of an origin, from angles or from a matrix.
 fn orientation(
     of_joint: &dyn Fn(&str) -> String,
-    rpy: Option<&Bound<'_, PyAny>>,
-    rotation: Option<&Bound<'_, PyAny>>,
+    rpy: Option<&Object<'_>>,
+    rotation: Option<&Object<'_>>,
 ) -> PyResult<Matrix3<f64>> {
     match (rpy, rotation) {
         (None, None) => Ok(Matrix3::identity()),

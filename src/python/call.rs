@@ -3,8 +3,10 @@
 use super::bad_states::Errors;
 use super::cost::{Cost, WORTH_RELEASING};
 use super::errors::{asked_by, fault};
+use super::fresh::entries;
 use super::input::Input;
 use super::interrupts::detached;
+use super::object::Object;
 use super::output::{Array, Output};
 use super::scene::PyScene;
 use super::scratch::Scratch;
@@ -34,7 +36,7 @@ impl PyScene {
     pub(super) fn configuration<'py, P: Precision + Element>(
         &self,
         name: &'static str,
-        value: &Bound<'py, PyAny>,
+        value: &Object<'py>,
     ) -> PyResult<Input<'py, P>> {
         Input::new(name, value, self.coordinates())
     }
@@ -43,7 +45,7 @@ impl PyScene {
     pub(super) fn rate<'py, P: Precision + Element>(
         &self,
         name: &'static str,
-        value: &Bound<'py, PyAny>,
+        value: &Object<'py>,
     ) -> PyResult<Input<'py, P>> {
         Input::new(name, value, self.rates())
     }
@@ -69,8 +71,7 @@ impl<'a, 'py, P: Precision + Element> Call<'a, 'py, P> {
         let given = inputs.iter().map(|input| (&*input.name, input.leading()));
         let all = given.chain(wrenches.iter().map(|Wrench { input, .. }| (&*input.name, input.leading())));
         let batch = if all.clone().all(|(_, leading)| leading.is_empty()) { Vec::new() } else { broadcast_axes(all)? };
-        let states = batch.iter().try_fold(1, |product: usize, &length| product.checked_mul(length));
-        let Some(states) = states else {
+        let Some(states) = entries(&batch) else {
             return Err(Error::argument("batch", "more states than memory has addresses", "fewer").into());
         };
         Ok(Self { scene, inputs, wrenches, batch, states, cost, errors: Errors::Raise })
@@ -86,7 +87,7 @@ impl<'a, 'py, P: Precision + Element> Call<'a, 'py, P> {
         &self,
         py: Python<'py>,
         shape: &[usize],
-        out: Option<&Bound<'py, PyAny>>,
+        out: Option<&Object<'py>>,
         make: fn(Python<'py>, &[usize]) -> PyResult<Output<'py, P>>,
     ) -> PyResult<Output<'py, P>> {
         let full = [&self.batch, shape].concat();

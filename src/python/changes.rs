@@ -1,8 +1,9 @@
 //! Methods of `Scene` that give a changed one: the way back to the builder, properties of joints, loads on links.
 
-use super::builder::{PySceneBuilder, inertial};
 use super::axis::Axis;
+use super::builder::{PySceneBuilder, inertial};
 use super::choice::items;
+use super::object::Object;
 use super::scene::PyScene;
 use super::{errors, input};
 use crate::error::Error;
@@ -32,10 +33,10 @@ impl PyScene {
     fn with_properties(
         &self,
         py: Python<'_>,
-        armature: Option<&Bound<'_, PyAny>>,
-        damping: Option<&Bound<'_, PyAny>>,
-        friction: Option<&Bound<'_, PyAny>>,
-        stiffness: Option<&Bound<'_, PyAny>>,
+        armature: Option<&Object<'_>>,
+        damping: Option<&Object<'_>>,
+        friction: Option<&Object<'_>>,
+        stiffness: Option<&Object<'_>>,
     ) -> PyResult<Self> {
         let mut changes = Vec::new();
         for (property, given) in Property::ALL.into_iter().zip([armature, damping, friction, stiffness]) {
@@ -62,8 +63,8 @@ impl PyScene {
         py: Python<'_>,
         link: &str,
         mass: f64,
-        com: Option<&Bound<'_, PyAny>>,
-        inertia: Option<&Bound<'_, PyAny>>,
+        com: Option<&Object<'_>>,
+        inertia: Option<&Object<'_>>,
     ) -> PyResult<Self> {
         let payload = inertial(&str::to_owned, mass, com, inertia)?;
         self.changed(py, self.scene.with_payload(link, &payload)?)
@@ -79,7 +80,7 @@ impl PyScene {
 }
 
 /// A property of joints by name: from a dict of some, one number for all, or an array by joint or by degree of freedom.
-fn of_joints(scene: &Scene, name: &str, given: &Bound<'_, PyAny>) -> PyResult<Vec<(String, f64)>> {
+fn of_joints(scene: &Scene, name: &str, given: &Object<'_>) -> PyResult<Vec<(String, f64)>> {
     if let Ok(mapping) = given.cast::<PyMapping>() {
         let each = items(name, mapping, "names of joints")?.into_iter().map(|(joint, value)| {
             let count = scene.joint(&joint).map_err(|error| error.of_argument(name))?.v.len();

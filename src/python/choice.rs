@@ -1,5 +1,6 @@
 //! Arguments that are names: of forms, of types, of links and joints.
 
+use super::object::Object;
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
 use numpy::{PyArrayDescr, PyArrayDescrMethods};
@@ -36,7 +37,7 @@ pub(super) fn read_precision(name: &str) -> Result<Precise, Error> {
 }
 
 /// The argument `dtype`: whatever `NumPy` takes for float64 or float32; None for float64.
-pub(super) fn read_dtype(dtype: Option<&Bound<'_, PyAny>>) -> PyResult<Precise> {
+pub(super) fn read_dtype(dtype: Option<&Object<'_>>) -> PyResult<Precise> {
     let Some(given) = dtype else { return Ok(Precise::Float64) };
     let py = given.py();
     let found = PyArrayDescr::new(py, given);
@@ -48,7 +49,7 @@ pub(super) fn read_dtype(dtype: Option<&Bound<'_, PyAny>>) -> PyResult<Precise> 
 }
 
 /// The strings of an iterable that is no string itself; the error says what is expected.
-pub(super) fn names(argument: &str, given: &Bound<'_, PyAny>, expected: &str) -> PyResult<Vec<String>> {
+pub(super) fn names(argument: &str, given: &Object<'_>, expected: &str) -> PyResult<Vec<String>> {
     // The keys of a dict would pass, and its values be lost.
     let is_none = given.is_instance_of::<PyString>() || given.is_instance_of::<PyMapping>();
     let read = || given.try_iter().ok()?.map(|name| name.and_then(|name| name.extract()).ok()).collect();
@@ -63,10 +64,10 @@ pub(super) fn items<'py>(
     argument: &str,
     mapping: &Bound<'py, PyMapping>,
     expected: &str,
-) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
+) -> PyResult<Vec<(String, Object<'py>)>> {
     let mut items = Vec::with_capacity(mapping.len()?);
     for item in mapping.items()? {
-        let (key, value): (Bound<'py, PyAny>, Bound<'py, PyAny>) = item.extract()?;
+        let (key, value): (Object<'py>, Object<'py>) = item.extract()?;
         let Ok(key) = key.extract::<String>() else {
             return Err(Error::argument(argument, format!("the key {}", key.repr()?), expected).into());
         };

@@ -1,6 +1,7 @@
 //! Methods of `Scene`: configurations as a manifold, and limits.
 
-use super::output::{Array, from_numbers, result_class};
+use super::object::{Object, result_class};
+use super::output::{Array, from_numbers};
 use super::scene::PyScene;
 use crate::scene::Limits;
 use pyo3::prelude::*;
@@ -12,7 +13,7 @@ const COST: usize = 30;
 impl PyScene {
     /// The neutral configuration, (nq,): zero everywhere, the identity (0, 0, 0, 1) for quaternions.
     #[pyo3(signature = ())]
-    fn neutral<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn neutral<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         from_numbers(py, &self.scene.neutral(), &[self.scene.nq()])
     }
 
@@ -23,13 +24,7 @@ impl PyScene {
     ///
     /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, v, *, errors="raise"))]
-    fn integrate<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        v: &Bound<'py, PyAny>,
-        errors: &str,
-    ) -> Array<'py> {
+    fn integrate<'py>(&self, py: Python<'py>, q: &Object<'py>, v: &Object<'py>, errors: &str) -> Array<'py> {
         let inputs = [self.configuration("q", q)?, self.rate("v", v)?];
         let call = self.call(inputs, COST * self.size(), errors)?;
         call.array(py, &[self.scene.nq()], |scene, _, [q, v], out| scene.integrate(q, v, out))
@@ -41,13 +36,7 @@ impl PyScene {
     ///
     /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q0, q1, *, errors="raise"))]
-    fn difference<'py>(
-        &self,
-        py: Python<'py>,
-        q0: &Bound<'py, PyAny>,
-        q1: &Bound<'py, PyAny>,
-        errors: &str,
-    ) -> Array<'py> {
+    fn difference<'py>(&self, py: Python<'py>, q0: &Object<'py>, q1: &Object<'py>, errors: &str) -> Array<'py> {
         let inputs = [self.configuration("q0", q0)?, self.configuration("q1", q1)?];
         let call = self.call(inputs, COST * self.size(), errors)?;
         call.array(py, &[self.scene.nv()], |scene, _, [q0, q1], out| scene.difference(q0, q1, out))
@@ -58,7 +47,7 @@ impl PyScene {
     /// rad or m, rad/s or m/s, N m or N; infinite where there is none; a joint of several degrees of freedom repeats its own.
     /// Reported, never enforced.
     #[getter]
-    fn limits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn limits<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let column = |of: fn(&Limits) -> f64| {
             let joints = self.scene.joints().iter();
             let numbers: Vec<f64> =

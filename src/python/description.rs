@@ -1,6 +1,7 @@
 //! A scene as plain tuples of numbers and names, for pickling; and in one line, for `repr`.
 
 use super::choice::{choose, names};
+use super::object::Object;
 use crate::error::{Error, number};
 use crate::memory;
 use crate::scene::properties::Properties;
@@ -74,7 +75,7 @@ impl Description {
     }
 
     /// From its tuples, if there is room for what they describe.
-    pub fn read(what: &str, tuples: &Bound<'_, PyAny>) -> PyResult<Self> {
+    pub fn read(what: &str, tuples: &Object<'_>) -> PyResult<Self> {
         if let Ok(links) = tuples.get_item(LINKS).and_then(|links| links.len()) {
             memory::room(what, memory::bytes_of::<[u8; A_COPY]>(&[links]))?;
         }
@@ -217,7 +218,7 @@ pub(super) fn joint_kind(joint: &str, name: &str, pitch: Option<f64>) -> Result<
 }
 
 /// What is left out, by name; everything where nothing is said.
-pub(super) fn left_out(leave_out: Option<&Bound<'_, PyAny>>) -> PyResult<Omissions> {
+pub(super) fn left_out(leave_out: Option<&Object<'_>>) -> PyResult<Omissions> {
     let Some(given) = leave_out else { return Ok(Omissions::all()) };
     Ok(omissions("leave_out", &names("leave_out", given, "a collection of names, or None")?)?)
 }

@@ -2,13 +2,14 @@
 
 use super::choice::read_form;
 use super::evaluate::Keywords;
+use super::object::Object;
 use super::scene::PyScene;
 use crate::batch::chunk::Algorithm;
 use crate::error::Error;
 use pyo3::prelude::*;
 
 /// An array of float64, or of float32 where that was asked for.
-type Array<'py> = PyResult<Bound<'py, PyAny>>;
+type Array<'py> = PyResult<Object<'py>>;
 
 /// Dense matrices stop here: (4000, 4000) are 128 MB a state.
 const DENSE_LIMIT: usize = 4000;
@@ -50,13 +51,13 @@ impl PyScene {
     fn forward_dynamics<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        qd: &Bound<'py, PyAny>,
-        tau: &Bound<'py, PyAny>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        tau: &Object<'py>,
         form: &str,
-        wrenches: Option<&Bound<'py, PyAny>>,
-        out: Option<&Bound<'py, PyAny>>,
-        dtype: Option<&Bound<'py, PyAny>>,
+        wrenches: Option<&Object<'py>>,
+        out: Option<&Object<'py>>,
+        dtype: Option<&Object<'py>>,
         errors: &str,
         return_info: bool,
     ) -> Array<'py> {
@@ -80,12 +81,12 @@ impl PyScene {
     fn inverse_dynamics<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        qd: &Bound<'py, PyAny>,
-        qdd: &Bound<'py, PyAny>,
-        wrenches: Option<&Bound<'py, PyAny>>,
-        out: Option<&Bound<'py, PyAny>>,
-        dtype: Option<&Bound<'py, PyAny>>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        qdd: &Object<'py>,
+        wrenches: Option<&Object<'py>>,
+        out: Option<&Object<'py>>,
+        dtype: Option<&Object<'py>>,
         errors: &str,
     ) -> Array<'py> {
         let given = [("q", q), ("qd", qd), ("qdd", qdd)];
@@ -103,10 +104,10 @@ impl PyScene {
     fn bias_torque<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        qd: &Bound<'py, PyAny>,
-        out: Option<&Bound<'py, PyAny>>,
-        dtype: Option<&Bound<'py, PyAny>>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        out: Option<&Object<'py>>,
+        dtype: Option<&Object<'py>>,
         errors: &str,
     ) -> Array<'py> {
         let keywords = Keywords { wrenches: None, out, dtype, errors, info: false };
@@ -124,9 +125,9 @@ impl PyScene {
     fn mass_matrix<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        out: Option<&Bound<'py, PyAny>>,
-        dtype: Option<&Bound<'py, PyAny>>,
+        q: &Object<'py>,
+        out: Option<&Object<'py>>,
+        dtype: Option<&Object<'py>>,
         errors: &str,
     ) -> Array<'py> {
         self.check_dense("mass_matrix", "inverse_dynamics, which multiplies by it")?;
@@ -144,10 +145,10 @@ impl PyScene {
     fn mass_matrix_inverse<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
+        q: &Object<'py>,
         form: &str,
-        out: Option<&Bound<'py, PyAny>>,
-        dtype: Option<&Bound<'py, PyAny>>,
+        out: Option<&Object<'py>>,
+        dtype: Option<&Object<'py>>,
         errors: &str,
     ) -> Array<'py> {
         let algorithm = Algorithm::MassMatrixInverse(read_form(form)?);

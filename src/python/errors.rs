@@ -1,5 +1,6 @@
 //! Errors and warnings of the crate as the classes of `phipsi.errors`.
 
+use super::object::Object;
 use crate::batch::{Fault, shape_text};
 use crate::error::Error;
 use crate::scene::{Scene, SceneWarning};
@@ -36,7 +37,8 @@ pub(super) fn of_batch(py: Python<'_>, error: &Error, batch: &[usize]) -> PyErr 
 fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> {
     let mut message = error.to_string();
     let attributes = PyDict::new(py);
-    if let Error::NotFinite { state, .. } | Error::SingularJoint { state, .. } | Error::SingularTask { state, .. } = error
+    if let Error::NotFinite { state, .. } | Error::SingularJoint { state, .. } | Error::SingularTask { state, .. } =
+        error
     {
         let index = state.map(|state| batch_index(py, state, batch)).transpose()?;
         if let (Some(index), true) = (&index, batch.len() > 1) {
@@ -115,7 +117,7 @@ pub(super) fn asked_by<R>(py: Python<'_>, argument: &str, result: PyResult<R>) -
 }
 
 /// What indexes a state in Python: a number for one leading axis, a tuple for several.
-pub(super) fn batch_index<'py>(py: Python<'py>, state: usize, batch: &[usize]) -> PyResult<Bound<'py, PyAny>> {
+pub(super) fn batch_index<'py>(py: Python<'py>, state: usize, batch: &[usize]) -> PyResult<Object<'py>> {
     if batch.len() < 2 {
         return Ok(state.into_pyobject(py)?.into_any());
     }

@@ -7,7 +7,8 @@ use super::choice::names;
 use super::cost::Cost;
 use super::errors::asked_by;
 use super::input::{Input, in_python};
-use super::output::{Output, result_class};
+use super::object::{Object, result_class};
+use super::output::Output;
 use super::scene::PyScene;
 use super::scratch::{Estimation, Scratch};
 use super::wrenches::Wrench;
@@ -59,18 +60,18 @@ impl PyScene {
     fn estimate<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        qd: &Bound<'py, PyAny>,
-        torque: &Bound<'py, PyAny>,
-        noise: Option<&Bound<'py, PyAny>>,
-        measured: Option<&Bound<'py, PyAny>>,
-        prior_acceleration: Option<&Bound<'py, PyAny>>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        torque: &Object<'py>,
+        noise: Option<&Object<'py>>,
+        measured: Option<&Object<'py>>,
+        prior_acceleration: Option<&Object<'py>>,
         acceleration_variance: f64,
-        wrenches: Option<&Bound<'py, PyAny>>,
+        wrenches: Option<&Object<'py>>,
         covariance: bool,
         method: &str,
         errors: &str,
-    ) -> PyResult<Bound<'py, PyAny>> {
+    ) -> PyResult<Object<'py>> {
         let nv = self.scene.nv();
         let dense = self.is_dense(method)?;
         let measured = measured.map(|measured| self.measured(measured)).transpose()?;
@@ -144,7 +145,7 @@ impl PyScene {
     }
 
     /// The argument `measured` as one flag a degree of freedom.
-    fn measured(&self, measured: &Bound<'_, PyAny>) -> PyResult<Vec<bool>> {
+    fn measured(&self, measured: &Object<'_>) -> PyResult<Vec<bool>> {
         let nv = self.scene.nv();
         if let Some(mask) = in_python("flags", "measured", measured, self.rates())?.extract()? {
             return Ok(mask);
@@ -160,13 +161,13 @@ impl PyScene {
 /// Reads an argument of which entries may be masked: zero where they are, and infinity there in a second, which is zero elsewhere.
 fn with_mask<'a, 'py>(
     name: &'static str,
-    value: &Bound<'py, PyAny>,
+    value: &Object<'py>,
     axis: Axis<'a>,
-    read: impl Fn(&'static str, &Bound<'py, PyAny>, Axis<'a>) -> PyResult<Input<'py>>,
+    read: impl Fn(&'static str, &Object<'py>, Axis<'a>) -> PyResult<Input<'py>>,
 ) -> PyResult<(Input<'py>, Input<'py>)> {
     let py = value.py();
     let parts = py.import("phipsi._arguments")?.getattr("split_mask")?.call1((value,))?;
-    match parts.extract::<Option<(Bound<'py, PyAny>, Bound<'py, PyAny>)>>()? {
+    match parts.extract::<Option<(Object<'py>, Object<'py>)>>()? {
         Some((known, unknown)) => Ok((read(name, &known, axis)?, read(name, &unknown, axis)?)),
         None => Ok((read(name, value, axis)?, Input::filled(py, name, 0.0, axis.width())?)),
     }
@@ -243,7 +244,7 @@ fn result<'py>(
     batch: &[usize],
     nv: usize,
     covariance: bool,
-) -> PyResult<Bound<'py, PyAny>> {
+) -> PyResult<Object<'py>> {
     let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
     let fields = PyDict::new(py);
     let mut likelihoods = Output::new(py, batch)?;

@@ -5,6 +5,7 @@ use super::bad_states::{Errors, is_nan};
 use super::call::Call;
 use super::choice::{Precise, read_dtype};
 use super::cost::Cost;
+use super::object::Object;
 use super::output::Output;
 use super::scene::PyScene;
 use super::scratch::Dtype;
@@ -20,16 +21,16 @@ use pyo3::prelude::*;
 
 /// What a call may have been given beside the state.
 pub(super) struct Keywords<'a, 'py> {
-    pub wrenches: Option<&'a Bound<'py, PyAny>>,
-    pub out: Option<&'a Bound<'py, PyAny>>,
-    pub dtype: Option<&'a Bound<'py, PyAny>>,
+    pub wrenches: Option<&'a Object<'py>>,
+    pub out: Option<&'a Object<'py>>,
+    pub dtype: Option<&'a Object<'py>>,
     pub errors: &'a str,
     /// Whether forward dynamics tells its accuracy.
     pub info: bool,
 }
 
 /// Names and values of the arguments: q, then qd, then u, as many as the algorithm takes.
-type Given<'a, 'py, const N: usize> = [(&'static str, &'a Bound<'py, PyAny>); N];
+type Given<'a, 'py, const N: usize> = [(&'static str, &'a Object<'py>); N];
 
 impl PyScene {
     /// Runs `algorithm`, of so many ns a body, on every state of the arguments.
@@ -40,7 +41,7 @@ impl PyScene {
         body: usize,
         given: Given<'_, 'py, N>,
         keywords: &Keywords<'_, 'py>,
-    ) -> PyResult<Bound<'py, PyAny>> {
+    ) -> PyResult<Object<'py>> {
         let nv = self.scene.nv();
         let matrix = [nv, nv];
         let is_matrix = matches!(algorithm, Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_));
@@ -66,7 +67,7 @@ impl PyScene {
         given: Given<'_, 'py, N>,
         shape: &[usize],
         keywords: &Keywords<'_, 'py>,
-    ) -> PyResult<Bound<'py, PyAny>> {
+    ) -> PyResult<Object<'py>> {
         let mut inputs = Vec::with_capacity(N);
         for (at, (name, value)) in given.into_iter().enumerate() {
             inputs.push(if at == 0 { self.configuration::<P>(name, value)? } else { self.rate(name, value)? });
@@ -102,13 +103,7 @@ impl PyScene {
 
 impl<'py, P: Dtype> Call<'_, 'py, P> {
     /// Runs `algorithm` on every state, as many at a time as there are lanes.
-    fn in_chunks(
-        &self,
-        py: Python<'py>,
-        algorithm: Algorithm,
-        results: &mut [P],
-        told: Option<&Told>,
-    ) -> PyResult<()> {
+    fn in_chunks(&self, py: Python<'py>, algorithm: Algorithm, results: &mut [P], told: Option<&Told>) -> PyResult<()> {
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
         let (width, bodies, errors) = (scene.width(algorithm), scene.model().bodies.len(), &self.errors);

@@ -5,6 +5,7 @@ use super::choice::read_form;
 use super::errors::{asked_by, fault};
 use super::input::{self, Input};
 use super::interrupts::{detached, detached_checked, drop_elsewhere};
+use super::object::Object;
 use super::output::{Array, Output, from_numbers};
 use super::scene::PyScene;
 use super::scratch::Scratch;
@@ -22,7 +23,7 @@ use pyo3::types::PyTuple;
 use std::sync::{Arc, PoisonError, RwLock};
 
 /// What a factor is made of anew: scene, configurations, name of the form.
-type Remade<'py> = (Py<PyScene>, Bound<'py, PyAny>, &'static str);
+type Remade<'py> = (Py<PyScene>, Object<'py>, &'static str);
 
 /// The compiled half of phipsi.operators.Factor: applies operators by name.
 #[pyclass(frozen, name = "RawFactor", module = "phipsi._core")]
@@ -54,7 +55,7 @@ impl PyFactor {
     }
 
     /// Factors every configuration of q.
-    fn new(scene: &Bound<'_, PyScene>, q: &Bound<'_, PyAny>, form: Form) -> PyResult<Self> {
+    fn new(scene: &Bound<'_, PyScene>, q: &Object<'_>, form: Form) -> PyResult<Self> {
         let (py, own) = (scene.py(), scene.get());
         let input = own.configuration("q", q)?;
         let factors = own.factors(py, &input, form)?;
@@ -172,7 +173,7 @@ impl PyScene {
     ///
     /// Raises SingularJointError, naming joint and state; ShapeError, NotFiniteError or ArgumentError for a bad q.
     #[pyo3(signature = (q, *, form="auto"))]
-    fn factor<'py>(slf: &Bound<'py, Self>, q: &Bound<'py, PyAny>, form: &str) -> PyResult<Bound<'py, PyAny>> {
+    fn factor<'py>(slf: &Bound<'py, Self>, q: &Object<'py>, form: &str) -> PyResult<Object<'py>> {
         slf.py().import("phipsi.operators")?.getattr("Factor")?.call1((PyFactor::new(slf, q, read_form(form)?)?,))
     }
 }
@@ -180,7 +181,7 @@ impl PyScene {
 #[pymethods]
 impl PyFactor {
     /// Scene, configurations and form: a factor is made of them to the same bits, updated or not.
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Remade<'py>)> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Object<'py>, Remade<'py>)> {
         let rebuild = py.import("phipsi._core")?.getattr("_rebuild_factor")?;
         let shape = [&self.batch[..], &[self.model().nq]].concat();
         let q = from_numbers(py, &self.read().configurations, &shape)?;
@@ -195,7 +196,7 @@ impl PyFactor {
     }
 
     #[pyo3(signature = (memo, /))]
-    fn __deepcopy__(&self, py: Python<'_>, memo: &Bound<'_, PyAny>) -> Self {
+    fn __deepcopy__(&self, py: Python<'_>, memo: &Object<'_>) -> Self {
         let _ = memo;
         self.__copy__(py)
     }
@@ -213,7 +214,7 @@ impl PyFactor {
     }
 
     /// log det M of every configuration, shape of the batch.
-    fn log_det<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn log_det<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let mut output = asked_by(py, "q", Output::new(py, &self.batch))?;
         for (value, factor) in output.numbers()?.iter_mut().zip(&self.read().factors) {
             *value = factor.log_det();
@@ -222,7 +223,7 @@ impl PyFactor {
     }
 
     /// D of every configuration, (..., nv).
-    fn pivots<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn pivots<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let mut output = asked_by(py, "q", Output::new(py, &[&self.batch[..], &[self.model().nv()]].concat()))?;
         let state = self.read();
         for (value, pivot) in output.numbers()?.iter_mut().zip(state.factors.iter().flat_map(Factor::pivots)) {
@@ -239,13 +240,7 @@ impl PyFactor {
 
     /// The operator of that name times x, (..., columns), by a sweep; its transpose's if so said.
     #[pyo3(signature = (kind, transpose, x, /))]
-    fn apply<'py>(
-        &self,
-        py: Python<'py>,
-        kind: &str,
-        transpose: bool,
-        x: &Bound<'py, PyAny>,
-    ) -> Array<'py> {
+    fn apply<'py>(&self, py: Python<'py>, kind: &str, transpose: bool, x: &Object<'py>) -> Array<'py> {
         let kind = find(kind)?;
         let (rows, columns) = kind.shape(self.model().nv());
         let (from, to) = if transpose { (rows, columns) } else { (columns, rows) };
@@ -280,7 +275,7 @@ impl PyFactor {
 
     /// Moves every factor to its configuration in q, the shape that the factor was made with; how many bodies were computed anew, in all.
     #[pyo3(signature = (q, /))]
-    fn update(&self, py: Python<'_>, q: &Bound<'_, PyAny>) -> PyResult<usize> {
+    fn update(&self, py: Python<'_>, q: &Object<'_>) -> PyResult<usize> {
         let PyScene { scene, pool } = self.scene.get();
         let shape = [&self.batch[..], &[scene.nq()]].concat();
         let (found, q) = input::shaped("q", q, self.scene.get().coordinates())?;
@@ -293,7 +288,7 @@ impl PyFactor {
 
     /// The operator of that name as a matrix, (..., rows, columns), built from its definition and not by a sweep.
     #[pyo3(signature = (kind, /))]
-    fn dense<'py>(&self, py: Python<'py>, kind: &str) -> PyResult<Bound<'py, PyAny>> {
+    fn dense<'py>(&self, py: Python<'py>, kind: &str) -> PyResult<Object<'py>> {
         let kind = find(kind)?;
         let (rows, columns) = kind.shape(self.model().nv());
         let nq = self.model().nq;
@@ -318,7 +313,7 @@ impl PyFactor {
 /// The factor of what RawFactor.__reduce__ gave.
 #[pyfunction]
 #[pyo3(name = "_rebuild_factor", signature = (scene, q, form, /))]
-pub(super) fn rebuild_factor(scene: &Bound<'_, PyScene>, q: &Bound<'_, PyAny>, form: &str) -> PyResult<PyFactor> {
+pub(super) fn rebuild_factor(scene: &Bound<'_, PyScene>, q: &Object<'_>, form: &str) -> PyResult<PyFactor> {
     PyFactor::new(scene, q, read_form(form)?)
 }
 

@@ -1,7 +1,8 @@
 //! Methods of `Scene`: where links are, how they move, energy and momentum.
 
 use super::errors::asked_by;
-use super::output::{Array, Output, result_class};
+use super::object::{Object, result_class};
+use super::output::{Array, Output};
 use super::scene::PyScene;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -21,7 +22,7 @@ impl PyScene {
     ///
     /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
     #[pyo3(signature = (q, *, errors="raise"))]
-    fn placements<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, errors: &str) -> PyResult<Bound<'py, PyDict>> {
+    fn placements<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Bound<'py, PyDict>> {
         let links = self.scene.links();
         let call = self.call([self.configuration("q", q)?], cost::PLACEMENT * (self.size() + links.len()), errors)?;
         let mut all = call.scratch_results(py, 16 * links.len())?;
@@ -54,7 +55,7 @@ impl PyScene {
     /// errors: as in forward_dynamics. Raises ArgumentError for an unknown link; ShapeError,
     /// NotFiniteError, ArgumentError for a bad q, naming the state.
     #[pyo3(signature = (q, link, *, errors="raise"))]
-    fn jacobian<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, link: &str, errors: &str) -> Array<'py> {
+    fn jacobian<'py>(&self, py: Python<'py>, q: &Object<'py>, link: &str, errors: &str) -> Array<'py> {
         // Also where the batch is empty.
         self.scene.link(link)?;
         let nv = self.scene.nv();
@@ -69,13 +70,7 @@ impl PyScene {
     ///
     /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn energy<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        qd: &Bound<'py, PyAny>,
-        errors: &str,
-    ) -> PyResult<Bound<'py, PyAny>> {
+    fn energy<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
         let inputs = [self.configuration("q", q)?, self.rate("qd", qd)?];
         let call = self.call(inputs, cost::ENERGY * self.size(), errors)?;
         let mut both = call.scratch_results(py, 2)?;
@@ -98,13 +93,7 @@ impl PyScene {
     ///
     /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn momentum<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        qd: &Bound<'py, PyAny>,
-        errors: &str,
-    ) -> Array<'py> {
+    fn momentum<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> Array<'py> {
         let inputs = [self.configuration("q", q)?, self.rate("qd", qd)?];
         let call = self.call(inputs, cost::MOMENTUM * self.size(), errors)?;
         call.array(py, &[6], |scene, scratch, [q, qd], out| {

@@ -4,14 +4,15 @@
 
 use super::axis::Axis;
 use super::errors::no_room;
+use super::object::Object;
 use crate::batch::{Broadcast, shape_text};
 use crate::error::Error;
 use crate::memory;
 use crate::scalar::Precision;
 use numpy::ndarray::Dimension;
 use numpy::{
-    Element, PyArrayDescrMethods, IntoPyArray, PyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray,
-    PyUntypedArrayMethods,
+    Element, IntoPyArray, PyArray, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn,
+    PyUntypedArray, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
 use std::borrow::Cow;
@@ -40,7 +41,7 @@ enum Numbers<'py, P: Element> {
 
 impl<'py> Input<'py> {
     /// Reads an argument of that shape, or one number that stands for all of them.
-    pub fn spread(name: &'static str, value: &Bound<'py, PyAny>, axis: Axis<'_>) -> PyResult<Self> {
+    pub fn spread(name: &'static str, value: &Object<'py>, axis: Axis<'_>) -> PyResult<Self> {
         let array = read(name, value, axis)?;
         match (array.ndim(), array.len()) {
             (0, 1) => Self::filled(value.py(), name, array.to_vec()?[0], axis.width()),
@@ -59,7 +60,7 @@ impl<'py, P: Precision + Element> Input<'py, P> {
     /// Reads an argument of shape (..., entries of the axis).
     pub fn new<'a>(
         name: impl Into<Cow<'static, str>>,
-        value: &Bound<'py, PyAny>,
+        value: &Object<'py>,
         axis: impl Into<Axis<'a>>,
     ) -> PyResult<Self> {
         let (name, axis) = (name.into(), axis.into());
@@ -127,7 +128,7 @@ fn being_written(name: &str) -> Error {
 /// An argument of any shape, and that shape.
 pub(super) fn shaped<'a>(
     name: &str,
-    value: &Bound<'_, PyAny>,
+    value: &Object<'_>,
     axis: impl Into<Axis<'a>>,
 ) -> PyResult<(Vec<usize>, Vec<f64>)> {
     let array = read::<f64>(name, value, axis.into())?;
@@ -135,7 +136,7 @@ pub(super) fn shaped<'a>(
 }
 
 /// An argument of exactly the given shape, as numbers in row-major order.
-pub(super) fn fixed(name: &str, value: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<Vec<f64>> {
+pub(super) fn fixed(name: &str, value: &Object<'_>, shape: &[usize]) -> PyResult<Vec<f64>> {
     match shaped(name, value, shape.last().copied().unwrap_or(1))? {
         (found, numbers) if found == shape => Ok(numbers),
         (found, _) => Err(wrong_shape(name, &found, shape_text(shape))),
@@ -143,7 +144,7 @@ pub(super) fn fixed(name: &str, value: &Bound<'_, PyAny>, shape: &[usize]) -> Py
 }
 
 /// One state: an argument of shape (entries of the axis,).
-pub(super) fn state(name: &str, value: &Bound<'_, PyAny>, axis: Axis<'_>) -> PyResult<Vec<f64>> {
+pub(super) fn state(name: &str, value: &Object<'_>, axis: Axis<'_>) -> PyResult<Vec<f64>> {
     match shaped(name, value, axis)? {
         (found, numbers) if found == [axis.width()] => Ok(numbers),
         (found, _) => Err(wrong_shape(name, &found, shape_text(&[axis.width()]))),
@@ -151,7 +152,7 @@ pub(super) fn state(name: &str, value: &Bound<'_, PyAny>, axis: Axis<'_>) -> PyR
 }
 
 /// One number for all entries of the axis, or an array of them: the numbers.
-pub(super) fn spread(name: &str, value: &Bound<'_, PyAny>, axis: Axis<'_>) -> PyResult<Vec<f64>> {
+pub(super) fn spread(name: &str, value: &Object<'_>, axis: Axis<'_>) -> PyResult<Vec<f64>> {
     let (shape, numbers) = shaped(name, value, axis)?;
     let width = axis.width();
     match shape[..] {
@@ -162,12 +163,7 @@ pub(super) fn spread(name: &str, value: &Bound<'_, PyAny>, axis: Axis<'_>) -> Py
 }
 
 /// An argument of the given shape, the same for all of `count` things, or of (count, *shape), one for each: their numbers.
-pub(super) fn one_or_each(
-    name: &str,
-    value: &Bound<'_, PyAny>,
-    count: usize,
-    shape: &[usize],
-) -> PyResult<Vec<Vec<f64>>> {
+pub(super) fn one_or_each(name: &str, value: &Object<'_>, count: usize, shape: &[usize]) -> PyResult<Vec<Vec<f64>>> {
     let (found, numbers) = shaped(name, value, shape.last().copied().unwrap_or(1))?;
     let each = [&[count], shape].concat();
     if found == shape {
@@ -180,7 +176,7 @@ pub(super) fn one_or_each(
 }
 
 /// An argument of shape (rows, width), at least one row: how many, and the numbers in row-major order.
-pub(super) fn rows(name: &str, value: &Bound<'_, PyAny>, width: usize) -> PyResult<(usize, Vec<f64>)> {
+pub(super) fn rows(name: &str, value: &Object<'_>, width: usize) -> PyResult<(usize, Vec<f64>)> {
     let (shape, numbers) = shaped(name, value, width)?;
     match shape[..] {
         [rows, found] if found == width && rows > 0 => Ok((rows, numbers)),
@@ -189,7 +185,7 @@ pub(super) fn rows(name: &str, value: &Bound<'_, PyAny>, width: usize) -> PyResu
 }
 
 /// Three numbers.
-pub(super) fn triple(name: &str, value: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
+pub(super) fn triple(name: &str, value: &Object<'_>) -> PyResult<[f64; 3]> {
     let numbers = fixed(name, value, &[3])?;
     Ok([numbers[0], numbers[1], numbers[2]])
 }
@@ -199,12 +195,7 @@ pub(super) fn wrong_shape(name: &str, found: &[usize], expected: String) -> PyEr
 }
 
 /// What a function of `phipsi._arguments` makes of an argument.
-pub(super) fn in_python<'py>(
-    function: &str,
-    name: &str,
-    value: &Bound<'py, PyAny>,
-    axis: Axis<'_>,
-) -> PyResult<Bound<'py, PyAny>> {
+pub(super) fn in_python<'py>(function: &str, name: &str, value: &Object<'py>, axis: Axis<'_>) -> PyResult<Object<'py>> {
     let module = value.py().import("phipsi._arguments")?;
     module.getattr(function)?.call1((name, value, axis.joints(), axis.width()))
 }
@@ -212,7 +203,7 @@ pub(super) fn in_python<'py>(
 /// C-contiguous and aligned numbers of kind `P` as they are; any other real numbers converted; the rest refused by name.
 pub(super) fn read<'py, P: Precision + Element>(
     name: &str,
-    value: &Bound<'py, PyAny>,
+    value: &Object<'py>,
     axis: Axis<'_>,
 ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     match value.cast::<PyArrayDyn<P>>() {
@@ -222,7 +213,7 @@ pub(super) fn read<'py, P: Precision + Element>(
 }
 
 /// Whether it is an array and no subclass: such have masks or units.
-pub(super) fn is_bare(value: &Bound<'_, PyAny>) -> bool {
+pub(super) fn is_bare(value: &Object<'_>) -> bool {
     value.is_exact_instance_of::<PyUntypedArray>()
 }
 
@@ -233,7 +224,7 @@ fn in_order<P: Element, D: Dimension>(array: &Bound<'_, PyArray<P, D>>) -> bool 
 
 /// The numbers of one state and their addresses, where they are (width,) float64 as they lie, and few.
 #[inline(always)] // what it returns would be stored and loaded again
-pub(super) fn plain(value: &Bound<'_, PyAny>, width: usize) -> Option<(Vec<f64>, Range<usize>)> {
+pub(super) fn plain(value: &Object<'_>, width: usize) -> Option<(Vec<f64>, Range<usize>)> {
     let array = value.cast::<PyArray1<f64>>().ok()?;
     if width > FEW || array.len() != width || !in_order(array) || !is_bare(value) {
         return None;
@@ -244,7 +235,7 @@ pub(super) fn plain(value: &Bound<'_, PyAny>, width: usize) -> Option<(Vec<f64>,
 /// A fresh C-contiguous array of kind `P` with the numbers of `value`.
 fn convert<'py, P: Precision + Element>(
     name: &str,
-    value: &Bound<'py, PyAny>,
+    value: &Object<'py>,
     axis: Axis<'_>,
 ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     let py = value.py();

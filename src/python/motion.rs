@@ -2,19 +2,22 @@
 
 use super::axis::Axis;
 use super::choice::read_form;
+use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
 use super::errors::{asked_by, batch_index, fault, of_batch};
-use super::input::{self, Input, wrong_shape};
+use super::fresh::entries;
+use super::input::{self, Input};
 use super::interrupts::detached;
+use super::object::Object;
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
-use crate::batch::{Broadcast, Fault, broadcast_axes};
+use crate::batch::{Fault, broadcast_axes};
 use crate::error::{Error, check_finite};
 use crate::memory;
 use crate::motion::properties::FRICTION_SPEED;
-use crate::motion::{Gains, Method, Properties, Records, Rollout, Settings, StepFault, Torque};
+use crate::motion::{Method, Properties, Records, Rollout, Settings, StepFault, Torque};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple};
+use pyo3::types::PyDict;
 use std::time::{Duration, Instant};
 
 /// Between reports of progress.
@@ -24,25 +27,25 @@ const BLOCK: Duration = Duration::from_millis(50);
 impl PyScene {
     /// Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m; a copy. Simulation only.
     #[getter]
-    fn damping<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn damping<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         from_numbers(py, &Properties::of(&self.scene).damping, &[self.scene.nv()])
     }
 
     /// Coulomb friction of each degree of freedom, (nv,), N m or N; a copy. Simulation only.
     #[getter]
-    fn friction<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn friction<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         from_numbers(py, &Properties::of(&self.scene).friction, &[self.scene.nv()])
     }
 
     /// Stiffness of each degree of freedom's spring, (nv,), N m/rad or N/m; a copy. Simulation only.
     #[getter]
-    fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         from_numbers(py, &Properties::of(&self.scene).stiffness, &[self.scene.nv()])
     }
 
     /// The configuration where the springs are at rest, (nq,); a copy.
     #[getter]
-    fn rest<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn rest<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         from_numbers(py, &Properties::of(&self.scene).rest, &[self.scene.nq()])
     }
 
@@ -84,25 +87,25 @@ impl PyScene {
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,
-        q: &Bound<'py, PyAny>,
-        qd: &Bound<'py, PyAny>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
         dt: f64,
-        steps: &Bound<'py, PyAny>,
-        tau: Option<&Bound<'py, PyAny>>,
-        tau_steps: Option<&Bound<'py, PyAny>>,
+        steps: &Object<'py>,
+        tau: Option<&Object<'py>>,
+        tau_steps: Option<&Object<'py>>,
         method: &str,
-        record_every: Option<&Bound<'py, PyAny>>,
-        pd: Option<&Bound<'py, PyAny>>,
-        armature: Option<&Bound<'py, PyAny>>,
-        damping: Option<&Bound<'py, PyAny>>,
-        stiffness: Option<&Bound<'py, PyAny>>,
-        rest: Option<&Bound<'py, PyAny>>,
-        friction: Option<&Bound<'py, PyAny>>,
+        record_every: Option<&Object<'py>>,
+        pd: Option<&Object<'py>>,
+        armature: Option<&Object<'py>>,
+        damping: Option<&Object<'py>>,
+        stiffness: Option<&Object<'py>>,
+        rest: Option<&Object<'py>>,
+        friction: Option<&Object<'py>>,
         friction_speed: f64,
         form: &str,
-        progress: Option<&Bound<'py, PyAny>>,
+        progress: Option<&Object<'py>>,
         conserve_momentum: bool,
-    ) -> PyResult<Bound<'py, PyAny>> {
+    ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
         let (nq, nv) = (scene.nq(), scene.nv());
@@ -137,7 +140,7 @@ impl PyScene {
             axes.extend([("pd.target", pd.target.leading()), ("pd.target_rate", pd.rate.leading())]);
         }
         let batch = broadcast_axes(axes)?;
-        let room = Room { states: product(&batch), rows: steps / every + 1, numbers: nq + nv };
+        let room = Room { states: entries(&batch), rows: steps / every + 1, numbers: nq + nv };
         let states = room.checked()?;
         own.check_scratch(states)?;
         if let Some(pd) = pd {
@@ -194,13 +197,9 @@ impl PyScene {
     /// Raises ImportError without SciPy; ShapeError, NotFiniteError, ArgumentError.
     #[pyo3(signature = (**given),
            text_signature = "($self, *, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01)")]
-    fn ode<'py>(slf: &Bound<'py, Self>, given: Option<&Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyAny>> {
+    fn ode<'py>(slf: &Bound<'py, Self>, given: Option<&Bound<'py, PyDict>>) -> PyResult<Object<'py>> {
         slf.py().import("phipsi._ode")?.getattr("Ode")?.call((slf,), given)
     }
-}
-
-fn product(axes: &[usize]) -> Option<usize> {
-    axes.iter().try_fold(1, |product: usize, &length| product.checked_mul(length))
 }
 
 /// What is to be recorded.
@@ -234,124 +233,6 @@ impl Room {
     }
 }
 
-/// The numbers of every state of the batch, one after another.
-fn everyone(input: &Input<'_>, batch: &[usize], states: usize) -> PyResult<Vec<f64>> {
-    let own = input.over(batch)?;
-    let width = if states == 0 { 0 } else { own.state(0).len() };
-    let mut all = memory::with_capacity(&input.name, states.saturating_mul(width))?;
-    for state in 0..states {
-        all.extend_from_slice(own.state(state));
-    }
-    Ok(all)
-}
-
-/// The torques of a call, as given.
-enum Given<'py> {
-    Nothing,
-    Constant(Input<'py>),
-    Steps(Input<'py>),
-    Function(Bound<'py, PyAny>),
-}
-
-impl<'py> Given<'py> {
-    fn read(
-        tau: Option<&Bound<'py, PyAny>>,
-        tau_steps: Option<&Bound<'py, PyAny>>,
-        steps: usize,
-        rates: Axis<'_>,
-    ) -> PyResult<Self> {
-        match (tau, tau_steps) {
-            (None, None) => Ok(Self::Nothing),
-            (Some(_), Some(_)) => Err(Error::argument("tau_steps", "tau as well", "one of the two").into()),
-            (Some(tau), None) if tau.is_callable() => Ok(Self::Function(tau.clone())),
-            (Some(tau), None) => {
-                let tau = Input::new("tau", tau, rates)?;
-                check_finite("tau", tau.data()?)?;
-                Ok(Self::Constant(tau))
-            }
-            (None, Some(tau)) => {
-                let tau = Input::new("tau_steps", tau, rates)?;
-                if tau.leading().last() != Some(&steps) {
-                    let found = [tau.leading(), &[rates.width()]].concat();
-                    return Err(wrong_shape("tau_steps", &found, format!("(..., {steps}, {})", rates.width())));
-                }
-                check_finite("tau_steps", tau.data()?)?;
-                Ok(Self::Steps(tau))
-            }
-        }
-    }
-
-    /// The leading axes that the batch must have.
-    fn leading(&self) -> Option<(&'static str, &[usize])> {
-        match self {
-            Self::Nothing | Self::Function(_) => None,
-            Self::Constant(tau) => Some(("tau", tau.leading())),
-            Self::Steps(tau) => {
-                let axes = tau.leading();
-                Some(("tau_steps", &axes[..axes.len() - 1]))
-            }
-        }
-    }
-
-    /// The torques of all steps; none where a function gives them.
-    fn torque<'a>(&'a self, batch: &[usize], (steps, nv): (usize, usize)) -> PyResult<Torque<'a>> {
-        Ok(match self {
-            Self::Constant(tau) => Torque::Constant(tau.over(batch)?),
-            Self::Steps(tau) => {
-                let axes = tau.leading();
-                let torque = Broadcast::new("tau_steps", tau.data()?, steps * nv, &axes[..axes.len() - 1], batch);
-                Torque::Steps { torque: torque.map_err(PyErr::from)?, first: 0 }
-            }
-            Self::Nothing | Self::Function(_) => Torque::Zero,
-        })
-    }
-}
-
-/// The control law of a call, as given.
-struct Pd<'py> {
-    gains: [Vec<f64>; 2],
-    target: Input<'py>,
-    rate: Input<'py>,
-}
-
-impl<'py> Pd<'py> {
-    fn read(pd: &Bound<'py, PyAny>, scene: &PyScene) -> PyResult<Self> {
-        let expected = "PD(kp, kd, target) or PD(kp, kd, target, target_rate)";
-        let refuse = |found: String| PyErr::from(Error::argument("pd", found, expected));
-        let Ok(parts) = pd.cast::<PyTuple>() else {
-            return Err(refuse(format!("an object of type {}", pd.get_type().name()?)));
-        };
-        if !(3..=4).contains(&parts.len()) {
-            return Err(refuse(format!("{} parts", parts.len())));
-        }
-        let rate = match parts.get_item(3) {
-            Ok(rate) if !rate.is_none() => scene.rate("pd.target_rate", &rate)?,
-            _ => Input::filled(pd.py(), "pd.target_rate", 0.0, scene.scene.nv())?,
-        };
-        Ok(Self {
-            gains: [
-                input::spread("pd.kp", &parts.get_item(0)?, scene.rates())?,
-                input::spread("pd.kd", &parts.get_item(1)?, scene.rates())?,
-            ],
-            target: scene.configuration("pd.target", &parts.get_item(2)?)?,
-            rate,
-        })
-    }
-
-    fn over(self, batch: &[usize], states: usize) -> PyResult<Gains> {
-        let each = |input: &Input<'_>| {
-            if input.leading().is_empty() {
-                Ok(memory::copied(&input.name, input.data()?)?)
-            } else {
-                everyone(input, batch, states)
-            }
-        };
-        let (target, target_rate) = (each(&self.target)?, each(&self.rate)?);
-        let [proportional, derivative] = self.gains;
-        Ok(Gains { proportional, derivative, target, target_rate })
-    }
-}
-
 /// Why a run ended early.
 enum Stopped {
     Fault(StepFault),
@@ -366,7 +247,7 @@ impl From<PyErr> for Stopped {
 
 impl Stopped {
     /// The exception, with what was computed.
-    fn raise(self, py: Python<'_>, trajectory: &Bound<'_, PyAny>, batch: &[usize]) -> PyResult<PyErr> {
+    fn raise(self, py: Python<'_>, trajectory: &Object<'_>, batch: &[usize]) -> PyResult<PyErr> {
         let (cause, joint, state) = match self {
             Self::Raised(error) => (error, None, None),
             Self::Fault(StepFault { state, joint, error, .. }) => {
@@ -374,7 +255,8 @@ impl Stopped {
                 (fault(py, Fault { state, error }, batch), Some(joint), index)
             }
         };
-        let made = py.import("phipsi._motion")?.getattr("stopped")?.call1((trajectory, cause.value(py), joint, state))?;
+        let made =
+            py.import("phipsi._motion")?.getattr("stopped")?.call1((trajectory, cause.value(py), joint, state))?;
         Ok(PyErr::from_value(made))
     }
 }
@@ -385,7 +267,7 @@ struct Plan<'a, 'py> {
     batch: &'a [usize],
     steps: usize,
     dt: f64,
-    progress: Option<&'a Bound<'py, PyAny>>,
+    progress: Option<&'a Object<'py>>,
     nq: usize,
     nv: usize,
     rates: Axis<'a>,
@@ -447,7 +329,7 @@ fn advanced(
 }
 
 /// The torques that the caller's function gives for the states as they are.
-fn asked<'py>(tau: &Bound<'py, PyAny>, rollout: &Rollout<'_>, plan: &Plan<'_, 'py>) -> PyResult<Input<'py>> {
+fn asked<'py>(tau: &Object<'py>, rollout: &Rollout<'_>, plan: &Plan<'_, 'py>) -> PyResult<Input<'py>> {
     let py = tau.py();
     let states = rollout.states();
     let mut q = memory::with_capacity("q", states * plan.nq)?;

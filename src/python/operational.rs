@@ -2,6 +2,7 @@
 
 use super::choice::{names, read_form};
 use super::input::{one_or_each, rows};
+use super::object::Object;
 use super::output::Array;
 use super::scene::PyScene;
 use super::scratch::Scratch;
@@ -42,10 +43,10 @@ impl PyScene {
     fn operational_inverse_inertia<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        links: &Bound<'py, PyAny>,
-        xyz: Option<&Bound<'py, PyAny>>,
-        rotation: Option<&Bound<'py, PyAny>>,
+        q: &Object<'py>,
+        links: &Object<'py>,
+        xyz: Option<&Object<'py>>,
+        rotation: Option<&Object<'py>>,
         form: &str,
         errors: &str,
     ) -> Array<'py> {
@@ -79,11 +80,11 @@ impl PyScene {
     fn operational_inertia<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        links: &Bound<'py, PyAny>,
-        xyz: Option<&Bound<'py, PyAny>>,
-        rotation: Option<&Bound<'py, PyAny>>,
-        directions: Option<&Bound<'py, PyAny>>,
+        q: &Object<'py>,
+        links: &Object<'py>,
+        xyz: Option<&Object<'py>>,
+        rotation: Option<&Object<'py>>,
+        directions: Option<&Object<'py>>,
         form: &str,
         errors: &str,
     ) -> Array<'py> {
@@ -137,9 +138,9 @@ impl Task {
     /// Reads the arguments; names are looked up here too, since a batch can be empty.
     fn read(
         scene: &Scene,
-        links: &Bound<'_, PyAny>,
-        xyz: Option<&Bound<'_, PyAny>>,
-        rotation: Option<&Bound<'_, PyAny>>,
+        links: &Object<'_>,
+        xyz: Option<&Object<'_>>,
+        rotation: Option<&Object<'_>>,
     ) -> PyResult<Self> {
         let links = match links.cast::<PyString>() {
             Ok(link) => vec![link.extract()?],

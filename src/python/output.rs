@@ -2,6 +2,7 @@
 
 use super::fresh::{entries, unwritten, zeros};
 use super::input::{FEW, MANY, addresses, is_bare, wrong_shape};
+use super::object::Object;
 use crate::batch::shape_text;
 use crate::error::Error;
 use crate::scalar::Precision;
@@ -11,18 +12,10 @@ use numpy::{
     PyUntypedArrayMethods, ToPyArray,
 };
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
 use std::ops::Range;
 
 /// What most methods return.
 pub(super) type Array<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
-
-/// The class of that name in `phipsi._results`: results of several parts.
-pub(super) fn result_class<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
-    static MODULE: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
-    let module = MODULE.get_or_try_init(py, || Ok::<_, PyErr>(py.import("phipsi._results")?.unbind()))?;
-    module.bind(py).getattr(name)
-}
 
 /// Copies take the GIL from others for so many numbers at a time, and then look at signals.
 const AT_A_TIME: usize = 1 << 19;
@@ -48,7 +41,7 @@ impl<'py, P: Precision + Element> Output<'py, P> {
     fn made(
         py: Python<'py>,
         shape: &[usize],
-        make: fn(Python<'py>, &[usize]) -> PyResult<Bound<'py, PyArrayDyn<P>>>,
+        make: impl FnOnce(Python<'py>, &[usize]) -> PyResult<Bound<'py, PyArrayDyn<P>>>,
     ) -> PyResult<Self> {
         if entries(shape).is_some_and(|entries| entries <= FEW) {
             return Ok(Self::Copied(py, ArrayD::from_elem(shape, P::default())));
@@ -57,11 +50,7 @@ impl<'py, P: Precision + Element> Output<'py, P> {
     }
 
     /// The caller's array: C-contiguous numbers of kind `P` in the given shape, writable, apart from the addresses of the arguments.
-    pub fn given(
-        out: &Bound<'py, PyAny>,
-        shape: &[usize],
-        inputs: impl IntoIterator<Item = Range<usize>>,
-    ) -> PyResult<Self> {
+    pub fn given(out: &Object<'py>, shape: &[usize], inputs: impl IntoIterator<Item = Range<usize>>) -> PyResult<Self> {
         let expected = || format!("a C-contiguous {} array", P::NAME);
         let refuse = |found: String| PyErr::from(Error::argument("out", found, expected()));
         let Ok(untyped) = out.cast::<PyUntypedArray>() else {
@@ -127,7 +116,7 @@ impl<'py, P: Precision + Element> Output<'py, P> {
     }
 
     /// The array, written; a NumPy scalar for the empty shape.
-    pub fn finish_or_scalar(self) -> PyResult<Bound<'py, PyAny>> {
+    pub fn finish_or_scalar(self) -> PyResult<Object<'py>> {
         let array = self.finish();
         if array.ndim() == 0 { array.get_item(()) } else { Ok(array.into_any()) }
     }
@@ -150,7 +139,7 @@ fn refused_output(error: &BorrowError) -> PyErr {
 }
 
 /// A new array with these numbers in row-major order; a NumPy scalar for the empty shape.
-pub(super) fn from_numbers<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize]) -> PyResult<Bound<'py, PyAny>> {
+pub(super) fn from_numbers<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize]) -> PyResult<Object<'py>> {
     match *shape {
         [length] if length == numbers.len() && length <= MANY => return Ok(numbers.to_pyarray(py).into_any()),
         [rows, columns] if numbers.len() <= MANY => {

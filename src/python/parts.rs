@@ -1,6 +1,7 @@
 //! Methods of `Scene`: its links and joints by name, as they were given.
 
-use super::output::{from_numbers, result_class};
+use super::object::{Object, result_class};
+use super::output::from_numbers;
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::scene::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene};
@@ -17,7 +18,7 @@ impl PyScene {
     ///
     /// Raises ArgumentError, with the names that there are, for an unknown link.
     #[pyo3(signature = (name, /))]
-    fn link<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+    fn link<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Object<'py>> {
         self.scene.link(name)?;
         let carrier = joints(&self.scene).find(|joint| joint.child == name);
         let mut links = self.scene.source().links().iter();
@@ -29,7 +30,7 @@ impl PyScene {
     ///
     /// Raises ArgumentError, with the names that there are, for an unknown joint.
     #[pyo3(signature = (name, /))]
-    fn joint<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+    fn joint<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Object<'py>> {
         match joints(&self.scene).find(|joint| joint.name == name) {
             Some(joint) => joint_tuple(py, &joint),
             // The error has the names of those that move: it is one of them that is meant, as a rule.
@@ -76,7 +77,7 @@ fn missing(what: &str, name: &str) -> Error {
     Error::argument(what, format!("{name:?}"), "a name of the scene")
 }
 
-fn vector<'py>(py: Python<'py>, v: &Vector3<f64>) -> PyResult<Bound<'py, PyAny>> {
+fn vector<'py>(py: Python<'py>, v: &Vector3<f64>) -> PyResult<Object<'py>> {
     from_numbers(py, v.as_slice(), &[3])
 }
 
@@ -85,7 +86,7 @@ fn link_tuple<'py>(
     py: Python<'py>,
     link: &LinkDescription,
     carrier: Option<&JointDescription>,
-) -> PyResult<Bound<'py, PyAny>> {
+) -> PyResult<Object<'py>> {
     let massless = Inertial { mass: 0.0, centre: Vector3::zeros(), central: Symmetric3::zero() };
     let Inertial { mass, centre, central } = link.inertial.unwrap_or(massless);
     let inertia = from_numbers(py, central.to_matrix().as_slice(), &[3, 3])?;
@@ -100,7 +101,7 @@ fn parent_of(joint: &JointDescription) -> Option<&str> {
 }
 
 /// The named tuple of a joint.
-fn joint_tuple<'py>(py: Python<'py>, joint: &JointDescription) -> PyResult<Bound<'py, PyAny>> {
+fn joint_tuple<'py>(py: Python<'py>, joint: &JointDescription) -> PyResult<Object<'py>> {
     // Named one by one, so that a new field cannot be forgotten.
     let JointDescription {
         name,
@@ -117,9 +118,9 @@ fn joint_tuple<'py>(py: Python<'py>, joint: &JointDescription) -> PyResult<Bound
         mimic,
     } = joint;
     let Limits { lower, upper, velocity, effort } = *limits;
-    let mimic = mimic.as_ref().map(|Mimic { joint, multiplier, offset }| {
-        result_class(py, "Mimic")?.call1((joint, multiplier, offset))
-    });
+    let mimic = mimic
+        .as_ref()
+        .map(|Mimic { joint, multiplier, offset }| result_class(py, "Mimic")?.call1((joint, multiplier, offset)));
     let axis = kind.has_axis().then(|| vector(py, &(axis / axis.amax()).normalize()));
     let rest = if spring.rest.is_empty() { kind.neutral() } else { spring.rest.clone() };
     let fields = PyDict::new(py);

@@ -2,7 +2,7 @@
 
 use super::cost::WORTH_DETACHING;
 use super::interrupts::detached;
-use super::output::result_class;
+use super::object::{Object, result_class};
 use super::scene::PyScene;
 use crate::plan::Omission;
 use pyo3::prelude::*;
@@ -11,7 +11,7 @@ use pyo3::types::PyTuple;
 #[pymethods]
 impl PyScene {
     /// What this scene does not need and was left out when it was built, why, and what that saved.
-    fn plan<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn plan<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let short = self.size() < WORTH_DETACHING;
         let plan = if short { self.scene.plan() } else { detached(py, || self.scene.plan())? };
         let class = result_class(py, "Omission")?;

@@ -1,11 +1,12 @@
 //! What the report measures: residuals, reference, error and time of each method, growth.
 
-use super::input::{Input, state};
-use super::output::{Output, from_numbers};
 use super::choice::{Precise, choose, read_precision};
 use super::counts::count;
 use super::errors::asked_by;
+use super::input::{Input, state};
 use super::interrupts::detached_checked;
+use super::object::Object;
+use super::output::{Output, from_numbers};
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::filter::FORMS;
@@ -26,7 +27,7 @@ pub(crate) struct PyReference {
 #[pymethods]
 impl PyReference {
     /// The reference rounded to float64, (n, nv).
-    fn toarray<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn toarray<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let states = self.values.len().checked_div(self.nv).unwrap_or(0);
         let mut output = asked_by(py, "q", Output::new(py, &[states, self.nv]))?;
         for (rounded, value) in output.numbers()?.iter_mut().zip(&self.values) {
@@ -44,7 +45,7 @@ struct Arguments<'py> {
 }
 
 impl<'py> Arguments<'py> {
-    fn read(scene: &PyScene, q: &Bound<'py, PyAny>, qd: &Bound<'py, PyAny>, tau: &Bound<'py, PyAny>) -> PyResult<Self> {
+    fn read(scene: &PyScene, q: &Object<'py>, qd: &Object<'py>, tau: &Object<'py>) -> PyResult<Self> {
         let all = Self { q: scene.configuration("q", q)?, qd: scene.rate("qd", qd)?, tau: scene.rate("tau", tau)? };
         let scene = &scene.scene;
         for state in all.q.data()?.chunks_exact(scene.nq().max(1)) {
@@ -77,7 +78,7 @@ impl PyScene {
     ///
     /// Raises SingularJointError; ArgumentError beyond 300 degrees of freedom; ShapeError or NotFiniteError for a bad q.
     #[pyo3(signature = (q))]
-    fn check<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
+    fn check<'py>(&self, py: Python<'py>, q: &Object<'py>) -> PyResult<Bound<'py, PyDict>> {
         let scene = &self.scene;
         let q = state("q", q, self.coordinates())?;
         let wave = |phase: f64| -> Vec<f64> {
@@ -99,9 +100,9 @@ impl PyScene {
 pub(super) fn residuals_at(
     py: Python<'_>,
     scene: &PyScene,
-    q: &Bound<'_, PyAny>,
-    qd: &Bound<'_, PyAny>,
-    tau: &Bound<'_, PyAny>,
+    q: &Object<'_>,
+    qd: &Object<'_>,
+    tau: &Object<'_>,
 ) -> PyResult<Vec<(&'static str, f64, bool)>> {
     let q = state("q", q, scene.coordinates())?;
     let [qd, tau] = [state("qd", qd, scene.rates())?, state("tau", tau, scene.rates())?];
@@ -115,9 +116,9 @@ pub(super) fn residuals_at(
 pub(super) fn reference_of(
     py: Python<'_>,
     scene: &PyScene,
-    q: &Bound<'_, PyAny>,
-    qd: &Bound<'_, PyAny>,
-    tau: &Bound<'_, PyAny>,
+    q: &Object<'_>,
+    qd: &Object<'_>,
+    tau: &Object<'_>,
 ) -> PyResult<PyReference> {
     let arguments = Arguments::read(scene, q, qd, tau)?;
     let states = arguments.states()?;
@@ -138,11 +139,11 @@ pub(super) fn measure_method<'py>(
     scene: &PyScene,
     method: &str,
     precision: &str,
-    q: &Bound<'py, PyAny>,
-    qd: &Bound<'py, PyAny>,
-    tau: &Bound<'py, PyAny>,
+    q: &Object<'py>,
+    qd: &Object<'py>,
+    tau: &Object<'py>,
     reference: &PyReference,
-    repeats: &Bound<'py, PyAny>,
+    repeats: &Object<'py>,
 ) -> PyResult<(f64, Bound<'py, PyArrayDyn<f64>>)> {
     let method = choose("method", method, &METHODS)?;
     let repeats = count("repeats", repeats, 1)?;
@@ -154,12 +155,8 @@ pub(super) fn measure_method<'py>(
     }
     let values = &reference.values;
     let measurement = match read_precision(precision)? {
-        Precise::Float64 => {
-            detached_checked(py, || measure::<f64>(&scene.scene, method, states, values, repeats))?
-        }
-        Precise::Float32 => {
-            detached_checked(py, || measure::<f32>(&scene.scene, method, states, values, repeats))?
-        }
+        Precise::Float64 => detached_checked(py, || measure::<f64>(&scene.scene, method, states, values, repeats))?,
+        Precise::Float32 => detached_checked(py, || measure::<f32>(&scene.scene, method, states, values, repeats))?,
     };
     let errors = from_numbers(py, &measurement.errors, &[measurement.errors.len()])?;
     Ok((measurement.ns, errors.cast_into()?))
@@ -169,11 +166,7 @@ pub(super) fn measure_method<'py>(
 /// dynamics in form "auto" and in form "covariance", and inverse dynamics.
 #[pyfunction(name = "growth")]
 #[pyo3(signature = (bodies, repeats))]
-pub(super) fn growth_of(
-    py: Python<'_>,
-    bodies: &Bound<'_, PyAny>,
-    repeats: &Bound<'_, PyAny>,
-) -> PyResult<(f64, f64, f64)> {
+pub(super) fn growth_of(py: Python<'_>, bodies: &Object<'_>, repeats: &Object<'_>) -> PyResult<(f64, f64, f64)> {
     let (bodies, repeats) = (count("bodies", bodies, 0)?, count("repeats", repeats, 1)?);
     let growth = detached_checked(py, || growth::growth(bodies, repeats))?;
     Ok((growth.forward, growth.covariance, growth.inverse))
@@ -193,8 +186,8 @@ pub(super) fn call_of_method(method: &str) -> PyResult<(&'static str, Option<&'s
 #[pyo3(signature = (bodies, repeats))]
 pub(super) fn operator_growth_of(
     py: Python<'_>,
-    bodies: &Bound<'_, PyAny>,
-    repeats: &Bound<'_, PyAny>,
+    bodies: &Object<'_>,
+    repeats: &Object<'_>,
 ) -> PyResult<Vec<(String, f64)>> {
     let (bodies, repeats) = (count("bodies", bodies, 0)?, count("repeats", repeats, 1)?);
     detached_checked(py, || growth::operator_growth(bodies, repeats))

@@ -5,6 +5,7 @@ use super::choice::names;
 use super::cost::WORTH_DETACHING;
 use super::description::{self, Description};
 use super::interrupts::detached_checked;
+use super::object::Object;
 use super::scratch::Scratch;
 use super::{errors, input, output};
 use crate::batch::{self, Pool};
@@ -100,11 +101,11 @@ impl PyScene {
            text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False, leave_out=None)")]
     fn from_urdf(
         py: Python<'_>,
-        source: &Bound<'_, PyAny>,
+        source: &Object<'_>,
         floating_base: bool,
-        gravity: Option<&Bound<'_, PyAny>>,
+        gravity: Option<&Object<'_>>,
         strict: bool,
-        leave_out: Option<&Bound<'_, PyAny>>,
+        leave_out: Option<&Object<'_>>,
     ) -> PyResult<Self> {
         let omissions = description::left_out(leave_out)?;
         let gravity = gravity.map(|gravity| input::triple("gravity", gravity)).transpose()?;
@@ -129,7 +130,7 @@ impl PyScene {
 
     /// Armature of each degree of freedom, (nv,), kg m^2 or kg; a copy. It is the variance of the measurement noise.
     #[getter]
-    fn armature<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn armature<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         output::from_numbers(py, &self.scene.model().system.noise, &[self.scene.nv()])
     }
 
@@ -159,7 +160,7 @@ impl PyScene {
 
     /// Gravity in the base frame, (3,), m/s^2; a copy.
     #[getter]
-    fn gravity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn gravity<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         output::from_numbers(py, self.scene.model().gravity.as_slice(), &[3])
     }
 
@@ -184,7 +185,7 @@ impl PyScene {
     /// What is locked is folded into the bodies around it and costs nothing. Locking "root_joint" gives a fixed base.
     ///
     /// Raises ArgumentError for an unknown joint; ShapeError, NotFiniteError or ArgumentError for a bad q.
-    fn lock(&self, py: Python<'_>, joints: &Bound<'_, PyAny>, q: &Bound<'_, PyAny>) -> PyResult<Self> {
+    fn lock(&self, py: Python<'_>, joints: &Object<'_>, q: &Object<'_>) -> PyResult<Self> {
         let names = names("joints", joints, "a list of joint names")?;
         let q = input::state("q", q, self.coordinates())?;
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
@@ -196,7 +197,7 @@ impl PyScene {
         description::summary(&self.scene)
     }
 
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (Description,))> {
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {
         let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_scene")?;
         Ok((rebuild, (Description::of(slf.get().scene.source())?,)))
     }
@@ -208,7 +209,7 @@ impl PyScene {
 
     /// The scene itself: it cannot change.
     #[pyo3(signature = (memo, /))]
-    fn __deepcopy__(slf: Py<Self>, memo: &Bound<'_, PyAny>) -> Py<Self> {
+    fn __deepcopy__(slf: Py<Self>, memo: &Object<'_>) -> Py<Self> {
         let _ = memo;
         slf
     }
@@ -221,7 +222,7 @@ enum Source {
 }
 
 impl Source {
-    fn read(source: &Bound<'_, PyAny>) -> PyResult<Self> {
+    fn read(source: &Object<'_>) -> PyResult<Self> {
         if let Ok(text) = source.extract::<std::borrow::Cow<'_, str>>()
             && text.trim_start_matches('\u{feff}').trim_start().starts_with('<')
         {
@@ -243,7 +244,7 @@ fn slice<'py>(py: Python<'py>, range: &std::ops::Range<usize>) -> PyResult<Bound
 /// Builds a scene from what Scene.__reduce__ gave; without warnings, which the first building issued.
 #[pyfunction]
 #[pyo3(name = "_rebuild_scene", signature = (description, /))]
-pub(super) fn rebuild_scene(py: Python<'_>, description: &Bound<'_, PyAny>) -> PyResult<PyScene> {
+pub(super) fn rebuild_scene(py: Python<'_>, description: &Object<'_>) -> PyResult<PyScene> {
     let description = Description::read("pickled scene", description)?;
     Ok(PyScene::new(detached_checked(py, || description.builder()?.build())?))
 }
@@ -253,7 +254,7 @@ pub(super) fn rebuild_scene(py: Python<'_>, description: &Bound<'_, PyAny>) -> P
 #[pyo3(name = "_numbers", signature = (name, value, scene=None, coordinates=false, /))]
 pub(super) fn numbers<'py>(
     name: &str,
-    value: &Bound<'py, PyAny>,
+    value: &Object<'py>,
     scene: Option<&PyScene>,
     coordinates: bool,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {

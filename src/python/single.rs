@@ -7,6 +7,7 @@
 use super::cost::{Cost, WORTH_RELEASING};
 use super::errors::fault;
 use super::input::plain;
+use super::object::Object;
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
 use super::scratch::Scratch;
@@ -21,11 +22,11 @@ impl PyScene {
         &self,
         py: Python<'py>,
         algorithm: Algorithm,
-        given: [&Bound<'py, PyAny>; N],
+        given: [&Object<'py>; N],
         shape: &[usize],
         cost: Cost,
-        out: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Option<Bound<'py, PyAny>>> {
+        out: Option<&Object<'py>>,
+    ) -> PyResult<Option<Object<'py>>> {
         if cost.of_one() >= WORTH_RELEASING {
             return Ok(None);
         }

@@ -1,10 +1,10 @@
 //! Exact answers, their sensitivity, and the error and time of each method on one state.
 
-
 use super::choice::{Precise, choose, read_precision};
 use super::counts::{count, count_or, number};
 use super::input::{fixed, state};
 use super::interrupts::{detached, detached_checked};
+use super::object::Object;
 use super::output::from_numbers;
 use super::scene::PyScene;
 use crate::error::Error;
@@ -16,7 +16,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 /// A difference in two norms: the largest over the largest number, and each over its own.
-type Norms<'py> = (f64, Bound<'py, PyAny>);
+type Norms<'py> = (f64, Object<'py>);
 
 /// A quantity of one state in double-double arithmetic, and what is measured against it.
 ///
@@ -45,9 +45,9 @@ impl PyExact {
     fn new(
         scene: &Bound<'_, PyScene>,
         quantity: &str,
-        q: &Bound<'_, PyAny>,
-        qd: &Bound<'_, PyAny>,
-        u: &Bound<'_, PyAny>,
+        q: &Object<'_>,
+        qd: &Object<'_>,
+        u: &Object<'_>,
     ) -> PyResult<Self> {
         let quantity = choose("quantity", quantity, &QUANTITIES)?;
         let own = scene.get();
@@ -59,14 +59,14 @@ impl PyExact {
     }
 
     /// The answer rounded to float64, (nv,) or (nv * nv,).
-    fn toarray<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn toarray<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let rounded: Vec<f64> = self.exact.values.iter().map(|value| value.lane(0)).collect();
         from_numbers(py, &rounded, &[rounded.len()])
     }
 
     /// How far numbers of another program are from it, relative: the max-norm, and each component against its own size.
     #[pyo3(signature = (found, /))]
-    fn difference<'py>(&self, py: Python<'py>, found: &Bound<'py, PyAny>) -> PyResult<Norms<'py>> {
+    fn difference<'py>(&self, py: Python<'py>, found: &Object<'py>) -> PyResult<Norms<'py>> {
         let found = fixed("found", found, &[self.exact.values.len()])?;
         let wide: Vec<DoubleDouble> = found.into_iter().map(DoubleDouble::from_f64).collect();
         norms(py, &self.exact.difference(&wide))
@@ -80,7 +80,7 @@ impl PyExact {
         py: Python<'py>,
         method: &str,
         precision: &str,
-    ) -> PyResult<(f64, Bound<'py, PyAny>, Option<&'static str>)> {
+    ) -> PyResult<(f64, Object<'py>, Option<&'static str>)> {
         let (method, precision) = (choose("method", method, &FORMS)?, read_precision(precision)?);
         let (scene, state, exact) = (&self.scene.get().scene, self.state(), &self.exact);
         let found = detached(py, || match (self.quantity, precision) {
@@ -100,8 +100,8 @@ impl PyExact {
     fn sensitivity<'py>(
         &self,
         py: Python<'py>,
-        draws: Option<&Bound<'py, PyAny>>,
-        seed: Option<&Bound<'py, PyAny>>,
+        draws: Option<&Object<'py>>,
+        seed: Option<&Object<'py>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let draws = count_or("draws", draws, 0, 4)?;
         let seed = seed.map_or(Ok(0), |seed| number("seed", seed))?;
@@ -116,7 +116,7 @@ impl PyExact {
 
     /// Median time of one method on this state over repeats calls, ns; for forward dynamics.
     #[pyo3(signature = (method, precision, repeats))]
-    fn time(&self, py: Python<'_>, method: &str, precision: &str, repeats: &Bound<'_, PyAny>) -> PyResult<f64> {
+    fn time(&self, py: Python<'_>, method: &str, precision: &str, repeats: &Object<'_>) -> PyResult<f64> {
         let repeats = count("repeats", repeats, 1)?;
         let (method, precision) = (choose("method", method, &FORMS)?, read_precision(precision)?);
         if self.quantity != Quantity::ForwardDynamics {

@@ -1,12 +1,13 @@
 //! The class `RandomModel`: the spatially random model of a scene at one configuration.
 
-use super::input::state;
-use super::output::{Output, from_numbers, result_class};
+use super::axis::Axis;
 use super::choice::choose;
 use super::counts::{count, count_or, number};
 use super::errors::asked_by;
+use super::input::state;
 use super::interrupts::detached_checked;
-use super::axis::Axis;
+use super::object::{Object, result_class};
+use super::output::{Output, from_numbers};
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::memory;
@@ -59,8 +60,8 @@ impl PyScene {
     #[pyo3(signature = (q, qd=None, *, acceleration_variance=1.0))]
     fn random_model(
         slf: &Bound<'_, Self>,
-        q: &Bound<'_, PyAny>,
-        qd: Option<&Bound<'_, PyAny>>,
+        q: &Object<'_>,
+        qd: Option<&Object<'_>>,
         acceleration_variance: f64,
     ) -> PyResult<PyRandomModel> {
         let q = state("q", q, slf.get().coordinates())?;
@@ -100,10 +101,10 @@ impl PyRandomModel {
     fn sample<'py>(
         &self,
         py: Python<'py>,
-        samples: &Bound<'py, PyAny>,
-        seed: &Bound<'py, PyAny>,
-        first: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyAny>> {
+        samples: &Object<'py>,
+        seed: &Object<'py>,
+        first: Option<&Object<'py>>,
+    ) -> PyResult<Object<'py>> {
         let (points, range) = points_of(samples, seed, first)?;
         let count = usize::try_from(range.end - range.start)?;
         let nv = self.model.nv();
@@ -121,9 +122,9 @@ impl PyRandomModel {
     fn sample_torque<'py>(
         &self,
         py: Python<'py>,
-        samples: &Bound<'py, PyAny>,
-        seed: &Bound<'py, PyAny>,
-        first: Option<&Bound<'py, PyAny>>,
+        samples: &Object<'py>,
+        seed: &Object<'py>,
+        first: Option<&Object<'py>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let (points, range) = points_of(samples, seed, first)?;
         let count = usize::try_from(range.end - range.start)?;
@@ -148,12 +149,12 @@ impl PyRandomModel {
     fn mass_matrix<'py>(
         &self,
         py: Python<'py>,
-        samples: Option<&Bound<'py, PyAny>>,
-        seed: Option<&Bound<'py, PyAny>>,
+        samples: Option<&Object<'py>>,
+        seed: Option<&Object<'py>>,
         method: &str,
         confidence: f64,
-        replicates: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyAny>> {
+        replicates: Option<&Object<'py>>,
+    ) -> PyResult<Object<'py>> {
         let drawn = || -> PyResult<(usize, u64)> {
             let missing = |name: &str| Error::argument(name, "none", format!("an integer, for method {method:?}"));
             let samples = count("samples", samples.ok_or_else(|| missing("samples"))?, 1)?;
@@ -180,7 +181,7 @@ impl PyRandomModel {
     }
 
     /// What the model is made of.
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Remade)> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Object<'py>, Remade)> {
         let rebuild = py.import("phipsi._core")?.getattr("_rebuild_random_model")?;
         Ok((rebuild, (self.scene.clone_ref(py), self.q.clone(), self.qd.clone(), self.acceleration_variance)))
     }
@@ -192,7 +193,7 @@ impl PyRandomModel {
 
     /// The model itself: it cannot change.
     #[pyo3(signature = (memo, /))]
-    fn __deepcopy__(slf: Py<Self>, memo: &Bound<'_, PyAny>) -> Py<Self> {
+    fn __deepcopy__(slf: Py<Self>, memo: &Object<'_>) -> Py<Self> {
         let _ = memo;
         slf
     }
@@ -206,7 +207,7 @@ impl PyRandomModel {
 type Remade = (Py<PyScene>, Vec<f64>, Option<Vec<f64>>, f64);
 
 /// The named tuple of an estimate.
-fn to_python<'py>(py: Python<'py>, estimate: &MassEstimate, nv: usize, confidence: f64) -> PyResult<Bound<'py, PyAny>> {
+fn to_python<'py>(py: Python<'py>, estimate: &MassEstimate, nv: usize, confidence: f64) -> PyResult<Object<'py>> {
     let class = result_class(py, "MassEstimate")?;
     let matrix = |numbers: &[f64]| from_numbers(py, numbers, &[nv, nv]);
     let m = matrix(&estimate.mass_matrix)?;
@@ -220,11 +221,7 @@ fn to_python<'py>(py: Python<'py>, estimate: &MassEstimate, nv: usize, confidenc
 }
 
 /// The generator and the numbers of the samples asked for.
-fn points_of(
-    samples: &Bound<'_, PyAny>,
-    seed: &Bound<'_, PyAny>,
-    first: Option<&Bound<'_, PyAny>>,
-) -> PyResult<(Points, Range<u64>)> {
+fn points_of(samples: &Object<'_>, seed: &Object<'_>, first: Option<&Object<'_>>) -> PyResult<(Points, Range<u64>)> {
     let samples = count("samples", samples, 1)? as u64;
     let first = first.map_or(Ok(0), |first| number("first", first))?;
     let Some(end) = first.checked_add(samples) else {
@@ -247,11 +244,11 @@ fn at_most(name: &str, count: usize) -> Result<usize, Error> {
 pub(super) fn emergence_of(
     py: Python<'_>,
     scene: &PyScene,
-    q: &Bound<'_, PyAny>,
+    q: &Object<'_>,
     route: &str,
-    samples: &Bound<'_, PyAny>,
-    seed: &Bound<'_, PyAny>,
-    repeats: &Bound<'_, PyAny>,
+    samples: &Object<'_>,
+    seed: &Object<'_>,
+    repeats: &Object<'_>,
 ) -> PyResult<(f64, f64)> {
     let samples = at_most("samples", count("samples", samples, 1)?)?;
     let (seed, repeats) = (number("seed", seed)?, count("repeats", repeats, 1)?);

@@ -1,5 +1,6 @@
 //! How many threads batches use.
 
+use super::object::Object;
 use crate::batch;
 use crate::error::Error;
 use pyo3::prelude::*;
@@ -13,7 +14,7 @@ use pyo3::types::PyBool;
 /// Raises ArgumentError for what is no number of threads, or for more than the system gives; what was set before then stays.
 #[pyfunction]
 #[pyo3(signature = (threads))]
-pub(super) fn set_num_threads(py: Python<'_>, threads: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+pub(super) fn set_num_threads(py: Python<'_>, threads: Option<&Object<'_>>) -> PyResult<()> {
     let wanted = match threads {
         None => 0,
         Some(given) => {

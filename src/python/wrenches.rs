@@ -2,6 +2,7 @@
 
 use super::choice::items;
 use super::input::Input;
+use super::object::Object;
 use crate::batch::Broadcast;
 use crate::error::{Error, check_finite};
 use crate::scene::Scene;
@@ -21,7 +22,7 @@ pub(super) struct Wrench<'py> {
 
 impl<'py> Wrench<'py> {
     /// Reads the argument `wrenches`: None or a mapping.
-    pub fn read(scene: &Scene, wrenches: Option<&Bound<'py, PyAny>>) -> PyResult<Vec<Self>> {
+    pub fn read(scene: &Scene, wrenches: Option<&Object<'py>>) -> PyResult<Vec<Self>> {
         let Some(wrenches) = wrenches else { return Ok(Vec::new()) };
         let Ok(mapping) = wrenches.cast::<PyMapping>() else {
             let found = format!("an object of type {}", wrenches.get_type().name()?);
