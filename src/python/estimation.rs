@@ -19,6 +19,7 @@ use crate::scene::Scene;
 use nalgebra::{Matrix6, Vector6};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::iter::once;
 
 /// Rough time of one body in one state, ns (see `Call::new`).
 mod cost {
@@ -173,26 +174,13 @@ fn with_mask<'a, 'py>(
     }
 }
 
-/// The results of one state, one after another in the order of the fields; a block a degree of freedom.
-struct Parts<'a>(&'a mut [f64]);
-
-impl Parts<'_> {
-    fn put(&mut self, numbers: impl IntoIterator<Item = f64>, count: usize) {
-        let (own, rest) = std::mem::take(&mut self.0).split_at_mut(count);
-        for (to, from) in own.iter_mut().zip(numbers) {
-            *to = from;
-        }
-        self.0 = rest;
-    }
-}
-
+/// Writes the results of one state in the order of the fields, a block a degree of freedom.
 fn write_sequential(
     scene: &Scene,
     estimate: &Estimate<f64>,
     covariance: Option<&EstimateCovariance<f64>>,
     out: &mut [f64],
 ) {
-    let nv = scene.nv();
     // (body, whether the body's inertia enters at this row)
     let rows = || {
         scene.model().system.stages.iter().enumerate().flat_map(|(k, stage)| {
@@ -200,40 +188,45 @@ fn write_sequential(
             (0..count).map(move |i| (k, i + 1 == count))
         })
     };
-    let mut parts = Parts(out);
-    parts.put([estimate.log_likelihood], 1);
-    parts.put(estimate.acceleration.iter().copied(), nv);
-    parts.put(estimate.torque.iter().copied(), nv);
     let vector = |v: Vector6<f64>| <[f64; 6]>::from(v);
-    parts.put(rows().flat_map(|(k, _)| vector(estimate.force[k])), 6 * nv);
-    let process = |(k, enters): (usize, bool)| if enters { estimate.process[k] } else { Vector6::zeros() };
-    parts.put(rows().flat_map(|row| vector(process(row))), 6 * nv);
-    let Some(covariance) = covariance else { return };
-    parts.put(covariance.acceleration.iter().copied(), nv);
-    parts.put(covariance.torque.iter().copied(), nv);
-    // Symmetric, so that the order of columns is that of rows.
-    let matrix = |m: Matrix6<f64>| (0..36).map(move |i| m[i]);
-    parts.put(rows().flat_map(|(k, _)| matrix(covariance.force[k].to_matrix())), 36 * nv);
-    let process = |(k, enters): (usize, bool)| {
-        if enters { covariance.process[k].to_matrix() } else { Matrix6::zeros() }
-    };
-    parts.put(rows().flat_map(|row| matrix(process(row))), 36 * nv);
+    let process = |(k, enters): (usize, bool)| vector(if enters { estimate.process[k] } else { Vector6::zeros() });
+    let means = once(estimate.log_likelihood)
+        .chain(estimate.acceleration.iter().copied())
+        .chain(estimate.torque.iter().copied())
+        .chain(rows().flat_map(|(k, _)| vector(estimate.force[k])))
+        .chain(rows().flat_map(process));
+    let covariances = covariance.into_iter().flat_map(|covariance| {
+        // Symmetric, so that the order of columns is that of rows.
+        let matrix = |m: Matrix6<f64>| (0..36).map(move |i| m[i]);
+        let process = move |(k, enters): (usize, bool)| {
+            matrix(if enters { covariance.process[k].to_matrix() } else { Matrix6::zeros() })
+        };
+        let variances = covariance.acceleration.iter().chain(&covariance.torque).copied();
+        let forces = rows().flat_map(move |(k, _)| matrix(covariance.force[k].to_matrix()));
+        variances.chain(forces).chain(rows().flat_map(process))
+    });
+    write(means.chain(covariances), out);
 }
 
+/// The same of the dense method.
 fn write_batch(estimate: &BatchEstimate, out: &mut [f64]) {
     let nv = estimate.acceleration.len();
-    let mut parts = Parts(out);
-    parts.put([estimate.log_likelihood], 1);
-    parts.put(estimate.acceleration.iter().copied(), nv);
-    parts.put(estimate.torque.iter().copied(), nv);
-    parts.put(estimate.force.iter().copied(), 6 * nv);
-    parts.put(estimate.process.iter().copied(), 6 * nv);
-    let Some(covariance) = &estimate.covariance else { return };
-    parts.put((0..nv).map(|i| covariance.acceleration[(i, i)]), nv);
-    parts.put((0..nv).map(|i| covariance.torque[(i, i)]), nv);
-    for m in [&covariance.force, &covariance.process] {
-        let block = |k: usize| (0..36).map(move |i| m[(6 * k + i / 6, 6 * k + i % 6)]);
-        parts.put((0..nv).flat_map(block), 36 * nv);
+    let BatchEstimate { log_likelihood, acceleration, torque, force, process, covariance } = estimate;
+    let means = once(log_likelihood).chain(acceleration).chain(torque).chain(force).chain(process);
+    let covariances = covariance.iter().flat_map(|covariance| {
+        let [a, t] = [&covariance.acceleration, &covariance.torque];
+        let variances = (0..nv).map(|i| a[(i, i)]).chain((0..nv).map(|i| t[(i, i)]));
+        let blocks = [&covariance.force, &covariance.process]
+            .into_iter()
+            .flat_map(move |m| (0..nv).flat_map(move |k| (0..36).map(move |i| m[(6 * k + i / 6, 6 * k + i % 6)])));
+        variances.chain(blocks)
+    });
+    write(means.copied().chain(covariances), out);
+}
+
+fn write(numbers: impl Iterator<Item = f64>, out: &mut [f64]) {
+    for (to, from) in out.iter_mut().zip(numbers) {
+        *to = from;
     }
 }
 
