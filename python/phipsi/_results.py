@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,6 +138,32 @@ class Joint(NamedTuple):
     """Largest torque or force, N m or N; inf where there is none."""
     mimic: Mimic | None
     """The joint that it should follow; None for most."""
+
+
+def joint_of(described: tuple[Any, ...], has_axis: bool) -> Joint:
+    """A joint from the numbers and names that it was given, as pickles have them."""
+    name, kind, pitch, parent, child, (rotation, xyz), axis, (armature, damping, friction), limits, mimic, (stiffness, rest) = described
+    lower, upper, velocity, effort = limits
+    return Joint(
+        name,
+        kind,
+        parent or None,
+        child,
+        xyz=np.array(xyz),
+        rotation=np.array(rotation).reshape(3, 3),
+        axis=np.array(axis) if has_axis else None,
+        pitch=pitch,
+        armature=armature,
+        damping=damping,
+        friction=friction,
+        stiffness=stiffness,
+        rest=np.array(rest, float),
+        lower=lower,
+        upper=upper,
+        velocity=velocity,
+        effort=effort,
+        mimic=Mimic(*mimic) if mimic else None,
+    )
 
 
 class Samples(NamedTuple):

@@ -68,9 +68,8 @@ impl<'a, 'py, P: Precision + Element> Call<'a, 'py, P> {
         wrenches: Vec<Wrench<'py>>,
         cost: Cost,
     ) -> PyResult<Self> {
-        let given = inputs.iter().map(|input| (&*input.name, input.leading()));
-        let all = given.chain(wrenches.iter().map(|Wrench { input, .. }| (&*input.name, input.leading())));
-        let batch = if all.clone().all(|(_, leading)| leading.is_empty()) { Vec::new() } else { broadcast_axes(all)? };
+        let all = || names_and_axes(&inputs, &wrenches);
+        let batch = if all().all(|(_, axes)| axes.is_empty()) { Vec::new() } else { broadcast_axes(all())? };
         let Some(states) = entries(&batch) else {
             return Err(Error::argument("batch", "more states than memory has addresses", "fewer").into());
         };
@@ -100,9 +99,8 @@ impl<'a, 'py, P: Precision + Element> Call<'a, 'py, P> {
 
     /// The names of the arguments that make the batch as large as it is.
     pub fn asking(&self) -> String {
-        let given = self.inputs.iter().map(|input| (&*input.name, input.leading()));
-        let all = given.chain(self.wrenches.iter().map(|Wrench { input, .. }| (&*input.name, input.leading())));
-        let names: Vec<&str> = all.filter(|(_, leading)| !leading.is_empty()).map(|(name, _)| name).collect();
+        let all = names_and_axes(&self.inputs, &self.wrenches);
+        let names: Vec<&str> = all.filter(|(_, axes)| !axes.is_empty()).map(|(name, _)| name).collect();
         if names.is_empty() { "scene".to_owned() } else { names.join(", ") }
     }
 
@@ -168,6 +166,15 @@ impl<'py> Call<'_, 'py> {
             })
         })
     }
+}
+
+/// What messages call the arguments of a call, and their leading axes.
+fn names_and_axes<'a, P: Precision + Element>(
+    inputs: &'a [Input<'_, P>],
+    wrenches: &'a [Wrench<'_>],
+) -> impl Iterator<Item = (&'a str, &'a [usize])> {
+    let given = inputs.iter().map(|input| (&*input.name, input.leading()));
+    given.chain(wrenches.iter().map(|Wrench { input, .. }| (&*input.name, input.leading())))
 }
 
 /// Runs a batch with these leading axes without the GIL, but for short ones; raises the fault of the lowest state.

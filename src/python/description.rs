@@ -20,7 +20,7 @@ type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
 
 /// Name, kind, pitch, parent, child, origin (rotation row by row, lever), axis, (armature, damping, friction), limits
 /// (lower, upper, velocity, effort), mimic (joint, multiplier, offset), spring (stiffness, rest).
-type JointTuple = (
+pub(super) type JointTuple = (
     String,
     String,
     Option<f64>,
@@ -113,7 +113,8 @@ fn link_tuple(link: &LinkDescription) -> LinkTuple {
     (name.clone(), inertial.map(|Inertial { mass, centre, central }| (mass, centre.into(), central.entries)))
 }
 
-fn joint_tuple(joint: &JointDescription) -> JointTuple {
+/// All that a joint was given, in plain numbers and names.
+pub(super) fn joint_tuple(joint: &JointDescription) -> JointTuple {
     // Named one by one, so that a new field cannot be forgotten.
     let JointDescription {
         name,

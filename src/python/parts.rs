@@ -1,10 +1,11 @@
 //! Methods of `Scene`: its links and joints by name, as they were given.
 
+use super::description::joint_tuple;
 use super::object::{Object, result_class};
 use super::output::from_numbers;
 use super::scene::PyScene;
 use crate::error::Error;
-use crate::scene::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene};
+use crate::scene::{Inertial, JointDescription, LinkDescription, Scene};
 use crate::spatial::Symmetric3;
 use nalgebra::Vector3;
 use pyo3::prelude::*;
@@ -23,7 +24,7 @@ impl PyScene {
         let carrier = joints(&self.scene).find(|joint| joint.child == name);
         let mut links = self.scene.source().links().iter();
         let link = links.find(|link| link.name == name).ok_or_else(|| missing("link", name))?;
-        link_tuple(py, link, carrier.as_deref())
+        link_parts(py, link, carrier.as_deref())
     }
 
     /// The joint of that name, fixed ones too: the named tuple Joint(name, type, parent, child, xyz, ...).
@@ -32,7 +33,7 @@ impl PyScene {
     #[pyo3(signature = (name, /))]
     fn joint<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Object<'py>> {
         match joints(&self.scene).find(|joint| joint.name == name) {
-            Some(joint) => joint_tuple(py, &joint),
+            Some(joint) => joint_parts(py, &joint),
             // The error has the names of those that move: it is one of them that is meant, as a rule.
             None => Err(self.scene.joint(name).err().unwrap_or_else(|| missing("joint", name)).into()),
         }
@@ -48,7 +49,7 @@ impl PyScene {
         let all = PyDict::new(py);
         for link in self.scene.links() {
             let link = described.get(link.name.as_str()).ok_or_else(|| missing("link", &link.name))?;
-            all.set_item(&link.name, link_tuple(py, link, carriers.get(&link.name).map(|joint| &**joint))?)?;
+            all.set_item(&link.name, link_parts(py, link, carriers.get(&link.name).map(|joint| &**joint))?)?;
         }
         Ok(all)
     }
@@ -58,7 +59,7 @@ impl PyScene {
     fn joints<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let all = PyDict::new(py);
         for joint in joints(&self.scene) {
-            all.set_item(&joint.name, joint_tuple(py, &joint)?)?;
+            all.set_item(&joint.name, joint_parts(py, &joint)?)?;
         }
         Ok(all)
     }
@@ -82,7 +83,7 @@ fn vector<'py>(py: Python<'py>, v: &Vector3<f64>) -> PyResult<Object<'py>> {
 }
 
 /// The named tuple of a link, carried by that joint.
-fn link_tuple<'py>(
+fn link_parts<'py>(
     py: Python<'py>,
     link: &LinkDescription,
     carrier: Option<&JointDescription>,
@@ -100,52 +101,12 @@ fn parent_of(joint: &JointDescription) -> Option<&str> {
     Some(joint.parent.as_str()).filter(|parent| !parent.is_empty())
 }
 
-/// The named tuple of a joint.
-fn joint_tuple<'py>(py: Python<'py>, joint: &JointDescription) -> PyResult<Object<'py>> {
-    // Named one by one, so that a new field cannot be forgotten.
-    let JointDescription {
-        name,
-        kind,
-        parent: _,
-        child,
-        origin,
-        axis,
-        armature,
-        damping,
-        friction,
-        spring,
-        limits,
-        mimic,
-    } = joint;
-    let Limits { lower, upper, velocity, effort } = *limits;
-    let mimic = mimic
-        .as_ref()
-        .map(|Mimic { joint, multiplier, offset }| result_class(py, "Mimic")?.call1((joint, multiplier, offset)));
-    let axis = kind.has_axis().then(|| vector(py, &(axis / axis.amax()).normalize()));
-    let rest = if spring.rest.is_empty() { kind.neutral() } else { spring.rest.clone() };
-    let fields = PyDict::new(py);
-    fields.set_item("name", name)?;
-    fields.set_item("type", kind.name())?;
-    fields.set_item("parent", parent_of(joint))?;
-    fields.set_item("child", child)?;
-    fields.set_item("xyz", vector(py, &origin.lever)?)?;
-    fields.set_item("rotation", from_numbers(py, origin.rotation.transpose().as_slice(), &[3, 3])?)?;
-    fields.set_item("axis", axis.transpose()?)?;
-    fields.set_item("pitch", if let JointKind::Screw { pitch } = kind { Some(pitch) } else { None })?;
-    let numbers = [
-        ("armature", *armature),
-        ("damping", *damping),
-        ("friction", *friction),
-        ("stiffness", spring.stiffness),
-        ("lower", lower),
-        ("upper", upper),
-        ("velocity", velocity),
-        ("effort", effort),
-    ];
-    for (field, number) in numbers {
-        fields.set_item(field, number)?;
+/// The named tuple of a joint: its axis as a unit vector, its spring at rest somewhere.
+fn joint_parts<'py>(py: Python<'py>, joint: &JointDescription) -> PyResult<Object<'py>> {
+    let mut told = joint.clone();
+    told.axis = (joint.axis / joint.axis.amax()).normalize();
+    if told.spring.rest.is_empty() {
+        told.spring.rest = joint.kind.neutral();
     }
-    fields.set_item("rest", from_numbers(py, &rest, &[rest.len()])?)?;
-    fields.set_item("mimic", mimic.transpose()?)?;
-    result_class(py, "Joint")?.call((), Some(&fields))
+    result_class(py, "joint_of")?.call1((joint_tuple(&told), joint.kind.has_axis()))
 }
