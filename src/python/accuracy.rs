@@ -1,6 +1,6 @@
 //! What forward dynamics knows of its own accuracy, for Python: the form of each state, and its estimated error.
 
-use super::object::{Object, result_class};
+use super::object::{Object, imported};
 use crate::batch::Fault;
 use crate::batch::chunk::Arguments;
 use crate::batch::evaluator::{Evaluated, Evaluator};
@@ -47,7 +47,7 @@ impl Told {
     /// The `Accuracy` of a batch with these leading axes.
     pub fn finish<'py>(self, py: Python<'py>, batch: &[usize]) -> PyResult<Object<'py>> {
         let of_states = self.of_states.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let class = result_class(py, "Accuracy")?;
+        let class = imported!(py, "phipsi._results", "Accuracy")?;
         if let ([], [one]) = (batch, &*of_states) {
             return class.call1((one.name(), one.error));
         }

@@ -1,6 +1,6 @@
 //! Methods of `Scene`: configurations as a manifold, and limits.
 
-use super::object::{Object, result_class};
+use super::object::{Object, imported};
 use super::output::{Array, from_numbers};
 use super::scene::PyScene;
 use crate::scene::Limits;
@@ -56,6 +56,6 @@ impl PyScene {
         };
         let (lower, upper) = (column(|limits| limits.lower)?, column(|limits| limits.upper)?);
         let (velocity, effort) = (column(|limits| limits.velocity)?, column(|limits| limits.effort)?);
-        result_class(py, "Limits")?.call1((lower, upper, velocity, effort))
+        imported!(py, "phipsi._results", "Limits")?.call1((lower, upper, velocity, effort))
     }
 }

@@ -7,7 +7,7 @@ use super::choice::names;
 use super::cost::Cost;
 use super::errors::asked_by;
 use super::input::{Input, in_python};
-use super::object::{Object, result_class};
+use super::object::{Object, imported};
 use super::output::Output;
 use super::scene::PyScene;
 use super::scratch::{Estimation, Scratch};
@@ -148,7 +148,8 @@ impl PyScene {
     /// The argument `measured` as one flag a degree of freedom.
     fn measured(&self, measured: &Object<'_>) -> PyResult<Vec<bool>> {
         let nv = self.scene.nv();
-        if let Some(mask) = in_python("flags", "measured", measured, self.rates())?.extract()? {
+        let flags = imported!(measured.py(), "phipsi._arguments", "flags")?;
+        if let Some(mask) = in_python(flags, "measured", measured, self.rates())?.extract()? {
             return Ok(mask);
         }
         let mut mask = vec![false; nv];
@@ -167,7 +168,7 @@ fn with_mask<'a, 'py>(
     read: impl Fn(&'static str, &Object<'py>, Axis<'a>) -> PyResult<Input<'py>>,
 ) -> PyResult<(Input<'py>, Input<'py>)> {
     let py = value.py();
-    let parts = py.import("phipsi._arguments")?.getattr("split_mask")?.call1((value,))?;
+    let parts = imported!(py, "phipsi._arguments", "split_mask")?.call1((value,))?;
     match parts.extract::<Option<(Object<'py>, Object<'py>)>>()? {
         Some((known, unknown)) => Ok((read(name, &known, axis)?, read(name, &unknown, axis)?)),
         None => Ok((read(name, value, axis)?, Input::filled(py, name, 0.0, axis.width())?)),
@@ -262,5 +263,5 @@ fn result<'py>(
         fields.set_item(*name, output.finish())?;
         at += own;
     }
-    result_class(py, "Estimate")?.call((), Some(&fields))
+    imported!(py, "phipsi._results", "Estimate")?.call((), Some(&fields))
 }

@@ -5,7 +5,7 @@ use super::choice::read_form;
 use super::errors::{asked_by, fault};
 use super::input::{self, Input};
 use super::interrupts::{detached, detached_checked, drop_elsewhere};
-use super::object::Object;
+use super::object::{Object, imported};
 use super::output::{Array, Output, from_numbers};
 use super::scene::PyScene;
 use super::scratch::Scratch;
@@ -174,7 +174,7 @@ impl PyScene {
     /// Raises SingularJointError, naming joint and state; ShapeError, NotFiniteError or ArgumentError for a bad q.
     #[pyo3(signature = (q, *, form="auto"))]
     fn factor<'py>(slf: &Bound<'py, Self>, q: &Object<'py>, form: &str) -> PyResult<Object<'py>> {
-        slf.py().import("phipsi.operators")?.getattr("Factor")?.call1((PyFactor::new(slf, q, read_form(form)?)?,))
+        imported!(slf.py(), "phipsi.operators", "Factor")?.call1((PyFactor::new(slf, q, read_form(form)?)?,))
     }
 }
 

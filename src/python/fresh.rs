@@ -2,11 +2,11 @@
 
 use super::errors::no_room;
 use super::input::MANY;
+use super::object::{Object, imported};
 use crate::memory;
 use crate::scalar::Precision;
 use numpy::{Element, IxDyn, PyArray, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
 use std::sync::{Mutex, PoisonError};
 
 /// What is said to ask for the memory of a result, until it is known which argument did.
@@ -29,11 +29,10 @@ pub(super) fn zeros<'py, P: Precision + Element>(
     py: Python<'py>,
     shape: &[usize],
 ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
-    static ZEROS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     if entries(shape).is_some_and(|entries| entries <= MANY) {
         return Ok(PyArray::zeros(py, IxDyn(shape), false));
     }
-    made_by(py, (&ZEROS, "zeros"), shape)
+    made_by(py, imported!(py, "numpy", "zeros")?, shape)
 }
 
 /// A new array of whatever was there: to zero megabytes takes a tenth of computing M.
@@ -54,19 +53,18 @@ pub(super) fn entries(shape: &[usize]) -> Option<usize> {
 }
 
 fn empty<'py, P: Precision + Element>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
-    static EMPTY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    made_by(py, (&EMPTY, "empty"), shape)
+    made_by(py, imported!(py, "numpy", "empty")?, shape)
 }
 
-/// What a function of NumPy, to be imported once, makes of a shape.
+/// What a function of NumPy makes of a shape.
 fn made_by<'py, P: Precision + Element>(
     py: Python<'py>,
-    (function, name): (&PyOnceLock<Py<PyAny>>, &str),
+    function: &Object<'py>,
     shape: &[usize],
 ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     let bytes = memory::bytes_of::<P>(shape);
     memory::room(RESULT, bytes)?;
-    let made = function.import(py, "numpy", name)?.call1((shape.to_vec(), P::NAME));
+    let made = function.call1((shape.to_vec(), P::NAME));
     Ok(made.map_err(|cause| no_room(py, RESULT, &cause, Some(bytes)))?.cast_into()?)
 }
 

@@ -1,7 +1,7 @@
 //! Methods of `Scene`: where links are, how they move, energy and momentum.
 
 use super::errors::asked_by;
-use super::object::{Object, result_class};
+use super::object::{Object, imported};
 use super::output::{Array, Output};
 use super::scene::PyScene;
 use pyo3::prelude::*;
@@ -84,7 +84,7 @@ impl PyScene {
             output.gather(py, 1, both.numbers()?.chunks_exact(2).map(|state| &state[which..=which]))?;
             output.finish_or_scalar()
         };
-        result_class(py, "Energy")?.call1((part(0)?, part(1)?))
+        imported!(py, "phipsi._results", "Energy")?.call1((part(0)?, part(1)?))
     }
 
     /// Spatial momentum of all moving bodies: (angular about the base's origin, linear), in the base frame.

@@ -4,7 +4,7 @@
 
 use super::axis::Axis;
 use super::errors::no_room;
-use super::object::Object;
+use super::object::{Object, imported};
 use crate::batch::{Broadcast, shape_text};
 use crate::error::Error;
 use crate::memory;
@@ -15,6 +15,7 @@ use numpy::{
     PyUntypedArray, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
+use pyo3::types::{PyFloat, PyInt, PyList, PyTuple};
 use std::borrow::Cow;
 use std::ops::Range;
 
@@ -195,9 +196,13 @@ pub(super) fn wrong_shape(name: &str, found: &[usize], expected: String) -> PyEr
 }
 
 /// What a function of `phipsi._arguments` makes of an argument.
-pub(super) fn in_python<'py>(function: &str, name: &str, value: &Object<'py>, axis: Axis<'_>) -> PyResult<Object<'py>> {
-    let module = value.py().import("phipsi._arguments")?;
-    module.getattr(function)?.call1((name, value, axis.joints(), axis.width()))
+pub(super) fn in_python<'py>(
+    function: &Object<'py>,
+    name: &str,
+    value: &Object<'py>,
+    axis: Axis<'_>,
+) -> PyResult<Object<'py>> {
+    function.call1((name, value, axis.joints(), axis.width()))
 }
 
 /// C-contiguous and aligned numbers of kind `P` as they are; any other real numbers converted; the rest refused by name.
@@ -215,6 +220,16 @@ pub(super) fn read<'py, P: Precision + Element>(
 /// Whether it is an array and no subclass: such have masks or units.
 pub(super) fn is_bare(value: &Object<'_>) -> bool {
     value.is_exact_instance_of::<PyUntypedArray>()
+}
+
+/// Whether it is a list or a tuple of Python's numbers alone, with neither names nor masks among them.
+fn is_of_numbers(value: &Object<'_>) -> bool {
+    let is_number =
+        |entry: Object<'_>| entry.is_exact_instance_of::<PyFloat>() || entry.is_exact_instance_of::<PyInt>();
+    match value.cast_exact::<PyList>() {
+        Ok(list) => list.iter().all(is_number),
+        Err(_) => value.cast_exact::<PyTuple>().is_ok_and(|tuple| tuple.iter().all(is_number)),
+    }
 }
 
 /// Whether the numbers of an array can be read as they lie.
@@ -240,9 +255,18 @@ fn convert<'py, P: Precision + Element>(
 ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
     let py = value.py();
     let is_real = |array: &Bound<'_, PyUntypedArray>| matches!(array.dtype().kind(), b'f' | b'i' | b'u');
-    let array = match value.cast::<PyUntypedArray>() {
-        Ok(array) if is_bare(value) && is_real(array) => array.clone(),
-        _ => in_python("array_of", name, value, axis).map_err(|cause| no_room(py, name, &cause, None))?.cast_into()?,
+    let found = if is_bare(value) {
+        Some(value.clone())
+    } else if is_of_numbers(value) {
+        imported!(py, "numpy", "asarray")?.call1((value,)).ok()
+    } else {
+        None
+    };
+    let array = if let Some(array) = found.and_then(|found| found.cast_into().ok()).filter(is_real) {
+        array
+    } else {
+        let array = in_python(imported!(py, "phipsi._arguments", "array_of")?, name, value, axis);
+        array.map_err(|cause| no_room(py, name, &cause, None))?.cast_into()?
     };
     let bytes = memory::bytes_of::<P>(&[array.len()]);
     memory::room(name, bytes)?;

@@ -8,7 +8,7 @@ use super::errors::{asked_by, batch_index, fault, of_batch};
 use super::fresh::entries;
 use super::input::{self, Input};
 use super::interrupts::detached;
-use super::object::Object;
+use super::object::{Object, imported};
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
 use crate::batch::{Fault, broadcast_axes};
@@ -174,11 +174,11 @@ impl PyScene {
             let velocity: Vec<f64> = each().map(|largest| largest.velocity).collect();
             let position: Vec<f64> = each().map(|largest| largest.position).collect();
             let largest = (from_numbers(py, &velocity, &batch)?, from_numbers(py, &position, &batch)?);
-            let largest = py.import("phipsi._motion")?.getattr("MomentumCorrection")?.call1(largest)?;
+            let largest = imported!(py, "phipsi._motion", "MomentumCorrection")?.call1(largest)?;
             fields.set_item("momentum_correction", largest)?;
         }
         let whole = (out_q.finish(), out_qd.finish());
-        let trajectory = py.import("phipsi._motion")?.getattr("trajectory_of")?.call(whole, Some(&fields))?;
+        let trajectory = imported!(py, "phipsi._motion", "trajectory_of")?.call(whole, Some(&fields))?;
         match stopped {
             None => Ok(trajectory),
             Some(stopped) => Err(stopped.raise(py, &trajectory, &batch)?),
@@ -198,7 +198,7 @@ impl PyScene {
     #[pyo3(signature = (**given),
            text_signature = "($self, *, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01)")]
     fn ode<'py>(slf: &Bound<'py, Self>, given: Option<&Bound<'py, PyDict>>) -> PyResult<Object<'py>> {
-        slf.py().import("phipsi._ode")?.getattr("Ode")?.call((slf,), given)
+        imported!(slf.py(), "phipsi._ode", "Ode")?.call((slf,), given)
     }
 }
 
@@ -255,8 +255,7 @@ impl Stopped {
                 (fault(py, Fault { state, error }, batch), Some(joint), index)
             }
         };
-        let made =
-            py.import("phipsi._motion")?.getattr("stopped")?.call1((trajectory, cause.value(py), joint, state))?;
+        let made = imported!(py, "phipsi._motion", "stopped")?.call1((trajectory, cause.value(py), joint, state))?;
         Ok(PyErr::from_value(made))
     }
 }

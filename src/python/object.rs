@@ -1,14 +1,16 @@
 //! Objects of Python.
 
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
 
 /// Any object: what arguments are before they are read, and results once they are made.
 pub(super) type Object<'py> = Bound<'py, PyAny>;
 
-/// The class of that name in `phipsi._results`: results of several parts.
-pub(super) fn result_class<'py>(py: Python<'py>, name: &str) -> PyResult<Object<'py>> {
-    static MODULE: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
-    let module = MODULE.get_or_try_init(py, || Ok::<_, PyErr>(py.import("phipsi._results")?.unbind()))?;
-    module.bind(py).getattr(name)
+/// What a module has by that name; each place that asks looks it up once.
+macro_rules! imported {
+    ($py:expr, $module:literal, $name:literal) => {{
+        static FOUND: pyo3::sync::PyOnceLock<pyo3::Py<pyo3::PyAny>> = pyo3::sync::PyOnceLock::new();
+        FOUND.import($py, $module, $name)
+    }};
 }
+
+pub(super) use imported;

@@ -2,7 +2,7 @@
 
 use super::fresh::{entries, unwritten, zeros};
 use super::input::{FEW, MANY, addresses, is_bare, wrong_shape};
-use super::object::Object;
+use super::object::{Object, imported};
 use crate::batch::shape_text;
 use crate::error::Error;
 use crate::scalar::Precision;
@@ -57,7 +57,7 @@ impl<'py, P: Precision + Element> Output<'py, P> {
             return Err(refuse(format!("an object of type {}", out.get_type().name()?)));
         };
         if !is_bare(out) {
-            let is_masked = out.py().import("phipsi._arguments")?.getattr("is_masked")?;
+            let is_masked = imported!(out.py(), "phipsi._arguments", "is_masked")?;
             if is_masked.call1((out,))?.extract()? {
                 return Err(refuse("a masked array".to_owned()));
             }

@@ -1,7 +1,7 @@
 //! Methods of `Scene`: its links and joints by name, as they were given.
 
 use super::description::joint_tuple;
-use super::object::{Object, result_class};
+use super::object::{Object, imported};
 use super::output::from_numbers;
 use super::scene::PyScene;
 use crate::error::Error;
@@ -93,7 +93,7 @@ fn link_parts<'py>(
     let inertia = from_numbers(py, central.to_matrix().as_slice(), &[3, 3])?;
     let (parent, joint) = (carrier.and_then(parent_of), carrier.map(|joint| joint.name.as_str()));
     let parts = (&link.name, mass, vector(py, &centre)?, inertia, parent, joint);
-    result_class(py, "Link")?.call1(parts)
+    imported!(py, "phipsi._results", "Link")?.call1(parts)
 }
 
 /// The parent link's name; the free joint of a floating base has none.
@@ -108,5 +108,5 @@ fn joint_parts<'py>(py: Python<'py>, joint: &JointDescription) -> PyResult<Objec
     if told.spring.rest.is_empty() {
         told.spring.rest = joint.kind.neutral();
     }
-    result_class(py, "joint_of")?.call1((joint_tuple(&told), joint.kind.has_axis()))
+    imported!(py, "phipsi._results", "joint_of")?.call1((joint_tuple(&told), joint.kind.has_axis()))
 }

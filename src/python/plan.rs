@@ -2,7 +2,7 @@
 
 use super::cost::WORTH_DETACHING;
 use super::interrupts::detached;
-use super::object::{Object, result_class};
+use super::object::{Object, imported};
 use super::scene::PyScene;
 use crate::plan::Omission;
 use pyo3::prelude::*;
@@ -14,12 +14,12 @@ impl PyScene {
     fn plan<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let short = self.size() < WORTH_DETACHING;
         let plan = if short { self.scene.plan() } else { detached(py, || self.scene.plan())? };
-        let class = result_class(py, "Omission")?;
+        let class = imported!(py, "phipsi._results", "Omission")?;
         let items = plan.items.into_iter().map(|item| {
             let Omission { what, switch, count, names, why, saved, operations } = item;
             class.call1((what, switch, operations, count, PyTuple::new(py, names)?, why, saved))
         });
         let items = PyTuple::new(py, items.collect::<PyResult<Vec<_>>>()?)?;
-        result_class(py, "Plan")?.call1((plan.bodies, plan.links, items))
+        imported!(py, "phipsi._results", "Plan")?.call1((plan.bodies, plan.links, items))
     }
 }

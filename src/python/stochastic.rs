@@ -6,7 +6,7 @@ use super::counts::{count, count_or, number};
 use super::errors::asked_by;
 use super::input::state;
 use super::interrupts::detached_checked;
-use super::object::{Object, result_class};
+use super::object::{Object, imported};
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
 use crate::error::Error;
@@ -114,7 +114,7 @@ impl PyRandomModel {
             [unset(&[count, nv, 6])?, unset(&[count, nv, 6])?, unset(&[count, nv])?];
         let all = [process.numbers()?, force.numbers()?, torque.numbers()?];
         detached_checked(py, || self.model.sample_into(&points, range, all))?;
-        result_class(py, "Samples")?.call1((process.finish(), force.finish(), torque.finish()))
+        imported!(py, "phipsi._results", "Samples")?.call1((process.finish(), force.finish(), torque.finish()))
     }
 
     /// The torques alone of the same samples, (samples, nv): arguments and errors as of sample().
@@ -208,7 +208,7 @@ type Remade = (Py<PyScene>, Vec<f64>, Option<Vec<f64>>, f64);
 
 /// The named tuple of an estimate.
 fn to_python<'py>(py: Python<'py>, estimate: &MassEstimate, nv: usize, confidence: f64) -> PyResult<Object<'py>> {
-    let class = result_class(py, "MassEstimate")?;
+    let class = imported!(py, "phipsi._results", "MassEstimate")?;
     let matrix = |numbers: &[f64]| from_numbers(py, numbers, &[nv, nv]);
     let m = matrix(&estimate.mass_matrix)?;
     match &estimate.spread {
