@@ -6,7 +6,7 @@ use super::call::Call;
 use super::choice::names;
 use super::cost::Cost;
 use super::errors::asked_by;
-use super::input::{Input, in_python};
+use super::input::{Input, in_python, is_bare};
 use super::object::{Object, imported};
 use super::output::Output;
 use super::scene::PyScene;
@@ -168,9 +168,10 @@ fn with_mask<'a, 'py>(
     read: impl Fn(&'static str, &Object<'py>, Axis<'a>) -> PyResult<Input<'py>>,
 ) -> PyResult<(Input<'py>, Input<'py>)> {
     let py = value.py();
-    let parts = imported!(py, "phipsi._arguments", "split_mask")?.call1((value,))?;
-    match parts.extract::<Option<(Object<'py>, Object<'py>)>>()? {
-        Some((known, unknown)) => Ok((read(name, &known, axis)?, read(name, &unknown, axis)?)),
+    let split = imported!(py, "phipsi._arguments", "split_mask")?;
+    let parts = if is_bare(value) { None } else { split.call1((value,))?.extract::<Option<[Object<'py>; 2]>>()? };
+    match parts {
+        Some([known, unknown]) => Ok((read(name, &known, axis)?, read(name, &unknown, axis)?)),
         None => Ok((read(name, value, axis)?, Input::filled(py, name, 0.0, axis.width())?)),
     }
 }
