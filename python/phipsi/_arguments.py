@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import ArgumentError, ShapeError
+from .errors import ArgumentError, ShapeError, of_argument
 
 __all__ = ["array_of", "flags", "is_masked", "split_mask"]
 
@@ -320,12 +320,8 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _refused(name: str, found: str, expected: str) -> ArgumentError:
-    error = ArgumentError(f"{name}: found {found}; expected {expected}")
-    error.argument = name
-    return error
+    return of_argument(ArgumentError, name, f"found {found}; expected {expected}")
 
 
 def _wrong_shape(name: str, array: NDArray[Any], expected: str) -> ShapeError:
-    error = ShapeError(f"{name}: found shape {array.shape}; expected {expected}")
-    error.argument = name
-    return error
+    return of_argument(ShapeError, name, f"found shape {array.shape}; expected {expected}")
