@@ -5,6 +5,7 @@
 #   make dev       the fast loop: a debug build with fewer kernels into .venv-dev (try: .venv-dev/bin/python, or -m pytest tests/python)
 #   make check     what CI adds: format, clippy (of the benches too), docs, stubs, abi3
 #   make peers     what to measure against: the peers, and Pinocchio's C++ harness (Debian: apt-get, as root)
+#   make stub      after make test: writes the docstrings of the compiled module into the stub
 #   make instructions   counts instructions with valgrind, fails where there are more than before
 #   make auto-states  what form auto costs at rest, held, falling, ...: writes docs/auto-states.md (two minutes)
 #   make leaving-out   counts with valgrind what each switch saves: writes the table of docs/leaving-out.md
@@ -27,7 +28,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python check bench numerics motion instructions auto-states leaving-out roofline peers peers-there peers-phipsi clean
+.PHONY: dev report test test-rust test-python check bench numerics motion instructions auto-states leaving-out roofline peers peers-there peers-phipsi stub clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -88,6 +89,9 @@ check: $(VENV)/test
 	cd tests/python && ../../$(BIN)/python -m mypy.stubtest phipsi._core
 	$(BIN)/mypy python/phipsi
 	$(BIN)/abi3audit --strict $(WHEELS)/phipsi-*.whl
+
+stub: $(VENV)/test
+	cd tests/python && ../../$(BIN)/python stub_docs.py ../../python/phipsi/_core.pyi
 
 # phipsi goes into the peers' environment: all of them are measured in one process.
 peers-phipsi: peers-there $(VENV)/wheel

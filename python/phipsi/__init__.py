@@ -20,20 +20,16 @@ SI units and radians throughout; spatial vectors are angular first; arrays have 
 from . import errors, scenes
 from ._core import (
     BUNDLED_ARM,
-    Omission,
-    Plan,
     RandomModel,
     Scene,
     SceneBuilder,
     __version__,
-    get_kept_memory,
     get_num_threads,
-    set_kept_memory,
     set_num_threads,
 )
 from ._motion import PD, MomentumCorrection, MotionEnergy, Trajectory, Violation
 from ._ode import Ode
-from ._results import Accuracy, Energy, Estimate, Joint, Limits, Link, MassEstimate, Mimic, Samples
+from ._results import Accuracy, Energy, Estimate, Joint, Limits, Link, MassEstimate, Mimic, Omission, Plan, Samples
 from .operators import Factor, Operator
 
 __all__ = [
@@ -62,9 +58,7 @@ __all__ = [
     "Violation",
     "__version__",
     "errors",
-    "get_kept_memory",
     "get_num_threads",
     "scenes",
-    "set_kept_memory",
     "set_num_threads",
 ]

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._motion import PD, Trajectory
 from ._ode import Ode
-from ._results import Accuracy, Energy, Estimate, Joint, Limits, Link, MassEstimate, Samples
+from ._results import Accuracy, Energy, Estimate, Joint, Limits, Link, MassEstimate, Plan, Samples
 from .operators import Factor
 
 __all__ = [
@@ -17,8 +17,6 @@ __all__ = [
     "Exact",
     "FORMS",
     "METHODS",
-    "Omission",
-    "Plan",
     "QUANTITIES",
     "ROUTES",
     "RandomModel",
@@ -30,15 +28,12 @@ __all__ = [
     "_numbers",
     "_rebuild_builder",
     "_rebuild_factor",
-    "_rebuild_omission",
-    "_rebuild_plan",
     "_rebuild_random_model",
     "_rebuild_scene",
     "chain",
     "emergence",
     "extreme",
     "extreme_names",
-    "get_kept_memory",
     "get_num_threads",
     "growth",
     "measure",
@@ -46,7 +41,6 @@ __all__ = [
     "operator_growth",
     "reference",
     "residuals",
-    "set_kept_memory",
     "set_num_threads",
 ]
 
@@ -59,20 +53,31 @@ _Float64: TypeAlias = type[np.float64] | np.dtype[np.float64] | Literal["float64
 _Float32: TypeAlias = type[np.float32] | np.dtype[np.float32] | Literal["float32"]
 _Errors: TypeAlias = Literal["raise", "nan"]
 _Form: TypeAlias = Literal["auto", "covariance", "joseph", "square-root"]
+_Method: TypeAlias = Literal["semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3"]
+_Switch: TypeAlias = Literal[
+    "fixed_joints",
+    "base_links",
+    "renamed_axes",
+    "tilted_axes",
+    "zero_levers",
+    "planar",
+    "zero_velocity",
+    "zero_gravity",
+]
 _JointType: TypeAlias = Literal[
-    "fixed", "revolute", "continuous", "prismatic", "screw", "planar", "spherical", "floating"
+    "fixed", "revolute", "continuous", "prismatic", "screw", "planar", "universal", "spherical", "floating"
 ]
 
 @final
 class Scene:
     """An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
 
-    Made by :meth:`from_urdf` or :meth:`SceneBuilder.build`. SI units and radians. Spatial 6-vectors are angular first:
+    Made by Scene.from_urdf or SceneBuilder.build. SI units and radians. Spatial 6-vectors are angular first:
     wrench = (moment, force), velocity = (angular, linear). Movable joints are in depth-first order, siblings in file order.
 
     Arrays are (..., nq) or (..., nv): leading batch axes broadcast, rank in = rank out. Lists, float32, integers, strided
     and Fortran-ordered arrays are converted; C-contiguous float64 is used without a copy. In q a revolute joint is an angle
-    (rad), a prismatic one a length (m), a screw an angle (its pitch in m/rad), a planar one (u, v, theta), a spherical one a
+    (rad), a prismatic one a length (m), a screw an angle (its pitch in m/rad), a planar one (u, v, theta), a universal one two angles (about x, then y), a spherical one a
     quaternion (x, y, z, w), a free one (x, y, z, qx, qy, qz, qw) with the rates (linear, angular) in the body's frame.
     Quaternions may be off unit norm by 1e-3, and are normalised.
 
@@ -97,21 +102,20 @@ class Scene:
         floating_base: bool = False,
         gravity: ArrayLike = (0, 0, -9.81),
         strict: bool = False,
-        leave_out: Collection[str] | None = None,
+        leave_out: Collection[_Switch] | None = None,
     ) -> Scene:
         """The scene of a URDF file or text.
 
-        source: a path, or the XML itself: a str that starts with "<" after white space. floating_base: puts a free joint
-        under the root link, "root_joint", or with "_" behind where the file has that name (it is joint_names[0]). gravity:
-        (3,), m/s^2, in the base frame. strict: what is warned of raises, but for mimic joints whose source is there.
-        leave_out: names of what may be left out, of "fixed_joints", "base_links",
-        "renamed_axes", "tilted_axes", "zero_levers", "planar", "zero_velocity" and
-        "zero_gravity"; None: all.
+        source: a path (str or os.PathLike), or the XML itself: a str that starts with "<" after white space.
+        floating_base: puts a free joint under the root link, "root_joint", or with "_" behind where the file has that name
+        (it is joint_names[0]). gravity: (3,), m/s^2, in the base frame. strict: what is warned of raises, but for mimic
+        joints whose source is there. leave_out: names of what may be left out, of "fixed_joints",
+        "base_links", "renamed_axes", "tilted_axes", "zero_levers", "planar", "zero_velocity" and "zero_gravity"; None: all.
         Results are the same to rounding, but operators and estimates need the first two (ArgumentError).
 
-        Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for another source.
-        Warns InertiaWarning for inertias that no body can have and for moving links that all have no mass, MimicWarning for
-        mimic joints (they stay free), LimitWarning for limits that mean nothing (they are taken as none), and
+        Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for a source that is
+        neither. Warns InertiaWarning for inertias that no body can have and for moving links that all have no mass,
+        MimicWarning for mimic joints (they stay free), LimitWarning for limits that mean nothing (they are taken as none), and
         UnknownTagWarning, once, for elements, attributes and text that are not understood (they are passed over).
         """
 
@@ -161,17 +165,23 @@ class Scene:
 
     @property
     def limits(self) -> Limits:
-        """Limits by degree of freedom: the named tuple Limits(lower, upper, velocity, effort) of arrays (nv,).
+        """Limits by degree of freedom, as the named tuple Limits(lower, upper, velocity, effort) of arrays (nv,).
 
-        rad or m, rad/s or m/s, N m or N; infinite where there is none; a joint of several degrees of freedom repeats its
-        own. Reported, never enforced.
+        rad or m, rad/s or m/s, N m or N; infinite where there is none; a joint of several degrees of freedom repeats its own.
+        Reported, never enforced.
         """
 
     def q_index(self, joint: str, /) -> slice[int, int, int]:
-        """Where a joint is in q. Raises ArgumentError, with the names that there are, for an unknown joint."""
+        """Where a joint is in q, a slice.
+
+        Raises ArgumentError, with the names that there are, for an unknown joint.
+        """
 
     def v_index(self, joint: str, /) -> slice[int, int, int]:
-        """Where a joint is in qd, qdd and tau. Raises ArgumentError, with the names that there are, for an unknown joint."""
+        """Where a joint is in qd, qdd and tau, a slice.
+
+        Raises ArgumentError, with the names that there are, for an unknown joint.
+        """
 
     def neutral(self) -> _Array:
         """The neutral configuration, (nq,): zero everywhere, the identity (0, 0, 0, 1) for quaternions."""
@@ -192,25 +202,26 @@ class Scene:
     ) -> _Array:
         """Joint accelerations from joint torques, in O(N): the smoother's estimates given the torques as measurements.
 
-        q: (..., nq); qd, tau: (..., nv). wrenches: dict from link names (links on fixed joints too) to (..., 6), each a
-        (moment, force) acting on that link, at its origin and in its frame. form: how P is carried: "covariance"
-        (equation 3.6), "joseph", "square-root" (right at extreme mass ratios too, at about twice the time), or "auto".
-        out: C-contiguous, of the result's shape and dtype, overlapping no argument; it is returned. dtype: float64, or float32 to
-        compute in twice as many SIMD lanes: about 6 digits, fewer by those of the condition number of M; a state that loses more
-        than 4 in form "auto" is done in float64 and rounded, and so is all that docs/lanes.md lists. Arguments are converted.
+        q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. wrenches: dict from link names (links on fixed joints
+        too) to (..., 6), each a (moment, force) acting on that link, at its origin and in its frame. form: how P is carried: "covariance"
+        (3.6), "joseph", "square-root" (right at extreme mass ratios too, at about twice the time), or "auto". out: C-contiguous, of the
+        result's shape and dtype, overlapping no argument; it is returned. dtype: float64, or float32 to compute in twice as many SIMD
+        lanes: about 6 digits, fewer by those of the condition number of M; a state that loses more than 4 in form "auto" is done in
+        float64 and rounded, and so is all that docs/lanes.md lists. Arguments are converted to it.
         errors: "raise", or "nan" to go on past bad states (numbers that are not finite, a quaternion off unit norm, a singular joint,
         an overflow): their results are NaN, and one BadStateWarning has .states and .reasons. Wrong shapes raise all the same.
 
         **tau of a free joint is (force, moment), as its qd is (linear, angular); wrenches are (moment, force).**
 
         return_info: whether to tell the accuracy too, one entry a state, for about five times the time in the forms "covariance" and
-        "square-root", next to nothing in "auto": then (qdd, Accuracy) is returned, with .form, the form that gave the result, and
-        .error, the estimated error of the largest acceleration.
+        "square-root", next to nothing in "auto".
 
-        Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (equations 4.4 to 4.11).
+        Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
+        the result, and .error, the estimated error of the largest acceleration.
 
-        Raises SingularJointError where a joint has no inertia along its axis; ArgumentError, naming the link, for the square-root
-        form of an inertia that no body can have. After an error out is partly written.
+        Raises SingularJointError where a joint has no inertia along its axis; ArgumentError, naming the link, for the square-root form
+        of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state. After an
+        error out is partly written.
         """
 
     @overload
@@ -267,7 +278,7 @@ class Scene:
         steps: int,
         tau: ArrayLike | Callable[[float, _Array, _Array], ArrayLike] | None = None,
         tau_steps: ArrayLike | None = None,
-        method: str = "semi-implicit-euler",
+        method: _Method = "semi-implicit-euler",
         record_every: int = 1,
         pd: PD | tuple[ArrayLike, ...] | None = None,
         armature: ArrayLike | None = None,
@@ -322,10 +333,11 @@ class Scene:
         friction: ArrayLike | None = None,
         friction_speed: float = 0.01,
     ) -> Ode:
-        """The equations of motion for SciPy's solve_ivp: right side, Jacobian, and a solver with error control on the manifold.
+        """The equations of motion for SciPy's solve_ivp: right side and Jacobian in tangent coordinates, and a solver with error control
+        on the manifold.
 
         tau: (nv,), constant, or a function of (t, q, qd), which is asked at every stage. pd, damping, stiffness, rest, friction,
-        friction_speed: as in simulate. Returns an Ode; Ode.solve(q, qd, t_span, ...) gives a Trajectory.
+        friction_speed: as in simulate. Returns an Ode; Ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) gives a Trajectory.
 
         Raises ImportError without SciPy; ShapeError, NotFiniteError, ArgumentError.
         """
@@ -344,11 +356,13 @@ class Scene:
     ) -> _Array:
         """Joint torques from joint accelerations, in O(N), gravity and armature included.
 
-        q: (..., nq); qd, qdd: (..., nv); wrenches, out, dtype and errors as in forward_dynamics.
+        q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches, out, dtype and errors as in forward_dynamics.
 
         **tau of a free joint is (force, moment), as its qd and qdd are (linear, angular); wrenches are (moment, force).**
 
-        Returns tau, (..., nv) = H phi (Q lambda + b) + armature qdd - J^T w (equations 1.5, 2.9, 2.10).
+        Returns tau, (..., nv) = H phi (Q lambda + b) + armature qdd - J^T w (1.5, 2.9, 2.10).
+
+        Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
         """
 
     @overload
@@ -370,7 +384,9 @@ class Scene:
     ) -> _Array:
         """The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
 
-        q: (..., nq); qd: (..., nv); out, dtype and errors as in forward_dynamics. Returns (..., nv), N m or N.
+        q: (..., nq); qd: (..., nv); leading axes broadcast; out, dtype and errors as in forward_dynamics. Returns (..., nv), N m or N.
+
+        Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
         """
 
     @overload
@@ -384,10 +400,11 @@ class Scene:
     ) -> _Array:
         """The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
 
-        q: (..., nq); out, dtype and errors as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric. Large batches of
+        q: (..., nq); out, dtype and errors as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units. Large batches of
         matrices take less time into an out that was used before: new memory is cleared by the system first.
 
         Raises ArgumentError above 4000 degrees of freedom: inverse_dynamics multiplies by the matrix without forming it.
+        Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
         """
 
     @overload
@@ -401,10 +418,10 @@ class Scene:
     ) -> _Array:
         """The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
 
-        q: (..., nq). form, out, dtype and errors: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric.
+        q: (..., nq). form, out, dtype and errors: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units.
 
-        Raises SingularJointError; ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse
-        without forming it.
+        Raises ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse without forming it.
+        Raises SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
         """
 
     @overload
@@ -416,14 +433,17 @@ class Scene:
         """Where every link is: a dict from link names to homogeneous matrices, link frame to base frame.
 
         q: (..., nq). Each value: (..., 4, 4), [[R, p], [0, 1]] with p in m; an array of its own, in the order of link_names.
+
+        errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
         """
 
     def jacobian(self, q: ArrayLike, link: str, *, errors: _Errors = "raise") -> _Array:
         """The Jacobian J of a link: its spatial velocity (angular, linear), at its origin and in its own frame, is J qd.
 
-        q: (..., nq). Returns (..., 6, nv); a wrench w on the link there gives the joint torques J^T w.
+        q: (..., nq). Returns (..., 6, nv), SI units; a wrench w on the link there gives the joint torques J^T w.
 
-        Raises ArgumentError for an unknown link.
+        errors: as in forward_dynamics. Raises ArgumentError for an unknown link; ShapeError,
+        NotFiniteError, ArgumentError for a bad q, naming the state.
         """
 
     def operational_inverse_inertia(
@@ -442,11 +462,12 @@ class Scene:
         rotation: (3, 3) or (m, 3, 3): the task frame's origin and axes in its link's frame, by default the link's own; the same
         for the whole batch. form and errors: as in forward_dynamics.
 
-        Returns (..., 6m, 6m), full and exactly symmetric. Wrenches (moment, force) on the frames, each at its origin and in its
-        axes, stacked, times this is how they change the frames' (angular, linear) accelerations. Defined in singular
+        Returns (..., 6m, 6m), full and exactly symmetric, SI units. Wrenches (moment, force) on the frames, each at its origin and in
+        its axes, stacked, times this is how they change the frames' (angular, linear) accelerations. Defined in singular
         configurations too, where operational_inertia is not; zero for links on the base.
 
-        Raises ArgumentError for an unknown link, no link, or a rotation that is none (to within 1e-9); SingularJointError.
+        Raises ArgumentError for an unknown link, no link, or a rotation that is none (to within 1e-9); SingularJointError, ShapeError,
+        NotFiniteError, naming the state.
         """
 
     def operational_inertia(
@@ -462,7 +483,7 @@ class Scene:
     ) -> _Array:
         """The operational-space inertia (S J M^-1 J^T S^T)^-1 of task directions S.
 
-        q, links, xyz, rotation, form and errors as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
+        q, links, xyz, rotation, form, errors: as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
         stacked (angular, linear) velocities of the frames; all 6m by default; the same for the whole batch.
 
         Returns (..., k, k), exactly symmetric and positive definite.
@@ -473,28 +494,37 @@ class Scene:
         """
 
     def energy(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> Energy:
-        """Kinetic energy (armature included) and potential energy: the named tuple Energy(kinetic, potential).
+        """Kinetic energy (armature included) and potential energy, as the named tuple Energy(kinetic, potential).
 
-        q: (..., nq); qd: (..., nv). Each (...), J; the potential is zero with the mass centre at the base's origin.
+        q: (..., nq); qd: (..., nv); leading axes broadcast. Each (...), J; the potential is zero with the mass centre at the
+        base's origin.
+
+        errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
         """
 
     def momentum(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """Spatial momentum of all moving bodies: (angular about the base's origin, linear), in the base frame.
 
-        q: (..., nq); qd: (..., nv). Returns (..., 6), N m s and N s. Armature adds nothing here.
+        q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 6), N m s and N s. Armature adds nothing here.
+
+        errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
         """
 
     def integrate(self, q: ArrayLike, v: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """The configuration reached from q by the constant velocity v in unit time, on the manifold.
 
-        q: (..., nq); v: (..., nv). Returns (..., nq), quaternions of unit norm. A free joint moves along the screw of its
-        twist, a spherical joint turns about its rate, all others add.
+        q: (..., nq); v: (..., nv); leading axes broadcast. Returns (..., nq), quaternions of unit norm. A free joint moves
+        along the screw of its twist, a spherical joint turns about its rate, all others add.
+
+        errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
         """
 
     def difference(self, q0: ArrayLike, q1: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """The velocity that takes q0 to q1 in unit time, the inverse of integrate; rotations go the short way.
 
-        q0, q1: (..., nq). Returns (..., nv).
+        q0, q1: (..., nq); leading axes broadcast. Returns (..., nv), SI units.
+
+        errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
         """
 
     def lock(self, joints: Iterable[str], q: ArrayLike) -> Scene:
@@ -502,7 +532,7 @@ class Scene:
 
         What is locked is folded into the bodies around it and costs nothing. Locking "root_joint" gives a fixed base.
 
-        Raises ArgumentError for an unknown joint.
+        Raises ArgumentError for an unknown joint; ShapeError, NotFiniteError or ArgumentError for a bad q.
         """
 
     def link(self, name: str, /) -> Link:
@@ -541,10 +571,9 @@ class Scene:
     ) -> Scene:
         """A new scene with other properties of joints; what is not given stays.
 
-        armature: kg m^2 or kg; damping: N m s/rad or N s/m; friction: N m or N; stiffness: N m/rad or N/m. Each is a dict from
-        joint names to numbers, one number for all movable joints (a floating base's "root_joint" among them: name joints to leave
-        it out), or an array: (nv,), or a number a joint in the order of joint_names. A joint has one number for all its degrees of
-        freedom.
+        armature: kg m^2 or kg; damping: N m s/rad or N s/m; friction: N m or N; stiffness: N m/rad or N/m. Each is a dict from joint
+        names to numbers, one number for all movable joints (a floating base's "root_joint" among them: name joints to leave it out),
+        or an array: (nv,), or a number a joint in the order of joint_names. A joint has one number for all its degrees of freedom.
 
         Raises ArgumentError, named after the property, for a joint that is unknown or fixed and for a value that is negative or
         not finite; ShapeError.
@@ -555,8 +584,8 @@ class Scene:
     ) -> Scene:
         """A new scene with a rigid body added to a link: what a gripper holds, a tool, a battery.
 
-        link: its name. mass: kg. com: (3,), the body's mass centre in the link's frame, m. inertia: (3, 3), about that mass
-        centre, axes parallel to the link's frame, kg m^2; None for a point mass. On a link of the base it changes nothing.
+        link: its name. mass: kg. com: (3,), the body's mass centre in the link's frame, m. inertia: (3, 3), about that mass centre,
+        axes parallel to the link's frame, kg m^2; None for a point mass. On a link of the base it changes nothing.
 
         Raises ArgumentError for an unknown link and for a mass that is negative; ShapeError, ArgumentError for arrays. Warns
         InertiaWarning where link and body together have an inertia that no body can have.
@@ -580,22 +609,25 @@ class Scene:
         method: Literal["sequential", "batch"] = "sequential",
         errors: _Errors = "raise",
     ) -> Estimate:
-        """Forces, accelerations and torques given the torques of some joints, with noise: conditional means (2.1, 2.7).
+        """Forces, accelerations and torques given the torques of some joints, with noise: conditional means (2.1, 2.7), in O(N).
 
-        q: (..., nq); qd, torque: (..., nv). noise: variance of each measurement, (N m)^2 (or N^2), one number or (..., nv);
-        0 is exact, inf is not measured. measured: None (all), names of joints, or a boolean array (nv,); torque and noise of
-        the other joints are not read, and entries that a masked array (numpy.ma) masks are not measured. prior_acceleration: (..., nv), mean a0 of the accelerations before, zero by default.
-        acceleration_variance: s, the variance of the acceleration of one kg m^2, (rad/s^2)^2, and of one kg, (m/s^2)^2.
-        covariance: the covariances of the errors too. method: "sequential" (filter and smoother, O(N)) or "batch" (section 2
-        with dense matrices, O(N^3), at most 300 degrees of freedom: a check).
+        q: (..., nq); qd, torque: (..., nv), N m or N; leading axes broadcast. noise: variance of each measurement, (N m)^2 or N^2, one
+        number or (..., nv); 0 is exact, inf is not measured. measured: None (all), names of joints, or a boolean array (nv,); torque and
+        noise of the other joints are not read, and entries that a masked array (numpy.ma) masks are not measured. prior_acceleration:
+        (..., nv), the mean a0 of the accelerations before, zero by default. acceleration_variance: s, the variance of the acceleration of
+        one kg m^2, (rad/s^2)^2, and of one kg, (m/s^2)^2. wrenches and errors: as in forward_dynamics. covariance: the covariances of the
+        errors too. method: "sequential" (filter and smoother) or "batch" (section 2 with dense matrices, O(N^3), at most 300 degrees of
+        freedom: a check).
 
-        The prior is the spatially random model: accelerations N(a0, s M^-1), torques N(T0, s M). A joint that is not measured
-        keeps its prior acceleration, mean (a0, as if locked there) and variance; its torque is what that takes. All joints
-        measured without noise: forward dynamics. Variances are right to eps times those of the prior (docs/estimation.md).
+        Under the model W ~ N(b + Q phi* H* a0, s Q), accelerations are N(a0, s M^-1) before anything is measured. A joint that is not
+        measured keeps its mean a0 (as if locked there) and its variance; its torque is what that takes. All joints measured without
+        noise: forward dynamics. Variances are right to eps times those of the prior (docs/estimation.md).
 
-        errors: as in forward_dynamics. Returns a phipsi.Estimate. Raises SingularJointError where a measured joint has no inertia along its axis (with
-        covariance: any joint); ArgumentError for an unknown joint or method, noise that is negative or NaN, a variance that is
-        not positive; NotFiniteError for a torque that is measured and not finite.
+        Returns a phipsi.Estimate.
+
+        Raises SingularJointError where a measured joint has no inertia along its axis (with covariance: any joint); ArgumentError for an
+        unknown joint or method, noise that is negative or NaN, or a variance that is not positive; ShapeError, NotFiniteError, naming the
+        argument and the state.
         """
 
     def factor(self, q: ArrayLike, *, form: _Form = "auto") -> Factor:
@@ -683,12 +715,13 @@ class SceneBuilder:
     ) -> SceneBuilder:
         """Adds a joint; the links that it names may come later.
 
-        xyz: (3,), m, and rpy: (3,), rad, R = Rz(yaw) Ry(pitch) Rx(roll), or rotation: (3, 3): the child's frame at zero
-        configuration seen from the parent's. axis: (3,), in the child's frame, of any length. pitch: m/rad, for a screw.
-        armature: kg m^2 or kg for each degree of freedom, part of the mass matrix. damping (N m s/rad or N s/m),
-        friction (N m or N), stiffness (N m/rad or N/m) and rest (the joint's coordinates there; None: the neutral ones): simulation only.
-        lower, upper, velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow, as
-        mimic_multiplier times its coordinate plus mimic_offset (rad or m); it stays free.
+        type: "fixed", "revolute", "continuous", "prismatic", "screw", "planar", "universal", "spherical" or "floating". xyz: (3,), m,
+        and rpy: (3,), rad, R = Rz(yaw) Ry(pitch) Rx(roll), or rotation: (3, 3): the child's frame at zero configuration
+        seen from the parent's. axis: (3,), in the child's frame, of any length. pitch: m/rad, for a screw. armature: kg m^2
+        or kg for each degree of freedom, part of the mass matrix. damping (N m s/rad or N s/m), friction (N m or N),
+        stiffness (N m/rad or N/m) and rest (the joint's coordinates there, None: the neutral ones): simulation only. lower, upper,
+        velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow, as mimic_multiplier
+        times its coordinate plus mimic_offset (rad or m); it stays free.
 
         Raises SceneError for an unknown type or a missing pitch; ShapeError or ArgumentError for arrays, naming the joint;
         build() checks the rest.
@@ -700,7 +733,7 @@ class SceneBuilder:
         gravity: ArrayLike | None = None,
         strict: bool | None = None,
         *,
-        leave_out: Collection[str] | None = None,
+        leave_out: Collection[_Switch] | None = None,
     ) -> Scene:
         """Checks everything and makes the Scene; the builder can be used again.
 
@@ -721,79 +754,16 @@ class SceneBuilder:
 def _numbers(name: str, value: ArrayLike, scene: Scene | None = None, coordinates: bool = False, /) -> _Array: ...
 def _rebuild_builder(description: tuple[Any, ...], /) -> SceneBuilder: ...
 def _rebuild_factor(scene: Scene, q: ArrayLike, form: str, /) -> RawFactor: ...
-def _rebuild_omission(fields: tuple[Any, ...], /) -> Omission: ...
-def _rebuild_plan(fields: tuple[Any, ...], /) -> Plan: ...
 def _rebuild_random_model(
     scene: Scene, q: list[float], qd: list[float] | None, acceleration_variance: float, /
 ) -> RandomModel: ...
 def _rebuild_scene(description: tuple[Any, ...], /) -> Scene: ...
 
 @final
-class Omission:
-    """One thing that a scene does not need and that was left out."""
-
-    @property
-    def switch(self) -> str | None:
-        """The name in leave_out that stands for it; None where there is one way to compute only."""
-
-    @property
-    def operations(self) -> int:
-        """Floating-point operations (a product with a sum is two) that forward dynamics of one state in covariance form does less.
-
-        In a call that needs nothing of this; 0 where nothing was counted. In 6-vectors, of a planar scene too, but for the item
-        "planar"; items of calls on the factor say beside what they count.
-        """
-
-    @property
-    def what(self) -> str:
-        """What, in a few words."""
-
-    @property
-    def count(self) -> int:
-        """How many."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The joints or links, where they have names."""
-
-    @property
-    def why(self) -> str:
-        """Why the results are the same without it."""
-
-    @property
-    def saved(self) -> str:
-        """What that saved."""
-
-    def __eq__(self, other: object, /) -> bool: ...
-    def __hash__(self) -> int: ...
-    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
-
-@final
-class Plan:
-    """What a scene does not need, and what leaving it out saved; printed, it is a list."""
-
-    @property
-    def bodies(self) -> int:
-        """Moving bodies that the sweeps visit."""
-
-    @property
-    def links(self) -> int:
-        """Links that the scene was built from."""
-
-    @property
-    def items(self) -> tuple[Omission, ...]:
-        """What was left out; only what this scene had."""
-
-    def __eq__(self, other: object, /) -> bool: ...
-    def __hash__(self) -> int: ...
-    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
-
-@final
 class RandomModel:
     """The spatially random model of a scene at one configuration (1.1 to 1.6): w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
 
-    Made by :meth:`Scene.random_model`. s is the acceleration variance, (rad/s^2)^2 of one kg m^2; v has the variance s times
-    the armature.
+    Made by Scene.random_model. s is the acceleration variance, (rad/s^2)^2 of one kg m^2; v has the variance s times the armature.
     """
 
     @property
@@ -834,8 +804,9 @@ class RandomModel:
 
         method: "monte-carlo", independent samples, whose error falls as samples^-1/2; "sobol", scrambled Sobol points, samples
         being replicates times a power of two, about samples^-1; "sigma-points", exact, which takes neither samples nor seed.
-        confidence: of the interval of each entry, between 0 and 1. replicates: scrambles, at least 2, for "sobol" only. Memory does not
-        grow with the samples.
+        confidence: of the interval of each entry, between 0 and 1. replicates: scrambles, at least 2, for "sobol" only.
+
+        Memory does not grow with the samples.
 
         Raises ArgumentError, naming the argument; OutOfMemoryError for more replicates than there is room for.
         """
@@ -846,7 +817,7 @@ class RandomModel:
 
 @final
 class RawFactor:
-    """The compiled half of phipsi.Factor: applies operators by name."""
+    """The compiled half of phipsi.operators.Factor: applies operators by name."""
 
     @property
     def nv(self) -> int:
@@ -869,10 +840,7 @@ class RawFactor:
         """The operator of that name times x, (..., columns), by a sweep; its transpose's if so said."""
 
     def update(self, q: ArrayLike, /) -> int:
-        """Moves every factor to its configuration in q, the shape that the factor was made with.
-
-        Returns how many bodies were computed anew, in all.
-        """
+        """Moves every factor to its configuration in q, the shape that the factor was made with; how many bodies were computed anew, in all."""
 
     def dense(self, kind: str, /) -> _Array:
         """The operator of that name as a matrix, (..., rows, columns), built from its definition and not by a sweep."""
@@ -912,7 +880,7 @@ class Exact:
         """By how much the answer changes when numbers move by one unit in the last place: kind of number to (max-norm, components)."""
 
     def time(self, method: str, precision: str, repeats: int) -> float:
-        """Median time of one method on this state over `repeats` calls, ns; for forward dynamics."""
+        """Median time of one method on this state over repeats calls, ns; for forward dynamics."""
 
 BUNDLED_ARM: str
 FORMS: tuple[str, ...]
@@ -944,7 +912,7 @@ def measure(
     """
 
 def growth(bodies: int, repeats: int) -> tuple[float, float, float]:
-    """`Scene::evaluate` in Rust on a chain of `bodies` equal links, one state a call, median ns a body over `repeats` passes: forward
+    """`Scene::evaluate` in Rust on a chain of bodies equal links, one state a call, median ns a body over repeats passes: forward
     dynamics in form "auto" and in form "covariance", and inverse dynamics.
     """
 
@@ -958,18 +926,18 @@ def emergence(scene: Scene, q: ArrayLike, route: str, samples: int, seed: int, r
     """
 
 def operator_growth(bodies: int, repeats: int) -> list[tuple[str, float]]:
-    """Applying each operator, and with a star its transpose, on a chain of `bodies` equal links: (name, median ns a body)."""
+    """Applying each operator, and with a star its transpose, on a chain of bodies equal links: (name, median ns a body)."""
 
 def extreme(
     name: str, value: float | None, bodies: int | None, seed: int
 ) -> tuple[Scene, _Array, _Array, _Array, str, float, str, tuple[float, ...]]:
-    """The extreme case of that name, as (scene, q, qd, tau, name, value, parameter, values); see `phipsi.scenes.extreme`."""
+    """The extreme case of that name, as (scene, q, qd, tau, name, value, parameter, values); see phipsi.scenes.extreme."""
 
 def extreme_names() -> tuple[str, ...]:
     """The names of the extreme cases."""
 
 def chain(n: int) -> Scene:
-    """A chain of n equal links; see `phipsi.scenes.chain`."""
+    """A chain of n equal links; see phipsi.scenes.chain."""
 
 def set_num_threads(threads: int | None) -> None:
     """Sets how many threads batches use from now on, in this process and those that it forks; calls under way keep theirs.
@@ -979,18 +947,6 @@ def set_num_threads(threads: int | None) -> None:
 
     Raises ArgumentError for what is no number of threads, or for more than the system gives; what was set before then stays.
     """
-
-def set_kept_memory(bytes: int) -> None:
-    """Sets how many bytes of memory of large results are kept at most for results to come: 134217728 when a process begins, 0 for none.
-
-    A result of four megabytes or more is a view of such memory, which goes to another result of as many numbers once no array refers to it any more;
-    NumPy's `resize` refuses views. Nothing is kept where Python runs without its global lock.
-
-    Raises ArgumentError for what is no whole number.
-    """
-
-def get_kept_memory() -> int:
-    """How many bytes of memory of large results are kept now, in use or not."""
 
 def get_num_threads() -> int:
     """How many threads the next batch uses; 1 where it runs on the caller's alone. Starts them where they are not there yet."""

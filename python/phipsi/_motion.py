@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .errors import SimulationError, SimulationInterrupted
+
 if TYPE_CHECKING:
     from ._core import Scene
 
@@ -178,3 +180,23 @@ def trajectory_of(
     if rows < q.shape[-2]:
         q, qd = q[..., :rows, :], qd[..., :rows, :]
     return Trajectory(scene, t, q, qd, dt, steps, method, armature, stiffness, rest, momentum_correction)
+
+
+def stopped(
+    trajectory: Trajectory, cause: BaseException, joint: str | None, state: int | tuple[int, ...] | None
+) -> BaseException:
+    """The exception of a simulation that ended early, with what was computed; no joint is at fault where tau or progress raised the cause."""
+    place = f"step {trajectory.steps} (t = {trajectory.steps * trajectory.dt:.6f} s)"
+    error: SimulationError | SimulationInterrupted
+    if joint is not None:
+        error = SimulationError(f"{place}: {cause}")
+        error.joint, error.state = joint, state
+    elif isinstance(cause, KeyboardInterrupt):
+        error = SimulationInterrupted(f"stopped before {place}")
+    elif isinstance(cause, Exception):
+        error = SimulationError(f"{place}: {type(cause).__name__}: {cause}")
+    else:
+        return cause  # SystemExit and its like go their way
+    error.trajectory, error.step = trajectory, trajectory.steps
+    error.__cause__ = None if isinstance(cause, KeyboardInterrupt) else cause
+    return error

@@ -94,19 +94,19 @@ class Ode:
             if value.ndim == 0:
                 value = np.full(nv, value)
             if value.shape != (nv,):
-                raise _error("ShapeError", name, f"{name}: found shape {value.shape}; expected () or ({nv},)")
+                raise errors.of_argument(errors.ShapeError, name, f"found shape {value.shape}; expected () or ({nv},)")
             if not np.all(np.isfinite(value)):
-                raise _error("NotFiniteError", name, f"{name}: found {value}; expected finite numbers")
+                raise errors.of_argument(errors.NotFiniteError, name, f"found {value}; expected finite numbers")
             if not signed and np.any(value < 0):
-                raise _error("ArgumentError", name, f"{name}: found {value}; expected numbers that are zero or positive")
+                raise errors.of_argument(errors.ArgumentError, name, f"found {value}; expected numbers that are zero or positive")
             return value
 
         self._damping = rates("damping", damping, scene.damping)
         self._stiffness = rates("stiffness", stiffness, scene.stiffness)
         self._friction = rates("friction", friction, scene.friction)
         if not (np.isfinite(friction_speed) and friction_speed > 0):
-            message = f"friction_speed: found {friction_speed}; expected a speed, finite and positive"
-            raise _error("ArgumentError", "friction_speed", message)
+            message = f"found {friction_speed}; expected a speed, finite and positive"
+            raise errors.of_argument(errors.ArgumentError, "friction_speed", message)
         self._speed = float(friction_speed)
         self._rest = self._configuration("rest", scene.rest if rest is None else rest)
         self._tau = tau if callable(tau) else rates("tau", tau, 0.0, signed=True)
@@ -136,7 +136,7 @@ class Ode:
     def _configuration(self, name: str, value: ArrayLike) -> _Array:
         q = _core._numbers(name, value, self.scene, True)
         if q.shape != (self.scene.nq,):
-            raise _error("ShapeError", name, f"{name}: found shape {q.shape}; expected ({self.scene.nq},)")
+            raise errors.of_argument(errors.ShapeError, name, f"found shape {q.shape}; expected ({self.scene.nq},)")
         return self.scene.integrate(q, np.zeros(self.scene.nv))
 
     @property
@@ -231,18 +231,18 @@ class Ode:
         methods = {name: getattr(integrate, name) for name in ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")}
         if method not in methods:
             names = ", ".join(f'"{name}"' for name in methods)
-            raise _error("ArgumentError", "method", f'method: found "{method}"; expected one of {names}')
+            raise errors.of_argument(errors.ArgumentError, "method", f'found "{method}"; expected one of {names}')
         start, end = (float(t) for t in t_span)
         if not (np.isfinite(start) and np.isfinite(end) and end > start):
-            raise _error("ArgumentError", "t_span", f"t_span: found ({start}, {end}); expected finite times, the second later")
+            raise errors.of_argument(errors.ArgumentError, "t_span", f"found ({start}, {end}); expected finite times, the second later")
         wanted = None if t_eval is None else _core._numbers("t_eval", t_eval)
         if wanted is not None and not (
             wanted.ndim == 1 and np.all(np.diff(wanted) > 0) and np.all((wanted >= start) & (wanted <= end))
         ):
-            raise _error("ArgumentError", "t_eval", "t_eval: found other; expected times within t_span, each later than the last")
+            raise errors.of_argument(errors.ArgumentError, "t_eval", "found other; expected times within t_span, each later than the last")
         v = _core._numbers("qd", qd, self.scene)
         if v.shape != (self.scene.nv,):
-            raise _error("ShapeError", "qd", f"qd: found shape {v.shape}; expected ({self.scene.nv},)")
+            raise errors.of_argument(errors.ShapeError, "qd", f"found shape {v.shape}; expected ({self.scene.nv},)")
         rows = _Rows(self, wanted)
         self.centre_at(q)
         rows.first(start, v)
@@ -312,9 +312,3 @@ class _Rows:
         self.t.append(float(t))
         self.q.append(self.ode.configuration(y[:nv]))
         self.qd.append(np.array(y[nv:]))
-
-
-def _error(name: str, argument: str, message: str) -> Exception:
-    error: Exception = getattr(errors, name)(message)
-    error.argument = argument  # type: ignore[attr-defined]
-    return error

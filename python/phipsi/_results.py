@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Accuracy", "Energy", "Estimate", "Joint", "Limits", "Link", "MassEstimate", "Mimic", "Samples"]
+__all__ = ["Accuracy", "Energy", "Estimate", "Joint", "Limits", "Link", "MassEstimate", "Mimic", "Omission", "Plan", "Samples"]
 
 
 class Accuracy(NamedTuple):
@@ -104,7 +105,7 @@ class Joint(NamedTuple):
     name: str
     """Its name."""
     type: str
-    """"fixed", "revolute", "continuous", "prismatic", "screw", "planar", "spherical" or "floating"; a locked joint is "fixed"."""
+    """"fixed", "revolute", "continuous", "prismatic", "screw", "planar", "universal", "spherical" or "floating"; a locked joint is "fixed"."""
     parent: str | None
     """Name of the link on the base's side; None for the free joint of a floating base."""
     child: str
@@ -139,6 +140,32 @@ class Joint(NamedTuple):
     """The joint that it should follow; None for most."""
 
 
+def joint_of(described: tuple[Any, ...], has_axis: bool) -> Joint:
+    """A joint from the numbers and names that it was given, as pickles have them."""
+    name, kind, pitch, parent, child, (rotation, xyz), axis, (armature, damping, friction), limits, mimic, (stiffness, rest) = described
+    lower, upper, velocity, effort = limits
+    return Joint(
+        name,
+        kind,
+        parent or None,
+        child,
+        xyz=np.array(xyz),
+        rotation=np.array(rotation).reshape(3, 3),
+        axis=np.array(axis) if has_axis else None,
+        pitch=pitch,
+        armature=armature,
+        damping=damping,
+        friction=friction,
+        stiffness=stiffness,
+        rest=np.array(rest, float),
+        lower=lower,
+        upper=upper,
+        velocity=velocity,
+        effort=effort,
+        mimic=Mimic(*mimic) if mimic else None,
+    )
+
+
 class Samples(NamedTuple):
     """Samples of the spatially random model, in body frames, a block of six a degree of freedom as in Factor."""
 
@@ -165,3 +192,49 @@ class MassEstimate(NamedTuple):
     """Points that were used."""
     confidence: float | None
     """Of each interval."""
+
+
+@dataclass(frozen=True)
+class Omission:
+    """One thing that a scene does not need and that was left out."""
+
+    what: str
+    """What, in a few words."""
+    switch: str | None
+    """The name in leave_out that stands for it; None where there is one way to compute only."""
+    operations: int
+    """Floating-point operations (a product with a sum is two) that forward dynamics of one state in covariance form does less.
+
+    In a call that needs nothing of this; 0 where nothing was counted. In 6-vectors, of a planar scene too, but for the item
+    "planar"; items of calls on the factor say beside what they count.
+    """
+    count: int
+    """How many."""
+    names: tuple[str, ...]
+    """The joints or links, where they have names."""
+    why: str
+    """Why the results are the same without it."""
+    saved: str
+    """What that saved."""
+
+    def __repr__(self) -> str:
+        return f"<{self.count} {self.what}>"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a scene does not need, and what leaving it out saved; printed, it is a list."""
+
+    bodies: int
+    """Moving bodies that the sweeps visit."""
+    links: int
+    """Links that the scene was built from."""
+    items: tuple[Omission, ...]
+    """What was left out; only what this scene had."""
+
+    def __repr__(self) -> str:
+        lines = [f"{self.bodies} bodies from {self.links} links; left out:"]
+        for item in self.items:
+            counted = f", {item.operations} operations a call" if item.operations else ""
+            lines.append(f"  {item.count} {item.what}: {item.why}; saved {item.saved}{counted}")
+        return "\n".join(lines)

@@ -5,7 +5,7 @@ Every message names the argument, link or joint, what was found, what was expect
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     from ._motion import Trajectory
@@ -60,6 +60,16 @@ class NotFiniteError(PhipsiError, ValueError):
     """Index of the entry within its state."""
     state: int | tuple[int, ...] | None = None
     """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
+
+
+_OfArgument = TypeVar("_OfArgument", ArgumentError, ShapeError, NotFiniteError)
+
+
+def of_argument(kind: type[_OfArgument], argument: str, message: str) -> _OfArgument:
+    """The error of an argument, which its message begins with."""
+    error = kind(f"{argument}: {message}")
+    error.argument = argument
+    return error
 
 
 class SingularJointError(PhipsiError, ArithmeticError):

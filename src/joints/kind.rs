@@ -34,6 +34,18 @@ pub enum JointKind {
 }
 
 impl JointKind {
+    /// Those that have no number of their own: a screw has its pitch.
+    pub const PLAIN: [Self; 8] = [
+        Self::Fixed,
+        Self::Revolute,
+        Self::Continuous,
+        Self::Prismatic,
+        Self::Planar,
+        Self::Universal,
+        Self::Spherical,
+        Self::Floating,
+    ];
+
     /// Number of coordinates in q.
     #[must_use]
     pub fn nq(self) -> usize {

@@ -1,7 +1,7 @@
 //! Joints: one file a kind, and what all have in common.
 //!
 //! [`JointKind`] is what people name; it is made of [`Motion`]s about or along z, one body each. To add a kind that is made of motions that there
-//! are: a file with its parts, a line in each `match` of [`kind`], its name where Python reads names, and a sentence in the stub.
+//! are: a file with its parts, a line in each `match` of [`kind`], and its name in the docstring of `SceneBuilder.joint`.
 
 mod exact;
 mod frames;

@@ -1,5 +1,6 @@
 //! What forward dynamics knows of its own accuracy, for Python: the form of each state, and its estimated error.
 
+use super::object::{Object, imported};
 use crate::algorithm::Arguments;
 use crate::batch::Fault;
 use crate::batch::evaluator::{Evaluated, Evaluator};
@@ -11,12 +12,7 @@ use crate::scalar::MOST_LANES;
 use crate::scene::Scene;
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
-use pyo3::types::PyType;
 use std::sync::{Mutex, PoisonError};
-
-/// `phipsi._results.Accuracy`.
-static ACCURACY: PyOnceLock<Py<PyType>> = PyOnceLock::new();
 
 /// The accuracy of every state of a call, written by all of its threads.
 pub(super) struct Told {
@@ -49,9 +45,9 @@ impl Told {
     }
 
     /// The `Accuracy` of a batch with these leading axes.
-    pub fn finish<'py>(self, py: Python<'py>, batch: &[usize]) -> PyResult<Bound<'py, PyAny>> {
+    pub fn finish<'py>(self, py: Python<'py>, batch: &[usize]) -> PyResult<Object<'py>> {
         let of_states = self.of_states.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let class = ACCURACY.import(py, "phipsi._results", "Accuracy")?;
+        let class = imported!(py, "phipsi._results", "Accuracy")?;
         if let ([], [one]) = (batch, &*of_states) {
             return class.call1((one.name(), one.error));
         }

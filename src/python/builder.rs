@@ -1,9 +1,11 @@
 //! The class `SceneBuilder`: a scene from code.
 
-use super::description::{Description, joint_kind};
+use super::cost::WORTH_DETACHING;
+use super::description::{Description, joint_kind, left_out};
 use super::interrupts::detached_checked;
-use super::scene::{PyScene, WORTH_DETACHING};
-use super::{arrays, errors, plan};
+use super::object::Object;
+use super::scene::PyScene;
+use super::{errors, input};
 use crate::error::Error;
 use crate::scene::{Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneBuilder, Spring};
 use crate::spatial::{RigidShift, Symmetric3};
@@ -13,7 +15,7 @@ use pyo3::prelude::*;
 /// How far an inertia given as a 3x3 matrix may be from symmetric, relative to its largest entry.
 const ASYMMETRY: f64 = 1e-9;
 
-/// Collects links and joints by name, each call returning the builder; `build()` checks them and makes the Scene.
+/// Collects links and joints by name, each call returning the builder; build() checks them and makes the Scene.
 ///
 /// Builders pickle and copy; a copy goes its own way.
 #[pyclass(name = "SceneBuilder", module = "phipsi")]
@@ -33,15 +35,15 @@ impl PySceneBuilder {
     /// mass: kg. com: (3,), mass centre in the link's frame, m. inertia: (3, 3), about the mass centre, axes parallel to
     /// the link's frame, kg m^2; None for a point mass. A link without mass and inertia is a mere frame.
     ///
-    /// Raises `ShapeError` or `ArgumentError` for com and inertia, naming the link; `build()` checks the rest.
+    /// Raises ShapeError or ArgumentError for com and inertia, naming the link; build() checks the rest.
     #[pyo3(signature = (name, mass=0.0, com=None, inertia=None),
            text_signature = "($self, name, mass=0.0, com=(0, 0, 0), inertia=None)")]
     fn link<'py>(
         mut slf: PyRefMut<'py, Self>,
         name: String,
         mass: f64,
-        com: Option<&Bound<'py, PyAny>>,
-        inertia: Option<&Bound<'py, PyAny>>,
+        com: Option<&Object<'py>>,
+        inertia: Option<&Object<'py>>,
     ) -> PyResult<PyRefMut<'py, Self>> {
         let inertial = inertial(&|argument| format!("{argument} of link {name:?}"), mass, com, inertia)?;
         let inertial = (mass != 0.0 || inertia.is_some()).then_some(inertial);
@@ -51,7 +53,7 @@ impl PySceneBuilder {
 
     /// Adds a joint; the links that it names may come later.
     ///
-    /// type: "fixed", "revolute", "continuous", "prismatic", "screw", "planar", "spherical" or "floating". xyz: (3,), m,
+    /// type: "fixed", "revolute", "continuous", "prismatic", "screw", "planar", "universal", "spherical" or "floating". xyz: (3,), m,
     /// and rpy: (3,), rad, R = Rz(yaw) Ry(pitch) Rx(roll), or rotation: (3, 3): the child's frame at zero configuration
     /// seen from the parent's. axis: (3,), in the child's frame, of any length. pitch: m/rad, for a screw. armature: kg m^2
     /// or kg for each degree of freedom, part of the mass matrix. damping (N m s/rad or N s/m), friction (N m or N),
@@ -59,8 +61,8 @@ impl PySceneBuilder {
     /// velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow, as mimic_multiplier
     /// times its coordinate plus mimic_offset (rad or m); it stays free.
     ///
-    /// Raises `SceneError` for an unknown type or a missing pitch; `ShapeError` or `ArgumentError` for arrays, naming the joint;
-    /// `build()` checks the rest.
+    /// Raises SceneError for an unknown type or a missing pitch; ShapeError or ArgumentError for arrays, naming the joint;
+    /// build() checks the rest.
     #[pyo3(signature = (name, r#type, parent, child, *, xyz=None, rpy=None, rotation=None, axis=None, pitch=None,
                         armature=0.0, damping=0.0, friction=0.0, stiffness=0.0, rest=None, lower=None, upper=None, velocity=None,
                         effort=None, mimic=None, mimic_multiplier=1.0, mimic_offset=0.0),
@@ -74,16 +76,16 @@ impl PySceneBuilder {
         r#type: &str,
         parent: String,
         child: String,
-        xyz: Option<&Bound<'py, PyAny>>,
-        rpy: Option<&Bound<'py, PyAny>>,
-        rotation: Option<&Bound<'py, PyAny>>,
-        axis: Option<&Bound<'py, PyAny>>,
+        xyz: Option<&Object<'py>>,
+        rpy: Option<&Object<'py>>,
+        rotation: Option<&Object<'py>>,
+        axis: Option<&Object<'py>>,
         pitch: Option<f64>,
         armature: f64,
         damping: f64,
         friction: f64,
         stiffness: f64,
-        rest: Option<&Bound<'py, PyAny>>,
+        rest: Option<&Object<'py>>,
         lower: Option<f64>,
         upper: Option<f64>,
         velocity: Option<f64>,
@@ -97,8 +99,8 @@ impl PySceneBuilder {
         let kind = joint_kind(&name, r#type, pitch)?;
         let rest = match rest {
             None => Vec::new(),
-            Some(rest) if kind.nq() == 1 => arrays::spread(&of_joint("rest"), rest, 1.into())?,
-            Some(rest) => arrays::fixed(&of_joint("rest"), rest, &[kind.nq()])?,
+            Some(rest) if kind.nq() == 1 => input::spread(&of_joint("rest"), rest, 1.into())?,
+            Some(rest) => input::fixed(&of_joint("rest"), rest, &[kind.nq()])?,
         };
         let joint = JointDescription {
             kind,
@@ -128,40 +130,33 @@ impl PySceneBuilder {
 
     /// Checks everything and makes the Scene; the builder can be used again.
     ///
-    /// `floating_base`: puts a free joint under the root link, named as in `Scene.from_urdf`. gravity: (3,), m/s^2, in the base
-    /// frame. strict: unphysical inertias raise instead of warning. `leave_out`: as in `Scene.from_urdf`. What is None is as the
-    /// builder has it: a fixed base, (0, 0, -9.81), False and all in a new one, the scene's own in one from `Scene.to_builder`.
+    /// floating_base: puts a free joint under the root link, named as in Scene.from_urdf. gravity: (3,), m/s^2, in the base
+    /// frame. strict: unphysical inertias raise instead of warning. leave_out: as in Scene.from_urdf. What is None is as the
+    /// builder has it: a fixed base, (0, 0, -9.81), False and all in a new one, the scene's own in one from Scene.to_builder.
     ///
-    /// Raises `SceneError`, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
+    /// Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
     /// two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
-    /// friction, lower above upper, a floating base of what floats already. Warns `InertiaWarning` for
-    /// inertias that no body can have, and `MimicWarning`, as `Scene.from_urdf` does.
+    /// friction, lower above upper, a floating base of what floats already. Warns InertiaWarning for
+    /// inertias that no body can have, and MimicWarning, as Scene.from_urdf does.
     #[pyo3(signature = (floating_base=None, gravity=None, strict=None, *, leave_out=None))]
     fn build(
         &self,
         py: Python<'_>,
         floating_base: Option<bool>,
-        gravity: Option<&Bound<'_, PyAny>>,
+        gravity: Option<&Object<'_>>,
         strict: Option<bool>,
-        leave_out: Option<&Bound<'_, PyAny>>,
+        leave_out: Option<&Object<'_>>,
     ) -> PyResult<PyScene> {
-        let omissions = leave_out.map(|given| plan::left_out(Some(given))).transpose()?;
-        let gravity = gravity.map(|gravity| arrays::triple("gravity", gravity)).transpose()?;
+        let omissions = leave_out.map(|given| left_out(Some(given))).transpose()?;
+        let gravity = gravity.map(|gravity| input::triple("gravity", gravity)).transpose()?;
         let build = || {
-            let mut builder = self.builder.clone();
-            if let Some(floating_base) = floating_base {
-                builder = builder.floating_base(floating_base);
-            }
-            if let Some(strict) = strict {
-                builder = builder.strict(strict);
-            }
-            if let Some(omissions) = omissions {
-                builder = builder.omissions(omissions);
-            }
-            if let Some(gravity) = gravity {
-                builder = builder.gravity(gravity);
-            }
-            builder.build()
+            let builder = &self.builder;
+            let floating_base = floating_base.unwrap_or(builder.is_floating());
+            let strict = strict.unwrap_or(builder.is_strict());
+            let omissions = omissions.unwrap_or(builder.left_out());
+            let gravity = gravity.unwrap_or(builder.gravity_vector());
+            let builder = builder.clone().floating_base(floating_base).gravity(gravity);
+            builder.strict(strict).omissions(omissions).build()
         };
         // A builder that is being read without the GIL refuses to grow: that is for those which take long.
         let scene = if self.builder.links().len() < WORTH_DETACHING { build()? } else { detached_checked(py, build)? };
@@ -169,7 +164,7 @@ impl PySceneBuilder {
         Ok(PyScene::new(scene))
     }
 
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (Description,))> {
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {
         let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_builder")?;
         Ok((rebuild, (Description::of(&slf.borrow().builder)?,)))
     }
@@ -179,7 +174,7 @@ impl PySceneBuilder {
     }
 
     #[pyo3(signature = (memo, /))]
-    fn __deepcopy__(&self, memo: &Bound<'_, PyAny>) -> Self {
+    fn __deepcopy__(&self, memo: &Object<'_>) -> Self {
         let _ = memo;
         self.__copy__()
     }
@@ -187,6 +182,13 @@ impl PySceneBuilder {
     fn __repr__(&self) -> String {
         format!("<phipsi.SceneBuilder: {} links, {} joints>", self.builder.links().len(), self.builder.joints().len())
     }
+}
+
+/// The builder of what SceneBuilder.__reduce__ gave.
+#[pyfunction]
+#[pyo3(name = "_rebuild_builder", signature = (description, /))]
+pub(super) fn rebuild_builder(description: &Object<'_>) -> PyResult<PySceneBuilder> {
+    Ok(PySceneBuilder { builder: Description::read("pickled builder", description)?.builder()? })
 }
 
 impl PySceneBuilder {
@@ -200,24 +202,24 @@ impl PySceneBuilder {
 pub(super) fn inertial(
     named: &dyn Fn(&str) -> String,
     mass: f64,
-    com: Option<&Bound<'_, PyAny>>,
-    inertia: Option<&Bound<'_, PyAny>>,
+    com: Option<&Object<'_>>,
+    inertia: Option<&Object<'_>>,
 ) -> PyResult<Inertial> {
     let centre = optional_triple(&named("com"), com, [0.0; 3])?.into();
     let central = inertia.map_or(Ok(Symmetric3::zero()), |inertia| symmetric(&named("inertia"), inertia))?;
     Ok(Inertial { mass, centre, central })
 }
 
-fn optional_triple(name: &str, value: Option<&Bound<'_, PyAny>>, default: [f64; 3]) -> PyResult<[f64; 3]> {
-    value.map_or(Ok(default), |value| arrays::triple(name, value))
+fn optional_triple(name: &str, value: Option<&Object<'_>>, default: [f64; 3]) -> PyResult<[f64; 3]> {
+    value.map_or(Ok(default), |value| input::triple(name, value))
 }
 
-fn matrix(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Matrix3<f64>> {
-    Ok(Matrix3::from_row_slice(&arrays::fixed(name, value, &[3, 3])?))
+fn matrix(name: &str, value: &Object<'_>) -> PyResult<Matrix3<f64>> {
+    Ok(Matrix3::from_row_slice(&input::fixed(name, value, &[3, 3])?))
 }
 
 /// A symmetric matrix; NaN and infinities pass, the scene's own checks name them.
-fn symmetric(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Symmetric3<f64>> {
+fn symmetric(name: &str, value: &Object<'_>) -> PyResult<Symmetric3<f64>> {
     let m = matrix(name, value)?;
     let defect = (m - m.transpose()).amax();
     if defect > ASYMMETRY * m.amax() {
@@ -230,13 +232,13 @@ fn symmetric(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Symmetric3<f64>> 
 /// The rotation of an origin, from angles or from a matrix.
 fn orientation(
     of_joint: &dyn Fn(&str) -> String,
-    rpy: Option<&Bound<'_, PyAny>>,
-    rotation: Option<&Bound<'_, PyAny>>,
+    rpy: Option<&Object<'_>>,
+    rotation: Option<&Object<'_>>,
 ) -> PyResult<Matrix3<f64>> {
     match (rpy, rotation) {
         (None, None) => Ok(Matrix3::identity()),
         (Some(rpy), None) => {
-            let [roll, pitch, yaw] = arrays::triple(&of_joint("rpy"), rpy)?;
+            let [roll, pitch, yaw] = input::triple(&of_joint("rpy"), rpy)?;
             Ok(*Rotation3::from_euler_angles(roll, pitch, yaw).matrix())
         }
         (None, Some(rotation)) => matrix(&of_joint("rotation"), rotation),

@@ -1,9 +1,11 @@
 //! Methods of `Scene` that give a changed one: the way back to the builder, properties of joints, loads on links.
 
+use super::axis::Axis;
 use super::builder::{PySceneBuilder, inertial};
-use super::labels::{self, Axis};
+use super::choice::items;
+use super::object::Object;
 use super::scene::PyScene;
-use super::{arrays, errors};
+use super::{errors, input};
 use crate::error::Error;
 use crate::scene::{Joint, Property, Scene};
 use pyo3::prelude::*;
@@ -13,7 +15,7 @@ use pyo3::types::PyMapping;
 impl PyScene {
     /// A builder that holds what the scene was made of: links, joints, gravity, base, and what is left out.
     ///
-    /// `build()` without arguments gives a scene with the same results, bit for bit; links and joints can be added before.
+    /// build() without arguments gives a scene with the same results, bit for bit; links and joints can be added before.
     #[pyo3(signature = ())]
     fn to_builder(&self) -> PySceneBuilder {
         PySceneBuilder { builder: self.scene.source().clone() }
@@ -22,8 +24,8 @@ impl PyScene {
     /// A new scene with other properties of joints; what is not given stays.
     ///
     /// armature: kg m^2 or kg; damping: N m s/rad or N s/m; friction: N m or N; stiffness: N m/rad or N/m. Each is a dict from joint
-    /// names to numbers, one number for all movable joints (a floating base's "`root_joint`" among them: name joints to leave it out),
-    /// or an array: (nv,), or a number a joint in the order of `joint_names`. A joint has one number for all its degrees of freedom.
+    /// names to numbers, one number for all movable joints (a floating base's "root_joint" among them: name joints to leave it out),
+    /// or an array: (nv,), or a number a joint in the order of joint_names. A joint has one number for all its degrees of freedom.
     ///
     /// Raises ArgumentError, named after the property, for a joint that is unknown or fixed and for a value that is negative or
     /// not finite; ShapeError.
@@ -31,10 +33,10 @@ impl PyScene {
     fn with_properties(
         &self,
         py: Python<'_>,
-        armature: Option<&Bound<'_, PyAny>>,
-        damping: Option<&Bound<'_, PyAny>>,
-        friction: Option<&Bound<'_, PyAny>>,
-        stiffness: Option<&Bound<'_, PyAny>>,
+        armature: Option<&Object<'_>>,
+        damping: Option<&Object<'_>>,
+        friction: Option<&Object<'_>>,
+        stiffness: Option<&Object<'_>>,
     ) -> PyResult<Self> {
         let mut changes = Vec::new();
         for (property, given) in Property::ALL.into_iter().zip([armature, damping, friction, stiffness]) {
@@ -61,8 +63,8 @@ impl PyScene {
         py: Python<'_>,
         link: &str,
         mass: f64,
-        com: Option<&Bound<'_, PyAny>>,
-        inertia: Option<&Bound<'_, PyAny>>,
+        com: Option<&Object<'_>>,
+        inertia: Option<&Object<'_>>,
     ) -> PyResult<Self> {
         let payload = inertial(&str::to_owned, mass, com, inertia)?;
         self.changed(py, self.scene.with_payload(link, &payload)?)
@@ -78,16 +80,16 @@ impl PyScene {
 }
 
 /// A property of joints by name: from a dict of some, one number for all, or an array by joint or by degree of freedom.
-fn of_joints(scene: &Scene, name: &str, given: &Bound<'_, PyAny>) -> PyResult<Vec<(String, f64)>> {
+fn of_joints(scene: &Scene, name: &str, given: &Object<'_>) -> PyResult<Vec<(String, f64)>> {
     if let Ok(mapping) = given.cast::<PyMapping>() {
-        let each = labels::items(name, mapping)?.into_iter().map(|(joint, value)| {
+        let each = items(name, mapping, "names of joints")?.into_iter().map(|(joint, value)| {
             let count = scene.joint(&joint).map_err(|error| error.of_argument(name))?.v.len();
-            let numbers = arrays::spread(&format!("{name}[{joint:?}]"), &value, count.into())?;
+            let numbers = input::spread(&format!("{name}[{joint:?}]"), &value, count.into())?;
             Ok((equal(name, &joint, &numbers)?, joint))
         });
         return each.map(|entry| entry.map(|(value, joint)| (joint, value))).collect();
     }
-    let (shape, numbers) = arrays::shaped(name, given, Axis::Joints(scene))?;
+    let (shape, numbers) = input::shaped(name, given, Axis::Joints(scene))?;
     let joints = scene.joints();
     let of_joint = |(at, joint): (usize, &Joint)| {
         let value = match shape[..] {
@@ -96,7 +98,7 @@ fn of_joints(scene: &Scene, name: &str, given: &Bound<'_, PyAny>) -> PyResult<Ve
             [count] if count == scene.nv() => equal(name, &joint.name, &numbers[joint.v.clone()])?,
             _ => {
                 let expected = format!("(), ({},) or ({},)", scene.nv(), joints.len());
-                return Err(arrays::wrong_shape(name, &shape, expected));
+                return Err(input::wrong_shape(name, &shape, expected));
             }
         };
         Ok((joint.name.clone(), value))

@@ -1,8 +1,11 @@
-//! Arguments that are one of some names or types.
+//! Arguments that are names: of forms, of types, of links and joints.
 
+use super::object::Object;
 use crate::error::Error;
+use crate::filter::{FORMS, Form};
 use numpy::{PyArrayDescr, PyArrayDescrMethods};
 use pyo3::prelude::*;
+use pyo3::types::{PyMapping, PyString};
 
 /// The thing of that name; the error lists the names that there are.
 pub(super) fn choose<T: Copy>(argument: &str, name: &str, known: &[(&'static str, T)]) -> Result<T, Error> {
@@ -12,15 +15,29 @@ pub(super) fn choose<T: Copy>(argument: &str, name: &str, known: &[(&'static str
     })
 }
 
-/// The dtypes that algorithms in lanes compute in.
+/// The form of that name.
+pub(super) fn read_form(form: &str) -> Result<Form, Error> {
+    choose("form", form, &FORMS)
+}
+
+/// The kinds of numbers that algorithms in lanes compute in.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Precise {
     Float64,
     Float32,
 }
 
+/// The argument `precision`: a name.
+pub(super) fn read_precision(name: &str) -> Result<Precise, Error> {
+    match name {
+        "float64" => Ok(Precise::Float64),
+        "float32" => Ok(Precise::Float32),
+        _ => Err(Error::argument("precision", format!("{name:?}"), "\"float64\" or \"float32\"")),
+    }
+}
+
 /// The argument `dtype`: whatever `NumPy` takes for float64 or float32; None for float64.
-pub(super) fn read_dtype(dtype: Option<&Bound<'_, PyAny>>) -> PyResult<Precise> {
+pub(super) fn read_dtype(dtype: Option<&Object<'_>>) -> PyResult<Precise> {
     let Some(given) = dtype else { return Ok(Precise::Float64) };
     let py = given.py();
     let found = PyArrayDescr::new(py, given);
@@ -29,4 +46,32 @@ pub(super) fn read_dtype(dtype: Option<&Bound<'_, PyAny>>) -> PyResult<Precise> 
         Ok(found) if found.is_equiv_to(&numpy::dtype::<f32>(py)) => Ok(Precise::Float32),
         _ => Err(Error::argument("dtype", given.repr()?.to_string(), "numpy.float64 or numpy.float32").into()),
     }
+}
+
+/// The strings of an iterable that is no string itself; the error says what is expected.
+pub(super) fn names(argument: &str, given: &Object<'_>, expected: &str) -> PyResult<Vec<String>> {
+    // The keys of a dict would pass, and its values be lost.
+    let is_none = given.is_instance_of::<PyString>() || given.is_instance_of::<PyMapping>();
+    let read = || given.try_iter().ok()?.map(|name| name.and_then(|name| name.extract()).ok()).collect();
+    match if is_none { None } else { read() } {
+        Some(names) => Ok(names),
+        None => Err(Error::argument(argument, given.repr()?.to_string(), expected).into()),
+    }
+}
+
+/// The entries of a mapping whose keys are strings; the error says what these should be.
+pub(super) fn items<'py>(
+    argument: &str,
+    mapping: &Bound<'py, PyMapping>,
+    expected: &str,
+) -> PyResult<Vec<(String, Object<'py>)>> {
+    let mut items = Vec::with_capacity(mapping.len()?);
+    for item in mapping.items()? {
+        let (key, value): (Object<'py>, Object<'py>) = item.extract()?;
+        let Ok(key) = key.extract::<String>() else {
+            return Err(Error::argument(argument, format!("the key {}", key.repr()?), expected).into());
+        };
+        items.push((key, value));
+    }
+    Ok(items)
 }

@@ -2,7 +2,14 @@
 
 use crate::algorithm::Algorithm;
 use crate::batch::arms::Arm;
-use crate::dynamics::lean;
+use crate::dynamics::sweeps;
+
+/// The GIL is kept for calls shorter than this (ns of one thread), as `NumPy` does: giving it up takes a tenth of a
+/// microsecond where nobody wants it, and up to five milliseconds to get back where somebody does.
+pub(super) const WORTH_RELEASING: usize = 5_000;
+
+/// Work on all links at once is done without the GIL from so many on.
+pub(super) const WORTH_DETACHING: usize = 1_000;
 
 /// Rough time of one state on one thread, ns.
 #[derive(Clone, Copy)]
@@ -13,13 +20,12 @@ pub(super) struct Cost {
     pub results: usize,
 }
 
-impl From<usize> for Cost {
-    fn from(arithmetic: usize) -> Self {
-        Self { arithmetic, results: 0 }
-    }
-}
-
 impl Cost {
+    /// Of states that are evaluated one by one.
+    pub fn of(ns: usize) -> Self {
+        Self { arithmetic: ns, results: 0 }
+    }
+
     /// Of one state by itself.
     pub fn of_one(self) -> usize {
         self.arithmetic.saturating_add(self.results)
@@ -27,7 +33,7 @@ impl Cost {
 
     /// Of one of so many states, by `algorithm` in `P` on the arm of this process.
     pub fn of_many<P>(self, states: usize, algorithm: Algorithm) -> usize {
-        let lanes = if lean::covers(algorithm) { Arm::of_process().lanes(size_of::<P>()) } else { 1 };
+        let lanes = if sweeps::covers(algorithm) { Arm::of_process().lanes(size_of::<P>()) } else { 1 };
         Self { arithmetic: self.arithmetic / lanes.min(states.max(1)), ..self }.of_one()
     }
 }

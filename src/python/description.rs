@@ -1,14 +1,12 @@
 //! A scene as plain tuples of numbers and names, for pickling; and in one line, for `repr`.
 
-use super::builder::PySceneBuilder;
-use super::interrupts::detached_checked;
-use super::plan;
-use super::scene::PyScene;
+use super::choice::{choose, names};
+use super::object::Object;
 use crate::error::{Error, number};
 use crate::memory;
 use crate::scene::properties::Properties;
 use crate::scene::{
-    Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene, SceneBuilder, Spring,
+    Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Omissions, Scene, SceneBuilder, Spring,
 };
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Matrix3;
@@ -22,7 +20,7 @@ type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
 
 /// Name, kind, pitch, parent, child, origin (rotation row by row, lever), axis, (armature, damping, friction), limits
 /// (lower, upper, velocity, effort), mimic (joint, multiplier, offset), spring (stiffness, rest).
-type JointTuple = (
+pub(super) type JointTuple = (
     String,
     String,
     Option<f64>,
@@ -66,7 +64,9 @@ impl Description {
         memory::room("scene", memory::bytes_of::<[u8; A_COPY]>(&[source.links().len()]))?;
         let links = source.links().iter().map(link_tuple).collect();
         let joints = source.joints().iter().map(joint_tuple).collect();
-        let left_out = plan::names_of(source.left_out());
+        let mut omissions = source.left_out();
+        let on = Omissions::SWITCHES.iter().filter(|(_, switch)| *switch(&mut omissions));
+        let left_out = on.map(|&(name, _)| name.to_owned()).collect();
         let locked = source.locked().iter();
         let locked = locked.map(|(name, kind)| (name.clone(), kind.name().to_owned(), pitch_of(*kind))).collect();
         let (gravity, floating, strict) = (source.gravity_vector(), source.is_floating(), source.is_strict());
@@ -75,7 +75,7 @@ impl Description {
     }
 
     /// From its tuples, if there is room for what they describe.
-    fn read(what: &str, tuples: &Bound<'_, PyAny>) -> PyResult<Self> {
+    pub fn read(what: &str, tuples: &Object<'_>) -> PyResult<Self> {
         if let Ok(links) = tuples.get_item(LINKS).and_then(|links| links.len()) {
             memory::room(what, memory::bytes_of::<[u8; A_COPY]>(&[links]))?;
         }
@@ -83,13 +83,12 @@ impl Description {
     }
 
     /// The builder that it was made from.
-    fn builder(self) -> Result<SceneBuilder, Error> {
+    pub fn builder(self) -> Result<SceneBuilder, Error> {
         let Self(version, gravity, floating, strict, links, joints, left_out, locked, root) = self;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
-        let left_out: Vec<&str> = left_out.iter().map(String::as_str).collect();
-        let omissions = plan::of_names("what is left out", &left_out)?;
+        let omissions = omissions("what is left out", &left_out)?;
         let mut builder =
             SceneBuilder::new().gravity(gravity).floating_base(floating).strict(strict).omissions(omissions);
         for (name, inertial) in links {
@@ -114,7 +113,8 @@ fn link_tuple(link: &LinkDescription) -> LinkTuple {
     (name.clone(), inertial.map(|Inertial { mass, centre, central }| (mass, centre.into(), central.entries)))
 }
 
-fn joint_tuple(joint: &JointDescription) -> JointTuple {
+/// All that a joint was given, in plain numbers and names.
+pub(super) fn joint_tuple(joint: &JointDescription) -> JointTuple {
     // Named one by one, so that a new field cannot be forgotten.
     let JointDescription {
         name,
@@ -188,22 +188,13 @@ fn joint_of(tuple: JointTuple) -> Result<JointDescription, Error> {
 
 /// The joint kind of that name; a screw needs a pitch, and nothing else has one.
 pub(super) fn joint_kind(joint: &str, name: &str, pitch: Option<f64>) -> Result<JointKind, Error> {
-    const PLAIN: [JointKind; 7] = [
-        JointKind::Fixed,
-        JointKind::Revolute,
-        JointKind::Continuous,
-        JointKind::Prismatic,
-        JointKind::Planar,
-        JointKind::Spherical,
-        JointKind::Floating,
-    ];
     let subject = || format!("joint {joint:?}");
     match (name, pitch) {
         ("screw", Some(pitch)) => Ok(JointKind::Screw { pitch }),
         ("screw", None) => Err(Error::scene(subject(), "a screw without pitch", "pitch, in m/rad")),
         _ => {
-            let kind = PLAIN.into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
-                let names: Vec<_> = PLAIN.iter().map(|kind| kind.name()).collect();
+            let kind = JointKind::PLAIN.into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
+                let names: Vec<_> = JointKind::PLAIN.iter().map(|kind| kind.name()).collect();
                 Error::scene(subject(), format!("type {name:?}"), format!("one of {}, screw", names.join(", ")))
             })?;
             match pitch {
@@ -218,19 +209,19 @@ pub(super) fn joint_kind(joint: &str, name: &str, pitch: Option<f64>) -> Result<
     }
 }
 
-/// Builds a scene from what `Scene.__reduce__` gave; without warnings, which the first building issued.
-#[pyfunction]
-#[pyo3(name = "_rebuild_scene", signature = (description, /))]
-pub(super) fn rebuild_scene(py: Python<'_>, description: &Bound<'_, PyAny>) -> PyResult<PyScene> {
-    let description = Description::read("pickled scene", description)?;
-    Ok(PyScene::new(detached_checked(py, || description.builder()?.build())?))
+/// What is left out, by name; everything where nothing is said.
+pub(super) fn left_out(leave_out: Option<&Object<'_>>) -> PyResult<Omissions> {
+    let Some(given) = leave_out else { return Ok(Omissions::all()) };
+    Ok(omissions("leave_out", &names("leave_out", given, "a collection of names, or None")?)?)
 }
 
-/// The builder of what `SceneBuilder.__reduce__` gave.
-#[pyfunction]
-#[pyo3(name = "_rebuild_builder", signature = (description, /))]
-pub(super) fn rebuild_builder(description: &Bound<'_, PyAny>) -> PyResult<PySceneBuilder> {
-    Ok(PySceneBuilder { builder: Description::read("pickled builder", description)?.builder()? })
+/// The switches of these names on, the others off.
+fn omissions(argument: &str, names: &[String]) -> Result<Omissions, Error> {
+    let mut omissions = Omissions::none();
+    for name in names {
+        *choose(argument, name, &Omissions::SWITCHES)?(&mut omissions) = true;
+    }
+    Ok(omissions)
 }
 
 /// A scene in one line.

@@ -1,41 +1,20 @@
 //! Methods of `Scene`: forces, accelerations, and the mass matrix.
 
-use super::arrays::Input;
-use super::bad_states::{Errors, is_nan};
-use super::choice::{Precise, choose, read_dtype};
-use super::cost::Cost;
-use super::evaluate::Call;
+use super::choice::read_form;
+use super::evaluate::Keywords;
+use super::object::Object;
 use super::scene::PyScene;
-use super::single::Keywords;
-use super::wrenches::Wrench;
 use crate::algorithm::Algorithm;
 use crate::error::Error;
-use crate::filter::{FORMS, Form};
 use pyo3::prelude::*;
 
 /// An array of float64, or of float32 where that was asked for.
-type Array<'py> = PyResult<Bound<'py, PyAny>>;
-
-/// `body` with `P` standing for the dtype that was asked for.
-macro_rules! in_dtype {
-    ($dtype:expr, $P:ident => $body:block) => {
-        match read_dtype($dtype)? {
-            Precise::Float64 => {
-                type $P = f64;
-                $body
-            }
-            Precise::Float32 => {
-                type $P = f32;
-                $body
-            }
-        }
-    };
-}
+type Array<'py> = PyResult<Object<'py>>;
 
 /// Dense matrices stop here: (4000, 4000) are 128 MB a state.
 const DENSE_LIMIT: usize = 4000;
 
-/// Rough time of one body in one state, ns (see [`Cost`]).
+/// Rough time of one body in one state, ns (see [`Cost`](super::cost::Cost)).
 mod cost {
     pub const FORWARD: usize = 90;
     pub const INVERSE: usize = 50;
@@ -47,208 +26,139 @@ mod cost {
 impl PyScene {
     /// Joint accelerations from joint torques, in O(N): the smoother's estimates given the torques as measurements.
     ///
-    /// q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. wrenches: dict from link names to
-    /// (..., 6), each a (moment, force) acting on that link, at its origin and in its frame. form: how P is carried, "covariance"
-    /// (3.6), "joseph", "square-root", or "auto". out: C-contiguous, of the result's shape and dtype, overlapping no argument; returned.
-    /// dtype: float64, or float32 to compute in twice as many SIMD lanes (docs/lanes.md has what that costs in digits, and when a state
-    /// is done in float64 all the same); arguments are converted to it where they have another.
-    /// errors: "raise", or "nan" to go on past bad states (numbers that are not finite, a quaternion off unit norm, a
-    /// singular joint, an overflow): their results are NaN, and one BadStateWarning has .states and .reasons.
+    /// q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. wrenches: dict from link names (links on fixed joints
+    /// too) to (..., 6), each a (moment, force) acting on that link, at its origin and in its frame. form: how P is carried: "covariance"
+    /// (3.6), "joseph", "square-root" (right at extreme mass ratios too, at about twice the time), or "auto". out: C-contiguous, of the
+    /// result's shape and dtype, overlapping no argument; it is returned. dtype: float64, or float32 to compute in twice as many SIMD
+    /// lanes: about 6 digits, fewer by those of the condition number of M; a state that loses more than 4 in form "auto" is done in
+    /// float64 and rounded, and so is all that docs/lanes.md lists. Arguments are converted to it.
+    /// errors: "raise", or "nan" to go on past bad states (numbers that are not finite, a quaternion off unit norm, a singular joint,
+    /// an overflow): their results are NaN, and one BadStateWarning has .states and .reasons. Wrong shapes raise all the same.
     ///
     /// **tau of a free joint is (force, moment), as its qd is (linear, angular); wrenches are (moment, force).**
     ///
     /// return_info: whether to tell the accuracy too, one entry a state, for about five times the time in the forms "covariance" and
     /// "square-root", next to nothing in "auto".
     ///
-    /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, `Accuracy`): .form, the form
-    /// that gave the result, and .error, the estimated error of the largest acceleration.
+    /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
+    /// the result, and .error, the estimated error of the largest acceleration.
     ///
-    /// Raises `SingularJointError` where a joint has no inertia along its axis, `ShapeError`, `NotFiniteError`, `ArgumentError`,
-    /// each naming the argument and the state. After an error out is partly written.
+    /// Raises SingularJointError where a joint has no inertia along its axis; ArgumentError, naming the link, for the square-root form
+    /// of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state. After an
+    /// error out is partly written.
     #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, out=None, dtype=None, errors="raise", return_info=false))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        qd: &Bound<'py, PyAny>,
-        tau: &Bound<'py, PyAny>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        tau: &Object<'py>,
         form: &str,
-        wrenches: Option<&Bound<'py, PyAny>>,
-        out: Option<&Bound<'py, PyAny>>,
-        dtype: Option<&Bound<'py, PyAny>>,
+        wrenches: Option<&Object<'py>>,
+        out: Option<&Object<'py>>,
+        dtype: Option<&Object<'py>>,
         errors: &str,
         return_info: bool,
     ) -> Array<'py> {
-        let form = read_form(form)?;
-        let algorithm = Algorithm::ForwardDynamics(form);
-        let nv = self.scene.nv();
-        let cost = self.cost(cost::FORWARD, nv);
-        let keywords = Keywords { wrenches, out, dtype, nan: is_nan(errors)? };
-        if !return_info && let Some(qdd) = self.single(py, algorithm, [q, qd, tau], &[nv], cost, keywords)? {
-            return Ok(qdd);
-        }
-        in_dtype!(dtype, P => {
-            let inputs =
-                [Input::<P>::in_kind("q", q, self.coordinates())?, Input::in_kind("qd", qd, self.rates())?, Input::in_kind("tau", tau, self.rates())?];
-            let wrenches = Wrench::read(&self.scene, wrenches)?;
-            let call = Call::new(self, inputs, wrenches, cost)?.with(self.errors(errors, form)?);
-            let call = if return_info { call.telling(form)? } else { call };
-            let qdd = call.algorithm(py, algorithm, &[nv], out)?.into_any();
-            match call.accuracy(py)? {
-                Some(info) => Ok((qdd, info).into_pyobject(py)?.into_any()),
-                None => Ok(qdd),
-            }
-        })
+        let algorithm = Algorithm::ForwardDynamics(read_form(form)?);
+        let given = [("q", q), ("qd", qd), ("tau", tau)];
+        let keywords = Keywords { wrenches, out, dtype, errors, info: return_info };
+        self.evaluate(py, algorithm, cost::FORWARD, given, &keywords)
     }
 
     /// Joint torques from joint accelerations, in O(N), gravity and armature included.
     ///
-    /// q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches, out, dtype and errors as in `forward_dynamics`.
+    /// q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches, out, dtype and errors as in forward_dynamics.
     ///
     /// **tau of a free joint is (force, moment), as its qd and qdd are (linear, angular); wrenches are (moment, force).**
     ///
     /// Returns tau, (..., nv) = H phi (Q lambda + b) + armature qdd - J^T w (1.5, 2.9, 2.10).
     ///
-    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd, qdd, *, wrenches=None, out=None, dtype=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        qd: &Bound<'py, PyAny>,
-        qdd: &Bound<'py, PyAny>,
-        wrenches: Option<&Bound<'py, PyAny>>,
-        out: Option<&Bound<'py, PyAny>>,
-        dtype: Option<&Bound<'py, PyAny>>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        qdd: &Object<'py>,
+        wrenches: Option<&Object<'py>>,
+        out: Option<&Object<'py>>,
+        dtype: Option<&Object<'py>>,
         errors: &str,
     ) -> Array<'py> {
-        let nv = self.scene.nv();
-        let cost = self.cost(cost::INVERSE, nv);
-        let algorithm = Algorithm::InverseDynamics;
-        let keywords = Keywords { wrenches, out, dtype, nan: is_nan(errors)? };
-        if let Some(tau) = self.single(py, algorithm, [q, qd, qdd], &[nv], cost, keywords)? {
-            return Ok(tau);
-        }
-        in_dtype!(dtype, P => {
-            let inputs =
-                [Input::<P>::in_kind("q", q, self.coordinates())?, Input::in_kind("qd", qd, self.rates())?, Input::in_kind("qdd", qdd, self.rates())?];
-            let wrenches = Wrench::read(&self.scene, wrenches)?;
-            let call = Call::new(self, inputs, wrenches, cost)?.with(Errors::read(errors)?);
-            Ok(call.algorithm(py, algorithm, &[nv], out)?.into_any())
-        })
+        let given = [("q", q), ("qd", qd), ("qdd", qdd)];
+        let keywords = Keywords { wrenches, out, dtype, errors, info: false };
+        self.evaluate(py, Algorithm::InverseDynamics, cost::INVERSE, given, &keywords)
     }
 
     /// The bias torque H phi b: what the joints must give so that none accelerates, gravity included.
     ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast; out, dtype and errors as in `forward_dynamics`. Returns (..., nv), N m or N.
+    /// q: (..., nq); qd: (..., nv); leading axes broadcast; out, dtype and errors as in forward_dynamics. Returns (..., nv), N m or N.
     ///
-    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     #[pyo3(signature = (q, qd, *, out=None, dtype=None, errors="raise"))]
     fn bias_torque<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        qd: &Bound<'py, PyAny>,
-        out: Option<&Bound<'py, PyAny>>,
-        dtype: Option<&Bound<'py, PyAny>>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        out: Option<&Object<'py>>,
+        dtype: Option<&Object<'py>>,
         errors: &str,
     ) -> Array<'py> {
-        let nv = self.scene.nv();
-        let cost = self.cost(cost::INVERSE, nv);
-        let (algorithm, keywords) =
-            (Algorithm::BiasTorque, Keywords { out, dtype, nan: is_nan(errors)?, ..Keywords::default() });
-        if let Some(tau) = self.single(py, algorithm, [q, qd], &[nv], cost, keywords)? {
-            return Ok(tau);
-        }
-        in_dtype!(dtype, P => {
-            let inputs = [Input::<P>::in_kind("q", q, self.coordinates())?, Input::in_kind("qd", qd, self.rates())?];
-            let call = Call::new(self, inputs, Vec::new(), cost)?.with(Errors::read(errors)?);
-            Ok(call.algorithm(py, algorithm, &[nv], out)?.into_any())
-        })
+        let keywords = Keywords { wrenches: None, out, dtype, errors, info: false };
+        self.evaluate(py, Algorithm::BiasTorque, cost::INVERSE, [("q", q), ("qd", qd)], &keywords)
     }
 
     /// The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.
     ///
-    /// q: (..., nq); out, dtype and errors as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units. Large batches of
-    /// matrices take less time into an `out` that was used before: new memory is cleared by the system first.
+    /// q: (..., nq); out, dtype and errors as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units. Large batches of
+    /// matrices take less time into an out that was used before: new memory is cleared by the system first.
     ///
-    /// Raises `ArgumentError` above 4000 degrees of freedom: `inverse_dynamics` multiplies by the matrix without forming it.
-    /// Raises `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
+    /// Raises ArgumentError above 4000 degrees of freedom: inverse_dynamics multiplies by the matrix without forming it.
+    /// Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
     #[pyo3(signature = (q, *, out=None, dtype=None, errors="raise"))]
     fn mass_matrix<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        out: Option<&Bound<'py, PyAny>>,
-        dtype: Option<&Bound<'py, PyAny>>,
+        q: &Object<'py>,
+        out: Option<&Object<'py>>,
+        dtype: Option<&Object<'py>>,
         errors: &str,
     ) -> Array<'py> {
         self.check_dense("mass_matrix", "inverse_dynamics, which multiplies by it")?;
-        let nv = self.scene.nv();
-        let cost = self.cost(cost::COMPOSITE, nv * nv);
-        let (algorithm, keywords) =
-            (Algorithm::MassMatrix, Keywords { out, dtype, nan: is_nan(errors)?, ..Keywords::default() });
-        if let Some(matrix) = self.single(py, algorithm, [q], &[nv, nv], cost, keywords)? {
-            return Ok(matrix);
-        }
-        in_dtype!(dtype, P => {
-            let inputs = [Input::<P>::in_kind("q", q, self.coordinates())?];
-            let call = Call::new(self, inputs, Vec::new(), cost)?.with(Errors::read(errors)?);
-            Ok(call.algorithm(py, algorithm, &[nv, nv], out)?.into_any())
-        })
+        let keywords = Keywords { wrenches: None, out, dtype, errors, info: false };
+        self.evaluate(py, Algorithm::MassMatrix, cost::COMPOSITE, [("q", q)], &keywords)
     }
 
     /// The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
     ///
-    /// q: (..., nq). form, out, dtype and errors: as in `forward_dynamics`. Returns (..., nv, nv), full and exactly symmetric, SI units.
+    /// q: (..., nq). form, out, dtype and errors: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units.
     ///
-    /// Raises `ArgumentError` above 4000 degrees of freedom: `forward_dynamics` multiplies by the inverse without forming it.
-    /// Raises `SingularJointError`, `ShapeError`, `NotFiniteError`, `ArgumentError`, naming the state.
+    /// Raises ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse without forming it.
+    /// Raises SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
     #[pyo3(signature = (q, *, form="auto", out=None, dtype=None, errors="raise"))]
     fn mass_matrix_inverse<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
+        q: &Object<'py>,
         form: &str,
-        out: Option<&Bound<'py, PyAny>>,
-        dtype: Option<&Bound<'py, PyAny>>,
+        out: Option<&Object<'py>>,
+        dtype: Option<&Object<'py>>,
         errors: &str,
     ) -> Array<'py> {
-        let form = read_form(form)?;
-        let algorithm = Algorithm::MassMatrixInverse(form);
+        let algorithm = Algorithm::MassMatrixInverse(read_form(form)?);
         self.check_dense("mass_matrix_inverse", "forward_dynamics, which multiplies by it")?;
-        let nv = self.scene.nv();
-        let cost = self.cost(cost::CLOSED_FORM, nv * nv);
-        let keywords = Keywords { out, dtype, nan: is_nan(errors)?, ..Keywords::default() };
-        if let Some(matrix) = self.single(py, algorithm, [q], &[nv, nv], cost, keywords)? {
-            return Ok(matrix);
-        }
-        in_dtype!(dtype, P => {
-            let inputs = [Input::<P>::in_kind("q", q, self.coordinates())?];
-            let call = Call::new(self, inputs, Vec::new(), cost)?.with(self.errors(errors, form)?);
-            Ok(call.algorithm(py, algorithm, &[nv, nv], out)?.into_any())
-        })
+        let keywords = Keywords { wrenches: None, out, dtype, errors, info: false };
+        self.evaluate(py, algorithm, cost::CLOSED_FORM, [("q", q)], &keywords)
     }
 }
 
 impl PyScene {
-    /// What becomes of bad states; what is wrong with the scene in this form, for all of them, is told first.
-    pub(super) fn errors(&self, errors: &str, form: Form) -> Result<Errors, Error> {
-        let errors = Errors::read(errors)?;
-        if errors.are_gathered() {
-            self.scene.check_roots(form)?;
-        }
-        Ok(errors)
-    }
-
-    /// Of so many ns a body and as many results.
-    fn cost(&self, body: usize, results: usize) -> Cost {
-        Cost { arithmetic: body * self.size(), results }
-    }
-
     fn check_dense(&self, method: &str, instead: &str) -> Result<(), Error> {
         let nv = self.scene.nv();
         if nv <= DENSE_LIMIT {
@@ -260,9 +170,4 @@ impl PyScene {
             format!("at most {DENSE_LIMIT} for a dense matrix; use {instead}"),
         ))
     }
-}
-
-/// The form of that name.
-pub(super) fn read_form(form: &str) -> Result<Form, Error> {
-    choose("form", form, &FORMS)
 }

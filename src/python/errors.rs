@@ -1,12 +1,13 @@
 //! Errors and warnings of the crate as the classes of `phipsi.errors`.
 
+use super::object::Object;
 use crate::batch::{Fault, shape_text};
 use crate::error::Error;
 use crate::scene::{Scene, SceneWarning};
-use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyUserWarning};
+use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyTuple, PyType};
+use pyo3::types::{PyDict, PyString, PyTuple, PyType};
 use std::ffi::CString;
 
 /// The module of the Python classes, imported once.
@@ -35,63 +36,70 @@ pub(super) fn of_batch(py: Python<'_>, error: &Error, batch: &[usize]) -> PyErr 
 /// The instance of the class that belongs to `error`, with its attributes.
 fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> {
     let mut message = error.to_string();
-    let state = match error {
-        Error::NotFinite { state, .. } | Error::SingularJoint { state, .. } | Error::SingularTask { state, .. } => {
-            *state
+    let attributes = PyDict::new(py);
+    if let Error::NotFinite { state, .. } | Error::SingularJoint { state, .. } | Error::SingularTask { state, .. } =
+        error
+    {
+        let index = state.map(|state| batch_index(py, state, batch)).transpose()?;
+        if let (Some(index), true) = (&index, batch.len() > 1) {
+            message = format!("{message} (index {index} of the batch {})", shape_text(batch));
         }
-        _ => None,
-    };
-    let index = state.map(|state| batch_index(py, state, batch)).transpose()?;
-    if let (Some(index), true) = (&index, batch.len() > 1) {
-        message = format!("{message} (index {index} of the batch {})", shape_text(batch));
+        attributes.set_item("state", index)?;
     }
-    let instance = |class: &str| classes(py)?.getattr(class)?.call1((message,));
-    let instance = match error {
-        Error::Scene { .. } => instance("SceneError")?,
+    let class = match error {
+        Error::Scene { .. } => "SceneError",
         Error::Shape { argument, .. } => {
-            let instance = instance("ShapeError")?;
-            instance.setattr("argument", argument)?;
-            instance
+            attributes.set_item("argument", argument)?;
+            "ShapeError"
         }
         Error::Argument { argument, .. } => {
-            let instance = instance("ArgumentError")?;
-            instance.setattr("argument", argument)?;
-            instance
+            attributes.set_item("argument", argument)?;
+            "ArgumentError"
         }
-        Error::NotFinite { argument, index: entry, .. } => {
-            let instance = instance("NotFiniteError")?;
-            instance.setattr("argument", argument)?;
-            instance.setattr("index", entry)?;
-            instance.setattr("state", index)?;
-            instance
+        Error::NotFinite { argument, index, .. } => {
+            attributes.set_item("argument", argument)?;
+            attributes.set_item("index", index)?;
+            "NotFiniteError"
         }
         Error::SingularJoint { joint, link, pivot, .. } => {
-            let instance = instance("SingularJointError")?;
-            instance.setattr("joint", joint)?;
-            instance.setattr("link", link)?;
-            instance.setattr("pivot", pivot)?;
-            instance.setattr("state", index)?;
-            instance
+            attributes.set_item("joint", joint)?;
+            attributes.set_item("link", link)?;
+            attributes.set_item("pivot", pivot)?;
+            "SingularJointError"
         }
         Error::SingularTask { links, rank, directions, .. } => {
-            let instance = instance("SingularTaskError")?;
-            instance.setattr("links", PyTuple::new(py, links)?)?;
-            instance.setattr("rank", rank)?;
-            instance.setattr("directions", directions)?;
-            instance.setattr("state", index)?;
-            instance
+            attributes.set_item("links", PyTuple::new(py, links)?)?;
+            attributes.set_item("rank", rank)?;
+            attributes.set_item("directions", directions)?;
+            "SingularTaskError"
         }
         Error::Memory { argument, shortage } => {
-            let instance = instance("OutOfMemoryError")?;
-            instance.setattr("argument", argument)?;
-            instance.setattr("bytes", shortage.bytes)?;
-            instance.setattr("free", shortage.free)?;
-            instance
+            attributes.set_item("argument", argument)?;
+            attributes.set_item("bytes", shortage.bytes)?;
+            attributes.set_item("free", shortage.free)?;
+            "OutOfMemoryError"
         }
         // What a handler raised is raised where the work was begun; this is for work that nobody looked after.
         Error::Interrupted => return Ok(PyKeyboardInterrupt::new_err(())),
     };
+    let instance = classes(py)?.getattr(class)?.call1((message,))?;
+    for (name, value) in attributes {
+        instance.setattr(name.cast::<PyString>()?, value)?;
+    }
     Ok(PyErr::from_value(instance))
+}
+
+/// The error of an array that NumPy could not make for want of memory, for which it says how much unless it is known; another error as it is.
+pub(super) fn no_room(py: Python<'_>, name: &str, cause: &PyErr, bytes: Option<u128>) -> PyErr {
+    // A shape that overflows is a ValueError in NumPy.
+    if !(cause.is_instance_of::<PyMemoryError>(py) || bytes.is_some() && cause.is_instance_of::<PyValueError>(py)) {
+        return cause.clone_ref(py);
+    }
+    let bytes = bytes.or_else(|| cause.value(py).getattr("_total_size").ok()?.extract().ok());
+    match bytes {
+        Some(bytes) => Error::memory(name, bytes, None).into(),
+        None => PyMemoryError::new_err(format!("{name}: {}", cause.value(py))),
+    }
 }
 
 /// The same result; an `OutOfMemoryError` said of the argument that chose the size.
@@ -109,7 +117,7 @@ pub(super) fn asked_by<R>(py: Python<'_>, argument: &str, result: PyResult<R>) -
 }
 
 /// What indexes a state in Python: a number for one leading axis, a tuple for several.
-pub(super) fn batch_index<'py>(py: Python<'py>, state: usize, batch: &[usize]) -> PyResult<Bound<'py, PyAny>> {
+pub(super) fn batch_index<'py>(py: Python<'py>, state: usize, batch: &[usize]) -> PyResult<Object<'py>> {
     if batch.len() < 2 {
         return Ok(state.into_pyobject(py)?.into_any());
     }

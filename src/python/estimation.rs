@@ -1,19 +1,26 @@
 //! The method `Scene.estimate`: forces, accelerations and torques given the torques of some joints (section 2).
 
-use super::arrays::{self, Input, Output};
+use super::axis::Axis;
 use super::bad_states::Errors;
+use super::call::Call;
+use super::choice::names;
+use super::cost::Cost;
 use super::errors::asked_by;
-use super::evaluate::{Call, Scratch};
-use super::scene::{PyScene, names};
+use super::input::{Input, in_python, is_bare};
+use super::object::{Object, imported};
+use super::output::Output;
+use super::scene::PyScene;
+use super::scratch::{Estimation, Scratch};
 use super::wrenches::Wrench;
-use crate::dynamics::{Estimate, EstimateCovariance, EstimateScratch, Measurements};
+use crate::dynamics::{Estimate, EstimateCovariance, Measurements};
 use crate::error::Error;
+use crate::operators::BatchEstimate;
 use crate::operators::dense::DENSE_CAP;
 use crate::scene::Scene;
 use nalgebra::{Matrix6, Vector6};
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyDict, PyString};
+use pyo3::types::PyDict;
+use std::iter::once;
 
 /// Rough time of one body in one state, ns (see `Call::new`).
 mod cost {
@@ -27,46 +34,27 @@ mod cost {
 const MEANS: usize = 1 + 1 + 6 + 6;
 const WITH_COVARIANCE: usize = MEANS + 1 + 1 + 36 + 36;
 
-/// What a thread keeps for estimation.
-pub(super) struct Estimation {
-    scratch: EstimateScratch<f64>,
-    estimate: Estimate<f64>,
-    covariance: EstimateCovariance<f64>,
-    /// Noise of the state at hand, infinite where not measured.
-    noise: Vec<f64>,
-}
-
-impl Estimation {
-    fn new(scene: &Scene) -> Self {
-        let model = scene.model();
-        Self {
-            scratch: EstimateScratch::new(model),
-            estimate: Estimate::new(model),
-            covariance: EstimateCovariance::new(model),
-            noise: vec![f64::NAN; model.nv()],
-        }
-    }
-}
-
 #[pymethods]
 impl PyScene {
     /// Forces, accelerations and torques given the torques of some joints, with noise: conditional means (2.1, 2.7), in O(N).
     ///
-    /// q: (..., nq); qd, torque: (..., nv), N m or N; leading axes broadcast. noise: variance of each measurement, (N m)^2,
-    /// one number or (..., nv); 0 is exact, inf is not measured. measured: None (all), names of joints, or a boolean array
-    /// (nv,); torque and noise of other joints are not read, and entries that a masked array (numpy.ma) masks are not measured. prior_acceleration: (..., nv), the mean a0 of the accelerations,
-    /// zero by default. acceleration_variance: s, the variance of the acceleration of one kg m^2, (rad/s^2)^2. wrenches as
-    /// in forward_dynamics. covariance: also the covariances of the errors. method: "sequential" (filter and smoother) or
-    /// "batch" (section 2 with dense matrices, O(N^3), at most 300 degrees of freedom).
+    /// q: (..., nq); qd, torque: (..., nv), N m or N; leading axes broadcast. noise: variance of each measurement, (N m)^2 or N^2, one
+    /// number or (..., nv); 0 is exact, inf is not measured. measured: None (all), names of joints, or a boolean array (nv,); torque and
+    /// noise of the other joints are not read, and entries that a masked array (numpy.ma) masks are not measured. prior_acceleration:
+    /// (..., nv), the mean a0 of the accelerations before, zero by default. acceleration_variance: s, the variance of the acceleration of
+    /// one kg m^2, (rad/s^2)^2, and of one kg, (m/s^2)^2. wrenches and errors: as in forward_dynamics. covariance: the covariances of the
+    /// errors too. method: "sequential" (filter and smoother) or "batch" (section 2 with dense matrices, O(N^3), at most 300 degrees of
+    /// freedom: a check).
     ///
-    /// Under the model W ~ N(b + Q phi* H* a0, s Q), accelerations are N(a0, s M^-1) before anything is measured. The
-    /// acceleration of a joint that is not measured keeps its mean a0 (as if locked) and its variance.
+    /// Under the model W ~ N(b + Q phi* H* a0, s Q), accelerations are N(a0, s M^-1) before anything is measured. A joint that is not
+    /// measured keeps its mean a0 (as if locked there) and its variance; its torque is what that takes. All joints measured without
+    /// noise: forward dynamics. Variances are right to eps times those of the prior (docs/estimation.md).
     ///
-    /// Returns a phipsi.Estimate. errors: as in forward_dynamics.
+    /// Returns a phipsi.Estimate.
     ///
-    /// Raises `SingularJointError` where a measured joint has no inertia along its axis (with covariance: any joint);
-    /// `ArgumentError` for an unknown joint or method, noise that is negative or NaN, or a variance that is not positive;
-    /// `ShapeError`, `NotFiniteError`, naming the argument and the state.
+    /// Raises SingularJointError where a measured joint has no inertia along its axis (with covariance: any joint); ArgumentError for an
+    /// unknown joint or method, noise that is negative or NaN, or a variance that is not positive; ShapeError, NotFiniteError, naming the
+    /// argument and the state.
     #[pyo3(signature = (q, qd, torque, *, noise=None, measured=None, prior_acceleration=None, acceleration_variance=1.0,
                         wrenches=None, covariance=false, method="sequential", errors="raise"),
            text_signature = "($self, q, qd, torque, *, noise=0.0, measured=None, prior_acceleration=None, acceleration_variance=1.0, wrenches=None, covariance=False, method='sequential', errors='raise')")]
@@ -74,45 +62,45 @@ impl PyScene {
     fn estimate<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        qd: &Bound<'py, PyAny>,
-        torque: &Bound<'py, PyAny>,
-        noise: Option<&Bound<'py, PyAny>>,
-        measured: Option<&Bound<'py, PyAny>>,
-        prior_acceleration: Option<&Bound<'py, PyAny>>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        torque: &Object<'py>,
+        noise: Option<&Object<'py>>,
+        measured: Option<&Object<'py>>,
+        prior_acceleration: Option<&Object<'py>>,
         acceleration_variance: f64,
-        wrenches: Option<&Bound<'py, PyAny>>,
+        wrenches: Option<&Object<'py>>,
         covariance: bool,
         method: &str,
         errors: &str,
-    ) -> PyResult<Bound<'py, PyAny>> {
+    ) -> PyResult<Object<'py>> {
         let nv = self.scene.nv();
         let dense = self.is_dense(method)?;
         let measured = measured.map(|measured| self.measured(measured)).transpose()?;
         let has_prior = prior_acceleration.is_some();
         let errors = Errors::read(errors)?;
         self.scene.check_prior(acceleration_variance)?;
-        let (torque, unknown) = Input::with_mask("torque", torque, self.rates(), Input::new)?;
+        let (torque, unknown) = with_mask("torque", torque, self.rates(), Input::new)?;
         let (noise, hidden) = match noise {
-            Some(noise) => Input::with_mask("noise", noise, self.rates(), Input::spread)?,
+            Some(noise) => with_mask("noise", noise, self.rates(), Input::spread)?,
             None => (Input::filled(py, "noise", 0.0, nv)?, Input::filled(py, "noise", 0.0, nv)?),
         };
-        let inputs = [
-            Input::new("q", q, self.coordinates())?,
-            Input::new("qd", qd, self.rates())?,
+        let inputs = vec![
+            self.configuration("q", q)?,
+            self.rate("qd", qd)?,
             torque,
             noise,
             unknown,
             hidden,
             match prior_acceleration {
-                Some(prior) => Input::new("prior_acceleration", prior, self.rates())?,
+                Some(prior) => self.rate("prior_acceleration", prior)?,
                 None => Input::filled(py, "prior_acceleration", 0.0, nv)?,
             },
         ];
         let wrenches = Wrench::read(&self.scene, wrenches)?;
         let bodies = (cost::MEANS + usize::from(covariance) * cost::COVARIANCES) * self.size();
         let cost = if dense { cost::DENSE * nv * nv * nv } else { bodies };
-        let call = Call::new(self, inputs, wrenches, cost)?.with(errors);
+        let call = Call::new(self, inputs, wrenches, Cost::of(cost))?.with(errors);
         let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
         let mut results = call.scratch_results(py, width)?;
         let numbers = results.numbers()?;
@@ -127,12 +115,12 @@ impl PyScene {
             let prior_acceleration = has_prior.then_some(prior);
             let measurements = Measurements { torque, noise: &kept.noise, prior_acceleration, acceleration_variance };
             if dense {
-                let batch = scene.estimate_batch(workspace, q, qd, &measurements, forces, covariance)?;
+                let batch = scene.estimate_batch(workspace, q, qd, &measurements, &forces[0], covariance)?;
                 write_batch(&batch, out);
             } else {
                 let room = covariance.then_some(&mut kept.covariance);
                 let (scratch, estimate) = (&mut kept.scratch, &mut kept.estimate);
-                scene.estimate(workspace, scratch, q, qd, &measurements, forces, estimate, room)?;
+                scene.estimate(workspace, scratch, q, qd, &measurements, &forces[0], estimate, room)?;
                 write_sequential(scene, estimate, covariance.then_some(&kept.covariance), out);
             }
             Ok(())
@@ -159,43 +147,43 @@ impl PyScene {
     }
 
     /// The argument `measured` as one flag a degree of freedom.
-    fn measured(&self, measured: &Bound<'_, PyAny>) -> PyResult<Vec<bool>> {
+    fn measured(&self, measured: &Object<'_>) -> PyResult<Vec<bool>> {
         let nv = self.scene.nv();
-        if let Some(mask) = arrays::mask("measured", measured, self.rates())? {
+        let flags = imported!(measured.py(), "phipsi._arguments", "flags")?;
+        if let Some(mask) = in_python(flags, "measured", measured, self.rates())?.extract()? {
             return Ok(mask);
         }
-        let Some(joints) = (!measured.is_instance_of::<PyString>()).then(|| names(measured)).flatten() else {
-            let found = format!("{}", measured.repr()?);
-            return Err(Error::argument("measured", found, "names of joints, or a boolean array (nv,)").into());
-        };
         let mut mask = vec![false; nv];
-        for joint in joints {
+        for joint in names("measured", measured, "names of joints, or a boolean array (nv,)")? {
             mask[self.scene.joint(&joint).map_err(|error| error.of_argument("measured"))?.v.clone()].fill(true);
         }
         Ok(mask)
     }
 }
 
-/// The results of one state, one after another in the order of the fields; a block a degree of freedom.
-struct Parts<'a>(&'a mut [f64]);
-
-impl Parts<'_> {
-    fn put(&mut self, numbers: impl IntoIterator<Item = f64>, count: usize) {
-        let (own, rest) = std::mem::take(&mut self.0).split_at_mut(count);
-        for (to, from) in own.iter_mut().zip(numbers) {
-            *to = from;
-        }
-        self.0 = rest;
+/// Reads an argument of which entries may be masked: zero where they are, and infinity there in a second, which is zero elsewhere.
+fn with_mask<'a, 'py>(
+    name: &'static str,
+    value: &Object<'py>,
+    axis: Axis<'a>,
+    read: impl Fn(&'static str, &Object<'py>, Axis<'a>) -> PyResult<Input<'py>>,
+) -> PyResult<(Input<'py>, Input<'py>)> {
+    let py = value.py();
+    let split = imported!(py, "phipsi._arguments", "split_mask")?;
+    let parts = if is_bare(value) { None } else { split.call1((value,))?.extract::<Option<[Object<'py>; 2]>>()? };
+    match parts {
+        Some([known, unknown]) => Ok((read(name, &known, axis)?, read(name, &unknown, axis)?)),
+        None => Ok((read(name, value, axis)?, Input::filled(py, name, 0.0, axis.width())?)),
     }
 }
 
+/// Writes the results of one state in the order of the fields, a block a degree of freedom.
 fn write_sequential(
     scene: &Scene,
     estimate: &Estimate<f64>,
     covariance: Option<&EstimateCovariance<f64>>,
     out: &mut [f64],
 ) {
-    let nv = scene.nv();
     // (body, whether the body's inertia enters at this row)
     let rows = || {
         scene.model().system.stages.iter().enumerate().flat_map(|(k, stage)| {
@@ -203,40 +191,45 @@ fn write_sequential(
             (0..count).map(move |i| (k, i + 1 == count))
         })
     };
-    let mut parts = Parts(out);
-    parts.put([estimate.log_likelihood], 1);
-    parts.put(estimate.acceleration.iter().copied(), nv);
-    parts.put(estimate.torque.iter().copied(), nv);
     let vector = |v: Vector6<f64>| <[f64; 6]>::from(v);
-    parts.put(rows().flat_map(|(k, _)| vector(estimate.force[k])), 6 * nv);
-    let process = |(k, enters): (usize, bool)| if enters { estimate.process[k] } else { Vector6::zeros() };
-    parts.put(rows().flat_map(|row| vector(process(row))), 6 * nv);
-    let Some(covariance) = covariance else { return };
-    parts.put(covariance.acceleration.iter().copied(), nv);
-    parts.put(covariance.torque.iter().copied(), nv);
-    // Symmetric, so that the order of columns is that of rows.
-    let matrix = |m: Matrix6<f64>| (0..36).map(move |i| m[i]);
-    parts.put(rows().flat_map(|(k, _)| matrix(covariance.force[k].to_matrix())), 36 * nv);
-    let process = |(k, enters): (usize, bool)| {
-        if enters { covariance.process[k].to_matrix() } else { Matrix6::zeros() }
-    };
-    parts.put(rows().flat_map(|row| matrix(process(row))), 36 * nv);
+    let process = |(k, enters): (usize, bool)| vector(if enters { estimate.process[k] } else { Vector6::zeros() });
+    let means = once(estimate.log_likelihood)
+        .chain(estimate.acceleration.iter().copied())
+        .chain(estimate.torque.iter().copied())
+        .chain(rows().flat_map(|(k, _)| vector(estimate.force[k])))
+        .chain(rows().flat_map(process));
+    let covariances = covariance.into_iter().flat_map(|covariance| {
+        // Symmetric, so that the order of columns is that of rows.
+        let matrix = |m: Matrix6<f64>| (0..36).map(move |i| m[i]);
+        let process = move |(k, enters): (usize, bool)| {
+            matrix(if enters { covariance.process[k].to_matrix() } else { Matrix6::zeros() })
+        };
+        let variances = covariance.acceleration.iter().chain(&covariance.torque).copied();
+        let forces = rows().flat_map(move |(k, _)| matrix(covariance.force[k].to_matrix()));
+        variances.chain(forces).chain(rows().flat_map(process))
+    });
+    write(means.chain(covariances), out);
 }
 
-fn write_batch(estimate: &crate::operators::BatchEstimate, out: &mut [f64]) {
+/// The same of the dense method.
+fn write_batch(estimate: &BatchEstimate, out: &mut [f64]) {
     let nv = estimate.acceleration.len();
-    let mut parts = Parts(out);
-    parts.put([estimate.log_likelihood], 1);
-    parts.put(estimate.acceleration.iter().copied(), nv);
-    parts.put(estimate.torque.iter().copied(), nv);
-    parts.put(estimate.force.iter().copied(), 6 * nv);
-    parts.put(estimate.process.iter().copied(), 6 * nv);
-    let Some(covariance) = &estimate.covariance else { return };
-    parts.put((0..nv).map(|i| covariance.acceleration[(i, i)]), nv);
-    parts.put((0..nv).map(|i| covariance.torque[(i, i)]), nv);
-    for m in [&covariance.force, &covariance.process] {
-        let block = |k: usize| (0..36).map(move |i| m[(6 * k + i / 6, 6 * k + i % 6)]);
-        parts.put((0..nv).flat_map(block), 36 * nv);
+    let BatchEstimate { log_likelihood, acceleration, torque, force, process, covariance } = estimate;
+    let means = once(log_likelihood).chain(acceleration).chain(torque).chain(force).chain(process);
+    let covariances = covariance.iter().flat_map(|covariance| {
+        let [a, t] = [&covariance.acceleration, &covariance.torque];
+        let variances = (0..nv).map(|i| a[(i, i)]).chain((0..nv).map(|i| t[(i, i)]));
+        let blocks = [&covariance.force, &covariance.process]
+            .into_iter()
+            .flat_map(move |m| (0..nv).flat_map(move |k| (0..36).map(move |i| m[(6 * k + i / 6, 6 * k + i % 6)])));
+        variances.chain(blocks)
+    });
+    write(means.copied().chain(covariances), out);
+}
+
+fn write(numbers: impl Iterator<Item = f64>, out: &mut [f64]) {
+    for (to, from) in out.iter_mut().zip(numbers) {
+        *to = from;
     }
 }
 
@@ -247,8 +240,7 @@ fn result<'py>(
     batch: &[usize],
     nv: usize,
     covariance: bool,
-) -> PyResult<Bound<'py, PyAny>> {
-    static ESTIMATE: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+) -> PyResult<Object<'py>> {
     let width = 1 + nv * if covariance { WITH_COVARIANCE } else { MEANS };
     let fields = PyDict::new(py);
     let mut likelihoods = Output::new(py, batch)?;
@@ -273,5 +265,5 @@ fn result<'py>(
         fields.set_item(*name, output.finish())?;
         at += own;
     }
-    ESTIMATE.import(py, "phipsi._results", "Estimate")?.call((), Some(&fields))
+    imported!(py, "phipsi._results", "Estimate")?.call((), Some(&fields))
 }

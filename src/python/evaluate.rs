@@ -1,92 +1,146 @@
-//! One call: its arguments over the states of the batch, its result, and the GIL.
+//! The algorithms that have kernels in lanes, from the arguments of a call to its result.
 
 use super::accuracy::Told;
-use super::arrays::{Input, Output};
-use super::bad_states::Errors;
+use super::bad_states::{Errors, is_nan};
+use super::call::Call;
+use super::choice::{Precise, read_dtype};
 use super::cost::Cost;
-use super::errors::{asked_by, fault};
-use super::estimation::Estimation;
-use super::interrupts::detached;
+use super::object::Object;
+use super::output::Output;
 use super::scene::PyScene;
+use super::scratch::Dtype;
 use super::wrenches::{self, Wrench};
 use crate::algorithm::{Algorithm, Arguments};
-use crate::batch::evaluator::{Evaluated, Evaluator};
-use crate::batch::{Batch, Broadcast, Fault, broadcast_axes};
-use crate::dynamics::operational::OperationalScratch;
+use crate::batch::evaluator::Evaluator;
+use crate::batch::{Broadcast, Fault};
 use crate::error::Error;
 use crate::filter::Form;
-use crate::memory;
 use crate::scalar::MOST_LANES;
 use crate::scene::Scene;
-use crate::spatial::SpatialVector;
-use crate::workspace::Workspace;
-use numpy::{Element, PyArrayDyn};
 use pyo3::prelude::*;
 
-/// The GIL is kept for calls shorter than this (ns of one thread), as `NumPy` does: giving it up takes a tenth of a
-/// microsecond where nobody wants it, and up to five milliseconds to get back where somebody does.
-pub(super) const WORTH_RELEASING: usize = 5_000;
-
-/// What a thread needs to evaluate states, kept between calls.
-pub(super) struct Scratch {
-    /// Per-body arrays of the recursions; the kernels are the evaluators'.
-    pub workspace: Workspace<f64>,
-    /// For estimation only.
-    pub estimation: Option<Estimation>,
-    /// For operational space only.
-    pub operational: Option<OperationalScratch<f64>>,
-    /// What runs the kernels in lanes, of float64 and of float32.
-    evaluator: Option<Evaluator>,
-    evaluator_f32: Option<Evaluator<f32>>,
-    /// Forces on bodies of the state at hand; empty without wrenches.
-    pub forces: Vec<SpatialVector<f64>>,
-    /// The same of as many states as there are lanes.
-    lane_forces: Vec<Vec<SpatialVector<f64>>>,
+/// What a call may have been given beside the state.
+pub(super) struct Keywords<'a, 'py> {
+    pub wrenches: Option<&'a Object<'py>>,
+    pub out: Option<&'a Object<'py>>,
+    pub dtype: Option<&'a Object<'py>>,
+    pub errors: &'a str,
+    /// Whether forward dynamics tells its accuracy.
+    pub info: bool,
 }
 
-impl Scratch {
-    pub(super) fn new(scene: &Scene) -> Self {
-        Self {
-            workspace: Workspace::new(scene.model()),
-            estimation: None,
-            operational: None,
-            evaluator: None,
-            evaluator_f32: None,
-            forces: Vec::new(),
-            lane_forces: vec![Vec::new(); MOST_LANES],
+/// Names and values of the arguments: q, then qd, then u, as many as the algorithm takes.
+type Given<'a, 'py, const N: usize> = [(&'static str, &'a Object<'py>); N];
+
+impl PyScene {
+    /// Runs `algorithm`, of so many ns a body, on every state of the arguments.
+    pub(super) fn evaluate<'py, const N: usize>(
+        &self,
+        py: Python<'py>,
+        algorithm: Algorithm,
+        body: usize,
+        given: Given<'_, 'py, N>,
+        keywords: &Keywords<'_, 'py>,
+    ) -> PyResult<Object<'py>> {
+        let nv = self.scene.nv();
+        let matrix = [nv, nv];
+        let is_matrix = matches!(algorithm, Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_));
+        let shape = if is_matrix { &matrix[..] } else { &matrix[..1] };
+        let cost = Cost { arithmetic: body * self.size(), results: self.scene.width(algorithm) };
+        let &Keywords { wrenches, out, dtype, errors, info } = keywords;
+        if !is_nan(errors)? && !info && wrenches.is_none() && dtype.is_none() {
+            let values = given.map(|(_, value)| value);
+            if let Some(result) = self.single(py, algorithm, values, shape, cost, out)? {
+                return Ok(result);
+            }
+        }
+        match read_dtype(dtype)? {
+            Precise::Float64 => self.in_lanes::<f64, N>(py, (algorithm, cost), given, shape, keywords),
+            Precise::Float32 => self.in_lanes::<f32, N>(py, (algorithm, cost), given, shape, keywords),
         }
     }
-}
 
-/// A dtype that the algorithms in lanes compute in.
-pub(super) trait Dtype: Evaluated + Element {
-    /// What runs them, and the forces on bodies of the states at hand.
-    fn parts(scratch: &mut Scratch) -> (&mut Option<Evaluator<Self>>, &mut [Vec<SpatialVector<f64>>]);
-}
+    fn in_lanes<'py, P: Dtype, const N: usize>(
+        &self,
+        py: Python<'py>,
+        (algorithm, cost): (Algorithm, Cost),
+        given: Given<'_, 'py, N>,
+        shape: &[usize],
+        keywords: &Keywords<'_, 'py>,
+    ) -> PyResult<Object<'py>> {
+        let mut inputs = Vec::with_capacity(N);
+        for (at, (name, value)) in given.into_iter().enumerate() {
+            inputs.push(if at == 0 { self.configuration::<P>(name, value)? } else { self.rate(name, value)? });
+        }
+        let wrenches = Wrench::read(&self.scene, keywords.wrenches)?;
+        let form = match algorithm {
+            Algorithm::ForwardDynamics(form) | Algorithm::MassMatrixInverse(form) => Some(form),
+            _ => None,
+        };
+        let call = Call::new(self, inputs, wrenches, cost)?.with(self.errors(keywords.errors, form)?);
+        let told = match form {
+            Some(form) if keywords.info => Some(Told::new(form, call.states)?),
+            _ => None,
+        };
+        let mut output = call.output(py, shape, keywords.out, Output::unwritten)?;
+        call.in_chunks(py, algorithm, output.numbers()?, told.as_ref())?;
+        let result = output.finish().into_any();
+        match told {
+            Some(told) => Ok((result, told.finish(py, &call.batch)?).into_pyobject(py)?.into_any()),
+            None => Ok(result),
+        }
+    }
 
-impl Dtype for f64 {
-    fn parts(scratch: &mut Scratch) -> (&mut Option<Evaluator<Self>>, &mut [Vec<SpatialVector<f64>>]) {
-        (&mut scratch.evaluator, &mut scratch.lane_forces)
+    /// What becomes of bad states; what is wrong with the scene in this form, for all of them, is told first.
+    pub(super) fn errors(&self, errors: &str, form: Option<Form>) -> Result<Errors, Error> {
+        let errors = Errors::read(errors)?;
+        if let (true, Some(form)) = (errors.are_gathered(), form) {
+            self.scene.check_roots(form)?;
+        }
+        Ok(errors)
     }
 }
 
-impl Dtype for f32 {
-    fn parts(scratch: &mut Scratch) -> (&mut Option<Evaluator<Self>>, &mut [Vec<SpatialVector<f64>>]) {
-        (&mut scratch.evaluator_f32, &mut scratch.lane_forces)
+impl<'py, P: Dtype> Call<'_, 'py, P> {
+    /// Runs `algorithm` on every state, as many at a time as there are lanes.
+    fn in_chunks(&self, py: Python<'py>, algorithm: Algorithm, results: &mut [P], told: Option<&Told>) -> PyResult<()> {
+        let scene = &self.scene.scene;
+        let (arguments, wrenches) = self.over()?;
+        let (width, bodies, errors) = (scene.width(algorithm), scene.model().bodies.len(), &self.errors);
+        self.run(py, self.cost.of_many::<P>(self.states, algorithm), |batch| {
+            batch.run_pieces(MOST_LANES, results, |scratch, states, results| {
+                let (evaluator, forces) = P::parts(scratch);
+                let evaluator = evaluator.get_or_insert_with(|| Evaluator::new(scene));
+                let lanes = evaluator.lanes();
+                // Written anew for every chunk only where it holds forces: that is a kilobyte, a tenth of inverse dynamics.
+                let mut chunk = [Arguments::default(); MOST_LANES];
+                for first in states.clone().step_by(lanes) {
+                    let count = lanes.min(states.end - first);
+                    let from = (first - states.start) * width;
+                    let out = &mut results[from..from + count * width];
+                    take(&mut chunk[..count], &arguments, first);
+                    if wrenches.is_empty() {
+                        evaluate(scene, (evaluator, algorithm), &chunk[..count], first, out, (errors, told))?;
+                        continue;
+                    }
+                    let mut chunk = chunk;
+                    let mut is_bad = [false; MOST_LANES];
+                    for (lane, (state, forces)) in chunk.iter_mut().zip(&mut *forces).take(count).enumerate() {
+                        if let Err(error) = wrenches::on_bodies(&wrenches, bodies, first + lane, forces) {
+                            errors.note(Fault { state: first + lane, error })?;
+                            is_bad[lane] = true;
+                        }
+                        state.wrenches = forces;
+                    }
+                    evaluate(scene, (evaluator, algorithm), &chunk[..count], first, out, (errors, told))?;
+                    for lane in (0..count).filter(|&lane| is_bad[lane]) {
+                        out[lane * width..(lane + 1) * width].fill(P::nearest(f64::NAN));
+                    }
+                }
+                Ok(())
+            })
+        })
     }
-}
-
-/// The arguments of a call, the leading axes they broadcast to, and about how long one state takes.
-pub(super) struct Call<'a, 'py, const N: usize, P: Element = f64> {
-    scene: &'a PyScene,
-    inputs: [Input<'py, P>; N],
-    wrenches: Vec<Wrench<'py>>,
-    /// The leading axes of the result.
-    pub batch: Vec<usize>,
-    states: usize,
-    cost: Cost,
-    errors: Errors,
-    told: Option<Told>,
 }
 
 /// The arguments of neighbouring states of a batch, q, then qd, then u; forces stay as they are.
@@ -124,199 +178,4 @@ fn evaluate<P: Dtype>(
         }
     }
     Ok(())
-}
-
-impl<'a, 'py, const N: usize, P: Dtype> Call<'a, 'py, N, P> {
-    /// A call with these arguments.
-    pub fn new(
-        scene: &'a PyScene,
-        inputs: [Input<'py, P>; N],
-        wrenches: Vec<Wrench<'py>>,
-        cost: impl Into<Cost>,
-    ) -> PyResult<Self> {
-        let given = inputs.iter().map(|input| (&*input.name, input.leading()));
-        let all = given.chain(wrenches.iter().map(|Wrench { input, .. }| (&*input.name, input.leading())));
-        let batch = if all.clone().all(|(_, leading)| leading.is_empty()) { Vec::new() } else { broadcast_axes(all)? };
-        let states = batch.iter().try_fold(1, |product: usize, &length| product.checked_mul(length));
-        let Some(states) = states else {
-            return Err(Error::argument("batch", "more states than memory has addresses", "fewer").into());
-        };
-        Ok(Self { scene, inputs, wrenches, batch, states, cost: cost.into(), errors: Errors::Raise, told: None })
-    }
-
-    /// The same call with another choice of what becomes of bad states.
-    pub fn with(self, errors: Errors) -> Self {
-        Self { errors, ..self }
-    }
-
-    /// The same call of forward dynamics, which tells its accuracy.
-    pub fn telling(self, form: Form) -> Result<Self, Error> {
-        let told = Some(Told::new(form, self.states)?);
-        Ok(Self { told, ..self })
-    }
-
-    /// What a call that is [`telling`](Self::telling) found of its accuracy.
-    pub fn accuracy(self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
-        self.told.map(|told| told.finish(py, &self.batch)).transpose()
-    }
-
-    /// Runs `algorithm` on every state, in lanes, into an array of shape batch + `shape`; the inputs are q, then qd, then u.
-    pub fn algorithm(
-        &self,
-        py: Python<'py>,
-        algorithm: Algorithm,
-        shape: &[usize],
-        out: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
-        let mut output = self.output(py, shape, out, |full| Output::unwritten(py, full))?;
-        let results = output.numbers()?;
-        let scene = &self.scene.scene;
-        let (arguments, wrenches) = self.over()?;
-        let (width, errors, told) = (scene.width(algorithm), &self.errors, self.told.as_ref());
-        let bodies = scene.model().bodies.len();
-        self.run(py, self.cost.of_many::<P>(self.states, algorithm), |batch| {
-            batch.run_pieces(MOST_LANES, results, |scratch, states, results| {
-                let (evaluator, forces) = P::parts(scratch);
-                let evaluator = evaluator.get_or_insert_with(|| Evaluator::new(scene));
-                let (mut first, last) = (states.start, states.end);
-                // Written anew for every chunk only where it holds forces: that is a kilobyte.
-                let mut chunk = [Arguments::default(); MOST_LANES];
-                while first < last {
-                    let count = evaluator.lanes().min(last - first);
-                    let from = (first - states.start) * width;
-                    let out = &mut results[from..from + count * width];
-                    if wrenches.is_empty() {
-                        take(&mut chunk[..count], &arguments, first);
-                        evaluate(scene, (&mut *evaluator, algorithm), &chunk[..count], first, out, (errors, told))?;
-                    } else {
-                        let mut chunk = chunk;
-                        take(&mut chunk[..count], &arguments, first);
-                        let mut is_bad = [false; MOST_LANES];
-                        for (lane, (state, forces)) in chunk.iter_mut().zip(forces.iter_mut()).enumerate().take(count) {
-                            if let Err(error) = wrenches::on_bodies(&wrenches, bodies, first + lane, forces) {
-                                errors.note(Fault { state: first + lane, error })?;
-                                is_bad[lane] = true;
-                            }
-                            state.wrenches = forces;
-                        }
-                        evaluate(scene, (&mut *evaluator, algorithm), &chunk[..count], first, out, (errors, told))?;
-                        for lane in (0..count).filter(|&lane| is_bad[lane]) {
-                            out[lane * width..(lane + 1) * width].fill(P::nearest(f64::NAN));
-                        }
-                    }
-                    first += count;
-                }
-                Ok(())
-            })
-        })?;
-        Ok(output.finish())
-    }
-
-    /// The array of shape batch + `shape` that receives the results: a new one from `make`, or the caller's `out`.
-    fn output(
-        &self,
-        py: Python<'py>,
-        shape: &[usize],
-        out: Option<&Bound<'py, PyAny>>,
-        make: impl FnOnce(&[usize]) -> PyResult<Output<'py, P>>,
-    ) -> PyResult<Output<'py, P>> {
-        let mut full = Vec::with_capacity(self.batch.len() + shape.len());
-        full.extend_from_slice(&self.batch);
-        full.extend_from_slice(shape);
-        match out {
-            None => match make(&full) {
-                Ok(made) => Ok(made),
-                Err(failed) => asked_by(py, &self.asking(), Err(failed)),
-            },
-            Some(out) => {
-                let wrenches = self.wrenches.iter().map(|wrench| wrench.input.addresses());
-                Output::given(out, &full, self.inputs.iter().map(Input::addresses).chain(wrenches))
-            }
-        }
-    }
-
-    /// The names of the arguments that make the batch as large as it is.
-    pub fn asking(&self) -> String {
-        let given = self.inputs.iter().map(|input| (&*input.name, input.leading()));
-        let all = given.chain(self.wrenches.iter().map(|Wrench { input, .. }| (&*input.name, input.leading())));
-        let names: Vec<&str> = all.filter(|(_, leading)| !leading.is_empty()).map(|(name, _)| name).collect();
-        if names.is_empty() { "scene".to_owned() } else { names.join(", ") }
-    }
-
-    /// The arguments for the threads, which see no Python.
-    fn over(&self) -> PyResult<(Vec<Broadcast<'_, P>>, Vec<wrenches::States<'_>>)> {
-        let arguments = self.inputs.iter().map(|input| input.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
-        let wrenches = self.wrenches.iter().map(|wrench| wrench.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
-        Ok((arguments, wrenches))
-    }
-
-    /// Runs a batch, of so many ns a state, without the GIL, but for short calls.
-    fn run(
-        &self,
-        py: Python<'py>,
-        cost: usize,
-        work: impl FnOnce(Batch<'_, Scratch, &(dyn Fn() -> Scratch + Sync)>) -> Result<(), Fault> + Send,
-    ) -> PyResult<()> {
-        let scene = &self.scene.scene;
-        let make = || Scratch::new(scene);
-        let batch =
-            Batch { states: self.states, cost, pool: &self.scene.pool, make: &make as &(dyn Fn() -> Scratch + Sync) };
-        let short = self.states.saturating_mul(cost) < WORTH_RELEASING;
-        let outcome = if short {
-            work(batch)
-        } else {
-            self.scene.check_scratch(self.states)?;
-            detached(py, || work(batch))?
-        };
-        outcome.map_err(|error| fault(py, error, &self.batch))?;
-        self.errors.warn(py, &self.batch)
-    }
-}
-
-impl<'py, const N: usize> Call<'_, 'py, N> {
-    /// Room for `width` numbers a state, where the result is not one array; for the arrays that they are copied to there is room too.
-    pub fn scratch_results(&self, py: Python<'py>, width: usize) -> PyResult<Output<'py>> {
-        memory::room(&self.asking(), memory::bytes_of::<f64>(&[self.states, width, 2]))?;
-        let Some(entries) = self.states.checked_mul(width) else {
-            return Err(Error::argument(self.asking(), "more numbers than memory has addresses", "fewer states").into());
-        };
-        asked_by(py, &self.asking(), Output::new(py, &[entries]))
-    }
-
-    /// Evaluates every state into an array of shape batch + `shape`: a new one, or the caller's `out`.
-    pub fn array<K>(
-        &self,
-        py: Python<'py>,
-        shape: &[usize],
-        out: Option<&Bound<'py, PyAny>>,
-        kernel: K,
-    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>>
-    where
-        K: Fn(&Scene, &mut Scratch, [&[f64]; N], &mut [f64]) -> Result<(), Error> + Sync,
-    {
-        let mut output = self.output(py, shape, out, |full| Output::new(py, full))?;
-        self.numbers(py, output.numbers()?, kernel)?;
-        Ok(output.finish())
-    }
-
-    /// Evaluates every state into `results`, row-major over the batch.
-    pub fn numbers<K>(&self, py: Python<'py>, results: &mut [f64], kernel: K) -> PyResult<()>
-    where
-        K: Fn(&Scene, &mut Scratch, [&[f64]; N], &mut [f64]) -> Result<(), Error> + Sync,
-    {
-        let scene = &self.scene.scene;
-        let (arguments, wrenches) = self.over()?;
-        let (bodies, errors) = (scene.model().bodies.len(), &self.errors);
-        self.run(py, self.cost.of_one(), |batch| {
-            batch.run(results, |scratch, i, out| {
-                let outcome = wrenches::on_bodies(&wrenches, bodies, i, &mut scratch.forces)
-                    .and_then(|()| kernel(scene, scratch, std::array::from_fn(|k| arguments[k].state(i)), out));
-                if let Err(error) = outcome {
-                    errors.note(Fault { state: i, error }).map_err(|fault| fault.error)?;
-                    out.fill(f64::NAN);
-                }
-                Ok(())
-            })
-        })
-    }
 }

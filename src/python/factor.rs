@@ -1,11 +1,14 @@
 //! The class `Factor`: K, L and D at one configuration or at a batch of them, and the operators they are made of.
 
-use super::arrays::{self, Input, Output};
-use super::dynamics::read_form;
+use super::call::run;
+use super::choice::read_form;
 use super::errors::{asked_by, fault};
-use super::evaluate::Scratch;
+use super::input::{self, Input};
 use super::interrupts::{detached, detached_checked, drop_elsewhere};
+use super::object::{Object, imported};
+use super::output::{Array, Output, from_numbers};
 use super::scene::PyScene;
+use super::scratch::Scratch;
 use crate::batch::{Batch, Broadcast, Fault, Pool, broadcast_axes, shape_text};
 use crate::error::{Error, check_finite};
 use crate::filter::{FORMS, Form};
@@ -15,16 +18,14 @@ use crate::operators::{Factor, KINDS, Kind, Operator};
 use crate::scene::{Model, Scene};
 use crate::watch;
 use crate::workspace::Workspace;
-use numpy::PyArrayDyn;
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
 use pyo3::types::PyTuple;
 use std::sync::{Arc, PoisonError, RwLock};
 
 /// What a factor is made of anew: scene, configurations, name of the form.
-type Remade<'py> = (Py<PyScene>, Bound<'py, PyAny>, &'static str);
+type Remade<'py> = (Py<PyScene>, Object<'py>, &'static str);
 
-/// The compiled half of `phipsi.operators.Factor`: applies operators by name.
+/// The compiled half of phipsi.operators.Factor: applies operators by name.
 #[pyclass(frozen, name = "RawFactor", module = "phipsi._core")]
 pub(crate) struct PyFactor {
     scene: Py<PyScene>,
@@ -54,13 +55,12 @@ impl PyFactor {
     }
 
     /// Factors every configuration of q.
-    fn new(scene: &Bound<'_, PyScene>, q: &Bound<'_, PyAny>, form: Form) -> PyResult<Self> {
+    fn new(scene: &Bound<'_, PyScene>, q: &Object<'_>, form: Form) -> PyResult<Self> {
         let (py, own) = (scene.py(), scene.get());
-        let input = Input::new("q", q, own.coordinates())?;
-        let batch = input.leading().to_vec();
-        let factors = own.factors(py, &input, form)?.map_err(|error| fault(py, error, &batch))?;
+        let input = own.configuration("q", q)?;
+        let factors = own.factors(py, &input, form)?;
         let state = State { factors, configurations: memory::copied("q", input.data()?)? };
-        let state = RwLock::new(Arc::new(state));
+        let (batch, state) = (input.leading().to_vec(), RwLock::new(Arc::new(state)));
         Ok(Self { scene: scene.clone().unbind(), batch, form, pool: Pool::default(), state })
     }
 
@@ -130,9 +130,9 @@ impl State {
 }
 
 impl PyScene {
-    /// The factor of every configuration of a batch, the GIL released.
-    fn factors(&self, py: Python<'_>, input: &Input<'_>, form: Form) -> PyResult<Result<Vec<Factor<f64>>, Fault>> {
-        let scene = &self.scene;
+    /// The factor of every configuration of a batch.
+    fn factors(&self, py: Python<'_>, input: &Input<'_>, form: Form) -> PyResult<Vec<Factor<f64>>> {
+        let Self { scene, pool } = self;
         let states: usize = input.leading().iter().product();
         let q = input.over(input.leading())?;
         // Twice the outer part of each, which is moved in the end, and q.
@@ -141,25 +141,25 @@ impl PyScene {
         self.check_scratch(states)?;
         let mut made: Vec<Option<Factor<f64>>> = memory::with_capacity("q", states)?;
         made.resize_with(states, || None);
-        detached(py, || {
-            let make = || Scratch::new(scene);
-            let cost = COST * self.size();
-            let outcome =
-                Batch { states, cost, pool: &self.pool, make }.run_pieces(1, &mut made, |scratch, states, made| {
-                    scratch.workspace.form = form;
-                    for (state, made) in states.zip(made) {
-                        let factor = scene.factor(&mut scratch.workspace, q.state(state));
-                        *made = Some(factor.map_err(|error| Fault { state, error })?);
-                    }
-                    Ok(())
-                });
-            if let Err(fault) = outcome {
-                drop_elsewhere(made);
-                return Err(fault);
-            }
-            let mut factors = memory::with_capacity("q", states).map_err(|error| Fault { state: 0, error })?;
+        let batch = Batch { states, cost: COST * self.size(), pool, make: || Scratch::new(scene) };
+        let outcome = run(py, input.leading(), batch, |batch| {
+            batch.run_pieces(1, &mut made, |scratch, states, made| {
+                scratch.workspace.form = form;
+                for (state, made) in states.zip(made) {
+                    let factor = scene.factor(&mut scratch.workspace, q.state(state));
+                    *made = Some(factor.map_err(|error| Fault { state, error })?);
+                }
+                Ok(())
+            })
+        });
+        if let Err(error) = outcome {
+            drop_elsewhere(made);
+            return Err(error);
+        }
+        detached_checked(py, || {
+            let mut factors = memory::with_capacity("q", states)?;
             factors.extend(made.into_iter().flatten());
-            Ok(factors)
+            Ok::<_, Error>(factors)
         })
     }
 }
@@ -168,24 +168,23 @@ impl PyScene {
 impl PyScene {
     /// M = (1 + K) D (1 + K*) at q by one sweep (3.1, 3.6), and the operators phi, Psi, K, L, D, P it is made of.
     ///
-    /// q: (..., nq); the factor is batched where q is. form: as in `forward_dynamics`. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
+    /// q: (..., nq); the factor is batched where q is. form: as in forward_dynamics. Returns a phipsi.Factor: solve(tau) and mul(a) are O(N), and its
     /// operators compose as the paper's equations do.
     ///
-    /// Raises `SingularJointError`, naming joint and state; `ShapeError`, `NotFiniteError` or `ArgumentError` for a bad q.
+    /// Raises SingularJointError, naming joint and state; ShapeError, NotFiniteError or ArgumentError for a bad q.
     #[pyo3(signature = (q, *, form="auto"))]
-    fn factor<'py>(slf: &Bound<'py, Self>, q: &Bound<'py, PyAny>, form: &str) -> PyResult<Bound<'py, PyAny>> {
-        static FACTOR: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-        FACTOR.import(slf.py(), "phipsi.operators", "Factor")?.call1((PyFactor::new(slf, q, read_form(form)?)?,))
+    fn factor<'py>(slf: &Bound<'py, Self>, q: &Object<'py>, form: &str) -> PyResult<Object<'py>> {
+        imported!(slf.py(), "phipsi.operators", "Factor")?.call1((PyFactor::new(slf, q, read_form(form)?)?,))
     }
 }
 
 #[pymethods]
 impl PyFactor {
     /// Scene, configurations and form: a factor is made of them to the same bits, updated or not.
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Remade<'py>)> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Object<'py>, Remade<'py>)> {
         let rebuild = py.import("phipsi._core")?.getattr("_rebuild_factor")?;
         let shape = [&self.batch[..], &[self.model().nq]].concat();
-        let q = arrays::from_numbers(py, &self.read().configurations, &shape)?;
+        let q = from_numbers(py, &self.read().configurations, &shape)?;
         Ok((rebuild, (self.scene.clone_ref(py), q, name_of(self.form))))
     }
 
@@ -197,7 +196,7 @@ impl PyFactor {
     }
 
     #[pyo3(signature = (memo, /))]
-    fn __deepcopy__(&self, py: Python<'_>, memo: &Bound<'_, PyAny>) -> Self {
+    fn __deepcopy__(&self, py: Python<'_>, memo: &Object<'_>) -> Self {
         let _ = memo;
         self.__copy__(py)
     }
@@ -215,7 +214,7 @@ impl PyFactor {
     }
 
     /// log det M of every configuration, shape of the batch.
-    fn log_det<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn log_det<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let mut output = asked_by(py, "q", Output::new(py, &self.batch))?;
         for (value, factor) in output.numbers()?.iter_mut().zip(&self.read().factors) {
             *value = factor.log_det();
@@ -224,10 +223,8 @@ impl PyFactor {
     }
 
     /// D of every configuration, (..., nv).
-    fn pivots<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let mut shape = self.batch.clone();
-        shape.push(self.model().nv());
-        let mut output = asked_by(py, "q", Output::new(py, &shape))?;
+    fn pivots<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
+        let mut output = asked_by(py, "q", Output::new(py, &[&self.batch[..], &[self.model().nv()]].concat()))?;
         let state = self.read();
         for (value, pivot) in output.numbers()?.iter_mut().zip(state.factors.iter().flat_map(Factor::pivots)) {
             *value = pivot;
@@ -243,13 +240,7 @@ impl PyFactor {
 
     /// The operator of that name times x, (..., columns), by a sweep; its transpose's if so said.
     #[pyo3(signature = (kind, transpose, x, /))]
-    fn apply<'py>(
-        &self,
-        py: Python<'py>,
-        kind: &str,
-        transpose: bool,
-        x: &Bound<'py, PyAny>,
-    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    fn apply<'py>(&self, py: Python<'py>, kind: &str, transpose: bool, x: &Object<'py>) -> Array<'py> {
         let kind = find(kind)?;
         let (rows, columns) = kind.shape(self.model().nv());
         let (from, to) = if transpose { (rows, columns) } else { (columns, rows) };
@@ -259,17 +250,15 @@ impl PyFactor {
         let state = self.read();
         let factors = Broadcast::new("the factor", &state.factors, 1, &self.batch, &batch)?;
         let vectors = x.over(&batch)?;
-        let mut shape = batch.clone();
-        shape.push(to);
-        let mut output = asked_by(py, "x", Output::new(py, &shape))?;
+        let mut output = asked_by(py, "x", Output::new(py, &[&batch[..], &[to]].concat()))?;
         let results = output.numbers()?;
         let states = batch.iter().product();
         if kind.needs_co_states() {
             memory::room("q", Factor::bytes_of_co_states(self.model(), state.factors.len()))?;
         }
-        let run = || {
-            let batch = Batch { states, cost: COST * self.model().nv().max(1), pool: &self.pool, make: || () };
-            batch.run(results, |(), i, y| {
+        let factor = Batch { states, cost: COST * self.model().nv().max(1), pool: &self.pool, make: || () };
+        run(py, &batch, factor, |factor| {
+            factor.run(results, |(), i, y| {
                 let x = vectors.state(i);
                 check_finite("x", x)?;
                 let operator = factors.state(i)[0].operator(kind);
@@ -280,20 +269,18 @@ impl PyFactor {
                 }
                 Ok(())
             })
-        };
-        detached(py, run)?.map_err(|error| fault(py, error, &batch))?;
+        })?;
         Ok(output.finish())
     }
 
     /// Moves every factor to its configuration in q, the shape that the factor was made with; how many bodies were computed anew, in all.
     #[pyo3(signature = (q, /))]
-    fn update(&self, py: Python<'_>, q: &Bound<'_, PyAny>) -> PyResult<usize> {
-        let PyScene { scene, pool, .. } = self.scene.get();
-        let mut shape = self.batch.clone();
-        shape.push(scene.nq());
-        let (found, q) = arrays::shaped("q", q, self.scene.get().coordinates())?;
+    fn update(&self, py: Python<'_>, q: &Object<'_>) -> PyResult<usize> {
+        let PyScene { scene, pool } = self.scene.get();
+        let shape = [&self.batch[..], &[scene.nq()]].concat();
+        let (found, q) = input::shaped("q", q, self.scene.get().coordinates())?;
         if found != shape {
-            return Err(arrays::wrong_shape("q", &found, shape_text(&shape)));
+            return Err(input::wrong_shape("q", &found, shape_text(&shape)));
         }
         let update = |scratch: &mut Scratch| self.update_all(scratch, &q);
         detached(py, || pool.with(|| Scratch::new(scene), update))?.map_err(|error| fault(py, error, &self.batch))
@@ -301,13 +288,11 @@ impl PyFactor {
 
     /// The operator of that name as a matrix, (..., rows, columns), built from its definition and not by a sweep.
     #[pyo3(signature = (kind, /))]
-    fn dense<'py>(&self, py: Python<'py>, kind: &str) -> PyResult<Bound<'py, PyAny>> {
+    fn dense<'py>(&self, py: Python<'py>, kind: &str) -> PyResult<Object<'py>> {
         let kind = find(kind)?;
         let (rows, columns) = kind.shape(self.model().nv());
         let nq = self.model().nq;
-        let mut shape = self.batch.clone();
-        shape.extend([rows, columns]);
-        let mut output = asked_by(py, "q", Output::new(py, &shape))?;
+        let mut output = asked_by(py, "q", Output::new(py, &[&self.batch[..], &[rows, columns]].concat()))?;
         let numbers = output.numbers()?;
         let state = self.read();
         detached_checked(py, || {
@@ -325,10 +310,10 @@ impl PyFactor {
     }
 }
 
-/// The factor of what `RawFactor.__reduce__` gave.
+/// The factor of what RawFactor.__reduce__ gave.
 #[pyfunction]
 #[pyo3(name = "_rebuild_factor", signature = (scene, q, form, /))]
-pub(super) fn rebuild_factor(scene: &Bound<'_, PyScene>, q: &Bound<'_, PyAny>, form: &str) -> PyResult<PyFactor> {
+pub(super) fn rebuild_factor(scene: &Bound<'_, PyScene>, q: &Object<'_>, form: &str) -> PyResult<PyFactor> {
     PyFactor::new(scene, q, read_form(form)?)
 }
 

@@ -1,16 +1,11 @@
 //! Methods of `Scene`: where links are, how they move, energy and momentum.
 
-use super::arrays::{Input, Output};
-use super::bad_states::Errors;
 use super::errors::asked_by;
-use super::evaluate::Call;
+use super::object::{Object, imported};
+use super::output::{Array, Output};
 use super::scene::PyScene;
-use numpy::PyArrayDyn;
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
 use pyo3::types::PyDict;
-
-type Array<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
 
 /// Rough time of one body (or link) in one state, ns.
 mod cost {
@@ -23,15 +18,13 @@ mod cost {
 impl PyScene {
     /// Where every link is: a dict from link names to homogeneous matrices, link frame to base frame.
     ///
-    /// q: (..., nq). Each value: (..., 4, 4), [[R, p], [0, 1]] with p in m; an array of its own, in the order of `link_names`.
+    /// q: (..., nq). Each value: (..., 4, 4), [[R, p], [0, 1]] with p in m; an array of its own, in the order of link_names.
     ///
-    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
+    /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
     #[pyo3(signature = (q, *, errors="raise"))]
-    fn placements<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, errors: &str) -> PyResult<Bound<'py, PyDict>> {
+    fn placements<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Bound<'py, PyDict>> {
         let links = self.scene.links();
-        let inputs = [Input::new("q", q, self.coordinates())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::PLACEMENT * (self.size() + links.len()))?
-            .with(Errors::read(errors)?);
+        let call = self.call([self.configuration("q", q)?], cost::PLACEMENT * (self.size() + links.len()), errors)?;
         let mut all = call.scratch_results(py, 16 * links.len())?;
         call.numbers(py, all.numbers()?, |scene, _, [q], out| {
             for (shift, out) in scene.placements(q)?.iter().zip(out.chunks_exact_mut(16)) {
@@ -45,8 +38,7 @@ impl PyScene {
             }
             Ok(())
         })?;
-        let mut shape = call.batch.clone();
-        shape.extend([4, 4]);
+        let shape = [&call.batch[..], &[4, 4]].concat();
         let placements = PyDict::new(py);
         for (at, link) in links.iter().enumerate() {
             let mut output = asked_by(py, &call.asking(), Output::new(py, &shape))?;
@@ -60,15 +52,15 @@ impl PyScene {
     ///
     /// q: (..., nq). Returns (..., 6, nv), SI units; a wrench w on the link there gives the joint torques J^T w.
     ///
-    /// errors: as in `forward_dynamics`. Raises `ArgumentError` for an unknown link; `ShapeError`, `NotFiniteError`, `ArgumentError` for a bad q, naming the state.
+    /// errors: as in forward_dynamics. Raises ArgumentError for an unknown link; ShapeError,
+    /// NotFiniteError, ArgumentError for a bad q, naming the state.
     #[pyo3(signature = (q, link, *, errors="raise"))]
-    fn jacobian<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, link: &str, errors: &str) -> Array<'py> {
+    fn jacobian<'py>(&self, py: Python<'py>, q: &Object<'py>, link: &str, errors: &str) -> Array<'py> {
         // Also where the batch is empty.
         self.scene.link(link)?;
         let nv = self.scene.nv();
-        let inputs = [Input::new("q", q, self.coordinates())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::PLACEMENT * self.size())?.with(Errors::read(errors)?);
-        call.array(py, &[6, nv], None, |scene, _, [q], out| scene.jacobian(q, link, out))
+        let call = self.call([self.configuration("q", q)?], cost::PLACEMENT * self.size(), errors)?;
+        call.array(py, &[6, nv], |scene, _, [q], out| scene.jacobian(q, link, out))
     }
 
     /// Kinetic energy (armature included) and potential energy, as the named tuple Energy(kinetic, potential).
@@ -76,18 +68,11 @@ impl PyScene {
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. Each (...), J; the potential is zero with the mass centre at the
     /// base's origin.
     ///
-    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn energy<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        qd: &Bound<'py, PyAny>,
-        errors: &str,
-    ) -> PyResult<Bound<'py, PyAny>> {
-        static ENERGY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-        let inputs = [Input::new("q", q, self.coordinates())?, Input::new("qd", qd, self.rates())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::ENERGY * self.size())?.with(Errors::read(errors)?);
+    fn energy<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
+        let inputs = [self.configuration("q", q)?, self.rate("qd", qd)?];
+        let call = self.call(inputs, cost::ENERGY * self.size(), errors)?;
         let mut both = call.scratch_results(py, 2)?;
         call.numbers(py, both.numbers()?, |scene, scratch, [q, qd], out| {
             let energy = scene.energy(&mut scratch.workspace, q, qd)?;
@@ -99,25 +84,19 @@ impl PyScene {
             output.gather(py, 1, both.numbers()?.chunks_exact(2).map(|state| &state[which..=which]))?;
             output.finish_or_scalar()
         };
-        ENERGY.import(py, "phipsi._results", "Energy")?.call1((part(0)?, part(1)?))
+        imported!(py, "phipsi._results", "Energy")?.call1((part(0)?, part(1)?))
     }
 
     /// Spatial momentum of all moving bodies: (angular about the base's origin, linear), in the base frame.
     ///
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 6), N m s and N s. Armature adds nothing here.
     ///
-    /// errors: as in `forward_dynamics`. Raises `ShapeError`, `NotFiniteError`, `ArgumentError`, each naming the argument and the state.
+    /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn momentum<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        qd: &Bound<'py, PyAny>,
-        errors: &str,
-    ) -> Array<'py> {
-        let inputs = [Input::new("q", q, self.coordinates())?, Input::new("qd", qd, self.rates())?];
-        let call = Call::new(self, inputs, Vec::new(), cost::MOMENTUM * self.size())?.with(Errors::read(errors)?);
-        call.array(py, &[6], None, |scene, scratch, [q, qd], out| {
+    fn momentum<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> Array<'py> {
+        let inputs = [self.configuration("q", q)?, self.rate("qd", qd)?];
+        let call = self.call(inputs, cost::MOMENTUM * self.size(), errors)?;
+        call.array(py, &[6], |scene, scratch, [q, qd], out| {
             out.copy_from_slice(scene.momentum(&mut scratch.workspace, q, qd)?.as_slice());
             Ok(())
         })

@@ -1,18 +1,21 @@
 //! The Python module `phipsi._core`: `NumPy` in, `NumPy` out, over the same checked algorithms as the crate.
 //!
-//! [`arrays`] reads arguments and makes results, for every method in one place; [`evaluate`] runs a kernel over the
-//! states of a call, [`single`] over one state by a shorter way; [`errors`] maps each error of the crate to its Python class; the
-//! other files are the methods by subject. Nothing outside this folder names pyo3 or numpy.
+//! One path for a call: [`input`] reads the arguments; [`call`] checks that they broadcast and runs the states of the batch with the GIL
+//! released; [`output`] makes the result. [`evaluate`] does so for what has kernels in lanes, after asking [`single`] whether it is one plain
+//! state. [`errors`] maps each error of the crate to its Python class; the other files are the methods by subject, and no file uses one
+//! that uses it. Nothing outside this folder names pyo3 or numpy.
 
 #![allow(clippy::doc_markdown)] // the comments of classes and methods are Python's docstrings
 
 mod accuracy;
-mod arrays;
+mod axis;
 mod bad_states;
 mod builder;
+mod call;
 mod changes;
 mod choice;
 mod configuration;
+mod control;
 mod cost;
 mod counts;
 mod description;
@@ -21,23 +24,23 @@ mod errors;
 mod estimation;
 mod evaluate;
 mod factor;
+mod fresh;
 mod geometry;
+mod input;
 mod interrupts;
-mod kept;
-mod labels;
-mod masks;
 mod motion;
+mod object;
 mod operational;
+mod output;
 mod parts;
 mod plan;
-mod refusals;
 mod report;
 mod scene;
 mod scenes;
+mod scratch;
 mod single;
 mod stability;
 mod stochastic;
-mod tables;
 mod threads;
 mod wrenches;
 
@@ -48,23 +51,15 @@ mod core_module {
     use pyo3::types::PyTuple;
 
     #[pymodule_export]
-    use super::builder::PySceneBuilder;
-    #[pymodule_export]
-    use super::description::{rebuild_builder, rebuild_scene};
+    use super::builder::{PySceneBuilder, rebuild_builder};
     #[pymodule_export]
     use super::factor::{PyFactor, rebuild_factor};
-    #[pymodule_export]
-    use super::kept::{get_kept_memory, set_kept_memory};
-    #[pymodule_export]
-    use super::labels::numbers;
-    #[pymodule_export]
-    use super::plan::{PyOmission, PyPlan, rebuild_omission, rebuild_plan};
     #[pymodule_export]
     use super::report::{
         PyReference, call_of_method, growth_of, measure_method, operator_growth_of, reference_of, residuals_at,
     };
     #[pymodule_export]
-    use super::scene::PyScene;
+    use super::scene::{PyScene, numbers, rebuild_scene};
     #[pymodule_export]
     use super::scenes::{chain_of, extreme_case, extreme_names};
     #[pymodule_export]
@@ -80,8 +75,10 @@ mod core_module {
         module.add("BUNDLED_ARM", crate::scenes::BUNDLED_ARM)?;
         let routes = crate::report::emergence::ROUTES.map(|(name, _)| name);
         module.add("ROUTES", PyTuple::new(module.py(), routes)?)?;
-        module.add("FORMS", PyTuple::new(module.py(), super::stability::forms())?)?;
-        module.add("QUANTITIES", PyTuple::new(module.py(), super::stability::quantities())?)?;
+        let forms = crate::report::stability::FORMS.map(|(name, _)| name);
+        module.add("FORMS", PyTuple::new(module.py(), forms)?)?;
+        let quantities = crate::report::sensitivity::QUANTITIES.map(|(name, _)| name);
+        module.add("QUANTITIES", PyTuple::new(module.py(), quantities)?)?;
         let methods = crate::report::accuracy::METHODS.map(|(name, _)| name);
         module.add("METHODS", PyTuple::new(module.py(), methods)?)
     }

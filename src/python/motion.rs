@@ -1,77 +1,83 @@
 //! Methods of `Scene`: states through time.
 
-use super::arrays::{self, Input, Output, from_numbers};
+use super::axis::Axis;
+use super::choice::read_form;
+use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
-use super::errors::asked_by;
+use super::errors::{asked_by, batch_index, fault, of_batch};
+use super::fresh::entries;
+use super::input::{self, Input};
 use super::interrupts::detached;
-use super::labels::Axis;
+use super::object::{Object, imported};
+use super::output::{Output, from_numbers};
 use super::scene::PyScene;
-use crate::batch::{Broadcast, broadcast_axes};
+use crate::batch::{Fault, broadcast_axes};
 use crate::error::{Error, check_finite};
-use crate::filter::FORMS;
 use crate::memory;
 use crate::motion::properties::FRICTION_SPEED;
-use crate::motion::{Gains, Method, Properties, Records, Rollout, Settings, StepFault, Torque};
-use pyo3::exceptions::{PyException, PyKeyboardInterrupt};
+use crate::motion::{Method, Properties, Records, Rollout, Settings, StepFault, Torque};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple};
+use pyo3::types::PyDict;
 use std::time::{Duration, Instant};
 
 /// Between reports of progress.
 const BLOCK: Duration = Duration::from_millis(50);
 
-/// The class or function of that name in `phipsi._motion`.
-fn of_motion<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
-    py.import("phipsi._motion")?.getattr(name)
-}
-
 #[pymethods]
 impl PyScene {
     /// Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m; a copy. Simulation only.
     #[getter]
-    fn damping<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn damping<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         from_numbers(py, &Properties::of(&self.scene).damping, &[self.scene.nv()])
     }
 
     /// Coulomb friction of each degree of freedom, (nv,), N m or N; a copy. Simulation only.
     #[getter]
-    fn friction<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn friction<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         from_numbers(py, &Properties::of(&self.scene).friction, &[self.scene.nv()])
     }
 
     /// Stiffness of each degree of freedom's spring, (nv,), N m/rad or N/m; a copy. Simulation only.
     #[getter]
-    fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         from_numbers(py, &Properties::of(&self.scene).stiffness, &[self.scene.nv()])
     }
 
     /// The configuration where the springs are at rest, (nq,); a copy.
     #[getter]
-    fn rest<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn rest<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         from_numbers(py, &Properties::of(&self.scene).rest, &[self.scene.nq()])
     }
 
     /// Advances states in time: fixed steps, whole batches, springs and damping implicitly where the method says so.
     ///
-    /// M(q) dv/dt + bias(q, v) = tau - d v - f v / sqrt(v^2 + v0^2) - k (q - rest) + kp (target - q) + kd (target_rate - v), and
-    /// dq/dt = v on the manifold: quaternions stay unit, free joints move on SE(3).
+    /// With d damping, f friction, k stiffness, v0 friction_speed, differences on the manifold,
     ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s. steps: how many. tau: (..., nv), constant, or a function
-    /// of (t, q, qd) called once a step with the whole batch that returns (..., nv); tau_steps: (..., steps, nv) instead; held
-    /// over each step. pd: PD(kp, kd, target, target_rate), followed within the step. method: "semi-implicit-euler" (order 1), "rk4" (4),
-    /// "implicit-euler" (1), "rosenbrock-2" (2) or "rosenbrock-3" (3): the last three are L-stable for springs, damping and pd. record_every: a row after so many
-    /// steps. armature, damping, stiffness, friction: (nv,) or a number, rest: (nq,), instead of the scene's; friction_speed: v0,
-    /// rad/s or m/s. form: "auto" redoes a step whose digits are in doubt in square-root form, "covariance" watches pivots only.
-    /// progress: called with (steps done, steps) now and then. conserve_momentum: floating trees keep their momentum, and their mass
-    /// centre its parabola, to rounding: each step ends with a rigid motion of the tree, as large as the step's error in them; nothing
-    /// may act along the free joints but weight.
+    ///     M(q) dv/dt + bias(q, v) = tau - d v - f v / sqrt(v^2 + v0^2) - k (q - rest) + kp (target - q) + kd (target_rate - v)
     ///
-    /// Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first the start;
-    /// momentum_correction, the largest that was made, or None.
+    /// and dq/dt = v on the manifold: quaternions stay unit, free joints move on SE(3).
     ///
-    /// Raises SimulationError where motion diverges, a pivot is lost or tau raises, with .trajectory (the rows of the steps finished),
-    /// .step, .joint and .state; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, with .trajectory; OutOfMemoryError where the rows have no
-    /// room; ShapeError, NotFiniteError, ArgumentError.
+    /// q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s, finite and positive. steps: how many.
+    /// tau: (..., nv), constant, or a function of (t, q, qd) that is called once a step with the whole batch and returns
+    /// (..., nv); tau_steps: (..., steps, nv) instead. Either is held over each step, so that a function is followed to first
+    /// order in dt by every method. pd: PD(kp, kd, target, target_rate), followed within the step.
+    /// method: "semi-implicit-euler" (order 1), "rk4" (order 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3).
+    /// The last three take springs, damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit
+    /// stage each; they are L-stable for them: what is faster than the step is damped, not followed. record_every: a row
+    /// after so many steps. armature, damping, stiffness, friction: (nv,) or a number, rest: (nq,), instead of the
+    /// scene's. friction_speed: rad/s or m/s, where friction becomes viscous. form: "auto" does a step whose digits are in
+    /// doubt once more in square-root form; "covariance" watches the pivots only. progress: called with (steps done, steps)
+    /// some twenty times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the
+    /// parabola that weight gives it, to rounding: a step ends with a rigid motion of the tree, as large as the step's error in
+    /// them, which leaves the order as it is and costs O(N). Every tree must hang on the base by a free joint that nothing acts
+    /// along: no tau, pd, damping, stiffness, friction or armature there (ArgumentError).
+    ///
+    /// Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first
+    /// the start; momentum_correction, the largest that conserve_momentum made, else None. The same bits for any number of threads.
+    ///
+    /// Raises SimulationError where motion diverges, a pivot is lost, or tau raises, with the rows of the finished
+    /// steps; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; OutOfMemoryError where the rows have no room;
+    /// ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd, *, dt, steps, tau=None, tau_steps=None, method="semi-implicit-euler", record_every=None, pd=None,
                         armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED, form="auto",
                         progress=None, conserve_momentum=false),
@@ -81,34 +87,34 @@ impl PyScene {
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,
-        q: &Bound<'py, PyAny>,
-        qd: &Bound<'py, PyAny>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
         dt: f64,
-        steps: &Bound<'py, PyAny>,
-        tau: Option<&Bound<'py, PyAny>>,
-        tau_steps: Option<&Bound<'py, PyAny>>,
+        steps: &Object<'py>,
+        tau: Option<&Object<'py>>,
+        tau_steps: Option<&Object<'py>>,
         method: &str,
-        record_every: Option<&Bound<'py, PyAny>>,
-        pd: Option<&Bound<'py, PyAny>>,
-        armature: Option<&Bound<'py, PyAny>>,
-        damping: Option<&Bound<'py, PyAny>>,
-        stiffness: Option<&Bound<'py, PyAny>>,
-        rest: Option<&Bound<'py, PyAny>>,
-        friction: Option<&Bound<'py, PyAny>>,
+        record_every: Option<&Object<'py>>,
+        pd: Option<&Object<'py>>,
+        armature: Option<&Object<'py>>,
+        damping: Option<&Object<'py>>,
+        stiffness: Option<&Object<'py>>,
+        rest: Option<&Object<'py>>,
+        friction: Option<&Object<'py>>,
         friction_speed: f64,
         form: &str,
-        progress: Option<&Bound<'py, PyAny>>,
+        progress: Option<&Object<'py>>,
         conserve_momentum: bool,
-    ) -> PyResult<Bound<'py, PyAny>> {
-        let py = slf.py();
-        let scene = &slf.get().scene;
+    ) -> PyResult<Object<'py>> {
+        let (py, own) = (slf.py(), slf.get());
+        let scene = &own.scene;
         let (nq, nv) = (scene.nq(), scene.nv());
         let steps = count("steps", steps, 0)?;
         let every = count_or("record_every", record_every, 1, 1)?;
         let mut settings = Settings::new(scene, dt);
         settings.method = Method::named(method)?;
         settings.conserve_momentum = conserve_momentum;
-        settings.form = super::choice::choose("form", form, &FORMS)?;
+        settings.form = read_form(form)?;
         let properties = &mut settings.properties;
         for (name, given, place) in [
             ("armature", armature, &mut properties.armature),
@@ -117,85 +123,65 @@ impl PyScene {
             ("friction", friction, &mut properties.friction),
         ] {
             if let Some(given) = given {
-                *place = arrays::spread(name, given, slf.get().rates())?;
+                *place = input::spread(name, given, own.rates())?;
             }
         }
         if let Some(rest) = rest {
-            properties.rest = arrays::state("rest", rest, slf.get().coordinates())?;
+            properties.rest = input::state("rest", rest, own.coordinates())?;
         }
         properties.friction_speed = friction_speed;
 
-        let [q, qd] = [Input::new("q", q, slf.get().coordinates())?, Input::new("qd", qd, slf.get().rates())?];
-        let given = Given::read(tau, tau_steps, steps, slf.get().rates())?;
-        let pd = pd.map(|pd| Pd::read(pd, slf.get())).transpose()?;
+        let [q, qd] = [own.configuration("q", q)?, own.rate("qd", qd)?];
+        let given = Given::read(tau, tau_steps, steps, own.rates())?;
+        let pd = pd.map(|pd| Pd::read(pd, own)).transpose()?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
         axes.extend(given.leading());
         if let Some(pd) = &pd {
             axes.extend([("pd.target", pd.target.leading()), ("pd.target_rate", pd.rate.leading())]);
         }
         let batch = broadcast_axes(axes)?;
-        let room = Room { states: product(&batch), rows: steps / every + 1, numbers: nq + nv };
+        let room = Room { states: entries(&batch), rows: steps / every + 1, numbers: nq + nv };
         let states = room.checked()?;
-        slf.get().check_scratch(states)?;
+        own.check_scratch(states)?;
         if let Some(pd) = pd {
             settings.gains = Some(pd.over(&batch, states)?);
         }
-        let mut outputs = [room.output(py, &batch, nq)?, room.output(py, &batch, nv)?];
+        let outputs = [room.output(py, &batch, nq)?, room.output(py, &batch, nv)?];
         let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];
-        let kept = [
-            settings.properties.armature.clone(),
-            settings.properties.stiffness.clone(),
-            settings.properties.rest.clone(),
-        ];
-        let rollout = detached(py, || {
-            let (q, qd): (&[f64], &[f64]) = (&all_q, &all_qd);
-            Rollout::new(scene, settings, q, qd)
-        })?;
-        let mut rollout = rollout.map_err(|error| super::errors::of_batch(py, &error, &batch))?;
-        drop((all_q, all_qd));
-        if conserve_momentum {
-            let torque = given.torque(&batch, (steps, nv))?;
-            rollout.check_torque(&torque, steps).map_err(|fault| {
-                let named = if batch.is_empty() { fault.error } else { fault.error.in_state(fault.state) };
-                super::errors::of_batch(py, &named, &batch)
-            })?;
-        }
-        let stopped = {
-            let [out_q, out_qd] = &mut outputs;
-            let mut records = Records { q: out_q.numbers()?, qd: out_qd.numbers()?, every };
-            run(
-                py,
-                &mut rollout,
-                &mut records,
-                &Plan { given: &given, batch: &batch, steps, dt, progress, nq, nv, rates: slf.get().rates() },
-            )
-            .err()
-        };
-        let done = rollout.steps();
-        let [out_q, out_qd] = outputs;
         let fields = PyDict::new(py);
-        if conserve_momentum {
-            let each: Vec<_> = (0..states).filter_map(|state| rollout.correction(state)).collect();
-            let [velocity, position] = [
-                each.iter().map(|largest| largest.velocity).collect::<Vec<_>>(),
-                each.iter().map(|largest| largest.position).collect(),
-            ];
-            let largest = (from_numbers(py, &velocity, &batch)?, from_numbers(py, &position, &batch)?);
-            fields.set_item("momentum_correction", of_motion(py, "MomentumCorrection")?.call1(largest)?)?;
-        }
         fields.set_item("scene", slf)?;
         fields.set_item("dt", dt)?;
         fields.set_item("record_every", every)?;
-        fields.set_item("steps", done)?;
-        fields.set_item("method", Method::named(method)?.name())?;
-        for (name, numbers) in ["armature", "stiffness", "rest"].into_iter().zip(&kept) {
+        fields.set_item("method", settings.method.name())?;
+        let Properties { armature, stiffness, rest, .. } = &settings.properties;
+        for (name, numbers) in [("armature", armature), ("stiffness", stiffness), ("rest", rest)] {
             fields.set_item(name, from_numbers(py, numbers, &[numbers.len()])?)?;
         }
+        let rollout = detached(py, || Rollout::new(scene, settings, &all_q[..], &all_qd[..]))?;
+        let mut rollout = rollout.map_err(|error| of_batch(py, &error, &batch))?;
+        drop((all_q, all_qd));
+        if conserve_momentum {
+            let torque = given.torque(&batch, (steps, nv))?;
+            rollout.check_torque(&torque, steps).map_err(|error| fault(py, error, &batch))?;
+        }
+        let [mut out_q, mut out_qd] = outputs;
+        let mut records = Records { q: out_q.numbers()?, qd: out_qd.numbers()?, every };
+        let plan = Plan { given: &given, batch: &batch, steps, dt, progress, nq, nv, rates: own.rates() };
+        let stopped = run(py, &mut rollout, &mut records, &plan).err();
+        fields.set_item("steps", rollout.steps())?;
+        if conserve_momentum {
+            let each = || (0..states).filter_map(|state| rollout.correction(state));
+            let velocity: Vec<f64> = each().map(|largest| largest.velocity).collect();
+            let position: Vec<f64> = each().map(|largest| largest.position).collect();
+            let largest = (from_numbers(py, &velocity, &batch)?, from_numbers(py, &position, &batch)?);
+            let largest = imported!(py, "phipsi._motion", "MomentumCorrection")?.call1(largest)?;
+            fields.set_item("momentum_correction", largest)?;
+        }
         let whole = (out_q.finish(), out_qd.finish());
-        let trajectory = of_motion(py, "trajectory_of")?.call(whole, Some(&fields))?;
+        let trajectory = imported!(py, "phipsi._motion", "trajectory_of")?.call(whole, Some(&fields))?;
         match stopped {
             None => Ok(trajectory),
-            Some(stopped) => Err(stopped.raise(py, &trajectory, done, dt, &batch)?),
+            Some(stopped) => Err(stopped.raise(py, &trajectory, &batch)?),
         }
     }
 }
@@ -205,40 +191,15 @@ impl PyScene {
     /// The equations of motion for SciPy's solve_ivp: right side and Jacobian in tangent coordinates, and a solver with error control
     /// on the manifold.
     ///
-    /// tau: (nv,), constant, or a function of (t, q, qd); pd, damping, stiffness, rest, friction, friction_speed: as in simulate.
+    /// tau: (nv,), constant, or a function of (t, q, qd), which is asked at every stage. pd, damping, stiffness, rest, friction,
+    /// friction_speed: as in simulate. Returns an Ode; Ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) gives a Trajectory.
     ///
-    /// Returns an Ode; Ode.solve(q, qd, t_span, method=..., rtol=..., atol=...) gives a Trajectory. Needs SciPy (ImportError).
-    #[pyo3(signature = (*, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED),
+    /// Raises ImportError without SciPy; ShapeError, NotFiniteError, ArgumentError.
+    #[pyo3(signature = (**given),
            text_signature = "($self, *, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01)")]
-    #[allow(clippy::too_many_arguments)] // keywords, in Python
-    fn ode<'py>(
-        slf: &Bound<'py, Self>,
-        tau: Option<&Bound<'py, PyAny>>,
-        pd: Option<&Bound<'py, PyAny>>,
-        damping: Option<&Bound<'py, PyAny>>,
-        stiffness: Option<&Bound<'py, PyAny>>,
-        rest: Option<&Bound<'py, PyAny>>,
-        friction: Option<&Bound<'py, PyAny>>,
-        friction_speed: f64,
-    ) -> PyResult<Bound<'py, PyAny>> {
-        let given = PyDict::new(slf.py());
-        for (name, value) in [
-            ("tau", tau),
-            ("pd", pd),
-            ("damping", damping),
-            ("stiffness", stiffness),
-            ("rest", rest),
-            ("friction", friction),
-        ] {
-            given.set_item(name, value)?;
-        }
-        given.set_item("friction_speed", friction_speed)?;
-        slf.py().import("phipsi._ode")?.getattr("Ode")?.call((slf,), Some(&given))
+    fn ode<'py>(slf: &Bound<'py, Self>, given: Option<&Bound<'py, PyDict>>) -> PyResult<Object<'py>> {
+        imported!(slf.py(), "phipsi._ode", "Ode")?.call((slf,), given)
     }
-}
-
-fn product(axes: &[usize]) -> Option<usize> {
-    axes.iter().try_fold(1, |product: usize, &length| product.checked_mul(length))
 }
 
 /// What is to be recorded.
@@ -272,125 +233,6 @@ impl Room {
     }
 }
 
-/// The numbers of every state of the batch, one after another.
-fn everyone(input: &Input<'_>, batch: &[usize], states: usize) -> PyResult<Vec<f64>> {
-    let own = input.over(batch)?;
-    let width = if states == 0 { 0 } else { own.state(0).len() };
-    let mut all = memory::with_capacity(&input.name, states.saturating_mul(width))?;
-    for state in 0..states {
-        all.extend_from_slice(own.state(state));
-    }
-    Ok(all)
-}
-
-/// The torques of a call, as given.
-enum Given<'py> {
-    Nothing,
-    Constant(Input<'py>),
-    Steps(Input<'py>),
-    Function(Bound<'py, PyAny>),
-}
-
-impl<'py> Given<'py> {
-    fn read(
-        tau: Option<&Bound<'py, PyAny>>,
-        tau_steps: Option<&Bound<'py, PyAny>>,
-        steps: usize,
-        rates: Axis<'_>,
-    ) -> PyResult<Self> {
-        match (tau, tau_steps) {
-            (None, None) => Ok(Self::Nothing),
-            (Some(_), Some(_)) => Err(Error::argument("tau_steps", "tau as well", "one of the two").into()),
-            (Some(tau), None) if tau.is_callable() => Ok(Self::Function(tau.clone())),
-            (Some(tau), None) => {
-                let tau = Input::new("tau", tau, rates)?;
-                check_finite("tau", tau.data()?)?;
-                Ok(Self::Constant(tau))
-            }
-            (None, Some(tau)) => {
-                let tau = Input::new("tau_steps", tau, rates)?;
-                if tau.leading().last() != Some(&steps) {
-                    let found = crate::batch::shape_text(&[tau.leading(), &[rates.width()]].concat());
-                    let expected = format!("(..., {steps}, {})", rates.width());
-                    return Err(Error::Shape { argument: "tau_steps".to_owned(), found, expected }.into());
-                }
-                check_finite("tau_steps", tau.data()?)?;
-                Ok(Self::Steps(tau))
-            }
-        }
-    }
-
-    /// The leading axes that the batch must have.
-    fn leading(&self) -> Option<(&'static str, &[usize])> {
-        match self {
-            Self::Nothing | Self::Function(_) => None,
-            Self::Constant(tau) => Some(("tau", tau.leading())),
-            Self::Steps(tau) => {
-                let axes = tau.leading();
-                Some(("tau_steps", &axes[..axes.len() - 1]))
-            }
-        }
-    }
-
-    /// The torques of all steps; none where a function gives them.
-    fn torque<'a>(&'a self, batch: &[usize], (steps, nv): (usize, usize)) -> PyResult<Torque<'a>> {
-        Ok(match self {
-            Self::Constant(tau) => Torque::Constant(tau.over(batch)?),
-            Self::Steps(tau) => {
-                let axes = tau.leading();
-                let torque = Broadcast::new("tau_steps", tau.data()?, steps * nv, &axes[..axes.len() - 1], batch);
-                Torque::Steps { torque: torque.map_err(PyErr::from)?, first: 0 }
-            }
-            Self::Nothing | Self::Function(_) => Torque::Zero,
-        })
-    }
-}
-
-/// The control law of a call, as given.
-struct Pd<'py> {
-    gains: [Vec<f64>; 2],
-    target: Input<'py>,
-    rate: Input<'py>,
-}
-
-impl<'py> Pd<'py> {
-    fn read(pd: &Bound<'py, PyAny>, scene: &PyScene) -> PyResult<Self> {
-        let expected = "PD(kp, kd, target) or PD(kp, kd, target, target_rate)";
-        let refuse = |found: String| PyErr::from(Error::argument("pd", found, expected));
-        let Ok(parts) = pd.cast::<PyTuple>() else {
-            return Err(refuse(format!("an object of type {}", pd.get_type().name()?)));
-        };
-        if !(3..=4).contains(&parts.len()) {
-            return Err(refuse(format!("{} parts", parts.len())));
-        }
-        let rate = match parts.get_item(3) {
-            Ok(rate) if !rate.is_none() => Input::new("pd.target_rate", &rate, scene.rates())?,
-            _ => Input::filled(pd.py(), "pd.target_rate", 0.0, scene.scene.nv())?,
-        };
-        Ok(Self {
-            gains: [
-                arrays::spread("pd.kp", &parts.get_item(0)?, scene.rates())?,
-                arrays::spread("pd.kd", &parts.get_item(1)?, scene.rates())?,
-            ],
-            target: Input::new("pd.target", &parts.get_item(2)?, scene.coordinates())?,
-            rate,
-        })
-    }
-
-    fn over(self, batch: &[usize], states: usize) -> PyResult<Gains> {
-        let each = |input: &Input<'_>| {
-            if input.leading().is_empty() {
-                Ok(memory::copied(&input.name, input.data()?)?)
-            } else {
-                everyone(input, batch, states)
-            }
-        };
-        let (target, target_rate) = (each(&self.target)?, each(&self.rate)?);
-        let [proportional, derivative] = self.gains;
-        Ok(Gains { proportional, derivative, target, target_rate })
-    }
-}
-
 /// Why a run ended early.
 enum Stopped {
     Fault(StepFault),
@@ -405,46 +247,16 @@ impl From<PyErr> for Stopped {
 
 impl Stopped {
     /// The exception, with what was computed.
-    fn raise(
-        self,
-        py: Python<'_>,
-        trajectory: &Bound<'_, PyAny>,
-        done: usize,
-        dt: f64,
-        batch: &[usize],
-    ) -> PyResult<PyErr> {
-        let errors = py.import("phipsi.errors")?;
-        #[allow(clippy::cast_precision_loss)] // a time, for a message
-        let place = format!("step {done} (t = {:.6} s)", done as f64 * dt);
-        let (class, message, cause) = match &self {
-            Self::Fault(fault) => {
-                let named = fault.error.clone();
-                let named = if batch.is_empty() { named } else { named.in_state(fault.state) };
-                let cause = super::errors::of_batch(py, &named, batch);
-                ("SimulationError", format!("{place}: {}", cause.value(py)), Some(cause))
-            }
-            Self::Raised(error) if error.is_instance_of::<PyKeyboardInterrupt>(py) => {
-                ("SimulationInterrupted", format!("stopped before {place}"), None)
-            }
-            // SystemExit and its like go their way.
-            Self::Raised(error) if !error.is_instance_of::<PyException>(py) => return Ok(error.clone_ref(py)),
-            Self::Raised(error) => {
-                let name = error.get_type(py).name()?;
-                ("SimulationError", format!("{place}: {name}: {}", error.value(py)), Some(error.clone_ref(py)))
+    fn raise(self, py: Python<'_>, trajectory: &Object<'_>, batch: &[usize]) -> PyResult<PyErr> {
+        let (cause, joint, state) = match self {
+            Self::Raised(error) => (error, None, None),
+            Self::Fault(StepFault { state, joint, error, .. }) => {
+                let index = (!batch.is_empty()).then(|| batch_index(py, state, batch)).transpose()?;
+                (fault(py, Fault { state, error }, batch), Some(joint), index)
             }
         };
-        let instance = errors.getattr(class)?.call1((message,))?;
-        instance.setattr("trajectory", trajectory)?;
-        instance.setattr("step", done)?;
-        if let Self::Fault(fault) = &self {
-            instance.setattr("joint", &fault.joint)?;
-            if !batch.is_empty() {
-                instance.setattr("state", super::errors::batch_index(py, fault.state, batch)?)?;
-            }
-        }
-        let error = PyErr::from_value(instance);
-        error.set_cause(py, cause);
-        Ok(error)
+        let made = imported!(py, "phipsi._motion", "stopped")?.call1((trajectory, cause.value(py), joint, state))?;
+        Ok(PyErr::from_value(made))
     }
 }
 
@@ -454,7 +266,7 @@ struct Plan<'a, 'py> {
     batch: &'a [usize],
     steps: usize,
     dt: f64,
-    progress: Option<&'a Bound<'py, PyAny>>,
+    progress: Option<&'a Object<'py>>,
     nq: usize,
     nv: usize,
     rates: Axis<'a>,
@@ -516,7 +328,7 @@ fn advanced(
 }
 
 /// The torques that the caller's function gives for the states as they are.
-fn asked<'py>(tau: &Bound<'py, PyAny>, rollout: &Rollout<'_>, plan: &Plan<'_, 'py>) -> PyResult<Input<'py>> {
+fn asked<'py>(tau: &Object<'py>, rollout: &Rollout<'_>, plan: &Plan<'_, 'py>) -> PyResult<Input<'py>> {
     let py = tau.py();
     let states = rollout.states();
     let mut q = memory::with_capacity("q", states * plan.nq)?;

@@ -1,20 +1,19 @@
 //! Methods of `Scene`: operational space.
 
-use super::arrays::{Input, one_or_each, rows};
-use super::dynamics::read_form;
-use super::evaluate::{Call, Scratch};
-use super::scene::{PyScene, names};
+use super::choice::{names, read_form};
+use super::input::{one_or_each, rows};
+use super::object::Object;
+use super::output::Array;
+use super::scene::PyScene;
+use super::scratch::Scratch;
 use crate::api::TaskFrame;
 use crate::error::{Error, check_finite};
 use crate::memory;
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Vector3};
-use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
-
-type Array<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
 
 /// Rough times in one state, ns (see `Call::new`).
 mod cost {
@@ -30,36 +29,36 @@ mod cost {
 impl PyScene {
     /// The operational-space inverse inertia J M^-1 J^T of links, in O(N) from the co-states' covariance (5.6, 5.7, Psi A).
     ///
-    /// q: (..., nq). links: a name, or a sequence of m names (on the base and repeated ones too). xyz: (3,) or (m, 3), m, and
-    /// rotation: (3, 3) or (m, 3, 3): the task frame in its link's frame, the link's own by default; fixed for the batch.
+    /// q: (..., nq). links: a name, or m names (links on the base and repeated ones too). xyz: (3,) or (m, 3), m, and
+    /// rotation: (3, 3) or (m, 3, 3): the task frame's origin and axes in its link's frame, by default the link's own; the same
+    /// for the whole batch. form and errors: as in forward_dynamics.
     ///
-    /// Returns (..., 6m, 6m), full and exactly symmetric, SI units: wrenches (moment, force) on the frames, each at its origin and
-    /// in its axes, stacked, times this is how they change the frames' (angular, linear) accelerations. Defined in singular
-    /// configurations too, where `operational_inertia` is not.
+    /// Returns (..., 6m, 6m), full and exactly symmetric, SI units. Wrenches (moment, force) on the frames, each at its origin and in
+    /// its axes, stacked, times this is how they change the frames' (angular, linear) accelerations. Defined in singular
+    /// configurations too, where operational_inertia is not; zero for links on the base.
     ///
-    /// errors: as in `forward_dynamics`. Raises `ArgumentError` for an unknown link, no link, or a rotation that is none; `ShapeError`, `NotFiniteError`;
-    /// `SingularJointError`, naming the state.
+    /// Raises ArgumentError for an unknown link, no link, or a rotation that is none (to within 1e-9); SingularJointError, ShapeError,
+    /// NotFiniteError, naming the state.
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     #[pyo3(signature = (q, links, *, xyz=None, rotation=None, form="auto", errors="raise"))]
     fn operational_inverse_inertia<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        links: &Bound<'py, PyAny>,
-        xyz: Option<&Bound<'py, PyAny>>,
-        rotation: Option<&Bound<'py, PyAny>>,
+        q: &Object<'py>,
+        links: &Object<'py>,
+        xyz: Option<&Object<'py>>,
+        rotation: Option<&Object<'py>>,
         form: &str,
         errors: &str,
     ) -> Array<'py> {
         let form = read_form(form)?;
-        let errors = self.errors(errors, form)?;
+        self.errors(errors, Some(form))?;
         let task = Task::read(&self.scene, links, xyz, rotation)?;
         let frames = task.frames();
         let width = 6 * frames.len();
         memory::room("links", memory::bytes_of::<f64>(&[width, width]))?;
-        let inputs = [Input::new("q", q, self.coordinates())?];
-        let call = Call::new(self, inputs, Vec::new(), self.cost_of_task(frames.len()))?.with(errors);
-        call.array(py, &[width, width], None, |scene, scratch, [q], out| {
+        let call = self.call([self.configuration("q", q)?], self.cost_of_task(frames.len()), errors)?;
+        call.array(py, &[width, width], |scene, scratch, [q], out| {
             let Scratch { workspace, operational, .. } = scratch;
             workspace.form = form;
             let operational = operational.get_or_insert_with(|| scene.operational_scratch());
@@ -69,29 +68,29 @@ impl PyScene {
 
     /// The operational-space inertia (S J M^-1 J^T S^T)^-1 of task directions S.
     ///
-    /// q, links, xyz, rotation, errors: as in `operational_inverse_inertia`. directions: S, (k, 6m), each row a direction over the
-    /// stacked (angular, linear) velocities of the frames; all 6m by default.
+    /// q, links, xyz, rotation, form, errors: as in operational_inverse_inertia. directions: S, (k, 6m), each row a direction over the
+    /// stacked (angular, linear) velocities of the frames; all 6m by default; the same for the whole batch.
     ///
-    /// Returns (..., k, k), symmetric and positive definite.
+    /// Returns (..., k, k), exactly symmetric and positive definite.
     ///
-    /// Raises `SingularTaskError`, with .links .rank .directions .state, where the scene cannot move in all directions
-    /// independently: an eigenvalue of the inverse inertia, scaled to the terms that form it, is not above 64 k eps.
-    /// Raises as `operational_inverse_inertia` besides.
+    /// Raises SingularTaskError, with .links, .rank, .directions and .state, where the scene cannot move in all directions
+    /// independently: an eigenvalue of the inverse inertia, each direction scaled to the terms that form it, is not above
+    /// 64 k eps. Otherwise as operational_inverse_inertia.
     #[pyo3(signature = (q, links, *, xyz=None, rotation=None, directions=None, form="auto", errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn operational_inertia<'py>(
         &self,
         py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        links: &Bound<'py, PyAny>,
-        xyz: Option<&Bound<'py, PyAny>>,
-        rotation: Option<&Bound<'py, PyAny>>,
-        directions: Option<&Bound<'py, PyAny>>,
+        q: &Object<'py>,
+        links: &Object<'py>,
+        xyz: Option<&Object<'py>>,
+        rotation: Option<&Object<'py>>,
+        directions: Option<&Object<'py>>,
         form: &str,
         errors: &str,
     ) -> Array<'py> {
         let form = read_form(form)?;
-        let errors = self.errors(errors, form)?;
+        self.errors(errors, Some(form))?;
         let task = Task::read(&self.scene, links, xyz, rotation)?;
         let frames = task.frames();
         let width = 6 * frames.len();
@@ -105,11 +104,10 @@ impl PyScene {
             None => (width, None),
         };
         Self::check_task_room(if directions.is_some() { "directions" } else { "links" }, [k, width.max(k)])?;
-        let inputs = [Input::new("q", q, self.coordinates())?];
         let of_inverse = cost::INVERSE.saturating_mul(k.saturating_pow(3));
-        let call = Call::new(self, inputs, Vec::new(), self.cost_of_task(frames.len()).saturating_add(of_inverse))?
-            .with(errors);
-        call.array(py, &[k, k], None, |scene, scratch, [q], out| {
+        let cost = self.cost_of_task(frames.len()).saturating_add(of_inverse);
+        let call = self.call([self.configuration("q", q)?], cost, errors)?;
+        call.array(py, &[k, k], |scene, scratch, [q], out| {
             let Scratch { workspace, operational, .. } = scratch;
             workspace.form = form;
             let operational = operational.get_or_insert_with(|| scene.operational_scratch());
@@ -141,14 +139,13 @@ impl Task {
     /// Reads the arguments; names are looked up here too, since a batch can be empty.
     fn read(
         scene: &Scene,
-        links: &Bound<'_, PyAny>,
-        xyz: Option<&Bound<'_, PyAny>>,
-        rotation: Option<&Bound<'_, PyAny>>,
+        links: &Object<'_>,
+        xyz: Option<&Object<'_>>,
+        rotation: Option<&Object<'_>>,
     ) -> PyResult<Self> {
-        let several = if links.is_instance_of::<PyString>() { Some(vec![links.extract()?]) } else { names(links) };
-        let Some(links) = several else {
-            let found = format!("{}", links.repr()?);
-            return Err(Error::argument("links", found, "the name of a link, or a sequence of names").into());
+        let links = match links.cast::<PyString>() {
+            Ok(link) => vec![link.extract()?],
+            Err(_) => names("links", links, "the name of a link, or a sequence of names")?,
         };
         let mut offsets = vec![RigidShift::identity(); links.len()];
         if let Some(xyz) = xyz {

@@ -1,13 +1,14 @@
 //! Methods of `Scene`: its links and joints by name, as they were given.
 
-use super::arrays::from_numbers;
+use super::description::joint_tuple;
+use super::object::{Object, imported};
+use super::output::from_numbers;
 use super::scene::PyScene;
 use crate::error::Error;
-use crate::scene::{Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Scene};
+use crate::scene::{Inertial, JointDescription, LinkDescription, Scene};
 use crate::spatial::Symmetric3;
 use nalgebra::Vector3;
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
 use pyo3::types::PyDict;
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -18,27 +19,27 @@ impl PyScene {
     ///
     /// Raises ArgumentError, with the names that there are, for an unknown link.
     #[pyo3(signature = (name, /))]
-    fn link<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+    fn link<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Object<'py>> {
         self.scene.link(name)?;
         let carrier = joints(&self.scene).find(|joint| joint.child == name);
         let mut links = self.scene.source().links().iter();
         let link = links.find(|link| link.name == name).ok_or_else(|| missing("link", name))?;
-        link_tuple(py, link, carrier.as_deref())
+        link_parts(py, link, carrier.as_deref())
     }
 
     /// The joint of that name, fixed ones too: the named tuple Joint(name, type, parent, child, xyz, ...).
     ///
     /// Raises ArgumentError, with the names that there are, for an unknown joint.
     #[pyo3(signature = (name, /))]
-    fn joint<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+    fn joint<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Object<'py>> {
         match joints(&self.scene).find(|joint| joint.name == name) {
-            Some(joint) => joint_tuple(py, &joint),
+            Some(joint) => joint_parts(py, &joint),
             // The error has the names of those that move: it is one of them that is meant, as a rule.
             None => Err(self.scene.joint(name).err().unwrap_or_else(|| missing("joint", name)).into()),
         }
     }
 
-    /// All links by name, in the order of `link_names`: a dict of Link, made anew.
+    /// All links by name, in the order of link_names: a dict of Link, made anew.
     #[getter]
     fn links<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let described: HashMap<&str, &LinkDescription> =
@@ -48,7 +49,7 @@ impl PyScene {
         let all = PyDict::new(py);
         for link in self.scene.links() {
             let link = described.get(link.name.as_str()).ok_or_else(|| missing("link", &link.name))?;
-            all.set_item(&link.name, link_tuple(py, link, carriers.get(&link.name).map(|joint| &**joint))?)?;
+            all.set_item(&link.name, link_parts(py, link, carriers.get(&link.name).map(|joint| &**joint))?)?;
         }
         Ok(all)
     }
@@ -58,7 +59,7 @@ impl PyScene {
     fn joints<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let all = PyDict::new(py);
         for joint in joints(&self.scene) {
-            all.set_item(&joint.name, joint_tuple(py, &joint)?)?;
+            all.set_item(&joint.name, joint_parts(py, &joint)?)?;
         }
         Ok(all)
     }
@@ -77,23 +78,22 @@ fn missing(what: &str, name: &str) -> Error {
     Error::argument(what, format!("{name:?}"), "a name of the scene")
 }
 
-fn vector<'py>(py: Python<'py>, v: &Vector3<f64>) -> PyResult<Bound<'py, PyAny>> {
+fn vector<'py>(py: Python<'py>, v: &Vector3<f64>) -> PyResult<Object<'py>> {
     from_numbers(py, v.as_slice(), &[3])
 }
 
 /// The named tuple of a link, carried by that joint.
-fn link_tuple<'py>(
+fn link_parts<'py>(
     py: Python<'py>,
     link: &LinkDescription,
     carrier: Option<&JointDescription>,
-) -> PyResult<Bound<'py, PyAny>> {
-    static LINK: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+) -> PyResult<Object<'py>> {
     let massless = Inertial { mass: 0.0, centre: Vector3::zeros(), central: Symmetric3::zero() };
     let Inertial { mass, centre, central } = link.inertial.unwrap_or(massless);
     let inertia = from_numbers(py, central.to_matrix().as_slice(), &[3, 3])?;
     let (parent, joint) = (carrier.and_then(parent_of), carrier.map(|joint| joint.name.as_str()));
     let parts = (&link.name, mass, vector(py, &centre)?, inertia, parent, joint);
-    LINK.import(py, "phipsi._results", "Link")?.call1(parts)
+    imported!(py, "phipsi._results", "Link")?.call1(parts)
 }
 
 /// The parent link's name; the free joint of a floating base has none.
@@ -101,54 +101,12 @@ fn parent_of(joint: &JointDescription) -> Option<&str> {
     Some(joint.parent.as_str()).filter(|parent| !parent.is_empty())
 }
 
-/// The named tuple of a joint.
-fn joint_tuple<'py>(py: Python<'py>, joint: &JointDescription) -> PyResult<Bound<'py, PyAny>> {
-    static JOINT: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    static MIMIC: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    // Named one by one, so that a new field cannot be forgotten.
-    let JointDescription {
-        name,
-        kind,
-        parent: _,
-        child,
-        origin,
-        axis,
-        armature,
-        damping,
-        friction,
-        spring,
-        limits,
-        mimic,
-    } = joint;
-    let Limits { lower, upper, velocity, effort } = *limits;
-    let mimic = mimic.as_ref().map(|Mimic { joint, multiplier, offset }| {
-        MIMIC.import(py, "phipsi._results", "Mimic")?.call1((joint, multiplier, offset))
-    });
-    let axis = kind.has_axis().then(|| vector(py, &(axis / axis.amax()).normalize()));
-    let rest = if spring.rest.is_empty() { kind.neutral() } else { spring.rest.clone() };
-    let fields = PyDict::new(py);
-    fields.set_item("name", name)?;
-    fields.set_item("type", kind.name())?;
-    fields.set_item("parent", parent_of(joint))?;
-    fields.set_item("child", child)?;
-    fields.set_item("xyz", vector(py, &origin.lever)?)?;
-    fields.set_item("rotation", from_numbers(py, origin.rotation.transpose().as_slice(), &[3, 3])?)?;
-    fields.set_item("axis", axis.transpose()?)?;
-    fields.set_item("pitch", if let JointKind::Screw { pitch } = kind { Some(pitch) } else { None })?;
-    let numbers = [
-        ("armature", *armature),
-        ("damping", *damping),
-        ("friction", *friction),
-        ("stiffness", spring.stiffness),
-        ("lower", lower),
-        ("upper", upper),
-        ("velocity", velocity),
-        ("effort", effort),
-    ];
-    for (field, number) in numbers {
-        fields.set_item(field, number)?;
+/// The named tuple of a joint: its axis as a unit vector, its spring at rest somewhere.
+fn joint_parts<'py>(py: Python<'py>, joint: &JointDescription) -> PyResult<Object<'py>> {
+    let mut told = joint.clone();
+    told.axis = (joint.axis / joint.axis.amax()).normalize();
+    if told.spring.rest.is_empty() {
+        told.spring.rest = joint.kind.neutral();
     }
-    fields.set_item("rest", from_numbers(py, &rest, &[rest.len()])?)?;
-    fields.set_item("mimic", mimic.transpose()?)?;
-    JOINT.import(py, "phipsi._results", "Joint")?.call((), Some(&fields))
+    imported!(py, "phipsi._results", "joint_of")?.call1((joint_tuple(&told), joint.kind.has_axis()))
 }

@@ -1,11 +1,12 @@
 //! What the report measures: residuals, reference, error and time of each method, growth.
 
-use super::arrays::{self, Input, Output};
-use super::choice::choose;
+use super::choice::{Precise, choose, read_precision};
 use super::counts::count;
 use super::errors::asked_by;
+use super::input::{Input, state};
 use super::interrupts::detached_checked;
-use super::labels::Axis;
+use super::object::Object;
+use super::output::{Output, from_numbers};
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::filter::FORMS;
@@ -26,7 +27,7 @@ pub(crate) struct PyReference {
 #[pymethods]
 impl PyReference {
     /// The reference rounded to float64, (n, nv).
-    fn toarray<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn toarray<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let states = self.values.len().checked_div(self.nv).unwrap_or(0);
         let mut output = asked_by(py, "q", Output::new(py, &[states, self.nv]))?;
         for (rounded, value) in output.numbers()?.iter_mut().zip(&self.values) {
@@ -44,24 +45,19 @@ struct Arguments<'py> {
 }
 
 impl<'py> Arguments<'py> {
-    fn read(scene: &PyScene, q: &Bound<'py, PyAny>, qd: &Bound<'py, PyAny>, tau: &Bound<'py, PyAny>) -> PyResult<Self> {
+    fn read(scene: &PyScene, q: &Object<'py>, qd: &Object<'py>, tau: &Object<'py>) -> PyResult<Self> {
+        let all = Self { q: scene.configuration("q", q)?, qd: scene.rate("qd", qd)?, tau: scene.rate("tau", tau)? };
         let scene = &scene.scene;
-        let all = Self {
-            q: Input::new("q", q, Axis::Coordinates(scene))?,
-            qd: Input::new("qd", qd, Axis::Rates(scene))?,
-            tau: Input::new("tau", tau, Axis::Rates(scene))?,
-        };
+        for state in all.q.data()?.chunks_exact(scene.nq().max(1)) {
+            scene.check_configuration("q", state)?;
+        }
         for input in [&all.qd, &all.tau] {
             if input.leading() != all.q.leading() {
                 let found = format!("leading axes {:?}", input.leading());
                 return Err(Error::argument(&*input.name, found, "those of q").into());
             }
-        }
-        for (name, data, width) in
-            [("q", all.q.data()?, scene.nq()), ("qd", all.qd.data()?, scene.nv()), ("tau", all.tau.data()?, scene.nv())]
-        {
-            for state in data.chunks_exact(width.max(1)) {
-                if name == "q" { scene.check_configuration(name, state) } else { scene.check_rates(name, state) }?;
+            for state in input.data()?.chunks_exact(scene.nv().max(1)) {
+                scene.check_rates(&input.name, state)?;
             }
         }
         Ok(all)
@@ -80,11 +76,11 @@ impl PyScene {
     /// dynamics at a fixed rate and torque. Rounding is a few eps times nv, or times the condition number of M where an
     /// inverse is involved.
     ///
-    /// Raises `SingularJointError`; `ArgumentError` beyond 300 degrees of freedom; `ShapeError` or `NotFiniteError` for a bad q.
+    /// Raises SingularJointError; ArgumentError beyond 300 degrees of freedom; ShapeError or NotFiniteError for a bad q.
     #[pyo3(signature = (q))]
-    fn check<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
+    fn check<'py>(&self, py: Python<'py>, q: &Object<'py>) -> PyResult<Bound<'py, PyDict>> {
         let scene = &self.scene;
-        let q = arrays::state("q", q, Axis::Coordinates(scene))?;
+        let q = state("q", q, self.coordinates())?;
         let wave = |phase: f64| -> Vec<f64> {
             #[allow(clippy::cast_precision_loss)] // an index
             (0..scene.nv()).map(|i| (phase + 1.3 * i as f64).sin()).collect()
@@ -104,15 +100,12 @@ impl PyScene {
 pub(super) fn residuals_at(
     py: Python<'_>,
     scene: &PyScene,
-    q: &Bound<'_, PyAny>,
-    qd: &Bound<'_, PyAny>,
-    tau: &Bound<'_, PyAny>,
+    q: &Object<'_>,
+    qd: &Object<'_>,
+    tau: &Object<'_>,
 ) -> PyResult<Vec<(&'static str, f64, bool)>> {
-    let (q, qd, tau) = (
-        arrays::state("q", q, scene.coordinates())?,
-        arrays::state("qd", qd, scene.rates())?,
-        arrays::state("tau", tau, scene.rates())?,
-    );
+    let q = state("q", q, scene.coordinates())?;
+    let [qd, tau] = [state("qd", qd, scene.rates())?, state("tau", tau, scene.rates())?];
     let list = detached_checked(py, || residuals::residuals(&scene.scene, &q, &qd, &tau))?;
     Ok(list.into_iter().map(|r| (r.name, r.value, r.through_inverse)).collect())
 }
@@ -123,9 +116,9 @@ pub(super) fn residuals_at(
 pub(super) fn reference_of(
     py: Python<'_>,
     scene: &PyScene,
-    q: &Bound<'_, PyAny>,
-    qd: &Bound<'_, PyAny>,
-    tau: &Bound<'_, PyAny>,
+    q: &Object<'_>,
+    qd: &Object<'_>,
+    tau: &Object<'_>,
 ) -> PyResult<PyReference> {
     let arguments = Arguments::read(scene, q, qd, tau)?;
     let states = arguments.states()?;
@@ -146,11 +139,11 @@ pub(super) fn measure_method<'py>(
     scene: &PyScene,
     method: &str,
     precision: &str,
-    q: &Bound<'py, PyAny>,
-    qd: &Bound<'py, PyAny>,
-    tau: &Bound<'py, PyAny>,
+    q: &Object<'py>,
+    qd: &Object<'py>,
+    tau: &Object<'py>,
     reference: &PyReference,
-    repeats: &Bound<'py, PyAny>,
+    repeats: &Object<'py>,
 ) -> PyResult<(f64, Bound<'py, PyArrayDyn<f64>>)> {
     let method = choose("method", method, &METHODS)?;
     let repeats = count("repeats", repeats, 1)?;
@@ -161,27 +154,19 @@ pub(super) fn measure_method<'py>(
         return Err(Error::argument("reference", found, "the reference of these states").into());
     }
     let values = &reference.values;
-    let measurement = match precision {
-        "float64" => detached_checked(py, || measure::<f64>(&scene.scene, method, states, values, repeats))?,
-        "float32" => detached_checked(py, || measure::<f32>(&scene.scene, method, states, values, repeats))?,
-        _ => {
-            let expected = "\"float64\" or \"float32\"";
-            return Err(Error::argument("precision", format!("{precision:?}"), expected).into());
-        }
+    let measurement = match read_precision(precision)? {
+        Precise::Float64 => detached_checked(py, || measure::<f64>(&scene.scene, method, states, values, repeats))?,
+        Precise::Float32 => detached_checked(py, || measure::<f32>(&scene.scene, method, states, values, repeats))?,
     };
-    let errors = arrays::from_numbers(py, &measurement.errors, &[measurement.errors.len()])?;
+    let errors = from_numbers(py, &measurement.errors, &[measurement.errors.len()])?;
     Ok((measurement.ns, errors.cast_into()?))
 }
 
-/// `Scene::evaluate` in Rust on a chain of `bodies` equal links, one state a call, median ns a body over `repeats` passes: forward
+/// `Scene::evaluate` in Rust on a chain of bodies equal links, one state a call, median ns a body over repeats passes: forward
 /// dynamics in form "auto" and in form "covariance", and inverse dynamics.
 #[pyfunction(name = "growth")]
 #[pyo3(signature = (bodies, repeats))]
-pub(super) fn growth_of(
-    py: Python<'_>,
-    bodies: &Bound<'_, PyAny>,
-    repeats: &Bound<'_, PyAny>,
-) -> PyResult<(f64, f64, f64)> {
+pub(super) fn growth_of(py: Python<'_>, bodies: &Object<'_>, repeats: &Object<'_>) -> PyResult<(f64, f64, f64)> {
     let (bodies, repeats) = (count("bodies", bodies, 0)?, count("repeats", repeats, 1)?);
     let growth = detached_checked(py, || growth::growth(bodies, repeats))?;
     Ok((growth.forward, growth.covariance, growth.inverse))
@@ -196,13 +181,13 @@ pub(super) fn call_of_method(method: &str) -> PyResult<(&'static str, Option<&'s
     Ok((method.call(), method.form().and_then(name)))
 }
 
-/// Applying each operator, and with a star its transpose, on a chain of `bodies` equal links: (name, median ns a body).
+/// Applying each operator, and with a star its transpose, on a chain of bodies equal links: (name, median ns a body).
 #[pyfunction(name = "operator_growth")]
 #[pyo3(signature = (bodies, repeats))]
 pub(super) fn operator_growth_of(
     py: Python<'_>,
-    bodies: &Bound<'_, PyAny>,
-    repeats: &Bound<'_, PyAny>,
+    bodies: &Object<'_>,
+    repeats: &Object<'_>,
 ) -> PyResult<Vec<(String, f64)>> {
     let (bodies, repeats) = (count("bodies", bodies, 0)?, count("repeats", repeats, 1)?);
     detached_checked(py, || growth::operator_growth(bodies, repeats))

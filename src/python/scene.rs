@@ -1,36 +1,54 @@
 //! The class `Scene`: where it comes from, its names, and its place among Python objects.
 
+use super::axis::Axis;
+use super::choice::names;
+use super::cost::WORTH_DETACHING;
 use super::description::{self, Description};
-use super::evaluate::Scratch;
 use super::interrupts::detached_checked;
-use super::labels::Axis;
-use super::{arrays, errors, plan, single};
+use super::object::Object;
+use super::scratch::Scratch;
+use super::{errors, input, output};
 use crate::batch::{self, Pool};
 use crate::error::Error;
 use crate::memory;
 use crate::scene::{Scene, SceneBuilder};
+use numpy::PyArrayDyn;
 use pyo3::prelude::*;
-use pyo3::types::{PyMapping, PySlice, PyString, PyTuple};
+use pyo3::types::{PySlice, PyTuple};
 use std::path::PathBuf;
 
 /// An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
 ///
-/// Made by Scene.from_urdf or SceneBuilder.build. All units are SI and radians; spatial vectors are angular first;
-/// arrays have leading batch axes that broadcast, and joints run in depth-first order. One state may be a dict from joint names to
-/// numbers; labels (pandas, polars, xarray, Arrow) are matched by joint name or refused, masks raise but in estimate.
+/// Made by Scene.from_urdf or SceneBuilder.build. SI units and radians. Spatial 6-vectors are angular first:
+/// wrench = (moment, force), velocity = (angular, linear). Movable joints are in depth-first order, siblings in file order.
+///
+/// Arrays are (..., nq) or (..., nv): leading batch axes broadcast, rank in = rank out. Lists, float32, integers, strided
+/// and Fortran-ordered arrays are converted; C-contiguous float64 is used without a copy. In q a revolute joint is an angle
+/// (rad), a prismatic one a length (m), a screw an angle (its pitch in m/rad), a planar one (u, v, theta), a universal one two angles (about x, then y), a spherical one a
+/// quaternion (x, y, z, w), a free one (x, y, z, qx, qy, qz, qw) with the rates (linear, angular) in the body's frame.
+/// Quaternions may be off unit norm by 1e-3, and are normalised.
+///
+/// Arguments raise ShapeError, NotFiniteError or ArgumentError (see phipsi.errors), naming the argument and the state.
+/// The GIL is released in all calls longer than some microseconds; large batches run on several threads (as many as
+/// RAYON_NUM_THREADS says, else one a core), with the same bits for any number of them. On the main thread Ctrl-C ends any long call within
+/// some tenths of a second, on all threads of it; out is partly written then.
+///
+/// Results that memory has no room for raise OutOfMemoryError (a MemoryError), naming the arguments that ask for them and the bytes.
+///
+/// An argument of one state may be a dict from joint names to numbers (arrays for joints of several coordinates). Labels are matched by
+/// joint name, or refused: the index of a pandas Series, the columns of a DataFrame (pandas, polars, Arrow) or the last dimension
+/// of an xarray DataArray; a default RangeIndex is none. Masked entries raise but in estimate. Neither is silently dropped.
+///
+/// Scenes pickle, compare and hash by identity; copies are the scene itself.
 #[pyclass(frozen, name = "Scene", module = "phipsi")]
 pub(crate) struct PyScene {
     pub(super) scene: Scene,
     pub(super) pool: Pool<Scratch>,
-    pub(super) single: single::Kept,
 }
-
-/// Work on all links at once is done without the GIL from so many on.
-pub(super) const WORTH_DETACHING: usize = 1_000;
 
 impl PyScene {
     pub(super) fn new(scene: Scene) -> Self {
-        Self { scene, pool: Pool::default(), single: single::Kept::default() }
+        Self { scene, pool: Pool::default() }
     }
 
     /// Whether there is room for what the threads of a batch compute in, where that is large.
@@ -83,24 +101,21 @@ impl PyScene {
            text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False, leave_out=None)")]
     fn from_urdf(
         py: Python<'_>,
-        source: &Bound<'_, PyAny>,
+        source: &Object<'_>,
         floating_base: bool,
-        gravity: Option<&Bound<'_, PyAny>>,
+        gravity: Option<&Object<'_>>,
         strict: bool,
-        leave_out: Option<&Bound<'_, PyAny>>,
+        leave_out: Option<&Object<'_>>,
     ) -> PyResult<Self> {
-        let omissions = plan::left_out(leave_out)?;
-        let gravity = gravity.map(|gravity| arrays::triple("gravity", gravity)).transpose()?;
+        let omissions = description::left_out(leave_out)?;
+        let gravity = gravity.map(|gravity| input::triple("gravity", gravity)).transpose()?;
         let source = Source::read(source)?;
         let scene = detached_checked(py, || {
             let builder = match source {
                 Source::Text(xml) => SceneBuilder::from_urdf(&xml)?,
                 Source::File(path) => SceneBuilder::from_urdf_file(&path)?,
             };
-            let builder = match gravity {
-                Some(gravity) => builder.gravity(gravity),
-                None => builder,
-            };
+            let builder = if let Some(gravity) = gravity { builder.gravity(gravity) } else { builder };
             builder.floating_base(floating_base).strict(strict).omissions(omissions).build()
         })?;
         errors::warn(py, &scene)?;
@@ -115,8 +130,8 @@ impl PyScene {
 
     /// Armature of each degree of freedom, (nv,), kg m^2 or kg; a copy. It is the variance of the measurement noise.
     #[getter]
-    fn armature<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        arrays::from_numbers(py, &self.scene.model().system.noise, &[self.scene.nv()])
+    fn armature<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
+        output::from_numbers(py, &self.scene.model().system.noise, &[self.scene.nv()])
     }
 
     /// Number of degrees of freedom: the length of qd, qdd and tau.
@@ -125,7 +140,7 @@ impl PyScene {
         self.scene.nv()
     }
 
-    /// Names of the movable joints, in the order of q.
+    /// Names of the movable joints, in the order of q; the free joint of a floating base is the first, "root_joint".
     #[getter]
     fn joint_names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, self.scene.joints().iter().map(|joint| &joint.name).collect::<Vec<_>>())
@@ -143,10 +158,10 @@ impl PyScene {
         PyTuple::new(py, self.scene.links().iter().map(|link| &link.name).collect::<Vec<_>>())
     }
 
-    /// Gravity in the base frame, (3,), m/s^2.
+    /// Gravity in the base frame, (3,), m/s^2; a copy.
     #[getter]
-    fn gravity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        arrays::from_numbers(py, self.scene.model().gravity.as_slice(), &[3])
+    fn gravity<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
+        output::from_numbers(py, self.scene.model().gravity.as_slice(), &[3])
     }
 
     /// Where a joint is in q, a slice.
@@ -170,12 +185,9 @@ impl PyScene {
     /// What is locked is folded into the bodies around it and costs nothing. Locking "root_joint" gives a fixed base.
     ///
     /// Raises ArgumentError for an unknown joint; ShapeError, NotFiniteError or ArgumentError for a bad q.
-    fn lock(&self, py: Python<'_>, joints: &Bound<'_, PyAny>, q: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let Some(names) = (!joints.is_instance_of::<PyString>()).then(|| names(joints)).flatten() else {
-            let found = format!("{}", joints.repr()?);
-            return Err(Error::argument("joints", found, "a list of joint names").into());
-        };
-        let q = arrays::state("q", q, self.coordinates())?;
+    fn lock(&self, py: Python<'_>, joints: &Object<'_>, q: &Object<'_>) -> PyResult<Self> {
+        let names = names("joints", joints, "a list of joint names")?;
+        let q = input::state("q", q, self.coordinates())?;
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         let lock = || self.scene.lock(&names, &q);
         Ok(Self::new(if self.size() < WORTH_DETACHING { lock()? } else { detached_checked(py, lock)? }))
@@ -185,7 +197,7 @@ impl PyScene {
         description::summary(&self.scene)
     }
 
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (Description,))> {
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {
         let rebuild = slf.py().import("phipsi._core")?.getattr("_rebuild_scene")?;
         Ok((rebuild, (Description::of(slf.get().scene.source())?,)))
     }
@@ -197,7 +209,7 @@ impl PyScene {
 
     /// The scene itself: it cannot change.
     #[pyo3(signature = (memo, /))]
-    fn __deepcopy__(slf: Py<Self>, memo: &Bound<'_, PyAny>) -> Py<Self> {
+    fn __deepcopy__(slf: Py<Self>, memo: &Object<'_>) -> Py<Self> {
         let _ = memo;
         slf
     }
@@ -210,7 +222,7 @@ enum Source {
 }
 
 impl Source {
-    fn read(source: &Bound<'_, PyAny>) -> PyResult<Self> {
+    fn read(source: &Object<'_>) -> PyResult<Self> {
         if let Ok(text) = source.extract::<std::borrow::Cow<'_, str>>()
             && text.trim_start_matches('\u{feff}').trim_start().starts_with('<')
         {
@@ -225,15 +237,31 @@ impl Source {
     }
 }
 
-/// The strings of an iterable; none if it is something else.
-pub(super) fn names(iterable: &Bound<'_, PyAny>) -> Option<Vec<String>> {
-    // The keys of a dict would pass, and its values be lost.
-    if iterable.is_instance_of::<PyMapping>() {
-        return None;
-    }
-    iterable.try_iter().ok()?.map(|name| name.and_then(|name| name.extract()).ok()).collect()
-}
-
 fn slice<'py>(py: Python<'py>, range: &std::ops::Range<usize>) -> PyResult<Bound<'py, PySlice>> {
     Ok(PySlice::new(py, isize::try_from(range.start)?, isize::try_from(range.end)?, 1))
+}
+
+/// Builds a scene from what Scene.__reduce__ gave; without warnings, which the first building issued.
+#[pyfunction]
+#[pyo3(name = "_rebuild_scene", signature = (description, /))]
+pub(super) fn rebuild_scene(py: Python<'_>, description: &Object<'_>) -> PyResult<PyScene> {
+    let description = Description::read("pickled scene", description)?;
+    Ok(PyScene::new(detached_checked(py, || description.builder()?.build())?))
+}
+
+/// An argument of a method written in Python as float64, of any shape: its last axis of q's entries or qd's where a scene is given.
+#[pyfunction]
+#[pyo3(name = "_numbers", signature = (name, value, scene=None, coordinates=false, /))]
+pub(super) fn numbers<'py>(
+    name: &str,
+    value: &Object<'py>,
+    scene: Option<&PyScene>,
+    coordinates: bool,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let axis = match scene {
+        None => Axis::Plain(0),
+        Some(scene) if coordinates => scene.coordinates(),
+        Some(scene) => scene.rates(),
+    };
+    input::read(name, value, axis)
 }

@@ -1,11 +1,13 @@
 //! The class `RandomModel`: the spatially random model of a scene at one configuration.
 
-use super::arrays::{Output, from_numbers, state};
+use super::axis::Axis;
 use super::choice::choose;
 use super::counts::{count, count_or, number};
 use super::errors::asked_by;
+use super::input::state;
 use super::interrupts::detached_checked;
-use super::labels::Axis;
+use super::object::{Object, imported};
+use super::output::{Output, from_numbers};
 use super::scene::PyScene;
 use crate::error::Error;
 use crate::memory;
@@ -13,7 +15,6 @@ use crate::report::emergence::{ROUTES, emergence};
 use crate::stochastic::{MassEstimate, Method, Points, RandomModel};
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
 use std::ops::Range;
 
 /// The spatially random model of a scene at one configuration (1.1 to 1.6): w(k) ~ N(b(k), s M(k)), X = phi W, T = H X + v.
@@ -35,7 +36,7 @@ impl PyRandomModel {
     }
 }
 
-/// The model of what `RandomModel.__reduce__` gave.
+/// The model of what RandomModel.__reduce__ gave.
 #[pyfunction]
 #[pyo3(name = "_rebuild_random_model", signature = (scene, q, qd, acceleration_variance, /))]
 pub(super) fn rebuild_random_model(
@@ -59,8 +60,8 @@ impl PyScene {
     #[pyo3(signature = (q, qd=None, *, acceleration_variance=1.0))]
     fn random_model(
         slf: &Bound<'_, Self>,
-        q: &Bound<'_, PyAny>,
-        qd: Option<&Bound<'_, PyAny>>,
+        q: &Object<'_>,
+        qd: Option<&Object<'_>>,
         acceleration_variance: f64,
     ) -> PyResult<PyRandomModel> {
         let q = state("q", q, slf.get().coordinates())?;
@@ -91,20 +92,19 @@ impl PyRandomModel {
 
     /// Samples of the model: the named tuple Samples(process, force, torque).
     ///
-    /// samples: how many; seed: an integer from 0 to 2^64 - 1; first: the number of the first sample. Sample i of a seed is the
-    /// same whatever is drawn with it and on however many threads. process and force: (samples, nv, 6), W and X = phi W in body
-    /// frames, a block a degree of freedom as in Factor; torque: (samples, nv), T = H X + v.
+    /// samples: how many; seed: an integer from 0 to 2^64 - 1; first: the number of the first sample, 0 if not given. Sample i
+    /// of a seed is the same whatever is drawn with it and on however many threads. process and force: (samples, nv, 6), W and
+    /// X = phi W in body frames, a block a degree of freedom as in Factor; torque: (samples, nv), T = H X + v.
     ///
     /// Raises ArgumentError for a bad count or seed; OutOfMemoryError for more samples than there is room for.
     #[pyo3(signature = (samples, *, seed, first=None))]
     fn sample<'py>(
         &self,
         py: Python<'py>,
-        samples: &Bound<'py, PyAny>,
-        seed: &Bound<'py, PyAny>,
-        first: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyAny>> {
-        static SAMPLES: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+        samples: &Object<'py>,
+        seed: &Object<'py>,
+        first: Option<&Object<'py>>,
+    ) -> PyResult<Object<'py>> {
         let (points, range) = points_of(samples, seed, first)?;
         let count = usize::try_from(range.end - range.start)?;
         let nv = self.model.nv();
@@ -114,7 +114,7 @@ impl PyRandomModel {
             [unset(&[count, nv, 6])?, unset(&[count, nv, 6])?, unset(&[count, nv])?];
         let all = [process.numbers()?, force.numbers()?, torque.numbers()?];
         detached_checked(py, || self.model.sample_into(&points, range, all))?;
-        SAMPLES.import(py, "phipsi._results", "Samples")?.call1((process.finish(), force.finish(), torque.finish()))
+        imported!(py, "phipsi._results", "Samples")?.call1((process.finish(), force.finish(), torque.finish()))
     }
 
     /// The torques alone of the same samples, (samples, nv): arguments and errors as of sample().
@@ -122,9 +122,9 @@ impl PyRandomModel {
     fn sample_torque<'py>(
         &self,
         py: Python<'py>,
-        samples: &Bound<'py, PyAny>,
-        seed: &Bound<'py, PyAny>,
-        first: Option<&Bound<'py, PyAny>>,
+        samples: &Object<'py>,
+        seed: &Object<'py>,
+        first: Option<&Object<'py>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let (points, range) = points_of(samples, seed, first)?;
         let count = usize::try_from(range.end - range.start)?;
@@ -149,12 +149,12 @@ impl PyRandomModel {
     fn mass_matrix<'py>(
         &self,
         py: Python<'py>,
-        samples: Option<&Bound<'py, PyAny>>,
-        seed: Option<&Bound<'py, PyAny>>,
+        samples: Option<&Object<'py>>,
+        seed: Option<&Object<'py>>,
         method: &str,
         confidence: f64,
-        replicates: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyAny>> {
+        replicates: Option<&Object<'py>>,
+    ) -> PyResult<Object<'py>> {
         let drawn = || -> PyResult<(usize, u64)> {
             let missing = |name: &str| Error::argument(name, "none", format!("an integer, for method {method:?}"));
             let samples = count("samples", samples.ok_or_else(|| missing("samples"))?, 1)?;
@@ -181,7 +181,7 @@ impl PyRandomModel {
     }
 
     /// What the model is made of.
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Remade)> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Object<'py>, Remade)> {
         let rebuild = py.import("phipsi._core")?.getattr("_rebuild_random_model")?;
         Ok((rebuild, (self.scene.clone_ref(py), self.q.clone(), self.qd.clone(), self.acceleration_variance)))
     }
@@ -193,7 +193,7 @@ impl PyRandomModel {
 
     /// The model itself: it cannot change.
     #[pyo3(signature = (memo, /))]
-    fn __deepcopy__(slf: Py<Self>, memo: &Bound<'_, PyAny>) -> Py<Self> {
+    fn __deepcopy__(slf: Py<Self>, memo: &Object<'_>) -> Py<Self> {
         let _ = memo;
         slf
     }
@@ -207,9 +207,8 @@ impl PyRandomModel {
 type Remade = (Py<PyScene>, Vec<f64>, Option<Vec<f64>>, f64);
 
 /// The named tuple of an estimate.
-fn to_python<'py>(py: Python<'py>, estimate: &MassEstimate, nv: usize, confidence: f64) -> PyResult<Bound<'py, PyAny>> {
-    static ESTIMATE: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    let class = ESTIMATE.import(py, "phipsi._results", "MassEstimate")?;
+fn to_python<'py>(py: Python<'py>, estimate: &MassEstimate, nv: usize, confidence: f64) -> PyResult<Object<'py>> {
+    let class = imported!(py, "phipsi._results", "MassEstimate")?;
     let matrix = |numbers: &[f64]| from_numbers(py, numbers, &[nv, nv]);
     let m = matrix(&estimate.mass_matrix)?;
     match &estimate.spread {
@@ -222,11 +221,7 @@ fn to_python<'py>(py: Python<'py>, estimate: &MassEstimate, nv: usize, confidenc
 }
 
 /// The generator and the numbers of the samples asked for.
-fn points_of(
-    samples: &Bound<'_, PyAny>,
-    seed: &Bound<'_, PyAny>,
-    first: Option<&Bound<'_, PyAny>>,
-) -> PyResult<(Points, Range<u64>)> {
+fn points_of(samples: &Object<'_>, seed: &Object<'_>, first: Option<&Object<'_>>) -> PyResult<(Points, Range<u64>)> {
     let samples = count("samples", samples, 1)? as u64;
     let first = first.map_or(Ok(0), |first| number("first", first))?;
     let Some(end) = first.checked_add(samples) else {
@@ -249,11 +244,11 @@ fn at_most(name: &str, count: usize) -> Result<usize, Error> {
 pub(super) fn emergence_of(
     py: Python<'_>,
     scene: &PyScene,
-    q: &Bound<'_, PyAny>,
+    q: &Object<'_>,
     route: &str,
-    samples: &Bound<'_, PyAny>,
-    seed: &Bound<'_, PyAny>,
-    repeats: &Bound<'_, PyAny>,
+    samples: &Object<'_>,
+    seed: &Object<'_>,
+    repeats: &Object<'_>,
 ) -> PyResult<(f64, f64)> {
     let samples = at_most("samples", count("samples", samples, 1)?)?;
     let (seed, repeats) = (number("seed", seed)?, count("repeats", repeats, 1)?);

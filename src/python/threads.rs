@@ -1,5 +1,6 @@
 //! How many threads batches use.
 
+use super::object::Object;
 use crate::batch;
 use crate::error::Error;
 use pyo3::prelude::*;
@@ -10,10 +11,10 @@ use pyo3::types::PyBool;
 /// threads: the caller's and others, 1 for none beside the caller's; None or 0 for what the environment variable
 /// RAYON_NUM_THREADS says, or as many as the machine has, which is what a process begins with. Results have the same bits for any number.
 ///
-/// Raises `ArgumentError` for what is no number of threads, or for more than the system gives; what was set before then stays.
+/// Raises ArgumentError for what is no number of threads, or for more than the system gives; what was set before then stays.
 #[pyfunction]
 #[pyo3(signature = (threads))]
-pub(super) fn set_num_threads(py: Python<'_>, threads: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+pub(super) fn set_num_threads(py: Python<'_>, threads: Option<&Object<'_>>) -> PyResult<()> {
     let wanted = match threads {
         None => 0,
         Some(given) => {

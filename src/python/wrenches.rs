@@ -1,6 +1,8 @@
 //! The argument `wrenches`: a dict from links to (..., 6), as forces on bodies.
 
-use super::arrays::Input;
+use super::choice::items;
+use super::input::Input;
+use super::object::Object;
 use crate::batch::Broadcast;
 use crate::error::{Error, check_finite};
 use crate::scene::Scene;
@@ -20,18 +22,14 @@ pub(super) struct Wrench<'py> {
 
 impl<'py> Wrench<'py> {
     /// Reads the argument `wrenches`: None or a mapping.
-    pub fn read(scene: &Scene, wrenches: Option<&Bound<'py, PyAny>>) -> PyResult<Vec<Self>> {
+    pub fn read(scene: &Scene, wrenches: Option<&Object<'py>>) -> PyResult<Vec<Self>> {
         let Some(wrenches) = wrenches else { return Ok(Vec::new()) };
         let Ok(mapping) = wrenches.cast::<PyMapping>() else {
             let found = format!("an object of type {}", wrenches.get_type().name()?);
             return Err(Error::argument("wrenches", found, "a dict from link names to arrays (..., 6)").into());
         };
         let mut read = Vec::with_capacity(mapping.len()?);
-        for item in mapping.items()? {
-            let (key, value): (Bound<'_, PyAny>, Bound<'_, PyAny>) = item.extract()?;
-            let Ok(name) = key.extract::<String>() else {
-                return Err(Error::argument("wrenches", format!("the key {key}"), "names of links").into());
-            };
+        for (name, value) in items("wrenches", mapping, "names of links")? {
             let link = scene.link(&name).map_err(|error| error.of_argument("wrenches"))?;
             let input = Input::new(format!("wrenches[{name:?}]"), &value, 6)?;
             read.push(Self { input, body: link.body, placement: link.placement });

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -43,7 +44,7 @@ def simulate(
     state: Path | None,
     duration: float,
     dt: float,
-    method: str,
+    method: Any,
     record_every: int | None,
     hold: tuple[float, float] | None,
     table: bool,

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ... import errors
-from ..._core import Omission, Scene
+from ..._core import Scene
+from ..._results import Omission
 from .. import kinds
 from ..pipeline import Section
 from ..progress import Reporter

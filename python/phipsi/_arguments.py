@@ -1,0 +1,327 @@
+"""Arguments that are no plain arrays of numbers: entries are matched with joints by name, or refused; none is taken by its position alone.
+
+Labels are told by what their classes have, not by their modules: whatever looks like a Series or DataFrame of pandas (modin, cuDF, polars),
+a DataArray of xarray or a Table of Arrow is one; none of them is imported.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import ArgumentError, ShapeError, of_argument
+
+__all__ = ["array_of", "flags", "is_masked", "split_mask"]
+
+#: Lists within lists are looked into so deep: one may hold itself.
+DEEPEST = 8
+#: So many names stand in a message.
+LISTED = 12
+#: What an argument's entries belong to: each joint with the number of its entries, in their order; None where no joint has any.
+Joints = Sequence[tuple[str, int]] | None
+
+
+def array_of(name: str, value: Any, joints: Joints, width: int) -> NDArray[Any]:
+    """The argument as an array of real numbers, its entries in the order of the joints; `width` entries in its last axis are expected."""
+    value = _resolved(name, value, joints, width)
+    try:
+        array = np.asarray(value)
+    except MemoryError:
+        raise
+    except Exception as cause:
+        raise _no_numbers(name, f"what NumPy cannot read ({cause})") from cause
+    if array.dtype.kind not in "fiu":
+        raise _of_dtype(name, value, array.dtype)
+    return array
+
+
+def flags(name: str, value: Any, joints: Joints, width: int) -> list[bool] | None:
+    """The entries of a boolean array (width,); None for what has another dtype, an index of names for instance."""
+    try:
+        if np.asarray(value).dtype.kind != "b":
+            return None
+    except Exception:
+        return None
+    array = np.asarray(_resolved(name, value, joints, width))
+    if array.shape != (width,):
+        raise _wrong_shape(name, array, f"({width},)")
+    entries: list[bool] = array.tolist()
+    return entries
+
+
+def is_masked(value: Any) -> bool:
+    """Whether it is a masked array, of which even the empty mask would not follow what is written."""
+    return isinstance(value, np.ma.MaskedArray)
+
+
+def split_mask(value: Any) -> tuple[Any, NDArray[np.float64]] | None:
+    """A masked array with zeros where it is masked, and infinity there in a second array, which is zero elsewhere; None where nothing is masked."""
+    mask = _mask_of(value)
+    return None if mask is None else (value.filled(0), np.where(mask, np.inf, 0.0))
+
+
+def _resolved(name: str, value: Any, joints: Joints, width: int) -> Any:
+    """The argument without labels, its entries in the order of the joints; what cannot be read as numbers at all is left to NumPy."""
+    if _is_number(value) or type(value) is np.ndarray:
+        return value
+    if type(value) in (list, tuple):
+        _check_entries(name, value, 1)
+        return value
+    _refuse_masked(name, value)
+    if isinstance(value, Mapping):
+        return _by_joint(name, value, joints, width)
+    labels = _labels(name, value)
+    return value if labels is None else _matched(name, value, labels, joints)
+
+
+def _is_number(value: Any) -> bool:
+    """Whether it is a number of Python's, or a scalar of NumPy's of any kind: neither has names."""
+    return type(value) in (float, int) or isinstance(value, np.generic)
+
+
+def _check_entries(name: str, sequence: Any, depth: int) -> None:
+    """Refuses names and masks within lists and tuples, which would be lost."""
+    if set(map(type, sequence)) <= {float, int}:
+        return
+    for at, entry in enumerate(sequence):
+        if _is_number(entry) or type(entry) is np.ndarray or isinstance(entry, str):
+            continue
+        label = f"{name}[{at}]"
+        if type(entry) in (list, tuple):
+            if depth < DEEPEST:
+                _check_entries(label, entry, depth + 1)
+            continue
+        _refuse_masked(label, entry)
+        labels = None if isinstance(entry, Mapping) else _labels(name, entry)
+        if isinstance(entry, Mapping) or (labels and labels[1] is not None):
+            expected = "numbers: names within a list are not matched; stack the states in one array, or in one table with a column a joint"
+            raise _refused(label, _described(entry), expected)
+
+
+def _mask_of(value: Any) -> NDArray[np.bool_] | None:
+    """The mask of a masked array, of its shape, where any entry is masked."""
+    if not is_masked(value):
+        return None
+    mask = np.ma.getmaskarray(value)
+    # Of a record each field has its own; such are refused for their dtype.
+    return mask if mask.dtype.kind == "b" and mask.any() else None
+
+
+def _refuse_masked(name: str, value: Any) -> None:
+    mask = _mask_of(value)
+    if mask is not None:
+        found = f"a masked array with {mask.sum()} of {mask.size} entries masked, the first at index {mask.argmax()} (flattened)"
+        expected = (
+            "numbers for all entries (only the torque and noise of estimate may be masked: not measured); "
+            ".filled(value) puts a number in their place"
+        )
+        raise _refused(name, found, expected)
+
+
+def _by_joint(name: str, mapping: Mapping[Any, Any], joints: Joints, width: int) -> NDArray[np.float64]:
+    """One state, from a mapping of every joint's name to its number or numbers."""
+    what = _described(mapping)
+    if joints is None:
+        raise _refused(name, what, f"an array of shape (..., {width}): no names of joints belong to its entries")
+    for key in mapping:
+        if not isinstance(key, str):
+            raise _refused(name, f"the key {key!r}", "names of joints")
+    _order(name, what, list(mapping), joints)
+    numbers: list[float] = []
+    for joint, count in joints:
+        label = f"{name}[{_quoted(joint)}]"
+        own = array_of(label, mapping[joint], None, count)
+        if own.shape != (count,) and not (count == 1 and own.shape == ()):
+            raise _wrong_shape(label, own, "() or (1,)" if count == 1 else f"({count},)")
+        numbers += own.astype(np.float64).reshape(-1).tolist()
+    return np.array(numbers)
+
+
+#: What gives the numbers alone, and what the labels along the last axis are: None for numbers from 0 on, which say no more than the
+#: position; names, or why there are none that could be matched.
+_Labels = tuple[str, list[Any] | str | None]
+
+
+def _labels(name: str, value: Any) -> _Labels | None:
+    """The labels of a value that has such."""
+    try:
+        return _labels_of(value)
+    except Exception as error:
+        found = f"{type(value)} with labels that cannot be read ({error})"
+        raise _refused(name, found, "an array of numbers") from error
+
+
+def _labels_of(value: Any) -> _Labels | None:
+    """Asked of its class: a Series finds its labels among its own attributes."""
+
+    def has(*attributes: str) -> bool:
+        return all(hasattr(type(value), attribute) for attribute in attributes)
+
+    if isinstance(value, tuple) and has("_fields"):
+        return "list(..)", list(value._fields)  # type: ignore[attr-defined]
+    if has("column_names"):
+        return ".to_pandas().to_numpy()", list(value.column_names)
+    if has("columns", "collect"):
+        return ".collect().to_numpy()", "its columns are not known before collect()"
+    if has("columns"):
+        return ".to_numpy()", _labels_of_table(value, has("index"))
+    if has("iloc", "index"):
+        return ".to_numpy()", _labels_of_index(value.index)
+    if has("dims", "coords"):
+        return ".to_numpy()", _labels_of_dimensions(value, has("data_vars"))
+    if has("unit", "to_value") or has("units", "magnitude"):
+        return " in SI units and radians, as a plain array", "units are not converted"
+    return None
+
+
+_ELSEWHERE = "the names are on another axis than the last; transpose it"
+
+
+def _labels_of_index(index: Any) -> list[Any] | None:
+    """Those of an index of pandas."""
+    if type(index).__name__ == "RangeIndex" and index.start == 0 and index.step == 1:
+        return None
+    return list(index)
+
+
+def _has_names(labels: list[Any] | None) -> bool:
+    return labels is not None and any(isinstance(label, str) for label in labels)
+
+
+def _labels_of_table(table: Any, has_rows: bool) -> list[Any] | str | None:
+    """Those of the columns of a table. A time is a label of a row's state, a name is one of a joint."""
+    columns = _labels_of_index(table.columns)
+    if columns is None and has_rows and not callable(table.index) and _has_names(_labels_of_index(table.index)):
+        return _ELSEWHERE
+    return columns
+
+
+def _labels_of_dimensions(array: Any, is_dataset: bool) -> list[Any] | str | None:
+    """Those of the last dimension of an array of xarray."""
+    if is_dataset:
+        return "it has several arrays"
+    labels = [array.coords[name].values.tolist() if name in array.coords else None for name in array.dims]
+    if labels and labels[-1] is None and any(map(_has_names, labels)):
+        return _ELSEWHERE
+    return labels[-1] if labels else None
+
+
+def _matched(name: str, value: Any, labels: _Labels, joints: Joints) -> Any:
+    """The numbers of a value with labels, in the order of the joints."""
+    remedy, along = labels
+    # Fields of a tuple say something where joints are expected only.
+    if along is None or (joints is None and isinstance(value, tuple)):
+        return value
+    what = _described(value)
+
+    def refused(why: str) -> ArgumentError:
+        if joints is None:
+            expected = f"numbers without labels: {name}{remedy}"
+        else:
+            names = _listed([joint for joint, _ in joints])
+            expected = f"labels that are the names of the joints ({names}), or numbers alone in their order: {name}{remedy}"
+        return _refused(name, f"{what}: {why}", expected)
+
+    if isinstance(along, str):
+        raise refused(along)
+    if joints is None:
+        raise refused("it has labels, which nothing here is matched by")
+    for joint, count in joints:
+        if count != 1:
+            why = f"joint {_quoted(joint)} has {count} entries here, which one label does not tell apart (a dict from names to arrays does)"
+            raise refused(why)
+    if not _has_names(along):
+        raise refused("its labels are no names")
+    order = _order(name, what, along, joints)
+    array = np.asarray(value)
+    if array.shape[-1:] != (len(along),):
+        raise refused("its labels are not those of its last axis")
+    return array.take(order, -1)
+
+
+def _order(name: str, what: str, labels: list[Any], joints: Sequence[tuple[str, int]]) -> list[int]:
+    """For each joint where its label is; every joint must have one, and every label a joint."""
+    known = [joint for joint, _ in joints]
+    labels = [label if isinstance(label, str) else "a label that is no string" for label in labels]
+    counts, names = Counter(labels), set(known)
+    unknown = [label for label in labels if label not in names]
+    twice = [label for label, count in counts.items() if count > 1 and label in names]
+    missing = [joint for joint in known if joint not in counts]
+    faults = (("without", missing), ("with what is no movable joint,", unknown), ("with twice", twice))
+    told = [f"{how} {_listed(names)}" for how, names in faults if names]
+    if told:
+        raise _refused(name, f"{what} {' and '.join(told)}", f"every joint once: {_listed(known)}")
+    places = {label: at for at, label in enumerate(labels)}
+    return [places[joint] for joint in known]
+
+
+def _of_dtype(name: str, value: Any, dtype: np.dtype[Any]) -> ArgumentError:
+    """The error for a value that NumPy reads as that dtype, of no real numbers."""
+    is_sequence = type(value) in (list, tuple)
+    # Truth values and complex numbers are what their dtype says.
+    if isinstance(value, np.ndarray) or (is_sequence and dtype.kind in "bc"):
+        return _no_numbers(name, f"dtype {dtype}")
+    if is_sequence:
+        return _no_numbers(name, f"dtype {dtype}{_culprit(value, 1)}")
+    return _no_numbers(name, f"dtype {dtype} from {_described(value)}", _remedy(value))
+
+
+def _no_numbers(name: str, found: str, remedy: str = "") -> ArgumentError:
+    return _refused(name, found, f"an array of real numbers (float64; float32 and integers are converted){remedy}")
+
+
+def _remedy(value: Any) -> str:
+    """What to do with an object that is no array of numbers."""
+    if isinstance(value, str):
+        return ""
+    if hasattr(type(value), "toarray"):
+        return "; .toarray() gives one"
+    if hasattr(type(value), "__next__") or hasattr(type(value), "__iter__"):
+        return "; list(..) or numpy.fromiter gives one, where it has an order"
+    return ""
+
+
+def _culprit(sequence: Any, depth: int) -> str:
+    """The first entry of a sequence, however deep, that is no real number; nothing where that is not to be told."""
+    if depth > DEEPEST:
+        return ""
+    for at, entry in enumerate(sequence):
+        if type(entry) in (list, tuple):
+            within = _culprit(entry, depth + 1)
+            if within:
+                return within
+        elif not _is_number(entry) and not isinstance(entry, np.ndarray):
+            return f" (entry {at} is {_described(entry)})"
+    return ""
+
+
+def _described(value: Any) -> str:
+    """Type and module of an object, in words."""
+    if value is None:
+        return "None"
+    kind = type(value)
+    module = "" if kind.__module__ == "builtins" else f"{kind.__module__}."
+    return f"an object of type {module}{kind.__qualname__}"
+
+
+def _quoted(name: str) -> str:
+    return json.dumps(name, ensure_ascii=False)
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names in quotes, not too many."""
+    more = f", ... ({len(names)} in all)" if len(names) > LISTED else ""
+    return ", ".join(map(_quoted, names[:LISTED])) + more
+
+
+def _refused(name: str, found: str, expected: str) -> ArgumentError:
+    return of_argument(ArgumentError, name, f"found {found}; expected {expected}")
+
+
+def _wrong_shape(name: str, array: NDArray[Any], expected: str) -> ShapeError:
+    return of_argument(ShapeError, name, f"found shape {array.shape}; expected {expected}")

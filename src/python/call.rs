@@ -1,0 +1,190 @@
+//! One call: its arguments over the states of the batch, its result, and the GIL.
+
+use super::bad_states::Errors;
+use super::cost::{Cost, WORTH_RELEASING};
+use super::errors::{asked_by, fault};
+use super::fresh::entries;
+use super::input::Input;
+use super::interrupts::detached;
+use super::object::Object;
+use super::output::{Array, Output};
+use super::scene::PyScene;
+use super::scratch::Scratch;
+use super::wrenches::{self, Wrench};
+use crate::batch::{Batch, Broadcast, Fault, broadcast_axes};
+use crate::error::Error;
+use crate::memory;
+use crate::scalar::Precision;
+use crate::scene::Scene;
+use numpy::Element;
+use pyo3::prelude::*;
+
+/// The arguments of a call, the leading axes they broadcast to, and about how long one state takes.
+pub(super) struct Call<'a, 'py, P: Element = f64> {
+    pub scene: &'a PyScene,
+    inputs: Vec<Input<'py, P>>,
+    wrenches: Vec<Wrench<'py>>,
+    /// The leading axes of the result.
+    pub batch: Vec<usize>,
+    pub states: usize,
+    pub cost: Cost,
+    pub errors: Errors,
+}
+
+impl PyScene {
+    /// A configuration, (..., nq).
+    pub(super) fn configuration<'py, P: Precision + Element>(
+        &self,
+        name: &'static str,
+        value: &Object<'py>,
+    ) -> PyResult<Input<'py, P>> {
+        Input::new(name, value, self.coordinates())
+    }
+
+    /// Rates, accelerations or torques, (..., nv).
+    pub(super) fn rate<'py, P: Precision + Element>(
+        &self,
+        name: &'static str,
+        value: &Object<'py>,
+    ) -> PyResult<Input<'py, P>> {
+        Input::new(name, value, self.rates())
+    }
+
+    /// A call with these arguments, of so many ns a state.
+    pub(super) fn call<'a, 'py>(
+        &'a self,
+        inputs: impl Into<Vec<Input<'py>>>,
+        cost: usize,
+        errors: &str,
+    ) -> PyResult<Call<'a, 'py>> {
+        Ok(Call::new(self, inputs.into(), Vec::new(), Cost::of(cost))?.with(Errors::read(errors)?))
+    }
+}
+
+impl<'a, 'py, P: Precision + Element> Call<'a, 'py, P> {
+    pub fn new(
+        scene: &'a PyScene,
+        inputs: Vec<Input<'py, P>>,
+        wrenches: Vec<Wrench<'py>>,
+        cost: Cost,
+    ) -> PyResult<Self> {
+        let all = || names_and_axes(&inputs, &wrenches);
+        let batch = if all().all(|(_, axes)| axes.is_empty()) { Vec::new() } else { broadcast_axes(all())? };
+        let Some(states) = entries(&batch) else {
+            return Err(Error::argument("batch", "more states than memory has addresses", "fewer").into());
+        };
+        Ok(Self { scene, inputs, wrenches, batch, states, cost, errors: Errors::Raise })
+    }
+
+    /// The same call with another choice of what becomes of bad states.
+    pub fn with(self, errors: Errors) -> Self {
+        Self { errors, ..self }
+    }
+
+    /// The array of shape batch + `shape` that receives the results: a new one from `make`, or the caller's `out`.
+    pub fn output(
+        &self,
+        py: Python<'py>,
+        shape: &[usize],
+        out: Option<&Object<'py>>,
+        make: fn(Python<'py>, &[usize]) -> PyResult<Output<'py, P>>,
+    ) -> PyResult<Output<'py, P>> {
+        let full = [&self.batch, shape].concat();
+        let Some(out) = out else {
+            return make(py, &full).or_else(|failed| asked_by(py, &self.asking(), Err(failed)));
+        };
+        let wrenches = self.wrenches.iter().map(|wrench| wrench.input.addresses());
+        Output::given(out, &full, self.inputs.iter().map(Input::addresses).chain(wrenches))
+    }
+
+    /// The names of the arguments that make the batch as large as it is.
+    pub fn asking(&self) -> String {
+        let all = names_and_axes(&self.inputs, &self.wrenches);
+        let names: Vec<&str> = all.filter(|(_, axes)| !axes.is_empty()).map(|(name, _)| name).collect();
+        if names.is_empty() { "scene".to_owned() } else { names.join(", ") }
+    }
+
+    /// The arguments for the threads, which see no Python.
+    pub fn over(&self) -> PyResult<(Vec<Broadcast<'_, P>>, Vec<wrenches::States<'_>>)> {
+        let arguments = self.inputs.iter().map(|input| input.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
+        let wrenches = self.wrenches.iter().map(|wrench| wrench.over(&self.batch)).collect::<PyResult<Vec<_>>>()?;
+        Ok((arguments, wrenches))
+    }
+
+    /// Runs the states, of so many ns each, and warns of those that were bad.
+    pub fn run<W>(&self, py: Python<'py>, cost: usize, work: W) -> PyResult<()>
+    where
+        W: FnOnce(Batch<'_, Scratch, &(dyn Fn() -> Scratch + Sync)>) -> Result<(), Fault> + Send,
+    {
+        let PyScene { scene, pool } = self.scene;
+        let make = || Scratch::new(scene);
+        let make: &(dyn Fn() -> Scratch + Sync) = &make;
+        self.scene.check_scratch(self.states)?;
+        run(py, &self.batch, Batch { states: self.states, cost, pool, make }, work)?;
+        self.errors.warn(py, &self.batch)
+    }
+}
+
+impl<'py> Call<'_, 'py> {
+    /// Room for `width` numbers a state, where the result is not one array; for the arrays that they are copied to there is room too.
+    pub fn scratch_results(&self, py: Python<'py>, width: usize) -> PyResult<Output<'py>> {
+        memory::room(&self.asking(), memory::bytes_of::<f64>(&[self.states, width, 2]))?;
+        let Some(entries) = self.states.checked_mul(width) else {
+            return Err(Error::argument(self.asking(), "more numbers than memory has addresses", "fewer states").into());
+        };
+        asked_by(py, &self.asking(), Output::new(py, &[entries]))
+    }
+
+    /// Evaluates every state into a new array of shape batch + `shape`.
+    pub fn array<K, const N: usize>(&self, py: Python<'py>, shape: &[usize], kernel: K) -> Array<'py>
+    where
+        K: Fn(&Scene, &mut Scratch, [&[f64]; N], &mut [f64]) -> Result<(), Error> + Sync,
+    {
+        let mut output = self.output(py, shape, None, Output::new)?;
+        self.numbers(py, output.numbers()?, kernel)?;
+        Ok(output.finish())
+    }
+
+    /// Evaluates every state into `results`, row-major over the batch.
+    pub fn numbers<K, const N: usize>(&self, py: Python<'py>, results: &mut [f64], kernel: K) -> PyResult<()>
+    where
+        K: Fn(&Scene, &mut Scratch, [&[f64]; N], &mut [f64]) -> Result<(), Error> + Sync,
+    {
+        let scene = &self.scene.scene;
+        let (arguments, wrenches) = self.over()?;
+        debug_assert_eq!(arguments.len(), N);
+        let (bodies, errors) = (scene.model().bodies.len(), &self.errors);
+        self.run(py, self.cost.of_one(), |batch| {
+            batch.run(results, |scratch, i, out| {
+                let outcome = wrenches::on_bodies(&wrenches, bodies, i, &mut scratch.forces[0])
+                    .and_then(|()| kernel(scene, scratch, std::array::from_fn(|k| arguments[k].state(i)), out));
+                if let Err(error) = outcome {
+                    errors.note(Fault { state: i, error }).map_err(|fault| fault.error)?;
+                    out.fill(f64::NAN);
+                }
+                Ok(())
+            })
+        })
+    }
+}
+
+/// What messages call the arguments of a call, and their leading axes.
+fn names_and_axes<'a, P: Precision + Element>(
+    inputs: &'a [Input<'_, P>],
+    wrenches: &'a [Wrench<'_>],
+) -> impl Iterator<Item = (&'a str, &'a [usize])> {
+    let given = inputs.iter().map(|input| (&*input.name, input.leading()));
+    given.chain(wrenches.iter().map(|Wrench { input, .. }| (&*input.name, input.leading())))
+}
+
+/// Runs a batch with these leading axes without the GIL, but for short ones; raises the fault of the lowest state.
+pub(super) fn run<S: Send, M: Fn() -> S + Sync + Send>(
+    py: Python<'_>,
+    axes: &[usize],
+    batch: Batch<'_, S, M>,
+    work: impl FnOnce(Batch<'_, S, M>) -> Result<(), Fault> + Send,
+) -> PyResult<()> {
+    let short = batch.states.saturating_mul(batch.cost) < WORTH_RELEASING;
+    let outcome = if short { work(batch) } else { detached(py, || work(batch))? };
+    outcome.map_err(|error| fault(py, error, axes))
+}

@@ -1,0 +1,130 @@
+//! What drives a simulation: torques that are constant, one a step or asked of a function, and the control law.
+
+use super::axis::Axis;
+use super::input::{self, Input, wrong_shape};
+use super::object::Object;
+use super::scene::PyScene;
+use crate::batch::Broadcast;
+use crate::error::{Error, check_finite};
+use crate::memory;
+use crate::motion::{Gains, Torque};
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+
+/// The numbers of every state of the batch, one after another.
+pub(super) fn everyone(input: &Input<'_>, batch: &[usize], states: usize) -> PyResult<Vec<f64>> {
+    let own = input.over(batch)?;
+    let width = if states == 0 { 0 } else { own.state(0).len() };
+    let mut all = memory::with_capacity(&input.name, states.saturating_mul(width))?;
+    for state in 0..states {
+        all.extend_from_slice(own.state(state));
+    }
+    Ok(all)
+}
+
+/// The torques of a call, as given.
+pub(super) enum Given<'py> {
+    Nothing,
+    Constant(Input<'py>),
+    Steps(Input<'py>),
+    Function(Object<'py>),
+}
+
+impl<'py> Given<'py> {
+    pub fn read(
+        tau: Option<&Object<'py>>,
+        tau_steps: Option<&Object<'py>>,
+        steps: usize,
+        rates: Axis<'_>,
+    ) -> PyResult<Self> {
+        match (tau, tau_steps) {
+            (None, None) => Ok(Self::Nothing),
+            (Some(_), Some(_)) => Err(Error::argument("tau_steps", "tau as well", "one of the two").into()),
+            (Some(tau), None) if tau.is_callable() => Ok(Self::Function(tau.clone())),
+            (Some(tau), None) => {
+                let tau = Input::new("tau", tau, rates)?;
+                check_finite("tau", tau.data()?)?;
+                Ok(Self::Constant(tau))
+            }
+            (None, Some(tau)) => {
+                let tau = Input::new("tau_steps", tau, rates)?;
+                if tau.leading().last() != Some(&steps) {
+                    let found = [tau.leading(), &[rates.width()]].concat();
+                    return Err(wrong_shape("tau_steps", &found, format!("(..., {steps}, {})", rates.width())));
+                }
+                check_finite("tau_steps", tau.data()?)?;
+                Ok(Self::Steps(tau))
+            }
+        }
+    }
+
+    /// The leading axes that the batch must have.
+    pub fn leading(&self) -> Option<(&'static str, &[usize])> {
+        match self {
+            Self::Nothing | Self::Function(_) => None,
+            Self::Constant(tau) => Some(("tau", tau.leading())),
+            Self::Steps(tau) => {
+                let axes = tau.leading();
+                Some(("tau_steps", &axes[..axes.len() - 1]))
+            }
+        }
+    }
+
+    /// The torques of all steps; none where a function gives them.
+    pub fn torque<'a>(&'a self, batch: &[usize], (steps, nv): (usize, usize)) -> PyResult<Torque<'a>> {
+        Ok(match self {
+            Self::Constant(tau) => Torque::Constant(tau.over(batch)?),
+            Self::Steps(tau) => {
+                let axes = tau.leading();
+                let torque = Broadcast::new("tau_steps", tau.data()?, steps * nv, &axes[..axes.len() - 1], batch);
+                Torque::Steps { torque: torque.map_err(PyErr::from)?, first: 0 }
+            }
+            Self::Nothing | Self::Function(_) => Torque::Zero,
+        })
+    }
+}
+
+/// The control law of a call, as given.
+pub(super) struct Pd<'py> {
+    gains: [Vec<f64>; 2],
+    pub target: Input<'py>,
+    pub rate: Input<'py>,
+}
+
+impl<'py> Pd<'py> {
+    pub fn read(pd: &Object<'py>, scene: &PyScene) -> PyResult<Self> {
+        let expected = "PD(kp, kd, target) or PD(kp, kd, target, target_rate)";
+        let refuse = |found: String| PyErr::from(Error::argument("pd", found, expected));
+        let Ok(parts) = pd.cast::<PyTuple>() else {
+            return Err(refuse(format!("an object of type {}", pd.get_type().name()?)));
+        };
+        if !(3..=4).contains(&parts.len()) {
+            return Err(refuse(format!("{} parts", parts.len())));
+        }
+        let rate = match parts.get_item(3) {
+            Ok(rate) if !rate.is_none() => scene.rate("pd.target_rate", &rate)?,
+            _ => Input::filled(pd.py(), "pd.target_rate", 0.0, scene.scene.nv())?,
+        };
+        Ok(Self {
+            gains: [
+                input::spread("pd.kp", &parts.get_item(0)?, scene.rates())?,
+                input::spread("pd.kd", &parts.get_item(1)?, scene.rates())?,
+            ],
+            target: scene.configuration("pd.target", &parts.get_item(2)?)?,
+            rate,
+        })
+    }
+
+    pub fn over(self, batch: &[usize], states: usize) -> PyResult<Gains> {
+        let each = |input: &Input<'_>| {
+            if input.leading().is_empty() {
+                Ok(memory::copied(&input.name, input.data()?)?)
+            } else {
+                everyone(input, batch, states)
+            }
+        };
+        let (target, target_rate) = (each(&self.target)?, each(&self.rate)?);
+        let [proportional, derivative] = self.gains;
+        Ok(Gains { proportional, derivative, target, target_rate })
+    }
+}

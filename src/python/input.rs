@@ -1,0 +1,275 @@
+//! Arguments to contiguous float64 (or float32, where that was asked for): the one place where that is done.
+//!
+//! An array of numbers is read here. Lists, tables, dicts and masked arrays become one in `phipsi._arguments`, which matches names with joints.
+
+use super::axis::Axis;
+use super::errors::no_room;
+use super::object::{Object, imported};
+use crate::batch::{Broadcast, shape_text};
+use crate::error::Error;
+use crate::memory;
+use crate::scalar::Precision;
+use numpy::ndarray::Dimension;
+use numpy::{
+    Element, IntoPyArray, PyArray, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn,
+    PyUntypedArray, PyUntypedArrayMethods,
+};
+use pyo3::prelude::*;
+use pyo3::types::{PyFloat, PyInt, PyList, PyTuple};
+use std::borrow::Cow;
+use std::ops::Range;
+
+/// Arguments up to this many numbers are copied: cheaper than keeping account of who borrows which array.
+pub(super) const FEW: usize = 64;
+
+/// Arrays of more numbers are made by Python, which raises where memory runs out.
+pub(super) const MANY: usize = 1 << 12;
+
+/// One array argument: C-contiguous numbers of kind `P`, borrowed where it was that already, else converted.
+pub(super) struct Input<'py, P: Element = f64> {
+    /// What messages call it.
+    pub name: Cow<'static, str>,
+    width: usize,
+    array: Bound<'py, PyArrayDyn<P>>,
+    numbers: Numbers<'py, P>,
+}
+
+/// The numbers of an argument, row-major.
+enum Numbers<'py, P: Element> {
+    Copied(Vec<P>),
+    Borrowed(PyReadonlyArrayDyn<'py, P>),
+}
+
+impl<'py> Input<'py> {
+    /// Reads an argument of that shape, or one number that stands for all of them.
+    pub fn spread(name: &'static str, value: &Object<'py>, axis: Axis<'_>) -> PyResult<Self> {
+        let array = read(name, value, axis)?;
+        match (array.ndim(), array.len()) {
+            (0, 1) => Self::filled(value.py(), name, array.to_vec()?[0], axis.width()),
+            _ => Self::of(name.into(), array, axis.width()),
+        }
+    }
+
+    /// One state of `width` equal numbers, for an argument that was not given.
+    pub fn filled(py: Python<'py>, name: &'static str, number: f64, width: usize) -> PyResult<Self> {
+        let numbers = memory::filled(name, width, number)?;
+        Self::of(name.into(), numbers.into_pyarray(py).to_dyn().clone(), width)
+    }
+}
+
+impl<'py, P: Precision + Element> Input<'py, P> {
+    /// Reads an argument of shape (..., entries of the axis).
+    pub fn new<'a>(
+        name: impl Into<Cow<'static, str>>,
+        value: &Object<'py>,
+        axis: impl Into<Axis<'a>>,
+    ) -> PyResult<Self> {
+        let (name, axis) = (name.into(), axis.into());
+        let array = read(&name, value, axis)?;
+        Self::of(name, array, axis.width())
+    }
+
+    /// Checks the last axis.
+    fn of(name: Cow<'static, str>, array: Bound<'py, PyArrayDyn<P>>, width: usize) -> PyResult<Self> {
+        if array.shape().last() != Some(&width) {
+            return Err(wrong_shape(&name, array.shape(), format!("(..., {width})")));
+        }
+        let numbers = if array.len() <= FEW {
+            Numbers::Copied(array.to_vec()?)
+        } else {
+            Numbers::Borrowed(array.try_readonly().map_err(|_| being_written(&name))?)
+        };
+        Ok(Self { name, width, array, numbers })
+    }
+
+    /// The axes before the last.
+    pub fn leading(&self) -> &[usize] {
+        let shape = self.array.shape();
+        &shape[..shape.len().saturating_sub(1)]
+    }
+
+    /// Its states over those of a batch.
+    pub fn over(&self, batch: &[usize]) -> PyResult<Broadcast<'_, P>> {
+        Ok(Broadcast::new(&self.name, self.data()?, self.width, self.leading(), batch)?)
+    }
+
+    /// All numbers, row-major.
+    pub fn data(&self) -> PyResult<&[P]> {
+        match &self.numbers {
+            Numbers::Copied(numbers) => Ok(numbers),
+            Numbers::Borrowed(array) => Ok(array.as_slice()?),
+        }
+    }
+
+    /// The addresses that the argument occupies.
+    pub fn addresses(&self) -> Range<usize> {
+        addresses(&self.array)
+    }
+}
+
+/// The addresses that a C-contiguous array occupies.
+pub(super) fn addresses<P: Element, D: Dimension>(array: &Bound<'_, PyArray<P, D>>) -> Range<usize> {
+    let start = array.data().addr();
+    start..start + array.len() * size_of::<P>()
+}
+
+/// The numbers of an argument, row-major.
+fn copied(name: &str, array: &Bound<'_, PyArrayDyn<f64>>) -> PyResult<Vec<f64>> {
+    if array.len() <= MANY {
+        return Ok(array.to_vec()?);
+    }
+    let borrowed = array.try_readonly().map_err(|_| being_written(name))?;
+    Ok(memory::copied(name, borrowed.as_slice()?)?)
+}
+
+fn being_written(name: &str) -> Error {
+    Error::argument(name, "an array that another call is writing to", "an array that does not change during the call")
+}
+
+/// An argument of any shape, and that shape.
+pub(super) fn shaped<'a>(
+    name: &str,
+    value: &Object<'_>,
+    axis: impl Into<Axis<'a>>,
+) -> PyResult<(Vec<usize>, Vec<f64>)> {
+    let array = read::<f64>(name, value, axis.into())?;
+    Ok((array.shape().to_vec(), copied(name, &array)?))
+}
+
+/// An argument of exactly the given shape, as numbers in row-major order.
+pub(super) fn fixed(name: &str, value: &Object<'_>, shape: &[usize]) -> PyResult<Vec<f64>> {
+    match shaped(name, value, shape.last().copied().unwrap_or(1))? {
+        (found, numbers) if found == shape => Ok(numbers),
+        (found, _) => Err(wrong_shape(name, &found, shape_text(shape))),
+    }
+}
+
+/// One state: an argument of shape (entries of the axis,).
+pub(super) fn state(name: &str, value: &Object<'_>, axis: Axis<'_>) -> PyResult<Vec<f64>> {
+    match shaped(name, value, axis)? {
+        (found, numbers) if found == [axis.width()] => Ok(numbers),
+        (found, _) => Err(wrong_shape(name, &found, shape_text(&[axis.width()]))),
+    }
+}
+
+/// One number for all entries of the axis, or an array of them: the numbers.
+pub(super) fn spread(name: &str, value: &Object<'_>, axis: Axis<'_>) -> PyResult<Vec<f64>> {
+    let (shape, numbers) = shaped(name, value, axis)?;
+    let width = axis.width();
+    match shape[..] {
+        [] => Ok(memory::filled("scene", width, numbers[0])?),
+        [found] if found == width => Ok(numbers),
+        _ => Err(wrong_shape(name, &shape, format!("() or ({width},)"))),
+    }
+}
+
+/// An argument of the given shape, the same for all of `count` things, or of (count, *shape), one for each: their numbers.
+pub(super) fn one_or_each(name: &str, value: &Object<'_>, count: usize, shape: &[usize]) -> PyResult<Vec<Vec<f64>>> {
+    let (found, numbers) = shaped(name, value, shape.last().copied().unwrap_or(1))?;
+    let each = [&[count], shape].concat();
+    if found == shape {
+        Ok(vec![numbers; count])
+    } else if found == each {
+        Ok(numbers.chunks_exact(shape.iter().product()).map(<[f64]>::to_vec).collect())
+    } else {
+        Err(wrong_shape(name, &found, format!("{} or {}", shape_text(shape), shape_text(&each))))
+    }
+}
+
+/// An argument of shape (rows, width), at least one row: how many, and the numbers in row-major order.
+pub(super) fn rows(name: &str, value: &Object<'_>, width: usize) -> PyResult<(usize, Vec<f64>)> {
+    let (shape, numbers) = shaped(name, value, width)?;
+    match shape[..] {
+        [rows, found] if found == width && rows > 0 => Ok((rows, numbers)),
+        _ => Err(wrong_shape(name, &shape, format!("(k, {width}), k at least 1"))),
+    }
+}
+
+/// Three numbers.
+pub(super) fn triple(name: &str, value: &Object<'_>) -> PyResult<[f64; 3]> {
+    let numbers = fixed(name, value, &[3])?;
+    Ok([numbers[0], numbers[1], numbers[2]])
+}
+
+pub(super) fn wrong_shape(name: &str, found: &[usize], expected: String) -> PyErr {
+    Error::Shape { argument: name.to_owned(), found: shape_text(found), expected }.into()
+}
+
+/// What a function of `phipsi._arguments` makes of an argument.
+pub(super) fn in_python<'py>(
+    function: &Object<'py>,
+    name: &str,
+    value: &Object<'py>,
+    axis: Axis<'_>,
+) -> PyResult<Object<'py>> {
+    function.call1((name, value, axis.joints(), axis.width()))
+}
+
+/// C-contiguous and aligned numbers of kind `P` as they are; any other real numbers converted; the rest refused by name.
+pub(super) fn read<'py, P: Precision + Element>(
+    name: &str,
+    value: &Object<'py>,
+    axis: Axis<'_>,
+) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
+    match value.cast::<PyArrayDyn<P>>() {
+        Ok(array) if in_order(array) && is_bare(value) => Ok(array.clone()),
+        _ => convert(name, value, axis),
+    }
+}
+
+/// Whether it is an array and no subclass: such have masks or units.
+pub(super) fn is_bare(value: &Object<'_>) -> bool {
+    value.is_exact_instance_of::<PyUntypedArray>()
+}
+
+/// Whether it is a list or a tuple of Python's numbers alone, with neither names nor masks among them.
+fn is_of_numbers(value: &Object<'_>) -> bool {
+    let is_number =
+        |entry: Object<'_>| entry.is_exact_instance_of::<PyFloat>() || entry.is_exact_instance_of::<PyInt>();
+    match value.cast_exact::<PyList>() {
+        Ok(list) => list.iter().all(is_number),
+        Err(_) => value.cast_exact::<PyTuple>().is_ok_and(|tuple| tuple.iter().all(is_number)),
+    }
+}
+
+/// Whether the numbers of an array can be read as they lie.
+fn in_order<P: Element, D: Dimension>(array: &Bound<'_, PyArray<P, D>>) -> bool {
+    array.is_c_contiguous() && array.data().is_aligned()
+}
+
+/// The numbers of one state and their addresses, where they are (width,) float64 as they lie, and few.
+#[inline(always)] // what it returns would be stored and loaded again
+pub(super) fn plain(value: &Object<'_>, width: usize) -> Option<(Vec<f64>, Range<usize>)> {
+    let array = value.cast::<PyArray1<f64>>().ok()?;
+    if width > FEW || array.len() != width || !in_order(array) || !is_bare(value) {
+        return None;
+    }
+    Some((array.to_vec().ok()?, addresses(array)))
+}
+
+/// A fresh C-contiguous array of kind `P` with the numbers of `value`.
+fn convert<'py, P: Precision + Element>(
+    name: &str,
+    value: &Object<'py>,
+    axis: Axis<'_>,
+) -> PyResult<Bound<'py, PyArrayDyn<P>>> {
+    let py = value.py();
+    let is_real = |array: &Bound<'_, PyUntypedArray>| matches!(array.dtype().kind(), b'f' | b'i' | b'u');
+    let found = if is_bare(value) {
+        Some(value.clone())
+    } else if is_of_numbers(value) {
+        imported!(py, "numpy", "asarray")?.call1((value,)).ok()
+    } else {
+        None
+    };
+    let array = if let Some(array) = found.and_then(|found| found.cast_into().ok()).filter(is_real) {
+        array
+    } else {
+        let array = in_python(imported!(py, "phipsi._arguments", "array_of")?, name, value, axis);
+        array.map_err(|cause| no_room(py, name, &cause, None))?.cast_into()?
+    };
+    let bytes = memory::bytes_of::<P>(&[array.len()]);
+    memory::room(name, bytes)?;
+    let converted = array.call_method1("astype", (P::NAME, "C"));
+    Ok(converted.map_err(|cause| no_room(py, name, &cause, Some(bytes)))?.cast_into()?)
+}

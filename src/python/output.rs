@@ -1,0 +1,156 @@
+//! Results as arrays: the one place where they are made.
+
+use super::fresh::{entries, unwritten, zeros};
+use super::input::{FEW, MANY, addresses, is_bare, wrong_shape};
+use super::object::{Object, imported};
+use crate::batch::shape_text;
+use crate::error::Error;
+use crate::scalar::Precision;
+use numpy::ndarray::{ArrayD, ArrayView2};
+use numpy::{
+    AsSliceError, BorrowError, Element, PyArrayDyn, PyArrayMethods, PyReadwriteArrayDyn, PyUntypedArray,
+    PyUntypedArrayMethods, ToPyArray,
+};
+use pyo3::prelude::*;
+use std::ops::Range;
+
+/// What most methods return.
+pub(super) type Array<'py> = PyResult<Bound<'py, PyArrayDyn<f64>>>;
+
+/// Copies take the GIL from others for so many numbers at a time, and then look at signals.
+const AT_A_TIME: usize = 1 << 19;
+
+/// Where a call writes its result: an array of its own, or the caller's `out`.
+pub(super) enum Output<'py, P: Element = f64> {
+    /// Few numbers, which become an array in the end: cheaper than keeping account of one.
+    Copied(Python<'py>, ArrayD<P>),
+    Borrowed(Bound<'py, PyArrayDyn<P>>, PyReadwriteArrayDyn<'py, P>),
+}
+
+impl<'py, P: Precision + Element> Output<'py, P> {
+    /// A new array of zeros of the given shape.
+    pub fn new(py: Python<'py>, shape: &[usize]) -> PyResult<Self> {
+        Self::made(py, shape, zeros)
+    }
+
+    /// A new array of the given shape, all of which will be written or nothing be read.
+    pub fn unwritten(py: Python<'py>, shape: &[usize]) -> PyResult<Self> {
+        Self::made(py, shape, unwritten)
+    }
+
+    fn made(
+        py: Python<'py>,
+        shape: &[usize],
+        make: impl FnOnce(Python<'py>, &[usize]) -> PyResult<Bound<'py, PyArrayDyn<P>>>,
+    ) -> PyResult<Self> {
+        if entries(shape).is_some_and(|entries| entries <= FEW) {
+            return Ok(Self::Copied(py, ArrayD::from_elem(shape, P::default())));
+        }
+        Self::borrowed(make(py, shape)?)
+    }
+
+    /// The caller's array: C-contiguous numbers of kind `P` in the given shape, writable, apart from the addresses of the arguments.
+    pub fn given(out: &Object<'py>, shape: &[usize], inputs: impl IntoIterator<Item = Range<usize>>) -> PyResult<Self> {
+        let expected = || format!("a C-contiguous {} array", P::NAME);
+        let refuse = |found: String| PyErr::from(Error::argument("out", found, expected()));
+        let Ok(untyped) = out.cast::<PyUntypedArray>() else {
+            return Err(refuse(format!("an object of type {}", out.get_type().name()?)));
+        };
+        if !is_bare(out) {
+            let is_masked = imported!(out.py(), "phipsi._arguments", "is_masked")?;
+            if is_masked.call1((out,))?.extract()? {
+                return Err(refuse("a masked array".to_owned()));
+            }
+        }
+        let Ok(array) = out.cast::<PyArrayDyn<P>>() else {
+            return Err(refuse(format!("dtype {}", untyped.dtype())));
+        };
+        if array.shape() != shape {
+            return Err(wrong_shape("out", array.shape(), shape_text(shape)));
+        }
+        if !array.is_c_contiguous() {
+            return Err(refuse(format!("an array with strides {:?} (in bytes)", array.strides())));
+        }
+        if !array.data().is_aligned() {
+            return Err(refuse("an array that is not aligned".to_owned()));
+        }
+        let own = addresses(array);
+        let shared = |other: Range<usize>| own.start.max(other.start) < own.end.min(other.end);
+        if inputs.into_iter().any(shared) {
+            return Err(refused_output(&BorrowError::AlreadyBorrowed));
+        }
+        Self::borrowed(array.clone())
+    }
+
+    fn borrowed(array: Bound<'py, PyArrayDyn<P>>) -> PyResult<Self> {
+        let write = array.try_readwrite().map_err(|error| refused_output(&error))?;
+        Ok(Self::Borrowed(array, write))
+    }
+
+    /// The numbers, row-major.
+    pub fn numbers(&mut self) -> PyResult<&mut [P]> {
+        match self {
+            Self::Copied(_, numbers) => Ok(numbers.as_slice_mut().ok_or(AsSliceError)?),
+            Self::Borrowed(_, write) => Ok(write.as_slice_mut()?),
+        }
+    }
+
+    /// Writes rows that lie elsewhere, `width` numbers each; signals are looked at on the way.
+    pub fn gather<'a>(
+        &mut self,
+        py: Python<'py>,
+        width: usize,
+        mut rows: impl Iterator<Item = &'a [P]>,
+    ) -> PyResult<()> {
+        if width == 0 {
+            return Ok(());
+        }
+        let together = (AT_A_TIME / width).max(1);
+        for numbers in self.numbers()?.chunks_mut(together * width) {
+            for (to, from) in numbers.chunks_exact_mut(width).zip(&mut rows) {
+                to.copy_from_slice(from);
+            }
+            py.check_signals()?;
+        }
+        Ok(())
+    }
+
+    /// The array, written; a NumPy scalar for the empty shape.
+    pub fn finish_or_scalar(self) -> PyResult<Object<'py>> {
+        let array = self.finish();
+        if array.ndim() == 0 { array.get_item(()) } else { Ok(array.into_any()) }
+    }
+
+    /// The array, written.
+    pub fn finish(self) -> Bound<'py, PyArrayDyn<P>> {
+        match self {
+            Self::Copied(py, numbers) => numbers.to_pyarray(py),
+            Self::Borrowed(array, _) => array,
+        }
+    }
+}
+
+fn refused_output(error: &BorrowError) -> PyErr {
+    let found = match error {
+        BorrowError::NotWriteable => "a read-only array",
+        _ => "memory that is shared with an argument, or that another call is using",
+    };
+    Error::argument("out", found, "a writable array that overlaps no argument").into()
+}
+
+/// A new array with these numbers in row-major order; a NumPy scalar for the empty shape.
+pub(super) fn from_numbers<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize]) -> PyResult<Object<'py>> {
+    match *shape {
+        [length] if length == numbers.len() && length <= MANY => return Ok(numbers.to_pyarray(py).into_any()),
+        [rows, columns] if numbers.len() <= MANY => {
+            if let Ok(matrix) = ArrayView2::from_shape((rows, columns), numbers) {
+                return Ok(matrix.to_pyarray(py).into_any());
+            }
+        }
+        _ => {}
+    }
+    let mut output = Output::new(py, shape)?;
+    let width = shape.last().copied().unwrap_or(1);
+    output.gather(py, width, numbers.chunks_exact(width.max(1)))?;
+    output.finish_or_scalar()
+}

@@ -1,0 +1,83 @@
+//! What a thread needs to evaluate states, kept between calls.
+
+use crate::batch::evaluator::{Evaluated, Evaluator};
+use crate::dynamics::operational::OperationalScratch;
+use crate::dynamics::{Estimate, EstimateCovariance, EstimateScratch};
+use crate::scalar::MOST_LANES;
+use crate::scene::Scene;
+use crate::spatial::SpatialVector;
+use crate::workspace::Workspace;
+use numpy::Element;
+
+/// Forces on the bodies of one state.
+pub(super) type Forces = Vec<SpatialVector<f64>>;
+
+/// Scratch of all methods; most of it is made when it is first needed.
+pub(super) struct Scratch {
+    /// Per-body arrays of the recursions; the kernels are the evaluators'.
+    pub workspace: Workspace<f64>,
+    /// For estimation only.
+    pub estimation: Option<Estimation>,
+    /// For operational space only.
+    pub operational: Option<OperationalScratch<f64>>,
+    /// What runs the kernels in lanes, of float64 and of float32.
+    pub evaluator: Option<Evaluator>,
+    evaluator_f32: Option<Evaluator<f32>>,
+    /// Forces on bodies of as many states as there are lanes; empty without wrenches.
+    pub forces: Vec<Forces>,
+    /// Results of one state, on their way to an array.
+    pub results: Vec<f64>,
+}
+
+impl Scratch {
+    pub fn new(scene: &Scene) -> Self {
+        Self {
+            workspace: Workspace::new(scene.model()),
+            estimation: None,
+            operational: None,
+            evaluator: None,
+            evaluator_f32: None,
+            forces: vec![Vec::new(); MOST_LANES],
+            results: Vec::new(),
+        }
+    }
+}
+
+/// A dtype that the algorithms in lanes compute in.
+pub(super) trait Dtype: Evaluated + Element {
+    /// What runs them, and the forces on bodies of the states at hand.
+    fn parts(scratch: &mut Scratch) -> (&mut Option<Evaluator<Self>>, &mut [Forces]);
+}
+
+impl Dtype for f64 {
+    fn parts(scratch: &mut Scratch) -> (&mut Option<Evaluator<Self>>, &mut [Forces]) {
+        (&mut scratch.evaluator, &mut scratch.forces)
+    }
+}
+
+impl Dtype for f32 {
+    fn parts(scratch: &mut Scratch) -> (&mut Option<Evaluator<Self>>, &mut [Forces]) {
+        (&mut scratch.evaluator_f32, &mut scratch.forces)
+    }
+}
+
+/// What a thread keeps for estimation.
+pub(super) struct Estimation {
+    pub scratch: EstimateScratch<f64>,
+    pub estimate: Estimate<f64>,
+    pub covariance: EstimateCovariance<f64>,
+    /// Noise of the state at hand, infinite where not measured.
+    pub noise: Vec<f64>,
+}
+
+impl Estimation {
+    pub fn new(scene: &Scene) -> Self {
+        let model = scene.model();
+        Self {
+            scratch: EstimateScratch::new(model),
+            estimate: Estimate::new(model),
+            covariance: EstimateCovariance::new(model),
+            noise: vec![f64::NAN; model.nv()],
+        }
+    }
+}

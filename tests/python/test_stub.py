@@ -1,0 +1,37 @@
+"""What an editor shows, from the stub, is what help() shows; the names that it offers are those that there are."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+from typing import Any
+
+import phipsi
+import pytest
+from stub_docs import with_docs
+
+STUB = Path(phipsi.__file__).with_name("_core.pyi").read_text(encoding="utf-8")
+BUILDER = phipsi.SceneBuilder().link("base").link("a", 1.0).joint("turn", "revolute", "base", "a")
+#: What refuses a name that there is not, with those that there are.
+CALLS: dict[str, Any] = {
+    "_Errors": lambda name: BUILDER.build().mass_matrix([0.0], errors=name),
+    "_Form": lambda name: BUILDER.build().factor([0.0], form=name),
+    "_JointType": lambda name: phipsi.SceneBuilder().joint("turn", name, "base", "a"),
+    "_Method": lambda name: BUILDER.build().simulate([0.0], [0.0], dt=1.0, steps=1, method=name),
+    "_Switch": lambda name: BUILDER.build(leave_out=[name]),
+}
+
+
+def test_docstrings_of_the_stub_are_those_of_the_module() -> None:
+    assert STUB == with_docs(STUB), "make stub writes them anew"
+
+
+@pytest.mark.parametrize("alias", CALLS)
+def test_names_of_the_stub_are_those_of_the_module(alias: str) -> None:
+    node = next(node for node in ast.parse(STUB).body if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == alias)
+    named = {entry.value for entry in ast.walk(node) if isinstance(entry, ast.Constant)}
+    with pytest.raises(phipsi.errors.PhipsiError) as found:
+        CALLS[alias]("none")
+    known = re.sub(r'^.*expected (one of )?', "", str(found.value)).replace('"', "")
+    assert named == set(re.split(r", | or ", known))
