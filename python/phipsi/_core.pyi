@@ -77,8 +77,9 @@ class Scene:
 
     Arrays are (..., nq) or (..., nv): leading batch axes broadcast, rank in = rank out. Lists, float32, integers, strided
     and Fortran-ordered arrays are converted; C-contiguous float64 is used without a copy. In q a revolute joint is an angle
-    (rad), a prismatic one a length (m), a screw an angle (its pitch in m/rad), a planar one (u, v, theta), a universal one two angles (about x, then y), a spherical one a
-    quaternion (x, y, z, w), a free one (x, y, z, qx, qy, qz, qw) with the rates (linear, angular) in the body's frame.
+    (rad), a prismatic one a length (m), a screw an angle (its pitch in m/rad), a planar one (u, v, theta), a universal one
+    two angles (about x, then y), a spherical one a quaternion (x, y, z, w), a free one (x, y, z, qx, qy, qz, qw) with the
+    rates (linear, angular) in the body's frame.
     Quaternions may be off unit norm by 1e-3, and are normalised.
 
     Arguments raise ShapeError, NotFiniteError or ArgumentError (see phipsi.errors), naming the argument and the state.

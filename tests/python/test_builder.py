@@ -186,3 +186,16 @@ def test_names_from_anywhere() -> None:
         scene = builder.joint("j", "revolute", "base", name).build()
     assert scene.body_names == (name,)
     assert scene.jacobian([0.0], name).shape == (6, 1)
+
+
+def test_a_universal_joint_is_two_hinges() -> None:
+    universal = pendulum(type="universal", rpy=(0.3, -0.2, 0.5)).build()
+    cross = phipsi.SceneBuilder().link("base").link("cross").link("rod", **BODY)
+    cross.joint("x", "revolute", "base", "cross", rpy=(0.3, -0.2, 0.5), axis=(1, 0, 0))
+    hinges = cross.joint("y", "revolute", "cross", "rod", axis=(0, 1, 0)).build()
+    assert universal.q_index("hinge") == universal.v_index("hinge") == slice(0, 2)
+    q, qd, tau = np.random.default_rng(1).uniform(-1.0, 1.0, (3, 5, 2))
+    for name in ("forward_dynamics", "inverse_dynamics"):
+        assert_near(getattr(universal, name)(q, qd, tau), getattr(hinges, name)(q, qd, tau), 1e-12)
+    assert_near(universal.placements(q)["rod"], hinges.placements(q)["rod"], 8 * EPS)
+    assert_near(universal.difference(q, universal.integrate(q, qd)), qd, 8 * EPS)
