@@ -56,8 +56,9 @@ report: $(VENV)/report
 
 test: test-rust test-python
 
+# Nothing is kept for a next build of the same sources: that takes a quarter of the room.
 test-rust:
-	cargo test --locked --features $(FEATURES)
+	CARGO_INCREMENTAL=0 cargo test --locked --features $(FEATURES)
 
 DEV := .venv-dev
 $(DEV)/bin/python:
