@@ -76,19 +76,19 @@ impl<T: Vectorised> Chunk<T> {
 }
 
 impl<T: Vectorised> Chunk<T> {
-    /// As [`Chunks::lanes`].
+    /// As [`Chunks::lanes`](crate::algorithm::Chunks::lanes).
     #[must_use]
     pub fn lanes(&self) -> usize {
         T::LANES
     }
 
-    /// As [`Chunks::error`].
+    /// As [`Chunks::error`](crate::algorithm::Chunks::error).
     #[must_use]
     pub fn error(&self, lane: usize) -> f64 {
         self.errors.of(lane)
     }
 
-    /// As [`Chunks::run`], for these instructions; all that the scalar needs becomes part of whatever calls it.
+    /// As [`Chunks::run`](crate::algorithm::Chunks::run), for these instructions; all that the scalar needs becomes part of whatever calls it.
     #[inline(always)]
     pub fn run<I: Target>(
         &mut self,

@@ -1,6 +1,6 @@
 //! Motion: states advanced in time, with stiff joints as measurement noise.
 //!
-//! The equations of motion, with s the [displacement](manifold::displacement) of a spring from rest:
+//! The equations of motion, with s the [displacement](crate::joints::Motion::displacement) of a spring from rest:
 //!
 //! ```text
 //! M(q) dv/dt + bias(q, v) = u - d v - f v / sqrt(v^2 + v0^2) - k s(q)          (joint by joint: damping, friction, spring)

@@ -44,7 +44,7 @@ pub struct BatchCovariance {
     pub process: Mat<f64>,
 }
 
-/// Section 2 with dense matrices, O(N^3); the state is (q, qd, wrenches) as in [`forward_dynamics`](super::forward_dynamics).
+/// Section 2 with dense matrices, O(N^3); the state is (q, qd, wrenches) as in [`forward_dynamics`](crate::dynamics::forward_dynamics).
 ///
 /// # Errors
 ///
