@@ -7,8 +7,8 @@ mod common;
 #[path = "../tests/common/gate.rs"]
 mod gate;
 
-use common::{model, states};
-use gate::{ALGORITHMS, SCENES, arguments};
+use common::{arguments, model, states};
+use gate::{ALGORITHMS, SCENES};
 use phipsi::batch::arms::Arm;
 use phipsi::{Algorithm, Scene};
 use std::hint::black_box;

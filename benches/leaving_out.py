@@ -6,13 +6,13 @@ the difference of 110 and 10 calls: building the scene is not in it. valgrind mu
 
 import concurrent.futures
 import os
-import re
-import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(Path(__file__).with_name("instructions")))
+
+from callgrind import ROOT, a_call, output  # noqa: E402
+
 PAGE = ROOT / "docs" / "leaving-out.md"
 BEGIN, END = "<!-- written by benches/leaving_out.py -->", "<!-- to here -->"
 CALLS = (10, 110)
@@ -29,26 +29,12 @@ SWITCHES = (
 )
 
 
-def output(command: list[str], **environment: str) -> str:
-    done = subprocess.run(command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        sys.exit(f"leaving_out.py: {' '.join(command)}\n{done.stdout}{done.stderr}")
-    return done.stdout + done.stderr
-
-
-def counted(case: tuple[str, str, str, str]) -> int:
+def counted(case: tuple[str, str, str, str]) -> int | None:
     """Instructions of one call with this switch off."""
     switch, rates, gravity, kind = case
-    counts = []
-    for calls in CALLS:
-        with tempfile.TemporaryDirectory() as folder:
-            valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/out"]
-            program = [str(ROOT / "target/release/examples/leaving_out"), switch, rates, gravity, str(calls), *([kind] if kind else [])]
-            found = re.search(r"Collected : (\d+)", output([*valgrind, *program], PHIPSI_ARM="baseline"))
-        if found is None:
-            sys.exit("leaving_out.py: callgrind counted nothing")
-        counts.append(int(found[1]))
-    return round((counts[1] - counts[0]) / (CALLS[1] - CALLS[0]))
+    program = [str(ROOT / "target/release/examples/leaving_out"), switch, rates, gravity]
+    few, many = ([*program, str(calls), *([kind] if kind else [])] for calls in CALLS)
+    return a_call(few, many, CALLS[1] - CALLS[0], "baseline")
 
 
 def table() -> str:

@@ -5,8 +5,8 @@
 
 mod common;
 
-use common::gate::{ALGORITHMS, SCENES, arguments, scene};
-use common::lanes::{arms, on_a_large_stack, states};
+use common::gate::{ALGORITHMS, SCENES, scene};
+use common::lanes::{arguments, arms, on_a_large_stack, states};
 use common::tolerance::{assert_near, size};
 use phipsi::Algorithm;
 use phipsi::batch::arms::Arm;
@@ -48,10 +48,10 @@ fn found(arm: Arm) -> BTreeMap<String, (u64, Vec<f64>)> {
     for name in SCENES {
         let scene = scene(name).expect("a scene");
         let mut evaluator = Evaluator::on(arm, &scene);
-        let states: Vec<_> = states(&scene, COUNT).into_iter().map(|(q, qd, u)| [q, qd, u]).collect();
+        let states = states(&scene, COUNT);
         for (algorithm_name, algorithm) in ALGORITHMS {
             let width = scene.width(algorithm);
-            let given: Vec<_> = states.iter().map(|state| arguments(algorithm, state)).collect();
+            let given: Vec<_> = states.iter().map(|state| arguments(algorithm, state, &[])).collect();
             let (mut one, mut many) = (vec![f64::NAN; width], vec![f64::NAN; width * given.len()]);
             scene.evaluate(&mut evaluator, algorithm, &given[..1], &mut one).expect("a state");
             scene.evaluate(&mut evaluator, algorithm, &given, &mut many).expect("states");

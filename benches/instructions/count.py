@@ -14,36 +14,16 @@ import json
 import os
 import re
 import shutil
-import subprocess
-import sys
-import tempfile
 from pathlib import Path
-from typing import NoReturn
 
-ROOT = Path(__file__).resolve().parents[2]
+from callgrind import ROOT, a_call, fail, output
+
 EXPECTED = Path(__file__).with_name("expected.json")
 #: Calls of the shorter and of the longer run.
 REPEATS = (4, 24)
 #: (arm, states of a call).
 RUNS = (("baseline", 1), ("avx2", 1), ("avx2", 4))
 SLACK = 0.03
-#: What valgrind says of an instruction that it lacks (3.19: vmovq between registers), before the program ends.
-UNKNOWN = "Unrecognised instruction"
-
-
-def fail(message: str) -> NoReturn:
-    sys.exit(f"count.py: {message}")
-
-
-def output(command: list[str], **environment: str) -> str:
-    done = subprocess.run(
-        command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True, check=False
-    )
-    if UNKNOWN in done.stderr:
-        return done.stderr
-    if done.returncode != 0:
-        fail(f"{' '.join(command)}\n{done.stdout}{done.stderr}")
-    return done.stdout + done.stderr
 
 
 def built() -> str:
@@ -55,23 +35,10 @@ def built() -> str:
     return str(ROOT / found[1])
 
 
-def instructions(binary: str, arm: str, case: str, states: int, repeats: int) -> int | None:
-    """Of one whole run; none where valgrind cannot run it."""
-    with tempfile.TemporaryDirectory() as folder:
-        valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/out"]
-        program = [binary, "count", *case.split(), str(states), str(repeats)]
-        said = output([*valgrind, *program], PHIPSI_ARM=arm)
-    if UNKNOWN in said:
-        return None
-    found = re.search(r"Collected : (\d+)", said)
-    if found is None:
-        fail(f"callgrind counted nothing:\n{said}")
-    return int(found[1])
-
-
-def a_call(binary: str, arm: str, case: str, states: int) -> int | None:
-    few, many = (instructions(binary, arm, case, states, repeats) for repeats in REPEATS)
-    return None if few is None or many is None else round((many - few) / (REPEATS[1] - REPEATS[0]))
+def of_case(binary: str, arm: str, case: str, states: int) -> int | None:
+    """Instructions of one call; none where valgrind lacks one of them."""
+    few, many = ([binary, "count", *case.split(), str(states), str(repeats)] for repeats in REPEATS)
+    return a_call(few, many, REPEATS[1] - REPEATS[0], arm)
 
 
 def counted(binary: str) -> dict[str, int | None]:
@@ -79,7 +46,7 @@ def counted(binary: str) -> dict[str, int | None]:
     listed = output([binary, "list"]).splitlines()
     cases = [(arm, case, states) for arm, states in RUNS for case in listed]
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-        counts = pool.map(lambda case: a_call(binary, *case), cases)
+        counts = pool.map(lambda case: of_case(binary, *case), cases)
     return {f"{arm}/{states}/{case.replace(' ', '/')}": count for (arm, case, states), count in zip(cases, counts, strict=True)}
 
 

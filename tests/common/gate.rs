@@ -2,7 +2,7 @@
 
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::Symmetric3;
-use phipsi::{Algorithm, Arguments, Form, Scene, scenes};
+use phipsi::{Algorithm, Form, Scene, scenes};
 
 /// Every algorithm that has kernels, by its name.
 pub const ALGORITHMS: [(&str, Algorithm); 9] = [
@@ -37,15 +37,6 @@ pub fn scene(name: &str) -> Option<Scene> {
             arm.scene(true)
         }
         _ => None,
-    }
-}
-
-/// The arguments that an algorithm reads of a state.
-pub fn arguments(algorithm: Algorithm, [q, qd, u]: &[Vec<f64>; 3]) -> Arguments<'_> {
-    match algorithm {
-        Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => Arguments { q, qd, u, wrenches: &[] },
-        Algorithm::BiasTorque => Arguments { q, qd, ..Arguments::default() },
-        Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => Arguments { q, ..Arguments::default() },
     }
 }
 

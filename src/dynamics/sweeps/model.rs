@@ -62,15 +62,13 @@ fn arms<N: Copy>(framed: &Framed, leaves_out: bool, number: impl Copy + Fn(f64) 
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SweepModel<T: Real> {
     pub(super) bodies: Vec<SweepBody<T::Parameter>>,
-    /// The bodies in the order of the sweeps, with their places in it; none where that is theirs.
+    /// The bodies in the order of the sweeps; none where that is theirs.
     pub(super) reordered: Vec<SweepBody<T::Parameter>>,
     /// What motions, forces and co-states need of them, in that order.
     pub(super) segments: Vec<Segment<T::Parameter>>,
     /// What tilts turns, and how bodies slide.
     pub(super) tilts: Vec<ConstantRotation<T::Parameter>>,
     pub(super) slides: Vec<ConstantSlide<T::Parameter>>,
-    /// Where each body is in that order: what these sweeps keep of it is there.
-    pub(super) at: Vec<usize>,
     /// What the square-root form needs of them, in the order of the sweeps: NaN of a body that has no root, or whose
     /// spin needs a force outside of it.
     pub(super) roots: Vec<BodyRoot<T::Parameter>>,
@@ -111,7 +109,6 @@ impl<T: Real> SweepModel<T> {
         let framed = Framed::of(model);
         let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();
         let (order, is_alone) = (interleaved(&parents), alone_at_depth(&parents));
-        let by_rows = Ordered::new(&parents, &(0..parents.len()).collect::<Vec<_>>());
         let swept = Ordered::new(&parents, &order);
         let masses = model.bodies.iter().map(|body| body.inertia.mass);
         let composite_mass = with_all_outboard(&parents, masses.collect(), |a, b| a + b);
@@ -146,7 +143,7 @@ impl<T: Real> SweepModel<T> {
                 is_free_joint: matches!(stage.rows, Rows::Six) && stage.parent.is_none(),
                 is_definite: is_definite(k),
                 hangs_on_definite: stage.parent.is_some_and(is_definite),
-                places: by_rows.places[k],
+                places: swept.places[k],
                 is_leaf: last_child[k].is_none(),
                 depth: 0,
                 end_row: end_row[k],
@@ -159,8 +156,8 @@ impl<T: Real> SweepModel<T> {
         let whole = Model { bodies: framed.bodies.clone(), ..model.clone() }.cast::<T>();
         let (shifting, turning) = by_carrier(&framed, &whole, &swept.at);
         let composites = order.iter().map(|&k| composites[k].clone()).collect();
-        let reordered = |&k: &usize| SweepBody { places: swept.places[k], ..bodies[k].clone() };
-        let reordered = if order.is_sorted() { Vec::new() } else { order.iter().map(reordered).collect() };
+        let reordered: Vec<_> =
+            if order.is_sorted() { Vec::new() } else { order.iter().map(|&k| bodies[k].clone()).collect() };
         let in_order = if reordered.is_empty() { &bodies } else { &reordered };
         let segments = segments(in_order, |k| OfSegment {
             arm: arms[k],
@@ -173,7 +170,6 @@ impl<T: Real> SweepModel<T> {
             tilts: framed.tilts.iter().map(|tilt| tilt.map(number)).collect(),
             slides: framed.slides.iter().map(|slide| slide.map(number)).collect(),
             reordered,
-            at: swept.at,
             roots: order.iter().map(root).collect(),
             composites,
             shifting,
