@@ -121,6 +121,12 @@ impl<T: Real> Workspace<T> {
         }
     }
 
+    /// The other probe in the place of the first, for a second look.
+    pub(crate) fn exchange_probes(&mut self) {
+        let (first, second) = self.weights.split_at_mut(self.measured.len());
+        first.swap_with_slice(second);
+    }
+
     /// The same scratch for another form.
     #[must_use]
     pub fn in_form(mut self, form: Form) -> Self {

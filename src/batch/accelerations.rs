@@ -6,15 +6,12 @@ use crate::dynamics::auto::{self, Errors};
 use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
 use crate::model::Model;
 use crate::scalar::{Real, lanes_but};
-use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
 /// What the kernels read, and what they write.
 pub(crate) struct Call<'a, T: Real> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
     pub scratch: &'a mut SweepScratch<T>,
-    /// For the second look of form `auto`.
-    pub workspace: &'a mut Workspace<T>,
     /// (q, qd, tau).
     pub state: (&'a [T], &'a [T], &'a [T]),
     /// On bodies; empty where there are none.
@@ -47,7 +44,7 @@ impl<T: Vectorised> Work for ByCovariance<'_, T> {
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Call { scene, scratch, state, wrenches, qdd, .. } = self.0;
+        let Call { scene, scratch, state, wrenches, qdd } = self.0;
         let pivots = sweeps::forward_dynamics::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
         lanes_but::<T>(|lane| pivots.clear(lane))
     }
@@ -60,8 +57,7 @@ impl<T: Vectorised> Work for Watched<'_, T> {
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Call { scene, scratch, workspace, state, wrenches, qdd } = self.0;
-        let scratch = (scratch, workspace);
+        let Call { scene, scratch, state, wrenches, qdd } = self.0;
         let watched = auto::watched_in_sweeps::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
         *self.1 = watched.errors();
         lanes_but::<T>(|lane| watched.kept(lane))
@@ -75,7 +71,7 @@ impl<T: Vectorised> Work for ByRoots<'_, T> {
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Call { scene, scratch, state, wrenches, qdd, .. } = self.0;
+        let Call { scene, scratch, state, wrenches, qdd } = self.0;
         let (pivots, reach) = sweeps::forward_dynamics_by_roots::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
         lanes_but::<T>(|lane| pivots.clear(lane) && reach.clear(lane))
     }

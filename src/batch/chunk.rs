@@ -15,7 +15,6 @@ use crate::model::{Body, Model, Motion};
 use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::{MOST_LANES, Precision, Real, lanes_but};
 use crate::scene::Scene;
-use crate::workspace::Workspace;
 use nalgebra::Vector6;
 use std::sync::Arc;
 
@@ -37,7 +36,6 @@ pub struct Chunk<T: Vectorised> {
     sweep_scratch: SweepScratch<T>,
     inverse_columns: InverseColumns<T, T::Columns>,
     mass_columns: MassColumns<T, T::Columns>,
-    workspace: Workspace<T>,
     planar_scratch: Option<PlanarScratch<T, T::Columns>>,
     arguments: [Vec<T>; 3],
     wrenches: Vec<Vector6<T>>,
@@ -64,7 +62,6 @@ impl<T: Vectorised> Chunk<T> {
             sweep_scratch: SweepScratch::new(model, sweeps),
             inverse_columns: InverseColumns::new(),
             mass_columns: MassColumns::new(),
-            workspace: Workspace::new(model),
             planar_scratch: planar.as_ref().map(PlanarScratch::new),
             arguments: [vec![T::zero(); model.nq], vec![T::zero(); model.nv()], vec![T::zero(); model.nv()]],
             wrenches: Vec::new(),
@@ -225,7 +222,6 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             sweep_scratch,
             inverse_columns,
             mass_columns,
-            workspace,
             planar_scratch,
             arguments,
             wrenches,
@@ -259,7 +255,7 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             doubt = if let Some((model, scratch)) = in_plane {
                 planar::run(algorithm, model, scratch, (q, qd, u), wrenches, results)
             } else {
-                let scratch = (&mut *sweep_scratch, &mut *inverse_columns, workspace);
+                let scratch = (&mut *sweep_scratch, &mut *inverse_columns);
                 compute::<T, I, GROUP>((algorithm, target), scene, scratch, (q, qd, u), wrenches, (to, results, errors))
             };
         }
@@ -300,7 +296,7 @@ fn entries_of<'a, T: Vectorised, const GROUP: u8>(
 fn compute<T: Vectorised, I: Target, const GROUP: u8>(
     (algorithm, target): (Algorithm, I),
     scene: (&Model<T>, &SweepModel<T>),
-    (scratch, columns, workspace): (&mut SweepScratch<T>, &mut InverseColumns<T, T::Columns>, &mut Workspace<T>),
+    (scratch, columns): (&mut SweepScratch<T>, &mut InverseColumns<T, T::Columns>),
     (q, qd, u): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     (entries, results, errors): (&mut [Entry<T>], &mut [T], &mut Errors<T>),
@@ -308,7 +304,7 @@ fn compute<T: Vectorised, I: Target, const GROUP: u8>(
     let (model, sweeps) = scene;
     match algorithm {
         Algorithm::ForwardDynamics(form) if GROUP == ACCELERATIONS => {
-            let call = accelerations::Call { scene, scratch, workspace, state: (q, qd, u), wrenches, qdd: results };
+            let call = accelerations::Call { scene, scratch, state: (q, qd, u), wrenches, qdd: results };
             match form {
                 Form::Auto => accelerations::watched(target, call, errors),
                 Form::Covariance => accelerations::by_covariance(target, call),

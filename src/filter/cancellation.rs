@@ -10,7 +10,7 @@
 //! One more right side, irregular numbers of either sign, therefore sees the error of every row through every gain, with the
 //! contraction of the closed loop (a bound that adds up norms has none, and calls every long chain lost) and with what the outward
 //! sweep makes of a small error at the root of a long lever. The smoother's own rounding is added as in [`rounding`](super::rounding). Rounding is taken as dP about eps times the terms of P^-
-//! ([`terms`](super::terms), axis by axis), df about eps times z^+ and g e^-, independent from stage to stage: squares are
+//! (axis by axis), df about eps times z^+ and g e^-, independent from stage to stage: squares are
 //! added. The whole costs a filter and a smoother more for w, about 370 operations a stage, no branch on a value, and one comparison
 //! in the end.
 //!
@@ -24,7 +24,7 @@
 //! - of the bias, `nu(k)_i b(k)_i`: the body's own weight, velocity effects and wrench.
 //!
 //! It is an estimate, not a bound: as a rule five to ten times the true error in the max norm of all rows. The weights of one right side
-//! may cancel: what is not far from doubt is looked at again with others ([`look_again`]). What neither sees: errors made before the sweep (in phi, in velocities, in b), which every form
+//! may cancel: what is not far from doubt is looked at again with others (by [`auto`](crate::dynamics::auto)). What neither sees: errors made before the sweep (in phi, in velocities, in b), which every form
 //! shares; a component that is small beside the largest; in float32, squares of what is below 1e-19.
 
 use super::riccati::Measured;
@@ -61,7 +61,7 @@ impl Margins {
     pub const OF_A_FACTOR: Self = Self { of_size: 225.0, of_rest: 0.0, of_bias: 0.0, of_bias_at_most: 0.0 };
 }
 
-/// The square of the terms that [`terms`](super::terms) bounds, against that of the rounding of a usual entry in eps.
+/// The square of the terms that bounds of P^- say, against that of the rounding of a usual entry in eps.
 const BOUND_SQUARED: f64 = 64.0;
 
 /// The weight of a row: between 3/4 and 5/4, of either sign, and unlike those of its neighbours, lest errors cancel.
@@ -134,7 +134,7 @@ impl<T: Real> Cancellation<T> {
 
     /// The larger of both in each part: of what two sets of weights saw.
     #[inline(always)]
-    fn larger(&self, other: &Self) -> Self {
+    pub(crate) fn larger(&self, other: &Self) -> Self {
         Self {
             noise: larger(self.noise, other.noise),
             smoother: larger(self.smoother, other.smoother),
@@ -191,7 +191,8 @@ pub struct Probe<'a, T: Real> {
 impl<T: Real> Probe<'_, T> {
     #[inline(always)]
     fn swept(&self, k: usize) -> Swept<'_, T> {
-        Swept { z: &self.z[k], bias: &self.bias[k], terms: &self.terms[k], measured: self.measured }
+        let (z, bias, terms) = (self.z[k].as_ref(), self.bias[k].as_ref(), self.terms[k].as_ref());
+        Swept { z, bias, terms, measured: self.measured }
     }
 }
 
@@ -199,11 +200,11 @@ impl<T: Real> Probe<'_, T> {
 #[derive(Debug)]
 pub(crate) struct Swept<'a, T: Real> {
     /// z^+.
-    pub z: &'a Vector6<T>,
+    pub z: &'a [T; 6],
     /// b.
-    pub bias: &'a Vector6<T>,
+    pub bias: &'a [T; 6],
     /// Bounds on the terms of the diagonal of P^-.
-    pub terms: &'a Vector6<T>,
+    pub terms: &'a [T; 6],
     /// D and g of every row.
     pub measured: &'a [Measured<T>],
 }
@@ -221,12 +222,12 @@ impl<T: Real> OfStage<T> {
     /// From the squares of g e^-, summed over the rows.
     #[inline(always)]
     fn new(swept: &Swept<'_, T>, added: &Vector6<T>, (nu, lambda): (&Vector6<T>, &Vector6<T>)) -> Self {
-        let of = |x: &Vector6<T>| squared(&times_each(x, x), nu);
+        let (terms, z, bias) = (Vector6::from(*swept.terms), Vector6::from(*swept.z), Vector6::from(*swept.bias));
         Self {
-            p: squared(swept.terms, nu) * squared(swept.terms, lambda),
-            state: of(swept.z),
+            p: squared(&terms, nu) * squared(&terms, lambda),
+            state: squared(&times_each(&z, &z), nu),
             added: squared(added, nu),
-            bias: of(swept.bias),
+            bias: squared(&times_each(&bias, &bias), nu),
         }
     }
 }
@@ -246,7 +247,7 @@ impl<T: Real> Cancellation<T> {
     pub(crate) fn through_axis<const PICKED: usize, const ALLOWS: bool>(
         &mut self,
         measured: &Measured<T>,
-        (z, bias, terms): (&[T; 6], &[T; 6], &[T; 6]),
+        &Swept { z, bias, terms, .. }: &Swept<'_, T>,
         (lambda, nu): (&mut [T; 6], &mut [T; 6]),
         (e, e_w): (T, T),
     ) -> T {
@@ -343,36 +344,4 @@ pub fn sweep<T: Real>(
         probe.co_state[k] = nu;
     }
     seen
-}
-
-/// The same estimate with other weights, after [`sweep`], whose `first` has the smoother's part: one set of weights may cancel. What these see, and the larger of both.
-///
-/// `probe` has the co-states of the other weights; `co_state` receives lambda^- of the estimates.
-#[inline(always)]
-pub fn look_again<T: Real>(
-    system: &System<T>,
-    probe: &Probe<'_, T>,
-    co_state: &mut [Vector6<T>],
-    estimates: &[T],
-    first: &Cancellation<T>,
-) -> [Cancellation<T>; 2] {
-    let mut seen = Cancellation { smoother: first.smoother, size: first.size, ..Cancellation::new() };
-    for (k, stage) in system.stages.iter().enumerate() {
-        let mut added = zero();
-        let mut lambda = match stage.parent {
-            Some(parent) => probe.shift[k].motion_to_child(&co_state[parent]),
-            None => zero(),
-        };
-        for i in 0..stage.rows.count() {
-            let row = stage.first_row + i;
-            let m = &probe.measured[row];
-            let e = m.pivot * (estimates[row] + dot(&m.gain, &lambda));
-            added = scaled_add(&times_each(&m.gain, &m.gain), e * e, &added);
-            lambda = stage.rows.row(i).spread_onto(&lambda, estimates[row]);
-        }
-        seen.add(&OfStage::new(&probe.swept(k), &added, (&probe.co_state[k], &lambda)));
-        co_state[k] = lambda;
-    }
-    let both = seen.larger(first);
-    [seen, both]
 }

@@ -17,7 +17,6 @@ pub mod smoothed;
 pub mod smoother;
 pub mod square_root;
 pub mod system;
-pub mod terms;
 
 pub use forms::{FORMS, Form};
 pub use system::{HingeMap, Rows, Stage, System};

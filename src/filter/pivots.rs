@@ -71,6 +71,12 @@ impl<T: Real> Scale<T> {
         Self { angular: self.angular + other.angular, linear: self.linear + other.linear }
     }
 
+    /// Adds what one child sends, or begins with it.
+    #[inline(always)]
+    pub(crate) fn accumulate(&mut self, sent: &Self, begins: bool) {
+        *self = if begins { *sent } else { self.sum(sent) };
+    }
+
     /// The bound for one row.
     #[inline(always)]
     pub(crate) fn of_row(&self, hinge: &HingeMap<T>) -> T {

@@ -86,7 +86,9 @@ impl<T: Real> Covariances<'_, T> {
     ) {
         let (shift, p, scale) = (&self.shift[k], &mut self.p[k], self.scale[k]);
         let sent = Scale::sent_by(p, shift);
-        let carried = through_stage::<T, JOSEPH>((system, k), shift, (p, &scale), self.measured, monitor, &mut seen);
+        measure_stage::<T, JOSEPH>(system, k, p, self.measured, &mut seen);
+        monitor.observe_stage(&system.stages[k], self.measured, &scale);
+        let carried = shift.inertia_to_parent(p);
         if let Some(parent) = system.stages[k].parent {
             let at_parent = &mut self.p[parent];
             *at_parent = at_parent.add(&carried);
@@ -95,36 +97,27 @@ impl<T: Real> Covariances<'_, T> {
     }
 }
 
-/// One stage: all its rows, last first, turn P^- into P^+; gives phi P^+ phi*. `seen` is called with each row's P^-.
+/// The rows of one stage, last first: D and g, and P^- becomes P^+. `seen` is called with each row's P^-.
 #[inline(always)]
-pub fn through_stage<T: Real, const JOSEPH: bool>(
-    (system, k): (&System<T>, usize),
-    shift: &RigidShift<T>,
-    (p, scale): (&mut Symmetric6<T>, &Scale<T>),
+pub fn measure_stage<T: Real, const JOSEPH: bool>(
+    system: &System<T>,
+    k: usize,
+    p: &mut Symmetric6<T>,
     measured: &mut [Measured<T>],
-    monitor: &mut PivotMonitor<T>,
     mut seen: impl FnMut(usize, &Symmetric6<T>),
-) -> Symmetric6<T> {
+) {
     let stage = &system.stages[k];
-    // The commonest row is named, so that the compiler sees which column of P is meant and which zeros it leaves.
     if let Rows::One(HingeMap::Axis(2)) = stage.rows {
-        let (row, hinge) = (stage.first_row, HingeMap::Axis(2));
-        let mut carried = *p;
-        seen(row, &carried);
-        let m = update::<T, JOSEPH>(&mut carried, &hinge, system.noise[row]);
-        monitor.observe(m.pivot, &hinge, scale);
-        measured[row] = m;
-        *p = carried;
-        return shift.inertia_to_parent(&carried);
+        // The commonest row is named, so that the compiler sees which column of P is meant.
+        seen(stage.first_row, p);
+        measured[stage.first_row] = update::<T, JOSEPH>(p, &HingeMap::Axis(2), system.noise[stage.first_row]);
+        return;
     }
     for i in (0..stage.rows.count()).rev() {
-        let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
+        let row = stage.first_row + i;
         seen(row, p);
-        let m = update::<T, JOSEPH>(p, &hinge, system.noise[row]);
-        monitor.observe(m.pivot, &hinge, scale);
-        measured[row] = m;
+        measured[row] = update::<T, JOSEPH>(p, &stage.rows.row(i), system.noise[row]);
     }
-    shift.inertia_to_parent(p)
 }
 
 /// Tip to base: D, g and P^+ of every stage, covariance form.

@@ -215,11 +215,11 @@ impl<T: Vectorised, I: Target> Solver<T> for Plain<I> {
     fn solve(
         &mut self,
         scene: (&Model<T>, &SweepModel<T>),
-        (scratch, workspace): (&mut SweepScratch<T>, &mut Workspace<T>),
+        (scratch, _): (&mut SweepScratch<T>, &mut Workspace<T>),
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
-        by_covariance(self.0, Call { scene, scratch, workspace, state, wrenches: &[], qdd })
+        by_covariance(self.0, Call { scene, scratch, state, wrenches: &[], qdd })
     }
 }
 
@@ -231,11 +231,11 @@ impl<T: Vectorised, I: Target> Solver<T> for Watched<T, I> {
     fn solve(
         &mut self,
         scene: (&Model<T>, &SweepModel<T>),
-        (scratch, workspace): (&mut SweepScratch<T>, &mut Workspace<T>),
+        (scratch, _): (&mut SweepScratch<T>, &mut Workspace<T>),
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
-        let call = Call { scene, scratch, workspace, state, wrenches: &[], qdd };
+        let call = Call { scene, scratch, state, wrenches: &[], qdd };
         watched(self.0, call, &mut self.1)
     }
 }

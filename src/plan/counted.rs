@@ -2,13 +2,13 @@
 
 use super::{NOTHING, Omission, counted};
 use crate::algorithm::{Algorithm, Arguments};
-use crate::dynamics::sweeps::{turns_about_a_tilted_axis, turns_about_an_axis};
 use crate::filter::Form;
 use crate::model::{Body, Motion, Omissions};
 use crate::planar::PlanarModel;
 use crate::report::operations::{Count, Task, count as count_as_run, count_in_six_vectors, count_in_sweeps, of_factor};
 use crate::scalar::Operations;
 use crate::scene::Scene;
+use crate::spatial::transform::{turns_about_a_tilted_axis, turns_about_an_axis};
 use nalgebra::Matrix3;
 
 /// Dense results are counted up to this many degrees of freedom: they are O(N^2).

@@ -88,7 +88,7 @@ pub(crate) fn count_in_sweeps(
     let model = Model { omissions, ..scene.model().clone() };
     let (sweeps, model) = (SweepModel::<Counted>::new(&model), model.cast());
     let ([q, qd, u], wrenches) = on_counted(state);
-    let (mut scratch, mut workspace) = (SweepScratch::new(&model, &sweeps), Workspace::new(&model));
+    let mut scratch = SweepScratch::new(&model, &sweeps);
     let mut columns: InverseColumns<Counted, Counted> = InverseColumns::new();
     let mut mass_columns: MassColumns<Counted, Counted> = MassColumns::new();
     mass_columns.prepare(&model, &sweeps);
@@ -103,8 +103,8 @@ pub(crate) fn count_in_sweeps(
         let scene = (&model, &sweeps);
         match algorithm {
             Algorithm::ForwardDynamics(Form::Auto) => {
-                let (scratch, state) = ((&mut scratch, &mut workspace), (&q[..], &qd[..], &u[..]));
-                let watched = auto::watched_in_sweeps::<_, Counted>(scene, scratch, state, &wrenches, &mut out);
+                let state = (&q[..], &qd[..], &u[..]);
+                let watched = auto::watched_in_sweeps::<_, Counted>(scene, &mut scratch, state, &wrenches, &mut out);
                 return watched.kept(0);
             }
             Algorithm::MassMatrixInverse(Form::Auto) => {

@@ -9,6 +9,7 @@ mod inertia_root;
 mod rigid_shift;
 mod root;
 mod symmetric;
+pub(crate) mod transform;
 mod vector;
 
 pub use body_inertia::BodyInertia;

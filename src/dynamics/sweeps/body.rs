@@ -1,17 +1,18 @@
 //! The constants of a scene as these sweeps read them: one number for all lanes, in [frames](super::frames) of their own.
 
-use super::axial_rotation::Renaming;
-use super::carrier::Carrier;
-use super::lever::Lever;
+use super::joint::Joint;
+use super::renaming::Renaming;
 use super::slots::Places;
+use crate::filter::pivots::Scale;
+use crate::scalar::Real;
+use crate::spatial::transform::Offset;
+use crate::spatial::{BodyInertia, Symmetric3};
+use nalgebra::Vector3;
 
 /// One body.
-#[allow(clippy::struct_excessive_bools)] // facts, each by itself
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SweepBody<N> {
-    pub carrier: Carrier,
-    /// Of what slides by constant angles, its place among those.
-    pub slide: Option<usize>,
+    pub joint: Joint,
     /// Of a revolute joint, 1, or -1 where its z points the other way: rate, acceleration and torque are those about z, times this.
     pub sense: N,
     /// To its frame here from its frame in the model.
@@ -21,10 +22,8 @@ pub(super) struct SweepBody<N> {
     pub parent: Option<usize>,
     /// Its first row.
     pub row: usize,
-    /// Of a revolute joint, from the parent's origin to the body's, in the joint's frame: the body's at its zero angle, or the parent's where it is tilted.
-    pub lever: Lever<N>,
-    /// The lever's square.
-    pub lever_square: N,
+    /// Of a revolute joint, from the parent's origin to the body's, in the joint's frame: the body's at its zero angle, or the parent's where the axis is oblique.
+    pub offset: Offset<N>,
     /// Mass, first moment, rotational inertia about the origin.
     pub mass: N,
     pub first_moment: [N; 3],
@@ -33,11 +32,6 @@ pub(super) struct SweepBody<N> {
     pub scale: [N; 2],
     /// The terms of its diagonal.
     pub terms: [N; 6],
-    /// Twice the squares of its entries.
-    pub lever_squares: [N; 3],
-    /// Whether its one row is a turn about z, and whether it is a [free joint](super::free_joint) on the base.
-    pub is_about_z: bool,
-    pub is_free_joint: bool,
     /// Whether the weights of its root are positive, and of its parent's.
     pub is_definite: bool,
     pub hangs_on_definite: bool,
@@ -50,25 +44,79 @@ pub(super) struct SweepBody<N> {
     pub end_row: usize,
 }
 
-/// A body with all outboard of it, held still against each other.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct CompositeBody<N> {
-    pub mass: N,
-    /// The mass times the lever.
-    pub lever: [N; 3],
-    /// Twice the body's lever; and entry by entry the lever times the above.
-    pub twice_lever: [N; 3],
-    pub lever_moment: [N; 3],
-}
+impl<N: Copy> SweepBody<N> {
+    /// P^- (3.6): the body's inertia M(k), of which six entries are zero, and what arrived from its children.
+    #[inline(always)]
+    pub fn with_noise<T: Real<Parameter = N>>(&self, arrived: &[T; 21]) -> [T; 21] {
+        let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *arrived;
+        let [xx, xy, xz, yy, yz, zz] = self.rotational;
+        let [x, y, z] = self.first_moment;
+        let (x, y, z, m) = (a0.splat(x), a0.splat(y), a0.splat(z), a0.splat(self.mass));
+        [
+            a0 + a0.splat(xx),
+            a1 + a0.splat(xy),
+            a2 + a0.splat(xz),
+            a3 + a0.splat(yy),
+            a4 + a0.splat(yz),
+            a5 + a0.splat(zz),
+            c0,
+            c1 - z,
+            c2 + y,
+            c3 + z,
+            c4,
+            c5 - x,
+            c6 - y,
+            c7 + x,
+            c8,
+            b0 + m,
+            b1,
+            b2,
+            b3 + m,
+            b4,
+            b5 + m,
+        ]
+    }
 
-impl<N> CompositeBody<N> {
-    pub fn new(mass: f64, lever: [f64; 3], number: impl Fn(f64) -> N) -> Self {
-        Self {
-            mass: number(mass),
-            lever: lever.map(|l| number(mass * l)),
-            twice_lever: lever.map(|l| number(2.0 * l)),
-            lever_moment: lever.map(|l| number(mass * l * l)),
-        }
+    /// The composite inertia (3.5): the body's own and what arrived.
+    #[inline(always)]
+    pub fn with_inertia<T: Real<Parameter = N>>(&self, arrived: &BodyInertia<T>) -> BodyInertia<T> {
+        let like = arrived.mass;
+        let ([x, y, z], [xx, xy, xz, yy, yz, zz]) = (self.first_moment, self.rotational);
+        let own = BodyInertia {
+            mass: like.splat(self.mass),
+            first_moment: Vector3::new(like.splat(x), like.splat(y), like.splat(z)),
+            rotational: Symmetric3::new([
+                like.splat(xx),
+                like.splat(xy),
+                like.splat(xz),
+                like.splat(yy),
+                like.splat(yz),
+                like.splat(zz),
+            ]),
+        };
+        arrived.add(&own)
+    }
+
+    /// The bounds on the terms of M(k).
+    #[inline(always)]
+    pub fn scale_of_noise<T: Real<Parameter = N>>(&self, like: T) -> Scale<T> {
+        let [angular, linear] = self.scale;
+        Scale { angular: like.splat(angular), linear: like.splat(linear) }
+    }
+
+    /// The terms of the diagonal of P^-: those of M(k), and what arrived.
+    #[inline(always)]
+    pub fn with_terms<T: Real<Parameter = N>>(&self, arrived: &[T; 6]) -> [T; 6] {
+        let [a, b, c, d, e, f] = *arrived;
+        let own = &self.terms;
+        [
+            a.splat(own[0]) + a,
+            a.splat(own[1]) + b,
+            a.splat(own[2]) + c,
+            a.splat(own[3]) + d,
+            a.splat(own[4]) + e,
+            a.splat(own[5]) + f,
+        ]
     }
 }
 

@@ -4,30 +4,28 @@
 //! its z is then one axis of its parent's at zero angle, its x and y the two that follow it in their cycle. What is left of a revolute joint is a
 //! rotation about z, to one side or the other, and one of three ways to read the parent's vectors; and where the joint's frame is turned about
 //! its z at zero angle by what is no renaming of axes, a constant *offset* of the angle. An axis that is along none of its parent's is
-//! [tilted](ConstantRotation) from one of them.
+//! *oblique*, by a [constant rotation](ConstantRotation) from one of them.
 
-use super::about_axis::AboutAxis;
-use super::axial_rotation::Renaming;
-use super::carrier::Carrier;
-use super::constant_rotation::{ConstantRotation, JointAxis};
-use super::prismatic::ConstantSlide;
+use super::joint::{Joint, JointAxis};
+use super::renaming::Renaming;
+use crate::filter::Rows;
 use crate::model::{Body, Model, Motion};
+use crate::spatial::transform::{AboutAxis, ConstantRotation, ConstantSlide};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// The bodies of a scene in those frames.
 pub(super) struct Framed {
     /// Each from its frame to that of its parent; of a revolute joint where its angle is zero.
     pub bodies: Vec<Body<f64>>,
-    pub carriers: Vec<Carrier>,
+    pub joints: Vec<Joint>,
     /// Sine and cosine of the turn's angle where the joint's is zero, where they are not those of none.
-    pub offsets: Vec<Option<[f64; 2]>>,
-    /// The levers as they are met inward: of a revolute joint in its frame at zero angle, or its parent's where it is tilted.
-    pub levers: Vec<Vector3<f64>>,
-    /// Those of tilted axles.
-    pub tilts: Vec<ConstantRotation<f64>>,
-    /// Those of bodies that slide by constant angles, and of each body its place among them.
+    pub angle_offsets: Vec<Option<[f64; 2]>>,
+    /// The offsets as they are met inward: of a revolute joint in its frame at zero angle, or its parent's where the axis is oblique.
+    pub offsets_inward: Vec<Vector3<f64>>,
+    /// Those of oblique axes.
+    pub constant_rotations: Vec<ConstantRotation<f64>>,
+    /// Those of prismatic joints.
     pub slides: Vec<ConstantSlide<f64>>,
-    pub slide_at: Vec<Option<usize>>,
     /// From each body's frame in the model, zeros and ones.
     pub from_model: Vec<Matrix3<f64>>,
 }
@@ -37,12 +35,11 @@ impl Framed {
         let count = model.bodies.len();
         let mut framed = Self {
             bodies: Vec::with_capacity(count),
-            carriers: Vec::with_capacity(count),
-            offsets: Vec::with_capacity(count),
-            levers: Vec::with_capacity(count),
-            tilts: Vec::new(),
+            joints: Vec::with_capacity(count),
+            angle_offsets: Vec::with_capacity(count),
+            offsets_inward: Vec::with_capacity(count),
+            constant_rotations: Vec::new(),
             slides: Vec::new(),
-            slide_at: Vec::with_capacity(count),
             from_model: Vec::with_capacity(count),
         };
         let mut shifts = 0;
@@ -56,34 +53,38 @@ impl Framed {
             let sliding = if slides { sliding() } else { None };
             let about = if turns { AboutAxis::of(&rotation).or_else(tilted) } else { None };
             let mut here = *body;
-            let (carrier, frame, offset) = if let Some(AboutAxis { axis, tilt, frame, offset }) = about {
+            let (joint, frame, offset) = if let Some(AboutAxis { axis, tilt, frame, offset }) = about {
                 here.tree.rotation = tilt.map_or_else(|| axis.rotation(), |tilt| tilt.matrix());
-                let mut axle = JointAxis::Aligned(axis);
-                if let Some(tilt) = tilt {
-                    axle = JointAxis::Oblique(framed.tilts.len());
-                    framed.tilts.push(tilt);
+                let mut axis = JointAxis::Aligned(axis);
+                if let Some(rotation) = tilt {
+                    axis = JointAxis::Oblique(framed.constant_rotations.len());
+                    framed.constant_rotations.push(rotation);
                 }
-                (Carrier::Axial(axle), frame, offset)
+                (Joint::Axial(axis), frame, offset)
             } else {
                 let frame = sliding.as_ref().map_or_else(Matrix3::identity, |about| about.frame);
                 here.tree.rotation = rotation * frame.transpose();
+                let joint = match &sliding {
+                    Some(_) => Joint::Prismatic(shifts, framed.slides.len()),
+                    None if matches!(stage.rows, Rows::Six) && stage.parent.is_none() => Joint::Free(shifts),
+                    None => Joint::General(shifts),
+                };
+                framed.slides.extend(sliding.as_ref().map(ConstantSlide::of));
                 shifts += 1;
-                (Carrier::Shift(shifts - 1), frame, None)
+                (joint, frame, None)
             };
             here.tree.lever = outer * body.tree.lever;
-            framed.levers.push(match carrier {
-                Carrier::Axial(axle) => axle.axis().rotation().transpose() * here.tree.lever,
-                Carrier::Shift(_) => here.tree.rotate_back(&here.tree.lever),
+            framed.offsets_inward.push(match joint {
+                Joint::Axial(axis) => axis.axis().rotation().transpose() * here.tree.lever,
+                _ => here.tree.rotate_back(&here.tree.lever),
             });
             here.inertia.first_moment = frame * body.inertia.first_moment;
             here.inertia.rotational = body.inertia.rotational.congruence(&frame);
             here.inertia_terms = Vector6::from(Renaming::of(&frame, |x| x).apply(&body.inertia_terms)).abs();
             framed.bodies.push(here);
-            framed.carriers.push(carrier);
-            framed.offsets.push(offset);
+            framed.joints.push(joint);
+            framed.angle_offsets.push(offset);
             framed.from_model.push(frame);
-            framed.slide_at.push(sliding.is_some().then_some(framed.slides.len()));
-            framed.slides.extend(sliding.as_ref().map(ConstantSlide::of));
         }
         framed
     }
@@ -91,7 +92,7 @@ impl Framed {
 
 #[cfg(test)]
 mod tests {
-    use super::{Carrier, Framed, JointAxis};
+    use super::{Framed, Joint, JointAxis};
     use crate::model::Omissions;
     use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
     use crate::spatial::Symmetric3;
@@ -134,16 +135,18 @@ mod tests {
     /// Of such a joint, its offset, and by how much what it is made of differs from what it is.
     fn of(rotation: Matrix3<f64>, axis: Vector3<f64>) -> (Kind, Option<[f64; 2]>, f64) {
         let (framed, given) = framed(JointKind::Revolute, (rotation, axis), Omissions::all());
-        let [s, c] = framed.offsets[0].unwrap_or([0.0, 1.0]);
+        let [s, c] = framed.angle_offsets[0].unwrap_or([0.0, 1.0]);
         let about_z = Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0);
         let made = framed.bodies[0].tree.rotation * about_z * framed.from_model[0];
         let off = (made - given).amax();
-        let kind = match framed.carriers[0] {
-            Carrier::Shift(_) => Kind::Shift,
-            Carrier::Axial(JointAxis::Aligned(_)) => Kind::Plain,
-            Carrier::Axial(JointAxis::Oblique(at)) => Kind::Tilted(1 + usize::from(framed.tilts[at].turns_about_z)),
+        let kind = match framed.joints[0] {
+            Joint::Axial(JointAxis::Aligned(_)) => Kind::Plain,
+            Joint::Axial(JointAxis::Oblique(at)) => {
+                Kind::Tilted(1 + usize::from(framed.constant_rotations[at].turns_about_z))
+            }
+            _ => Kind::Shift,
         };
-        (kind, framed.offsets[0], off)
+        (kind, framed.angle_offsets[0], off)
     }
 
     #[test]
@@ -218,7 +221,8 @@ mod tests {
         ] {
             for (omissions, is_there) in [(all, true), (untilted, !is_tilted), (unnamed, false)] {
                 let (framed, given) = framed(JointKind::Prismatic, (rotation, axis), omissions);
-                assert_eq!((framed.slide_at[0], framed.slides.len()), (is_there.then_some(0), usize::from(is_there)));
+                let expected = if is_there { Joint::Prismatic(0, 0) } else { Joint::General(0) };
+                assert_eq!((framed.joints[0], framed.slides.len()), (expected, usize::from(is_there)));
                 let made = framed.bodies[0].tree.rotation * framed.from_model[0];
                 assert!((made - given).amax() <= 4.0 * f64::EPSILON);
                 assert!(is_there || framed.from_model[0] == Matrix3::identity(), "{}", framed.from_model[0]);

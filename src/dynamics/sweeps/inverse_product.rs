@@ -5,20 +5,18 @@
 //! a sum of squares. Costs the sum of depths for the factors and N^2 times the depth for the product, where
 //! [the closed form](crate::dynamics::mass_inverse) pays for Lambda at each body.
 
-use super::axial_rotation::ABOUT_Z;
-use super::axial_rotation::{Axis, about};
-use super::carrier::Carrier;
-use super::constant_rotation::JointAxis;
 use super::inverse_columns::{Block, InverseColumns, set_column};
+use super::joint::{Joint, JointAxis, with_axial};
 use super::model::SweepModel;
-use super::motion_transform::MotionTransform;
-use super::rotation::{ObliqueRotation, Rotates, rotated};
+use super::rows::{ABOUT_Z, along};
 use super::scratch::SweepScratch;
 use super::tiles::{Pair, TILE, Tiles, put, put_factors};
 use crate::dynamics::columns::{spread_hinge, spread_shift, spread_vector};
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
+use crate::spatial::transform::{Axial, ObliqueRotation, Order, Transform, about};
 use crate::spatial::{dot, zero};
+use nalgebra::Vector6;
 
 /// M^-1 of the factor in the scratch, into `out`, as [`Entries`](super::Entries) has it; with CHECK it is seen whether all are finite.
 #[inline(always)]
@@ -46,27 +44,27 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
         let mut own = std::mem::take(&mut slots[body.places.outward]);
         let parents: &[Block<C>] = if body.parent.is_some() { &slots[body.places.parent_outward] } else { &[] };
         let blocks = body.depth.div_ceil(C::COLUMNS);
-        match body.carrier {
-            Carrier::Axial(axle) => rotated!(axle, of_body.turn, sweeps.tilts, rotation, X, Y, Z, {
-                let gain = &scratch.measured[body.row].gain;
-                let way = MotionTransform::<C, _, X, Y, Z>::new(body, rotation.spread(none), gain, none);
+        match body.joint {
+            Joint::Axial(axis) => with_axial!(axis, of_body.turn, sweeps, (X, Y, Z), body.offset, transform, {
+                let transform = transform.spread(none);
+                let row = Row::new(none, body.sense, &scratch.measured[body.row].gain);
                 let lane = body.row % C::COLUMNS;
                 let (parents, here) = (&parents[..blocks], &targets[..blocks]);
                 targets = &targets[blocks..];
                 // By their index, or divisions would say how many there are.
                 for at in 0..parents.len().min(here.len()) {
-                    let mut c = way.carried(&parents[at]);
-                    let w = way.entry(&c);
+                    let mut c = transform.carry_motion(&parents[at]);
+                    let w = along(&row.gain, &c);
                     put_factors(factors, &here[at], lane, &w);
                     if !body.is_leaf {
-                        way.past_row(&mut c, w);
+                        c[ABOUT_Z] = c[ABOUT_Z].minus_product(row.sense, w);
                         own[at] = c;
                     }
                 }
                 let root = scratch.measured[body.row].pivot_inverse.sqrt();
                 factors[body.row * *blocks_of_row + body.row / C::COLUMNS].set_column(lane, root);
                 if !body.is_leaf {
-                    let begun = way.begun(units[body.depth % C::COLUMNS] * none.spread(root));
+                    let begun = -(row.sense * (units[body.depth % C::COLUMNS] * none.spread(root)));
                     if body.depth.is_multiple_of(C::COLUMNS) {
                         own[blocks] = [none, none, begun, none, none, none];
                     } else {
@@ -74,7 +72,7 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
                     }
                 }
             }),
-            Carrier::Shift(at) => {
+            Joint::Prismatic(at, _) | Joint::Free(at) | Joint::General(at) => {
                 let stage = &model.system.stages[body.index];
                 let (rows, shift) = (stage.rows.count(), spread_shift(none, &scratch.shifts[at]));
                 for (parent, own) in parents[..blocks].iter().zip(&mut own) {
@@ -105,6 +103,26 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
             }
         }
         slots[body.places.outward] = own;
+    }
+}
+
+/// The row of a revolute joint, spread over columns.
+struct Row<C> {
+    /// 1 or -1: H is this along z.
+    sense: C,
+    /// g of the row in its sense.
+    gain: [C; 6],
+}
+
+impl<C: Real> Row<C> {
+    #[inline(always)]
+    fn new<T: Real>(like: C, sense: T::Parameter, gain: &Vector6<T>) -> Self
+    where
+        C: ColumnsOf<T>,
+    {
+        let sense = gain[0].splat(sense);
+        let entry = |i: usize| like.spread(gain[i] * sense);
+        Self { sense: like.spread(sense), gain: [entry(0), entry(1), entry(2), entry(3), entry(4), entry(5)] }
     }
 }
 

@@ -4,9 +4,9 @@
 //! on, so that only the last block of a segment is not full; what hangs on a body is then some neighbouring blocks, each of one segment.
 
 use super::entries::Entries;
-use super::free_joint::{PICKED, picked};
 use super::inverse_columns::Block;
 use super::model::SweepModel;
+use super::rows::{PICKED, picked};
 use super::tiles::below_overflow;
 use super::tiles::units;
 use crate::model::Model;

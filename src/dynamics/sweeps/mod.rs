@@ -10,33 +10,23 @@
 //!   [constant rotation](constant_rotation) comes between. Of a [prismatic] joint P goes by constant angles too. Everything else goes through the general shift.
 //! - Bodies at equal depth come one after another: they do not wait for each other.
 
-mod about_axis;
 mod accelerations;
-mod axial_rotation;
 mod body;
-mod bounds;
-mod carrier;
-mod carry;
-mod constant_rotation;
 mod entries;
 mod filter;
 mod frames;
-mod free_joint;
 mod inverse_columns;
 mod inverse_product;
-mod lever;
+mod joint;
 mod mass_columns;
 mod mass_inverse;
 mod mass_matrix;
 mod model;
 mod motion;
-mod motion_transform;
-mod packed;
 mod predict;
-mod prismatic;
+mod renaming;
 mod root_filter;
-mod rotation;
-mod row;
+mod rows;
 mod scratch;
 mod segment;
 mod slots;
@@ -45,7 +35,6 @@ mod tiles;
 mod vectors;
 mod watch;
 
-pub(crate) use about_axis::{turns_about_a_tilted_axis, turns_about_an_axis};
 pub(crate) use entries::Entries;
 pub(crate) use inverse_columns::InverseColumns;
 pub(crate) use inverse_product::multiplied_out;
@@ -54,7 +43,7 @@ pub(crate) use mass_inverse::factor;
 pub(crate) use mass_matrix::mass_matrix;
 pub(crate) use model::SweepModel;
 pub(crate) use scratch::{SweepScratch, bytes};
-pub(crate) use watch::{factor_watched, forward_dynamics_watched, hand_over};
+pub(crate) use watch::{Look, factor_watched, forward_dynamics_watched};
 
 use super::forces::Motion;
 use crate::algorithm::Algorithm;

@@ -1,19 +1,16 @@
 //! A scene as these sweeps read it.
 
-use super::axial_rotation::Renaming;
-use super::body::{CompositeBody, SweepBody, Turning};
-use super::carrier::Carrier;
-use super::constant_rotation::ConstantRotation;
+use super::body::{SweepBody, Turning};
 use super::frames::Framed;
-use super::lever::Lever;
-use super::prismatic::ConstantSlide;
-use super::segment::{OfSegment, Segment, alone_at_depth, segments};
+use super::joint::Joint;
+use super::renaming::Renaming;
+use super::segment::{OfSegment, Segment, segments};
 use super::slots::{Ordered, SlotCounts, interleaved, last_children};
 use super::spin::Load;
 use crate::filter::pivots::Scale;
-use crate::filter::{HingeMap, Rows};
 use crate::model::{Body, Model};
 use crate::scalar::Real;
+use crate::spatial::transform::{ConstantRotation, ConstantSlide, Offset};
 use crate::spatial::{BodyInertia, BodyRoot};
 use nalgebra::Matrix3;
 
@@ -54,8 +51,8 @@ fn root_in(frame: &Matrix3<f64>, root: Option<&BodyRoot<f64>>) -> BodyRoot<f64> 
 }
 
 /// From each parent's origin to the body's, in the parent's frame.
-fn arms<N: Copy>(framed: &Framed, leaves_out: bool, number: impl Copy + Fn(f64) -> N) -> Vec<Lever<N>> {
-    framed.bodies.iter().map(|body| Lever::new(body.tree.lever.into(), leaves_out, number)).collect()
+fn arms<N: Copy>(framed: &Framed, leaves_out: bool, number: impl Copy + Fn(f64) -> N) -> Vec<Offset<N>> {
+    framed.bodies.iter().map(|body| Offset::new(body.tree.lever.into(), leaves_out, number)).collect()
 }
 
 /// The bodies of a scene.
@@ -66,14 +63,12 @@ pub(crate) struct SweepModel<T: Real> {
     pub(super) reordered: Vec<SweepBody<T::Parameter>>,
     /// What motions, forces and co-states need of them, in that order.
     pub(super) segments: Vec<Segment<T::Parameter>>,
-    /// What tilts turns, and how bodies slide.
-    pub(super) tilts: Vec<ConstantRotation<T::Parameter>>,
+    /// Those of oblique axes, and of prismatic joints.
+    pub(super) constant_rotations: Vec<ConstantRotation<T::Parameter>>,
     pub(super) slides: Vec<ConstantSlide<T::Parameter>>,
     /// What the square-root form needs of them, in the order of the sweeps: NaN of a body that has no root, or whose
     /// spin needs a force outside of it.
     pub(super) roots: Vec<BodyRoot<T::Parameter>>,
-    /// What M needs of them besides, in that order.
-    pub(super) composites: Vec<CompositeBody<T::Parameter>>,
     /// Those that are not on a revolute joint, whole: the frames of those that do not slide are the model's, those of their parents need not be.
     pub(super) shifting: Vec<Body<T>>,
     /// Those on a revolute joint, in the order of the sweeps.
@@ -87,19 +82,19 @@ pub(crate) struct SweepModel<T: Real> {
 }
 
 /// The bodies that are carried by any shift, and what carries those that turn, by their places in the sweeps.
-fn by_carrier<T: Real>(framed: &Framed, whole: &Model<T>, at: &[usize]) -> (Vec<Body<T>>, Vec<Turning<T::Parameter>>) {
-    let of_carrier = |turns: bool| {
-        let carriers = framed.carriers.iter().enumerate();
-        carriers.filter(move |(_, carrier)| matches!(carrier, Carrier::Axial(_)) == turns).map(|(k, _)| k)
+fn by_kind<T: Real>(framed: &Framed, whole: &Model<T>, at: &[usize]) -> (Vec<Body<T>>, Vec<Turning<T::Parameter>>) {
+    let of_kind = |turns: bool| {
+        let joints = framed.joints.iter().enumerate();
+        joints.filter(move |(_, joint)| matches!(joint, Joint::Axial(_)) == turns).map(|(k, _)| k)
     };
-    let shifting = of_carrier(false).map(|k| whole.bodies[k]).collect();
+    let shifting = of_kind(false).map(|k| whole.bodies[k]).collect();
     let turning_of = |k: usize| Turning {
         q: whole.bodies[k].q,
         place: at[k],
         sense: T::parameter(framed.from_model[k][(2, 2)]),
-        offset: framed.offsets[k].map(|offset| offset.map(T::parameter)),
+        offset: framed.angle_offsets[k].map(|offset| offset.map(T::parameter)),
     };
-    let mut turning: Vec<_> = of_carrier(true).map(turning_of).collect();
+    let mut turning: Vec<_> = of_kind(true).map(turning_of).collect();
     turning.sort_by_key(|turning| turning.place);
     (shifting, turning)
 }
@@ -108,39 +103,30 @@ impl<T: Real> SweepModel<T> {
     pub fn new(model: &Model<f64>) -> Self {
         let framed = Framed::of(model);
         let parents: Vec<_> = model.system.stages.iter().map(|stage| stage.parent).collect();
-        let (order, is_alone) = (interleaved(&parents), alone_at_depth(&parents));
+        let order = interleaved(&parents);
         let swept = Ordered::new(&parents, &order);
-        let masses = model.bodies.iter().map(|body| body.inertia.mass);
-        let composite_mass = with_all_outboard(&parents, masses.collect(), |a, b| a + b);
         let end_rows = model.system.stages.iter().map(|stage| stage.first_row + stage.rows.count()).collect();
         let end_row = with_all_outboard(&parents, end_rows, usize::max);
         let last_child = last_children(&parents);
         let number = T::parameter;
-        let mut composites = Vec::with_capacity(parents.len());
         let is_definite = |k: usize| model.inertia_roots[k].as_ref().is_some_and(BodyRoot::is_definite);
         let bodies = framed.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
-            let (frame, turned) = (&framed.from_model[k], <[f64; 3]>::from(framed.levers[k]));
+            let (frame, turned) = (&framed.from_model[k], <[f64; 3]>::from(framed.offsets_inward[k]));
             let BodyInertia { mass, first_moment, rotational } = &body.inertia;
             let scale = Scale::of_noise(&body.inertia_terms);
-            composites.push(CompositeBody::new(composite_mass[k], turned, number));
             SweepBody {
-                carrier: framed.carriers[k],
-                slide: framed.slide_at[k],
+                joint: framed.joints[k],
                 sense: number(frame[(2, 2)]),
                 frame: Renaming::of(frame, number),
                 index: k,
                 parent: stage.parent,
                 row: stage.first_row,
-                lever: Lever::new(turned, model.omissions.zero_levers, number),
-                lever_square: number(turned[0] * turned[0] + turned[1] * turned[1] + turned[2] * turned[2]),
+                offset: Offset::new(turned, model.omissions.zero_levers, number),
                 mass: number(*mass),
                 first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],
                 rotational: rotational.entries.map(number),
                 scale: [number(scale.angular), number(scale.linear)],
                 terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
-                lever_squares: turned.map(|l| number(2.0 * l * l)),
-                is_about_z: matches!(stage.rows, Rows::One(HingeMap::Axis(2))),
-                is_free_joint: matches!(stage.rows, Rows::Six) && stage.parent.is_none(),
                 is_definite: is_definite(k),
                 hangs_on_definite: stage.parent.is_some_and(is_definite),
                 places: swept.places[k],
@@ -154,24 +140,19 @@ impl<T: Real> SweepModel<T> {
         let root = |&k: &usize| root_in(&framed.from_model[k], model.inertia_roots[k].as_ref()).map(number);
         let arms = arms(&framed, model.omissions.zero_levers, number);
         let whole = Model { bodies: framed.bodies.clone(), ..model.clone() }.cast::<T>();
-        let (shifting, turning) = by_carrier(&framed, &whole, &swept.at);
-        let composites = order.iter().map(|&k| composites[k].clone()).collect();
+        let (shifting, turning) = by_kind(&framed, &whole, &swept.at);
         let reordered: Vec<_> =
             if order.is_sorted() { Vec::new() } else { order.iter().map(|&k| bodies[k].clone()).collect() };
         let in_order = if reordered.is_empty() { &bodies } else { &reordered };
-        let segments = segments(in_order, |k| OfSegment {
-            arm: arms[k],
-            load: Load::of(&framed.bodies[k].inertia, number),
-            waits_for_parent: is_alone[k],
-        });
+        let segments =
+            segments(in_order, |k| OfSegment { arm: arms[k], load: Load::of(&framed.bodies[k].inertia, number) });
         Self {
             segments,
             bodies,
-            tilts: framed.tilts.iter().map(|tilt| tilt.map(number)).collect(),
+            constant_rotations: framed.constant_rotations.iter().map(|rotation| rotation.map(number)).collect(),
             slides: framed.slides.iter().map(|slide| slide.map(number)).collect(),
             reordered,
             roots: order.iter().map(root).collect(),
-            composites,
             shifting,
             turning,
             is_shallow: steps <= SHALLOW * model.nv().pow(2),

@@ -4,12 +4,8 @@
 //! four, and nothing large is added that would have to cancel again. A body's [spin](Spin) gives the accelerations of all its points relative to that one: those
 //! of what hangs on it by a revolute joint are sent there at once.
 
-use super::axial_rotation::{AxialRotation, Axis, about};
-use super::carrier::Carrier;
-use super::constant_rotation::JointAxis;
-use super::free_joint;
+use super::joint::{Joint, JointAxis, with_axial};
 use super::model::SweepModel;
-use super::rotation::{ObliqueRotation, Rotates, rotated};
 use super::scratch::{BodyState, Moving, SweepScratch};
 use super::segment::Segment;
 use super::spin::{Spin, coordinates_of, force_of};
@@ -18,7 +14,8 @@ use crate::dynamics::forces::{Motion, Needed};
 use crate::kinematics::{joint_motion, joint_shift};
 use crate::model::{Body, Model, Motion as JointMotion};
 use crate::scalar::{ColumnsOf, Real};
-use crate::spatial::BodyRoot;
+use crate::spatial::transform::{Axes, Axial, AxialRotation, ObliqueRotation, Order, Rotates, about};
+use crate::spatial::{BodyRoot, RigidShift};
 use nalgebra::Vector3;
 
 /// The turn or shift of every body at `q`: they wait for nothing. Sines and cosines of as many angles at once as `C` holds.
@@ -91,24 +88,26 @@ fn forces<T: Real, const ROOT: bool>(
         let root = if ROOT { Some(&sweeps.roots[place]) } else { None };
         let [w, dw, _] = motions[body.parent_outward];
         // All of it in each arm: after them the motion would come by way of memory.
-        match body.carrier {
-            Carrier::Axial(axle) => rotated!(axle, own[place].turn, sweeps.tilts, rotation, X, Y, Z, {
-                let joint = (state.qd, state.qdd);
-                let moving = if body.is_on_base {
-                    on_base(body, &rotation, [base[X], base[Y], base[Z]], joint, needed)
-                } else {
-                    let [a0, a1, a2, ..] = own[place].force;
-                    let a = [a0, a1, a2];
-                    let there = [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]];
-                    turned(body, &rotation, there, joint, needed)
-                };
-                keep((bodies, place), root, moving, needed, (motions, own));
-            }),
-            Carrier::Shift(at) if body.is_free_joint => {
-                let moving = free_joint::moving(body.row, &shifts[at], &base, state, needed);
+        match body.joint {
+            Joint::Axial(axis) => {
+                with_axial!(axis, own[place].turn, sweeps, (X, Y, Z), body.arm.in_axes::<X, Y, Z>(), transform, {
+                    let joint = (state.qd, state.qdd);
+                    let moving = if body.is_on_base {
+                        on_base(body, transform, [base[X], base[Y], base[Z]], joint, needed)
+                    } else {
+                        let [a0, a1, a2, ..] = own[place].force;
+                        let a = [a0, a1, a2];
+                        let there = [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]];
+                        turned(body, transform, there, joint, needed)
+                    };
+                    keep((bodies, place), root, moving, needed, (motions, own));
+                });
+            }
+            Joint::Free(at) => {
+                let moving = floating(body.row, &shifts[at], &base, state, needed);
                 keep((bodies, place), root, moving, needed, (motions, own));
             }
-            Carrier::Shift(at) => {
+            Joint::Prismatic(at, _) | Joint::General(at) => {
                 let parent = motions[body.parent_outward];
                 let moving = shifted(&sweeps.shifting[at], body.row, &shifts[at], &parent, state, needed);
                 keep((bodies, place), root, moving, needed, (motions, own));
@@ -164,7 +163,7 @@ fn keep<T: Real>(
 #[inline(always)]
 fn on_base<T: Real>(
     body: &Segment<T::Parameter>,
-    rotation: &impl Rotates<T>,
+    rotation: &Axial<T, impl Rotates<T>, impl Axes>,
     a: [T; 3],
     (qd, qdd): (&[T], Option<&[T]>),
     needed: Needed,
@@ -179,7 +178,7 @@ fn on_base<T: Real>(
 #[inline(always)]
 fn turned<T: Real>(
     body: &Segment<T::Parameter>,
-    rotation: &impl Rotates<T>,
+    rotation: &Axial<T, impl Rotates<T>, impl Axes>,
     [w, dw, a]: Moving<T>,
     (qd, qdd): (&[T], Option<&[T]>),
     needed: Needed,
@@ -200,12 +199,37 @@ fn turned<T: Real>(
     [w, dw, a]
 }
 
+/// Of a body that floats, against a base that accelerates by `base` and does not turn.
+#[inline(always)]
+fn floating<T: Real>(
+    row: usize,
+    shift: &RigidShift<T>,
+    base: &[T; 3],
+    state: Motion<'_, T>,
+    needed: Needed,
+) -> Moving<T> {
+    let o = base[0].constant(0.0);
+    let felt = shift.rotate_back(&Vector3::new(base[0], base[1], base[2]));
+    let (mut w, mut dw, mut a) = ([o; 3], [o; 3], [felt[0], felt[1], felt[2]]);
+    if needed.velocity {
+        let qd = &state.qd[row..row + 6];
+        w = [qd[3], qd[4], qd[5]];
+        a = cross(w, [qd[0], qd[1], qd[2]], a);
+    }
+    if let Some(qdd) = state.qdd {
+        let qdd = &qdd[row..row + 6];
+        dw = [qdd[3], qdd[4], qdd[5]];
+        a = [a[0] + qdd[0], a[1] + qdd[1], a[2] + qdd[2]];
+    }
+    [w, dw, a]
+}
+
 /// Across any joint.
 #[inline(always)]
 fn shifted<T: Real>(
     body: &Body<T>,
     row: usize,
-    shift: &crate::spatial::RigidShift<T>,
+    shift: &RigidShift<T>,
     parent: &Moving<T>,
     state: Motion<'_, T>,
     needed: Needed,
@@ -248,7 +272,7 @@ fn shifted<T: Real>(
 
 /// A free vector, parent to child.
 #[inline(always)]
-fn back<T: Real>(shift: &crate::spatial::RigidShift<T>, v: [T; 3]) -> [T; 3] {
+fn back<T: Real>(shift: &RigidShift<T>, v: [T; 3]) -> [T; 3] {
     let turned = shift.rotate_back(&Vector3::new(v[0], v[1], v[2]));
     [turned[0], turned[1], turned[2]]
 }

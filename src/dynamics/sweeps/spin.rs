@@ -1,9 +1,9 @@
 //! How the accelerations of a body's points vary in it, and the force that this needs.
 
-use super::lever::{Lever, along_each};
 use super::vectors::minus_cross_number;
 use crate::dynamics::forces::Needed;
 use crate::scalar::Real;
+use crate::spatial::transform::{Offset, along_each};
 use crate::spatial::{BodyInertia, BodyRoot};
 
 /// Each in every lane.
@@ -79,12 +79,12 @@ impl<T: Real> Spin<T> {
         [xz.mul_add(z, sums[0]), yx.mul_add(x, sums[1]), zy.mul_add(y, sums[2])]
     }
 
-    /// The acceleration of the point at this lever, `a` being that of the origin.
+    /// The acceleration of the point at this offset, `a` being that of the origin.
     #[inline(always)]
-    pub fn at(&self, lever: &Lever<T::Parameter>, mut a: [T; 3]) -> [T; 3] {
-        along_each!(T, lever, I, {
+    pub fn at(&self, offset: &Offset<T::Parameter>, mut a: [T; 3]) -> [T; 3] {
+        along_each!(T, offset, I, {
             let (j, k) = ((I + 1) % 3, (I + 2) % 3);
-            let l = a[0].splat(lever.entries[I]);
+            let l = a[0].splat(offset.entries[I]);
             a[j] = self.before[k].mul_add(l, a[j]);
             a[k] = self.after[j].mul_add(l, a[k]);
             if self.has_velocity {
@@ -158,4 +158,37 @@ pub(super) fn coordinates_of<T: Real>(root: &BodyRoot<T::Parameter>, spin: &Spin
         }
     }
     y
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Spin;
+    use crate::dynamics::forces::Needed;
+    use crate::scalar::{Counted, Real};
+    use crate::spatial::transform::Offset;
+    use nalgebra::Vector3;
+
+    /// a + dw x l + w x (w x l), against nalgebra: l along any axes, for scalars that ask for all entries at once and for each.
+    fn check<T: Real<Parameter = T>>() {
+        let of = |v: Vector3<f64>| <[f64; 3]>::from(v).map(T::from_f64);
+        let (w, dw, a) = (Vector3::new(0.7, -1.3, 2.1), Vector3::new(0.6, 1.1, -0.8), Vector3::new(-0.4, 0.9, 0.2));
+        for mask in 0..8 {
+            let l = Vector3::from_fn(|i, _| if mask >> i & 1 == 1 { [0.3, -0.5, 0.2][i] } else { 0.0 });
+            for (leaves_out, velocity) in [(true, true), (true, false), (false, true), (false, false)] {
+                let spin = Spin::of(of(w), of(dw), Needed { velocity, acceleration: true });
+                let pull = if velocity { w.cross(&w.cross(&l)) } else { Vector3::zeros() };
+                let (found, expected) =
+                    (spin.at(&Offset::new(l.into(), leaves_out, T::from_f64), of(a)), a + dw.cross(&l) + pull);
+                for (found, expected) in found.iter().zip(&expected) {
+                    assert!((found.lane(0) - expected).abs() <= 1e-15, "{mask}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn points_of_a_body_accelerate_as_vectors_say() {
+        check::<f64>();
+        check::<Counted>();
+    }
 }

@@ -1,25 +1,23 @@
-//! The covariance form with an estimate of the digits that it lost: the first look of [`auto`](crate::dynamics::auto).
+//! The covariance form with an estimate of the digits that it lost: the first form of [`auto`](crate::dynamics::auto).
 
-use super::axial_rotation::ABOUT_Z;
-use super::axial_rotation::{Axis, about, to_turn};
-use super::carrier::Carrier;
-use super::constant_rotation::JointAxis;
+use super::filter;
+use super::joint::{Joint, JointAxis, with_joint};
 use super::model::SweepModel;
 use super::motion;
-use super::rotation::{ObliqueRotation, rotated};
+use super::rows::{AboutZ, AlongZ, AnyRows, Measures, Six};
 use super::scratch::{SweepScratch, Watching};
-use super::{accelerations, filter};
 use crate::dynamics::forces::Motion;
 use crate::filter::cancellation::{Cancellation, Swept};
 use crate::filter::pivots::PivotMonitor;
-use crate::kinematics::joint_shift;
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
-use crate::workspace::Workspace;
+use crate::spatial::transform::{Axial, Base, ObliqueRotation, Order, Prismatic, Transform};
 use nalgebra::Vector6;
 
-/// [`forward_dynamics`](super::forward_dynamics), whether a single look at its pivots may do, and what
-/// [`cancellation::sweep`](crate::filter::cancellation::sweep) finds.
+/// What a look at the covariance form finds: its pivots, whether a single look at them may do, and the digits that were lost.
+pub(crate) type Look<T> = (PivotMonitor<T>, PivotMonitor<T>, Cancellation<T>);
+
+/// [`forward_dynamics`](super::forward_dynamics), looked at by the probe.
 #[inline(always)]
 pub(crate) fn forward_dynamics_watched<T: Real, C: ColumnsOf<T>>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -27,7 +25,7 @@ pub(crate) fn forward_dynamics_watched<T: Real, C: ColumnsOf<T>>(
     (q, qd, tau): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
-) -> (PivotMonitor<T>, PivotMonitor<T>, Cancellation<T>) {
+) -> Look<T> {
     let state = Motion { q, qd, qdd: None, wrenches };
     motion::base_to_tip::<T, C, false>((model, sweeps), scratch, state);
     let [monitor, near] = filter::tip_to_base::<T, { filter::WATCH }>((model, sweeps), scratch, tau, qdd);
@@ -48,38 +46,10 @@ pub(crate) fn factor_watched<T: Real, C: ColumnsOf<T>>(
         own.force = [o; 6];
     }
     // Borrowed from the scratch and given back: it is read beside the rest, and nothing is allocated.
-    let weights = std::mem::take(&mut scratch.watching.others);
-    let [monitor, _] = filter::tip_to_base::<T, { filter::WATCH }>((model, sweeps), scratch, &weights, estimates);
-    scratch.watching.others = weights;
+    let other = std::mem::take(&mut scratch.watching.other_probe);
+    let [monitor, _] = filter::tip_to_base::<T, { filter::WATCH }>((model, sweeps), scratch, &other, estimates);
+    scratch.watching.other_probe = other;
     (monitor, base_to_tip::<T, false>((model, sweeps), scratch, estimates))
-}
-
-/// What the first look left, as the second look of [`auto`](crate::dynamics::auto) reads it; that finds the co-states itself.
-#[inline(always)]
-pub(crate) fn hand_over<T: Real>(
-    (model, sweeps): (&Model<T>, &SweepModel<T>),
-    (scratch, q): (&SweepScratch<T>, &[T]),
-    workspace: &mut Workspace<T>,
-) {
-    workspace.measured.copy_from_slice(&scratch.measured);
-    for (place, body) in sweeps.swept().iter().enumerate() {
-        let k = body.index;
-        // Frames here need not be the model's.
-        workspace.shift[k] = joint_shift(&model.bodies[k], q);
-        if matches!(body.carrier, Carrier::Axial(_)) || body.slide.is_some() {
-            // About the model's z, which may point the other way.
-            let gain = &mut workspace.measured[body.row].gain;
-            let sense = gain[0].splat(body.sense);
-            let mut own: [T; 6] = (*gain).into();
-            for entry in &mut own {
-                *entry *= sense;
-            }
-            *gain = body.frame.undo(&own);
-        }
-        workspace.z[k] = body.frame.undo(&scratch.own[place].force);
-        workspace.bias[k] = body.frame.undo(&scratch.watching.own[place].bias);
-        workspace.terms[k] = body.frame.undo_on_sizes(&scratch.watching.own[place].terms);
-    }
 }
 
 /// The smoother for both right sides; where `ALLOWS` with what the problem allows.
@@ -97,44 +67,16 @@ fn base_to_tip<T: Real, const ALLOWS: bool>(
     let (estimates, innovations) = (&mut estimates[..rows], &innovations[..rows]);
     for ((body, own), watched) in sweeps.swept().iter().zip(own).zip(watched) {
         let [outer, outer_nu] = &co_states[body.places.parent_outward];
-        let row = body.row;
-        let (mut lambda, mut nu);
-        match body.carrier {
-            _ if body.parent.is_none() => {
-                // Nothing is carried to it.
-                let o = outer[0].constant(0.0);
-                (lambda, nu) = ([o; 6], [o; 6]);
+        let o = outer[0].constant(0.0);
+        let (mut lambda, mut nu) = ([o; 6], [o; 6]);
+        let swept = Swept { z: &own.force, bias: &watched.bias, terms: &watched.terms, measured };
+        with_joint!(body, own.turn, (model, sweeps, shifts), transform, rows, {
+            if body.parent.is_some() {
+                seen.carried(watched.zeta, &Vector6::from(*outer), transform.offset_square());
+                (lambda, nu) = (transform.carry_motion(outer), transform.carry_motion(outer_nu));
             }
-            Carrier::Axial(axle) => {
-                seen.carried(watched.zeta, &Vector6::from(*outer), outer[0].splat(body.lever_square));
-                (lambda, nu) = rotated!(axle, own.turn, sweeps.tilts, rotation, {
-                    let (outer, outer_nu) =
-                        about!(axle.axis(), X, Y, Z, (to_turn::<T, X, Y, Z>(outer), to_turn::<T, X, Y, Z>(outer_nu)));
-                    let lambda = accelerations::carried(&body.lever, &rotation, &outer);
-                    (lambda, accelerations::carried(&body.lever, &rotation, &outer_nu))
-                });
-            }
-            Carrier::Shift(at) => {
-                let (shift, outer) = (&shifts[at], Vector6::from(*outer));
-                seen.carried(watched.zeta, &outer, shift.lever_square());
-                lambda = shift.motion_to_child(&outer).into();
-                nu = shift.motion_to_child(&Vector6::from(*outer_nu)).into();
-            }
-        }
-        let whole = (&own.force, &watched.bias, &watched.terms);
-        if body.is_about_z {
-            let right_sides = (estimates[row], innovations[row]);
-            let estimate =
-                seen.through_axis::<ABOUT_Z, ALLOWS>(&measured[row], whole, (&mut lambda, &mut nu), right_sides);
-            estimates[row] = estimate * estimate.splat(body.sense);
-        } else {
-            let (z, bias, terms) = (Vector6::from(*whole.0), Vector6::from(*whole.1), Vector6::from(*whole.2));
-            let swept = Swept { z: &z, bias: &bias, terms: &terms, measured };
-            let (mut state, mut probe) = (Vector6::from(lambda), Vector6::from(nu));
-            let stage = &model.system.stages[body.index];
-            seen.through_stage(stage, &swept, (&mut state, &mut probe), (estimates, innovations));
-            (lambda, nu) = (state.into(), probe.into());
-        }
+            rows.smooth_both::<ALLOWS>(&mut seen, &swept, (&mut lambda, &mut nu), (&mut *estimates, innovations));
+        });
         if !body.is_leaf {
             co_states[body.places.outward] = [lambda, nu];
         }

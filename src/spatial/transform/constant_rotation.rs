@@ -3,12 +3,12 @@
 //! What a general rotation of the tree does beside the joint's own angle, a turn or two of a plane do, and everything else about the joint
 //! is as if its axis were along one of its parent's.
 
-use super::axial_rotation::Axis;
+use super::axes::Axis;
 use nalgebra::{Matrix3, Vector3};
 
 /// The rotation from the joint's frame at zero angle to its parent's: about x, about z, and axes by their names there.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct ConstantRotation<N> {
+pub(crate) struct ConstantRotation<N> {
     /// What z is there before both.
     pub axis: Axis,
     /// Sine and cosine.
@@ -59,26 +59,6 @@ impl<N: Copy> ConstantRotation<N> {
             about_x: [number(sx), number(cx)],
             about_z: [number(sz), number(cz)],
             turns_about_z: self.turns_about_z,
-        }
-    }
-}
-
-/// What a turn is about.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum JointAxis {
-    /// An axis of its parent's frame.
-    Aligned(Axis),
-    /// Another: the place of its tilt among all.
-    Oblique(usize),
-}
-
-impl JointAxis {
-    /// The axis of the parent's frame that is the joint's z: its own where the tilt goes all the way.
-    #[inline(always)]
-    pub fn axis(self) -> Axis {
-        match self {
-            Self::Aligned(axis) => axis,
-            Self::Oblique(_) => Axis::Z,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! What a rotation of the tree leaves of a joint that turns about z.
 
-use super::axial_rotation::Axis;
+use super::axes::Axis;
 use super::constant_rotation::ConstantRotation;
 use nalgebra::{Matrix3, Vector3};
 
@@ -9,11 +9,11 @@ use nalgebra::{Matrix3, Vector3};
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 /// A rotation that brings z to an axis of its parent's frame, or to one that is tilted from there.
-pub(super) struct AboutAxis {
+pub(crate) struct AboutAxis {
     pub axis: Axis,
     /// From that axis, where it is tilted, to the parent's frame.
     pub tilt: Option<ConstantRotation<f64>>,
-    /// From the frame that is turned to the one that the [turn](super::axial_rotation::AxialRotation) is in: zeros and ones.
+    /// From the frame that is turned to the one that the [turn](super::AxialRotation) is in: zeros and ones.
     pub frame: Matrix3<f64>,
     /// Sine and cosine of the turn's angle, where that is no renaming of axes.
     pub offset: Option<[f64; 2]>,

@@ -1,49 +1,17 @@
 //! P in 21 numbers, 6 + 9 + 6: the angular half, the coupling by rows, the linear half.
 
-use super::lever::Lever;
-use crate::filter::riccati::Measured;
+use super::offset::Offset;
 use crate::scalar::Real;
 use crate::spatial::{Symmetric3, Symmetric6};
 use nalgebra::Matrix3;
 
-/// P^+ = P^- - g H P^- past a revolute joint about z (3.6). Row and column 2, which H picks, are r g: exactly zero where r is.
+/// Along z, x and y of the offset, one after another: C' = C + l~ B, A' = A + l~ C^T + C' l~^T.
 #[inline(always)]
-pub(super) fn kept<T: Real>(p: &[T; 21], [ph0, ph1, ph3, ph4, ph5]: &[T; 5], (m, r): (&Measured<T>, T)) -> [T; 21] {
-    let g = &m.gain;
-    let [a0, a1, _, a3, _, _, c0, c1, c2, c3, c4, c5, _, _, _, b0, b1, b2, b3, b4, b5] = *p;
-    let [a2, a4, a5, c6, c7, c8] = [r * g[0], r * g[1], r * g[2], r * g[3], r * g[4], r * g[5]];
-    [
-        a0.minus_product(g[0], *ph0),
-        a1.minus_product(g[0], *ph1),
-        a2,
-        a3.minus_product(g[1], *ph1),
-        a4,
-        a5,
-        c0.minus_product(g[0], *ph3),
-        c1.minus_product(g[0], *ph4),
-        c2.minus_product(g[0], *ph5),
-        c3.minus_product(g[1], *ph3),
-        c4.minus_product(g[1], *ph4),
-        c5.minus_product(g[1], *ph5),
-        c6,
-        c7,
-        c8,
-        b0.minus_product(g[3], *ph3),
-        b1.minus_product(g[3], *ph4),
-        b2.minus_product(g[3], *ph5),
-        b3.minus_product(g[4], *ph4),
-        b4.minus_product(g[4], *ph5),
-        b5.minus_product(g[5], *ph5),
-    ]
-}
-
-/// Along z, x and y of the lever, one after another: C' = C + l~ B, A' = A + l~ C^T + C' l~^T.
-#[inline(always)]
-pub(super) fn along_lever<T: Real>(lever: &Lever<T>, p: &[T; 21]) -> [T; 21] {
+pub(crate) fn along_offset<T: Real>(offset: &Offset<T>, p: &[T; 21]) -> [T; 21] {
     let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *p;
     let (mut a0, mut a1, mut a2, mut a3, mut a4, mut a5) = (a0, a1, a2, a3, a4, a5);
     let (mut c0, mut c1, mut c2, mut c3, mut c4, mut c5, mut c6, mut c7, mut c8) = (c0, c1, c2, c3, c4, c5, c6, c7, c8);
-    let Lever { entries: [x, y, z], along: [along_x, along_y, along_z] } = *lever;
+    let Offset { entries: [x, y, z], along: [along_x, along_y, along_z], .. } = *offset;
     if along_z {
         let (s0, s1, s2) = (c0.minus_product(z, b1), c1.minus_product(z, b3), c2.minus_product(z, b4));
         let (s3, s4, s5) = (z.mul_add(b0, c3), z.mul_add(b1, c4), z.mul_add(b2, c5));
@@ -79,7 +47,7 @@ pub(super) fn along_lever<T: Real>(lever: &Lever<T>, p: &[T; 21]) -> [T; 21] {
 
 /// As the general stages take it.
 #[inline(always)]
-pub(super) fn unpacked<T: Real>(p: &[T; 21]) -> Symmetric6<T> {
+pub(crate) fn unpacked<T: Real>(p: &[T; 21]) -> Symmetric6<T> {
     let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *p;
     Symmetric6 {
         angular: Symmetric3::new([a0, a1, a2, a3, a4, a5]),
@@ -90,7 +58,7 @@ pub(super) fn unpacked<T: Real>(p: &[T; 21]) -> Symmetric6<T> {
 
 /// As these sweeps take it.
 #[inline(always)]
-pub(super) fn packed<T: Real>(p: &Symmetric6<T>) -> [T; 21] {
+pub(crate) fn packed<T: Real>(p: &Symmetric6<T>) -> [T; 21] {
     let ([a0, a1, a2, a3, a4, a5], [b0, b1, b2, b3, b4, b5], c) = (p.angular.entries, p.linear.entries, &p.coupling);
     [
         a0,

@@ -1,14 +1,15 @@
 //! How a body on a revolute joint is rotated.
 
-use super::axial_rotation::{AxialRotation, Axis, about, packed_to_parent, symmetric_to_parent};
+use super::AxialRotation;
+use super::axes::{Axes, Axis, Order, about};
 use super::constant_rotation::ConstantRotation;
 use crate::scalar::{ColumnsOf, Real};
 
-/// The rotation of a body on a revolute joint, from its frame to the joint's: by its angle; of a tilted axle to its parent's, by the tilt too. Which of both it is the
-/// compiler knows: most bodies have no tilt, and ask for none.
-pub(super) trait Rotates<T: Real>: Copy {
-    /// Whether there is a tilt.
-    const TILTS: bool;
+/// The rotation from the frame of a body on a revolute joint to the joint's: about z by its angle ([`AxialRotation`]); where the axis is oblique by a
+/// constant rotation too, which ends in the parent's frame ([`ObliqueRotation`]).
+pub(crate) trait Rotates<T: Real>: Copy {
+    /// Whether there is a constant rotation.
+    const IS_OBLIQUE: bool;
 
     /// The same spread over columns.
     type Spread<C: ColumnsOf<T>>: Rotates<C>;
@@ -16,7 +17,7 @@ pub(super) trait Rotates<T: Real>: Copy {
     /// By the angle alone.
     fn turn(&self) -> AxialRotation<T>;
 
-    /// By the tilt alone.
+    /// By the constant rotation alone.
     fn tilt(&self, v: [T; 3]) -> [T; 3];
 
     /// A vector, body's frame to joint's.
@@ -36,7 +37,7 @@ pub(super) trait Rotates<T: Real>: Copy {
 }
 
 impl<T: Real> Rotates<T> for AxialRotation<T> {
-    const TILTS: bool = false;
+    const IS_OBLIQUE: bool = false;
 
     type Spread<C: ColumnsOf<T>> = AxialRotation<C>;
 
@@ -87,9 +88,9 @@ impl<T: Real> Rotates<T> for AxialRotation<T> {
     }
 }
 
-/// A turn about a tilted axis.
+/// The rotation about an oblique axis.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct ObliqueRotation<T> {
+pub(crate) struct ObliqueRotation<T> {
     turn: AxialRotation<T>,
     axis: Axis,
     about_x: AxialRotation<T>,
@@ -115,12 +116,12 @@ impl<T: Real> ObliqueRotation<T> {
         if self.turns_about_z {
             p = self.about_z.covariance(&p);
         }
-        about!(self.axis, X, Y, Z, packed_to_parent::<T, X, Y, Z>(&p))
+        about!(self.axis, X, Y, Z, Order::<X, Y, Z>.covariance(&p))
     }
 }
 
 impl<T: Real> Rotates<T> for ObliqueRotation<T> {
-    const TILTS: bool = true;
+    const IS_OBLIQUE: bool = true;
 
     type Spread<C: ColumnsOf<T>> = ObliqueRotation<C>;
 
@@ -136,9 +137,7 @@ impl<T: Real> Rotates<T> for ObliqueRotation<T> {
         if self.turns_about_z {
             v = self.about_z.rotate(v);
         }
-        let [x, y, z] = v;
-        about!(self.axis, X, Y, Z, (v[X], v[Y], v[Z]) = (x, y, z));
-        v
+        about!(self.axis, X, Y, Z, Order::<X, Y, Z>.vector(v))
     }
 
     #[inline(always)]
@@ -148,7 +147,7 @@ impl<T: Real> Rotates<T> for ObliqueRotation<T> {
 
     #[inline(always)]
     fn rotate_back(&self, v: [T; 3]) -> [T; 3] {
-        let mut v = about!(self.axis, X, Y, Z, [v[X], v[Y], v[Z]]);
+        let mut v = about!(self.axis, X, Y, Z, Order::<X, Y, Z>.vector_to_joint(v));
         if self.turns_about_z {
             v = self.about_z.rotate_back(v);
         }
@@ -165,7 +164,7 @@ impl<T: Real> Rotates<T> for ObliqueRotation<T> {
         if self.turns_about_z {
             a = self.about_z.symmetric(a);
         }
-        about!(self.axis, X, Y, Z, symmetric_to_parent::<T, X, Y, Z>(&a))
+        about!(self.axis, X, Y, Z, Order::<X, Y, Z>.symmetric(&a))
     }
 
     #[inline(always)]
@@ -188,7 +187,7 @@ impl<T: Real> Rotates<T> for ObliqueRotation<T> {
 
 /// Rx P Rx*.
 #[inline(always)]
-pub(super) fn about_x<T: Real>(turn: AxialRotation<T>, p: &[T; 21]) -> [T; 21] {
+pub(crate) fn about_x<T: Real>(turn: AxialRotation<T>, p: &[T; 21]) -> [T; 21] {
     let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *p;
     let ((a3, a4, a5), (b3, b4, b5)) = (turn.plane((a3, a4, a5)), turn.plane((b3, b4, b5)));
     let ((a1, a2), (b1, b2)) = (turn.pair(a1, a2), turn.pair(b1, b2));
@@ -197,42 +196,12 @@ pub(super) fn about_x<T: Real>(turn: AxialRotation<T>, p: &[T; 21]) -> [T; 21] {
     [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5]
 }
 
-/// Does `$do` with the rotation of a body that turns about this axle, of its kind; given names, with constants for the axes of its parent's frame as [`about`]
-/// has them. `$tilts` are those of all bodies.
-macro_rules! rotated {
-    ($axle:expr, $turn:expr, $tilts:expr, $rotation:ident, $x:ident, $y:ident, $z:ident, $do:expr) => {
-        match $axle {
-            JointAxis::Aligned(axis) => {
-                let $rotation = $turn;
-                about!(axis, $x, $y, $z, $do)
-            }
-            JointAxis::Oblique(at) => {
-                let $rotation = ObliqueRotation::new($turn, &$tilts[at]);
-                about!(@ 0, 1, 2, $x, $y, $z, $do)
-            }
-        }
-    };
-    ($axle:expr, $turn:expr, $tilts:expr, $rotation:ident, $do:expr) => {
-        match $axle {
-            JointAxis::Aligned(_) => {
-                let $rotation = $turn;
-                $do
-            }
-            JointAxis::Oblique(at) => {
-                let $rotation = ObliqueRotation::new($turn, &$tilts[at]);
-                $do
-            }
-        }
-    };
-}
-pub(super) use rotated;
-
 #[cfg(test)]
 mod tests {
     use super::{ObliqueRotation, Rotates};
-    use crate::dynamics::sweeps::axial_rotation::{AxialRotation, Axis};
-    use crate::dynamics::sweeps::constant_rotation::ConstantRotation;
-    use crate::dynamics::sweeps::packed::unpacked;
+    use crate::spatial::transform::ConstantRotation;
+    use crate::spatial::transform::covariance::unpacked;
+    use crate::spatial::transform::{AxialRotation, Axis};
     use crate::spatial::{Symmetric3, Symmetric6};
     use nalgebra::{Matrix3, Matrix6, Vector3};
 

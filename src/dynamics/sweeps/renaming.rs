@@ -1,0 +1,34 @@
+//! Names of axes and senses, which these sweeps choose and the model does not know.
+
+use crate::scalar::Real;
+use nalgebra::{Matrix3, Vector6};
+
+/// A renaming of axes, from a body's frame in the model to the one that these sweeps have it in, as a table: which entry each becomes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Renaming<N> {
+    /// Entry i here is `sign[i]` times entry `from[i]` in the model.
+    pub from: [u8; 3],
+    pub sign: [N; 3],
+}
+
+impl<N: Copy> Renaming<N> {
+    /// Of a rotation whose entries are zeros and, one in each row and column, 1 or -1.
+    #[allow(clippy::cast_possible_truncation)] // below three
+    pub fn of(rotation: &Matrix3<f64>, number: impl Fn(f64) -> N) -> Self {
+        Self {
+            from: [0, 1, 2].map(|i| rotation.row(i).iter().position(|&x| x != 0.0).unwrap_or(i) as u8),
+            sign: [0, 1, 2].map(|i| number(rotation.row(i).sum())),
+        }
+    }
+
+    /// A motion or a force from the model's frame.
+    #[inline(always)]
+    pub fn apply<T: Real<Parameter = N>>(&self, v: &Vector6<T>) -> [T; 6] {
+        let mut here: [T; 6] = (*v).into();
+        for (i, here) in here.iter_mut().enumerate() {
+            let from = v[usize::from(self.from[i % 3]) + i / 3 * 3];
+            *here = from * from.splat(self.sign[i % 3]);
+        }
+        here
+    }
+}

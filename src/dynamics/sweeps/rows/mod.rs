@@ -1,0 +1,151 @@
+//! What is measured at a joint: D and g, the filter, the smoother, and what the square-root form makes of a row; one type a kind of rows.
+//!
+//! The sweeps know no kind of joint: they ask [`Measures`] what a joint measures, and [`Transform`](crate::spatial::transform::Transform) what goes on to the
+//! parent. Of a revolute joint everything is about its z: D, g and e^- too, where its sense is the other.
+
+mod about_z;
+mod along_z;
+mod six;
+
+pub(super) use about_z::{ABOUT_Z, AboutZ, along};
+pub(super) use along_z::AlongZ;
+pub(super) use six::{PICKED, Six, picked};
+
+use crate::filter::cancellation::{Cancellation, Swept};
+use crate::filter::pivots::{PivotMonitor, Scale};
+use crate::filter::riccati::{self, Measured};
+use crate::filter::rounding::{Outward, RootMonitor};
+use crate::filter::square_root::{self, StageMean};
+use crate::filter::{HingeMap, Rows, System, innovations, smoother};
+use crate::scalar::Real;
+use crate::spatial::Root6;
+use crate::spatial::transform::{packed, unpacked};
+use nalgebra::Vector6;
+
+/// z = L y + t of a body, in square-root form.
+pub(super) type RootMean<'a, T> = (&'a mut [T; 6], &'a mut Vector6<T>);
+
+/// The rows of one joint. Slices hold a number, or D and g, of every row of the scene.
+pub(super) trait Measures<T: Real> {
+    /// D and g, where they are not written at once.
+    type Gains;
+
+    /// The stage whose rows they are: by it everything is done that a kind of rows does not do in a way of its own.
+    fn stage(&self) -> (&System<T>, usize);
+
+    /// D and g (3.6, 3.10), and P^+ of P^-, in 6 + 9 + 6 numbers. What is not written yet is [kept](Self::keep) after P has left: before, the compiler could take
+    /// it for what P is read from, and would read all of that first.
+    fn measure(&self, p: &[T; 21], measured: &mut [Measured<T>]) -> (Self::Gains, [T; 21]);
+
+    /// Writes D and g.
+    fn keep(&self, gains: Self::Gains, measured: &mut [Measured<T>]);
+
+    /// Takes note of every pivot.
+    #[inline(always)]
+    fn observe(&self, measured: &[Measured<T>], scale: &Scale<T>, monitor: &mut PivotMonitor<T>) {
+        let (system, k) = self.stage();
+        monitor.observe_stage(&system.stages[k], measured, scale);
+    }
+
+    /// The terms of the diagonal that goes on to the parent: that of P^+, or of P^- where a row mixes components, for H P^+ = 0 holds there to rounding only.
+    #[inline(always)]
+    fn terms_left(&self, before: &[T; 21], after: &[T; 21]) -> [T; 6] {
+        let (system, k) = self.stage();
+        let mixes = matches!(system.stages[k].rows, Rows::One(HingeMap::Screw(_)));
+        absolute_diagonal(if mixes { before } else { after })
+    }
+
+    /// e^- of the rows (4.2); z^- becomes z^+ (4.5).
+    #[inline(always)]
+    fn filter(&self, measured: &[Measured<T>], measurement: &[T], z: &mut [T; 6], innovations: &mut [T]) {
+        let mut state = Vector6::from(*z);
+        innovations::through_stage(self.stage(), measured, measurement, &mut state, innovations);
+        *z = state.into();
+    }
+
+    /// H z of the rows (1.5).
+    #[inline(always)]
+    fn project(&self, z: &[T; 6], measurement: &mut [T]) {
+        let ((system, k), z) = (self.stage(), Vector6::from(*z));
+        let stage = &system.stages[k];
+        for i in 0..stage.rows.count() {
+            measurement[stage.first_row + i] = stage.rows.row(i).project(&z);
+        }
+    }
+
+    /// The estimates (4.9) in the place of e^-; lambda^+ becomes lambda^- (4.11).
+    #[inline(always)]
+    fn smooth(&self, measured: &[Measured<T>], lambda: &mut [T; 6], estimates: &mut [T]) {
+        let ((system, k), mut state) = (self.stage(), Vector6::from(*lambda));
+        smoother::through_stage(&system.stages[k], measured, &mut state, estimates);
+        *lambda = state.into();
+    }
+
+    /// The same of two right sides, with what the second says of the first; where `ALLOWS` with what the problem allows.
+    #[inline(always)]
+    fn smooth_both<const ALLOWS: bool>(
+        &self,
+        seen: &mut Cancellation<T>,
+        swept: &Swept<'_, T>,
+        (lambda, nu): (&mut [T; 6], &mut [T; 6]),
+        right_sides: (&mut [T], &[T]),
+    ) {
+        let ((system, k), mut state, mut probe) = (self.stage(), Vector6::from(*lambda), Vector6::from(*nu));
+        seen.through_stage(&system.stages[k], swept, (&mut state, &mut probe), right_sides);
+        (*lambda, *nu) = (state.into(), probe.into());
+    }
+
+    /// Takes note of the estimates.
+    #[inline(always)]
+    fn observe_estimates(&self, estimates: &[T], seen: &mut Outward<T>) {
+        let (system, k) = self.stage();
+        let stage = &system.stages[k];
+        for &estimate in &estimates[stage.first_row..][..stage.rows.count()] {
+            seen.observe_estimate(estimate);
+        }
+    }
+
+    /// D, g and e^- in square-root form (3.6, 4.2, 4.5), and the root of P^+ of that of P^-, given with its bounds and whether all of its weights are positive. Whether the row is one turn
+    /// without noise, which leaves two columns free of any linear part.
+    #[inline(always)]
+    fn measure_root(
+        &self,
+        (root, scale, _): (&mut Root6<T>, &Scale<T>, bool),
+        (y, t): RootMean<'_, T>,
+        (measurement, innovations): (&[T], &mut [T]),
+        measured: &mut [Measured<T>],
+        monitor: &mut RootMonitor<T>,
+    ) -> bool {
+        let mut mean: Option<StageMean<'_, T>> = Some((y, t, measurement, innovations));
+        square_root::through_stage(self.stage(), (root, scale), &mut mean, measured, monitor, |_, _| {})
+    }
+}
+
+/// The diagonal of a covariance in 6 + 9 + 6 numbers, without signs.
+#[inline(always)]
+fn absolute_diagonal<T: Real>(p: &[T; 21]) -> [T; 6] {
+    [p[0].abs(), p[3].abs(), p[5].abs(), p[15].abs(), p[18].abs(), p[20].abs()]
+}
+
+/// The rows of any joint, one after another as the filter has them.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct AnyRows<'a, T: Real>(pub &'a System<T>, pub usize);
+
+impl<T: Real> Measures<T> for AnyRows<'_, T> {
+    type Gains = ();
+
+    #[inline(always)]
+    fn stage(&self) -> (&System<T>, usize) {
+        (self.0, self.1)
+    }
+
+    #[inline(always)]
+    fn measure(&self, p: &[T; 21], measured: &mut [Measured<T>]) -> ((), [T; 21]) {
+        let mut p = unpacked(p);
+        riccati::measure_stage::<T, false>(self.0, self.1, &mut p, measured, |_, _| {});
+        ((), packed(&p))
+    }
+
+    #[inline(always)]
+    fn keep(&self, (): (), _measured: &mut [Measured<T>]) {}
+}

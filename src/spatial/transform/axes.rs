@@ -1,0 +1,181 @@
+//! The axes of a parent's frame that a joint's own axes are.
+//!
+//! Most joints of robots turn about an axis of their parent's frame. The joint's frame is then named so that it differs from the parent's by the joint's angle
+//! and by an order of axes, which costs nothing where the compiler knows it.
+
+use super::accumulate;
+use crate::scalar::Real;
+use nalgebra::Matrix3;
+
+/// Where each entry of a packed 3x3 symmetric matrix is.
+pub(crate) const PACKED: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
+
+/// Does `$do` with constants for the axes of the parent's frame that x, y and z of a joint's are: the compiler knows every index.
+macro_rules! about {
+    ($axis:expr, $x:ident, $y:ident, $z:ident, $do:expr) => {
+        match $axis {
+            $crate::spatial::transform::Axis::X => about!(@ 1, 2, 0, $x, $y, $z, $do),
+            $crate::spatial::transform::Axis::Y => about!(@ 2, 0, 1, $x, $y, $z, $do),
+            $crate::spatial::transform::Axis::Z => about!(@ 0, 1, 2, $x, $y, $z, $do),
+        }
+    };
+    (@ $a:literal, $b:literal, $c:literal, $x:ident, $y:ident, $z:ident, $do:expr) => {{
+        const $x: usize = $a;
+        const $y: usize = $b;
+        const $z: usize = $c;
+        $do
+    }};
+}
+pub(crate) use about;
+
+/// The axis of its parent's frame that a joint's z is. Its x and y are the two that follow that axis in their cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Axis {
+    X,
+    Y,
+    Z,
+}
+
+impl Axis {
+    /// The one of this index, 0 to 2.
+    pub fn new(index: usize) -> Self {
+        [Self::X, Self::Y, Self::Z][index]
+    }
+
+    /// The rotation from the joint's frame to its parent's.
+    pub fn rotation(self) -> Matrix3<f64> {
+        let mut rotation = Matrix3::zeros();
+        for (own, there) in about!(self, X, Y, Z, [X, Y, Z]).into_iter().enumerate() {
+            rotation[(there, own)] = 1.0;
+        }
+        rotation
+    }
+}
+
+/// An order of axes: one that the compiler knows ([`Order`]), or one that is looked up ([`Axis`]).
+pub(crate) trait Axes: Copy {
+    /// A motion or a force from the parent's frame to the joint's.
+    fn to_joint<T: Copy>(self, v: &[T; 6]) -> [T; 6];
+
+    /// Adds a motion or a force of the joint's frame to a sum in the parent's; `begins` the sum with it.
+    fn send_vector<T: Real>(self, v: &[T; 6], begins: bool, sum: &mut [T; 6]);
+
+    /// The same of a covariance in 6 + 9 + 6 numbers (angular, coupling by rows, linear).
+    fn send_covariance<T: Real>(self, p: &[T; 21], begins: bool, sum: &mut [T; 21]);
+
+    /// A free vector of the joint's frame in the parent's.
+    fn vector<T: Copy>(self, v: [T; 3]) -> [T; 3];
+
+    /// A symmetric matrix of the joint's frame in the parent's.
+    fn symmetric<T: Copy>(self, a: &[T; 6]) -> [T; 6];
+
+    /// Writes column `j`: a force of the joint's frame, where there is one, and a moment.
+    fn put_column<T: Copy>(self, rows: &mut [[T; 6]; 6], j: usize, force: Option<[T; 3]>, moment: [T; 3]);
+}
+
+/// The axes of the parent's frame that x, y and z of the joint's are.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Order<const X: usize, const Y: usize, const Z: usize>;
+
+impl<const X: usize, const Y: usize, const Z: usize> Order<X, Y, Z> {
+    /// A free vector of the parent's frame in the joint's.
+    #[inline(always)]
+    pub fn vector_to_joint<T: Copy>(self, v: [T; 3]) -> [T; 3] {
+        [v[X], v[Y], v[Z]]
+    }
+
+    /// A covariance of the joint's frame in the parent's.
+    #[inline(always)]
+    pub fn covariance<T: Copy>(self, p: &[T; 21]) -> [T; 21] {
+        let mut there = *p;
+        for block in [0, 15] {
+            there[block + PACKED[X][X]] = p[block];
+            there[block + PACKED[X][Y]] = p[block + 1];
+            there[block + PACKED[X][Z]] = p[block + 2];
+            there[block + PACKED[Y][Y]] = p[block + 3];
+            there[block + PACKED[Y][Z]] = p[block + 4];
+            there[block + PACKED[Z][Z]] = p[block + 5];
+        }
+        for (own, row) in [X, Y, Z].into_iter().enumerate() {
+            there[6 + 3 * row + X] = p[6 + 3 * own];
+            there[6 + 3 * row + Y] = p[6 + 3 * own + 1];
+            there[6 + 3 * row + Z] = p[6 + 3 * own + 2];
+        }
+        there
+    }
+}
+
+impl<const X: usize, const Y: usize, const Z: usize> Axes for Order<X, Y, Z> {
+    #[inline(always)]
+    fn to_joint<T: Copy>(self, v: &[T; 6]) -> [T; 6] {
+        [v[X], v[Y], v[Z], v[3 + X], v[3 + Y], v[3 + Z]]
+    }
+
+    #[inline(always)]
+    fn send_vector<T: Real>(self, v: &[T; 6], begins: bool, sum: &mut [T; 6]) {
+        let mut there = *v;
+        (there[X], there[Y], there[Z]) = (v[0], v[1], v[2]);
+        (there[3 + X], there[3 + Y], there[3 + Z]) = (v[3], v[4], v[5]);
+        accumulate(&there, begins, sum);
+    }
+
+    #[inline(always)]
+    fn send_covariance<T: Real>(self, p: &[T; 21], begins: bool, sum: &mut [T; 21]) {
+        accumulate(&self.covariance(p), begins, sum);
+    }
+
+    #[inline(always)]
+    fn vector<T: Copy>(self, v: [T; 3]) -> [T; 3] {
+        let mut there = v;
+        (there[X], there[Y], there[Z]) = (v[0], v[1], v[2]);
+        there
+    }
+
+    #[inline(always)]
+    fn symmetric<T: Copy>(self, a: &[T; 6]) -> [T; 6] {
+        let mut there = *a;
+        (there[PACKED[X][X]], there[PACKED[X][Y]], there[PACKED[X][Z]]) = (a[0], a[1], a[2]);
+        (there[PACKED[Y][Y]], there[PACKED[Y][Z]], there[PACKED[Z][Z]]) = (a[3], a[4], a[5]);
+        there
+    }
+
+    #[inline(always)]
+    fn put_column<T: Copy>(self, rows: &mut [[T; 6]; 6], j: usize, force: Option<[T; 3]>, [x, y, z]: [T; 3]) {
+        if let Some([fx, fy, fz]) = force {
+            (rows[X][j], rows[Y][j], rows[Z][j]) = (fx, fy, fz);
+        }
+        (rows[3 + X][j], rows[3 + Y][j], rows[3 + Z][j]) = (x, y, z);
+    }
+}
+
+impl Axes for Axis {
+    #[inline(always)]
+    fn to_joint<T: Copy>(self, v: &[T; 6]) -> [T; 6] {
+        about!(self, X, Y, Z, Order::<X, Y, Z>.to_joint(v))
+    }
+
+    #[inline(always)]
+    fn send_vector<T: Real>(self, v: &[T; 6], begins: bool, sum: &mut [T; 6]) {
+        about!(self, X, Y, Z, Order::<X, Y, Z>.send_vector(v, begins, sum));
+    }
+
+    #[inline(always)]
+    fn send_covariance<T: Real>(self, p: &[T; 21], begins: bool, sum: &mut [T; 21]) {
+        about!(self, X, Y, Z, Order::<X, Y, Z>.send_covariance(p, begins, sum));
+    }
+
+    #[inline(always)]
+    fn vector<T: Copy>(self, v: [T; 3]) -> [T; 3] {
+        about!(self, X, Y, Z, Order::<X, Y, Z>.vector(v))
+    }
+
+    #[inline(always)]
+    fn symmetric<T: Copy>(self, a: &[T; 6]) -> [T; 6] {
+        about!(self, X, Y, Z, Order::<X, Y, Z>.symmetric(a))
+    }
+
+    #[inline(always)]
+    fn put_column<T: Copy>(self, rows: &mut [[T; 6]; 6], j: usize, force: Option<[T; 3]>, moment: [T; 3]) {
+        about!(self, X, Y, Z, Order::<X, Y, Z>.put_column(rows, j, force, moment));
+    }
+}

@@ -1,0 +1,189 @@
+//! What crosses a revolute joint: by its angle about z, where the axis is oblique by a constant rotation, along the offset, and by the names of the parent's axes.
+
+use super::axes::Axes;
+use super::axial_rotation::AxialRotation;
+use super::covariance::along_offset;
+use super::offset::Offset;
+use super::rotation::Rotates;
+use super::{TERMS_SPREAD, Transform};
+use crate::scalar::{ColumnsOf, Real};
+use crate::spatial::{BodyInertia, Root6, RootColumns, Symmetric3};
+use nalgebra::Vector3;
+
+/// phi of a revolute joint.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Axial<T, R, A> {
+    rotation: R,
+    axes: A,
+    /// In the joint's frame, in which the body is rotated; of an oblique axis in its parent's.
+    offset: Offset<T>,
+}
+
+impl<T: Real, R: Rotates<T>, A: Axes> Axial<T, R, A> {
+    /// Of this offset, in the joint's frame.
+    #[inline(always)]
+    pub fn new(rotation: R, axes: A, offset: &Offset<T::Parameter>) -> Self {
+        let offset = offset.splat(rotation.turn().s);
+        Self { rotation, axes, offset }
+    }
+
+    /// The same for columns side by side.
+    #[inline(always)]
+    pub fn spread<C: ColumnsOf<T>>(&self, like: C) -> Axial<C, R::Spread<C>, A> {
+        Axial { rotation: self.rotation.spread(like), axes: self.axes, offset: self.offset.spread(like) }
+    }
+
+    /// A free vector of the parent's frame, in whose names the joint has it, in the body's.
+    #[inline(always)]
+    pub fn rotate_back(&self, v: [T; 3]) -> [T; 3] {
+        self.rotation.rotate_back(v)
+    }
+
+    /// phi z in the joint's frame: about the parent's origin.
+    #[inline(always)]
+    fn in_joint_frame(&self, z: &[T; 6]) -> [T; 6] {
+        let force = self.rotation.rotate([z[3], z[4], z[5]]);
+        let [a, b, c] = self.offset.moment(force, self.rotation.rotate([z[0], z[1], z[2]]));
+        [a, b, c, force[0], force[1], force[2]]
+    }
+
+    /// The terms of the diagonal in the joint's frame: about z, each of x and y takes from both; about an oblique axis each from what is along that and what is across.
+    #[inline(always)]
+    fn terms(&self, diagonal: &[T; 6]) -> [T; 6] {
+        let like = diagonal[0];
+        let (two, four) = (like.constant(2.0), like.constant(TERMS_SPREAD));
+        let [x, y, z] = self.offset.entries;
+        let (x, y, z) = (two * x * x, two * y * y, two * z * z);
+        let (across, along) = (four * (diagonal[3].abs() + diagonal[4].abs()), four * diagonal[5].abs());
+        let (turned, about) = (four * (diagonal[0].abs() + diagonal[1].abs()), four * diagonal[2].abs());
+        if R::IS_OBLIQUE {
+            let o = like.constant(0.0);
+            let axis = self.rotation.tilt([o, o, like.constant(1.0)]);
+            let [turned_x, turned_y, turned_z] = along_axes(axis, turned, about);
+            let [moved_x, moved_y, moved_z] = along_axes(axis, across, along);
+            return [
+                y.mul_add(moved_z, z.mul_add(moved_y, turned_x)),
+                z.mul_add(moved_x, x.mul_add(moved_z, turned_y)),
+                x.mul_add(moved_y, y.mul_add(moved_x, turned_z)),
+                moved_x,
+                moved_y,
+                moved_z,
+            ];
+        }
+        [
+            y.mul_add(along, z.mul_add(across, turned)),
+            x.mul_add(along, z.mul_add(across, turned)),
+            (x + y).mul_add(across, about),
+            across,
+            across,
+            along,
+        ]
+    }
+}
+
+impl<T: Real, R: Rotates<T>, A: Axes> Transform<T> for Axial<T, R, A> {
+    #[inline(always)]
+    fn offset_square(&self) -> T {
+        self.offset.square
+    }
+
+    #[inline(always)]
+    fn send_force(&self, z: &[T; 6], begins: bool, sum: &mut [T; 6]) {
+        self.axes.send_vector(&self.in_joint_frame(z), begins, sum);
+    }
+
+    #[inline(always)]
+    fn carry_motion(&self, lambda: &[T; 6]) -> [T; 6] {
+        let [a, b, c, d, e, f] = self.axes.to_joint(lambda);
+        let v = self.offset.velocity([a, b, c], [d, e, f]);
+        let (w, v) = (self.rotation.rotate_back([a, b, c]), self.rotation.rotate_back(v));
+        [w[0], w[1], w[2], v[0], v[1], v[2]]
+    }
+
+    #[inline(always)]
+    fn send_covariance(&self, p: &[T; 21], begins: bool, sum: &mut [T; 21]) {
+        self.axes.send_covariance(&along_offset(&self.offset, &self.rotation.covariance(p)), begins, sum);
+    }
+
+    /// Along z, y and x of the offset, one after another, with s = h + m l: I' = I + (l.h + l.s) 1 - (h l* + l s*).
+    #[inline(always)]
+    fn composite_to_parent(&self, r: &BodyInertia<T>) -> BodyInertia<T> {
+        let (m, mut h) = (r.mass, self.rotation.rotate(r.first_moment.into()));
+        let mut i = self.rotation.symmetric(r.rotational.entries);
+        let Offset { entries: [x, y, z], along: [along_x, along_y, along_z], .. } = self.offset;
+        if along_z {
+            let s = m.mul_add(z, h[2]);
+            let both = z * (h[2] + s);
+            i = [i[0] + both, i[1], i[2].minus_product(h[0], z), i[3] + both, i[4].minus_product(h[1], z), i[5]];
+            h[2] = s;
+        }
+        if along_y {
+            let s = m.mul_add(y, h[1]);
+            let both = y * (h[1] + s);
+            i = [i[0] + both, i[1].minus_product(h[0], y), i[2], i[3], i[4].minus_product(y, h[2]), i[5] + both];
+            h[1] = s;
+        }
+        if along_x {
+            let s = m.mul_add(x, h[0]);
+            let both = x * (h[0] + s);
+            i = [i[0], i[1].minus_product(x, h[1]), i[2].minus_product(x, h[2]), i[3] + both, i[4], i[5] + both];
+            h[0] = s;
+        }
+        BodyInertia {
+            mass: m,
+            first_moment: Vector3::from(self.axes.vector(h)),
+            rotational: Symmetric3::new(self.axes.symmetric(&i)),
+        }
+    }
+
+    #[inline(always)]
+    fn send_terms(&self, diagonal: &[T; 6], begins: bool, sum: &mut [T; 6]) {
+        self.axes.send_vector(&self.terms(diagonal), begins, sum);
+    }
+
+    #[inline(always)]
+    fn root_to_parent(&self, root: &Root6<T>, columns: &mut RootColumns<T>) {
+        let turn = self.rotation.turn();
+        let AxialRotation { s, c } = turn;
+        let (o, one) = (s.constant(0.0), s.constant(1.0));
+        for (weight, &of_root) in columns.weights.iter_mut().zip(&root.weights) {
+            *weight = of_root;
+        }
+        let r = &root.rows;
+        // The linear parts (1, a, b), (0, 1, d) and (0, 0, 1).
+        let (fx, fy) = (c.minus_product(s, r[1][0]), c.mul_add(r[1][0], s));
+        let forces = [[fx, fy, r[2][0]], [-s, c, r[2][1]], [o, o, one]];
+        for j in 0..3 {
+            let (mx, my) = turn.pair(r[3][j], r[4][j]);
+            let (mut force, mut moment) = (forces[j], [mx, my, r[5][j]]);
+            if R::IS_OBLIQUE {
+                (force, moment) = (self.rotation.tilt(force), self.rotation.tilt(moment));
+                moment = self.offset.moment(force, moment);
+            } else if j < 2 {
+                moment = self.offset.moment(force, moment);
+            } else if self.offset.is_there() {
+                let [lx, ly, _] = self.offset.entries;
+                (moment[0], moment[1]) = (mx + ly, my - lx);
+            }
+            self.axes.put_column(&mut columns.rows, j, Some(force), moment);
+        }
+        let (x, y) = (c.minus_product(s, r[4][3]), c.mul_add(r[4][3], s));
+        for (j, moment) in [[x, y, r[5][3]], [-s, c, r[5][4]], [o, o, one]].into_iter().enumerate() {
+            let moment = if R::IS_OBLIQUE { self.rotation.tilt(moment) } else { moment };
+            self.axes.put_column(&mut columns.rows, 3 + j, None, moment);
+        }
+    }
+}
+
+/// The terms along x, y and z of what has these across and along this axis: the square of a sum of two is below twice the sum of their squares, and
+/// below the trace.
+#[inline(always)]
+fn along_axes<T: Real>([x, y, z]: [T; 3], across: T, along: T) -> [T; 3] {
+    let (xx, yy, zz, trace) = (x * x, y * y, z * z, across + along);
+    let (across, along) = (across + across, along + along);
+    [
+        (yy + zz).mul_add(across, xx * along).worst(trace),
+        (zz + xx).mul_add(across, yy * along).worst(trace),
+        (xx + yy).mul_add(across, zz * along).worst(trace),
+    ]
+}

@@ -1,0 +1,38 @@
+//! A body that floats hangs on the base: nothing goes on from it.
+
+use super::Transform;
+use crate::scalar::Real;
+use crate::spatial::{BodyInertia, Root6, RootColumns};
+
+/// phi to the base, which takes anything and answers nothing. `T` says of which kind its zeros are.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Base<T>(pub T);
+
+impl<T: Real> Transform<T> for Base<T> {
+    #[inline(always)]
+    fn offset_square(&self) -> T {
+        self.0.constant(0.0)
+    }
+
+    #[inline(always)]
+    fn send_force(&self, _z: &[T; 6], _begins: bool, _sum: &mut [T; 6]) {}
+
+    #[inline(always)]
+    fn carry_motion(&self, _lambda: &[T; 6]) -> [T; 6] {
+        [self.0.constant(0.0); 6]
+    }
+
+    #[inline(always)]
+    fn send_covariance(&self, _p: &[T; 21], _begins: bool, _sum: &mut [T; 21]) {}
+
+    #[inline(always)]
+    fn composite_to_parent(&self, r: &BodyInertia<T>) -> BodyInertia<T> {
+        *r
+    }
+
+    #[inline(always)]
+    fn send_terms(&self, _diagonal: &[T; 6], _begins: bool, _sum: &mut [T; 6]) {}
+
+    #[inline(always)]
+    fn root_to_parent(&self, _root: &Root6<T>, _columns: &mut RootColumns<T>) {}
+}
