@@ -300,8 +300,7 @@ fn switches_that_are_off_keep_what_they_name() {
 #[test]
 fn the_plan_names_every_switch_and_what_it_saves() {
     let plan = builder(0).gravity([0.0; 3]).build().unwrap().plan();
-    // What planar scenes leave out is in tests/planar.rs.
-    for (name, _) in Omissions::SWITCHES.into_iter().filter(|&(name, _)| name != "planar") {
+    for (name, _) in Omissions::SWITCHES {
         let item = plan.items.iter().find(|item| item.switch == Some(name));
         let item = item.unwrap_or_else(|| panic!("no item for {name}"));
         assert!(item.count > 0 && item.operations > 0, "{name}: {item:?}");

@@ -24,7 +24,6 @@ use phipsi::{Scene, Workspace, scenes};
 /// A state of a chain, no number of it zero.
 fn counted(scene: &Scene, task: Task) -> Count {
     let (q, qd, u) = random_state(scene, &mut Random::new(5));
-    // A chain of one is planar.
     count_in_six_vectors(scene, task, &Arguments { q: &q, qd: &qd, u: &u, wrenches: &[] })
 }
 
