@@ -5,7 +5,7 @@ use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics::sweeps::{turns_about_a_tilted_axis, turns_about_an_axis};
 use crate::filter::Form;
 use crate::model::{Body, Motion, Omissions};
-use crate::report::operations::{Task, count_in_six_vectors, count_in_sweeps, of_factor};
+use crate::report::operations::{Task, count_in_sweeps, count_recursion, of_factor};
 use crate::scalar::Operations;
 use crate::scene::Scene;
 use nalgebra::Matrix3;
@@ -22,7 +22,7 @@ fn flops(operations: &Operations) -> usize {
 fn of(scene: &Scene, algorithm: Algorithm) -> usize {
     let (q, ones) = (scene.neutral(), vec![1.0; scene.nv()]);
     let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[] };
-    flops(&count_in_six_vectors(scene, Task::Algorithm(algorithm), &state).operations)
+    flops(&count_recursion(scene, Task::Algorithm(algorithm), &state).operations)
 }
 
 /// The same of forward dynamics in covariance form.

@@ -64,7 +64,7 @@ pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
         Task::Algorithm(algorithm) if sweeps::covers(algorithm) => {
             count_in_sweeps(scene, scene.model().omissions, algorithm, state)
         }
-        _ => count_in_six_vectors(scene, task, state),
+        _ => count_recursion(scene, task, state),
     }
 }
 
@@ -83,7 +83,7 @@ pub(crate) fn count_in_sweeps(
     let mut mass_columns: MassColumns<Counted, Counted> = MassColumns::new();
     mass_columns.prepare(&model, &sweeps);
     if columns.prepare(&model, &sweeps).is_none() && matches!(algorithm, Algorithm::MassMatrixInverse(_)) {
-        return count_in_six_vectors(scene, Task::Algorithm(algorithm), state);
+        return count_recursion(scene, Task::Algorithm(algorithm), state);
     }
     let mut inverted = |scratch: &SweepScratch<Counted>, out: &mut [Counted]| {
         sweeps::multiplied_out::<_, _, false>((&model, &sweeps), scratch, &mut columns, out);
@@ -129,7 +129,7 @@ pub(crate) fn count_in_sweeps(
     let mut count = Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() };
     if !kept {
         // Done once more by the checked method.
-        let checked = count_in_six_vectors(scene, Task::Algorithm(algorithm), state);
+        let checked = count_recursion(scene, Task::Algorithm(algorithm), state);
         count = Count { operations: count.operations + checked.operations, results: checked.results };
     }
     count
@@ -147,7 +147,7 @@ fn on_counted(state: &Arguments<'_>) -> ([Vec<Counted>; 3], Vec<SpatialVector<Co
 ///
 /// As [`count`].
 #[must_use]
-pub fn count_in_six_vectors(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
+pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
     let model: Model<Counted> = scene.model().cast();
     let ([q, qd, u], wrenches) = on_counted(state);
     let mut workspace = Workspace::new(&model);
