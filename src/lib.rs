@@ -56,7 +56,6 @@ pub mod model;
 pub mod motion;
 pub mod operators;
 pub mod plan;
-pub mod planar;
 #[cfg(feature = "python")]
 mod python;
 pub mod report;

@@ -24,8 +24,7 @@ pub struct Omission {
     /// What that saved.
     pub saved: String,
     /// How many floating-point operations (a product with a sum is two) forward dynamics of one state in covariance form does
-    /// less, in a call that needs nothing of this; zero where nothing was counted. In 6-vectors, of a planar scene too: what only the
-    /// plane leaves out is the item `planar`. Items of calls on the factor say beside what they count.
+    /// less, in a call that needs nothing of this; zero where nothing was counted. Items of calls on the factor say beside what they count.
     pub operations: usize,
 }
 
@@ -87,14 +86,8 @@ impl Scene {
     /// work, only what was found until then.
     #[must_use]
     pub fn plan(&self) -> Plan {
-        let built: [fn(&Self) -> Omission; 6] = [
-            Self::merged_item,
-            Self::base_item,
-            Self::renamed_item,
-            Self::tilted_item,
-            Self::levers_item,
-            Self::planar_item,
-        ];
+        let built: [fn(&Self) -> Omission; 5] =
+            [Self::merged_item, Self::base_item, Self::renamed_item, Self::tilted_item, Self::levers_item];
         let called: [fn(&Self) -> Omission; 2] = [Self::velocity_item, Self::gravity_item];
         let others: [fn(&Self) -> Omission; 4] =
             [Self::locked_item, Self::factor_item, Self::branch_item, Self::outputs_item];

@@ -8,7 +8,7 @@ use common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_inertial, random_
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 use phipsi::filter::Form;
 use phipsi::operators::{Factor, KINDS, Operator};
-use phipsi::report::operations::{Task, count_in_six_vectors, of_factor};
+use phipsi::report::operations::{Task, count_recursion, of_factor};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Omissions, SceneBuilder};
 use phipsi::spatial::{SpatialVector, Symmetric3};
 use phipsi::{Algorithm, Arguments};
@@ -300,8 +300,7 @@ fn switches_that_are_off_keep_what_they_name() {
 #[test]
 fn the_plan_names_every_switch_and_what_it_saves() {
     let plan = builder(0).gravity([0.0; 3]).build().unwrap().plan();
-    // What planar scenes leave out is in tests/planar.rs.
-    for (name, _) in Omissions::SWITCHES.into_iter().filter(|&(name, _)| name != "planar") {
+    for (name, _) in Omissions::SWITCHES {
         let item = plan.items.iter().find(|item| item.switch == Some(name));
         let item = item.unwrap_or_else(|| panic!("no item for {name}"));
         assert!(item.count > 0 && item.operations > 0, "{name}: {item:?}");
@@ -534,7 +533,7 @@ fn a_locked_subtree_is_one_body() {
                 let ones = vec![1.0; scene.nv()];
                 let state = Arguments { q: &scene.neutral(), qd: &ones, u: &ones, wrenches: &[] };
                 let task = Task::Algorithm(Algorithm::ForwardDynamics(Form::Covariance));
-                count_in_six_vectors(scene, task, &state).operations.flops()
+                count_recursion(scene, task, &state).operations.flops()
             };
             assert_eq!(u64::try_from(item.operations).unwrap(), of(&arms(seed)) - of(scene));
         }

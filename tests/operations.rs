@@ -14,7 +14,7 @@ use phipsi::filter::rounding::{self, Reach, Swept, Weighed};
 use phipsi::filter::square_root::{self, Mean, Roots};
 use phipsi::filter::{Form, HingeMap, innovations, smoothed, smoother};
 use phipsi::kinematics::placements_base_to_tip;
-use phipsi::report::operations::{Count, Task, count, count_in_six_vectors, tasks};
+use phipsi::report::operations::{Count, Task, count, count_recursion, tasks};
 use phipsi::scalar::{Counted, Operations, Real};
 use phipsi::scene::{JointKind, Model};
 use phipsi::spatial::RigidShift;
@@ -24,8 +24,7 @@ use phipsi::{Scene, Workspace, scenes};
 /// A state of a chain, no number of it zero.
 fn counted(scene: &Scene, task: Task) -> Count {
     let (q, qd, u) = random_state(scene, &mut Random::new(5));
-    // A chain of one is planar.
-    count_in_six_vectors(scene, task, &Arguments { q: &q, qd: &qd, u: &u, wrenches: &[] })
+    count_recursion(scene, task, &Arguments { q: &q, qd: &qd, u: &u, wrenches: &[] })
 }
 
 fn of_chain(bodies: usize, task: Task) -> Operations {
@@ -141,7 +140,7 @@ fn the_bits_of_f64() {
             scene.model().bodies.iter().map(|_| Vector6::from_fn(|_, _| random.uniform(-1.0, 1.0))).collect();
         let state = Arguments { q: &q, qd: &qd, u: &u, wrenches: &wrenches };
         for (name, task) in tasks() {
-            let found = count_in_six_vectors(&scene, task, &state).results;
+            let found = count_recursion(&scene, task, &state).results;
             let expected = plainly(&scene, task, &state);
             assert!(!expected.is_empty() && expected.iter().all(|x| x.is_finite()), "{name}, scene {seed}");
             let bits = |values: &[f64]| values.iter().map(|x| x.to_bits()).collect::<Vec<_>>();

@@ -205,8 +205,7 @@ class Omission:
     operations: int
     """Floating-point operations (a product with a sum is two) that forward dynamics of one state in covariance form does less.
 
-    In a call that needs nothing of this; 0 where nothing was counted. In 6-vectors, of a planar scene too, but for the item
-    "planar"; items of calls on the factor say beside what they count.
+    In a call that needs nothing of this; 0 where nothing was counted. Items of calls on the factor say beside what they count.
     """
     count: int
     """How many."""

@@ -12,7 +12,6 @@ use crate::dynamics::sweeps::{self, Entries, InverseColumns, MassColumns, SweepM
 use crate::filter::Form;
 use crate::joints::quaternion::QUATERNION_SLACK;
 use crate::model::{Body, Model, Motion};
-use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::{MOST_LANES, Precision, Real, lanes_but};
 use crate::scene::Scene;
 use nalgebra::Vector6;
@@ -23,8 +22,6 @@ use std::sync::Arc;
 struct Numbers<T: Vectorised> {
     model: Model<T>,
     sweeps: SweepModel<T>,
-    /// The same in the plane that all joints move in, if there is one.
-    planar: Option<PlanarModel<T>>,
     /// Where the quaternions are in q.
     quaternions: Vec<usize>,
 }
@@ -36,7 +33,6 @@ pub struct Chunk<T: Vectorised> {
     sweep_scratch: SweepScratch<T>,
     inverse_columns: InverseColumns<T, T::Columns>,
     mass_columns: MassColumns<T, T::Columns>,
-    planar_scratch: Option<PlanarScratch<T, T::Columns>>,
     arguments: [Vec<T>; 3],
     wrenches: Vec<Vector6<T>>,
     results: Vec<T>,
@@ -50,19 +46,13 @@ impl<T: Vectorised> Chunk<T> {
     pub fn new(scene: &Scene) -> Self {
         let numbers = scene.shared().get_or_make(|| {
             let model = scene.model();
-            Numbers::<T> {
-                model: model.cast(),
-                sweeps: SweepModel::new(model),
-                planar: PlanarModel::of(model).filter(|_| T::Number::RARE_KERNELS).as_ref().map(PlanarModel::cast),
-                quaternions: quaternions(model),
-            }
+            Numbers::<T> { model: model.cast(), sweeps: SweepModel::new(model), quaternions: quaternions(model) }
         });
-        let Numbers { model, sweeps, planar, .. } = &*numbers;
+        let Numbers { model, sweeps, .. } = &*numbers;
         Self {
             sweep_scratch: SweepScratch::new(model, sweeps),
             inverse_columns: InverseColumns::new(),
             mass_columns: MassColumns::new(),
-            planar_scratch: planar.as_ref().map(PlanarScratch::new),
             arguments: [vec![T::zero(); model.nq], vec![T::zero(); model.nv()], vec![T::zero(); model.nv()]],
             wrenches: Vec::new(),
             results: Vec::new(),
@@ -98,11 +88,7 @@ impl<T: Vectorised> Chunk<T> {
             return 0;
         }
         self.gather_wrenches(states);
-        let is_planar = self.planar_scratch.is_some() && planar::covers(algorithm);
         let call = Call { chunk: self, algorithm, states, out };
-        if T::Number::RARE_KERNELS && is_planar {
-            return target.within(Run::<T, I, PLANE>(call, target));
-        }
         match algorithm {
             Algorithm::ForwardDynamics(_) => target.within(Run::<T, I, ACCELERATIONS>(call, target)),
             Algorithm::InverseDynamics | Algorithm::BiasTorque => target.within(Run::<T, I, TORQUES>(call, target)),
@@ -189,16 +175,14 @@ fn gather<'a, T: Vectorised>(
 
 // What is compiled together, each group into one function: in one function with all others M^-1 executed a fifth more.
 
-/// All that is done in a plane.
-const PLANE: u8 = 0;
 /// Forward dynamics.
-const ACCELERATIONS: u8 = 1;
+const ACCELERATIONS: u8 = 0;
 /// Inverse dynamics and the bias.
-const TORQUES: u8 = 2;
+const TORQUES: u8 = 1;
 /// M.
-const MASS: u8 = 3;
+const MASS: u8 = 2;
 /// M^-1.
-const INVERSE: u8 = 4;
+const INVERSE: u8 = 3;
 
 /// A chunk with its arguments.
 struct Call<'a, T: Vectorised> {
@@ -222,13 +206,12 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             sweep_scratch,
             inverse_columns,
             mass_columns,
-            planar_scratch,
             arguments,
             wrenches,
             results,
             errors,
         } = chunk;
-        let Numbers { model, sweeps, planar, quaternions } = &**constants;
+        let Numbers { model, sweeps, quaternions } = &**constants;
         let [q, qd, u] = arguments;
         // Lanes without a state of their own repeat the last.
         let given = std::array::from_fn(|lane| &states[lane.min(states.len() - 1)]);
@@ -242,7 +225,6 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             }
         }
         let scene = (model, sweeps);
-        let in_plane = planar.as_ref().zip(planar_scratch.as_mut()).filter(|_| GROUP == PLANE);
         let entries = entries_of::<T, GROUP>(algorithm, scene, inverse_columns, mass_columns);
         // Beside them `auto` keeps a number a row.
         let width = if entries.is_some() { model.nv() } else { out.len() / states.len().min(T::LANES) };
@@ -252,12 +234,8 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             sweeps::mass_matrix::<T, T::Columns, true>(scene, (sweep_scratch, mass_columns), q, to);
         } else {
             results.resize(width, T::zero());
-            doubt = if let Some((model, scratch)) = in_plane {
-                planar::run(algorithm, model, scratch, (q, qd, u), wrenches, results)
-            } else {
-                let scratch = (&mut *sweep_scratch, &mut *inverse_columns);
-                compute::<T, I, GROUP>((algorithm, target), scene, scratch, (q, qd, u), wrenches, (to, results, errors))
-            };
+            let (scratch, state) = ((&mut *sweep_scratch, &mut *inverse_columns), (&q[..], &qd[..], &u[..]));
+            doubt = compute::<T, I, GROUP>((algorithm, target), scene, scratch, state, wrenches, (to, results, errors));
         }
         if let Some(entries) = entries_of::<T, GROUP>(algorithm, scene, inverse_columns, mass_columns) {
             entries.numbers = numbers;
@@ -291,7 +269,7 @@ fn entries_of<'a, T: Vectorised, const GROUP: u8>(
     }
 }
 
-/// The algorithm itself, in no plane; gives the lanes that it doubts.
+/// The algorithm itself; gives the lanes that it doubts.
 #[inline(always)]
 fn compute<T: Vectorised, I: Target, const GROUP: u8>(
     (algorithm, target): (Algorithm, I),

@@ -135,7 +135,6 @@ impl<P: Evaluated> Evaluator<P> {
     #[must_use]
     pub fn on(arm: Arm, scene: &Scene) -> Self {
         let arm = if arm.available() { arm } else { Arm::Baseline };
-        // Without scratch for the plane: what was in doubt there is done in 6-vectors.
         let workspace = Workspace::new(scene.model());
         let checked = Checked { workspace, inverse: None, results: Vec::new() };
         Self { arm, kernels: P::kernels(arm, scene), checked }

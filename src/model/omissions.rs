@@ -20,9 +20,6 @@ pub struct Omissions {
     pub tilted_axes: bool,
     /// Entries of levers that are zero, of those of these joints that turn. For one state in motions and forces levers that are zero whole.
     pub zero_levers: bool,
-    /// Components of forces and motions across the plane, where all joints move in one: 3-vectors instead of 6-vectors, in the algorithms of
-    /// [`planar`](mod@crate::planar).
-    pub planar: bool,
     /// Velocities, and what they cause, in a call whose rates are all zero.
     pub zero_velocity: bool,
     /// The whole bias, in a call whose rates are all zero in a scene without gravity; needs `zero_velocity`.
@@ -34,13 +31,12 @@ pub type Switch = fn(&mut Omissions) -> &mut bool;
 
 impl Omissions {
     /// The switches by name.
-    pub const SWITCHES: [(&'static str, Switch); 8] = [
+    pub const SWITCHES: [(&'static str, Switch); 7] = [
         ("fixed_joints", |of| &mut of.fixed_joints),
         ("base_links", |of| &mut of.base_links),
         ("renamed_axes", |of| &mut of.renamed_axes),
         ("tilted_axes", |of| &mut of.tilted_axes),
         ("zero_levers", |of| &mut of.zero_levers),
-        ("planar", |of| &mut of.planar),
         ("zero_velocity", |of| &mut of.zero_velocity),
         ("zero_gravity", |of| &mut of.zero_gravity),
     ];
@@ -54,7 +50,6 @@ impl Omissions {
             renamed_axes: true,
             tilted_axes: true,
             zero_levers: true,
-            planar: true,
             zero_velocity: true,
             zero_gravity: true,
         }
@@ -69,7 +64,6 @@ impl Omissions {
             renamed_axes: false,
             tilted_axes: false,
             zero_levers: false,
-            planar: false,
             zero_velocity: false,
             zero_gravity: false,
         }

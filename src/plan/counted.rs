@@ -4,8 +4,7 @@ use super::{NOTHING, Omission, counted};
 use crate::algorithm::{Algorithm, Arguments};
 use crate::filter::Form;
 use crate::model::{Body, Motion, Omissions};
-use crate::planar::PlanarModel;
-use crate::report::operations::{Count, Task, count as count_as_run, count_in_six_vectors, count_in_sweeps, of_factor};
+use crate::report::operations::{Task, count_in_sweeps, count_recursion, of_factor};
 use crate::scalar::Operations;
 use crate::scene::Scene;
 use crate::spatial::transform::{turns_about_a_tilted_axis, turns_about_an_axis};
@@ -19,16 +18,16 @@ fn flops(operations: &Operations) -> usize {
     usize::try_from(operations.flops()).unwrap_or(usize::MAX)
 }
 
-/// Operations of one algorithm on a state that moves.
-fn of(scene: &Scene, algorithm: Algorithm, how: fn(&Scene, Task, &Arguments<'_>) -> Count) -> usize {
+/// Operations of one algorithm on a state that moves, by the recursion that keeps everything.
+fn of(scene: &Scene, algorithm: Algorithm) -> usize {
     let (q, ones) = (scene.neutral(), vec![1.0; scene.nv()]);
     let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[] };
-    flops(&how(scene, Task::Algorithm(algorithm), &state).operations)
+    flops(&count_recursion(scene, Task::Algorithm(algorithm), &state).operations)
 }
 
 /// The same of forward dynamics in covariance form.
-fn forward(scene: &Scene, how: fn(&Scene, Task, &Arguments<'_>) -> Count) -> usize {
-    of(scene, Algorithm::ForwardDynamics(Form::Covariance), how)
+fn forward(scene: &Scene) -> usize {
+    of(scene, Algorithm::ForwardDynamics(Form::Covariance))
 }
 
 impl Scene {
@@ -131,29 +130,12 @@ impl Scene {
         of(off).saturating_sub(of(on))
     }
 
-    pub(super) fn planar_item(&self) -> Omission {
-        let count = PlanarModel::of(self.model()).map_or(0, |planar| planar.bodies.len());
-        let (three, six) =
-            if count > 0 { (forward(self, count_as_run), forward(self, count_in_six_vectors)) } else { (0, 0) };
-        self.switched(
-            "planar",
-            Omission {
-                what: "components across the plane that all joints move in",
-                count,
-                why: "turns about one direction and slides across it: what is across does no work",
-                saved: format!("3-vectors instead of 6-vectors: {three} operations instead of {six}"),
-                operations: six.saturating_sub(three),
-                ..NOTHING
-            },
-        )
-    }
-
     /// The joints that [`Scene::lock`] fixed, beside the scene where they move.
     pub(super) fn locked_item(&self) -> Omission {
         let names: Vec<String> = self.source().locked_joints().map(str::to_owned).collect();
         let before = if names.is_empty() { None } else { self.source().unlocked().build().ok() };
         let (bodies, operations) = before.map_or((0, 0), |before| {
-            let saved = forward(&before, count_in_six_vectors).saturating_sub(forward(self, count_in_six_vectors));
+            let saved = forward(&before).saturating_sub(forward(self));
             (before.model().bodies.len().saturating_sub(self.model().bodies.len()), saved)
         });
         Omission {
@@ -178,7 +160,7 @@ impl Scene {
             return NOTHING;
         }
         let q = self.neutral();
-        let (whole, solve) = (forward(self, count_in_six_vectors), flops(&of_factor(self, &q, &q).solved));
+        let (whole, solve) = (forward(self), flops(&of_factor(self, &q, &q).solved));
         Omission {
             what: "the factor of M, in calls that share q",
             count: self.model().bodies.len(),
@@ -222,8 +204,7 @@ impl Scene {
         if nv <= MOST_DENSE {
             outputs.extend([("mass matrix", Algorithm::MassMatrix), ("its inverse", inverse)]);
         }
-        let each: Vec<(&str, usize)> =
-            outputs.into_iter().map(|(name, output)| (name, of(self, output, count_in_six_vectors))).collect();
+        let each: Vec<(&str, usize)> = outputs.into_iter().map(|(name, output)| (name, of(self, output))).collect();
         let text: Vec<String> = each.iter().map(|(name, operations)| format!("{name} {operations}")).collect();
         Omission {
             what: "outputs that are not asked for",

@@ -9,7 +9,6 @@ use crate::filter::riccati::Measured;
 use crate::filter::{FORMS, Form, Stage};
 use crate::model::{Body, Model, Omissions};
 use crate::operators::{Factor, Updated};
-use crate::planar::{self, PlanarModel, PlanarScratch};
 use crate::scalar::{Counted, Operations, Real};
 use crate::scene::Scene;
 use crate::spatial::{BodyRoot, RigidShift, Root6, SpatialVector, Symmetric6};
@@ -49,8 +48,8 @@ pub struct Count {
     pub results: Vec<f64>,
 }
 
-/// Counts one task on one state: what [`Scene::evaluate`] runs for it (the sweeps that keep nothing but the result where it has them, in the plane
-/// where the scene has one), scratch made beforehand.
+/// Counts one task on one state: what [`Scene::evaluate`] runs for it, the sweeps that keep nothing but the result where it has them, scratch
+/// made beforehand.
 /// Arguments that a task does not take are not read.
 ///
 /// The counts are those of any scalar without double-double arithmetic: a state that stays in doubt after the square-root form
@@ -61,24 +60,15 @@ pub struct Count {
 /// Where an argument that the task takes is too short for the scene.
 #[must_use]
 pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
-    let Task::Algorithm(algorithm) = task else { return count_in_six_vectors(scene, task, state) };
-    let Some(model) = PlanarModel::of(scene.model()).filter(|_| planar::covers(algorithm)) else {
-        return if sweeps::covers(algorithm) {
+    match task {
+        Task::Algorithm(algorithm) if sweeps::covers(algorithm) => {
             count_in_sweeps(scene, scene.model().omissions, algorithm, state)
-        } else {
-            count_in_six_vectors(scene, task, state)
-        };
-    };
-    let model: PlanarModel<Counted> = model.cast();
-    let ([q, qd, u], wrenches) = on_counted(state);
-    let mut scratch: PlanarScratch<Counted> = PlanarScratch::new(&model);
-    let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
-    let (_, operations) =
-        Counted::during(|| planar::run(algorithm, &model, &mut scratch, (&q, &qd, &u), &wrenches, &mut out));
-    Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() }
+        }
+        _ => count_recursion(scene, task, state),
+    }
 }
 
-/// The same of the sweeps that keep nothing but the result, in 6-vectors, with other switches than the scene's.
+/// The same of the sweeps that keep nothing but the result, with other switches than the scene's.
 pub(crate) fn count_in_sweeps(
     scene: &Scene,
     omissions: Omissions,
@@ -93,7 +83,7 @@ pub(crate) fn count_in_sweeps(
     let mut mass_columns: MassColumns<Counted, Counted> = MassColumns::new();
     mass_columns.prepare(&model, &sweeps);
     if columns.prepare(&model, &sweeps).is_none() && matches!(algorithm, Algorithm::MassMatrixInverse(_)) {
-        return count_in_six_vectors(scene, Task::Algorithm(algorithm), state);
+        return count_recursion(scene, Task::Algorithm(algorithm), state);
     }
     let mut inverted = |scratch: &SweepScratch<Counted>, out: &mut [Counted]| {
         sweeps::multiplied_out::<_, _, false>((&model, &sweeps), scratch, &mut columns, out);
@@ -139,7 +129,7 @@ pub(crate) fn count_in_sweeps(
     let mut count = Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() };
     if !kept {
         // Done once more by the checked method.
-        let checked = count_in_six_vectors(scene, Task::Algorithm(algorithm), state);
+        let checked = count_recursion(scene, Task::Algorithm(algorithm), state);
         count = Count { operations: count.operations + checked.operations, results: checked.results };
     }
     count
@@ -151,13 +141,13 @@ fn on_counted(state: &Arguments<'_>) -> ([Vec<Counted>; 3], Vec<SpatialVector<Co
     (numbers, state.wrenches.iter().map(|force| force.map(Counted)).collect())
 }
 
-/// The same of the unchecked functions of [`dynamics`], in 6-vectors whether the scene is planar or not.
+/// Counts one task on one state by the recursions of the paper, the unchecked functions of [`dynamics`]: they keep what the sweeps do not.
 ///
 /// # Panics
 ///
 /// As [`count`].
 #[must_use]
-pub fn count_in_six_vectors(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
+pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
     let model: Model<Counted> = scene.model().cast();
     let ([q, qd, u], wrenches) = on_counted(state);
     let mut workspace = Workspace::new(&model);

@@ -108,7 +108,7 @@ pub fn residuals(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64]) -> Result<Ve
     let (mut qdd, mut back) = (vec![f64::NAN; nv], vec![f64::NAN; nv]);
     scene.forward_dynamics(&mut workspace, q, qd, tau, &[], &mut qdd)?;
     scene.inverse_dynamics(&mut workspace, q, qd, &qdd, &[], &mut back)?;
-    // Beside the bias, which is a term of either side: of a planar scene the two need not round it alike.
+    // Beside the bias, which is a term of either side and may be larger than tau.
     let mut bias = vec![f64::NAN; nv];
     scene.bias_torque(&mut workspace, q, qd, &mut bias)?;
     let (back, tau_beside) = ([&back[..], &bias].concat(), [tau, &bias].concat());

@@ -17,7 +17,7 @@ pub trait Precision: Circle + Pod + Default + PartialEq + Debug + Send + Sync {
     /// What the kind is called: "float64", "float32".
     const NAME: &'static str;
 
-    /// Whether the square-root form, and planar scenes in their plane, are compiled for it.
+    /// Whether the square-root form is compiled for it.
     const RARE_KERNELS: bool;
 
     /// The spacing of numbers at 1.

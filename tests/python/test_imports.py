@@ -26,7 +26,6 @@ ROOMS = (
     "joints",
     "model",
     "kinematics",
-    "planar",
     "scene",
     "scenes",
     "workspace",

@@ -22,12 +22,9 @@ SWITCHES = (
     "renamed_axes",
     "tilted_axes",
     "zero_levers",
-    "planar",
     "zero_velocity",
     "zero_gravity",
 )
-#: What a scene that is not planar leaves out.
-USUAL = tuple(switch for switch in SWITCHES if switch != "planar")
 
 
 def builder() -> phipsi.SceneBuilder:
@@ -74,10 +71,10 @@ def test_results_are_the_same(leave_out: list[str], gravity: tuple[float, ...]) 
 
 def test_the_plan_lists_what_was_left_out() -> None:
     items = {item.switch: item for item in builder().build(gravity=(0, 0, 0)).plan().items}
-    assert set(USUAL) < set(items) and "planar" not in items
+    assert set(SWITCHES) < set(items)
     assert items["fixed_joints"].names == ("column", "weld")
     assert items["base_links"].names == ("base", "column")
-    assert all(items[switch].operations > 0 for switch in USUAL)
+    assert all(items[switch].operations > 0 for switch in SWITCHES)
     assert "operations a call" in repr(builder().build().plan())
     kept = builder().build(leave_out=()).plan()
     assert all(item.switch is None for item in kept.items)
@@ -105,7 +102,7 @@ def test_operators_need_bodies_that_move() -> None:
         scene.factor(scene.neutral())
 
 
-@pytest.mark.parametrize("leave_out", ["fixed_joints", ["nothing"], 3, [1]])
+@pytest.mark.parametrize("leave_out", ["fixed_joints", ["nothing"], ["planar"], 3, [1]])
 def test_other_names_raise(leave_out: object) -> None:
     with pytest.raises(ArgumentError, match="leave_out"):
         builder().build(leave_out=leave_out)  # type: ignore[arg-type]
@@ -122,7 +119,7 @@ def test_the_report_times_what_is_left_out() -> None:
     assert kept == {item.switch for item in scene.plan().items} - {"base_links"}
 
 
-def planar_builder() -> phipsi.SceneBuilder:
+def arms_on_a_cart() -> phipsi.SceneBuilder:
     """Two arms on a cart, in the plane across y."""
     builder = phipsi.SceneBuilder().link("base")
     builder.link("cart", mass=3.0)
@@ -138,66 +135,9 @@ def planar_builder() -> phipsi.SceneBuilder:
     return builder
 
 
-def test_planar_scenes() -> None:
-    scene = planar_builder().build()
-    other = planar_builder().build(leave_out=but("planar"))
-    item = next(item for item in scene.plan().items if item.switch == "planar")
-    assert item.count == scene.nv and item.operations > 0
-    assert all(item.switch != "planar" for item in other.plan().items)
-    q, qd, tau = random_states(scene, 5, (7,))
-    mass = scene.mass_matrix(q)
-    condition = np.linalg.cond(mass).max()
-    wrenches = {"b1": np.array([1.0, 2.0, -3.0, 2.0, 1.0, 4.0])}
-    for of in (
-        lambda s: s.forward_dynamics(q, qd, tau, form="covariance"),
-        lambda s: s.forward_dynamics(q, qd, tau, form="covariance", wrenches=wrenches),
-        lambda s: s.forward_dynamics(q[0], qd[0], tau[0], form="covariance"),
-        lambda s: s.inverse_dynamics(q, qd, tau, wrenches=wrenches),
-        lambda s: s.bias_torque(q, qd),
-        lambda s: s.mass_matrix(q),
-        lambda s: s.mass_matrix_inverse(q, form="covariance"),
-    ):
-        found, expected = of(scene), of(other)
-        bound = tolerances.inverse(condition, 100.0 + np.abs(expected).max())
-        np.testing.assert_allclose(found, expected, rtol=0, atol=bound)
-    inverse = scene.mass_matrix_inverse(q, form="covariance")
-    np.testing.assert_allclose(inverse @ mass, np.broadcast_to(np.eye(scene.nv), mass.shape), rtol=0, atol=tolerances.inverse(condition, 1.0))
-
-
-def test_a_planar_urdf() -> None:
-    """Quarter turns written as rpy are off by 6e-17; an axis that is off by 1e-9 is not in the plane."""
-    links = "".join(
-        f'<link name="{name}"><inertial><mass value="1"/><origin xyz="0.1 0 0.2"/>'
-        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        for name in ("base", "upper", "lower")
-    )
-
-    def urdf(axis: str) -> str:
-        joints = (
-            '<joint name="a" type="continuous"><origin rpy="1.5707963267948966 0 0"/><parent link="base"/><child link="upper"/>'
-            '<axis xyz="0 0 1"/></joint><joint name="b" type="continuous"><origin rpy="-1.5707963267948966 0 0" xyz="0 0.3 0"/>'
-            f'<parent link="upper"/><child link="lower"/><axis xyz="{axis}"/></joint>'
-        )
-        return f'<robot name="r">{links}{joints}</robot>'
-
-    def is_planar(axis: str) -> bool:
-        return any(item.switch == "planar" for item in phipsi.Scene.from_urdf(urdf(axis)).plan().items)
-
-    assert is_planar("0 1 0") and is_planar("0 -1 0")
-    assert not is_planar("1e-9 1 0") and not is_planar("0 0 1")
-
-
-def test_a_singular_joint_of_a_planar_scene_raises() -> None:
-    builder = phipsi.SceneBuilder().link("base").link("rod", mass=1.0)
-    scene = builder.joint("hinge", "revolute", "base", "rod").build()
-    with pytest.raises(SingularJointError) as caught:
-        scene.forward_dynamics(np.zeros((3, 1)), [0.0], [0.0], form="covariance")
-    assert (caught.value.joint, caught.value.state) == ("hinge", 0)
-
-
 @pytest.mark.parametrize("form", ["covariance", "joseph", "auto", "square-root"])
 def test_an_updated_factor_is_a_new_one(form: str) -> None:
-    scene = planar_builder().build()
+    scene = arms_on_a_cart().build()
     q = random_states(scene, 3, (4,)).q
     factor = scene.factor(q, form=form)
     gains = factor.K
@@ -239,7 +179,7 @@ def test_a_bad_update_changes_nothing() -> None:
 
 
 def test_a_locked_arm_is_one_body_and_is_listed() -> None:
-    scene = planar_builder().build()
+    scene = arms_on_a_cart().build()
     q, qd, tau = random_states(scene, 3, ())
     names = ["b0", "b1", "b2"]
     locked = scene.lock(names, q)
@@ -260,7 +200,7 @@ def test_a_locked_arm_is_one_body_and_is_listed() -> None:
 
 
 def test_the_plan_lists_calls_and_outputs() -> None:
-    scene = planar_builder().build()
+    scene = arms_on_a_cart().build()
     items = {item.what: item for item in scene.plan().items}
     shared = items["the factor of M, in calls that share q"]
     branch = items["bodies beside the path to the base, in a factor of which the last joint alone has moved"]
@@ -269,7 +209,7 @@ def test_the_plan_lists_calls_and_outputs() -> None:
     assert min(shared.operations, branch.operations, outputs.operations) > 0
     assert "its inverse" in outputs.saved
     times = left_out.measured(scene, states.draw(scene, tree_of(scene), 8, 0))
-    assert {shared.what, branch.what, "planar"} <= set(times)
+    assert {shared.what, branch.what} <= set(times)
 
 
 def many_links(count: int) -> phipsi.Scene:
