@@ -34,38 +34,31 @@ TURNED = 1.0
 DIFFERENCE = float(np.finfo(np.float64).eps) ** (1 / 3)
 
 
+def _rotated(w: _Array, u: _Array, once: Any, twice: Any) -> _Array:
+    """u + once w x u + twice w x (w x u)."""
+    product = np.cross(w, u)
+    return np.asarray(u + once * product + twice * np.cross(w, product))
+
+
 def _carried_back(w: _Array, u: _Array) -> _Array:
     """The rate of the rotation vector w of a body that turns with u, in its own frame."""
     t = np.linalg.norm(w, axis=-1, keepdims=True)
     small = t < 0.05
     half = np.where(small, 0.5, 0.5 * t)
     series = 1 / 12 + t**2 / 720 + t**4 / 30240
-    c = np.where(small, series, (1 - half / np.tan(half)) / np.where(small, 1.0, t) ** 2)
-    once = np.cross(w, u)
-    return np.asarray(u + 0.5 * once + c * np.cross(w, once))
+    return _rotated(w, u, 0.5, np.where(small, series, (1 - half / np.tan(half)) / np.where(small, 1.0, t) ** 2))
 
 
-def _turned(w: _Array, u: _Array) -> _Array:
+def _by_vector(w: _Array, u: _Array) -> _Array:
     """exp(w) u."""
     t = np.linalg.norm(w, axis=-1, keepdims=True)
-    once = np.cross(w, u)
-    return np.asarray(u + np.sinc(t / np.pi) * once + 0.5 * np.sinc(0.5 * t / np.pi) ** 2 * np.cross(w, once))
+    return _rotated(w, u, np.sinc(t / np.pi), 0.5 * np.sinc(0.5 * t / np.pi) ** 2)
 
 
-class _Frame:
-    """Rotations of a quaternion (x, y, z, w) of any batch."""
-
-    def __init__(self, quaternion: _Array) -> None:
-        unit = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
-        self.vector, self.scalar = unit[..., :3], unit[..., 3:]
-
-    def turn(self, u: _Array) -> _Array:
-        once = np.cross(self.vector, u)
-        return np.asarray(u + 2 * (self.scalar * once + np.cross(self.vector, once)))
-
-    def turn_back(self, u: _Array) -> _Array:
-        once = np.cross(self.vector, u)
-        return np.asarray(u + 2 * (np.cross(self.vector, once) - self.scalar * once))
+def _by_quaternion(quaternion: _Array, u: _Array, sign: float = 1.0) -> _Array:
+    """u rotated by a quaternion (x, y, z, w) of any norm; with the sign -1 rotated back."""
+    unit = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    return _rotated(unit[..., :3], u, 2.0 * sign * unit[..., 3:], 2.0)
 
 
 class Ode:
@@ -156,7 +149,7 @@ class Ode:
             step[..., linear] = 0.0
         q = self.scene.integrate(self._centre, step)
         for place, turn, linear, _ in self._moves:
-            q[..., place] = self._centre[place] + _Frame(self._centre[turn]).turn(x[..., linear])
+            q[..., place] = self._centre[place] + _by_quaternion(self._centre[turn], x[..., linear])
         return q
 
     def torque(self, t: float, q: _Array, v: _Array) -> _Array:
@@ -174,7 +167,7 @@ class Ode:
     def _away(self, rest: _Array, q: _Array) -> _Array:
         away = self.scene.difference(rest, q)
         for place, turn, linear, _ in self._moves:
-            away[..., linear] = _Frame(q[..., turn]).turn_back(q[..., place] - rest[place])
+            away[..., linear] = _by_quaternion(q[..., turn], q[..., place] - rest[place], -1.0)
         return away
 
     def rhs(self, t: float, y: ArrayLike) -> _Array:
@@ -186,7 +179,7 @@ class Ode:
         for _, angular in self._turns:
             rates[..., angular] = _carried_back(x[..., angular], v[..., angular])
         for _, _, linear, angular in self._moves:
-            rates[..., linear] = _turned(x[..., angular], v[..., linear])
+            rates[..., linear] = _by_vector(x[..., angular], v[..., linear])
         accelerations = self.scene.forward_dynamics(q, v, self.torque(t, q, v))
         return np.ascontiguousarray(np.concatenate([rates, accelerations], axis=-1).T)
 
