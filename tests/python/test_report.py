@@ -15,9 +15,9 @@ import numpy as np
 import phipsi
 import pytest
 from click.testing import CliRunner
-from phipsi import _core, report
+from phipsi import _core
 from phipsi._core import BUNDLED_ARM, METHODS, ROUTES
-from phipsi.report import auto_cost, commands, draw, kinds, labels, machine, robot, states, text
+from phipsi.report import auto_cost, commands, draw, kinds, labels, machine, pipeline, robot, sections, states, text
 from phipsi.report.progress import Silent
 from phipsi.report.sections import calls, emergence, residuals
 from phipsi.report.structure import tree_of
@@ -47,8 +47,8 @@ def mixed() -> phipsi.Scene:
 
 
 def written(scene: phipsi.Scene, folder: Path, **options: Any) -> tuple[dict[str, Any], str]:
-    found = report.collect(scene, Silent(), name="<robot> & co", source="here", quick=True, **options)
-    page = report.write(found, folder)
+    found = pipeline.collect(sections.ROBOT, robot.Report(True, "<robot> & co", "here", scene, **options), Silent())
+    (page,) = pipeline.write(sections.ROBOT, found, folder)
     return json.loads((folder / "report.json").read_text()), page.read_text(encoding="utf-8")
 
 
@@ -306,7 +306,7 @@ def without_times(tree: Any) -> Any:
 def test_the_same_seed_gives_the_same_numbers() -> None:
     first, again, other = (
         without_times(
-            report.to_json(report.collect(arm(), Silent(), name="", source="", quick=True, count=8, seed=seed))
+            pipeline.to_json(sections.ROBOT, pipeline.collect(sections.ROBOT, robot.Report(True, "", "", arm(), seed, 8), Silent()))
         )
         for seed in (3, 3, 4)
     )

@@ -13,7 +13,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from .labels import spread
@@ -131,10 +131,7 @@ def time_axis(axes: Axes, low: float, high: float) -> None:
 
 def plain_time(ns: float) -> str:
     """A time with its unit, no more digits than it has."""
-    for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)):
-        if ns >= size * 0.999:
-            return f"{ns / size:g} {unit}"
-    return f"{ns:g} ns"
+    return EngFormatter("s").format_data(1e-9 * ns)
 
 
 def direct_labels(axes: Axes, entries: Sequence[tuple[float, float, str, str]], gap: float = 0.065) -> None:

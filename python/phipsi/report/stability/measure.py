@@ -123,7 +123,7 @@ class Recursion(NamedTuple):
 
 @dataclass
 class Stability(Findings):
-    """What was measured on the extreme scenes."""
+    """What was measured on the extreme scenes, each case at every value of its sweep; `quick`: two states, and chains of up to 1000 links."""
 
     seed: int = 0
     others: Sequence[Other] = ()
