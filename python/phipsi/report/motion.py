@@ -120,10 +120,9 @@ def motion_plot(path: Trajectory) -> tuple[str, Figure]:
     top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(1.25, 1.0, 1.0))
     curves = _curves(top, path.t, path.q)
     _curves(middle, path.t, path.qd)
-    top.set_ylabel("coordinates (rad, m)")
-    middle.set_ylabel("rates (rad/s, m/s)")
-    bottom.set_ylabel("energy (J)")
-    bottom.set_xlabel("time (s)")
+    top.set(ylabel="coordinates (rad, m)")
+    middle.set(ylabel="rates (rad/s, m/s)")
+    bottom.set(ylabel="energy (J)", xlabel="time (s)")
     kinds = (("kinetic", energy.kinetic), ("of gravity", energy.potential), ("of springs", energy.spring))
     for colour, (name, values) in zip(COLOURS, kinds, strict=False):
         if np.any(values):

@@ -89,11 +89,8 @@ def panels(size: tuple[float, float], rows: int = 1, columns: int = 1, *, margin
 
 def log_log(axes: Axes, title: str, ylabel: str, xlabel: str) -> None:
     """Both axes logarithmic, with their names and a title."""
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel)
     axes.set_title(title, loc="left", fontsize=9.5, fontweight="bold")
-    axes.set_ylabel(ylabel)
-    axes.set_xlabel(xlabel)
     axes.grid(axis="y", color=FAINT, lw=0.6)
 
 
@@ -124,8 +121,7 @@ def fine_ticks(axis: Any, reach: float, name: Callable[[float], str]) -> None:
 
 def time_axis(axes: Axes, low: float, high: float) -> None:
     """A logarithmic axis of times in ns, ticks at 1, 2, 5."""
-    axes.set_xscale("log")
-    axes.set_xlim(low, high)
+    axes.set(xscale="log", xlim=(low, high))
     fine_ticks(axes.xaxis, high / low, plain_time)
 
 
