@@ -17,7 +17,7 @@ import pytest
 from click.testing import CliRunner
 from phipsi import _core
 from phipsi._core import BUNDLED_ARM, METHODS, ROUTES
-from phipsi.report import auto_cost, commands, draw, kinds, labels, machine, pipeline, robot, sections, states, text
+from phipsi.report import auto_cost, commands, draw, kinds, labels, pipeline, robot, sections, states, text
 from phipsi.report.progress import Silent
 from phipsi.report.sections import calls, emergence, residuals
 from phipsi.report.structure import tree_of
@@ -417,7 +417,7 @@ def test_intervals_hold_as_often_as_they_say(bundled: tuple[dict[str, Any], str,
 
 def test_samples_a_second_on_one_core_and_on_all(bundled: tuple[dict[str, Any], str, Path]) -> None:
     rates = bundled[0]["emergence"]["samples_a_second"]
-    assert [rate["threads"] for rate in rates] == sorted({1, machine.threads()})
+    assert [rate["threads"] for rate in rates] == sorted({1, phipsi.get_num_threads()})
     assert all(0.0 < rate["per_second"] < math.inf for rate in rates)
     assert len({rate["samples"] for rate in rates}) == 1
 
@@ -453,7 +453,7 @@ def test_samples_are_drawn_on_as_many_threads_as_it_says(monkeypatch: pytest.Mon
         seen.append((route, phipsi.get_num_threads()))
         return 1e6, 1e-3
 
-    monkeypatch.setattr(machine, "threads", lambda: 3)
+    monkeypatch.setattr(_core, "get_num_threads", lambda: 3)
     monkeypatch.setattr(_core, "emergence", drawn)
     before = phipsi.get_num_threads()
     missing: dict[str, str] = {}

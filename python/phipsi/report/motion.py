@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from .. import errors
+from .. import _core, errors
 from .._core import Scene
 from .._motion import Trajectory
 from .draw import View
@@ -43,13 +43,13 @@ def read_state(path: Path, scene: Scene) -> dict[str, Array]:
     for key, value in _read(path).items():
         if key not in KEYS:
             raise errors.ArgumentError(f"{path}: found {key!r}; expected {', '.join(KEYS)}")
-        indices = scene.q_index if key == "q" else scene.v_index
+        name, usual = f"{path}: {key}", state[key]
         if isinstance(value, Mapping):
-            for joint, own in value.items():
-                at = indices(joint)
-                state[key][at] = _numbers(own, f"{path}: {key} of {joint}", at.stop - at.start)
-        else:
-            state[key] = _numbers(value, f"{path}: {key}", len(state[key]))
+            indices = scene.q_index if key == "q" else scene.v_index
+            value = {joint: usual[indices(joint)] for joint in scene.joint_names} | dict(value)
+        state[key] = _core._numbers(name, value, scene, key == "q")
+        if state[key].shape != usual.shape:
+            raise errors.ShapeError(f"{name}: found shape {state[key].shape}; expected {usual.shape}")
     return state
 
 
@@ -64,16 +64,6 @@ def _read(path: Path) -> Mapping[str, Any]:
     if not isinstance(found, Mapping):
         raise errors.ArgumentError(f"{path}: found a {type(found).__name__}; expected an object with {', '.join(KEYS)}")
     return found
-
-
-def _numbers(value: Any, name: str, length: int) -> Array:
-    try:
-        numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
-    except (TypeError, ValueError):
-        raise errors.ArgumentError(f"{name}: found {value!r}; expected {length} numbers") from None
-    if numbers.shape != (length,):
-        raise errors.ShapeError(f"{name}: found shape {numbers.shape}; expected ({length},)")
-    return numbers
 
 
 def write(path: Trajectory, tree: Tree, folder: Path, *, table: bool) -> list[Path]:
