@@ -14,7 +14,6 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from .. import _core, errors
 from .._core import Scene
@@ -22,9 +21,8 @@ from .._motion import Trajectory
 from .draw import View
 from .names import write_names
 from .plotting import COLOURS, FAINT, INK, styled
+from .states import Array
 from .structure import Tree
-
-Array = NDArray[np.float64]
 
 #: What a state file may say.
 KEYS = ("q", "qd", "tau")

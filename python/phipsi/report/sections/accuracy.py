@@ -13,7 +13,8 @@ from ... import _core
 from ..pipeline import Section
 from ..plotting import COLOURS, Plot, direct_labels, level, panels, power_ticks, styled, time_axis
 from ..progress import Reporter
-from ..robot import DENSE_CAP, EPS, PRECISIONS, Array, Report, median, rust
+from ..robot import DENSE_CAP, EPS, PRECISIONS, Report, median, rust
+from ..states import Array
 from ..text import power, significant, symbols
 from ..timing import Of
 

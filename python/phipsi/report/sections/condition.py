@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from ..pipeline import Section
 from ..plotting import Plot, direct_labels, fine_ticks, level, panels, power_ticks, styled, ticks
 from ..progress import Reporter
-from ..robot import EPS, Array, Report
+from ..robot import EPS, Report
+from ..states import Array
 from ..text import power, scientific, symbols
 from .accuracy import Accuracy
 

@@ -13,7 +13,8 @@ from ... import _core, errors
 from ..._core import RandomModel, Scene
 from ..pipeline import Missing
 from ..progress import Reporter
-from ..robot import DENSE_CAP, Array, Report, rust
+from ..robot import DENSE_CAP, Report, rust
+from ..states import Array
 from ..timing import Of, threads
 
 PLAIN, SOBOL, SIGMA, RECURSION, DENSE = _core.ROUTES
