@@ -95,21 +95,21 @@ class Operator(ABC):
 
     def __add__(self, other: Operator | float) -> Operator:
         """The sum; a number stands for that many identities, as in the paper's 1 + K."""
-        right = self._multiple(other)
-        return NotImplemented if right is None else _Sum(self, right, 1.0)
+        return self._sum(self, other, 1.0)
 
     def __radd__(self, other: float) -> Operator:
-        left = self._multiple(other)
-        return NotImplemented if left is None else _Sum(left, self, 1.0)
+        return self._sum(other, self, 1.0)
 
     def __sub__(self, other: Operator | float) -> Operator:
         """The difference; a number stands for that many identities."""
-        right = self._multiple(other)
-        return NotImplemented if right is None else _Sum(self, right, -1.0)
+        return self._sum(self, other, -1.0)
 
     def __rsub__(self, other: float) -> Operator:
-        left = self._multiple(other)
-        return NotImplemented if left is None else _Sum(left, self, -1.0)
+        return self._sum(other, self, -1.0)
+
+    def _sum(self, left: object, right: object, sign: float) -> Operator:
+        first, second = self._multiple(left), self._multiple(right)
+        return NotImplemented if first is None or second is None else _Sum(first, second, sign)
 
     def _multiple(self, other: object) -> Operator | None:
         """An operator as it is, a number times the identity; None for anything else."""
