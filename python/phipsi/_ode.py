@@ -27,6 +27,8 @@ __all__ = ["Ode"]
 
 _Array = NDArray[np.float64]
 _Torque = Callable[[float, _Array, _Array], ArrayLike]
+#: Time, configuration, rates.
+_Row = tuple[float, _Array, _Array]
 
 #: A rotation further than this from the centre, rad, asks for a new one.
 TURNED = 1.0
@@ -236,9 +238,10 @@ class Ode:
         v = _core._numbers("qd", qd, self.scene)
         if v.shape != (self.scene.nv,):
             raise errors.of_argument(errors.ShapeError, "qd", f"found shape {v.shape}; expected ({self.scene.nv},)")
-        rows = _Rows(self, wanted)
         self.centre_at(q)
-        rows.first(start, v)
+        rows: list[_Row] = []
+        if wanted is None or (len(wanted) and wanted[0] == start):
+            rows.append(self._row(start, np.concatenate([np.zeros(self.scene.nv), v])))
         steps, t, first_step = 0, start, None
         while t < end:
             options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": max_step}
@@ -253,7 +256,7 @@ class Ode:
                 if solver.status == "failed":
                     raise self._failed(rows, method, steps, solver.t, message)
                 steps += 1
-                rows.step(solver)
+                rows += self._rows(solver, wanted)
                 if self._is_turned(solver.y):
                     break
             first_step = solver.step_size
@@ -264,44 +267,27 @@ class Ode:
     def _is_turned(self, y: _Array) -> bool:
         return any(np.linalg.norm(y[angular]) > TURNED for _, angular in self._turns)
 
-    def _trajectory(self, rows: _Rows, method: str, steps: int) -> Trajectory:
-        q, qd = (np.reshape(values, (len(rows.t), -1)) for values in (rows.q, rows.qd))
-        t = np.array(rows.t, dtype=np.float64)
+    def _row(self, t: float, y: _Array) -> _Row:
+        x, v = np.split(y, 2)
+        return float(t), self.configuration(x), np.array(v)
+
+    def _rows(self, solver: Any, wanted: _Array | None) -> list[_Row]:
+        """What a solution reports of the solver's last step: its end, or the times asked for."""
+        if wanted is None:
+            return [self._row(solver.t, solver.y)]
+        due = wanted[(wanted > solver.t_old) & (wanted <= solver.t)]
+        dense: Any = solver.dense_output() if len(due) else None
+        return [self._row(t, solver.y if t == solver.t else dense(t)) for t in due]
+
+    def _trajectory(self, rows: list[_Row], method: str, steps: int) -> Trajectory:
+        t = np.array([row[0] for row in rows], dtype=np.float64)
+        widths = (self.scene.nq, self.scene.nv)
+        q, qd = (np.reshape([row[at] for row in rows], (len(rows), width)) for at, width in enumerate(widths, 1))
         return Trajectory(
             self.scene, t, q, qd, np.nan, steps, method, self.scene.armature, self._stiffness.copy(), self._rest.copy()
         )
 
-    def _failed(self, rows: _Rows, method: str, steps: int, t: float, message: str | None) -> errors.SimulationError:
+    def _failed(self, rows: list[_Row], method: str, steps: int, t: float, message: str | None) -> errors.SimulationError:
         error = errors.SimulationError(f"step {steps} (t = {t:.6f} s): {method}: {message}")
         error.trajectory, error.step = self._trajectory(rows, method, steps), steps
         return error
-
-
-class _Rows:
-    """What a solution reports: every step, or the times asked for."""
-
-    def __init__(self, ode: Ode, wanted: _Array | None) -> None:
-        self.ode, self.wanted = ode, wanted
-        self.t: list[float] = []
-        self.q: list[_Array] = []
-        self.qd: list[_Array] = []
-
-    def first(self, t: float, v: _Array) -> None:
-        if self.wanted is None or (len(self.wanted) and self.wanted[0] == t):
-            self._add(t, np.concatenate([np.zeros(len(v)), v]))
-
-    def step(self, solver: Any) -> None:
-        if self.wanted is None:
-            self._add(solver.t, solver.y)
-            return
-        due = self.wanted[(self.wanted > solver.t_old) & (self.wanted <= solver.t)]
-        if len(due):
-            dense = solver.dense_output()
-            for t in due:
-                self._add(t, solver.y if t == solver.t else dense(t))
-
-    def _add(self, t: float, y: _Array) -> None:
-        nv = self.ode.scene.nv
-        self.t.append(float(t))
-        self.q.append(self.ode.configuration(y[:nv]))
-        self.qd.append(np.array(y[nv:]))
