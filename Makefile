@@ -9,10 +9,10 @@
 #   make instructions   counts instructions with valgrind, fails where there are more than before
 #   make auto-states  what form auto costs at rest, held, falling, ...: writes docs/auto-states.md (two minutes)
 #   make leaving-out   counts with valgrind what each switch saves: writes the table of docs/leaving-out.md
-#   make numerics  after make peers: errors on extreme scenes beside the peers', writes docs/numerics.md and its plots (ten minutes)
+#   make numerics  after make peers: errors on extreme scenes beside the peers', writes docs/numerics.md, its plots and the figures of README.md (ten minutes)
 #   make motion [OUT=report]   after make peers: the study of integrators, beside the peers' (some minutes)
 #   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
-#   make bench     after make peers: measures all of it (20 minutes), writes docs/benchmarks.md (BENCH=--quick: a trial)
+#   make bench     after make peers: measures all of it (20 minutes), writes docs/benchmarks.md and the figures of README.md (BENCH=--quick: a trial)
 
 PYTHON ?= python3
 OUT ?= report
@@ -101,10 +101,12 @@ peers-phipsi: peers-there $(VENV)/wheel
 
 bench: peers-phipsi
 	$(PEERS) benches/report.py $(BENCH)
+	$(PEERS) benches/readme.py
 
 # STUDY=--quick: fewer states and steps, to see that it works.
 numerics: peers-phipsi
 	$(PEERS) benches/study.py stability --markdown docs/numerics.md $(STUDY)
+	$(PEERS) benches/readme.py
 
 motion: peers-phipsi
 	$(PEERS) benches/study.py motion -o $(OUT) $(STUDY)

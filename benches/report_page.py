@@ -45,7 +45,7 @@ LIMITS = """\
 - Pinocchio fills the upper triangle of the mass matrix and of its inverse; phipsi fills both. Factoring the mass matrix is not compared.
 - A loop over Pinocchio is a Python loop that stores each result; `pin.abaInParallel` is its own batch, which it has for two algorithms.
 - Drake's and dynibo's calls from C++ and Rust are faster than from Python; so is phipsi's.
-- Models without shapes and damping; mimic joints are joints of their own. Gravity is 9.80665 m/s^2 everywhere from Python: dynibo has no other.
+- Models without shapes and damping; mimic joints are joints of their own. Gravity is 9.80665 m/s^2 in all calls from Python: dynibo has no other.
 - Caches are warm, and 256 states (batches: 4096) are drawn beforehand and taken in turn.
 """
 

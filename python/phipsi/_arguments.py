@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -70,7 +70,7 @@ def _resolved(name: str, value: Any, joints: Joints, width: int) -> Any:
     if _is_number(value) or type(value) is np.ndarray:
         return value
     if type(value) in (list, tuple):
-        _check_entries(name, value, 1)
+        _check_entries(name, value)
         return value
     _refuse_masked(name, value)
     if isinstance(value, Mapping):
@@ -84,17 +84,22 @@ def _is_number(value: Any) -> bool:
     return type(value) in (float, int) or isinstance(value, np.generic)
 
 
-def _check_entries(name: str, sequence: Any, depth: int) -> None:
-    """Refuses names and masks within lists and tuples, which would be lost."""
+def _strange(name: str, sequence: Any, depth: int = 1) -> Iterator[tuple[str, int, Any]]:
+    """What is neither number nor array in lists and tuples, however deep: how it is called, its place in its list, itself."""
     if set(map(type, sequence)) <= {float, int}:
         return
     for at, entry in enumerate(sequence):
-        if _is_number(entry) or type(entry) is np.ndarray or isinstance(entry, str):
-            continue
-        label = f"{name}[{at}]"
         if type(entry) in (list, tuple):
-            if depth < DEEPEST:
-                _check_entries(label, entry, depth + 1)
+            if depth <= DEEPEST:
+                yield from _strange(f"{name}[{at}]", entry, depth + 1)
+        elif not _is_number(entry) and type(entry) is not np.ndarray:
+            yield f"{name}[{at}]", at, entry
+
+
+def _check_entries(name: str, sequence: Any) -> None:
+    """Refuses names and masks within lists and tuples, which would be lost."""
+    for label, _, entry in _strange(name, sequence):
+        if isinstance(entry, str):
             continue
         _refuse_masked(label, entry)
         labels = None if isinstance(entry, Mapping) else _labels(name, entry)
@@ -267,7 +272,8 @@ def _of_dtype(name: str, value: Any, dtype: np.dtype[Any]) -> ArgumentError:
     if isinstance(value, np.ndarray) or (is_sequence and dtype.kind in "bc"):
         return _no_numbers(name, f"dtype {dtype}")
     if is_sequence:
-        return _no_numbers(name, f"dtype {dtype}{_culprit(value, 1)}")
+        culprits = (f" (entry {at} is {_described(entry)})" for _, at, entry in _strange(name, value) if not isinstance(entry, np.ndarray))
+        return _no_numbers(name, f"dtype {dtype}{next(culprits, '')}")
     return _no_numbers(name, f"dtype {dtype} from {_described(value)}", _remedy(value))
 
 
@@ -283,20 +289,6 @@ def _remedy(value: Any) -> str:
         return "; .toarray() gives one"
     if hasattr(type(value), "__next__") or hasattr(type(value), "__iter__"):
         return "; list(..) or numpy.fromiter gives one, where it has an order"
-    return ""
-
-
-def _culprit(sequence: Any, depth: int) -> str:
-    """The first entry of a sequence, however deep, that is no real number; nothing where that is not to be told."""
-    if depth > DEEPEST:
-        return ""
-    for at, entry in enumerate(sequence):
-        if type(entry) in (list, tuple):
-            within = _culprit(entry, depth + 1)
-            if within:
-                return within
-        elif not _is_number(entry) and not isinstance(entry, np.ndarray):
-            return f" (entry {at} is {_described(entry)})"
     return ""
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -137,13 +137,10 @@ class Trajectory:
         limits = self.scene.limits
         for joint in self.scene.joint_names:
             q, v = self.scene.q_index(joint), self.scene.v_index(joint)
-            cases = [("velocity", self.qd[..., v], limits.velocity[v], 1.0)]
+            cases = []
             if q.stop - q.start == v.stop - v.start:
-                cases = [
-                    ("lower", self.q[..., q], limits.lower[v], -1.0),
-                    ("upper", self.q[..., q], limits.upper[v], 1.0),
-                    *cases,
-                ]
+                cases = [("lower", self.q[..., q], limits.lower[v], -1.0), ("upper", self.q[..., q], limits.upper[v], 1.0)]
+            cases.append(("velocity", self.qd[..., v], limits.velocity[v], 1.0))
             for limit, values, bounds, sign in cases:
                 if not np.all(np.isinf(bounds)):
                     found += self._beyond(joint, limit, values, float(bounds[0]), sign)
@@ -161,25 +158,14 @@ class Trajectory:
 
 
 def trajectory_of(
-    q: _Array,
-    qd: _Array,
-    *,
-    scene: Scene,
-    dt: float,
-    record_every: int,
-    steps: int,
-    method: str,
-    armature: _Array,
-    stiffness: _Array,
-    rest: _Array,
-    momentum_correction: MomentumCorrection | None = None,
+    q: _Array, qd: _Array, *, scene: Scene, dt: float, record_every: int, steps: int, **about: Any
 ) -> Trajectory:
-    """The trajectory of the rows that `steps` steps have filled."""
+    """The trajectory of the rows that `steps` steps have filled; about: the other fields of Trajectory."""
     rows = steps // record_every + 1
     t: _Array = np.arange(rows, dtype=np.float64) * (record_every * dt)
     if rows < q.shape[-2]:
         q, qd = q[..., :rows, :], qd[..., :rows, :]
-    return Trajectory(scene, t, q, qd, dt, steps, method, armature, stiffness, rest, momentum_correction)
+    return Trajectory(scene, t, q, qd, dt, steps, **about)
 
 
 def stopped(

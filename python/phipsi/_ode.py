@@ -27,11 +27,19 @@ __all__ = ["Ode"]
 
 _Array = NDArray[np.float64]
 _Torque = Callable[[float, _Array, _Array], ArrayLike]
+#: Time, configuration, rates.
+_Row = tuple[float, _Array, _Array]
 
 #: A rotation further than this from the centre, rad, asks for a new one.
 TURNED = 1.0
 #: Step of the differences of the Jacobian, relative to one unit: truncation and rounding are then alike.
 DIFFERENCE = float(np.finfo(np.float64).eps) ** (1 / 3)
+
+
+def _rotated(w: _Array, u: _Array, once: Any, twice: Any) -> _Array:
+    """u + once w x u + twice w x (w x u)."""
+    product = np.cross(w, u)
+    return np.asarray(u + once * product + twice * np.cross(w, product))
 
 
 def _carried_back(w: _Array, u: _Array) -> _Array:
@@ -40,32 +48,19 @@ def _carried_back(w: _Array, u: _Array) -> _Array:
     small = t < 0.05
     half = np.where(small, 0.5, 0.5 * t)
     series = 1 / 12 + t**2 / 720 + t**4 / 30240
-    c = np.where(small, series, (1 - half / np.tan(half)) / np.where(small, 1.0, t) ** 2)
-    once = np.cross(w, u)
-    return np.asarray(u + 0.5 * once + c * np.cross(w, once))
+    return _rotated(w, u, 0.5, np.where(small, series, (1 - half / np.tan(half)) / np.where(small, 1.0, t) ** 2))
 
 
-def _turned(w: _Array, u: _Array) -> _Array:
+def _by_vector(w: _Array, u: _Array) -> _Array:
     """exp(w) u."""
     t = np.linalg.norm(w, axis=-1, keepdims=True)
-    once = np.cross(w, u)
-    return np.asarray(u + np.sinc(t / np.pi) * once + 0.5 * np.sinc(0.5 * t / np.pi) ** 2 * np.cross(w, once))
+    return _rotated(w, u, np.sinc(t / np.pi), 0.5 * np.sinc(0.5 * t / np.pi) ** 2)
 
 
-class _Frame:
-    """Rotations of a quaternion (x, y, z, w) of any batch."""
-
-    def __init__(self, quaternion: _Array) -> None:
-        unit = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
-        self.vector, self.scalar = unit[..., :3], unit[..., 3:]
-
-    def turn(self, u: _Array) -> _Array:
-        once = np.cross(self.vector, u)
-        return np.asarray(u + 2 * (self.scalar * once + np.cross(self.vector, once)))
-
-    def turn_back(self, u: _Array) -> _Array:
-        once = np.cross(self.vector, u)
-        return np.asarray(u + 2 * (np.cross(self.vector, once) - self.scalar * once))
+def _by_quaternion(quaternion: _Array, u: _Array, sign: float = 1.0) -> _Array:
+    """u rotated by a quaternion (x, y, z, w) of any norm; with the sign -1 rotated back."""
+    unit = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    return _rotated(unit[..., :3], u, 2.0 * sign * unit[..., 3:], 2.0)
 
 
 class Ode:
@@ -156,7 +151,7 @@ class Ode:
             step[..., linear] = 0.0
         q = self.scene.integrate(self._centre, step)
         for place, turn, linear, _ in self._moves:
-            q[..., place] = self._centre[place] + _Frame(self._centre[turn]).turn(x[..., linear])
+            q[..., place] = self._centre[place] + _by_quaternion(self._centre[turn], x[..., linear])
         return q
 
     def torque(self, t: float, q: _Array, v: _Array) -> _Array:
@@ -174,7 +169,7 @@ class Ode:
     def _away(self, rest: _Array, q: _Array) -> _Array:
         away = self.scene.difference(rest, q)
         for place, turn, linear, _ in self._moves:
-            away[..., linear] = _Frame(q[..., turn]).turn_back(q[..., place] - rest[place])
+            away[..., linear] = _by_quaternion(q[..., turn], q[..., place] - rest[place], -1.0)
         return away
 
     def rhs(self, t: float, y: ArrayLike) -> _Array:
@@ -186,7 +181,7 @@ class Ode:
         for _, angular in self._turns:
             rates[..., angular] = _carried_back(x[..., angular], v[..., angular])
         for _, _, linear, angular in self._moves:
-            rates[..., linear] = _turned(x[..., angular], v[..., linear])
+            rates[..., linear] = _by_vector(x[..., angular], v[..., linear])
         accelerations = self.scene.forward_dynamics(q, v, self.torque(t, q, v))
         return np.ascontiguousarray(np.concatenate([rates, accelerations], axis=-1).T)
 
@@ -243,9 +238,10 @@ class Ode:
         v = _core._numbers("qd", qd, self.scene)
         if v.shape != (self.scene.nv,):
             raise errors.of_argument(errors.ShapeError, "qd", f"found shape {v.shape}; expected ({self.scene.nv},)")
-        rows = _Rows(self, wanted)
         self.centre_at(q)
-        rows.first(start, v)
+        rows: list[_Row] = []
+        if wanted is None or (len(wanted) and wanted[0] == start):
+            rows.append(self._row(start, np.concatenate([np.zeros(self.scene.nv), v])))
         steps, t, first_step = 0, start, None
         while t < end:
             options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": max_step}
@@ -260,7 +256,7 @@ class Ode:
                 if solver.status == "failed":
                     raise self._failed(rows, method, steps, solver.t, message)
                 steps += 1
-                rows.step(solver)
+                rows += self._rows(solver, wanted)
                 if self._is_turned(solver.y):
                     break
             first_step = solver.step_size
@@ -271,44 +267,27 @@ class Ode:
     def _is_turned(self, y: _Array) -> bool:
         return any(np.linalg.norm(y[angular]) > TURNED for _, angular in self._turns)
 
-    def _trajectory(self, rows: _Rows, method: str, steps: int) -> Trajectory:
-        q, qd = (np.reshape(values, (len(rows.t), -1)) for values in (rows.q, rows.qd))
-        t = np.array(rows.t, dtype=np.float64)
+    def _row(self, t: float, y: _Array) -> _Row:
+        x, v = np.split(y, 2)
+        return float(t), self.configuration(x), np.array(v)
+
+    def _rows(self, solver: Any, wanted: _Array | None) -> list[_Row]:
+        """What a solution reports of the solver's last step: its end, or the times asked for."""
+        if wanted is None:
+            return [self._row(solver.t, solver.y)]
+        due = wanted[(wanted > solver.t_old) & (wanted <= solver.t)]
+        dense: Any = solver.dense_output() if len(due) else None
+        return [self._row(t, solver.y if t == solver.t else dense(t)) for t in due]
+
+    def _trajectory(self, rows: list[_Row], method: str, steps: int) -> Trajectory:
+        t = np.array([row[0] for row in rows], dtype=np.float64)
+        widths = (self.scene.nq, self.scene.nv)
+        q, qd = (np.reshape([row[at] for row in rows], (len(rows), width)) for at, width in enumerate(widths, 1))
         return Trajectory(
             self.scene, t, q, qd, np.nan, steps, method, self.scene.armature, self._stiffness.copy(), self._rest.copy()
         )
 
-    def _failed(self, rows: _Rows, method: str, steps: int, t: float, message: str | None) -> errors.SimulationError:
+    def _failed(self, rows: list[_Row], method: str, steps: int, t: float, message: str | None) -> errors.SimulationError:
         error = errors.SimulationError(f"step {steps} (t = {t:.6f} s): {method}: {message}")
         error.trajectory, error.step = self._trajectory(rows, method, steps), steps
         return error
-
-
-class _Rows:
-    """What a solution reports: every step, or the times asked for."""
-
-    def __init__(self, ode: Ode, wanted: _Array | None) -> None:
-        self.ode, self.wanted = ode, wanted
-        self.t: list[float] = []
-        self.q: list[_Array] = []
-        self.qd: list[_Array] = []
-
-    def first(self, t: float, v: _Array) -> None:
-        if self.wanted is None or (len(self.wanted) and self.wanted[0] == t):
-            self._add(t, np.concatenate([np.zeros(len(v)), v]))
-
-    def step(self, solver: Any) -> None:
-        if self.wanted is None:
-            self._add(solver.t, solver.y)
-            return
-        due = self.wanted[(self.wanted > solver.t_old) & (self.wanted <= solver.t)]
-        if len(due):
-            dense = solver.dense_output()
-            for t in due:
-                self._add(t, solver.y if t == solver.t else dense(t))
-
-    def _add(self, t: float, y: _Array) -> None:
-        nv = self.ode.scene.nv
-        self.t.append(float(t))
-        self.q.append(self.ode.configuration(y[:nv]))
-        self.qd.append(np.array(y[nv:]))

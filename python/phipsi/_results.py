@@ -142,28 +142,10 @@ class Joint(NamedTuple):
 
 def joint_of(described: tuple[Any, ...], has_axis: bool) -> Joint:
     """A joint from the numbers and names that it was given, as pickles have them."""
-    name, kind, pitch, parent, child, (rotation, xyz), axis, (armature, damping, friction), limits, mimic, (stiffness, rest) = described
-    lower, upper, velocity, effort = limits
-    return Joint(
-        name,
-        kind,
-        parent or None,
-        child,
-        xyz=np.array(xyz),
-        rotation=np.array(rotation).reshape(3, 3),
-        axis=np.array(axis) if has_axis else None,
-        pitch=pitch,
-        armature=armature,
-        damping=damping,
-        friction=friction,
-        stiffness=stiffness,
-        rest=np.array(rest, float),
-        lower=lower,
-        upper=upper,
-        velocity=velocity,
-        effort=effort,
-        mimic=Mimic(*mimic) if mimic else None,
-    )
+    name, kind, pitch, parent, child, (rotation, xyz), axis, losses, limits, mimic, (stiffness, rest) = described
+    place = np.array(xyz), np.array(rotation).reshape(3, 3), np.array(axis) if has_axis else None
+    numbers = pitch, *losses, stiffness, np.array(rest, float), *limits
+    return Joint._make((name, kind, parent or None, child, *place, *numbers, Mimic(*mimic) if mimic else None))
 
 
 class Samples(NamedTuple):

@@ -40,13 +40,17 @@ class Operator(ABC):
     def __init__(self, shape: tuple[int, int]) -> None:
         self.shape = shape
 
-    @abstractmethod
     def matvec(self, x: ArrayLike) -> Array:
         """The operator times vectors: x (..., columns) to (..., rows)."""
+        return self._apply(x, False)
 
-    @abstractmethod
     def rmatvec(self, x: ArrayLike) -> Array:
         """The transpose times vectors: x (..., rows) to (..., columns)."""
+        return self._apply(x, True)
+
+    @abstractmethod
+    def _apply(self, x: ArrayLike, transpose: bool) -> Array:
+        """The operator, or its transpose, times vectors."""
 
     @abstractmethod
     def toarray(self) -> Array:
@@ -70,8 +74,11 @@ class Operator(ABC):
         columns = columns.reshape(columns.shape[:1] + (1,) * lead + columns.shape[1:])
         return np.moveaxis(self.matvec(columns), 0, -1)
 
+    #: The operators that it is made of.
+    _parts: tuple[Operator, ...] = ()
+
     def _batch_axes(self) -> int:
-        return 0
+        return max((part._batch_axes() for part in self._parts), default=0)
 
     @overload
     def __matmul__(self, other: Operator) -> Operator: ...
@@ -88,21 +95,21 @@ class Operator(ABC):
 
     def __add__(self, other: Operator | float) -> Operator:
         """The sum; a number stands for that many identities, as in the paper's 1 + K."""
-        right = self._multiple(other)
-        return NotImplemented if right is None else _Sum(self, right, 1.0)
+        return self._sum(self, other, 1.0)
 
     def __radd__(self, other: float) -> Operator:
-        left = self._multiple(other)
-        return NotImplemented if left is None else _Sum(left, self, 1.0)
+        return self._sum(other, self, 1.0)
 
     def __sub__(self, other: Operator | float) -> Operator:
         """The difference; a number stands for that many identities."""
-        right = self._multiple(other)
-        return NotImplemented if right is None else _Sum(self, right, -1.0)
+        return self._sum(self, other, -1.0)
 
     def __rsub__(self, other: float) -> Operator:
-        left = self._multiple(other)
-        return NotImplemented if left is None else _Sum(left, self, -1.0)
+        return self._sum(other, self, -1.0)
+
+    def _sum(self, left: object, right: object, sign: float) -> Operator:
+        first, second = self._multiple(left), self._multiple(right)
+        return NotImplemented if first is None or second is None else _Sum(first, second, sign)
 
     def _multiple(self, other: object) -> Operator | None:
         """An operator as it is, a number times the identity; None for anything else."""
@@ -127,36 +134,47 @@ class Operator(ABC):
         return f"<operator {self} {self.shape[0]} x {self.shape[1]}>"
 
 
-class Identity(Operator):
-    """The identity."""
+class _Diagonal(Operator):
+    """A diagonal, (..., n)."""
 
-    def __init__(self, size: int) -> None:
-        super().__init__((size, size))
+    def __init__(self, entries: Array, name: str) -> None:
+        super().__init__((entries.shape[-1], entries.shape[-1]))
+        self._entries = entries
+        self._name = name
 
-    def matvec(self, x: ArrayLike) -> Array:
-        """x itself, as float64."""
-        vector = np.array(_core._numbers("x", x))
+    def _apply(self, x: ArrayLike, transpose: bool) -> Array:
+        vector = _core._numbers("x", x)
         if vector.shape[-1:] != self.shape[1:]:
             raise ShapeError(f"x: found shape {vector.shape}; expected (..., {self.shape[1]})")
-        return vector
-
-    rmatvec = matvec
+        return np.asarray(self._entries * vector)
 
     def toarray(self) -> Array:
-        """The identity matrix."""
-        return np.eye(self.shape[0])
+        return np.asarray(self._entries[..., :, None] * np.eye(self.shape[0]))
 
     def inv(self) -> Operator:
-        """Itself."""
-        return self
+        return _Diagonal(1.0 / self._entries, f"({self._name})^-1")
 
     @property
     def T(self) -> Operator:  # noqa: N802
         """Itself."""
         return self
 
+    def _batch_axes(self) -> int:
+        return self._entries.ndim - 1
+
     def __str__(self) -> str:
-        return "I"
+        return self._name
+
+
+class Identity(_Diagonal):
+    """The identity."""
+
+    def __init__(self, size: int) -> None:
+        super().__init__(np.ones(size), "I")
+
+    def inv(self) -> Operator:
+        """Itself."""
+        return self
 
 
 class _Leaf(Operator):
@@ -167,11 +185,8 @@ class _Leaf(Operator):
         self._raw = raw
         self._name = name
 
-    def matvec(self, x: ArrayLike) -> Array:
-        return self._raw.apply(self._name, False, x)
-
-    def rmatvec(self, x: ArrayLike) -> Array:
-        return self._raw.apply(self._name, True, x)
+    def _apply(self, x: ArrayLike, transpose: bool) -> Array:
+        return self._raw.apply(self._name, transpose, x)
 
     def toarray(self) -> Array:
         return self._raw.dense(self._name)
@@ -193,45 +208,13 @@ class _Leaf(Operator):
         return self._name
 
 
-class _Diagonal(Operator):
-    """A diagonal, (..., n)."""
-
-    def __init__(self, entries: Array, name: str) -> None:
-        super().__init__((entries.shape[-1], entries.shape[-1]))
-        self._entries = entries
-        self._name = name
-
-    def matvec(self, x: ArrayLike) -> Array:
-        vector = _core._numbers("x", x)
-        if vector.shape[-1:] != self.shape[1:]:
-            raise ShapeError(f"x: found shape {vector.shape}; expected (..., {self.shape[1]})")
-        return np.asarray(self._entries * vector)
-
-    rmatvec = matvec
-
-    def toarray(self) -> Array:
-        return np.asarray(self._entries[..., :, None] * np.eye(self.shape[0]))
-
-    def inv(self) -> Operator:
-        return _Diagonal(1.0 / self._entries, f"({self._name})^-1")
-
-    def _batch_axes(self) -> int:
-        return self._entries.ndim - 1
-
-    def __str__(self) -> str:
-        return self._name
-
-
 class _Transpose(Operator):
     def __init__(self, base: Operator) -> None:
         super().__init__((base.shape[1], base.shape[0]))
-        self._base = base
+        self._base, self._parts = base, (base,)
 
-    def matvec(self, x: ArrayLike) -> Array:
-        return self._base.rmatvec(x)
-
-    def rmatvec(self, x: ArrayLike) -> Array:
-        return self._base.matvec(x)
+    def _apply(self, x: ArrayLike, transpose: bool) -> Array:
+        return self._base._apply(x, not transpose)
 
     def toarray(self) -> Array:
         return np.swapaxes(self._base.toarray(), -1, -2)
@@ -243,9 +226,6 @@ class _Transpose(Operator):
     def T(self) -> Operator:  # noqa: N802
         return self._base
 
-    def _batch_axes(self) -> int:
-        return self._base._batch_axes()
-
     def __str__(self) -> str:
         return f"{self._base}*"
 
@@ -255,25 +235,22 @@ class _Product(Operator):
         if left.shape[1] != right.shape[0]:
             raise ShapeError(f"{left} @ {right}: found shapes {left.shape} and {right.shape}; expected equal inner sizes")
         super().__init__((left.shape[0], right.shape[1]))
-        self._left, self._right = left, right
+        self._parts = left, right
 
-    def matvec(self, x: ArrayLike) -> Array:
-        return self._left.matvec(self._right.matvec(x))
-
-    def rmatvec(self, x: ArrayLike) -> Array:
-        return self._right.rmatvec(self._left.rmatvec(x))
+    def _apply(self, x: ArrayLike, transpose: bool) -> Array:
+        last, first = reversed(self._parts) if transpose else self._parts
+        return last._apply(first._apply(x, transpose), transpose)
 
     def toarray(self) -> Array:
-        return np.asarray(self._left.toarray() @ self._right.toarray())
+        left, right = self._parts
+        return np.asarray(left.toarray() @ right.toarray())
 
     def inv(self) -> Operator:
-        return self._right.inv() @ self._left.inv()
-
-    def _batch_axes(self) -> int:
-        return max(self._left._batch_axes(), self._right._batch_axes())
+        left, right = self._parts
+        return right.inv() @ left.inv()
 
     def __str__(self) -> str:
-        return f"{self._left} {self._right}"
+        return " ".join(map(str, self._parts))
 
 
 class _Sum(Operator):
@@ -281,55 +258,46 @@ class _Sum(Operator):
         if left.shape != right.shape:
             raise ShapeError(f"{left} and {right}: found shapes {left.shape} and {right.shape}; expected equal shapes")
         super().__init__(left.shape)
-        self._left, self._right, self._sign = left, right, sign
+        self._parts, self._sign = (left, right), sign
 
-    def matvec(self, x: ArrayLike) -> Array:
-        return np.asarray(self._left.matvec(x) + self._sign * self._right.matvec(x))
-
-    def rmatvec(self, x: ArrayLike) -> Array:
-        return np.asarray(self._left.rmatvec(x) + self._sign * self._right.rmatvec(x))
+    def _apply(self, x: ArrayLike, transpose: bool) -> Array:
+        left, right = (part._apply(x, transpose) for part in self._parts)
+        return np.asarray(left + self._sign * right)
 
     def toarray(self) -> Array:
-        return np.asarray(self._left.toarray() + self._sign * self._right.toarray())
+        left, right = (part.toarray() for part in self._parts)
+        return np.asarray(left + self._sign * right)
 
     def inv(self) -> Operator:
         """(1 + K)^-1 = 1 - L (3.2, 3.13) and the other way round, and of their transposes."""
-        right = self._right
+        left, right = self._parts
         transposed = isinstance(right, _Transpose)
         leaf = right._base if isinstance(right, _Transpose) else right
         partner = {("K", 1.0): "L", ("L", -1.0): "K", ("E", -1.0): "Phi"}
-        if isinstance(self._left, Identity) and isinstance(leaf, _Leaf) and (leaf._name, self._sign) in partner:
+        if isinstance(left, Identity) and isinstance(leaf, _Leaf) and (leaf._name, self._sign) in partner:
             other: Operator = _Leaf(leaf._raw, partner[leaf._name, self._sign])
             other = other.T if transposed else other
-            return self._left - other if leaf._name == "K" else self._left + other
+            return left - other if leaf._name == "K" else left + other
         return super().inv()
 
-    def _batch_axes(self) -> int:
-        return max(self._left._batch_axes(), self._right._batch_axes())
-
     def __str__(self) -> str:
-        return f"({self._left} {'+' if self._sign > 0 else '-'} {self._right})"
+        left, right = self._parts
+        return f"({left} {'+' if self._sign > 0 else '-'} {right})"
 
 
 class _Scaled(Operator):
     def __init__(self, factor: float, base: Operator) -> None:
         super().__init__(base.shape)
-        self._factor, self._base = factor, base
+        self._factor, self._base, self._parts = factor, base, (base,)
 
-    def matvec(self, x: ArrayLike) -> Array:
-        return np.asarray(self._factor * self._base.matvec(x))
-
-    def rmatvec(self, x: ArrayLike) -> Array:
-        return np.asarray(self._factor * self._base.rmatvec(x))
+    def _apply(self, x: ArrayLike, transpose: bool) -> Array:
+        return np.asarray(self._factor * self._base._apply(x, transpose))
 
     def toarray(self) -> Array:
         return np.asarray(self._factor * self._base.toarray())
 
     def inv(self) -> Operator:
         return _Scaled(1.0 / self._factor, self._base.inv())
-
-    def _batch_axes(self) -> int:
-        return self._base._batch_axes()
 
     def __str__(self) -> str:
         return f"{self._factor:g} {self._base}"

@@ -333,6 +333,7 @@ def test_the_jacobian_is_that_of_the_right_side_and_stiff_methods_take_it() -> N
     expected = [[0.0, 1.0], [-(1e6 + weight * np.cos(0.2)) / inertia, -1e4 / inertia]]
     assert_near(jacobian, expected, 1e-7 * 1e7)
     stiff = ode.solve([0.2], [0.0], (0.0, 1.0), method="Radau", rtol=1e-6, atol=1e-9)
+    assert ode.solve([0.2], [0.0], (0.0, 1.0), t_eval=[]).q.shape == (0, 1)
     assert_near(stiff.q[-1], [0.0], 1e-4)
     both = ode.rhs(0.0, np.stack([y, -y], axis=-1))
     assert_near(both[:, 0], ode.rhs(0.0, y), product(4, 1e7))

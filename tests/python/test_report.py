@@ -15,9 +15,9 @@ import numpy as np
 import phipsi
 import pytest
 from click.testing import CliRunner
-from phipsi import _core, report
+from phipsi import _core
 from phipsi._core import BUNDLED_ARM, METHODS, ROUTES
-from phipsi.report import auto_cost, commands, draw, kinds, labels, machine, robot, states, text
+from phipsi.report import auto_cost, commands, draw, kinds, labels, pipeline, robot, sections, states, text
 from phipsi.report.progress import Silent
 from phipsi.report.sections import calls, emergence, residuals
 from phipsi.report.structure import tree_of
@@ -47,8 +47,8 @@ def mixed() -> phipsi.Scene:
 
 
 def written(scene: phipsi.Scene, folder: Path, **options: Any) -> tuple[dict[str, Any], str]:
-    found = report.collect(scene, Silent(), name="<robot> & co", source="here", quick=True, **options)
-    page = report.write(found, folder)
+    found = pipeline.collect(sections.ROBOT, robot.Report(True, "<robot> & co", "here", scene, **options), Silent())
+    (page,) = pipeline.write(sections.ROBOT, found, folder)
     return json.loads((folder / "report.json").read_text()), page.read_text(encoding="utf-8")
 
 
@@ -306,7 +306,7 @@ def without_times(tree: Any) -> Any:
 def test_the_same_seed_gives_the_same_numbers() -> None:
     first, again, other = (
         without_times(
-            report.to_json(report.collect(arm(), Silent(), name="", source="", quick=True, count=8, seed=seed))
+            pipeline.to_json(sections.ROBOT, pipeline.collect(sections.ROBOT, robot.Report(True, "", "", arm(), seed, 8), Silent()))
         )
         for seed in (3, 3, 4)
     )
@@ -417,7 +417,7 @@ def test_intervals_hold_as_often_as_they_say(bundled: tuple[dict[str, Any], str,
 
 def test_samples_a_second_on_one_core_and_on_all(bundled: tuple[dict[str, Any], str, Path]) -> None:
     rates = bundled[0]["emergence"]["samples_a_second"]
-    assert [rate["threads"] for rate in rates] == sorted({1, machine.threads()})
+    assert [rate["threads"] for rate in rates] == sorted({1, phipsi.get_num_threads()})
     assert all(0.0 < rate["per_second"] < math.inf for rate in rates)
     assert len({rate["samples"] for rate in rates}) == 1
 
@@ -453,7 +453,7 @@ def test_samples_are_drawn_on_as_many_threads_as_it_says(monkeypatch: pytest.Mon
         seen.append((route, phipsi.get_num_threads()))
         return 1e6, 1e-3
 
-    monkeypatch.setattr(machine, "threads", lambda: 3)
+    monkeypatch.setattr(_core, "get_num_threads", lambda: 3)
     monkeypatch.setattr(_core, "emergence", drawn)
     before = phipsi.get_num_threads()
     missing: dict[str, str] = {}

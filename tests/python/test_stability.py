@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from phipsi.report import commands, pipeline, stability
+from phipsi.report import commands, pipeline
 from phipsi.report.progress import Silent
-from phipsi.report.stability import STABILITY, Stability, collect
+from phipsi.report.stability import STABILITY, Stability
 from phipsi.report.stability.measure import COVARIANCE, ROOT
 
 import phipsi
@@ -19,7 +19,7 @@ import phipsi
 
 @pytest.fixture(scope="module")
 def found() -> Stability:
-    return collect(Silent(), quick=True)
+    return pipeline.collect(STABILITY, Stability(True), Silent())
 
 
 def test_every_case_and_value_is_there(found: Stability) -> None:
@@ -76,7 +76,7 @@ def test_the_pages_are_written(found: Stability, tmp_path: Path) -> None:
 
 
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, found: Stability) -> None:
-    monkeypatch.setattr(stability, "collect", lambda *_, **__: found)
+    monkeypatch.setattr(pipeline, "collect", lambda *_: found)
     result = CliRunner().invoke(commands.group, ["report", "--stability", "-o", str(tmp_path / "out")])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "out" / "index.html").exists()

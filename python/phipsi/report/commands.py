@@ -13,11 +13,11 @@ from rich.console import Console
 
 from .. import __version__, _core, errors
 from .._core import Scene
-from . import auto_cost, collect, pipeline, terminal, write
-from . import stability as stability_report
+from . import auto_cost, pipeline, sections, terminal
 from .progress import Silent, reporter
 from .robot import DENSE_CAP, Report
 from .sections import accuracy, calls, growth, residuals
+from .stability import STABILITY, Stability
 
 #: What the bundled arm is called.
 BUNDLED = "PUMA 560 (bundled)"
@@ -112,17 +112,17 @@ def report(
     console = Console(stderr=True)
     if stability:
         with _typed_errors(), reporter(console) as says:
-            extreme = stability_report.collect(says, quick=quick, seed=seed)
-            pages = pipeline.write(stability_report.STABILITY, extreme, output, markdown, says)
+            extreme = pipeline.collect(STABILITY, Stability(quick, seed), says)
+            pages = pipeline.write(STABILITY, extreme, output, markdown, says)
         click.echo("\n".join(map(str, pages)))
         return
     assert output is not None
     scene, name, source, texts = _load(robot, floating_base)
     with _typed_errors(), reporter(console) as says:
         output.mkdir(parents=True, exist_ok=True)
-        found = collect(scene, says, name=name, source=source, warnings=texts, quick=quick, count=count, seed=seed)
-        index = write(found, output, says)
-    click.echo(index)
+        found = pipeline.collect(sections.ROBOT, Report(quick, name, source, scene, seed, count, texts), says)
+        pages = pipeline.write(sections.ROBOT, found, output, None, says)
+    click.echo(pages[0])
     terminal.summary(console, found)
     if not found.passed:
         terminal.line(console, f"beyond the bound: {'; '.join(found.beyond)}", "bold red")

@@ -7,17 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from .._core import Scene
 from .._results import Joint
 from .labels import Anchor, gathered, sides, spread
 from .names import write_names
 from .plotting import GREY, INK, panels, styled
-from .states import ranges
+from .states import Array, ranges
 from .structure import Tree
-
-Array = NDArray[np.float64]
 
 #: Colours of the parts, in the order of the key.
 MERGED, TURN, SLIDE, FREE, MASS = "#b9bec4", "#0072b2", "#d55e00", "#009e73", "#e69f00"

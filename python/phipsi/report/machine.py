@@ -27,13 +27,6 @@ def describe() -> dict[str, str | int | None]:
     }
 
 
-def threads() -> int:
-    """How many threads can run at once: the cores that this process may use, where the system tells."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 def _cpu() -> str | None:
     try:
         for line in Path("/proc/cpuinfo").read_text().splitlines():

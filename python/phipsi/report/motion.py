@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +14,15 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
-from .. import errors
+from .. import _core, errors
 from .._core import Scene
 from .._motion import Trajectory
 from .draw import View
 from .names import write_names
 from .plotting import COLOURS, FAINT, INK, styled
+from .states import Array
 from .structure import Tree
-
-Array = NDArray[np.float64]
 
 #: What a state file may say.
 KEYS = ("q", "qd", "tau")
@@ -43,13 +41,13 @@ def read_state(path: Path, scene: Scene) -> dict[str, Array]:
     for key, value in _read(path).items():
         if key not in KEYS:
             raise errors.ArgumentError(f"{path}: found {key!r}; expected {', '.join(KEYS)}")
-        indices = scene.q_index if key == "q" else scene.v_index
+        name, usual = f"{path}: {key}", state[key]
         if isinstance(value, Mapping):
-            for joint, own in value.items():
-                at = indices(joint)
-                state[key][at] = _numbers(own, f"{path}: {key} of {joint}", at.stop - at.start)
-        else:
-            state[key] = _numbers(value, f"{path}: {key}", len(state[key]))
+            indices = scene.q_index if key == "q" else scene.v_index
+            value = {joint: usual[indices(joint)] for joint in scene.joint_names} | dict(value)
+        state[key] = _core._numbers(name, value, scene, key == "q")
+        if state[key].shape != usual.shape:
+            raise errors.ShapeError(f"{name}: found shape {state[key].shape}; expected {usual.shape}")
     return state
 
 
@@ -64,16 +62,6 @@ def _read(path: Path) -> Mapping[str, Any]:
     if not isinstance(found, Mapping):
         raise errors.ArgumentError(f"{path}: found a {type(found).__name__}; expected an object with {', '.join(KEYS)}")
     return found
-
-
-def _numbers(value: Any, name: str, length: int) -> Array:
-    try:
-        numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
-    except (TypeError, ValueError):
-        raise errors.ArgumentError(f"{name}: found {value!r}; expected {length} numbers") from None
-    if numbers.shape != (length,):
-        raise errors.ShapeError(f"{name}: found shape {numbers.shape}; expected ({length},)")
-    return numbers
 
 
 def write(path: Trajectory, tree: Tree, folder: Path, *, table: bool) -> list[Path]:
@@ -120,10 +108,9 @@ def motion_plot(path: Trajectory) -> tuple[str, Figure]:
     top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(1.25, 1.0, 1.0))
     curves = _curves(top, path.t, path.q)
     _curves(middle, path.t, path.qd)
-    top.set_ylabel("coordinates (rad, m)")
-    middle.set_ylabel("rates (rad/s, m/s)")
-    bottom.set_ylabel("energy (J)")
-    bottom.set_xlabel("time (s)")
+    top.set(ylabel="coordinates (rad, m)")
+    middle.set(ylabel="rates (rad/s, m/s)")
+    bottom.set(ylabel="energy (J)", xlabel="time (s)")
     kinds = (("kinetic", energy.kinetic), ("of gravity", energy.potential), ("of springs", energy.spring))
     for colour, (name, values) in zip(COLOURS, kinds, strict=False):
         if np.any(values):

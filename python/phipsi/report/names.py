@@ -47,21 +47,16 @@ def _is_known(character: str, families: tuple[str, ...]) -> bool:
 def _families(characters: str, default: tuple[str, ...]) -> list[str]:
     """Installed families that have what the default ones lack, as few as are needed."""
     lacking = {c for c in characters if c.isprintable() and not any(_has(family, c) for family in default)}
-    found: list[str] = []
-    if not lacking:
-        return found
     # Upright and of usual weight: others would be taken for want of these, with a message.
-    installed = {font.name for font in font_manager.fontManager.ttflist if font.style == "normal" and font.weight in (400, "normal")}
-    others = sorted(installed.difference(PREFERRED))
-    for family in (*(family for family in PREFERRED if family in installed), *others):
-        if any(word in family.lower() for word in UNUSABLE):
-            continue
+    fonts = (font for font in font_manager.fontManager.ttflist if font.style == "normal" and font.weight in (400, "normal"))
+    installed = {font.name for font in fonts if not any(word in font.name.lower() for word in UNUSABLE)}
+    found: list[str] = []
+    for family in (*(one for one in PREFERRED if one in installed), *sorted(installed.difference(PREFERRED))):
+        # None of them is looked into where nothing is lacking.
         had = {c for c in lacking if _has(family, c)}
         if had:
             found.append(family)
             lacking -= had
-        if not lacking:
-            break
     return found
 
 

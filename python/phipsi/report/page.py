@@ -106,15 +106,8 @@ def flowed(words: str, **values: object) -> str:
     return " ".join(words.format(**values).split())
 
 
+#: What templates write numbers with.
 FILTERS: dict[str, Callable[..., Any]] = {
-    "count": text.count,
-    "minus": text.minus,
-    "plural": text.plural,
-    "power": text.power,
-    "scientific": text.scientific,
-    "significant": text.significant,
-    "symbols": text.symbols,
-    "time": text.time,
-    "isfinite": np.isfinite,
-    "log10": np.log10,
-}
+    function.__name__: function
+    for function in (text.count, text.minus, text.plural, text.power, text.scientific, text.significant, text.symbols, text.time)
+} | {"isfinite": np.isfinite, "log10": np.log10}

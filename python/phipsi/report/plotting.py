@@ -13,7 +13,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from .labels import spread
@@ -89,11 +89,8 @@ def panels(size: tuple[float, float], rows: int = 1, columns: int = 1, *, margin
 
 def log_log(axes: Axes, title: str, ylabel: str, xlabel: str) -> None:
     """Both axes logarithmic, with their names and a title."""
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel)
     axes.set_title(title, loc="left", fontsize=9.5, fontweight="bold")
-    axes.set_ylabel(ylabel)
-    axes.set_xlabel(xlabel)
     axes.grid(axis="y", color=FAINT, lw=0.6)
 
 
@@ -124,17 +121,13 @@ def fine_ticks(axis: Any, reach: float, name: Callable[[float], str]) -> None:
 
 def time_axis(axes: Axes, low: float, high: float) -> None:
     """A logarithmic axis of times in ns, ticks at 1, 2, 5."""
-    axes.set_xscale("log")
-    axes.set_xlim(low, high)
+    axes.set(xscale="log", xlim=(low, high))
     fine_ticks(axes.xaxis, high / low, plain_time)
 
 
 def plain_time(ns: float) -> str:
     """A time with its unit, no more digits than it has."""
-    for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)):
-        if ns >= size * 0.999:
-            return f"{ns / size:g} {unit}"
-    return f"{ns:g} ns"
+    return EngFormatter("s").format_data(1e-9 * ns)
 
 
 def direct_labels(axes: Axes, entries: Sequence[tuple[float, float, str, str]], gap: float = 0.065) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import TypeVar
 
 from rich.console import Console
@@ -13,19 +14,24 @@ T = TypeVar("T")
 
 
 class Reporter:
-    """Told what is being done; says one short line a part."""
+    """Told what is being done: a line a part, or a bar where there are bars."""
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
+    def __init__(self, console: Console, bars: Progress | None = None) -> None:
+        self._console, self._bars = console, bars
 
     def each(self, name: str, pieces: Sequence[T]) -> Iterator[T]:
         """The pieces of a part of the work, one after the other; the next is asked for when one is done."""
+        if self._bars is not None:
+            return iter(self._bars.track(pieces, description=name))
         self._console.print(f"{name} ...", highlight=False)
-        yield from pieces
+        return iter(pieces)
 
     def counter(self, name: str) -> Callable[[int, int], None] | None:
         """What is told how many of how many steps are done; None where nothing would be shown."""
-        return None
+        if self._bars is None:
+            return None
+        update = partial(self._bars.update, self._bars.add_task(name))
+        return lambda done, steps: update(completed=done, total=steps)
 
 
 class Silent(Reporter):
@@ -33,20 +39,6 @@ class Silent(Reporter):
 
     def __init__(self) -> None:
         super().__init__(Console(quiet=True))
-
-
-class Bars(Reporter):
-    """A bar a part."""
-
-    def __init__(self, progress: Progress) -> None:
-        self._progress = progress
-
-    def each(self, name: str, pieces: Sequence[T]) -> Iterator[T]:
-        return iter(self._progress.track(pieces, description=name))
-
-    def counter(self, name: str) -> Callable[[int, int], None]:
-        task = self._progress.add_task(name)
-        return lambda done, steps: self._progress.update(task, completed=done, total=steps)
 
 
 @contextmanager
@@ -57,4 +49,4 @@ def reporter(console: Console) -> Iterator[Reporter]:
         return
     columns = (TextColumn("{task.description:<28}"), BarColumn(40), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console) as progress:
-        yield Bars(progress)
+        yield Reporter(console, progress)

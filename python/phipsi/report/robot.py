@@ -8,18 +8,15 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import _core
 from .._core import Scene
 from . import kinds
 from .pipeline import Findings, Missing
-from .states import States, draw
+from .states import Array, States, draw
 from .structure import Tree, tree_of
 from .text import plural
 from .timing import BATCH, TURNS, Of
-
-Array = NDArray[np.float64]
 
 #: Unit roundoff by precision: the distance from 1 to the next number.
 EPS = {"float64": float(np.finfo(np.float64).eps), "float32": float(np.finfo(np.float32).eps)}

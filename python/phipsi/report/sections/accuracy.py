@@ -13,7 +13,8 @@ from ... import _core
 from ..pipeline import Section
 from ..plotting import COLOURS, Plot, direct_labels, level, panels, power_ticks, styled, time_axis
 from ..progress import Reporter
-from ..robot import DENSE_CAP, EPS, PRECISIONS, Array, Report, median, rust
+from ..robot import DENSE_CAP, EPS, PRECISIONS, Report, median, rust
+from ..states import Array
 from ..text import power, significant, symbols
 from ..timing import Of
 
@@ -114,10 +115,8 @@ def _panel(axes: Axes, rows: Sequence[Accuracy], precision: str) -> None:
     errors = [np.maximum(row.errors[np.isfinite(row.errors)], eps * 1e-3) for row in rows]
     low = min([eps / 4, *(float(np.quantile(e, 0.02)) for e in errors)])
     high = max([eps * 12, *(float(e.max()) for e in errors)])
-    axes.set_yscale("log")
-    axes.set_ylim(low / 1.8, high * 2.2)
+    axes.set(yscale="log", ylim=(low / 1.8, high * 2.2), ylabel="relative error of the accelerations")
     power_ticks(axes.yaxis, 9)
-    axes.set_ylabel("relative error of the accelerations")
     axes.set_title(precision, loc="left", fontsize=9.5, fontweight="bold")
     level(axes, eps)
     exponent = int(np.floor(np.log10(eps)))

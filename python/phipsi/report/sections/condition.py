@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from ..pipeline import Section
 from ..plotting import Plot, direct_labels, fine_ticks, level, panels, power_ticks, styled, ticks
 from ..progress import Reporter
-from ..robot import EPS, Array, Report
+from ..robot import EPS, Report
+from ..states import Array
 from ..text import power, scientific, symbols
 from .accuracy import Accuracy
 
@@ -47,18 +48,16 @@ def error_against_condition(rows: Sequence[Accuracy], conditions: Array) -> tupl
     finite = conditions[np.isfinite(conditions)]
     low, high = float(finite.min()), float(finite.max())
     pad = max((high / low) ** 0.06, 1.08)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlim(low / pad, high * pad)
     highest, lowest = max(row.error_max for row in rows) / eps, min(row.error_median for row in rows) / eps
-    axes.set_ylim(max(0.02, lowest / 20.0), max(highest * 3.0, 30.0))
+    axes.set(
+        xscale="log", xlim=(low / pad, high * pad), xlabel="condition number of M at the state",
+        yscale="log", ylim=(max(0.02, lowest / 20.0), max(highest * 3.0, 30.0)), ylabel="error in units of eps",
+    )  # fmt: skip
     if high / low > 30:
         power_ticks(axes.xaxis, 8)
     else:
         fine_ticks(axes.xaxis, high / low, scientific)
     ticks(axes.yaxis, _units)
-    axes.set_xlabel("condition number of M at the state")
-    axes.set_ylabel("error in units of eps")
     level(axes, 1.0)
     entries = []
     for row in rows:
@@ -80,9 +79,7 @@ def mass_matrix(matrix: Array) -> tuple[str, Figure]:
     ticks(bar.ax.yaxis, lambda value: power(round(value)), MaxNLocator(integer=True, nbins=7))
     bar.outline.set_visible(False)  # type: ignore[operator,unused-ignore]
     bar.set_label("|M|, SI units (kg m², kg m, kg)")
-    axes.set_xticks([])
-    axes.set_yticks([])
-    axes.set_xlabel(f"{len(matrix)} × {len(matrix)}, base to tip in the order of qd")
+    axes.set(xticks=[], yticks=[], xlabel=f"{len(matrix)} × {len(matrix)}, base to tip in the order of qd")
     return "mass-matrix", figure
 
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from ... import _core, errors
 from ..._core import RandomModel, Scene
-from .. import machine
 from ..pipeline import Missing
 from ..progress import Reporter
-from ..robot import DENSE_CAP, Array, Report, rust
+from ..robot import DENSE_CAP, Report, rust
+from ..states import Array
 from ..timing import Of, threads
 
 PLAIN, SOBOL, SIGMA, RECURSION, DENSE = _core.ROUTES
@@ -257,7 +257,7 @@ def _rates(
     scene: Scene, q: Array, model: RandomModel, effort: Effort, missing: dict[str, str], reporter: Reporter
 ) -> list[Rate]:
     """On one thread and on as many as there are cores, the same samples."""
-    repeats, cores = 3, machine.threads()
+    repeats, cores = 3, _core.get_num_threads()
     piece = PIECE * cost(PLAIN, model.dimension, scene.nv) * (repeats + 2)
     # As many as work should allow, and one a thread at least; no clock decides.
     pieces = cores * max(1, min(effort.rate_pieces, int(effort.rate_ns / piece / cores)))

@@ -51,11 +51,9 @@ def error_against_time(found: Emergence) -> tuple[str, Figure]:
     low, exact = min(times) / 2.0, max(point.ns_median for point in points if point.route not in SAMPLED)
     # The names of single points need room right of them.
     time_axis(axes, low, max(max(times) * 1.6, low * (exact / low) ** (1.0 / 0.6)))
-    axes.set_yscale("log")
-    axes.set_ylim(min([*values, eps]) / 6.0, max([*values, eps * 100.0]) * 5.0)
+    axes.set(yscale="log", ylim=(min([*values, eps]) / 6.0, max([*values, eps * 100.0]) * 5.0))
+    axes.set(xlabel="median time from q to M, one thread", ylabel="relative error of M, Frobenius norm")
     power_ticks(axes.yaxis, 10)
-    axes.set_xlabel("median time from q to M, one thread")
-    axes.set_ylabel("relative error of M, Frobenius norm")
     level(axes, eps)
     entries = [(axes.get_xlim()[1], eps, f"flat line of rounding,\neps = {scientific(eps)}", SOFT)]
     entries += [_curve(axes, found, route) for route in SAMPLED if found.along(route)]
@@ -99,15 +97,12 @@ def _slope(line: Slope) -> str:
 def error_against_samples(found: Emergence) -> tuple[str, Figure]:
     """Error of M against the number of samples, with the lines whose slopes are measured."""
     figure, ((axes,),) = panels((10.0, 3.7), margins=(0.075, 0.775, 0.96, 0.14))
-    axes.set_xscale("log", base=2)
-    axes.set_yscale("log")
     samples = [point.samples for point in found.points if point.samples]
     values = [_floor(point.error) for point in found.points if point.samples]
-    axes.set_xlim(min(samples) / 1.3, max(samples) * 1.3)
-    axes.set_ylim(min(values) / 1.8, max(values) * 1.8)
+    axes.set_xscale("log", base=2)
+    axes.set(yscale="log", xlabel="samples", ylabel="relative error of M")
+    axes.set(xlim=(min(samples) / 1.3, max(samples) * 1.3), ylim=(min(values) / 1.8, max(values) * 1.8))
     ticks(axes.xaxis, lambda value: power(round(np.log2(value)), 2), LogLocator(base=2, subs=(1.0,), numticks=20))
-    axes.set_xlabel("samples")
-    axes.set_ylabel("relative error of M")
     power_ticks(axes.yaxis, 8)
     if max(values) < 30.0 * min(values):
         ticks(axes.yaxis, lambda value: scientific(value, 0), LogLocator(subs=(1.0, 2.0, 5.0)))

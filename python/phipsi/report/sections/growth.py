@@ -72,11 +72,9 @@ def _collect(report: Report, reporter: Reporter) -> dict[str, Any]:
 def _plot(rows: Sequence[Row]) -> tuple[str, Figure]:
     figure, ((axes,),) = panels((10.0, 3.3), margins=(0.075, 0.775, 0.95, 0.15))
     bodies = np.array([row.bodies for row in rows])
-    axes.set_xscale("log")
-    axes.set_xlim(bodies.min() / 1.25, bodies.max() * 1.25)
+    limits = (bodies.min() / 1.25, bodies.max() * 1.25)
+    axes.set(xscale="log", xlim=limits, xlabel="bodies in the chain", ylabel="time a body, ns")
     ticks(axes.xaxis, lambda value: count(round(value)))
-    axes.set_xlabel("bodies in the chain")
-    axes.set_ylabel("time a body, ns")
     entries, highest = [], 0.0
     for (kind, (name, _, _)), ink in zip(TIMED.items(), (*COLOURS[:2], SOFT), strict=True):
         values = np.array([row.of(kind) for row in rows])

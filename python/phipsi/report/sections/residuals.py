@@ -10,8 +10,8 @@ from ... import _core
 from ..._core import Scene
 from ..pipeline import Section
 from ..progress import Reporter
-from ..robot import EPS, Array, Report
-from ..states import States
+from ..robot import EPS, Report
+from ..states import Array, States
 
 #: Residuals may be this many times eps times size or condition number.
 SLACK = 64.0

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from .. import pipeline
 from ..pipeline import Layout, Section, provenance
-from ..progress import Reporter
 from . import measure, plots, tables
 from .measure import Stability
 
-__all__ = ["STABILITY", "Stability", "collect"]
+__all__ = ["STABILITY", "Stability"]
 
 STABILITY: Layout[Stability] = Layout(
     "stability",
@@ -24,11 +22,3 @@ STABILITY: Layout[Stability] = Layout(
         provenance(),
     ),
 )
-
-
-def collect(reporter: Reporter, *, quick: bool = False, seed: int = 0) -> Stability:
-    """Measures every case at every value of its sweep, at eight states from `seed` on.
-
-    With `quick`: two states, chains of up to 1000 links, fewer passes.
-    """
-    return pipeline.collect(STABILITY, Stability(quick, seed), reporter)

@@ -8,14 +8,12 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ... import _core, errors, scenes
 from ..pipeline import Findings
 from ..progress import Reporter
 from ..robot import PRECISIONS
-
-Array = NDArray[np.float64]
+from ..states import Array
 
 COVARIANCE, ROOT, LDLT, CHOLESKY = _core.FORMS
 #: Draws of each sensitivity.
@@ -123,7 +121,7 @@ class Recursion(NamedTuple):
 
 @dataclass
 class Stability(Findings):
-    """What was measured on the extreme scenes."""
+    """What was measured on the extreme scenes, each case at every value of its sweep; `quick`: two states, and chains of up to 1000 links."""
 
     seed: int = 0
     others: Sequence[Other] = ()

@@ -17,19 +17,19 @@ from .measure import COVARIANCE, ROOT, TIMED, Point, Stability
 
 FLOOR = "#c9ced3"
 ERROR = "relative error of the accelerations"
-#: Plots against a parameter: file, case, how the axis is called.
-SWEEPS = (
-    ("error-against-tip-mass", "heavy-tip", "mass of the last of 8 links, kg (the others 1 kg)"),
-    ("error-against-growth", "growing-masses", "mass of each of 8 links over that of the one before it"),
-    ("error-against-links", "long-chain", "links of a nearly straight chain"),
-    ("error-against-spin", "spin", "rates, rad/s"),
-    ("error-against-lever", "long-lever", "distance between two joints in the middle, m"),
-)
+#: Plots against a parameter: file; case, how the axis is called, caption.
+SWEEPS = {
+    "error-against-tip-mass": ("heavy-tip", "mass of the last of 8 links, kg (the others 1 kg)", "Eight links, the last one heavier and heavier."),
+    "error-against-growth": ("growing-masses", "mass of each of 8 links over that of the one before it", "Eight links, each heavier than the one before it."),
+    "error-against-links": ("long-chain", "links of a nearly straight chain", "A nearly straight chain; nothing dense is formed beyond 1000 links."),
+    "error-against-spin": ("spin", "rates, rad/s", "Twelve links, rates up to a million radians a second."),
+    "error-against-lever": ("long-lever", "distance between two joints in the middle, m", "Eight links, two of the joints further and further apart."),
+}
 
 
 def draw(found: Stability) -> list[Plot]:
     """All plots."""
-    return [*(_sweep(found, *arguments) for arguments in SWEEPS), _against_time(found)]
+    return [*(_sweep(found, name, case, label) for name, (case, label, _) in SWEEPS.items()), _against_time(found)]
 
 
 def _inks(found: Stability) -> dict[str, str]:

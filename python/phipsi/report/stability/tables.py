@@ -10,14 +10,8 @@ from ..page import Block, Code, Figure, Heading, Table, flowed
 from ..robot import PRECISIONS
 from ..text import plural, time
 from .measure import COVARIANCE, ROOT, TIMED, Error, Point, Recursion, Stability
+from .plots import SWEEPS
 
-CAPTIONS = {
-    "error-against-tip-mass": "Eight links, the last one heavier and heavier.",
-    "error-against-growth": "Eight links, each heavier than the one before it.",
-    "error-against-links": "A nearly straight chain; nothing dense is formed beyond 1000 links.",
-    "error-against-spin": "Twelve links, rates up to a million radians a second.",
-    "error-against-lever": "Eight links, two of the joints further and further apart.",
-}
 RUN_TIME = """\
 One point a method; filled circles float64, hollow squares float32. A method without a point failed. Times are of one thread and one
 state, calls of Scene::evaluate in Rust (the dense methods: with faer).
@@ -71,7 +65,7 @@ def beyond(found: Stability) -> list[Block]:
 def pictures(found: Stability) -> list[Block]:
     """The plots."""
     states = f"Each point is the worst of {len(found.seeds)} states; the grey area is below the sensitivity."
-    sweeps = [Figure(name, f"{caption} {states}") for name, caption in CAPTIONS.items()]
+    sweeps = [Figure(name, f"{caption} {states}") for name, (_, _, caption) in SWEEPS.items()]
     return [flowed(SWEPT), *sweeps, Figure("error-against-run-time", flowed(RUN_TIME))]
 
 
