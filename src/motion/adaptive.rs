@@ -184,6 +184,7 @@ struct Field<'a> {
     scene: &'a Scene,
     law: Law,
     scratch: Scratch<f64>,
+    solver: Checked,
     torque: TorqueLaw<'a>,
     centre: Vec<f64>,
     /// What was wrong with the last right side that could not be computed, since it was last asked.
@@ -197,12 +198,12 @@ impl<'a> Field<'a> {
         let laws = (of.properties.clone(), of.gains.clone());
         let law = Law::new(of.scene.model(), 1.0, Method::RungeKutta4, laws, Vec::new());
         let mut scratch = Scratch::new(of.scene.model(), &law);
-        scratch.workspace.form = Form::Auto;
+        let solver = Checked::new(of.scene.model(), Form::Auto);
         if let Some(gains) = &of.gains {
             scratch.target.copy_from_slice(&gains.target);
             scratch.target_rate.copy_from_slice(&gains.target_rate);
         }
-        Self { scene: of.scene, law, scratch, torque, centre: Vec::new(), error: None, evaluations: 0 }
+        Self { scene: of.scene, law, scratch, solver, torque, centre: Vec::new(), error: None, evaluations: 0 }
     }
 
     /// The configuration at the coordinates `x`.
@@ -233,8 +234,8 @@ impl<'a> Field<'a> {
         (self.torque)(t, &q, v, &mut s.torque);
         let pushed = s.torque.iter().position(|u| !u.is_finite());
         s.set_stage(&q, v);
-        let mut solver = Checked::default();
-        accelerations(&self.law, s, &mut solver);
+        accelerations(&self.law, s, &mut self.solver);
+        let lost = self.solver.lost.take();
         qdd.copy_from_slice(&s.m[0]);
         rates.copy_from_slice(v);
         let model = self.scene.model();
@@ -256,7 +257,7 @@ impl<'a> Field<'a> {
         if let Some(row) = pushed {
             let found = format!("{} for joint {:?} at t = {t} s", s.torque[row], joint_of_row(self.scene, row));
             self.error = Some(Error::argument("torque", found, "torques that are finite"));
-        } else if let Some(lost) = solver.lost {
+        } else if let Some(lost) = lost {
             self.error = Some(self.scene.singular(lost));
         } else {
             return;

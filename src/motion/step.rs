@@ -9,6 +9,7 @@ use crate::batch::arms::{Target, Vectorised};
 use crate::dynamics;
 use crate::dynamics::auto::Errors;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
+use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scalar::Real;
@@ -108,7 +109,6 @@ pub(super) struct Scratch<T: Real> {
     pub model: Model<T>,
     constants: SweepModel<T>,
     sweeps: SweepScratch<T>,
-    pub workspace: Workspace<T>,
     rows: Vec<RowTerms<T>>,
     rest: Vec<T>,
     pub target: Vec<T>,
@@ -160,7 +160,6 @@ impl<T: Real> Scratch<T> {
         Self {
             sweeps: SweepScratch::new(&model, &constants),
             constants,
-            workspace: Workspace::new(&model),
             rows: (0..nv).map(row).collect(),
             rest: law.properties.rest.iter().map(|&x| T::from_f64(x)).collect(),
             target: coordinates(),
@@ -201,7 +200,7 @@ pub(super) trait Solver<T: Real> {
     fn solve(
         &mut self,
         scene: (&Model<T>, &SweepModel<T>),
-        scratch: (&mut SweepScratch<T>, &mut Workspace<T>),
+        scratch: &mut SweepScratch<T>,
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64;
@@ -215,7 +214,7 @@ impl<T: Vectorised, I: Target> Solver<T> for Plain<I> {
     fn solve(
         &mut self,
         scene: (&Model<T>, &SweepModel<T>),
-        (scratch, _): (&mut SweepScratch<T>, &mut Workspace<T>),
+        scratch: &mut SweepScratch<T>,
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
@@ -231,7 +230,7 @@ impl<T: Vectorised, I: Target> Solver<T> for Watched<T, I> {
     fn solve(
         &mut self,
         scene: (&Model<T>, &SweepModel<T>),
-        (scratch, _): (&mut SweepScratch<T>, &mut Workspace<T>),
+        scratch: &mut SweepScratch<T>,
         state: (&[T], &[T], &[T]),
         qdd: &mut [T],
     ) -> u64 {
@@ -241,23 +240,29 @@ impl<T: Vectorised, I: Target> Solver<T> for Watched<T, I> {
 }
 
 /// One state with every check, in the form of the workspace.
-#[derive(Default)]
 pub(super) struct Checked {
-    /// The first pivot that was lost.
+    workspace: Workspace<f64>,
+    /// The first pivot that was lost, since it was last taken.
     pub lost: Option<LostPivot>,
+}
+
+impl Checked {
+    pub fn new(model: &Model<f64>, form: Form) -> Self {
+        Self { workspace: Workspace::new(model).in_form(form), lost: None }
+    }
 }
 
 impl Solver<f64> for Checked {
     fn solve(
         &mut self,
         (model, _): (&Model<f64>, &SweepModel<f64>),
-        (_, workspace): (&mut SweepScratch<f64>, &mut Workspace<f64>),
+        _scratch: &mut SweepScratch<f64>,
         (q, v, u): (&[f64], &[f64], &[f64]),
         qdd: &mut [f64],
     ) -> u64 {
-        let monitor = dynamics::forward_dynamics(model, workspace, q, v, u, &[], qdd);
+        let monitor = dynamics::forward_dynamics(model, &mut self.workspace, q, v, u, &[], qdd);
         if self.lost.is_none() {
-            self.lost = workspace.lost_pivot(model, &monitor);
+            self.lost = self.workspace.lost_pivot(model, &monitor);
         }
         0
     }
@@ -278,8 +283,7 @@ fn add_scaled<T: Real>(sum: &mut [T], c: f64, x: &[T]) {
 #[cfg(feature = "adaptive")]
 pub(super) fn accelerations<T: Real, S: Solver<T>>(law: &Law, s: &mut Scratch<T>, solver: &mut S) {
     forces(law, s, 0);
-    let scratch = (&mut s.sweeps, &mut s.workspace);
-    solver.solve((&s.model, &s.constants), scratch, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[0]);
+    solver.solve((&s.model, &s.constants), &mut s.sweeps, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[0]);
 }
 
 /// From `q`, `v` to `q_next`, `v_next`; gives the lanes in doubt as bits.
@@ -311,8 +315,7 @@ pub(super) fn step<T: Real, S: Solver<T>>(law: &Law, s: &mut Scratch<T>, solver:
             }
         }
         forces(law, s, i);
-        let scratch = (&mut s.sweeps, &mut s.workspace);
-        doubt |= solver.solve((&s.model, &s.constants), scratch, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[i]);
+        doubt |= solver.solve((&s.model, &s.constants), &mut s.sweeps, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[i]);
         s.l[i].copy_from_slice(&s.c);
         add_scaled(&mut s.l[i], t.gamma[i][i], &s.m[i]);
     }

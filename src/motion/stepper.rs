@@ -8,6 +8,7 @@ use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
 use crate::dynamics::auto::Errors;
 use crate::error::Error;
 use crate::filter::Form;
+use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scalar::{Fused, lanes_but};
 #[cfg(target_arch = "x86_64")]
@@ -119,7 +120,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
 
 /// One state, for the steps that a lane was in doubt at.
 struct Alone {
-    scratch: Option<Scratch<f64>>,
+    scratch: Option<(Scratch<f64>, Checked)>,
 }
 
 impl<T: Vectorised<Number = f64>, I: Target> Stepping for Compiled<T, I> {
@@ -250,8 +251,8 @@ fn again<T: Vectorised<Number = f64>>(
     (n, first): (usize, usize),
     mut doubt: u64,
 ) -> Result<(), StepFault> {
-    let one = alone.scratch.get_or_insert_with(|| Scratch::new(scene.model(), law));
-    one.workspace.form = form;
+    let made = || (Scratch::new(scene.model(), law), Checked::new(scene.model(), form));
+    let (one, solver) = alone.scratch.get_or_insert_with(made);
     while doubt != 0 {
         let lane = doubt.trailing_zeros() as usize;
         doubt &= doubt - 1;
@@ -262,9 +263,9 @@ fn again<T: Vectorised<Number = f64>>(
         scatter(&s.target_rate, lane, &mut one.target_rate);
         scatter(&s.keeper.start, lane, &mut one.keeper.start);
         one.keeper.time = s.keeper.time;
-        let mut solver = Checked::default();
-        step(law, one, &mut solver);
-        if let Some(fault) = fault_of(scene, law, one, &solver) {
+        step(law, one, solver);
+        let lost = solver.lost.take();
+        if let Some(fault) = fault_of(scene, law, one, lost) {
             let (joint, error) = fault;
             return Err(StepFault { step: n, state: first + lane, joint, error });
         }
@@ -282,11 +283,11 @@ fn again<T: Vectorised<Number = f64>>(
 }
 
 /// What is wrong with a checked step: the joint and the error.
-fn fault_of(scene: &Scene, law: &Law, s: &Scratch<f64>, solver: &Checked) -> Option<(String, Error)> {
+fn fault_of(scene: &Scene, law: &Law, s: &Scratch<f64>, lost: Option<LostPivot>) -> Option<(String, Error)> {
     let limit = FARTHEST / law.step;
     let strayed = s.v_next.iter().position(|v| !(v.abs() <= limit));
     let finite = s.v.iter().chain(&s.q).all(|x| x.is_finite());
-    if let Some(lost) = solver.lost {
+    if let Some(lost) = lost {
         // A pivot that is not finite comes of a state that ran away within the step.
         if lost.pivot.is_finite() && lost.terms.is_finite() && finite {
             let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
