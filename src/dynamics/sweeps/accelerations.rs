@@ -1,13 +1,13 @@
 //! Base to tip: the smoother.
 
-use super::joint::{Joint, JointAxis, with_axial, with_joint};
+use super::joint::{self, with_joint};
 use super::model::SweepModel;
-use super::rows::{AboutZ, AlongZ, AnyRows, Measures, Six};
+use super::rows::Measures;
 use super::scratch::SweepScratch;
 use crate::filter::rounding::Outward;
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::transform::{Axial, Base, ObliqueRotation, Order, Prismatic, Transform, about};
+use crate::spatial::transform::Transform;
 use nalgebra::Vector6;
 
 /// Co-states and estimates (4.9 to 4.11); `estimates` holds e^- on entry and a on return. Where `SEEN` the largest estimates are told, and the
@@ -22,32 +22,23 @@ pub(super) fn base_to_tip<T: Real, const SEEN: bool>(
     let SweepScratch { own, shifts, measured, co_states, .. } = scratch;
     // Of one length, for the compiler to see.
     let estimates = &mut estimates[..measured.len()];
-    for (body, own) in sweeps.segments.iter().zip(own) {
-        let outer = &co_states[body.parent_outward];
+    for (body, own) in sweeps.swept().iter().zip(own) {
+        let outer = &co_states[body.places.parent_outward];
         let mut lambda = [outer[0].constant(0.0); 6];
-        with_joint!(
-            body,
-            own.turn,
-            (model, sweeps, shifts),
-            (X, Y, Z),
-            body.arm.in_axes::<X, Y, Z>(),
-            transform,
-            rows,
-            {
-                if !body.is_on_base {
-                    lambda = transform.carry_motion(outer);
-                    if SEEN {
-                        seen.observe_carried(&Vector6::from(*outer), transform.offset_square());
-                    }
-                }
-                rows.smooth(measured, &mut lambda, estimates);
+        with_joint!(body, own.turn, (model, sweeps, shifts), transform, rows, {
+            if body.parent.is_some() {
+                lambda = transform.carry_motion(outer);
                 if SEEN {
-                    rows.observe_estimates(estimates, &mut seen);
+                    seen.observe_carried(&Vector6::from(*outer), transform.offset_square());
                 }
             }
-        );
+            rows.smooth(measured, &mut lambda, estimates);
+            if SEEN {
+                rows.observe_estimates(estimates, &mut seen);
+            }
+        });
         if !body.is_leaf {
-            co_states[body.outward] = lambda;
+            co_states[body.places.outward] = lambda;
         }
     }
     seen

@@ -1,16 +1,16 @@
 //! Tip to base: Riccati recursion and filter in one pass.
 
 use super::body::SweepBody;
-use super::joint::{Joint, JointAxis, with_joint};
+use super::joint::{self, with_joint};
 use super::model::SweepModel;
-use super::rows::{AboutZ, AlongZ, AnyRows, Measures, Six};
+use super::rows::Measures;
 use super::scratch::{Arriving, BodyState, ProbeArriving, SweepScratch, Watched, Watching};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::Measured;
 use crate::filter::rounding::squares;
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::transform::{Axial, Base, ObliqueRotation, Order, Prismatic, Transform};
+use crate::spatial::transform::Transform;
 
 /// Only the factor: D and g of each row.
 pub(super) const FACTOR: usize = 0;

@@ -6,7 +6,7 @@
 //! [the closed form](crate::dynamics::mass_inverse) pays for Lambda at each body.
 
 use super::inverse_columns::{Block, InverseColumns, set_column};
-use super::joint::{Joint, JointAxis, with_axial};
+use super::joint::{self, Joint, with_axial};
 use super::model::SweepModel;
 use super::rows::{ABOUT_Z, along};
 use super::scratch::SweepScratch;
@@ -14,7 +14,7 @@ use super::tiles::{Pair, TILE, Tiles, put, put_factors};
 use crate::dynamics::columns::{spread_hinge, spread_shift, spread_vector};
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
-use crate::spatial::transform::{Axial, ObliqueRotation, Order, Transform, about};
+use crate::spatial::transform::Transform;
 use crate::spatial::{dot, zero};
 use nalgebra::Vector6;
 
@@ -45,7 +45,7 @@ fn factors_base_to_tip<T: Real, C: ColumnsOf<T>>(
         let parents: &[Block<C>] = if body.parent.is_some() { &slots[body.places.parent_outward] } else { &[] };
         let blocks = body.depth.div_ceil(C::COLUMNS);
         match body.joint {
-            Joint::Axial(axis) => with_axial!(axis, of_body.turn, sweeps, (X, Y, Z), body.offset, transform, {
+            Joint::Axial(axis) => with_axial!(axis, of_body.turn, sweeps, body.offset, transform, {
                 let transform = transform.spread(none);
                 let row = Row::new(none, body.sense, &scratch.measured[body.row].gain);
                 let lane = body.row % C::COLUMNS;

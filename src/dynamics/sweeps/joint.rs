@@ -2,6 +2,10 @@
 
 use crate::spatial::transform::Axis;
 
+// What the macros name, as `joint::...`.
+pub(super) use super::rows::{AboutZ, AlongZ, AnyRows, Six};
+pub(super) use crate::spatial::transform::{Axial, Base, ObliqueRotation, PARENT_FRAME, Prismatic};
+
 /// What a revolute joint turns about.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum JointAxis {
@@ -34,69 +38,49 @@ pub(super) enum Joint {
     General(usize),
 }
 
-/// Does `$do` with the transform of a revolute joint, the axes of its parent's frame known to the compiler as X, Y and Z.
+// Where they are used, `joint` is this module.
+
+/// Does `$do` with the transform of a revolute joint about this axis, turned so, at the end of this offset.
 macro_rules! with_axial {
-    ($axis:expr, $turn:expr, $sweeps:expr, ($x:ident, $y:ident, $z:ident), $offset:expr, $transform:ident, $do:expr) => {
+    ($axis:expr, $turn:expr, $sweeps:expr, $offset:expr, $transform:ident, $do:expr) => {
         match $axis {
-            JointAxis::Aligned(axis) => about!(axis, $x, $y, $z, {
-                let $transform = &Axial::new($turn, Order::<$x, $y, $z>, &$offset);
+            joint::JointAxis::Aligned(axis) => {
+                let $transform = &joint::Axial::new($turn, axis, &$offset);
                 $do
-            }),
-            JointAxis::Oblique(at) => about!(@ 0, 1, 2, $x, $y, $z, {
-                let rotation = ObliqueRotation::new($turn, &$sweeps.constant_rotations[at]);
-                let $transform = &Axial::new(rotation, Order::<$x, $y, $z>, &$offset);
+            }
+            joint::JointAxis::Oblique(at) => {
+                let rotation = joint::ObliqueRotation::new($turn, &$sweeps.constant_rotations[at]);
+                let $transform = &joint::Axial::new(rotation, joint::PARENT_FRAME, &$offset);
                 $do
-            }),
+            }
         }
     };
 }
 pub(super) use with_axial;
 
-/// Does `$do` with the transform and the rows of the joint of a body or a segment; the axes of a revolute joint are known as X, Y and Z where they are given, else looked up.
+/// Does `$do` with the transform and the rows of the joint of a body.
 macro_rules! with_joint {
-    ($body:expr, $turn:expr, ($model:expr, $sweeps:expr, $shifts:expr), ($x:ident, $y:ident, $z:ident), $offset:expr, $transform:ident, $rows:ident, $do:expr) => {
-        match $body.joint {
-            Joint::Axial(axis) => {
-                let $rows = &AboutZ::new(($body.row, $body.sense), &$model.system, $body.index);
-                with_axial!(axis, $turn, $sweeps, ($x, $y, $z), $offset, $transform, $do)
-            }
-            other => with_joint!(@ other, $body, ($model, $sweeps, $shifts), $transform, $rows, $do),
-        }
-    };
     ($body:expr, $turn:expr, ($model:expr, $sweeps:expr, $shifts:expr), $transform:ident, $rows:ident, $do:expr) => {
         match $body.joint {
-            Joint::Axial(JointAxis::Aligned(axis)) => {
-                let $rows = &AboutZ::new(($body.row, $body.sense), &$model.system, $body.index);
-                let $transform = &Axial::new($turn, axis, &$body.offset);
+            joint::Joint::Axial(axis) => {
+                let $rows = &joint::AboutZ::new(($body.row, $body.sense), &$model.system, $body.index);
+                joint::with_axial!(axis, $turn, $sweeps, $body.offset, $transform, $do)
+            }
+            joint::Joint::Prismatic(at, slide) => {
+                let $rows = &joint::AlongZ(&$model.system, $body.index);
+                let $transform = &joint::Prismatic { shift: &$shifts[at], rotation: &$sweeps.slides[slide] };
                 $do
             }
-            Joint::Axial(JointAxis::Oblique(at)) => {
-                let $rows = &AboutZ::new(($body.row, $body.sense), &$model.system, $body.index);
-                let rotation = ObliqueRotation::new($turn, &$sweeps.constant_rotations[at]);
-                let $transform = &Axial::new(rotation, Order::<0, 1, 2>, &$body.offset);
+            joint::Joint::Free(_) if joint::Six::is_noise_free($body.row, &$model.system) => {
+                let $rows = &joint::Six::new(&$model.system, $body.index);
+                let $transform = &joint::Base($model.gravity[0]);
                 $do
             }
-            other => with_joint!(@ other, $body, ($model, $sweeps, $shifts), $transform, $rows, $do),
-        }
-    };
-    (@ $joint:expr, $body:expr, ($model:expr, $sweeps:expr, $shifts:expr), $transform:ident, $rows:ident, $do:expr) => {
-        match $joint {
-            Joint::Prismatic(at, slide) => {
-                let $rows = &AlongZ(&$model.system, $body.index);
-                let $transform = &Prismatic { shift: &$shifts[at], rotation: &$sweeps.slides[slide] };
-                $do
-            }
-            Joint::Free(_) if Six::is_noise_free($body.row, &$model.system) => {
-                let $rows = &Six::new(&$model.system, $body.index);
-                let $transform = &Base($model.gravity[0]);
-                $do
-            }
-            Joint::Free(at) | Joint::General(at) => {
-                let $rows = &AnyRows(&$model.system, $body.index);
+            joint::Joint::Free(at) | joint::Joint::General(at) => {
+                let $rows = &joint::AnyRows(&$model.system, $body.index);
                 let $transform = &$shifts[at];
                 $do
             }
-            Joint::Axial(_) => {}
         }
     };
 }
@@ -106,16 +90,16 @@ pub(super) use with_joint;
 macro_rules! with_rows {
     ($body:expr, $model:expr, $rows:ident, $do:expr) => {
         match $body.joint {
-            Joint::Axial(_) => {
-                let $rows = &AboutZ::new(($body.row, $body.sense), &$model.system, $body.index);
+            joint::Joint::Axial(_) => {
+                let $rows = &joint::AboutZ::new(($body.row, $body.sense), &$model.system, $body.index);
                 $do
             }
-            Joint::Free(_) if Six::is_noise_free($body.row, &$model.system) => {
-                let $rows = &Six::new(&$model.system, $body.index);
+            joint::Joint::Free(_) if joint::Six::is_noise_free($body.row, &$model.system) => {
+                let $rows = &joint::Six::new(&$model.system, $body.index);
                 $do
             }
             _ => {
-                let $rows = &AnyRows(&$model.system, $body.index);
+                let $rows = &joint::AnyRows(&$model.system, $body.index);
                 $do
             }
         }

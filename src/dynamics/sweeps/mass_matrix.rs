@@ -4,7 +4,7 @@
 
 use super::body::SweepBody;
 use super::inverse_columns::Block;
-use super::joint::{Joint, JointAxis, with_axial};
+use super::joint::{self, Joint, with_axial};
 use super::mass_columns::{MassColumns, Measurement};
 use super::model::SweepModel;
 use super::motion::carriers;
@@ -15,7 +15,7 @@ use crate::filter::{HingeMap, Rows};
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
 use crate::spatial::BodyInertia;
-use crate::spatial::transform::{Axes, Axial, ObliqueRotation, Order, Rotates, Transform, about};
+use crate::spatial::transform::{Axes, Axial, Rotates, Transform};
 
 /// M at `q` into `out`, as [`Entries`](super::Entries) has it and [`mass_matrix`](crate::dynamics::mass_matrix) gives it to rounding, after the
 /// columns were [made](MassColumns::prepare); with CHECK it is seen whether all of it is finite.
@@ -33,7 +33,7 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     for (body, own) in sweeps.swept().iter().zip(own).rev() {
         let composite = body.with_inertia(&composites[body.places.inward]);
         let carried = match body.joint {
-            Joint::Axial(axis) => with_axial!(axis, own.turn, sweeps, (X, Y, Z), body.offset, transform, {
+            Joint::Axial(axis) => with_axial!(axis, own.turn, sweeps, body.offset, transform, {
                 let noise = system.noise[body.row];
                 through_axial::<T, C, _, _, CHECK>(body, transform, noise, &composite, (&mut *columns, &mut *out))
             }),

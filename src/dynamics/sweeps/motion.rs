@@ -4,7 +4,7 @@
 //! four, and nothing large is added that would have to cancel again. A body's [spin](Spin) gives the accelerations of all its points relative to that one: those
 //! of what hangs on it by a revolute joint are sent there at once.
 
-use super::joint::{Joint, JointAxis, with_axial};
+use super::joint::{self, Joint, with_axial};
 use super::model::SweepModel;
 use super::scratch::{BodyState, Moving, SweepScratch};
 use super::segment::Segment;
@@ -14,7 +14,7 @@ use crate::dynamics::forces::{Motion, Needed};
 use crate::kinematics::{joint_motion, joint_shift};
 use crate::model::{Body, Model, Motion as JointMotion};
 use crate::scalar::{ColumnsOf, Real};
-use crate::spatial::transform::{Axes, Axial, AxialRotation, ObliqueRotation, Order, Rotates, about};
+use crate::spatial::transform::{Axes, Axial, AxialRotation, Rotates};
 use crate::spatial::{BodyRoot, RigidShift};
 use nalgebra::Vector3;
 
@@ -90,15 +90,13 @@ fn forces<T: Real, const ROOT: bool>(
         // All of it in each arm: after them the motion would come by way of memory.
         match body.joint {
             Joint::Axial(axis) => {
-                with_axial!(axis, own[place].turn, sweeps, (X, Y, Z), body.arm.in_axes::<X, Y, Z>(), transform, {
+                with_axial!(axis, own[place].turn, sweeps, body.arm, transform, {
                     let joint = (state.qd, state.qdd);
                     let moving = if body.is_on_base {
-                        on_base(body, transform, [base[X], base[Y], base[Z]], joint, needed)
+                        on_base(body, transform, base, joint, needed)
                     } else {
-                        let [a0, a1, a2, ..] = own[place].force;
-                        let a = [a0, a1, a2];
-                        let there = [[w[X], w[Y], w[Z]], [dw[X], dw[Y], dw[Z]], [a[X], a[Y], a[Z]]];
-                        turned(body, transform, there, joint, needed)
+                        let [x, y, z, ..] = own[place].force;
+                        turned(body, transform, [w, dw, [x, y, z]], joint, needed)
                     };
                     keep((bodies, place), root, moving, needed, (motions, own));
                 });
@@ -159,11 +157,11 @@ fn keep<T: Real>(
     };
 }
 
-/// Across a turn of a base that accelerates by `a`, in the joint's frame, and does not turn.
+/// Across a revolute joint on a base that accelerates by `a` and does not turn.
 #[inline(always)]
 fn on_base<T: Real>(
     body: &Segment<T::Parameter>,
-    rotation: &Axial<T, impl Rotates<T>, impl Axes>,
+    transform: &Axial<T, impl Rotates<T>, impl Axes>,
     a: [T; 3],
     (qd, qdd): (&[T], Option<&[T]>),
     needed: Needed,
@@ -171,30 +169,34 @@ fn on_base<T: Real>(
     let (o, sense) = (a[0].constant(0.0), a[0].splat(body.sense));
     let rate = if needed.velocity { qd[body.row] * sense } else { o };
     let acceleration = qdd.map_or(o, |qdd| qdd[body.row] * sense);
-    [[o, o, rate], [o, o, acceleration], rotation.rotate_back(a)]
+    let [a] = transform.free_to_child([a]);
+    [[o, o, rate], [o, o, acceleration], a]
 }
 
-/// Across a turn, in the joint's frame the parent's motion and the acceleration of the origin: about z, and the joint's own.
+/// Across a revolute joint: the parent's rotation and the acceleration of the body's origin, in the parent's frame, and the joint's own.
 #[inline(always)]
 fn turned<T: Real>(
     body: &Segment<T::Parameter>,
-    rotation: &Axial<T, impl Rotates<T>, impl Axes>,
+    transform: &Axial<T, impl Rotates<T>, impl Axes>,
     [w, dw, a]: Moving<T>,
     (qd, qdd): (&[T], Option<&[T]>),
     needed: Needed,
 ) -> Moving<T> {
     let still = w;
-    let (mut dw, a) = (rotation.rotate_back(dw), rotation.rotate_back(a));
-    let w = if needed.velocity {
-        let rate = qd[body.row] * still[0].splat(body.sense);
-        let [x, y, z] = rotation.rotate_back(w);
-        dw = [y.mul_add(rate, dw[0]), dw[1].minus_product(x, rate), dw[2]];
-        [x, y, z + rate]
+    let [w, mut dw, a] = if needed.velocity {
+        transform.free_to_child([w, dw, a])
     } else {
-        still
+        let [dw, a] = transform.free_to_child([dw, a]);
+        [still, dw, a]
     };
+    let mut w = w;
+    if needed.velocity {
+        let rate = qd[body.row] * w[0].splat(body.sense);
+        dw = [w[1].mul_add(rate, dw[0]), dw[1].minus_product(w[0], rate), dw[2]];
+        w[2] += rate;
+    }
     if let Some(qdd) = qdd {
-        dw[2] = qdd[body.row].mul_add(still[0].splat(body.sense), dw[2]);
+        dw[2] = qdd[body.row].mul_add(dw[0].splat(body.sense), dw[2]);
     }
     [w, dw, a]
 }

@@ -1,12 +1,12 @@
 //! Tip to base, open loop: the torques that forces need.
 
-use super::joint::{Joint, JointAxis, with_axial, with_joint};
+use super::joint::{self, with_joint};
 use super::model::SweepModel;
-use super::rows::{AboutZ, AlongZ, AnyRows, Measures, Six};
+use super::rows::Measures;
 use super::scratch::{BodyState, SweepScratch};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::transform::{Axial, Base, ObliqueRotation, Order, Prismatic, Transform, about};
+use crate::spatial::transform::Transform;
 
 /// The torque H z of every row, z carried inward (1.5).
 #[inline(always)]
@@ -16,13 +16,13 @@ pub(super) fn tip_to_base<T: Real>(
     torques: &mut [T],
 ) {
     let SweepScratch { own, shifts, .. } = scratch;
-    let bodies = &sweeps.segments[..];
+    let bodies = sweeps.swept();
     let own = &mut own[..bodies.len()];
     for (place, body) in bodies.iter().enumerate().rev() {
         let BodyState { turn, force } = own[place];
-        with_joint!(body, turn, (model, sweeps, shifts), (X, Y, Z), body.arm.in_axes::<X, Y, Z>(), transform, rows, {
+        with_joint!(body, turn, (model, sweeps, shifts), transform, rows, {
             rows.project(&force, torques);
-            if let Some(parent) = body.parent.checked_sub(1) {
+            if let Some(parent) = body.places.parent.checked_sub(1) {
                 transform.send_force(&force, false, &mut own[parent].force);
             }
         });

@@ -3,15 +3,15 @@
 //! What hangs on a body is joined to its root before its own measurements: first comes the body itself, then its children one after
 //! another.
 
-use super::joint::{Joint, JointAxis, with_axial, with_joint, with_rows};
+use super::joint::{self, with_joint, with_rows};
 use super::model::SweepModel;
-use super::rows::{AboutZ, AlongZ, AnyRows, Measures, Six};
+use super::rows::Measures;
 use super::scratch::{BodyState, Rooted, SweepScratch};
 use crate::filter::pivots::Scale;
 use crate::filter::rounding::RootMonitor;
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::transform::{Axial, Base, ObliqueRotation, Order, Prismatic, Transform, about};
+use crate::spatial::transform::Transform;
 use crate::spatial::{Root6, RootColumns};
 use nalgebra::Vector6;
 
@@ -97,7 +97,7 @@ pub(super) fn tip_to_base<T: Real>(
             continue;
         }
         let mut sent = Sent::filled(t[0]);
-        with_joint!(body, own[place].turn, (model, sweeps, shifts), (X, Y, Z), body.offset, transform, _rows, {
+        with_joint!(body, own[place].turn, (model, sweeps, shifts), transform, _rows, {
             transform.root_to_parent(&here.root, &mut sent.columns);
             transform.send_force(&[t[0], t[1], t[2], t[3], t[4], t[5]], true, &mut sent.t);
             sent.scale = Scale::sent_by_root(&diagonal, transform.offset_square());

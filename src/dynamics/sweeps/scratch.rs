@@ -181,14 +181,11 @@ pub(crate) fn bytes(sweeps: &SweepModel<f64>, nv: usize, algorithm: Algorithm) -
         + sweeps.constant_rotations.len() * size_of::<ConstantRotation<f64>>();
     let turns = bodies * size_of::<AxialRotation<f64>>();
     let segment = size_of::<Segment<f64>>();
+    let body = size_of::<SweepBody<f64>>();
     let constants = match algorithm {
-        Algorithm::InverseDynamics | Algorithm::BiasTorque => segment,
-        Algorithm::MassMatrix => size_of::<SweepBody<f64>>(),
-        Algorithm::ForwardDynamics(Form::SquareRoot) => {
-            segment + size_of::<SweepBody<f64>>() + size_of::<BodyRoot<f64>>()
-        }
-        Algorithm::ForwardDynamics(_) => segment + size_of::<SweepBody<f64>>(),
-        Algorithm::MassMatrixInverse(_) => size_of::<SweepBody<f64>>(),
+        Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => body,
+        Algorithm::ForwardDynamics(Form::SquareRoot) => segment + body + size_of::<BodyRoot<f64>>(),
+        Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics | Algorithm::BiasTorque => segment + body,
     };
     let model = bodies * constants;
     let noise = nv * size_of::<f64>();

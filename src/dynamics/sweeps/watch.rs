@@ -1,17 +1,17 @@
 //! The covariance form with an estimate of the digits that it lost: the first form of [`auto`](crate::dynamics::auto).
 
 use super::filter;
-use super::joint::{Joint, JointAxis, with_joint};
+use super::joint::{self, with_joint};
 use super::model::SweepModel;
 use super::motion;
-use super::rows::{AboutZ, AlongZ, AnyRows, Measures, Six};
+use super::rows::Measures;
 use super::scratch::{SweepScratch, Watching};
 use crate::dynamics::forces::Motion;
 use crate::filter::cancellation::{Cancellation, Swept};
 use crate::filter::pivots::PivotMonitor;
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real};
-use crate::spatial::transform::{Axial, Base, ObliqueRotation, Order, Prismatic, Transform};
+use crate::spatial::transform::Transform;
 use nalgebra::Vector6;
 
 /// What a look at the covariance form finds: its pivots, whether a single look at them may do, and the digits that were lost.

@@ -57,6 +57,9 @@ pub(crate) trait Axes: Copy {
     /// A motion or a force from the parent's frame to the joint's.
     fn to_joint<T: Copy>(self, v: &[T; 6]) -> [T; 6];
 
+    /// Free vectors from the parent's frame to the joint's.
+    fn free_to_joint<T: Copy, const N: usize>(self, vectors: [[T; 3]; N]) -> [[T; 3]; N];
+
     /// Adds a motion or a force of the joint's frame to a sum in the parent's; `begins` the sum with it.
     fn send_vector<T: Real>(self, v: &[T; 6], begins: bool, sum: &mut [T; 6]);
 
@@ -69,9 +72,12 @@ pub(crate) trait Axes: Copy {
     /// A symmetric matrix of the joint's frame in the parent's.
     fn symmetric<T: Copy>(self, a: &[T; 6]) -> [T; 6];
 
-    /// Writes column `j`: a force of the joint's frame, where there is one, and a moment.
-    fn put_column<T: Copy>(self, rows: &mut [[T; 6]; 6], j: usize, force: Option<[T; 3]>, moment: [T; 3]);
+    /// Writes columns of the joint's frame: the first three have a force and a moment, the others a moment.
+    fn put_columns<T: Copy>(self, rows: &mut [[T; 6]; 6], forces: &[[T; 3]; 3], moments: &[[T; 3]; 6]);
 }
+
+/// The parent's own axes: where a constant rotation ends.
+pub(crate) const PARENT_FRAME: Order<0, 1, 2> = Order;
 
 /// The axes of the parent's frame that x, y and z of the joint's are.
 #[derive(Debug, Clone, Copy)]
@@ -80,13 +86,13 @@ pub(crate) struct Order<const X: usize, const Y: usize, const Z: usize>;
 impl<const X: usize, const Y: usize, const Z: usize> Order<X, Y, Z> {
     /// A free vector of the parent's frame in the joint's.
     #[inline(always)]
-    pub fn vector_to_joint<T: Copy>(self, v: [T; 3]) -> [T; 3] {
+    pub fn vector_to_joint<T: Copy>(v: [T; 3]) -> [T; 3] {
         [v[X], v[Y], v[Z]]
     }
 
     /// A covariance of the joint's frame in the parent's.
     #[inline(always)]
-    pub fn covariance<T: Copy>(self, p: &[T; 21]) -> [T; 21] {
+    pub fn covariance<T: Copy>(p: &[T; 21]) -> [T; 21] {
         let mut there = *p;
         for block in [0, 15] {
             there[block + PACKED[X][X]] = p[block];
@@ -112,6 +118,14 @@ impl<const X: usize, const Y: usize, const Z: usize> Axes for Order<X, Y, Z> {
     }
 
     #[inline(always)]
+    fn free_to_joint<T: Copy, const N: usize>(self, mut vectors: [[T; 3]; N]) -> [[T; 3]; N] {
+        for v in &mut vectors {
+            *v = Self::vector_to_joint(*v);
+        }
+        vectors
+    }
+
+    #[inline(always)]
     fn send_vector<T: Real>(self, v: &[T; 6], begins: bool, sum: &mut [T; 6]) {
         let mut there = *v;
         (there[X], there[Y], there[Z]) = (v[0], v[1], v[2]);
@@ -121,7 +135,7 @@ impl<const X: usize, const Y: usize, const Z: usize> Axes for Order<X, Y, Z> {
 
     #[inline(always)]
     fn send_covariance<T: Real>(self, p: &[T; 21], begins: bool, sum: &mut [T; 21]) {
-        accumulate(&self.covariance(p), begins, sum);
+        accumulate(&Self::covariance(p), begins, sum);
     }
 
     #[inline(always)]
@@ -140,11 +154,13 @@ impl<const X: usize, const Y: usize, const Z: usize> Axes for Order<X, Y, Z> {
     }
 
     #[inline(always)]
-    fn put_column<T: Copy>(self, rows: &mut [[T; 6]; 6], j: usize, force: Option<[T; 3]>, [x, y, z]: [T; 3]) {
-        if let Some([fx, fy, fz]) = force {
-            (rows[X][j], rows[Y][j], rows[Z][j]) = (fx, fy, fz);
+    fn put_columns<T: Copy>(self, rows: &mut [[T; 6]; 6], forces: &[[T; 3]; 3], moments: &[[T; 3]; 6]) {
+        for (j, &[x, y, z]) in forces.iter().enumerate() {
+            (rows[X][j], rows[Y][j], rows[Z][j]) = (x, y, z);
         }
-        (rows[3 + X][j], rows[3 + Y][j], rows[3 + Z][j]) = (x, y, z);
+        for (j, &[x, y, z]) in moments.iter().enumerate() {
+            (rows[3 + X][j], rows[3 + Y][j], rows[3 + Z][j]) = (x, y, z);
+        }
     }
 }
 
@@ -152,6 +168,11 @@ impl Axes for Axis {
     #[inline(always)]
     fn to_joint<T: Copy>(self, v: &[T; 6]) -> [T; 6] {
         about!(self, X, Y, Z, Order::<X, Y, Z>.to_joint(v))
+    }
+
+    #[inline(always)]
+    fn free_to_joint<T: Copy, const N: usize>(self, vectors: [[T; 3]; N]) -> [[T; 3]; N] {
+        about!(self, X, Y, Z, Order::<X, Y, Z>.free_to_joint(vectors))
     }
 
     #[inline(always)]
@@ -175,7 +196,7 @@ impl Axes for Axis {
     }
 
     #[inline(always)]
-    fn put_column<T: Copy>(self, rows: &mut [[T; 6]; 6], j: usize, force: Option<[T; 3]>, moment: [T; 3]) {
-        about!(self, X, Y, Z, Order::<X, Y, Z>.put_column(rows, j, force, moment));
+    fn put_columns<T: Copy>(self, rows: &mut [[T; 6]; 6], forces: &[[T; 3]; 3], moments: &[[T; 3]; 6]) {
+        about!(self, X, Y, Z, Order::<X, Y, Z>.put_columns(rows, forces, moments));
     }
 }

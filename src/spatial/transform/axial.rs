@@ -33,10 +33,14 @@ impl<T: Real, R: Rotates<T>, A: Axes> Axial<T, R, A> {
         Axial { rotation: self.rotation.spread(like), axes: self.axes, offset: self.offset.spread(like) }
     }
 
-    /// A free vector of the parent's frame, in whose names the joint has it, in the body's.
+    /// Free vectors of the parent's frame in the body's.
     #[inline(always)]
-    pub fn rotate_back(&self, v: [T; 3]) -> [T; 3] {
-        self.rotation.rotate_back(v)
+    pub fn free_to_child<const N: usize>(&self, vectors: [[T; 3]; N]) -> [[T; 3]; N] {
+        let mut vectors = self.axes.free_to_joint(vectors);
+        for v in &mut vectors {
+            *v = self.rotation.rotate_back(*v);
+        }
+        vectors
     }
 
     /// phi z in the joint's frame: about the parent's origin.
@@ -152,26 +156,27 @@ impl<T: Real, R: Rotates<T>, A: Axes> Transform<T> for Axial<T, R, A> {
         let r = &root.rows;
         // The linear parts (1, a, b), (0, 1, d) and (0, 0, 1).
         let (fx, fy) = (c.minus_product(s, r[1][0]), c.mul_add(r[1][0], s));
-        let forces = [[fx, fy, r[2][0]], [-s, c, r[2][1]], [o, o, one]];
-        for j in 0..3 {
-            let (mx, my) = turn.pair(r[3][j], r[4][j]);
-            let (mut force, mut moment) = (forces[j], [mx, my, r[5][j]]);
-            if R::IS_OBLIQUE {
-                (force, moment) = (self.rotation.tilt(force), self.rotation.tilt(moment));
-                moment = self.offset.moment(force, moment);
-            } else if j < 2 {
-                moment = self.offset.moment(force, moment);
-            } else if self.offset.is_there() {
-                let [lx, ly, _] = self.offset.entries;
-                (moment[0], moment[1]) = (mx + ly, my - lx);
-            }
-            self.axes.put_column(&mut columns.rows, j, Some(force), moment);
-        }
+        let mut forces = [[fx, fy, r[2][0]], [-s, c, r[2][1]], [o, o, one]];
+        let turned = |j: usize| {
+            let (x, y) = turn.pair(r[3][j], r[4][j]);
+            [x, y, r[5][j]]
+        };
         let (x, y) = (c.minus_product(s, r[4][3]), c.mul_add(r[4][3], s));
-        for (j, moment) in [[x, y, r[5][3]], [-s, c, r[5][4]], [o, o, one]].into_iter().enumerate() {
-            let moment = if R::IS_OBLIQUE { self.rotation.tilt(moment) } else { moment };
-            self.axes.put_column(&mut columns.rows, 3 + j, None, moment);
+        let mut moments = [turned(0), turned(1), turned(2), [x, y, r[5][3]], [-s, c, r[5][4]], [o, o, one]];
+        if R::IS_OBLIQUE {
+            for vector in forces.iter_mut().chain(&mut moments) {
+                *vector = self.rotation.tilt(*vector);
+            }
         }
+        for j in 0..if R::IS_OBLIQUE { 3 } else { 2 } {
+            moments[j] = self.offset.moment(forces[j], moments[j]);
+        }
+        if !R::IS_OBLIQUE && self.offset.is_there() {
+            // The third force is (0, 0, 1).
+            let [lx, ly, _] = self.offset.entries;
+            (moments[2][0], moments[2][1]) = (moments[2][0] + ly, moments[2][1] - lx);
+        }
+        self.axes.put_columns(&mut columns.rows, &forces, &moments);
     }
 }
 

@@ -49,13 +49,6 @@ impl<N: Copy> Offset<N> {
         self.along[0] || self.along[1] || self.along[2]
     }
 
-    /// The same along the axes X, Y and Z of its frame, taken for x, y and z.
-    #[inline(always)]
-    pub fn in_axes<const X: usize, const Y: usize, const Z: usize>(&self) -> Self {
-        let (l, along) = (&self.entries, &self.along);
-        Self { entries: [l[X], l[Y], l[Z]], along: [along[X], along[Y], along[Z]], ..*self }
-    }
-
     /// The same in every lane.
     #[inline(always)]
     pub fn splat<T: Real<Parameter = N>>(&self, like: T) -> Offset<T> {
@@ -139,8 +132,6 @@ mod tests {
                 assert!(is_near(offset.velocity(of(F), of(N)), n + f.cross(&l)), "velocity, {mask}");
             }
         }
-        let offset = Offset::new([0.3, 0.0, 0.2], true, T::from_f64).in_axes::<1, 2, 0>();
-        assert_eq!((offset.along, offset.entries[2].lane(0)), ([false, true, true], 0.3));
     }
 
     #[test]

@@ -55,7 +55,7 @@ impl<N: Copy> ConstantSlide<N> {
         if self.tilt.turns_about_z {
             p = AxialRotation::splat(like, self.tilt.about_z).covariance(&p);
         }
-        about!(self.tilt.axis, X, Y, Z, Order::<X, Y, Z>.covariance(&p))
+        about!(self.tilt.axis, X, Y, Z, Order::<X, Y, Z>::covariance(&p))
     }
 }
 

@@ -116,7 +116,7 @@ impl<T: Real> ObliqueRotation<T> {
         if self.turns_about_z {
             p = self.about_z.covariance(&p);
         }
-        about!(self.axis, X, Y, Z, Order::<X, Y, Z>.covariance(&p))
+        about!(self.axis, X, Y, Z, Order::<X, Y, Z>::covariance(&p))
     }
 }
 
@@ -147,7 +147,7 @@ impl<T: Real> Rotates<T> for ObliqueRotation<T> {
 
     #[inline(always)]
     fn rotate_back(&self, v: [T; 3]) -> [T; 3] {
-        let mut v = about!(self.axis, X, Y, Z, Order::<X, Y, Z>.vector_to_joint(v));
+        let mut v = about!(self.axis, X, Y, Z, Order::<X, Y, Z>::vector_to_joint(v));
         if self.turns_about_z {
             v = self.about_z.rotate_back(v);
         }
