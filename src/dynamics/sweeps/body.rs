@@ -3,6 +3,7 @@
 use super::joint::Joint;
 use super::renaming::Renaming;
 use super::slots::Places;
+use super::spin::Load;
 use crate::filter::pivots::Scale;
 use crate::scalar::Real;
 use crate::spatial::transform::Offset;
@@ -10,6 +11,7 @@ use crate::spatial::{BodyInertia, Symmetric3};
 use nalgebra::Vector3;
 
 /// One body.
+#[allow(clippy::struct_excessive_bools)] // facts, each by itself
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SweepBody<N> {
     pub joint: Joint,
@@ -24,10 +26,10 @@ pub(super) struct SweepBody<N> {
     pub row: usize,
     /// Of a revolute joint, from the parent's origin to the body's, in the joint's frame: the body's at its zero angle, or the parent's where the axis is oblique.
     pub offset: Offset<N>,
-    /// Mass, first moment, rotational inertia about the origin.
-    pub mass: N,
-    pub first_moment: [N; 3],
-    pub rotational: [N; 6],
+    /// The same in the parent's frame: where its acceleration is found.
+    pub offset_at_parent: Offset<N>,
+    /// M(k).
+    pub load: Load<N>,
     /// The bounds on the terms of M(k).
     pub scale: [N; 2],
     /// The terms of its diagonal.
@@ -38,6 +40,11 @@ pub(super) struct SweepBody<N> {
     pub places: Places,
     /// Whether anything hangs on it.
     pub is_leaf: bool,
+    /// One past the place of the first body on a revolute joint that hangs on it, and of the next one on its own parent; 0 where there is none.
+    pub first_axial: usize,
+    pub next_axial: usize,
+    /// Whether a body on another joint hangs on it.
+    pub carries_others: bool,
     /// How many rows there are from the base to its own.
     pub depth: usize,
     /// One past the last row of what hangs on it.
@@ -49,9 +56,9 @@ impl<N: Copy> SweepBody<N> {
     #[inline(always)]
     pub fn with_noise<T: Real<Parameter = N>>(&self, arrived: &[T; 21]) -> [T; 21] {
         let [a0, a1, a2, a3, a4, a5, c0, c1, c2, c3, c4, c5, c6, c7, c8, b0, b1, b2, b3, b4, b5] = *arrived;
-        let [xx, xy, xz, yy, yz, zz] = self.rotational;
-        let [x, y, z] = self.first_moment;
-        let (x, y, z, m) = (a0.splat(x), a0.splat(y), a0.splat(z), a0.splat(self.mass));
+        let [xx, xy, xz, yy, yz, zz] = self.load.rotational;
+        let [x, y, z] = self.load.first_moment;
+        let (x, y, z, m) = (a0.splat(x), a0.splat(y), a0.splat(z), a0.splat(self.load.mass));
         [
             a0 + a0.splat(xx),
             a1 + a0.splat(xy),
@@ -81,9 +88,9 @@ impl<N: Copy> SweepBody<N> {
     #[inline(always)]
     pub fn with_inertia<T: Real<Parameter = N>>(&self, arrived: &BodyInertia<T>) -> BodyInertia<T> {
         let like = arrived.mass;
-        let ([x, y, z], [xx, xy, xz, yy, yz, zz]) = (self.first_moment, self.rotational);
+        let ([x, y, z], [xx, xy, xz, yy, yz, zz]) = (self.load.first_moment, self.load.rotational);
         let own = BodyInertia {
-            mass: like.splat(self.mass),
+            mass: like.splat(self.load.mass),
             first_moment: Vector3::new(like.splat(x), like.splat(y), like.splat(z)),
             rotational: Symmetric3::new([
                 like.splat(xx),
@@ -117,6 +124,19 @@ impl<N: Copy> SweepBody<N> {
             a.splat(own[4]) + e,
             a.splat(own[5]) + f,
         ]
+    }
+}
+
+/// Tells each of the bodies, in the order of the sweeps, what hangs on it.
+pub(super) fn link_children<N>(swept: &mut [SweepBody<N>]) {
+    for place in (0..swept.len()).rev() {
+        let Some(parent) = swept[place].places.parent.checked_sub(1) else { continue };
+        if let Joint::Axial(_) = swept[place].joint {
+            swept[place].next_axial = swept[parent].first_axial;
+            swept[parent].first_axial = place + 1;
+        } else {
+            swept[parent].carries_others = true;
+        }
     }
 }
 

@@ -28,7 +28,6 @@ mod renaming;
 mod root_filter;
 mod rows;
 mod scratch;
-mod segment;
 mod slots;
 mod spin;
 mod tiles;

@@ -1,17 +1,16 @@
 //! A scene as these sweeps read it.
 
-use super::body::{SweepBody, Turning};
+use super::body::{SweepBody, Turning, link_children};
 use super::frames::Framed;
 use super::joint::Joint;
 use super::renaming::Renaming;
-use super::segment::{OfSegment, Segment, segments};
 use super::slots::{Ordered, SlotCounts, interleaved, last_children};
 use super::spin::Load;
 use crate::filter::pivots::Scale;
 use crate::model::{Body, Model};
 use crate::scalar::Real;
+use crate::spatial::BodyRoot;
 use crate::spatial::transform::{ConstantRotation, ConstantSlide, Offset};
-use crate::spatial::{BodyInertia, BodyRoot};
 use nalgebra::Matrix3;
 
 /// As many joints inward of both as two joints may have, on average over all pairs, for M^-1 to be multiplied out: chains of up to 300. Beyond, (6.1)
@@ -50,19 +49,12 @@ fn root_in(frame: &Matrix3<f64>, root: Option<&BodyRoot<f64>>) -> BodyRoot<f64> 
     }
 }
 
-/// From each parent's origin to the body's, in the parent's frame.
-fn arms<N: Copy>(framed: &Framed, leaves_out: bool, number: impl Copy + Fn(f64) -> N) -> Vec<Offset<N>> {
-    framed.bodies.iter().map(|body| Offset::new(body.tree.lever.into(), leaves_out, number)).collect()
-}
-
 /// The bodies of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SweepModel<T: Real> {
     pub(super) bodies: Vec<SweepBody<T::Parameter>>,
     /// The bodies in the order of the sweeps; none where that is theirs.
     pub(super) reordered: Vec<SweepBody<T::Parameter>>,
-    /// What motions, forces and co-states need of them, in that order.
-    pub(super) segments: Vec<Segment<T::Parameter>>,
     /// Those of oblique axes, and of prismatic joints.
     pub(super) constant_rotations: Vec<ConstantRotation<T::Parameter>>,
     pub(super) slides: Vec<ConstantSlide<T::Parameter>>,
@@ -112,7 +104,6 @@ impl<T: Real> SweepModel<T> {
         let is_definite = |k: usize| model.inertia_roots[k].as_ref().is_some_and(BodyRoot::is_definite);
         let bodies = framed.bodies.iter().zip(&model.system.stages).enumerate().map(|(k, (body, stage))| {
             let (frame, turned) = (&framed.from_model[k], <[f64; 3]>::from(framed.offsets_inward[k]));
-            let BodyInertia { mass, first_moment, rotational } = &body.inertia;
             let scale = Scale::of_noise(&body.inertia_terms);
             SweepBody {
                 joint: framed.joints[k],
@@ -122,15 +113,17 @@ impl<T: Real> SweepModel<T> {
                 parent: stage.parent,
                 row: stage.first_row,
                 offset: Offset::new(turned, model.omissions.zero_levers, number),
-                mass: number(*mass),
-                first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],
-                rotational: rotational.entries.map(number),
+                offset_at_parent: Offset::new(body.tree.lever.into(), model.omissions.zero_levers, number),
+                load: Load::of(&body.inertia, number),
                 scale: [number(scale.angular), number(scale.linear)],
                 terms: [0, 1, 2, 3, 4, 5].map(|i| number(body.inertia_terms[i])),
                 is_definite: is_definite(k),
                 hangs_on_definite: stage.parent.is_some_and(is_definite),
                 places: swept.places[k],
                 is_leaf: last_child[k].is_none(),
+                first_axial: 0,
+                next_axial: 0,
+                carries_others: false,
                 depth: 0,
                 end_row: end_row[k],
             }
@@ -138,16 +131,12 @@ impl<T: Real> SweepModel<T> {
         let mut bodies: Vec<_> = bodies.collect();
         let (steps, longest_path) = measure_paths(model, &mut bodies);
         let root = |&k: &usize| root_in(&framed.from_model[k], model.inertia_roots[k].as_ref()).map(number);
-        let arms = arms(&framed, model.omissions.zero_levers, number);
         let whole = Model { bodies: framed.bodies.clone(), ..model.clone() }.cast::<T>();
         let (shifting, turning) = by_kind(&framed, &whole, &swept.at);
-        let reordered: Vec<_> =
+        let mut reordered: Vec<_> =
             if order.is_sorted() { Vec::new() } else { order.iter().map(|&k| bodies[k].clone()).collect() };
-        let in_order = if reordered.is_empty() { &bodies } else { &reordered };
-        let segments =
-            segments(in_order, |k| OfSegment { arm: arms[k], load: Load::of(&framed.bodies[k].inertia, number) });
+        link_children(if reordered.is_empty() { &mut bodies } else { &mut reordered });
         Self {
-            segments,
             bodies,
             constant_rotations: framed.constant_rotations.iter().map(|rotation| rotation.map(number)).collect(),
             slides: framed.slides.iter().map(|slide| slide.map(number)).collect(),

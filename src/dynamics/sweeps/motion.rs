@@ -4,10 +4,10 @@
 //! four, and nothing large is added that would have to cancel again. A body's [spin](Spin) gives the accelerations of all its points relative to that one: those
 //! of what hangs on it by a revolute joint are sent there at once.
 
+use super::body::SweepBody;
 use super::joint::{self, Joint, with_axial};
 use super::model::SweepModel;
 use super::scratch::{BodyState, Moving, SweepScratch};
-use super::segment::Segment;
 use super::spin::{Spin, coordinates_of, force_of};
 use super::vectors::cross;
 use crate::dynamics::forces::{Motion, Needed};
@@ -76,7 +76,7 @@ fn forces<T: Real, const ROOT: bool>(
     state: Motion<'_, T>,
     needed: Needed,
 ) {
-    let (o, bodies) = (T::zero(), &sweeps.segments[..]);
+    let (o, bodies) = (T::zero(), sweeps.swept());
     let g = &model.gravity;
     let SweepScratch { motions, own, added, shifts, .. } = scratch;
     let base = [-g[0], -g[1], -g[2]];
@@ -86,13 +86,13 @@ fn forces<T: Real, const ROOT: bool>(
     let own = &mut own[..bodies.len()];
     for (place, body) in bodies.iter().enumerate() {
         let root = if ROOT { Some(&sweeps.roots[place]) } else { None };
-        let [w, dw, _] = motions[body.parent_outward];
+        let [w, dw, _] = motions[body.places.parent_outward];
         // All of it in each arm: after them the motion would come by way of memory.
         match body.joint {
             Joint::Axial(axis) => {
-                with_axial!(axis, own[place].turn, sweeps, body.arm, transform, {
+                with_axial!(axis, own[place].turn, sweeps, body.offset, transform, {
                     let joint = (state.qd, state.qdd);
-                    let moving = if body.is_on_base {
+                    let moving = if body.parent.is_none() {
                         on_base(body, transform, base, joint, needed)
                     } else {
                         let [x, y, z, ..] = own[place].force;
@@ -106,7 +106,7 @@ fn forces<T: Real, const ROOT: bool>(
                 keep((bodies, place), root, moving, needed, (motions, own));
             }
             Joint::Prismatic(at, _) | Joint::General(at) => {
-                let parent = motions[body.parent_outward];
+                let parent = motions[body.places.parent_outward];
                 let moving = shifted(&sweeps.shifting[at], body.row, &shifts[at], &parent, state, needed);
                 keep((bodies, place), root, moving, needed, (motions, own));
             }
@@ -116,7 +116,7 @@ fn forces<T: Real, const ROOT: bool>(
             *outside = [o; 6];
         }
         if !state.wrenches.is_empty() {
-            for (f, given) in outside.iter_mut().zip(sweeps.swept()[place].frame.apply(&state.wrenches[body.index])) {
+            for (f, given) in outside.iter_mut().zip(body.frame.apply(&state.wrenches[body.index])) {
                 *f -= given;
             }
         }
@@ -127,7 +127,7 @@ fn forces<T: Real, const ROOT: bool>(
 /// will be.
 #[inline(always)]
 fn keep<T: Real>(
-    (bodies, place): (&[Segment<T::Parameter>], usize),
+    (bodies, place): (&[SweepBody<T::Parameter>], usize),
     root: Option<&BodyRoot<T::Parameter>>,
     moving: Moving<T>,
     needed: Needed,
@@ -136,18 +136,18 @@ fn keep<T: Real>(
     let (body, [w, dw, a]) = (&bodies[place], moving);
     let spin = Spin::of(w, dw, needed);
     if !body.is_leaf {
-        let to = &mut motions[body.outward];
+        let to = &mut motions[body.places.outward];
         (to[0], to[1]) = (w, dw);
-        if body.carries_shifts {
+        if body.carries_others {
             to[2] = a;
         }
-        let mut next = body.first_turn;
+        let mut next = body.first_axial;
         while let Some(child) = next.checked_sub(1) {
             let child_body = &bodies[child];
-            let there = spin.at(&child_body.arm, a);
+            let there = spin.at(&child_body.offset, a);
             let to = &mut own[child].force;
             (to[0], to[1], to[2]) = (there[0], there[1], there[2]);
-            next = child_body.next_turn;
+            next = child_body.next_axial;
         }
     }
     own[place].force = match root {
@@ -160,7 +160,7 @@ fn keep<T: Real>(
 /// Across a revolute joint on a base that accelerates by `a` and does not turn.
 #[inline(always)]
 fn on_base<T: Real>(
-    body: &Segment<T::Parameter>,
+    body: &SweepBody<T::Parameter>,
     transform: &Axial<T, impl Rotates<T>, impl Axes>,
     a: [T; 3],
     (qd, qdd): (&[T], Option<&[T]>),
@@ -176,7 +176,7 @@ fn on_base<T: Real>(
 /// Across a revolute joint: the parent's rotation and the acceleration of the body's origin, in the parent's frame, and the joint's own.
 #[inline(always)]
 fn turned<T: Real>(
-    body: &Segment<T::Parameter>,
+    body: &SweepBody<T::Parameter>,
     transform: &Axial<T, impl Rotates<T>, impl Axes>,
     [w, dw, a]: Moving<T>,
     (qd, qdd): (&[T], Option<&[T]>),

@@ -2,7 +2,6 @@
 
 use super::body::SweepBody;
 use super::model::SweepModel;
-use super::segment::Segment;
 use crate::algorithm::Algorithm;
 use crate::filter::Form;
 use crate::filter::cancellation::weight;
@@ -180,13 +179,8 @@ pub(crate) fn bytes(sweeps: &SweepModel<f64>, nv: usize, algorithm: Algorithm) -
     let shifts = sweeps.shifting.len() * (size_of::<RigidShift<f64>>() + size_of::<Body<f64>>())
         + sweeps.constant_rotations.len() * size_of::<ConstantRotation<f64>>();
     let turns = bodies * size_of::<AxialRotation<f64>>();
-    let segment = size_of::<Segment<f64>>();
-    let body = size_of::<SweepBody<f64>>();
-    let constants = match algorithm {
-        Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => body,
-        Algorithm::ForwardDynamics(Form::SquareRoot) => segment + body + size_of::<BodyRoot<f64>>(),
-        Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics | Algorithm::BiasTorque => segment + body,
-    };
+    let root = if algorithm == Algorithm::ForwardDynamics(Form::SquareRoot) { size_of::<BodyRoot<f64>>() } else { 0 };
+    let constants = size_of::<SweepBody<f64>>() + root;
     let model = bodies * constants;
     let noise = nv * size_of::<f64>();
     let motions = sweeps.swept_slots.outward * size_of::<Moving<f64>>() + bodies * size_of::<[f64; 6]>();
