@@ -23,7 +23,6 @@ SWITCHES = (
     ("base_links", "links that cannot move; off, one body", "moving", "weight", ""),
     ("renamed_axes", "rotation matrices of joints that turn about an axis of the parent's frame, or slide along one", "moving", "weight", ""),
     ("tilted_axes", "rotation matrices of the other joints that turn or slide, where axes are tilted", "moving", "weight", "tilted"),
-    ("zero_levers", "entries of the levers that are zero, of those of the same joints that turn", "moving", "weight", ""),
     ("zero_velocity", "velocities and what they cause, where all rates are zero", "rest", "weight", ""),
     ("zero_gravity", "the rest of the bias, where there is no gravity either", "rest", "weightless", ""),
 )

@@ -86,8 +86,8 @@ impl Scene {
     /// work, only what was found until then.
     #[must_use]
     pub fn plan(&self) -> Plan {
-        let built: [fn(&Self) -> Omission; 5] =
-            [Self::merged_item, Self::base_item, Self::renamed_item, Self::tilted_item, Self::levers_item];
+        let built: [fn(&Self) -> Omission; 4] =
+            [Self::merged_item, Self::base_item, Self::renamed_item, Self::tilted_item];
         let called: [fn(&Self) -> Omission; 2] = [Self::velocity_item, Self::gravity_item];
         let others: [fn(&Self) -> Omission; 4] =
             [Self::locked_item, Self::factor_item, Self::branch_item, Self::outputs_item];

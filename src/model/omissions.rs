@@ -18,8 +18,6 @@ pub struct Omissions {
     /// The rotation of the tree at any other joint that turns, and of P at any other that slides: up to two constant angles more take its place. To rounding, as above (2e-15).
     /// In the same algorithms, and only where `renamed_axes` is on.
     pub tilted_axes: bool,
-    /// Entries of levers that are zero, of those of these joints that turn. For one state in motions and forces levers that are zero whole.
-    pub zero_levers: bool,
     /// Velocities, and what they cause, in a call whose rates are all zero.
     pub zero_velocity: bool,
     /// The whole bias, in a call whose rates are all zero in a scene without gravity; needs `zero_velocity`.
@@ -31,12 +29,11 @@ pub type Switch = fn(&mut Omissions) -> &mut bool;
 
 impl Omissions {
     /// The switches by name.
-    pub const SWITCHES: [(&'static str, Switch); 7] = [
+    pub const SWITCHES: [(&'static str, Switch); 6] = [
         ("fixed_joints", |of| &mut of.fixed_joints),
         ("base_links", |of| &mut of.base_links),
         ("renamed_axes", |of| &mut of.renamed_axes),
         ("tilted_axes", |of| &mut of.tilted_axes),
-        ("zero_levers", |of| &mut of.zero_levers),
         ("zero_velocity", |of| &mut of.zero_velocity),
         ("zero_gravity", |of| &mut of.zero_gravity),
     ];
@@ -49,7 +46,6 @@ impl Omissions {
             base_links: true,
             renamed_axes: true,
             tilted_axes: true,
-            zero_levers: true,
             zero_velocity: true,
             zero_gravity: true,
         }
@@ -63,7 +59,6 @@ impl Omissions {
             base_links: false,
             renamed_axes: false,
             tilted_axes: false,
-            zero_levers: false,
             zero_velocity: false,
             zero_gravity: false,
         }

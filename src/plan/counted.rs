@@ -73,28 +73,6 @@ impl Scene {
         )
     }
 
-    /// Entries of levers that are zero, of those of these that turn, along the axes of the joint's frame or its parent's.
-    pub(super) fn levers_item(&self) -> Omission {
-        let Omissions { renamed_axes, tilted_axes, .. } = self.model().omissions;
-        let is_in = |rotation: &Matrix3<f64>| {
-            renamed_axes && (turns_about_an_axis(rotation) || tilted_axes && turns_about_a_tilted_axis(rotation))
-        };
-        let turn = |body: &&Body<f64>| matches!(body.motion, Motion::Revolute);
-        let count = self.bodies_on(is_in).filter(turn).flat_map(|body| &body.tree.lever).filter(|&&x| x == 0.0).count();
-        let saved = self.saved_in_sweeps(count, |omissions| omissions.zero_levers = false);
-        self.switched(
-            "zero_levers",
-            Omission {
-                what: "entries of the tree's levers that are zero",
-                count,
-                why: "a lever along some axes only, or of no length, leaves the rest of its products out",
-                saved: counted(count, "entry", "entries") + " of levers, in P, forces and motions",
-                operations: saved,
-                ..NOTHING
-            },
-        )
-    }
-
     /// Bodies that turn or slide on a rotation of the tree like this.
     fn bodies_on(&self, is_like: impl Fn(&Matrix3<f64>) -> bool) -> impl Iterator<Item = &Body<f64>> {
         let moves = |body: &Body<f64>| matches!(body.motion, Motion::Revolute | Motion::Prismatic);

@@ -90,7 +90,7 @@ impl PyScene {
     /// floating_base: puts a free joint under the root link, "root_joint", or with "_" behind where the file has that name
     /// (it is joint_names[0]). gravity: (3,), m/s^2, in the base frame. strict: what is warned of raises, but for mimic
     /// joints whose source is there. leave_out: names of what may be left out, of "fixed_joints",
-    /// "base_links", "renamed_axes", "tilted_axes", "zero_levers", "zero_velocity" and "zero_gravity"; None: all.
+    /// "base_links", "renamed_axes", "tilted_axes", "zero_velocity" and "zero_gravity"; None: all.
     /// Results are the same to rounding, but operators and estimates need the first two (ArgumentError).
     ///
     /// Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for a source that is

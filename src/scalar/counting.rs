@@ -147,8 +147,6 @@ impl One for Counted {
 
 impl Real for Counted {
     const LANES: usize = 1;
-    const SHARES_BRANCHES: bool = true;
-
     fn from_f64(x: f64) -> Self {
         Self(x)
     }

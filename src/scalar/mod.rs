@@ -47,9 +47,6 @@ pub trait Real:
     /// How many numbers one value holds side by side.
     const LANES: usize;
 
-    /// Whether one branch is for many numbers: then it is worth its while for a few operations. Where operations are counted those of such code are.
-    const SHARES_BRANCHES: bool = Self::LANES > 1;
-
     /// The nearest value to `x`, in every lane.
     fn from_f64(x: f64) -> Self;
 

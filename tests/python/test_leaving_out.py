@@ -21,7 +21,6 @@ SWITCHES = (
     "base_links",
     "renamed_axes",
     "tilted_axes",
-    "zero_levers",
     "zero_velocity",
     "zero_gravity",
 )

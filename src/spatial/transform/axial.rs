@@ -114,25 +114,19 @@ impl<T: Real, R: Rotates<T>, A: Axes> Transform<T> for Axial<T, R, A> {
     fn composite_to_parent(&self, r: &BodyInertia<T>) -> BodyInertia<T> {
         let (m, mut h) = (r.mass, self.rotation.rotate(r.first_moment.into()));
         let mut i = self.rotation.symmetric(r.rotational.entries);
-        let Offset { entries: [x, y, z], along: [along_x, along_y, along_z], .. } = self.offset;
-        if along_z {
-            let s = m.mul_add(z, h[2]);
-            let both = z * (h[2] + s);
-            i = [i[0] + both, i[1], i[2].minus_product(h[0], z), i[3] + both, i[4].minus_product(h[1], z), i[5]];
-            h[2] = s;
-        }
-        if along_y {
-            let s = m.mul_add(y, h[1]);
-            let both = y * (h[1] + s);
-            i = [i[0] + both, i[1].minus_product(h[0], y), i[2], i[3], i[4].minus_product(y, h[2]), i[5] + both];
-            h[1] = s;
-        }
-        if along_x {
-            let s = m.mul_add(x, h[0]);
-            let both = x * (h[0] + s);
-            i = [i[0], i[1].minus_product(x, h[1]), i[2].minus_product(x, h[2]), i[3] + both, i[4], i[5] + both];
-            h[0] = s;
-        }
+        let [x, y, z] = self.offset.entries;
+        let s = m.mul_add(z, h[2]);
+        let both = z * (h[2] + s);
+        i = [i[0] + both, i[1], i[2].minus_product(h[0], z), i[3] + both, i[4].minus_product(h[1], z), i[5]];
+        h[2] = s;
+        let s = m.mul_add(y, h[1]);
+        let both = y * (h[1] + s);
+        i = [i[0] + both, i[1].minus_product(h[0], y), i[2], i[3], i[4].minus_product(y, h[2]), i[5] + both];
+        h[1] = s;
+        let s = m.mul_add(x, h[0]);
+        let both = x * (h[0] + s);
+        i = [i[0], i[1].minus_product(x, h[1]), i[2].minus_product(x, h[2]), i[3] + both, i[4], i[5] + both];
+        h[0] = s;
         BodyInertia {
             mass: m,
             first_moment: Vector3::from(self.axes.vector(h)),
@@ -171,7 +165,7 @@ impl<T: Real, R: Rotates<T>, A: Axes> Transform<T> for Axial<T, R, A> {
         for j in 0..if R::IS_OBLIQUE { 3 } else { 2 } {
             moments[j] = self.offset.moment(forces[j], moments[j]);
         }
-        if !R::IS_OBLIQUE && self.offset.is_there() {
+        if !R::IS_OBLIQUE {
             // The third force is (0, 0, 1).
             let [lx, ly, _] = self.offset.entries;
             (moments[2][0], moments[2][1]) = (moments[2][0] + ly, moments[2][1] - lx);

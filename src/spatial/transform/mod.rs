@@ -4,7 +4,7 @@
 //! between joints differs here and nowhere else.
 //!
 //! - [`Axial`]: a revolute joint. Its angle turns two planes; the axes of its parent come in an order ([`axes`]); an oblique axis adds one constant rotation
-//!   or two ([`ConstantRotation`]); zeros of its offset are left out ([`Offset`]).
+//!   or two ([`ConstantRotation`]); its [`Offset`] is constant.
 //! - [`Prismatic`]: a rotation that is constant, and of P by constant angles.
 //! - [`Base`]: nothing goes on from a body that floats.
 //! - [`RigidShift`](super::RigidShift): any joint, by a rotation matrix.
@@ -32,7 +32,7 @@ pub(crate) use base::Base;
 pub(crate) use constant_rotation::ConstantRotation;
 pub(crate) use covariance::{packed, unpacked};
 pub(crate) use decomposed::{AboutAxis, turns_about_a_tilted_axis, turns_about_an_axis};
-pub(crate) use offset::{Offset, along_each};
+pub(crate) use offset::Offset;
 pub(crate) use prismatic::{ConstantSlide, Prismatic};
 pub(crate) use rotation::{ObliqueRotation, Rotates};
 

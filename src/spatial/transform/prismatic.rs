@@ -84,7 +84,7 @@ impl<T: Real> Transform<T> for Prismatic<'_, T> {
 
     #[inline(always)]
     fn send_covariance(&self, p: &[T; 21], begins: bool, sum: &mut [T; 21]) {
-        let offset = Offset { entries: self.shift.lever.into(), along: [true; 3], square: p[0] };
+        let offset = Offset { entries: self.shift.lever.into(), square: p[0] };
         accumulate(&along_offset(&offset, &self.rotation.covariance(p)), begins, sum);
     }
 
