@@ -20,4 +20,4 @@ pub use symmetric::{Symmetric3, Symmetric6};
 pub use vector::{
     SpatialVector, angular, cross, cross_force, cross_motion, dot, linear, scaled, scaled_add, skew, spatial, sum, zero,
 };
-pub(crate) use vector::{absolute, from_rows, minus, product, row, times_each};
+pub(crate) use vector::{absolute, cross_add, from_rows, minus, product, row, times_each};

@@ -1,0 +1,12 @@
+//! Derivatives of the dynamics against central differences in double-double arithmetic, against first principles, dense algebra and identities.
+
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "common.rs"]
+mod support;
+
+mod arguments;
+mod cost;
+mod forward;
+mod inverse;
+mod linear;
