@@ -9,7 +9,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._motion import PD, Trajectory
 from ._ode import Ode
-from ._results import Accuracy, Energy, Estimate, Joint, Limits, Link, MassEstimate, Plan, Samples
+from ._results import (
+    Accuracy,
+    Energy,
+    Estimate,
+    ForwardDynamicsDerivatives,
+    InverseDynamicsDerivatives,
+    Joint,
+    Limits,
+    LinearSystem,
+    Link,
+    MassEstimate,
+    Plan,
+    Samples,
+)
 from .operators import Factor
 
 __all__ = [
@@ -446,6 +459,38 @@ class Scene:
         errors: as in forward_dynamics. Raises ArgumentError for an unknown link; ShapeError,
         NotFiniteError, ArgumentError for a bad q, naming the state.
         """
+
+    def inverse_dynamics_derivatives(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        *,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        errors: _Errors = "raise",
+    ) -> InverseDynamicsDerivatives: ...
+
+    def forward_dynamics_derivatives(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        form: _Form = "auto",
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        errors: _Errors = "raise",
+    ) -> ForwardDynamicsDerivatives: ...
+
+    def linearize(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        form: _Form = "auto",
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        errors: _Errors = "raise",
+    ) -> LinearSystem: ...
 
     def operational_inverse_inertia(
         self,

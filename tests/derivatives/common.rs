@@ -2,7 +2,7 @@
 
 use crate::common::oracle::{D, d};
 use crate::common::{Random, Tree, random_state, tolerance};
-use nalgebra::Vector6;
+use nalgebra::{Matrix3, Vector6};
 use phipsi::dynamics;
 use phipsi::dynamics::derivatives::{self, DerivativeScratch, ForwardDerivatives, InverseDerivatives};
 use phipsi::filter::pivots::LostPivot;
@@ -34,6 +34,19 @@ pub fn trees(n: u64) -> impl Iterator<Item = Tree<'static>> {
         armature: if seed % 3 == 0 { 0.0 } else { 0.3 },
         floating: seed % 4 == 1,
     })
+}
+
+/// The numbers of a scene in about 31 digits, each rotation the nearest that is one to as many: turned by one that is not quite a rotation, what a
+/// joint feels in its own axes would differ by the rounding of f64.
+pub fn widened(scene: &Scene) -> Model<D> {
+    let mut model: Model<D> = scene.model().cast();
+    for body in &mut model.bodies {
+        let rotation = &mut body.tree.rotation;
+        for _ in 0..3 {
+            *rotation = *rotation * (Matrix3::identity() * d(3.0) - rotation.transpose() * *rotation) * d(0.5);
+        }
+    }
+    model
 }
 
 /// One state of a scene: u is a torque or an acceleration.

@@ -3,7 +3,7 @@
 use crate::common::oracle::{Oracle, d, ds};
 use crate::common::tolerance::{self, assert_near, assert_near_double, size};
 use crate::common::{Random, Tree, random_state};
-use crate::support::{KINDS, NAMES, State, Three, differences, of_torques, round, torque, trees};
+use crate::support::{KINDS, NAMES, State, Three, differences, of_torques, round, torque, trees, widened};
 use phipsi::Scene;
 use phipsi::scene::JointKind;
 use phipsi::scene::Model;
@@ -26,7 +26,7 @@ fn scale(model: &Model<f64>, found: &Three<f64>, state: &State<f64>) -> f64 {
 #[track_caller]
 fn assert_right(scene: &Scene, state: &State<f64>) -> Three<f64> {
     let (model, n) = (scene.model(), scene.links().len());
-    let (wide, wide_state) = (model.cast(), state.cast());
+    let (wide, wide_state) = (widened(scene), state.cast());
     let exact = of_torques(&wide, &wide_state);
     let expected = differences(&wide, &wide_state, torque);
     let found = of_torques(model, state);
