@@ -286,7 +286,7 @@ def test_a_bad_state_becomes_nan_where_that_is_asked_for(mixed: phipsi.Scene, na
     qd[3] = np.inf
     with pytest.warns(BadStateWarning) as caught:
         found = calls(mixed)[name](q, qd, tau, errors="nan")
-    assert caught[0].message.states == ((3,),)  # type: ignore[union-attr]
+    assert caught[0].message.states == (3,)  # type: ignore[union-attr]
     for part in found:
         assert np.all(np.isnan(part[3])) and np.all(np.isfinite(np.delete(part, 3, axis=0)))
 
