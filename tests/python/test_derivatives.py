@@ -11,38 +11,28 @@ from conftest import State as Random
 from conftest import random_states
 from oracle_mpmath import KINDS, State, derivative, exact, identity, moved, random_tree, rounded
 from oracle_pinocchio import Oracle, load
+from test_pinocchio import bases, regular_robots, robots
 from tolerances import EPS, assert_near, assert_same_bits, inverse, product, recursion, size, solve
 
 import phipsi
 from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, ShapeError, SingularJointError
 
-ROBOTS = (
-    "ur_description/urdf/ur5_robot.urdf",
-    "panda_description/urdf/panda.urdf",
-    "g1_description/urdf/g1_29dof_rev_1_0.urdf",
-    "talos_data/robots/talos_full_v2.urdf",
-    "anymal_b_simple_description/robots/anymal.urdf",
-    "solo_description/robots/solo12.urdf",
-    "icub_description/robots/icub.urdf",
-    "tiago_description/robots/tiago.urdf",
-)
-STATES = 3
+G1 = "g1_description/urdf/g1_29dof_rev_1_0.urdf"
 worst: dict[str, float] = {}
 """The largest error that the tests so far saw, by what it is beside, in units of n eps or cond eps of the quantity's size."""
 
-bases = pytest.mark.parametrize("floating_base", [False, True], ids=["fixed", "floating"])
-
 
 def note(name: str, off: float, unit: float) -> None:
-    worst[name] = max(worst.get(name, 0.0), off / unit)
+    worst[name] = max(worst.get(name, 0.0), off / unit if unit else off)
 
 
 def largest(values: np.ndarray) -> float:
     return float(np.max(np.abs(values), initial=0.0))
 
 
-def real_state(scene: phipsi.Scene, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+def real_state(scene: phipsi.Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """A random state with a wrench on every third link, merged ones included."""
+    random = np.random.default_rng(scene.nv)
     q = scene.integrate(scene.neutral(), random.uniform(-np.pi, np.pi, scene.nv))
     qd, u = random.uniform(-2.0, 2.0, (2, scene.nv))
     return q, qd, u, {link: random.uniform(-3.0, 3.0, 6) for link in scene.link_names[::3]}
@@ -55,36 +45,34 @@ def robot(file: str, floating_base: bool) -> tuple[phipsi.Scene, Oracle]:
 
 
 @bases
-@pytest.mark.parametrize("file", ROBOTS)
+@robots
 def test_of_torques_as_pinocchio(file: str, floating_base: bool) -> None:
+    """To n eps, singular models included."""
     scene, oracle = robot(file, floating_base)
-    random = np.random.default_rng(scene.nv)
-    for _ in range(STATES):
-        q, qd, qdd, wrenches = real_state(scene, random)
-        found = scene.inverse_dynamics_derivatives(q, qd, qdd, wrenches=wrenches)
-        expected = oracle.inverse_dynamics_derivatives(q, qd, qdd, wrenches)
-        scale = largest(scene.inverse_dynamics(q, qd, qdd, wrenches=wrenches))
-        for name, one, other in zip(found._fields, found, expected, strict=True):
-            of = max(scale, largest(other))
-            assert_near(one, other, product(scene.nv, of))
-            note(f"{name} beside Pinocchio, n eps", largest(one - other), scene.nv * EPS * of)
+    q, qd, qdd, wrenches = real_state(scene)
+    found = scene.inverse_dynamics_derivatives(q, qd, qdd, wrenches=wrenches)
+    expected = oracle.inverse_dynamics_derivatives(q, qd, qdd, wrenches)
+    scale = largest(scene.inverse_dynamics(q, qd, qdd, wrenches=wrenches))
+    for name, one, other in zip(found._fields, found, expected, strict=True):
+        of = max(scale, largest(other))
+        assert_near(one, other, recursion(scene.nv, of))
+        note(f"{name} beside Pinocchio, n eps", largest(one - other), scene.nv * EPS * of)
 
 
 @bases
-@pytest.mark.parametrize("file", ROBOTS)
+@regular_robots
 def test_of_accelerations_as_pinocchio(file: str, floating_base: bool) -> None:
+    """To cond(M) eps."""
     scene, oracle = robot(file, floating_base)
-    random = np.random.default_rng(scene.nv)
-    for _ in range(STATES):
-        q, qd, tau, wrenches = real_state(scene, random)
-        condition = float(np.linalg.cond(scene.mass_matrix(q)))
-        found = scene.forward_dynamics_derivatives(q, qd, tau, wrenches=wrenches)
-        expected = oracle.forward_dynamics_derivatives(q, qd, tau, wrenches)
-        scale = largest(scene.forward_dynamics(q, qd, tau, wrenches=wrenches))
-        for name, one, other in zip(found._fields, found, expected, strict=True):
-            of = max(scale, largest(other))
-            assert_near(one, other, inverse(condition, of))
-            note(f"{name} beside Pinocchio, cond eps", largest(one - other), condition * EPS * of)
+    q, qd, tau, wrenches = real_state(scene)
+    condition = float(np.linalg.cond(scene.mass_matrix(q))) if scene.nv else 1.0
+    found = scene.forward_dynamics_derivatives(q, qd, tau, wrenches=wrenches)
+    expected = oracle.forward_dynamics_derivatives(q, qd, tau, wrenches)
+    scale = largest(scene.forward_dynamics(q, qd, tau, wrenches=wrenches))
+    for name, one, other in zip(found._fields, found, expected, strict=True):
+        of = max(scale, largest(other))
+        assert_near(one, other, inverse(condition, of))
+        note(f"{name} beside Pinocchio, cond eps", largest(one - other), condition * EPS * of)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -130,8 +118,8 @@ def test_against_60_digits(seed: int) -> None:
 
 def test_far_from_the_origin_no_digit_is_lost() -> None:
     """A robot that floats 1,000 km away, where one common frame loses eleven digits."""
-    scene, _ = robot(ROBOTS[2], True)
-    q, qd, qdd, _ = real_state(scene, np.random.default_rng(1))
+    scene, _ = robot(G1, True)
+    q, qd, qdd, _ = real_state(scene)
     near = scene.inverse_dynamics_derivatives(q, qd, qdd)
     q[:3] = 1e6, -2e6, 1.5e6
     for name, one, other in zip(near._fields, scene.inverse_dynamics_derivatives(q, qd, qdd), near, strict=True):
