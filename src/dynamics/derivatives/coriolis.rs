@@ -1,9 +1,12 @@
 //! B(k): how the force that a body needs depends on its velocity.
 
-use super::hinge::{cross_axis, minus, plus};
+use super::hinge::{cross_axis, minus};
 use crate::filter::HingeMap;
+use crate::joints::vectors::plus;
 use crate::scalar::Real;
-use crate::spatial::{BodyInertia, RigidShift, angular, cross, cross_add, linear, product, row, spatial};
+use crate::spatial::{
+    BodyInertia, RigidShift, angular, cross, cross_add, from_rows, linear, rotate_block, row, spatial, sum3,
+};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// B = v x* M - M v x + bar(M v), bar(h) x = x x* h: twice the body-level Coriolis matrix of Echeandia and Wensing.
@@ -30,30 +33,24 @@ impl<T: Real> BodyCoriolis<T> {
         let (w, u) = (angular(velocity), linear(velocity));
         let two = w[0].constant(2.0);
         let h = &inertia.first_moment;
-        let h = Vector3::new(two * h[0], two * h[1], two * h[2]);
+        let h = [two * h[0], two * h[1], two * h[2]];
         let mass = two * inertia.mass;
         let [xx, xy, xz, yy, yz, zz] = inertia.rotational.entries;
-        // -2 Sigma = 2 I - tr(I), and -2 h~ u~ = 2 (h.u) - 2 u h^T.
         let (xy, xz, yz) = (two * xy, two * xz, two * yz);
-        let column = |x: T, y: T, z: T, i: usize| {
-            let turned = cross(&w, &Vector3::new(x, y, z));
-            Vector3::new(
-                turned[0].minus_product(u[0], h[i]),
-                turned[1].minus_product(u[1], h[i]),
-                turned[2].minus_product(u[2], h[i]),
-            )
-        };
-        let mut b = Matrix3::from_columns(&[
-            column(xx - yy - zz, xy, xz, 0),
-            column(xy, yy - xx - zz, yz, 1),
-            column(xz, yz, zz - xx - yy, 2),
-        ]);
-        let along = h[0].mul_add(u[0], h[1].mul_add(u[1], h[2] * u[2]));
+        // -2 Sigma = 2 I - tr(I), and -2 h~ u~ = 2 (h.u) - 2 u h^T.
+        let (x, y, z) = ([xx - yy - zz, xy, xz], [xy, yy - xx - zz, yz], [xz, yz, zz - xx - yy]);
+        let along = sum3(h, [u[0], u[1], u[2]]);
+        let mut b = from_rows(
+            row_of((w[1], &z), (w[2], &y), (u[0], &h)),
+            row_of((w[2], &x), (w[0], &z), (u[1], &h)),
+            row_of((w[0], &y), (w[1], &x), (u[2], &h)),
+        );
         for i in 0..3 {
             b[(i, i)] += along;
         }
         // w x h + m u, twice; with the sign turned.
-        let momentum = cross_add(&w, &h, &Vector3::new(mass * u[0], mass * u[1], mass * u[2]));
+        let pushed = Vector3::new(mass * u[0], mass * u[1], mass * u[2]);
+        let momentum = cross_add(&w, &Vector3::new(h[0], h[1], h[2]), &pushed);
         Self { angular: b, linear: minus(&momentum) }
     }
 
@@ -61,24 +58,26 @@ impl<T: Real> BodyCoriolis<T> {
     #[inline(always)]
     #[must_use]
     pub fn add(&self, other: &Self) -> Self {
-        let (b, c) = (&self.angular, &other.angular);
-        let sum = |i: usize| Vector3::new(b[(0, i)] + c[(0, i)], b[(1, i)] + c[(1, i)], b[(2, i)] + c[(2, i)]);
-        let (p, r) = (&self.linear, &other.linear);
-        Self {
-            angular: Matrix3::from_columns(&[sum(0), sum(1), sum(2)]),
-            linear: Vector3::new(p[0] + r[0], p[1] + r[1], p[2] + r[2]),
+        let (b, p) = (&other.angular, &other.linear);
+        let mut both = *self;
+        for i in 0..3 {
+            for j in 0..3 {
+                both.angular[(i, j)] += b[(i, j)];
+            }
+            both.linear[i] += p[i];
         }
+        both
     }
 
     /// phi B phi*: about the parent's origin, in the parent's frame.
     #[inline(always)]
     #[must_use]
     pub fn to_parent(&self, shift: &RigidShift<T>) -> Self {
-        let (r, l) = (&shift.rotation, &shift.lever);
+        let l = &shift.lever;
         let p = shift.rotate(&self.linear);
-        let mut b = product(&product(r, &self.angular), &r.transpose());
+        let mut b = rotate_block(&shift.rotation, &self.angular);
         // l~ p~ = p l^T - l.p
-        let along = l[0].mul_add(p[0], l[1].mul_add(p[1], l[2] * p[2]));
+        let along = sum3([l[0], l[1], l[2]], [p[0], p[1], p[2]]);
         for i in 0..3 {
             for j in 0..3 {
                 b[(i, j)] = p[i].mul_add(l[j], b[(i, j)]);
@@ -92,11 +91,9 @@ impl<T: Real> BodyCoriolis<T> {
     #[inline(always)]
     pub fn mul_angular(&self, x: &Vector3<T>) -> Vector6<T> {
         let b = &self.angular;
-        let part = |i: usize| {
-            let [s, t, u] = row(b, i);
-            s.mul_add(x[0], t.mul_add(x[1], u * x[2]))
-        };
-        spatial(&Vector3::new(part(0), part(1), part(2)), &cross(&self.linear, x))
+        let x3 = [x[0], x[1], x[2]];
+        let turned = Vector3::new(sum3(row(b, 0), x3), sum3(row(b, 1), x3), sum3(row(b, 2), x3));
+        spatial(&turned, &cross(&self.linear, x))
     }
 
     /// B S, S a row of H* as a column.
@@ -114,14 +111,26 @@ impl<T: Real> BodyCoriolis<T> {
     /// B* S, a moment: its other half is zero.
     #[inline(always)]
     pub(super) fn moment(&self, hinge: &HingeMap<T>) -> Vector3<T> {
-        let turned = |i: usize| {
-            let [x, y, z] = row(&self.angular, i);
-            Vector3::new(x, y, z)
+        let of_row = match *hinge {
+            HingeMap::Axis(i) if i < 3 => i,
+            HingeMap::Axis(i) => return minus(&cross_axis(&self.linear, i - 3)),
+            HingeMap::Screw(_) => 2,
         };
+        let [x, y, z] = row(&self.angular, of_row);
+        let turned = Vector3::new(x, y, z);
         match *hinge {
-            HingeMap::Axis(i) if i < 3 => turned(i),
-            HingeMap::Axis(i) => minus(&cross_axis(&self.linear, i - 3)),
-            HingeMap::Screw(pitch) => plus(&turned(2), -pitch, &cross_axis(&self.linear, 2)),
+            HingeMap::Axis(_) => turned,
+            HingeMap::Screw(pitch) => plus(&turned, -pitch, &cross_axis(&self.linear, 2)),
         }
     }
+}
+
+/// One row of w~ Q - u h^T, the other two rows of Q times their component of w: s a - t b - u h.
+#[inline(always)]
+fn row_of<T: Real>((s, a): (T, &[T; 3]), (t, b): (T, &[T; 3]), (u, h): (T, &[T; 3])) -> [T; 3] {
+    [
+        s.mul_add(a[0], -t.mul_add(b[0], u * h[0])),
+        s.mul_add(a[1], -t.mul_add(b[1], u * h[1])),
+        s.mul_add(a[2], -t.mul_add(b[2], u * h[2])),
+    ]
 }

@@ -1,6 +1,7 @@
 //! Cross products with a row of H*: it has one entry that is 1 (a screw has two), so that most of them only change places.
 
 use crate::filter::HingeMap;
+use crate::joints::vectors::plus;
 use crate::scalar::Real;
 use crate::spatial::{angular, linear, spatial};
 use nalgebra::{Vector3, Vector6};
@@ -14,12 +15,6 @@ pub(super) fn cross_axis<T: Real>(w: &Vector3<T>, i: usize) -> Vector3<T> {
         1 => Vector3::new(-w[2], o, w[0]),
         _ => Vector3::new(w[1], -w[0], o),
     }
-}
-
-/// a + s b.
-#[inline(always)]
-pub(super) fn plus<T: Real>(a: &Vector3<T>, s: T, b: &Vector3<T>) -> Vector3<T> {
-    crate::joints::vectors::plus(a, s, b)
 }
 
 /// -a.
