@@ -13,7 +13,7 @@ use nalgebra::{Vector3, Vector6};
 /// A (2nv x 2nv) and B (2nv x nv) of dx/dt = A x + B u, both row by row: x = (d, change of qd) is a small deviation q (+) d from the motion that goes
 /// through the state under `tau`, and u a change of torques.
 ///
-/// A = [[-ad(qd), 1], [dqdd/dq, dqdd/dqd]], B = [[0], [M^-1]], with [`forward_dynamics_derivatives`]. ad(v) is the bracket within a joint: the cross
+/// `A = [[-ad(qd), 1], [dqdd/dq, dqdd/dqd]]`, `B = [[0], [M^-1]]`, with [`forward_dynamics_derivatives`]. ad(v) is the bracket within a joint: the cross
 /// product w x of a spherical joint, (w~, v~; 0, w~) of a free one, linear first; zero for joints of one axis, and at rest.
 ///
 /// # Errors
