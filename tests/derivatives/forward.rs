@@ -3,11 +3,8 @@
 use crate::common::oracle::{D, Oracle, ds, solve};
 use crate::common::tolerance::{self, assert_near, assert_near_double, conditioning, size};
 use crate::common::{Random, Tree, random_inertial};
-use crate::support::{
-    NAMES, State, Three, acceleration, differences, of_accelerations, of_torques, round, trees, widened,
-};
+use crate::support::{NAMES, State, acceleration, differences, of_accelerations, of_torques, round, trees, widened};
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
-use phipsi::scenes::{extreme, names};
 use phipsi::{Form, Scene};
 
 const FORMS: [Form; 4] = [Form::Auto, Form::Covariance, Form::Joseph, Form::SquareRoot];
@@ -17,10 +14,6 @@ fn condition(scene: &Scene, q: &[f64]) -> f64 {
     let mut mass = vec![f64::NAN; scene.nv() * scene.nv()];
     scene.mass_matrix(&mut scene.workspace(), q, &mut mass).unwrap();
     conditioning(scene.nv(), &mass).number
-}
-
-fn exact(scene: &Scene, state: &State<f64>) -> Three<D> {
-    of_accelerations(&scene.model().cast(), Form::SquareRoot, &state.cast()).unwrap()
 }
 
 #[test]
@@ -94,31 +87,6 @@ fn a_single_body_by_hand() {
         tolerance::assert_close("falling", by_q[row * 6 + column], expected, tolerance::product(8, 10.0));
     }
     assert_near("no rates", &by_qd, &[0.0; 36], tolerance::product(8, 10.0));
-}
-
-/// In form `auto` as right as the accelerations: on every extreme scene, to what the problem allows.
-#[test]
-fn extreme_scenes_keep_their_digits_in_auto() {
-    for name in names() {
-        let usual = extreme(name, None, None, 0).unwrap();
-        for &value in usual.values {
-            if (name == "zero-inertia" && value == 0.0) || (name == "long-chain" && value > 40.0) {
-                continue;
-            }
-            let case = extreme(name, Some(value), None, 1).unwrap();
-            let state = State { q: case.q, qd: case.qd, u: case.tau, wrenches: Vec::new() };
-            let exact = exact(&case.scene, &state).map(|matrix| round(&matrix));
-            let found = of_accelerations(case.scene.model(), Form::Auto, &state).unwrap();
-            for ((name_of, found), exact) in NAMES.iter().zip(&found).zip(&exact) {
-                let off: Vec<f64> = found.iter().zip(exact).map(|(a, b)| a - b).collect();
-                let relative = size(&off) / size(exact).max(f64::MIN_POSITIVE);
-                if std::env::var_os("PHIPSI_SHOW_RATIOS").is_some() {
-                    eprintln!("{name} {value:e} {name_of}: {relative:.1e}");
-                }
-                assert!(relative <= tolerance::KEPT_BY_DERIVATIVES, "{name} at {value:e}, {name_of}: {relative:e}");
-            }
-        }
-    }
 }
 
 /// A joint without inertia about its axis is named.

@@ -7,6 +7,10 @@ mod support;
 
 mod arguments;
 mod cost;
+mod extremes;
+#[allow(dead_code)] // some of it is for other tests
+#[path = "../auto/families.rs"]
+mod families;
 mod forward;
 mod inverse;
 mod linear;

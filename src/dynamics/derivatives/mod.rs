@@ -38,6 +38,8 @@ pub struct DerivativeScratch<T: Real> {
     felt: Vec<Felt<T>>,
     /// One number a degree of freedom: torques, then a column.
     column: Vec<T>,
+    /// The largest entry of each row of M^-1.
+    largest: Vec<T>,
     /// The accelerations of the state.
     acceleration: Vec<T>,
     /// The last body outboard of each.
@@ -61,6 +63,7 @@ impl<T: Real> DerivativeScratch<T> {
             coriolis: vec![BodyCoriolis::filled(nan); bodies],
             felt: vec![Felt::filled(nan); nv],
             column: vec![nan; nv],
+            largest: vec![nan; nv],
             acceleration: vec![nan; nv],
             last,
             inverse: InverseScratch::new(model),
