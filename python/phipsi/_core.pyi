@@ -496,8 +496,8 @@ class Scene:
         """Derivatives of forward dynamics, in the tangent space of q: dqdd/dq = -M^-1 dtau/dq, dqdd/dqd = -M^-1 dtau/dqd and dqdd/dtau = M^-1.
 
         q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as
-        they are in their link's frame. In form "auto" a state that loses digits in covariance form is done with twice the digits, some thirty times as
-        long.
+        they are in their link's frame. In form "auto" a state whose digits cancel, by an estimate down to 1e-9 of the largest entry, is done with twice the
+        digits, some thirty times as long.
 
         Row i is the acceleration qdd_i; columns as in inverse_dynamics_derivatives, whose results at the accelerations of the state are multiplied by
         M^-1 (6.1).

@@ -4,6 +4,7 @@ use crate::dynamics::derivatives::{self, DerivativeScratch, ForwardDerivatives, 
 use crate::error::{Error, check_length};
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
+use crate::watch;
 use crate::workspace::Workspace;
 
 impl Scene {
@@ -39,6 +40,7 @@ impl Scene {
         check_length("dtau_dqd", out.dtau_dqd.len(), nv * nv)?;
         check_length("mass_matrix", out.mass_matrix.len(), nv * nv)?;
         derivatives::inverse_dynamics_derivatives(self.model(), workspace, scratch, q, qd, qdd, wrenches, out);
+        self.check_not_stopped()?;
         self.check_result("dtau/dq", out.dtau_dq)?;
         self.check_result("dtau/dqd", out.dtau_dqd)?;
         self.check_result("mass matrix", out.mass_matrix)
@@ -72,6 +74,7 @@ impl Scene {
         check_length("mass_matrix_inverse", out.mass_matrix_inverse.len(), nv * nv)?;
         derivatives::forward_dynamics_derivatives(self.model(), workspace, scratch, q, qd, tau, wrenches, out)
             .map_err(|lost| self.singular(lost))?;
+        self.check_not_stopped()?;
         self.check_result("dqdd/dq", out.dqdd_dq)?;
         self.check_result("dqdd/dqd", out.dqdd_dqd)?;
         self.check_result("mass matrix inverse", out.mass_matrix_inverse)
@@ -103,8 +106,14 @@ impl Scene {
         check_length("b", b.len(), 2 * nv * nv)?;
         derivatives::linearize(self.model(), workspace, scratch, q, qd, tau, wrenches, (a, b))
             .map_err(|lost| self.singular(lost))?;
+        self.check_not_stopped()?;
         self.check_result("A", a)?;
         self.check_result("B", b)
+    }
+
+    /// Whether the work was told to stop on its way.
+    fn check_not_stopped(&self) -> Result<(), Error> {
+        if self.model().bodies.len() < derivatives::AT_A_TIME { Ok(()) } else { watch::check() }
     }
 
     /// What all of these are given.

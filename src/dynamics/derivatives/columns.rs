@@ -2,12 +2,13 @@
 
 use super::hinge::hinge_cross_force;
 use super::outward::Felt;
-use super::{DerivativeScratch, InverseDerivatives};
+use super::{AT_A_TIME, DerivativeScratch, InverseDerivatives};
 use crate::filter::HingeMap;
 use crate::filter::Stage;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, dot, sum};
+use crate::watch;
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
@@ -49,7 +50,8 @@ impl<T: Real> Columns<T> {
     }
 }
 
-/// All entries, from the composites r(k) and forces F(k) in the workspace and B(k) in the scratch, which is summed up here.
+/// All entries, from the composites r(k) and forces F(k) in the workspace and B(k) in the scratch, which is summed up here. Told to stop, it stops: whoever
+/// checks next says so.
 #[inline(always)]
 pub(super) fn tip_to_base<T: Real>(
     model: &Model<T>,
@@ -63,6 +65,9 @@ pub(super) fn tip_to_base<T: Real>(
         matrix.fill(zero);
     }
     for k in (0..model.bodies.len()).rev() {
+        if watch::check_at(k + 1, AT_A_TIME).is_err() {
+            return;
+        }
         let stage = &model.system.stages[k];
         for i in 0..stage.rows.count() {
             let own = at_own_joint(model, workspace, scratch, (k, i), out);

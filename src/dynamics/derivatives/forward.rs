@@ -1,17 +1,19 @@
 //! Derivatives of forward dynamics, by M^-1 times those of inverse dynamics.
 
 use super::inverse::{InverseDerivatives, at_state};
-use super::{DerivativeScratch, doubled};
+use super::{AT_A_TIME, DerivativeScratch, doubled};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::inverse::forces_base_to_tip;
 use crate::dynamics::mass_inverse::closed_form;
-use crate::dynamics::{factorise, forward_dynamics};
+use crate::dynamics::{factorise, forward_dynamics, solve};
 use crate::filter::pivots::{LostPivot, PivotMonitor};
 use crate::filter::{Form, innovations, smoother};
 use crate::model::Model;
 use crate::scalar::Real;
+use crate::watch;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
+use std::ops::Range;
 
 /// Where the derivatives of joint accelerations go, (nv x nv) each, row by row: a row an acceleration.
 #[derive(Debug)]
@@ -33,8 +35,8 @@ const MOST_LOST: f64 = 1e-9;
 /// -M^-1 dtau/dq, -M^-1 dtau/dqd and M^-1: the derivatives of [`forward_dynamics`](crate::dynamics::forward_dynamics) at a state.
 ///
 /// Arguments as there; P is carried as the workspace's form says. dtau/dq and dtau/dqd are those of
-/// [`inverse_dynamics_derivatives`](super::inverse_dynamics_derivatives) at the accelerations of the state; M^-1 is (6.1). Of the products only entries
-/// of joints on one way to the base are formed: O(N^2 depth), and O(N depth) what goes before. In form `auto` a state is done in double-double
+/// [`inverse_dynamics_derivatives`](super::inverse_dynamics_derivatives) at the accelerations of the state; M^-1 is (6.1), and what it multiplies are the
+/// entries between joints on one way to the base: O(N^2 depth). On chains of 55 and more columns go through filter and smoother instead, O(N^2). In form `auto` a state is done in double-double
 /// arithmetic and rounded where the covariance form loses digits in the factor of M, or the products cancel all but nine of theirs: f64 only, some
 /// thirty times as long, with scratch for as long as it lasts.
 ///
@@ -116,44 +118,49 @@ fn at_accelerations<T: Real>(
     for (row, largest) in scratch.largest.iter_mut().enumerate() {
         *largest = largest_of(&out.mass_matrix_inverse[row * nv..(row + 1) * nv]);
     }
-    let by_q = minus_inverse_times(model, scratch, out.mass_matrix_inverse, out.dqdd_dq);
-    let by_qd = minus_inverse_times(model, scratch, out.mass_matrix_inverse, out.dqdd_dqd);
+    let by_q = minus_inverse_times(model, workspace, scratch, out.mass_matrix_inverse, out.dqdd_dq);
+    let by_qd = minus_inverse_times(model, workspace, scratch, out.mass_matrix_inverse, out.dqdd_dqd);
     by_q || by_qd
 }
 
-/// -M^-1 times a matrix, in its place; its entries between branches are zero, and left out. Whether digits cancel.
+/// -M^-1 times a matrix, in its place: by filter and smoother where that is fewer operations, else by products, of which its zeros between branches are
+/// left out. Whether digits cancel. Told to stop, it stops: whoever checks next says so.
 #[inline(always)]
 fn minus_inverse_times<T: Real>(
     model: &Model<T>,
+    workspace: &mut Workspace<T>,
     scratch: &mut DerivativeScratch<T>,
     inverse: &[T],
     matrix: &mut [T],
 ) -> bool {
     let (nv, stages) = (model.nv(), &model.system.stages);
-    let DerivativeScratch { column: sum, last, largest, .. } = scratch;
+    let DerivativeScratch { column: right, product, last, largest, by_columns, .. } = scratch;
     let mut most_terms = T::zero();
     for (k, stage) in stages.iter().enumerate() {
+        if watch::check_at(k + 1, AT_A_TIME).is_err() {
+            return false;
+        }
         for column in stage.first_row..stage.first_row + stage.rows.count() {
-            sum.fill(T::zero());
             let mut terms = T::zero();
-            let end = &stages[last[k]];
-            for row in stage.first_row..end.first_row + end.rows.count() {
-                let entry = matrix[row * nv + column];
-                terms = entry.abs().mul_add(largest[row], terms);
-                subtract_row(sum, entry, inverse, row);
-            }
-            let mut inboard = stage.parent;
-            while let Some(parent) = inboard {
-                let stage = &stages[parent];
-                for row in stage.first_row..stage.first_row + stage.rows.count() {
-                    let entry = matrix[row * nv + column];
-                    terms = entry.abs().mul_add(largest[row], terms);
-                    subtract_row(sum, entry, inverse, row);
-                }
-                inboard = stage.parent;
+            for (row, (right, &largest)) in right.iter_mut().zip(largest.iter()).enumerate() {
+                *right = -matrix[row * nv + column];
+                terms = right.abs().mul_add(largest, terms);
             }
             most_terms = larger(most_terms, terms);
-            for (row, &entry) in sum.iter().enumerate() {
+            if *by_columns {
+                solve(model, workspace, right, product);
+            } else {
+                product.fill(T::zero());
+                let end = &stages[last[k]];
+                add_rows(product, right, inverse, stage.first_row..end.first_row + end.rows.count());
+                let mut inboard = stage.parent;
+                while let Some(parent) = inboard {
+                    let stage = &stages[parent];
+                    add_rows(product, right, inverse, stage.first_row..stage.first_row + stage.rows.count());
+                    inboard = stage.parent;
+                }
+            }
+            for (row, &entry) in product.iter().enumerate() {
                 matrix[row * nv + column] = entry;
             }
         }
@@ -163,12 +170,15 @@ fn minus_inverse_times<T: Real>(
     (0..T::LANES).any(|lane| !(most_terms.lane(lane) * rounding <= size.lane(lane)))
 }
 
-/// sum - entry times a row of a matrix.
+/// sum + some rows of a matrix, each times its factor.
 #[inline(always)]
-fn subtract_row<T: Real>(sum: &mut [T], entry: T, matrix: &[T], row: usize) {
+fn add_rows<T: Real>(sum: &mut [T], factors: &[T], matrix: &[T], rows: Range<usize>) {
     let nv = sum.len();
-    for (sum, &x) in sum.iter_mut().zip(&matrix[row * nv..(row + 1) * nv]) {
-        *sum = sum.minus_product(entry, x);
+    for row in rows {
+        let factor = factors[row];
+        for (sum, &x) in sum.iter_mut().zip(&matrix[row * nv..(row + 1) * nv]) {
+            *sum = factor.mul_add(x, *sum);
+        }
     }
 }
 

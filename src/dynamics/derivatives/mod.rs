@@ -29,6 +29,12 @@ use crate::model::Model;
 use crate::scalar::Real;
 use outward::Felt;
 
+/// Bodies between questions whether to stop; scenes of fewer are done without.
+pub(crate) const AT_A_TIME: usize = 16;
+
+/// Operations a body of one column through filter and smoother.
+const A_COLUMN: usize = 109;
+
 /// Scratch that only derivatives need, beside the workspace; starts as NaN.
 #[derive(Debug, Clone)]
 pub struct DerivativeScratch<T: Real> {
@@ -36,14 +42,17 @@ pub struct DerivativeScratch<T: Real> {
     coriolis: Vec<BodyCoriolis<T>>,
     /// What a unit of each degree of freedom lets its body feel.
     felt: Vec<Felt<T>>,
-    /// One number a degree of freedom: torques, then a column.
+    /// One number a degree of freedom: torques, then a column, and what becomes of it.
     column: Vec<T>,
+    product: Vec<T>,
     /// The largest entry of each row of M^-1.
     largest: Vec<T>,
     /// The accelerations of the state.
     acceleration: Vec<T>,
     /// The last body outboard of each.
     last: Vec<usize>,
+    /// Whether columns through filter and smoother are fewer operations than products with M^-1.
+    by_columns: bool,
     inverse: InverseScratch<T>,
 }
 
@@ -53,18 +62,33 @@ impl<T: Real> DerivativeScratch<T> {
     pub fn new(model: &Model<T>) -> Self {
         let nan = T::from_f64(f64::NAN);
         let (bodies, nv) = (model.bodies.len(), model.nv());
+        let stages = &model.system.stages;
         let mut last: Vec<usize> = (0..bodies).collect();
-        for (k, stage) in model.system.stages.iter().enumerate().rev() {
+        let mut inboard = vec![0; bodies];
+        for (k, stage) in stages.iter().enumerate() {
+            inboard[k] = stage.parent.map_or(0, |parent: usize| inboard[parent] + stages[parent].rows.count());
+        }
+        for (k, stage) in stages.iter().enumerate().rev() {
             if let Some(parent) = stage.parent {
                 last[parent] = last[parent].max(last[k]);
             }
         }
+        let entries: usize = stages
+            .iter()
+            .zip(last.iter().zip(&inboard))
+            .map(|(stage, (&last, inboard))| {
+                let end = stages[last].first_row + stages[last].rows.count();
+                stage.rows.count() * (inboard + end - stage.first_row)
+            })
+            .sum();
         Self {
             coriolis: vec![BodyCoriolis::filled(nan); bodies],
             felt: vec![Felt::filled(nan); nv],
             column: vec![nan; nv],
+            product: vec![nan; nv],
             largest: vec![nan; nv],
             acceleration: vec![nan; nv],
+            by_columns: 2 * entries > A_COLUMN * bodies,
             last,
             inverse: InverseScratch::new(model),
         }
