@@ -88,12 +88,11 @@ fn random_scenes_keep_what_is_promised() {
 /// Held against gravity and falling: accelerations cancel to nothing, their derivatives do not.
 #[test]
 fn the_states_that_robots_are_in() {
-    for number in 0..FAMILIES.len() {
+    for (number, family) in FAMILIES.iter().enumerate() {
         for base in [Some(case(number)), case(number).on_a_free_base(1)].into_iter().flatten() {
             for state in STATES {
                 let Some(found) = base.in_state(state).as_ref().and_then(errors_at) else { continue };
                 for (what, error) in NAMES.iter().zip(found) {
-                    let family = FAMILIES[number];
                     assert!(error <= tolerance::CANCELLED_DERIVATIVES, "{family}, {state}, {what}: {error:e}");
                 }
             }

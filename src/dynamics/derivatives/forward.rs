@@ -35,10 +35,12 @@ const MOST_LOST: f64 = 1e-9;
 /// -M^-1 dtau/dq, -M^-1 dtau/dqd and M^-1: the derivatives of [`forward_dynamics`](crate::dynamics::forward_dynamics) at a state.
 ///
 /// Arguments as there; P is carried as the workspace's form says. dtau/dq and dtau/dqd are those of
-/// [`inverse_dynamics_derivatives`](super::inverse_dynamics_derivatives) at the accelerations of the state; M^-1 is (6.1), and what it multiplies are the
-/// entries between joints on one way to the base: O(N^2 depth). On chains of 55 and more columns go through filter and smoother instead, O(N^2). In form `auto` a state is done in double-double
-/// arithmetic and rounded where the covariance form loses digits in the factor of M, or the products cancel all but nine of theirs: f64 only, some
-/// thirty times as long, with scratch for as long as it lasts.
+/// [`inverse_dynamics_derivatives`](super::inverse_dynamics_derivatives) at the accelerations of the state; M^-1 is (6.1), and what it multiplies are
+/// the entries between joints on one way to the base: O(N^2 depth). On chains of 55 and more columns go through filter and smoother instead, O(N^2).
+///
+/// In form `auto` a state is done in double-double arithmetic and rounded where the covariance form loses digits in the factor of M, or the products
+/// cancel all but nine of theirs: f64 only, some thirty times as long, with scratch for as long as it lasts. Under a
+/// [`watch`] that ends the work `out` means nothing.
 ///
 /// # Errors
 ///

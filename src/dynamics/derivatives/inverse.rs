@@ -24,7 +24,8 @@ pub struct InverseDerivatives<'a, T> {
 ///
 /// Arguments as there. With r the composite inertia (3.5) and B that of all bodies outboard, a joint's columns are r S, r Psi2 + B Psi1 (and S x* F
 /// from there on inward) and r (Psi1 + V x S) + B S; they are carried to the base, and H of each joint on the way is an entry. Entries on the other
-/// side of the diagonal are S* r Psi2 + S* B Psi1 and S* r (Psi1 + V x S) + S* B S of the joint inboard. Between branches they are zero.
+/// side of the diagonal are S* r Psi2 + S* B Psi1 and S* r (Psi1 + V x S) + S* B S of the joint inboard. Between branches they are zero. Under a
+/// [`watch`](crate::watch) that ends the work `out` means nothing.
 #[allow(clippy::too_many_arguments)] // a state is three arrays and forces; scratch and results are the caller's
 pub fn inverse_dynamics_derivatives<T: Real>(
     model: &Model<T>,
