@@ -8,6 +8,7 @@ mod common;
 use common::{ALGORITHMS, BATCH, CHAINS, KINDS, ROBOTS, arguments, model, states, states_of};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::DMatrixView;
+use phipsi::dynamics::derivatives::{ForwardDerivatives, InverseDerivatives};
 use phipsi::dynamics::operational::Frame;
 use phipsi::filter::FORMS;
 use phipsi::{Algorithm, Arguments, Form, Scene, dynamics, scenes};
@@ -193,5 +194,46 @@ fn operational(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, chains, robots, growth, operational, forms, auto_states);
+/// Derivatives of inverse and forward dynamics, one state a call by the checked methods: chains, and the floating robots of the peers.
+fn derivatives(c: &mut Criterion) {
+    let chains = [7, 20, 50].map(|n| (format!("chain_{n}"), scenes::chain(n).ok()));
+    let robots = ["g1", "talos"].map(|name| (name.to_owned(), model(name)));
+    for (name, scene) in chains.into_iter().chain(robots) {
+        let Some(scene) = scene else { continue };
+        let states = states(&scene);
+        let mut cycle = states.iter().cycle();
+        let mut next = move || black_box(cycle.next().expect("a cycle has no end"));
+        let (mut workspace, mut scratch) = (scene.workspace(), scene.derivative_scratch());
+        let [mut by_q, mut by_qd, mut third] = [(); 3].map(|()| vec![0.0; scene.nv() * scene.nv()]);
+        let mut group = c.benchmark_group("derivatives");
+        group.bench_function(BenchmarkId::new("inverse", &name), |b| {
+            b.iter(|| {
+                let [q, qd, u] = next();
+                let mut out = InverseDerivatives { dtau_dq: &mut by_q, dtau_dqd: &mut by_qd, mass_matrix: &mut third };
+                scene
+                    .inverse_dynamics_derivatives(&mut workspace, &mut scratch, q, qd, u, &[], black_box(&mut out))
+                    .expect("a state");
+            });
+        });
+        for (form_name, form) in FORMS {
+            workspace.form = form;
+            group.bench_function(BenchmarkId::new(format!("forward/{form_name}"), &name), |b| {
+                b.iter(|| {
+                    let [q, qd, u] = next();
+                    let mut out = ForwardDerivatives {
+                        dqdd_dq: &mut by_q,
+                        dqdd_dqd: &mut by_qd,
+                        mass_matrix_inverse: &mut third,
+                    };
+                    scene
+                        .forward_dynamics_derivatives(&mut workspace, &mut scratch, q, qd, u, &[], black_box(&mut out))
+                        .expect("a state");
+                });
+            });
+        }
+        group.finish();
+    }
+}
+
+criterion_group!(benches, chains, robots, growth, operational, forms, auto_states, derivatives);
 criterion_main!(benches);

@@ -42,9 +42,20 @@ pub fn motion_step<T: Real>(
     parent: (&Vector6<T>, &Vector6<T>),
     qd: &[T],
 ) -> (Vector6<T>, Vector6<T>) {
+    motion_past_joint(body, row, &(shift.motion_to_child(parent.0), shift.motion_to_child(parent.1)), qd)
+}
+
+/// The same from the parent's velocity and acceleration as they are seen at the joint, phi^T of both.
+#[inline(always)]
+pub fn motion_past_joint<T: Real>(
+    body: &Body<T>,
+    row: usize,
+    seen: &(Vector6<T>, Vector6<T>),
+    qd: &[T],
+) -> (Vector6<T>, Vector6<T>) {
     let joint = joint_motion(body, row, qd);
-    let velocity = sum(&shift.motion_to_child(parent.0), &joint);
-    let acceleration = sum(&shift.motion_to_child(parent.1), &body.motion.velocity_product(&velocity, &joint));
+    let velocity = sum(&seen.0, &joint);
+    let acceleration = sum(&seen.1, &body.motion.velocity_product(&velocity, &joint));
     (velocity, acceleration)
 }
 

@@ -29,7 +29,22 @@ from ._core import (
 )
 from ._motion import PD, MomentumCorrection, MotionEnergy, Trajectory, Violation
 from ._ode import Ode
-from ._results import Accuracy, Energy, Estimate, Joint, Limits, Link, MassEstimate, Mimic, Omission, Plan, Samples
+from ._results import (
+    Accuracy,
+    Energy,
+    Estimate,
+    ForwardDynamicsDerivatives,
+    InverseDynamicsDerivatives,
+    Joint,
+    Limits,
+    LinearSystem,
+    Link,
+    MassEstimate,
+    Mimic,
+    Omission,
+    Plan,
+    Samples,
+)
 from .operators import Factor, Operator
 
 __all__ = [
@@ -38,8 +53,11 @@ __all__ = [
     "Energy",
     "Estimate",
     "Factor",
+    "ForwardDynamicsDerivatives",
+    "InverseDynamicsDerivatives",
     "Joint",
     "Limits",
+    "LinearSystem",
     "Link",
     "MassEstimate",
     "Mimic",

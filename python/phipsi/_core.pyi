@@ -9,7 +9,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._motion import PD, Trajectory
 from ._ode import Ode
-from ._results import Accuracy, Energy, Estimate, Joint, Limits, Link, MassEstimate, Plan, Samples
+from ._results import (
+    Accuracy,
+    Energy,
+    Estimate,
+    ForwardDynamicsDerivatives,
+    InverseDynamicsDerivatives,
+    Joint,
+    Limits,
+    LinearSystem,
+    Link,
+    MassEstimate,
+    Plan,
+    Samples,
+)
 from .operators import Factor
 
 __all__ = [
@@ -443,6 +456,77 @@ class Scene:
 
         errors: as in forward_dynamics. Raises ArgumentError for an unknown link; ShapeError,
         NotFiniteError, ArgumentError for a bad q, naming the state.
+        """
+
+    def inverse_dynamics_derivatives(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        *,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        errors: _Errors = "raise",
+    ) -> InverseDynamicsDerivatives:
+        """Derivatives of inverse dynamics, in the tangent space of q: dtau/dq, dtau/dqd and dtau/dqdd = M, analytic, in O(N depth).
+
+        q: (..., nq); qd, qdd: (..., nv); SI units, radians; leading axes broadcast. wrenches and errors: as in forward_dynamics; they stay as they
+        are in their link's frame.
+
+        Row i is the torque tau_i. Column j of dtau_dq is the derivative along integrate(q, v) by v_j: an angle or a length for joints of one axis, a
+        rotation in the child's frame for spherical joints, (linear, angular) in the child's frame for free joints. Armature is in M alone. Entries of
+        joints on different branches are zero.
+
+        Returns a phipsi.InverseDynamicsDerivatives (dtau_dq, dtau_dqd, M), each (..., nv, nv), SI units.
+
+        Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
+
+    def forward_dynamics_derivatives(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        form: _Form = "auto",
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        errors: _Errors = "raise",
+    ) -> ForwardDynamicsDerivatives:
+        """Derivatives of forward dynamics, in the tangent space of q: dqdd/dq = -M^-1 dtau/dq, dqdd/dqd = -M^-1 dtau/dqd and dqdd/dtau = M^-1.
+
+        q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as
+        they are in their link's frame. In form "auto" a state whose digits cancel, by an estimate down to 1e-9 of the largest entry, is done with twice the
+        digits, some thirty times as long.
+
+        Row i is the acceleration qdd_i; columns as in inverse_dynamics_derivatives, whose results at the accelerations of the state are multiplied by
+        M^-1 (6.1).
+
+        Returns a phipsi.ForwardDynamicsDerivatives (dqdd_dq, dqdd_dqd, Minv), each (..., nv, nv), SI units.
+
+        Raises SingularJointError where a joint has no inertia along its axis; ArgumentError above 4000 degrees of freedom, and for the square-root form
+        of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
+
+    def linearize(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        form: _Form = "auto",
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        errors: _Errors = "raise",
+    ) -> LinearSystem:
+        """The linear system dx/dt = A x + B u of small deviations from the motion through a state, x = (tangent of q, change of qd), u a change of tau.
+
+        q: (..., nq); qd, tau: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in forward_dynamics_derivatives.
+
+        A = [[-ad(qd), 1], [dqdd_dq, dqdd_dqd]], B = [[0], [M^-1]]. ad(qd) is zero at rest and for joints of one axis; it is the cross product by the
+        angular velocity for spherical joints, and the bracket of (linear, angular) velocities for free joints, since the deviation is in axes that turn
+        with the motion: difference(q, q of the neighbour).
+
+        Returns a phipsi.LinearSystem (A, B), (..., 2 nv, 2 nv) and (..., 2 nv, nv), in continuous time, SI units.
+
+        Raises as forward_dynamics_derivatives.
         """
 
     def operational_inverse_inertia(

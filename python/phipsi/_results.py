@@ -8,7 +8,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Accuracy", "Energy", "Estimate", "Joint", "Limits", "Link", "MassEstimate", "Mimic", "Omission", "Plan", "Samples"]
+__all__ = [
+    "Accuracy",
+    "Energy",
+    "Estimate",
+    "ForwardDynamicsDerivatives",
+    "InverseDynamicsDerivatives",
+    "Joint",
+    "Limits",
+    "LinearSystem",
+    "Link",
+    "MassEstimate",
+    "Mimic",
+    "Omission",
+    "Plan",
+    "Samples",
+]
 
 
 class Accuracy(NamedTuple):
@@ -56,6 +71,37 @@ class Estimate(NamedTuple):
     """Covariance blocks of the forces, (..., nv, 6, 6) (2.6)."""
     process_covariance: NDArray[np.float64] | None = None
     """Covariance blocks of W, (..., nv, 6, 6) (2.11)."""
+
+
+class InverseDynamicsDerivatives(NamedTuple):
+    """Derivatives of joint torques, (..., nv, nv) each: row i is tau_i."""
+
+    dtau_dq: NDArray[np.float64]
+    """By the tangent of q: column j is the derivative along integrate(q, v) by v_j."""
+    dtau_dqd: NDArray[np.float64]
+    """By qd."""
+    M: NDArray[np.float64]
+    """By qdd: the mass matrix, full and symmetric, armature on its diagonal."""
+
+
+class ForwardDynamicsDerivatives(NamedTuple):
+    """Derivatives of joint accelerations, (..., nv, nv) each: row i is qdd_i."""
+
+    dqdd_dq: NDArray[np.float64]
+    """By the tangent of q: column j is the derivative along integrate(q, v) by v_j."""
+    dqdd_dqd: NDArray[np.float64]
+    """By qd."""
+    Minv: NDArray[np.float64]
+    """By tau: the inverse of the mass matrix, full and symmetric."""
+
+
+class LinearSystem(NamedTuple):
+    """dx/dt = A x + B u for small deviations x = (tangent of q, change of qd) and changes u of tau."""
+
+    A: NDArray[np.float64]
+    """(..., 2 nv, 2 nv)."""
+    B: NDArray[np.float64]
+    """(..., 2 nv, nv)."""
 
 
 class Limits(NamedTuple):

@@ -1,5 +1,6 @@
 //! The algorithms as methods of a [`Scene`](crate::Scene): arguments are checked, faults named.
 
+mod derivatives;
 mod estimation;
 pub mod methods;
 pub mod operational;

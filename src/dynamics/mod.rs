@@ -6,6 +6,7 @@
 pub mod auto;
 mod checked;
 mod columns;
+pub mod derivatives;
 pub mod energy;
 pub mod estimate;
 pub(crate) mod forces;

@@ -159,7 +159,7 @@ impl PyScene {
 }
 
 impl PyScene {
-    fn check_dense(&self, method: &str, instead: &str) -> Result<(), Error> {
+    pub(super) fn check_dense(&self, method: &str, instead: &str) -> Result<(), Error> {
         let nv = self.scene.nv();
         if nv <= DENSE_LIMIT {
             return Ok(());

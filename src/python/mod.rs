@@ -18,6 +18,7 @@ mod configuration;
 mod control;
 mod cost;
 mod counts;
+mod derivatives;
 mod description;
 mod dynamics;
 mod errors;

@@ -1,6 +1,7 @@
 //! What a thread needs to evaluate states, kept between calls.
 
 use crate::batch::evaluator::{Evaluated, Evaluator};
+use crate::dynamics::derivatives::DerivativeScratch;
 use crate::dynamics::operational::OperationalScratch;
 use crate::dynamics::{Estimate, EstimateCovariance, EstimateScratch};
 use crate::scalar::MOST_LANES;
@@ -20,6 +21,8 @@ pub(super) struct Scratch {
     pub estimation: Option<Estimation>,
     /// For operational space only.
     pub operational: Option<OperationalScratch<f64>>,
+    /// For derivatives only.
+    pub derivatives: Option<DerivativeScratch<f64>>,
     /// What runs the kernels in lanes, of float64 and of float32.
     pub evaluator: Option<Evaluator>,
     evaluator_f32: Option<Evaluator<f32>>,
@@ -35,6 +38,7 @@ impl Scratch {
             workspace: Workspace::new(scene.model()),
             estimation: None,
             operational: None,
+            derivatives: None,
             evaluator: None,
             evaluator_f32: None,
             forces: vec![Vec::new(); MOST_LANES],

@@ -16,9 +16,10 @@ pub use body_inertia::BodyInertia;
 pub use inertia_root::BodyRoot;
 pub(crate) use inertia_root::{inertia_root, join_roots, root_of_merged};
 pub use rigid_shift::RigidShift;
+pub(crate) use rigid_shift::rotate_block;
 pub use root::{Dropped, Root6, RootColumns, root_row};
 pub use symmetric::{Symmetric3, Symmetric6};
 pub use vector::{
     SpatialVector, angular, cross, cross_force, cross_motion, dot, linear, scaled, scaled_add, skew, spatial, sum, zero,
 };
-pub(crate) use vector::{absolute, from_rows, minus, product, row, times_each};
+pub(crate) use vector::{absolute, cross_add, from_rows, minus, product, row, sum3, times_each};

@@ -132,7 +132,7 @@ impl<T: Real> RigidShift<T> {
 
 /// R C R^T for a general 3x3 block.
 #[inline(always)]
-fn rotate_block<T: Real>(r: &Matrix3<T>, c: &Matrix3<T>) -> Matrix3<T> {
+pub(crate) fn rotate_block<T: Real>(r: &Matrix3<T>, c: &Matrix3<T>) -> Matrix3<T> {
     times_transpose(&[times(row(r, 0), c), times(row(r, 1), c), times(row(r, 2), c)], r)
 }
 

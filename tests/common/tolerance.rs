@@ -208,3 +208,12 @@ pub const SLOW: f64 = 2e-3;
 
 /// The same of the third order, where what the springs give way by is as much.
 pub const SLOW_ORDER_3: f64 = 1e-8;
+
+/// The error that derivatives of forward dynamics may have on the extreme scenes in form `auto`, relative to their largest entry.
+pub const EXTREME_DERIVATIVES: f64 = 1e-11;
+
+/// The same on random extreme scenes, where digits may cancel down to 1e-9 by an estimate before more are taken.
+pub const CANCELLED_DERIVATIVES: f64 = 1e-7;
+
+/// A mixed second difference over 1e-4 of numbers of about 1: truncation, and rounding over 1e-8.
+pub const MIXED_DIFFERENCE: f64 = 1e-6;

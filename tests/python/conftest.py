@@ -137,6 +137,10 @@ def methods(scene: phipsi.Scene, state: State) -> dict[str, tuple[Method, tuple[
         flat = [block[..., i] if block.ndim == found.force.ndim else block[..., i, 0] for block in blocks for i in range(6)]
         return np.concatenate([found.acceleration, found.torque, found.acceleration_variance, found.torque_variance, *flat], axis=-1)
 
+    def stacked(method: Callable[..., tuple[np.ndarray, ...]]) -> Method:
+        """The matrices that it returns, one below the other."""
+        return lambda *state: np.concatenate(method(*state), axis=-2)
+
     return {
         "forward_dynamics": (scene.forward_dynamics, (q, qd, tau)),
         "forward_dynamics with wrenches": (pushed, (q, qd, tau)),
@@ -144,6 +148,8 @@ def methods(scene: phipsi.Scene, state: State) -> dict[str, tuple[Method, tuple[
         "bias_torque": (scene.bias_torque, (q, qd)),
         "mass_matrix": (scene.mass_matrix, (q,)),
         "mass_matrix_inverse": (scene.mass_matrix_inverse, (q,)),
+        "inverse_dynamics_derivatives": (stacked(scene.inverse_dynamics_derivatives), (q, qd, tau)),
+        "forward_dynamics_derivatives": (stacked(scene.forward_dynamics_derivatives), (q, qd, tau)),
         "placements": (placements, (q,)),
         "jacobian": (lambda q: scene.jacobian(q, link), (q,)),
         "energy": (energy, (q, qd)),
@@ -161,6 +167,8 @@ METHODS = (
     "bias_torque",
     "mass_matrix",
     "mass_matrix_inverse",
+    "inverse_dynamics_derivatives",
+    "forward_dynamics_derivatives",
     "placements",
     "jacobian",
     "energy",

@@ -138,6 +138,13 @@ LARGE: dict[str, Large] = {
     "estimate, dense": Large(
         "q", batch(50_000, lambda scene, q: scene.estimate(q, rates(q), rates(q), covariance=True, method="batch"))
     ),
+    "inverse_dynamics_derivatives": Large(
+        "q", batch(300_000, lambda scene, q: scene.inverse_dynamics_derivatives(q, rates(q), rates(q)))
+    ),
+    "forward_dynamics_derivatives": Large(
+        "q", batch(300_000, lambda scene, q: scene.forward_dynamics_derivatives(q, rates(q), rates(q)))
+    ),
+    "linearize": Large("q", batch(150_000, lambda scene, q: scene.linearize(q, rates(q), rates(q)))),
     "mass_matrix": Large("q", batch(10**6, lambda scene, q: scene.mass_matrix(q))),
     "mass_matrix, float32": Large("q", batch(2 * 10**6, lambda scene, q: scene.mass_matrix(q, dtype=np.float32))),
     "mass_matrix_inverse": Large("q", batch(10**6, lambda scene, q: scene.mass_matrix_inverse(q))),

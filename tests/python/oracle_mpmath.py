@@ -7,7 +7,7 @@ Cholesky factorisation from the last row, and L = 1 - (1 + K)^-1. Vectors are Nu
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -371,3 +371,28 @@ def random_tree(
         )
         links.append(link(f"link{k}"))
     return Tree(tuple(links), tuple(found), gravity, floating_base)
+
+
+STEP = mpf(10) ** -20
+"""Of central differences: a third of the digits for the step, a third for what is truncated."""
+
+
+def moved(tree: Tree, q: np.ndarray, rate: np.ndarray, by: object) -> np.ndarray:
+    """q moved along a rate, to first order in the step (and second, after a central difference)."""
+    found, at_q, at_v = q.copy(), 0, 0
+    for joint in tree.order:
+        here, v = found[at_q : at_q + joint.nq], rate[at_v : at_v + joint.nv] * by
+        if joint.kind == "floating":
+            here[:3] = here[:3] + of_quaternion(here[3:]) @ v[:3]
+        if joint.kind in ("spherical", "floating"):
+            quaternion, half = unit(here[-4:]), v[-3:] / 2
+            here[-4:-1] = quaternion[:3] + quaternion[3] * half + skew(quaternion[:3]) @ half
+            here[-1] = quaternion[3] - quaternion[:3] @ half
+        else:
+            here[:] = here + v
+        at_q, at_v = at_q + joint.nq, at_v + joint.nv
+    return found
+
+
+def derivative(function: Callable[[object], object], at: object = 0) -> object:
+    return (function(at + STEP) - function(at - STEP)) / (2 * STEP)

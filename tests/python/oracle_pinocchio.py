@@ -136,3 +136,23 @@ class Oracle:
         pin.ccrba(self.model, self.data, q, qd)
         linear, angular = self.data.hg.linear, self.data.hg.angular
         return np.concatenate([angular + np.cross(self.data.com[0], linear), linear])
+
+    def square(self, matrix: np.ndarray) -> np.ndarray:
+        """A matrix of Pinocchio, rows and columns in phipsi's order."""
+        return np.reshape(matrix, (self.model.nv, self.model.nv))[np.ix_(self.v_order, self.v_order)]
+
+    def inverse_dynamics_derivatives(
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, wrenches: Mapping[str, np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """By q, by qd, and M without armature."""
+        arguments = (self.configuration(q), self.there(qd), self.there(qdd), self.joint_forces(wrenches))
+        by_q, by_qd, mass = pin.computeRNEADerivatives(self.model, self.data, *arguments)
+        return self.square(by_q), self.square(by_qd), self.symmetric(np.reshape(mass, (self.model.nv, self.model.nv)))
+
+    def forward_dynamics_derivatives(
+        self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, wrenches: Mapping[str, np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """By q, by qd, by tau."""
+        arguments = (self.configuration(q), self.there(qd), self.there(tau), self.joint_forces(wrenches))
+        by_q, by_qd, inverse = pin.computeABADerivatives(self.model, self.data, *arguments)
+        return self.square(by_q), self.square(by_qd), self.symmetric(np.reshape(inverse, (self.model.nv, self.model.nv)))

@@ -119,6 +119,7 @@ def test_no_joints(welded: phipsi.Scene, method: str, batch: tuple[int, ...]) ->
     nothing = np.zeros((*batch, 0))
     shapes = {"mass_matrix": (0, 0), "mass_matrix_inverse": (0, 0), "jacobian": (6, 0), "momentum": (6,), "energy": (2,)}
     shapes["placements"] = (2, 4, 4)
+    shapes["inverse_dynamics_derivatives"] = shapes["forward_dynamics_derivatives"] = (0, 0)
     evaluate, arguments = methods(welded, State(nothing, nothing, nothing))[method]
     if method == "difference":
         assert welded.difference(nothing, nothing).shape == (*batch, 0)

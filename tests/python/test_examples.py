@@ -38,6 +38,13 @@ def test_mppi_brings_the_arm_towards_its_goal() -> None:
     assert "thousand states a second" in run.stdout
 
 
+def test_the_rods_stay_on_the_cart() -> None:
+    run = subprocess.run([sys.executable, str(PAPER.with_name("balance.py"))], capture_output=True, text=True, timeout=300, check=False)
+    assert run.returncode == 0, run.stdout[-2000:] + run.stderr
+    angles = [float(x) for x in re.findall(r"starts (\S+) rad", run.stdout)]
+    assert len(angles) == 5 and angles[-1] < 0.02 * angles[0]
+
+
 # In processes of their own: what Dask warns of there is not ours to fail on.
 SWEEP = [sys.executable, str(PAPER.with_name("sweep.py")), "--starts", "8"]
 needs_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="distributed (Dask) is not installed")

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 
 import numpy as np
 import pytest
-from oracle_mpmath import CONTEXT, KINDS, State, Tree, exact, identity, of_quaternion, random_tree, rounded, skew, unit
+from oracle_mpmath import CONTEXT, KINDS, State, derivative, exact, identity, moved, random_tree, rounded
 from tolerances import EPS, recursion, solve
 
 SEEDS = range(16)
@@ -146,29 +145,6 @@ def test_the_factor_is_the_unique_one(case: Case) -> None:
 
 
 # The oracle itself, at 60 digits: against Lagrange's equations and the balance of power, by differences with a step of 1e-20.
-
-STEP = CONTEXT.mpf(10) ** -20
-
-
-def moved(tree: Tree, q: np.ndarray, rate: np.ndarray, by: object) -> np.ndarray:
-    """q moved along a rate, to first order in the step (and second, after a central difference)."""
-    found, at_q, at_v = q.copy(), 0, 0
-    for joint in tree.order:
-        here, v = found[at_q : at_q + joint.nq], rate[at_v : at_v + joint.nv] * by
-        if joint.kind == "floating":
-            here[:3] = here[:3] + of_quaternion(here[3:]) @ v[:3]
-        if joint.kind in ("spherical", "floating"):
-            quaternion, half = unit(here[-4:]), v[-3:] / 2
-            here[-4:-1] = quaternion[:3] + quaternion[3] * half + skew(quaternion[:3]) @ half
-            here[-1] = quaternion[3] - quaternion[:3] @ half
-        else:
-            here[:] = here + v
-        at_q, at_v = at_q + joint.nq, at_v + joint.nv
-    return found
-
-
-def derivative(function: Callable[[object], object], at: object = 0) -> object:
-    return (function(at + STEP) - function(at - STEP)) / (2 * STEP)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -144,7 +144,7 @@ fn keep<T: Real>(
         let mut next = body.first_axial;
         while let Some(child) = next.checked_sub(1) {
             let child_body = &bodies[child];
-            let there = spin.at(&child_body.offset, a);
+            let there = spin.at(&child_body.offset_at_parent, a);
             let to = &mut own[child].force;
             (to[0], to[1], to[2]) = (there[0], there[1], there[2]);
             next = child_body.next_axial;
@@ -182,14 +182,12 @@ fn turned<T: Real>(
     (qd, qdd): (&[T], Option<&[T]>),
     needed: Needed,
 ) -> Moving<T> {
-    let still = w;
-    let [w, mut dw, a] = if needed.velocity {
+    let [mut w, mut dw, a] = if needed.velocity {
         transform.free_to_child([w, dw, a])
     } else {
         let [dw, a] = transform.free_to_child([dw, a]);
-        [still, dw, a]
+        [w, dw, a]
     };
-    let mut w = w;
     if needed.velocity {
         let rate = qd[body.row] * w[0].splat(body.sense);
         dw = [w[1].mul_add(rate, dw[0]), dw[1].minus_product(w[0], rate), dw[2]];

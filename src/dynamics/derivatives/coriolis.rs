@@ -1,0 +1,136 @@
+//! B(k): how the force that a body needs depends on its velocity.
+
+use super::hinge::{cross_axis, minus};
+use crate::filter::HingeMap;
+use crate::joints::vectors::plus;
+use crate::scalar::Real;
+use crate::spatial::{
+    BodyInertia, RigidShift, angular, cross, cross_add, from_rows, linear, rotate_block, row, spatial, sum3,
+};
+use nalgebra::{Matrix3, Vector3, Vector6};
+
+/// B = v x* M - M v x + bar(M v), bar(h) x = x x* h: twice the body-level Coriolis matrix of Echeandia and Wensing.
+///
+/// Its symmetric part is the rate of M in fixed axes, its antisymmetric part bar(momentum). Written out, a motion's linear half is not asked for,
+/// and twelve numbers are left: B = [[b, 0], [p~, 0]]. So it is for bodies that move as one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BodyCoriolis<T> {
+    /// b = -2 (w~ Sigma + h~ u~), Sigma = tr(I)/2 - I, with the velocity (w, u) and the first moment h.
+    pub angular: Matrix3<T>,
+    /// p = -2 times the linear momentum.
+    pub linear: Vector3<T>,
+}
+
+impl<T: Real> BodyCoriolis<T> {
+    /// `value` in every entry; scratch starts as NaN.
+    pub(super) fn filled(value: T) -> Self {
+        Self { angular: Matrix3::from_element(value), linear: Vector3::from_element(value) }
+    }
+
+    /// B of a body that moves with `velocity`.
+    #[inline(always)]
+    pub fn new(inertia: &BodyInertia<T>, velocity: &Vector6<T>) -> Self {
+        let (w, u) = (angular(velocity), linear(velocity));
+        let two = w[0].constant(2.0);
+        let h = &inertia.first_moment;
+        let h = [two * h[0], two * h[1], two * h[2]];
+        let mass = two * inertia.mass;
+        let [xx, xy, xz, yy, yz, zz] = inertia.rotational.entries;
+        let (xy, xz, yz) = (two * xy, two * xz, two * yz);
+        // -2 Sigma = 2 I - tr(I), and -2 h~ u~ = 2 (h.u) - 2 u h^T.
+        let (x, y, z) = ([xx - yy - zz, xy, xz], [xy, yy - xx - zz, yz], [xz, yz, zz - xx - yy]);
+        let along = sum3(h, [u[0], u[1], u[2]]);
+        let mut b = from_rows(
+            row_of((w[1], &z), (w[2], &y), (u[0], &h)),
+            row_of((w[2], &x), (w[0], &z), (u[1], &h)),
+            row_of((w[0], &y), (w[1], &x), (u[2], &h)),
+        );
+        for i in 0..3 {
+            b[(i, i)] += along;
+        }
+        // w x h + m u, twice; with the sign turned.
+        let pushed = Vector3::new(mass * u[0], mass * u[1], mass * u[2]);
+        let momentum = cross_add(&w, &Vector3::new(h[0], h[1], h[2]), &pushed);
+        Self { angular: b, linear: minus(&momentum) }
+    }
+
+    /// Both bodies' together, about the same origin.
+    #[inline(always)]
+    #[must_use]
+    pub fn add(&self, other: &Self) -> Self {
+        let (b, p) = (&other.angular, &other.linear);
+        let mut both = *self;
+        for i in 0..3 {
+            for j in 0..3 {
+                both.angular[(i, j)] += b[(i, j)];
+            }
+            both.linear[i] += p[i];
+        }
+        both
+    }
+
+    /// phi B phi*: about the parent's origin, in the parent's frame.
+    #[inline(always)]
+    #[must_use]
+    pub fn to_parent(&self, shift: &RigidShift<T>) -> Self {
+        let l = &shift.lever;
+        let p = shift.rotate(&self.linear);
+        let mut b = rotate_block(&shift.rotation, &self.angular);
+        // l~ p~ = p l^T - l.p
+        let along = sum3([l[0], l[1], l[2]], [p[0], p[1], p[2]]);
+        for i in 0..3 {
+            for j in 0..3 {
+                b[(i, j)] = p[i].mul_add(l[j], b[(i, j)]);
+            }
+            b[(i, i)] -= along;
+        }
+        Self { angular: b, linear: p }
+    }
+
+    /// B x of a motion x, of which the angular half is given.
+    #[inline(always)]
+    pub fn mul_angular(&self, x: &Vector3<T>) -> Vector6<T> {
+        let b = &self.angular;
+        let x3 = [x[0], x[1], x[2]];
+        let turned = Vector3::new(sum3(row(b, 0), x3), sum3(row(b, 1), x3), sum3(row(b, 2), x3));
+        spatial(&turned, &cross(&self.linear, x))
+    }
+
+    /// B S, S a row of H* as a column.
+    #[inline(always)]
+    pub(super) fn column(&self, hinge: &HingeMap<T>) -> Vector6<T> {
+        let i = match *hinge {
+            HingeMap::Axis(i) if i < 3 => i,
+            HingeMap::Axis(_) => return crate::spatial::zero(),
+            HingeMap::Screw(_) => 2,
+        };
+        let b = &self.angular;
+        spatial(&Vector3::new(b[(0, i)], b[(1, i)], b[(2, i)]), &cross_axis(&self.linear, i))
+    }
+
+    /// B* S, a moment: its other half is zero.
+    #[inline(always)]
+    pub(super) fn moment(&self, hinge: &HingeMap<T>) -> Vector3<T> {
+        let of_row = match *hinge {
+            HingeMap::Axis(i) if i < 3 => i,
+            HingeMap::Axis(i) => return minus(&cross_axis(&self.linear, i - 3)),
+            HingeMap::Screw(_) => 2,
+        };
+        let [x, y, z] = row(&self.angular, of_row);
+        let turned = Vector3::new(x, y, z);
+        match *hinge {
+            HingeMap::Axis(_) => turned,
+            HingeMap::Screw(pitch) => plus(&turned, -pitch, &cross_axis(&self.linear, 2)),
+        }
+    }
+}
+
+/// One row of w~ Q - u h^T, the other two rows of Q times their component of w: s a - t b - u h.
+#[inline(always)]
+fn row_of<T: Real>((s, a): (T, &[T; 3]), (t, b): (T, &[T; 3]), (u, h): (T, &[T; 3])) -> [T; 3] {
+    [
+        s.mul_add(a[0], -t.mul_add(b[0], u * h[0])),
+        s.mul_add(a[1], -t.mul_add(b[1], u * h[1])),
+        s.mul_add(a[2], -t.mul_add(b[2], u * h[2])),
+    ]
+}

@@ -1,0 +1,69 @@
+//! The linear system of small deviations.
+
+use crate::common::tolerance::{self, assert_near, size};
+use crate::support::{State, of_accelerations, trees};
+use phipsi::{Form, Scene};
+
+/// A and B, row by row.
+fn linearized(scene: &Scene, state: &State<f64>) -> (Vec<f64>, Vec<f64>) {
+    let nv = scene.nv();
+    let (mut a, mut b) = (vec![f64::NAN; 4 * nv * nv], vec![f64::NAN; 2 * nv * nv]);
+    let (mut workspace, mut scratch) = (scene.workspace(), scene.derivative_scratch());
+    let State { q, qd, u, wrenches } = state;
+    scene.linearize(&mut workspace, &mut scratch, q, qd, u, wrenches, (&mut a, &mut b)).unwrap();
+    (a, b)
+}
+
+#[test]
+#[allow(clippy::float_cmp)] // the same numbers in other places
+fn its_lower_half_is_the_derivatives_and_its_upper_right_the_identity() {
+    for tree in trees(16) {
+        let scene = tree.scene();
+        let nv = scene.nv();
+        let state = State::random(&scene, 100 + tree.seed);
+        let (a, b) = linearized(&scene, &state);
+        let [by_q, by_qd, inverse] = of_accelerations(scene.model(), Form::Auto, &state).unwrap();
+        for (row, column) in (0..nv).flat_map(|row| (0..nv).map(move |column| (row, column))) {
+            let at = row * nv + column;
+            assert_eq!(a[2 * nv * (nv + row) + column], by_q[at]);
+            assert_eq!(a[2 * nv * (nv + row) + nv + column], by_qd[at]);
+            assert_eq!(a[2 * nv * row + nv + column], f64::from(u8::from(row == column)));
+            assert_eq!((b[at], b[nv * nv + at]), (0.0, inverse[at]));
+        }
+    }
+}
+
+/// Two motions side by side, each along its rates: how fast they part, beside what A says.
+#[test]
+fn its_upper_left_is_how_fast_neighbours_part() {
+    const STEP: f64 = 1e-4;
+    let mut turning = 0.0_f64;
+    for tree in trees(16) {
+        let scene = tree.scene();
+        let nv = scene.nv();
+        let state = State::random(&scene, 800 + tree.seed);
+        let (a, _) = linearized(&scene, &state);
+        let along = |q: &[f64], v: &[f64]| {
+            let mut out = vec![f64::NAN; scene.nq()];
+            scene.integrate(q, v, &mut out).unwrap();
+            out
+        };
+        let scaled = |v: &[f64], h: f64| v.iter().map(|v| v * h).collect::<Vec<_>>();
+        for column in 0..nv {
+            let unit: Vec<f64> = (0..nv).map(|i| if i == column { STEP } else { 0.0 }).collect();
+            let apart = |e: f64, h: f64| {
+                let (here, beside) = (&state.q, along(&state.q, &scaled(&unit, e)));
+                let rates = scaled(&state.qd, STEP * h);
+                let mut between = vec![f64::NAN; nv];
+                scene.difference(&along(here, &rates), &along(&beside, &rates), &mut between).unwrap();
+                between
+            };
+            let [pp, pm, mp, mm] = [apart(1.0, 1.0), apart(1.0, -1.0), apart(-1.0, 1.0), apart(-1.0, -1.0)];
+            let found: Vec<f64> = (0..nv).map(|row| a[2 * nv * row + column]).collect();
+            let expected: Vec<f64> = (0..nv).map(|i| (pp[i] - pm[i] - mp[i] + mm[i]) / (4.0 * STEP * STEP)).collect();
+            turning = turning.max(size(&found));
+            assert_near("parting", &found, &expected, tolerance::MIXED_DIFFERENCE);
+        }
+    }
+    assert!(turning > 0.1);
+}
