@@ -121,8 +121,11 @@ impl<C: Real> Row<C> {
         C: ColumnsOf<T>,
     {
         let sense = gain[0].splat(sense);
-        let entry = |i: usize| like.spread(gain[i] * sense);
-        Self { sense: like.spread(sense), gain: [entry(0), entry(1), entry(2), entry(3), entry(4), entry(5)] }
+        let mut row = Self { sense: like.spread(sense), gain: [like; 6] };
+        for (to, &g) in row.gain.iter_mut().zip(gain.iter()) {
+            *to = like.spread(g * sense);
+        }
+        row
     }
 }
 

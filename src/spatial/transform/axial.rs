@@ -151,15 +151,24 @@ impl<T: Real, R: Rotates<T>, A: Axes> Transform<T> for Axial<T, R, A> {
         // The linear parts (1, a, b), (0, 1, d) and (0, 0, 1).
         let (fx, fy) = (c.minus_product(s, r[1][0]), c.mul_add(r[1][0], s));
         let mut forces = [[fx, fy, r[2][0]], [-s, c, r[2][1]], [o, o, one]];
-        let turned = |j: usize| {
-            let (x, y) = turn.pair(r[3][j], r[4][j]);
-            [x, y, r[5][j]]
-        };
         let (x, y) = (c.minus_product(s, r[4][3]), c.mul_add(r[4][3], s));
-        let mut moments = [turned(0), turned(1), turned(2), [x, y, r[5][3]], [-s, c, r[5][4]], [o, o, one]];
+        let mut moments = [
+            [r[3][0], r[4][0], r[5][0]],
+            [r[3][1], r[4][1], r[5][1]],
+            [r[3][2], r[4][2], r[5][2]],
+            [x, y, r[5][3]],
+            [-s, c, r[5][4]],
+            [o, o, one],
+        ];
+        for moment in &mut moments[..3] {
+            (moment[0], moment[1]) = turn.pair(moment[0], moment[1]);
+        }
         if R::IS_OBLIQUE {
-            for vector in forces.iter_mut().chain(&mut moments) {
-                *vector = self.rotation.tilt(*vector);
+            for force in &mut forces {
+                *force = self.rotation.tilt(*force);
+            }
+            for moment in &mut moments {
+                *moment = self.rotation.tilt(*moment);
             }
         }
         for j in 0..if R::IS_OBLIQUE { 3 } else { 2 } {
