@@ -48,9 +48,12 @@ class Operator(ABC):
         """The transpose times vectors: x (..., rows) to (..., columns)."""
         return self._apply(x, True)
 
-    @abstractmethod
     def _apply(self, x: ArrayLike, transpose: bool) -> Array:
-        """The operator, or its transpose, times vectors."""
+        """The operator, or its transpose, times vectors. A user's own operator has `matvec` and `rmatvec` instead."""
+        own = type(self)
+        if own.matvec is Operator.matvec or own.rmatvec is Operator.rmatvec:
+            raise NotImplementedError(f"{own.__name__}: found no matvec or no rmatvec; expected both, of an operator of one's own")
+        return self.rmatvec(x) if transpose else self.matvec(x)
 
     @abstractmethod
     def toarray(self) -> Array:

@@ -146,3 +146,15 @@ def test_singular_joint_in_a_batch_is_named() -> None:
     with pytest.raises(phipsi.errors.SingularJointError, match="finger") as caught:
         scene.factor(np.zeros((2, 2)))
     assert (caught.value.joint, caught.value.state) == ("finger", 0)
+
+
+def test_an_operator_of_ones_own_needs_both_products() -> None:
+    class Half(phipsi.Operator):
+        def matvec(self, x: Any) -> Any:
+            return 0.5 * np.asarray(x)
+
+        def toarray(self) -> Any:
+            return 0.5 * np.eye(2)
+
+    with pytest.raises(NotImplementedError, match="rmatvec"):
+        Half((2, 2)).T @ np.ones(2)
