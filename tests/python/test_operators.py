@@ -1,5 +1,7 @@
 """The paper's equations typed at the prompt, operators against their definitions, and SciPy taking them."""
 
+from typing import Any
+
 import numpy as np
 import phipsi
 import pytest
