@@ -90,7 +90,7 @@ fn forces<T: Real, const ROOT: bool>(
         // All of it in each arm: after them the motion would come by way of memory.
         match body.joint {
             Joint::Axial(axis) => {
-                with_axial!(axis, own[place].turn, sweeps, body.offset, transform, {
+                with_axial!(copies, axis, own[place].turn, sweeps, body.offset, transform, {
                     let joint = (state.qd, state.qdd);
                     let moving = if body.parent.is_none() {
                         on_base(body, transform, base, joint, needed)

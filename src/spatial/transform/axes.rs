@@ -14,9 +14,9 @@ pub(crate) const PACKED: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
 macro_rules! about {
     ($axis:expr, $x:ident, $y:ident, $z:ident, $do:expr) => {
         match $axis {
-            $crate::spatial::transform::Axis::X => about!(@ 1, 2, 0, $x, $y, $z, $do),
-            $crate::spatial::transform::Axis::Y => about!(@ 2, 0, 1, $x, $y, $z, $do),
-            $crate::spatial::transform::Axis::Z => about!(@ 0, 1, 2, $x, $y, $z, $do),
+            $crate::spatial::transform::Axis::X => $crate::spatial::transform::about!(@ 1, 2, 0, $x, $y, $z, $do),
+            $crate::spatial::transform::Axis::Y => $crate::spatial::transform::about!(@ 2, 0, 1, $x, $y, $z, $do),
+            $crate::spatial::transform::Axis::Z => $crate::spatial::transform::about!(@ 0, 1, 2, $x, $y, $z, $do),
         }
     };
     (@ $a:literal, $b:literal, $c:literal, $x:ident, $y:ident, $z:ident, $do:expr) => {{

@@ -23,9 +23,7 @@ mod rotation;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use axes::{Axes, Axis, PARENT_FRAME};
-#[cfg(test)]
-use axes::{Order, about};
+pub(crate) use axes::{Axes, Axis, Order, PARENT_FRAME, about};
 pub(crate) use axial::Axial;
 pub(crate) use axial_rotation::AxialRotation;
 pub(crate) use base::Base;
