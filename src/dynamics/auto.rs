@@ -9,11 +9,11 @@ use super::sweeps::{self, Look, SweepModel, SweepScratch};
 use crate::accuracy::Accuracy;
 use crate::filter::cancellation::{self, Cancellation, Margins, Probe};
 use crate::filter::pivots::PivotMonitor;
-use crate::filter::{Form, HingeMap, Rows, System, innovations};
+use crate::filter::{Form, System, innovations};
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real, lanes_but};
+use crate::spatial::Symmetric6;
 use crate::spatial::transform::Transform;
-use crate::spatial::{Symmetric6, absolute};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -134,10 +134,8 @@ fn watched_step<T: Real>(
     workspace.covariances().step::<false>(system, k, pivots, seen);
     let stage = &system.stages[k];
     if let Some(parent) = stage.parent {
-        // Of a row that mixes components H P^+ = 0 holds to rounding only: its parent sees what P^- had.
-        let mixes = matches!(stage.rows, Rows::One(HingeMap::Screw(_)));
-        let left = absolute(&if mixes { before } else { workspace.p[k].diagonal() });
-        workspace.shift[k].send_terms(left.as_ref(), false, workspace.terms[parent].as_mut());
+        let left = stage.terms_left(before.into(), workspace.p[k].diagonal().into());
+        workspace.shift[k].send_terms(&left, false, workspace.terms[parent].as_mut());
     }
 }
 

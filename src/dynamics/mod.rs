@@ -18,6 +18,7 @@ pub mod mass_matrix;
 pub mod operational;
 pub mod refined;
 pub(crate) mod sweeps;
+mod widened;
 
 #[cfg(feature = "stochastic")]
 pub(crate) use inverse::bias_forces_base_to_tip;

@@ -1,6 +1,7 @@
 //! The square-root form, judged; and where it is in doubt, once more with twice the digits.
 
 use super::forward_root;
+use super::widened::Widened;
 use crate::accuracy::Accuracy;
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::rounding::{self, Reach, Rounding, Swept, Weighed};
@@ -9,7 +10,6 @@ use crate::model::Model;
 use crate::scalar::{DoubleDouble, Real};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
-use std::any::Any;
 
 /// How [`forward_dynamics_judged`] came to its answer.
 #[derive(Debug, Clone, Copy)]
@@ -117,18 +117,10 @@ fn judge<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, tau: &[T], qdd
 /// The same state in double-double arithmetic, rounded into `qdd`; false, and `qdd` as it was, where there is no model to widen
 /// or the wider numbers overflow as well.
 fn refine<T: Real>(model: &Model<T>, q: &[T], qd: &[T], tau: &[T], wrenches: &[Vector6<T>], qdd: &mut [T]) -> bool {
-    // Numbers that hold more than a value, such as derivatives, would come back without the rest.
-    let Some(model) = (model as &dyn Any).downcast_ref::<Model<f64>>() else { return false };
-    if model.inertia_roots.iter().any(Option::is_none) {
-        return false;
-    }
-    let widened = |x: T| DoubleDouble::from_f64(x.lane(0));
-    let [q, qd, tau] = [q, qd, tau].map(|x| x.iter().map(|&x| widened(x)).collect::<Vec<_>>());
-    let wrenches: Vec<_> = wrenches.iter().map(|wrench| wrench.map(widened)).collect();
-    let model: Model<DoubleDouble> = model.cast();
-    let mut workspace = Workspace::new(&model).in_form(Form::SquareRoot);
+    let Some(mut widened) = Widened::of(model, (q, qd, tau), wrenches) else { return false };
+    let Widened { model, workspace, q, qd, tau, wrenches } = &mut widened;
     let mut wide = vec![DoubleDouble::from_f64(f64::NAN); qdd.len()];
-    forward_root::forward_dynamics(&model, &mut workspace, &q, &qd, &tau, &wrenches, &mut wide);
+    forward_root::forward_dynamics(model, workspace, q, qd, tau, wrenches, &mut wide);
     let finite = wide.iter().all(|x| x.lane(0).is_finite());
     if finite {
         for (qdd, wide) in qdd.iter_mut().zip(wide) {

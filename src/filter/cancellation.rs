@@ -30,7 +30,7 @@
 use super::riccati::Measured;
 use super::rounding::{carried, squares};
 use super::system::{Stage, System};
-use crate::scalar::Real;
+use crate::scalar::{Real, larger};
 use crate::spatial::{RigidShift, dot, scaled_add, times_each, zero};
 use nalgebra::Vector6;
 
@@ -306,12 +306,6 @@ impl<T: Real> Cancellation<T> {
         }
         self.add(&OfStage::new(swept, &added, (nu, lambda)));
     }
-}
-
-/// The larger of the two, NaN where either is NaN.
-#[inline(always)]
-fn larger<T: Real>(a: T, b: T) -> T {
-    -(-a).worst(-b)
 }
 
 /// The sum of t x^2.

@@ -1,7 +1,7 @@
 //! The linear system on a tree: stages, measurement rows, noise (eqs. 1.1 to 1.4).
 
 use crate::scalar::Real;
-use crate::spatial::Symmetric6;
+use crate::spatial::{Symmetric6, absolute};
 use nalgebra::Vector6;
 
 /// One row of the state-to-output map H: it picks a component of the state, or mixes the two along z.
@@ -100,6 +100,17 @@ pub struct Stage<T> {
     pub rows: Rows<T>,
     /// Index of the first row among all rows.
     pub first_row: usize,
+}
+
+impl<T: Real> Stage<T> {
+    /// The terms of the diagonal that goes on to the parent, by what rounding is counted: those of P^+, or of P^- where the row mixes components, for
+    /// H P^+ = 0 holds there to rounding only.
+    #[inline(always)]
+    #[must_use]
+    pub fn terms_left(&self, before: [T; 6], after: [T; 6]) -> [T; 6] {
+        let mixes = matches!(self.rows, Rows::One(HingeMap::Screw(_)));
+        absolute(&if mixes { before } else { after }.into()).into()
+    }
 }
 
 /// The system's structure: stages from the root outward, and the variance of each measurement's noise.

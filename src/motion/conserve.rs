@@ -23,7 +23,7 @@ use crate::error::Error;
 use crate::joints::vectors::{cross, plus, triple, write};
 use crate::kinematics::{joint_motion, placements_base_to_tip};
 use crate::model::{Model, Motion};
-use crate::scalar::Real;
+use crate::scalar::{Real, larger};
 use crate::scene::Scene;
 use crate::spatial::{BodyInertia, RigidShift, Symmetric3, angular, dot, linear, sum, zero};
 use nalgebra::{Vector3, Vector6};
@@ -264,7 +264,7 @@ impl<T: Real> Keeper<T> {
 /// The larger of each, NaN where either is NaN.
 #[inline(always)]
 fn largest<T: Real>(a: [T; 2], b: [T; 2]) -> [T; 2] {
-    [-(-a[0]).worst(-b[0]), -(-a[1]).worst(-b[1])]
+    [larger(a[0], b[0]), larger(a[1], b[1])]
 }
 
 /// a + x, in place.

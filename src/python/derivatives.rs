@@ -59,10 +59,9 @@ impl PyScene {
         let class = imported!(py, "phipsi._results", "InverseDynamicsDerivatives")?;
         let call = self.derivative_call((q, qd, ("qdd", qdd)), wrenches, (self.errors(errors, None)?, cost::BODY))?;
         call.matrices(py, class, &[[nv, nv]; 3], |scene, scratch, [q, qd, qdd], [dtau_dq, dtau_dqd, mass_matrix]| {
-            let Scratch { workspace, derivatives, forces, .. } = scratch;
-            let derivatives = derivatives.get_or_insert_with(|| scene.derivative_scratch());
+            let (workspace, derivatives, forces) = scratch.for_derivatives(scene);
             let mut out = InverseDerivatives { dtau_dq, dtau_dqd, mass_matrix };
-            scene.inverse_dynamics_derivatives(workspace, derivatives, q, qd, qdd, &forces[0], &mut out)
+            scene.inverse_dynamics_derivatives(workspace, derivatives, q, qd, qdd, forces, &mut out)
         })
     }
 
@@ -98,11 +97,10 @@ impl PyScene {
         let call = self.derivative_call((q, qd, ("tau", tau)), wrenches, choices)?;
         call.matrices(py, class, &[[nv, nv]; 3], |scene, scratch, [q, qd, tau], out| {
             let [dqdd_dq, dqdd_dqd, mass_matrix_inverse] = out;
-            let Scratch { workspace, derivatives, forces, .. } = scratch;
+            let (workspace, derivatives, forces) = scratch.for_derivatives(scene);
             workspace.form = form;
-            let derivatives = derivatives.get_or_insert_with(|| scene.derivative_scratch());
             let mut out = ForwardDerivatives { dqdd_dq, dqdd_dqd, mass_matrix_inverse };
-            scene.forward_dynamics_derivatives(workspace, derivatives, q, qd, tau, &forces[0], &mut out)
+            scene.forward_dynamics_derivatives(workspace, derivatives, q, qd, tau, forces, &mut out)
         })
     }
 
@@ -135,10 +133,9 @@ impl PyScene {
         let choices = (self.errors(errors, Some(form))?, cost::WITH_FACTOR);
         let call = self.derivative_call((q, qd, ("tau", tau)), wrenches, choices)?;
         call.matrices(py, class, &[[2 * nv, 2 * nv], [2 * nv, nv]], |scene, scratch, [q, qd, tau], [a, b]| {
-            let Scratch { workspace, derivatives, forces, .. } = scratch;
+            let (workspace, derivatives, forces) = scratch.for_derivatives(scene);
             workspace.form = form;
-            let derivatives = derivatives.get_or_insert_with(|| scene.derivative_scratch());
-            scene.linearize(workspace, derivatives, q, qd, tau, &forces[0], (a, b))
+            scene.linearize(workspace, derivatives, q, qd, tau, forces, (a, b))
         })
     }
 }

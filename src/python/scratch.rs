@@ -22,7 +22,7 @@ pub(super) struct Scratch {
     /// For operational space only.
     pub operational: Option<OperationalScratch<f64>>,
     /// For derivatives only.
-    pub derivatives: Option<DerivativeScratch<f64>>,
+    derivatives: Option<DerivativeScratch<f64>>,
     /// What runs the kernels in lanes, of float64 and of float32.
     pub evaluator: Option<Evaluator>,
     evaluator_f32: Option<Evaluator<f32>>,
@@ -44,6 +44,14 @@ impl Scratch {
             forces: vec![Vec::new(); MOST_LANES],
             results: Vec::new(),
         }
+    }
+}
+
+impl Scratch {
+    /// The workspace, the scratch of derivatives and the forces on bodies, for a call on derivatives.
+    pub fn for_derivatives(&mut self, scene: &Scene) -> (&mut Workspace<f64>, &mut DerivativeScratch<f64>, &Forces) {
+        let derivatives = self.derivatives.get_or_insert_with(|| scene.derivative_scratch());
+        (&mut self.workspace, derivatives, &self.forces[0])
     }
 }
 

@@ -108,6 +108,12 @@ pub trait Real:
     fn epsilon() -> Self;
 }
 
+/// The larger of the two, NaN where either is NaN.
+#[inline(always)]
+pub(crate) fn larger<T: Real>(a: T, b: T) -> T {
+    -(-a).worst(-b)
+}
+
 /// For a scalar of one lane, or of one state in all: constants of a scene are such scalars themselves.
 macro_rules! its_own_parameter {
     () => {

@@ -9,7 +9,7 @@ use crate::dynamics::{factorise, forward_dynamics, solve};
 use crate::filter::pivots::{LostPivot, PivotMonitor};
 use crate::filter::{Form, innovations, smoother};
 use crate::model::Model;
-use crate::scalar::Real;
+use crate::scalar::{Real, larger};
 use crate::watch;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
@@ -192,10 +192,4 @@ fn largest_of<T: Real>(values: &[T]) -> T {
         largest = larger(largest, value.abs());
     }
     largest
-}
-
-/// The larger of two, NaN where either is.
-#[inline(always)]
-fn larger<T: Real>(a: T, b: T) -> T {
-    -(-a).worst(-b)
 }

@@ -4,7 +4,7 @@ use super::Transform;
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, Root6, RootColumns};
 
-/// phi to the base, which takes anything and answers nothing. `T` says of which kind its zeros are.
+/// phi to the base: sums stay as they are, and motions are zero. The number is any of its type, for zeros of that type.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Base<T>(pub T);
 

@@ -1,6 +1,6 @@
 //! The row of a revolute joint: the moment about its z.
 
-use super::{Measures, RootMean, absolute_diagonal};
+use super::{Measures, RootMean, diagonal};
 use crate::filter::cancellation::{Cancellation, Swept};
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::Measured;
@@ -8,7 +8,7 @@ use crate::filter::rounding::{Outward, RootMonitor};
 use crate::filter::square_root;
 use crate::filter::{HingeMap, System};
 use crate::scalar::Real;
-use crate::spatial::Root6;
+use crate::spatial::{Root6, absolute};
 use nalgebra::Vector6;
 
 /// The entry that H picks.
@@ -60,7 +60,7 @@ impl<T: Real> Measures<T> for AboutZ<'_, T> {
 
     #[inline(always)]
     fn terms_left(&self, _before: &[T; 21], after: &[T; 21]) -> [T; 6] {
-        absolute_diagonal(after)
+        absolute(&diagonal(after).into()).into()
     }
 
     #[inline(always)]

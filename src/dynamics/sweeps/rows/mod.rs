@@ -16,7 +16,7 @@ use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Measured};
 use crate::filter::rounding::{Outward, RootMonitor};
 use crate::filter::square_root::{self, StageMean};
-use crate::filter::{HingeMap, Rows, System, innovations, smoother};
+use crate::filter::{System, innovations, smoother};
 use crate::scalar::Real;
 use crate::spatial::Root6;
 use crate::spatial::transform::{packed, unpacked};
@@ -47,12 +47,11 @@ pub(super) trait Measures<T: Real> {
         monitor.observe_stage(&system.stages[k], measured, scale);
     }
 
-    /// The terms of the diagonal that goes on to the parent: that of P^+, or of P^- where a row mixes components, for H P^+ = 0 holds there to rounding only.
+    /// As [`Stage::terms_left`](crate::filter::Stage::terms_left), of P^- and P^+.
     #[inline(always)]
     fn terms_left(&self, before: &[T; 21], after: &[T; 21]) -> [T; 6] {
         let (system, k) = self.stage();
-        let mixes = matches!(system.stages[k].rows, Rows::One(HingeMap::Screw(_)));
-        absolute_diagonal(if mixes { before } else { after })
+        system.stages[k].terms_left(diagonal(before), diagonal(after))
     }
 
     /// e^- of the rows (4.2); z^- becomes z^+ (4.5).
@@ -121,10 +120,10 @@ pub(super) trait Measures<T: Real> {
     }
 }
 
-/// The diagonal of a covariance in 6 + 9 + 6 numbers, without signs.
+/// The diagonal of a covariance in 6 + 9 + 6 numbers.
 #[inline(always)]
-fn absolute_diagonal<T: Real>(p: &[T; 21]) -> [T; 6] {
-    [p[0].abs(), p[3].abs(), p[5].abs(), p[15].abs(), p[18].abs(), p[20].abs()]
+fn diagonal<T: Real>(p: &[T; 21]) -> [T; 6] {
+    [p[0], p[3], p[5], p[15], p[18], p[20]]
 }
 
 /// The rows of any joint, one after another as the filter has them.
