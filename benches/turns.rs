@@ -46,6 +46,7 @@ impl Group {
                 group.algorithm = match algorithm {
                     Algorithm::ForwardDynamics(_) => Algorithm::ForwardDynamics(form),
                     Algorithm::MassMatrixInverse(_) => Algorithm::MassMatrixInverse(form),
+                    Algorithm::Derivatives(_) => Algorithm::Derivatives(Derivatives::ForwardDynamics(form)),
                     _ => return Err(format!("{name} has no forms, so no {part:?}")),
                 };
             } else if let Some(kind) = named(&KINDS, part) {

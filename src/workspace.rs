@@ -77,6 +77,8 @@ pub struct Workspace<T: Real> {
     pub(crate) estimates: Vec<T>,
     /// r(k), the inertia of everything outboard of joint k.
     pub(crate) composite: Vec<BodyInertia<T>>,
+    /// Derivatives on their way to a linear system; empty until then.
+    pub(crate) matrices: Vec<T>,
     /// What the methods of a scene run; the functions of `dynamics` do not.
     pub(crate) kernels: OwnKernels,
 }
@@ -117,6 +119,7 @@ impl<T: Real> Workspace<T> {
                 };
                 bodies
             ],
+            matrices: Vec::new(),
             kernels: OwnKernels::default(),
         }
     }

@@ -140,12 +140,10 @@ fn results(scene: &Scene, state: &State) -> Vec<(String, Vec<f64>)> {
         ("M: in lanes", Algorithm::MassMatrix),
         ("inverse: in lanes, auto", Algorithm::MassMatrixInverse(Form::Auto)),
         ("inverse: in lanes, covariance", Algorithm::MassMatrixInverse(Form::Covariance)),
+        ("derivatives: of torques", Algorithm::Derivatives(Derivatives::InverseDynamics)),
+        ("derivatives: of accelerations", Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::Auto))),
     ] {
-        let given = match algorithm {
-            Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => one,
-            Algorithm::BiasTorque => Arguments { q, qd, ..Arguments::default() },
-            Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => Arguments { q, ..Arguments::default() },
-        };
+        let given = one.read_by(algorithm);
         let width = scene.width(algorithm);
         // One alone, which has code of its own, and enough for every lane.
         for count in [1, many] {

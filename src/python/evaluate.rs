@@ -73,10 +73,7 @@ impl PyScene {
             inputs.push(if at == 0 { self.configuration::<P>(name, value)? } else { self.rate(name, value)? });
         }
         let wrenches = Wrench::read(&self.scene, keywords.wrenches)?;
-        let form = match algorithm {
-            Algorithm::ForwardDynamics(form) | Algorithm::MassMatrixInverse(form) => Some(form),
-            _ => None,
-        };
+        let form = algorithm.form();
         let call = Call::new(self, inputs, wrenches, cost)?.with(self.errors(keywords.errors, form)?);
         let told = match form {
             Some(form) if keywords.info => Some(Told::new(form, call.states)?),
