@@ -15,7 +15,7 @@ use common::{ALGORITHMS, BATCH, KINDS, Kind, State, arguments, median_ns, model,
 use phipsi::batch::arms::{ARMS, Arm};
 use phipsi::batch::evaluator::Evaluator;
 use phipsi::filter::FORMS;
-use phipsi::{Algorithm, Scene};
+use phipsi::{Algorithm, Derivatives, Scene};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::hint::black_box;

@@ -11,7 +11,7 @@ use phipsi::operators::{Factor, KINDS, Operator};
 use phipsi::report::operations::{Task, count_recursion, of_factor};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Omissions, SceneBuilder};
 use phipsi::spatial::{SpatialVector, Symmetric3};
-use phipsi::{Algorithm, Arguments};
+use phipsi::{Algorithm, Arguments, Derivatives};
 use phipsi::{Error, Scene};
 
 /// A link on a joint anywhere.

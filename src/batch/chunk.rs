@@ -8,7 +8,7 @@ use super::arms::{Entry, Target, Vectorised, Work};
 use super::derivatives::{self, DerivativeKernel};
 use super::finite::{any_not_finite, not_finite};
 use crate::algorithm::{Algorithm, Arguments, Derivatives};
-use crate::dynamics::auto::{self, Errors};
+use crate::dynamics::auto::Errors;
 use crate::dynamics::derivatives::with_transpose;
 use crate::dynamics::sweeps::{self, Entries, InverseColumns, MassColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
@@ -242,7 +242,7 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
         }
         if let (Algorithm::Derivatives(which), true) = (algorithm, GROUP == DERIVATIVES) {
             let kernel = derivatives.get_or_insert_with(|| Box::new(DerivativeKernel::new(model, sweeps)));
-            let scratch = (sweep_scratch, inverse_columns, errors);
+            let scratch = (sweep_scratch, inverse_columns);
             let call = derivatives::Call { scene, scratch, kernel, state: (q, qd, u), wrenches, out: &mut *out };
             doubt |= derivatives::run(target, which, call);
             if which == Derivatives::MassMatrix {
@@ -325,8 +325,7 @@ fn compute<T: Vectorised, I: Target, const GROUP: u8>(
         {
             let doubt = if form == Form::Auto {
                 let estimates = &mut results[..model.nv()];
-                let watched = auto::factor_watched_in_sweeps::<T, T::Columns>(scene, scratch, q, estimates);
-                lanes_but::<T>(|lane| watched.kept(lane))
+                derivatives::factor_watched(target, scene, scratch, (q, estimates))
             } else {
                 let pivots = sweeps::factor::<T, T::Columns>(scene, scratch, q);
                 lanes_but::<T>(|lane| pivots.clear(lane))

@@ -3,13 +3,13 @@
 use super::accelerations;
 use super::arms::{Entry, Target, Vectorised, Work};
 use crate::algorithm::Derivatives;
-use crate::dynamics::auto::Errors;
+use crate::dynamics::auto;
 use crate::dynamics::derivatives::{DerivativeColumns, Kept, Matrices, Product, in_sweeps};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::{self, InverseColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::model::Model;
-use crate::scalar::ColumnsOf;
+use crate::scalar::{ColumnsOf, lanes_but};
 use nalgebra::Vector6;
 
 /// What they need beside the scratch of the dynamics; made when derivatives are first asked for.
@@ -47,7 +47,7 @@ impl<T: Vectorised> DerivativeKernel<T> {
 /// What a call reads and writes.
 pub(super) struct Call<'a, T: Vectorised> {
     pub scene: (&'a Model<T>, &'a SweepModel<T>),
-    pub scratch: (&'a mut SweepScratch<T>, &'a mut InverseColumns<T, T::Columns>, &'a mut Errors<T>),
+    pub scratch: (&'a mut SweepScratch<T>, &'a mut InverseColumns<T, T::Columns>),
     pub kernel: &'a mut DerivativeKernel<T>,
     /// (q, qd, u).
     pub state: (&'a [T], &'a [T], &'a [T]),
@@ -58,7 +58,7 @@ pub(super) struct Call<'a, T: Vectorised> {
 /// Writes the matrices; gives the lanes in doubt as bits, numbers that are not finite among them.
 #[inline(always)]
 pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call: Call<'_, T>) -> u64 {
-    let Call { scene, scratch: (scratch, inverse, errors), kernel, state: (q, qd, u), wrenches, out } = call;
+    let Call { scene, scratch: (scratch, inverse), kernel, state: (q, qd, u), wrenches, out } = call;
     let DerivativeKernel { kept, columns, product, qdd, matrices, all } = kernel;
     let (size, form) = (matrices.len(), if let Derivatives::ForwardDynamics(form) = which { Some(form) } else { None });
     let mut doubt = 0;
@@ -66,11 +66,12 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call:
         if !matches!(form, Form::Auto | Form::Covariance) || !scene.1.is_shallow() {
             return u64::MAX;
         }
+        if form == Form::Auto {
+            // Judged by right sides that are made up, for the columns are many: by the torques alone more would pass.
+            doubt = factor_watched(target, scene, scratch, (q, qdd));
+        }
         let call = accelerations::Call { scene, scratch, state: (q, qd, u), wrenches, qdd };
-        doubt = match form {
-            Form::Auto => accelerations::watched(target, call, errors),
-            _ => accelerations::by_covariance(target, call),
-        };
+        doubt |= accelerations::by_covariance(target, call);
     }
     let (kind, qdd) = match which {
         Derivatives::InverseDynamics => (Matrices::Derivatives, Some(u)),
@@ -179,6 +180,34 @@ impl<T: Vectorised> Work for OfTorques<'_, T> {
     fn call(self) {
         let Self(scene, scratch, (state, matrices), out) = self;
         in_sweeps(scene, scratch, state, matrices, out);
+    }
+}
+
+/// The factor of M, watched; the lanes in doubt. Compiled once for all that asks for it.
+#[inline(never)]
+pub(super) fn factor_watched<T: Vectorised, I: Target>(
+    target: I,
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    state: (&[T], &mut [T]),
+) -> u64 {
+    target.within(FactorWatched(scene, scratch, state))
+}
+
+struct FactorWatched<'a, T: Vectorised>(
+    (&'a Model<T>, &'a SweepModel<T>),
+    &'a mut SweepScratch<T>,
+    (&'a [T], &'a mut [T]),
+);
+
+impl<T: Vectorised> Work for FactorWatched<'_, T> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let Self(scene, scratch, (q, estimates)) = self;
+        let watched = auto::factor_watched_in_sweeps::<T, T::Columns>(scene, scratch, q, estimates);
+        lanes_but::<T>(|lane| watched.kept(lane))
     }
 }
 
