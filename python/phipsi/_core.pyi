@@ -465,6 +465,7 @@ class Scene:
         qdd: ArrayLike,
         *,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        out: _Array | None = None,
         errors: _Errors = "raise",
     ) -> InverseDynamicsDerivatives:
         """Derivatives of inverse dynamics, in the tangent space of q: dtau/dq, dtau/dqd and dtau/dqdd = M, analytic, in O(N depth).
@@ -489,6 +490,7 @@ class Scene:
         *,
         form: _Form = "auto",
         wrenches: Mapping[str, ArrayLike] | None = None,
+        out: _Array | None = None,
         errors: _Errors = "raise",
     ) -> ForwardDynamicsDerivatives:
         """Derivatives of forward dynamics, in the tangent space of q: dqdd/dq = -M^-1 dtau/dq, dqdd/dqd = -M^-1 dtau/dqd and dqdd/dtau = M^-1.
@@ -528,6 +530,16 @@ class Scene:
 
         Raises as forward_dynamics_derivatives.
         """
+
+    def coriolis_matrix(
+        self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, errors: _Errors = "raise"
+    ) -> _Array:
+        """The Coriolis matrix C"""
+
+    def mass_matrix_derivative(
+        self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, errors: _Errors = "raise"
+    ) -> _Array:
+        """dM/dt"""
 
     def operational_inverse_inertia(
         self,

@@ -32,10 +32,13 @@ impl PyScene {
     /// rotation in the child's frame for spherical joints, (linear, angular) in the child's frame for free joints. Armature is in M alone. Entries of
     /// joints on different branches are zero.
     ///
+    /// out: C-contiguous float64, (..., 3, nv, nv), overlapping no argument, of which the results are views; large batches take half the time into one that was
+    /// used before.
+    ///
     /// Returns a phipsi.InverseDynamicsDerivatives (dtau_dq, dtau_dqd, M), each (..., nv, nv), SI units.
     ///
     /// Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, qdd, *, wrenches=None, errors="raise"))]
+    #[pyo3(signature = (q, qd, qdd, *, wrenches=None, out=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics_derivatives<'py>(
         &self,
@@ -44,11 +47,12 @@ impl PyScene {
         qd: &Object<'py>,
         qdd: &Object<'py>,
         wrenches: Option<&Object<'py>>,
+        out: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
         self.check_dense("inverse_dynamics_derivatives", "differences of inverse_dynamics")?;
         let class = imported!(py, "phipsi._results", "InverseDynamicsDerivatives")?;
-        let keywords = Keywords { wrenches, out: None, dtype: None, errors, info: false };
+        let keywords = Keywords { wrenches, out, dtype: None, errors, info: false };
         let given = [("q", q), ("qd", qd), ("qdd", qdd)];
         let all = self.derivatives(py, Derivatives::InverseDynamics, cost::BODY, given, &keywords)?;
         class.call1((part(&all, 0)?, part(&all, 1)?, part(&all, 2)?))
@@ -63,11 +67,13 @@ impl PyScene {
     /// Row i is the acceleration qdd_i; columns as in inverse_dynamics_derivatives, whose results at the accelerations of the state are multiplied by
     /// M^-1 (6.1).
     ///
+    /// out: as in inverse_dynamics_derivatives.
+    ///
     /// Returns a phipsi.ForwardDynamicsDerivatives (dqdd_dq, dqdd_dqd, Minv), each (..., nv, nv), SI units.
     ///
     /// Raises SingularJointError where a joint has no inertia along its axis; ArgumentError above 4000 degrees of freedom, and for the square-root form
     /// of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, errors="raise"))]
+    #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, out=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_derivatives<'py>(
         &self,
@@ -77,12 +83,13 @@ impl PyScene {
         tau: &Object<'py>,
         form: &str,
         wrenches: Option<&Object<'py>>,
+        out: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
         self.check_dense("forward_dynamics_derivatives", "differences of forward_dynamics")?;
         let which = Derivatives::ForwardDynamics(read_form(form)?);
         let class = imported!(py, "phipsi._results", "ForwardDynamicsDerivatives")?;
-        let keywords = Keywords { wrenches, out: None, dtype: None, errors, info: false };
+        let keywords = Keywords { wrenches, out, dtype: None, errors, info: false };
         let given = [("q", q), ("qd", qd), ("tau", tau)];
         let all = self.derivatives(py, which, cost::WITH_FACTOR, given, &keywords)?;
         class.call1((part(&all, 0)?, part(&all, 1)?, part(&all, 2)?))
