@@ -39,8 +39,10 @@ mod report;
 mod scene;
 mod scenes;
 mod scratch;
+mod simulator;
 mod single;
 mod stability;
+mod stepping;
 mod stochastic;
 mod threads;
 mod wrenches;
@@ -63,6 +65,8 @@ mod core_module {
     use super::scene::{PyScene, numbers, rebuild_scene};
     #[pymodule_export]
     use super::scenes::{chain_of, extreme_case, extreme_names};
+    #[pymodule_export]
+    use super::simulator::{PySimulator, rebuild_simulator};
     #[pymodule_export]
     use super::stability::PyExact;
     #[pymodule_export]
