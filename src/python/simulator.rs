@@ -3,7 +3,7 @@
 use super::choice::name_of;
 use super::control::{Pd, everyone};
 use super::cost::WORTH_RELEASING;
-use super::counts::count_or;
+use super::counts::count;
 use super::errors::{fault, of_batch};
 use super::fresh::entries;
 use super::input::{Input, plain, shaped};
@@ -24,6 +24,17 @@ use pyo3::types::{PyDict, PyTuple};
 use std::borrow::Borrow;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::Instant;
+
+/// How many steps, as given.
+struct Steps(usize);
+
+impl<'py> FromPyObject<'_, 'py> for Steps {
+    type Error = PyErr;
+
+    fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        count("steps", &given, 0).map(Self)
+    }
+}
 
 /// The scene of a simulator, whose Python object it keeps alive.
 struct Held(Py<PyScene>);
@@ -211,9 +222,9 @@ impl PySimulator {
     /// Raises SimulationError where motion diverges or a pivot is lost, with .step, .joint, .state and .trajectory, whose one row is the state now:
     /// all states, and their times, are after the last step that all of them finished. reset(q, qd, states=error.state) lets the others go on.
     /// Raises SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; ShapeError, NotFiniteError, ArgumentError, after which nothing has moved.
-    #[pyo3(signature = (tau=None, steps=None), text_signature = "($self, tau=None, steps=1)")]
-    fn step(&self, py: Python<'_>, tau: Option<&Object<'_>>, steps: Option<&Object<'_>>) -> PyResult<()> {
-        let steps = count_or("steps", steps, 0, 1)?;
+    #[pyo3(signature = (tau=None, steps=Steps(1)), text_signature = "($self, tau=None, steps=1)")]
+    fn step(&self, py: Python<'_>, tau: Option<&Object<'_>>, steps: Steps) -> PyResult<()> {
+        let Steps(steps) = steps;
         let Some(tau) = tau else { return self.advance(py, &Torque::Zero, steps) };
         let own = self.scene.get();
         let nv = own.scene.nv();

@@ -197,6 +197,7 @@ BAD_CALLS: dict[str, tuple[Callable[[phipsi.Simulator], object], type[Exception]
     "tau NaN, a batch": (lambda s: s.step(np.full((3, 7), np.nan)), errors.NotFiniteError, "tau"),
     "tau a function": (lambda s: s.step(lambda t, q, qd: q), errors.ArgumentError, "tau"),
     "steps": (lambda s: s.step(None, -1), errors.ArgumentError, "steps: found -1"),
+    "steps None": (lambda s: s.step(None, None), errors.ArgumentError, "steps: found None"),  # type: ignore[arg-type]
     "steps a truth value": (lambda s: s.step(None, True), errors.ArgumentError, "steps"),
     "q": (lambda s: s.reset(np.full((3, 7), np.nan)), errors.NotFiniteError, "q: found NaN .* in state 0"),
     "q of some": (lambda s: s.reset(np.full(7, np.nan), states=[2]), errors.NotFiniteError, "q: found NaN .* in state 2"),
