@@ -26,6 +26,7 @@ use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::Instant;
 
 /// How many steps, as given.
+#[derive(Clone, Copy)]
 struct Steps(usize);
 
 impl<'py> FromPyObject<'_, 'py> for Steps {
