@@ -89,8 +89,8 @@ def tangent(w: _Array) -> _Array:
 
 def carried_back_derivative(w: _Array, u: _Array) -> _Array:
     """d(B(w) u)/dw = -U/2 - c (the matrix of (w x u) x, + W U) + c'/t (w x (w x u)) w*, (3, 3), U that of u x."""
-    t = np.linalg.norm(w)
-    c = float(_second(t))
+    t = float(np.linalg.norm(w))
+    c = float(_second(np.asarray(t)))
     if t < SMALL:
         slope = 1 / 360 + t**2 / 7560 + t**4 / 201600
     else:

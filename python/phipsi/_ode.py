@@ -229,10 +229,10 @@ class Ode:
 
         def given(state: _Array) -> _Array:
             x, v = np.split(state, 2)
-            return self._given(t, self.configuration(x), v)
+            return np.broadcast_to(self._given(t, self.configuration(x), v), x.shape)
 
         changes = [given(a) - given(b) for a, b in zip(ahead, behind, strict=True)]
-        return np.reshape(changes, (len(y), len(x))).T / (ahead - behind).diagonal()
+        return np.asarray(np.reshape(changes, (len(y), len(x))).T / (ahead - behind).diagonal())
 
     def solve(
         self,

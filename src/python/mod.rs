@@ -34,6 +34,7 @@ mod object;
 mod operational;
 mod output;
 mod parts;
+mod pickled_simulator;
 mod plan;
 mod report;
 mod scene;
@@ -58,6 +59,8 @@ mod core_module {
     #[pymodule_export]
     use super::factor::{PyFactor, rebuild_factor};
     #[pymodule_export]
+    use super::pickled_simulator::rebuild_simulator;
+    #[pymodule_export]
     use super::report::{
         PyReference, call_of_method, growth_of, measure_method, operator_growth_of, reference_of, residuals_at,
     };
@@ -66,7 +69,7 @@ mod core_module {
     #[pymodule_export]
     use super::scenes::{chain_of, extreme_case, extreme_names};
     #[pymodule_export]
-    use super::simulator::{PySimulator, rebuild_simulator};
+    use super::simulator::PySimulator;
     #[pymodule_export]
     use super::stability::PyExact;
     #[pymodule_export]

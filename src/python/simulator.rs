@@ -1,12 +1,11 @@
 //! The class `Simulator`: states that go on call by call, with scratch of their own.
 
-use super::choice::name_of;
 use super::control::{Pd, everyone};
 use super::cost::WORTH_RELEASING;
 use super::counts::count;
 use super::errors::{fault, of_batch};
 use super::fresh::entries;
-use super::input::{Input, plain, shaped};
+use super::input::{Input, plain};
 use super::interrupts::detached;
 use super::motion::Room;
 use super::object::{Object, imported};
@@ -15,12 +14,13 @@ use super::scene::PyScene;
 use super::stepping::{Blocks, Keywords, Stopped, about, largest_corrections};
 use crate::batch::{Broadcast, broadcast_axes};
 use crate::error::{Error, check_finite};
+use crate::memory;
 use crate::motion::properties::FRICTION_SPEED;
-use crate::motion::{Gains, Method, Settings, Simulator, Torque};
+use crate::motion::{Method, Simulator, Torque};
 use crate::scene::Scene;
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple};
+use pyo3::types::PyTuple;
 use std::borrow::Borrow;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::Instant;
@@ -38,13 +38,19 @@ impl<'py> FromPyObject<'_, 'py> for Steps {
 }
 
 /// The scene of a simulator, whose Python object it keeps alive.
-struct Held(Py<PyScene>);
+pub(super) struct Held(Py<PyScene>);
 
 impl Borrow<Scene> for Held {
     fn borrow(&self) -> &Scene {
         &self.0.get().scene
     }
 }
+
+/// What a state has of configurations, or of rates.
+type Part = for<'a> fn(&'a Simulator<Held>, usize) -> &'a [f64];
+
+const CONFIGURATION: Part = |moving, state| moving.state(state).0;
+const RATES: Part = |moving, state| moving.state(state).1;
 
 /// States that are advanced call by call: what a controller, a learner or a game loop steps.
 ///
@@ -55,8 +61,8 @@ impl Borrow<Scene> for Held {
 /// pickles are simulators of their own, at the same state, which go on with the same bits.
 #[pyclass(frozen, name = "Simulator", module = "phipsi")]
 pub(crate) struct PySimulator {
-    scene: Py<PyScene>,
-    batch: Vec<usize>,
+    pub(super) scene: Py<PyScene>,
+    pub(super) batch: Vec<usize>,
     dt: f64,
     method: Method,
     conserve_momentum: bool,
@@ -138,7 +144,7 @@ impl PyScene {
 
 impl PySimulator {
     /// The states, for one call.
-    fn moving(&self) -> Result<MutexGuard<'_, Simulator<Held>>, Error> {
+    pub(super) fn moving(&self) -> Result<MutexGuard<'_, Simulator<Held>>, Error> {
         match self.moving.try_lock() {
             Ok(moving) => Ok(moving),
             Err(TryLockError::Poisoned(poisoned)) => Ok(poisoned.into_inner()),
@@ -149,19 +155,19 @@ impl PySimulator {
         }
     }
 
-    /// One array of every state, (..., width).
+    /// One array of every state, (..., width), with these axes between.
     fn of_all<'py>(
         &self,
         py: Python<'py>,
-        width: usize,
-        of: for<'a> fn(&'a Simulator<Held>, usize) -> &'a [f64],
+        moving: &Simulator<Held>,
+        between: &[usize],
+        (width, of): (usize, Part),
     ) -> PyResult<Object<'py>> {
-        let moving = self.moving()?;
-        if self.batch.is_empty() {
-            return from_numbers(py, of(&moving, 0), &[width]);
+        if self.batch.is_empty() && between.is_empty() {
+            return from_numbers(py, of(moving, 0), &[width]);
         }
-        let mut output = Output::new(py, &[&self.batch[..], &[width]].concat())?;
-        output.gather(py, width, (0..moving.states()).map(|state| of(&moving, state)))?;
+        let mut output = Output::new(py, &[&self.batch[..], between, &[width]].concat())?;
+        output.gather(py, width, (0..moving.states()).map(|state| of(moving, state)))?;
         Ok(output.finish().into_any())
     }
 
@@ -189,11 +195,8 @@ impl PySimulator {
             let largest = largest_corrections(py, &self.batch, |state| moving.correction(state))?;
             fields.set_item("momentum_correction", largest)?;
         }
-        let (q, qd): (Vec<&[f64]>, Vec<&[f64]>) = (0..moving.states()).map(|state| moving.state(state)).unzip();
-        let scene = moving.scene();
-        let shape = |width: usize| [&self.batch[..], &[1, width]].concat();
-        let rows =
-            (from_numbers(py, &q.concat(), &shape(scene.nq()))?, from_numbers(py, &qd.concat(), &shape(scene.nv()))?);
+        let (nq, nv) = (moving.scene().nq(), moving.scene().nv());
+        let rows = (self.of_all(py, moving, &[1], (nq, CONFIGURATION))?, self.of_all(py, moving, &[1], (nv, RATES))?);
         imported!(py, "phipsi._motion", "only_now")?.call(rows, Some(&fields))
     }
 }
@@ -256,7 +259,7 @@ impl PySimulator {
         let own = self.scene.get();
         let [q, qd] = [own.configuration("q", q)?, own.rates_or_rest(py, qd)?];
         let (axes, chosen) = match states {
-            None => (self.batch.clone(), (0..self.batch.iter().product()).collect()),
+            None => (self.batch.clone(), self.every()?),
             Some(states) => self.chosen(states)?,
         };
         let (q, qd) = (q.over(&axes)?, qd.over(&axes)?);
@@ -272,22 +275,27 @@ impl PySimulator {
 
     /// Configurations now, (..., nq); a copy.
     #[getter]
-    fn q<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        self.of_all(py, self.scene.get().scene.nq(), |moving, state| moving.state(state).0)
+    pub(super) fn q<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
+        let moving = self.moving()?;
+        self.of_all(py, &moving, &[], (moving.scene().nq(), CONFIGURATION))
     }
 
     /// Rates now, (..., nv); a copy.
     #[getter]
-    fn qd<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        self.of_all(py, self.scene.get().scene.nv(), |moving, state| moving.state(state).1)
+    pub(super) fn qd<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
+        let moving = self.moving()?;
+        self.of_all(py, &moving, &[], (moving.scene().nv(), RATES))
     }
 
     /// How long each state has moved since it began or was reset, (...), s: a number for one state, else an array, a copy.
     #[getter]
     fn t<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
         let moving = self.moving()?;
-        let times: Vec<f64> = (0..moving.states()).map(|state| moving.time(state)).collect();
-        from_numbers(py, &times, &self.batch)
+        let mut times = Output::new(py, &self.batch)?;
+        for (state, time) in times.numbers()?.iter_mut().enumerate() {
+            *time = moving.time(state);
+        }
+        times.finish_or_scalar()
     }
 
     /// How many steps were made, resets or not.
@@ -336,18 +344,6 @@ impl PySimulator {
         let states = if self.batch.is_empty() { "one state".to_owned() } else { format!("{} states", moving.states()) };
         Ok(format!("<phipsi.Simulator: {states}, {} steps of {dt} s by {method}>", moving.steps()))
     }
-
-    /// What Scene.simulator made it of, and what the steps have made since.
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Object<'py>, Object<'py>)> {
-        let (q, qd) = (self.q(py)?, self.qd(py)?);
-        let moving = self.moving()?;
-        let keywords = self.keywords(py, moving.settings())?;
-        let (numbers, begun, done) = moving.numbers();
-        let numbers = from_numbers(py, numbers, &[numbers.len()])?;
-        let rebuild = py.import("phipsi._core")?.getattr("_rebuild_simulator")?;
-        let made_of = (self.scene.clone_ref(py), q, qd, keywords, numbers, begun.to_vec(), done);
-        Ok((rebuild, made_of.into_pyobject(py)?.into_any()))
-    }
 }
 
 /// Resets of fewer numbers keep the GIL.
@@ -360,6 +356,14 @@ impl PySimulator {
         scene.nq() + scene.nv()
     }
 
+    /// The indices of all states.
+    fn every(&self) -> Result<Vec<usize>, Error> {
+        let states = self.batch.iter().product();
+        let mut every = memory::with_capacity("states", states)?;
+        every.extend(0..states);
+        Ok(every)
+    }
+
     /// The axes and the indices of what `states` selects.
     fn chosen(&self, states: &Object<'_>) -> PyResult<(Vec<usize>, Vec<usize>)> {
         let py = states.py();
@@ -367,57 +371,4 @@ impl PySimulator {
         let (axes, indices): (Vec<usize>, Object<'_>) = found.extract()?;
         Ok((axes, indices.cast_into::<PyArray1<usize>>()?.to_vec()?))
     }
-
-    /// The keywords of Scene.simulator that give these settings.
-    fn keywords<'py>(&self, py: Python<'py>, settings: Settings) -> PyResult<Bound<'py, PyDict>> {
-        let Settings { dt, method, form, properties, gains, conserve_momentum, arm: _ } = settings;
-        let keywords = PyDict::new(py);
-        keywords.set_item("dt", dt)?;
-        keywords.set_item("method", method.name())?;
-        keywords.set_item("form", name_of(form))?;
-        keywords.set_item("conserve_momentum", conserve_momentum)?;
-        keywords.set_item("friction_speed", properties.friction_speed)?;
-        for (name, numbers) in [
-            ("armature", &properties.armature),
-            ("damping", &properties.damping),
-            ("stiffness", &properties.stiffness),
-            ("rest", &properties.rest),
-            ("friction", &properties.friction),
-        ] {
-            keywords.set_item(name, from_numbers(py, numbers, &[numbers.len()])?)?;
-        }
-        if let Some(Gains { proportional, derivative, target, target_rate }) = gains {
-            let scene = &self.scene.get().scene;
-            let each = |numbers: &[f64], width: usize| {
-                let shape = if numbers.len() == width { vec![width] } else { [&self.batch[..], &[width]].concat() };
-                from_numbers(py, numbers, &shape)
-            };
-            let nv = scene.nv();
-            let pd =
-                (each(&proportional, nv)?, each(&derivative, nv)?, each(&target, scene.nq())?, each(&target_rate, nv)?);
-            keywords.set_item("pd", pd)?;
-        }
-        Ok(keywords)
-    }
-}
-
-/// A simulator of what Simulator.__reduce__ gave.
-#[pyfunction]
-#[pyo3(name = "_rebuild_simulator", signature = (scene, q, qd, keywords, numbers, begun, steps, /))]
-#[allow(clippy::needless_pass_by_value)] // what Python gives
-pub(super) fn rebuild_simulator<'py>(
-    scene: &Bound<'py, PyScene>,
-    q: &Object<'py>,
-    qd: &Object<'py>,
-    keywords: &Bound<'py, PyDict>,
-    numbers: &Object<'py>,
-    begun: Vec<usize>,
-    steps: usize,
-) -> PyResult<Bound<'py, PySimulator>> {
-    let made = scene.call_method("simulator", (q, qd), Some(keywords))?.cast_into::<PySimulator>()?;
-    let (_, numbers) = shaped("pickled simulator", numbers, 0)?;
-    if !made.get().moving()?.take_up(&numbers, &begun, steps) {
-        return Err(Error::argument("pickled simulator", "numbers of other states", "those that pickle wrote").into());
-    }
-    Ok(made)
 }

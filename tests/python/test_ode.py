@@ -162,6 +162,8 @@ def test_a_function_for_tau_is_differentiated_by_itself_only() -> None:
     assert set(seen) == {0.25} and len(seen) == 1 + 4 * scene.nv
     expected = differences(ode, y)
     assert_near(found, expected, 100 * central_difference(size(expected)))
+    alike = ode_of(scene, laws, lambda t, q, v: 0.3)
+    assert_near(alike.jacobian(0.0, y), ode_of(scene, laws, np.full(scene.nv, 0.3)).jacobian(0.0, y), 0.0)
     constant = np.random.default_rng(4).normal(size=scene.nv)
     held = ode_of(scene, laws, lambda t, q, v: constant).jacobian(0.0, y)
     assert_near(held, ode_of(scene, laws, constant).jacobian(0.0, y), 0.0)
