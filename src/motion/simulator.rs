@@ -52,7 +52,7 @@ impl<S: Borrow<Scene>> Simulator<S> {
     /// # Errors
     ///
     /// [`StepFault`] where a joint runs away or its pivot is lost: all states, and their times, are then after the last step that every state finished,
-    /// which is the one before [`StepFault::step`]. After torques of the wrong size, and where a [`watch`](crate::watch) ended the work, they are as they
+    /// which is the one before [`StepFault::step`]. After torques of the wrong size, and where a [`watch`] ended the work, they are as they
     /// were before the call.
     pub fn step(&mut self, torque: &Torque<'_>, steps: usize) -> Result<(), StepFault> {
         let Self { rollout, before } = self;
