@@ -192,6 +192,7 @@ impl Bounds {
             "torque" => tolerance::product(self.n, self.terms),
             "acceleration" => tolerance::solution(&self.matrix, size(values), self.terms),
             "inverse" => tolerance::inverse(self.matrix.number, self.matrix.inverse_norm),
+            "derivatives" => tolerance::inverse(self.matrix.number, size(values).max(self.matrix.inverse_norm)),
             // Heights of metres, times weight.
             "potential energy" => tolerance::product(self.n, 100.0 * self.mass),
             _ => tolerance::product(self.n, size(values).max(10.0)),
