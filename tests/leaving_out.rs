@@ -7,6 +7,7 @@ use common::tolerance::{self, Conditioning, assert_near, conditioning, size};
 use common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_inertial, random_state};
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 use phipsi::filter::Form;
+use phipsi::kinematics::ReferenceFrame;
 use phipsi::operators::{Factor, KINDS, Operator};
 use phipsi::report::operations::{Task, count_recursion, of_factor};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Omissions, SceneBuilder};
@@ -164,7 +165,7 @@ fn results(scene: &Scene, state: &State) -> Vec<(String, Vec<f64>)> {
     for (link, placement) in scene.links().iter().zip(scene.placements(q).unwrap()) {
         keep(&format!("where {} is", link.name), placement.to_matrix().as_slice());
         let mut jacobian = vec![f64::NAN; 6 * nv];
-        scene.jacobian(q, &link.name, &mut jacobian).unwrap();
+        scene.jacobian(q, &link.name, ReferenceFrame::Local, &mut jacobian).unwrap();
         keep(&format!("jacobian of {}", link.name), &jacobian);
     }
     all

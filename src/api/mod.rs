@@ -1,8 +1,10 @@
 //! The algorithms as methods of a [`Scene`](crate::Scene): arguments are checked, faults named.
 
+mod centroidal;
 mod derivatives;
 mod estimation;
-pub mod methods;
+pub mod links;
+mod methods;
 pub mod operational;
 mod own;
 

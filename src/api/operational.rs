@@ -30,6 +30,12 @@ impl<'a> From<&'a str> for TaskFrame<'a> {
     }
 }
 
+impl<'a> From<&'a String> for TaskFrame<'a> {
+    fn from(link: &'a String) -> Self {
+        Self::from(link.as_str())
+    }
+}
+
 impl Scene {
     /// Scratch for [`Scene::operational_inverse_inertia`] and [`Scene::operational_inertia`].
     #[must_use]
@@ -150,8 +156,11 @@ impl Scene {
     }
 
     /// A task frame on its body.
-    fn frame(&self, task: &TaskFrame<'_>) -> Result<Frame<f64>, Error> {
+    pub(super) fn frame(&self, task: &TaskFrame<'_>) -> Result<Frame<f64>, Error> {
         let link = self.link(task.link)?;
+        if task.offset == RigidShift::identity() {
+            return Ok(Frame { body: link.body, placement: link.placement });
+        }
         let of_link = |what: &str| format!("{what} of the task frame on link {:?}", task.link);
         let RigidShift { rotation, lever } = &task.offset;
         if !lever.iter().chain(rotation.iter()).all(|x| x.is_finite()) {
