@@ -175,7 +175,7 @@ fn results(scene: &Scene, state: &State) -> Vec<(String, Vec<f64>)> {
         scene.jacobian(q, &link.name, ReferenceFrame::Local, &mut jacobian).unwrap();
         keep(&format!("jacobian of {}", link.name), &jacobian);
         let acceleration = scene.acceleration(q, qd, u, &link.name, ReferenceFrame::World, AccelerationKind::Spatial);
-        keep(&format!("acceleration of {}", link.name), acceleration.unwrap().as_slice());
+        keep(&format!("how {} accelerates", link.name), acceleration.unwrap().as_slice());
     }
     all
 }
