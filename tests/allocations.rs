@@ -114,7 +114,7 @@ const ALGORITHMS: [(&str, Algorithm); 24] = [
     ("gravity_torque", |scene, w, _, s| scene.gravity_torque(w, &s.q, &mut s.vector).unwrap()),
     ("kinetic_energy", |scene, w, _, s| s.vector[0] = scene.kinetic_energy(w, &s.q, &s.qd).unwrap()),
     ("placement", |scene, _, _, s| {
-        s.matrix[..3].copy_from_slice(scene.placement(&s.q, LINK).unwrap().lever.as_slice())
+        s.matrix[..3].copy_from_slice(scene.placement(&s.q, LINK).unwrap().lever.as_slice());
     }),
     ("placements_of", |scene, w, _, s| {
         let mut found = [RigidShift::filled(f64::NAN); 3];

@@ -8,7 +8,7 @@ use common::tolerance::{self, STEP, assert_close, assert_near, size, to_f64};
 use common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_state};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use phipsi::api::TaskFrame;
-use phipsi::kinematics::{AccelerationKind, ReferenceFrame};
+use phipsi::kinematics::{AccelerationKind, Frame, ReferenceFrame};
 use phipsi::scene::SceneBuilder;
 use phipsi::spatial::RigidShift;
 use phipsi::{Error, Scene, scenes};
@@ -36,8 +36,8 @@ impl Case {
     /// Random mixed trees: fixed and floating bases, with and without armature, one joint to eight.
     fn new(seed: u64) -> Self {
         let bodies = 1 + usize::try_from(seed).unwrap() % 8;
-        let kinds = if seed % 2 == 0 { &ALL_KINDS[..] } else { &KINDS_WITH_FIXED[..] };
-        let armature = if seed % 3 == 0 { 0.0 } else { 0.3 };
+        let kinds = if seed.is_multiple_of(2) { &ALL_KINDS[..] } else { &KINDS_WITH_FIXED[..] };
+        let armature = if seed.is_multiple_of(3) { 0.0 } else { 0.3 };
         let source = Tree { seed, bodies, kinds, branching: 0.5, armature, floating: seed % 5 == 1 }.builder();
         let scene = source.clone().build().unwrap();
         let (q, qd, qdd) = random_state(&scene, &mut Random::new(7000 + seed));
@@ -95,7 +95,7 @@ fn plus(a: &[f64], b: &[f64]) -> Vec<f64> {
 fn frames<'s>(scene: &'s Scene, random: &mut Random) -> Vec<TaskFrame<'s>> {
     let frame = |name: &'s String, random: &mut Random| {
         let offset = RigidShift { rotation: random.rotation(), lever: random.vector() };
-        if random.below(2) == 0 { TaskFrame::from(name) } else { TaskFrame { link: name, offset } }
+        if random.below(2) == 0 { TaskFrame::from(name.as_str()) } else { TaskFrame { link: name, offset } }
     };
     scene.links().iter().map(|link| frame(&link.name, random)).collect()
 }
@@ -303,6 +303,10 @@ fn arguments_are_checked() {
     says(scene.placements_of(&mut workspace, &q, &[link, link], &mut one), "out: found shape (1,); expected (2,)");
 
     let mut other = scenes::chain(2).unwrap().workspace();
+    let known = |body| Frame { body, placement: scene.link(link).unwrap().placement };
+    assert_eq!(scene.placement(&q, known(Some(2))), scene.placement(&q, link));
+    says(scene.placement(&q, known(Some(3))).map(drop), "body of the frame: found 3; expected one of the scene's 3");
+
     assert!(scene.center_of_mass(&mut workspace, &q).is_ok());
     says(scene.center_of_mass(&mut other, &q).map(drop), "workspace: found that of a scene of 2 bodies");
     says(scene.placements_of(&mut other, &q, &[link], &mut one), "workspace: found that of a scene of 2 bodies");

@@ -1,13 +1,46 @@
 //! Where links of a scene are and how they move, at one state, with arguments checked and faults named.
 //!
-//! A link is given by its name, or as a [`TaskFrame`]: a frame that is fixed on it. Motions are (angular, linear), rad and m, against the base.
+//! A link is given by its name, as a [`TaskFrame`], which is fixed on it, or as a [`Frame`] that was looked up before: see [`OnLink`]. Motions are (angular, linear), rad and m, against the base.
 
 use super::TaskFrame;
 use crate::error::{Error, check_length};
-use crate::kinematics::{self, AccelerationKind, FrameMotion, ReferenceFrame};
+use crate::kinematics::{self, AccelerationKind, Frame, FrameMotion, ReferenceFrame};
 use crate::scene::Scene;
 use crate::spatial::{RigidShift, SpatialVector};
 use crate::workspace::Workspace;
+
+/// A frame on a link: of the link's name, or as it was looked up.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum OnLink<'a> {
+    /// By the link's name.
+    Named(TaskFrame<'a>),
+    /// By its body, with the link's placement in it: what [`Scene::link`] gives.
+    Known(Frame<f64>),
+}
+
+impl<'a> From<&'a str> for OnLink<'a> {
+    fn from(link: &'a str) -> Self {
+        Self::Named(link.into())
+    }
+}
+
+impl<'a> From<&'a String> for OnLink<'a> {
+    fn from(link: &'a String) -> Self {
+        link.as_str().into()
+    }
+}
+
+impl<'a> From<TaskFrame<'a>> for OnLink<'a> {
+    fn from(frame: TaskFrame<'a>) -> Self {
+        Self::Named(frame)
+    }
+}
+
+impl From<Frame<f64>> for OnLink<'_> {
+    fn from(frame: Frame<f64>) -> Self {
+        Self::Known(frame)
+    }
+}
 
 impl Scene {
     /// Where a link, or a frame on it, is: from its frame to the base's.
@@ -16,9 +49,9 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// An unknown link, a frame without a rotation matrix, wrong lengths and numbers that are not finite.
-    pub fn placement<'a>(&self, q: &[f64], link: impl Into<TaskFrame<'a>>) -> Result<RigidShift<f64>, Error> {
-        let frame = self.frame(&link.into())?;
+    /// An unknown link or body, a frame without a rotation matrix, wrong lengths and numbers that are not finite.
+    pub fn placement<'a>(&self, q: &[f64], link: impl Into<OnLink<'a>>) -> Result<RigidShift<f64>, Error> {
+        let frame = self.on_link(&link.into())?;
         self.check_configuration("q", q)?;
         let placement = kinematics::placement(self.model(), q, &frame);
         self.check_result("placement", placement.lever.as_slice())?;
@@ -30,7 +63,7 @@ impl Scene {
     /// # Errors
     ///
     /// As [`Scene::placement`], and a workspace of another scene.
-    pub fn placements_of<'a, L: Copy + Into<TaskFrame<'a>>>(
+    pub fn placements_of<'a, L: Copy + Into<OnLink<'a>>>(
         &self,
         workspace: &mut Workspace<f64>,
         q: &[f64],
@@ -43,13 +76,13 @@ impl Scene {
         let Workspace { needed, shift, .. } = workspace;
         needed.fill(false);
         for &link in links {
-            if let Some(body) = self.frame(&link.into())?.body {
+            if let Some(body) = self.on_link(&link.into())?.body {
                 needed[body] = true;
             }
         }
         kinematics::placements_on_the_way(self.model(), q, needed, shift);
         for (&link, out) in links.iter().zip(out) {
-            let frame = self.frame(&link.into())?;
+            let frame = self.on_link(&link.into())?;
             *out = frame.body.map_or(frame.placement, |body| shift[body].compose(&frame.placement));
             self.check_result("placement", out.lever.as_slice())?;
         }
@@ -67,7 +100,7 @@ impl Scene {
         &self,
         q: &[f64],
         qd: &[f64],
-        link: impl Into<TaskFrame<'a>>,
+        link: impl Into<OnLink<'a>>,
         reference: ReferenceFrame,
     ) -> Result<SpatialVector<f64>, Error> {
         let velocity = self.frame_motion(q, qd, None, &link.into())?.velocity_in(reference);
@@ -87,7 +120,7 @@ impl Scene {
         q: &[f64],
         qd: &[f64],
         qdd: &[f64],
-        link: impl Into<TaskFrame<'a>>,
+        link: impl Into<OnLink<'a>>,
         reference: ReferenceFrame,
         kind: AccelerationKind,
     ) -> Result<SpatialVector<f64>, Error> {
@@ -107,11 +140,11 @@ impl Scene {
     pub fn jacobian<'a>(
         &self,
         q: &[f64],
-        link: impl Into<TaskFrame<'a>>,
+        link: impl Into<OnLink<'a>>,
         reference: ReferenceFrame,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let frame = self.frame(&link.into())?;
+        let frame = self.on_link(&link.into())?;
         self.check_configuration("q", q)?;
         check_length("out", out.len(), 6 * self.nv())?;
         kinematics::jacobian(self.model(), q, &frame, reference, out);
@@ -129,11 +162,11 @@ impl Scene {
         &self,
         q: &[f64],
         qd: &[f64],
-        link: impl Into<TaskFrame<'a>>,
+        link: impl Into<OnLink<'a>>,
         reference: ReferenceFrame,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let frame = self.frame(&link.into())?;
+        let frame = self.on_link(&link.into())?;
         self.check_configuration("q", q)?;
         self.check_rates("qd", qd)?;
         check_length("out", out.len(), 6 * self.nv())?;
@@ -150,12 +183,30 @@ impl Scene {
         &self,
         q: &[f64],
         qd: &[f64],
-        link: impl Into<TaskFrame<'a>>,
+        link: impl Into<OnLink<'a>>,
         reference: ReferenceFrame,
     ) -> Result<SpatialVector<f64>, Error> {
         let product = self.frame_motion(q, qd, None, &link.into())?.rate_in(reference);
         self.check_result("jacobian rate product", product.as_slice())?;
         Ok(product)
+    }
+
+    /// The frame on its body, which the scene has.
+    #[inline]
+    fn on_link(&self, frame: &OnLink<'_>) -> Result<Frame<f64>, Error> {
+        match frame {
+            OnLink::Named(frame) => self.frame(frame),
+            OnLink::Known(frame) => {
+                let bodies = self.model().bodies.len();
+                match frame.body {
+                    Some(body) if body >= bodies => {
+                        let expected = format!("one of the scene's {bodies}, or none");
+                        Err(Error::argument("body of the frame", body.to_string(), expected))
+                    }
+                    _ => Ok(*frame),
+                }
+            }
+        }
     }
 
     /// The motion of a frame, of checked arguments.
@@ -164,9 +215,9 @@ impl Scene {
         q: &[f64],
         qd: &[f64],
         qdd: Option<&[f64]>,
-        frame: &TaskFrame<'_>,
+        frame: &OnLink<'_>,
     ) -> Result<FrameMotion<f64>, Error> {
-        let frame = self.frame(frame)?;
+        let frame = self.on_link(frame)?;
         self.check_configuration("q", q)?;
         self.check_rates("qd", qd)?;
         if let Some(qdd) = qdd {

@@ -3,10 +3,11 @@
 mod centroidal;
 mod derivatives;
 mod estimation;
-pub mod links;
-mod methods;
+mod links;
+pub mod methods;
 pub mod operational;
 mod own;
 
+pub use links::OnLink;
 pub use methods::BodyWrenches;
 pub use operational::TaskFrame;

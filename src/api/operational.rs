@@ -30,12 +30,6 @@ impl<'a> From<&'a str> for TaskFrame<'a> {
     }
 }
 
-impl<'a> From<&'a String> for TaskFrame<'a> {
-    fn from(link: &'a String) -> Self {
-        Self::from(link.as_str())
-    }
-}
-
 impl Scene {
     /// Scratch for [`Scene::operational_inverse_inertia`] and [`Scene::operational_inertia`].
     #[must_use]
@@ -156,7 +150,7 @@ impl Scene {
     }
 
     /// A task frame on its body.
-    pub(super) fn frame(&self, task: &TaskFrame<'_>) -> Result<Frame<f64>, Error> {
+    pub(crate) fn frame(&self, task: &TaskFrame<'_>) -> Result<Frame<f64>, Error> {
         let link = self.link(task.link)?;
         if task.offset == RigidShift::identity() {
             return Ok(Frame { body: link.body, placement: link.placement });

@@ -2,11 +2,12 @@
 
 use super::frame::{Frame, ReferenceFrame};
 use super::inward::Way;
-use crate::filter::Stage;
+use crate::filter::{HingeMap, Stage};
+use crate::joints::vectors::plus;
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{RigidShift, cross_motion, scaled_add, zero};
-use nalgebra::Vector6;
+use crate::spatial::{RigidShift, cross_motion, minus, scaled_add, spatial, zero};
+use nalgebra::{Vector3, Vector6};
 
 /// J of a frame at `q` into `out`, (6 x nv) row by row: its velocity (angular, linear), written in `reference`, is J qd. O(depth), beside the zeros.
 #[inline(always)]
@@ -62,12 +63,30 @@ fn local_jacobian<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>, out: &mu
     while let Some(k) = way.body {
         let stage = &model.system.stages[k];
         for i in 0..stage.rows.count() {
-            let column = way.placement.motion_to_child(&stage.rows.row(i).to_column());
+            let column = hinge_to_child(&way.placement, &stage.rows.row(i));
             write_column(out, nv, stage.first_row + i, column.as_slice());
         }
         way.past(k);
     }
     way.placement
+}
+
+/// phi^T H^T of one row of H: [`RigidShift::motion_to_child`] of a motion along or about one axis. At most 9 products.
+#[inline(always)]
+fn hinge_to_child<T: Real>(shift: &RigidShift<T>, hinge: &HingeMap<T>) -> Vector6<T> {
+    let (r, l) = (&shift.rotation, &shift.lever);
+    // R^T e, R^T (e x L)
+    let axis = |i: usize| Vector3::new(r[(i, 0)], r[(i, 1)], r[(i, 2)]);
+    let swept = |i: usize| {
+        let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+        let entry = |c: usize| minus(l[j], r[(k, c)], l[k], r[(j, c)]);
+        Vector3::new(entry(0), entry(1), entry(2))
+    };
+    match *hinge {
+        HingeMap::Axis(i) if i < 3 => spatial(&axis(i), &swept(i)),
+        HingeMap::Axis(i) => spatial(&Vector3::from_element(l[0].constant(0.0)), &axis(i - 3)),
+        HingeMap::Screw(pitch) => spatial(&axis(2), &plus(&swept(2), pitch, &axis(2))),
+    }
 }
 
 /// Does something for the joint of each body from the frame inward.

@@ -5,13 +5,12 @@ use super::geometry::homogeneous;
 use super::input::triple;
 use super::object::Object;
 use super::scene::PyScene;
-use crate::api::TaskFrame;
 use crate::error::{Error, check_finite};
-use crate::kinematics::ReferenceFrame;
 use crate::kinematics::frame::{ACCELERATION_KINDS, REFERENCE_FRAMES};
+use crate::kinematics::{Frame, ReferenceFrame};
 use crate::memory;
 use crate::spatial::RigidShift;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
@@ -41,24 +40,24 @@ impl PyScene {
         errors: &str,
     ) -> PyResult<Object<'py>> {
         if let Ok(name) = link.cast::<PyString>() {
-            let name = name.to_str()?;
-            let cost = cost::PLACEMENT * self.depth(name)?;
+            let frame = self.scene.frame(&name.to_str()?.into())?;
+            let cost = cost::PLACEMENT * self.depth(&frame);
             return self.each(py, [("q", q)], &[4, 4], cost, errors, |scene, _, [q], out| {
-                homogeneous(&scene.placement(q, name)?, out);
+                homogeneous(&scene.placement(q, frame)?, out);
                 Ok(())
             });
         }
         let names = names("link", link, "the name of a link, or a sequence of names")?;
-        let names: Vec<&str> = names.iter().map(String::as_str).collect();
-        let mut cost = 0;
+        memory::room("link", memory::bytes_of::<f64>(&[names.len(), 16, 3]))?;
+        let mut frames = Vec::with_capacity(names.len());
         for name in &names {
-            cost += cost::PLACEMENT * self.depth(name)?;
+            frames.push(self.scene.frame(&name.as_str().into())?);
         }
-        memory::room("link", memory::bytes_of::<f64>(&[names.len(), 16, 2]))?;
-        let shape = [names.len(), 4, 4];
+        let cost = frames.iter().map(|frame| cost::PLACEMENT * self.depth(frame)).sum();
+        let shape = [frames.len(), 4, 4];
         self.each(py, [("q", q)], &shape, cost, errors, |scene, scratch, [q], out| {
-            scratch.placements.resize(names.len(), RigidShift::identity());
-            scene.placements_of(&mut scratch.workspace, q, &names, &mut scratch.placements)?;
+            scratch.placements.resize(frames.len(), RigidShift::identity());
+            scene.placements_of(&mut scratch.workspace, q, &frames, &mut scratch.placements)?;
             for (placement, out) in scratch.placements.iter().zip(out.chunks_exact_mut(16)) {
                 homogeneous(placement, out);
             }
@@ -91,8 +90,8 @@ impl PyScene {
         at: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
-        let (reference, frame) = (read_frame(frame)?, on_link(link, at)?);
-        let cost = cost::MOTION * self.depth(link)?;
+        let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
+        let cost = cost::MOTION * self.depth(&frame);
         self.each(py, [("q", q), ("qd", qd)], &[6], cost, errors, |scene, _, [q, qd], out| {
             out.copy_from_slice(scene.velocity(q, qd, frame, reference)?.as_slice());
             Ok(())
@@ -121,9 +120,9 @@ impl PyScene {
         kind: &str,
         errors: &str,
     ) -> PyResult<Object<'py>> {
-        let (reference, frame) = (read_frame(frame)?, on_link(link, at)?);
+        let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
         let kind = choose("kind", kind, &ACCELERATION_KINDS)?;
-        let cost = cost::MOTION * self.depth(link)?;
+        let cost = cost::MOTION * self.depth(&frame);
         let given = [("q", q), ("qd", qd), ("qdd", qdd)];
         self.each(py, given, &[6], cost, errors, |scene, _, [q, qd, qdd], out| {
             out.copy_from_slice(scene.acceleration(q, qd, qdd, frame, reference, kind)?.as_slice());
@@ -149,8 +148,8 @@ impl PyScene {
         at: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
-        let (reference, frame) = (read_frame(frame)?, on_link(link, at)?);
-        let (cost, shape) = (cost::JACOBIAN * self.depth(link)?, [6, self.scene.nv()]);
+        let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
+        let (cost, shape) = (cost::JACOBIAN * self.depth(&frame), [6, self.scene.nv()]);
         self.each(py, [("q", q)], &shape, cost, errors, |scene, _, [q], out| scene.jacobian(q, frame, reference, out))
     }
 
@@ -174,8 +173,8 @@ impl PyScene {
         at: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
-        let (reference, frame) = (read_frame(frame)?, on_link(link, at)?);
-        let (cost, shape) = (2 * cost::JACOBIAN * self.depth(link)?, [6, self.scene.nv()]);
+        let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
+        let (cost, shape) = (2 * cost::JACOBIAN * self.depth(&frame), [6, self.scene.nv()]);
         self.each(py, [("q", q), ("qd", qd)], &shape, cost, errors, |scene, _, [q, qd], out| {
             scene.jacobian_rate(q, qd, frame, reference, out)
         })
@@ -199,8 +198,8 @@ impl PyScene {
         at: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
-        let (reference, frame) = (read_frame(frame)?, on_link(link, at)?);
-        let cost = cost::MOTION * self.depth(link)?;
+        let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
+        let cost = cost::MOTION * self.depth(&frame);
         self.each(py, [("q", q), ("qd", qd)], &[6], cost, errors, |scene, _, [q, qd], out| {
             out.copy_from_slice(scene.jacobian_rate_product(q, qd, frame, reference)?.as_slice());
             Ok(())
@@ -209,23 +208,25 @@ impl PyScene {
 }
 
 impl PyScene {
-    /// How many bodies are between the base and a link, at least one: what the time of a call is counted in. An error for an unknown link, also where
-    /// the batch is empty.
-    fn depth(&self, link: &str) -> Result<usize, Error> {
+    /// The link's own frame, moved to the point `at`; an error for an unknown link, also where the batch is empty.
+    fn on_link(&self, link: &str, at: Option<&Object<'_>>) -> PyResult<Frame<f64>> {
+        let mut frame = self.scene.frame(&link.into())?;
+        if let Some(at) = at {
+            let point = triple("at", at)?;
+            check_finite("at", &point)?;
+            frame.placement.lever += frame.placement.rotate(&Vector3::from(point));
+        }
+        Ok(frame)
+    }
+
+    /// How many bodies are between the base and a frame, at least one: what the time of a call is counted in.
+    fn depth(&self, frame: &Frame<f64>) -> usize {
         let stages = &self.scene.model().system.stages;
-        Ok(std::iter::successors(self.scene.link(link)?.body, |&k| stages[k].parent).count().max(1))
+        std::iter::successors(frame.body, |&k| stages[k].parent).count().max(1)
     }
 }
 
 /// The argument `frame`.
 fn read_frame(frame: &str) -> Result<ReferenceFrame, Error> {
     choose("frame", frame, &REFERENCE_FRAMES)
-}
-
-/// The link's own frame, moved to the point `at`.
-fn on_link<'a>(link: &'a str, at: Option<&Object<'_>>) -> PyResult<TaskFrame<'a>> {
-    let Some(at) = at else { return Ok(TaskFrame::from(link)) };
-    let point = triple("at", at)?;
-    check_finite("at", &point)?;
-    Ok(TaskFrame { link, offset: RigidShift { rotation: Matrix3::identity(), lever: Vector3::from(point) } })
 }
