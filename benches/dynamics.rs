@@ -8,7 +8,6 @@ mod common;
 use common::{ALGORITHMS, BATCH, CHAINS, KINDS, ROBOTS, arguments, model, states, states_of};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::DMatrixView;
-use phipsi::dynamics::derivatives::{ForwardDerivatives, InverseDerivatives};
 use phipsi::dynamics::operational::Frame;
 use phipsi::filter::FORMS;
 use phipsi::kinematics::ReferenceFrame;
@@ -204,15 +203,13 @@ fn derivatives(c: &mut Criterion) {
         let states = states(&scene);
         let mut cycle = states.iter().cycle();
         let mut next = move || black_box(cycle.next().expect("a cycle has no end"));
-        let (mut workspace, mut scratch) = (scene.workspace(), scene.derivative_scratch());
-        let [mut by_q, mut by_qd, mut third] = [(); 3].map(|()| vec![0.0; scene.nv() * scene.nv()]);
+        let (mut workspace, mut out) = (scene.workspace(), vec![0.0; 3 * scene.nv() * scene.nv()]);
         let mut group = c.benchmark_group("derivatives");
         group.bench_function(BenchmarkId::new("inverse", &name), |b| {
             b.iter(|| {
                 let [q, qd, u] = next();
-                let mut out = InverseDerivatives { dtau_dq: &mut by_q, dtau_dqd: &mut by_qd, mass_matrix: &mut third };
                 scene
-                    .inverse_dynamics_derivatives(&mut workspace, &mut scratch, q, qd, u, &[], black_box(&mut out))
+                    .inverse_dynamics_derivatives(&mut workspace, q, qd, u, &[], black_box(&mut out))
                     .expect("a state");
             });
         });
@@ -221,13 +218,8 @@ fn derivatives(c: &mut Criterion) {
             group.bench_function(BenchmarkId::new(format!("forward/{form_name}"), &name), |b| {
                 b.iter(|| {
                     let [q, qd, u] = next();
-                    let mut out = ForwardDerivatives {
-                        dqdd_dq: &mut by_q,
-                        dqdd_dqd: &mut by_qd,
-                        mass_matrix_inverse: &mut third,
-                    };
                     scene
-                        .forward_dynamics_derivatives(&mut workspace, &mut scratch, q, qd, u, &[], black_box(&mut out))
+                        .forward_dynamics_derivatives(&mut workspace, q, qd, u, &[], black_box(&mut out))
                         .expect("a state");
                 });
             });

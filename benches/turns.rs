@@ -15,7 +15,7 @@ use common::{ALGORITHMS, BATCH, KINDS, Kind, State, arguments, median_ns, model,
 use phipsi::batch::arms::{ARMS, Arm};
 use phipsi::batch::evaluator::Evaluator;
 use phipsi::filter::FORMS;
-use phipsi::{Algorithm, Scene};
+use phipsi::{Algorithm, Derivatives, Scene};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::hint::black_box;
@@ -46,6 +46,7 @@ impl Group {
                 group.algorithm = match algorithm {
                     Algorithm::ForwardDynamics(_) => Algorithm::ForwardDynamics(form),
                     Algorithm::MassMatrixInverse(_) => Algorithm::MassMatrixInverse(form),
+                    Algorithm::Derivatives(_) => Algorithm::Derivatives(Derivatives::ForwardDynamics(form)),
                     _ => return Err(format!("{name} has no forms, so no {part:?}")),
                 };
             } else if let Some(kind) = named(&KINDS, part) {

@@ -11,6 +11,7 @@ mod accuracy;
 pub mod arms;
 pub mod chunk;
 mod compiled;
+mod derivatives;
 pub mod evaluator;
 mod finite;
 #[cfg(feature = "parallel")]

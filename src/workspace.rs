@@ -83,6 +83,8 @@ pub struct Workspace<T: Real> {
     pub(crate) needed: Vec<bool>,
     /// Rates of zero, (nv).
     pub(crate) rest: Vec<T>,
+    /// Derivatives on their way to a linear system; empty until then.
+    pub(crate) matrices: Vec<T>,
     /// What the methods of a scene run; the functions of `dynamics` do not.
     pub(crate) kernels: OwnKernels,
 }
@@ -123,6 +125,7 @@ impl<T: Real> Workspace<T> {
             composite_rate: inertias(),
             needed: vec![false; bodies],
             rest: vec![T::zero(); model.nv()],
+            matrices: Vec::new(),
             kernels: OwnKernels::default(),
         }
     }

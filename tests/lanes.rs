@@ -24,9 +24,7 @@ fn largest(values: &[f64]) -> f64 {
 /// How far apart two ways of rounding may be; through M^-1 the condition number is that of the trees of these tests.
 fn allowed(scene: &Scene, algorithm: Algorithm, plain: &[f64]) -> f64 {
     match algorithm {
-        Algorithm::ForwardDynamics(_) | Algorithm::MassMatrixInverse(_) => {
-            tolerance::inverse(tolerance::CONDITION_OF_TREES, largest(plain))
-        }
+        _ if algorithm.form().is_some() => tolerance::inverse(tolerance::CONDITION_OF_TREES, largest(plain)),
         _ => tolerance::product(scene.nv(), tolerance::TERMS_OF_TREES * largest(plain)),
     }
 }

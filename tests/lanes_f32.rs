@@ -13,7 +13,7 @@ use phipsi::filter::Form;
 use phipsi::scalar::{Instructions, Lanes, Real};
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::SpatialVector;
-use phipsi::{Algorithm, Arguments};
+use phipsi::{Algorithm, Arguments, Derivatives};
 use phipsi::{Error, Scene};
 
 #[allow(clippy::cast_possible_truncation)] // that is the question
@@ -49,7 +49,9 @@ fn allowed(scene: &Scene, algorithm: Algorithm, (q, qd, u): &State, plain: &[f64
             let forces = tolerance::size(&bias).max(tolerance::size(u));
             tolerance::solution(&condition(scene, q), size, forces)
         }
-        Algorithm::MassMatrixInverse(_) => tolerance::inverse(condition(scene, q).number, size),
+        Algorithm::MassMatrixInverse(_) | Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) => {
+            tolerance::inverse(condition(scene, q).number, size)
+        }
         _ => tolerance::product(scene.nv(), size),
     })
 }

@@ -12,7 +12,7 @@ use phipsi::operators::{Factor, KINDS, Operator};
 use phipsi::report::operations::{Task, count_recursion, of_factor};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Omissions, SceneBuilder};
 use phipsi::spatial::{SpatialVector, Symmetric3};
-use phipsi::{Algorithm, Arguments};
+use phipsi::{Algorithm, Arguments, Derivatives};
 use phipsi::{Error, Scene};
 
 /// A link on a joint anywhere.
@@ -141,12 +141,10 @@ fn results(scene: &Scene, state: &State) -> Vec<(String, Vec<f64>)> {
         ("M: in lanes", Algorithm::MassMatrix),
         ("inverse: in lanes, auto", Algorithm::MassMatrixInverse(Form::Auto)),
         ("inverse: in lanes, covariance", Algorithm::MassMatrixInverse(Form::Covariance)),
+        ("derivatives: of torques", Algorithm::Derivatives(Derivatives::InverseDynamics)),
+        ("derivatives: of accelerations", Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::Auto))),
     ] {
-        let given = match algorithm {
-            Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => one,
-            Algorithm::BiasTorque => Arguments { q, qd, ..Arguments::default() },
-            Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => Arguments { q, ..Arguments::default() },
-        };
+        let given = one.read_by(algorithm);
         let width = scene.width(algorithm);
         // One alone, which has code of its own, and enough for every lane.
         for count in [1, many] {

@@ -121,6 +121,7 @@ fn plainly(scene: &Scene, task: Task, state: &Arguments<'_>) -> Vec<f64> {
             workspace.form = form;
             dynamics::mass_matrix_inverse(model, &mut workspace, &mut InverseScratch::new(model), q, &mut out);
         }
+        Task::Algorithm(Algorithm::Derivatives(_)) => unreachable!("not among the tasks"),
         Task::Factor(form) => {
             workspace.form = form;
             out.extend(scene.factor(&mut workspace, q).unwrap().pivots());
@@ -168,13 +169,7 @@ fn what_is_counted_is_what_is_evaluated() {
             // Numbers of their own, products and sums apart, as they are counted.
             let mut evaluator = Evaluator::on(Arm::Baseline, &scene);
             for algorithm in algorithms {
-                let state = match algorithm {
-                    Algorithm::BiasTorque => Arguments { q: &q, qd: &qd, ..Arguments::default() },
-                    Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => {
-                        Arguments { q: &q, ..Arguments::default() }
-                    }
-                    _ => Arguments { q: &q, qd: &qd, u: &u, wrenches: &[] },
-                };
+                let state = Arguments { q: &q, qd: &qd, u: &u, wrenches: &[] }.read_by(algorithm);
                 let mut expected = vec![f64::NAN; scene.width(algorithm)];
                 scene.evaluate(&mut evaluator, algorithm, &[state], &mut expected).unwrap();
                 let found = count(&scene, Task::Algorithm(algorithm), &state);

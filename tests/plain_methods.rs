@@ -4,7 +4,7 @@ mod common;
 
 use common::lanes::{ALGORITHMS, arguments, states, trees};
 use phipsi::batch::Fault;
-use phipsi::{Algorithm, Arguments, Error, Form, Scene, Workspace, scenes};
+use phipsi::{Algorithm, Arguments, Derivatives, Error, Form, Scene, Workspace, scenes};
 
 /// One algorithm by the scene's own method.
 fn plain(
@@ -27,6 +27,15 @@ fn plain(
             workspace.form = form;
             scene.mass_matrix_inverse(workspace, &mut scene.inverse_scratch(), q, &mut out)
         }
+        Algorithm::Derivatives(Derivatives::InverseDynamics) => {
+            scene.inverse_dynamics_derivatives(workspace, q, qd, u, wrenches, &mut out)
+        }
+        Algorithm::Derivatives(Derivatives::ForwardDynamics(form)) => {
+            workspace.form = form;
+            scene.forward_dynamics_derivatives(workspace, q, qd, u, wrenches, &mut out)
+        }
+        Algorithm::Derivatives(Derivatives::CoriolisMatrix) => scene.coriolis_matrix(workspace, q, qd, &mut out),
+        Algorithm::Derivatives(Derivatives::MassMatrix) => scene.mass_matrix_derivative(workspace, q, qd, &mut out),
     }?;
     Ok(out)
 }

@@ -126,7 +126,7 @@ impl Scene {
     }
 
     /// By the kernels of one state; what they doubt, by the recursion.
-    fn run_one(
+    pub(super) fn run_one(
         &self,
         workspace: &mut Workspace<f64>,
         inverse: Option<&mut InverseScratch<f64>>,

@@ -5,9 +5,11 @@
 
 use super::accelerations;
 use super::arms::{Entry, Target, Vectorised, Work};
+use super::derivatives::{self, DerivativeKernel};
 use super::finite::{any_not_finite, not_finite};
-use crate::algorithm::{Algorithm, Arguments};
-use crate::dynamics::auto::{self, Errors};
+use crate::algorithm::{Algorithm, Arguments, Derivatives};
+use crate::dynamics::auto::Errors;
+use crate::dynamics::derivatives::with_transpose;
 use crate::dynamics::sweeps::{self, Entries, InverseColumns, MassColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::joints::quaternion::QUATERNION_SLACK;
@@ -38,6 +40,7 @@ pub struct Chunk<T: Vectorised> {
     results: Vec<T>,
     /// What form `auto` estimates its error to be.
     errors: Errors<T>,
+    derivatives: Option<Box<DerivativeKernel<T>>>,
 }
 
 impl<T: Vectorised> Chunk<T> {
@@ -57,6 +60,7 @@ impl<T: Vectorised> Chunk<T> {
             wrenches: Vec::new(),
             results: Vec::new(),
             errors: Errors::unknown(),
+            derivatives: None,
             numbers,
         }
     }
@@ -94,6 +98,10 @@ impl<T: Vectorised> Chunk<T> {
             Algorithm::InverseDynamics | Algorithm::BiasTorque => target.within(Run::<T, I, TORQUES>(call, target)),
             Algorithm::MassMatrix => target.within(Run::<T, I, MASS>(call, target)),
             Algorithm::MassMatrixInverse(_) => target.within(Run::<T, I, INVERSE>(call, target)),
+            Algorithm::Derivatives(_) if T::Number::RARE_KERNELS => {
+                target.within(Run::<T, I, DERIVATIVES>(call, target))
+            }
+            Algorithm::Derivatives(_) => u64::MAX,
         }
     }
 
@@ -183,6 +191,8 @@ const TORQUES: u8 = 1;
 const MASS: u8 = 2;
 /// M^-1.
 const INVERSE: u8 = 3;
+/// Derivatives of forward and inverse dynamics, and the Coriolis matrix.
+const DERIVATIVES: u8 = 4;
 
 /// A chunk with its arguments.
 struct Call<'a, T: Vectorised> {
@@ -210,6 +220,7 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             wrenches,
             results,
             errors,
+            derivatives,
         } = chunk;
         let Numbers { model, sweeps, quaternions } = &**constants;
         let [q, qd, u] = arguments;
@@ -225,28 +236,46 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             }
         }
         let scene = (model, sweeps);
+        let mut doubt = 0;
+        for lane in 0..states.len() {
+            doubt |= u64::from(is_far(nearness, lane) || fault.lane(lane) != 0.0) << lane;
+        }
+        if let (Algorithm::Derivatives(which), true) = (algorithm, GROUP == DERIVATIVES) {
+            let kernel = derivatives.get_or_insert_with(|| Box::new(DerivativeKernel::new(model, sweeps)));
+            let scratch = (sweep_scratch, inverse_columns);
+            let call = derivatives::Call { scene, scratch, kernel, state: (q, qd, u), wrenches, out: &mut *out };
+            doubt |= derivatives::run(target, which, call);
+            if which == Derivatives::MassMatrix {
+                for matrix in out.chunks_exact_mut(model.nv() * model.nv()) {
+                    with_transpose(model.nv(), matrix, |a, b| T::Number::nearest(a.widened() + b.widened()));
+                }
+            }
+            return doubt;
+        }
         let entries = entries_of::<T, GROUP>(algorithm, scene, inverse_columns, mass_columns);
         // Beside them `auto` keeps a number a row.
         let width = if entries.is_some() { model.nv() } else { out.len() / states.len().min(T::LANES) };
         let mut numbers = entries.map(|entries| std::mem::take(&mut entries.numbers)).unwrap_or_default();
-        let (mut doubt, to) = (0, T::entries_in(&mut numbers, out));
+        let to = T::entries_in(&mut numbers, out);
+        let result_fault;
         if GROUP == MASS {
             sweeps::mass_matrix::<T, T::Columns, true>(scene, (sweep_scratch, mass_columns), q, to);
         } else {
             results.resize(width, T::zero());
             let (scratch, state) = ((&mut *sweep_scratch, &mut *inverse_columns), (&q[..], &qd[..], &u[..]));
-            doubt = compute::<T, I, GROUP>((algorithm, target), scene, scratch, state, wrenches, (to, results, errors));
+            doubt |=
+                compute::<T, I, GROUP>((algorithm, target), scene, scratch, state, wrenches, (to, results, errors));
         }
         if let Some(entries) = entries_of::<T, GROUP>(algorithm, scene, inverse_columns, mass_columns) {
             entries.numbers = numbers;
-            fault += entries.fault();
+            result_fault = entries.fault();
             T::put_entries(&entries.numbers, entries.chosen(), out);
         } else {
-            fault += any_not_finite(results);
+            result_fault = any_not_finite(results);
             T::put_lanes(results, out);
         }
         for lane in 0..states.len() {
-            doubt |= u64::from(is_far(nearness, lane) || fault.lane(lane) != 0.0) << lane;
+            doubt |= u64::from(result_fault.lane(lane) != 0.0) << lane;
         }
         doubt
     }
@@ -296,14 +325,12 @@ fn compute<T: Vectorised, I: Target, const GROUP: u8>(
         {
             let doubt = if form == Form::Auto {
                 let estimates = &mut results[..model.nv()];
-                let watched = auto::factor_watched_in_sweeps::<T, T::Columns>(scene, scratch, q, estimates);
-                lanes_but::<T>(|lane| watched.kept(lane))
+                derivatives::factor_watched(target, scene, scratch, (q, estimates))
             } else {
                 let pivots = sweeps::factor::<T, T::Columns>(scene, scratch, q);
                 lanes_but::<T>(|lane| pivots.clear(lane))
             };
-            // Called in one place: each call is compiled by itself.
-            sweeps::multiplied_out::<T, T::Columns, true>(scene, scratch, columns, entries);
+            derivatives::multiplied_out(target, scene, (scratch, columns), entries);
             doubt
         }
         Algorithm::InverseDynamics | Algorithm::BiasTorque if GROUP == TORQUES => {

@@ -318,5 +318,6 @@ fn result_of(algorithm: Algorithm) -> &'static str {
         Algorithm::InverseDynamics | Algorithm::BiasTorque => "tau (result)",
         Algorithm::MassMatrix => "M (result)",
         Algorithm::MassMatrixInverse(_) => "M^-1 (result)",
+        Algorithm::Derivatives(_) => "derivatives (result)",
     }
 }

@@ -1,11 +1,13 @@
 //! The algorithms on one state by the general recursions, with arguments checked and faults named.
 
+use super::derivatives::{self, DerivativeScratch};
 use super::mass_inverse::{InverseScratch, mass_matrix_inverse};
 use super::{forward, inverse, mass_matrix};
-use crate::algorithm::{Algorithm, Arguments};
+use crate::algorithm::{Algorithm, Arguments, Derivatives};
 use crate::error::{Error, check_length};
 use crate::filter::pivots::PivotMonitor;
 use crate::scene::Scene;
+use crate::watch;
 use crate::workspace::Workspace;
 
 impl Scene {
@@ -26,20 +28,21 @@ impl Scene {
         state: &Arguments<'_>,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let named = Named::of(algorithm);
-        let state = &named.read_of(state);
+        let (what, out_name) = named(algorithm);
+        let (reads_rates, third) = algorithm.reads();
+        let state = &state.read_by(algorithm);
         let &Arguments { q, qd, u, wrenches } = state;
         self.check_configuration("q", q)?;
-        if named.reads_rates {
+        if reads_rates {
             self.check_rates("qd", qd)?;
         }
-        if let Some(name) = named.u {
+        if let Some(name) = third {
             self.check_rates(name, u)?;
             self.check_wrenches(wrenches)?;
         }
-        check_length(named.out, out.len(), self.width(algorithm))?;
+        check_length(out_name, out.len(), self.width(algorithm))?;
         self.check_workspace(workspace)?;
-        if let Algorithm::ForwardDynamics(form) | Algorithm::MassMatrixInverse(form) = algorithm {
+        if let Some(form) = algorithm.form() {
             workspace.form = form;
             self.check_form(workspace)?;
         }
@@ -59,8 +62,36 @@ impl Scene {
                 let monitor = mass_matrix_inverse(model, workspace, scratch, q, out);
                 self.check_pivots(workspace, monitor)?;
             }
+            Algorithm::Derivatives(which) => self.derivatives(workspace, which, state, out)?,
         }
-        self.check_result(named.what, out)
+        self.check_result(what, out)
+    }
+
+    /// Derivatives at one state, arguments checked, with scratch for as long as it lasts.
+    fn derivatives(
+        &self,
+        workspace: &mut Workspace<f64>,
+        which: Derivatives,
+        state: &Arguments<'_>,
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let &Arguments { q, qd, u, wrenches } = state;
+        let model = self.model();
+        let scratch = &mut DerivativeScratch::new(model);
+        match which {
+            Derivatives::InverseDynamics => {
+                derivatives::inverse_dynamics_derivatives(model, scratch, (q, qd, u), wrenches, out);
+            }
+            Derivatives::ForwardDynamics(_) => {
+                derivatives::forward_dynamics_derivatives(model, workspace, scratch, (q, qd, u), wrenches, out)
+                    .map_err(|lost| self.singular(lost))?;
+                // Told to stop, it left off.
+                watch::check()?;
+            }
+            Derivatives::CoriolisMatrix => derivatives::coriolis_matrix(model, scratch, q, qd, out),
+            Derivatives::MassMatrix => derivatives::mass_matrix_derivative(model, scratch, q, qd, out),
+        }
+        Ok(())
     }
 
     /// How many numbers an algorithm gives for one state.
@@ -68,18 +99,15 @@ impl Scene {
     pub fn width(&self, algorithm: Algorithm) -> usize {
         match algorithm {
             Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => self.nv() * self.nv(),
+            Algorithm::Derivatives(which) => which.count() * self.nv() * self.nv(),
             _ => self.nv(),
         }
     }
 
     /// Whether the arguments of a state have the lengths that an algorithm reads.
     pub(crate) fn fits<P>(&self, algorithm: Algorithm, state: &Arguments<'_, P>) -> bool {
-        let nv = self.nv();
-        let (qd, u) = match algorithm {
-            Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => (nv, nv),
-            Algorithm::BiasTorque => (nv, 0),
-            Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => (0, 0),
-        };
+        let (rates, third) = algorithm.reads();
+        let [qd, u] = [rates, third.is_some()].map(|is_read| if is_read { self.nv() } else { 0 });
         let forces = state.wrenches.len();
         (state.q.len(), state.qd.len(), state.u.len()) == (self.nq(), qd, u)
             && (forces == 0 || forces == self.model().bodies.len())
@@ -111,36 +139,17 @@ impl Scene {
     }
 }
 
-/// What an algorithm and its arguments are called in messages, and what it reads beside q.
-struct Named {
-    what: &'static str,
-    reads_rates: bool,
-    /// Torques or accelerations; with them go wrenches.
-    u: Option<&'static str>,
-    out: &'static str,
-}
-
-impl Named {
-    fn of(algorithm: Algorithm) -> Self {
-        let (what, reads_rates, u, out) = match algorithm {
-            Algorithm::ForwardDynamics(_) => ("forward dynamics", true, Some("tau"), "qdd"),
-            Algorithm::InverseDynamics => ("inverse dynamics", true, Some("qdd"), "tau"),
-            Algorithm::BiasTorque => ("bias torque", true, None, "tau"),
-            Algorithm::MassMatrix => ("mass matrix", false, None, "out"),
-            Algorithm::MassMatrixInverse(_) => ("mass matrix inverse", false, None, "out"),
-        };
-        Self { what, reads_rates, u, out }
-    }
-
-    /// What the algorithm reads of a state; the rest is empty.
-    fn read_of<'a>(&self, state: &Arguments<'a>) -> Arguments<'a> {
-        let mut read = Arguments { q: state.q, ..Arguments::default() };
-        if self.reads_rates {
-            read.qd = state.qd;
-        }
-        if self.u.is_some() {
-            (read.u, read.wrenches) = (state.u, state.wrenches);
-        }
-        read
+/// What an algorithm and its result are called in messages.
+fn named(algorithm: Algorithm) -> (&'static str, &'static str) {
+    match algorithm {
+        Algorithm::ForwardDynamics(_) => ("forward dynamics", "qdd"),
+        Algorithm::InverseDynamics => ("inverse dynamics", "tau"),
+        Algorithm::BiasTorque => ("bias torque", "tau"),
+        Algorithm::MassMatrix => ("mass matrix", "out"),
+        Algorithm::MassMatrixInverse(_) => ("mass matrix inverse", "out"),
+        Algorithm::Derivatives(Derivatives::InverseDynamics) => ("derivatives of inverse dynamics", "out"),
+        Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) => ("derivatives of forward dynamics", "out"),
+        Algorithm::Derivatives(Derivatives::CoriolisMatrix) => ("Coriolis matrix", "out"),
+        Algorithm::Derivatives(Derivatives::MassMatrix) => ("derivative of the mass matrix", "out"),
     }
 }

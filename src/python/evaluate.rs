@@ -43,9 +43,12 @@ impl PyScene {
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
         let nv = self.scene.nv();
-        let matrix = [nv, nv];
-        let is_matrix = matches!(algorithm, Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_));
-        let shape = if is_matrix { &matrix[..] } else { &matrix[..1] };
+        let matrices = [3, nv, nv];
+        let shape = match algorithm {
+            Algorithm::Derivatives(which) if which.count() == 3 => &matrices[..],
+            Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) | Algorithm::Derivatives(_) => &matrices[1..],
+            _ => &matrices[2..],
+        };
         let cost = Cost { arithmetic: body * self.size(), results: self.scene.width(algorithm) };
         let &Keywords { wrenches, out, dtype, errors, info } = keywords;
         if !is_nan(errors)? && !info && wrenches.is_none() && dtype.is_none() {
@@ -73,10 +76,7 @@ impl PyScene {
             inputs.push(if at == 0 { self.configuration::<P>(name, value)? } else { self.rate(name, value)? });
         }
         let wrenches = Wrench::read(&self.scene, keywords.wrenches)?;
-        let form = match algorithm {
-            Algorithm::ForwardDynamics(form) | Algorithm::MassMatrixInverse(form) => Some(form),
-            _ => None,
-        };
+        let form = algorithm.form();
         let call = Call::new(self, inputs, wrenches, cost)?.with(self.errors(keywords.errors, form)?);
         let told = match form {
             Some(form) if keywords.info => Some(Told::new(form, call.states)?),

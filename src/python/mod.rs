@@ -37,13 +37,16 @@ mod object;
 mod operational;
 mod output;
 mod parts;
+mod pickled_simulator;
 mod plan;
 mod report;
 mod scene;
 mod scenes;
 mod scratch;
+mod simulator;
 mod single;
 mod stability;
+mod stepping;
 mod stochastic;
 mod threads;
 mod wrenches;
@@ -59,6 +62,8 @@ mod core_module {
     #[pymodule_export]
     use super::factor::{PyFactor, rebuild_factor};
     #[pymodule_export]
+    use super::pickled_simulator::rebuild_simulator;
+    #[pymodule_export]
     use super::report::{
         PyReference, call_of_method, growth_of, measure_method, operator_growth_of, reference_of, residuals_at,
     };
@@ -66,6 +71,8 @@ mod core_module {
     use super::scene::{PyScene, numbers, rebuild_scene};
     #[pymodule_export]
     use super::scenes::{chain_of, extreme_case, extreme_names};
+    #[pymodule_export]
+    use super::simulator::PySimulator;
     #[pymodule_export]
     use super::stability::PyExact;
     #[pymodule_export]

@@ -1,7 +1,6 @@
 //! What a thread needs to evaluate states, kept between calls.
 
 use crate::batch::evaluator::{Evaluated, Evaluator};
-use crate::dynamics::derivatives::DerivativeScratch;
 use crate::dynamics::operational::OperationalScratch;
 use crate::dynamics::{Estimate, EstimateCovariance, EstimateScratch};
 use crate::scalar::MOST_LANES;
@@ -21,8 +20,6 @@ pub(super) struct Scratch {
     pub estimation: Option<Estimation>,
     /// For operational space only.
     pub operational: Option<OperationalScratch<f64>>,
-    /// For derivatives only.
-    derivatives: Option<DerivativeScratch<f64>>,
     /// What runs the kernels in lanes, of float64 and of float32.
     pub evaluator: Option<Evaluator>,
     evaluator_f32: Option<Evaluator<f32>>,
@@ -40,21 +37,12 @@ impl Scratch {
             workspace: Workspace::new(scene.model()),
             estimation: None,
             operational: None,
-            derivatives: None,
             evaluator: None,
             evaluator_f32: None,
             forces: vec![Vec::new(); MOST_LANES],
             results: Vec::new(),
             placements: Vec::new(),
         }
-    }
-}
-
-impl Scratch {
-    /// The workspace, the scratch of derivatives and the forces on bodies, for a call on derivatives.
-    pub fn for_derivatives(&mut self, scene: &Scene) -> (&mut Workspace<f64>, &mut DerivativeScratch<f64>, &Forces) {
-        let derivatives = self.derivatives.get_or_insert_with(|| scene.derivative_scratch());
-        (&mut self.workspace, derivatives, &self.forces[0])
     }
 }
 

@@ -16,6 +16,9 @@ use crate::error::Error;
 use crate::scene::Scene;
 use pyo3::prelude::*;
 
+/// As many numbers are written elsewhere first and copied, which takes less time than keeping account of who borrows an array.
+const COPIED: usize = 1024;
+
 impl PyScene {
     /// Runs `algorithm` on q, qd and u, as many of them as it takes, into an array of this shape.
     ///
@@ -71,8 +74,14 @@ impl PyScene {
                     kernel(scene, scratch, state, output.numbers()?)?;
                     return Ok(Some(output.finish().into_any()));
                 }
+                let width = entries(shape).unwrap_or_default();
+                if width > COPIED {
+                    let mut output = Output::unwritten(py, shape)?;
+                    kernel(scene, scratch, state, output.numbers()?)?;
+                    return Ok(Some(output.finish().into_any()));
+                }
                 let mut results = std::mem::take(&mut scratch.results);
-                results.resize(entries(shape).unwrap_or_default(), 0.0);
+                results.resize(width, 0.0);
                 let outcome = kernel(scene, scratch, state, &mut results);
                 let array = outcome.map_err(PyErr::from).and_then(|()| from_numbers(py, &results, shape));
                 scratch.results = results;

@@ -1,6 +1,10 @@
 //! Operations of each algorithm on a scene, counted: the code that computes, run on [`Counted`] numbers; and the memory it touches.
 
-use crate::algorithm::{Algorithm, Arguments};
+use crate::algorithm::{Algorithm, Arguments, Derivatives};
+use crate::dynamics::derivatives::{
+    DerivativeScratch, coriolis_matrix, forward_dynamics_derivatives, inverse_dynamics_derivatives,
+    mass_matrix_derivative,
+};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::dynamics::sweeps::{self, InverseColumns, MassColumns, SweepModel, SweepScratch};
 use crate::dynamics::{self, auto};
@@ -61,7 +65,7 @@ pub struct Count {
 #[must_use]
 pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
     match task {
-        Task::Algorithm(algorithm) if sweeps::covers(algorithm) => {
+        Task::Algorithm(algorithm) if sweeps::covers(algorithm) && !matches!(algorithm, Algorithm::Derivatives(_)) => {
             count_in_sweeps(scene, scene.model().omissions, algorithm, state)
         }
         _ => count_recursion(scene, task, state),
@@ -123,6 +127,8 @@ pub(crate) fn count_in_sweeps(
                 sweeps::factor::<_, Counted>(scene, &mut scratch, &q);
                 inverted(&scratch, &mut out);
             }
+            // Of them the general recursion is counted.
+            Algorithm::Derivatives(_) => return false,
         }
         true
     });
@@ -152,6 +158,7 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
     let ([q, qd, u], wrenches) = on_counted(state);
     let mut workspace = Workspace::new(&model);
     let mut inverse = InverseScratch::new(&model);
+    let mut derivatives = DerivativeScratch::new(&model);
     let width = match task {
         Task::Algorithm(algorithm) => scene.width(algorithm),
         Task::Factor(_) => 0,
@@ -172,6 +179,22 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
         Task::Algorithm(Algorithm::MassMatrixInverse(form)) => {
             workspace.form = form;
             dynamics::mass_matrix_inverse(&model, &mut workspace, &mut inverse, &q, &mut out);
+        }
+        Task::Algorithm(Algorithm::Derivatives(which)) => {
+            let scratch = &mut derivatives;
+            match which {
+                Derivatives::InverseDynamics => {
+                    inverse_dynamics_derivatives(&model, scratch, (&q, &qd, &u), &wrenches, &mut out);
+                }
+                Derivatives::ForwardDynamics(form) => {
+                    workspace.form = form;
+                    let state = (&q[..], &qd[..], &u[..]);
+                    // A lost pivot is not what is counted.
+                    let _ = forward_dynamics_derivatives(&model, &mut workspace, scratch, state, &wrenches, &mut out);
+                }
+                Derivatives::CoriolisMatrix => coriolis_matrix(&model, scratch, &q, &qd, &mut out),
+                Derivatives::MassMatrix => mass_matrix_derivative(&model, scratch, &q, &qd, &mut out),
+            }
         }
         Task::Factor(form) => {
             workspace.form = form;
@@ -228,15 +251,10 @@ pub struct Footprint {
 #[must_use]
 pub fn footprint(scene: &Scene, algorithm: Algorithm) -> Footprint {
     let number = size_of::<f64>();
-    let arguments = match algorithm {
-        Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => scene.nq() + 2 * scene.nv(),
-        Algorithm::BiasTorque => scene.nq() + scene.nv(),
-        Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => scene.nq(),
-    };
+    let (rates, third) = algorithm.reads();
+    let arguments = scene.nq() + (usize::from(rates) + usize::from(third.is_some())) * scene.nv();
     let [shared, swept] = match algorithm {
-        Algorithm::ForwardDynamics(Form::Joseph) | Algorithm::MassMatrixInverse(Form::SquareRoot | Form::Joseph) => {
-            [0, of_general_sweeps(scene, algorithm)]
-        }
+        _ if !sweeps::covers(algorithm) => [0, of_general_sweeps(scene, algorithm)],
         _ => sweeps::bytes(&SweepModel::<f64>::new(scene.model()), scene.nv(), algorithm),
     };
     Footprint { scene: shared, state: swept + (arguments + scene.width(algorithm)) * number }

@@ -2,7 +2,7 @@
 
 use super::transposed::MOST_LANES;
 use super::{Fused, Instructions, Lanes, Real};
-use pulp::bytemuck::cast_slice_mut;
+use pulp::bytemuck::{cast_slice, cast_slice_mut};
 use std::fmt::Debug;
 
 /// A scalar that holds several numbers of kind `T` side by side: the columns of a matrix, for one state.
@@ -21,6 +21,10 @@ pub trait ColumnsOf<T: Real>: Real {
 
     /// All columns, one after another, into as many entries.
     fn store(&self, to: &mut [Self::Entry]);
+
+    /// As many entries as there are columns; `self` says only of which kind.
+    #[must_use]
+    fn load(self, from: &[Self::Entry]) -> Self;
 
     /// As many as there are columns: what was number j of the one at i becomes number i of the one at j.
     fn transpose(block: &mut [Self]);
@@ -55,6 +59,11 @@ impl<T: Real> ColumnsOf<T> for T {
     #[inline(always)]
     fn store(&self, to: &mut [T]) {
         to[0] = *self;
+    }
+
+    #[inline(always)]
+    fn load(self, from: &[T]) -> Self {
+        from[0]
     }
 
     #[inline(always)]
@@ -95,6 +104,12 @@ impl<S: Instructions> ColumnsOf<Fused> for Lanes<S> {
     #[inline(always)]
     fn store(&self, to: &mut [f64]) {
         cast_slice_mut(&mut to[..<Self as Real>::LANES])[0] = self.value;
+    }
+
+    #[inline(always)]
+    fn load(mut self, from: &[f64]) -> Self {
+        self.value = cast_slice(&from[..<Self as Real>::LANES])[0];
+        self
     }
 
     #[inline(always)]

@@ -2,10 +2,10 @@
 
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::Symmetric3;
-use phipsi::{Algorithm, Form, Scene, scenes};
+use phipsi::{Algorithm, Derivatives, Form, Scene, scenes};
 
 /// Every algorithm that has kernels, by its name.
-pub const ALGORITHMS: [(&str, Algorithm); 9] = [
+pub const ALGORITHMS: [(&str, Algorithm); 13] = [
     ("forward_dynamics/auto", Algorithm::ForwardDynamics(Form::Auto)),
     ("forward_dynamics/covariance", Algorithm::ForwardDynamics(Form::Covariance)),
     ("forward_dynamics/joseph", Algorithm::ForwardDynamics(Form::Joseph)),
@@ -15,6 +15,10 @@ pub const ALGORITHMS: [(&str, Algorithm); 9] = [
     ("mass_matrix", Algorithm::MassMatrix),
     ("mass_matrix_inverse/auto", Algorithm::MassMatrixInverse(Form::Auto)),
     ("mass_matrix_inverse/covariance", Algorithm::MassMatrixInverse(Form::Covariance)),
+    ("inverse_dynamics_derivatives", Algorithm::Derivatives(Derivatives::InverseDynamics)),
+    ("forward_dynamics_derivatives/auto", Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::Auto))),
+    ("forward_dynamics_derivatives/covariance", Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::Covariance))),
+    ("coriolis_matrix", Algorithm::Derivatives(Derivatives::CoriolisMatrix)),
 ];
 
 /// The scenes by their names.

@@ -7,12 +7,12 @@ use phipsi::batch::evaluator::{Evaluated, Evaluator};
 use phipsi::filter::Form;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, Omissions};
 use phipsi::spatial::SpatialVector;
-use phipsi::{Algorithm, Arguments};
+use phipsi::{Algorithm, Arguments, Derivatives};
 use phipsi::{Scene, SceneBuilder};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Everything that runs in lanes, or is done one state at a time beside them.
-pub const ALGORITHMS: [Algorithm; 9] = [
+pub const ALGORITHMS: [Algorithm; 15] = [
     Algorithm::ForwardDynamics(Form::Auto),
     Algorithm::ForwardDynamics(Form::Covariance),
     Algorithm::ForwardDynamics(Form::Joseph),
@@ -22,6 +22,12 @@ pub const ALGORITHMS: [Algorithm; 9] = [
     Algorithm::MassMatrix,
     Algorithm::MassMatrixInverse(Form::Auto),
     Algorithm::MassMatrixInverse(Form::Covariance),
+    Algorithm::Derivatives(Derivatives::InverseDynamics),
+    Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::Auto)),
+    Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::Covariance)),
+    Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::SquareRoot)),
+    Algorithm::Derivatives(Derivatives::CoriolisMatrix),
+    Algorithm::Derivatives(Derivatives::MassMatrix),
 ];
 
 /// Those of this machine; the baseline is always there.
@@ -48,13 +54,7 @@ pub fn arguments<'a, P>(
     (q, qd, u): &'a State<P>,
     wrenches: &'a [SpatialVector<f64>],
 ) -> Arguments<'a, P> {
-    let mut all = Arguments { q, qd, u, wrenches };
-    match algorithm {
-        Algorithm::ForwardDynamics(_) | Algorithm::InverseDynamics => {}
-        Algorithm::BiasTorque => (all.u, all.wrenches) = (&[], &[]),
-        Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => (all.qd, all.u, all.wrenches) = (&[], &[], &[]),
-    }
-    all
+    Arguments { q, qd, u, wrenches }.read_by(algorithm)
 }
 
 /// The results, one state after another.

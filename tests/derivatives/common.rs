@@ -4,11 +4,11 @@ use crate::common::oracle::{D, d};
 use crate::common::{Random, Tree, random_state, tolerance};
 use nalgebra::{Matrix3, Vector6};
 use phipsi::dynamics;
-use phipsi::dynamics::derivatives::{self, DerivativeScratch, ForwardDerivatives, InverseDerivatives};
+use phipsi::dynamics::derivatives::{self, DerivativeScratch};
 use phipsi::filter::pivots::LostPivot;
 use phipsi::scalar::Real;
 use phipsi::scene::{JointKind, Model};
-use phipsi::{Form, Scene, Workspace};
+use phipsi::{Error, Form, Scene, Workspace};
 
 /// Every kind of joint, twice those that one-axis scenes hide.
 pub const KINDS: [JointKind; 10] = [
@@ -78,30 +78,53 @@ impl State<f64> {
 /// By q, by qd, and M or its inverse; (nv x nv), row by row.
 pub type Three<T> = [Vec<T>; 3];
 
-fn room<T: Real>(model: &Model<T>) -> Three<T> {
-    [(); 3].map(|()| vec![T::from_f64(f64::NAN); model.nv() * model.nv()])
+fn split<T: Real>(model: &Model<T>, all: &[T]) -> Three<T> {
+    let size = model.nv() * model.nv();
+    [0, 1, 2].map(|i| all[i * size..(i + 1) * size].to_vec())
 }
 
-/// dtau/dq, dtau/dqd, M.
-pub fn of_torques<T: Real>(model: &Model<T>, state: &State<T>) -> Three<T> {
+fn room<T: Real>(model: &Model<T>) -> Vec<T> {
+    vec![T::from_f64(f64::NAN); 3 * model.nv() * model.nv()]
+}
+
+/// dtau/dq, dtau/dqd, M by the recursion, in any scalar.
+pub fn of_torques<T: Real<Parameter = T>>(model: &Model<T>, state: &State<T>) -> Three<T> {
     let State { q, qd, u, wrenches } = state;
-    let (mut workspace, mut scratch) = (Workspace::new(model), DerivativeScratch::new(model));
     let mut out = room(model);
-    let [dtau_dq, dtau_dqd, mass_matrix] = &mut out;
-    let mut all = InverseDerivatives { dtau_dq, dtau_dqd, mass_matrix };
-    derivatives::inverse_dynamics_derivatives(model, &mut workspace, &mut scratch, q, qd, u, wrenches, &mut all);
-    out
+    let mut scratch = DerivativeScratch::new(model);
+    derivatives::inverse_dynamics_derivatives(model, &mut scratch, (q, qd, u), wrenches, &mut out);
+    split(model, &out)
 }
 
-/// dqdd/dq, dqdd/dqd, M^-1.
-pub fn of_accelerations<T: Real>(model: &Model<T>, form: Form, state: &State<T>) -> Result<Three<T>, LostPivot> {
+/// dqdd/dq, dqdd/dqd, M^-1, likewise.
+pub fn of_accelerations<T: Real<Parameter = T>>(
+    model: &Model<T>,
+    form: Form,
+    state: &State<T>,
+) -> Result<Three<T>, LostPivot> {
     let State { q, qd, u, wrenches } = state;
     let (mut workspace, mut scratch) = (Workspace::new(model).in_form(form), DerivativeScratch::new(model));
     let mut out = room(model);
-    let [dqdd_dq, dqdd_dqd, mass_matrix_inverse] = &mut out;
-    let mut all = ForwardDerivatives { dqdd_dq, dqdd_dqd, mass_matrix_inverse };
-    derivatives::forward_dynamics_derivatives(model, &mut workspace, &mut scratch, q, qd, u, wrenches, &mut all)?;
-    Ok(out)
+    let state = (&q[..], &qd[..], &u[..]);
+    derivatives::forward_dynamics_derivatives(model, &mut workspace, &mut scratch, state, wrenches, &mut out)?;
+    Ok(split(model, &out))
+}
+
+/// dtau/dq, dtau/dqd, M by the method of the scene, which is compiled kernels.
+pub fn of_torques_by_method(scene: &Scene, state: &State<f64>) -> Three<f64> {
+    let State { q, qd, u, wrenches } = state;
+    let mut out = room(scene.model());
+    scene.inverse_dynamics_derivatives(&mut scene.workspace(), q, qd, u, wrenches, &mut out).unwrap();
+    split(scene.model(), &out)
+}
+
+/// dqdd/dq, dqdd/dqd, M^-1, likewise.
+pub fn of_accelerations_by_method(scene: &Scene, form: Form, state: &State<f64>) -> Result<Three<f64>, Error> {
+    let State { q, qd, u, wrenches } = state;
+    let mut out = room(scene.model());
+    let mut workspace = scene.workspace().in_form(form);
+    scene.forward_dynamics_derivatives(&mut workspace, q, qd, u, wrenches, &mut out)?;
+    Ok(split(scene.model(), &out))
 }
 
 pub fn torque(model: &Model<D>, state: &State<D>) -> Vec<D> {
@@ -131,7 +154,7 @@ pub fn moved(model: &Model<D>, q: &[D], row: usize, h: D) -> Vec<D> {
 /// Central differences by q, qd and u of a function of a state, (nv x nv), row by row.
 pub fn differences(model: &Model<D>, state: &State<D>, f: impl Fn(&Model<D>, &State<D>) -> Vec<D>) -> Three<D> {
     let nv = model.nv();
-    let mut out = room(model);
+    let mut out = split(model, &room(model));
     let at = |which: usize, row: usize, h: f64| {
         let mut state = state.clone();
         match which {

@@ -5,7 +5,7 @@
 
 use crate::common::tolerance::{self, size};
 use crate::families::{Case, FAMILIES, STATES, case};
-use crate::support::{NAMES, State, Three, of_accelerations, round};
+use crate::support::{NAMES, State, Three, of_accelerations, of_accelerations_by_method, round};
 use phipsi::scenes::{extreme, names};
 use phipsi::{Form, Scene};
 
@@ -42,7 +42,7 @@ fn extreme_scenes_keep_their_digits() {
             let case = extreme(name, Some(value), None, 1).unwrap();
             let state = State { q: case.q, qd: case.qd, u: case.tau, wrenches: Vec::new() };
             let exact = reference(&case.scene, &state).unwrap();
-            let found = of_accelerations(case.scene.model(), Form::Auto, &state).unwrap();
+            let found = of_accelerations_by_method(&case.scene, Form::Auto, &state).unwrap();
             for (what, error) in NAMES.iter().zip(errors(&found, &exact)) {
                 if shows() {
                     eprintln!("{name} {value:e} {what}: {error:.1e}");
@@ -58,7 +58,7 @@ fn errors_at(case: &Case) -> Option<[f64; 3]> {
     let Case { q, qd, tau, wrenches, .. } = case.clone();
     let state = State { q, qd, u: tau, wrenches };
     let exact = reference(&case.scene, &state)?;
-    let found = of_accelerations(case.scene.model(), Form::Auto, &state).ok()?;
+    let found = of_accelerations_by_method(&case.scene, Form::Auto, &state).ok()?;
     Some(errors(&found, &exact))
 }
 

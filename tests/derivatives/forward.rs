@@ -3,7 +3,10 @@
 use crate::common::oracle::{D, Oracle, ds, solve};
 use crate::common::tolerance::{self, assert_near, assert_near_double, conditioning, size};
 use crate::common::{Random, Tree, random_inertial};
-use crate::support::{NAMES, State, acceleration, differences, of_accelerations, of_torques, round, trees, widened};
+use crate::support::{
+    NAMES, State, acceleration, differences, of_accelerations, of_accelerations_by_method, of_torques, round, trees,
+    widened,
+};
 use nalgebra::DMatrix;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::{Form, Scene, scenes};
@@ -34,8 +37,10 @@ fn all_joints_as_central_differences() {
         }
         for form in FORMS {
             let found = of_accelerations(model, form, &state).unwrap();
+            let by_method = of_accelerations_by_method(&scene, form, &state).unwrap();
             for (i, name) in NAMES.iter().enumerate() {
                 assert_near(name, &found[i], &round(&exact[i]), tolerance::inverse(cond, all));
+                assert_near(name, &by_method[i], &round(&exact[i]), tolerance::inverse(cond, all));
             }
         }
     }
@@ -90,17 +95,17 @@ fn a_single_body_by_hand() {
     assert_near("no rates", &by_qd, &[0.0; 36], tolerance::product(8, 10.0));
 }
 
-/// From 55 links on columns of a chain go through filter and smoother; beside M in 31 digits, eliminated.
+/// Beyond 300 links columns go through filter and smoother; beside M in 31 digits, eliminated.
 #[test]
 fn on_both_sides_of_where_columns_are_fewer_operations() {
-    for links in [54, 56] {
+    for links in [60, 301] {
         let scene = scenes::chain(links).unwrap();
         let (nv, wide) = (scene.nv(), scene.model().cast());
         let state = State::random(&scene, 3);
         let at = State { u: acceleration(&wide, &state.cast()), ..state.cast() };
         let of_torques = of_torques(&wide, &at);
         let mass = DMatrix::from_row_slice(nv, nv, &of_torques[2]);
-        let found = of_accelerations(scene.model(), Form::Auto, &state).unwrap();
+        let found = of_accelerations_by_method(&scene, Form::Auto, &state).unwrap();
         let cond = condition(&scene, &state.q);
         for which in 0..2 {
             for column in [0, nv / 2, nv - 1] {

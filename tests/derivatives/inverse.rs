@@ -3,7 +3,9 @@
 use crate::common::oracle::{Oracle, d, ds};
 use crate::common::tolerance::{self, assert_near, assert_near_double, size};
 use crate::common::{Random, Tree, random_state};
-use crate::support::{KINDS, NAMES, State, Three, differences, of_torques, round, torque, trees, widened};
+use crate::support::{
+    KINDS, NAMES, State, Three, differences, of_torques, of_torques_by_method, round, torque, trees, widened,
+};
 use phipsi::Scene;
 use phipsi::scene::JointKind;
 use phipsi::scene::Model;
@@ -29,9 +31,10 @@ fn assert_right(scene: &Scene, state: &State<f64>) -> Three<f64> {
     let (wide, wide_state) = (widened(scene), state.cast());
     let exact = of_torques(&wide, &wide_state);
     let expected = differences(&wide, &wide_state, torque);
-    let found = of_torques(model, state);
+    let (found, by_method) = (of_torques(model, state), of_torques_by_method(scene, state));
     let scale = scale(model, &found, state);
     for (i, name) in NAMES.iter().enumerate() {
+        assert_near(name, &by_method[i], &round(&exact[i]), tolerance::product(n, scale));
         assert_near_double(name, &exact[i], &expected[i], tolerance::difference(n, scale));
         assert_near(name, &found[i], &round(&exact[i]), tolerance::product(n, scale));
     }

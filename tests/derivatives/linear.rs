@@ -1,16 +1,15 @@
 //! The linear system of small deviations.
 
 use crate::common::tolerance::{self, assert_near, size};
-use crate::support::{State, of_accelerations, trees};
+use crate::support::{State, of_accelerations_by_method, trees};
 use phipsi::{Form, Scene};
 
 /// A and B, row by row.
 fn linearized(scene: &Scene, state: &State<f64>) -> (Vec<f64>, Vec<f64>) {
     let nv = scene.nv();
     let (mut a, mut b) = (vec![f64::NAN; 4 * nv * nv], vec![f64::NAN; 2 * nv * nv]);
-    let (mut workspace, mut scratch) = (scene.workspace(), scene.derivative_scratch());
     let State { q, qd, u, wrenches } = state;
-    scene.linearize(&mut workspace, &mut scratch, q, qd, u, wrenches, (&mut a, &mut b)).unwrap();
+    scene.linearize(&mut scene.workspace(), q, qd, u, wrenches, (&mut a, &mut b)).unwrap();
     (a, b)
 }
 
@@ -22,7 +21,7 @@ fn its_lower_half_is_the_derivatives_and_its_upper_right_the_identity() {
         let nv = scene.nv();
         let state = State::random(&scene, 100 + tree.seed);
         let (a, b) = linearized(&scene, &state);
-        let [by_q, by_qd, inverse] = of_accelerations(scene.model(), Form::Auto, &state).unwrap();
+        let [by_q, by_qd, inverse] = of_accelerations_by_method(&scene, Form::Auto, &state).unwrap();
         for (row, column) in (0..nv).flat_map(|row| (0..nv).map(move |column| (row, column))) {
             let at = row * nv + column;
             assert_eq!(a[2 * nv * (nv + row) + column], by_q[at]);

@@ -1,149 +1,297 @@
-//! Tip to base: the columns of a degree of freedom, and the entries that it shares with all that is inboard of it.
+//! Tip to base: the columns of all degrees of freedom side by side, and the entries that each shares with all that is inboard of it.
 
+use super::Kept;
+use super::felt::{Column, column, in_column, in_row, parts};
 use super::hinge::hinge_cross_force;
-use super::outward::Felt;
-use super::{AT_A_TIME, DerivativeScratch, InverseDerivatives};
-use crate::filter::HingeMap;
-use crate::filter::Stage;
+use super::outward::ABOUT_Z;
+use crate::dynamics::columns::{spread_hinge, spread_shift};
+use crate::dynamics::sweeps::body::SweepBody;
+use crate::dynamics::sweeps::column_layout::{ColumnLayout, put_block};
+use crate::dynamics::sweeps::joint::{self, Joint, with_axial};
+use crate::dynamics::sweeps::scratch::SweepScratch;
+use crate::dynamics::sweeps::{Entries, SweepModel};
+use crate::filter::{HingeMap, Rows};
 use crate::model::Model;
-use crate::scalar::Real;
-use crate::spatial::{RigidShift, dot, sum};
-use crate::watch;
-use crate::workspace::Workspace;
-use nalgebra::{Vector3, Vector6};
+use crate::scalar::{ColumnsOf, Real};
+use crate::spatial::transform::Transform;
+use nalgebra::Vector6;
+use std::ops::Range;
 
-/// What one degree of freedom, with the column S, makes of the force through each joint inboard of it.
-struct Columns<T> {
-    /// r S, by its acceleration.
-    by_acceleration: Vector6<T>,
-    /// B* S; no force on it by what is inboard.
-    moment: Vector3<T>,
-    /// By q.
-    by_position: Vector6<T>,
-    /// By qd.
-    by_rate: Vector6<T>,
+/// In lanes the numbers of a pair of a row and a column outward of it: by q and by qd, each as (row, column) and as (column, row), and M.
+const OF_PAIR: usize = 5;
+
+/// The columns on their way inward; made when derivatives are first asked for.
+#[derive(Debug)]
+pub(crate) struct DerivativeColumns<T: Real, C: ColumnsOf<T>> {
+    layout: ColumnLayout<C>,
+    /// By blocks, at the body at hand; zero in lanes that no column is in.
+    columns: Vec<Column<C>>,
+    /// In lanes what the three matrices are chosen from.
+    entries: Entries<T, C>,
 }
 
-impl<T: Real> Columns<T> {
-    /// In the parent's frame.
+impl<T: Real, C: ColumnsOf<T>> DerivativeColumns<T, C> {
+    /// None yet.
+    pub fn new() -> Self {
+        Self { layout: ColumnLayout::empty(), columns: Vec::new(), entries: Entries::new() }
+    }
+
+    /// Makes them where there are none; gives what the three matrices are written to in lanes.
     #[inline(always)]
-    fn to_parent(&self, shift: &RigidShift<T>) -> Self {
-        Self {
-            by_acceleration: shift.force_to_parent(&self.by_acceleration),
-            moment: shift.rotate(&self.moment),
-            by_position: shift.force_to_parent(&self.by_position),
-            by_rate: shift.force_to_parent(&self.by_rate),
+    pub fn prepare(&mut self, model: &Model<T>, sweeps: &SweepModel<T>) -> &mut Entries<T, C> {
+        if !self.entries.is_made {
+            self.make(model, sweeps);
         }
+        &mut self.entries
     }
 
-    /// The derivatives of this degree of freedom's own torque by q and by qd of another, inboard: what that lets this one's bodies feel.
+    /// In lanes: which of the numbers stands at each place of the three matrices.
     #[inline(always)]
-    fn torque_by(&self, felt: &Felt<T>, hinge: &HingeMap<T>) -> (T, T) {
-        let (m, v) = (&self.moment, &felt.velocity);
-        let turned = m[0].mul_add(v[0], m[1].mul_add(v[1], m[2] * v[2]));
-        let along = match *hinge {
-            HingeMap::Axis(i) if i < 3 => m[i],
-            HingeMap::Axis(_) => m[0].constant(0.0),
-            HingeMap::Screw(_) => m[2],
-        };
-        (dot(&self.by_acceleration, &felt.acceleration) + turned, dot(&self.by_acceleration, &felt.by_rate) + along)
+    pub fn chosen(&self) -> &[u32] {
+        self.entries.chosen()
+    }
+
+    /// A number of their kind: any other way asks the processor each time.
+    #[inline(always)]
+    pub fn like(&self) -> C {
+        self.entries.zero()
+    }
+
+    #[cold]
+    fn make(&mut self, model: &Model<T>, sweeps: &SweepModel<T>) {
+        let (nv, layout) = (model.nv(), ColumnLayout::new(model, sweeps));
+        self.columns = vec![[C::zero(); 21]; layout.blocks()];
+        self.entries.make(layout.is_branched, || {
+            // Behind one zero.
+            let (mut chosen, mut next) = (vec![0; 3 * nv * nv], 1);
+            sweeps.each_pair(model, |row, column| {
+                let (across, down) = (row * nv + column, column * nv + row);
+                let [by_q, by_qd, mass] = [0, 1, 2].map(|matrix| matrix * nv * nv);
+                for (at, number) in [(by_q, next), (by_qd, next + 2)] {
+                    // The diagonal is the first of both.
+                    (chosen[at + down], chosen[at + across]) = (number + 1, number);
+                }
+                (chosen[mass + across], chosen[mass + down]) = (next + 4, next + 4);
+                next += 5;
+            });
+            (next, chosen)
+        });
+        self.layout = layout;
     }
 }
 
-/// All entries, from the composites r(k) and forces F(k) in the workspace and B(k) in the scratch, which is summed up here. Told to stop, it stops: whoever
-/// checks next says so.
+/// All entries of dtau/dq, dtau/dqd and M, one after another, from what was kept on the way out.
 #[inline(always)]
-pub(super) fn tip_to_base<T: Real>(
-    model: &Model<T>,
-    workspace: &Workspace<T>,
-    scratch: &mut DerivativeScratch<T>,
-    out: &mut InverseDerivatives<'_, T>,
+pub(super) fn tip_to_base<T: Real, C: ColumnsOf<T>>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &SweepScratch<T>,
+    kept: &mut Kept<T>,
+    columns: &mut DerivativeColumns<T, C>,
+    out: &mut [C::Entry],
 ) {
-    let zero = T::zero();
-    for matrix in [&mut out.dtau_dq, &mut out.dtau_dqd, &mut out.mass_matrix] {
-        // Between branches nothing is written.
-        matrix.fill(zero);
-    }
-    for k in (0..model.bodies.len()).rev() {
-        if watch::check_at(k + 1, AT_A_TIME).is_err() {
-            return;
-        }
-        let stage = &model.system.stages[k];
-        for i in 0..stage.rows.count() {
-            let own = at_own_joint(model, workspace, scratch, (k, i), out);
-            to_base(model, workspace, scratch, (k, stage.first_row + i), own, out);
-        }
-        if let Some(parent) = stage.parent {
-            let carried = scratch.coriolis[k].to_parent(&workspace.shift[k]);
-            scratch.coriolis[parent] = scratch.coriolis[parent].add(&carried);
-        }
-    }
-}
-
-/// The columns of row `i` of body `k` there, and the entries in the rows of its own joint.
-#[inline(always)]
-fn at_own_joint<T: Real>(
-    model: &Model<T>,
-    workspace: &Workspace<T>,
-    scratch: &DerivativeScratch<T>,
-    (k, i): (usize, usize),
-    out: &mut InverseDerivatives<'_, T>,
-) -> Columns<T> {
-    let stage = &model.system.stages[k];
-    let (hinge, column) = (stage.rows.row(i), stage.first_row + i);
-    let (composite, coriolis, felt) = (&workspace.composite[k], &scratch.coriolis[k], &scratch.felt[column]);
-    let mut columns = Columns {
-        by_acceleration: hinge.covariance_column(&composite.to_symmetric()),
-        moment: coriolis.moment(&hinge),
-        by_position: sum(&composite.mul_motion(&felt.acceleration), &coriolis.mul_angular(&felt.velocity)),
-        by_rate: sum(&composite.mul_motion(&felt.by_rate), &coriolis.column(&hinge)),
-    };
-    entries(stage, model.nv(), column, &columns, out);
-    out.mass_matrix[column * (model.nv() + 1)] += model.system.noise[column];
-    // The frame that hands F inward moves with the joint; its own rows turn with it, and do not see that.
-    columns.by_position = sum(&columns.by_position, &hinge_cross_force(&hinge, &workspace.z[k]));
-    columns
-}
-
-/// The entries of a column in the rows of one joint: H times each.
-#[inline(always)]
-fn entries<T: Real>(
-    stage: &Stage<T>,
-    nv: usize,
-    column: usize,
-    columns: &Columns<T>,
-    out: &mut InverseDerivatives<'_, T>,
-) {
-    for i in 0..stage.rows.count() {
-        let (hinge, row) = (stage.rows.row(i), stage.first_row + i);
-        out.dtau_dq[row * nv + column] = hinge.project(&columns.by_position);
-        out.dtau_dqd[row * nv + column] = hinge.project(&columns.by_rate);
-        out.mass_matrix[row * nv + column] = hinge.project(&columns.by_acceleration);
-    }
-}
-
-/// From body `k` to the base: the entries of a column in the rows of every joint inboard, and of its row in their columns.
-#[inline(always)]
-fn to_base<T: Real>(
-    model: &Model<T>,
-    workspace: &Workspace<T>,
-    scratch: &DerivativeScratch<T>,
-    (k, own): (usize, usize),
-    mut columns: Columns<T>,
-    out: &mut InverseDerivatives<'_, T>,
-) {
+    columns.entries.begin(out);
+    let like = columns.entries.zero();
+    let DerivativeColumns { layout, columns, .. } = columns;
     let nv = model.nv();
-    let mut child = k;
-    while let Some(parent) = model.system.stages[child].parent {
-        columns = columns.to_parent(&workspace.shift[child]);
-        let stage = &model.system.stages[parent];
-        entries(stage, nv, own, &columns, out);
-        for i in 0..stage.rows.count() {
-            let other = stage.first_row + i;
-            let at = own * nv + other;
-            (out.dtau_dq[at], out.dtau_dqd[at]) = columns.torque_by(&scratch.felt[other], &stage.rows.row(i));
-            out.mass_matrix[at] = out.mass_matrix[other * nv + own];
+    let mut inward = Inward { layout, columns, kept, like, noise: &model.system.noise, to: Places { out, nv } };
+    for (place, body) in sweeps.swept().iter().enumerate().rev() {
+        match body.joint {
+            Joint::Axial(axis) => {
+                with_axial!(axis, scratch.own[place].turn, sweeps, body.offset, transform, {
+                    let across = &transform.spread(like);
+                    inward.step((place, body), (transform, across), &Rows::One(HingeMap::Axis(ABOUT_Z)));
+                });
+            }
+            Joint::Prismatic(at, _) | Joint::Free(at) | Joint::General(at) => {
+                let transform = &scratch.shifts[at];
+                let across = &spread_shift(like, transform);
+                inward.step((place, body), (transform, across), &model.system.stages[body.index].rows);
+            }
         }
-        child = parent;
+    }
+}
+
+/// Where entries go: dtau/dq, dtau/dqd and M one after another, row by row; in lanes pair by pair, behind one zero.
+struct Places<'a, E> {
+    out: &'a mut [E],
+    nv: usize,
+}
+
+impl<E> Places<'_, E> {
+    /// Of one state: the entries of a row in the columns of a block, and those of the block's rows in the row's column.
+    #[inline(always)]
+    fn put<T: Real, C: ColumnsOf<T, Entry = E>>(&mut self, row: usize, end: usize, across: [C; 3], down: [C; 2]) {
+        let (nv, size) = (self.nv, self.nv * self.nv);
+        let ([by_q, by_qd, mass], [q_down, qd_down]) = (across, down);
+        let (of_q, rest) = self.out.split_at_mut(size);
+        let (of_qd, of_mass) = rest.split_at_mut(size);
+        put_block::<T, C>(of_q, (nv, row), end, [by_q, q_down]);
+        put_block::<T, C>(of_qd, (nv, row), end, [by_qd, qd_down]);
+        put_block::<T, C>(of_mass, (nv, row), end, [mass; 2]);
+    }
+
+    /// Of one state: one entry of each.
+    #[inline(always)]
+    fn put_one<T: Real, C: ColumnsOf<T, Entry = E>>(&mut self, row: usize, column: usize, entries: [T; 3]) {
+        for (matrix, entry) in entries.into_iter().enumerate() {
+            self.out[(matrix * self.nv + row) * self.nv + column] = C::kept(entry);
+        }
+    }
+
+    /// In lanes: all entries of a pair.
+    #[inline(always)]
+    fn put_pair<T: Real, C: ColumnsOf<T, Entry = E>>(&mut self, pair: usize, across: [C; 3], down: [C; 2]) {
+        let to = &mut self.out[1 + OF_PAIR * pair..][..OF_PAIR];
+        for (to, entry) in to.chunks_exact_mut(1).zip([across[0], down[0], across[1], down[1], across[2]]) {
+            entry.store(to);
+        }
+    }
+
+    /// In lanes: those of a pair within one joint, as (row, column), or where it is `below` the diagonal the other way round.
+    #[inline(always)]
+    fn put_own<T: Real, C: ColumnsOf<T, Entry = E>>(&mut self, pair: usize, below: bool, entries: [T; 3]) {
+        let to = &mut self.out[1 + OF_PAIR * pair..][..OF_PAIR];
+        let at = usize::from(below);
+        (to[at], to[2 + at], to[4]) = (C::kept(entries[0]), C::kept(entries[1]), C::kept(entries[2]));
+    }
+}
+
+/// phi of a column: three forces and a moment.
+#[inline(always)]
+fn send<C: Real>(whole: &mut Column<C>, across: &impl Transform<C>) {
+    let (mut by_acceleration, moment, mut by_position, mut by_rate) = parts(whole);
+    for force in [&mut by_acceleration, &mut by_position, &mut by_rate] {
+        across.send_force(&{ *force }, true, force);
+    }
+    *whole = column(&by_acceleration, &across.rotate_to_parent(moment), &by_position, &by_rate);
+}
+
+/// What the sweep inward reads and writes.
+struct Inward<'a, T: Real, C: ColumnsOf<T>> {
+    layout: &'a ColumnLayout<C>,
+    columns: &'a mut [Column<C>],
+    kept: &'a mut Kept<T>,
+    like: C,
+    noise: &'a [T],
+    to: Places<'a, C::Entry>,
+}
+
+// In debug builds this is a call: in one frame, where nothing shares a place, it would take more than a thread's stack has.
+impl<T: Real, C: ColumnsOf<T>> Inward<'_, T, C> {
+    /// One body: the entries of its rows, its own columns, and what goes on to its parent.
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    fn step(
+        &mut self,
+        (place, body): (usize, &SweepBody<T::Parameter>),
+        (transform, across): (&impl Transform<T>, &impl Transform<C>),
+        rows: &Rows<T>,
+    ) {
+        let (count, first) = (rows.count(), body.row);
+        let goes_on = body.places.parent.checked_sub(1);
+        let outboard = self.layout.blocks_of(first + count, body.end_row);
+        // Those that the body's own columns are in are carried on when these are there.
+        let own = self.layout.blocks_of(first, first + count);
+        let carried = outboard.start.max(own.end)..outboard.end;
+        for i in 0..count {
+            let carries = goes_on.is_some() && i + 1 == count;
+            self.entries_of_row((body, rows, i), outboard.clone(), carries.then_some(across), &carried);
+        }
+        if count == 0 && goes_on.is_some() {
+            self.carry(outboard, across);
+        }
+        // From the last one: the first that a block takes up begins it.
+        for i in (0..count).rev() {
+            let column = self.own_column((place, body), rows, i);
+            let at = &self.layout.places[first + i];
+            self.layout.insert(at.lane, &mut self.columns[at.block], &column);
+        }
+        let Some(parent) = goes_on else { return };
+        self.carry(own, across);
+        let Kept { composites, coriolis, forces, .. } = &mut *self.kept;
+        composites[parent] = composites[parent].add(&transform.composite_to_parent(&composites[place]));
+        coriolis[parent] = coriolis[parent].add(&coriolis[place].across(transform));
+        let force = forces[place];
+        transform.send_force(&force, false, &mut forces[parent]);
+    }
+
+    /// Of all columns outboard of a joint the entries in one of its rows, and of its column in theirs; where `across` is given columns go on to the parent.
+    #[inline(always)]
+    fn entries_of_row(
+        &mut self,
+        (body, rows, i): (&SweepBody<T::Parameter>, &Rows<T>, usize),
+        blocks: Range<usize>,
+        across: Option<&impl Transform<C>>,
+        carried: &Range<usize>,
+    ) {
+        let row = body.row + i;
+        let (hinge, sense) =
+            (spread_hinge(self.like, rows.row(i)), self.like.spread(self.noise[row].splat(body.sense)));
+        let felt = self.kept.felt[row].spread(self.like);
+        let at_row = &self.layout.places[row];
+        // From the last one: what is in lanes without a column is written over.
+        for at in blocks.rev() {
+            let mut column = self.columns[at];
+            let entries = in_row(&column, &hinge, sense);
+            let mirrored = in_column(&column, &felt, &hinge, sense);
+            if T::LANES > 1 {
+                self.to.put_pair::<T, C>(at_row.entries + (at - at_row.block), entries, mirrored);
+            } else {
+                self.to.put::<T, C>(row, self.layout.ends[at], entries, mirrored);
+            }
+            if let Some(across) = across.filter(|_| carried.contains(&at)) {
+                send(&mut column, across);
+                self.columns[at] = column;
+            }
+        }
+    }
+
+    /// phi of all columns of some blocks.
+    #[inline(always)]
+    fn carry(&mut self, blocks: Range<usize>, across: &impl Transform<C>) {
+        for column in &mut self.columns[blocks] {
+            send(column, across);
+        }
+    }
+
+    /// The column of a row at its own body, and its entries in the rows of its own joint.
+    #[inline(always)]
+    fn own_column(&mut self, (place, body): (usize, &SweepBody<T::Parameter>), rows: &Rows<T>, i: usize) -> Column<T> {
+        let (hinge, row) = (rows.row(i), body.row + i);
+        let sense = self.noise[row].splat(body.sense);
+        let Kept { composites, coriolis, forces, felt, .. } = &*self.kept;
+        let (composite, b, felt) = (&composites[place], &coriolis[place], &felt[row]);
+        let along: [T; 6] = hinge.covariance_column(&composite.to_symmetric()).into();
+        let (moment, rate) = (b.moment(&hinge), b.column(&hinge));
+        let position: [T; 6] = composite.mul_motion(&Vector6::from(felt.acceleration)).into();
+        let by_rate: [T; 6] = composite.mul_motion(&Vector6::from(felt.by_rate)).into();
+        let turned = b.mul_angular(&felt.velocity);
+        let mut whole = column(&along, &moment, &position, &by_rate);
+        for k in 0..6 {
+            whole[k] *= sense;
+            whole[9 + k] += turned[k];
+            whole[15 + k] = sense.mul_add(rate[k], by_rate[k]);
+        }
+        for moment in &mut whole[6..9] {
+            *moment *= sense;
+        }
+        for other in 0..rows.count() {
+            let mut entries = in_row(&whole, &rows.row(other), sense);
+            if other == i {
+                entries[2] += self.noise[row];
+            }
+            let (other, places) = (body.row + other, &self.layout.places);
+            if T::LANES > 1 {
+                let (inner, outer) = (row.min(other), row.max(other));
+                self.to.put_own::<T, C>(places[inner].entries + (outer - inner), other > row, entries);
+            } else {
+                self.to.put_one::<T, C>(other, row, entries);
+            }
+        }
+        // The frame that hands F inward moves with the joint; its own rows turn with it, and do not see that.
+        let pushed = hinge_cross_force(&hinge, &forces[place]);
+        for k in 0..6 {
+            whole[9 + k] = sense.mul_add(pushed[k], whole[9 + k]);
+        }
+        whole
     }
 }

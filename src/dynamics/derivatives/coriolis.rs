@@ -1,12 +1,10 @@
 //! B(k): how the force that a body needs depends on its velocity.
 
-use super::hinge::{cross_axis, minus};
+use super::hinge::{cross_axis, halves, minus, plus, whole};
 use crate::filter::HingeMap;
-use crate::joints::vectors::plus;
 use crate::scalar::Real;
-use crate::spatial::{
-    BodyInertia, RigidShift, angular, cross, cross_add, from_rows, linear, rotate_block, row, spatial, sum3,
-};
+use crate::spatial::transform::Transform;
+use crate::spatial::{BodyInertia, RigidShift, cross, cross_add, from_rows, row, sum3};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// B = v x* M - M v x + bar(M v), bar(h) x = x x* h: twice the body-level Coriolis matrix of Echeandia and Wensing.
@@ -30,7 +28,7 @@ impl<T: Real> BodyCoriolis<T> {
     /// B of a body that moves with `velocity`.
     #[inline(always)]
     pub fn new(inertia: &BodyInertia<T>, velocity: &Vector6<T>) -> Self {
-        let (w, u) = (angular(velocity), linear(velocity));
+        let (w, u) = halves(&(*velocity).into());
         let two = w[0].constant(2.0);
         let h = &inertia.first_moment;
         let h = [two * h[0], two * h[1], two * h[2]];
@@ -39,7 +37,7 @@ impl<T: Real> BodyCoriolis<T> {
         let (xy, xz, yz) = (two * xy, two * xz, two * yz);
         // -2 Sigma = 2 I - tr(I), and -2 h~ u~ = 2 (h.u) - 2 u h^T.
         let (x, y, z) = ([xx - yy - zz, xy, xz], [xy, yy - xx - zz, yz], [xz, yz, zz - xx - yy]);
-        let along = sum3(h, [u[0], u[1], u[2]]);
+        let along = sum3(h, u);
         let mut b = from_rows(
             row_of((w[1], &z), (w[2], &y), (u[0], &h)),
             row_of((w[2], &x), (w[0], &z), (u[1], &h)),
@@ -50,8 +48,8 @@ impl<T: Real> BodyCoriolis<T> {
         }
         // w x h + m u, twice; with the sign turned.
         let pushed = Vector3::new(mass * u[0], mass * u[1], mass * u[2]);
-        let momentum = cross_add(&w, &Vector3::new(h[0], h[1], h[2]), &pushed);
-        Self { angular: b, linear: minus(&momentum) }
+        let momentum = cross_add(&Vector3::from(w), &Vector3::new(h[0], h[1], h[2]), &pushed);
+        Self { angular: b, linear: minus(momentum.into()).into() }
     }
 
     /// Both bodies' together, about the same origin.
@@ -73,54 +71,66 @@ impl<T: Real> BodyCoriolis<T> {
     #[inline(always)]
     #[must_use]
     pub fn to_parent(&self, shift: &RigidShift<T>) -> Self {
-        let l = &shift.lever;
-        let p = shift.rotate(&self.linear);
-        let mut b = rotate_block(&shift.rotation, &self.angular);
-        // l~ p~ = p l^T - l.p
-        let along = sum3([l[0], l[1], l[2]], [p[0], p[1], p[2]]);
-        for i in 0..3 {
-            for j in 0..3 {
-                b[(i, j)] = p[i].mul_add(l[j], b[(i, j)]);
-            }
-            b[(i, i)] -= along;
+        self.across(shift)
+    }
+
+    /// The same across any joint: p' = R p, b' = R b R* + p' l* - (l.p') 1.
+    #[inline(always)]
+    pub(super) fn across(&self, transform: &impl Transform<T>) -> Self {
+        let (l, b) = (transform.offset_at_parent(), &self.angular);
+        let p = transform.rotate_to_parent(self.linear.into());
+        // R b by columns, then each row of that by R.
+        let mut columns = [[l[0]; 3]; 3];
+        for (j, column) in columns.iter_mut().enumerate() {
+            *column = transform.rotate_to_parent([b[(0, j)], b[(1, j)], b[(2, j)]]);
         }
-        Self { angular: b, linear: p }
+        let along = sum3(l, p);
+        let mut turned = *b;
+        for i in 0..3 {
+            let row = transform.rotate_to_parent([columns[0][i], columns[1][i], columns[2][i]]);
+            for j in 0..3 {
+                turned[(i, j)] = p[i].mul_add(l[j], row[j]);
+            }
+            turned[(i, i)] -= along;
+        }
+        Self { angular: turned, linear: p.into() }
+    }
+
+    /// B/2.
+    #[inline(always)]
+    pub(super) fn half(&self) -> Self {
+        let half = self.linear[0].constant(0.5);
+        Self { angular: self.angular * half, linear: self.linear * half }
     }
 
     /// B x of a motion x, of which the angular half is given.
     #[inline(always)]
-    pub fn mul_angular(&self, x: &Vector3<T>) -> Vector6<T> {
+    pub(super) fn mul_angular(&self, x: &[T; 3]) -> [T; 6] {
         let b = &self.angular;
-        let x3 = [x[0], x[1], x[2]];
-        let turned = Vector3::new(sum3(row(b, 0), x3), sum3(row(b, 1), x3), sum3(row(b, 2), x3));
-        spatial(&turned, &cross(&self.linear, x))
+        let pushed = cross(&self.linear, &Vector3::from(*x));
+        whole([sum3(row(b, 0), *x), sum3(row(b, 1), *x), sum3(row(b, 2), *x)], pushed.into())
     }
 
     /// B S, S a row of H* as a column.
     #[inline(always)]
-    pub(super) fn column(&self, hinge: &HingeMap<T>) -> Vector6<T> {
+    pub(super) fn column(&self, hinge: &HingeMap<T>) -> [T; 6] {
         let i = match *hinge {
             HingeMap::Axis(i) if i < 3 => i,
-            HingeMap::Axis(_) => return crate::spatial::zero(),
+            HingeMap::Axis(_) => return [self.linear[0].constant(0.0); 6],
             HingeMap::Screw(_) => 2,
         };
         let b = &self.angular;
-        spatial(&Vector3::new(b[(0, i)], b[(1, i)], b[(2, i)]), &cross_axis(&self.linear, i))
+        whole([b[(0, i)], b[(1, i)], b[(2, i)]], cross_axis(self.linear.into(), i))
     }
 
     /// B* S, a moment: its other half is zero.
     #[inline(always)]
-    pub(super) fn moment(&self, hinge: &HingeMap<T>) -> Vector3<T> {
-        let of_row = match *hinge {
-            HingeMap::Axis(i) if i < 3 => i,
-            HingeMap::Axis(i) => return minus(&cross_axis(&self.linear, i - 3)),
-            HingeMap::Screw(_) => 2,
-        };
-        let [x, y, z] = row(&self.angular, of_row);
-        let turned = Vector3::new(x, y, z);
+    pub(super) fn moment(&self, hinge: &HingeMap<T>) -> [T; 3] {
+        let p = self.linear.into();
         match *hinge {
-            HingeMap::Axis(_) => turned,
-            HingeMap::Screw(pitch) => plus(&turned, -pitch, &cross_axis(&self.linear, 2)),
+            HingeMap::Axis(i) if i < 3 => row(&self.angular, i),
+            HingeMap::Axis(i) => minus(cross_axis(p, i - 3)),
+            HingeMap::Screw(pitch) => plus(row(&self.angular, 2), -pitch, cross_axis(p, 2)),
         }
     }
 }

@@ -1,57 +1,85 @@
 //! Derivatives of inverse dynamics.
 
-use super::{DerivativeScratch, columns, outward};
+use super::columns::{self, DerivativeColumns};
+use super::{DerivativeScratch, Kept, Matrices, outward};
 use crate::dynamics::forces::Motion;
-use crate::dynamics::mass_matrix::composite_inertias_tip_to_base;
-use crate::filter::innovations;
+use crate::dynamics::sweeps::SweepModel;
+use crate::dynamics::sweeps::motion::carriers;
+use crate::dynamics::sweeps::scratch::SweepScratch;
 use crate::model::Model;
-use crate::scalar::Real;
-use crate::workspace::Workspace;
+use crate::scalar::{ColumnsOf, Real};
 use nalgebra::Vector6;
 
-/// Where the derivatives of joint torques go, (nv x nv) each, row by row: a row a torque.
-#[derive(Debug)]
-pub struct InverseDerivatives<'a, T> {
-    /// By the tangent of q.
-    pub dtau_dq: &'a mut [T],
-    /// By qd.
-    pub dtau_dqd: &'a mut [T],
-    /// M, by qdd; full and symmetric, armature on the diagonal.
-    pub mass_matrix: &'a mut [T],
-}
-
-/// dtau/dq, dtau/dqd and dtau/dqdd = M of [`inverse_dynamics`](crate::dynamics::inverse_dynamics) at a state, in O(N depth).
+/// dtau/dq, dtau/dqd and dtau/dqdd = M of [`inverse_dynamics`](crate::dynamics::inverse_dynamics) at a state, (nv x nv) each, row by row, one after another into `out`; in
+/// O(N depth).
 ///
 /// Arguments as there. With r the composite inertia (3.5) and B that of all bodies outboard, a joint's columns are r S, r Psi2 + B Psi1 (and S x* F
 /// from there on inward) and r (Psi1 + V x S) + B S; they are carried to the base, and H of each joint on the way is an entry. Entries on the other
-/// side of the diagonal are S* r Psi2 + S* B Psi1 and S* r (Psi1 + V x S) + S* B S of the joint inboard. Between branches they are zero. Under a
-/// [`watch`](crate::watch) that ends the work `out` means nothing.
-#[allow(clippy::too_many_arguments)] // a state is three arrays and forces; scratch and results are the caller's
-pub fn inverse_dynamics_derivatives<T: Real>(
+/// side of the diagonal are S* r Psi2 + S* B Psi1 and S* r (Psi1 + V x S) + S* B S of the joint inboard. Between branches they are zero.
+pub fn inverse_dynamics_derivatives<T: Real<Parameter = T>>(
     model: &Model<T>,
-    workspace: &mut Workspace<T>,
+    scratch: &mut DerivativeScratch<T>,
+    (q, qd, qdd): (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    out: &mut [T],
+) {
+    let DerivativeScratch { sweeps, sweep_scratch, kept, columns, .. } = scratch;
+    let state = Motion { q, qd, qdd: Some(qdd), wrenches };
+    columns.prepare(model, sweeps);
+    in_sweeps((model, sweeps), (sweep_scratch, kept, columns), state, Matrices::Derivatives, out);
+}
+
+/// The Coriolis matrix C(q, qd), (nv x nv) row by row, in O(N depth): C qd is the torque of the rates, dM/dt = C + C^T, so that dM/dt - 2 C is antisymmetric; the
+/// one of Christoffel's symbols for joints of one axis.
+///
+/// The columns of [`inverse_dynamics_derivatives`] by qd, with B/2 for B and V x S for Psi1 + V x S.
+pub fn coriolis_matrix<T: Real<Parameter = T>>(
+    model: &Model<T>,
     scratch: &mut DerivativeScratch<T>,
     q: &[T],
     qd: &[T],
-    qdd: &[T],
-    wrenches: &[Vector6<T>],
-    out: &mut InverseDerivatives<'_, T>,
+    out: &mut [T],
 ) {
-    at_state(model, workspace, scratch, Motion { q, qd, qdd: Some(qdd), wrenches }, out);
+    let DerivativeScratch { sweeps, sweep_scratch, kept, columns, .. } = scratch;
+    let state = Motion { q, qd, qdd: None, wrenches: &[] };
+    columns.prepare(model, sweeps);
+    let mut three = vec![T::zero(); 3 * out.len()];
+    in_sweeps((model, sweeps), (sweep_scratch, kept, columns), state, Matrices::Coriolis, &mut three);
+    out.copy_from_slice(&three[out.len()..2 * out.len()]);
 }
 
-/// The same of a state in one piece.
-#[inline(always)]
-pub(super) fn at_state<T: Real>(
+/// dM/dt = C + C^T along qd, (nv x nv) row by row: C as in [`coriolis_matrix`]. Armature is constant, and not in it.
+pub fn mass_matrix_derivative<T: Real<Parameter = T>>(
     model: &Model<T>,
-    workspace: &mut Workspace<T>,
     scratch: &mut DerivativeScratch<T>,
-    state: Motion<'_, T>,
-    out: &mut InverseDerivatives<'_, T>,
+    q: &[T],
+    qd: &[T],
+    out: &mut [T],
 ) {
-    outward::base_to_tip(model, workspace, scratch, state);
-    composite_inertias_tip_to_base(model, workspace);
-    // The torques themselves are not asked for; the forces through the joints are.
-    innovations::predict(&model.system, &workspace.shift, &mut workspace.z, &mut scratch.column);
-    columns::tip_to_base(model, workspace, scratch, out);
+    coriolis_matrix(model, scratch, q, qd, out);
+    with_transpose(model.nv(), out, |a, b| a + b);
+}
+
+/// C + C^T in the place of C.
+pub(crate) fn with_transpose<N: Copy>(nv: usize, matrix: &mut [N], sum: impl Fn(N, N) -> N) {
+    for i in 0..nv {
+        for j in 0..=i {
+            let both = sum(matrix[i * nv + j], matrix[j * nv + i]);
+            (matrix[i * nv + j], matrix[j * nv + i]) = (both, both);
+        }
+    }
+}
+
+/// The same for states in lanes and for one state, after the columns were [made](DerivativeColumns::prepare); `out` as they have it. Without `qdd` those of the bias.
+#[inline(always)]
+pub(crate) fn in_sweeps<T: Real, C: ColumnsOf<T>>(
+    scene: (&Model<T>, &SweepModel<T>),
+    (scratch, kept, columns): (&mut SweepScratch<T>, &mut Kept<T>, &mut DerivativeColumns<T, C>),
+    state: Motion<'_, T>,
+    matrices: Matrices,
+    out: &mut [C::Entry],
+) {
+    carriers(scene.1, scratch, columns.like(), state.q);
+    outward::base_to_tip(scene, scratch, kept, state, matrices);
+    columns::tip_to_base(scene, scratch, kept, columns, out);
 }

@@ -12,97 +12,102 @@
 mod columns;
 mod coriolis;
 mod doubled;
+mod felt;
 mod forward;
 mod hinge;
 mod inverse;
 mod linear;
 mod outward;
+mod product;
 
+pub(crate) use columns::DerivativeColumns;
 pub use coriolis::BodyCoriolis;
-pub use forward::{ForwardDerivatives, forward_dynamics_derivatives};
-pub use inverse::{InverseDerivatives, inverse_dynamics_derivatives};
-pub use linear::linearize;
+pub use forward::forward_dynamics_derivatives;
+pub use inverse::{coriolis_matrix, inverse_dynamics_derivatives, mass_matrix_derivative};
+pub(crate) use inverse::{in_sweeps, with_transpose};
+pub use linear::linear_system;
+pub(crate) use product::Product;
 
 use super::mass_inverse::InverseScratch;
-use crate::error::Error;
+use super::sweeps::SweepModel;
+use super::sweeps::scratch::SweepScratch;
 use crate::model::Model;
 use crate::scalar::Real;
-use outward::Felt;
+use crate::spatial::{BodyInertia, Symmetric3};
+use felt::Felt;
+use nalgebra::Vector3;
 
-/// Bodies between questions whether to stop; scenes of fewer are done without.
-pub(crate) const AT_A_TIME: usize = 16;
+/// Columns between questions whether to stop.
+const AT_A_TIME: usize = 16;
 
-/// Operations a body of one column through filter and smoother.
-const A_COLUMN: usize = 109;
-
-/// Scratch that only derivatives need, beside the workspace; starts as NaN.
-#[derive(Debug, Clone)]
-pub struct DerivativeScratch<T: Real> {
-    /// B(k), then that of all bodies outboard of joint k.
-    coriolis: Vec<BodyCoriolis<T>>,
-    /// What a unit of each degree of freedom lets its body feel.
-    felt: Vec<Felt<T>>,
-    /// One number a degree of freedom: torques, then a column, and what becomes of it.
-    column: Vec<T>,
-    product: Vec<T>,
-    /// The largest entry of each row of M^-1.
-    largest: Vec<T>,
-    /// The accelerations of the state.
-    acceleration: Vec<T>,
-    /// The last body outboard of each.
-    last: Vec<usize>,
-    /// Whether columns through filter and smoother are fewer operations than products with M^-1.
-    by_columns: bool,
-    inverse: InverseScratch<T>,
+/// What the columns make.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Matrices {
+    /// dtau/dq and dtau/dqd.
+    Derivatives,
+    /// In the place of dtau/dqd the Coriolis matrix: B/2 for B, and V x S for Psi1 + V x S. What is in the place of dtau/dq means nothing.
+    Coriolis,
 }
 
-impl<T: Real> DerivativeScratch<T> {
-    /// Scratch for `model`.
-    #[must_use]
-    pub fn new(model: &Model<T>) -> Self {
+/// What the way out keeps for the way in; starts as NaN.
+#[derive(Debug, Clone)]
+pub(crate) struct Kept<T> {
+    /// Velocity and acceleration, weight included, in slots outward; the first is the base's.
+    motions: Vec<[[T; 6]; 2]>,
+    /// By places in the sweeps: M(k), then that of all bodies outboard of joint k; B(k) and the force that a body needs likewise.
+    composites: Vec<BodyInertia<T>>,
+    coriolis: Vec<BodyCoriolis<T>>,
+    forces: Vec<[T; 6]>,
+    /// By rows: what a unit of each degree of freedom lets its body feel.
+    felt: Vec<Felt<T>>,
+}
+
+impl<T: Real> Kept<T> {
+    pub fn new(sweeps: &SweepModel<T>, nv: usize) -> Self {
         let nan = T::from_f64(f64::NAN);
-        let (bodies, nv) = (model.bodies.len(), model.nv());
-        let stages = &model.system.stages;
-        let mut last: Vec<usize> = (0..bodies).collect();
-        let mut inboard = vec![0; bodies];
-        for (k, stage) in stages.iter().enumerate() {
-            inboard[k] = stage.parent.map_or(0, |parent: usize| inboard[parent] + stages[parent].rows.count());
-        }
-        for (k, stage) in stages.iter().enumerate().rev() {
-            if let Some(parent) = stage.parent {
-                last[parent] = last[parent].max(last[k]);
-            }
-        }
-        let entries: usize = stages
-            .iter()
-            .zip(last.iter().zip(&inboard))
-            .map(|(stage, (&last, inboard))| {
-                let end = stages[last].first_row + stages[last].rows.count();
-                stage.rows.count() * (inboard + end - stage.first_row)
-            })
-            .sum();
+        let bodies = sweeps.bodies.len();
+        let body =
+            BodyInertia { mass: nan, first_moment: Vector3::from_element(nan), rotational: Symmetric3::new([nan; 6]) };
         Self {
+            motions: vec![[[nan; 6]; 2]; sweeps.swept_slots.outward],
+            composites: vec![body; bodies],
             coriolis: vec![BodyCoriolis::filled(nan); bodies],
+            forces: vec![[nan; 6]; bodies],
             felt: vec![Felt::filled(nan); nv],
-            column: vec![nan; nv],
-            product: vec![nan; nv],
-            largest: vec![nan; nv],
-            acceleration: vec![nan; nv],
-            by_columns: 2 * entries > A_COLUMN * bodies,
-            last,
-            inverse: InverseScratch::new(model),
         }
     }
 }
 
-impl DerivativeScratch<f64> {
-    /// Whether this is scratch of the lengths of `model`'s.
-    pub(crate) fn check(&self, model: &Model<f64>) -> Result<(), Error> {
-        let (bodies, nv) = (self.coriolis.len(), self.felt.len());
-        if (bodies, nv) == (model.bodies.len(), model.nv()) {
-            return Ok(());
+/// Scratch of derivatives in any scalar of one lane, and what the sweeps read of the model; starts as NaN.
+#[derive(Debug)]
+pub struct DerivativeScratch<T: Real<Parameter = T>> {
+    sweeps: SweepModel<T>,
+    sweep_scratch: SweepScratch<T>,
+    kept: Kept<T>,
+    columns: DerivativeColumns<T, T>,
+    /// One number a degree of freedom: a column, what becomes of it, the largest entry of each row of M^-1, and the accelerations of the state.
+    column: Vec<T>,
+    solved: Vec<T>,
+    largest: Vec<T>,
+    acceleration: Vec<T>,
+    inverse: InverseScratch<T>,
+}
+
+impl<T: Real<Parameter = T>> DerivativeScratch<T> {
+    /// Scratch for `model`.
+    #[must_use]
+    pub fn new(model: &Model<T>) -> Self {
+        let (nan, nv, sweeps) = (T::from_f64(f64::NAN), model.nv(), SweepModel::general(model));
+        Self {
+            sweep_scratch: SweepScratch::new(model, &sweeps),
+            kept: Kept::new(&sweeps, nv),
+            columns: DerivativeColumns::new(),
+            sweeps,
+            column: vec![nan; nv],
+            solved: vec![nan; nv],
+            largest: vec![nan; nv],
+            acceleration: vec![nan; nv],
+            inverse: InverseScratch::new(model),
         }
-        let found = format!("that of a scene of {bodies} bodies and {nv} degrees of freedom");
-        Err(Error::argument("scratch", found, "this scene's own, from scene.derivative_scratch()"))
     }
 }

@@ -1,79 +1,92 @@
 //! Base to tip: the motion of a state, and what a unit of each degree of freedom lets the bodies outboard of it feel.
 
-use super::DerivativeScratch;
 use super::coriolis::BodyCoriolis;
-use super::hinge::motion_cross_hinge;
+use super::felt::Felt;
+use super::{Kept, Matrices};
 use crate::dynamics::forces::Motion;
-use crate::filter::HingeMap;
-use crate::kinematics::{base_acceleration, joint_motion, joint_shift, motion_past_joint};
+use crate::dynamics::sweeps::SweepModel;
+use crate::dynamics::sweeps::joint::{self, Joint, with_axial};
+use crate::dynamics::sweeps::scratch::SweepScratch;
+use crate::filter::{HingeMap, Rows};
+use crate::kinematics::{joint_motion, motion_past_joint};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{angular, cross_motion, scaled_add, sum, zero};
-use crate::workspace::Workspace;
-use nalgebra::{Vector3, Vector6};
+use crate::spatial::transform::Transform;
+use nalgebra::Vector6;
 
-/// Of one degree of freedom with the column S, at its body.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Felt<T> {
-    /// The angular half of Psi1 = `V_p` x S, a velocity by q; its linear half nobody reads.
-    pub velocity: Vector3<T>,
-    /// Psi2 = `A_p` x S + `V_p` x Psi1, an acceleration by q.
-    pub acceleration: Vector6<T>,
-    /// Psi1 + V x S, an acceleration by qd.
-    pub by_rate: Vector6<T>,
-}
+/// A revolute joint's row, about its z.
+pub(super) const ABOUT_Z: usize = 2;
 
-impl<T: Real> Felt<T> {
-    pub fn filled(value: T) -> Self {
-        let vector = Vector6::from_element(value);
-        Self { velocity: Vector3::from_element(value), acceleration: vector, by_rate: vector }
-    }
-
-    /// From the parent's motion as seen at the joint, weight included, and the body's own velocity.
-    #[inline(always)]
-    fn new(hinge: &HingeMap<T>, (velocity, acceleration): &(Vector6<T>, Vector6<T>), own: &Vector6<T>) -> Self {
-        let turned = motion_cross_hinge(velocity, hinge);
-        Self {
-            velocity: angular(&turned),
-            acceleration: sum(&motion_cross_hinge(acceleration, hinge), &cross_motion(velocity, &turned)),
-            by_rate: sum(&turned, &motion_cross_hinge(own, hinge)),
-        }
-    }
-}
-
-/// phi, the force that each body needs (into `workspace.z`), B(k), and what each degree of freedom lets its body feel.
+/// Of every body, turns and shifts being there: the force that it needs, its inertia, B(k), and what each degree of freedom lets it feel.
 #[inline(always)]
 pub(super) fn base_to_tip<T: Real>(
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
-    scratch: &mut DerivativeScratch<T>,
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &SweepScratch<T>,
+    kept: &mut Kept<T>,
     state: Motion<'_, T>,
+    matrices: Matrices,
 ) {
-    let (still, base) = (zero(), base_acceleration(model));
-    for (k, (body, stage)) in model.bodies.iter().zip(&model.system.stages).enumerate() {
-        let shift = joint_shift(body, state.q);
-        let parent = match stage.parent {
-            Some(parent) => (
-                shift.motion_to_child(&workspace.velocity[parent]),
-                shift.motion_to_child(&workspace.acceleration[parent]),
-            ),
-            None => (still, shift.motion_to_child(&base)),
+    let (o, g) = (T::zero(), &model.gravity);
+    let Kept { motions, composites, coriolis, forces, felt } = kept;
+    motions[0] = [[o; 6], [o, o, o, -g[0], -g[1], -g[2]]];
+    for (place, body) in sweeps.swept().iter().enumerate() {
+        let [v, a] = motions[body.places.parent_outward];
+        let (seen, own) = match body.joint {
+            Joint::Axial(axis) => {
+                let seen = with_axial!(axis, scratch.own[place].turn, sweeps, body.offset, transform, {
+                    [transform.carry_motion(&v), transform.carry_motion(&a)]
+                });
+                (seen, past_axial(&seen, body.row, o.splat(body.sense), state))
+            }
+            Joint::Prismatic(at, _) | Joint::Free(at) | Joint::General(at) => {
+                let shift = &scratch.shifts[at];
+                let seen = [shift.carry_motion(&v), shift.carry_motion(&a)];
+                let (carried, body_at) = ((Vector6::from(seen[0]), Vector6::from(seen[1])), &sweeps.shifting[at]);
+                let (v, mut a) = motion_past_joint(body_at, body.row, &carried, state.qd);
+                if let Some(qdd) = state.qdd {
+                    a += joint_motion(body_at, body.row, qdd);
+                }
+                (seen, [v.into(), a.into()])
+            }
         };
-        let (velocity, mut acceleration) = motion_past_joint(body, stage.first_row, &parent, state.qd);
-        if let Some(qdd) = state.qdd {
-            acceleration = sum(&acceleration, &joint_motion(body, stage.first_row, qdd));
-        }
-        let mut force = body.inertia.bias_force(&velocity, &acceleration);
+        let inertia = body.inertia(o);
+        let velocity = Vector6::from(own[0]);
+        let mut force: [T; 6] = inertia.bias_force(&velocity, &Vector6::from(own[1])).into();
         if !state.wrenches.is_empty() {
-            force = scaled_add(&state.wrenches[k], force[0].constant(-1.0), &force);
+            for (f, given) in force.iter_mut().zip(body.frame.apply(&state.wrenches[body.index])) {
+                *f -= given;
+            }
         }
-        for i in 0..stage.rows.count() {
-            scratch.felt[stage.first_row + i] = Felt::new(&stage.rows.row(i), &parent, &velocity);
+        if let Joint::Axial(_) = body.joint {
+            let row = (&HingeMap::Axis(ABOUT_Z), o.splat(body.sense));
+            felt[body.row] = Felt::new(row, &seen, &own[0], matrices);
+        } else {
+            let rows: &Rows<T> = &model.system.stages[body.index].rows;
+            for i in 0..rows.count() {
+                felt[body.row + i] = Felt::new((&rows.row(i), o.constant(1.0)), &seen, &own[0], matrices);
+            }
         }
-        scratch.coriolis[k] = BodyCoriolis::new(&body.inertia, &velocity);
-        workspace.shift[k] = shift;
-        workspace.velocity[k] = velocity;
-        workspace.acceleration[k] = acceleration;
-        workspace.z[k] = force;
+        let of_body = BodyCoriolis::new(&inertia, &velocity);
+        coriolis[place] = if matrices == Matrices::Coriolis { of_body.half() } else { of_body };
+        (composites[place], forces[place]) = (inertia, force);
+        if !body.is_leaf {
+            motions[body.places.outward] = own;
+        }
     }
+}
+
+/// Past a revolute joint: the body's velocity and acceleration from its parent's as seen at the joint.
+#[inline(always)]
+fn past_axial<T: Real>([v, a]: &[[T; 6]; 2], row: usize, sense: T, state: Motion<'_, T>) -> [[T; 6]; 2] {
+    let (rate, mut velocity, mut acceleration) = (state.qd[row] * sense, *v, *a);
+    velocity[ABOUT_Z] += rate;
+    // V x S qd.
+    acceleration[0] = v[1].mul_add(rate, a[0]);
+    acceleration[1] = a[1].minus_product(v[0], rate);
+    acceleration[3] = v[4].mul_add(rate, a[3]);
+    acceleration[4] = a[4].minus_product(v[3], rate);
+    if let Some(qdd) = state.qdd {
+        acceleration[ABOUT_Z] = qdd[row].mul_add(sense, acceleration[ABOUT_Z]);
+    }
+    [velocity, acceleration]
 }

@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 /// One body.
 #[allow(clippy::struct_excessive_bools)] // facts, each by itself
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct SweepBody<N> {
+pub(in crate::dynamics) struct SweepBody<N> {
     pub joint: Joint,
     /// Of a revolute joint, 1, or -1 where its z points the other way: rate, acceleration and torque are those about z, times this.
     pub sense: N,
@@ -87,9 +87,14 @@ impl<N: Copy> SweepBody<N> {
     /// The composite inertia (3.5): the body's own and what arrived.
     #[inline(always)]
     pub fn with_inertia<T: Real<Parameter = N>>(&self, arrived: &BodyInertia<T>) -> BodyInertia<T> {
-        let like = arrived.mass;
+        arrived.add(&self.inertia(arrived.mass))
+    }
+
+    /// M(k), in every lane.
+    #[inline(always)]
+    pub fn inertia<T: Real<Parameter = N>>(&self, like: T) -> BodyInertia<T> {
         let ([x, y, z], [xx, xy, xz, yy, yz, zz]) = (self.load.first_moment, self.load.rotational);
-        let own = BodyInertia {
+        BodyInertia {
             mass: like.splat(self.load.mass),
             first_moment: Vector3::new(like.splat(x), like.splat(y), like.splat(z)),
             rotational: Symmetric3::new([
@@ -100,8 +105,7 @@ impl<N: Copy> SweepBody<N> {
                 like.splat(yz),
                 like.splat(zz),
             ]),
-        };
-        arrived.add(&own)
+        }
     }
 
     /// The bounds on the terms of M(k).
@@ -128,7 +132,7 @@ impl<N: Copy> SweepBody<N> {
 }
 
 /// Tells each of the bodies, in the order of the sweeps, what hangs on it.
-pub(super) fn link_children<N>(swept: &mut [SweepBody<N>]) {
+pub(in crate::dynamics) fn link_children<N>(swept: &mut [SweepBody<N>]) {
     for place in (0..swept.len()).rev() {
         let Some(parent) = swept[place].places.parent.checked_sub(1) else { continue };
         if let Joint::Axial(_) = swept[place].joint {
@@ -142,7 +146,7 @@ pub(super) fn link_children<N>(swept: &mut [SweepBody<N>]) {
 
 /// What the angle of a revolute joint is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Turning<N> {
+pub(in crate::dynamics) struct Turning<N> {
     /// The joint's coordinate.
     pub q: usize,
     /// The body's place in the order of the sweeps.

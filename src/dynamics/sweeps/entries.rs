@@ -10,21 +10,21 @@ pub(crate) struct Entries<T: Real, C: ColumnsOf<T>> {
     pub numbers: Vec<C::Entry>,
     /// In lanes: which of those stands at each place of the matrix.
     chosen: Vec<u32>,
-    pub(super) is_made: bool,
+    pub(in crate::dynamics) is_made: bool,
     /// Whether there are entries that nothing is written to.
     has_gaps: bool,
     /// Zero where every entry is finite, else NaN; where they were looked at.
-    pub(super) fault: C,
+    pub(in crate::dynamics) fault: C,
 }
 
 impl<T: Real, C: ColumnsOf<T>> Entries<T, C> {
     /// None yet.
-    pub(super) fn new() -> Self {
+    pub(in crate::dynamics) fn new() -> Self {
         Self { numbers: Vec::new(), chosen: Vec::new(), is_made: false, has_gaps: false, fault: C::zero() }
     }
 
     /// Makes them, zeros: as many as `choices` says, and what is chosen from them.
-    pub(super) fn make(&mut self, has_gaps: bool, choices: impl FnOnce() -> (u32, Vec<u32>)) {
+    pub(in crate::dynamics) fn make(&mut self, has_gaps: bool, choices: impl FnOnce() -> (u32, Vec<u32>)) {
         (self.is_made, self.has_gaps) = (true, has_gaps);
         if T::LANES > 1 {
             let (count, chosen) = choices();
@@ -34,7 +34,7 @@ impl<T: Real, C: ColumnsOf<T>> Entries<T, C> {
 
     /// Before a state: none was looked at, and of one state those are zero in `out` that nothing is written to.
     #[inline(always)]
-    pub(super) fn begin(&mut self, out: &mut [C::Entry]) {
+    pub(in crate::dynamics) fn begin(&mut self, out: &mut [C::Entry]) {
         self.fault = self.zero();
         if T::LANES == 1 && self.has_gaps {
             out.fill(C::kept(T::zero()));
@@ -43,7 +43,7 @@ impl<T: Real, C: ColumnsOf<T>> Entries<T, C> {
 
     /// Zero of their kind: any other way asks the processor each time.
     #[inline(always)]
-    pub(super) fn zero(&self) -> C {
+    pub(in crate::dynamics) fn zero(&self) -> C {
         self.fault.constant(0.0)
     }
 

@@ -3,12 +3,14 @@
 use crate::spatial::transform::Axis;
 
 // What the macros name, as `joint::...`.
-pub(super) use super::rows::{AboutZ, AlongZ, AnyRows, Six};
-pub(super) use crate::spatial::transform::{Axial, Base, ObliqueRotation, Order, PARENT_FRAME, Prismatic, about};
+pub(in crate::dynamics) use super::rows::{AboutZ, AlongZ, AnyRows, Six};
+pub(in crate::dynamics) use crate::spatial::transform::{
+    Axial, Base, ObliqueRotation, Order, PARENT_FRAME, Prismatic, about,
+};
 
 /// What a revolute joint turns about.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum JointAxis {
+pub(in crate::dynamics) enum JointAxis {
     /// An axis of its parent's frame.
     Aligned(Axis),
     /// Another: the place of its constant rotation among all.
@@ -27,7 +29,7 @@ impl JointAxis {
 
 /// Which [`Transform`](crate::spatial::transform::Transform) a joint has; numbers are places among those of its kind.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Joint {
+pub(in crate::dynamics) enum Joint {
     /// A revolute joint.
     Axial(JointAxis),
     /// A prismatic joint whose rotation is constant angles: its place among shifts, and among slides.
@@ -66,7 +68,7 @@ macro_rules! with_axial {
         }
     };
 }
-pub(super) use with_axial;
+pub(in crate::dynamics) use with_axial;
 
 /// Does `$do` with the transform and the rows of the joint of a body.
 macro_rules! with_joint {
@@ -94,7 +96,7 @@ macro_rules! with_joint {
         }
     };
 }
-pub(super) use with_joint;
+pub(in crate::dynamics) use with_joint;
 
 /// Does `$do` with the rows of the joint of a body.
 macro_rules! with_rows {
@@ -115,4 +117,4 @@ macro_rules! with_rows {
         }
     };
 }
-pub(super) use with_rows;
+pub(in crate::dynamics) use with_rows;

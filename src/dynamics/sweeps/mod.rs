@@ -11,23 +11,24 @@
 //! - Bodies at equal depth come one after another: they do not wait for each other.
 
 mod accelerations;
-mod body;
+pub(super) mod body;
+pub(super) mod column_layout;
 mod entries;
 mod filter;
 mod frames;
 mod inverse_columns;
 mod inverse_product;
-mod joint;
+pub(super) mod joint;
 mod mass_columns;
 mod mass_inverse;
 mod mass_matrix;
-mod model;
-mod motion;
+pub(super) mod model;
+pub(super) mod motion;
 mod predict;
 mod renaming;
 mod root_filter;
 mod rows;
-mod scratch;
+pub(super) mod scratch;
 mod slots;
 mod spin;
 mod tiles;
@@ -45,7 +46,7 @@ pub(crate) use scratch::{SweepScratch, bytes};
 pub(crate) use watch::{Look, factor_watched, forward_dynamics_watched};
 
 use super::forces::Motion;
-use crate::algorithm::Algorithm;
+use crate::algorithm::{Algorithm, Derivatives};
 use crate::filter::Form;
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::rounding::Reach;
@@ -57,7 +58,9 @@ use nalgebra::Vector6;
 pub(crate) fn covers(algorithm: Algorithm) -> bool {
     !matches!(
         algorithm,
-        Algorithm::ForwardDynamics(Form::Joseph) | Algorithm::MassMatrixInverse(Form::SquareRoot | Form::Joseph)
+        Algorithm::ForwardDynamics(Form::Joseph)
+            | Algorithm::MassMatrixInverse(Form::SquareRoot | Form::Joseph)
+            | Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::SquareRoot | Form::Joseph))
     )
 }
 

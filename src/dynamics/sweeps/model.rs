@@ -29,7 +29,7 @@ fn with_all_outboard<V: Copy>(parents: &[Option<usize>], mut values: Vec<V>, joi
 
 /// Tells bodies, in the order of the rows, how many rows there are inward of them. Gives the steps that M^-1 by
 /// its rows takes, and how many rows the longest path from the base has.
-fn measure_paths<N>(model: &Model<f64>, bodies: &mut [SweepBody<N>]) -> (usize, usize) {
+fn measure_paths<N, T: Real>(model: &Model<T>, bodies: &mut [SweepBody<N>]) -> (usize, usize) {
     let (mut steps, mut longest_path) = (0, 0);
     for k in 0..bodies.len() {
         let count = |k: usize| model.system.stages[k].rows.count();
@@ -52,25 +52,25 @@ fn root_in(frame: &Matrix3<f64>, root: Option<&BodyRoot<f64>>) -> BodyRoot<f64> 
 /// The bodies of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SweepModel<T: Real> {
-    pub(super) bodies: Vec<SweepBody<T::Parameter>>,
+    pub(in crate::dynamics) bodies: Vec<SweepBody<T::Parameter>>,
     /// The bodies in the order of the sweeps; none where that is theirs.
-    pub(super) reordered: Vec<SweepBody<T::Parameter>>,
+    pub(in crate::dynamics) reordered: Vec<SweepBody<T::Parameter>>,
     /// Those of oblique axes, and of prismatic joints.
-    pub(super) constant_rotations: Vec<ConstantRotation<T::Parameter>>,
-    pub(super) slides: Vec<ConstantSlide<T::Parameter>>,
+    pub(in crate::dynamics) constant_rotations: Vec<ConstantRotation<T::Parameter>>,
+    pub(in crate::dynamics) slides: Vec<ConstantSlide<T::Parameter>>,
     /// What the square-root form needs of them, in the order of the sweeps: NaN of a body that has no root, or whose
     /// spin needs a force outside of it.
-    pub(super) roots: Vec<BodyRoot<T::Parameter>>,
+    pub(in crate::dynamics) roots: Vec<BodyRoot<T::Parameter>>,
     /// Those that are not on a revolute joint, whole: the frames of those that do not slide are the model's, those of their parents need not be.
-    pub(super) shifting: Vec<Body<T>>,
+    pub(in crate::dynamics) shifting: Vec<Body<T>>,
     /// Those on a revolute joint, in the order of the sweeps.
-    pub(super) turning: Vec<Turning<T::Parameter>>,
+    pub(in crate::dynamics) turning: Vec<Turning<T::Parameter>>,
     /// How many slots there are in the order of the sweeps.
-    pub(super) swept_slots: SlotCounts,
+    pub(in crate::dynamics) swept_slots: SlotCounts,
     /// Whether M^-1 is its factors multiplied out.
-    pub(super) is_shallow: bool,
+    pub(in crate::dynamics) is_shallow: bool,
     /// As many rows has the longest path from the base.
-    pub(super) longest_path: usize,
+    pub(in crate::dynamics) longest_path: usize,
 }
 
 /// The bodies that are carried by any shift, and what carries those that turn, by their places in the sweeps.
@@ -89,6 +89,61 @@ fn by_kind<T: Real>(framed: &Framed, whole: &Model<T>, at: &[usize]) -> (Vec<Bod
     let mut turning: Vec<_> = of_kind(true).map(turning_of).collect();
     turning.sort_by_key(|turning| turning.place);
     (shifting, turning)
+}
+
+impl<T: Real<Parameter = T>> SweepModel<T> {
+    /// The bodies in the model's own order and frames, each carried by its shift, for any scalar of one lane. Roots are left out: what is computed by them has a
+    /// recursion of its own.
+    pub fn general(model: &Model<T>) -> Self {
+        let stages = &model.system.stages;
+        let parents: Vec<_> = stages.iter().map(|stage| stage.parent).collect();
+        let order: Vec<usize> = (0..parents.len()).collect();
+        let swept = Ordered::new(&parents, &order);
+        let end_rows = stages.iter().map(|stage| stage.first_row + stage.rows.count()).collect();
+        let end_row = with_all_outboard(&parents, end_rows, usize::max);
+        let last_child = last_children(&parents);
+        let none = Offset { entries: [T::zero(); 3], square: T::zero() };
+        let bodies = model.bodies.iter().zip(stages).enumerate().map(|(k, (body, stage))| {
+            let scale = Scale::of_noise(&body.inertia_terms);
+            SweepBody {
+                joint: Joint::General(k),
+                sense: T::one(),
+                frame: Renaming::none(T::one()),
+                index: k,
+                parent: stage.parent,
+                row: stage.first_row,
+                offset: none,
+                offset_at_parent: none,
+                load: Load::of(&body.inertia, |x| x),
+                scale: [scale.angular, scale.linear],
+                terms: body.inertia_terms.into(),
+                is_definite: false,
+                hangs_on_definite: false,
+                places: swept.places[k],
+                is_leaf: last_child[k].is_none(),
+                first_axial: 0,
+                next_axial: 0,
+                carries_others: false,
+                depth: 0,
+                end_row: end_row[k],
+            }
+        });
+        let mut bodies: Vec<_> = bodies.collect();
+        let (steps, longest_path) = measure_paths(model, &mut bodies);
+        link_children(&mut bodies);
+        Self {
+            bodies,
+            reordered: Vec::new(),
+            constant_rotations: Vec::new(),
+            slides: Vec::new(),
+            roots: Vec::new(),
+            shifting: model.bodies.clone(),
+            turning: Vec::new(),
+            swept_slots: swept.slots,
+            is_shallow: steps <= SHALLOW * model.nv().pow(2),
+            longest_path,
+        }
+    }
 }
 
 impl<T: Real> SweepModel<T> {
@@ -150,6 +205,17 @@ impl<T: Real> SweepModel<T> {
         }
     }
 
+    /// Calls with every pair of a row and a column outward of it, its own included: row by row, and by columns.
+    pub(in crate::dynamics) fn each_pair(&self, model: &Model<T>, mut each: impl FnMut(usize, usize)) {
+        for (k, body) in self.bodies.iter().enumerate() {
+            for row in body.row..body.row + model.system.stages[k].rows.count() {
+                for column in row..body.end_row {
+                    each(row, column);
+                }
+            }
+        }
+    }
+
     /// Whether M^-1 is its factors multiplied out.
     pub fn is_shallow(&self) -> bool {
         self.is_shallow
@@ -157,7 +223,7 @@ impl<T: Real> SweepModel<T> {
 
     /// The bodies in the order of the sweeps.
     #[inline(always)]
-    pub(super) fn swept(&self) -> &[SweepBody<T::Parameter>] {
+    pub(in crate::dynamics) fn swept(&self) -> &[SweepBody<T::Parameter>] {
         if self.reordered.is_empty() { &self.bodies } else { &self.reordered }
     }
 }

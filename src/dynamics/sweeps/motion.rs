@@ -20,7 +20,7 @@ use nalgebra::Vector3;
 
 /// The turn or shift of every body at `q`: they wait for nothing. Sines and cosines of as many angles at once as `C` holds.
 #[inline(always)]
-pub(super) fn carriers<T: Real, C: ColumnsOf<T>>(
+pub(in crate::dynamics) fn carriers<T: Real, C: ColumnsOf<T>>(
     sweeps: &SweepModel<T>,
     scratch: &mut SweepScratch<T>,
     like: C,

@@ -5,13 +5,18 @@ use nalgebra::{Matrix3, Vector6};
 
 /// A renaming of axes, from a body's frame in the model to the one that these sweeps have it in, as a table: which entry each becomes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Renaming<N> {
+pub(in crate::dynamics) struct Renaming<N> {
     /// Entry i here is `sign[i]` times entry `from[i]` in the model.
     pub from: [u8; 3],
     pub sign: [N; 3],
 }
 
 impl<N: Copy> Renaming<N> {
+    /// That which changes nothing.
+    pub fn none(one: N) -> Self {
+        Self { from: [0, 1, 2], sign: [one; 3] }
+    }
+
     /// Of a rotation whose entries are zeros and, one in each row and column, 1 or -1.
     #[allow(clippy::cast_possible_truncation)] // below three
     pub fn of(rotation: &Matrix3<f64>, number: impl Fn(f64) -> N) -> Self {

@@ -14,11 +14,11 @@ use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Root6, Symmetric3};
 use nalgebra::Vector3;
 
 /// Angular velocity, angular acceleration and acceleration of the origin (kept for shifts only).
-pub(super) type Moving<T> = [[T; 3]; 3];
+pub(in crate::dynamics) type Moving<T> = [[T; 3]; 3];
 
 /// Of one body, read again by its own later steps only.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct BodyState<T> {
+pub(in crate::dynamics) struct BodyState<T> {
     /// Of a body on a revolute joint.
     pub turn: AxialRotation<T>,
     /// Of a body on a revolute joint until its step outward, the acceleration of its origin in its parent's frame, in the first three. Then b(k), or its coordinates
@@ -28,7 +28,7 @@ pub(super) struct BodyState<T> {
 
 /// What the bodies that hang on one send to it: its own noise and force are added when it is its turn.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Arriving<T> {
+pub(in crate::dynamics) struct Arriving<T> {
     /// 6 + 9 + 6 numbers of the covariance: angular, coupling by rows, linear.
     pub p: [T; 21],
     /// The bounds on their terms, where they follow it.
@@ -44,7 +44,7 @@ impl<T: Real> Arriving<T> {
 
 /// What the watch sends to a body.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct ProbeArriving<T> {
+pub(in crate::dynamics) struct ProbeArriving<T> {
     /// Bounds on the terms of the diagonal of P^-.
     pub terms: [T; 6],
     /// The force of the second right side.
@@ -53,7 +53,7 @@ pub(super) struct ProbeArriving<T> {
 
 /// What the watch has of a body.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Watched<T> {
+pub(in crate::dynamics) struct Watched<T> {
     /// Bounds on the terms of the diagonal of P^-.
     pub terms: [T; 6],
     /// b(k).
@@ -64,7 +64,7 @@ pub(super) struct Watched<T> {
 
 /// A body with some of what hangs on it: the root of P, and z = L y + t.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Rooted<T> {
+pub(in crate::dynamics) struct Rooted<T> {
     pub root: Root6<T>,
     pub y: [T; 6],
     pub t: [T; 6],
@@ -80,7 +80,7 @@ impl<T: Real> Rooted<T> {
 
 /// What the watch has: a second right side, and the bounds.
 #[derive(Debug)]
-pub(super) struct Watching<T> {
+pub(in crate::dynamics) struct Watching<T> {
     /// w of each row.
     pub probe: Vec<T>,
     /// Another one: for a second look, and for where there is no right side.
@@ -99,24 +99,24 @@ pub(super) struct Watching<T> {
 #[derive(Debug)]
 pub(crate) struct SweepScratch<T: Real> {
     /// Of each body.
-    pub(super) own: Vec<BodyState<T>>,
+    pub(in crate::dynamics) own: Vec<BodyState<T>>,
     /// Of those that are not on a revolute joint.
-    pub(super) shifts: Vec<RigidShift<T>>,
+    pub(in crate::dynamics) shifts: Vec<RigidShift<T>>,
     /// In slots, outward.
-    pub(super) motions: Vec<Moving<T>>,
+    pub(in crate::dynamics) motions: Vec<Moving<T>>,
     /// In slots, inward; the first, of a body that nothing hangs on, is always zero.
-    pub(super) arriving: Vec<Arriving<T>>,
+    pub(in crate::dynamics) arriving: Vec<Arriving<T>>,
     /// The same of M.
-    pub(super) composites: Vec<BodyInertia<T>>,
+    pub(in crate::dynamics) composites: Vec<BodyInertia<T>>,
     /// D and g of each row.
-    pub(super) measured: Vec<Measured<T>>,
+    pub(in crate::dynamics) measured: Vec<Measured<T>>,
     /// In slots, outward.
-    pub(super) co_states: Vec<[T; 6]>,
-    pub(super) watching: Watching<T>,
+    pub(in crate::dynamics) co_states: Vec<[T; 6]>,
+    pub(in crate::dynamics) watching: Watching<T>,
     /// Of b(k), what is not in its coordinates.
-    pub(super) added: Vec<[T; 6]>,
+    pub(in crate::dynamics) added: Vec<[T; 6]>,
     /// In slots, inward: what the square-root form has of a body before its measurements; the first is any leaf's while it is its turn.
-    pub(super) rooted: Vec<Rooted<T>>,
+    pub(in crate::dynamics) rooted: Vec<Rooted<T>>,
 }
 
 impl<T: Real> SweepScratch<T> {
@@ -207,6 +207,8 @@ pub(crate) fn bytes(sweeps: &SweepModel<f64>, nv: usize, algorithm: Algorithm) -
             filter + watching + product + nv * size_of::<f64>() + bodies * size_of::<[f64; 6]>()
         }
         Algorithm::MassMatrixInverse(_) => filter + product,
+        // The three matrices and their columns; what else there is is small beside it.
+        Algorithm::Derivatives(_) => motions + filter + product + 3 * nv * nv * size_of::<f64>(),
     };
     [model, noise + shifts + turns + swept]
 }

@@ -4,7 +4,7 @@
 const INTERLEAVED: usize = 500;
 
 /// How many bodies there are between each and the base.
-pub(super) fn bodies_inward(parents: &[Option<usize>]) -> Vec<usize> {
+pub(in crate::dynamics) fn bodies_inward(parents: &[Option<usize>]) -> Vec<usize> {
     let mut counts: Vec<usize> = Vec::with_capacity(parents.len());
     for parent in parents {
         counts.push(parent.map_or(0, |parent| counts[parent] + 1));
@@ -14,7 +14,7 @@ pub(super) fn bodies_inward(parents: &[Option<usize>]) -> Vec<usize> {
 
 /// The order of the sweeps, parents first: those at equal depth one after another, for they do not wait for each
 /// other, and what a body waits for was done a while ago.
-pub(super) fn interleaved(parents: &[Option<usize>]) -> Vec<usize> {
+pub(in crate::dynamics) fn interleaved(parents: &[Option<usize>]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..parents.len()).collect();
     if parents.len() <= INTERLEAVED {
         let bodies_inward = bodies_inward(parents);
@@ -72,7 +72,7 @@ impl Slots {
 
 /// Where a body's vectors are, in one order of the bodies.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Places {
+pub(in crate::dynamics) struct Places {
     /// Its place and its parent's, outward; 0 is the base's.
     pub outward: usize,
     pub parent_outward: usize,
@@ -87,13 +87,13 @@ pub(super) struct Places {
 
 /// How many slots there are; the first is the base's outward, and nothing's inward.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct SlotCounts {
+pub(in crate::dynamics) struct SlotCounts {
     pub outward: usize,
     pub inward: usize,
 }
 
 /// The bodies in one order, which has parents first.
-pub(super) struct Ordered {
+pub(in crate::dynamics) struct Ordered {
     /// Where each body is in it.
     pub at: Vec<usize>,
     pub places: Vec<Places>,
@@ -123,7 +123,7 @@ impl Ordered {
 }
 
 /// The last child of each body.
-pub(super) fn last_children(parents: &[Option<usize>]) -> Vec<Option<usize>> {
+pub(in crate::dynamics) fn last_children(parents: &[Option<usize>]) -> Vec<Option<usize>> {
     let mut last = vec![None; parents.len()];
     for (k, parent) in parents.iter().enumerate() {
         if let Some(parent) = *parent {

@@ -13,7 +13,7 @@ macro_rules! splat {
 
 /// A body as its force sees it.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Load<N> {
+pub(in crate::dynamics) struct Load<N> {
     /// Mass, first moment, rotational inertia about the origin.
     pub mass: N,
     pub first_moment: [N; 3],
@@ -24,20 +24,20 @@ pub(super) struct Load<N> {
 
 impl<N> Load<N> {
     /// Of a body with this inertia.
-    pub fn of(inertia: &BodyInertia<f64>, number: impl Fn(f64) -> N) -> Self {
+    pub fn of<M: Real>(inertia: &BodyInertia<M>, number: impl Fn(M) -> N) -> Self {
         let BodyInertia { mass, first_moment, rotational } = inertia;
         let [xx, _, _, yy, _, zz] = rotational.entries;
         Self {
             mass: number(*mass),
             first_moment: [number(first_moment[0]), number(first_moment[1]), number(first_moment[2])],
             rotational: rotational.entries.map(&number),
-            differences: [zz - yy, xx - zz, yy - xx].map(number),
+            differences: [zz - yy, xx - zz, yy - xx].map(&number),
         }
     }
 }
 
 /// How the acceleration of a body's points varies in it: U = dw~ + w~ w~.
-pub(super) struct Spin<T> {
+pub(in crate::dynamics) struct Spin<T> {
     /// Of U the entries yz, zx, xy, and zy, xz, yx.
     after: [T; 3],
     before: [T; 3],
@@ -125,7 +125,7 @@ impl<T: Real> Spin<T> {
 
 /// (I dw + w x I w + m p x a, m a + U m p).
 #[inline(always)]
-pub(super) fn force_of<T: Real>(load: &Load<T::Parameter>, spin: &Spin<T>, a: [T; 3]) -> [T; 6] {
+pub(in crate::dynamics) fn force_of<T: Real>(load: &Load<T::Parameter>, spin: &Spin<T>, a: [T; 3]) -> [T; 6] {
     let (m, moment) = (a[0].splat(load.mass), spin.moment(load));
     let [x, y, z] = spin.times(load.first_moment);
     let force = [m.mul_add(a[0], x), m.mul_add(a[1], y), m.mul_add(a[2], z)];
@@ -135,7 +135,7 @@ pub(super) fn force_of<T: Real>(load: &Load<T::Parameter>, spin: &Spin<T>, a: [T
 
 /// y of the force L y that a body of this motion needs, as [`BodyRoot::coordinates`] gives it: linear entries first.
 #[inline(always)]
-pub(super) fn coordinates_of<T: Real>(root: &BodyRoot<T::Parameter>, spin: &Spin<T>, a: [T; 3]) -> [T; 6] {
+pub(in crate::dynamics) fn coordinates_of<T: Real>(root: &BodyRoot<T::Parameter>, spin: &Spin<T>, a: [T; 3]) -> [T; 6] {
     let like = a[0];
     let o = like.constant(0.0);
     // The acceleration of the mass centre.

@@ -92,6 +92,16 @@ impl<T: Real, R: Rotates<T>, A: Axes> Transform<T> for Axial<T, R, A> {
     }
 
     #[inline(always)]
+    fn rotate_to_parent(&self, v: [T; 3]) -> [T; 3] {
+        self.axes.vector(self.rotation.rotate(v))
+    }
+
+    #[inline(always)]
+    fn offset_at_parent(&self) -> [T; 3] {
+        self.axes.vector(self.offset.entries)
+    }
+
+    #[inline(always)]
     fn send_force(&self, z: &[T; 6], begins: bool, sum: &mut [T; 6]) {
         self.axes.send_vector(&self.in_joint_frame(z), begins, sum);
     }

@@ -15,6 +15,16 @@ impl<T: Real> Transform<T> for Base<T> {
     }
 
     #[inline(always)]
+    fn rotate_to_parent(&self, v: [T; 3]) -> [T; 3] {
+        v
+    }
+
+    #[inline(always)]
+    fn offset_at_parent(&self) -> [T; 3] {
+        [self.0.constant(0.0); 3]
+    }
+
+    #[inline(always)]
     fn send_force(&self, _z: &[T; 6], _begins: bool, _sum: &mut [T; 6]) {}
 
     #[inline(always)]

@@ -4,12 +4,22 @@ use super::covariance::{packed, unpacked};
 use super::{TERMS_SPREAD, Transform, accumulate};
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, RigidShift, Root6, RootColumns};
-use nalgebra::Vector6;
+use nalgebra::{Vector3, Vector6};
 
 impl<T: Real> Transform<T> for RigidShift<T> {
     #[inline(always)]
     fn offset_square(&self) -> T {
         self.lever_square()
+    }
+
+    #[inline(always)]
+    fn rotate_to_parent(&self, [x, y, z]: [T; 3]) -> [T; 3] {
+        self.rotate(&Vector3::new(x, y, z)).into()
+    }
+
+    #[inline(always)]
+    fn offset_at_parent(&self) -> [T; 3] {
+        self.lever.into()
     }
 
     #[inline(always)]

@@ -48,6 +48,12 @@ pub(crate) trait Transform<T: Real> {
     /// l . l of the offset l from the parent's origin to the body's, m^2.
     fn offset_square(&self) -> T;
 
+    /// R v: a free vector of the child's frame in the parent's.
+    fn rotate_to_parent(&self, v: [T; 3]) -> [T; 3];
+
+    /// The offset l from the parent's origin to the child's, in the parent's frame.
+    fn offset_at_parent(&self) -> [T; 3];
+
     /// Adds phi z: the force z (moment, force) at the parent's origin, in its frame.
     fn send_force(&self, z: &[T; 6], begins: bool, sum: &mut [T; 6]);
 

@@ -73,6 +73,16 @@ impl<T: Real> Transform<T> for Prismatic<'_, T> {
     }
 
     #[inline(always)]
+    fn rotate_to_parent(&self, v: [T; 3]) -> [T; 3] {
+        self.shift.rotate_to_parent(v)
+    }
+
+    #[inline(always)]
+    fn offset_at_parent(&self) -> [T; 3] {
+        self.shift.offset_at_parent()
+    }
+
+    #[inline(always)]
     fn send_force(&self, z: &[T; 6], begins: bool, sum: &mut [T; 6]) {
         self.shift.send_force(z, begins, sum);
     }

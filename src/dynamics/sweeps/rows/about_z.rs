@@ -12,11 +12,11 @@ use crate::spatial::{Root6, absolute};
 use nalgebra::Vector6;
 
 /// The entry that H picks.
-pub(in crate::dynamics::sweeps) const ABOUT_Z: usize = 2;
+pub(in crate::dynamics) const ABOUT_Z: usize = 2;
 
 /// One row; rate, acceleration and torque of the joint are those about z, times its sense, which is 1 or -1.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::dynamics::sweeps) struct AboutZ<'a, T: Real> {
+pub(in crate::dynamics) struct AboutZ<'a, T: Real> {
     row: usize,
     sense: T::Parameter,
     system: &'a System<T>,
@@ -224,7 +224,7 @@ fn but_along<T: Real>(x: T, g: &[T; 6], y: &[T; 6]) -> T {
 
 /// g* y, in two chains of products.
 #[inline(always)]
-pub(in crate::dynamics::sweeps) fn along<T: Real>(g: &[T; 6], y: &[T; 6]) -> T {
+pub(in crate::dynamics) fn along<T: Real>(g: &[T; 6], y: &[T; 6]) -> T {
     let turning = g[0].mul_add(y[0], g[1].mul_add(y[1], g[2] * y[2]));
     let moving = g[3].mul_add(y[3], g[4].mul_add(y[4], g[5] * y[5]));
     turning + moving

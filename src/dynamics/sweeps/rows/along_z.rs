@@ -11,7 +11,7 @@ use nalgebra::Vector6;
 
 /// One row.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::dynamics::sweeps) struct AlongZ<'a, T: Real>(pub &'a System<T>, pub usize);
+pub(in crate::dynamics) struct AlongZ<'a, T: Real>(pub &'a System<T>, pub usize);
 
 impl<T: Real> Measures<T> for AlongZ<'_, T> {
     type Gains = Measured<T>;

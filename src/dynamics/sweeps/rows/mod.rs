@@ -7,9 +7,9 @@ mod about_z;
 mod along_z;
 mod six;
 
-pub(super) use about_z::{ABOUT_Z, AboutZ, along};
-pub(super) use along_z::AlongZ;
-pub(super) use six::{PICKED, Six, picked};
+pub(in crate::dynamics) use about_z::{ABOUT_Z, AboutZ, along};
+pub(in crate::dynamics) use along_z::AlongZ;
+pub(in crate::dynamics) use six::{PICKED, Six, picked};
 
 use crate::filter::cancellation::{Cancellation, Swept};
 use crate::filter::pivots::{PivotMonitor, Scale};
@@ -23,10 +23,10 @@ use crate::spatial::transform::{packed, unpacked};
 use nalgebra::Vector6;
 
 /// z = L y + t of a body, in square-root form.
-pub(super) type RootMean<'a, T> = (&'a mut [T; 6], &'a mut Vector6<T>);
+pub(in crate::dynamics) type RootMean<'a, T> = (&'a mut [T; 6], &'a mut Vector6<T>);
 
 /// The rows of one joint. Slices hold a number, or D and g, of every row of the scene.
-pub(super) trait Measures<T: Real> {
+pub(in crate::dynamics) trait Measures<T: Real> {
     /// D and g, where they are not written at once.
     type Gains;
 
@@ -128,7 +128,7 @@ fn diagonal<T: Real>(p: &[T; 21]) -> [T; 6] {
 
 /// The rows of any joint, one after another as the filter has them.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct AnyRows<'a, T: Real>(pub &'a System<T>, pub usize);
+pub(in crate::dynamics) struct AnyRows<'a, T: Real>(pub &'a System<T>, pub usize);
 
 impl<T: Real> Measures<T> for AnyRows<'_, T> {
     type Gains = ();

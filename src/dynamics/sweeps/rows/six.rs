@@ -12,11 +12,11 @@ use nalgebra::Vector6;
 use std::ops::Range;
 
 /// The component that each row picks: linear, then angular. They are measured last first.
-pub(in crate::dynamics::sweeps) const PICKED: [usize; 6] = [3, 4, 5, 0, 1, 2];
+pub(in crate::dynamics) const PICKED: [usize; 6] = [3, 4, 5, 0, 1, 2];
 
 /// The components of a vector in the order of the rows.
 #[inline(always)]
-pub(in crate::dynamics::sweeps) fn picked<N: Copy>(v: &[N; 6]) -> [N; 6] {
+pub(in crate::dynamics) fn picked<N: Copy>(v: &[N; 6]) -> [N; 6] {
     let [a, b, c, d, e, f] = PICKED;
     [v[a], v[b], v[c], v[d], v[e], v[f]]
 }
@@ -36,7 +36,7 @@ const fn place(i: usize, j: usize) -> usize {
 
 /// Six rows, the first of them among those of the scene.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::dynamics::sweeps) struct Six<'a, T: Real> {
+pub(in crate::dynamics) struct Six<'a, T: Real> {
     system: &'a System<T>,
     k: usize,
     first: usize,

@@ -1,0 +1,272 @@
+//! Derivatives of as many states as a scalar has lanes.
+
+use super::accelerations;
+use super::arms::{Entry, Target, Vectorised, Work};
+use crate::algorithm::Derivatives;
+use crate::dynamics::auto;
+use crate::dynamics::derivatives::{DerivativeColumns, Kept, Matrices, Product, in_sweeps};
+use crate::dynamics::forces::Motion;
+use crate::dynamics::sweeps::{self, InverseColumns, SweepModel, SweepScratch};
+use crate::filter::Form;
+use crate::model::Model;
+use crate::scalar::{ColumnsOf, Real, lanes_but};
+use nalgebra::Vector6;
+
+/// What they need beside the scratch of the dynamics; made when derivatives are first asked for.
+#[derive(Debug)]
+pub(super) struct DerivativeKernel<T: Vectorised> {
+    kept: Kept<T>,
+    columns: DerivativeColumns<T, T::Columns>,
+    product: Product<T, T::Columns>,
+    /// The accelerations of the state.
+    qdd: Vec<T>,
+    /// In lanes, and where not all of them are asked for, the three matrices.
+    matrices: Vec<Entry<T>>,
+    /// Each of those, in order.
+    all: Vec<u32>,
+}
+
+impl<T: Vectorised> DerivativeKernel<T> {
+    #[cold]
+    pub fn new(model: &Model<T>, sweeps: &SweepModel<T>) -> Self {
+        let (nv, nan) = (model.nv(), T::from_f64(f64::NAN));
+        let mut columns = DerivativeColumns::new();
+        columns.prepare(model, sweeps);
+        let size = 3 * nv * nv;
+        Self {
+            kept: Kept::new(sweeps, nv),
+            columns,
+            product: Product::new(),
+            qdd: vec![nan; nv],
+            matrices: vec![T::Columns::kept(nan); size],
+            all: (0..).take(size).collect(),
+        }
+    }
+}
+
+/// What a call reads and writes.
+pub(super) struct Call<'a, T: Vectorised> {
+    pub scene: (&'a Model<T>, &'a SweepModel<T>),
+    pub scratch: (&'a mut SweepScratch<T>, &'a mut InverseColumns<T, T::Columns>),
+    pub kernel: &'a mut DerivativeKernel<T>,
+    /// (q, qd, u).
+    pub state: (&'a [T], &'a [T], &'a [T]),
+    pub wrenches: &'a [Vector6<T>],
+    pub out: &'a mut [T::Number],
+}
+
+/// Writes the matrices; gives the lanes in doubt as bits, numbers that are not finite among them.
+#[inline(always)]
+pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call: Call<'_, T>) -> u64 {
+    let Call { scene, scratch: (scratch, inverse), kernel, state: (q, qd, u), wrenches, out } = call;
+    let DerivativeKernel { kept, columns, product, qdd, matrices, all } = kernel;
+    let (size, form) = (matrices.len(), if let Derivatives::ForwardDynamics(form) = which { Some(form) } else { None });
+    let mut doubt = 0;
+    if let Some(form) = form {
+        if !matches!(form, Form::Auto | Form::Covariance) || !scene.1.is_shallow() {
+            return u64::MAX;
+        }
+        if form == Form::Auto {
+            // Judged by right sides that are made up, for the columns are many: by the torques alone more would pass.
+            doubt = factor_watched(target, scene, scratch, (q, qdd));
+        }
+        let call = accelerations::Call { scene, scratch, state: (q, qd, u), wrenches, qdd };
+        doubt |= accelerations::by_covariance(target, call);
+    }
+    let (kind, qdd) = match which {
+        Derivatives::InverseDynamics => (Matrices::Derivatives, Some(u)),
+        Derivatives::ForwardDynamics(_) => (Matrices::Derivatives, Some(&qdd[..])),
+        Derivatives::CoriolisMatrix | Derivatives::MassMatrix => (Matrices::Coriolis, None),
+    };
+    let motion = Motion { q, qd, qdd, wrenches };
+    let entries = columns.prepare(scene.0, scene.1);
+    let mut numbers = std::mem::take(&mut entries.numbers);
+    // Of one state where they belong, if all of them are asked for.
+    let is_whole = which.count() == 3;
+    let to = if T::LANES > 1 {
+        &mut numbers[..]
+    } else if is_whole {
+        T::entries_in(&mut *matrices, out)
+    } else {
+        &mut matrices[..]
+    };
+    of_torques(target, scene, (scratch, kept, columns), (motion, kind), to);
+    let mut fault = T::zero();
+    if form.is_some() {
+        if let Some(tiles) = inverse.prepare(scene.0, scene.1) {
+            let mut of_inverse = std::mem::take(&mut tiles.numbers);
+            if T::LANES > 1 {
+                multiplied_out(target, scene, (scratch, inverse), &mut of_inverse);
+                let chosen = columns.chosen();
+                for (entry, &at) in matrices.iter_mut().zip(&chosen[..size / 3 * 2]) {
+                    *entry = numbers[at as usize];
+                }
+                if let Some(tiles) = inverse.prepare(scene.0, scene.1) {
+                    for (entry, &at) in matrices[size / 3 * 2..].iter_mut().zip(tiles.chosen()) {
+                        *entry = of_inverse[at as usize];
+                    }
+                    tiles.numbers = of_inverse;
+                }
+            } else {
+                let to = T::entries_in(&mut *matrices, out);
+                multiplied_out(target, scene, (scratch, inverse), &mut to[size / 3 * 2..]);
+            }
+        }
+        let to = if T::LANES > 1 { &mut matrices[..] } else { T::entries_in(&mut *matrices, out) };
+        let cancels = times_inverse(target, scene, (columns.like(), product), to);
+        if form == Some(Form::Auto) {
+            doubt |= cancels;
+        }
+        fault += not_finite::<T>(columns.like(), to);
+        if T::LANES > 1 {
+            T::put_entries(matrices, all, out);
+        }
+    } else if T::LANES > 1 {
+        fault += not_finite::<T>(columns.like(), &numbers);
+        let chosen = columns.chosen();
+        T::put_entries(&numbers, if is_whole { chosen } else { &chosen[size / 3..size / 3 * 2] }, out);
+    } else if is_whole {
+        fault += not_finite::<T>(columns.like(), T::entries_in(&mut *matrices, out));
+    } else {
+        let asked = &matrices[size / 3..size / 3 * 2];
+        fault += not_finite::<T>(columns.like(), asked);
+        for (out, &entry) in out.iter_mut().zip(asked) {
+            *out = T::Columns::taken(entry).lanes()[0];
+        }
+    }
+    columns.prepare(scene.0, scene.1).numbers = numbers;
+    for lane in 0..T::LANES {
+        doubt |= u64::from(fault.lane(lane) != 0.0) << lane;
+    }
+    doubt
+}
+
+/// Zero where all are finite, else NaN: blocks of them at once, in sums that do not wait for each other.
+#[inline(always)]
+fn not_finite<T: Vectorised>(like: T::Columns, entries: &[Entry<T>]) -> T {
+    let (mut sums, zero, width) = ([like; 4], like.constant(0.0), T::Columns::COLUMNS);
+    let (whole, mut fault) = (entries.chunks_exact(width), T::zero());
+    for &entry in whole.remainder() {
+        fault = T::Columns::taken(entry).mul_add(T::zero(), fault);
+    }
+    for (i, block) in whole.enumerate() {
+        sums[i % 4] = like.load(block).mul_add(zero, sums[i % 4]);
+    }
+    let [a, b, c, d] = sums;
+    let all = (a + b) + (c + d);
+    for column in 0..width {
+        fault += all.column(column);
+    }
+    fault
+}
+
+/// dtau/dq, dtau/dqd and M, or the Coriolis matrix: compiled once for all that asks for them.
+#[inline(never)]
+fn of_torques<T: Vectorised, I: Target>(
+    target: I,
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: (&mut SweepScratch<T>, &mut Kept<T>, &mut DerivativeColumns<T, T::Columns>),
+    state: (Motion<'_, T>, Matrices),
+    out: &mut [Entry<T>],
+) {
+    target.within(OfTorques(scene, scratch, state, out));
+}
+
+struct OfTorques<'a, T: Vectorised>(
+    (&'a Model<T>, &'a SweepModel<T>),
+    (&'a mut SweepScratch<T>, &'a mut Kept<T>, &'a mut DerivativeColumns<T, T::Columns>),
+    (Motion<'a, T>, Matrices),
+    &'a mut [Entry<T>],
+);
+
+impl<T: Vectorised> Work for OfTorques<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self(scene, scratch, (state, matrices), out) = self;
+        in_sweeps(scene, scratch, state, matrices, out);
+    }
+}
+
+/// The factor of M, watched; the lanes in doubt. Compiled once for all that asks for it.
+#[inline(never)]
+pub(super) fn factor_watched<T: Vectorised, I: Target>(
+    target: I,
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    state: (&[T], &mut [T]),
+) -> u64 {
+    target.within(FactorWatched(scene, scratch, state))
+}
+
+struct FactorWatched<'a, T: Vectorised>(
+    (&'a Model<T>, &'a SweepModel<T>),
+    &'a mut SweepScratch<T>,
+    (&'a [T], &'a mut [T]),
+);
+
+impl<T: Vectorised> Work for FactorWatched<'_, T> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let Self(scene, scratch, (q, estimates)) = self;
+        let watched = auto::factor_watched_in_sweeps::<T, T::Columns>(scene, scratch, q, estimates);
+        lanes_but::<T>(|lane| watched.kept(lane))
+    }
+}
+
+/// M^-1 of the factor in the scratch; compiled once for all that asks for it.
+#[inline(never)]
+pub(super) fn multiplied_out<T: Vectorised, I: Target>(
+    target: I,
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: (&SweepScratch<T>, &mut InverseColumns<T, T::Columns>),
+    out: &mut [Entry<T>],
+) {
+    target.within(MultipliedOut(scene, scratch, out));
+}
+
+struct MultipliedOut<'a, T: Vectorised>(
+    (&'a Model<T>, &'a SweepModel<T>),
+    (&'a SweepScratch<T>, &'a mut InverseColumns<T, T::Columns>),
+    &'a mut [Entry<T>],
+);
+
+impl<T: Vectorised> Work for MultipliedOut<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self(scene, (scratch, columns), out) = self;
+        sweeps::multiplied_out::<T, T::Columns, true>(scene, scratch, columns, out);
+    }
+}
+
+/// -M^-1 times both derivatives, in their places; the lanes in which digits cancel.
+#[inline(never)]
+fn times_inverse<T: Vectorised, I: Target>(
+    target: I,
+    scene: (&Model<T>, &SweepModel<T>),
+    product: (T::Columns, &mut Product<T, T::Columns>),
+    out: &mut [Entry<T>],
+) -> u64 {
+    target.within(TimesInverse(scene, product, out))
+}
+
+struct TimesInverse<'a, T: Vectorised>(
+    (&'a Model<T>, &'a SweepModel<T>),
+    (T::Columns, &'a mut Product<T, T::Columns>),
+    &'a mut [Entry<T>],
+);
+
+impl<T: Vectorised> Work for TimesInverse<'_, T> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let Self(scene, (like, product), out) = self;
+        product.in_place(scene, like, out)
+    }
+}
