@@ -632,6 +632,9 @@ class Scene:
         rotation in the child's frame for spherical joints, (linear, angular) in the child's frame for free joints. Armature is in M alone. Entries of
         joints on different branches are zero.
 
+        out: C-contiguous float64, (..., 3, nv, nv), overlapping no argument, of which the results are views; large batches take half the time into one that was
+        used before.
+
         Returns a phipsi.InverseDynamicsDerivatives (dtau_dq, dtau_dqd, M), each (..., nv, nv), SI units.
 
         Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
@@ -656,6 +659,8 @@ class Scene:
 
         Row i is the acceleration qdd_i; columns as in inverse_dynamics_derivatives, whose results at the accelerations of the state are multiplied by
         M^-1 (6.1).
+
+        out: as in inverse_dynamics_derivatives.
 
         Returns a phipsi.ForwardDynamicsDerivatives (dqdd_dq, dqdd_dqd, Minv), each (..., nv, nv), SI units.
 
@@ -689,12 +694,24 @@ class Scene:
     def coriolis_matrix(
         self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, errors: _Errors = "raise"
     ) -> _Array:
-        """The Coriolis matrix C"""
+        """The Coriolis matrix C: C qd is the torque of the rates alone, and dM/dt - 2 C is antisymmetric.
+
+        q: (..., nq); qd: (..., nv); leading axes broadcast; out and errors as in forward_dynamics. Returns (..., nv, nv), SI units. For joints of one axis it is the one
+        of Christoffel's symbols. Computed in O(N depth).
+
+        Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
 
     def mass_matrix_derivative(
         self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, errors: _Errors = "raise"
     ) -> _Array:
-        """dM/dt"""
+        """dM/dt, how the mass matrix changes along the rates: C + C^T with the Coriolis matrix C.
+
+        q: (..., nq); qd: (..., nv); leading axes broadcast; out and errors as in forward_dynamics. Returns (..., nv, nv), exactly symmetric, SI units. Armature is
+        constant and not in it. Computed in O(N depth).
+
+        Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
 
     def operational_inverse_inertia(
         self,
