@@ -1,10 +1,13 @@
 //! The algorithms as methods of a [`Scene`](crate::Scene): arguments are checked, faults named.
 
+mod centroidal;
 mod derivatives;
 mod estimation;
+mod links;
 pub mod methods;
 pub mod operational;
 mod own;
 
+pub use links::OnLink;
 pub use methods::BodyWrenches;
 pub use operational::TaskFrame;
