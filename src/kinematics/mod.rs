@@ -1,6 +1,6 @@
 //! Where bodies are and how they move, without forces.
 //!
-//! [`outward`] goes base to tip, over all bodies; [`inward`] and [`jacobian`] go from one frame to the base, over the joints that move it, and need
+//! [`outward`] goes base to tip, over all bodies; [`inward`] and [`jacobian`](mod@jacobian) go from one frame to the base, over the joints that move it, and need
 //! no scratch.
 
 pub mod frame;
