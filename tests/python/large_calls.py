@@ -148,6 +148,8 @@ LARGE: dict[str, Large] = {
     "forward_dynamics_derivatives": Large(
         "q", batch(300_000, lambda scene, q: scene.forward_dynamics_derivatives(q, rates(q), rates(q)))
     ),
+    "coriolis_matrix": Large("q", batch(10**6, lambda scene, q: scene.coriolis_matrix(q, rates(q)))),
+    "mass_matrix_derivative": Large("q", batch(10**6, lambda scene, q: scene.mass_matrix_derivative(q, rates(q)))),
     "linearize": Large("q", batch(150_000, lambda scene, q: scene.linearize(q, rates(q), rates(q)))),
     "mass_matrix": Large("q", batch(10**6, lambda scene, q: scene.mass_matrix(q))),
     "mass_matrix, float32": Large("q", batch(2 * 10**6, lambda scene, q: scene.mass_matrix(q, dtype=np.float32))),

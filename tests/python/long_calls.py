@@ -129,6 +129,8 @@ LONG: dict[str, Callable[[], Call]] = {
     "inverse_dynamics_derivatives": batch(30, 10_000, lambda scene, q: scene.inverse_dynamics_derivatives(q, q, q)),
     "forward_dynamics_derivatives": batch(30, 5_000, lambda scene, q: scene.forward_dynamics_derivatives(q, q, q)),
     "forward_dynamics_derivatives, one": of_one(1500, lambda scene, q: scene.forward_dynamics_derivatives(q, q, q)),
+    "coriolis_matrix": batch(30, 30_000, lambda scene, q: scene.coriolis_matrix(q, q)),
+    "mass_matrix_derivative": batch(30, 30_000, lambda scene, q: scene.mass_matrix_derivative(q, q)),
     "placements": batch(7, 400_000, lambda scene, q: scene.placements(q)),
     "jacobian": batch(30, 300_000, lambda scene, q: scene.jacobian(q, "link29")),
     "gravity_torque": batch(300, 200_000, lambda scene, q: scene.gravity_torque(q)),
