@@ -5,6 +5,7 @@ mod estimation;
 pub mod methods;
 pub mod operational;
 mod own;
+mod products;
 
 pub use methods::BodyWrenches;
 pub use operational::TaskFrame;

@@ -35,6 +35,7 @@ mod operational;
 mod output;
 mod parts;
 mod plan;
+mod products;
 mod report;
 mod scene;
 mod scenes;

@@ -1,7 +1,8 @@
 //! What a thread needs to evaluate states, kept between calls.
 
+use super::products::OnBodies;
 use crate::batch::evaluator::{Evaluated, Evaluator};
-use crate::dynamics::derivatives::DerivativeScratch;
+use crate::dynamics::derivatives::{DerivativeScratch, HessianScratch, ProductScratch};
 use crate::dynamics::operational::OperationalScratch;
 use crate::dynamics::{Estimate, EstimateCovariance, EstimateScratch};
 use crate::scalar::MOST_LANES;
@@ -23,6 +24,10 @@ pub(super) struct Scratch {
     pub operational: Option<OperationalScratch<f64>>,
     /// For derivatives only.
     derivatives: Option<DerivativeScratch<f64>>,
+    /// For gradients by what is constant only.
+    products: Option<(ProductScratch<f64>, OnBodies)>,
+    /// For Hessians only.
+    hessians: Option<HessianScratch>,
     /// What runs the kernels in lanes, of float64 and of float32.
     pub evaluator: Option<Evaluator>,
     evaluator_f32: Option<Evaluator<f32>>,
@@ -39,6 +44,8 @@ impl Scratch {
             estimation: None,
             operational: None,
             derivatives: None,
+            products: None,
+            hessians: None,
             evaluator: None,
             evaluator_f32: None,
             forces: vec![Vec::new(); MOST_LANES],
@@ -52,6 +59,24 @@ impl Scratch {
     pub fn for_derivatives(&mut self, scene: &Scene) -> (&mut Workspace<f64>, &mut DerivativeScratch<f64>, &Forces) {
         let derivatives = self.derivatives.get_or_insert_with(|| scene.derivative_scratch());
         (&mut self.workspace, derivatives, &self.forces[0])
+    }
+}
+
+/// What gradients by what is constant need: scratch, room, and the forces on bodies.
+type ForProducts<'a> = (&'a mut Workspace<f64>, &'a mut ProductScratch<f64>, &'a mut OnBodies, &'a Forces);
+
+impl Scratch {
+    /// For a call on gradients by what is constant.
+    pub fn for_products(&mut self, scene: &Scene) -> ForProducts<'_> {
+        let made = || (scene.product_scratch(), OnBodies::new(scene));
+        let (products, on_bodies) = self.products.get_or_insert_with(made);
+        (&mut self.workspace, products, on_bodies, &self.forces[0])
+    }
+
+    /// For a call on Hessians.
+    pub fn for_hessians(&mut self, scene: &Scene) -> (&mut Workspace<f64>, &mut HessianScratch, &Forces) {
+        let hessians = self.hessians.get_or_insert_with(|| scene.hessian_scratch());
+        (&mut self.workspace, hessians, &self.forces[0])
     }
 }
 

@@ -39,7 +39,7 @@ impl PyScene {
             *argument = found;
         }
         let [(q, _), (qd, _), (u, _)] = &arguments;
-        let state = [Arguments { q, qd, u, wrenches: &[] }];
+        let state = [Arguments { q, qd, u, wrenches: &[], ..Arguments::default() }];
         let output = match out {
             Some(out) => Some(Output::given(out, shape, arguments.iter().map(|(_, addresses)| addresses.clone()))?),
             None => None,

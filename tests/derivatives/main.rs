@@ -14,3 +14,4 @@ mod families;
 mod forward;
 mod inverse;
 mod linear;
+mod products;

@@ -123,6 +123,15 @@ LONG: dict[str, Callable[[], Call]] = {
     "inverse_dynamics_derivatives": batch(30, 10_000, lambda scene, q: scene.inverse_dynamics_derivatives(q, q, q)),
     "forward_dynamics_derivatives": batch(30, 5_000, lambda scene, q: scene.forward_dynamics_derivatives(q, q, q)),
     "forward_dynamics_derivatives, one": of_one(1500, lambda scene, q: scene.forward_dynamics_derivatives(q, q, q)),
+    "inverse_dynamics_jvp": batch(30, 200_000, lambda scene, q: scene.inverse_dynamics_jvp(q, q, q, q, q, q)),
+    "forward_dynamics_jvp": batch(30, 100_000, lambda scene, q: scene.forward_dynamics_jvp(q, q, q, q, q, q)),
+    "inverse_dynamics_vjp": batch(30, 200_000, lambda scene, q: scene.inverse_dynamics_vjp(q, q, q, q)),
+    "forward_dynamics_vjp": batch(30, 100_000, lambda scene, q: scene.forward_dynamics_vjp(q, q, q, q)),
+    "forward_dynamics_vjp, parameters": batch(
+        30, 50_000, lambda scene, q: scene.forward_dynamics_vjp(q, q, q, q, parameters=True)
+    ),
+    "inverse_dynamics_hvp": batch(30, 50_000, lambda scene, q: scene.inverse_dynamics_hvp(q, q, q, q, q, q, q)),
+    "forward_dynamics_hvp": batch(30, 30_000, lambda scene, q: scene.forward_dynamics_hvp(q, q, q, q, q, q, q)),
     "placements": batch(7, 400_000, lambda scene, q: scene.placements(q)),
     "jacobian": batch(30, 300_000, lambda scene, q: scene.jacobian(q, "link29")),
     "energy": batch(100, 300_000, lambda scene, q: scene.energy(q, q)),
