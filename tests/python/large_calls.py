@@ -40,7 +40,8 @@ def broadcast(method: str, second: str = "nv") -> Callable[[phipsi.Scene], Call]
 
     def prepare(scene: phipsi.Scene) -> Call:
         first, other = np.zeros((2**14, 1, scene.nq)), np.zeros((2**14, scene.nv if second == "nv" else scene.nq))
-        third = [np.zeros(scene.nv)] if method in ("forward_dynamics", "inverse_dynamics", "estimate") else []
+        others = {"forward_dynamics": 1, "inverse_dynamics": 1, "estimate": 1, "forward_dynamics_jvp": 4, "inverse_dynamics_jvp": 4}
+        third = [np.zeros(scene.nv)] * others.get(method, 0)
         return lambda: getattr(scene, method)(first, other, *third)
 
     return prepare
@@ -143,6 +144,14 @@ LARGE: dict[str, Large] = {
     ),
     "forward_dynamics_derivatives": Large(
         "q", batch(300_000, lambda scene, q: scene.forward_dynamics_derivatives(q, rates(q), rates(q)))
+    ),
+    "inverse_dynamics_jvp": Large("q, qd", broadcast("inverse_dynamics_jvp")),
+    "forward_dynamics_jvp": Large("q, qd", broadcast("forward_dynamics_jvp")),
+    "inverse_dynamics_hvp": Large(
+        "q", batch(10**6, lambda scene, q: scene.inverse_dynamics_hvp(q, rates(q), *[rates(q)] * 5))
+    ),
+    "forward_dynamics_hvp": Large(
+        "q", batch(10**6, lambda scene, q: scene.forward_dynamics_hvp(q, rates(q), *[rates(q)] * 5))
     ),
     "inverse_dynamics_vjp": Large(
         "q", batch(10**6, lambda scene, q: scene.inverse_dynamics_vjp(q, rates(q), rates(q), rates(q)))
