@@ -268,6 +268,7 @@ def alone_text(rows: Sequence[Row]) -> str:
 PARTS = {
     "steps": "One core, ns a step and state",
     "rollouts": "Two cores, ns a step and state of a rollout of 200 steps",
+    "one": "One core, UR5, one state, ns a step, a torque and a step a call from Python",
 }
 
 
@@ -306,7 +307,7 @@ def motion_aims_text(motion: Row) -> str:
     return (
         f"`{mppi['command']}`: {median} ({low} to {high}) thousand states a second, its cost function and the arm's own motion in the time;"
         f" the aim, {aim / 1e3:.0f} thousand, is {'reached' if rate['median'] >= aim else 'missed'}.\n\n"
-        f"Of {len(aimed)} ratios with an aim (issue 6) these fall short:\n\n{table(head, short)}"
+        f"Of {len(aimed)} ratios with an aim (issues 6 and 32) these fall short:\n\n{table(head, short)}"
     )
 
 

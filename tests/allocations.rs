@@ -4,9 +4,11 @@ mod common;
 
 use common::{KINDS_WITH_FIXED, Random, Tree, random_state};
 use nalgebra::Vector6;
+use phipsi::batch::Broadcast;
 use phipsi::dynamics::mass_inverse::InverseScratch;
 use phipsi::dynamics::operational::OperationalScratch;
 use phipsi::dynamics::{Estimate, EstimateCovariance, EstimateScratch, Measurements};
+use phipsi::motion::{Gains, METHODS, Settings, Simulator, Torque};
 use phipsi::{Arguments, Form, Scene, Workspace};
 
 /// What some algorithms need beside the workspace, and where estimates go.
@@ -203,6 +205,43 @@ fn algorithms_write_all_of_their_results() {
                 if name.starts_with("mass") { (nan.matrix, full.matrix) } else { (nan.vector, full.vector) };
             assert!(results.iter().all(|x| x.is_finite()), "{name}");
             assert_eq!(results, others, "{name}");
+        }
+    }
+}
+
+/// One state and seven, everything acting that can act, by every method; the first step makes the scratch.
+#[test]
+fn a_simulator_allocates_nothing_after_its_first_step() {
+    for scene in scenes().take(2) {
+        let state = State::new(&scene, 5);
+        let (nq, nv) = (scene.nq(), scene.nv());
+        for (name, method) in METHODS {
+            let mut settings = Settings { method, ..Settings::new(&scene, 1e-4) };
+            let p = &mut settings.properties;
+            for acting in [&mut p.damping, &mut p.stiffness, &mut p.friction] {
+                acting.fill(0.1);
+            }
+            let (proportional, derivative) = (vec![1.0; nv], vec![0.1; nv]);
+            let (target, target_rate) = (scene.neutral(), vec![0.0; nv]);
+            settings.gains = Some(Gains { proportional, derivative, target, target_rate });
+            for states in [1, 7] {
+                let (q, qd) = (state.q.repeat(states), state.qd.repeat(states));
+                let mut simulator = Simulator::new(&scene, settings.clone(), &q, &qd).unwrap();
+                let batch = [states];
+                let mut step = || {
+                    let torque = Broadcast::new("tau", &state.tau, nv, &[], &batch).unwrap();
+                    simulator.step(&Torque::Constant(torque), 1).unwrap();
+                };
+                step();
+                let seen = allocation_counter::measure(&mut step);
+                assert_eq!(seen.count_total, 0, "{name}, {states} states: {seen:?}");
+                let (start, zero) = (
+                    Broadcast::new("q", &state.q, nq, &[], &batch).unwrap(),
+                    Broadcast::new("qd", &state.qd, nv, &[], &batch).unwrap(),
+                );
+                let seen = allocation_counter::measure(|| simulator.reset(&[0], &start, &zero).unwrap());
+                assert_eq!(seen.count_total, 0, "reset: {seen:?}");
+            }
         }
     }
 }

@@ -2,17 +2,18 @@
 
 Usage: .venv-peers/bin/python benches/peers/motion_peers.py [--passes N] [--seconds S] [--states N]
 
-One process, all in turns, in an order that moves on by one every pass. Three parts:
+One process, all in turns, in an order that moves on by one every pass. Four parts:
 
 steps     one core. phipsi: a batch, 20 steps a call with the last row kept, and one step a call. MuJoCo: one state in a loop in C, which
           is mj_step(nstep=2000) or mujoco.rollout of 2000 steps, whichever is faster here. Pinocchio: a Python loop over pin.aba.
 rollouts  two cores. 200 steps of every state from one call, every step recorded, beside mujoco.rollout with two threads, into arrays
           of its own or given ones, whichever is faster here.
+one       one core, UR5: one state, a torque and a step a call from Python, as a controller does it: simulator.step(tau) beside mj_step.
 MPPI      examples/mppi.py as it stands, on all cores: states a second, with all that is not a rollout in the time.
 
 Contacts and all constraints are off. Before anything is timed, one step of every integrator must agree to 1e-9 between the libraries,
 or with the step from its definition by dense algebra where the two treat springs differently; and so must all rows of the rollouts.
-Where one does not, nothing is reported. Prints tables, writes target/peers/motion.json.
+Where one does not, nothing is reported; 100 steps of UR5 must agree too. Prints tables, writes target/peers/motion.json.
 """
 
 import argparse
@@ -31,7 +32,7 @@ import phipsi
 import pinocchio as pin
 from compare import ROOT, Spread, describe_machine, write_report
 from contestants import mujoco_model, pinocchio_model
-from problems import BATCH_STATES, Array, Problem, problem
+from problems import BATCH_STATES, ONE_STATES, Array, Problem, problem
 from python_peers import Timed, nanoseconds, turns, versions
 
 MODEL = "chain_7"
@@ -45,6 +46,9 @@ COMPARED, FEW = 256, 64
 AGREEMENT = 1e-9
 #: Issue 6: how many times faster a step is, and a rollout; states a second of MPPI.
 AIM_STEP, AIM_ROLLOUT, AIM_MPPI = 20.0, 15.0, 1e5
+#: Issue 32: a step of simulator at most 2 us where mj_step takes 2.6.
+AIM_ONE = 1.3
+ROBOT = "ur5"
 FORMS = ("covariance", "auto")
 MANY = f"simulate, {STEPS} steps a call"
 #: phipsi's methods, and what MuJoCo has beside them. It has nothing like the last two.
@@ -79,7 +83,14 @@ def fail(message: str) -> NoReturn:
 
 
 def contestant(
-    library: str, call: str, key: tuple[str, ...], states: int, loop: Callable[[], Any], threads: int = 1, **more: Any
+    library: str,
+    call: str,
+    key: tuple[str, ...],
+    states: int,
+    loop: Callable[[], Any],
+    threads: int = 1,
+    model: str = MODEL,
+    **more: Any,
 ) -> Contestant:
     """Warm, and with its number of threads set before the clock starts."""
 
@@ -88,7 +99,7 @@ def contestant(
         return nanoseconds(loop, states, seconds)
 
     loop()
-    return Contestant(MODEL, key[0], library, call, states, measure, key=key, **more)
+    return Contestant(model, key[0], library, call, states, measure, key=key, **more)
 
 
 # The same motion in every library
@@ -321,6 +332,40 @@ def rollouts(model: Problem, found: dict[str, float]) -> Iterator[Contestant]:
                 yield contestant("phipsi", call, key, work, simulate, 2, method=method, form=form, aim=aim)
 
 
+def one_by_one(model: Problem, found: dict[str, float]) -> Iterator[Contestant]:
+    """One state, a torque and a step a call."""
+    made = mujoco_of(model, "Euler", False)
+    data, start = mujoco.MjData(made), full_states(model.q[:1], model.qd[:1])[0]
+    torques = list(model.tau)
+
+    def mujoco_steps(count: int = LOOP) -> Array:
+        mujoco.mj_setState(made, data, start, int(mujoco.mjtState.mjSTATE_FULLPHYSICS))
+        for step in range(count):
+            data.qfrc_applied = torques[step % len(torques)]
+            mujoco.mj_step(made, data)
+        return np.concatenate([data.qpos, data.qvel])
+
+    key = ("one", "Euler", "")
+    expected = mujoco_steps(100)
+    for form in FORMS:
+        simulator = model.scene.simulator(model.q[0], model.qd[0], dt=DT, form=form)
+
+        def our_steps(count: int = LOOP, simulator: phipsi.Simulator = simulator) -> Array:
+            simulator.reset(model.q[0], model.qd[0])
+            for step in range(count):
+                simulator.step(torques[step % len(torques)])
+            return np.concatenate([simulator.q, simulator.qd])
+
+        name = f"{model.name}, 100 steps of simulator, {form}"
+        found[name] = float(np.max(np.abs(our_steps(100) - expected)) / np.max(np.abs(expected)))
+        if not found[name] <= AGREEMENT:
+            fail(f"{name}: off by {found[name]:.1e}, more than {AGREEMENT:g}; nothing is timed")
+        yield contestant(
+            "phipsi", "simulator.step(tau)", key, LOOP, our_steps, model=model.name, method="semi-implicit-euler", form=form, aim=AIM_ONE
+        )
+    yield contestant("MuJoCo", "qfrc_applied = tau; mj_step", key, LOOP, mujoco_steps, model=model.name)
+
+
 def mppi(runs: int, cycles: int) -> dict[str, Any]:
     """States a second, as the example prints them; with the threads that a user has."""
     command = [sys.executable, "examples/mppi.py", "--cycles", str(cycles)]
@@ -342,7 +387,7 @@ def row_of(one: Contestant) -> dict[str, Any]:
     part, integrator, what = one.key
     method = one.method or integrator
     return {
-        "part": part, "model": MODEL, "library": one.library, "call": one.call, "method": method, "form": one.form,
+        "part": part, "model": one.model, "library": one.library, "call": one.call, "method": method, "form": one.form,
         "joints": what, "states": one.states, "ns": asdict(Spread.of(one.ns)),
     }  # fmt: skip
 
@@ -414,9 +459,9 @@ def main() -> None:
     machine = describe_machine(os.getloadavg()[0]) | {"python": sys.version.split()[0], "versions": versions()}
     model = problem(MODEL, options.states)
     found = agreement(model)
-    timed = [*steps(model), *rollouts(model, found)]
+    timed = [*steps(model), *rollouts(model, found), *one_by_one(problem(ROBOT, ONE_STATES), found)]
     # Apart, so that each has its neighbours in time: a pass over the rollouts takes many seconds.
-    for part in ("steps", "rollouts"):
+    for part in ("steps", "rollouts", "one"):
         print(f"{part}: {options.passes} passes", file=sys.stderr)
         turns([one for one in timed if one.key[0] == part], options.passes, options.seconds)
     print("mppi", file=sys.stderr)

@@ -7,6 +7,7 @@ a DataArray of xarray or a Table of Arrow is one; none of them is imported.
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from .errors import ArgumentError, ShapeError, of_argument
 
-__all__ = ["array_of", "flags", "is_masked", "split_mask"]
+__all__ = ["array_of", "flags", "is_masked", "split_mask", "states_of"]
 
 #: Lists within lists are looked into so deep: one may hold itself.
 DEEPEST = 8
@@ -106,6 +107,17 @@ def _check_entries(name: str, sequence: Any) -> None:
         if isinstance(entry, Mapping) or (labels and labels[1] is not None):
             expected = "numbers: names within a list are not matched; stack the states in one array, or in one table with a column a joint"
             raise _refused(label, _described(entry), expected)
+
+
+def states_of(states: Any, batch: tuple[int, ...]) -> tuple[tuple[int, ...], NDArray[np.uintp]]:
+    """The shape of what `states` selects from a batch, as NumPy's indexing has it, and the indices of the states (flattened)."""
+    every = np.arange(math.prod(batch), dtype=np.uintp).reshape(batch)
+    try:
+        found = np.asarray(every[states])
+    except Exception as error:
+        expected = f"a mask of shape {batch}, an index, a list of them, or a slice"
+        raise _refused("states", f"{_described(states)} ({error})", expected) from error
+    return found.shape, found.reshape(-1)
 
 
 def _mask_of(value: Any) -> NDArray[np.bool_] | None:

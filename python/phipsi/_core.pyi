@@ -7,7 +7,7 @@ from typing import Any, Final, Literal, TypeAlias, final, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._motion import PD, Trajectory
+from ._motion import PD, MomentumCorrection, Trajectory
 from ._ode import Ode
 from ._results import (
     Accuracy,
@@ -39,12 +39,14 @@ __all__ = [
     "Reference",
     "Scene",
     "SceneBuilder",
+    "Simulator",
     "__version__",
     "_numbers",
     "_rebuild_builder",
     "_rebuild_factor",
     "_rebuild_random_model",
     "_rebuild_scene",
+    "_rebuild_simulator",
     "chain",
     "emergence",
     "extreme",
@@ -336,6 +338,32 @@ class Scene:
         ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
         """
 
+    def simulator(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        *,
+        dt: float,
+        method: _Method = "semi-implicit-euler",
+        pd: PD | tuple[ArrayLike, ...] | None = None,
+        armature: ArrayLike | None = None,
+        damping: ArrayLike | None = None,
+        stiffness: ArrayLike | None = None,
+        rest: ArrayLike | None = None,
+        friction: ArrayLike | None = None,
+        friction_speed: float = 0.01,
+        form: Literal["auto", "covariance"] = "auto",
+        conserve_momentum: bool = False,
+    ) -> Simulator:
+        """States to advance step by step: an object that keeps them, and its scratch, between the steps.
+
+        q: (..., nq); qd: (..., nv), zero if not given; leading axes broadcast to those of the batch. dt, method, form, pd, armature, damping,
+        stiffness, rest, friction, friction_speed, conserve_momentum: as in simulate, for all steps.
+
+        Returns a phipsi.Simulator. Simulator.step(tau) costs what forward dynamics does, a stage, and some tenths of a microsecond.
+
+        Raises OutOfMemoryError for more states than there is room for; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
     def ode(
         self,
         *,
@@ -467,6 +495,7 @@ class Scene:
         qdd: ArrayLike,
         *,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        out: _Array | None = None,
         errors: _Errors = "raise",
     ) -> InverseDynamicsDerivatives:
         """Derivatives of inverse dynamics, in the tangent space of q: dtau/dq, dtau/dqd and dtau/dqdd = M, analytic, in O(N depth).
@@ -491,6 +520,7 @@ class Scene:
         *,
         form: _Form = "auto",
         wrenches: Mapping[str, ArrayLike] | None = None,
+        out: _Array | None = None,
         errors: _Errors = "raise",
     ) -> ForwardDynamicsDerivatives:
         """Derivatives of forward dynamics, in the tangent space of q: dqdd/dq = -M^-1 dtau/dq, dqdd/dqd = -M^-1 dtau/dqd and dqdd/dtau = M^-1.
@@ -680,6 +710,16 @@ class Scene:
 
         Raises as forward_dynamics_jvp.
         """
+
+    def coriolis_matrix(
+        self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, errors: _Errors = "raise"
+    ) -> _Array:
+        """The Coriolis matrix C"""
+
+    def mass_matrix_derivative(
+        self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, errors: _Errors = "raise"
+    ) -> _Array:
+        """dM/dt"""
 
     def operational_inverse_inertia(
         self,
@@ -993,6 +1033,75 @@ def _rebuild_random_model(
     scene: Scene, q: list[float], qd: list[float] | None, acceleration_variance: float, /
 ) -> RandomModel: ...
 def _rebuild_scene(description: tuple[Any, ...], /) -> Scene: ...
+def _rebuild_simulator(
+    scene: Scene,
+    q: ArrayLike,
+    qd: ArrayLike,
+    keywords: dict[str, Any],
+    numbers: ArrayLike,
+    begun: list[int],
+    steps: int,
+    /,
+) -> Simulator: ...
+
+@final
+class Simulator:
+    """States that are advanced call by call: what a controller, a learner or a game loop steps.
+
+    Made by Scene.simulator. A step has the bits that it has in Scene.simulate, however steps are cut into calls, and whatever states are beside it.
+    Scratch is kept between steps. The batch, (...), has the axes that q, qd and the targets of pd broadcast to; large ones run in lanes and on threads.
+
+    One call at a time: while one is under way, others on the same simulator (of other threads, or of a signal handler) raise ArgumentError. Copies and
+    pickles are simulators of their own, at the same state, which go on with the same bits.
+    """
+
+    def step(self, tau: ArrayLike | None = None, steps: int = 1) -> None:
+        """Makes steps of dt in all states, tau held over them.
+
+        tau: (nv,), or (..., nv) with axes that broadcast to the batch, N m or N; None: zero. steps: how many.
+
+        Returns nothing: q, qd and t are the new state.
+
+        Raises SimulationError where motion diverges or a pivot is lost, with .step, .joint, .state and .trajectory, whose one row is the state now:
+        all states, and their times, are after the last step that all of them finished. reset(q, qd, states=error.state) lets the others go on.
+        Raises SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; ShapeError, NotFiniteError, ArgumentError, after which nothing has moved.
+        """
+    def reset(self, q: ArrayLike, qd: ArrayLike | None = None, *, states: Any = None) -> None:
+        """Begins states anew, at time zero; the others stay as they are.
+
+        q: (..., nq); qd: (..., nv), zero if not given. states: None for all, or whatever selects states of an array of the batch's shape in NumPy: a
+        mask of that shape, an index, a list of them, a slice. q and qd broadcast to what it selects, as in array[states] = q.
+
+        Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state; all states are then as they were.
+        """
+    @property
+    def q(self) -> _Array:
+        """Configurations now, (..., nq); a copy."""
+    @property
+    def qd(self) -> _Array:
+        """Rates now, (..., nv); a copy."""
+    @property
+    def t(self) -> Any:
+        """How long each state has moved since it began or was reset, (...), s: a number for one state, else an array, a copy."""
+    @property
+    def steps(self) -> int:
+        """How many steps were made, resets or not."""
+    @property
+    def dt(self) -> float:
+        """The step, s."""
+    @property
+    def method(self) -> str:
+        """How states are advanced, one of the names that Scene.simulate has for it."""
+    @property
+    def scene(self) -> Scene:
+        """The scene that moves."""
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """The axes of the batch; () for one state."""
+    @property
+    def momentum_correction(self) -> MomentumCorrection | None:
+        """The largest corrections that conserve_momentum made in each state since it began or was reset, a MomentumCorrection; None without it."""
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...
 
 @final
 class RandomModel:

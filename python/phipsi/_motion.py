@@ -168,6 +168,11 @@ def trajectory_of(
     return Trajectory(scene, t, q, qd, dt, steps, **about)
 
 
+def only_now(q: _Array, qd: _Array, *, scene: Scene, dt: float, steps: int, **about: Any) -> Trajectory:
+    """The trajectory of one row, where `steps` steps of a simulator have come; about: the other fields of Trajectory."""
+    return Trajectory(scene, np.array([steps * dt]), q, qd, dt, steps, **about)
+
+
 def stopped(
     trajectory: Trajectory, cause: BaseException, joint: str | None, state: int | tuple[int, ...] | None
 ) -> BaseException:

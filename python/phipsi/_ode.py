@@ -3,7 +3,7 @@
 Around a centre q0 the configuration is q = q0 * x, x of nv numbers: a joint of one axis adds its own; a spherical joint turns by
 the rotation vector w, R = R0 exp(w); a free joint is moved to p0 + R0 a and turned likewise. With the body's velocity v,
 
-    da/dt = exp(w) v_linear,    dw/dt = w-part of v, carried back: u + w x u / 2 + c w x (w x u),    c = (1 - (t/2) cot(t/2)) / t^2, t = |w|,
+    da/dt = exp(w) v_linear,    dw/dt = the angular part of v, carried back (see _chart),
 
 so that the state (x, v) is a vector, and the integrator's error control on it one on the manifold: no quaternion's norm is
 integrated. The chart is good to |w| < 2 pi; a step that ends beyond 1 rad is the last before a new centre.
@@ -18,6 +18,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core, errors
+from ._chart import (
+    by_quaternion,
+    by_vector,
+    by_vector_derivative,
+    carried_back,
+    carried_back_derivative,
+    carried_back_matrix,
+    matrix_of,
+    rotation,
+    tangent,
+)
 from ._motion import PD, Trajectory
 
 if TYPE_CHECKING:
@@ -32,35 +43,8 @@ _Row = tuple[float, _Array, _Array]
 
 #: A rotation further than this from the centre, rad, asks for a new one.
 TURNED = 1.0
-#: Step of the differences of the Jacobian, relative to one unit: truncation and rounding are then alike.
+#: Step of the differences of a function for tau, relative to one unit: truncation and rounding are then alike.
 DIFFERENCE = float(np.finfo(np.float64).eps) ** (1 / 3)
-
-
-def _rotated(w: _Array, u: _Array, once: Any, twice: Any) -> _Array:
-    """u + once w x u + twice w x (w x u)."""
-    product = np.cross(w, u)
-    return np.asarray(u + once * product + twice * np.cross(w, product))
-
-
-def _carried_back(w: _Array, u: _Array) -> _Array:
-    """The rate of the rotation vector w of a body that turns with u, in its own frame."""
-    t = np.linalg.norm(w, axis=-1, keepdims=True)
-    small = t < 0.05
-    half = np.where(small, 0.5, 0.5 * t)
-    series = 1 / 12 + t**2 / 720 + t**4 / 30240
-    return _rotated(w, u, 0.5, np.where(small, series, (1 - half / np.tan(half)) / np.where(small, 1.0, t) ** 2))
-
-
-def _by_vector(w: _Array, u: _Array) -> _Array:
-    """exp(w) u."""
-    t = np.linalg.norm(w, axis=-1, keepdims=True)
-    return _rotated(w, u, np.sinc(t / np.pi), 0.5 * np.sinc(0.5 * t / np.pi) ** 2)
-
-
-def _by_quaternion(quaternion: _Array, u: _Array, sign: float = 1.0) -> _Array:
-    """u rotated by a quaternion (x, y, z, w) of any norm; with the sign -1 rotated back."""
-    unit = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
-    return _rotated(unit[..., :3], u, 2.0 * sign * unit[..., 3:], 2.0)
 
 
 class Ode:
@@ -151,13 +135,12 @@ class Ode:
             step[..., linear] = 0.0
         q = self.scene.integrate(self._centre, step)
         for place, turn, linear, _ in self._moves:
-            q[..., place] = self._centre[place] + _by_quaternion(self._centre[turn], x[..., linear])
+            q[..., place] = self._centre[place] + by_quaternion(self._centre[turn], x[..., linear])
         return q
 
     def torque(self, t: float, q: _Array, v: _Array) -> _Array:
         """All joint torques: given, damping, friction, springs and control law, (..., nv)."""
-        given = _core._numbers("tau(t, q, qd)", self._tau(t, q, v), self.scene) if callable(self._tau) else self._tau
-        u = given - self._damping * v
+        u = self._given(t, q, v) - self._damping * v
         u = u - self._friction * v / np.hypot(v, self._speed)
         if self._stiffness.any():
             u = u - self._stiffness * self._away(self._rest, q)
@@ -166,11 +149,24 @@ class Ode:
             u = u + kd * (rate - v) - kp * self._away(target, q)
         return u
 
+    def _given(self, t: float, q: _Array, v: _Array) -> _Array:
+        """The torques that are given."""
+        return _core._numbers("tau(t, q, qd)", self._tau(t, q, v), self.scene) if callable(self._tau) else self._tau
+
     def _away(self, rest: _Array, q: _Array) -> _Array:
         away = self.scene.difference(rest, q)
         for place, turn, linear, _ in self._moves:
-            away[..., linear] = _by_quaternion(q[..., turn], q[..., place] - rest[place], -1.0)
+            away[..., linear] = by_quaternion(q[..., turn], q[..., place] - rest[place], -1.0)
         return away
+
+    def _away_derivative(self, rest: _Array, q: _Array) -> _Array:
+        """What _away changes by with q's tangent, (nv, nv)."""
+        away, change = self._away(rest, q), np.eye(self.scene.nv)
+        for _, angular in self._turns:
+            change[angular, angular] = carried_back_matrix(away[angular])
+        for _, _, linear, angular in self._moves:
+            change[linear, angular] = matrix_of(away[linear])
+        return change
 
     def rhs(self, t: float, y: ArrayLike) -> _Array:
         """dy/dt: y is (2 nv,) or, as SciPy's vectorized=True has it, (2 nv, k)."""
@@ -179,24 +175,64 @@ class Ode:
         q = self.configuration(x)
         rates = v.copy()
         for _, angular in self._turns:
-            rates[..., angular] = _carried_back(x[..., angular], v[..., angular])
+            rates[..., angular] = carried_back(x[..., angular], v[..., angular])
         for _, _, linear, angular in self._moves:
-            rates[..., linear] = _by_vector(x[..., angular], v[..., linear])
+            rates[..., linear] = by_vector(x[..., angular], v[..., linear])
         accelerations = self.scene.forward_dynamics(q, v, self.torque(t, q, v))
         return np.ascontiguousarray(np.concatenate([rates, accelerations], axis=-1).T)
 
     def jacobian(self, t: float, y: ArrayLike) -> _Array:
-        """df/dy, (2 nv, 2 nv), by central differences, all states of them in one batch; with a function for tau, one call a column."""
-        y = np.asarray(y, dtype=np.float64)
+        """df/dy, (2 nv, 2 nv), exact: the derivatives of forward dynamics, by the chain rule through chart and torques.
+
+        With x to q's tangent by T(x), dx/dt = R(x) v, and u the torques of torque(),
+
+            df/dy = [[d(R v)/dx, R], [(dqdd/dq + M^-1 du/dq) T, dqdd/dqd + M^-1 du/dv]]
+
+        Of a function for tau its own changes are taken by central differences, 4 nv calls of it, and only those.
+        """
+        x, v = np.split(np.asarray(y, dtype=np.float64), 2)
+        q = self.configuration(x)
+        moved, rates_x, rates_v = np.eye(self.scene.nv), np.zeros((self.scene.nv, self.scene.nv)), np.eye(self.scene.nv)
+        for _, angular in self._turns:
+            w, own = x[angular], (angular, angular)
+            moved[own], rates_v[own] = tangent(w), carried_back_matrix(w)
+            rates_x[own] = carried_back_derivative(w, v[angular])
+        for _, _, linear, angular in self._moves:
+            w, own = x[angular], (linear, linear)
+            rates_v[own] = rotation(w)
+            moved[own] = rates_v[own].T
+            rates_x[linear, angular] = by_vector_derivative(w, v[linear])
+        dynamics = self.scene.forward_dynamics_derivatives(q, v, self.torque(t, q, v))
+        by_q, by_v = self._torque_derivatives(q, v)
+        accelerations = np.hstack([(dynamics.dqdd_dq + dynamics.Minv @ by_q) @ moved, dynamics.dqdd_dqd + dynamics.Minv * by_v])
+        if callable(self._tau):
+            accelerations += dynamics.Minv @ self._tau_differences(t, x, v)
+        return np.vstack([np.hstack([rates_x, rates_v]), accelerations])
+
+    def _torque_derivatives(self, q: _Array, v: _Array) -> tuple[_Array, _Array]:
+        """Of damping, friction, springs and control law: by q's tangent, (nv, nv), and by v, a diagonal, (nv,)."""
+        by_q = np.zeros((self.scene.nv, self.scene.nv))
+        by_v = -self._damping - self._friction * self._speed**2 / np.hypot(v, self._speed) ** 3
+        if self._stiffness.any():
+            by_q -= self._stiffness[:, None] * self._away_derivative(self._rest, q)
+        if self._pd is not None:
+            kp, kd, target, _ = self._pd
+            by_q -= kp[:, None] * self._away_derivative(target, q)
+            by_v = by_v - kd
+        return by_q, by_v
+
+    def _tau_differences(self, t: float, x: _Array, v: _Array) -> _Array:
+        """The changes of a function for tau with (x, v), (nv, 2 nv)."""
+        y = np.concatenate([x, v])
         step = DIFFERENCE * np.maximum(1.0, np.abs(y))
         ahead, behind = y + np.diag(step), y - np.diag(step)
-        both = np.concatenate([ahead, behind]).T
-        if callable(self._tau):
-            f = np.stack([self.rhs(t, column) for column in both.T])
-        else:
-            f = self.rhs(t, both).T
-        n = len(y)
-        return np.ascontiguousarray(((f[:n] - f[n:]) / (ahead - behind).diagonal()[:, None]).T)
+
+        def given(state: _Array) -> _Array:
+            x, v = np.split(state, 2)
+            return np.broadcast_to(self._given(t, self.configuration(x), v), x.shape)
+
+        changes = [given(a) - given(b) for a, b in zip(ahead, behind, strict=True)]
+        return np.asarray(np.reshape(changes, (len(y), len(x))).T / (ahead - behind).diagonal())
 
     def solve(
         self,

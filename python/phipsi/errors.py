@@ -122,7 +122,7 @@ class SimulationError(PhipsiError, ArithmeticError):
     """
 
     trajectory: Trajectory
-    """The rows of the steps that were finished."""
+    """The rows of the steps that were finished; of a Simulator, which keeps none, the one row where it is now."""
     step: int = 0
     """Index of the step at fault, from zero: so many were finished."""
     joint: str = ""
@@ -135,7 +135,7 @@ class SimulationInterrupted(KeyboardInterrupt):
     """A simulation that was stopped by Ctrl-C; the steps before are kept."""
 
     trajectory: Trajectory
-    """The rows of the steps that were finished."""
+    """The rows of the steps that were finished; of a Simulator, which keeps none, the one row where it is now."""
     step: int = 0
     """How many steps were finished."""
 

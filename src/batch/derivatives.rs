@@ -9,7 +9,7 @@ use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::{self, InverseColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::model::Model;
-use crate::scalar::{ColumnsOf, lanes_but};
+use crate::scalar::{ColumnsOf, Real, lanes_but};
 use nalgebra::Vector6;
 
 /// What they need beside the scratch of the dynamics; made when derivatives are first asked for.
@@ -117,19 +117,19 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call:
         if form == Some(Form::Auto) {
             doubt |= cancels;
         }
-        fault += not_finite::<T>(to);
+        fault += not_finite::<T>(columns.like(), to);
         if T::LANES > 1 {
             T::put_entries(matrices, all, out);
         }
     } else if T::LANES > 1 {
-        fault += not_finite::<T>(&numbers);
+        fault += not_finite::<T>(columns.like(), &numbers);
         let chosen = columns.chosen();
         T::put_entries(&numbers, if is_whole { chosen } else { &chosen[size / 3..size / 3 * 2] }, out);
     } else if is_whole {
-        fault += not_finite::<T>(T::entries_in(&mut *matrices, out));
+        fault += not_finite::<T>(columns.like(), T::entries_in(&mut *matrices, out));
     } else {
         let asked = &matrices[size / 3..size / 3 * 2];
-        fault += not_finite::<T>(asked);
+        fault += not_finite::<T>(columns.like(), asked);
         for (out, &entry) in out.iter_mut().zip(asked) {
             *out = T::Columns::taken(entry).lanes()[0];
         }
@@ -141,17 +141,23 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call:
     doubt
 }
 
-/// Zero where all are finite, else NaN.
+/// Zero where all are finite, else NaN: blocks of them at once, in sums that do not wait for each other.
 #[inline(always)]
-fn not_finite<T: Vectorised>(entries: &[Entry<T>]) -> T {
-    let (mut sums, zero) = ([T::zero(); 4], T::zero());
-    for four in entries.chunks(4) {
-        for (sum, &entry) in sums.iter_mut().zip(four) {
-            *sum = T::Columns::taken(entry).mul_add(zero, *sum);
-        }
+fn not_finite<T: Vectorised>(like: T::Columns, entries: &[Entry<T>]) -> T {
+    let (mut sums, zero, width) = ([like; 4], like.constant(0.0), T::Columns::COLUMNS);
+    let (whole, mut fault) = (entries.chunks_exact(width), T::zero());
+    for &entry in whole.remainder() {
+        fault = T::Columns::taken(entry).mul_add(T::zero(), fault);
+    }
+    for (i, block) in whole.enumerate() {
+        sums[i % 4] = like.load(block).mul_add(zero, sums[i % 4]);
     }
     let [a, b, c, d] = sums;
-    (a + b) + (c + d)
+    let all = (a + b) + (c + d);
+    for column in 0..width {
+        fault += all.column(column);
+    }
+    fault
 }
 
 /// dtau/dq, dtau/dqd and M, or the Coriolis matrix: compiled once for all that asks for them.

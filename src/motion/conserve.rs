@@ -109,8 +109,8 @@ pub(super) struct Keeper<T> {
     composite: Vec<BodyInertia<T>>,
     /// [`KEPT`] numbers of each tree.
     pub start: Vec<T>,
-    /// Since the start, s.
-    pub time: f64,
+    /// Since the start of each state, s.
+    pub time: T,
     /// The last correction: relative of the velocity, and of the position, m; the largest of the trees.
     pub correction: [T; 2],
     /// The largest of a run.
@@ -141,7 +141,7 @@ impl<T: Real> Keeper<T> {
             energy: vec![o; bodies],
             composite: vec![BodyInertia::zero(); bodies],
             start: vec![o; KEPT * roots.len()],
-            time: 0.0,
+            time: o,
             correction: [o; 2],
             largest: [o; 2],
         }
@@ -230,8 +230,8 @@ impl<T: Real> Keeper<T> {
             let kept = &self.start[i * KEPT..(i + 1) * KEPT];
             let (spin, velocity, place) = (triple(kept), triple(&kept[3..]), triple(&kept[6..]));
             let (g, one) = (&model.gravity, tree.mass.constant(1.0));
-            let (t, minus_one) = (one.constant(self.time), one.constant(-1.0));
-            let fallen = plus(&velocity, one.constant(0.5 * self.time), g);
+            let (t, minus_one) = (self.time, one.constant(-1.0));
+            let fallen = plus(&velocity, one.constant(0.5) * t, g);
             let place = plus(&place, t, &fallen);
             let velocity = plus(&velocity, t, g);
 

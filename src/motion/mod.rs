@@ -18,7 +18,8 @@
 //! D = H P^- H* + r + h d + h^2 k, and the step costs what an explicit one does.
 //!
 //! [`properties`] is what joints do by themselves, [`method`] the coefficients of the methods, [`manifold`] configurations,
-//! `conserve` the momentum of floating trees, `step` one step in any scalar, `stepper` states in lanes through many steps, [`rollout`] a batch of them on threads.
+//! `conserve` the momentum of floating trees, `step` one step in any scalar, `stepper` states in lanes through many steps, [`rollout`] a batch of them on
+//! threads, [`simulator`] one that goes on step by step.
 
 #[cfg(feature = "adaptive")]
 pub mod adaptive;
@@ -27,6 +28,7 @@ pub mod manifold;
 pub mod method;
 pub mod properties;
 pub mod rollout;
+pub mod simulator;
 mod step;
 mod stepper;
 
@@ -36,3 +38,4 @@ pub use conserve::Correction;
 pub use method::{METHODS, Method};
 pub use properties::{Gains, Properties};
 pub use rollout::{Records, Rollout, Settings, StepFault, Torque};
+pub use simulator::Simulator;

@@ -1,6 +1,6 @@
 //! A batch of states through time: on threads, in lanes, some steps at a call.
 
-use super::conserve::{self, Correction};
+use super::conserve::{self, Correction, KEPT, Keeper};
 use super::method::Method;
 use super::properties::{Gains, Properties};
 use super::step::Law;
@@ -11,6 +11,7 @@ use crate::error::Error;
 use crate::filter::{FORMS, Form};
 use crate::scene::Scene;
 use crate::{memory, watch};
+use std::borrow::Borrow;
 use std::sync::{Mutex, PoisonError};
 
 /// What does not change during a rollout.
@@ -92,7 +93,7 @@ pub struct StepFault {
     pub error: Error,
 }
 
-/// States on their way.
+/// States on their way; `S`: what the scene is held by, as `&Scene`, `Arc<Scene>` or `Scene`.
 ///
 /// ```
 /// use phipsi::motion::{Method, Rollout, Settings, Torque};
@@ -107,14 +108,17 @@ pub struct StepFault {
 /// # }
 /// ```
 #[derive(Debug)]
-pub struct Rollout<'a> {
-    scene: &'a Scene,
+pub struct Rollout<S> {
+    scene: S,
     law: Law,
+    keeper: Keeper<f64>,
     form: Form,
     arm: Arm,
     states: usize,
     /// (q, qd) of every state, and where momentum is kept what is kept and the largest corrections.
     current: Vec<f64>,
+    /// The step that each state began at.
+    begun: Vec<usize>,
     done: usize,
     pool: Pool<Stepper>,
 }
@@ -128,14 +132,15 @@ impl std::fmt::Debug for Stepper {
 /// States are given to threads in multiples of this: more than any arm has lanes.
 const GRAIN: usize = 16;
 
-impl<'a> Rollout<'a> {
-    /// States to start from, one after another: `q` (states, nq), `qd` (states, nv).
+impl<S: Borrow<Scene>> Rollout<S> {
+    /// States to start from, one after another: `q` (states, nq), `qd` (states, nv); `scene`: a reference, or what holds one.
     ///
     /// # Errors
     ///
     /// A step that is not finite and positive, a form other than auto and covariance; wrong lengths, numbers that are not finite,
     /// negative properties, quaternions that are not unit; momentum that cannot be kept.
-    pub fn new(scene: &'a Scene, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
+    pub fn new(scene: S, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
+        let holds: &Scene = scene.borrow();
         let Settings { dt, method, form, properties, gains, arm, conserve_momentum } = settings;
         if !(dt.is_finite() && dt > 0.0) {
             return Err(Error::argument("dt", format!("{dt}"), "a step in s, finite and positive"));
@@ -144,8 +149,8 @@ impl<'a> Rollout<'a> {
             let found = FORMS.iter().find(|(_, known)| *known == form).map_or("", |(name, _)| name);
             return Err(Error::argument("form", format!("{found:?}"), "\"auto\" or \"covariance\" for a rollout"));
         }
-        properties.check(scene)?;
-        let (nq, nv) = (scene.nq(), scene.nv());
+        properties.check(holds)?;
+        let (nq, nv) = (holds.nq(), holds.nv());
         let states = q.len().checked_div(nq).unwrap_or(1);
         if q.len() != states * nq || qd.len() != states * nv {
             return Err(Error::Shape {
@@ -155,27 +160,68 @@ impl<'a> Rollout<'a> {
             });
         }
         if let Some(gains) = &gains {
-            gains.check(scene, states)?;
+            gains.check(holds, states)?;
         }
-        let roots = if conserve_momentum { conserve::roots(scene, &properties, gains.as_ref())? } else { Vec::new() };
-        let law = Law::new(scene.model(), dt, method, (properties, gains), roots);
-        let mut keeper = conserve::Keeper::new(scene.model(), &law.roots);
-        let mut current = memory::with_capacity("q, qd", states.saturating_mul(law.width(scene)))?;
+        let roots = if conserve_momentum { conserve::roots(holds, &properties, gains.as_ref())? } else { Vec::new() };
+        let law = Law::new(holds.model(), dt, method, (properties, gains), roots);
+        let keeper = Keeper::new(holds.model(), &law.roots);
+        let current = memory::filled("q, qd", states.saturating_mul(law.width(holds)), 0.0)?;
+        let begun = memory::filled("q, qd", states, 0)?;
+        let pool = Pool::default();
+        let mut rollout = Self { scene, law, keeper, form, arm, states, current, begun, done: 0, pool };
         for state in 0..states {
             watch::check_at(state, 1_024)?;
             let (q, qd) = (&q[state * nq..(state + 1) * nq], &qd[state * nv..(state + 1) * nv]);
             let named = |error: Error| if states > 1 { error.in_state(state) } else { error };
-            scene.check_configuration("q", q).map_err(named)?;
-            scene.check_rates("qd", qd).map_err(named)?;
-            current.extend_from_slice(q);
-            current.extend_from_slice(qd);
-            if keeper.keeps() {
-                keeper.begin(scene.model(), q, qd);
-                current.extend_from_slice(&keeper.start);
-                current.extend_from_slice(&keeper.largest);
-            }
+            rollout.check_state(q, qd).map_err(named)?;
+            rollout.begin(state, q, qd);
         }
-        Ok(Self { scene, law, form, arm, states, current, done: 0, pool: Pool::default() })
+        Ok(rollout)
+    }
+
+    /// Whether a state can begin there.
+    pub(super) fn check_state(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
+        self.scene().check_configuration("q", q)?;
+        self.scene().check_rates("qd", qd)
+    }
+
+    /// Begins one of the states at the step at hand, from what [`Rollout::check_state`] has seen.
+    pub(super) fn begin(&mut self, state: usize, q: &[f64], qd: &[f64]) {
+        let Self { scene, law, keeper, current, .. } = self;
+        let scene: &Scene = (*scene).borrow();
+        let width = law.width(scene);
+        let (moving, kept) = current[state * width..(state + 1) * width].split_at_mut(q.len() + qd.len());
+        let (own_q, own_qd) = moving.split_at_mut(q.len());
+        own_q.copy_from_slice(q);
+        own_qd.copy_from_slice(qd);
+        if keeper.keeps() {
+            keeper.begin(scene.model(), q, qd);
+            let (start, largest) = kept.split_at_mut(KEPT * law.roots.len());
+            start.copy_from_slice(&keeper.start);
+            largest.fill(0.0);
+        }
+        self.begun[state] = self.done;
+    }
+
+    /// The scene whose states these are.
+    #[must_use]
+    pub fn scene(&self) -> &Scene {
+        self.scene.borrow()
+    }
+
+    /// What it was made with; a copy.
+    #[must_use]
+    pub fn settings(&self) -> Settings {
+        let Law { step, method, properties, gains, roots, .. } = &self.law;
+        Settings {
+            dt: *step,
+            method: *method,
+            form: self.form,
+            properties: properties.clone(),
+            gains: gains.clone(),
+            arm: self.arm,
+            conserve_momentum: !roots.is_empty(),
+        }
     }
 
     /// How many steps were made.
@@ -190,11 +236,41 @@ impl<'a> Rollout<'a> {
         self.states
     }
 
+    /// How long one state has moved, s: dt for every step since it began.
+    #[must_use]
+    pub fn time(&self, index: usize) -> f64 {
+        self.law.time(self.done - self.begun[index])
+    }
+
+    /// All that steps change but their number, and the step that each state began at.
+    pub(super) fn numbers(&self) -> (&[f64], &[usize]) {
+        (&self.current, &self.begun)
+    }
+
+    /// Goes to where [`Rollout::numbers`] was after so many steps.
+    pub(super) fn put_back(&mut self, numbers: &[f64], done: usize) {
+        self.current.copy_from_slice(numbers);
+        self.done = done;
+    }
+
+    /// Takes the numbers of another rollout of as many states, which began where that one's did; false where they are of others.
+    #[cfg(feature = "python")]
+    pub(super) fn take_up(&mut self, numbers: &[f64], begun: &[usize], done: usize) -> bool {
+        let fits = numbers.len() == self.current.len() && begun.len() == self.begun.len();
+        let fits = fits && begun.iter().all(|&begun| begun <= done);
+        if fits {
+            self.put_back(numbers, done);
+            self.begun.copy_from_slice(begun);
+        }
+        fits
+    }
+
     /// Configuration and rates of one state now.
     #[must_use]
     pub fn state(&self, index: usize) -> (&[f64], &[f64]) {
-        let (q, rest) = self.of_state(index).split_at(self.scene.nq());
-        (q, &rest[..self.scene.nv()])
+        let scene = self.scene();
+        let (q, rest) = self.of_state(index).split_at(scene.nq());
+        (q, &rest[..scene.nv()])
     }
 
     /// The largest corrections that one state had so far to keep its momentum; none where that was not asked for.
@@ -205,7 +281,7 @@ impl<'a> Rollout<'a> {
     }
 
     fn of_state(&self, index: usize) -> &[f64] {
-        let width = self.law.width(self.scene);
+        let width = self.law.width(self.scene());
         &self.current[index * width..(index + 1) * width]
     }
 
@@ -213,7 +289,7 @@ impl<'a> Rollout<'a> {
     #[must_use]
     pub fn cost(&self) -> usize {
         const ONE_BODY: usize = 100;
-        let one_by_one = ONE_BODY * self.law.tableau.stages * self.scene.model().bodies.len().max(1);
+        let one_by_one = ONE_BODY * self.law.tableau.stages * self.scene().model().bodies.len().max(1);
         one_by_one / self.arm.lanes(size_of::<f64>()).min(self.states.max(1))
     }
 
@@ -232,14 +308,15 @@ impl<'a> Rollout<'a> {
         torque: &Torque<'_>,
         records: Option<&mut Records<'_>>,
     ) -> Result<(), StepFault> {
-        let (nq, nv, width) = (self.scene.nq(), self.scene.nv(), self.law.width(self.scene));
+        let (nq, nv, width) = (self.scene().nq(), self.scene().nv(), self.law.width(self.scene()));
         let (first, last) = (self.done, self.done + steps);
         let refuse = |error| StepFault { step: first, state: 0, joint: String::new(), error };
         self.check_torque(torque, steps).map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
         let pieces = self.pieces(records, first, last).map_err(refuse)?;
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
         let cost = self.cost().saturating_mul(steps);
-        let Self { scene, law, form, arm, current, pool, .. } = self;
+        let Self { scene, law, form, arm, current, begun, pool, .. } = self;
+        let scene: &Scene = (*scene).borrow();
         let make = || Stepper::new(*form, *arm);
         let batch = Batch { states: self.states, cost, pool, make };
         let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {
@@ -255,7 +332,16 @@ impl<'a> Rollout<'a> {
                     record_start(rows, from..to, current, (nq, nv, width));
                 }
                 let rows = rows.as_deref_mut();
-                let job = Job { scene, law, steps: first..last, states: from..to, current, torque, rows };
+                let job = Job {
+                    scene,
+                    law,
+                    steps: first..last,
+                    states: from..to,
+                    begun: &begun[from..to],
+                    current,
+                    torque,
+                    rows,
+                };
                 if let Err(found) = stepper.run(job) {
                     let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
                     let earlier = |known: &StepFault| (found.step, found.state) < (known.step, known.state);
@@ -283,7 +369,7 @@ impl<'a> Rollout<'a> {
     ///
     /// Another number of torques than the steps need; with `conserve_momentum`, a torque along a free joint that a tree hangs on.
     pub fn check_torque(&self, torque: &Torque<'_>, steps: usize) -> Result<(), Fault> {
-        let (nv, last) = (self.scene.nv(), self.done + steps);
+        let (nv, last) = (self.scene().nv(), self.done + steps);
         let (given, before, steps) = match torque {
             Torque::Constant(torque) if self.states > 0 => (torque, 0, 1),
             Torque::Steps { torque, first } if self.states > 0 => {
@@ -303,7 +389,8 @@ impl<'a> Rollout<'a> {
             return Ok(());
         }
         for state in 0..self.states {
-            if let Some(error) = conserve::outer_torque(self.scene, roots, &given.state(state)[before * nv..expected]) {
+            if let Some(error) = conserve::outer_torque(self.scene(), roots, &given.state(state)[before * nv..expected])
+            {
                 return Err(Fault { state, error });
             }
         }
@@ -322,7 +409,7 @@ impl<'a> Rollout<'a> {
         if self.states == 0 {
             return Ok(Vec::new());
         }
-        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        let (nq, nv) = (self.scene().nq(), self.scene().nv());
         let width = nq.max(nv);
         let numbers = if nq >= nv { q.len() } else { qd.len() };
         let rows = numbers.checked_div(self.states * width).unwrap_or(0);

@@ -20,6 +20,7 @@ use crate::workspace::Workspace;
 #[derive(Debug)]
 pub(super) struct Law {
     pub step: f64,
+    pub method: Method,
     /// The coefficients, times the step.
     pub tableau: Tableau,
     pub implicit: bool,
@@ -48,6 +49,7 @@ impl Law {
         };
         Self {
             step,
+            method,
             tableau: method.tableau().times(step),
             implicit: method.is_implicit(),
             rubs: properties.friction.iter().any(|&f| f != 0.0),

@@ -43,6 +43,8 @@ pub(super) struct Job<'a, 'r> {
     pub steps: Range<usize>,
     /// Which states of the batch.
     pub states: Range<usize>,
+    /// The step that each of them began at.
+    pub begun: &'a [usize],
     /// (q, qd) of each, one after another, and where momentum is kept what is kept and the largest corrections; in and out.
     pub current: &'a mut [f64],
     pub torque: &'a Torque<'a>,
@@ -152,7 +154,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
     #[inline(always)]
     fn call(self) -> Result<(), StepFault> {
         let Self { scratch: s, target, form, checked, job } = self;
-        let Job { scene, law, steps, states, current, torque, mut rows } = job;
+        let Job { scene, law, steps, states, begun, current, torque, mut rows } = job;
         let (count, nq, nv) = (states.len(), scene.nq(), scene.nv());
         let width = law.width(scene);
         take_states(&mut s.q, count, |lane| &current[lane * width..][..nq]);
@@ -180,7 +182,11 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                 let at = (n - first) * nv;
                 take_states(&mut s.torque, count, |lane| &torque.state(states.start + lane)[at..at + nv]);
             }
-            s.keeper.time = law.time(n + 1);
+            if s.keeper.keeps() {
+                for (time, &begun) in s.keeper.time.lanes_mut().iter_mut().zip(begun) {
+                    *time = law.time(n + 1 - begun);
+                }
+            }
             let mut doubt = match form {
                 Form::Covariance => step(law, s, &mut plain),
                 _ => step(law, s, &mut watched),
@@ -262,7 +268,7 @@ fn again<T: Vectorised<Number = f64>>(
         scatter(&s.target, lane, &mut one.target);
         scatter(&s.target_rate, lane, &mut one.target_rate);
         scatter(&s.keeper.start, lane, &mut one.keeper.start);
-        one.keeper.time = s.keeper.time;
+        one.keeper.time = s.keeper.time.lanes()[lane];
         step(law, one, solver);
         let lost = solver.lost.take();
         if let Some(fault) = fault_of(scene, law, one, lost) {

@@ -20,6 +20,11 @@ pub(super) fn read_form(form: &str) -> Result<Form, Error> {
     choose("form", form, &FORMS)
 }
 
+/// The name of a form.
+pub(super) fn name_of(form: Form) -> &'static str {
+    FORMS.iter().find(|(_, known)| *known == form).map_or("auto", |(name, _)| name)
+}
+
 /// The kinds of numbers that algorithms in lanes compute in.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Precise {

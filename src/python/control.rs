@@ -87,8 +87,8 @@ impl<'py> Given<'py> {
 /// The control law of a call, as given.
 pub(super) struct Pd<'py> {
     gains: [Vec<f64>; 2],
-    pub target: Input<'py>,
-    pub rate: Input<'py>,
+    target: Input<'py>,
+    rate: Input<'py>,
 }
 
 impl<'py> Pd<'py> {
@@ -113,6 +113,11 @@ impl<'py> Pd<'py> {
             target: scene.configuration("pd.target", &parts.get_item(2)?)?,
             rate,
         })
+    }
+
+    /// The leading axes that the batch must have.
+    pub fn leading(&self) -> [(&'static str, &[usize]); 2] {
+        [("pd.target", self.target.leading()), ("pd.target_rate", self.rate.leading())]
     }
 
     pub fn over(self, batch: &[usize], states: usize) -> PyResult<Gains> {

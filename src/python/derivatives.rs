@@ -1,33 +1,25 @@
 //! Methods of `Scene`: derivatives of the dynamics, and the linear system of small deviations.
 
-use super::bad_states::Errors;
-use super::call::Call;
 use super::choice::read_form;
-use super::cost::Cost;
-use super::errors::asked_by;
+use super::evaluate::Keywords;
 use super::object::{Object, imported};
 use super::output::Output;
 use super::scene::PyScene;
-use super::scratch::Scratch;
-use super::wrenches::Wrench;
-use crate::dynamics::derivatives::{ForwardDerivatives, InverseDerivatives};
-use crate::error::Error;
-use crate::scene::Scene;
+use crate::algorithm::{Algorithm, Derivatives};
+use crate::dynamics::derivatives::linear_system;
+use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
+use pyo3::types::PySlice;
 
-/// Rough times in one state, ns (see [`Cost`]).
+/// Rough times in one state, ns (see [`Cost`](super::cost::Cost)).
 mod cost {
     /// Of one body: its motion, its composite and what it lets others feel.
-    pub const BODY: usize = 150;
+    pub const BODY: usize = 80;
     /// The same with the factor of M.
-    pub const WITH_FACTOR: usize = 500;
+    pub const WITH_FACTOR: usize = 200;
     /// Of two degrees of freedom: their entries of the results.
-    pub const PAIR: usize = 60;
+    pub const PAIR: usize = 10;
 }
-
-/// What names a state: q, qd, and the third with its name.
-type State<'a, 'py> = (&'a Object<'py>, &'a Object<'py>, (&'static str, &'a Object<'py>));
 
 #[pymethods]
 impl PyScene {
@@ -40,10 +32,13 @@ impl PyScene {
     /// rotation in the child's frame for spherical joints, (linear, angular) in the child's frame for free joints. Armature is in M alone. Entries of
     /// joints on different branches are zero.
     ///
+    /// out: C-contiguous float64, (..., 3, nv, nv), overlapping no argument, of which the results are views; large batches take half the time into one that was
+    /// used before.
+    ///
     /// Returns a phipsi.InverseDynamicsDerivatives (dtau_dq, dtau_dqd, M), each (..., nv, nv), SI units.
     ///
     /// Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, qdd, *, wrenches=None, errors="raise"))]
+    #[pyo3(signature = (q, qd, qdd, *, wrenches=None, out=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics_derivatives<'py>(
         &self,
@@ -52,17 +47,15 @@ impl PyScene {
         qd: &Object<'py>,
         qdd: &Object<'py>,
         wrenches: Option<&Object<'py>>,
+        out: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
         self.check_dense("inverse_dynamics_derivatives", "differences of inverse_dynamics")?;
-        let nv = self.scene.nv();
         let class = imported!(py, "phipsi._results", "InverseDynamicsDerivatives")?;
-        let call = self.derivative_call((q, qd, ("qdd", qdd)), wrenches, (self.errors(errors, None)?, cost::BODY))?;
-        call.matrices(py, class, &[[nv, nv]; 3], |scene, scratch, [q, qd, qdd], [dtau_dq, dtau_dqd, mass_matrix]| {
-            let (workspace, derivatives, forces) = scratch.for_derivatives(scene);
-            let mut out = InverseDerivatives { dtau_dq, dtau_dqd, mass_matrix };
-            scene.inverse_dynamics_derivatives(workspace, derivatives, q, qd, qdd, forces, &mut out)
-        })
+        let keywords = Keywords { wrenches, out, dtype: None, errors, info: false };
+        let given = [("q", q), ("qd", qd), ("qdd", qdd)];
+        let all = self.derivatives(py, Derivatives::InverseDynamics, cost::BODY, given, &keywords)?;
+        class.call1((part(&all, 0)?, part(&all, 1)?, part(&all, 2)?))
     }
 
     /// Derivatives of forward dynamics, in the tangent space of q: dqdd/dq = -M^-1 dtau/dq, dqdd/dqd = -M^-1 dtau/dqd and dqdd/dtau = M^-1.
@@ -74,11 +67,13 @@ impl PyScene {
     /// Row i is the acceleration qdd_i; columns as in inverse_dynamics_derivatives, whose results at the accelerations of the state are multiplied by
     /// M^-1 (6.1).
     ///
+    /// out: as in inverse_dynamics_derivatives.
+    ///
     /// Returns a phipsi.ForwardDynamicsDerivatives (dqdd_dq, dqdd_dqd, Minv), each (..., nv, nv), SI units.
     ///
     /// Raises SingularJointError where a joint has no inertia along its axis; ArgumentError above 4000 degrees of freedom, and for the square-root form
     /// of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, errors="raise"))]
+    #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, out=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_derivatives<'py>(
         &self,
@@ -88,20 +83,16 @@ impl PyScene {
         tau: &Object<'py>,
         form: &str,
         wrenches: Option<&Object<'py>>,
+        out: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
         self.check_dense("forward_dynamics_derivatives", "differences of forward_dynamics")?;
-        let (form, nv) = (read_form(form)?, self.scene.nv());
+        let which = Derivatives::ForwardDynamics(read_form(form)?);
         let class = imported!(py, "phipsi._results", "ForwardDynamicsDerivatives")?;
-        let choices = (self.errors(errors, Some(form))?, cost::WITH_FACTOR);
-        let call = self.derivative_call((q, qd, ("tau", tau)), wrenches, choices)?;
-        call.matrices(py, class, &[[nv, nv]; 3], |scene, scratch, [q, qd, tau], out| {
-            let [dqdd_dq, dqdd_dqd, mass_matrix_inverse] = out;
-            let (workspace, derivatives, forces) = scratch.for_derivatives(scene);
-            workspace.form = form;
-            let mut out = ForwardDerivatives { dqdd_dq, dqdd_dqd, mass_matrix_inverse };
-            scene.forward_dynamics_derivatives(workspace, derivatives, q, qd, tau, forces, &mut out)
-        })
+        let keywords = Keywords { wrenches, out, dtype: None, errors, info: false };
+        let given = [("q", q), ("qd", qd), ("tau", tau)];
+        let all = self.derivatives(py, which, cost::WITH_FACTOR, given, &keywords)?;
+        class.call1((part(&all, 0)?, part(&all, 1)?, part(&all, 2)?))
     }
 
     /// The linear system dx/dt = A x + B u of small deviations from the motion through a state, x = (tangent of q, change of qd), u a change of tau.
@@ -128,73 +119,94 @@ impl PyScene {
         errors: &str,
     ) -> PyResult<Object<'py>> {
         self.check_dense("linearize", "differences of forward_dynamics")?;
-        let (form, nv) = (read_form(form)?, self.scene.nv());
+        let which = Derivatives::ForwardDynamics(read_form(form)?);
         let class = imported!(py, "phipsi._results", "LinearSystem")?;
-        let choices = (self.errors(errors, Some(form))?, cost::WITH_FACTOR);
-        let call = self.derivative_call((q, qd, ("tau", tau)), wrenches, choices)?;
-        call.matrices(py, class, &[[2 * nv, 2 * nv], [2 * nv, nv]], |scene, scratch, [q, qd, tau], [a, b]| {
-            let (workspace, derivatives, forces) = scratch.for_derivatives(scene);
-            workspace.form = form;
-            scene.linearize(workspace, derivatives, q, qd, tau, forces, (a, b))
-        })
+        let keywords = Keywords { wrenches, out: None, dtype: None, errors, info: false };
+        let given = [("q", q), ("qd", qd), ("tau", tau)];
+        let all = self.derivatives(py, which, cost::WITH_FACTOR, given, &keywords)?;
+        let (model, nv) = (self.scene.model(), self.scene.nv());
+        let all = all.cast::<PyArrayDyn<f64>>()?.try_readonly()?;
+        let batch = &all.shape()[..all.shape().len() - 3];
+        let rates = self.rate("qd", qd)?;
+        let rates = rates.over(batch)?;
+        let mut outputs = [
+            Output::unwritten(py, &[batch, &[2 * nv, 2 * nv]].concat())?,
+            Output::unwritten(py, &[batch, &[2 * nv, nv]].concat())?,
+        ];
+        let [a, b] = &mut outputs;
+        if nv > 0 {
+            let states = all.as_slice()?.chunks_exact(3 * nv * nv);
+            let systems = a.numbers()?.chunks_exact_mut(4 * nv * nv).zip(b.numbers()?.chunks_exact_mut(2 * nv * nv));
+            for (i, (of_state, system)) in states.zip(systems).enumerate() {
+                linear_system(model, rates.state(i), of_state, system);
+            }
+        }
+        let [a, b] = outputs.map(Output::finish);
+        class.call1((a, b))
+    }
+
+    /// The Coriolis matrix C: C qd is the torque of the rates alone, and dM/dt - 2 C is antisymmetric.
+    ///
+    /// q: (..., nq); qd: (..., nv); leading axes broadcast; out and errors as in forward_dynamics. Returns (..., nv, nv), SI units. For joints of one axis it is the one
+    /// of Christoffel's symbols. Computed in O(N depth).
+    ///
+    /// Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    #[pyo3(signature = (q, qd, *, out=None, errors="raise"))]
+    fn coriolis_matrix<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        out: Option<&Object<'py>>,
+        errors: &str,
+    ) -> PyResult<Object<'py>> {
+        self.check_dense("coriolis_matrix", "bias_torque")?;
+        let keywords = Keywords { wrenches: None, out, dtype: None, errors, info: false };
+        self.derivatives(py, Derivatives::CoriolisMatrix, cost::BODY, [("q", q), ("qd", qd)], &keywords)
+    }
+
+    /// dM/dt, how the mass matrix changes along the rates: C + C^T with the Coriolis matrix C.
+    ///
+    /// q: (..., nq); qd: (..., nv); leading axes broadcast; out and errors as in forward_dynamics. Returns (..., nv, nv), exactly symmetric, SI units. Armature is
+    /// constant and not in it. Computed in O(N depth).
+    ///
+    /// Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    #[pyo3(signature = (q, qd, *, out=None, errors="raise"))]
+    fn mass_matrix_derivative<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        out: Option<&Object<'py>>,
+        errors: &str,
+    ) -> PyResult<Object<'py>> {
+        self.check_dense("mass_matrix_derivative", "differences of mass_matrix")?;
+        let keywords = Keywords { wrenches: None, out, dtype: None, errors, info: false };
+        self.derivatives(py, Derivatives::MassMatrix, cost::BODY, [("q", q), ("qd", qd)], &keywords)
     }
 }
 
 impl PyScene {
-    /// A call on whole states, of so many ns a body beside the pairs.
-    fn derivative_call<'a, 'py>(
-        &'a self,
-        (q, qd, (name, u)): State<'_, 'py>,
-        wrenches: Option<&Object<'py>>,
-        (errors, body): (Errors, usize),
-    ) -> PyResult<Call<'a, 'py>> {
-        let inputs = vec![self.configuration("q", q)?, self.rate("qd", qd)?, self.rate(name, u)?];
-        let nv = self.scene.nv();
-        let cost = body * self.size() + cost::PAIR.saturating_mul(nv.saturating_mul(nv));
-        Ok(Call::new(self, inputs, Wrench::read(&self.scene, wrenches)?, Cost::of(cost))?.with(errors))
+    /// Evaluates derivatives, of so many ns a body beside those of its pairs.
+    fn derivatives<'py, const N: usize>(
+        &self,
+        py: Python<'py>,
+        which: Derivatives,
+        body: usize,
+        given: [(&'static str, &Object<'py>); N],
+        keywords: &Keywords<'_, 'py>,
+    ) -> PyResult<Object<'py>> {
+        let body = body + cost::PAIR * self.scene.nv();
+        self.evaluate(py, Algorithm::Derivatives(which), body, given, keywords)
     }
 }
 
-impl<'py> Call<'_, 'py> {
-    /// Evaluates every state into several matrices, and makes a named tuple of them; shapes are those of one state.
-    fn matrices<K, const N: usize, const M: usize>(
-        &self,
-        py: Python<'py>,
-        class: &Object<'py>,
-        shapes: &[[usize; 2]; M],
-        kernel: K,
-    ) -> PyResult<Object<'py>>
-    where
-        K: Fn(&Scene, &mut Scratch, [&[f64]; N], [&mut [f64]; M]) -> Result<(), Error> + Sync,
-    {
-        let sizes = shapes.map(|[rows, columns]| rows * columns);
-        let width = sizes.iter().sum();
-        let mut results = self.scratch_results(py, width)?;
-        self.numbers(py, results.numbers()?, |scene, scratch, arguments, out| {
-            let mut rest = out;
-            kernel(
-                scene,
-                scratch,
-                arguments,
-                sizes.map(|size| {
-                    let (first, others) = std::mem::take(&mut rest).split_at_mut(size);
-                    rest = others;
-                    first
-                }),
-            )
-        })?;
-        let results = results.numbers()?;
-        let mut at = 0;
-        let mut made = Vec::with_capacity(M);
-        for (shape, size) in shapes.iter().zip(sizes) {
-            let gathered = Output::unwritten(py, &[&self.batch[..], shape].concat()).and_then(|mut output| {
-                let states = results.chunks_exact(width.max(1));
-                output.gather(py, size, states.map(|state| &state[at..at + size]))?;
-                Ok(output.finish())
-            });
-            made.push(asked_by(py, &self.asking(), gathered)?);
-            at += size;
-        }
-        class.call1(PyTuple::new(py, made)?)
+/// One of the matrices of each state: a view.
+fn part<'py>(all: &Object<'py>, which: usize) -> PyResult<Object<'py>> {
+    let py = all.py();
+    if all.getattr("ndim")?.extract::<usize>()? == 3 {
+        return all.get_item(which);
     }
+    let whole = PySlice::full(py);
+    all.get_item((py.Ellipsis(), which, &whole, &whole))
 }

@@ -43,9 +43,12 @@ impl PyScene {
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
         let nv = self.scene.nv();
-        let matrix = [nv, nv];
-        let is_matrix = matches!(algorithm, Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_));
-        let shape = if is_matrix { &matrix[..] } else { &matrix[..1] };
+        let matrices = [3, nv, nv];
+        let shape = match algorithm {
+            Algorithm::Derivatives(which) if which.count() == 3 => &matrices[..],
+            Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) | Algorithm::Derivatives(_) => &matrices[1..],
+            _ => &matrices[2..],
+        };
         let cost = Cost { arithmetic: body * self.size(), results: self.scene.width(algorithm) };
         let &Keywords { wrenches, out, dtype, errors, info } = keywords;
         if !is_nan(errors)? && !info && wrenches.is_none() && dtype.is_none() {

@@ -1,7 +1,7 @@
 //! The class `Factor`: K, L and D at one configuration or at a batch of them, and the operators they are made of.
 
 use super::call::run;
-use super::choice::read_form;
+use super::choice::{name_of, read_form};
 use super::errors::{asked_by, fault};
 use super::input::{self, Input};
 use super::interrupts::{detached, detached_checked, drop_elsewhere};
@@ -11,7 +11,7 @@ use super::scene::PyScene;
 use super::scratch::Scratch;
 use crate::batch::{Batch, Broadcast, Fault, Pool, broadcast_axes, shape_text};
 use crate::error::{Error, check_finite};
-use crate::filter::{FORMS, Form};
+use crate::filter::Form;
 use crate::memory;
 use crate::operators::dense::Composite;
 use crate::operators::{Factor, KINDS, Kind, Operator};
@@ -315,10 +315,6 @@ impl PyFactor {
 #[pyo3(name = "_rebuild_factor", signature = (scene, q, form, /))]
 pub(super) fn rebuild_factor(scene: &Bound<'_, PyScene>, q: &Object<'_>, form: &str) -> PyResult<PyFactor> {
     PyFactor::new(scene, q, read_form(form)?)
-}
-
-fn name_of(form: Form) -> &'static str {
-    FORMS.iter().find(|(_, known)| *known == form).map_or("auto", |(name, _)| name)
 }
 
 fn find(name: &str) -> Result<Kind, Error> {

@@ -34,14 +34,17 @@ mod object;
 mod operational;
 mod output;
 mod parts;
+mod pickled_simulator;
 mod plan;
 mod products;
 mod report;
 mod scene;
 mod scenes;
 mod scratch;
+mod simulator;
 mod single;
 mod stability;
+mod stepping;
 mod stochastic;
 mod threads;
 mod wrenches;
@@ -57,6 +60,8 @@ mod core_module {
     #[pymodule_export]
     use super::factor::{PyFactor, rebuild_factor};
     #[pymodule_export]
+    use super::pickled_simulator::rebuild_simulator;
+    #[pymodule_export]
     use super::report::{
         PyReference, call_of_method, growth_of, measure_method, operator_growth_of, reference_of, residuals_at,
     };
@@ -64,6 +69,8 @@ mod core_module {
     use super::scene::{PyScene, numbers, rebuild_scene};
     #[pymodule_export]
     use super::scenes::{chain_of, extreme_case, extreme_names};
+    #[pymodule_export]
+    use super::simulator::PySimulator;
     #[pymodule_export]
     use super::stability::PyExact;
     #[pymodule_export]

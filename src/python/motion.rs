@@ -1,27 +1,25 @@
 //! Methods of `Scene`: states through time.
 
 use super::axis::Axis;
-use super::choice::read_form;
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
-use super::errors::{asked_by, batch_index, fault, of_batch};
+use super::errors::{asked_by, fault, of_batch};
 use super::fresh::entries;
-use super::input::{self, Input};
+use super::input::Input;
 use super::interrupts::detached;
 use super::object::{Object, imported};
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
-use crate::batch::{Fault, broadcast_axes};
+use super::stepping::{BLOCK, Blocks, Keywords, Stopped, about, largest_corrections};
+use crate::batch::broadcast_axes;
 use crate::error::{Error, check_finite};
 use crate::memory;
 use crate::motion::properties::FRICTION_SPEED;
-use crate::motion::{Method, Properties, Records, Rollout, Settings, StepFault, Torque};
+use crate::motion::{Properties, Records, Rollout, Torque};
+use crate::scene::Scene;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use std::time::{Duration, Instant};
-
-/// Between reports of progress.
-const BLOCK: Duration = Duration::from_millis(50);
+use std::time::Instant;
 
 #[pymethods]
 impl PyScene {
@@ -111,34 +109,25 @@ impl PyScene {
         let (nq, nv) = (scene.nq(), scene.nv());
         let steps = count("steps", steps, 0)?;
         let every = count_or("record_every", record_every, 1, 1)?;
-        let mut settings = Settings::new(scene, dt);
-        settings.method = Method::named(method)?;
-        settings.conserve_momentum = conserve_momentum;
-        settings.form = read_form(form)?;
-        let properties = &mut settings.properties;
-        for (name, given, place) in [
-            ("armature", armature, &mut properties.armature),
-            ("damping", damping, &mut properties.damping),
-            ("stiffness", stiffness, &mut properties.stiffness),
-            ("friction", friction, &mut properties.friction),
-        ] {
-            if let Some(given) = given {
-                *place = input::spread(name, given, own.rates())?;
-            }
-        }
-        if let Some(rest) = rest {
-            properties.rest = input::state("rest", rest, own.coordinates())?;
-        }
-        properties.friction_speed = friction_speed;
-
+        let keywords = Keywords {
+            dt,
+            method,
+            pd,
+            armature,
+            damping,
+            stiffness,
+            rest,
+            friction,
+            friction_speed,
+            form,
+            conserve_momentum,
+        };
+        let (mut settings, pd) = keywords.read(own)?;
         let [q, qd] = [own.configuration("q", q)?, own.rate("qd", qd)?];
         let given = Given::read(tau, tau_steps, steps, own.rates())?;
-        let pd = pd.map(|pd| Pd::read(pd, own)).transpose()?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
         axes.extend(given.leading());
-        if let Some(pd) = &pd {
-            axes.extend([("pd.target", pd.target.leading()), ("pd.target_rate", pd.rate.leading())]);
-        }
+        axes.extend(pd.iter().flat_map(Pd::leading));
         let batch = broadcast_axes(axes)?;
         let room = Room { states: entries(&batch), rows: steps / every + 1, numbers: nq + nv };
         let states = room.checked()?;
@@ -148,15 +137,8 @@ impl PyScene {
         }
         let outputs = [room.output(py, &batch, nq)?, room.output(py, &batch, nv)?];
         let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];
-        let fields = PyDict::new(py);
-        fields.set_item("scene", slf)?;
-        fields.set_item("dt", dt)?;
+        let fields = about(slf, &settings)?;
         fields.set_item("record_every", every)?;
-        fields.set_item("method", settings.method.name())?;
-        let Properties { armature, stiffness, rest, .. } = &settings.properties;
-        for (name, numbers) in [("armature", armature), ("stiffness", stiffness), ("rest", rest)] {
-            fields.set_item(name, from_numbers(py, numbers, &[numbers.len()])?)?;
-        }
         let rollout = detached(py, || Rollout::new(scene, settings, &all_q[..], &all_qd[..]))?;
         let mut rollout = rollout.map_err(|error| of_batch(py, &error, &batch))?;
         drop((all_q, all_qd));
@@ -170,11 +152,7 @@ impl PyScene {
         let stopped = run(py, &mut rollout, &mut records, &plan).err();
         fields.set_item("steps", rollout.steps())?;
         if conserve_momentum {
-            let each = || (0..states).filter_map(|state| rollout.correction(state));
-            let velocity: Vec<f64> = each().map(|largest| largest.velocity).collect();
-            let position: Vec<f64> = each().map(|largest| largest.position).collect();
-            let largest = (from_numbers(py, &velocity, &batch)?, from_numbers(py, &position, &batch)?);
-            let largest = imported!(py, "phipsi._motion", "MomentumCorrection")?.call1(largest)?;
+            let largest = largest_corrections(py, &batch, |state| rollout.correction(state))?;
             fields.set_item("momentum_correction", largest)?;
         }
         let whole = (out_q.finish(), out_qd.finish());
@@ -203,15 +181,15 @@ impl PyScene {
 }
 
 /// What is to be recorded.
-struct Room {
-    states: Option<usize>,
-    rows: usize,
-    numbers: usize,
+pub(super) struct Room {
+    pub states: Option<usize>,
+    pub rows: usize,
+    pub numbers: usize,
 }
 
 impl Room {
     /// The number of states, if there is room for what they record, for where they are, and for where they began.
-    fn checked(&self) -> Result<usize, Error> {
+    pub fn checked(&self) -> Result<usize, Error> {
         let Some(states) = self.states else {
             return Err(Error::argument("batch", "more states than memory has addresses", "fewer"));
         };
@@ -233,33 +211,6 @@ impl Room {
     }
 }
 
-/// Why a run ended early.
-enum Stopped {
-    Fault(StepFault),
-    Raised(PyErr),
-}
-
-impl From<PyErr> for Stopped {
-    fn from(error: PyErr) -> Self {
-        Self::Raised(error)
-    }
-}
-
-impl Stopped {
-    /// The exception, with what was computed.
-    fn raise(self, py: Python<'_>, trajectory: &Object<'_>, batch: &[usize]) -> PyResult<PyErr> {
-        let (cause, joint, state) = match self {
-            Self::Raised(error) => (error, None, None),
-            Self::Fault(StepFault { state, joint, error, .. }) => {
-                let index = (!batch.is_empty()).then(|| batch_index(py, state, batch)).transpose()?;
-                (fault(py, Fault { state, error }, batch), Some(joint), index)
-            }
-        };
-        let made = imported!(py, "phipsi._motion", "stopped")?.call1((trajectory, cause.value(py), joint, state))?;
-        Ok(PyErr::from_value(made))
-    }
-}
-
 /// What a run follows.
 struct Plan<'a, 'py> {
     given: &'a Given<'py>,
@@ -275,7 +226,7 @@ struct Plan<'a, 'py> {
 /// All steps, in blocks of about the time between two reports; signals are looked at after each, and within those that take longer.
 fn run<'py>(
     py: Python<'py>,
-    rollout: &mut Rollout<'_>,
+    rollout: &mut Rollout<&Scene>,
     records: &mut Records<'_>,
     plan: &Plan<'_, 'py>,
 ) -> Result<(), Stopped> {
@@ -283,11 +234,10 @@ fn run<'py>(
     if plan.steps == 0 {
         return advanced(py, rollout, 0, &constant, records);
     }
-    // Doubled or halved until a block takes as long as it should: where steps are cut changes nothing in them.
-    let mut block = 1_usize;
+    let mut blocks = Blocks::new();
     let mut reported = Instant::now();
     while rollout.steps() < plan.steps {
-        let count = block.min(plan.steps - rollout.steps());
+        let count = blocks.next(plan.steps - rollout.steps());
         let began = Instant::now();
         if let Given::Function(tau) = plan.given {
             let tau = asked(tau, rollout, plan)?;
@@ -298,12 +248,7 @@ fn run<'py>(
         }
         py.check_signals()?;
         if !matches!(plan.given, Given::Function(_)) {
-            let elapsed = began.elapsed();
-            if elapsed < BLOCK / 2 {
-                block = block.saturating_mul(2);
-            } else if elapsed > BLOCK {
-                block = (block / 2).max(1);
-            }
+            blocks.done(began);
         }
         let done = rollout.steps();
         if let Some(progress) = plan.progress
@@ -319,7 +264,7 @@ fn run<'py>(
 /// So many steps, without the GIL.
 fn advanced(
     py: Python<'_>,
-    rollout: &mut Rollout<'_>,
+    rollout: &mut Rollout<&Scene>,
     steps: usize,
     torque: &Torque<'_>,
     records: &mut Records<'_>,
@@ -328,7 +273,7 @@ fn advanced(
 }
 
 /// The torques that the caller's function gives for the states as they are.
-fn asked<'py>(tau: &Object<'py>, rollout: &Rollout<'_>, plan: &Plan<'_, 'py>) -> PyResult<Input<'py>> {
+fn asked<'py>(tau: &Object<'py>, rollout: &Rollout<&Scene>, plan: &Plan<'_, 'py>) -> PyResult<Input<'py>> {
     let py = tau.py();
     let states = rollout.states();
     let mut q = memory::with_capacity("q", states * plan.nq)?;

@@ -6,7 +6,7 @@ use super::object::{Object, imported};
 use crate::batch::shape_text;
 use crate::error::Error;
 use crate::scalar::Precision;
-use numpy::ndarray::{ArrayD, ArrayView2};
+use numpy::ndarray::{ArrayD, ArrayView2, ArrayView3};
 use numpy::{
     AsSliceError, BorrowError, Element, PyArrayDyn, PyArrayMethods, PyReadwriteArrayDyn, PyUntypedArray,
     PyUntypedArrayMethods, ToPyArray,
@@ -145,6 +145,11 @@ pub(super) fn from_numbers<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize
         [rows, columns] if numbers.len() <= MANY => {
             if let Ok(matrix) = ArrayView2::from_shape((rows, columns), numbers) {
                 return Ok(matrix.to_pyarray(py).into_any());
+            }
+        }
+        [count, rows, columns] if numbers.len() <= MANY => {
+            if let Ok(matrices) = ArrayView3::from_shape((count, rows, columns), numbers) {
+                return Ok(matrices.to_pyarray(py).into_any());
             }
         }
         _ => {}

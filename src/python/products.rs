@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::scene::Scene;
 use crate::spatial::{RigidShift, SpatialVector};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyMapping, PyTuple};
+use pyo3::types::{PyDict, PyMapping, PySlice, PyTuple};
 
 /// Rough times of one body in one state, ns (see [`Cost`]).
 mod cost {
@@ -282,9 +282,10 @@ impl PyScene {
         };
         let call = self.product_call(which, given, (keywords, body))?;
         if !is_general {
-            let mut results = call.scratch_results(py, 3 * nv)?;
-            call.in_chunks(py, Algorithm::Products(which), results.numbers()?, None)?;
-            return call.parts((py, class), results.numbers()?, [nv; 3].map(|size| vec![size]).to_vec(), &[]);
+            let mut output = call.output(py, &[3, nv], None, Output::unwritten)?;
+            call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
+            let all = output.finish().into_any();
+            return class.call1((part(&all, 0)?, part(&all, 1)?, part(&all, 2)?));
         }
         let place = |name: &str| scene.link(name).map(|link| (link.body, link.placement));
         let wrenched = names.iter().map(|name| place(name)).collect::<Result<Vec<Place>, Error>>()?;
@@ -328,6 +329,12 @@ impl PyScene {
         })?;
         call.parts((py, class), results.numbers()?, vec![vec![nv]; 3], &[])
     }
+}
+
+/// One of the three vectors of each state: a view.
+fn part<'py>(all: &Object<'py>, which: usize) -> PyResult<Object<'py>> {
+    let whole = PySlice::full(all.py());
+    all.get_item((all.py().Ellipsis(), which, whole))
 }
 
 /// All gradients of one state, those by what is constant behind those of the state: of wrenches in their links' frames, then of the links' parameters, armature and

@@ -2,7 +2,7 @@
 
 use super::products::OnBodies;
 use crate::batch::evaluator::{Evaluated, Evaluator};
-use crate::dynamics::derivatives::{DerivativeScratch, HessianScratch, ProductScratch};
+use crate::dynamics::derivatives::{HessianScratch, ProductScratch};
 use crate::dynamics::operational::OperationalScratch;
 use crate::dynamics::{Estimate, EstimateCovariance, EstimateScratch};
 use crate::scalar::MOST_LANES;
@@ -22,8 +22,6 @@ pub(super) struct Scratch {
     pub estimation: Option<Estimation>,
     /// For operational space only.
     pub operational: Option<OperationalScratch<f64>>,
-    /// For derivatives only.
-    derivatives: Option<DerivativeScratch<f64>>,
     /// For gradients by what is constant only.
     products: Option<(ProductScratch<f64>, OnBodies)>,
     /// For Hessians only.
@@ -43,7 +41,6 @@ impl Scratch {
             workspace: Workspace::new(scene.model()),
             estimation: None,
             operational: None,
-            derivatives: None,
             products: None,
             hessians: None,
             evaluator: None,
@@ -51,14 +48,6 @@ impl Scratch {
             forces: vec![Vec::new(); MOST_LANES],
             results: Vec::new(),
         }
-    }
-}
-
-impl Scratch {
-    /// The workspace, the scratch of derivatives and the forces on bodies, for a call on derivatives.
-    pub fn for_derivatives(&mut self, scene: &Scene) -> (&mut Workspace<f64>, &mut DerivativeScratch<f64>, &Forces) {
-        let derivatives = self.derivatives.get_or_insert_with(|| scene.derivative_scratch());
-        (&mut self.workspace, derivatives, &self.forces[0])
     }
 }
 

@@ -14,6 +14,9 @@ use super::scratch::Scratch;
 use crate::algorithm::{Algorithm, Arguments};
 use pyo3::prelude::*;
 
+/// As many numbers are written elsewhere first and copied, which takes less time than keeping account of who borrows an array.
+const COPIED: usize = 1024;
+
 impl PyScene {
     /// Runs `algorithm` on q, qd and u, as many of them as it takes, into an array of this shape.
     ///
@@ -55,7 +58,13 @@ impl PyScene {
                     run(output.numbers()?)?;
                     return Ok(Some(output.finish().into_any()));
                 }
-                results.resize(scene.width(algorithm), 0.0);
+                let width = scene.width(algorithm);
+                if width > COPIED {
+                    let mut output = Output::unwritten(py, shape)?;
+                    run(output.numbers()?)?;
+                    return Ok(Some(output.finish().into_any()));
+                }
+                results.resize(width, 0.0);
                 run(results)?;
                 from_numbers(py, results, shape).map(Some)
             },

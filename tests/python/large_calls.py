@@ -194,6 +194,7 @@ LARGE: dict[str, Large] = {
         "q, qd", batch(10**6, lambda scene, q: scene.simulate(q, rates(q), dt=1e-3, steps=1, record_every=2))
     ),
     "simulate, torques": Large("tau_steps", in_steps),
+    "simulator": Large("q, qd", batch(10**6, lambda scene, q: scene.simulator(q, rates(q), dt=1e-3))),
     "factor": Large("q", batch(50_000, lambda scene, q: scene.factor(q))),
     "factor.update": Large("q", of_factor(4_000, lambda factor, q: factor.update(q + 0.1)), room=15),
     "factor.solve": Large("x", of_factor(200, lambda factor, q: factor.solve(np.zeros((2**15, 1, 7))))),
@@ -245,8 +246,8 @@ LARGE: dict[str, Large] = {
     ),
 }
 
-#: Parameters that say how much work there is, and not how much memory.
-NO_MEMORY = {"emergence.samples", "sensitivity.draws"}
+#: Parameters that say how much work there is, or which of what is there, and not how much memory.
+NO_MEMORY = {"emergence.samples", "sensitivity.draws", "step.steps", "reset.states"}
 
 
 def main(name: str) -> None:

@@ -108,6 +108,12 @@ def moving(scene: phipsi.Scene, q: np.ndarray, steps: int) -> phipsi.Trajectory:
     return scene.simulate(q, np.zeros(scene.nv), dt=1e-6, steps=steps, record_every=steps)
 
 
+def many_resets(scene: phipsi.Scene, q: np.ndarray) -> None:
+    simulator = scene.simulator(q, dt=1e-3)
+    for _ in range(50):
+        simulator.reset(q)
+
+
 LONG: dict[str, Callable[[], Call]] = {
     "forward_dynamics": batch(30, 300_000, lambda scene, q: scene.forward_dynamics(q, q, q, form="joseph")),
     "forward_dynamics, auto": batch(30, 500_000, lambda scene, q: scene.forward_dynamics(q, q, q)),
@@ -155,6 +161,10 @@ LONG: dict[str, Callable[[], Call]] = {
     "operator.toarray, one": of_factor(300, 1, lambda factor, q: factor.S.toarray()),
     "simulate": batch(7, 3, lambda scene, q: moving(scene, q, 10**9)),
     "simulate, long steps": batch(300, 100_000, lambda scene, q: moving(scene, q, 10)),
+    "simulator": batch(300, 100_000, lambda scene, q: [scene.simulator(q, dt=1e-3) for _ in range(10)]),
+    "simulator.step": batch(7, 3, lambda scene, q: scene.simulator(q, dt=1e-6).step(steps=10**9)),
+    "simulator.step, long steps": batch(300, 50_000, lambda scene, q: scene.simulator(q, dt=1e-6).step(steps=10)),
+    "simulator.reset": batch(300, 50_000, lambda scene, q: many_resets(scene, q)),
     "sample": of_model(lambda model: model.sample(10**6, seed=1)),
     "sample_torque": of_model(lambda model: model.sample_torque(3 * 10**7, seed=1)),
     "sample_torque of a long chain": of_model(lambda model: model.sample_torque(2000, seed=1), bodies=20_000),

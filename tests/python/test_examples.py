@@ -45,6 +45,45 @@ def test_the_rods_stay_on_the_cart() -> None:
     assert len(angles) == 5 and angles[-1] < 0.02 * angles[0]
 
 
+GYM = PAPER.with_name("gymnasium_cart_pole.py")
+
+
+def test_the_cart_pole_stands_and_falls() -> None:
+    pytest.importorskip("gymnasium")
+    run = subprocess.run([sys.executable, str(GYM), "--envs", "9", "--actions", "60"], capture_output=True, text=True, timeout=300, check=False)
+    assert run.returncode == 0, run.stdout[-2000:] + run.stderr
+    one, balancing, other = run.stdout.splitlines()
+    assert float(re.findall(r"return (\S+) of 500", one)[0]) > 495 and "9 balancing: mean reward 1.000, 0 fell" in balancing
+    assert int(re.findall(r"(\d+) fell", other)[0]) > 0
+
+
+def test_environments_keep_to_the_rules_of_gymnasium() -> None:
+    pytest.importorskip("gymnasium")
+    from gymnasium.utils.env_checker import check_env
+
+    spec = importlib.util.spec_from_file_location("gymnasium_cart_pole", GYM)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    check_env(module.CartPole(), skip_render_check=True)
+    # A batch is as many of them, and begins those anew whose episode is over.
+    many, one = module.CartPoles(3), module.CartPole()
+    state, _ = many.reset(seed=5)
+    assert many.observation_space.contains(state)
+    push = np.array([[1.0], [0.0], [-1.0]])
+    ended = np.zeros(3, dtype=bool)
+    one._simulator.reset(state[0, :2], state[0, 2:])
+    while not ended.any():
+        state, reward, ended, cut, _ = many.step(push)
+        alone = one.step(push[0])
+        assert_same_bits(state[0], alone[0])
+        assert (reward[0], ended[0], cut[0]) == alone[1:4]
+    before = state
+    state, reward, again, cut, _ = many.step(push)
+    assert np.all(np.abs(state[ended]) <= 0.05) and not again[ended].any() and not reward[ended].any()
+    assert not np.array_equal(state[~ended], before[~ended])
+
+
 # In processes of their own: what Dask warns of there is not ours to fail on.
 SWEEP = [sys.executable, str(PAPER.with_name("sweep.py")), "--starts", "8"]
 needs_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="distributed (Dask) is not installed")

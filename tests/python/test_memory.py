@@ -31,7 +31,7 @@ NO_BATCH = {"lock", "random_model", "check"}
 def public() -> Iterator[tuple[str, str, list[str]]]:
     """Where each public function or method is, its name, and the names of its parameters."""
     scopes = {"": phipsi, "scenes": phipsi.scenes, "_core": _core}
-    for scope in (phipsi.Scene, phipsi.SceneBuilder, phipsi.RandomModel, phipsi.Factor, _core.Exact):
+    for scope in (phipsi.Scene, phipsi.SceneBuilder, phipsi.RandomModel, phipsi.Factor, phipsi.Simulator, _core.Exact):
         scopes[scope.__name__] = scope
     for place, scope in scopes.items():
         for name in vars(scope):
@@ -84,6 +84,7 @@ COUNTS: dict[str, tuple[str, Callable[[phipsi.Scene, object], object]]] = {
         "record_every",
         lambda scene, count: scene.simulate(np.zeros(7), np.zeros(7), dt=1e-3, steps=4, record_every=count),
     ),
+    "simulator.step": ("steps", lambda scene, count: scene.simulator(np.zeros(7), dt=1e-3).step(None, count)),
     "growth": ("bodies", lambda scene, count: _core.growth(count, 1)),
     "repeats": ("repeats", lambda scene, count: _core.growth(2, count)),
     "operator_growth": ("bodies", lambda scene, count: _core.operator_growth(count, 1)),

@@ -3,7 +3,6 @@
 use crate::dynamics::sweeps::SweepModel;
 use crate::model::Model;
 use crate::scalar::{ColumnsOf, Real, larger};
-use std::ops::Range;
 
 /// Rows of the result that are done at once.
 const ROWS: usize = 4;
@@ -17,85 +16,70 @@ pub(super) const MOST_LOST: f64 = 1e-9;
 /// Scratch of the product; made when it is first needed.
 #[derive(Debug)]
 pub(crate) struct Product<T: Real, C: ColumnsOf<T>> {
-    /// dtau/dq and dtau/dqd; behind them as many numbers as a block holds.
-    right: Vec<C::Entry>,
+    /// By blocks of columns the rows that hold anything, and where the block's numbers end among those packed.
+    blocks: Vec<(Vec<u32>, usize)>,
+    /// Of every block, row by row: dtau/dq and dtau/dqd.
+    packed: Vec<[C; 2]>,
     /// The largest entry of each row of M^-1.
     largest: Vec<T>,
-    /// By blocks of columns the rows that hold anything.
-    rows: Vec<Vec<Range<usize>>>,
 }
 
 impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
     /// None yet.
     pub fn new() -> Self {
-        Self { right: Vec::new(), largest: Vec::new(), rows: Vec::new() }
+        Self { blocks: Vec::new(), packed: Vec::new(), largest: Vec::new() }
     }
 
     #[cold]
     fn make(&mut self, model: &Model<T>, sweeps: &SweepModel<T>) {
         let nv = model.nv();
-        self.right = vec![C::kept(T::zero()); 2 * nv * nv + C::COLUMNS];
         self.largest = vec![T::from_f64(f64::NAN); nv];
         let mut holds = vec![vec![false; nv]; nv.div_ceil(C::COLUMNS)];
         sweeps.each_pair(model, |row, column| {
             holds[column / C::COLUMNS][row] = true;
             holds[row / C::COLUMNS][column] = true;
         });
-        self.rows = holds.iter().map(|holds| runs(holds)).collect();
+        let mut end = 0;
+        for holds in holds {
+            let rows: Vec<u32> = (0..).zip(holds).filter(|(_, holds)| *holds).map(|(row, _)| row).collect();
+            end += rows.len();
+            self.blocks.push((rows, end));
+        }
+        self.packed = vec![[C::zero(); 2]; end];
     }
 
     /// -M^-1 times both, in their places: `out` holds dtau/dq, dtau/dqd and M^-1, one after another. The lanes, as bits, in which digits cancel.
     #[inline(always)]
     pub fn in_place(&mut self, scene: (&Model<T>, &SweepModel<T>), like: C, out: &mut [C::Entry]) -> u64 {
         let nv = scene.0.nv();
-        if self.rows.is_empty() {
+        if self.blocks.is_empty() {
             self.make(scene.0, scene.1);
         }
-        let Self { right, largest, rows } = self;
+        let terms = self.pack(nv, like, out);
         let (both, inverse) = out.split_at_mut(2 * nv * nv);
-        right[..both.len()].copy_from_slice(both);
-        let right = &right[..];
-        for (i, largest) in largest.iter_mut().enumerate() {
-            *largest = T::zero();
-            for &entry in &inverse[i * nv..(i + 1) * nv] {
-                *largest = larger(*largest, C::taken(entry).abs());
-            }
-        }
         let (of_q, of_qd) = both.split_at_mut(nv * nv);
-        // Of all columns, lane by lane: the most terms, and the largest result.
-        let (mut terms, mut size) = ([like; 2], [like; 2]);
-        for (at, rows) in rows.iter().enumerate() {
-            let first = at * C::COLUMNS;
-            let width = C::COLUMNS.min(nv - first);
-            let mut of_column = [like; 2];
-            for i in rows.iter().flat_map(Clone::clone) {
-                for (matrix, terms) in of_column.iter_mut().enumerate() {
-                    let entry = like.load(&right[(matrix * nv + i) * nv + first..]);
-                    *terms = like.spread(largest[i]).mul_add(entry.abs(), *terms);
-                }
-            }
-            for matrix in 0..2 {
-                terms[matrix] = larger(terms[matrix], only(like, of_column[matrix], width));
-            }
-            for row in (0..nv).step_by(ROWS) {
-                let count = ROWS.min(nv - row);
+        let Self { blocks, packed, .. } = self;
+        let mut size = [like; 2];
+        for row in (0..nv).step_by(ROWS) {
+            let count = ROWS.min(nv - row);
+            let of_row = |r: usize| &inverse[(row + r.min(count - 1)) * nv..][..nv];
+            let of_rows = [of_row(0), of_row(1), of_row(2), of_row(3)];
+            let mut begin = 0;
+            for (at, &(ref rows, end)) in blocks.iter().enumerate() {
                 let mut sums = [[like; 2]; ROWS];
-                let of_row = |r: usize| &inverse[(row + r.min(count - 1)) * nv..][..nv];
-                let of_rows = [of_row(0), of_row(1), of_row(2), of_row(3)];
-                for i in rows.iter().flat_map(Clone::clone) {
-                    let entries = [like.load(&right[i * nv + first..]), like.load(&right[(nv + i) * nv + first..])];
+                for (&i, entries) in rows.iter().zip(&packed[begin..end]) {
                     for (sums, of_row) in sums.iter_mut().zip(of_rows) {
-                        let factor = like.spread(C::taken(of_row[i]));
-                        for (sum, entry) in sums.iter_mut().zip(entries) {
-                            *sum = sum.minus_product(factor, entry);
-                        }
+                        let factor = like.spread(C::taken(of_row[i as usize]));
+                        sums[0] = sums[0].minus_product(factor, entries[0]);
+                        sums[1] = sums[1].minus_product(factor, entries[1]);
                     }
                 }
+                begin = end;
+                let first = at * C::COLUMNS;
+                let width = C::COLUMNS.min(nv - first);
                 for (r, &[by_q, by_qd]) in sums[..count].iter().enumerate() {
-                    size = [
-                        larger(size[0], only(like, by_q, width).abs()),
-                        larger(size[1], only(like, by_qd, width).abs()),
-                    ];
+                    size[0] = larger(size[0], only(like, by_q, width).abs());
+                    size[1] = larger(size[1], only(like, by_qd, width).abs());
                     let to = (row + r) * nv + first;
                     put::<T, C>(by_q, &mut of_q[to..to + width]);
                     put::<T, C>(by_qd, &mut of_qd[to..to + width]);
@@ -104,18 +88,44 @@ impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
         }
         lost(terms, size)
     }
-}
 
-/// Runs of true.
-fn runs(holds: &[bool]) -> Vec<Range<usize>> {
-    let mut runs: Vec<Range<usize>> = Vec::new();
-    for i in (0..holds.len()).filter(|&i| holds[i]) {
-        match runs.last_mut() {
-            Some(run) if run.end == i => run.end = i + 1,
-            _ => runs.push(i..i + 1),
+    /// Packs the blocks; gives, lane by lane, the most terms that a column is the sum of.
+    #[inline(always)]
+    fn pack(&mut self, nv: usize, like: C, out: &[C::Entry]) -> [C; 2] {
+        let Self { blocks, packed, largest } = self;
+        for (i, largest) in largest.iter_mut().enumerate() {
+            let row = &out[(2 * nv + i) * nv..][..nv];
+            let mut all = like;
+            let whole = row.chunks_exact(C::COLUMNS);
+            for &entry in whole.remainder() {
+                all = larger(all, like.spread(C::taken(entry).abs()));
+            }
+            for block in whole {
+                all = larger(all, like.load(block).abs());
+            }
+            *largest = all.column(0);
+            for column in 1..C::COLUMNS {
+                *largest = larger(*largest, all.column(column));
+            }
         }
+        let (mut most, mut begin) = ([like; 2], 0);
+        for (at, &(ref rows, end)) in blocks.iter().enumerate() {
+            let first = at * C::COLUMNS;
+            let mut terms = [like; 2];
+            for (&i, packed) in rows.iter().zip(&mut packed[begin..end]) {
+                let i = i as usize;
+                // What is behind the last column is another row's, and nobody's result; behind both matrices there is M^-1.
+                *packed = [like.load(&out[i * nv + first..]), like.load(&out[(nv + i) * nv + first..])];
+                let largest = like.spread(largest[i]);
+                terms[0] = largest.mul_add(packed[0].abs(), terms[0]);
+                terms[1] = largest.mul_add(packed[1].abs(), terms[1]);
+            }
+            begin = end;
+            let width = C::COLUMNS.min(nv - first);
+            most = [larger(most[0], only(like, terms[0], width)), larger(most[1], only(like, terms[1], width))];
+        }
+        most
     }
-    runs
 }
 
 /// The first columns of a block, zero in the others.

@@ -1,0 +1,129 @@
+"""Configurations as plain numbers, for libraries that differentiate by each: quaternions of any norm, and tangents of q (+) d beside changes of q.
+
+A configuration is normalised before it is used, so that every function of it is one of plain numbers. Coordinates of one axis are their own tangents; a quaternion (x, y,
+z, w) = (v, s) has the tangent 2 (s dv + dv x v - v ds) / |q|^2 in the child's axes, and the position of a free joint R^T dp.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ._core import Scene
+
+Array = NDArray[np.float64]
+
+#: Below this angle, rad, the right Jacobian is its series: the closed form cancels.
+SMALL = 0.5
+#: Terms of the series: the next is below 1e-17 there.
+TERMS = 14
+
+
+def skew(w: Array) -> Array:
+    """w~ of vectors, (..., 3) to (..., 3, 3): w~ u = w x u."""
+    x, y, z = np.moveaxis(w, -1, 0)
+    o = np.zeros_like(x)
+    return np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], -2)
+
+
+def rotation(quaternion: Array) -> Array:
+    """R of quaternions (x, y, z, w) of any norm, (..., 4) to (..., 3, 3)."""
+    unit = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    v, s = skew(unit[..., :3]), unit[..., 3, None, None]
+    return np.asarray(np.eye(3) + 2.0 * (s * v + v @ v))
+
+
+def right_jacobian(a: Array, angle: Array) -> Array:
+    """The sum of a^i / (i + 1)!, a = -V x a bracket of a rotation by this angle, with a translation or without: (..., n, n), n = 3 or 6."""
+    identity = np.eye(a.shape[-1])
+    series = np.broadcast_to(identity, a.shape)
+    for i in range(TERMS, 1, -1):
+        series = identity + a @ series / i
+    f = np.where(angle < SMALL, 1.0, angle)[..., None, None]
+    sin, cos = np.sin(f), np.cos(f)
+    once = (4 - f * sin - 4 * cos) / (2 * f**2)
+    twice = (4 * f - 5 * sin + f * cos) / (2 * f**3)
+    thrice = (2 - f * sin - 2 * cos) / (2 * f**4)
+    last = (2 * f - 3 * sin + f * cos) / (2 * f**5)
+    closed = identity + a @ (once * identity + a @ (twice * identity + a @ (thrice * identity + a * last)))
+    return np.where((angle < SMALL)[..., None, None], series, closed)
+
+
+class Coordinates:
+    """Where the quaternions of a scene are, and what follows from it."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        #: In q and in v, (quaternion, angular) of every spherical and free joint.
+        self.turns: list[tuple[slice, slice]] = []
+        #: Of every free joint (position, quaternion, linear, angular).
+        self.moves: list[tuple[slice, slice, slice, slice]] = []
+        plain: list[tuple[int, int]] = []
+        for joint in scene.joint_names:
+            q, v = scene.q_index(joint), scene.v_index(joint)
+            if q.stop - q.start == 4:
+                self.turns.append((slice(q.start, q.stop), slice(v.start, v.stop)))
+            elif q.stop - q.start == 7:
+                turn, angular = slice(q.start + 3, q.stop), slice(v.start + 3, v.stop)
+                self.turns.append((turn, angular))
+                self.moves.append((slice(q.start, q.start + 3), turn, slice(v.start, v.start + 3), angular))
+            else:
+                plain.extend(zip(range(q.start, q.stop), range(v.start, v.stop), strict=True))
+        self._plain = tuple(np.array(plain, dtype=np.intp).reshape(-1, 2).T)
+
+    def normalised(self, q: Array) -> Array:
+        """The same configurations, quaternions of norm one: (..., nq)."""
+        q = np.array(q, dtype=np.float64)
+        for turn, _ in self.turns:
+            q[..., turn] /= np.linalg.norm(q[..., turn], axis=-1, keepdims=True)
+        return q
+
+    def tangents(self, q: Array) -> Array:
+        """T with tangent = T dq, (..., nv, nq): what a change of each number of q is as a tangent; q of any norm."""
+        t = np.zeros((*q.shape[:-1], self.scene.nv, self.scene.nq))
+        in_q, in_v = self._plain
+        t[..., in_v, in_q] = 1.0
+        for turn, angular in self.turns:
+            v, s = q[..., turn][..., :3], q[..., turn][..., 3, None, None]
+            scale = 2.0 / np.sum(q[..., turn] ** 2, axis=-1)[..., None, None]
+            t[..., angular, turn] = scale * np.concatenate([s * np.eye(3) - skew(v), -v[..., None]], axis=-1)
+        for place, turn, linear, _ in self.moves:
+            t[..., linear, place] = np.swapaxes(rotation(q[..., turn]), -1, -2)
+        return t
+
+    def changes(self, q: Array) -> Array:
+        """E with dq = E tangent, (..., nq, nv), of normalised configurations: T E = 1."""
+        e = np.zeros((*q.shape[:-1], self.scene.nq, self.scene.nv))
+        in_q, in_v = self._plain
+        e[..., in_q, in_v] = 1.0
+        for turn, angular in self.turns:
+            v, s = q[..., turn][..., :3], q[..., turn][..., 3, None, None]
+            e[..., turn, angular] = 0.5 * np.concatenate([s * np.eye(3) + skew(v), -v[..., None, :]], axis=-2)
+        for place, turn, linear, _ in self.moves:
+            e[..., place, linear] = rotation(q[..., turn])
+        return e
+
+    def integrated(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """The derivatives of q (+) v, (..., nq, nq) and (..., nq, nv): by the numbers of q and of v; q of any norm."""
+        batch = np.broadcast_shapes(q.shape[:-1], v.shape[:-1])
+        q, v = np.broadcast_to(q, (*batch, self.scene.nq)), np.broadcast_to(v, (*batch, self.scene.nv))
+        along, by_v = np.zeros((2, *batch, self.scene.nv, self.scene.nv))
+        both = np.arange(self.scene.nv)
+        along[..., both, both] = by_v[..., both, both] = 1.0
+        free = {angular.start for *_, angular in self.moves}
+        blocks = [(angular, -skew(v[..., angular])) for _, angular in self.turns if angular.start not in free]
+        for _, _, linear, angular in self.moves:
+            turning, moving = -skew(v[..., angular]), -skew(v[..., linear])
+            # In the order (linear, angular).
+            bracket = np.block([[turning, moving], [np.zeros_like(turning), turning]])
+            blocks.append((slice(linear.start, angular.stop), bracket))
+        for rows, a in blocks:
+            angle = np.linalg.norm(v[..., rows][..., -3:], axis=-1)
+            jacobian = right_jacobian(a, angle)
+            along[..., rows, rows] = np.eye(a.shape[-1]) + a @ jacobian
+            by_v[..., rows, rows] = jacobian
+        end = self.changes(self.scene.integrate(self.normalised(q), v))
+        return end @ along @ self.tangents(q), end @ by_v

@@ -1,0 +1,120 @@
+"""Dynamics inside PyTorch: autograd, forward mode and torch.func (vmap, jacrev, jacfwd) by phipsi's analytic derivatives.
+
+>>> import phipsi, phipsi.torch, torch                                      # doctest: +SKIP
+>>> scene = phipsi.Scene.from_urdf("ur5.urdf")                              # doctest: +SKIP
+>>> tau = torch.zeros(scene.nv, dtype=torch.float64, requires_grad=True)    # doctest: +SKIP
+>>> phipsi.torch.forward_dynamics(scene, q, qd, tau).square().sum().backward()   # doctest: +SKIP
+
+Every function calls phipsi on the CPU, once for a whole batch (vmap included), in float64; results have the dtype and device of the arguments. Its derivative is the
+analytic Jacobian, in one call; derivatives of second order are not there. q is taken as plain numbers: quaternions are normalised first, and gradients are by
+their four numbers.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+try:
+    import torch
+except ImportError as error:  # pragma: no cover
+    raise ImportError("phipsi.torch needs PyTorch: pip install 'phipsi[torch]'") from error
+
+import numpy as np
+
+from . import _calls
+
+if TYPE_CHECKING:
+    from ._core import Scene
+
+__all__ = ["forward_dynamics", "integrate", "inverse_dynamics"]
+
+_Tensor = torch.Tensor
+
+
+def forward_dynamics(scene: Scene, q: _Tensor, qd: _Tensor, tau: _Tensor, *, form: str = "auto") -> _Tensor:
+    """Joint accelerations, as Scene.forward_dynamics: q (..., nq), qd and tau (..., nv); leading axes broadcast."""
+    return _apply(_calls.forward_dynamics(scene, form), q, qd, tau)
+
+
+def inverse_dynamics(scene: Scene, q: _Tensor, qd: _Tensor, qdd: _Tensor) -> _Tensor:
+    """Joint torques, as Scene.inverse_dynamics: q (..., nq), qd and qdd (..., nv); leading axes broadcast."""
+    return _apply(_calls.inverse_dynamics(scene), q, qd, qdd)
+
+
+def integrate(scene: Scene, q: _Tensor, v: _Tensor) -> _Tensor:
+    """q moved along v for a unit of time, as Scene.integrate: q (..., nq), v (..., nv); leading axes broadcast. A step is integrate(scene, q, dt * qd)."""
+    return _apply(_calls.integrate(scene), q, v)
+
+
+def _apply(call: _calls.Call, *arguments: _Tensor) -> _Tensor:
+    batch = torch.broadcast_shapes(*(argument.shape[:-1] for argument in arguments))
+    whole = [argument.expand(*batch, argument.shape[-1]) for argument in arguments]
+    return _Value.apply(call, *whole)  # type: ignore[no-any-return]
+
+
+def _on_host(function: _calls.Host, arguments: tuple[_Tensor, ...]) -> tuple[_Tensor, ...]:
+    found = _calls.on_host(function, tuple(argument.detach().cpu().numpy() for argument in arguments))
+    like = arguments[0]
+    each = found if isinstance(found, tuple) else (found,)
+    return tuple(torch.as_tensor(np.ascontiguousarray(array), dtype=like.dtype, device=like.device) for array in each)
+
+
+def _in_front(info: Any, dims: tuple[int | None, ...], arguments: tuple[_Tensor, ...]) -> list[_Tensor]:
+    """The arguments with the axis of vmap first."""
+    return [
+        argument.expand(info.batch_size, *argument.shape) if dim is None else argument.movedim(dim, 0)
+        for argument, dim in zip(arguments, dims, strict=True)
+    ]
+
+
+class _Derivatives(torch.autograd.Function):
+    """By each argument; a function of its own, so that vmap asks for those of a whole batch."""
+
+    generate_vmap_rule = False
+
+    @staticmethod
+    def forward(call: _calls.Call, *arguments: _Tensor) -> tuple[_Tensor, ...]:
+        return _on_host(call.derivatives, arguments)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: Any, output: Any) -> None:
+        pass
+
+    @staticmethod
+    def backward(ctx: Any, *_: _Tensor) -> Any:
+        raise NotImplementedError("phipsi.torch has no derivatives of second order")
+
+    @staticmethod
+    def vmap(info: Any, dims: Any, call: _calls.Call, *arguments: _Tensor) -> Any:
+        found = _Derivatives.apply(call, *_in_front(info, dims[1:], arguments))
+        return found, tuple(0 for _ in found)
+
+
+class _Value(torch.autograd.Function):
+    generate_vmap_rule = False
+
+    @staticmethod
+    def forward(call: _calls.Call, *arguments: _Tensor) -> _Tensor:
+        return _on_host(call.value, arguments)[0]
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: Any, output: Any) -> None:
+        call, *arguments = inputs
+        ctx.call = call
+        ctx.save_for_backward(*arguments)
+        ctx.save_for_forward(*arguments)
+
+    @staticmethod
+    def backward(ctx: Any, cotangent: _Tensor) -> Any:
+        by_each = _Derivatives.apply(ctx.call, *ctx.saved_tensors)
+        return None, *((cotangent.unsqueeze(-2) @ by_one).squeeze(-2) for by_one in by_each)
+
+    @staticmethod
+    def jvp(ctx: Any, _: Any, *tangents: _Tensor | None) -> Any:
+        by_each = _Derivatives.apply(ctx.call, *ctx.saved_tensors)
+        moved = [(by_one @ tangent.unsqueeze(-1)).squeeze(-1) for by_one, tangent in zip(by_each, tangents, strict=True) if tangent is not None]
+        return sum(moved[1:], moved[0])
+
+    @staticmethod
+    def vmap(info: Any, dims: Any, call: _calls.Call, *arguments: _Tensor) -> Any:
+        return _Value.apply(call, *_in_front(info, dims[1:], arguments)), 0

@@ -1,0 +1,83 @@
+//! Pickles and copies of a `Simulator`: what it was made of, and what its steps have made since.
+
+use super::choice::name_of;
+use super::input::shaped;
+use super::object::Object;
+use super::output::from_numbers;
+use super::scene::PyScene;
+use super::simulator::PySimulator;
+use crate::error::Error;
+use crate::memory;
+use crate::motion::{Gains, Settings};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+#[pymethods]
+impl PySimulator {
+    /// What Scene.simulator made it of, and what the steps have made since.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Object<'py>, Object<'py>)> {
+        let (q, qd) = (self.q(py)?, self.qd(py)?);
+        let moving = self.moving()?;
+        let keywords = self.keywords(py, moving.settings())?;
+        let (numbers, begun, done) = moving.numbers();
+        let numbers = from_numbers(py, numbers, &[numbers.len()])?;
+        let rebuild = py.import("phipsi._core")?.getattr("_rebuild_simulator")?;
+        let made_of = (self.scene.clone_ref(py), q, qd, keywords, numbers, memory::copied("simulator", begun)?, done);
+        Ok((rebuild, made_of.into_pyobject(py)?.into_any()))
+    }
+}
+
+impl PySimulator {
+    /// The keywords of Scene.simulator that give these settings.
+    fn keywords<'py>(&self, py: Python<'py>, settings: Settings) -> PyResult<Bound<'py, PyDict>> {
+        let Settings { dt, method, form, properties, gains, conserve_momentum, arm: _ } = settings;
+        let keywords = PyDict::new(py);
+        keywords.set_item("dt", dt)?;
+        keywords.set_item("method", method.name())?;
+        keywords.set_item("form", name_of(form))?;
+        keywords.set_item("conserve_momentum", conserve_momentum)?;
+        keywords.set_item("friction_speed", properties.friction_speed)?;
+        for (name, numbers) in [
+            ("armature", &properties.armature),
+            ("damping", &properties.damping),
+            ("stiffness", &properties.stiffness),
+            ("rest", &properties.rest),
+            ("friction", &properties.friction),
+        ] {
+            keywords.set_item(name, from_numbers(py, numbers, &[numbers.len()])?)?;
+        }
+        if let Some(Gains { proportional, derivative, target, target_rate }) = gains {
+            let scene = &self.scene.get().scene;
+            let each = |numbers: &[f64], width: usize| {
+                let shape = if numbers.len() == width { vec![width] } else { [&self.batch[..], &[width]].concat() };
+                from_numbers(py, numbers, &shape)
+            };
+            let nv = scene.nv();
+            let pd =
+                (each(&proportional, nv)?, each(&derivative, nv)?, each(&target, scene.nq())?, each(&target_rate, nv)?);
+            keywords.set_item("pd", pd)?;
+        }
+        Ok(keywords)
+    }
+}
+
+/// A simulator of what Simulator.__reduce__ gave.
+#[pyfunction]
+#[pyo3(name = "_rebuild_simulator", signature = (scene, q, qd, keywords, numbers, begun, steps, /))]
+#[allow(clippy::needless_pass_by_value)] // what Python gives
+pub(super) fn rebuild_simulator<'py>(
+    scene: &Bound<'py, PyScene>,
+    q: &Object<'py>,
+    qd: &Object<'py>,
+    keywords: &Bound<'py, PyDict>,
+    numbers: &Object<'py>,
+    begun: Vec<usize>,
+    steps: usize,
+) -> PyResult<Bound<'py, PySimulator>> {
+    let made = scene.call_method("simulator", (q, qd), Some(keywords))?.cast_into::<PySimulator>()?;
+    let (_, numbers) = shaped("pickled simulator", numbers, 0)?;
+    if !made.get().moving()?.take_up(&numbers, &begun, steps) {
+        return Err(Error::argument("pickled simulator", "numbers of other states", "those that pickle wrote").into());
+    }
+    Ok(made)
+}

@@ -1,0 +1,374 @@
+//! The class `Simulator`: states that go on call by call, with scratch of their own.
+
+use super::control::{Pd, everyone};
+use super::cost::WORTH_RELEASING;
+use super::counts::count;
+use super::errors::{fault, of_batch};
+use super::fresh::entries;
+use super::input::{Input, plain};
+use super::interrupts::detached;
+use super::motion::Room;
+use super::object::{Object, imported};
+use super::output::{Output, from_numbers};
+use super::scene::PyScene;
+use super::stepping::{Blocks, Keywords, Stopped, about, largest_corrections};
+use crate::batch::{Broadcast, broadcast_axes};
+use crate::error::{Error, check_finite};
+use crate::memory;
+use crate::motion::properties::FRICTION_SPEED;
+use crate::motion::{Method, Simulator, Torque};
+use crate::scene::Scene;
+use numpy::{PyArray1, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+use std::borrow::Borrow;
+use std::sync::{Mutex, MutexGuard, TryLockError};
+use std::time::Instant;
+
+/// How many steps, as given.
+#[derive(Clone, Copy)]
+struct Steps(usize);
+
+impl<'py> FromPyObject<'_, 'py> for Steps {
+    type Error = PyErr;
+
+    fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        count("steps", &given, 0).map(Self)
+    }
+}
+
+/// The scene of a simulator, whose Python object it keeps alive.
+pub(super) struct Held(Py<PyScene>);
+
+impl Borrow<Scene> for Held {
+    fn borrow(&self) -> &Scene {
+        &self.0.get().scene
+    }
+}
+
+/// What a state has of configurations, or of rates.
+type Part = for<'a> fn(&'a Simulator<Held>, usize) -> &'a [f64];
+
+const CONFIGURATION: Part = |moving, state| moving.state(state).0;
+const RATES: Part = |moving, state| moving.state(state).1;
+
+/// States that are advanced call by call: what a controller, a learner or a game loop steps.
+///
+/// Made by Scene.simulator. A step has the bits that it has in Scene.simulate, however steps are cut into calls, and whatever states are beside it.
+/// Scratch is kept between steps. The batch, (...), has the axes that q, qd and the targets of pd broadcast to; large ones run in lanes and on threads.
+///
+/// One call at a time: while one is under way, others on the same simulator (of other threads, or of a signal handler) raise ArgumentError. Copies and
+/// pickles are simulators of their own, at the same state, which go on with the same bits.
+#[pyclass(frozen, name = "Simulator", module = "phipsi")]
+pub(crate) struct PySimulator {
+    pub(super) scene: Py<PyScene>,
+    pub(super) batch: Vec<usize>,
+    dt: f64,
+    method: Method,
+    conserve_momentum: bool,
+    /// Nobody waits for it: who finds it taken is refused.
+    moving: Mutex<Simulator<Held>>,
+}
+
+#[pymethods]
+impl PyScene {
+    /// States to advance step by step: an object that keeps them, and its scratch, between the steps.
+    ///
+    /// q: (..., nq); qd: (..., nv), zero if not given; leading axes broadcast to those of the batch. dt, method, form, pd, armature, damping,
+    /// stiffness, rest, friction, friction_speed, conserve_momentum: as in simulate, for all steps.
+    ///
+    /// Returns a phipsi.Simulator. Simulator.step(tau) costs what forward dynamics does, a stage, and some tenths of a microsecond.
+    ///
+    /// Raises OutOfMemoryError for more states than there is room for; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    #[pyo3(signature = (q, qd=None, *, dt, method="semi-implicit-euler", pd=None, armature=None, damping=None, stiffness=None, rest=None,
+                        friction=None, friction_speed=FRICTION_SPEED, form="auto", conserve_momentum=false),
+           text_signature = "($self, q, qd=None, *, dt, method='semi-implicit-euler', pd=None, armature=None, damping=None, stiffness=None, \
+                             rest=None, friction=None, friction_speed=0.01, form='auto', conserve_momentum=False)")]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn simulator<'py>(
+        slf: &Bound<'py, Self>,
+        q: &Object<'py>,
+        qd: Option<&Object<'py>>,
+        dt: f64,
+        method: &str,
+        pd: Option<&Object<'py>>,
+        armature: Option<&Object<'py>>,
+        damping: Option<&Object<'py>>,
+        stiffness: Option<&Object<'py>>,
+        rest: Option<&Object<'py>>,
+        friction: Option<&Object<'py>>,
+        friction_speed: f64,
+        form: &str,
+        conserve_momentum: bool,
+    ) -> PyResult<PySimulator> {
+        let (py, own) = (slf.py(), slf.get());
+        let keywords = Keywords {
+            dt,
+            method,
+            pd,
+            armature,
+            damping,
+            stiffness,
+            rest,
+            friction,
+            friction_speed,
+            form,
+            conserve_momentum,
+        };
+        let (mut settings, pd) = keywords.read(own)?;
+        let [q, qd] = [own.configuration("q", q)?, own.rates_or_rest(py, qd)?];
+        let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
+        axes.extend(pd.iter().flat_map(Pd::leading));
+        let batch = broadcast_axes(axes)?;
+        let numbers = own.scene.nq() + own.scene.nv();
+        let states = Room { states: entries(&batch), rows: 1, numbers }.checked()?;
+        own.check_scratch(states)?;
+        if let Some(pd) = pd {
+            settings.gains = Some(pd.over(&batch, states)?);
+        }
+        let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];
+        let (scene, method) = (slf.clone().unbind(), settings.method);
+        let held = Held(scene.clone_ref(py));
+        let moving = detached(py, || Simulator::new(held, settings, &all_q, &all_qd))?;
+        let moving = Mutex::new(moving.map_err(|error| of_batch(py, &error, &batch))?);
+        Ok(PySimulator { scene, batch, dt, method, conserve_momentum, moving })
+    }
+}
+
+impl PyScene {
+    /// Rates as given, or zero.
+    fn rates_or_rest<'py>(&self, py: Python<'py>, qd: Option<&Object<'py>>) -> PyResult<Input<'py>> {
+        qd.map_or_else(|| Input::filled(py, "qd", 0.0, self.scene.nv()), |qd| self.rate("qd", qd))
+    }
+}
+
+impl PySimulator {
+    /// The states, for one call.
+    pub(super) fn moving(&self) -> Result<MutexGuard<'_, Simulator<Held>>, Error> {
+        match self.moving.try_lock() {
+            Ok(moving) => Ok(moving),
+            Err(TryLockError::Poisoned(poisoned)) => Ok(poisoned.into_inner()),
+            Err(TryLockError::WouldBlock) => {
+                let expected = "one call at a time; copy.copy(simulator) gives each thread its own";
+                Err(Error::argument("simulator", "another call on it that is under way", expected))
+            }
+        }
+    }
+
+    /// One array of every state, (..., width), with these axes between.
+    fn of_all<'py>(
+        &self,
+        py: Python<'py>,
+        moving: &Simulator<Held>,
+        between: &[usize],
+        (width, of): (usize, Part),
+    ) -> PyResult<Object<'py>> {
+        if self.batch.is_empty() && between.is_empty() {
+            return from_numbers(py, of(moving, 0), &[width]);
+        }
+        let mut output = Output::new(py, &[&self.batch[..], between, &[width]].concat())?;
+        output.gather(py, width, (0..moving.states()).map(|state| of(moving, state)))?;
+        Ok(output.finish().into_any())
+    }
+
+    /// Makes the steps; long ones without the GIL, in blocks between which signals are looked at.
+    fn advance(&self, py: Python<'_>, torque: &Torque<'_>, steps: usize) -> PyResult<()> {
+        let mut moving = self.moving()?;
+        let moving = &mut *moving;
+        moving.check_torque(torque, steps).map_err(|error| fault(py, error, &self.batch))?;
+        let cost = moving.cost().saturating_mul(moving.states()).saturating_mul(steps);
+        let outcome = if cost < WORTH_RELEASING {
+            moving.step(torque, steps).map_err(Stopped::Fault)
+        } else {
+            in_blocks(py, moving, torque, steps)
+        };
+        let Err(stopped) = outcome else { return Ok(()) };
+        let now = self.now(py, moving)?;
+        Err(stopped.raise(py, &now, &self.batch)?)
+    }
+
+    /// The states now as a trajectory of one row.
+    fn now<'py>(&self, py: Python<'py>, moving: &Simulator<Held>) -> PyResult<Object<'py>> {
+        let fields = about(self.scene.bind(py), &moving.settings())?;
+        fields.set_item("steps", moving.steps())?;
+        if self.conserve_momentum {
+            let largest = largest_corrections(py, &self.batch, |state| moving.correction(state))?;
+            fields.set_item("momentum_correction", largest)?;
+        }
+        let (nq, nv) = (moving.scene().nq(), moving.scene().nv());
+        let rows = (self.of_all(py, moving, &[1], (nq, CONFIGURATION))?, self.of_all(py, moving, &[1], (nv, RATES))?);
+        imported!(py, "phipsi._motion", "only_now")?.call(rows, Some(&fields))
+    }
+}
+
+/// All steps, in blocks that take about as long as signals may wait.
+fn in_blocks(py: Python<'_>, moving: &mut Simulator<Held>, torque: &Torque<'_>, steps: usize) -> Result<(), Stopped> {
+    let mut blocks = Blocks::new();
+    let end = moving.steps() + steps;
+    while moving.steps() < end {
+        let count = blocks.next(end - moving.steps());
+        let began = Instant::now();
+        detached(py, || moving.step(torque, count))?.map_err(Stopped::Fault)?;
+        py.check_signals()?;
+        blocks.done(began);
+    }
+    Ok(())
+}
+
+#[pymethods]
+impl PySimulator {
+    /// Makes steps of dt in all states, tau held over them.
+    ///
+    /// tau: (nv,), or (..., nv) with axes that broadcast to the batch, N m or N; None: zero. steps: how many.
+    ///
+    /// Returns nothing: q, qd and t are the new state.
+    ///
+    /// Raises SimulationError where motion diverges or a pivot is lost, with .step, .joint, .state and .trajectory, whose one row is the state now:
+    /// all states, and their times, are after the last step that all of them finished. reset(q, qd, states=error.state) lets the others go on.
+    /// Raises SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; ShapeError, NotFiniteError, ArgumentError, after which nothing has moved.
+    #[pyo3(signature = (tau=None, steps=Steps(1)), text_signature = "($self, tau=None, steps=1)")]
+    fn step(&self, py: Python<'_>, tau: Option<&Object<'_>>, steps: Steps) -> PyResult<()> {
+        let Steps(steps) = steps;
+        let Some(tau) = tau else { return self.advance(py, &Torque::Zero, steps) };
+        let own = self.scene.get();
+        let nv = own.scene.nv();
+        // The shortest way, of one torque in a plain array.
+        if let Some((numbers, _)) = plain(tau, nv) {
+            check_finite("tau", &numbers)?;
+            return self.advance(py, &Torque::Constant(Broadcast::new("tau", &numbers, nv, &[], &self.batch)?), steps);
+        }
+        let tau: Input<'_> = own.rate("tau", tau)?;
+        check_finite("tau", tau.data()?)?;
+        self.advance(py, &Torque::Constant(tau.over(&self.batch)?), steps)
+    }
+
+    /// Begins states anew, at time zero; the others stay as they are.
+    ///
+    /// q: (..., nq); qd: (..., nv), zero if not given. states: None for all, or whatever selects states of an array of the batch's shape in NumPy: a
+    /// mask of that shape, an index, a list of them, a slice. q and qd broadcast to what it selects, as in array[states] = q.
+    ///
+    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state; all states are then as they were.
+    #[pyo3(signature = (q, qd=None, *, states=None))]
+    fn reset<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        qd: Option<&Object<'py>>,
+        states: Option<&Object<'py>>,
+    ) -> PyResult<()> {
+        let own = self.scene.get();
+        let [q, qd] = [own.configuration("q", q)?, own.rates_or_rest(py, qd)?];
+        let (axes, chosen) = match states {
+            None => (self.batch.clone(), self.every()?),
+            Some(states) => self.chosen(states)?,
+        };
+        let (q, qd) = (q.over(&axes)?, qd.over(&axes)?);
+        let mut moving = self.moving()?;
+        let moving = &mut *moving;
+        let outcome = if chosen.len() * self.width() < RESET_AT_ONCE {
+            moving.reset(&chosen, &q, &qd)
+        } else {
+            detached(py, || moving.reset(&chosen, &q, &qd))?
+        };
+        outcome.map_err(|error| fault(py, error, &self.batch))
+    }
+
+    /// Configurations now, (..., nq); a copy.
+    #[getter]
+    pub(super) fn q<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
+        let moving = self.moving()?;
+        self.of_all(py, &moving, &[], (moving.scene().nq(), CONFIGURATION))
+    }
+
+    /// Rates now, (..., nv); a copy.
+    #[getter]
+    pub(super) fn qd<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
+        let moving = self.moving()?;
+        self.of_all(py, &moving, &[], (moving.scene().nv(), RATES))
+    }
+
+    /// How long each state has moved since it began or was reset, (...), s: a number for one state, else an array, a copy.
+    #[getter]
+    fn t<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
+        let moving = self.moving()?;
+        let mut times = Output::new(py, &self.batch)?;
+        for (state, time) in times.numbers()?.iter_mut().enumerate() {
+            *time = moving.time(state);
+        }
+        times.finish_or_scalar()
+    }
+
+    /// How many steps were made, resets or not.
+    #[getter]
+    fn steps(&self) -> PyResult<usize> {
+        Ok(self.moving()?.steps())
+    }
+
+    /// The step, s.
+    #[getter]
+    fn dt(&self) -> f64 {
+        self.dt
+    }
+
+    /// How states are advanced, one of the names that Scene.simulate has for it.
+    #[getter]
+    fn method(&self) -> &'static str {
+        self.method.name()
+    }
+
+    /// The scene that moves.
+    #[getter]
+    fn scene(&self, py: Python<'_>) -> Py<PyScene> {
+        self.scene.clone_ref(py)
+    }
+
+    /// The axes of the batch; () for one state.
+    #[getter]
+    fn batch<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, &self.batch)
+    }
+
+    /// The largest corrections that conserve_momentum made in each state since it began or was reset, a MomentumCorrection; None without it.
+    #[getter]
+    fn momentum_correction<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
+        if !self.conserve_momentum {
+            return Ok(None);
+        }
+        let moving = self.moving()?;
+        largest_corrections(py, &self.batch, |state| moving.correction(state)).map(Some)
+    }
+
+    fn __repr__(&self) -> PyResult<String> {
+        let moving = self.moving()?;
+        let (dt, method) = (self.dt, self.method.name());
+        let states = if self.batch.is_empty() { "one state".to_owned() } else { format!("{} states", moving.states()) };
+        Ok(format!("<phipsi.Simulator: {states}, {} steps of {dt} s by {method}>", moving.steps()))
+    }
+}
+
+/// Resets of fewer numbers keep the GIL.
+const RESET_AT_ONCE: usize = 1_000;
+
+impl PySimulator {
+    /// How many numbers a state has.
+    fn width(&self) -> usize {
+        let scene = &self.scene.get().scene;
+        scene.nq() + scene.nv()
+    }
+
+    /// The indices of all states.
+    fn every(&self) -> Result<Vec<usize>, Error> {
+        let states = self.batch.iter().product();
+        let mut every = memory::with_capacity("states", states)?;
+        every.extend(0..states);
+        Ok(every)
+    }
+
+    /// The axes and the indices of what `states` selects.
+    fn chosen(&self, states: &Object<'_>) -> PyResult<(Vec<usize>, Vec<usize>)> {
+        let py = states.py();
+        let found = imported!(py, "phipsi._arguments", "states_of")?.call1((states, PyTuple::new(py, &self.batch)?))?;
+        let (axes, indices): (Vec<usize>, Object<'_>) = found.extract()?;
+        Ok((axes, indices.cast_into::<PyArray1<usize>>()?.to_vec()?))
+    }
+}

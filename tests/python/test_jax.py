@@ -1,0 +1,114 @@
+"""phipsi.jax: values, derivatives forward and reverse, jit and vmap, of robots with quaternions and without."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from tolerances import assert_near, central_difference, product, size
+
+import phipsi
+
+jax = pytest.importorskip("jax")
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+from jax.test_util import check_grads  # noqa: E402
+
+import phipsi.jax  # noqa: E402
+
+FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "forward_dynamics": phipsi.jax.forward_dynamics,
+    "inverse_dynamics": phipsi.jax.inverse_dynamics,
+    "integrate": phipsi.jax.integrate,
+}
+
+
+def tree() -> phipsi.Scene:
+    """A floating body with a spherical joint, a slide and two hinges."""
+    builder = phipsi.SceneBuilder()
+    inertia = np.diag([0.02, 0.03, 0.025])
+    for name in ("body", "ball", "slider", "arm", "hand"):
+        builder.link(name, mass=1.3, com=(0.05, -0.02, 0.1), inertia=inertia)
+    builder.joint("shoulder", "spherical", "body", "ball", xyz=(0.1, 0.0, 0.2))
+    builder.joint("slide", "prismatic", "ball", "slider", xyz=(0.0, 0.1, 0.1), axis=(0.6, 0.0, 0.8))
+    builder.joint("elbow", "revolute", "slider", "arm", xyz=(0.0, 0.0, 0.3), axis=(0, 1, 0))
+    builder.joint("wrist", "revolute", "arm", "hand", xyz=(0.0, 0.0, 0.3), axis=(1, 0, 0))
+    return builder.build(floating_base=True)
+
+
+@pytest.fixture(scope="module", params=["chain", "tree"])
+def scene(request: pytest.FixtureRequest) -> Iterator[phipsi.Scene]:
+    yield phipsi.scenes.chain(4) if request.param == "chain" else tree()
+
+
+def arguments(scene: phipsi.Scene, name: str, *batch: int) -> tuple[np.ndarray, ...]:
+    random = np.random.default_rng(5)
+    q = scene.integrate(np.broadcast_to(scene.neutral(), (*batch, scene.nq)), random.uniform(-1, 1, (*batch, scene.nv)))
+    rates = random.uniform(-1, 1, (2, *batch, scene.nv))
+    return (q, rates[0]) if name == "integrate" else (q, *rates)
+
+
+def plain(scene: phipsi.Scene, name: str) -> Callable[..., np.ndarray]:
+    return getattr(scene, name)
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_values_are_those_of_the_scene_jitted_and_mapped(scene: phipsi.Scene, name: str) -> None:
+    given = arguments(scene, name, 3)
+    expected = plain(scene, name)(*given)
+    function = jax.jit(lambda *given: FUNCTIONS[name](scene, *given))
+    for found in (function(*given), jax.vmap(function)(*given), jnp.stack([function(*row) for row in zip(*given, strict=True)])):
+        assert_near(np.asarray(found), expected, product(scene.nv, size(expected)))
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_derivatives_forward_and_reverse_are_differences(scene: phipsi.Scene, name: str) -> None:
+    """By the numbers of q too, quaternions off their norm."""
+    check_grads(lambda *given: FUNCTIONS[name](scene, *given), arguments(scene, name), order=1, modes=("fwd", "rev"), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_jacobians_are_those_of_central_differences(scene: phipsi.Scene, name: str) -> None:
+    given = arguments(scene, name)
+    function = lambda *given: FUNCTIONS[name](scene, *given)  # noqa: E731
+    step = float(np.finfo(float).eps) ** (1 / 3)
+    for which, argument in enumerate(given):
+        forward, reverse = (of(function, argnums=which)(*given) for of in (jax.jacfwd, jax.jacrev))
+        columns = []
+        for i in range(argument.size):
+            ahead, back = ([*given[:which], argument + sign * step * np.eye(argument.size)[i], *given[which + 1 :]] for sign in (1, -1))
+            columns.append((np.asarray(function(*ahead)) - np.asarray(function(*back))) / (2 * step))
+        expected = np.stack(columns, axis=-1)
+        assert_near(np.asarray(forward), expected, central_difference(size(expected)))
+        assert_near(np.asarray(reverse), np.asarray(forward), product(scene.nv, size(expected)))
+
+
+def test_a_batch_is_one_call_of_the_host(scene: phipsi.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    from phipsi import _calls
+
+    asked: list[tuple[int, ...]] = []
+    plainly = _calls.on_host
+
+    def counted(function: Any, arrays: tuple[Any, ...]) -> Any:
+        asked.append(np.asarray(arrays[0]).shape)
+        return plainly(function, arrays)
+
+    monkeypatch.setattr(_calls, "on_host", counted)
+    given = arguments(scene, "forward_dynamics", 16)
+    gradient = jax.grad(lambda *given: phipsi.jax.forward_dynamics(scene, *given).sum(), argnums=2)
+    jax.block_until_ready(jax.jit(jax.vmap(gradient))(*given))
+    assert asked and all(shape[0] == 16 for shape in asked) and len(asked) <= 2
+
+
+def test_float32_stays_float32(scene: phipsi.Scene) -> None:
+    given = [jnp.asarray(argument, jnp.float32) for argument in arguments(scene, "forward_dynamics")]
+    assert phipsi.jax.forward_dynamics(scene, *given).dtype == jnp.float32
+
+
+def test_a_wrong_width_is_refused(scene: phipsi.Scene) -> None:
+    q, qd, tau = arguments(scene, "forward_dynamics")
+    with pytest.raises(Exception, match="tau"):
+        jax.block_until_ready(phipsi.jax.forward_dynamics(scene, q, qd, tau[:-1]))
