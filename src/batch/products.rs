@@ -78,7 +78,13 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: Ca
             target.within(Along(scene, (scratch, changes), (motion, along), (which, &mut *results)));
         }
         Products::InverseGradient | Products::ForwardGradient(_) => {
-            target.within(Gradients(scene, (scratch, co_states), (motion, first), (which, &mut *x, &mut *results)));
+            let state = (motion, &first[..]);
+            let off = target.within(Gradients(scene, (scratch, co_states), state, (which, &mut *x, &mut *results)));
+            if which.form() == Some(Form::Auto) {
+                for lane in 0..T::LANES {
+                    doubt |= u64::from(off.lane(lane) > 0.0) << lane;
+                }
+            }
         }
     }
     let fault = any_not_finite(results);
@@ -134,11 +140,11 @@ struct Gradients<'a, T: Vectorised>(
 );
 
 impl<T: Vectorised> Work for Gradients<'_, T> {
-    type Output = ();
+    type Output = T;
 
     #[inline(always)]
-    fn call(self) {
+    fn call(self) -> T {
         let Self(scene, scratch, state, (which, x, out)) = self;
-        gradients_in_sweeps::<T, T::Columns>(scene, scratch, state, which.form().is_some(), (x, out));
+        gradients_in_sweeps::<T, T::Columns>(scene, scratch, state, which.form().is_some(), (x, out))
     }
 }

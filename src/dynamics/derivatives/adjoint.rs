@@ -17,7 +17,7 @@ use crate::dynamics::sweeps::joint::{self, Joint, with_axial};
 use crate::dynamics::sweeps::scratch::SweepScratch;
 use crate::filter::Rows;
 use crate::kinematics::{joint_motion, motion_past_joint};
-use crate::model::{Body, Model};
+use crate::model::{Body, Model, Motion as JointMotion};
 use crate::scalar::Real;
 use crate::spatial::transform::Transform;
 use crate::spatial::{BodyInertia, angular, cross, cross_add, cross_force, linear, scaled, scaled_add, sum};
@@ -192,7 +192,13 @@ fn tip_to_base<T: Real>(
                 });
             }
             Joint::Prismatic(at, _) | Joint::Free(at) | Joint::General(at) => {
-                to.any((&sweeps.shifting[at], &model.system.stages[body.index].rows), body.row, kept, (place, state));
+                let at_joint = &sweeps.shifting[at];
+                if at_joint.motion == JointMotion::Revolute {
+                    to.about_z(body, kept, place);
+                } else {
+                    let rows = &model.system.stages[body.index].rows;
+                    to.any((at_joint, rows), body.row, kept, (place, state));
+                }
                 send((place, body), &scratch.shifts[at], kept, constants.gravity);
             }
         }

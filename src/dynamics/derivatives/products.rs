@@ -3,6 +3,7 @@
 use super::adjoint::{self, CoStates, Constants};
 use super::doubled;
 use super::forward::accelerations;
+use super::product::MOST_LOST;
 use super::tangent::{self, Changes, Directions};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::solve;
@@ -12,7 +13,7 @@ use crate::dynamics::sweeps::{self, SweepModel};
 use crate::filter::pivots::LostPivot;
 use crate::filter::{Form, smoother};
 use crate::model::Model;
-use crate::scalar::{ColumnsOf, Real};
+use crate::scalar::{ColumnsOf, Real, larger};
 use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
@@ -150,7 +151,8 @@ pub(super) fn solved<T: Real<Parameter = T>>(
 /// `constants` those by wrenches, inertias, armature and gravity that are asked for. O(N).
 ///
 /// That by tau is x = M^-1 c, filter and smoother once more; all others are those of [`inverse_dynamics_vjp`] at the accelerations of the state with -x for its
-/// cotangent. Arguments as there; P and form `auto` as in [`forward_dynamics_jvp`].
+/// cotangent. Arguments as there; P as in [`forward_dynamics_jvp`]. In form `auto` a state is done in double-double arithmetic where the factor of M loses digits, as there, and where
+/// M x, of which the gradients are made body by body, misses c by more than 1e-9 of its largest entry.
 ///
 /// # Errors
 ///
@@ -171,6 +173,7 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
         && workspace.form == Form::Auto
         && monitor.of_roots
         && doubled::gradients(model, state, wrenches, cotangent, (constants, out));
+    let mut off = T::zero();
     if lost.is_none() && !is_doubled {
         let (q, qd, _) = state;
         let mut x = std::mem::take(&mut scratch.right);
@@ -181,11 +184,18 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
         let last = 2 * model.nv();
         negated(&mut out[last..], &x);
         adjoint::in_sweeps((model, sweeps), (sweep_scratch, co_states), motion, constants, out);
-        out[last..].copy_from_slice(&x);
+        off = solved_short_of(cotangent, &mut out[last..], &x);
         scratch.right = x;
     }
     scratch.acceleration = qdd;
-    lost.map_or(Ok(()), Err)
+    if let Some(lost) = lost {
+        return Err(lost);
+    }
+    if workspace.form == Form::Auto && !is_doubled && off.lane(0) > 0.0 {
+        // Where there are not twice the digits, what there is stays.
+        doubled::gradients(model, state, wrenches, cotangent, (constants, out));
+    }
+    Ok(())
 }
 
 /// The product along a direction, for states in lanes and for one state: of torques, or where `solves` of accelerations, then with the factor, turns and shifts in the
@@ -212,7 +222,8 @@ pub(crate) fn tangent_in_sweeps<T: Real, C: ColumnsOf<T>>(
     }
 }
 
-/// The gradients by q, qd and u, likewise: of torques, or where `solves` of accelerations, then with the factor, turns and shifts in the scratch; x is scratch.
+/// The gradients by q, qd and u, likewise: of torques, or where `solves` of accelerations, then with the factor, turns and shifts in the scratch; x is scratch. Above zero
+/// where digits were lost.
 #[inline(always)]
 pub(crate) fn gradients_in_sweeps<T: Real, C: ColumnsOf<T>>(
     scene: (&Model<T>, &SweepModel<T>),
@@ -220,7 +231,7 @@ pub(crate) fn gradients_in_sweeps<T: Real, C: ColumnsOf<T>>(
     (motion, cotangent): (Motion<'_, T>, &[T]),
     solves: bool,
     (x, out): (&mut [T], &mut [T]),
-) {
+) -> T {
     let last = 2 * cotangent.len();
     if solves {
         sweeps::solve(scene, scratch, cotangent, x);
@@ -230,9 +241,21 @@ pub(crate) fn gradients_in_sweeps<T: Real, C: ColumnsOf<T>>(
         out[last..].copy_from_slice(cotangent);
     }
     adjoint::in_sweeps(scene, (scratch, co_states), motion, &mut Constants::default(), out);
-    if solves {
-        out[last..].copy_from_slice(x);
+    if solves { solved_short_of(cotangent, &mut out[last..], x) } else { T::zero() }
+}
+
+/// x in the place of -M x, which the way inward has found; by how much M x misses the right side c, less what is let pass: not above zero where the forces that gradients
+/// are made of kept their digits.
+#[inline(always)]
+fn solved_short_of<T: Real>(cotangent: &[T], product: &mut [T], x: &[T]) -> T {
+    let zero = T::zero();
+    let (mut off, mut size) = (zero, zero);
+    for ((product, &c), &x) in product.iter_mut().zip(cotangent).zip(x) {
+        off = larger(off, (*product + c).abs());
+        size = larger(size, c.abs());
+        *product = x;
     }
+    off.minus_product(size, zero.constant(MOST_LOST))
 }
 
 /// -x.

@@ -13,12 +13,13 @@ use super::outward::{ABOUT_Z, past_axial};
 use super::parameters::{Parameters, inertia, to_sweeps};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::SweepModel;
+use crate::dynamics::sweeps::body::SweepBody;
 use crate::dynamics::sweeps::joint::{self, Joint, with_axial, with_rows};
 use crate::dynamics::sweeps::rows::Measures;
 use crate::dynamics::sweeps::scratch::SweepScratch;
 use crate::filter::riccati::Measured;
 use crate::kinematics::{joint_motion, motion_past_joint};
-use crate::model::{Body, Model};
+use crate::model::{Body, Model, Motion as JointMotion};
 use crate::scalar::Real;
 use crate::spatial::transform::Transform;
 use crate::spatial::{BodyInertia, angular, cross, cross_add, cross_force, cross_motion, linear, spatial, sum};
@@ -105,7 +106,12 @@ pub(super) fn base_to_tip<T: Real>(
                 let shift = &scratch.shifts[at];
                 let [v, a] = [shift.carry_motion(&v), shift.carry_motion(&a)];
                 let seen = [v, a, shift.carry_motion(&dv), shift.carry_motion(&da)];
-                of_any(&sweeps.shifting[at], body.row, &seen, (state, along))
+                let at_joint = &sweeps.shifting[at];
+                if at_joint.motion == JointMotion::Revolute {
+                    about_z((body.row, o.splat(body.sense)), &seen, state, along)
+                } else {
+                    of_any(at_joint, body.row, &seen, (state, along))
+                }
             }
         };
         let inertia_of = body.inertia(o);
@@ -227,23 +233,33 @@ pub(super) fn tip_to_base<T: Real, const FILTERS: bool>(
         let Some(parent) = body.places.parent.checked_sub(1) else { continue };
         match body.joint {
             Joint::Axial(axis) => {
-                // eta x* F.
-                let turn = along.q[body.row] * force[0].splat(body.sense);
-                change[0] = change[0].minus_product(turn, force[1]);
-                change[1] = turn.mul_add(force[0], change[1]);
-                change[3] = change[3].minus_product(turn, force[4]);
-                change[4] = turn.mul_add(force[3], change[4]);
+                turned((body, along), &force, &mut change);
                 with_axial!(axis, shifts_of.own[place].turn, sweeps, body.offset, transform, {
                     send(transform, parent, (&force, &change), kept);
                 });
             }
             Joint::Prismatic(at, _) | Joint::Free(at) | Joint::General(at) => {
-                let eta = joint_motion(&sweeps.shifting[at], body.row, along.q);
-                let change = sum(&Vector6::from(change), &cross_force(&eta, &Vector6::from(force))).into();
+                let at_joint = &sweeps.shifting[at];
+                if at_joint.motion == JointMotion::Revolute {
+                    turned((body, along), &force, &mut change);
+                } else {
+                    let eta = joint_motion(at_joint, body.row, along.q);
+                    change = sum(&Vector6::from(change), &cross_force(&eta, &Vector6::from(force))).into();
+                }
                 send(&shifts_of.shifts[at], parent, (&force, &change), kept);
             }
         }
     }
+}
+
+/// Adds eta x* F of a revolute joint.
+#[inline(always)]
+fn turned<T: Real>((body, along): (&SweepBody<T::Parameter>, &Directions<'_, T>), force: &[T; 6], change: &mut [T; 6]) {
+    let turn = along.q[body.row] * force[0].splat(body.sense);
+    change[0] = change[0].minus_product(turn, force[1]);
+    change[1] = turn.mul_add(force[0], change[1]);
+    change[3] = change[3].minus_product(turn, force[4]);
+    change[4] = turn.mul_add(force[3], change[4]);
 }
 
 /// F and dF on to the parent.
