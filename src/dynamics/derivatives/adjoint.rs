@@ -18,7 +18,7 @@ use crate::dynamics::sweeps::scratch::SweepScratch;
 use crate::filter::Rows;
 use crate::kinematics::{joint_motion, motion_past_joint};
 use crate::model::{Body, Model, Motion as JointMotion};
-use crate::scalar::Real;
+use crate::scalar::{Real, larger};
 use crate::spatial::transform::Transform;
 use crate::spatial::{BodyInertia, angular, cross, cross_add, cross_force, linear, scaled, scaled_add, sum};
 use nalgebra::{Vector3, Vector6};
@@ -34,6 +34,8 @@ pub(crate) struct CoStates<T> {
     forces: Vec<[T; 6]>,
     pulls: Vec<[T; 6]>,
     turns: Vec<[T; 3]>,
+    /// The largest that tr(I) |u| is of a body: what the moments of G are sums of.
+    pub terms: T,
 }
 
 impl<T: Real> CoStates<T> {
@@ -45,6 +47,7 @@ impl<T: Real> CoStates<T> {
             forces: vec![[nan; 6]; bodies],
             pulls: vec![[nan; 6]; bodies],
             turns: vec![[nan; 3]; bodies],
+            terms: nan,
         }
     }
 }
@@ -99,7 +102,8 @@ fn base_to_tip<T: Real>(
     constants: &mut Constants<'_, T>,
 ) {
     let (o, g) = (T::zero(), &model.gravity);
-    let CoStates { motions, seen: seen_at, forces, pulls, turns } = kept;
+    let CoStates { motions, seen: seen_at, forces, pulls, turns, terms } = kept;
+    *terms = o;
     motions[0] = [[o; 6], [o, o, o, -g[0], -g[1], -g[2]], [o; 6]];
     for (place, body) in sweeps.swept().iter().enumerate() {
         let [v, a, u] = motions[body.places.parent_outward];
@@ -137,6 +141,8 @@ fn base_to_tip<T: Real>(
         forces[place] = force;
         pulls[place] = inertia.mul_motion(co_state).into();
         turns[place] = turn(&inertia, velocity, co_state);
+        let [xx, _, _, yy, _, zz] = inertia.rotational.entries;
+        *terms = larger(*terms, (xx + yy + zz) * (co_state[0].abs() + co_state[1].abs() + co_state[2].abs()));
         seen_at[place] = seen;
         if let Some(to) = constants.wrenches.get_mut(body.index) {
             *to = scaled(&body.frame.back(&own[2]), o.constant(-1.0));

@@ -152,7 +152,7 @@ pub(super) fn solved<T: Real<Parameter = T>>(
 ///
 /// That by tau is x = M^-1 c, filter and smoother once more; all others are those of [`inverse_dynamics_vjp`] at the accelerations of the state with -x for its
 /// cotangent. Arguments as there; P as in [`forward_dynamics_jvp`]. In form `auto` a state is done in double-double arithmetic where the factor of M loses digits, as there, and where
-/// M x, of which the gradients are made body by body, misses c by more than 1e-9 of its largest entry.
+/// M x, of which the gradients are made body by body, misses c by more than 1e-9 of its largest entry, or would by the rounding of its terms.
 ///
 /// # Errors
 ///
@@ -184,7 +184,7 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
         let last = 2 * model.nv();
         negated(&mut out[last..], &x);
         adjoint::in_sweeps((model, sweeps), (sweep_scratch, co_states), motion, constants, out);
-        off = solved_short_of(cotangent, &mut out[last..], &x);
+        off = solved_short_of(cotangent, co_states.terms, &mut out[last..], &x);
         scratch.right = x;
     }
     scratch.acceleration = qdd;
@@ -241,15 +241,15 @@ pub(crate) fn gradients_in_sweeps<T: Real, C: ColumnsOf<T>>(
         out[last..].copy_from_slice(cotangent);
     }
     adjoint::in_sweeps(scene, (scratch, co_states), motion, &mut Constants::default(), out);
-    if solves { solved_short_of(cotangent, &mut out[last..], x) } else { T::zero() }
+    if solves { solved_short_of(cotangent, co_states.terms, &mut out[last..], x) } else { T::zero() }
 }
 
-/// x in the place of -M x, which the way inward has found; by how much M x misses the right side c, less what is let pass: not above zero where the forces that gradients
-/// are made of kept their digits.
+/// x in the place of -M x, which the way inward has found; by how much M x misses the right side c, or the rounding of the `terms` that it is made of where that is
+/// more, less what is let pass: not above zero where the forces that gradients are made of kept their digits.
 #[inline(always)]
-fn solved_short_of<T: Real>(cotangent: &[T], product: &mut [T], x: &[T]) -> T {
+fn solved_short_of<T: Real>(cotangent: &[T], terms: T, product: &mut [T], x: &[T]) -> T {
     let zero = T::zero();
-    let (mut off, mut size) = (zero, zero);
+    let (mut off, mut size) = (T::epsilon() * terms, zero);
     for ((product, &c), &x) in product.iter_mut().zip(cotangent).zip(x) {
         off = larger(off, (*product + c).abs());
         size = larger(size, c.abs());
