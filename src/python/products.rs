@@ -8,10 +8,10 @@ use super::input::Input;
 use super::object::{Object, imported};
 use super::output::Output;
 use super::scene::PyScene;
-use super::scratch::Scratch;
+use super::scratch::{OnBodies, Scratch};
 use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Arguments, Products};
-use crate::dynamics::derivatives::{Constants, Parameters, of_link};
+use crate::dynamics::derivatives::{Constants, of_link};
 use crate::error::Error;
 use crate::scene::Scene;
 use crate::spatial::{RigidShift, SpatialVector};
@@ -371,19 +371,6 @@ fn one_state(
         to.copy_from_slice(&of_link);
     }
     Ok(())
-}
-
-/// Gradients by what bodies have, on their way to those of links.
-pub(super) struct OnBodies {
-    wrenches: Vec<SpatialVector<f64>>,
-    parameters: Vec<Parameters<f64>>,
-}
-
-impl OnBodies {
-    pub fn new(scene: &Scene) -> Self {
-        let bodies = scene.model().bodies.len();
-        Self { wrenches: vec![SpatialVector::zeros(); bodies], parameters: vec![[f64::NAN; 10]; bodies] }
-    }
 }
 
 impl<'py> Call<'_, 'py> {

@@ -1,8 +1,7 @@
 //! What a thread needs to evaluate states, kept between calls.
 
-use super::products::OnBodies;
 use crate::batch::evaluator::{Evaluated, Evaluator};
-use crate::dynamics::derivatives::{HessianScratch, ProductScratch};
+use crate::dynamics::derivatives::{HessianScratch, Parameters, ProductScratch};
 use crate::dynamics::operational::OperationalScratch;
 use crate::dynamics::{Estimate, EstimateCovariance, EstimateScratch};
 use crate::scalar::MOST_LANES;
@@ -48,6 +47,19 @@ impl Scratch {
             forces: vec![Vec::new(); MOST_LANES],
             results: Vec::new(),
         }
+    }
+}
+
+/// Gradients by what bodies have, on their way to those of links.
+pub(super) struct OnBodies {
+    pub wrenches: Vec<SpatialVector<f64>>,
+    pub parameters: Vec<Parameters<f64>>,
+}
+
+impl OnBodies {
+    pub fn new(scene: &Scene) -> Self {
+        let bodies = scene.model().bodies.len();
+        Self { wrenches: vec![SpatialVector::zeros(); bodies], parameters: vec![[f64::NAN; 10]; bodies] }
     }
 }
 

@@ -164,7 +164,7 @@ def test_bad_states_become_nan(arm: phipsi.Scene, parameters: bool) -> None:
     cotangent[2, 3] = np.nan
     with pytest.warns(BadStateWarning) as caught:
         found = arm.forward_dynamics_vjp(q, qd, u, cotangent, parameters=parameters, errors="nan")
-    assert caught[0].message.states == [2]
+    assert caught[0].message.states == (2,)
     bad = np.isnan(found.q).all(axis=-1)
     assert bad.tolist() == [False, False, True, False, False]
     assert np.isfinite(found.tau[~bad]).all()

@@ -13,6 +13,7 @@ mod adjoint;
 mod columns;
 mod coriolis;
 mod doubled;
+mod doubled_products;
 mod felt;
 mod forward;
 mod hessian;

@@ -1,7 +1,7 @@
 //! Jacobians of inverse and forward dynamics times a vector, and vectors times them, in O(N) and without any matrix.
 
 use super::adjoint::{self, CoStates, Constants};
-use super::doubled;
+use super::doubled_products;
 use super::forward::accelerations;
 use super::product::MOST_LOST;
 use super::tangent::{self, Changes, Directions};
@@ -114,7 +114,7 @@ pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
     let is_doubled = lost.is_none()
         && workspace.form == Form::Auto
         && monitor.of_roots
-        && doubled::tangent(model, state, wrenches, along, out);
+        && doubled_products::tangent(model, state, wrenches, along, out);
     if lost.is_none() && !is_doubled {
         let (q, qd, _) = state;
         carriers(&scratch.sweeps, &mut scratch.sweep_scratch, T::zero(), q);
@@ -172,7 +172,7 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
     let is_doubled = lost.is_none()
         && workspace.form == Form::Auto
         && monitor.of_roots
-        && doubled::gradients(model, state, wrenches, cotangent, (constants, out));
+        && doubled_products::gradients(model, state, wrenches, cotangent, (constants, out));
     let mut off = T::zero();
     if lost.is_none() && !is_doubled {
         let (q, qd, _) = state;
@@ -193,7 +193,7 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
     }
     if workspace.form == Form::Auto && !is_doubled && off.lane(0) > 0.0 {
         // Where there are not twice the digits, what there is stays.
-        doubled::gradients(model, state, wrenches, cotangent, (constants, out));
+        doubled_products::gradients(model, state, wrenches, cotangent, (constants, out));
     }
     Ok(())
 }
