@@ -154,7 +154,7 @@ LARGE: dict[str, Large] = {
         "q", batch(10**6, lambda scene, q: scene.forward_dynamics_hvp(q, rates(q), *[rates(q)] * 5))
     ),
     "inverse_dynamics_vjp": Large(
-        "q", batch(10**6, lambda scene, q: scene.inverse_dynamics_vjp(q, rates(q), rates(q), rates(q)))
+        "q", batch(2 * 10**6, lambda scene, q: scene.inverse_dynamics_vjp(q, rates(q), rates(q), rates(q)))
     ),
     "forward_dynamics_vjp": Large(
         "q", batch(10**6, lambda scene, q: scene.forward_dynamics_vjp(q, rates(q), rates(q), rates(q), parameters=True))
