@@ -10,6 +10,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use nalgebra::DMatrixView;
 use phipsi::dynamics::operational::Frame;
 use phipsi::filter::FORMS;
+use phipsi::kinematics::ReferenceFrame;
 use phipsi::{Algorithm, Arguments, Form, Scene, dynamics, scenes};
 use std::hint::black_box;
 
@@ -182,7 +183,7 @@ fn operational(c: &mut Criterion) {
                     let [q, ..] = next();
                     dynamics::mass_matrix_inverse(model, &mut workspace, &mut inverse_scratch, q, &mut inverse);
                     for (name, rows) in names[..m].iter().zip(jacobian.chunks_exact_mut(6 * n)) {
-                        scene.jacobian(q, name, rows).expect("a jacobian");
+                        scene.jacobian(q, *name, ReferenceFrame::Local, rows).expect("a jacobian");
                     }
                     let j = DMatrixView::from_slice(&jacobian, n, 6 * m);
                     black_box(j.transpose() * (DMatrixView::from_slice(&inverse, n, n) * j))

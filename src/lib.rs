@@ -79,7 +79,12 @@ pub use workspace::{Tally, Workspace};
 #[doc = include_str!("../README.md")]
 struct Readme;
 
-/// So does that of the page on the random model.
+/// So does that of the page on everyday functions.
+#[cfg(doctest)]
+#[doc = include_str!("../docs/everyday.md")]
+struct EverydayPage;
+
+/// And that of the page on the random model.
 #[cfg(all(doctest, feature = "stochastic"))]
 #[doc = include_str!("../docs/stochastic.md")]
 struct RandomModelPage;

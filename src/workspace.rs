@@ -77,6 +77,12 @@ pub struct Workspace<T: Real> {
     pub(crate) estimates: Vec<T>,
     /// r(k), the inertia of everything outboard of joint k.
     pub(crate) composite: Vec<BodyInertia<T>>,
+    /// The rate of r(k) in fixed axes.
+    pub(crate) composite_rate: Vec<BodyInertia<T>>,
+    /// Bodies that a call needs.
+    pub(crate) needed: Vec<bool>,
+    /// Rates of zero, (nv).
+    pub(crate) rest: Vec<T>,
     /// Derivatives on their way to a linear system; empty until then.
     pub(crate) matrices: Vec<T>,
     /// What the methods of a scene run; the functions of `dynamics` do not.
@@ -91,6 +97,10 @@ impl<T: Real> Workspace<T> {
         let nan = T::from_f64(f64::NAN);
         let bodies = model.bodies.len();
         let vectors = || vec![Vector6::from_element(nan); bodies];
+        let inertias = || {
+            let first_moment = Vector3::from_element(nan);
+            vec![BodyInertia { mass: nan, first_moment, rotational: Symmetric3::new([nan; 6]) }; bodies]
+        };
         Self {
             form: Form::default(),
             tally: Tally::default(),
@@ -111,14 +121,10 @@ impl<T: Real> Workspace<T> {
             weights: (0..2 * model.nv()).map(|row| T::from_f64(weight(row))).collect(),
             probe: vec![nan; model.nv()],
             estimates: vec![nan; model.nv()],
-            composite: vec![
-                BodyInertia {
-                    mass: nan,
-                    first_moment: Vector3::from_element(nan),
-                    rotational: Symmetric3::new([nan; 6]),
-                };
-                bodies
-            ],
+            composite: inertias(),
+            composite_rate: inertias(),
+            needed: vec![false; bodies],
+            rest: vec![T::zero(); model.nv()],
             matrices: Vec::new(),
             kernels: OwnKernels::default(),
         }

@@ -8,7 +8,9 @@ use phipsi::batch::Broadcast;
 use phipsi::dynamics::mass_inverse::InverseScratch;
 use phipsi::dynamics::operational::OperationalScratch;
 use phipsi::dynamics::{Estimate, EstimateCovariance, EstimateScratch, Measurements};
+use phipsi::kinematics::{AccelerationKind, ReferenceFrame};
 use phipsi::motion::{Gains, METHODS, Settings, Simulator, Torque};
+use phipsi::spatial::RigidShift;
 use phipsi::{Arguments, Form, Scene, Workspace};
 
 /// What some algorithms need beside the workspace, and where estimates go.
@@ -62,10 +64,13 @@ impl State {
     }
 }
 
+const LINK: &str = "link5";
+const WORLD: ReferenceFrame = ReferenceFrame::World;
+
 type Algorithm = fn(&Scene, &mut Workspace<f64>, &mut Scratch, &mut State);
 
 /// Every algorithm that takes a workspace, by name; results go to the state's vector or matrix.
-const ALGORITHMS: [(&str, Algorithm); 11] = [
+const ALGORITHMS: [(&str, Algorithm); 24] = [
     ("forward_dynamics", |scene, w, _, s| {
         scene.forward_dynamics(w, &s.q, &s.qd, &s.tau, &[], &mut s.vector).unwrap();
     }),
@@ -107,6 +112,55 @@ const ALGORITHMS: [(&str, Algorithm); 11] = [
     ("momentum", |scene, w, _, s| {
         let momentum = scene.momentum(w, &s.q, &s.qd).unwrap();
         s.vector[..6].copy_from_slice(momentum.as_slice());
+    }),
+    ("gravity_torque", |scene, w, _, s| scene.gravity_torque(w, &s.q, &mut s.vector).unwrap()),
+    ("kinetic_energy", |scene, w, _, s| s.vector[0] = scene.kinetic_energy(w, &s.q, &s.qd).unwrap()),
+    ("placement", |scene, _, _, s| {
+        s.matrix[..3].copy_from_slice(scene.placement(&s.q, LINK).unwrap().lever.as_slice());
+    }),
+    ("placements_of", |scene, w, _, s| {
+        let mut found = [RigidShift::filled(f64::NAN); 3];
+        scene.placements_of(w, &s.q, &[LINK, "base", "link2"], &mut found).unwrap();
+        for (found, out) in found.iter().zip(s.matrix.chunks_exact_mut(3)) {
+            out.copy_from_slice(found.lever.as_slice());
+        }
+    }),
+    ("velocity", |scene, _, _, s| {
+        s.vector[..6].copy_from_slice(scene.velocity(&s.q, &s.qd, LINK, WORLD).unwrap().as_slice());
+    }),
+    ("acceleration", |scene, _, _, s| {
+        let found = scene.acceleration(&s.q, &s.qd, &s.tau, LINK, WORLD, AccelerationKind::Classical).unwrap();
+        s.vector[..6].copy_from_slice(found.as_slice());
+    }),
+    ("jacobian", |scene, _, _, s| {
+        let room = 6 * scene.nv();
+        scene.jacobian(&s.q, LINK, WORLD, &mut s.matrix[..room]).unwrap();
+    }),
+    ("jacobian_rate", |scene, _, _, s| {
+        let room = 6 * scene.nv();
+        scene.jacobian_rate(&s.q, &s.qd, LINK, WORLD, &mut s.matrix[..room]).unwrap();
+    }),
+    ("jacobian_rate_product", |scene, _, _, s| {
+        s.vector[..6].copy_from_slice(scene.jacobian_rate_product(&s.q, &s.qd, LINK, WORLD).unwrap().as_slice());
+    }),
+    ("center_of_mass", |scene, w, _, s| {
+        s.vector[..3].copy_from_slice(scene.center_of_mass(w, &s.q).unwrap().as_slice());
+        let velocity = scene.center_of_mass_velocity(w, &s.q, &s.qd).unwrap();
+        s.vector[3..6].copy_from_slice(velocity.as_slice());
+        let acceleration = scene.center_of_mass_acceleration(w, &s.q, &s.qd, &s.tau).unwrap();
+        s.matrix[..3].copy_from_slice(acceleration.as_slice());
+    }),
+    ("center_of_mass_jacobian", |scene, w, _, s| {
+        let room = 3 * scene.nv();
+        scene.center_of_mass_jacobian(w, &s.q, &mut s.matrix[..room]).unwrap();
+    }),
+    ("centroidal_momentum_matrix", |scene, w, _, s| {
+        let room = 6 * scene.nv();
+        scene.centroidal_momentum_matrix(w, &s.q, &mut s.matrix[..room]).unwrap();
+    }),
+    ("centroidal_momentum_matrix_rate", |scene, w, _, s| {
+        let room = 6 * scene.nv();
+        scene.centroidal_momentum_matrix_rate(w, &s.q, &s.qd, &mut s.matrix[..room]).unwrap();
     }),
     ("integrate", |scene, _, _, s| {
         scene.integrate(&s.q, &s.qd, &mut s.matrix[..scene.nq()]).unwrap();

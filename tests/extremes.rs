@@ -4,6 +4,7 @@ mod common;
 
 use common::tolerance::{self, assert_near, size};
 use common::{Random, random_inertial, random_state};
+use phipsi::kinematics::ReferenceFrame;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::{Scene, scenes};
 
@@ -42,7 +43,7 @@ fn a_chain_of_ten_thousand_links_works() {
         assert!(scene.momentum(&mut scene.workspace(), &q, &tau).unwrap().norm() > 0.0);
         assert_eq!(scene.placements(&q).unwrap().len(), LINKS + 1);
         let mut jacobian = vec![f64::NAN; 6 * LINKS];
-        scene.jacobian(&q, &format!("link{}", LINKS - 1), &mut jacobian).unwrap();
+        scene.jacobian(&q, &format!("link{}", LINKS - 1), ReferenceFrame::Local, &mut jacobian).unwrap();
     });
 }
 
@@ -105,7 +106,7 @@ fn a_scene_in_which_nothing_moves_works() {
         scene.bias_torque(&mut w, &[], &[], &mut []).unwrap();
         scene.mass_matrix(&mut w, &[], &mut []).unwrap();
         scene.mass_matrix_inverse(&mut w, &mut scene.inverse_scratch(), &[], &mut []).unwrap();
-        scene.jacobian(&[], "rock", &mut []).unwrap();
+        scene.jacobian(&[], "rock", ReferenceFrame::Local, &mut []).unwrap();
         scene.integrate(&[], &[], &mut []).unwrap();
         scene.difference(&[], &[], &mut []).unwrap();
         assert_eq!(scene.neutral(), [0.0; 0]);

@@ -7,6 +7,7 @@ use common::tolerance::{self, Conditioning, assert_near, conditioning, size};
 use common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_inertial, random_state};
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 use phipsi::filter::Form;
+use phipsi::kinematics::{AccelerationKind, ReferenceFrame};
 use phipsi::operators::{Factor, KINDS, Operator};
 use phipsi::report::operations::{Task, count_recursion, of_factor};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Omissions, SceneBuilder};
@@ -159,11 +160,20 @@ fn results(scene: &Scene, state: &State) -> Vec<(String, Vec<f64>)> {
     keep("kinetic energy", &[energy.kinetic]);
     keep("potential energy", &[energy.potential - neutral.potential]);
     keep("momentum", scene.momentum(&mut workspace, q, qd).unwrap().as_slice());
+    keep("mass", &[scene.total_mass()]);
+    keep("mass centre", scene.center_of_mass(&mut workspace, q).unwrap().as_slice());
+    let mut of_momentum = vec![f64::NAN; 6 * nv];
+    scene.centroidal_momentum_matrix(&mut workspace, q, &mut of_momentum).unwrap();
+    keep("centroidal momentum matrix", &of_momentum);
+    scene.centroidal_momentum_matrix_rate(&mut workspace, q, qd, &mut of_momentum).unwrap();
+    keep("its rate", &of_momentum);
     for (link, placement) in scene.links().iter().zip(scene.placements(q).unwrap()) {
         keep(&format!("where {} is", link.name), placement.to_matrix().as_slice());
         let mut jacobian = vec![f64::NAN; 6 * nv];
-        scene.jacobian(q, &link.name, &mut jacobian).unwrap();
+        scene.jacobian(q, &link.name, ReferenceFrame::Local, &mut jacobian).unwrap();
         keep(&format!("jacobian of {}", link.name), &jacobian);
+        let acceleration = scene.acceleration(q, qd, u, &link.name, ReferenceFrame::World, AccelerationKind::Spatial);
+        keep(&format!("how {} accelerates", link.name), acceleration.unwrap().as_slice());
     }
     all
 }
@@ -192,6 +202,7 @@ impl Bounds {
             "torque" => tolerance::product(self.n, self.terms),
             "acceleration" => tolerance::solution(&self.matrix, size(values), self.terms),
             "inverse" => tolerance::inverse(self.matrix.number, self.matrix.inverse_norm),
+            "derivatives" => tolerance::inverse(self.matrix.number, size(values).max(self.matrix.inverse_norm)),
             // Heights of metres, times weight.
             "potential energy" => tolerance::product(self.n, 100.0 * self.mass),
             _ => tolerance::product(self.n, size(values).max(10.0)),

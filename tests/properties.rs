@@ -7,6 +7,7 @@ use common::oracle::{D, Oracle, d, ds};
 use common::tolerance::{self, assert_close, assert_near, assert_near_double, conditioning, size, to_f64};
 use common::{ALL_KINDS, Random, Tree, random_state};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3, Vector6};
+use phipsi::kinematics::ReferenceFrame;
 use phipsi::scene::{Model, ROOT_JOINT};
 use phipsi::{Scene, Workspace, dynamics, kinematics};
 use proptest::prelude::{ProptestConfig, Strategy, any, proptest};
@@ -269,7 +270,7 @@ proptest! {
         let on_bodies = case.scene.body_wrenches([(link.as_str(), wrench)]).unwrap();
         let zero = vec![0.0; nv];
         let mut jacobian = vec![f64::NAN; 6 * nv];
-        case.scene.jacobian(&case.q, &link, &mut jacobian).unwrap();
+        case.scene.jacobian(&case.q, &link, ReferenceFrame::Local, &mut jacobian).unwrap();
         let expected = DMatrix::from_row_slice(6, nv, &jacobian).transpose() * wrench;
         let with = case.inverse_dynamics(&case.scene, &case.qd, &zero, &on_bodies);
         let without = case.inverse_dynamics(&case.scene, &case.qd, &zero, &[]);

@@ -5,6 +5,7 @@ mod common;
 
 use common::arm::{assembled, link, parts};
 use nalgebra::{Matrix3, Vector3, Vector6};
+use phipsi::kinematics::ReferenceFrame;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, Mimic, SceneBuilder, SceneWarning};
 use phipsi::spatial::Symmetric3;
 use phipsi::{Error, Scene};
@@ -365,7 +366,7 @@ fn shapes_that_do_not_fit() {
     assert_message(scene.energy(&mut w, &call.q, &few).map(|_| ()), &shape("qd", 4));
     assert_message(scene.momentum(&mut w, &few, &call.qd).map(|_| ()), &shape("q", 5));
     assert_message(scene.placements(&few).map(|_| ()), &shape("q", 5));
-    assert_message(scene.jacobian(&call.q, "hand", &mut few), &shape("out", 24));
+    assert_message(scene.jacobian(&call.q, "hand", ReferenceFrame::Local, &mut few), &shape("out", 24));
     assert_message(scene.integrate(&call.q, &call.qd, &mut few), &shape("out", 5));
     assert_message(scene.integrate(&call.q, &[0.0; 3], &mut [0.0; 5]), &shape("v", 4));
     assert_message(scene.difference(&call.q, &few, &mut [0.0; 4]), &shape("q1", 5));
@@ -411,7 +412,7 @@ fn a_quaternion_that_is_none() {
 fn names_that_are_not_there() {
     let (scene, call) = (valid(), Call::valid());
     let links = "link: found \"foot\"; expected one of \"base\", \"arm\", \"hand\"";
-    assert_message(scene.jacobian(&call.q, "foot", &mut [0.0; 24]), links);
+    assert_message(scene.jacobian(&call.q, "foot", ReferenceFrame::Local, &mut [0.0; 24]), links);
     let wrenches = links.replace("link:", "wrenches:");
     assert_message(scene.body_wrenches([("foot", Vector6::zeros())]).map(|_| ()), &wrenches);
     assert_message(scene.link("foot").map(|_| ()), links);

@@ -39,7 +39,7 @@ def forward_dynamics(scene: Scene, form: str) -> Call:
     coordinates = Coordinates(scene)
 
     def value(q: Array, qd: Array, tau: Array) -> Array:
-        return scene.forward_dynamics(coordinates.normalised(q), qd, tau, form=form)  # type: ignore[arg-type, return-value, call-overload, no-any-return]
+        return np.asarray(scene.forward_dynamics(coordinates.normalised(q), qd, tau, form=form))  # type: ignore[call-overload]
 
     def derivatives(q: Array, qd: Array, tau: Array) -> tuple[Array, ...]:
         by_q, by_qd, minv = scene.forward_dynamics_derivatives(coordinates.normalised(q), qd, tau, form=form)  # type: ignore[arg-type]

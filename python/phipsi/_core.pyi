@@ -70,6 +70,8 @@ _Float64: TypeAlias = type[np.float64] | np.dtype[np.float64] | Literal["float64
 _Float32: TypeAlias = type[np.float32] | np.dtype[np.float32] | Literal["float32"]
 _Errors: TypeAlias = Literal["raise", "nan"]
 _Form: TypeAlias = Literal["auto", "covariance", "joseph", "square-root"]
+_Frame: TypeAlias = Literal["local", "world", "local-world-aligned"]
+_Kind: TypeAlias = Literal["spatial", "classical"]
 _Method: TypeAlias = Literal["semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3"]
 _Switch: TypeAlias = Literal[
     "fixed_joints",
@@ -178,6 +180,10 @@ class Scene:
     @property
     def gravity(self) -> _Array:
         """Gravity in the base frame, (3,), m/s^2; a copy."""
+
+    @property
+    def total_mass(self) -> float:
+        """Mass of all links that move, kg: those on fixed joints to them included, links on the base not, nor rotors (armature is no mass)."""
 
     @property
     def limits(self) -> Limits:
@@ -437,6 +443,22 @@ class Scene:
     ) -> _Single: ...
 
     @overload
+    def gravity_torque(  # type: ignore[overload-overlap]
+        self, q: ArrayLike, *, out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
+    ) -> _Array:
+        """The torques that hold the scene against gravity, dU/dq along the tangent of q: the bias torque at rest.
+
+        q: (..., nq); out, dtype and errors as in forward_dynamics. Returns (..., nv), N m or N. O(N).
+
+        Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
+
+    @overload
+    def gravity_torque(
+        self, q: ArrayLike, *, out: _Single | None = None, dtype: _Float32, errors: _Errors = "raise"
+    ) -> _Single: ...
+
+    @overload
     def mass_matrix(  # type: ignore[overload-overlap]
         self, q: ArrayLike, *, out: _Array | None = None, dtype: _Float64 = None, errors: _Errors = "raise"
     ) -> _Array:
@@ -479,13 +501,118 @@ class Scene:
         errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
         """
 
-    def jacobian(self, q: ArrayLike, link: str, *, errors: _Errors = "raise") -> _Array:
-        """The Jacobian J of a link: its spatial velocity (angular, linear), at its origin and in its own frame, is J qd.
+    def placement(self, q: ArrayLike, link: str | Iterable[str], *, errors: _Errors = "raise") -> _Array:
+        """Where a link is, or several: homogeneous matrices, link frame to base frame.
 
-        q: (..., nq). Returns (..., 6, nv), SI units; a wrench w on the link there gives the joint torques J^T w.
+        q: (..., nq). link: a name, or a sequence of L names (links on the base and repeated ones too). Only the joints between the base and these links
+        are computed: O(depth); placements has all links by name.
 
-        errors: as in forward_dynamics. Raises ArgumentError for an unknown link; ShapeError,
-        NotFiniteError, ArgumentError for a bad q, naming the state.
+        Returns (..., 4, 4) for a name, (..., L, 4, 4) for a sequence: [[R, p], [0, 1]] with p in m.
+
+        errors: as in forward_dynamics. Raises ArgumentError for an unknown link; ShapeError, NotFiniteError, ArgumentError for a bad q, naming the state.
+        """
+
+    def velocity(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        link: str,
+        *,
+        frame: _Frame = "local",
+        at: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
+        """The velocity of a link against the base, (angular, linear): J qd.
+
+        q: (..., nq); qd: (..., nv); leading axes broadcast. link: its name. at: a point (3,) in the link's frame, m, that stays where it is on the link;
+        the link's origin by default. frame: what the velocity is written in,
+
+        - "local": the point's velocity in the link's axes;
+        - "local-world-aligned": the same in the base's axes;
+        - "world": the spatial velocity in the base's frame: the linear half is that of what is on the link at the base's origin, whatever at is.
+
+        They are Pinocchio's LOCAL, LOCAL_WORLD_ALIGNED and WORLD, angular half first. Returns (..., 6), rad/s and m/s. O(depth).
+
+        errors: as in forward_dynamics. Raises ArgumentError for an unknown link or frame; ShapeError, NotFiniteError, ArgumentError, each naming the
+        argument and the state.
+        """
+
+    def acceleration(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        link: str,
+        *,
+        frame: _Frame = "local",
+        at: ArrayLike | None = None,
+        kind: _Kind = "spatial",
+        errors: _Errors = "raise",
+    ) -> _Array:
+        """The acceleration of a link against the base, (angular, linear), at joint accelerations qdd; gravity is not in it.
+
+        q: (..., nq); qd, qdd: (..., nv); leading axes broadcast. link, frame, at: as in velocity. kind: "spatial", the rate of the spatial velocity, as
+        in Newton and Euler's equations of motion; or "classical", whose linear half is the acceleration of the point itself: w x v more.
+
+        Returns (..., 6), rad/s^2 and m/s^2. O(depth).
+
+        errors: as in forward_dynamics. Raises ArgumentError for an unknown link, frame or kind; otherwise as velocity.
+        """
+
+    def jacobian(
+        self,
+        q: ArrayLike,
+        link: str,
+        *,
+        frame: _Frame = "local",
+        at: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
+        """The Jacobian J of a link: its velocity (angular, linear) is J qd.
+
+        q: (..., nq). link, frame, at: as in velocity; by default at the link's origin and in its own frame. Returns (..., 6, nv), SI units; in frame
+        "local" a wrench w on the link there gives the joint torques J^T w. Columns of joints that do not move the link are zero.
+
+        errors: as in forward_dynamics. Raises ArgumentError for an unknown link or frame; ShapeError, NotFiniteError, ArgumentError, each naming the
+        argument and the state.
+        """
+
+    def jacobian_rate(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        link: str,
+        *,
+        frame: _Frame = "local",
+        at: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
+        """The rate J' of the Jacobian of a link along qd, entry by entry as jacobian writes it in this frame.
+
+        q: (..., nq); qd: (..., nv); leading axes broadcast. link, frame, at: as in velocity. Returns (..., 6, nv), SI units.
+
+        J qdd + J' qd is the spatial acceleration in the frames "local" and "world". The frame "local-world-aligned" moves with the point but does not
+        turn, so that it is the classical one there. jacobian_rate_product has J' qd alone, in O(depth).
+
+        errors: as in forward_dynamics. Raises as jacobian.
+        """
+
+    def jacobian_rate_product(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        link: str,
+        *,
+        frame: _Frame = "local",
+        at: ArrayLike | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
+        """J' qd of a link, without J': the acceleration that rates alone give, as jacobian_rate @ qd.
+
+        q: (..., nq); qd: (..., nv); leading axes broadcast. link, frame, at: as in velocity. Returns (..., 6), rad/s^2 and m/s^2: spatial in the frames
+        "local" and "world", classical in "local-world-aligned". O(depth).
+
+        errors: as in forward_dynamics. Raises as jacobian.
         """
 
     def inverse_dynamics_derivatives(
@@ -506,6 +633,9 @@ class Scene:
         Row i is the torque tau_i. Column j of dtau_dq is the derivative along integrate(q, v) by v_j: an angle or a length for joints of one axis, a
         rotation in the child's frame for spherical joints, (linear, angular) in the child's frame for free joints. Armature is in M alone. Entries of
         joints on different branches are zero.
+
+        out: C-contiguous float64, (..., 3, nv, nv), overlapping no argument, of which the results are views; large batches take half the time into one that was
+        used before.
 
         Returns a phipsi.InverseDynamicsDerivatives (dtau_dq, dtau_dqd, M), each (..., nv, nv), SI units.
 
@@ -531,6 +661,8 @@ class Scene:
 
         Row i is the acceleration qdd_i; columns as in inverse_dynamics_derivatives, whose results at the accelerations of the state are multiplied by
         M^-1 (6.1).
+
+        out: as in inverse_dynamics_derivatives.
 
         Returns a phipsi.ForwardDynamicsDerivatives (dqdd_dq, dqdd_dqd, Minv), each (..., nv, nv), SI units.
 
@@ -714,12 +846,24 @@ class Scene:
     def coriolis_matrix(
         self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, errors: _Errors = "raise"
     ) -> _Array:
-        """The Coriolis matrix C"""
+        """The Coriolis matrix C: C qd is the torque of the rates alone, and dM/dt - 2 C is antisymmetric.
+
+        q: (..., nq); qd: (..., nv); leading axes broadcast; out and errors as in forward_dynamics. Returns (..., nv, nv), SI units. For joints of one axis it is the one
+        of Christoffel's symbols. Computed in O(N depth).
+
+        Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
 
     def mass_matrix_derivative(
         self, q: ArrayLike, qd: ArrayLike, *, out: _Array | None = None, errors: _Errors = "raise"
     ) -> _Array:
-        """dM/dt"""
+        """dM/dt, how the mass matrix changes along the rates: C + C^T with the Coriolis matrix C.
+
+        q: (..., nq); qd: (..., nv); leading axes broadcast; out and errors as in forward_dynamics. Returns (..., nv, nv), exactly symmetric, SI units. Armature is
+        constant and not in it. Computed in O(N depth).
+
+        Raises ArgumentError above 4000 degrees of freedom; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
 
     def operational_inverse_inertia(
         self,
@@ -777,12 +921,72 @@ class Scene:
         errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
         """
 
+    def kinetic_energy(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array | np.float64:
+        """Kinetic energy alone, armature included: half of qd M qd.
+
+        q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (...), J. O(N).
+
+        errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
+
     def momentum(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """Spatial momentum of all moving bodies: (angular about the base's origin, linear), in the base frame.
 
         q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 6), N m s and N s. Armature adds nothing here.
 
         errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
+
+    def center_of_mass(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """The mass centre of all links that move, in the base frame.
+
+        q: (..., nq). Returns (..., 3), m, from the base's origin. O(N). Links on the base are not part of it.
+
+        errors: as in forward_dynamics. Raises ArgumentError where nothing that moves has mass; ShapeError, NotFiniteError, ArgumentError for a bad q,
+        naming the state.
+        """
+
+    def center_of_mass_velocity(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """The velocity of the mass centre in the base's axes: linear momentum by mass.
+
+        q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 3), m/s. O(N).
+
+        errors: as in forward_dynamics. Raises as center_of_mass, naming the argument.
+        """
+
+    def center_of_mass_acceleration(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """The acceleration of the mass centre in the base's axes, at joint accelerations qdd; gravity is not in it.
+
+        q: (..., nq); qd, qdd: (..., nv); leading axes broadcast. Returns (..., 3), m/s^2: times total_mass it is the force from outside, weight included,
+        that such a motion takes. O(N).
+
+        errors: as in forward_dynamics. Raises as center_of_mass, naming the argument.
+        """
+
+    def center_of_mass_jacobian(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """The Jacobian J of the mass centre: its velocity in the base's axes is J qd.
+
+        q: (..., nq). Returns (..., 3, nv), SI units: the linear rows of centroidal_momentum_matrix by mass. O(N).
+
+        errors: as in forward_dynamics. Raises as center_of_mass.
+        """
+
+    def centroidal_momentum_matrix(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """The centroidal momentum matrix A: the momentum of all links that move, (angular about the mass centre, linear) in the base's axes, is A qd.
+
+        q: (..., nq). Returns (..., 6, nv), SI units. O(N): column j is r S of the composite inertia (3.5) of what is outboard of joint j. Armature adds
+        nothing. Rows are angular, then linear; Pinocchio's Ag has (linear, angular).
+
+        errors: as in forward_dynamics. Raises as center_of_mass.
+        """
+
+    def centroidal_momentum_matrix_rate(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """The rate A' of the centroidal momentum matrix along qd: the momentum about the mass centre changes at A qdd + A' qd.
+
+        q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 6, nv), SI units, rows as those of A. O(N). For a tree that floats that is
+        weight and wrenches, the moment about the mass centre.
+
+        errors: as in forward_dynamics. Raises as center_of_mass, naming the argument.
         """
 
     def integrate(self, q: ArrayLike, v: ArrayLike, *, errors: _Errors = "raise") -> _Array:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 try:
     import torch
+    from torch import Tensor
 except ImportError as error:  # pragma: no cover
     raise ImportError("phipsi.torch needs PyTorch: pip install 'phipsi[torch]'") from error
 
@@ -28,38 +29,36 @@ if TYPE_CHECKING:
 
 __all__ = ["forward_dynamics", "integrate", "inverse_dynamics"]
 
-_Tensor = torch.Tensor
 
-
-def forward_dynamics(scene: Scene, q: _Tensor, qd: _Tensor, tau: _Tensor, *, form: str = "auto") -> _Tensor:
+def forward_dynamics(scene: Scene, q: Tensor, qd: Tensor, tau: Tensor, *, form: str = "auto") -> Tensor:
     """Joint accelerations, as Scene.forward_dynamics: q (..., nq), qd and tau (..., nv); leading axes broadcast."""
     return _apply(_calls.forward_dynamics(scene, form), q, qd, tau)
 
 
-def inverse_dynamics(scene: Scene, q: _Tensor, qd: _Tensor, qdd: _Tensor) -> _Tensor:
+def inverse_dynamics(scene: Scene, q: Tensor, qd: Tensor, qdd: Tensor) -> Tensor:
     """Joint torques, as Scene.inverse_dynamics: q (..., nq), qd and qdd (..., nv); leading axes broadcast."""
     return _apply(_calls.inverse_dynamics(scene), q, qd, qdd)
 
 
-def integrate(scene: Scene, q: _Tensor, v: _Tensor) -> _Tensor:
+def integrate(scene: Scene, q: Tensor, v: Tensor) -> Tensor:
     """q moved along v for a unit of time, as Scene.integrate: q (..., nq), v (..., nv); leading axes broadcast. A step is integrate(scene, q, dt * qd)."""
     return _apply(_calls.integrate(scene), q, v)
 
 
-def _apply(call: _calls.Call, *arguments: _Tensor) -> _Tensor:
+def _apply(call: _calls.Call, *arguments: Tensor) -> Tensor:
     batch = torch.broadcast_shapes(*(argument.shape[:-1] for argument in arguments))
     whole = [argument.expand(*batch, argument.shape[-1]) for argument in arguments]
     return _Value.apply(call, *whole)  # type: ignore[no-any-return]
 
 
-def _on_host(function: _calls.Host, arguments: tuple[_Tensor, ...]) -> tuple[_Tensor, ...]:
+def _on_host(function: _calls.Host, arguments: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
     found = _calls.on_host(function, tuple(argument.detach().cpu().numpy() for argument in arguments))
     like = arguments[0]
     each = found if isinstance(found, tuple) else (found,)
     return tuple(torch.as_tensor(np.ascontiguousarray(array), dtype=like.dtype, device=like.device) for array in each)
 
 
-def _in_front(info: Any, dims: tuple[int | None, ...], arguments: tuple[_Tensor, ...]) -> list[_Tensor]:
+def _in_front(info: Any, dims: tuple[int | None, ...], arguments: tuple[Tensor, ...]) -> list[Tensor]:
     """The arguments with the axis of vmap first."""
     return [
         argument.expand(info.batch_size, *argument.shape) if dim is None else argument.movedim(dim, 0)
@@ -73,7 +72,7 @@ class _Derivatives(torch.autograd.Function):
     generate_vmap_rule = False
 
     @staticmethod
-    def forward(call: _calls.Call, *arguments: _Tensor) -> tuple[_Tensor, ...]:
+    def forward(call: _calls.Call, *arguments: Tensor) -> tuple[Tensor, ...]:
         return _on_host(call.derivatives, arguments)
 
     @staticmethod
@@ -81,11 +80,11 @@ class _Derivatives(torch.autograd.Function):
         pass
 
     @staticmethod
-    def backward(ctx: Any, *_: _Tensor) -> Any:
+    def backward(ctx: Any, *_: Tensor) -> Any:
         raise NotImplementedError("phipsi.torch has no derivatives of second order")
 
     @staticmethod
-    def vmap(info: Any, dims: Any, call: _calls.Call, *arguments: _Tensor) -> Any:
+    def vmap(info: Any, dims: Any, call: _calls.Call, *arguments: Tensor) -> Any:
         found = _Derivatives.apply(call, *_in_front(info, dims[1:], arguments))
         return found, tuple(0 for _ in found)
 
@@ -94,7 +93,7 @@ class _Value(torch.autograd.Function):
     generate_vmap_rule = False
 
     @staticmethod
-    def forward(call: _calls.Call, *arguments: _Tensor) -> _Tensor:
+    def forward(call: _calls.Call, *arguments: Tensor) -> Tensor:
         return _on_host(call.value, arguments)[0]
 
     @staticmethod
@@ -105,16 +104,16 @@ class _Value(torch.autograd.Function):
         ctx.save_for_forward(*arguments)
 
     @staticmethod
-    def backward(ctx: Any, cotangent: _Tensor) -> Any:
+    def backward(ctx: Any, cotangent: Tensor) -> Any:
         by_each = _Derivatives.apply(ctx.call, *ctx.saved_tensors)
         return None, *((cotangent.unsqueeze(-2) @ by_one).squeeze(-2) for by_one in by_each)
 
     @staticmethod
-    def jvp(ctx: Any, _: Any, *tangents: _Tensor | None) -> Any:
+    def jvp(ctx: Any, _: Any, *tangents: Any) -> Any:
         by_each = _Derivatives.apply(ctx.call, *ctx.saved_tensors)
         moved = [(by_one @ tangent.unsqueeze(-1)).squeeze(-1) for by_one, tangent in zip(by_each, tangents, strict=True) if tangent is not None]
         return sum(moved[1:], moved[0])
 
     @staticmethod
-    def vmap(info: Any, dims: Any, call: _calls.Call, *arguments: _Tensor) -> Any:
+    def vmap(info: Any, dims: Any, call: _calls.Call, *arguments: Tensor) -> Any:
         return _Value.apply(call, *_in_front(info, dims[1:], arguments)), 0

@@ -4,7 +4,7 @@ use super::own;
 use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::dynamics::{self, Energy};
-use crate::error::{Error, check_finite, check_length};
+use crate::error::{Error, check_finite};
 use crate::kinematics;
 use crate::scene::{Link, Scene};
 use crate::spatial::{RigidShift, SpatialVector};
@@ -93,6 +93,18 @@ impl Scene {
         self.run_one(workspace, None, Algorithm::BiasTorque, &state, tau)
     }
 
+    /// The torques that hold the scene at `q` against gravity, dU/dq along the tangent of q: the bias torque at rest.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths and numbers that are not finite.
+    pub fn gravity_torque(&self, workspace: &mut Workspace<f64>, q: &[f64], tau: &mut [f64]) -> Result<(), Error> {
+        let rest = std::mem::take(&mut workspace.rest);
+        let outcome = self.bias_torque(workspace, q, &rest, tau);
+        workspace.rest = rest;
+        outcome
+    }
+
     /// The mass matrix at `q`, (nv x nv) row by row.
     ///
     /// # Errors
@@ -152,6 +164,20 @@ impl Scene {
         Ok(energy)
     }
 
+    /// Kinetic energy alone, J, armature included.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths and numbers that are not finite.
+    pub fn kinetic_energy(&self, workspace: &mut Workspace<f64>, q: &[f64], qd: &[f64]) -> Result<f64, Error> {
+        self.check_configuration("q", q)?;
+        self.check_rates("qd", qd)?;
+        self.check_workspace(workspace)?;
+        let kinetic = dynamics::kinetic_energy(self.model(), workspace, q, qd);
+        self.check_result("kinetic energy", &[kinetic])?;
+        Ok(kinetic)
+    }
+
     /// Spatial momentum (angular about the base's origin, linear) in the base frame.
     ///
     /// # Errors
@@ -182,35 +208,6 @@ impl Scene {
             });
         }
         Ok(self.links().iter().map(|link| on_base(link, &bodies)).collect())
-    }
-
-    /// The Jacobian of a link, (6 x nv) row by row: its spatial velocity (angular, linear) at its origin and in its own
-    /// frame is J qd, and a wrench w on it there gives the joint torques J^T w.
-    ///
-    /// # Errors
-    ///
-    /// Wrong lengths, numbers that are not finite, an unknown link.
-    pub fn jacobian(&self, q: &[f64], link: &str, out: &mut [f64]) -> Result<(), Error> {
-        let link = self.link(link)?;
-        self.check_configuration("q", q)?;
-        let nv = self.nv();
-        check_length("out", out.len(), 6 * nv)?;
-        out.fill(0.0);
-        // Inward from the link: `to_body` carries forces on the link to the body at hand, so its transpose carries motions.
-        let mut to_body = link.placement;
-        let mut at = link.body;
-        while let Some(k) = at {
-            let stage = &self.model().system.stages[k];
-            for i in 0..stage.rows.count() {
-                let column = to_body.motion_to_child(&stage.rows.row(i).to_column());
-                for (row, value) in column.iter().enumerate() {
-                    out[row * nv + stage.first_row + i] = *value;
-                }
-            }
-            to_body = kinematics::joint_shift(&self.model().bodies[k], q).compose(&to_body);
-            at = stage.parent;
-        }
-        self.check_result("jacobian", out)
     }
 
     /// Wrenches (moment, force) on links, each at its link's origin and in its frame, as forces on bodies.

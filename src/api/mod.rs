@@ -1,11 +1,14 @@
 //! The algorithms as methods of a [`Scene`](crate::Scene): arguments are checked, faults named.
 
+mod centroidal;
 mod derivatives;
 mod estimation;
+mod links;
 pub mod methods;
 pub mod operational;
 mod own;
 mod products;
 
+pub use links::OnLink;
 pub use methods::BodyWrenches;
 pub use operational::TaskFrame;

@@ -150,8 +150,11 @@ impl Scene {
     }
 
     /// A task frame on its body.
-    fn frame(&self, task: &TaskFrame<'_>) -> Result<Frame<f64>, Error> {
+    pub(crate) fn frame(&self, task: &TaskFrame<'_>) -> Result<Frame<f64>, Error> {
         let link = self.link(task.link)?;
+        if task.offset == RigidShift::identity() {
+            return Ok(Frame { body: link.body, placement: link.placement });
+        }
         let of_link = |what: &str| format!("{what} of the task frame on link {:?}", task.link);
         let RigidShift { rotation, lever } = &task.offset;
         if !lever.iter().chain(rotation.iter()).all(|x| x.is_finite()) {

@@ -19,9 +19,16 @@ pub struct Energy<T> {
 
 /// Kinetic and potential energy in O(N).
 pub fn energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> Energy<T> {
+    let kinetic = kinetic_energy(model, workspace, q, qd);
+    let moment = total_inertia(model, workspace).first_moment;
+    let g = &model.gravity;
+    Energy { kinetic, potential: -(g[0] * moment[0] + g[1] * moment[1] + g[2] * moment[2]) }
+}
+
+/// Kinetic energy alone in O(N), J: half of v* M v over all bodies, plus half of armature times rate squared.
+pub fn kinetic_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> T {
     placements_base_to_tip(model, q, &mut workspace.shift);
     velocities_base_to_tip(model, workspace, qd);
-    let half = T::from_f64(0.5);
     let mut twice_kinetic = T::zero();
     for (body, v) in model.bodies.iter().zip(&workspace.velocity) {
         twice_kinetic += dot(v, &body.inertia.mul_motion(v));
@@ -29,9 +36,7 @@ pub fn energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], 
     for (&armature, &rate) in model.system.noise.iter().zip(qd) {
         twice_kinetic += armature * rate * rate;
     }
-    let moment = total_inertia(model, workspace).first_moment;
-    let g = &model.gravity;
-    Energy { kinetic: half * twice_kinetic, potential: -(g[0] * moment[0] + g[1] * moment[1] + g[2] * moment[2]) }
+    T::from_f64(0.5) * twice_kinetic
 }
 
 /// Spatial momentum (angular about the base's origin, linear) of all moving bodies, in the base frame: N m s, N s.
@@ -43,6 +48,11 @@ pub fn momentum<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]
     for ((z, body), v) in workspace.z.iter_mut().zip(&model.bodies).zip(&workspace.velocity) {
         *z = body.inertia.mul_motion(v);
     }
+    sum_on_base(model, workspace)
+}
+
+/// Tip to base: the sum of the forces (or momenta) `z` on all bodies, about the base's origin and in its axes.
+pub(super) fn sum_on_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> Vector6<T> {
     let mut total = Vector6::from_element(T::zero());
     for (k, stage) in model.system.stages.iter().enumerate().rev() {
         let carried = workspace.shift[k].force_to_parent(&workspace.z[k]);
@@ -55,7 +65,7 @@ pub fn momentum<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]
 }
 
 /// Base to tip: spatial velocities, with phi already in the workspace.
-fn velocities_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, qd: &[T]) {
+pub(super) fn velocities_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, qd: &[T]) {
     for (k, body) in model.bodies.iter().enumerate() {
         let stage = &model.system.stages[k];
         let mut velocity = joint_motion(body, stage.first_row, qd);

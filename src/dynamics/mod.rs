@@ -4,6 +4,7 @@
 //! [`Workspace`](crate::Workspace), check nothing and allocate nothing. [`Scene`](crate::Scene) wraps them with checks and names.
 
 pub mod auto;
+pub mod centroidal;
 mod checked;
 mod columns;
 pub mod derivatives;
@@ -25,7 +26,7 @@ pub(crate) use inverse::bias_forces_base_to_tip;
 
 pub use crate::accuracy::{Accuracy, ESTIMATE_SPREAD};
 pub use auto::{Choice, forward_dynamics_auto};
-pub use energy::{Energy, energy, momentum};
+pub use energy::{Energy, energy, kinetic_energy, momentum};
 pub use estimate::{Estimate, EstimateCovariance, EstimateScratch, Measurements, estimate, estimate_covariance};
 pub use forward::{factorise, forward_dynamics, solve};
 pub use inverse::{bias_torque, inverse_dynamics, mul_mass};

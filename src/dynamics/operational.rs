@@ -4,6 +4,7 @@ use super::forward::factorise;
 use crate::filter::covariance;
 use crate::filter::innovations::past_rows;
 use crate::filter::pivots::PivotMonitor;
+pub use crate::kinematics::Frame;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::{RigidShift, Symmetric6, dot};
@@ -13,15 +14,6 @@ use nalgebra::{Matrix6, Vector6};
 
 /// Pairs of frames between two questions whether to go on.
 pub(crate) const MANY: usize = 16;
-
-/// A frame that moves with a body.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Frame<T> {
-    /// Index of the body; none on the base, which does not move.
-    pub body: Option<usize>,
-    /// From the frame to the body's frame.
-    pub placement: RigidShift<T>,
-}
 
 /// Scratch that only the operational-space inertia needs.
 #[derive(Debug, Clone)]

@@ -2,6 +2,7 @@
 
 use super::choice::read_form;
 use super::evaluate::Keywords;
+use super::fresh;
 use super::object::Object;
 use super::scene::PyScene;
 use crate::algorithm::Algorithm;
@@ -112,6 +113,25 @@ impl PyScene {
     ) -> Array<'py> {
         let keywords = Keywords { wrenches: None, out, dtype, errors, info: false };
         self.evaluate(py, Algorithm::BiasTorque, cost::INVERSE, [("q", q), ("qd", qd)], &keywords)
+    }
+
+    /// The torques that hold the scene against gravity, dU/dq along the tangent of q: the bias torque at rest.
+    ///
+    /// q: (..., nq); out, dtype and errors as in forward_dynamics. Returns (..., nv), N m or N. O(N).
+    ///
+    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    #[pyo3(signature = (q, *, out=None, dtype=None, errors="raise"))]
+    fn gravity_torque<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        out: Option<&Object<'py>>,
+        dtype: Option<&Object<'py>>,
+        errors: &str,
+    ) -> Array<'py> {
+        let rest = fresh::zeros::<f64>(py, &[self.scene.nv()])?.into_any();
+        let keywords = Keywords { wrenches: None, out, dtype, errors, info: false };
+        self.evaluate(py, Algorithm::BiasTorque, cost::INVERSE, [("q", q), ("qd", &rest)], &keywords)
     }
 
     /// The joint-space mass matrix, the covariance of the measurements (5.1), armature on its diagonal.

@@ -1,9 +1,10 @@
-//! Methods of `Scene`: where links are, how they move, energy and momentum.
+//! Methods of `Scene`: where all links are, energy and momentum.
 
 use super::errors::asked_by;
 use super::object::{Object, imported};
 use super::output::{Array, Output};
 use super::scene::PyScene;
+use crate::spatial::RigidShift;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -28,13 +29,7 @@ impl PyScene {
         let mut all = call.scratch_results(py, 16 * links.len())?;
         call.numbers(py, all.numbers()?, |scene, _, [q], out| {
             for (shift, out) in scene.placements(q)?.iter().zip(out.chunks_exact_mut(16)) {
-                for (i, row) in out.chunks_exact_mut(4).take(3).enumerate() {
-                    for (j, entry) in row.iter_mut().take(3).enumerate() {
-                        *entry = shift.rotation[(i, j)];
-                    }
-                    row[3] = shift.lever[i];
-                }
-                out[12..].copy_from_slice(&[0.0, 0.0, 0.0, 1.0]);
+                homogeneous(shift, out);
             }
             Ok(())
         })?;
@@ -46,21 +41,6 @@ impl PyScene {
             placements.set_item(&link.name, output.finish())?;
         }
         Ok(placements)
-    }
-
-    /// The Jacobian J of a link: its spatial velocity (angular, linear), at its origin and in its own frame, is J qd.
-    ///
-    /// q: (..., nq). Returns (..., 6, nv), SI units; a wrench w on the link there gives the joint torques J^T w.
-    ///
-    /// errors: as in forward_dynamics. Raises ArgumentError for an unknown link; ShapeError,
-    /// NotFiniteError, ArgumentError for a bad q, naming the state.
-    #[pyo3(signature = (q, link, *, errors="raise"))]
-    fn jacobian<'py>(&self, py: Python<'py>, q: &Object<'py>, link: &str, errors: &str) -> Array<'py> {
-        // Also where the batch is empty.
-        self.scene.link(link)?;
-        let nv = self.scene.nv();
-        let call = self.call([self.configuration("q", q)?], cost::PLACEMENT * self.size(), errors)?;
-        call.array(py, &[6, nv], |scene, _, [q], out| scene.jacobian(q, link, out))
     }
 
     /// Kinetic energy (armature included) and potential energy, as the named tuple Energy(kinetic, potential).
@@ -87,6 +67,26 @@ impl PyScene {
         imported!(py, "phipsi._results", "Energy")?.call1((part(0)?, part(1)?))
     }
 
+    /// Kinetic energy alone, armature included: half of qd M qd.
+    ///
+    /// q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (...), J. O(N).
+    ///
+    /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    #[pyo3(signature = (q, qd, *, errors="raise"))]
+    fn kinetic_energy<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        errors: &str,
+    ) -> PyResult<Object<'py>> {
+        let cost = cost::MOMENTUM * self.size();
+        self.each(py, [("q", q), ("qd", qd)], &[], cost, errors, |scene, scratch, [q, qd], out| {
+            out[0] = scene.kinetic_energy(&mut scratch.workspace, q, qd)?;
+            Ok(())
+        })
+    }
+
     /// Spatial momentum of all moving bodies: (angular about the base's origin, linear), in the base frame.
     ///
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. Returns (..., 6), N m s and N s. Armature adds nothing here.
@@ -101,4 +101,15 @@ impl PyScene {
             Ok(())
         })
     }
+}
+
+/// Writes [[R, p], [0, 1]].
+pub(super) fn homogeneous(shift: &RigidShift<f64>, out: &mut [f64]) {
+    for (i, row) in out.chunks_exact_mut(4).take(3).enumerate() {
+        for (j, entry) in row.iter_mut().take(3).enumerate() {
+            *entry = shift.rotation[(i, j)];
+        }
+        row[3] = shift.lever[i];
+    }
+    out[12..].copy_from_slice(&[0.0, 0.0, 0.0, 1.0]);
 }

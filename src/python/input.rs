@@ -187,6 +187,11 @@ pub(super) fn rows(name: &str, value: &Object<'_>, width: usize) -> PyResult<(us
 
 /// Three numbers.
 pub(super) fn triple(name: &str, value: &Object<'_>) -> PyResult<[f64; 3]> {
+    if is_of_numbers(value)
+        && let Ok(numbers) = value.extract()
+    {
+        return Ok(numbers);
+    }
     let numbers = fixed(name, value, &[3])?;
     Ok([numbers[0], numbers[1], numbers[2]])
 }

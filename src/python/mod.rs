@@ -1,8 +1,8 @@
 //! The Python module `phipsi._core`: `NumPy` in, `NumPy` out, over the same checked algorithms as the crate.
 //!
 //! One path for a call: [`input`] reads the arguments; [`call`] checks that they broadcast and runs the states of the batch with the GIL
-//! released; [`output`] makes the result. [`evaluate`] does so for what has kernels in lanes, after asking [`single`] whether it is one plain
-//! state. [`errors`] maps each error of the crate to its Python class; the other files are the methods by subject, and no file uses one
+//! released; [`output`] makes the result. [`evaluate`] does so for what has kernels in lanes and [`each`] for what has none, after asking [`single`] whether it is one
+//! plain state. [`errors`] maps each error of the crate to its Python class; the other files are the methods by subject, and no file uses one
 //! that uses it. Nothing outside this folder names pyo3 or numpy.
 
 #![allow(clippy::doc_markdown)] // the comments of classes and methods are Python's docstrings
@@ -12,6 +12,7 @@ mod axis;
 mod bad_states;
 mod builder;
 mod call;
+mod centroidal;
 mod changes;
 mod choice;
 mod configuration;
@@ -21,6 +22,7 @@ mod counts;
 mod derivatives;
 mod description;
 mod dynamics;
+mod each;
 mod errors;
 mod estimation;
 mod evaluate;
@@ -29,6 +31,7 @@ mod fresh;
 mod geometry;
 mod input;
 mod interrupts;
+mod links;
 mod motion;
 mod object;
 mod operational;

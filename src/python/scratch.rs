@@ -6,7 +6,7 @@ use crate::dynamics::operational::OperationalScratch;
 use crate::dynamics::{Estimate, EstimateCovariance, EstimateScratch};
 use crate::scalar::MOST_LANES;
 use crate::scene::Scene;
-use crate::spatial::SpatialVector;
+use crate::spatial::{RigidShift, SpatialVector};
 use crate::workspace::Workspace;
 use numpy::Element;
 
@@ -32,6 +32,8 @@ pub(super) struct Scratch {
     pub forces: Vec<Forces>,
     /// Results of one state, on their way to an array.
     pub results: Vec<f64>,
+    /// Where links are that a call asks for.
+    pub placements: Vec<RigidShift<f64>>,
 }
 
 impl Scratch {
@@ -46,6 +48,7 @@ impl Scratch {
             evaluator_f32: None,
             forces: vec![Vec::new(); MOST_LANES],
             results: Vec::new(),
+            placements: Vec::new(),
         }
     }
 }

@@ -2,16 +2,18 @@
 //!
 //! For a small robot the kernel takes less than what a batch needs: axes that broadcast, the account of who borrows which
 //! array, lanes. M of one link takes 0.2 us by this way and 0.45 us as the batch of one, forward dynamics of a chain of seven 0.8 and 1.1 us.
-//! Whatever is not this case, refusals included, is left to [`evaluate`](super::evaluate).
+//! Whatever is not this case, refusals included, is left to [`evaluate`](super::evaluate), and to [`each`](super::each) for what has no kernel in lanes.
 
 use super::cost::{Cost, WORTH_RELEASING};
-use super::errors::fault;
+use super::fresh::entries;
 use super::input::plain;
 use super::object::Object;
 use super::output::{Output, from_numbers};
 use super::scene::PyScene;
 use super::scratch::Scratch;
 use crate::algorithm::{Algorithm, Arguments};
+use crate::error::Error;
+use crate::scene::Scene;
 use pyo3::prelude::*;
 
 /// As many numbers are written elsewhere first and copied, which takes less time than keeping account of who borrows an array.
@@ -30,6 +32,25 @@ impl PyScene {
         cost: Cost,
         out: Option<&Object<'py>>,
     ) -> PyResult<Option<Object<'py>>> {
+        self.single_by(py, given, shape, cost, out, |scene, scratch, state, results| {
+            let evaluator = scratch.evaluator.get_or_insert_with(|| scene.evaluator());
+            let of = |k: usize| state.get(k).copied().unwrap_or_default();
+            let state = [Arguments { q: of(0), qd: of(1), u: of(2), ..Arguments::default() }];
+            scene.evaluate(evaluator, algorithm, &state, results).map_err(|fault| fault.error)
+        })
+    }
+
+    /// The same with any kernel of one state, which gets q, then one or two arrays of rates.
+    #[inline(always)] // what the kernel is given would be stored and loaded again
+    pub(super) fn single_by<'py, const N: usize>(
+        &self,
+        py: Python<'py>,
+        given: [&Object<'py>; N],
+        shape: &[usize],
+        cost: Cost,
+        out: Option<&Object<'py>>,
+        kernel: impl FnOnce(&Scene, &mut Scratch, [&[f64]; N], &mut [f64]) -> Result<(), Error>,
+    ) -> PyResult<Option<Object<'py>>> {
         if cost.of_one() >= WORTH_RELEASING {
             return Ok(None);
         }
@@ -41,32 +62,30 @@ impl PyScene {
             let Some(found) = plain(value, width) else { return Ok(None) };
             *argument = found;
         }
-        let [(q, _), (qd, _), (u, _)] = &arguments;
-        let state = [Arguments { q, qd, u, wrenches: &[], ..Arguments::default() }];
         let output = match out {
             Some(out) => Some(Output::given(out, shape, arguments.iter().map(|(_, addresses)| addresses.clone()))?),
             None => None,
         };
+        let state = std::array::from_fn(|k| &arguments[k].0[..]);
         self.pool.with(
             || Scratch::new(scene),
-            |Scratch { evaluator, results, .. }| {
-                let evaluator = evaluator.get_or_insert_with(|| scene.evaluator());
-                let mut run = |results: &mut [f64]| {
-                    scene.evaluate(evaluator, algorithm, &state, results).map_err(|error| fault(py, error, &[]))
-                };
+            |scratch| {
                 if let Some(mut output) = output {
-                    run(output.numbers()?)?;
+                    kernel(scene, scratch, state, output.numbers()?)?;
                     return Ok(Some(output.finish().into_any()));
                 }
-                let width = scene.width(algorithm);
+                let width = entries(shape).unwrap_or_default();
                 if width > COPIED {
                     let mut output = Output::unwritten(py, shape)?;
-                    run(output.numbers()?)?;
+                    kernel(scene, scratch, state, output.numbers()?)?;
                     return Ok(Some(output.finish().into_any()));
                 }
+                let mut results = std::mem::take(&mut scratch.results);
                 results.resize(width, 0.0);
-                run(results)?;
-                from_numbers(py, results, shape).map(Some)
+                let outcome = kernel(scene, scratch, state, &mut results);
+                let array = outcome.map_err(PyErr::from).and_then(|()| from_numbers(py, &results, shape));
+                scratch.results = results;
+                array.map(Some)
             },
         )
     }

@@ -2,7 +2,7 @@
 
 use crate::dynamics;
 use crate::error::Error;
-use crate::kinematics::coordinate_rates;
+use crate::kinematics::{ReferenceFrame, coordinate_rates};
 use crate::model::Model;
 use crate::operators::dense::{Composite, ldlt_from_tip};
 use crate::operators::{Factor, Kind, Operator};
@@ -126,8 +126,8 @@ fn operational(scene: &Scene, q: &[f64], dense: &Composite) -> Result<f64, Error
     let (mut workspace, mut scratch) = (scene.workspace(), scene.operational_scratch());
     scene.operational_inverse_inertia(&mut workspace, &mut scratch, q, &links, &mut omega)?;
     let (first, second) = rows.split_at_mut(6 * nv);
-    scene.jacobian(q, links[0], first)?;
-    scene.jacobian(q, links[1], second)?;
+    scene.jacobian(q, links[0], ReferenceFrame::Local, first)?;
+    scene.jacobian(q, links[1], ReferenceFrame::Local, second)?;
     let jacobian = Mat::from_fn(12, nv, |i, k| rows[i * nv + k]);
     let solved = dense.mass_matrix()?.partial_piv_lu().solve(jacobian.transpose());
     Ok(relative(&Mat::from_fn(12, 12, |i, k| omega[12 * i + k]), &(&jacobian * solved)))

@@ -2,7 +2,7 @@
 
 use super::rigid_shift::RigidShift;
 use super::symmetric::{Symmetric3, Symmetric6};
-use super::vector::{angular, cross, cross_add, linear, skew, spatial};
+use super::vector::{angular, cross, cross_add, linear, skew, spatial, sum3};
 use crate::scalar::Real;
 use nalgebra::{Vector3, Vector6};
 
@@ -69,6 +69,32 @@ impl<T: Real> BodyInertia<T> {
         spatial(&cross_add(&w, &momentum, &angular(&needed)), &cross_add(&w, &centripetal, &linear(&needed)))
     }
 
+    /// v x* M - M v x, the rate of M in fixed axes and about a fixed point, while the body moves with `velocity` (w, u): that of ten parameters,
+    /// m' = 0, h' = w x h + m u, I' = w~ I - I w~ - (u~ h~ + h~ u~).
+    #[inline(always)]
+    #[must_use]
+    pub fn rate(&self, velocity: &Vector6<T>) -> Self {
+        let (w, u) = (angular(velocity), linear(velocity));
+        let (h, m) = (&self.first_moment, self.mass);
+        let two = m.constant(2.0);
+        let turned = skew(&w) * self.rotational.to_matrix();
+        // -(u~ h~ + h~ u~) = 2 u.h 1 - (u h^T + h u^T)
+        let along = two * sum3([u[0], u[1], u[2]], [h[0], h[1], h[2]]);
+        let entry = |i: usize, j: usize| turned[(i, j)] + turned[(j, i)] - (u[i] * h[j] + h[i] * u[j]);
+        Self {
+            mass: m.constant(0.0),
+            first_moment: cross_add(&w, h, &Vector3::new(m * u[0], m * u[1], m * u[2])),
+            rotational: Symmetric3::new([
+                entry(0, 0) + along,
+                entry(0, 1),
+                entry(0, 2),
+                entry(1, 1) + along,
+                entry(1, 2),
+                entry(2, 2) + along,
+            ]),
+        }
+    }
+
     /// M as a packed symmetric matrix.
     #[inline(always)]
     pub fn to_symmetric(&self) -> Symmetric6<T> {
@@ -89,6 +115,14 @@ impl<T: Real> BodyInertia<T> {
             first_moment: self.first_moment + other.first_moment,
             rotational: self.rotational.add(&other.rotational),
         }
+    }
+
+    /// The first moment about the parent's origin, in the parent's frame: that of [`to_parent`](Self::to_parent) alone.
+    #[inline(always)]
+    #[must_use]
+    pub fn first_moment_in_parent(&self, shift: &RigidShift<T>) -> Vector3<T> {
+        let (h, l, m) = (shift.rotate(&self.first_moment), &shift.lever, self.mass);
+        Vector3::new(m.mul_add(l[0], h[0]), m.mul_add(l[1], h[1]), m.mul_add(l[2], h[2]))
     }
 
     /// phi M phi^T, which is again the inertia of a rigid body: about the parent's origin, in the parent's frame.

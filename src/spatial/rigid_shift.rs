@@ -92,6 +92,13 @@ impl<T: Real> RigidShift<T> {
         spatial(&self.rotate_back(&w), &self.rotate_back(&at_child))
     }
 
+    /// phi^-T v: a motion, child to parent. 24 products.
+    #[inline(always)]
+    pub fn motion_to_parent(&self, v: &Vector6<T>) -> Vector6<T> {
+        let w = self.rotate(&angular(v));
+        spatial(&w, &cross_add(&self.lever, &w, &self.rotate(&linear(v))))
+    }
+
     /// phi P phi^T: an inertia (covariance of a force), child to parent. About 190 products.
     #[inline(always)]
     pub fn inertia_to_parent(&self, p: &Symmetric6<T>) -> Symmetric6<T> {

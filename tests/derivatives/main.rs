@@ -6,6 +6,7 @@ mod common;
 mod support;
 
 mod arguments;
+mod coriolis;
 mod cost;
 mod extremes;
 #[allow(dead_code)] // some of it is for other tests

@@ -114,6 +114,19 @@ def welded() -> phipsi.Scene:
 
 Method = Callable[..., object]
 
+POINT = (0.3, -0.2, 0.1)
+"""A point on a link, m."""
+
+OF_MASS = {
+    "center_of_mass": 1,
+    "center_of_mass_velocity": 2,
+    "center_of_mass_acceleration": 3,
+    "center_of_mass_jacobian": 1,
+    "centroidal_momentum_matrix": 1,
+    "centroidal_momentum_matrix_rate": 2,
+}
+"""Methods about the mass centre, and how many of q, qd and qdd each takes."""
+
 
 def methods(scene: phipsi.Scene, state: State) -> dict[str, tuple[Method, tuple[np.ndarray, ...]]]:
     """Every method that takes batches, with its array arguments; results as arrays."""
@@ -164,7 +177,17 @@ def methods(scene: phipsi.Scene, state: State) -> dict[str, tuple[Method, tuple[
         "inverse_dynamics_hvp": (hessian(scene.inverse_dynamics_hvp), (q, qd, tau)),
         "forward_dynamics_hvp": (hessian(scene.forward_dynamics_hvp), (q, qd, tau)),
         "placements": (placements, (q,)),
+        "gravity_torque": (scene.gravity_torque, (q,)),
+        "placement": (lambda q: scene.placement(q, link), (q,)),
+        "placement of several": (lambda q: scene.placement(q, [link, scene.link_names[0]]), (q,)),
+        "velocity": (lambda q, qd: scene.velocity(q, qd, link, frame="world"), (q, qd)),
+        "acceleration": (lambda q, qd, qdd: scene.acceleration(q, qd, qdd, link, at=POINT, kind="classical"), (q, qd, tau)),
         "jacobian": (lambda q: scene.jacobian(q, link), (q,)),
+        "jacobian at a point": (lambda q: scene.jacobian(q, link, frame="local-world-aligned", at=POINT), (q,)),
+        "jacobian_rate": (lambda q, qd: scene.jacobian_rate(q, qd, link, frame="world"), (q, qd)),
+        "jacobian_rate_product": (lambda q, qd: scene.jacobian_rate_product(q, qd, link), (q, qd)),
+        **{name: (getattr(scene, name), (q, qd, tau)[:count]) for name, count in OF_MASS.items()},
+        "kinetic_energy": (scene.kinetic_energy, (q, qd)),
         "energy": (energy, (q, qd)),
         "momentum": (scene.momentum, (q, qd)),
         "integrate": (scene.integrate, (q, qd)),
@@ -189,7 +212,17 @@ METHODS = (
     "inverse_dynamics_hvp",
     "forward_dynamics_hvp",
     "placements",
+    "gravity_torque",
+    "placement",
+    "placement of several",
+    "velocity",
+    "acceleration",
     "jacobian",
+    "jacobian at a point",
+    "jacobian_rate",
+    "jacobian_rate_product",
+    *OF_MASS,
+    "kinetic_energy",
     "energy",
     "momentum",
     "integrate",

@@ -35,14 +35,18 @@ class Large(NamedTuple):
     """Parameters that this is a test of, as "method.parameter"."""
 
 
-def broadcast(method: str, second: str = "nv") -> Callable[[phipsi.Scene], Call]:
+OF_THREE = ("forward_dynamics", "inverse_dynamics", "estimate", "acceleration", "center_of_mass_acceleration")
+"""Methods that take q, qd and a third."""
+
+
+def broadcast(method: str, second: str = "nv", **options: Any) -> Callable[[phipsi.Scene], Call]:
     """Two arguments that are small by themselves and make a batch that is not."""
 
     def prepare(scene: phipsi.Scene) -> Call:
         first, other = np.zeros((2**14, 1, scene.nq)), np.zeros((2**14, scene.nv if second == "nv" else scene.nq))
-        others = {"forward_dynamics": 1, "inverse_dynamics": 1, "estimate": 1, "forward_dynamics_jvp": 4, "inverse_dynamics_jvp": 4}
-        third = [np.zeros(scene.nv)] * others.get(method, 0)
-        return lambda: getattr(scene, method)(first, other, *third)
+        others = {"forward_dynamics_jvp": 4, "inverse_dynamics_jvp": 4}
+        third = [np.zeros(scene.nv)] * others.get(method, 1 if method in OF_THREE else 0)
+        return lambda: getattr(scene, method)(first, other, *third, **options)
 
     return prepare
 
@@ -165,6 +169,20 @@ LARGE: dict[str, Large] = {
     "mass_matrix_inverse": Large("q", batch(10**6, lambda scene, q: scene.mass_matrix_inverse(q))),
     "placements": Large("q", batch(10**6, lambda scene, q: scene.placements(q))),
     "jacobian": Large("q", batch(10**6, lambda scene, q: scene.jacobian(q, "link3"))),
+    "gravity_torque": Large("q", batch(10**6, lambda scene, q: scene.gravity_torque(q)), room=40),
+    "placement": Large("q", batch(10**6, lambda scene, q: scene.placement(q, "link3")), room=80),
+    "placement of many links": Large("link", lambda scene: lambda: scene.placement(np.zeros(7), ["link3"] * 3 * 10**5), room=40),
+    "velocity": Large("q, qd", broadcast("velocity", link="link3")),
+    "acceleration": Large("q, qd", broadcast("acceleration", link="link3")),
+    "jacobian_rate": Large("q, qd", broadcast("jacobian_rate", link="link3")),
+    "jacobian_rate_product": Large("q, qd", broadcast("jacobian_rate_product", link="link3")),
+    "center_of_mass": Large("q", batch(2 * 10**6, lambda scene, q: scene.center_of_mass(q)), room=30),
+    "center_of_mass_velocity": Large("q, qd", broadcast("center_of_mass_velocity")),
+    "center_of_mass_acceleration": Large("q, qd", broadcast("center_of_mass_acceleration")),
+    "center_of_mass_jacobian": Large("q", batch(10**6, lambda scene, q: scene.center_of_mass_jacobian(q)), room=100),
+    "centroidal_momentum_matrix": Large("q", batch(10**6, lambda scene, q: scene.centroidal_momentum_matrix(q))),
+    "centroidal_momentum_matrix_rate": Large("q, qd", broadcast("centroidal_momentum_matrix_rate")),
+    "kinetic_energy": Large("q, qd", broadcast("kinetic_energy")),
     "operational_inverse_inertia": Large("q", batch(10**6, lambda scene, q: scene.operational_inverse_inertia(q, "link3"))),
     "operational_inertia": Large("q", batch(10**6, lambda scene, q: scene.operational_inertia(q, "link6"))),
     "many links": Large(

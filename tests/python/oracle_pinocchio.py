@@ -149,6 +149,9 @@ class Oracle:
         by_q, by_qd, mass = pin.computeRNEADerivatives(self.model, self.data, *arguments)
         return self.square(by_q), self.square(by_qd), self.symmetric(np.reshape(mass, (self.model.nv, self.model.nv)))
 
+    def coriolis_matrix(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        return self.square(pin.computeCoriolisMatrix(self.model, self.data, self.configuration(q), self.there(qd)))
+
     def forward_dynamics_derivatives(
         self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, wrenches: Mapping[str, np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

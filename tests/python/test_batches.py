@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import State, methods, random_scene, random_states
+from conftest import OF_MASS, State, methods, random_scene, random_states
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tolerances import assert_same_bits
 
 import phipsi
-from phipsi.errors import ShapeError
+from phipsi.errors import ArgumentError, ShapeError
 
 
 TWO = random_scene(4, 2, kinds=("revolute", "prismatic"))
@@ -118,9 +118,15 @@ def test_no_states_broadcast(arm: phipsi.Scene) -> None:
 def test_no_joints(welded: phipsi.Scene, method: str, batch: tuple[int, ...]) -> None:
     nothing = np.zeros((*batch, 0))
     shapes = {"mass_matrix": (0, 0), "mass_matrix_inverse": (0, 0), "jacobian": (6, 0), "momentum": (6,), "energy": (2,)}
-    shapes["placements"] = (2, 4, 4)
+    shapes["placements"] = shapes["placement of several"] = (2, 4, 4)
+    shapes.update({"placement": (4, 4), "velocity": (6,), "acceleration": (6,), "kinetic_energy": ()})
+    shapes.update({"jacobian at a point": (6, 0), "jacobian_rate": (6, 0), "jacobian_rate_product": (6,)})
     shapes["inverse_dynamics_derivatives"] = shapes["forward_dynamics_derivatives"] = (0, 0)
     evaluate, arguments = methods(welded, State(nothing, nothing, nothing))[method]
+    if method in OF_MASS:
+        with pytest.raises(ArgumentError, match="scene: found links that move of 0 kg in all"):
+            evaluate(*arguments)
+        return
     if method == "difference":
         assert welded.difference(nothing, nothing).shape == (*batch, 0)
     found = np.asarray(evaluate(*arguments))

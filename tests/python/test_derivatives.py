@@ -144,6 +144,20 @@ def test_far_from_the_origin_no_digit_is_lost() -> None:
         note(f"{name} 1,000 km away, eps", largest(one - other), EPS * largest(other))
 
 
+@bases
+@robots
+def test_coriolis_matrix_as_pinocchio(file: str, floating_base: bool) -> None:
+    """And dM/dt = C + C^T; with Pinocchio's C to n eps of its terms."""
+    scene, oracle = robot(file, floating_base)
+    q, qd, _, _ = real_state(scene)
+    coriolis, rate = scene.coriolis_matrix(q, qd), scene.mass_matrix_derivative(q, qd)
+    expected = oracle.coriolis_matrix(q, qd)
+    scale = max(largest(expected), largest(scene.bias_torque(q, qd)))
+    assert_near(coriolis, expected, recursion(scene.nv, scale))
+    assert_near(rate, coriolis + coriolis.T, recursion(scene.nv, scale))
+    note("C beside Pinocchio, n eps", largest(coriolis - expected), scene.nv * EPS * scale)
+
+
 Call = Callable[..., tuple[np.ndarray, ...]]
 
 

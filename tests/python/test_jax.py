@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tolerances import assert_near, central_difference, product, size
+from tolerances import assert_near, product, size
 
 import phipsi
 
@@ -18,6 +18,7 @@ import jax.numpy as jnp  # noqa: E402
 from jax.test_util import check_grads  # noqa: E402
 
 import phipsi.jax  # noqa: E402
+from phipsi import _calls  # noqa: E402
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     "forward_dynamics": phipsi.jax.forward_dynamics,
@@ -65,30 +66,35 @@ def test_values_are_those_of_the_scene_jitted_and_mapped(scene: phipsi.Scene, na
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_derivatives_forward_and_reverse_are_differences(scene: phipsi.Scene, name: str) -> None:
-    """By the numbers of q too, quaternions off their norm."""
-    check_grads(lambda *given: FUNCTIONS[name](scene, *given), arguments(scene, name), order=1, modes=("fwd", "rev"), rtol=1e-6, atol=1e-6)
-
-
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_jacobians_are_those_of_central_differences(scene: phipsi.Scene, name: str) -> None:
+def test_derivatives_forward_and_reverse(scene: phipsi.Scene, name: str) -> None:
+    """Those of the host (test_calls.py), by every number."""
     given = arguments(scene, name)
     function = lambda *given: FUNCTIONS[name](scene, *given)  # noqa: E731
-    step = float(np.finfo(float).eps) ** (1 / 3)
-    for which, argument in enumerate(given):
-        forward, reverse = (of(function, argnums=which)(*given) for of in (jax.jacfwd, jax.jacrev))
-        columns = []
-        for i in range(argument.size):
-            ahead, back = ([*given[:which], argument + sign * step * np.eye(argument.size)[i], *given[which + 1 :]] for sign in (1, -1))
-            columns.append((np.asarray(function(*ahead)) - np.asarray(function(*back))) / (2 * step))
-        expected = np.stack(columns, axis=-1)
-        assert_near(np.asarray(forward), expected, central_difference(size(expected)))
-        assert_near(np.asarray(reverse), np.asarray(forward), product(scene.nv, size(expected)))
+    calls = {"forward_dynamics": _calls.forward_dynamics(scene, "auto"), "inverse_dynamics": _calls.inverse_dynamics(scene)}
+    expected = calls.get(name, _calls.integrate(scene)).derivatives(*given)
+    every = tuple(range(len(given)))
+    for of in (jax.jacfwd, jax.jacrev):
+        for found, derivative in zip(of(function, argnums=every)(*given), expected, strict=True):
+            assert_near(np.asarray(found), derivative, product(scene.nv, size(derivative)))
+
+
+def test_gradients_inside_a_jitted_loop_are_differences() -> None:
+    """Ten steps of a chain, the way that learning and predictive control use it."""
+    scene = phipsi.scenes.chain(3)
+    q, qd, tau = arguments(scene, "forward_dynamics")
+
+    def end(tau: Any) -> Any:
+        def step(state: Any, _: None) -> Any:
+            q, qd = state
+            qd = qd + 0.01 * phipsi.jax.forward_dynamics(scene, q, qd, tau)
+            return (phipsi.jax.integrate(scene, q, 0.01 * qd), qd), None
+
+        return (jax.lax.scan(step, (q, qd), None, length=10)[0][0] ** 2).sum()
+
+    check_grads(jax.jit(end), (tau,), order=1, modes=("rev",), rtol=1e-4, atol=1e-6, eps=1e-4)
 
 
 def test_a_batch_is_one_call_of_the_host(scene: phipsi.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    from phipsi import _calls
-
     asked: list[tuple[int, ...]] = []
     plainly = _calls.on_host
 

@@ -17,6 +17,8 @@ BUILDER = phipsi.SceneBuilder().link("base").link("a", 1.0).joint("turn", "revol
 CALLS: dict[str, Any] = {
     "_Errors": lambda name: BUILDER.build().mass_matrix([0.0], errors=name),
     "_Form": lambda name: BUILDER.build().factor([0.0], form=name),
+    "_Frame": lambda name: BUILDER.build().jacobian([0.0], "a", frame=name),
+    "_Kind": lambda name: BUILDER.build().acceleration([0.0], [0.0], [0.0], "a", kind=name),
     "_JointType": lambda name: phipsi.SceneBuilder().joint("turn", name, "base", "a"),
     "_Method": lambda name: BUILDER.build().simulate([0.0], [0.0], dt=1.0, steps=1, method=name),
     "_Switch": lambda name: BUILDER.build(leave_out=[name]),

@@ -199,7 +199,8 @@ impl<T: Real, C: ColumnsOf<T>> Inward<'_, T, C> {
         if count == 0 && goes_on.is_some() {
             self.carry(outboard, across);
         }
-        for i in 0..count {
+        // From the last one: the first that a block takes up begins it.
+        for i in (0..count).rev() {
             let column = self.own_column((place, body), rows, i);
             let at = &self.layout.places[first + i];
             self.layout.insert(at.lane, &mut self.columns[at.block], &column);

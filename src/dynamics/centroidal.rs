@@ -1,0 +1,219 @@
+//! The mass centre of all moving bodies, how it moves, and the momentum about it.
+//!
+//! Links on the base are not among them, whether or not they were left out, nor are rotors: armature is a measurement's noise. Levers are taken from
+//! the mass centre itself, by way of the first moving body's origin: how far from the base's origin a robot floats takes no digits.
+//! Without moving mass there is no mass centre: results are NaN then.
+
+use super::energy::{momentum, sum_on_base, velocities_base_to_tip};
+use super::forces::{Motion, Needed, step_outward};
+use super::mass_matrix::composite_inertias_tip_to_base;
+use crate::filter::System;
+use crate::kinematics::{placements_base_to_tip, write_column};
+use crate::model::Model;
+use crate::scalar::Real;
+use crate::spatial::{RigidShift, cross, cross_motion, linear, scaled_add, spatial, sum, zero};
+use crate::workspace::Workspace;
+use nalgebra::{Vector3, Vector6};
+
+/// Mass of all bodies that move against the base, kg.
+pub fn total_mass<T: Real>(model: &Model<T>) -> T {
+    let moving = model.bodies.iter().enumerate().filter(|&(k, _)| moves(&model.system, k));
+    moving.fold(T::zero(), |sum, (_, body)| sum + body.inertia.mass)
+}
+
+/// The mass centre at `q`, from the base's origin and in its axes, m. O(N): mass and first moment, tip to base.
+pub fn center_of_mass<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Vector3<T> {
+    placements_base_to_tip(model, q, &mut workspace.shift);
+    first_moments_tip_to_base(model, workspace);
+    let centre = centre(model, workspace);
+    centre.from + centre.to
+}
+
+/// The velocity of the mass centre in the base's axes, m/s: linear momentum by mass. O(N).
+pub fn center_of_mass_velocity<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    q: &[T],
+    qd: &[T],
+) -> Vector3<T> {
+    linear(&momentum(model, workspace, q, qd)) / total_mass(model)
+}
+
+/// The acceleration of the mass centre in the base's axes, m/s^2, at joint accelerations `qdd`: the force that moves all bodies, by mass. O(N).
+pub fn center_of_mass_acceleration<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    q: &[T],
+    qd: &[T],
+    qdd: &[T],
+) -> Vector3<T> {
+    let state = Motion { q, qd, qdd: Some(qdd), wrenches: &[] };
+    let (still, needed) = (zero(), Needed::of(model, state));
+    for k in 0..model.bodies.len() {
+        step_outward(model, workspace, k, state, needed, (&still, &still));
+    }
+    linear(&sum_on_base(model, workspace)) / total_mass(model)
+}
+
+/// The Jacobian of the mass centre at `q` into `out`, (3 x nv) row by row: its velocity in the base's axes is J qd. O(N).
+pub fn center_of_mass_jacobian<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
+    placements_base_to_tip(model, q, &mut workspace.shift);
+    first_moments_tip_to_base(model, workspace);
+    let centre = centre(model, workspace);
+    placements_from(model, workspace, &centre);
+    let by_mass = centre.mass.recip();
+    each_row(model, |k, j, axis| {
+        let momentum = linear(&workspace.composite[k].mul_motion(axis));
+        let column = workspace.shift[k].rotate(&momentum);
+        write_column(out, model.nv(), j, &[column[0] * by_mass, column[1] * by_mass, column[2] * by_mass]);
+    });
+}
+
+/// The centroidal momentum matrix at `q` into `out`, (6 x nv) row by row: the momentum (angular about the mass centre, linear) in the base's axes
+/// is A qd. O(N).
+///
+/// Column j is the momentum of all bodies outboard of joint k, as one, at a unit rate: phi(base, k) r(k) S, with the moment about the mass centre.
+pub fn centroidal_momentum_matrix<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
+    placements_base_to_tip(model, q, &mut workspace.shift);
+    composite_inertias_tip_to_base(model, workspace);
+    let centre = centre(model, workspace);
+    placements_from(model, workspace, &centre);
+    each_row(model, |k, j, axis| {
+        let column = workspace.shift[k].force_to_parent(&workspace.composite[k].mul_motion(axis));
+        write_column(out, model.nv(), j, column.as_slice());
+    });
+}
+
+/// The rate of the centroidal momentum matrix along `qd` into `out`, (6 x nv) row by row. O(N).
+///
+/// With r' the rate of r(k) in fixed axes and S' = v(k) x S the columns about a fixed point are phi(base, k) (r' S + r S'); the mass centre moves
+/// on at c', which takes c' x the linear half of A off the angular half.
+pub fn centroidal_momentum_matrix_rate<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    q: &[T],
+    qd: &[T],
+    out: &mut [T],
+) {
+    placements_base_to_tip(model, q, &mut workspace.shift);
+    velocities_base_to_tip(model, workspace, qd);
+    composite_inertias_tip_to_base(model, workspace);
+    composite_rates_tip_to_base(model, workspace);
+    let centre = centre(model, workspace);
+    placements_from(model, workspace, &centre);
+    let mut momentum = Vector3::from_element(T::zero());
+    for k in roots(model) {
+        momentum += workspace.shift[k].rotate(&workspace.composite_rate[k].first_moment);
+    }
+    let velocity = momentum / centre.mass;
+    each_row(model, |k, j, axis| {
+        let (composite, shift) = (&workspace.composite[k], &workspace.shift[k]);
+        let turned = composite.mul_motion(&cross_motion(&workspace.velocity[k], axis));
+        let rate = shift.force_to_parent(&sum(&workspace.composite_rate[k].mul_motion(axis), &turned));
+        let pushed = shift.rotate(&linear(&composite.mul_motion(axis)));
+        let left_behind = spatial(&cross(&velocity, &pushed), &Vector3::from_element(T::zero()));
+        let column = scaled_add(&left_behind, -T::one(), &rate);
+        write_column(out, model.nv(), j, column.as_slice());
+    });
+}
+
+/// Whether a body moves against the base: a joint at it or inboard of it does.
+fn moves<T: Real>(system: &System<T>, body: usize) -> bool {
+    let mut inward = std::iter::successors(Some(body), |&k| system.stages[k].parent);
+    inward.any(|k| system.stages[k].rows.count() > 0)
+}
+
+/// The parent of a body, if it moves.
+fn moving_parent<T: Real>(system: &System<T>, body: usize) -> Option<usize> {
+    system.stages[body].parent.filter(|&parent| moves(system, parent))
+}
+
+/// The bodies that move on ones that do not: every moving body is outboard of one of them, or it.
+fn roots<T: Real>(model: &Model<T>) -> impl Iterator<Item = usize> {
+    let system = &model.system;
+    let stages = system.stages.iter().enumerate();
+    stages.filter(|&(k, stage)| stage.rows.count() > 0 && moving_parent(system, k).is_none()).map(|(k, _)| k)
+}
+
+/// Where one of them is on the base, with phi of each body to its parent in the workspace.
+fn on_base<T: Real>(model: &Model<T>, workspace: &Workspace<T>, root: usize) -> RigidShift<T> {
+    let (mut at, mut placement) = (model.system.stages[root].parent, workspace.shift[root]);
+    while let Some(k) = at {
+        placement = workspace.shift[k].compose(&placement);
+        at = model.system.stages[k].parent;
+    }
+    placement
+}
+
+/// Where the mass centre is, in the base's axes.
+struct Centre<T> {
+    mass: T,
+    /// From the base's origin to that of the first root.
+    from: Vector3<T>,
+    /// From there to the mass centre.
+    to: Vector3<T>,
+}
+
+/// The mass centre, from masses and first moments of the composites.
+fn centre<T: Real>(model: &Model<T>, workspace: &Workspace<T>) -> Centre<T> {
+    let zero = T::zero();
+    let (mut from, mut mass, mut moment) = (None, zero, Vector3::from_element(zero));
+    for k in roots(model) {
+        let mut place = on_base(model, workspace, k);
+        place.lever -= *from.get_or_insert(place.lever);
+        mass += workspace.composite[k].mass;
+        moment += workspace.composite[k].first_moment_in_parent(&place);
+    }
+    Centre { mass, from: from.unwrap_or(moment), to: moment / mass }
+}
+
+/// Tip to base: mass and first moment of r(k), (3.5); the rest of it is left as it is.
+fn first_moments_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
+    for (composite, body) in workspace.composite.iter_mut().zip(&model.bodies) {
+        (composite.mass, composite.first_moment) = (body.inertia.mass, body.inertia.first_moment);
+    }
+    for (k, stage) in model.system.stages.iter().enumerate().rev() {
+        if let Some(parent) = stage.parent {
+            let carried = workspace.composite[k];
+            workspace.composite[parent].mass += carried.mass;
+            workspace.composite[parent].first_moment += carried.first_moment_in_parent(&workspace.shift[k]);
+        }
+    }
+}
+
+/// Tip to base: the rate of r(k) in fixed axes, from velocities; it has the parameters of an inertia without mass.
+fn composite_rates_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
+    let moving = model.bodies.iter().zip(&workspace.velocity);
+    for (rate, (body, velocity)) in workspace.composite_rate.iter_mut().zip(moving) {
+        *rate = body.inertia.rate(velocity);
+    }
+    for (k, stage) in model.system.stages.iter().enumerate().rev() {
+        if let Some(parent) = stage.parent {
+            let carried = workspace.composite_rate[k].to_parent(&workspace.shift[k]);
+            workspace.composite_rate[parent] = workspace.composite_rate[parent].add(&carried);
+        }
+    }
+}
+
+/// Base to tip: phi of every moving body to the base's axes and the mass centre, in place of phi to its parent.
+fn placements_from<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, centre: &Centre<T>) {
+    for (k, stage) in model.system.stages.iter().enumerate() {
+        workspace.shift[k] = match moving_parent(&model.system, k) {
+            Some(parent) => workspace.shift[parent].compose(&workspace.shift[k]),
+            None if stage.rows.count() > 0 => {
+                let place = on_base(model, workspace, k);
+                RigidShift { lever: (place.lever - centre.from) - centre.to, ..place }
+            }
+            None => continue,
+        };
+    }
+}
+
+/// Does something for each degree of freedom: its body, its index, and S.
+fn each_row<T: Real>(model: &Model<T>, mut work: impl FnMut(usize, usize, &Vector6<T>)) {
+    for (k, stage) in model.system.stages.iter().enumerate() {
+        for i in 0..stage.rows.count() {
+            work(k, stage.first_row + i, &stage.rows.row(i).to_column());
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! The Jacobian of a frame and its rate: what each degree of freedom inboard of it does to it.
+
+use super::frame::{Frame, ReferenceFrame};
+use super::inward::Way;
+use crate::filter::{HingeMap, Stage};
+use crate::joints::vectors::plus;
+use crate::model::Model;
+use crate::scalar::Real;
+use crate::spatial::{RigidShift, cross_motion, minus, scaled_add, spatial, zero};
+use nalgebra::{Vector3, Vector6};
+
+/// J of a frame at `q` into `out`, (6 x nv) row by row: its velocity (angular, linear), written in `reference`, is J qd. O(depth), beside the zeros.
+#[inline(always)]
+pub fn jacobian<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>, reference: ReferenceFrame, out: &mut [T]) {
+    let placement = local_jacobian(model, q, frame, out);
+    if reference != ReferenceFrame::Local {
+        let nv = model.nv();
+        each_stage(model, frame, |stage| {
+            for j in rows(stage) {
+                let column = reference.express(&placement, &column(out, nv, j));
+                write_column(out, nv, j, column.as_slice());
+            }
+        });
+    }
+}
+
+/// J' of a frame at q and qd into `out`, (6 x nv) row by row: the rate of J as it is written in `reference`. O(depth), beside the zeros.
+///
+/// A column in the frame's axes is a motion that is constant in its body k: its rate is (V(k) - V) x column, V the frame's velocity, and in `reference`
+/// V x column more of what moves against it.
+#[inline(always)]
+pub fn jacobian_rate<T: Real>(
+    model: &Model<T>,
+    q: &[T],
+    qd: &[T],
+    frame: &Frame<T>,
+    reference: ReferenceFrame,
+    out: &mut [T],
+) {
+    let placement = local_jacobian(model, q, frame, out);
+    let nv = model.nv();
+    let mut velocity = zero();
+    each_stage(model, frame, |stage| velocity = added(&velocity, stage, qd, out));
+    // V(k) and what `reference` adds, less V.
+    let mut turning = reference.seen_from(&velocity);
+    let back: Vector6<T> = zero();
+    each_stage(model, frame, |stage| {
+        let own = added(&back, stage, qd, out);
+        for j in rows(stage) {
+            let rate = cross_motion(&turning, &column(out, nv, j));
+            write_column(out, nv, j, reference.express(&placement, &rate).as_slice());
+        }
+        turning = scaled_add(&own, own[0].constant(-1.0), &turning);
+    });
+}
+
+/// J of the frame in its own axes; gives where it is on the base.
+#[inline(always)]
+fn local_jacobian<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>, out: &mut [T]) -> RigidShift<T> {
+    let nv = model.nv();
+    out.fill(T::zero());
+    let mut way = Way::from(model, q, frame);
+    while let Some(k) = way.body {
+        let stage = &model.system.stages[k];
+        for i in 0..stage.rows.count() {
+            let column = hinge_to_child(&way.placement, &stage.rows.row(i));
+            write_column(out, nv, stage.first_row + i, column.as_slice());
+        }
+        way.past(k);
+    }
+    way.placement
+}
+
+/// phi^T H^T of one row of H: [`RigidShift::motion_to_child`] of a motion along or about one axis. At most 9 products.
+#[inline(always)]
+fn hinge_to_child<T: Real>(shift: &RigidShift<T>, hinge: &HingeMap<T>) -> Vector6<T> {
+    let (r, l) = (&shift.rotation, &shift.lever);
+    // R^T e, R^T (e x L)
+    let axis = |i: usize| Vector3::new(r[(i, 0)], r[(i, 1)], r[(i, 2)]);
+    let swept = |i: usize| {
+        let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+        let entry = |c: usize| minus(l[j], r[(k, c)], l[k], r[(j, c)]);
+        Vector3::new(entry(0), entry(1), entry(2))
+    };
+    match *hinge {
+        HingeMap::Axis(i) if i < 3 => spatial(&axis(i), &swept(i)),
+        HingeMap::Axis(i) => spatial(&Vector3::from_element(l[0].constant(0.0)), &axis(i - 3)),
+        HingeMap::Screw(pitch) => spatial(&axis(2), &plus(&swept(2), pitch, &axis(2))),
+    }
+}
+
+/// Does something for the joint of each body from the frame inward.
+#[inline(always)]
+fn each_stage<T: Real>(model: &Model<T>, frame: &Frame<T>, mut work: impl FnMut(&Stage<T>)) {
+    let mut at = frame.body;
+    while let Some(k) = at {
+        let stage = &model.system.stages[k];
+        work(stage);
+        at = stage.parent;
+    }
+}
+
+/// The degrees of freedom of a joint.
+fn rows<T: Real>(stage: &Stage<T>) -> std::ops::Range<usize> {
+    stage.first_row..stage.first_row + stage.rows.count()
+}
+
+/// A velocity and what a joint adds to it.
+#[inline(always)]
+fn added<T: Real>(velocity: &Vector6<T>, stage: &Stage<T>, qd: &[T], jacobian: &[T]) -> Vector6<T> {
+    rows(stage).fold(*velocity, |sum, j| scaled_add(&column(jacobian, qd.len(), j), qd[j], &sum))
+}
+
+/// Column `j` of a matrix of six rows of `nv`.
+#[inline(always)]
+fn column<T: Real>(matrix: &[T], nv: usize, j: usize) -> Vector6<T> {
+    let at = |row: usize| matrix[row * nv + j];
+    Vector6::new(at(0), at(1), at(2), at(3), at(4), at(5))
+}
+
+/// Writes column `j` of a matrix with rows of `nv`.
+#[inline(always)]
+pub(crate) fn write_column<T: Real>(matrix: &mut [T], nv: usize, j: usize, column: &[T]) {
+    for (row, &value) in column.iter().enumerate() {
+        matrix[row * nv + j] = value;
+    }
+}

@@ -1,0 +1,105 @@
+"""What phipsi.jax and phipsi.torch call on the host: derivatives by the numbers of q, quaternions of any norm among them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from tolerances import EPS, assert_near, product, size
+
+import phipsi
+from phipsi import _calls
+from phipsi._coordinates import Coordinates, right_jacobian, skew
+
+#: Step of differences of fourth order, and what they leave of a function of like size: rounding over the step, and truncation.
+STEP = 2e-3
+LEFT = 64.0 * EPS / STEP + 64.0 * STEP**4
+
+
+def floating() -> phipsi.Scene:
+    """A floating body with a spherical joint, a slide and a hinge."""
+    builder = phipsi.SceneBuilder()
+    for name in ("body", "ball", "slider", "arm"):
+        builder.link(name, mass=1.3, com=(0.05, -0.02, 0.1), inertia=np.diag([0.2, 0.3, 0.25]))
+    builder.joint("shoulder", "spherical", "body", "ball", xyz=(0.1, 0.0, 0.2))
+    builder.joint("slide", "prismatic", "ball", "slider", xyz=(0.0, 0.1, 0.1), axis=(0.6, 0.0, 0.8))
+    builder.joint("elbow", "revolute", "slider", "arm", xyz=(0.0, 0.0, 0.3), axis=(0, 1, 0))
+    return builder.build(floating_base=True)
+
+
+SCENES: dict[str, Callable[[], phipsi.Scene]] = {"chain": lambda: phipsi.scenes.chain(3), "floating": floating}
+CALLS: dict[str, Callable[[phipsi.Scene], _calls.Call]] = {
+    "forward_dynamics": lambda scene: _calls.forward_dynamics(scene, "auto"),
+    "inverse_dynamics": _calls.inverse_dynamics,
+    "integrate": _calls.integrate,
+}
+
+
+def arguments(scene: phipsi.Scene, call: _calls.Call, turn: float = 1.0) -> list[np.ndarray]:
+    random = np.random.default_rng(5)
+    q = scene.integrate(scene.neutral(), random.uniform(-1, 1, scene.nv))
+    return [q, *(random.uniform(-turn, turn, width) for width in call.widths[1:])]
+
+
+@pytest.mark.parametrize("kind", SCENES)
+@pytest.mark.parametrize("name", CALLS)
+@pytest.mark.parametrize("norm", [1.0, 1.7])
+def test_derivatives_are_differences(kind: str, name: str, norm: float) -> None:
+    scene = SCENES[kind]()
+    call = CALLS[name](scene)
+    given = arguments(scene, call)
+    for turn, _ in Coordinates(scene).turns:
+        given[0][turn] *= norm
+    value = call.value(*given)
+    for which, found in enumerate(call.derivatives(*given)):
+        columns = []
+        for unit in np.eye(len(given[which])):
+            ahead = [call.value(*given[:which], given[which] + h * STEP * unit, *given[which + 1 :]) for h in (1, -1, 2, -2)]
+            columns.append((8 * (ahead[0] - ahead[1]) - (ahead[2] - ahead[3])) / (12 * STEP))
+        assert_near(found, np.stack(columns, axis=-1), LEFT * (size(found) + size(value)) * size(found))
+
+
+@pytest.mark.parametrize("kind", SCENES)
+@pytest.mark.parametrize("name", CALLS)
+def test_batches_are_their_states(kind: str, name: str) -> None:
+    scene = SCENES[kind]()
+    call = CALLS[name](scene)
+    given = arguments(scene, call)
+    many = [np.stack([given[0]] * 3), *(np.stack([argument, -argument, 0.5 * argument]) for argument in given[1:])]
+    for i in range(3):
+        alone = call.derivatives(*(argument[i] for argument in many))
+        for found, expected in zip(call.derivatives(*many), alone, strict=True):
+            assert_near(found[i], expected, product(scene.nv, size(expected)))
+
+
+def test_changes_and_tangents_are_inverses() -> None:
+    scene = floating()
+    q = arguments(scene, _calls.integrate(scene))[0]
+    coordinates = Coordinates(scene)
+    assert_near(coordinates.tangents(q) @ coordinates.changes(q), np.eye(scene.nv), product(scene.nv, 1.0))
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-8, 1e-3, 0.499999, 0.500001, 2.0, np.pi])
+def test_either_way_to_the_right_jacobian_is_its_series(angle: float) -> None:
+    """At the identity, at half a turn, and on both sides of where the closed form takes over."""
+    axis = np.array([0.48, -0.6, 0.64])
+    turning, moving = -skew(angle * axis), -skew(np.array([0.3, -1.1, 0.7]))
+    bracket = np.block([[turning, moving], [np.zeros((3, 3)), turning]])
+    series = power = np.eye(6)
+    for i in range(2, 60):
+        power = power @ bracket / i
+        series = series + power
+    assert_near(right_jacobian(bracket, np.asarray(angle)), series, product(60, np.exp(angle)))
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, np.pi])
+def test_a_step_that_turns_by_nothing_or_by_half_a_turn(angle: float) -> None:
+    scene = floating()
+    call = _calls.integrate(scene)
+    q, v = arguments(scene, call)
+    for _, angular in Coordinates(scene).turns:
+        v[angular] *= angle / np.linalg.norm(v[angular])
+    _, found = call.derivatives(q, v)
+    columns = [(call.value(q, v + STEP * unit) - call.value(q, v - STEP * unit)) / (2 * STEP) for unit in np.eye(scene.nv)]
+    assert_near(found, np.stack(columns, axis=-1), 8 * STEP**2 * size(found))
