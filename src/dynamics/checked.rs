@@ -191,12 +191,13 @@ fn named(algorithm: Algorithm) -> (&'static str, &'static str) {
         Algorithm::BiasTorque => ("bias torque", "tau"),
         Algorithm::MassMatrix => ("mass matrix", "out"),
         Algorithm::MassMatrixInverse(_) => ("mass matrix inverse", "out"),
-        Algorithm::Products(Products::InverseTangent | Products::InverseGradient) => {
+        Algorithm::Derivatives(Derivatives::InverseDynamics)
+        | Algorithm::Products(Products::InverseTangent | Products::InverseGradient) => {
             ("derivatives of inverse dynamics", "out")
         }
-        Algorithm::Products(_) => ("derivatives of forward dynamics", "out"),
-        Algorithm::Derivatives(Derivatives::InverseDynamics) => ("derivatives of inverse dynamics", "out"),
-        Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) => ("derivatives of forward dynamics", "out"),
+        Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) | Algorithm::Products(_) => {
+            ("derivatives of forward dynamics", "out")
+        }
         Algorithm::Derivatives(Derivatives::CoriolisMatrix) => ("Coriolis matrix", "out"),
         Algorithm::Derivatives(Derivatives::MassMatrix) => ("derivative of the mass matrix", "out"),
     }

@@ -302,7 +302,7 @@ impl PyScene {
             let seed = [cotangent, &[], &[]];
             one_state(scene, scratch, which, ([q, qd, u], seed), (&wrenched, &moving, parameters), out)
         })?;
-        call.parts((py, class), results.numbers()?, shapes, &names)
+        call.parts((py, class), results.numbers()?, &shapes, &names)
     }
 
     /// A Hessian times a direction, one state at a time.
@@ -327,7 +327,7 @@ impl PyScene {
                 None => scene.inverse_dynamics_hvp(hessian, &state, [dq, dqd, du], out),
             }
         })?;
-        call.parts((py, class), results.numbers()?, vec![vec![nv]; 3], &[])
+        call.parts((py, class), results.numbers()?, &vec![vec![nv]; 3], &[])
     }
 }
 
@@ -379,12 +379,12 @@ impl<'py> Call<'_, 'py> {
         &self,
         (py, class): (Python<'py>, &Object<'py>),
         results: &[f64],
-        shapes: Vec<Vec<usize>>,
+        shapes: &[Vec<usize>],
         wrenches: &[String],
     ) -> PyResult<Object<'py>> {
         let width: usize = shapes.iter().map(|shape| shape.iter().product::<usize>()).sum();
         let (mut at, mut made) = (0, Vec::with_capacity(shapes.len()));
-        for shape in &shapes {
+        for shape in shapes {
             let size: usize = shape.iter().product();
             let gathered = Output::unwritten(py, &[&self.batch[..], shape].concat()).and_then(|mut output| {
                 let states = results.chunks_exact(width.max(1));

@@ -58,7 +58,7 @@ pub(crate) struct Changes<T> {
     motions: Vec<[[T; 6]; 4]>,
     /// By places in the sweeps: F and dF, of a body, then of all that is outboard of its joint.
     forces: Vec<[T; 6]>,
-    changes: Vec<[T; 6]>,
+    forces_change: Vec<[T; 6]>,
 }
 
 impl<T: Real> Changes<T> {
@@ -67,7 +67,7 @@ impl<T: Real> Changes<T> {
         Self {
             motions: vec![[[nan; 6]; 4]; sweeps.swept_slots.outward],
             forces: vec![[nan; 6]; bodies],
-            changes: vec![[nan; 6]; bodies],
+            forces_change: vec![[nan; 6]; bodies],
         }
     }
 }
@@ -83,7 +83,7 @@ pub(super) fn base_to_tip<T: Real>(
 ) {
     let o = T::zero();
     debug_assert_eq!(model.nv(), along.q.len());
-    let Changes { motions, forces, changes } = kept;
+    let Changes { motions, forces, forces_change } = kept;
     let mut base = [[o; 6]; 4];
     for i in 0..3 {
         base[1][3 + i] = -gravity[i];
@@ -127,7 +127,7 @@ pub(super) fn base_to_tip<T: Real>(
         if let Some(parameters) = along.parameters.get(body.index) {
             change = sum(&change, &inertia(&to_sweeps(body, parameters)).bias_force(&velocity, &acceleration));
         }
-        (forces[place], changes[place]) = (force.into(), change.into());
+        (forces[place], forces_change[place]) = (force.into(), change.into());
         if !body.is_leaf {
             motions[body.places.outward] = own;
         }
@@ -222,7 +222,7 @@ pub(super) fn tip_to_base<T: Real, const FILTERS: bool>(
     out: &mut [T],
 ) {
     for (place, body) in sweeps.swept().iter().enumerate().rev() {
-        let (force, mut change) = (kept.forces[place], kept.changes[place]);
+        let (force, mut change) = (kept.forces[place], kept.forces_change[place]);
         with_rows!(body, model, rows, {
             if FILTERS {
                 rows.filter(measured, torque, &mut change, out);
@@ -271,7 +271,7 @@ fn send<T: Real>(
     kept: &mut Changes<T>,
 ) {
     transform.send_force(force, false, &mut kept.forces[parent]);
-    transform.send_force(change, false, &mut kept.changes[parent]);
+    transform.send_force(change, false, &mut kept.forces_change[parent]);
 }
 
 /// r dqdd + dr qdd, what armature adds to dtau.
