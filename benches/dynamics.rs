@@ -140,7 +140,7 @@ fn growth(c: &mut Criterion) {
         for (what, algorithm) in &ALGORITHMS[..2] {
             group.bench_function(BenchmarkId::new(*what, n), |b| {
                 b.iter(|| {
-                    let state = black_box(Arguments { q: &q, qd: &qd, u: &tau, wrenches: &[] });
+                    let state = black_box(Arguments { q: &q, qd: &qd, u: &tau, wrenches: &[], ..Arguments::default() });
                     scene.evaluate(&mut evaluator, *algorithm, &[state], black_box(&mut out)).expect("a state");
                 });
             });

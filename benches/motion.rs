@@ -20,7 +20,7 @@ fn steps(c: &mut Criterion) {
     for (form, name) in [(Form::Covariance, "covariance"), (Form::Auto, "auto")] {
         let mut evaluator = scene.evaluator();
         let states: Vec<Arguments<'_>> = (0..STATES)
-            .map(|i| Arguments { q: &q[7 * i..][..7], qd: &qd[7 * i..][..7], u: &[0.0; 7], wrenches: &[] })
+            .map(|i| Arguments { q: &q[7 * i..][..7], qd: &qd[7 * i..][..7], u: &[0.0; 7], ..Arguments::default() })
             .collect();
         let mut out = vec![0.0; 7 * STATES];
         group.bench_function(format!("forward dynamics, {name}"), |b| {

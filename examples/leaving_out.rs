@@ -49,7 +49,7 @@ fn main() -> Result<(), Error> {
     let algorithm = Algorithm::ForwardDynamics(Form::Covariance);
     for _ in 0..calls {
         q[0] += 1e-3;
-        let state = Arguments { q: black_box(&q), qd: &qd, u: &tau, wrenches: &[] };
+        let state = Arguments { q: black_box(&q), qd: &qd, u: &tau, wrenches: &[], ..Arguments::default() };
         scene.evaluate(&mut evaluator, algorithm, &[state], &mut qdd).map_err(|fault| fault.error)?;
         black_box(&qdd);
     }

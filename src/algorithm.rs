@@ -18,6 +18,57 @@ pub enum Algorithm {
     MassMatrixInverse(Form),
     /// Matrices that come of derivatives.
     Derivatives(Derivatives),
+    /// Products with Jacobians, without the matrices.
+    Products(Products),
+}
+
+/// A product with the Jacobian of inverse or forward dynamics; see [`dynamics::derivatives`](crate::dynamics::derivatives).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Products {
+    /// u = qdd, seed = (dq, dqd, dqdd); gives dtau, (nv).
+    InverseTangent,
+    /// u = qdd, seed = the cotangent of tau; gives those of q, qd and qdd, (3 x nv).
+    InverseGradient,
+    /// u = tau, seed = (dq, dqd, dtau); gives dqdd, (nv).
+    ForwardTangent(Form),
+    /// u = tau, seed = the cotangent of qdd; gives those of q, qd and tau, (3 x nv).
+    ForwardGradient(Form),
+}
+
+impl Products {
+    /// What u is.
+    #[must_use]
+    pub fn third(self) -> &'static str {
+        match self {
+            Self::InverseTangent | Self::InverseGradient => "qdd",
+            Self::ForwardTangent(_) | Self::ForwardGradient(_) => "tau",
+        }
+    }
+
+    /// What the seed is, by the names of its vectors, (nv) each.
+    #[must_use]
+    pub fn seeds(self) -> &'static [&'static str] {
+        match self {
+            Self::InverseTangent => &["dq", "dqd", "dqdd"],
+            Self::ForwardTangent(_) => &["dq", "dqd", "dtau"],
+            Self::InverseGradient | Self::ForwardGradient(_) => &["cotangent"],
+        }
+    }
+
+    /// How many vectors, (nv) each, it gives.
+    #[must_use]
+    pub fn count(self) -> usize {
+        4 - self.seeds().len()
+    }
+
+    /// The form that it is done in, where it has any.
+    #[must_use]
+    pub fn form(self) -> Option<Form> {
+        match self {
+            Self::ForwardTangent(form) | Self::ForwardGradient(form) => Some(form),
+            Self::InverseTangent | Self::InverseGradient => None,
+        }
+    }
 }
 
 /// What is differentiated; see [`dynamics::derivatives`](crate::dynamics::derivatives).
@@ -61,7 +112,14 @@ impl Algorithm {
             Self::BiasTorque => (true, None),
             Self::MassMatrix | Self::MassMatrixInverse(_) => (false, None),
             Self::Derivatives(which) => (true, which.third()),
+            Self::Products(which) => (true, Some(which.third())),
         }
+    }
+
+    /// What its seed is; most have none.
+    #[must_use]
+    pub fn seeds(self) -> &'static [&'static str] {
+        if let Self::Products(which) = self { which.seeds() } else { &[] }
     }
 
     /// The form that it is done in, where it has any.
@@ -71,6 +129,7 @@ impl Algorithm {
             Self::ForwardDynamics(form)
             | Self::MassMatrixInverse(form)
             | Self::Derivatives(Derivatives::ForwardDynamics(form)) => Some(form),
+            Self::Products(which) => which.form(),
             _ => None,
         }
     }
@@ -87,6 +146,8 @@ pub struct Arguments<'a, P = f64> {
     pub u: &'a [P],
     /// Forces on bodies, each in the body's frame, f64 always; empty where there are none.
     pub wrenches: &'a [SpatialVector<f64>],
+    /// A direction or a cotangent, (nv) each: what [`Products`] multiply.
+    pub seed: [&'a [P]; 3],
 }
 
 impl<P> Arguments<'_, P> {
@@ -96,7 +157,11 @@ impl<P> Arguments<'_, P> {
         let (rates, third) = algorithm.reads();
         let qd = if rates { self.qd } else { &[] };
         let (u, wrenches) = if third.is_some() { (self.u, self.wrenches) } else { (&[][..], &[][..]) };
-        Self { q: self.q, qd, u, wrenches }
+        let mut seed = [&[][..]; 3];
+        for (seed, (given, _)) in seed.iter_mut().zip(self.seed.into_iter().zip(algorithm.seeds())) {
+            *seed = given;
+        }
+        Self { q: self.q, qd, u, wrenches, seed }
     }
 }
 

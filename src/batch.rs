@@ -14,6 +14,7 @@ mod compiled;
 mod derivatives;
 pub mod evaluator;
 mod finite;
+mod products;
 #[cfg(feature = "parallel")]
 mod threads;
 #[cfg(feature = "parallel")]

@@ -11,7 +11,7 @@ use phipsi::dynamics::{Estimate, EstimateCovariance, EstimateScratch, Measuremen
 use phipsi::kinematics::{AccelerationKind, ReferenceFrame};
 use phipsi::motion::{Gains, METHODS, Settings, Simulator, Torque};
 use phipsi::spatial::RigidShift;
-use phipsi::{Scene, Workspace};
+use phipsi::{Arguments, Form, Scene, Workspace};
 
 /// What some algorithms need beside the workspace, and where estimates go.
 struct Scratch {
@@ -191,6 +191,37 @@ fn algorithms_allocate_nothing() {
             let seen = allocation_counter::measure(|| algorithm(&scene, &mut workspace, &mut scratch, &mut state));
             assert_eq!(seen.count_total, 0, "{name}: {seen:?}");
         }
+    }
+}
+
+/// Products with Jacobians make their scratch at the first call.
+#[test]
+fn products_allocate_nothing_after_the_first() {
+    use phipsi::dynamics::derivatives::Constants;
+    for scene in scenes() {
+        let (mut workspace, mut state) = (scene.workspace(), State::new(&scene, 1));
+        let (mut products, mut hessian) = (scene.product_scratch(), scene.hessian_scratch());
+        let (bodies, nv) = (scene.model().bodies.len(), scene.nv());
+        let (mut parameters, mut armature, mut all) = (vec![[0.0; 10]; bodies], vec![0.0; nv], vec![0.0; 3 * nv]);
+        let mut call = |w: &mut Workspace<f64>, s: &mut State| {
+            let (q, qd, u, wrenches) = (&s.q, &s.qd, &s.tau, &s.wrenches);
+            let direction = [&qd[..], u, qd];
+            scene.inverse_dynamics_jvp(w, q, qd, u, wrenches, direction, &mut s.vector).unwrap();
+            scene.inverse_dynamics_vjp(w, q, qd, u, wrenches, u, &mut all).unwrap();
+            for form in [Form::Auto, Form::Covariance] {
+                w.form = form;
+                scene.forward_dynamics_jvp(w, q, qd, u, wrenches, direction, &mut s.vector).unwrap();
+                scene.forward_dynamics_vjp(w, q, qd, u, wrenches, u, &mut all).unwrap();
+            }
+            let given = Arguments { q, qd, u, wrenches, seed: [u, &[], &[]] };
+            let mut constants =
+                Constants { parameters: &mut parameters, armature: &mut armature, ..Constants::default() };
+            scene.forward_dynamics_gradients(w, &mut products, &given, &mut constants, &mut all).unwrap();
+            scene.forward_dynamics_hvp(w, &mut hessian, &given, direction, &mut all).unwrap();
+        };
+        call(&mut workspace, &mut state);
+        let seen = allocation_counter::measure(|| call(&mut workspace, &mut state));
+        assert_eq!(seen.count_total, 0, "{seen:?}");
     }
 }
 

@@ -13,7 +13,7 @@ use phipsi::filter::Form;
 use phipsi::scalar::{Instructions, Lanes, Real};
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::SpatialVector;
-use phipsi::{Algorithm, Arguments, Derivatives};
+use phipsi::{Algorithm, Arguments, Derivatives, Products};
 use phipsi::{Error, Scene};
 
 #[allow(clippy::cast_possible_truncation)] // that is the question
@@ -49,7 +49,9 @@ fn allowed(scene: &Scene, algorithm: Algorithm, (q, qd, u): &State, plain: &[f64
             let forces = tolerance::size(&bias).max(tolerance::size(u));
             tolerance::solution(&condition(scene, q), size, forces)
         }
-        Algorithm::MassMatrixInverse(_) | Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) => {
+        Algorithm::MassMatrixInverse(_)
+        | Algorithm::Derivatives(Derivatives::ForwardDynamics(_))
+        | Algorithm::Products(Products::ForwardTangent(_) | Products::ForwardGradient(_)) => {
             tolerance::inverse(condition(scene, q).number, size)
         }
         _ => tolerance::product(scene.nv(), size),
@@ -211,7 +213,7 @@ fn results_that_f32_cannot_hold_are_refused() {
         let scene =
             SceneBuilder::new().link(base).link(LinkDescription { name: "tip".into(), inertial: None }).joint(joint);
         let geared = scene.build().unwrap();
-        let one = [Arguments { q: &[0.0_f32, 0.0, 0.6, 0.8], qd: &[], u: &[], wrenches: &[] }];
+        let one = [Arguments { q: &[0.0_f32, 0.0, 0.6, 0.8], qd: &[], u: &[], wrenches: &[], ..Arguments::default() }];
         for arm in arms() {
             let mut evaluator = Evaluator::<f32>::on(arm, &geared);
             let fault = geared.evaluate(&mut evaluator, Algorithm::MassMatrix, &one, &mut [0.0; 9]).unwrap_err();

@@ -130,7 +130,7 @@ fn results(scene: &Scene, state: &State) -> Vec<(String, Vec<f64>)> {
         keep(&format!("inverse: {name}"), &wide);
     }
     let mut evaluator = scene.evaluator();
-    let one = Arguments { q, qd, u, wrenches: &forces };
+    let one = Arguments { q, qd, u, wrenches: &forces, ..Arguments::default() };
     let many = 2 * evaluator.lanes() + 1;
     for (what, algorithm) in [
         ("acceleration: in lanes", Algorithm::ForwardDynamics(Form::Auto)),
@@ -538,7 +538,8 @@ fn a_locked_subtree_is_one_body() {
             // Against the scene where they move, counted.
             let of = |scene: &Scene| {
                 let ones = vec![1.0; scene.nv()];
-                let state = Arguments { q: &scene.neutral(), qd: &ones, u: &ones, wrenches: &[] };
+                let state =
+                    Arguments { q: &scene.neutral(), qd: &ones, u: &ones, wrenches: &[], ..Arguments::default() };
                 let task = Task::Algorithm(Algorithm::ForwardDynamics(Form::Covariance));
                 count_recursion(scene, task, &state).operations.flops()
             };

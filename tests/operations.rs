@@ -24,7 +24,7 @@ use phipsi::{Scene, Workspace, scenes};
 /// A state of a chain, no number of it zero.
 fn counted(scene: &Scene, task: Task) -> Count {
     let (q, qd, u) = random_state(scene, &mut Random::new(5));
-    count_recursion(scene, task, &Arguments { q: &q, qd: &qd, u: &u, wrenches: &[] })
+    count_recursion(scene, task, &Arguments { q: &q, qd: &qd, u: &u, wrenches: &[], ..Arguments::default() })
 }
 
 fn of_chain(bodies: usize, task: Task) -> Operations {
@@ -100,7 +100,7 @@ fn linear_on_chains() {
 fn plainly(scene: &Scene, task: Task, state: &Arguments<'_>) -> Vec<f64> {
     let model = scene.model();
     let mut workspace = Workspace::new(model);
-    let &Arguments { q, qd, u, wrenches } = state;
+    let &Arguments { q, qd, u, wrenches, .. } = state;
     let mut out = match task {
         Task::Algorithm(algorithm) => vec![f64::NAN; scene.width(algorithm)],
         Task::Factor(_) => Vec::new(),
@@ -121,7 +121,7 @@ fn plainly(scene: &Scene, task: Task, state: &Arguments<'_>) -> Vec<f64> {
             workspace.form = form;
             dynamics::mass_matrix_inverse(model, &mut workspace, &mut InverseScratch::new(model), q, &mut out);
         }
-        Task::Algorithm(Algorithm::Derivatives(_)) => unreachable!("not among the tasks"),
+        Task::Algorithm(Algorithm::Derivatives(_) | Algorithm::Products(_)) => unreachable!("not among the tasks"),
         Task::Factor(form) => {
             workspace.form = form;
             out.extend(scene.factor(&mut workspace, q).unwrap().pivots());
@@ -139,7 +139,7 @@ fn the_bits_of_f64() {
         let (q, qd, u) = random_state(&scene, &mut random);
         let wrenches: Vec<_> =
             scene.model().bodies.iter().map(|_| Vector6::from_fn(|_, _| random.uniform(-1.0, 1.0))).collect();
-        let state = Arguments { q: &q, qd: &qd, u: &u, wrenches: &wrenches };
+        let state = Arguments { q: &q, qd: &qd, u: &u, wrenches: &wrenches, ..Arguments::default() };
         for (name, task) in tasks() {
             let found = count_recursion(&scene, task, &state).results;
             let expected = plainly(&scene, task, &state);
@@ -169,7 +169,8 @@ fn what_is_counted_is_what_is_evaluated() {
             // Numbers of their own, products and sums apart, as they are counted.
             let mut evaluator = Evaluator::on(Arm::Baseline, &scene);
             for algorithm in algorithms {
-                let state = Arguments { q: &q, qd: &qd, u: &u, wrenches: &[] }.read_by(algorithm);
+                let state =
+                    Arguments { q: &q, qd: &qd, u: &u, wrenches: &[], ..Arguments::default() }.read_by(algorithm);
                 let mut expected = vec![f64::NAN; scene.width(algorithm)];
                 scene.evaluate(&mut evaluator, algorithm, &[state], &mut expected).unwrap();
                 let found = count(&scene, Task::Algorithm(algorithm), &state);

@@ -4,7 +4,7 @@ mod common;
 
 use common::lanes::{ALGORITHMS, arguments, states, trees};
 use phipsi::batch::Fault;
-use phipsi::{Algorithm, Arguments, Derivatives, Error, Form, Scene, Workspace, scenes};
+use phipsi::{Algorithm, Arguments, Derivatives, Error, Form, Products, Scene, Workspace, scenes};
 
 /// One algorithm by the scene's own method.
 fn plain(
@@ -14,7 +14,7 @@ fn plain(
     state: &Arguments<'_>,
 ) -> Result<Vec<f64>, Error> {
     let mut out = vec![f64::NAN; scene.width(algorithm)];
-    let &Arguments { q, qd, u, wrenches } = state;
+    let &Arguments { q, qd, u, wrenches, seed } = state;
     match algorithm {
         Algorithm::ForwardDynamics(form) => {
             workspace.form = form;
@@ -33,6 +33,20 @@ fn plain(
         Algorithm::Derivatives(Derivatives::ForwardDynamics(form)) => {
             workspace.form = form;
             scene.forward_dynamics_derivatives(workspace, q, qd, u, wrenches, &mut out)
+        }
+        Algorithm::Products(Products::InverseTangent) => {
+            scene.inverse_dynamics_jvp(workspace, q, qd, u, wrenches, seed, &mut out)
+        }
+        Algorithm::Products(Products::InverseGradient) => {
+            scene.inverse_dynamics_vjp(workspace, q, qd, u, wrenches, seed[0], &mut out)
+        }
+        Algorithm::Products(Products::ForwardTangent(form)) => {
+            workspace.form = form;
+            scene.forward_dynamics_jvp(workspace, q, qd, u, wrenches, seed, &mut out)
+        }
+        Algorithm::Products(Products::ForwardGradient(form)) => {
+            workspace.form = form;
+            scene.forward_dynamics_vjp(workspace, q, qd, u, wrenches, seed[0], &mut out)
         }
         Algorithm::Derivatives(Derivatives::CoriolisMatrix) => scene.coriolis_matrix(workspace, q, qd, &mut out),
         Algorithm::Derivatives(Derivatives::MassMatrix) => scene.mass_matrix_derivative(workspace, q, qd, &mut out),

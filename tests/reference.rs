@@ -246,7 +246,7 @@ fn recursions_match_themselves_in_double_double() {
         let conditioning = conditioning(nv, &exact_mass);
 
         let configuration = Arguments { q: &q, ..Arguments::default() };
-        let state = Arguments { q: &q, qd: &qd, u: &tau, wrenches: &[] };
+        let state = Arguments { q: &q, qd: &qd, u: &tau, wrenches: &[], ..Arguments::default() };
         let mut recursion = |algorithm, state: &Arguments<'_>, out: &mut Vec<f64>| {
             scene.recursion(&mut workspace, None, algorithm, state, out).unwrap();
         };

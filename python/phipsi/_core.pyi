@@ -14,7 +14,9 @@ from ._results import (
     Energy,
     Estimate,
     ForwardDynamicsDerivatives,
+    ForwardDynamicsGradients,
     InverseDynamicsDerivatives,
+    InverseDynamicsGradients,
     Joint,
     Limits,
     LinearSystem,
@@ -689,6 +691,156 @@ class Scene:
         Returns a phipsi.LinearSystem (A, B), (..., 2 nv, 2 nv) and (..., 2 nv, nv), in continuous time, SI units.
 
         Raises as forward_dynamics_derivatives.
+        """
+
+    def inverse_dynamics_jvp(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        dq: ArrayLike,
+        dqd: ArrayLike,
+        dqdd: ArrayLike,
+        *,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
+        """The change of joint torques along a direction, in O(N) and without any matrix: dtau_dq dq + dtau_dqd dqd + M dqdd.
+
+        q: (..., nq); qd, qdd: (..., nv); dq, dqd, dqdd: (..., nv), dq in the tangent space of q; SI units, radians; leading axes broadcast. wrenches and errors: as
+        in forward_dynamics; wrenches stay as they are in their link's frame.
+
+        dq is a change as integrate(q, dq) adds it: an angle or a length for joints of one axis, a rotation in the child's frame for spherical joints,
+        (linear, angular) in the child's frame for free joints. Armature is in M.
+
+        Returns dtau, (..., nv), N m or N.
+
+        Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
+
+    def inverse_dynamics_vjp(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        cotangent: ArrayLike,
+        *,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        parameters: bool = False,
+        errors: _Errors = "raise",
+    ) -> InverseDynamicsGradients:
+        """The gradients of cotangent . tau, in O(N) and without any matrix: cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
+
+        q: (..., nq); qd, qdd, cotangent: (..., nv); SI units, radians; leading axes broadcast. wrenches and errors: as in forward_dynamics. parameters: whether to
+        give the gradients by inertias, armature and gravity too.
+
+        The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp. With wrenches or parameters one state at a time, without SIMD lanes.
+
+        Returns a phipsi.InverseDynamicsGradients (q, qd, qdd, wrenches, parameters, armature, gravity); what is not asked for is None.
+
+        Raises as inverse_dynamics_jvp.
+        """
+
+    def forward_dynamics_jvp(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        dq: ArrayLike,
+        dqd: ArrayLike,
+        dtau: ArrayLike,
+        *,
+        form: _Form = "auto",
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        errors: _Errors = "raise",
+    ) -> _Array:
+        """The change of joint accelerations along a direction, in O(N) and without any matrix: dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.
+
+        q: (..., nq); qd, tau: (..., nv); dq, dqd, dtau: (..., nv), dq in the tangent space of q, as in inverse_dynamics_jvp; SI units, radians; leading axes
+        broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as they are in their link's frame.
+
+        One more right side of the filter, with the gains of the state. In form "auto" a state that loses digits in the factor of M is done with twice the digits.
+
+        Returns dqdd, (..., nv), rad/s^2 or m/s^2.
+
+        Raises SingularJointError where a joint has no inertia along its axis; ArgumentError for the square-root form of an inertia that no body can have;
+        ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
+
+    def forward_dynamics_vjp(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        cotangent: ArrayLike,
+        *,
+        form: _Form = "auto",
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        parameters: bool = False,
+        errors: _Errors = "raise",
+    ) -> ForwardDynamicsGradients:
+        """The gradients of cotangent . qdd, in O(N) and without any matrix: cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
+
+        q: (..., nq); qd, tau, cotangent: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in forward_dynamics. parameters: whether
+        to give the gradients by inertias, armature and gravity too.
+
+        The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp. x = M^-1 cotangent is filter and smoother once more; all other
+        gradients are those of inverse_dynamics_vjp at the accelerations of the state, of -x. With wrenches or parameters one state at a time, without SIMD lanes.
+
+        Returns a phipsi.ForwardDynamicsGradients (q, qd, tau, wrenches, parameters, armature, gravity); what is not asked for is None.
+
+        Raises as forward_dynamics_jvp.
+        """
+
+    def inverse_dynamics_hvp(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        cotangent: ArrayLike,
+        dq: ArrayLike,
+        dqd: ArrayLike,
+        dqdd: ArrayLike,
+        *,
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        errors: _Errors = "raise",
+    ) -> InverseDynamicsGradients:
+        """The Hessian of cotangent . tau times a direction, in O(N): how the gradients of inverse_dynamics_vjp change along (dq, dqd, dqdd).
+
+        q: (..., nq); qd, qdd, cotangent, dq, dqd, dqdd: (..., nv); SI units, radians; leading axes broadcast. wrenches and errors: as in forward_dynamics.
+
+        The gradient by q is that in the tangent space at q, which moves along: on spherical and free joints that Hessian is not symmetric. One state at a time,
+        on dual numbers.
+
+        Returns a phipsi.InverseDynamicsGradients (q, qd, qdd), the others None.
+
+        Raises as inverse_dynamics_jvp.
+        """
+
+    def forward_dynamics_hvp(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        cotangent: ArrayLike,
+        dq: ArrayLike,
+        dqd: ArrayLike,
+        dtau: ArrayLike,
+        *,
+        form: _Form = "auto",
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        errors: _Errors = "raise",
+    ) -> ForwardDynamicsGradients:
+        """The Hessian of cotangent . qdd times a direction, in O(N): how the gradients of forward_dynamics_vjp change along (dq, dqd, dtau).
+
+        q: (..., nq); qd, tau, cotangent, dq, dqd, dtau: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in
+        forward_dynamics; of form "auto" the factor of M alone, twice the digits are not taken.
+
+        One factor and four right sides; otherwise as inverse_dynamics_hvp.
+
+        Returns a phipsi.ForwardDynamicsGradients (q, qd, tau), the others None.
+
+        Raises as forward_dynamics_jvp.
         """
 
     def coriolis_matrix(

@@ -13,7 +13,9 @@ __all__ = [
     "Energy",
     "Estimate",
     "ForwardDynamicsDerivatives",
+    "ForwardDynamicsGradients",
     "InverseDynamicsDerivatives",
+    "InverseDynamicsGradients",
     "Joint",
     "Limits",
     "LinearSystem",
@@ -93,6 +95,44 @@ class ForwardDynamicsDerivatives(NamedTuple):
     """By qd."""
     Minv: NDArray[np.float64]
     """By tau: the inverse of the mass matrix, full and symmetric."""
+
+
+class InverseDynamicsGradients(NamedTuple):
+    """Gradients of a scalar of joint torques, or how they change along a direction; what was not asked for is None."""
+
+    q: NDArray[np.float64]
+    """By q, in its tangent space, (..., nv): entry j along integrate(q, v) by v_j."""
+    qd: NDArray[np.float64]
+    """By qd, (..., nv)."""
+    qdd: NDArray[np.float64]
+    """By qdd, (..., nv): M times the cotangent."""
+    wrenches: dict[str, NDArray[np.float64]] | None = None
+    """By each wrench that was given, (..., 6): (moment, force), in its link's frame."""
+    parameters: NDArray[np.float64] | None = None
+    """By (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of each link of body_names, (..., bodies, 10), I about the link's origin, all in the link's frame."""
+    armature: NDArray[np.float64] | None = None
+    """By the armature of each degree of freedom, (..., nv)."""
+    gravity: NDArray[np.float64] | None = None
+    """By gravity in the base frame, (..., 3)."""
+
+
+class ForwardDynamicsGradients(NamedTuple):
+    """Gradients of a scalar of joint accelerations, or how they change along a direction; what was not asked for is None."""
+
+    q: NDArray[np.float64]
+    """By q, in its tangent space, (..., nv): entry j along integrate(q, v) by v_j."""
+    qd: NDArray[np.float64]
+    """By qd, (..., nv)."""
+    tau: NDArray[np.float64]
+    """By tau, (..., nv): M^-1 times the cotangent."""
+    wrenches: dict[str, NDArray[np.float64]] | None = None
+    """By each wrench that was given, (..., 6): (moment, force), in its link's frame."""
+    parameters: NDArray[np.float64] | None = None
+    """By (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of each link of body_names, (..., bodies, 10), I about the link's origin, all in the link's frame."""
+    armature: NDArray[np.float64] | None = None
+    """By the armature of each degree of freedom, (..., nv)."""
+    gravity: NDArray[np.float64] | None = None
+    """By gravity in the base frame, (..., 3)."""
 
 
 class LinearSystem(NamedTuple):

@@ -28,7 +28,7 @@ impl Scene {
         out: &mut [f64],
     ) -> Result<(), Error> {
         let algorithm = Algorithm::Derivatives(Derivatives::InverseDynamics);
-        self.run_one(workspace, None, algorithm, &Arguments { q, qd, u: qdd, wrenches }, out)
+        self.run_one(workspace, None, algorithm, &Arguments { q, qd, u: qdd, wrenches, ..Arguments::default() }, out)
     }
 
     /// dqdd/dq, dqdd/dqd and M^-1 of forward dynamics at one state, in the form of the workspace and in the tangent space of `q`, into `out` one after another: see
@@ -53,7 +53,7 @@ impl Scene {
         out: &mut [f64],
     ) -> Result<(), Error> {
         let algorithm = Algorithm::Derivatives(Derivatives::ForwardDynamics(workspace.form));
-        self.run_one(workspace, None, algorithm, &Arguments { q, qd, u: tau, wrenches }, out)
+        self.run_one(workspace, None, algorithm, &Arguments { q, qd, u: tau, wrenches, ..Arguments::default() }, out)
     }
 
     /// The Coriolis matrix C at `q` and `qd`, (nv x nv) row by row: C qd is the torque of the rates, and dM/dt - 2 C is antisymmetric; see

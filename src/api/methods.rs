@@ -50,7 +50,7 @@ impl Scene {
         qdd: &mut [f64],
     ) -> Result<(), Error> {
         let algorithm = Algorithm::ForwardDynamics(workspace.form);
-        self.run_one(workspace, None, algorithm, &Arguments { q, qd, u: tau, wrenches }, qdd)
+        self.run_one(workspace, None, algorithm, &Arguments { q, qd, u: tau, wrenches, ..Arguments::default() }, qdd)
     }
 
     /// Inverse dynamics of one state.
@@ -68,7 +68,13 @@ impl Scene {
         wrenches: &[SpatialVector<f64>],
         tau: &mut [f64],
     ) -> Result<(), Error> {
-        self.run_one(workspace, None, Algorithm::InverseDynamics, &Arguments { q, qd, u: qdd, wrenches }, tau)
+        self.run_one(
+            workspace,
+            None,
+            Algorithm::InverseDynamics,
+            &Arguments { q, qd, u: qdd, wrenches, ..Arguments::default() },
+            tau,
+        )
     }
 
     /// The bias torque H phi b of one state, gravity included.

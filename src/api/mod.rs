@@ -7,6 +7,7 @@ mod links;
 pub mod methods;
 pub mod operational;
 mod own;
+mod products;
 
 pub use links::OnLink;
 pub use methods::BodyWrenches;

@@ -21,7 +21,7 @@ pub(super) fn ready(scene: &Scene) -> OwnKernels {
         out.resize(scene.width(algorithm), 0.0);
         self::run(&mut kernels, scene, algorithm, state, out);
     };
-    let full = Arguments { q: &q, qd: &zeros, u: &zeros, wrenches: &forces };
+    let full = Arguments { q: &q, qd: &zeros, u: &zeros, wrenches: &forces, ..Arguments::default() };
     for form in [Form::Auto, Form::Covariance, Form::SquareRoot] {
         run(Algorithm::ForwardDynamics(form), &full, &mut out);
     }

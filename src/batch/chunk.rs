@@ -7,6 +7,7 @@ use super::accelerations;
 use super::arms::{Entry, Target, Vectorised, Work};
 use super::derivatives::{self, DerivativeKernel};
 use super::finite::{any_not_finite, not_finite};
+use super::products::{self, ProductKernel};
 use crate::algorithm::{Algorithm, Arguments, Derivatives};
 use crate::dynamics::auto::Errors;
 use crate::dynamics::derivatives::with_transpose;
@@ -41,6 +42,7 @@ pub struct Chunk<T: Vectorised> {
     /// What form `auto` estimates its error to be.
     errors: Errors<T>,
     derivatives: Option<Box<DerivativeKernel<T>>>,
+    products: Option<Box<ProductKernel<T>>>,
 }
 
 impl<T: Vectorised> Chunk<T> {
@@ -61,6 +63,7 @@ impl<T: Vectorised> Chunk<T> {
             results: Vec::new(),
             errors: Errors::unknown(),
             derivatives: None,
+            products: None,
             numbers,
         }
     }
@@ -101,7 +104,8 @@ impl<T: Vectorised> Chunk<T> {
             Algorithm::Derivatives(_) if T::Number::RARE_KERNELS => {
                 target.within(Run::<T, I, DERIVATIVES>(call, target))
             }
-            Algorithm::Derivatives(_) => u64::MAX,
+            Algorithm::Products(_) if T::Number::RARE_KERNELS => target.within(Run::<T, I, PRODUCTS>(call, target)),
+            Algorithm::Derivatives(_) | Algorithm::Products(_) => u64::MAX,
         }
     }
 
@@ -193,6 +197,8 @@ const MASS: u8 = 2;
 const INVERSE: u8 = 3;
 /// Derivatives of forward and inverse dynamics, and the Coriolis matrix.
 const DERIVATIVES: u8 = 4;
+/// Products with Jacobians.
+const PRODUCTS: u8 = 5;
 
 /// A chunk with its arguments.
 struct Call<'a, T: Vectorised> {
@@ -221,6 +227,7 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             results,
             errors,
             derivatives,
+            products,
         } = chunk;
         let Numbers { model, sweeps, quaternions } = &**constants;
         let [q, qd, u] = arguments;
@@ -251,6 +258,20 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
                 }
             }
             return doubt;
+        }
+        if let (Algorithm::Products(which), true) = (algorithm, GROUP == PRODUCTS) {
+            let kernel = products.get_or_insert_with(|| Box::new(ProductKernel::new(model, sweeps)));
+            let mut fault = T::zero();
+            for (i, seed) in kernel.seeds.iter_mut().enumerate() {
+                if !given[0].seed[i].is_empty() {
+                    fault += gather(seed, &given, |state| state.seed[i]);
+                }
+            }
+            for lane in 0..states.len() {
+                doubt |= u64::from(fault.lane(lane) != 0.0) << lane;
+            }
+            let call = products::Call { scene, scratch: sweep_scratch, kernel, state: (q, qd, u), wrenches, out };
+            return doubt | products::run(target, which, call);
         }
         let entries = entries_of::<T, GROUP>(algorithm, scene, inverse_columns, mass_columns);
         // Beside them `auto` keeps a number a row.

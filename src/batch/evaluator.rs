@@ -290,11 +290,13 @@ impl Scene {
     ) -> Result<(), Error> {
         let Checked { workspace, inverse, results } = scratch;
         let (q, qd, u) = (P::all_widened(state.q), P::all_widened(state.qd), P::all_widened(state.u));
+        let seeds = state.seed.map(P::all_widened);
+        let seed = [&*seeds[0], &*seeds[1], &*seeds[2]];
         let (q, qd, u, wrenches, full) = (&*q, &*qd, &*u, state.wrenches, P::in_f64(out, results));
         if matches!(algorithm, Algorithm::MassMatrixInverse(_)) {
             inverse.get_or_insert_with(|| self.inverse_scratch());
         }
-        self.recursion(workspace, inverse.as_mut(), algorithm, &Arguments { q, qd, u, wrenches }, full)?;
+        self.recursion(workspace, inverse.as_mut(), algorithm, &Arguments { q, qd, u, wrenches, seed }, full)?;
         // Nothing, where `out` is f64 and was written in place.
         for (i, (rounded, &value)) in out.iter_mut().zip(&*results).enumerate() {
             *rounded = P::nearest(value);
@@ -319,5 +321,6 @@ fn result_of(algorithm: Algorithm) -> &'static str {
         Algorithm::MassMatrix => "M (result)",
         Algorithm::MassMatrixInverse(_) => "M^-1 (result)",
         Algorithm::Derivatives(_) => "derivatives (result)",
+        Algorithm::Products(_) => "product (result)",
     }
 }

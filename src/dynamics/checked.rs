@@ -1,9 +1,9 @@
 //! The algorithms on one state by the general recursions, with arguments checked and faults named.
 
-use super::derivatives::{self, DerivativeScratch};
+use super::derivatives::{self, Constants, DerivativeScratch, Directions, ProductScratch};
 use super::mass_inverse::{InverseScratch, mass_matrix_inverse};
 use super::{forward, inverse, mass_matrix};
-use crate::algorithm::{Algorithm, Arguments, Derivatives};
+use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
 use crate::error::{Error, check_length};
 use crate::filter::pivots::PivotMonitor;
 use crate::scene::Scene;
@@ -31,7 +31,7 @@ impl Scene {
         let (what, out_name) = named(algorithm);
         let (reads_rates, third) = algorithm.reads();
         let state = &state.read_by(algorithm);
-        let &Arguments { q, qd, u, wrenches } = state;
+        let &Arguments { q, qd, u, wrenches, .. } = state;
         self.check_configuration("q", q)?;
         if reads_rates {
             self.check_rates("qd", qd)?;
@@ -47,6 +47,9 @@ impl Scene {
             self.check_form(workspace)?;
         }
         let model = self.model();
+        for (name, seed) in algorithm.seeds().iter().zip(state.seed) {
+            self.check_rates(name, seed)?;
+        }
         match algorithm {
             Algorithm::ForwardDynamics(_) => {
                 let monitor = forward::forward_dynamics(model, workspace, q, qd, u, wrenches, out);
@@ -63,6 +66,14 @@ impl Scene {
                 self.check_pivots(workspace, monitor)?;
             }
             Algorithm::Derivatives(which) => self.derivatives(workspace, which, state, out)?,
+            Algorithm::Products(which) => {
+                self.products(
+                    (workspace, &mut ProductScratch::new(model)),
+                    which,
+                    (state, &mut Constants::default()),
+                    out,
+                )?;
+            }
         }
         self.check_result(what, out)
     }
@@ -75,7 +86,7 @@ impl Scene {
         state: &Arguments<'_>,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let &Arguments { q, qd, u, wrenches } = state;
+        let &Arguments { q, qd, u, wrenches, .. } = state;
         let model = self.model();
         let scratch = &mut DerivativeScratch::new(model);
         match which {
@@ -94,12 +105,43 @@ impl Scene {
         Ok(())
     }
 
+    /// Products at one state, arguments checked; gradients by what is constant where they are asked for.
+    pub(crate) fn products(
+        &self,
+        (workspace, scratch): (&mut Workspace<f64>, &mut ProductScratch<f64>),
+        which: Products,
+        (state, constants): (&Arguments<'_>, &mut Constants<'_, f64>),
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let &Arguments { q, qd, u: given, wrenches, seed: [first, second, third] } = state;
+        let (model, at) = (self.model(), (q, qd, given));
+        let along = Directions { q: first, qd: second, u: third, ..Directions::default() };
+        match which {
+            Products::InverseTangent => {
+                derivatives::inverse_dynamics_jvp(model, scratch, at, wrenches, &along, out);
+                Ok(())
+            }
+            Products::InverseGradient => {
+                derivatives::inverse_dynamics_vjp(model, scratch, at, wrenches, first, (constants, out));
+                Ok(())
+            }
+            Products::ForwardTangent(_) => {
+                derivatives::forward_dynamics_jvp(model, workspace, scratch, at, wrenches, &along, out)
+            }
+            Products::ForwardGradient(_) => {
+                derivatives::forward_dynamics_vjp(model, workspace, scratch, at, wrenches, first, (constants, out))
+            }
+        }
+        .map_err(|lost| self.singular(lost))
+    }
+
     /// How many numbers an algorithm gives for one state.
     #[must_use]
     pub fn width(&self, algorithm: Algorithm) -> usize {
         match algorithm {
             Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => self.nv() * self.nv(),
             Algorithm::Derivatives(which) => which.count() * self.nv() * self.nv(),
+            Algorithm::Products(which) => which.count() * self.nv(),
             _ => self.nv(),
         }
     }
@@ -108,8 +150,10 @@ impl Scene {
     pub(crate) fn fits<P>(&self, algorithm: Algorithm, state: &Arguments<'_, P>) -> bool {
         let (rates, third) = algorithm.reads();
         let [qd, u] = [rates, third.is_some()].map(|is_read| if is_read { self.nv() } else { 0 });
-        let forces = state.wrenches.len();
+        let (forces, seeds) = (state.wrenches.len(), algorithm.seeds().len());
+        let seeded = state.seed.iter().enumerate().all(|(i, seed)| seed.len() == if i < seeds { self.nv() } else { 0 });
         (state.q.len(), state.qd.len(), state.u.len()) == (self.nq(), qd, u)
+            && seeded
             && (forces == 0 || forces == self.model().bodies.len())
     }
 
@@ -147,8 +191,13 @@ fn named(algorithm: Algorithm) -> (&'static str, &'static str) {
         Algorithm::BiasTorque => ("bias torque", "tau"),
         Algorithm::MassMatrix => ("mass matrix", "out"),
         Algorithm::MassMatrixInverse(_) => ("mass matrix inverse", "out"),
-        Algorithm::Derivatives(Derivatives::InverseDynamics) => ("derivatives of inverse dynamics", "out"),
-        Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) => ("derivatives of forward dynamics", "out"),
+        Algorithm::Derivatives(Derivatives::InverseDynamics)
+        | Algorithm::Products(Products::InverseTangent | Products::InverseGradient) => {
+            ("derivatives of inverse dynamics", "out")
+        }
+        Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) | Algorithm::Products(_) => {
+            ("derivatives of forward dynamics", "out")
+        }
         Algorithm::Derivatives(Derivatives::CoriolisMatrix) => ("Coriolis matrix", "out"),
         Algorithm::Derivatives(Derivatives::MassMatrix) => ("derivative of the mass matrix", "out"),
     }

@@ -21,7 +21,7 @@ fn flops(operations: &Operations) -> usize {
 /// Operations of one algorithm on a state that moves, by the recursion that keeps everything.
 fn of(scene: &Scene, algorithm: Algorithm) -> usize {
     let (q, ones) = (scene.neutral(), vec![1.0; scene.nv()]);
-    let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[] };
+    let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[], ..Arguments::default() };
     flops(&count_recursion(scene, Task::Algorithm(algorithm), &state).operations)
 }
 
@@ -100,7 +100,7 @@ impl Scene {
             return 0;
         }
         let (q, ones) = (self.neutral(), vec![1.0; self.nv()]);
-        let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[] };
+        let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[], ..Arguments::default() };
         let of = |omissions| {
             let algorithm = Algorithm::ForwardDynamics(Form::Covariance);
             flops(&count_in_sweeps(self, omissions, algorithm, &state).operations)

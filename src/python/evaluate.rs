@@ -103,7 +103,13 @@ impl PyScene {
 
 impl<'py, P: Dtype> Call<'_, 'py, P> {
     /// Runs `algorithm` on every state, as many at a time as there are lanes.
-    fn in_chunks(&self, py: Python<'py>, algorithm: Algorithm, results: &mut [P], told: Option<&Told>) -> PyResult<()> {
+    pub(super) fn in_chunks(
+        &self,
+        py: Python<'py>,
+        algorithm: Algorithm,
+        results: &mut [P],
+        told: Option<&Told>,
+    ) -> PyResult<()> {
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
         let (width, bodies, errors) = (scene.width(algorithm), scene.model().bodies.len(), &self.errors);
@@ -143,11 +149,14 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
     }
 }
 
-/// The arguments of neighbouring states of a batch, q, then qd, then u; forces stay as they are.
+/// The arguments of neighbouring states of a batch, q, then qd, then u, then the seed; forces stay as they are.
 fn take<'a, P>(states: &mut [Arguments<'a, P>], arguments: &[Broadcast<'a, P>], first: usize) {
     let of = |k: usize, state: usize| arguments.get(k).map_or(&[][..], |argument| argument.state(state));
     for (i, state) in states.iter_mut().enumerate() {
         (state.q, state.qd, state.u) = (of(0, first + i), of(1, first + i), of(2, first + i));
+        if arguments.len() > 3 {
+            state.seed = [of(3, first + i), of(4, first + i), of(5, first + i)];
+        }
     }
 }
 

@@ -39,6 +39,7 @@ mod output;
 mod parts;
 mod pickled_simulator;
 mod plan;
+mod products;
 mod report;
 mod scene;
 mod scenes;

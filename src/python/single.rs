@@ -35,7 +35,7 @@ impl PyScene {
         self.single_by(py, given, shape, cost, out, |scene, scratch, state, results| {
             let evaluator = scratch.evaluator.get_or_insert_with(|| scene.evaluator());
             let of = |k: usize| state.get(k).copied().unwrap_or_default();
-            let state = [Arguments { q: of(0), qd: of(1), u: of(2), wrenches: &[] }];
+            let state = [Arguments { q: of(0), qd: of(1), u: of(2), ..Arguments::default() }];
             scene.evaluate(evaluator, algorithm, &state, results).map_err(|fault| fault.error)
         })
     }

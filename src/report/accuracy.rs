@@ -161,10 +161,14 @@ impl<'a, P: Dense> Solver<'a, P> {
         let mut call = |algorithm, state: Arguments<'_, P>, out: &mut [P]| {
             scene.evaluate(evaluator, algorithm, &[state], out).is_ok()
         };
-        let configuration = Arguments { q, qd: &[], u: &[], wrenches: &[] };
+        let configuration = Arguments { q, qd: &[], u: &[], wrenches: &[], ..Arguments::default() };
         match *method {
             Method::Filter(form) => {
-                return call(Algorithm::ForwardDynamics(form), Arguments { q, qd, u: tau, wrenches: &[] }, qdd);
+                return call(
+                    Algorithm::ForwardDynamics(form),
+                    Arguments { q, qd, u: tau, wrenches: &[], ..Arguments::default() },
+                    qdd,
+                );
             }
             Method::ClosedInverse => {
                 if !call(Algorithm::MassMatrixInverse(Form::Auto), configuration, matrix) {
@@ -177,7 +181,7 @@ impl<'a, P: Dense> Solver<'a, P> {
                 }
             }
         }
-        if !call(Algorithm::BiasTorque, Arguments { q, qd, u: &[], wrenches: &[] }, right) {
+        if !call(Algorithm::BiasTorque, Arguments { q, qd, u: &[], wrenches: &[], ..Arguments::default() }, right) {
             return false;
         }
         for (right, &tau) in right.iter_mut().zip(tau) {

@@ -34,7 +34,7 @@ pub fn growth(bodies: usize, repeats: usize) -> Result<Growth, Error> {
     let scene = scenes::chain(bodies).map_err(|error| error.asked_by("bodies"))?;
     let mut evaluator = scene.evaluator();
     let (q, qd, tau) = (wave(bodies, 2.0), wave(bodies, 0.5), wave(bodies, 3.0));
-    let state = Arguments { q: &q, qd: &qd, u: &tau, wrenches: &[] };
+    let state = Arguments { q: &q, qd: &qd, u: &tau, wrenches: &[], ..Arguments::default() };
     let mut out = vec![0.0; bodies];
     // Small chains are called many times, so that the clock's own cost and grain do not show.
     let calls = (2_000 / bodies.max(1)).max(1);

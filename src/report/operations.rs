@@ -1,9 +1,10 @@
 //! Operations of each algorithm on a scene, counted: the code that computes, run on [`Counted`] numbers; and the memory it touches.
 
-use crate::algorithm::{Algorithm, Arguments, Derivatives};
+use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
 use crate::dynamics::derivatives::{
-    DerivativeScratch, coriolis_matrix, forward_dynamics_derivatives, inverse_dynamics_derivatives,
-    mass_matrix_derivative,
+    Constants, DerivativeScratch, Directions, ProductScratch, coriolis_matrix, forward_dynamics_derivatives,
+    forward_dynamics_jvp, forward_dynamics_vjp, inverse_dynamics_derivatives, inverse_dynamics_jvp,
+    inverse_dynamics_vjp, mass_matrix_derivative,
 };
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::dynamics::sweeps::{self, InverseColumns, MassColumns, SweepModel, SweepScratch};
@@ -65,11 +66,16 @@ pub struct Count {
 #[must_use]
 pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
     match task {
-        Task::Algorithm(algorithm) if sweeps::covers(algorithm) && !matches!(algorithm, Algorithm::Derivatives(_)) => {
+        Task::Algorithm(algorithm) if sweeps::covers(algorithm) && !is_by_recursion(algorithm) => {
             count_in_sweeps(scene, scene.model().omissions, algorithm, state)
         }
         _ => count_recursion(scene, task, state),
     }
+}
+
+/// Whether it is the general recursion of an algorithm that is counted, though the sweeps have it.
+fn is_by_recursion(algorithm: Algorithm) -> bool {
+    matches!(algorithm, Algorithm::Derivatives(_) | Algorithm::Products(_))
 }
 
 /// The same of the sweeps that keep nothing but the result, with other switches than the scene's.
@@ -128,7 +134,7 @@ pub(crate) fn count_in_sweeps(
                 inverted(&scratch, &mut out);
             }
             // Of them the general recursion is counted.
-            Algorithm::Derivatives(_) => return false,
+            Algorithm::Derivatives(_) | Algorithm::Products(_) => return false,
         }
         true
     });
@@ -159,6 +165,8 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
     let mut workspace = Workspace::new(&model);
     let mut inverse = InverseScratch::new(&model);
     let mut derivatives = DerivativeScratch::new(&model);
+    let mut products = ProductScratch::new(&model);
+    let seed = state.seed.map(|given| given.iter().map(|&x| Counted(x)).collect::<Vec<_>>());
     let width = match task {
         Task::Algorithm(algorithm) => scene.width(algorithm),
         Task::Factor(_) => 0,
@@ -195,6 +203,30 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
                 Derivatives::CoriolisMatrix => coriolis_matrix(&model, scratch, &q, &qd, &mut out),
                 Derivatives::MassMatrix => mass_matrix_derivative(&model, scratch, &q, &qd, &mut out),
             }
+        }
+        Task::Algorithm(Algorithm::Products(which)) => {
+            let at = (&q[..], &qd[..], &u[..]);
+            let along = Directions { q: &seed[0], qd: &seed[1], u: &seed[2], ..Directions::default() };
+            let (none, scratch) = (&mut Constants::default(), &mut products);
+            workspace.form = which.form().unwrap_or_default();
+            // As above.
+            let _ = match which {
+                Products::InverseTangent => {
+                    inverse_dynamics_jvp(&model, scratch, at, &wrenches, &along, &mut out);
+                    Ok(())
+                }
+                Products::InverseGradient => {
+                    inverse_dynamics_vjp(&model, scratch, at, &wrenches, &seed[0], (none, &mut out));
+                    Ok(())
+                }
+                Products::ForwardTangent(_) => {
+                    forward_dynamics_jvp(&model, &mut workspace, scratch, at, &wrenches, &along, &mut out)
+                }
+                Products::ForwardGradient(_) => {
+                    let results = (none, &mut out[..]);
+                    forward_dynamics_vjp(&model, &mut workspace, scratch, at, &wrenches, &seed[0], results)
+                }
+            };
         }
         Task::Factor(form) => {
             workspace.form = form;

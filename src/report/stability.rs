@@ -82,7 +82,7 @@ pub fn recursion_error<P: Dense>(
         return Err(Failure::TooLarge);
     }
     let (q, qd, u) = (cast::<P>(state.q), cast::<P>(state.qd), cast::<P>(state.u));
-    let mut state = Arguments { q: &q, qd: &qd, u: &u, wrenches: &[] };
+    let mut state = Arguments { q: &q, qd: &qd, u: &u, wrenches: &[], ..Arguments::default() };
     let algorithm = match quantity {
         Quantity::ForwardDynamics => Algorithm::ForwardDynamics(Form::Covariance),
         Quantity::InverseDynamics => Algorithm::InverseDynamics,

@@ -7,6 +7,7 @@
 mod columns;
 mod counting;
 mod double_double;
+mod dual;
 mod fused;
 mod instructions;
 mod lanes;
@@ -17,6 +18,7 @@ mod trigonometry;
 pub use columns::ColumnsOf;
 pub use counting::{Counted, Operations};
 pub use double_double::DoubleDouble;
+pub use dual::Dual;
 pub use fused::Fused;
 pub use instructions::Instructions;
 pub use lanes::Lanes;

@@ -16,6 +16,7 @@ pub use body_inertia::BodyInertia;
 pub use inertia_root::BodyRoot;
 pub(crate) use inertia_root::{inertia_root, join_roots, root_of_merged};
 pub use rigid_shift::RigidShift;
+pub(crate) use rigid_shift::rotate_block;
 pub use root::{Dropped, Root6, RootColumns, root_row};
 pub use symmetric::{Symmetric3, Symmetric6};
 pub use vector::{

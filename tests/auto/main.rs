@@ -97,7 +97,8 @@ fn auto(case: &Case) -> (Vec<f64>, dynamics::Choice<f64>) {
 /// the call said that a pivot is lost.
 fn sweeps(case: &Case, form: Form) -> Option<(Vec<f64>, bool)> {
     let mut qdd = vec![f64::NAN; case.scene.nv()];
-    let state = [Arguments { q: &case.q, qd: &case.qd, u: &case.tau, wrenches: &case.wrenches }];
+    let state =
+        [Arguments { q: &case.q, qd: &case.qd, u: &case.tau, wrenches: &case.wrenches, ..Arguments::default() }];
     let mut evaluator = case.scene.evaluator();
     let algorithm = Algorithm::ForwardDynamics(form);
     let kept = evaluator.run(algorithm, &state, &mut qdd) == 0;
@@ -143,7 +144,8 @@ fn cases(number: usize) -> Vec<(Case, &'static str)> {
 /// What form `auto` told of its own accuracy.
 fn told(case: &Case) -> Option<(Vec<f64>, dynamics::Accuracy)> {
     let mut qdd = vec![f64::NAN; case.scene.nv()];
-    let state = [Arguments { q: &case.q, qd: &case.qd, u: &case.tau, wrenches: &case.wrenches }];
+    let state =
+        [Arguments { q: &case.q, qd: &case.qd, u: &case.tau, wrenches: &case.wrenches, ..Arguments::default() }];
     let mut accuracy = [dynamics::Accuracy { form: Form::Joseph, doubled: true, error: f64::NAN }];
     let mut evaluator = case.scene.evaluator();
     case.scene.evaluate_with_accuracy(&mut evaluator, Form::Auto, &state, &mut qdd, &mut accuracy).ok()?;

@@ -7,12 +7,12 @@ use phipsi::batch::evaluator::{Evaluated, Evaluator};
 use phipsi::filter::Form;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, Omissions};
 use phipsi::spatial::SpatialVector;
-use phipsi::{Algorithm, Arguments, Derivatives};
+use phipsi::{Algorithm, Arguments, Derivatives, Products};
 use phipsi::{Scene, SceneBuilder};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Everything that runs in lanes, or is done one state at a time beside them.
-pub const ALGORITHMS: [Algorithm; 15] = [
+pub const ALGORITHMS: [Algorithm; 22] = [
     Algorithm::ForwardDynamics(Form::Auto),
     Algorithm::ForwardDynamics(Form::Covariance),
     Algorithm::ForwardDynamics(Form::Joseph),
@@ -28,6 +28,13 @@ pub const ALGORITHMS: [Algorithm; 15] = [
     Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::SquareRoot)),
     Algorithm::Derivatives(Derivatives::CoriolisMatrix),
     Algorithm::Derivatives(Derivatives::MassMatrix),
+    Algorithm::Products(Products::InverseTangent),
+    Algorithm::Products(Products::InverseGradient),
+    Algorithm::Products(Products::ForwardTangent(Form::Auto)),
+    Algorithm::Products(Products::ForwardTangent(Form::Covariance)),
+    Algorithm::Products(Products::ForwardGradient(Form::Auto)),
+    Algorithm::Products(Products::ForwardGradient(Form::Covariance)),
+    Algorithm::Products(Products::ForwardGradient(Form::SquareRoot)),
 ];
 
 /// Those of this machine; the baseline is always there.
@@ -54,7 +61,7 @@ pub fn arguments<'a, P>(
     (q, qd, u): &'a State<P>,
     wrenches: &'a [SpatialVector<f64>],
 ) -> Arguments<'a, P> {
-    Arguments { q, qd, u, wrenches }.read_by(algorithm)
+    Arguments { q, qd, u, wrenches, seed: [qd, u, qd] }.read_by(algorithm)
 }
 
 /// The results, one state after another.

@@ -18,7 +18,7 @@ fn counted(scene: &Scene) -> [u64; 2] {
 
 fn of_task(scene: &Scene, algorithm: Algorithm) -> u64 {
     let State { q, qd, u, wrenches } = State::random(scene, 1);
-    let state = Arguments { q: &q, qd: &qd, u: &u, wrenches: &wrenches };
+    let state = Arguments { q: &q, qd: &qd, u: &u, wrenches: &wrenches, ..Arguments::default() };
     count_recursion(scene, Task::Algorithm(algorithm), &state).operations.flops()
 }
 

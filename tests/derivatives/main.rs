@@ -15,3 +15,4 @@ mod families;
 mod forward;
 mod inverse;
 mod linear;
+mod products;

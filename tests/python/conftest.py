@@ -154,6 +154,13 @@ def methods(scene: phipsi.Scene, state: State) -> dict[str, tuple[Method, tuple[
         """The matrices that it returns, one below the other."""
         return lambda *state: np.concatenate(method(*state), axis=-2)
 
+    def gradients(method: Callable[..., tuple[np.ndarray, ...]]) -> Method:
+        """Those of the state that it returns, the state's own arguments for its cotangent and its direction."""
+        return lambda q, qd, tau: np.concatenate(method(q, qd, tau, qd)[:3], axis=-1)
+
+    def hessian(method: Callable[..., tuple[np.ndarray, ...]]) -> Method:
+        return lambda q, qd, tau: np.concatenate(method(q, qd, tau, qd, tau, qd, tau)[:3], axis=-1)
+
     return {
         "forward_dynamics": (scene.forward_dynamics, (q, qd, tau)),
         "forward_dynamics with wrenches": (pushed, (q, qd, tau)),
@@ -165,6 +172,12 @@ def methods(scene: phipsi.Scene, state: State) -> dict[str, tuple[Method, tuple[
         "forward_dynamics_derivatives": (stacked(scene.forward_dynamics_derivatives), (q, qd, tau)),
         "coriolis_matrix": (scene.coriolis_matrix, (q, qd)),
         "mass_matrix_derivative": (scene.mass_matrix_derivative, (q, qd)),
+        "inverse_dynamics_jvp": (lambda q, qd, tau: scene.inverse_dynamics_jvp(q, qd, tau, qd, tau, qd), (q, qd, tau)),
+        "forward_dynamics_jvp": (lambda q, qd, tau: scene.forward_dynamics_jvp(q, qd, tau, qd, tau, qd), (q, qd, tau)),
+        "inverse_dynamics_vjp": (gradients(scene.inverse_dynamics_vjp), (q, qd, tau)),
+        "forward_dynamics_vjp": (gradients(scene.forward_dynamics_vjp), (q, qd, tau)),
+        "inverse_dynamics_hvp": (hessian(scene.inverse_dynamics_hvp), (q, qd, tau)),
+        "forward_dynamics_hvp": (hessian(scene.forward_dynamics_hvp), (q, qd, tau)),
         "placements": (placements, (q,)),
         "gravity_torque": (scene.gravity_torque, (q,)),
         "placement": (lambda q: scene.placement(q, link), (q,)),
@@ -196,6 +209,12 @@ METHODS = (
     "forward_dynamics_derivatives",
     "coriolis_matrix",
     "mass_matrix_derivative",
+    "inverse_dynamics_jvp",
+    "forward_dynamics_jvp",
+    "inverse_dynamics_vjp",
+    "forward_dynamics_vjp",
+    "inverse_dynamics_hvp",
+    "forward_dynamics_hvp",
     "placements",
     "gravity_torque",
     "placement",

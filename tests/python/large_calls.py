@@ -44,7 +44,8 @@ def broadcast(method: str, second: str = "nv", **options: Any) -> Callable[[phip
 
     def prepare(scene: phipsi.Scene) -> Call:
         first, other = np.zeros((2**14, 1, scene.nq)), np.zeros((2**14, scene.nv if second == "nv" else scene.nq))
-        third = [np.zeros(scene.nv)] if method in OF_THREE else []
+        others = {"forward_dynamics_jvp": 4, "inverse_dynamics_jvp": 4}
+        third = [np.zeros(scene.nv)] * others.get(method, 1 if method in OF_THREE else 0)
         return lambda: getattr(scene, method)(first, other, *third, **options)
 
     return prepare
@@ -150,6 +151,20 @@ LARGE: dict[str, Large] = {
     ),
     "coriolis_matrix": Large("q", batch(10**6, lambda scene, q: scene.coriolis_matrix(q, rates(q)))),
     "mass_matrix_derivative": Large("q", batch(10**6, lambda scene, q: scene.mass_matrix_derivative(q, rates(q)))),
+    "inverse_dynamics_jvp": Large("q, qd", broadcast("inverse_dynamics_jvp")),
+    "forward_dynamics_jvp": Large("q, qd", broadcast("forward_dynamics_jvp")),
+    "inverse_dynamics_hvp": Large(
+        "q", batch(10**6, lambda scene, q: scene.inverse_dynamics_hvp(q, rates(q), *[rates(q)] * 5))
+    ),
+    "forward_dynamics_hvp": Large(
+        "q", batch(10**6, lambda scene, q: scene.forward_dynamics_hvp(q, rates(q), *[rates(q)] * 5))
+    ),
+    "inverse_dynamics_vjp": Large(
+        "q", batch(2 * 10**6, lambda scene, q: scene.inverse_dynamics_vjp(q, rates(q), rates(q), rates(q)))
+    ),
+    "forward_dynamics_vjp": Large(
+        "q", batch(10**6, lambda scene, q: scene.forward_dynamics_vjp(q, rates(q), rates(q), rates(q), parameters=True))
+    ),
     "linearize": Large("q", batch(150_000, lambda scene, q: scene.linearize(q, rates(q), rates(q)))),
     "mass_matrix": Large("q", batch(10**6, lambda scene, q: scene.mass_matrix(q))),
     "mass_matrix, float32": Large("q", batch(2 * 10**6, lambda scene, q: scene.mass_matrix(q, dtype=np.float32))),

@@ -131,6 +131,15 @@ LONG: dict[str, Callable[[], Call]] = {
     "forward_dynamics_derivatives, one": of_one(1500, lambda scene, q: scene.forward_dynamics_derivatives(q, q, q)),
     "coriolis_matrix": batch(30, 30_000, lambda scene, q: scene.coriolis_matrix(q, q)),
     "mass_matrix_derivative": batch(30, 30_000, lambda scene, q: scene.mass_matrix_derivative(q, q)),
+    "inverse_dynamics_jvp": batch(30, 200_000, lambda scene, q: scene.inverse_dynamics_jvp(q, q, q, q, q, q)),
+    "forward_dynamics_jvp": batch(30, 100_000, lambda scene, q: scene.forward_dynamics_jvp(q, q, q, q, q, q)),
+    "inverse_dynamics_vjp": batch(30, 200_000, lambda scene, q: scene.inverse_dynamics_vjp(q, q, q, q)),
+    "forward_dynamics_vjp": batch(30, 100_000, lambda scene, q: scene.forward_dynamics_vjp(q, q, q, q)),
+    "forward_dynamics_vjp, parameters": batch(
+        30, 50_000, lambda scene, q: scene.forward_dynamics_vjp(q, q, q, q, parameters=True)
+    ),
+    "inverse_dynamics_hvp": batch(30, 50_000, lambda scene, q: scene.inverse_dynamics_hvp(q, q, q, q, q, q, q)),
+    "forward_dynamics_hvp": batch(30, 30_000, lambda scene, q: scene.forward_dynamics_hvp(q, q, q, q, q, q, q)),
     "placements": batch(7, 400_000, lambda scene, q: scene.placements(q)),
     "jacobian": batch(30, 300_000, lambda scene, q: scene.jacobian(q, "link29")),
     "gravity_torque": batch(300, 200_000, lambda scene, q: scene.gravity_torque(q)),

@@ -68,7 +68,7 @@ pub fn forward_dynamics_derivatives<T: Real<Parameter = T>>(
 /// The accelerations of a state, and the factor of M in the workspace that columns go through too.
 ///
 /// In form `auto` the factor is judged by right sides that are made up, for the columns are many: by the torques alone more would pass.
-fn accelerations<T: Real>(
+pub(super) fn accelerations<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
     acceleration: &mut [T],

@@ -9,24 +9,40 @@
 //! carried along. Forces that are handed inward from j change in addition by s x* F, for a frame that moved carries them.
 //! Everything is in body frames, where digits do not depend on how far from the base's origin a robot is.
 
+mod adjoint;
 mod columns;
 mod coriolis;
 mod doubled;
+mod doubled_products;
 mod felt;
 mod forward;
+mod hessian;
 mod hinge;
 mod inverse;
 mod linear;
 mod outward;
+mod parameters;
 mod product;
+mod products;
+mod tangent;
 
+pub(crate) use adjoint::CoStates;
+pub use adjoint::Constants;
 pub(crate) use columns::DerivativeColumns;
 pub use coriolis::BodyCoriolis;
 pub use forward::forward_dynamics_derivatives;
+pub use hessian::{HessianScratch, forward_dynamics_hvp, inverse_dynamics_hvp};
 pub use inverse::{coriolis_matrix, inverse_dynamics_derivatives, mass_matrix_derivative};
 pub(crate) use inverse::{in_sweeps, with_transpose};
 pub use linear::linear_system;
+pub use parameters::{Parameters, inertia, of_body, of_link, parameters};
 pub(crate) use product::Product;
+pub use products::{
+    ProductScratch, forward_dynamics_jvp, forward_dynamics_vjp, inverse_dynamics_jvp, inverse_dynamics_vjp,
+};
+pub(crate) use products::{gradients_in_sweeps, tangent_in_sweeps};
+pub(crate) use tangent::Changes;
+pub use tangent::Directions;
 
 use super::mass_inverse::InverseScratch;
 use super::sweeps::SweepModel;

@@ -77,7 +77,7 @@ pub(super) fn base_to_tip<T: Real>(
 
 /// Past a revolute joint: the body's velocity and acceleration from its parent's as seen at the joint.
 #[inline(always)]
-fn past_axial<T: Real>([v, a]: &[[T; 6]; 2], row: usize, sense: T, state: Motion<'_, T>) -> [[T; 6]; 2] {
+pub(super) fn past_axial<T: Real>([v, a]: &[[T; 6]; 2], row: usize, sense: T, state: Motion<'_, T>) -> [[T; 6]; 2] {
     let (rate, mut velocity, mut acceleration) = (state.qd[row] * sense, *v, *a);
     velocity[ABOUT_Z] += rate;
     // V x S qd.

@@ -27,9 +27,10 @@ pub(super) mod motion;
 mod predict;
 mod renaming;
 mod root_filter;
-mod rows;
+pub(super) mod rows;
 pub(super) mod scratch;
 mod slots;
+mod solve;
 mod spin;
 mod tiles;
 mod vectors;
@@ -43,10 +44,11 @@ pub(crate) use mass_inverse::factor;
 pub(crate) use mass_matrix::mass_matrix;
 pub(crate) use model::SweepModel;
 pub(crate) use scratch::{SweepScratch, bytes};
+pub(crate) use solve::{accelerations_of_factor, smooth, solve};
 pub(crate) use watch::{Look, factor_watched, forward_dynamics_watched};
 
 use super::forces::Motion;
-use crate::algorithm::{Algorithm, Derivatives};
+use crate::algorithm::{Algorithm, Derivatives, Products};
 use crate::filter::Form;
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::rounding::Reach;
@@ -61,6 +63,10 @@ pub(crate) fn covers(algorithm: Algorithm) -> bool {
         Algorithm::ForwardDynamics(Form::Joseph)
             | Algorithm::MassMatrixInverse(Form::SquareRoot | Form::Joseph)
             | Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::SquareRoot | Form::Joseph))
+            | Algorithm::Products(
+                Products::ForwardTangent(Form::SquareRoot | Form::Joseph)
+                    | Products::ForwardGradient(Form::SquareRoot | Form::Joseph)
+            )
     )
 }
 

@@ -36,4 +36,20 @@ impl<N: Copy> Renaming<N> {
         }
         here
     }
+
+    /// A motion or a force back to the model's frame.
+    #[inline(always)]
+    pub fn back<T: Real<Parameter = N>>(&self, here: &[T; 6]) -> Vector6<T> {
+        let mut there = Vector6::from(*here);
+        for (i, &value) in here.iter().enumerate() {
+            there[usize::from(self.from[i % 3]) + i / 3 * 3] = value * value.splat(self.sign[i % 3]);
+        }
+        there
+    }
+
+    /// A symmetric matrix's entry (i, j), i and j the other way round as well: where it is in the model, and its sign.
+    #[inline(always)]
+    pub fn entry<T: Real<Parameter = N>>(&self, like: T, i: usize, j: usize) -> ([usize; 2], T) {
+        ([usize::from(self.from[i]), usize::from(self.from[j])], like.splat(self.sign[i]) * like.splat(self.sign[j]))
+    }
 }

@@ -207,6 +207,11 @@ pub(crate) fn bytes(sweeps: &SweepModel<f64>, nv: usize, algorithm: Algorithm) -
             filter + watching + product + nv * size_of::<f64>() + bodies * size_of::<[f64; 6]>()
         }
         Algorithm::MassMatrixInverse(_) => filter + product,
+        // What goes outward and inward beside the dynamics: of each body, and of each state.
+        Algorithm::Products(which) => {
+            let factor = if which.form().is_some() { filter } else { 0 };
+            motions + factor + bodies * size_of::<[[f64; 6]; 6]>() + nv * size_of::<[f64; 5]>()
+        }
         // The three matrices and their columns; what else there is is small beside it.
         Algorithm::Derivatives(_) => motions + filter + product + 3 * nv * nv * size_of::<f64>(),
     };

@@ -1,0 +1,348 @@
+//! Products with the Jacobians of a scene's dynamics at one state, with arguments checked and faults named.
+
+use crate::algorithm::{Algorithm, Arguments, Products};
+use crate::dynamics::derivatives::{self, Constants, Directions, HessianScratch, ProductScratch};
+use crate::error::{Error, check_finite, check_length};
+use crate::scene::Scene;
+use crate::spatial::SpatialVector;
+use crate::workspace::Workspace;
+
+impl Scene {
+    /// Scratch for [`Scene::inverse_dynamics_gradients`] and its like.
+    #[must_use]
+    pub fn product_scratch(&self) -> ProductScratch<f64> {
+        ProductScratch::new(self.model())
+    }
+
+    /// Scratch for [`Scene::inverse_dynamics_hvp`] and [`Scene::forward_dynamics_hvp`].
+    #[must_use]
+    pub fn hessian_scratch(&self) -> HessianScratch {
+        HessianScratch::new(self.model())
+    }
+
+    /// dtau of inverse dynamics at one state along the direction (dq, dqd, dqdd), (nv) into `out`: see [`derivatives::inverse_dynamics_jvp`].
+    ///
+    /// `q` (nq), `qd`, `qdd` (nv), SI units; `wrenches` is empty or holds a spatial force a body, held in that body's frame; `direction` (nv) each, dq in the
+    /// tangent space of `q`. By the compiled kernels, as [`Scene::forward_dynamics`]; the first call makes their scratch. O(N), without any matrix.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths, numbers that are not finite, and a workspace of another scene.
+    #[allow(clippy::too_many_arguments)] // a state is three arrays and forces; scratch and results are the caller's
+    pub fn inverse_dynamics_jvp(
+        &self,
+        workspace: &mut Workspace<f64>,
+        q: &[f64],
+        qd: &[f64],
+        qdd: &[f64],
+        wrenches: &[SpatialVector<f64>],
+        direction: [&[f64]; 3],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let state = Arguments { q, qd, u: qdd, wrenches, seed: direction };
+        self.run_one(workspace, None, Algorithm::Products(Products::InverseTangent), &state, out)
+    }
+
+    /// The gradients of x . tau of inverse dynamics at one state, x being the `cotangent` of tau, (nv): those by q (in its tangent space), qd and qdd, (3 x nv) into
+    /// `out`; see [`derivatives::inverse_dynamics_vjp`].
+    ///
+    /// Other arguments, cost and errors as in [`Scene::inverse_dynamics_jvp`].
+    ///
+    /// # Errors
+    ///
+    /// As there.
+    #[allow(clippy::too_many_arguments)] // as above
+    pub fn inverse_dynamics_vjp(
+        &self,
+        workspace: &mut Workspace<f64>,
+        q: &[f64],
+        qd: &[f64],
+        qdd: &[f64],
+        wrenches: &[SpatialVector<f64>],
+        cotangent: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let state = Arguments { q, qd, u: qdd, wrenches, seed: [cotangent, &[], &[]] };
+        self.run_one(workspace, None, Algorithm::Products(Products::InverseGradient), &state, out)
+    }
+
+    /// dqdd of forward dynamics at one state along the direction (dq, dqd, dtau), (nv) into `out`, in the form of the workspace: see
+    /// [`derivatives::forward_dynamics_jvp`].
+    ///
+    /// `q` (nq), `qd`, `tau` (nv); other arguments as in [`Scene::inverse_dynamics_jvp`]. In the forms `auto` and `covariance` by the compiled kernels; in the
+    /// others, and for states in doubt, by the general recursion with scratch of the call's own. O(N), without any matrix.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths, numbers that are not finite, a workspace of another scene, [`Error::SingularJoint`] where a pivot is lost, and in
+    /// square-root form an inertia that has no root.
+    #[allow(clippy::too_many_arguments)] // as above
+    pub fn forward_dynamics_jvp(
+        &self,
+        workspace: &mut Workspace<f64>,
+        q: &[f64],
+        qd: &[f64],
+        tau: &[f64],
+        wrenches: &[SpatialVector<f64>],
+        direction: [&[f64]; 3],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let algorithm = Algorithm::Products(Products::ForwardTangent(workspace.form));
+        let state = Arguments { q, qd, u: tau, wrenches, seed: direction };
+        self.run_one(workspace, None, algorithm, &state, out)
+    }
+
+    /// The gradients of c . qdd of forward dynamics at one state, c being the `cotangent` of qdd, (nv): those by q (in its tangent space), qd and tau, (3 x nv) into
+    /// `out`, in the form of the workspace; see [`derivatives::forward_dynamics_vjp`].
+    ///
+    /// Other arguments, cost and errors as in [`Scene::forward_dynamics_jvp`].
+    ///
+    /// # Errors
+    ///
+    /// As there.
+    #[allow(clippy::too_many_arguments)] // as above
+    pub fn forward_dynamics_vjp(
+        &self,
+        workspace: &mut Workspace<f64>,
+        q: &[f64],
+        qd: &[f64],
+        tau: &[f64],
+        wrenches: &[SpatialVector<f64>],
+        cotangent: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let algorithm = Algorithm::Products(Products::ForwardGradient(workspace.form));
+        let state = Arguments { q, qd, u: tau, wrenches, seed: [cotangent, &[], &[]] };
+        self.run_one(workspace, None, algorithm, &state, out)
+    }
+
+    /// [`Scene::inverse_dynamics_vjp`], and the gradients by wrenches, inertias, armature and gravity that `constants` has room for; bodies and their frames are those
+    /// of [`Scene::model`].
+    ///
+    /// `state`: u is qdd, the first seed the cotangent of tau. By the general recursion. O(N).
+    ///
+    /// # Errors
+    ///
+    /// As there, and room of another length than this scene needs.
+    pub fn inverse_dynamics_gradients(
+        &self,
+        workspace: &mut Workspace<f64>,
+        scratch: &mut ProductScratch<f64>,
+        state: &Arguments<'_>,
+        constants: &mut Constants<'_, f64>,
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        self.gradients((workspace, scratch), Products::InverseGradient, (state, constants), out)
+    }
+
+    /// [`Scene::forward_dynamics_vjp`], and the gradients by what is constant, as [`Scene::inverse_dynamics_gradients`] has them; u is tau, the first seed the cotangent of
+    /// qdd.
+    ///
+    /// # Errors
+    ///
+    /// As there, and as [`Scene::forward_dynamics_vjp`].
+    pub fn forward_dynamics_gradients(
+        &self,
+        workspace: &mut Workspace<f64>,
+        scratch: &mut ProductScratch<f64>,
+        state: &Arguments<'_>,
+        constants: &mut Constants<'_, f64>,
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let which = Products::ForwardGradient(workspace.form);
+        self.gradients((workspace, scratch), which, (state, constants), out)
+    }
+
+    fn gradients(
+        &self,
+        (workspace, scratch): (&mut Workspace<f64>, &mut ProductScratch<f64>),
+        which: Products,
+        (state, constants): (&Arguments<'_>, &mut Constants<'_, f64>),
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        self.check_product(workspace, which, state, (scratch.size(), out.len()))?;
+        let bodies = self.model().bodies.len();
+        let rooms = [
+            ("wrenches", constants.wrenches.len(), bodies),
+            ("parameters", constants.parameters.len(), bodies),
+            ("armature", constants.armature.len(), self.nv()),
+            ("gravity", constants.gravity.len(), 3),
+        ];
+        for (name, found, expected) in rooms {
+            if found != 0 {
+                check_length(name, found, expected)?;
+            }
+        }
+        self.products((workspace, scratch), which, (&state.read_by(Algorithm::Products(which)), constants), out)?;
+        self.check_result("derivatives", out)
+    }
+
+    /// [`Scene::inverse_dynamics_jvp`] along a direction of wrenches, inertias, armature and gravity too; what is empty does not change.
+    ///
+    /// `state`: u is qdd; its seed is not read. By the general recursion. O(N).
+    ///
+    /// # Errors
+    ///
+    /// As there.
+    pub fn inverse_dynamics_along(
+        &self,
+        scratch: &mut ProductScratch<f64>,
+        state: &Arguments<'_>,
+        along: &Directions<'_, f64>,
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let which = Products::InverseTangent;
+        let state = Arguments { seed: [along.q, along.qd, along.u], ..*state };
+        self.check_product_state(which, &state, (scratch.size(), out.len()))?;
+        self.check_directions(along)?;
+        let at = (state.q, state.qd, state.u);
+        derivatives::inverse_dynamics_jvp(self.model(), scratch, at, state.wrenches, along, out);
+        self.check_result("derivatives", out)
+    }
+
+    /// [`Scene::forward_dynamics_jvp`] likewise; u is tau.
+    ///
+    /// # Errors
+    ///
+    /// As there.
+    pub fn forward_dynamics_along(
+        &self,
+        workspace: &mut Workspace<f64>,
+        scratch: &mut ProductScratch<f64>,
+        state: &Arguments<'_>,
+        along: &Directions<'_, f64>,
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let which = Products::ForwardTangent(workspace.form);
+        let state = Arguments { seed: [along.q, along.qd, along.u], ..*state };
+        self.check_product(workspace, which, &state, (scratch.size(), out.len()))?;
+        self.check_directions(along)?;
+        let at = (state.q, state.qd, state.u);
+        derivatives::forward_dynamics_jvp(self.model(), workspace, scratch, at, state.wrenches, along, out)
+            .map_err(|lost| self.singular(lost))?;
+        self.check_result("derivatives", out)
+    }
+
+    /// How the gradients of [`Scene::inverse_dynamics_vjp`] change along (dq, dqd, dqdd), (3 x nv) into `out`: the Hessian of x . tau times that direction; see
+    /// [`derivatives::inverse_dynamics_hvp`].
+    ///
+    /// `state`: u is qdd, the first seed the cotangent x. By the general recursion on dual numbers. O(N).
+    ///
+    /// # Errors
+    ///
+    /// As there.
+    pub fn inverse_dynamics_hvp(
+        &self,
+        scratch: &mut HessianScratch,
+        state: &Arguments<'_>,
+        direction: [&[f64]; 3],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        self.check_product_state(Products::InverseGradient, state, (scratch.size(), out.len()))?;
+        for (name, direction) in Products::InverseTangent.seeds().iter().zip(direction) {
+            self.check_rates(name, direction)?;
+        }
+        let at = (state.q, state.qd, state.u);
+        derivatives::inverse_dynamics_hvp(self.model(), scratch, at, state.wrenches, state.seed[0], direction, out);
+        self.check_result("derivatives", out)
+    }
+
+    /// How the gradients of [`Scene::forward_dynamics_vjp`] change along (dq, dqd, dtau), (3 x nv) into `out`: the Hessian of c . qdd times that direction; see
+    /// [`derivatives::forward_dynamics_hvp`].
+    ///
+    /// `state`: u is tau, the first seed the cotangent c. The factor of M is in the form of the workspace. By the general recursion on dual numbers. O(N).
+    ///
+    /// # Errors
+    ///
+    /// As there.
+    pub fn forward_dynamics_hvp(
+        &self,
+        workspace: &mut Workspace<f64>,
+        scratch: &mut HessianScratch,
+        state: &Arguments<'_>,
+        direction: [&[f64]; 3],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let which = Products::ForwardGradient(workspace.form);
+        self.check_product(workspace, which, state, (scratch.size(), out.len()))?;
+        for (name, direction) in Products::ForwardTangent(workspace.form).seeds().iter().zip(direction) {
+            self.check_rates(name, direction)?;
+        }
+        let (at, cotangent) = ((state.q, state.qd, state.u), state.seed[0]);
+        derivatives::forward_dynamics_hvp(
+            self.model(),
+            workspace,
+            scratch,
+            at,
+            state.wrenches,
+            cotangent,
+            direction,
+            out,
+        )
+        .map_err(|lost| self.singular(lost))?;
+        self.check_result("derivatives", out)
+    }
+
+    /// The same of a call that needs a factor: its workspace too.
+    fn check_product(
+        &self,
+        workspace: &Workspace<f64>,
+        which: Products,
+        state: &Arguments<'_>,
+        sizes: ((usize, usize), usize),
+    ) -> Result<(), Error> {
+        self.check_product_state(which, state, sizes)?;
+        self.check_workspace(workspace)?;
+        which.form().map_or(Ok(()), |_| self.check_form(workspace))
+    }
+
+    /// State and seed of a product, the scene that its scratch is of, and the length of its result.
+    fn check_product_state(
+        &self,
+        which: Products,
+        state: &Arguments<'_>,
+        (scratch, out): ((usize, usize), usize),
+    ) -> Result<(), Error> {
+        self.check_configuration("q", state.q)?;
+        self.check_rates("qd", state.qd)?;
+        self.check_rates(which.third(), state.u)?;
+        self.check_wrenches(state.wrenches)?;
+        for (name, seed) in which.seeds().iter().zip(state.seed) {
+            self.check_rates(name, seed)?;
+        }
+        check_length("out", out, which.count() * self.nv())?;
+        if scratch == (self.model().bodies.len(), self.nv()) {
+            return Ok(());
+        }
+        let (bodies, nv) = scratch;
+        let found = format!("that of a scene of {bodies} bodies and {nv} degrees of freedom");
+        Err(Error::argument(
+            "scratch",
+            found,
+            "this scene's own, from scene.product_scratch() or scene.hessian_scratch()",
+        ))
+    }
+
+    /// What a direction has beside q, qd and u.
+    fn check_directions(&self, along: &Directions<'_, f64>) -> Result<(), Error> {
+        let bodies = self.model().bodies.len();
+        let Directions { wrenches, parameters, armature, gravity, .. } = along;
+        let lengths = [
+            ("dwrenches", wrenches.len(), bodies),
+            ("dparameters", parameters.len(), bodies),
+            ("darmature", armature.len(), self.nv()),
+            ("dgravity", gravity.len(), 3),
+        ];
+        for (name, found, expected) in lengths {
+            if found != 0 {
+                check_length(name, found, expected)?;
+            }
+        }
+        for wrench in *wrenches {
+            check_finite("dwrenches", wrench.as_slice())?;
+        }
+        check_finite("dparameters", parameters.as_flattened())?;
+        check_finite("darmature", armature)?;
+        check_finite("dgravity", gravity)
+    }
+}

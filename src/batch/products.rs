@@ -1,0 +1,150 @@
+//! Products with Jacobians, of as many states as a scalar has lanes.
+
+use super::accelerations;
+use super::arms::{Target, Vectorised, Work};
+use super::derivatives::factor_watched;
+use super::finite::any_not_finite;
+use crate::algorithm::Products;
+use crate::dynamics::derivatives::{Changes, CoStates, Directions, gradients_in_sweeps, tangent_in_sweeps};
+use crate::dynamics::forces::Motion;
+use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
+use crate::filter::Form;
+use crate::model::Model;
+use nalgebra::Vector6;
+
+/// What they need beside the scratch of the dynamics; made when a product is first asked for.
+#[derive(Debug)]
+pub(super) struct ProductKernel<T: Vectorised> {
+    co_states: CoStates<T>,
+    changes: Changes<T>,
+    /// The direction, or the cotangent in the first.
+    pub seeds: [Vec<T>; 3],
+    /// The accelerations of the state, and x.
+    qdd: Vec<T>,
+    x: Vec<T>,
+    results: Vec<T>,
+}
+
+impl<T: Vectorised> ProductKernel<T> {
+    #[cold]
+    pub fn new(model: &Model<T>, sweeps: &SweepModel<T>) -> Self {
+        let (nv, nan) = (model.nv(), T::from_f64(f64::NAN));
+        Self {
+            co_states: CoStates::new(sweeps),
+            changes: Changes::new(sweeps),
+            seeds: [vec![nan; nv], vec![nan; nv], vec![nan; nv]],
+            qdd: vec![nan; nv],
+            x: vec![nan; nv],
+            results: vec![nan; 3 * nv],
+        }
+    }
+}
+
+/// What a call reads and writes.
+pub(super) struct Call<'a, T: Vectorised> {
+    pub scene: (&'a Model<T>, &'a SweepModel<T>),
+    pub scratch: &'a mut SweepScratch<T>,
+    pub kernel: &'a mut ProductKernel<T>,
+    /// (q, qd, u).
+    pub state: (&'a [T], &'a [T], &'a [T]),
+    pub wrenches: &'a [Vector6<T>],
+    pub out: &'a mut [T::Number],
+}
+
+/// Writes the product; gives the lanes in doubt as bits, numbers that are not finite among them.
+#[inline(always)]
+pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: Call<'_, T>) -> u64 {
+    let Call { scene, scratch, kernel, state, wrenches, out } = call;
+    let ((q, qd, u), mut doubt) = (state, 0);
+    let ProductKernel { co_states, changes, seeds: [first, second, third], qdd, x, results } = kernel;
+    let results = &mut results[..which.count() * first.len()];
+    if let Some(form) = which.form() {
+        let call = accelerations::Call { scene, scratch: &mut *scratch, state, wrenches, qdd: &mut *qdd };
+        match form {
+            Form::Covariance => doubt = accelerations::by_covariance(target, call),
+            Form::Auto => {
+                // Judged by right sides that are made up, for another one is to come.
+                doubt = factor_watched(target, scene, call.scratch, (q, call.qdd));
+                target.within(OfFactor(scene, scratch, state, (wrenches, qdd)));
+            }
+            Form::SquareRoot | Form::Joseph => return u64::MAX,
+        }
+    }
+    let qdd = if which.form().is_some() { &qdd[..] } else { u };
+    let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
+    match which {
+        Products::InverseTangent | Products::ForwardTangent(_) => {
+            let along = Directions { q: first, qd: second, u: third, ..Directions::default() };
+            target.within(Along(scene, (scratch, changes), (motion, along), (which, &mut *results)));
+        }
+        Products::InverseGradient | Products::ForwardGradient(_) => {
+            let state = (motion, &first[..]);
+            let off = target.within(Gradients(scene, (scratch, co_states), state, (which, &mut *x, &mut *results)));
+            if which.form() == Some(Form::Auto) {
+                for lane in 0..T::LANES {
+                    doubt |= u64::from(off.lane(lane) > 0.0) << lane;
+                }
+            }
+        }
+    }
+    let fault = any_not_finite(results);
+    T::put_lanes(results, out);
+    for lane in 0..T::LANES {
+        doubt |= u64::from(fault.lane(lane) != 0.0) << lane;
+    }
+    doubt
+}
+
+/// The accelerations, by the factor that is there.
+struct OfFactor<'a, T: Vectorised>(
+    (&'a Model<T>, &'a SweepModel<T>),
+    &'a mut SweepScratch<T>,
+    (&'a [T], &'a [T], &'a [T]),
+    (&'a [Vector6<T>], &'a mut [T]),
+);
+
+impl<T: Vectorised> Work for OfFactor<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self(scene, scratch, state, (wrenches, qdd)) = self;
+        sweeps::accelerations_of_factor::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
+    }
+}
+
+/// Along a direction.
+struct Along<'a, T: Vectorised>(
+    (&'a Model<T>, &'a SweepModel<T>),
+    (&'a mut SweepScratch<T>, &'a mut Changes<T>),
+    (Motion<'a, T>, Directions<'a, T>),
+    (Products, &'a mut [T]),
+);
+
+impl<T: Vectorised> Work for Along<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self(scene, scratch, state, (which, out)) = self;
+        tangent_in_sweeps::<T, T::Columns>(scene, scratch, state, which.form().is_some(), out);
+    }
+}
+
+/// All cotangents of a state.
+struct Gradients<'a, T: Vectorised>(
+    (&'a Model<T>, &'a SweepModel<T>),
+    (&'a mut SweepScratch<T>, &'a mut CoStates<T>),
+    (Motion<'a, T>, &'a [T]),
+    (Products, &'a mut [T], &'a mut [T]),
+);
+
+impl<T: Vectorised> Work for Gradients<'_, T> {
+    type Output = T;
+
+    #[inline(always)]
+    fn call(self) -> T {
+        let Self(scene, scratch, state, (which, x, out)) = self;
+        gradients_in_sweeps::<T, T::Columns>(scene, scratch, state, which.form().is_some(), (x, out))
+    }
+}

@@ -1,0 +1,310 @@
+//! Gradients of inverse dynamics in O(N), without any matrix: a pass outward with the co-state of the torques, and one inward.
+//!
+//! With x the cotangent of tau, u = phi* H* x goes outward beside the velocity V and the acceleration A, weight included; then, inward,
+//!
+//! - F, the force through a joint; G = M u + sum phi G; Y = B* u + sum R Y, a moment (B as in [`BodyCoriolis`](super::BodyCoriolis));
+//! - e = -`A_p` x* G + `V_p` x* (`V_p` x* G - Y) - `u_p` x* F, which q feels: `q_bar` = H e;
+//! - `qd_bar` = H (Y - (`V_p` + V) x* G) and `qdd_bar` = H G + r x.
+//!
+//! `V_p`, `A_p` and `u_p` are the parent's, as they are seen at the joint.
+
+use super::outward::{ABOUT_Z, past_axial};
+use super::parameters::{self, Parameters};
+use crate::dynamics::forces::Motion;
+use crate::dynamics::sweeps::SweepModel;
+use crate::dynamics::sweeps::body::SweepBody;
+use crate::dynamics::sweeps::joint::{self, Joint, with_axial};
+use crate::dynamics::sweeps::scratch::SweepScratch;
+use crate::filter::Rows;
+use crate::kinematics::{joint_motion, motion_past_joint};
+use crate::model::{Body, Model, Motion as JointMotion};
+use crate::scalar::{Real, larger};
+use crate::spatial::transform::Transform;
+use crate::spatial::{BodyInertia, angular, cross, cross_add, cross_force, linear, scaled, scaled_add, sum};
+use nalgebra::{Vector3, Vector6};
+
+/// What the way out keeps for the way in; starts as NaN.
+#[derive(Debug, Clone)]
+pub(crate) struct CoStates<T> {
+    /// V, A and u in slots outward; the first is the base's.
+    motions: Vec<[[T; 6]; 3]>,
+    /// By places in the sweeps: the parent's V, A and u as seen at the joint.
+    seen: Vec<[[T; 6]; 3]>,
+    /// F, G and Y, of a body, then of all that is outboard of its joint.
+    forces: Vec<[T; 6]>,
+    pulls: Vec<[T; 6]>,
+    turns: Vec<[T; 3]>,
+    /// The largest that tr(I) |u| is of a body: what the moments of G are sums of.
+    pub terms: T,
+}
+
+impl<T: Real> CoStates<T> {
+    pub fn new(sweeps: &SweepModel<T>) -> Self {
+        let (nan, bodies) = (T::from_f64(f64::NAN), sweeps.bodies.len());
+        Self {
+            motions: vec![[[nan; 6]; 3]; sweeps.swept_slots.outward],
+            seen: vec![[[nan; 6]; 3]; bodies],
+            forces: vec![[nan; 6]; bodies],
+            pulls: vec![[nan; 6]; bodies],
+            turns: vec![[nan; 3]; bodies],
+            terms: nan,
+        }
+    }
+}
+
+/// Cotangents of what is constant during a motion: each is written where it is not empty.
+#[derive(Debug)]
+pub struct Constants<'a, T> {
+    /// Of the wrenches, one a body, in the body's frame.
+    pub wrenches: &'a mut [Vector6<T>],
+    /// Of (m, m c, I) of each body about its frame's origin; see [`parameters`].
+    pub parameters: &'a mut [Parameters<T>],
+    /// Of the armature of each degree of freedom.
+    pub armature: &'a mut [T],
+    /// Of gravity in the base's frame, three numbers.
+    pub gravity: &'a mut [T],
+}
+
+/// None of them.
+impl<T> Default for Constants<'_, T> {
+    fn default() -> Self {
+        Self { wrenches: &mut [], parameters: &mut [], armature: &mut [], gravity: &mut [] }
+    }
+}
+
+/// All cotangents of tau at a state, turns and shifts being there: those of q, qd and qdd one after another into `out`, where x is on entry in the
+/// last third.
+#[inline(always)]
+pub(crate) fn in_sweeps<T: Real>(
+    scene: (&Model<T>, &SweepModel<T>),
+    (scratch, kept): (&SweepScratch<T>, &mut CoStates<T>),
+    state: Motion<'_, T>,
+    constants: &mut Constants<'_, T>,
+    out: &mut [T],
+) {
+    let nv = scene.0.nv();
+    base_to_tip(scene, scratch, kept, (state, &out[2 * nv..]), constants);
+    if let (Some(qdd), false) = (state.qdd, constants.armature.is_empty()) {
+        for (i, to) in constants.armature.iter_mut().enumerate() {
+            *to = out[2 * nv + i] * qdd[i];
+        }
+    }
+    tip_to_base(scene, scratch, kept, state, (constants, out));
+}
+
+/// Of every body: V, A and u, what it brings to F, G and Y, and the cotangents that need nothing of its children.
+#[inline(always)]
+fn base_to_tip<T: Real>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &SweepScratch<T>,
+    kept: &mut CoStates<T>,
+    (state, cotangent): (Motion<'_, T>, &[T]),
+    constants: &mut Constants<'_, T>,
+) {
+    let (o, g) = (T::zero(), &model.gravity);
+    let CoStates { motions, seen: seen_at, forces, pulls, turns, terms } = kept;
+    *terms = o;
+    motions[0] = [[o; 6], [o, o, o, -g[0], -g[1], -g[2]], [o; 6]];
+    for (place, body) in sweeps.swept().iter().enumerate() {
+        let [v, a, u] = motions[body.places.parent_outward];
+        let (seen, own) = match body.joint {
+            Joint::Axial(axis) => {
+                let seen = with_axial!(axis, scratch.own[place].turn, sweeps, body.offset, transform, {
+                    [transform.carry_motion(&v), transform.carry_motion(&a), transform.carry_motion(&u)]
+                });
+                let (sense, mut co_state) = (o.splat(body.sense), seen[2]);
+                let [velocity, acceleration] = past_axial(&[seen[0], seen[1]], body.row, sense, state);
+                co_state[ABOUT_Z] = cotangent[body.row].mul_add(sense, co_state[ABOUT_Z]);
+                (seen, [velocity, acceleration, co_state])
+            }
+            Joint::Prismatic(at, _) | Joint::Free(at) | Joint::General(at) => {
+                let shift = &scratch.shifts[at];
+                let seen = [shift.carry_motion(&v), shift.carry_motion(&a), shift.carry_motion(&u)];
+                let (carried, at_joint) = ((Vector6::from(seen[0]), Vector6::from(seen[1])), &sweeps.shifting[at]);
+                let (v, mut a) = motion_past_joint(at_joint, body.row, &carried, state.qd);
+                if let Some(qdd) = state.qdd {
+                    a = sum(&a, &joint_motion(at_joint, body.row, qdd));
+                }
+                let u = sum(&Vector6::from(seen[2]), &joint_motion(at_joint, body.row, cotangent));
+                (seen, [v.into(), a.into(), u.into()])
+            }
+        };
+        let inertia = body.inertia(o);
+        let vectors = [Vector6::from(own[0]), Vector6::from(own[1]), Vector6::from(own[2])];
+        let [velocity, acceleration, co_state] = &vectors;
+        let mut force: [T; 6] = inertia.bias_force(velocity, acceleration).into();
+        if !state.wrenches.is_empty() {
+            for (f, given) in force.iter_mut().zip(body.frame.apply(&state.wrenches[body.index])) {
+                *f -= given;
+            }
+        }
+        forces[place] = force;
+        pulls[place] = inertia.mul_motion(co_state).into();
+        turns[place] = turn(&inertia, velocity, co_state);
+        let [xx, _, _, yy, _, zz] = inertia.rotational.entries;
+        *terms = larger(*terms, (xx + yy + zz) * (co_state[0].abs() + co_state[1].abs() + co_state[2].abs()));
+        seen_at[place] = seen;
+        if let Some(to) = constants.wrenches.get_mut(body.index) {
+            *to = scaled(&body.frame.back(&own[2]), o.constant(-1.0));
+        }
+        if let Some(to) = constants.parameters.get_mut(body.index) {
+            *to = parameters::from_sweeps(body, &parameters::of_force(&vectors));
+        }
+        if !body.is_leaf {
+            motions[body.places.outward] = own;
+        }
+    }
+}
+
+/// B* u of one body, a moment: 2 Sigma (w x a) - 2 v x (h x a) + 2 p x c, with u = (a, c), Sigma = tr(I)/2 - I and the momentum p = m v + w x h.
+#[inline(always)]
+fn turn<T: Real>(inertia: &BodyInertia<T>, velocity: &Vector6<T>, co_state: &Vector6<T>) -> [T; 3] {
+    let (w, v) = (angular(velocity), linear(velocity));
+    let (a, c) = (angular(co_state), linear(co_state));
+    let (h, m) = (&inertia.first_moment, inertia.mass);
+    let two = m.constant(2.0);
+    let momentum = cross_add(&w, h, &Vector3::new(m * v[0], m * v[1], m * v[2]));
+    let pushed = cross_add(&momentum, &c, &cross(&cross(h, &a), &v));
+    let across = cross(&w, &a);
+    let [xx, _, _, yy, _, zz] = inertia.rotational.entries;
+    let (half_trace, turned) = ((xx + yy + zz) * m.constant(0.5), inertia.rotational.mul_vector(&across));
+    [
+        two * half_trace.mul_add(across[0], pushed[0] - turned[0]),
+        two * half_trace.mul_add(across[1], pushed[1] - turned[1]),
+        two * half_trace.mul_add(across[2], pushed[2] - turned[2]),
+    ]
+}
+
+/// The cotangents of q, qd and qdd, and of gravity.
+#[inline(always)]
+fn tip_to_base<T: Real>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &SweepScratch<T>,
+    kept: &mut CoStates<T>,
+    state: Motion<'_, T>,
+    (constants, out): (&mut Constants<'_, T>, &mut [T]),
+) {
+    let (nv, o) = (model.nv(), T::zero());
+    constants.gravity.fill(o);
+    let (by_q, rest) = out.split_at_mut(nv);
+    let (by_qd, by_qdd) = rest.split_at_mut(nv);
+    let mut to = Cotangents { by_q, by_qd, by_qdd, noise: &model.system.noise };
+    for (place, body) in sweeps.swept().iter().enumerate().rev() {
+        match body.joint {
+            Joint::Axial(axis) => {
+                to.about_z(body, kept, place);
+                with_axial!(axis, scratch.own[place].turn, sweeps, body.offset, transform, {
+                    send((place, body), transform, kept, constants.gravity);
+                });
+            }
+            Joint::Prismatic(at, _) | Joint::Free(at) | Joint::General(at) => {
+                let at_joint = &sweeps.shifting[at];
+                if at_joint.motion == JointMotion::Revolute {
+                    to.about_z(body, kept, place);
+                } else {
+                    let rows = &model.system.stages[body.index].rows;
+                    to.any((at_joint, rows), body.row, kept, (place, state));
+                }
+                send((place, body), &scratch.shifts[at], kept, constants.gravity);
+            }
+        }
+    }
+}
+
+/// F, G and Y on to the parent; at the base, the force of G against gravity.
+#[inline(always)]
+fn send<T: Real>(
+    (place, body): (usize, &SweepBody<T::Parameter>),
+    transform: &impl Transform<T>,
+    kept: &mut CoStates<T>,
+    gravity: &mut [T],
+) {
+    let (force, pull, turn) = (kept.forces[place], kept.pulls[place], kept.turns[place]);
+    let Some(parent) = body.places.parent.checked_sub(1) else {
+        if !gravity.is_empty() {
+            for (to, along) in gravity.iter_mut().zip(transform.rotate_to_parent([pull[3], pull[4], pull[5]])) {
+                *to -= along;
+            }
+        }
+        return;
+    };
+    transform.send_force(&force, false, &mut kept.forces[parent]);
+    transform.send_force(&pull, false, &mut kept.pulls[parent]);
+    for (to, along) in kept.turns[parent].iter_mut().zip(transform.rotate_to_parent(turn)) {
+        *to += along;
+    }
+}
+
+/// Where the cotangents of a state go; those of qdd hold x until their row is done.
+struct Cotangents<'a, T> {
+    by_q: &'a mut [T],
+    by_qd: &'a mut [T],
+    by_qdd: &'a mut [T],
+    noise: &'a [T],
+}
+
+impl<T: Real> Cotangents<'_, T> {
+    /// Of a revolute joint: the moments about its z alone.
+    #[inline(always)]
+    fn about_z(&mut self, body: &SweepBody<T::Parameter>, kept: &CoStates<T>, place: usize) {
+        let CoStates { seen, forces, pulls, turns, .. } = kept;
+        let [v, a, u] = &seen[place];
+        let (f, g, y) = (&forces[place], &pulls[place], &turns[place]);
+        let (row, sense) = (body.row, y[0].splat(body.sense));
+        // V_p x* G; of what Y is taken from its moment, two entries.
+        let h = [
+            v[1].mul_add(g[2], v[4].mul_add(g[5], (-y[0]).minus_product(v[2], g[1]).minus_product(v[5], g[4]))),
+            v[2].mul_add(g[0], v[5].mul_add(g[3], (-y[1]).minus_product(v[0], g[2]).minus_product(v[3], g[5]))),
+            moment_about_z(v, g),
+            (v[1] * g[5]).minus_product(v[2], g[4]),
+            (v[2] * g[3]).minus_product(v[0], g[5]),
+        ];
+        let e = v[0].mul_add(h[1], v[3].mul_add(h[4], -(v[1].mul_add(h[0], v[4] * h[3]))));
+        let e = e - (moment_about_z(a, g) + moment_about_z(u, f));
+        self.by_q[row] = sense * e;
+        self.by_qd[row] = sense * (y[ABOUT_Z] - (h[2] + h[2]));
+        let x = self.by_qdd[row];
+        self.by_qdd[row] = sense.mul_add(g[ABOUT_Z], self.noise[row] * x);
+    }
+
+    /// Of any joint.
+    #[inline(always)]
+    fn any(
+        &mut self,
+        (at_joint, rows): (&Body<T>, &Rows<T>),
+        row: usize,
+        kept: &CoStates<T>,
+        (place, state): (usize, Motion<'_, T>),
+    ) {
+        if rows.count() == 0 {
+            return;
+        }
+        let [v, a, u] = &kept.seen[place];
+        let (v, a, u) = (Vector6::from(*v), Vector6::from(*a), Vector6::from(*u));
+        let (f, g, y) = (Vector6::from(kept.forces[place]), Vector6::from(kept.pulls[place]), kept.turns[place]);
+        let minus = y[0].constant(-1.0);
+        let carried = cross_force(&v, &g);
+        let mut h = carried;
+        for (h, y) in h.iter_mut().zip(y) {
+            *h -= y;
+        }
+        let e = cross_force(&v, &h);
+        let e = scaled_add(&sum(&cross_force(&a, &g), &cross_force(&u, &f)), minus, &e);
+        // Y - (2 V_p + S qd) x* G.
+        let own = cross_force(&joint_motion(at_joint, row, state.qd), &g);
+        let d = scaled(&sum(&sum(&h, &carried), &own), minus);
+        for entry in 0..rows.count() {
+            let (hinge, at) = (rows.row(entry), row + entry);
+            self.by_q[at] = hinge.project(&e);
+            self.by_qd[at] = hinge.project(&d);
+            let x = self.by_qdd[at];
+            self.by_qdd[at] = self.noise[at].mul_add(x, hinge.project(&g));
+        }
+    }
+}
+
+/// The moment about z of v x* f.
+#[inline(always)]
+fn moment_about_z<T: Real>(v: &[T; 6], f: &[T; 6]) -> T {
+    v[0].mul_add(f[1], v[3].mul_add(f[4], -(v[1].mul_add(f[0], v[4] * f[3]))))
+}

@@ -1,0 +1,121 @@
+//! The ten inertial parameters of a body, (m, m c, I) about an origin: in what order, and how the force of a motion depends on them.
+//!
+//! I is the rotational inertia about that origin. The order is (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz); a cotangent of an entry of I
+//! off the diagonal counts both of the matrix.
+
+use crate::dynamics::sweeps::body::SweepBody;
+use crate::scalar::Real;
+use crate::spatial::{
+    BodyInertia, RigidShift, Symmetric3, angular, cross, cross_add, linear, minus, rotate_block, sum3,
+};
+use nalgebra::{Matrix3, Vector3, Vector6};
+
+/// (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), or the cotangents of these.
+pub type Parameters<T> = [T; 10];
+
+/// Row and column of I of the last six.
+const ENTRIES: [[usize; 2]; 6] = [[0, 0], [0, 1], [1, 1], [0, 2], [1, 2], [2, 2]];
+
+/// Where an entry of I is among the ten.
+fn place([i, j]: [usize; 2]) -> usize {
+    let (i, j) = (i.min(j), i.max(j));
+    4 + [[0, 1, 3], [1, 2, 4], [3, 4, 5]][i][j]
+}
+
+/// The parameters of an inertia.
+pub fn parameters<T: Real>(inertia: &BodyInertia<T>) -> Parameters<T> {
+    let (h, [xx, xy, xz, yy, yz, zz]) = (&inertia.first_moment, inertia.rotational.entries);
+    [inertia.mass, h[0], h[1], h[2], xx, xy, yy, xz, yz, zz]
+}
+
+/// The inertia of ten parameters, or its change of theirs.
+pub fn inertia<T: Real>(parameters: &Parameters<T>) -> BodyInertia<T> {
+    let [mass, x, y, z, xx, xy, yy, xz, yz, zz] = *parameters;
+    BodyInertia { mass, first_moment: Vector3::new(x, y, z), rotational: Symmetric3::new([xx, xy, xz, yy, yz, zz]) }
+}
+
+/// Y* u, the cotangents of a body's parameters: Y is the regressor, f = Y pi the force that the body needs at velocity V and acceleration A, weight included, u the
+/// cotangent of f.
+#[inline(always)]
+pub(super) fn of_force<T: Real>([velocity, acceleration, co_state]: &[Vector6<T>; 3]) -> Parameters<T> {
+    let (w, v, turned) = (angular(velocity), linear(velocity), angular(acceleration));
+    let (u, pushed) = (angular(co_state), linear(co_state));
+    // The acceleration of the origin, a point.
+    let a = cross_add(&w, &v, &linear(acceleration));
+    let mass = sum3(a.into(), pushed.into());
+    let swung = cross(&w, &cross(&w, &pushed));
+    // a x u - alpha x f + w x (w x f).
+    let moment = cross_add(&a, &u, &cross_add(&pushed, &turned, &swung));
+    let across = cross(&u, &w);
+    let product = |i: usize, j: usize| {
+        let both = turned[i].mul_add(u[j], w[i] * across[j]);
+        if i == j { both } else { both + turned[j].mul_add(u[i], w[j] * across[i]) }
+    };
+    let [xx, xy, yy, xz, yz, zz] = ENTRIES.map(|[i, j]| product(i, j));
+    [mass, moment[0], moment[1], moment[2], xx, xy, yy, xz, yz, zz]
+}
+
+/// Parameters of a body in its frame in the sweeps, or their changes, from those in its frame in the model.
+#[inline(always)]
+pub(super) fn to_sweeps<T: Real>(body: &SweepBody<T::Parameter>, parameters: &Parameters<T>) -> Parameters<T> {
+    let like = parameters[0];
+    let o = like.constant(0.0);
+    let first = body.frame.apply(&Vector6::new(parameters[1], parameters[2], parameters[3], o, o, o));
+    let mut here = *parameters;
+    here[1..4].copy_from_slice(&first[..3]);
+    for (to, [i, j]) in here[4..].iter_mut().zip(ENTRIES) {
+        let (from, sign) = body.frame.entry(like, i, j);
+        *to = sign * parameters[place(from)];
+    }
+    here
+}
+
+/// Cotangents the other way.
+#[inline(always)]
+pub(super) fn from_sweeps<T: Real>(body: &SweepBody<T::Parameter>, here: &Parameters<T>) -> Parameters<T> {
+    let like = here[0];
+    let o = like.constant(0.0);
+    let first = body.frame.back(&[here[1], here[2], here[3], o, o, o]);
+    let mut there = *here;
+    there[1..4].copy_from_slice(&[first[0], first[1], first[2]]);
+    for (&value, [i, j]) in here[4..].iter().zip(ENTRIES) {
+        let (to, sign) = body.frame.entry(like, i, j);
+        there[place(to)] = sign * value;
+    }
+    there
+}
+
+/// Cotangents of a link's parameters, in the link's frame, from those of its body's: the link is part of the body, `placed` there.
+pub fn of_link<T: Real>(placed: &RigidShift<T>, of_body: &Parameters<T>) -> Parameters<T> {
+    let half = T::from_f64(0.5);
+    let l = &placed.lever;
+    let mut matrix = Matrix3::from_element(T::zero());
+    for (&value, [i, j]) in of_body[4..].iter().zip(ENTRIES) {
+        let entry = if i == j { value } else { half * value };
+        (matrix[(i, j)], matrix[(j, i)]) = (entry, entry);
+    }
+    let first = Vector3::new(of_body[1], of_body[2], of_body[3]);
+    let trace = matrix[(0, 0)] + matrix[(1, 1)] + matrix[(2, 2)];
+    // tr l - Ibar l.
+    let across =
+        Vector3::from([0, 1, 2].map(|i| {
+            minus(trace, l[i], T::one(), sum3([matrix[(i, 0)], matrix[(i, 1)], matrix[(i, 2)]], (*l).into()))
+        }));
+    let two = T::from_f64(2.0);
+    let moved = Vector3::new(
+        two.mul_add(across[0], first[0]),
+        two.mul_add(across[1], first[1]),
+        two.mul_add(across[2], first[2]),
+    );
+    let mass = of_body[0] + sum3(first.into(), (*l).into()) + sum3(across.into(), (*l).into());
+    let turned = placed.rotate_back(&moved);
+    let matrix = rotate_block(&placed.rotation.transpose(), &matrix);
+    let [xx, xy, yy, xz, yz, zz] =
+        ENTRIES.map(|[i, j]| if i == j { matrix[(i, j)] } else { matrix[(i, j)] + matrix[(j, i)] });
+    [mass, turned[0], turned[1], turned[2], xx, xy, yy, xz, yz, zz]
+}
+
+/// Changes of a body's parameters by those of a link on it, in the link's frame.
+pub fn of_body<T: Real>(placed: &RigidShift<T>, of_link: &Parameters<T>) -> Parameters<T> {
+    parameters(&inertia(of_link).to_parent(placed))
+}

@@ -1,0 +1,267 @@
+//! Jacobians of inverse and forward dynamics times a vector, and vectors times them, in O(N) and without any matrix.
+
+use super::adjoint::{self, CoStates, Constants};
+use super::doubled_products;
+use super::forward::accelerations;
+use super::product::MOST_LOST;
+use super::tangent::{self, Changes, Directions};
+use crate::dynamics::forces::Motion;
+use crate::dynamics::solve;
+use crate::dynamics::sweeps::motion::carriers;
+use crate::dynamics::sweeps::scratch::SweepScratch;
+use crate::dynamics::sweeps::{self, SweepModel};
+use crate::filter::pivots::LostPivot;
+use crate::filter::{Form, smoother};
+use crate::model::Model;
+use crate::scalar::{ColumnsOf, Real, larger};
+use crate::workspace::Workspace;
+use nalgebra::{Vector3, Vector6};
+
+/// Scratch of these products in any scalar of one lane, and what the sweeps read of the model; starts as NaN.
+#[derive(Debug)]
+pub struct ProductScratch<T: Real<Parameter = T>> {
+    pub(super) sweeps: SweepModel<T>,
+    pub(super) sweep_scratch: SweepScratch<T>,
+    co_states: CoStates<T>,
+    changes: Changes<T>,
+    /// One number a degree of freedom: accelerations of the state, and a right side.
+    acceleration: Vec<T>,
+    right: Vec<T>,
+}
+
+impl<T: Real<Parameter = T>> ProductScratch<T> {
+    /// Scratch for `model`.
+    #[must_use]
+    pub fn new(model: &Model<T>) -> Self {
+        let (nan, nv, sweeps) = (T::from_f64(f64::NAN), model.nv(), SweepModel::general(model));
+        Self {
+            sweep_scratch: SweepScratch::new(model, &sweeps),
+            co_states: CoStates::new(&sweeps),
+            changes: Changes::new(&sweeps),
+            sweeps,
+            acceleration: vec![nan; nv],
+            right: vec![nan; nv],
+        }
+    }
+
+    /// How many bodies and degrees of freedom it is for.
+    pub(crate) fn size(&self) -> (usize, usize) {
+        (self.sweeps.bodies.len(), self.right.len())
+    }
+}
+
+/// dtau of [`inverse_dynamics`](crate::dynamics::inverse_dynamics) along one direction, (nv) into `out`: dtau/dq dq + dtau/dqd dqd + M dqdd, and what changes of wrenches, inertias,
+/// armature and gravity add. O(N).
+///
+/// `q` (nq), `qd`, `qdd` (nv), SI units; `wrenches` as there; dq is in the tangent space of q: q (+) dq as
+/// [`Scene::integrate`](crate::Scene::integrate) adds it.
+pub fn inverse_dynamics_jvp<T: Real<Parameter = T>>(
+    model: &Model<T>,
+    scratch: &mut ProductScratch<T>,
+    (q, qd, qdd): (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    along: &Directions<'_, T>,
+    out: &mut [T],
+) {
+    let ProductScratch { sweeps, sweep_scratch, changes, .. } = scratch;
+    carriers(sweeps, sweep_scratch, T::zero(), q);
+    let state = Motion { q, qd, qdd: Some(qdd), wrenches };
+    tangent::base_to_tip((model, sweeps), sweep_scratch, changes, (state, along), &model.gravity);
+    tangent::tip_to_base::<T, false>((model, sweeps), (sweep_scratch, &[]), changes, (along, &[]), out);
+    tangent::add_armature(model, (state, along), out);
+}
+
+/// Gradients of x . tau of [`inverse_dynamics`](crate::dynamics::inverse_dynamics), x being the cotangent of tau: by q (in its tangent space), qd and qdd, (3 x nv) into `out`, and into
+/// `constants` those by wrenches, inertias, armature and gravity that are asked for. O(N).
+///
+/// Arguments as there, `cotangent` (nv).
+pub fn inverse_dynamics_vjp<T: Real<Parameter = T>>(
+    model: &Model<T>,
+    scratch: &mut ProductScratch<T>,
+    (q, qd, qdd): (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    cotangent: &[T],
+    (constants, out): (&mut Constants<'_, T>, &mut [T]),
+) {
+    let ProductScratch { sweeps, sweep_scratch, co_states, .. } = scratch;
+    carriers(sweeps, sweep_scratch, T::zero(), q);
+    out[2 * model.nv()..].copy_from_slice(cotangent);
+    let state = Motion { q, qd, qdd: Some(qdd), wrenches };
+    adjoint::in_sweeps((model, sweeps), (sweep_scratch, co_states), state, constants, out);
+}
+
+/// dqdd of [`forward_dynamics`](crate::dynamics::forward_dynamics) along one direction, (nv) into `out`: dqdd/dq dq + dqdd/dqd dqd + M^-1 dtau, and what changes of wrenches,
+/// inertias, armature and gravity add. One more right side of the filter, with the gains of the state: O(N).
+///
+/// Arguments as in [`inverse_dynamics_jvp`], `along.u` of tau. P is carried as the workspace's form says. In form `auto` a state where the covariance form loses
+/// digits in the factor of M is done in double-double arithmetic and rounded, as in [`forward_dynamics_derivatives`](super::forward_dynamics_derivatives).
+///
+/// # Errors
+///
+/// The lost pivot furthest from the base, where one was lost; then `out` means nothing.
+pub fn forward_dynamics_jvp<T: Real<Parameter = T>>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    scratch: &mut ProductScratch<T>,
+    state: (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    along: &Directions<'_, T>,
+    out: &mut [T],
+) -> Result<(), LostPivot> {
+    let mut qdd = std::mem::take(&mut scratch.acceleration);
+    let monitor = accelerations(model, workspace, &mut qdd, state, wrenches);
+    let lost = workspace.lost_pivot(model, &monitor);
+    let is_doubled = lost.is_none()
+        && workspace.form == Form::Auto
+        && monitor.of_roots
+        && doubled_products::tangent(model, state, wrenches, along, out);
+    if lost.is_none() && !is_doubled {
+        let (q, qd, _) = state;
+        carriers(&scratch.sweeps, &mut scratch.sweep_scratch, T::zero(), q);
+        let motion = Motion { q, qd, qdd: Some(&qdd), wrenches };
+        solved(model, workspace, scratch, (motion, along, &model.gravity), out);
+    }
+    scratch.acceleration = qdd;
+    lost.map_or(Ok(()), Err)
+}
+
+/// M^-1 (dtau - the change of inverse dynamics where dqdd is none), with the factor in the workspace, turns and shifts being there.
+pub(super) fn solved<T: Real<Parameter = T>>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    scratch: &mut ProductScratch<T>,
+    (motion, along, gravity): (Motion<'_, T>, &Directions<'_, T>, &Vector3<T>),
+    out: &mut [T],
+) {
+    let ProductScratch { sweeps, sweep_scratch, changes, right, .. } = scratch;
+    let unaccelerated = Directions { u: &[], ..*along };
+    tangent::base_to_tip((model, sweeps), sweep_scratch, changes, (motion, &unaccelerated), gravity);
+    right.copy_from_slice(along.u);
+    if let Some(qdd) = motion.qdd {
+        for ((right, &change), &qdd) in right.iter_mut().zip(along.armature).zip(qdd) {
+            *right = right.minus_product(change, qdd);
+        }
+    }
+    let Workspace { shift, measured, co_state, .. } = workspace;
+    tangent::tip_to_base::<T, true>((model, sweeps), (sweep_scratch, measured), changes, (along, right), out);
+    smoother::sweep(&model.system, shift, measured, co_state, out);
+}
+
+/// Gradients of c . qdd of [`forward_dynamics`](crate::dynamics::forward_dynamics), c being the cotangent of qdd: by q (in its tangent space), qd and tau, (3 x nv) into `out`, and into
+/// `constants` those by wrenches, inertias, armature and gravity that are asked for. O(N).
+///
+/// That by tau is x = M^-1 c, filter and smoother once more; all others are those of [`inverse_dynamics_vjp`] at the accelerations of the state with -x for its
+/// cotangent. Arguments as there; P as in [`forward_dynamics_jvp`]. In form `auto` a state is done in double-double arithmetic where the factor of M loses digits, as there, and where
+/// M x, of which the gradients are made body by body, misses c by more than 1e-9 of its largest entry, or would by the rounding of its terms.
+///
+/// # Errors
+///
+/// The lost pivot furthest from the base, where one was lost; then the results mean nothing.
+pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    scratch: &mut ProductScratch<T>,
+    state: (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    cotangent: &[T],
+    (constants, out): (&mut Constants<'_, T>, &mut [T]),
+) -> Result<(), LostPivot> {
+    let mut qdd = std::mem::take(&mut scratch.acceleration);
+    let monitor = accelerations(model, workspace, &mut qdd, state, wrenches);
+    let lost = workspace.lost_pivot(model, &monitor);
+    let is_doubled = lost.is_none()
+        && workspace.form == Form::Auto
+        && monitor.of_roots
+        && doubled_products::gradients(model, state, wrenches, cotangent, (constants, out));
+    let mut off = T::zero();
+    if lost.is_none() && !is_doubled {
+        let (q, qd, _) = state;
+        let mut x = std::mem::take(&mut scratch.right);
+        solve(model, workspace, cotangent, &mut x);
+        let ProductScratch { sweeps, sweep_scratch, co_states, .. } = scratch;
+        carriers(sweeps, sweep_scratch, T::zero(), q);
+        let motion = Motion { q, qd, qdd: Some(&qdd), wrenches };
+        let last = 2 * model.nv();
+        negated(&mut out[last..], &x);
+        adjoint::in_sweeps((model, sweeps), (sweep_scratch, co_states), motion, constants, out);
+        off = solved_short_of(cotangent, co_states.terms, &mut out[last..], &x);
+        scratch.right = x;
+    }
+    scratch.acceleration = qdd;
+    if let Some(lost) = lost {
+        return Err(lost);
+    }
+    if workspace.form == Form::Auto && !is_doubled && off.lane(0) > 0.0 {
+        // Where there are not twice the digits, what there is stays.
+        doubled_products::gradients(model, state, wrenches, cotangent, (constants, out));
+    }
+    Ok(())
+}
+
+/// The product along a direction, for states in lanes and for one state: of torques, or where `solves` of accelerations, then with the factor, turns and shifts in the
+/// scratch.
+#[inline(always)]
+pub(crate) fn tangent_in_sweeps<T: Real, C: ColumnsOf<T>>(
+    scene: (&Model<T>, &SweepModel<T>),
+    (scratch, changes): (&mut SweepScratch<T>, &mut Changes<T>),
+    (motion, along): (Motion<'_, T>, Directions<'_, T>),
+    solves: bool,
+    out: &mut [T],
+) {
+    let outward = if solves { Directions { u: &[], ..along } } else { along };
+    if !solves {
+        carriers(scene.1, scratch, C::zero(), motion.q);
+    }
+    tangent::base_to_tip(scene, scratch, changes, (motion, &outward), &scene.0.gravity);
+    if solves {
+        tangent::tip_to_base::<T, true>(scene, (scratch, &scratch.measured), changes, (&along, along.u), out);
+        sweeps::smooth(scene, scratch, out);
+    } else {
+        tangent::tip_to_base::<T, false>(scene, (scratch, &[]), changes, (&along, &[]), out);
+        tangent::add_armature(scene.0, (motion, &along), out);
+    }
+}
+
+/// The gradients by q, qd and u, likewise: of torques, or where `solves` of accelerations, then with the factor, turns and shifts in the scratch; x is scratch. Above zero
+/// where digits were lost.
+#[inline(always)]
+pub(crate) fn gradients_in_sweeps<T: Real, C: ColumnsOf<T>>(
+    scene: (&Model<T>, &SweepModel<T>),
+    (scratch, co_states): (&mut SweepScratch<T>, &mut CoStates<T>),
+    (motion, cotangent): (Motion<'_, T>, &[T]),
+    solves: bool,
+    (x, out): (&mut [T], &mut [T]),
+) -> T {
+    let last = 2 * cotangent.len();
+    if solves {
+        sweeps::solve(scene, scratch, cotangent, x);
+        negated(&mut out[last..], x);
+    } else {
+        carriers(scene.1, scratch, C::zero(), motion.q);
+        out[last..].copy_from_slice(cotangent);
+    }
+    adjoint::in_sweeps(scene, (scratch, co_states), motion, &mut Constants::default(), out);
+    if solves { solved_short_of(cotangent, co_states.terms, &mut out[last..], x) } else { T::zero() }
+}
+
+/// x in the place of -M x, which the way inward has found; by how much M x misses the right side c, or the rounding of the `terms` that it is made of where that is
+/// more, less what is let pass: not above zero where the forces that gradients are made of kept their digits.
+#[inline(always)]
+fn solved_short_of<T: Real>(cotangent: &[T], terms: T, product: &mut [T], x: &[T]) -> T {
+    let zero = T::zero();
+    let (mut off, mut size) = (T::epsilon() * terms, zero);
+    for ((product, &c), &x) in product.iter_mut().zip(cotangent).zip(x) {
+        off = larger(off, (*product + c).abs());
+        size = larger(size, c.abs());
+        *product = x;
+    }
+    off.minus_product(size, zero.constant(MOST_LOST))
+}
+
+/// -x.
+#[inline(always)]
+fn negated<T: Real>(to: &mut [T], x: &[T]) {
+    for (to, &x) in to.iter_mut().zip(x) {
+        *to = -x;
+    }
+}

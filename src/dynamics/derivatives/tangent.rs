@@ -1,0 +1,290 @@
+//! What inverse dynamics, or forward dynamics, changes by along one direction, in O(N) and without any matrix: a pass outward with the changes of the motion, and one
+//! inward with those of the forces.
+//!
+//! With eta = S dq, and `V_p`, `A_p` the parent's motion as it is seen at the joint, weight included:
+//!
+//! - dV = phi* dV + `V_p` x eta + S dqd; dA = phi* dA + `A_p` x eta + S dqdd + dV x S qd + V x S dqd;
+//! - dF = d(M A + V x* M V) - dw + sum phi (dF + eta x* F); dtau = H dF + r dqdd + dr qdd.
+//!
+//! For forward dynamics dqdd is none on the way out. What has to be zero then is dtau less what there is, which is one more right side of the filter: z is dF, and
+//! z^+ + eta x* F is what goes on to the parent. The gains do not change to first order, for the estimates are a stationary point.
+
+use super::outward::{ABOUT_Z, past_axial};
+use super::parameters::{Parameters, inertia, to_sweeps};
+use crate::dynamics::forces::Motion;
+use crate::dynamics::sweeps::SweepModel;
+use crate::dynamics::sweeps::body::SweepBody;
+use crate::dynamics::sweeps::joint::{self, Joint, with_axial, with_rows};
+use crate::dynamics::sweeps::rows::Measures;
+use crate::dynamics::sweeps::scratch::SweepScratch;
+use crate::filter::riccati::Measured;
+use crate::kinematics::{joint_motion, motion_past_joint};
+use crate::model::{Body, Model, Motion as JointMotion};
+use crate::scalar::Real;
+use crate::spatial::transform::Transform;
+use crate::spatial::{BodyInertia, angular, cross, cross_add, cross_force, cross_motion, linear, spatial, sum};
+use nalgebra::{Vector3, Vector6};
+
+/// One direction: of q in its tangent space, of qd, of qdd (or of tau, in forward dynamics), (nv) each; the rest is empty where it does not change.
+#[derive(Debug, Clone, Copy)]
+pub struct Directions<'a, T> {
+    /// Of q, in its tangent space.
+    pub q: &'a [T],
+    /// Of qd.
+    pub qd: &'a [T],
+    /// Of qdd, or of tau.
+    pub u: &'a [T],
+    /// Of the wrenches, one a body, in the body's frame.
+    pub wrenches: &'a [Vector6<T>],
+    /// Of (m, m c, I) of each body about its frame's origin; see [`parameters`](super::parameters).
+    pub parameters: &'a [Parameters<T>],
+    /// Of the armature of each degree of freedom.
+    pub armature: &'a [T],
+    /// Of gravity in the base's frame, three numbers.
+    pub gravity: &'a [T],
+}
+
+/// Along which nothing changes that has no numbers.
+impl<T> Default for Directions<'_, T> {
+    fn default() -> Self {
+        Self { q: &[], qd: &[], u: &[], wrenches: &[], parameters: &[], armature: &[], gravity: &[] }
+    }
+}
+
+/// What the way out keeps for the way in; starts as NaN.
+#[derive(Debug, Clone)]
+pub(crate) struct Changes<T> {
+    /// V, A, dV and dA in slots outward; the first is the base's.
+    motions: Vec<[[T; 6]; 4]>,
+    /// By places in the sweeps: F and dF, of a body, then of all that is outboard of its joint.
+    forces: Vec<[T; 6]>,
+    forces_change: Vec<[T; 6]>,
+}
+
+impl<T: Real> Changes<T> {
+    pub fn new(sweeps: &SweepModel<T>) -> Self {
+        let (nan, bodies) = (T::from_f64(f64::NAN), sweeps.bodies.len());
+        Self {
+            motions: vec![[[nan; 6]; 4]; sweeps.swept_slots.outward],
+            forces: vec![[nan; 6]; bodies],
+            forces_change: vec![[nan; 6]; bodies],
+        }
+    }
+}
+
+/// Base to tip: F and dF of every body by itself; `along.u` is of qdd, or empty where that does not change.
+#[inline(always)]
+pub(super) fn base_to_tip<T: Real>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &SweepScratch<T>,
+    kept: &mut Changes<T>,
+    (state, along): (Motion<'_, T>, &Directions<'_, T>),
+    gravity: &Vector3<T>,
+) {
+    let o = T::zero();
+    debug_assert_eq!(model.nv(), along.q.len());
+    let Changes { motions, forces, forces_change } = kept;
+    let mut base = [[o; 6]; 4];
+    for i in 0..3 {
+        base[1][3 + i] = -gravity[i];
+        if let Some(&change) = along.gravity.get(i) {
+            base[3][3 + i] = -change;
+        }
+    }
+    motions[0] = base;
+    for (place, body) in sweeps.swept().iter().enumerate() {
+        let [v, a, dv, da] = motions[body.places.parent_outward];
+        let own = match body.joint {
+            Joint::Axial(axis) => {
+                let seen = with_axial!(axis, scratch.own[place].turn, sweeps, body.offset, transform, {
+                    let [v, a] = [transform.carry_motion(&v), transform.carry_motion(&a)];
+                    [v, a, transform.carry_motion(&dv), transform.carry_motion(&da)]
+                });
+                about_z((body.row, o.splat(body.sense)), &seen, state, along)
+            }
+            Joint::Prismatic(at, _) | Joint::Free(at) | Joint::General(at) => {
+                let shift = &scratch.shifts[at];
+                let [v, a] = [shift.carry_motion(&v), shift.carry_motion(&a)];
+                let seen = [v, a, shift.carry_motion(&dv), shift.carry_motion(&da)];
+                let at_joint = &sweeps.shifting[at];
+                if at_joint.motion == JointMotion::Revolute {
+                    about_z((body.row, o.splat(body.sense)), &seen, state, along)
+                } else {
+                    of_any(at_joint, body.row, &seen, (state, along))
+                }
+            }
+        };
+        let inertia_of = body.inertia(o);
+        let [velocity, acceleration] = [Vector6::from(own[0]), Vector6::from(own[1])];
+        let mut force = inertia_of.bias_force(&velocity, &acceleration);
+        let mut change = change_of(&inertia_of, &velocity, [&own[2], &own[3]]);
+        if !state.wrenches.is_empty() {
+            force = but(&force, &body.frame.apply(&state.wrenches[body.index]));
+        }
+        if let Some(wrench) = along.wrenches.get(body.index) {
+            change = but(&change, &body.frame.apply(wrench));
+        }
+        if let Some(parameters) = along.parameters.get(body.index) {
+            change = sum(&change, &inertia(&to_sweeps(body, parameters)).bias_force(&velocity, &acceleration));
+        }
+        (forces[place], forces_change[place]) = (force.into(), change.into());
+        if !body.is_leaf {
+            motions[body.places.outward] = own;
+        }
+    }
+}
+
+/// x - y.
+#[inline(always)]
+fn but<T: Real>(x: &Vector6<T>, y: &[T; 6]) -> Vector6<T> {
+    Vector6::new(x[0] - y[0], x[1] - y[1], x[2] - y[2], x[3] - y[3], x[4] - y[4], x[5] - y[5])
+}
+
+/// Past a revolute joint: V, A, dV and dA of the body from those of its parent as seen at the joint.
+#[inline(always)]
+fn about_z<T: Real>(
+    (row, sense): (usize, T),
+    [v, a, dv, da]: &[[T; 6]; 4],
+    state: Motion<'_, T>,
+    along: &Directions<'_, T>,
+) -> [[T; 6]; 4] {
+    let (turn, rate, dqd) = (along.q[row] * sense, state.qd[row] * sense, along.qd[row] * sense);
+    let [velocity, acceleration] = past_axial(&[*v, *a], row, sense, state);
+    let mut dv = [
+        v[1].mul_add(turn, dv[0]),
+        dv[1].minus_product(v[0], turn),
+        dv[2],
+        v[4].mul_add(turn, dv[3]),
+        dv[4].minus_product(v[3], turn),
+        dv[5],
+    ];
+    let mut da = [
+        dv[1].mul_add(rate, v[1].mul_add(dqd, a[1].mul_add(turn, da[0]))),
+        da[1].minus_product(a[0], turn).minus_product(v[0], dqd).minus_product(dv[0], rate),
+        da[2],
+        dv[4].mul_add(rate, v[4].mul_add(dqd, a[4].mul_add(turn, da[3]))),
+        da[4].minus_product(a[3], turn).minus_product(v[3], dqd).minus_product(dv[3], rate),
+        da[5],
+    ];
+    dv[ABOUT_Z] += dqd;
+    if let Some(dqdd) = along.u.get(row) {
+        da[ABOUT_Z] = dqdd.mul_add(sense, da[ABOUT_Z]);
+    }
+    [velocity, acceleration, dv, da]
+}
+
+/// The same past any joint.
+#[inline(always)]
+fn of_any<T: Real>(
+    at_joint: &Body<T>,
+    row: usize,
+    [v, a, dv, da]: &[[T; 6]; 4],
+    (state, along): (Motion<'_, T>, &Directions<'_, T>),
+) -> [[T; 6]; 4] {
+    let (v, a, dv, da) = (Vector6::from(*v), Vector6::from(*a), Vector6::from(*dv), Vector6::from(*da));
+    let (velocity, mut acceleration) = motion_past_joint(at_joint, row, &(v, a), state.qd);
+    if let Some(qdd) = state.qdd {
+        acceleration = sum(&acceleration, &joint_motion(at_joint, row, qdd));
+    }
+    let (eta, rate) = (joint_motion(at_joint, row, along.q), joint_motion(at_joint, row, along.qd));
+    let dv = sum(&sum(&dv, &rate), &cross_motion(&v, &eta));
+    let of_rates = sum(&cross_motion(&dv, &joint_motion(at_joint, row, state.qd)), &cross_motion(&velocity, &rate));
+    let mut da = sum(&sum(&da, &cross_motion(&a, &eta)), &of_rates);
+    if !along.u.is_empty() {
+        da = sum(&da, &joint_motion(at_joint, row, along.u));
+    }
+    [velocity.into(), acceleration.into(), dv.into(), da.into()]
+}
+
+/// d(M A + V x* M V), collected as [`BodyInertia::bias_force`] is.
+#[inline(always)]
+fn change_of<T: Real>(inertia: &BodyInertia<T>, velocity: &Vector6<T>, [dv, da]: [&[T; 6]; 2]) -> Vector6<T> {
+    let (dv, da) = (Vector6::from(*dv), Vector6::from(*da));
+    let (w, u, dw, du) = (angular(velocity), linear(velocity), angular(&dv), linear(&dv));
+    let at_origin = cross_add(&dw, &u, &cross_add(&w, &du, &linear(&da)));
+    let needed = inertia.mul_motion(&spatial(&angular(&da), &at_origin));
+    let (momentum, change) = (inertia.rotational.mul_vector(&w), inertia.rotational.mul_vector(&dw));
+    let h = &inertia.first_moment;
+    let (swung, swung_change) = (cross(&w, h), cross(&dw, h));
+    spatial(
+        &cross_add(&dw, &momentum, &cross_add(&w, &change, &angular(&needed))),
+        &cross_add(&dw, &swung, &cross_add(&w, &swung_change, &linear(&needed))),
+    )
+}
+
+/// Tip to base: dtau of inverse dynamics into `out`, but for armature; where `FILTERS`, with D and g of each row and dtau given, e^- of the filter.
+#[inline(always)]
+pub(super) fn tip_to_base<T: Real, const FILTERS: bool>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    (shifts_of, measured): (&SweepScratch<T>, &[Measured<T>]),
+    kept: &mut Changes<T>,
+    (along, torque): (&Directions<'_, T>, &[T]),
+    out: &mut [T],
+) {
+    for (place, body) in sweeps.swept().iter().enumerate().rev() {
+        let (force, mut change) = (kept.forces[place], kept.forces_change[place]);
+        with_rows!(body, model, rows, {
+            if FILTERS {
+                rows.filter(measured, torque, &mut change, out);
+            } else {
+                rows.project(&change, out);
+            }
+        });
+        let Some(parent) = body.places.parent.checked_sub(1) else { continue };
+        match body.joint {
+            Joint::Axial(axis) => {
+                turned((body, along), &force, &mut change);
+                with_axial!(axis, shifts_of.own[place].turn, sweeps, body.offset, transform, {
+                    send(transform, parent, (&force, &change), kept);
+                });
+            }
+            Joint::Prismatic(at, _) | Joint::Free(at) | Joint::General(at) => {
+                let at_joint = &sweeps.shifting[at];
+                if at_joint.motion == JointMotion::Revolute {
+                    turned((body, along), &force, &mut change);
+                } else {
+                    let eta = joint_motion(at_joint, body.row, along.q);
+                    change = sum(&Vector6::from(change), &cross_force(&eta, &Vector6::from(force))).into();
+                }
+                send(&shifts_of.shifts[at], parent, (&force, &change), kept);
+            }
+        }
+    }
+}
+
+/// Adds eta x* F of a revolute joint.
+#[inline(always)]
+fn turned<T: Real>((body, along): (&SweepBody<T::Parameter>, &Directions<'_, T>), force: &[T; 6], change: &mut [T; 6]) {
+    let turn = along.q[body.row] * force[0].splat(body.sense);
+    change[0] = change[0].minus_product(turn, force[1]);
+    change[1] = turn.mul_add(force[0], change[1]);
+    change[3] = change[3].minus_product(turn, force[4]);
+    change[4] = turn.mul_add(force[3], change[4]);
+}
+
+/// F and dF on to the parent.
+#[inline(always)]
+fn send<T: Real>(
+    transform: &impl Transform<T>,
+    parent: usize,
+    (force, change): (&[T; 6], &[T; 6]),
+    kept: &mut Changes<T>,
+) {
+    transform.send_force(force, false, &mut kept.forces[parent]);
+    transform.send_force(change, false, &mut kept.forces_change[parent]);
+}
+
+/// r dqdd + dr qdd, what armature adds to dtau.
+#[inline(always)]
+pub(super) fn add_armature<T: Real>(
+    model: &Model<T>,
+    (state, along): (Motion<'_, T>, &Directions<'_, T>),
+    out: &mut [T],
+) {
+    for (i, out) in out.iter_mut().enumerate() {
+        *out = model.system.noise[i].mul_add(along.u[i], *out);
+        if let (Some(&change), Some(qdd)) = (along.armature.get(i), state.qdd) {
+            *out = change.mul_add(qdd[i], *out);
+        }
+    }
+}

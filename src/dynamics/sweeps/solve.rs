@@ -1,0 +1,70 @@
+//! One more right side, with the factor of M that is there.
+
+use super::accelerations;
+use super::joint::{self, with_joint};
+use super::model::SweepModel;
+use super::motion;
+use super::rows::Measures;
+use super::scratch::SweepScratch;
+use crate::dynamics::forces::Motion;
+use crate::model::Model;
+use crate::scalar::{ColumnsOf, Real};
+use crate::spatial::transform::Transform;
+use nalgebra::Vector6;
+
+/// Joint accelerations as [`forward_dynamics`](super::forward_dynamics) gives them, with the factor in the scratch.
+#[inline(always)]
+pub(crate) fn accelerations_of_factor<T: Real, C: ColumnsOf<T>>(
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    (q, qd, tau): (&[T], &[T], &[T]),
+    wrenches: &[Vector6<T>],
+    qdd: &mut [T],
+) {
+    motion::base_to_tip::<T, C, false>(scene, scratch, Motion { q, qd, qdd: None, wrenches });
+    tip_to_base::<T, true>(scene, scratch, tau, qdd);
+    accelerations::base_to_tip::<T, false>(scene, scratch, qdd);
+}
+
+/// M^-1 tau (4.1), with the factor in the scratch.
+#[inline(always)]
+pub(crate) fn solve<T: Real>(
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    tau: &[T],
+    estimates: &mut [T],
+) {
+    tip_to_base::<T, false>(scene, scratch, tau, estimates);
+    accelerations::base_to_tip::<T, false>(scene, scratch, estimates);
+}
+
+/// The smoother alone: `estimates` holds e^- on entry and a on return.
+#[inline(always)]
+pub(crate) fn smooth<T: Real>(scene: (&Model<T>, &SweepModel<T>), scratch: &mut SweepScratch<T>, estimates: &mut [T]) {
+    accelerations::base_to_tip::<T, false>(scene, scratch, estimates);
+}
+
+/// The filter alone (4.2, 4.4, 4.5); where `BIASED` with the force b(k) of each body, else without.
+#[inline(always)]
+fn tip_to_base<T: Real, const BIASED: bool>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    tau: &[T],
+    innovations: &mut [T],
+) {
+    let SweepScratch { own, arriving, shifts, measured, .. } = scratch;
+    for (body, own) in sweeps.swept().iter().zip(own).rev() {
+        let mut z = arriving[body.places.inward].force;
+        if BIASED {
+            for (z, &bias) in z.iter_mut().zip(&own.force) {
+                *z += bias;
+            }
+        }
+        with_joint!(body, own.turn, (model, sweeps, shifts), transform, rows, {
+            rows.filter(measured, tau, &mut z, innovations);
+            if body.parent.is_some() {
+                transform.send_force(&z, body.places.arrives_first, &mut arriving[body.places.parent_inward].force);
+            }
+        });
+    }
+}

@@ -1,0 +1,411 @@
+//! Methods of `Scene`: products with the Jacobians of the dynamics, without the matrices.
+
+use super::call::Call;
+use super::choice::{items, read_form};
+use super::cost::Cost;
+use super::errors::asked_by;
+use super::input::Input;
+use super::object::{Object, imported};
+use super::output::Output;
+use super::scene::PyScene;
+use super::scratch::{OnBodies, Scratch};
+use super::wrenches::Wrench;
+use crate::algorithm::{Algorithm, Arguments, Products};
+use crate::dynamics::derivatives::{Constants, of_link};
+use crate::error::Error;
+use crate::scene::Scene;
+use crate::spatial::{RigidShift, SpatialVector};
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyMapping, PySlice, PyTuple};
+
+/// Rough times of one body in one state, ns (see [`Cost`]).
+mod cost {
+    /// Of torques, in lanes.
+    pub const INVERSE: usize = 120;
+    /// With the factor of M.
+    pub const FORWARD: usize = 250;
+    /// By the general recursion.
+    pub const GENERAL: usize = 900;
+    /// On dual numbers.
+    pub const HESSIAN: usize = 2500;
+}
+
+/// Where a link is: the moving body that carries it, and its placement there.
+type Place = (Option<usize>, RigidShift<f64>);
+
+/// q, qd and the third with its name, then a direction or a cotangent.
+type Given<'a, 'py> = Vec<(&'static str, &'a Object<'py>)>;
+
+/// What a call may have been given beside these.
+struct Keywords<'a, 'py> {
+    wrenches: Option<&'a Object<'py>>,
+    errors: &'a str,
+}
+
+#[pymethods]
+impl PyScene {
+    /// The change of joint torques along a direction, in O(N) and without any matrix: dtau_dq dq + dtau_dqd dqd + M dqdd.
+    ///
+    /// q: (..., nq); qd, qdd: (..., nv); dq, dqd, dqdd: (..., nv), dq in the tangent space of q; SI units, radians; leading axes broadcast. wrenches and errors: as
+    /// in forward_dynamics; wrenches stay as they are in their link's frame.
+    ///
+    /// dq is a change as integrate(q, dq) adds it: an angle or a length for joints of one axis, a rotation in the child's frame for spherical joints,
+    /// (linear, angular) in the child's frame for free joints. Armature is in M.
+    ///
+    /// Returns dtau, (..., nv), N m or N.
+    ///
+    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    #[pyo3(signature = (q, qd, qdd, dq, dqd, dqdd, *, wrenches=None, errors="raise"))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn inverse_dynamics_jvp<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        qdd: &Object<'py>,
+        dq: &Object<'py>,
+        dqd: &Object<'py>,
+        dqdd: &Object<'py>,
+        wrenches: Option<&Object<'py>>,
+        errors: &str,
+    ) -> PyResult<Object<'py>> {
+        let given = vec![("q", q), ("qd", qd), ("qdd", qdd), ("dq", dq), ("dqd", dqd), ("dqdd", dqdd)];
+        self.along(py, Products::InverseTangent, given, &Keywords { wrenches, errors })
+    }
+
+    /// The gradients of cotangent . tau, in O(N) and without any matrix: cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
+    ///
+    /// q: (..., nq); qd, qdd, cotangent: (..., nv); SI units, radians; leading axes broadcast. wrenches and errors: as in forward_dynamics. parameters: whether to
+    /// give the gradients by inertias, armature and gravity too.
+    ///
+    /// The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp. With wrenches or parameters one state at a time, without SIMD lanes.
+    ///
+    /// Returns a phipsi.InverseDynamicsGradients (q, qd, qdd, wrenches, parameters, armature, gravity); what is not asked for is None.
+    ///
+    /// Raises as inverse_dynamics_jvp.
+    #[pyo3(signature = (q, qd, qdd, cotangent, *, wrenches=None, parameters=false, errors="raise"))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn inverse_dynamics_vjp<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        qdd: &Object<'py>,
+        cotangent: &Object<'py>,
+        wrenches: Option<&Object<'py>>,
+        parameters: bool,
+        errors: &str,
+    ) -> PyResult<Object<'py>> {
+        let given = vec![("q", q), ("qd", qd), ("qdd", qdd), ("cotangent", cotangent)];
+        let class = imported!(py, "phipsi._results", "InverseDynamicsGradients")?;
+        self.gradients((py, class), Products::InverseGradient, given, (&Keywords { wrenches, errors }, parameters))
+    }
+
+    /// The change of joint accelerations along a direction, in O(N) and without any matrix: dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.
+    ///
+    /// q: (..., nq); qd, tau: (..., nv); dq, dqd, dtau: (..., nv), dq in the tangent space of q, as in inverse_dynamics_jvp; SI units, radians; leading axes
+    /// broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as they are in their link's frame.
+    ///
+    /// One more right side of the filter, with the gains of the state. In form "auto" a state that loses digits in the factor of M is done with twice the digits.
+    ///
+    /// Returns dqdd, (..., nv), rad/s^2 or m/s^2.
+    ///
+    /// Raises SingularJointError where a joint has no inertia along its axis; ArgumentError for the square-root form of an inertia that no body can have;
+    /// ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    #[pyo3(signature = (q, qd, tau, dq, dqd, dtau, *, form="auto", wrenches=None, errors="raise"))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn forward_dynamics_jvp<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        tau: &Object<'py>,
+        dq: &Object<'py>,
+        dqd: &Object<'py>,
+        dtau: &Object<'py>,
+        form: &str,
+        wrenches: Option<&Object<'py>>,
+        errors: &str,
+    ) -> PyResult<Object<'py>> {
+        let given = vec![("q", q), ("qd", qd), ("tau", tau), ("dq", dq), ("dqd", dqd), ("dtau", dtau)];
+        self.along(py, Products::ForwardTangent(read_form(form)?), given, &Keywords { wrenches, errors })
+    }
+
+    /// The gradients of cotangent . qdd, in O(N) and without any matrix: cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
+    ///
+    /// q: (..., nq); qd, tau, cotangent: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in forward_dynamics. parameters: whether
+    /// to give the gradients by inertias, armature and gravity too.
+    ///
+    /// The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp. x = M^-1 cotangent is filter and smoother once more; all other
+    /// gradients are those of inverse_dynamics_vjp at the accelerations of the state, of -x. With wrenches or parameters one state at a time, without SIMD lanes.
+    ///
+    /// Returns a phipsi.ForwardDynamicsGradients (q, qd, tau, wrenches, parameters, armature, gravity); what is not asked for is None.
+    ///
+    /// Raises as forward_dynamics_jvp.
+    #[pyo3(signature = (q, qd, tau, cotangent, *, form="auto", wrenches=None, parameters=false, errors="raise"))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn forward_dynamics_vjp<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        tau: &Object<'py>,
+        cotangent: &Object<'py>,
+        form: &str,
+        wrenches: Option<&Object<'py>>,
+        parameters: bool,
+        errors: &str,
+    ) -> PyResult<Object<'py>> {
+        let given = vec![("q", q), ("qd", qd), ("tau", tau), ("cotangent", cotangent)];
+        let class = imported!(py, "phipsi._results", "ForwardDynamicsGradients")?;
+        let which = Products::ForwardGradient(read_form(form)?);
+        self.gradients((py, class), which, given, (&Keywords { wrenches, errors }, parameters))
+    }
+
+    /// The Hessian of cotangent . tau times a direction, in O(N): how the gradients of inverse_dynamics_vjp change along (dq, dqd, dqdd).
+    ///
+    /// q: (..., nq); qd, qdd, cotangent, dq, dqd, dqdd: (..., nv); SI units, radians; leading axes broadcast. wrenches and errors: as in forward_dynamics.
+    ///
+    /// The gradient by q is that in the tangent space at q, which moves along: on spherical and free joints that Hessian is not symmetric. One state at a time,
+    /// on dual numbers.
+    ///
+    /// Returns a phipsi.InverseDynamicsGradients (q, qd, qdd), the others None.
+    ///
+    /// Raises as inverse_dynamics_jvp.
+    #[pyo3(signature = (q, qd, qdd, cotangent, dq, dqd, dqdd, *, wrenches=None, errors="raise"))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn inverse_dynamics_hvp<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        qdd: &Object<'py>,
+        cotangent: &Object<'py>,
+        dq: &Object<'py>,
+        dqd: &Object<'py>,
+        dqdd: &Object<'py>,
+        wrenches: Option<&Object<'py>>,
+        errors: &str,
+    ) -> PyResult<Object<'py>> {
+        let mut given = vec![("q", q), ("qd", qd), ("qdd", qdd), ("cotangent", cotangent)];
+        given.extend([("dq", dq), ("dqd", dqd), ("dqdd", dqdd)]);
+        let class = imported!(py, "phipsi._results", "InverseDynamicsGradients")?;
+        self.hessian((py, class), Products::InverseGradient, given, &Keywords { wrenches, errors })
+    }
+
+    /// The Hessian of cotangent . qdd times a direction, in O(N): how the gradients of forward_dynamics_vjp change along (dq, dqd, dtau).
+    ///
+    /// q: (..., nq); qd, tau, cotangent, dq, dqd, dtau: (..., nv); SI units, radians; leading axes broadcast. form, wrenches and errors: as in
+    /// forward_dynamics; of form "auto" the factor of M alone, twice the digits are not taken.
+    ///
+    /// One factor and four right sides; otherwise as inverse_dynamics_hvp.
+    ///
+    /// Returns a phipsi.ForwardDynamicsGradients (q, qd, tau), the others None.
+    ///
+    /// Raises as forward_dynamics_jvp.
+    #[pyo3(signature = (q, qd, tau, cotangent, dq, dqd, dtau, *, form="auto", wrenches=None, errors="raise"))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn forward_dynamics_hvp<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        tau: &Object<'py>,
+        cotangent: &Object<'py>,
+        dq: &Object<'py>,
+        dqd: &Object<'py>,
+        dtau: &Object<'py>,
+        form: &str,
+        wrenches: Option<&Object<'py>>,
+        errors: &str,
+    ) -> PyResult<Object<'py>> {
+        let mut given = vec![("q", q), ("qd", qd), ("tau", tau), ("cotangent", cotangent)];
+        given.extend([("dq", dq), ("dqd", dqd), ("dtau", dtau)]);
+        let class = imported!(py, "phipsi._results", "ForwardDynamicsGradients")?;
+        self.hessian((py, class), Products::ForwardGradient(read_form(form)?), given, &Keywords { wrenches, errors })
+    }
+}
+
+impl PyScene {
+    /// A call with these arguments, of so many ns a body.
+    fn product_call<'a, 'py>(
+        &'a self,
+        which: Products,
+        given: Given<'_, 'py>,
+        (keywords, body): (&Keywords<'_, 'py>, usize),
+    ) -> PyResult<Call<'a, 'py>> {
+        let errors = self.errors(keywords.errors, which.form())?;
+        let mut inputs: Vec<Input<'py>> = Vec::with_capacity(given.len());
+        for (at, (name, value)) in given.into_iter().enumerate() {
+            inputs.push(if at == 0 { self.configuration(name, value)? } else { self.rate(name, value)? });
+        }
+        let cost = Cost { arithmetic: body * self.size(), results: which.count() * self.scene.nv() };
+        Ok(Call::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?.with(errors))
+    }
+
+    /// A product along a direction: in lanes.
+    fn along<'py>(
+        &self,
+        py: Python<'py>,
+        which: Products,
+        given: Given<'_, 'py>,
+        keywords: &Keywords<'_, 'py>,
+    ) -> PyResult<Object<'py>> {
+        let body = if which.form().is_some() { cost::FORWARD } else { cost::INVERSE };
+        let call = self.product_call(which, given, (keywords, body))?;
+        let mut output = call.output(py, &[self.scene.nv()], None, Output::unwritten)?;
+        call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
+        Ok(output.finish().into_any())
+    }
+
+    /// Gradients: in lanes, or with those by what is constant one state at a time.
+    fn gradients<'py>(
+        &self,
+        (py, class): (Python<'py>, &Object<'py>),
+        which: Products,
+        given: Given<'_, 'py>,
+        (keywords, parameters): (&Keywords<'_, 'py>, bool),
+    ) -> PyResult<Object<'py>> {
+        let (scene, nv) = (&self.scene, self.scene.nv());
+        let names = match keywords.wrenches.map(|wrenches| wrenches.cast::<PyMapping>()) {
+            Some(Ok(mapping)) => {
+                items("wrenches", mapping, "names of links")?.into_iter().map(|(name, _)| name).collect()
+            }
+            // Refused with the other arguments.
+            _ => Vec::new(),
+        };
+        let is_general = parameters || !names.is_empty();
+        let body = match which.form() {
+            _ if is_general => cost::GENERAL,
+            Some(_) => cost::FORWARD,
+            None => cost::INVERSE,
+        };
+        let call = self.product_call(which, given, (keywords, body))?;
+        if !is_general {
+            let mut output = call.output(py, &[3, nv], None, Output::unwritten)?;
+            call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
+            let all = output.finish().into_any();
+            return class.call1((part(&all, 0)?, part(&all, 1)?, part(&all, 2)?));
+        }
+        let place = |name: &str| scene.link(name).map(|link| (link.body, link.placement));
+        let wrenched = names.iter().map(|name| place(name)).collect::<Result<Vec<Place>, Error>>()?;
+        let links = if parameters { scene.joints() } else { &[] };
+        let moving = links.iter().map(|joint| place(&joint.child)).collect::<Result<Vec<Place>, Error>>()?;
+        let mut shapes = vec![vec![nv]; 3];
+        shapes.extend(names.iter().map(|_| vec![6]));
+        if parameters {
+            shapes.extend([vec![moving.len(), 10], vec![nv], vec![3]]);
+        }
+        let width = shapes.iter().map(|shape| shape.iter().product::<usize>()).sum();
+        let mut results = call.scratch_results(py, width)?;
+        call.numbers(py, results.numbers()?, |scene, scratch, [q, qd, u, cotangent], out| {
+            let seed = [cotangent, &[], &[]];
+            one_state(scene, scratch, which, ([q, qd, u], seed), (&wrenched, &moving, parameters), out)
+        })?;
+        call.parts((py, class), results.numbers()?, &shapes, &names)
+    }
+
+    /// A Hessian times a direction, one state at a time.
+    fn hessian<'py>(
+        &self,
+        (py, class): (Python<'py>, &Object<'py>),
+        which: Products,
+        given: Given<'_, 'py>,
+        keywords: &Keywords<'_, 'py>,
+    ) -> PyResult<Object<'py>> {
+        let nv = self.scene.nv();
+        let call = self.product_call(which, given, (keywords, cost::HESSIAN))?;
+        let mut results = call.scratch_results(py, 3 * nv)?;
+        call.numbers(py, results.numbers()?, |scene, scratch, [q, qd, u, cotangent, dq, dqd, du], out| {
+            let (workspace, hessian, wrenches) = scratch.for_hessians(scene);
+            let state = Arguments { q, qd, u, wrenches, seed: [cotangent, &[], &[]] };
+            match which.form() {
+                Some(form) => {
+                    workspace.form = form;
+                    scene.forward_dynamics_hvp(workspace, hessian, &state, [dq, dqd, du], out)
+                }
+                None => scene.inverse_dynamics_hvp(hessian, &state, [dq, dqd, du], out),
+            }
+        })?;
+        call.parts((py, class), results.numbers()?, &vec![vec![nv]; 3], &[])
+    }
+}
+
+/// One of the three vectors of each state: a view.
+fn part<'py>(all: &Object<'py>, which: usize) -> PyResult<Object<'py>> {
+    let whole = PySlice::full(all.py());
+    all.get_item((all.py().Ellipsis(), which, whole))
+}
+
+/// All gradients of one state, those by what is constant behind those of the state: of wrenches in their links' frames, then of the links' parameters, armature and
+/// gravity.
+fn one_state(
+    scene: &Scene,
+    scratch: &mut Scratch,
+    which: Products,
+    ([q, qd, u], seed): ([&[f64]; 3], [&[f64]; 3]),
+    (wrenched, moving, parameters): (&[Place], &[Place], bool),
+    out: &mut [f64],
+) -> Result<(), Error> {
+    let (workspace, products, constants, wrenches) = scratch.for_products(scene);
+    let nv = scene.nv();
+    let (of_state, rest) = out.split_at_mut(3 * nv);
+    let (of_wrenches, rest) = rest.split_at_mut(6 * wrenched.len());
+    let (of_links, rest) = rest.split_at_mut(10 * moving.len());
+    let (armature, gravity) = rest.split_at_mut(if parameters { nv } else { 0 });
+    let OnBodies { wrenches: on_bodies, parameters: of_bodies } = constants;
+    let mut constants = Constants { wrenches: on_bodies, parameters: of_bodies, armature, gravity };
+    let state = Arguments { q, qd, u, wrenches, seed };
+    if let Some(form) = which.form() {
+        workspace.form = form;
+        scene.forward_dynamics_gradients(workspace, products, &state, &mut constants, of_state)?;
+    } else {
+        scene.inverse_dynamics_gradients(workspace, products, &state, &mut constants, of_state)?;
+    }
+    for (to, (body, placement)) in of_wrenches.chunks_exact_mut(6).zip(wrenched) {
+        let of_link = body.map_or_else(SpatialVector::zeros, |body| placement.motion_to_child(&on_bodies[body]));
+        to.copy_from_slice(of_link.as_slice());
+    }
+    for (to, (body, placement)) in of_links.chunks_exact_mut(10).zip(moving) {
+        let of_link = body.map_or([0.0; 10], |body| of_link(placement, &of_bodies[body]));
+        to.copy_from_slice(&of_link);
+    }
+    Ok(())
+}
+
+impl<'py> Call<'_, 'py> {
+    /// The named tuple of gradients: three of the state, then a dict of those of wrenches with these names, then what else there is; None for what there is not.
+    fn parts(
+        &self,
+        (py, class): (Python<'py>, &Object<'py>),
+        results: &[f64],
+        shapes: &[Vec<usize>],
+        wrenches: &[String],
+    ) -> PyResult<Object<'py>> {
+        let width: usize = shapes.iter().map(|shape| shape.iter().product::<usize>()).sum();
+        let (mut at, mut made) = (0, Vec::with_capacity(shapes.len()));
+        for shape in shapes {
+            let size: usize = shape.iter().product();
+            let gathered = Output::unwritten(py, &[&self.batch[..], shape].concat()).and_then(|mut output| {
+                let states = results.chunks_exact(width.max(1));
+                output.gather(py, size, states.map(|state| &state[at..at + size]))?;
+                Ok(output.finish().into_any())
+            });
+            made.push(asked_by(py, &self.asking(), gathered)?);
+            at += size;
+        }
+        let mut rest = made.split_off(3);
+        let last = rest.split_off(wrenches.len());
+        if !wrenches.is_empty() {
+            let of_wrenches = PyDict::new(py);
+            for (name, gradient) in wrenches.iter().zip(rest) {
+                of_wrenches.set_item(name, gradient)?;
+            }
+            made.push(of_wrenches.into_any());
+        } else if !last.is_empty() {
+            made.push(py.None().into_bound(py));
+        }
+        made.extend(last);
+        class.call1(PyTuple::new(py, made)?)
+    }
+}

@@ -1,0 +1,192 @@
+//! A number with its derivative along one direction.
+
+use super::Real;
+use num_traits::{One, Zero};
+use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
+
+/// value + tangent e with e^2 = 0: what runs on it comes out with its derivative along the tangents of what went in.
+///
+/// Comparisons and [`Real::lane`] see the value alone; nothing may branch on a value that has a tangent, as nothing in the sweeps does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Dual<T> {
+    /// The number itself.
+    pub value: T,
+    /// Its derivative.
+    pub tangent: T,
+}
+
+impl<T: Real> Dual<T> {
+    /// A constant.
+    pub fn constant_of(value: T) -> Self {
+        Self { value, tangent: T::zero() }
+    }
+}
+
+impl<T: Real> Add for Dual<T> {
+    type Output = Self;
+
+    #[inline]
+    fn add(self, other: Self) -> Self {
+        Self { value: self.value + other.value, tangent: self.tangent + other.tangent }
+    }
+}
+
+impl<T: Real> Sub for Dual<T> {
+    type Output = Self;
+
+    #[inline]
+    fn sub(self, other: Self) -> Self {
+        Self { value: self.value - other.value, tangent: self.tangent - other.tangent }
+    }
+}
+
+impl<T: Real> Mul for Dual<T> {
+    type Output = Self;
+
+    #[inline]
+    fn mul(self, other: Self) -> Self {
+        let tangent = self.value.mul_add(other.tangent, self.tangent * other.value);
+        Self { value: self.value * other.value, tangent }
+    }
+}
+
+impl<T: Real> Div for Dual<T> {
+    type Output = Self;
+
+    #[inline]
+    fn div(self, other: Self) -> Self {
+        let value = self.value / other.value;
+        Self { value, tangent: self.tangent.minus_product(value, other.tangent) / other.value }
+    }
+}
+
+impl<T: Real> Neg for Dual<T> {
+    type Output = Self;
+
+    #[inline]
+    fn neg(self) -> Self {
+        Self { value: -self.value, tangent: -self.tangent }
+    }
+}
+
+impl<T: Real> AddAssign for Dual<T> {
+    #[inline]
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
+impl<T: Real> SubAssign for Dual<T> {
+    #[inline]
+    fn sub_assign(&mut self, other: Self) {
+        *self = *self - other;
+    }
+}
+
+impl<T: Real> MulAssign for Dual<T> {
+    #[inline]
+    fn mul_assign(&mut self, other: Self) {
+        *self = *self * other;
+    }
+}
+
+impl<T: Real> DivAssign for Dual<T> {
+    #[inline]
+    fn div_assign(&mut self, other: Self) {
+        *self = *self / other;
+    }
+}
+
+impl<T: Real> Zero for Dual<T> {
+    fn zero() -> Self {
+        Self::constant_of(T::zero())
+    }
+
+    fn is_zero(&self) -> bool {
+        self.value.is_zero() && self.tangent.is_zero()
+    }
+}
+
+impl<T: Real> One for Dual<T> {
+    fn one() -> Self {
+        Self::constant_of(T::one())
+    }
+}
+
+impl<T: Real<Parameter = T>> Real for Dual<T> {
+    const LANES: usize = T::LANES;
+
+    fn from_f64(x: f64) -> Self {
+        Self::constant_of(T::from_f64(x))
+    }
+
+    super::its_own_parameter!();
+
+    fn lane(self, index: usize) -> f64 {
+        self.value.lane(index)
+    }
+
+    #[inline]
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        let tangent = self.value.mul_add(b.tangent, self.tangent.mul_add(b.value, c.tangent));
+        Self { value: self.value.mul_add(b.value, c.value), tangent }
+    }
+
+    fn recip(self) -> Self {
+        let value = self.value.recip();
+        Self { value, tangent: -(value * value * self.tangent) }
+    }
+
+    fn sqrt(self) -> Self {
+        let value = self.value.sqrt();
+        Self { value, tangent: self.tangent / (value + value) }
+    }
+
+    fn sin_cos(self) -> (Self, Self) {
+        let (sine, cosine) = self.value.sin_cos();
+        (Self { value: sine, tangent: cosine * self.tangent }, Self { value: cosine, tangent: -(sine * self.tangent) })
+    }
+
+    fn abs(self) -> Self {
+        if self.value.lane(0).is_sign_negative() { -self } else { self }
+    }
+
+    fn worst(self, other: Self) -> Self {
+        let value = self.value.worst(other.value);
+        let tangent = if value == other.value { other.tangent } else { self.tangent };
+        Self { value, tangent }
+    }
+
+    fn one_if_zero(self) -> Self {
+        Self::constant_of(self.value.one_if_zero())
+    }
+
+    fn epsilon() -> Self {
+        Self::constant_of(T::epsilon())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Dual;
+    use crate::scalar::Real;
+
+    /// Beside derivatives by hand, at 0.7.
+    #[test]
+    fn derivatives_of_the_functions() {
+        let x = Dual { value: 0.7_f64, tangent: 1.0 };
+        let (sine, cosine) = x.sin_cos();
+        let three = Dual::constant_of(3.0);
+        let near = |found: Dual<f64>, value: f64, tangent: f64| {
+            assert!((found.value - value).abs() < 1e-15 && (found.tangent - tangent).abs() < 1e-14, "{found:?}");
+        };
+        near(sine, 0.7_f64.sin(), 0.7_f64.cos());
+        near(cosine, 0.7_f64.cos(), -0.7_f64.sin());
+        near(x * x * x - three / x, 0.343 - 3.0 / 0.7, 3.0 * 0.49 + 3.0 / 0.49);
+        near(x.recip(), 1.0 / 0.7, -1.0 / 0.49);
+        near(Real::sqrt(x), 0.7_f64.sqrt(), 0.5 / 0.7_f64.sqrt());
+        near(x.mul_add(x, three), 3.49, 1.4);
+        near(three.minus_product(x, x), 2.51, -1.4);
+        near(Real::abs(-x), 0.7, 1.0);
+    }
+}

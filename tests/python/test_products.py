@@ -1,0 +1,170 @@
+"""Jacobians of the dynamics times vectors, and vectors times them: against the dense derivatives, against differences, and as calls."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import random_scene, random_states
+from tolerances import assert_near, assert_same_bits, inverse, recursion
+
+import phipsi
+from phipsi.errors import ArgumentError, BadStateWarning, NotFiniteError, ShapeError
+
+SEEDS = range(8)
+
+
+def a_scene(seed: int) -> phipsi.Scene:
+    return random_scene(seed, 6, floating_base=seed % 2 == 1)
+
+
+def largest(*arrays: np.ndarray) -> float:
+    return max(float(np.max(np.abs(values), initial=0.0)) for values in arrays)
+
+
+def condition(scene: phipsi.Scene, q: np.ndarray) -> float:
+    return float(np.linalg.cond(scene.mass_matrix(q)))
+
+
+def wrenches_of(scene: phipsi.Scene, random: np.random.Generator) -> dict[str, np.ndarray]:
+    """One on every second link, those on fixed joints and on the base included."""
+    return {link: random.uniform(-3.0, 3.0, 6) for link in scene.link_names[::2]}
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_of_torques_as_dense_derivatives(seed: int) -> None:
+    scene, random = a_scene(seed), np.random.default_rng(seed)
+    q, qd, qdd = random_states(scene, seed)
+    wrenches = wrenches_of(scene, random)
+    dense = scene.inverse_dynamics_derivatives(q, qd, qdd, wrenches=wrenches)
+    scale = scene.nv * largest(*dense, scene.inverse_dynamics(q, qd, qdd, wrenches=wrenches))
+    direction, cotangent = random.uniform(-1, 1, (3, scene.nv)), random.uniform(-1, 1, scene.nv)
+    found = scene.inverse_dynamics_jvp(q, qd, qdd, *direction, wrenches=wrenches)
+    expected = sum(matrix @ along for matrix, along in zip(dense, direction, strict=True))
+    assert_near(found, expected, recursion(scene.nv, scale))
+    for asked in (False, True):
+        gradients = scene.inverse_dynamics_vjp(q, qd, qdd, cotangent, wrenches=wrenches, parameters=asked)
+        for one, matrix in zip(gradients[:3], dense, strict=True):
+            assert_near(one, cotangent @ matrix, recursion(scene.nv, scale))
+        assert list(gradients.wrenches) == list(wrenches)
+        assert all((gradients[i] is None) == (not asked) for i in (4, 5, 6))
+        for link, one in gradients.wrenches.items():
+            assert_near(one, -scene.jacobian(q, link) @ cotangent, recursion(scene.nv, scale))
+    plain = scene.inverse_dynamics_vjp(q, qd, qdd, cotangent)
+    assert plain.wrenches is None and plain.parameters is None
+
+
+@pytest.mark.parametrize("form", ["auto", "covariance", "joseph", "square-root"])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_of_accelerations_as_dense_derivatives(seed: int, form: str) -> None:
+    scene, random = a_scene(seed), np.random.default_rng(seed)
+    q, qd, tau = random_states(scene, seed)
+    wrenches = wrenches_of(scene, random)
+    dense = scene.forward_dynamics_derivatives(q, qd, tau, wrenches=wrenches)
+    qdd = scene.forward_dynamics(q, qd, tau, wrenches=wrenches)
+    scale, cond = scene.nv * largest(*dense, qdd), condition(scene, q)
+    direction, cotangent = random.uniform(-1, 1, (3, scene.nv)), random.uniform(-1, 1, scene.nv)
+    found = scene.forward_dynamics_jvp(q, qd, tau, *direction, form=form, wrenches=wrenches)
+    expected = sum(matrix @ along for matrix, along in zip(dense, direction, strict=True))
+    assert_near(found, expected, inverse(cond, scale))
+    gradients = scene.forward_dynamics_vjp(q, qd, tau, cotangent, form=form, wrenches=wrenches)
+    for one, matrix in zip(gradients[:3], dense, strict=True):
+        assert_near(one, cotangent @ matrix, inverse(cond, scale))
+    for link, one in gradients.wrenches.items():
+        of_torque = scene.jacobian(q, link) @ gradients.tau
+        assert_near(one, of_torque, inverse(cond, max(scale, largest(of_torque))))
+
+
+def parameters_of(link: phipsi.Link) -> np.ndarray:
+    """(m, m c, I) about the link's origin."""
+    m, c = link.mass, link.com
+    about = link.inertia + m * (c @ c * np.eye(3) - np.outer(c, c))
+    return np.array([m, *(m * c), about[0, 0], about[0, 1], about[1, 1], about[0, 2], about[1, 2], about[2, 2]])
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_torques_are_linear_in_parameters(seed: int) -> None:
+    """Their gradients times themselves, and armature's, are cotangent . tau: of links on which nothing else is fixed."""
+    scene = random_scene(seed, 6, kinds=("revolute", "prismatic", "spherical"), floating_base=seed % 2 == 1)
+    q, qd, qdd = random_states(scene, seed)
+    cotangent = np.random.default_rng(seed).uniform(-1, 1, scene.nv)
+    found = scene.inverse_dynamics_vjp(q, qd, qdd, cotangent, parameters=True)
+    own = np.stack([parameters_of(scene.link(name)) for name in scene.body_names])
+    assert found.parameters.shape == own.shape
+    total = np.sum(found.parameters * own) + found.armature @ scene.armature
+    expected = cotangent @ scene.inverse_dynamics(q, qd, qdd)
+    assert_near(total, expected, recursion(10 * scene.nv, largest(found.parameters * own, expected)))
+    # Gravity is an acceleration of everything the other way.
+    still = np.zeros(scene.nv)
+    held = scene.inverse_dynamics_vjp(q, still, still, cotangent, parameters=True)
+    weight = cotangent @ scene.bias_torque(q, still)
+    assert_near(held.gravity @ scene.gravity, weight, recursion(10 * scene.nv, largest(held.gravity * scene.gravity, weight)))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_hessians_as_differences(seed: int) -> None:
+    """To the two thirds of the digits that differences in float64 leave."""
+    scene, random = a_scene(seed), np.random.default_rng(seed)
+    q, qd, u = random_states(scene, seed)
+    direction, cotangent = random.uniform(-1, 1, (3, scene.nv)), random.uniform(-1, 1, scene.nv)
+    step = 6e-6
+    for hvp, vjp in ((scene.inverse_dynamics_hvp, scene.inverse_dynamics_vjp), (scene.forward_dynamics_hvp, scene.forward_dynamics_vjp)):
+        found = hvp(q, qd, u, cotangent, *direction)
+        assert found[3:] == (None,) * 4
+        ahead, back = (
+            vjp(scene.integrate(q, h * direction[0]), qd + h * direction[1], u + h * direction[2], cotangent)
+            for h in (step, -step)
+        )
+        for one, a, b in zip(found[:3], ahead, back, strict=False):
+            scale = largest(*found[:3], *ahead[:3]) * condition(scene, q)
+            assert_near(one, (a - b) / (2 * step), 1e-8 * scale)
+
+
+def test_batches_and_single_states(mixed: phipsi.Scene) -> None:
+    q, qd, u = random_states(mixed, 3, (4, 5))
+    cotangent = random_states(mixed, 8)[1]
+    found = mixed.forward_dynamics_vjp(q, qd, u, cotangent, wrenches={mixed.link_names[-1]: np.ones((5, 6))}, parameters=True)
+    assert found.parameters.shape == (4, 5, len(mixed.body_names), 10)
+    assert found.gravity.shape == (4, 5, 3) and found.armature.shape == found.q.shape == (4, 5, mixed.nv)
+    assert found.wrenches[mixed.link_names[-1]].shape == (4, 5, 6)
+    one = mixed.forward_dynamics_vjp(
+        q[2, 3], qd[2, 3], u[2, 3], cotangent, wrenches={mixed.link_names[-1]: np.ones(6)}, parameters=True
+    )
+    for name in ("q", "qd", "tau", "parameters", "armature", "gravity"):
+        assert_same_bits(getattr(found, name)[2, 3], getattr(one, name))
+    along = mixed.inverse_dynamics_jvp(q, qd, u, qd[0, 0], qd, 0 * qd)
+    assert along.shape == (4, 5, mixed.nv)
+    assert_same_bits(along[1, 2], mixed.inverse_dynamics_jvp(q[1, 2], qd[1, 2], u[1, 2], qd[0, 0], qd[1, 2], 0 * qd[0, 0]))
+
+
+def test_bad_arguments(arm: phipsi.Scene) -> None:
+    q, qd, u = random_states(arm, 1)
+    arm.forward_dynamics_vjp(q, qd, u, qd)
+    with pytest.raises(ShapeError, match="cotangent"):
+        arm.forward_dynamics_vjp(q, qd, u, qd[:3])
+    with pytest.raises(ShapeError, match="dqd"):
+        arm.inverse_dynamics_jvp(q, qd, u, qd, qd[:3], u)
+    with pytest.raises(NotFiniteError, match="cotangent"):
+        arm.inverse_dynamics_vjp(q, qd, u, np.full(7, np.nan))
+    with pytest.raises(NotFiniteError, match="dtau"):
+        arm.forward_dynamics_jvp(q, qd, u, qd, qd, np.full(7, np.inf))
+    with pytest.raises(NotFiniteError, match="dqdd"):
+        arm.inverse_dynamics_hvp(q, qd, u, qd, qd, qd, np.full(7, np.inf))
+    with pytest.raises(ArgumentError, match="form"):
+        arm.forward_dynamics_vjp(q, qd, u, qd, form="none")
+    with pytest.raises(ArgumentError, match="wrenches"):
+        arm.forward_dynamics_vjp(q, qd, u, qd, wrenches=[1.0])
+    with pytest.raises(ArgumentError, match="wrenches"):
+        arm.forward_dynamics_vjp(q, qd, u, qd, wrenches={"nothing": np.zeros(6)})
+
+
+@pytest.mark.parametrize("parameters", [False, True])
+def test_bad_states_become_nan(arm: phipsi.Scene, parameters: bool) -> None:
+    q, qd, u = random_states(arm, 1, (5,))
+    cotangent = np.array(qd)
+    cotangent[2, 3] = np.nan
+    with pytest.warns(BadStateWarning) as caught:
+        found = arm.forward_dynamics_vjp(q, qd, u, cotangent, parameters=parameters, errors="nan")
+    assert caught[0].message.states == (2,)
+    bad = np.isnan(found.q).all(axis=-1)
+    assert bad.tolist() == [False, False, True, False, False]
+    assert np.isfinite(found.tau[~bad]).all()
