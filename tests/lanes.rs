@@ -67,6 +67,10 @@ fn deep_trees_and_aligned_ones() {
             aligned(34, 61, 0.03),
             aligned(35, 61, 0.3),
             Tree { seed: 36, bodies: 45, kinds: &ALL_KINDS, branching: 0.04, armature: 1.0, floating: true }.scene(),
+            // Fewer joints than a register has columns.
+            aligned(40, 1, 0.0),
+            aligned(41, 2, 0.0),
+            aligned(42, 3, 0.5),
             // Deep ones.
             Tree { seed: 37, bodies: 80, kinds: &ALL_KINDS, branching: 0.02, armature: 1.0, floating: true }.scene(),
             aligned(38, 80, 0.02),

@@ -1,15 +1,22 @@
 //! Methods of `Scene`: derivatives of the dynamics, and the linear system of small deviations.
 
+use super::call::Call;
 use super::choice::read_form;
+use super::cost::Cost;
+use super::errors::asked_by;
 use super::evaluate::Keywords;
 use super::object::{Object, imported};
 use super::output::Output;
 use super::scene::PyScene;
+use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Derivatives};
 use crate::dynamics::derivatives::linear_system;
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PySlice;
+
+/// Linear systems between two looks at signals.
+const AT_A_TIME: usize = 1024;
 
 /// Rough times in one state, ns (see [`Cost`](super::cost::Cost)).
 mod cost {
@@ -128,17 +135,30 @@ impl PyScene {
         let all = all.cast::<PyArrayDyn<f64>>()?.try_readonly()?;
         let batch = &all.shape()[..all.shape().len() - 3];
         let rates = self.rate("qd", qd)?;
-        let rates = rates.over(batch)?;
-        let mut outputs = [
-            Output::unwritten(py, &[batch, &[2 * nv, 2 * nv]].concat())?,
-            Output::unwritten(py, &[batch, &[2 * nv, nv]].concat())?,
-        ];
+        let over = rates.over(batch)?;
+        let output = |shape: &[usize]| {
+            Output::unwritten(py, &[batch, shape].concat()).or_else(|failed| {
+                let inputs = vec![self.configuration("q", q)?, self.rate("qd", qd)?, self.rate("tau", tau)?];
+                let call = Call::new(self, inputs, Wrench::read(&self.scene, wrenches)?, Cost::of(0))?;
+                asked_by(py, &call.asking(), Err(failed))
+            })
+        };
+        let mut outputs = [output(&[2 * nv, 2 * nv])?, output(&[2 * nv, nv])?];
         let [a, b] = &mut outputs;
         if nv > 0 {
             let states = all.as_slice()?.chunks_exact(3 * nv * nv);
             let systems = a.numbers()?.chunks_exact_mut(4 * nv * nv).zip(b.numbers()?.chunks_exact_mut(2 * nv * nv));
-            for (i, (of_state, system)) in states.zip(systems).enumerate() {
-                linear_system(model, rates.state(i), of_state, system);
+            for (i, (of_state, (a, b))) in states.zip(systems).enumerate() {
+                // A bad state's, all of it.
+                if of_state[0].is_nan() {
+                    a.fill(f64::NAN);
+                    b.fill(f64::NAN);
+                } else {
+                    linear_system(model, over.state(i), of_state, (a, b));
+                }
+                if i % AT_A_TIME == 0 {
+                    py.check_signals()?;
+                }
             }
         }
         let [a, b] = outputs.map(Output::finish);

@@ -115,7 +115,7 @@ impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
             for (&i, packed) in rows.iter().zip(&mut packed[begin..end]) {
                 let i = i as usize;
                 // What is behind the last column is another row's, and nobody's result; behind both matrices there is M^-1.
-                *packed = [like.load(&out[i * nv + first..]), like.load(&out[(nv + i) * nv + first..])];
+                *packed = [some(like, &out[i * nv + first..]), some(like, &out[(nv + i) * nv + first..])];
                 let largest = like.spread(largest[i]);
                 terms[0] = largest.mul_add(packed[0].abs(), terms[0]);
                 terms[1] = largest.mul_add(packed[1].abs(), terms[1]);
@@ -126,6 +126,18 @@ impl<T: Real, C: ColumnsOf<T>> Product<T, C> {
         }
         most
     }
+}
+
+/// A block from where a slice begins; of a single joint the slice ends before it, and zeros follow.
+#[inline(always)]
+fn some<T: Real, C: ColumnsOf<T>>(mut like: C, from: &[C::Entry]) -> C {
+    if from.len() >= C::COLUMNS {
+        return like.load(from);
+    }
+    for (column, &entry) in from.iter().enumerate() {
+        like.set_column(column, C::taken(entry));
+    }
+    like
 }
 
 /// The first columns of a block, zero in the others.
