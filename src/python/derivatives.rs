@@ -138,7 +138,7 @@ impl PyScene {
         let over = rates.over(batch)?;
         let output = |shape: &[usize]| {
             Output::unwritten(py, &[batch, shape].concat()).or_else(|failed| {
-                let inputs = vec![self.configuration("q", q)?, self.rate("qd", qd)?, self.rate("tau", tau)?];
+                let inputs = vec![self.configuration::<f64>("q", q)?, self.rate("qd", qd)?, self.rate("tau", tau)?];
                 let call = Call::new(self, inputs, Wrench::read(&self.scene, wrenches)?, Cost::of(0))?;
                 asked_by(py, &call.asking(), Err(failed))
             })

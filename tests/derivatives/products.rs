@@ -597,7 +597,7 @@ fn errors_of_auto(scene: &Scene, state: &State<f64>) -> Option<[f64; 4]> {
 }
 
 fn shown(errors: &[f64]) -> String {
-    errors.iter().map(|error| format!("{error:.1e} ")).collect()
+    errors.iter().map(|error| format!("{error:.1e}")).collect::<Vec<_>>().join(" ")
 }
 
 /// As the dense derivatives of `auto`.
