@@ -8,6 +8,7 @@
 #   make stub      after make test: writes the docstrings of the compiled module into the stub
 #   make instructions   counts instructions with valgrind, fails where there are more than before
 #   make auto-states  what form auto costs at rest, held, falling, ...: writes docs/auto-states.md (two minutes)
+#   make derivatives  after make test: times of derivatives beside Pinocchio's, writes docs/derivative-times.md (a minute)
 #   make leaving-out   counts with valgrind what each switch saves: writes the table of docs/leaving-out.md
 #   make numerics  after make peers: errors on extreme scenes beside the peers', writes docs/numerics.md, its plots and the figures of README.md (ten minutes)
 #   make motion [OUT=report]   after make peers: the study of integrators, beside the peers' (some minutes)
@@ -28,7 +29,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python check bench numerics motion instructions auto-states leaving-out roofline peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python check bench numerics motion instructions auto-states derivatives leaving-out roofline peers peers-there peers-phipsi stub clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -114,6 +115,9 @@ motion: peers-phipsi
 # Builds the bench, runs it under valgrind, compares with benches/instructions/expected.json.
 instructions:
 	$(PYTHON) benches/instructions/count.py
+
+derivatives: $(VENV)/test
+	$(BIN)/python benches/derivatives.py --markdown docs/derivative-times.md
 
 leaving-out:
 	$(PYTHON) benches/leaving_out.py

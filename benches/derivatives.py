@@ -1,0 +1,151 @@
+"""Time of derivatives and of everyday calls from Python, beside Pinocchio's in the same run, as a Markdown page.
+
+Usage: python benches/derivatives.py [--quick] [--markdown FILE]
+
+Needs what the tests need (pin, example-robot-data): run it with .venv, after make test. One thread. Every call is timed in turns with the others of its row.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+import phipsi
+from phipsi.report import kinds
+from phipsi.report.timing import in_turns, looped, one_by_one
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "python"))
+from oracle_pinocchio import Oracle, load  # noqa: E402
+
+#: The file of example-robot-data, and whether it floats.
+ROBOTS = {
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", False),
+    "panda": ("panda_description/urdf/panda.urdf", False),
+    "g1": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", True),
+    "talos": ("talos_data/robots/talos_reduced.urdf", True),
+}
+BATCH = 256
+#: Links of the chains that show growth.
+CHAINS = (7, 100, 1000, 10_000, 100_000)
+
+HEAD = """# Time of derivatives
+
+Made by `make derivatives`, from Python, one thread: medians of calls in turns, us a state. Pinocchio is its wheel `pin`, whose call from Python is in its time as ours is in ours; in batches it is called
+state by state, for it has none, and ours write into an `out` that was used before. Times differ between machines, ratios within some percent. What is computed: [derivatives.md](derivatives.md),
+[products.md](products.md). The page does not show states that lose digits, which form "auto" does again in double-double arithmetic.
+"""
+
+Call = Callable[[], object]
+
+
+def medians(calls: dict[str, Call], quick: bool) -> dict[str, float]:
+    """us of one run of each, in turns."""
+    times = in_turns(list(calls.values()), quick)
+    return dict(zip(calls, np.median(times, axis=0) / 1000.0, strict=True))
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    lines = [head, ["---"] + ["---:"] * (len(head) - 1), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def beside_pinocchio(quick: bool) -> str:
+    """Matrices of robots in the states that they are in."""
+    rows = []
+    for name, (file, floating) in ROBOTS.items():
+        scene, _ = load(file, floating)
+        oracle = Oracle(file, floating, scene)
+        model, data = oracle.model, oracle.data
+        drawn = kinds.draw(scene, BATCH, 0)
+        out = np.empty((BATCH, 3, scene.nv, scene.nv))
+        for kind in (kinds.RANDOM, kinds.REST, kinds.HELD, kinds.FALLING):
+            batch = kinds.state(scene, drawn, kind)
+            few = one_by_one(batch)
+            theirs = [(oracle.configuration(q), oracle.there(qd), oracle.there(u)) for q, qd, u in few]
+            pairs = {
+                "dtau": (scene.inverse_dynamics_derivatives, lambda *state: pin.computeRNEADerivatives(model, data, *state)),  # noqa: B023
+                "dqdd": (scene.forward_dynamics_derivatives, lambda *state: pin.computeABADerivatives(model, data, *state)),  # noqa: B023
+            }
+            row = [f"{name}, {kind}"]
+            for ours, other in pairs.values():
+                found = medians(
+                    {
+                        "one": looped(ours, few),
+                        "pin": looped(other, theirs),
+                        "batch": lambda: ours(*batch, out=out),  # noqa: B023
+                    },
+                    quick,
+                )
+                one, peer, many = found["one"] / len(few), found["pin"] / len(few), found["batch"] / BATCH
+                row += [f"{one:.2f}", f"{many:.2f}", f"{peer:.2f}", f"{peer / one:.1f}", f"{peer / many:.1f}"]
+            rows.append(row)
+    head = ["", "dtau, one", "batches", "pin", "one", "batches", "dqdd, one", "batches", "pin", "one", "batches"]
+    return "Matrices: us a state, and how many times less than Pinocchio takes, of one state a call and of batches of " + f"{BATCH}.\n\n{table(head, rows)}"
+
+
+def for_control(quick: bool) -> str:
+    scene, _ = load(*ROBOTS["g1"])
+    q, qd, tau = (argument[0] for argument in kinds.state(scene, kinds.draw(scene, 1, 0), kinds.HELD))
+    found = medians({"linearize": lambda: scene.linearize(q, qd, tau)}, quick)
+    return f"A and B of g1 that floats (`scene.linearize`), one state: {found['linearize']:.1f} us."
+
+
+def products(quick: bool) -> str:
+    """Gradients beside forward dynamics, and how both grow."""
+    scenes = {name: load(*ROBOTS[name])[0] for name in ("g1", "talos")}
+    scenes.update({f"chain of {n}": phipsi.scenes.chain(n) for n in CHAINS})
+    rows = []
+    for name, scene in scenes.items():
+        random = np.random.default_rng(1)
+        q = scene.integrate(scene.neutral(), random.uniform(-1, 1, scene.nv))
+        qd, tau, c = random.uniform(-1, 1, (3, scene.nv))
+        calls: dict[str, Call] = {
+            "FD": lambda: scene.forward_dynamics(q, qd, tau, form="covariance"),  # noqa: B023
+            "vjp": lambda: scene.forward_dynamics_vjp(q, qd, tau, c, form="covariance"),  # noqa: B023
+            "FD auto": lambda: scene.forward_dynamics(q, qd, tau),  # noqa: B023
+            "vjp auto": lambda: scene.forward_dynamics_vjp(q, qd, tau, c),  # noqa: B023
+            "jvp auto": lambda: scene.forward_dynamics_jvp(q, qd, tau, qd, tau, c),  # noqa: B023
+        }
+        found = medians(calls, quick)
+        per_joint = 1000.0 * found["vjp"] / scene.nv
+        ratios = [found["vjp"] / found["FD"], found["vjp auto"] / found["FD auto"]]
+        rows.append([name, *(f"{found[call]:.2f}" for call in calls), *(f"{ratio:.2f}" for ratio in ratios), f"{per_joint:.0f}"])
+    head = ["one state, us", "FD, covariance", "vjp, covariance", "FD, auto", "vjp, auto", "jvp, auto", "vjp / FD, covariance", "auto", "vjp, ns a joint"]
+    return "Gradients of c . qdd by q, qd and tau (`forward_dynamics_vjp`) beside forward dynamics itself.\n\n" + table(head, rows)
+
+
+def everyday(quick: bool) -> str:
+    scene, _ = load(*ROBOTS["ur5"])
+    q, qd, tau = (argument[0] for argument in kinds.state(scene, kinds.draw(scene, 1, 0), kinds.FALLING))
+    link, simulator = scene.link_names[-1], scene.simulator(q, qd, dt=1e-5)
+    calls: dict[str, Call] = {
+        f"placement of {link}": lambda: scene.placement(q, link),
+        f"Jacobian of {link}": lambda: scene.jacobian(q, link),
+        "a step of `simulator`, auto": lambda: simulator.step(tau),
+        "gravity torque": lambda: scene.gravity_torque(q),
+        "Coriolis matrix": lambda: scene.coriolis_matrix(q, qd),
+        "mass centre": lambda: scene.center_of_mass(q),
+    }
+    rows = [[name, f"{time:.2f}"] for name, time in medians(calls, quick).items()]
+    return "Everyday calls, ur5, one state.\n\n" + table(["", "us"], rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="fewer turns")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the page, as make derivatives does")
+    options = parser.parse_args()
+    phipsi.set_num_threads(1)
+    parts = [part(options.quick) for part in (beside_pinocchio, for_control, products, everyday)]
+    page = "\n\n".join([HEAD.strip(), *parts])
+    if options.markdown is None:
+        print(page)
+    else:
+        options.markdown.write_text(f"{page}\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
