@@ -120,7 +120,7 @@ def products(quick: bool) -> str:
 def everyday(quick: bool) -> str:
     scene, _ = load(*ROBOTS["ur5"])
     q, qd, tau = (argument[0] for argument in kinds.state(scene, kinds.draw(scene, 1, 0), kinds.FALLING))
-    link, simulator = scene.link_names[-1], scene.simulator(q, qd, dt=1e-5)
+    link, simulator = scene.body_names[-1], scene.simulator(q, qd, dt=1e-5)
     calls: dict[str, Call] = {
         f"placement of {link}": lambda: scene.placement(q, link),
         f"Jacobian of {link}": lambda: scene.jacobian(q, link),

@@ -127,13 +127,13 @@ LONG: dict[str, Callable[[], Call]] = {
     "mass_matrix": batch(100, 15_000, lambda scene, q: scene.mass_matrix(q)),
     "mass_matrix_inverse": batch(100, 15_000, lambda scene, q: scene.mass_matrix_inverse(q)),
     "inverse_dynamics_derivatives": batch(300, 400, lambda scene, q: scene.inverse_dynamics_derivatives(q, q, q)),
-    "forward_dynamics_derivatives": batch(30, 5_000, lambda scene, q: scene.forward_dynamics_derivatives(q, q, q)),
+    "forward_dynamics_derivatives": batch(300, 200, lambda scene, q: scene.forward_dynamics_derivatives(q, q, q)),
     "forward_dynamics_derivatives, one": of_one(1500, lambda scene, q: scene.forward_dynamics_derivatives(q, q, q)),
     "coriolis_matrix": batch(300, 800, lambda scene, q: scene.coriolis_matrix(q, q)),
     "mass_matrix_derivative": batch(300, 800, lambda scene, q: scene.mass_matrix_derivative(q, q)),
-    "inverse_dynamics_jvp": batch(30, 200_000, lambda scene, q: scene.inverse_dynamics_jvp(q, q, q, q, q, q)),
+    "inverse_dynamics_jvp": batch(300, 200_000, lambda scene, q: scene.inverse_dynamics_jvp(q, q, q, q, q, q)),
     "forward_dynamics_jvp": batch(30, 100_000, lambda scene, q: scene.forward_dynamics_jvp(q, q, q, q, q, q)),
-    "inverse_dynamics_vjp": batch(30, 200_000, lambda scene, q: scene.inverse_dynamics_vjp(q, q, q, q)),
+    "inverse_dynamics_vjp": batch(300, 200_000, lambda scene, q: scene.inverse_dynamics_vjp(q, q, q, q)),
     "forward_dynamics_vjp": batch(30, 100_000, lambda scene, q: scene.forward_dynamics_vjp(q, q, q, q)),
     "forward_dynamics_vjp, parameters": batch(
         30, 50_000, lambda scene, q: scene.forward_dynamics_vjp(q, q, q, q, parameters=True)
