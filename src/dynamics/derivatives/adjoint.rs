@@ -57,7 +57,7 @@ impl<T: Real> CoStates<T> {
 pub struct Constants<'a, T> {
     /// Of the wrenches, one a body, in the body's frame.
     pub wrenches: &'a mut [Vector6<T>],
-    /// Of (m, m c, I) of each body about its frame's origin; see [`parameters`].
+    /// Of (m, m c, I) of each body about its frame's origin, in the order (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz).
     pub parameters: &'a mut [Parameters<T>],
     /// Of the armature of each degree of freedom.
     pub armature: &'a mut [T],
