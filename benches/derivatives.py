@@ -61,7 +61,7 @@ def beside_pinocchio(quick: bool) -> str:
         model, data = oracle.model, oracle.data
         drawn = kinds.draw(scene, BATCH, 0)
         out = np.empty((BATCH, 3, scene.nv, scene.nv))
-        for kind in (kinds.RANDOM, kinds.REST, kinds.HELD, kinds.FALLING):
+        for kind in (kinds.RANDOM, kinds.REST, kinds.HELD, kinds.FALLING, kinds.MOVING):
             batch = kinds.state(scene, drawn, kind)
             few = one_by_one(batch)
             theirs = [(oracle.configuration(q), oracle.there(qd), oracle.there(u)) for q, qd, u in few]

@@ -21,8 +21,8 @@ __all__ = [
     "carried_back",
     "carried_back_derivative",
     "carried_back_matrix",
-    "matrix_of",
     "rotation",
+    "skew",
     "tangent",
 ]
 
@@ -64,10 +64,11 @@ def by_quaternion(quaternion: _Array, u: _Array, sign: float = 1.0) -> _Array:
     return _rotated(unit[..., :3], u, 2.0 * sign * unit[..., 3:], 2.0)
 
 
-def matrix_of(w: _Array) -> _Array:
-    """The matrix of w x, (3, 3)."""
-    x, y, z = w
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+def skew(w: _Array) -> _Array:
+    """The matrix of w x, (..., 3) to (..., 3, 3)."""
+    x, y, z = np.moveaxis(w, -1, 0)
+    o = np.zeros_like(x)
+    return np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], -2)
 
 
 def rotation(w: _Array) -> _Array:
@@ -96,11 +97,11 @@ def carried_back_derivative(w: _Array, u: _Array) -> _Array:
     else:
         half = 0.5 * t
         slope = ((half / np.sin(half) ** 2 - 1 / np.tan(half)) / (2 * t) - 2 * c) / t**2
-    product, turn = np.cross(w, u), matrix_of(u)
-    through = matrix_of(product) + matrix_of(w) @ turn
+    product, turn = np.cross(w, u), skew(u)
+    through = skew(product) + skew(w) @ turn
     return np.asarray(-0.5 * turn - c * through + slope * np.outer(np.cross(w, product), w))
 
 
 def by_vector_derivative(w: _Array, u: _Array) -> _Array:
     """d(exp(w) u)/dw = -exp(w) U J(w), (3, 3), U the matrix of u x."""
-    return -rotation(w) @ matrix_of(u) @ tangent(w)
+    return -rotation(w) @ skew(u) @ tangent(w)

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ._chart import by_quaternion, skew
+
 if TYPE_CHECKING:
     from ._core import Scene
 
@@ -22,18 +24,9 @@ SMALL = 0.5
 TERMS = 14
 
 
-def skew(w: Array) -> Array:
-    """w~ of vectors, (..., 3) to (..., 3, 3): w~ u = w x u."""
-    x, y, z = np.moveaxis(w, -1, 0)
-    o = np.zeros_like(x)
-    return np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], -2)
-
-
 def rotation(quaternion: Array) -> Array:
     """R of quaternions (x, y, z, w) of any norm, (..., 4) to (..., 3, 3)."""
-    unit = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
-    v, s = skew(unit[..., :3]), unit[..., 3, None, None]
-    return np.asarray(np.eye(3) + 2.0 * (s * v + v @ v))
+    return np.swapaxes(by_quaternion(quaternion[..., None, :], np.eye(3)), -1, -2)
 
 
 def right_jacobian(a: Array, angle: Array) -> Array:

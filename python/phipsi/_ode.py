@@ -25,10 +25,11 @@ from ._chart import (
     carried_back,
     carried_back_derivative,
     carried_back_matrix,
-    matrix_of,
     rotation,
+    skew,
     tangent,
 )
+from ._coordinates import Coordinates
 from ._motion import PD, Trajectory
 
 if TYPE_CHECKING:
@@ -98,18 +99,9 @@ class Ode:
                 self._configuration("pd.target", law.target),
                 rates("pd.target_rate", law.target_rate, 0.0, signed=True),
             )
-        #: Where the rotations are: (in q, in v) of the vectors and of the quaternions, and of what a free joint moves by.
-        self._turns: list[tuple[slice, slice]] = []
-        self._moves: list[tuple[slice, slice, slice, slice]] = []
-        for joint in scene.joint_names:
-            q, v = scene.q_index(joint), scene.v_index(joint)
-            if q.stop - q.start == 4:
-                self._turns.append((slice(q.start, q.stop), slice(v.start, v.stop)))
-            elif q.stop - q.start == 7:
-                place, turn = slice(q.start, q.start + 3), slice(q.start + 3, q.stop)
-                linear, angular = slice(v.start, v.start + 3), slice(v.start + 3, v.stop)
-                self._turns.append((turn, angular))
-                self._moves.append((place, turn, linear, angular))
+        #: Where the rotations are, and what a free joint moves by.
+        coordinates = Coordinates(scene)
+        self._turns, self._moves = coordinates.turns, coordinates.moves
         self._centre = scene.neutral()
 
     def _configuration(self, name: str, value: ArrayLike) -> _Array:
@@ -165,7 +157,7 @@ class Ode:
         for _, angular in self._turns:
             change[angular, angular] = carried_back_matrix(away[angular])
         for _, _, linear, angular in self._moves:
-            change[linear, angular] = matrix_of(away[linear])
+            change[linear, angular] = skew(away[linear])
         return change
 
     def rhs(self, t: float, y: ArrayLike) -> _Array:

@@ -2,6 +2,7 @@
 
 use super::accelerations;
 use super::arms::{Entry, Target, Vectorised, Work};
+use super::finite::entries_not_finite;
 use crate::algorithm::Derivatives;
 use crate::dynamics::auto;
 use crate::dynamics::derivatives::{DerivativeColumns, Kept, Matrices, Product, in_sweeps};
@@ -9,7 +10,7 @@ use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::{self, InverseColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::model::Model;
-use crate::scalar::{ColumnsOf, Real, lanes_but};
+use crate::scalar::{ColumnsOf, lanes_but};
 use nalgebra::Vector6;
 
 /// What they need beside the scratch of the dynamics; made when derivatives are first asked for.
@@ -66,12 +67,8 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call:
         if !matches!(form, Form::Auto | Form::Covariance) || !scene.1.is_shallow() {
             return u64::MAX;
         }
-        if form == Form::Auto {
-            // Judged by right sides that are made up, for the columns are many: by the torques alone more would pass.
-            doubt = factor_watched(target, scene, scratch, (q, qdd));
-        }
         let call = accelerations::Call { scene, scratch, state: (q, qd, u), wrenches, qdd };
-        doubt |= accelerations::by_covariance(target, call);
+        doubt = with_factor(target, form, call);
     }
     let (kind, qdd) = match which {
         Derivatives::InverseDynamics => (Matrices::Derivatives, Some(u)),
@@ -117,19 +114,19 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call:
         if form == Some(Form::Auto) {
             doubt |= cancels;
         }
-        fault += not_finite::<T>(columns.like(), to);
+        fault += entries_not_finite::<T>(columns.like(), to);
         if T::LANES > 1 {
             T::put_entries(matrices, all, out);
         }
     } else if T::LANES > 1 {
-        fault += not_finite::<T>(columns.like(), &numbers);
+        fault += entries_not_finite::<T>(columns.like(), &numbers);
         let chosen = columns.chosen();
         T::put_entries(&numbers, if is_whole { chosen } else { &chosen[size / 3..size / 3 * 2] }, out);
     } else if is_whole {
-        fault += not_finite::<T>(columns.like(), T::entries_in(&mut *matrices, out));
+        fault += entries_not_finite::<T>(columns.like(), T::entries_in(&mut *matrices, out));
     } else {
         let asked = &matrices[size / 3..size / 3 * 2];
-        fault += not_finite::<T>(columns.like(), asked);
+        fault += entries_not_finite::<T>(columns.like(), asked);
         for (out, &entry) in out.iter_mut().zip(asked) {
             *out = T::Columns::taken(entry).lanes()[0];
         }
@@ -139,25 +136,6 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Derivatives, call:
         doubt |= u64::from(fault.lane(lane) != 0.0) << lane;
     }
     doubt
-}
-
-/// Zero where all are finite, else NaN: blocks of them at once, in sums that do not wait for each other.
-#[inline(always)]
-fn not_finite<T: Vectorised>(like: T::Columns, entries: &[Entry<T>]) -> T {
-    let (mut sums, zero, width) = ([like; 4], like.constant(0.0), T::Columns::COLUMNS);
-    let (whole, mut fault) = (entries.chunks_exact(width), T::zero());
-    for &entry in whole.remainder() {
-        fault = T::Columns::taken(entry).mul_add(T::zero(), fault);
-    }
-    for (i, block) in whole.enumerate() {
-        sums[i % 4] = like.load(block).mul_add(zero, sums[i % 4]);
-    }
-    let [a, b, c, d] = sums;
-    let all = (a + b) + (c + d);
-    for column in 0..width {
-        fault += all.column(column);
-    }
-    fault
 }
 
 /// dtau/dq, dtau/dqd and M, or the Coriolis matrix: compiled once for all that asks for them.
@@ -186,6 +164,48 @@ impl<T: Vectorised> Work for OfTorques<'_, T> {
     fn call(self) {
         let Self(scene, scratch, (state, matrices), out) = self;
         in_sweeps(scene, scratch, state, matrices, out);
+    }
+}
+
+/// The accelerations of a state, and the factor of M that more right sides are to go through; the lanes in doubt.
+#[inline(always)]
+pub(super) fn with_factor<T: Vectorised, I: Target>(target: I, form: Form, call: accelerations::Call<'_, T>) -> u64 {
+    if form != Form::Auto {
+        return accelerations::by_covariance(target, call);
+    }
+    // Judged by right sides that are made up, for more are to come: by the torques alone more would pass.
+    let accelerations::Call { scene, scratch, state, wrenches, qdd } = call;
+    let doubt = factor_watched(target, scene, scratch, (state.0, qdd));
+    of_factor(target, scene, scratch, state, (wrenches, qdd));
+    doubt
+}
+
+/// The accelerations, by the factor that is there; compiled once for all that asks for them.
+#[inline(never)]
+fn of_factor<T: Vectorised, I: Target>(
+    target: I,
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &mut SweepScratch<T>,
+    state: (&[T], &[T], &[T]),
+    forces: (&[Vector6<T>], &mut [T]),
+) {
+    target.within(OfFactor(scene, scratch, state, forces));
+}
+
+struct OfFactor<'a, T: Vectorised>(
+    (&'a Model<T>, &'a SweepModel<T>),
+    &'a mut SweepScratch<T>,
+    (&'a [T], &'a [T], &'a [T]),
+    (&'a [Vector6<T>], &'a mut [T]),
+);
+
+impl<T: Vectorised> Work for OfFactor<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self(scene, scratch, state, (wrenches, qdd)) = self;
+        sweeps::accelerations_of_factor::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
     }
 }
 

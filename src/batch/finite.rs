@@ -1,6 +1,7 @@
 //! Whether numbers are finite, without a branch on each.
 
-use crate::scalar::Real;
+use super::arms::{Entry, Vectorised};
+use crate::scalar::{ColumnsOf, Real};
 
 /// Zero where `x` is finite, else NaN; no branch.
 #[inline(always)]
@@ -31,4 +32,23 @@ pub(super) fn any_not_finite<T: Real>(numbers: &[T]) -> T {
     }
     let [a, b, c, d] = sums;
     (a + b) + (c + d)
+}
+
+/// The same of the entries of matrices, as many at once as a block holds.
+#[inline(always)]
+pub(super) fn entries_not_finite<T: Vectorised>(like: T::Columns, entries: &[Entry<T>]) -> T {
+    let (mut sums, zero, width) = ([like; 4], like.constant(0.0), T::Columns::COLUMNS);
+    let (whole, mut fault) = (entries.chunks_exact(width), T::zero());
+    for &entry in whole.remainder() {
+        fault = T::Columns::taken(entry).mul_add(T::zero(), fault);
+    }
+    for (i, block) in whole.enumerate() {
+        sums[i % 4] = like.load(block).mul_add(zero, sums[i % 4]);
+    }
+    let [a, b, c, d] = sums;
+    let all = (a + b) + (c + d);
+    for column in 0..width {
+        fault += all.column(column);
+    }
+    fault
 }

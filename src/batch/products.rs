@@ -2,12 +2,12 @@
 
 use super::accelerations;
 use super::arms::{Target, Vectorised, Work};
-use super::derivatives::factor_watched;
+use super::derivatives::with_factor;
 use super::finite::any_not_finite;
 use crate::algorithm::Products;
 use crate::dynamics::derivatives::{Changes, CoStates, Directions, gradients_in_sweeps, tangent_in_sweeps};
 use crate::dynamics::forces::Motion;
-use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
+use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::model::Model;
 use nalgebra::Vector6;
@@ -59,16 +59,11 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: Ca
     let ProductKernel { co_states, changes, seeds: [first, second, third], qdd, x, results } = kernel;
     let results = &mut results[..which.count() * first.len()];
     if let Some(form) = which.form() {
-        let call = accelerations::Call { scene, scratch: &mut *scratch, state, wrenches, qdd: &mut *qdd };
-        match form {
-            Form::Covariance => doubt = accelerations::by_covariance(target, call),
-            Form::Auto => {
-                // Judged by right sides that are made up, for another one is to come.
-                doubt = factor_watched(target, scene, call.scratch, (q, call.qdd));
-                target.within(OfFactor(scene, scratch, state, (wrenches, qdd)));
-            }
-            Form::SquareRoot | Form::Joseph => return u64::MAX,
+        if matches!(form, Form::SquareRoot | Form::Joseph) {
+            return u64::MAX;
         }
+        let call = accelerations::Call { scene, scratch: &mut *scratch, state, wrenches, qdd: &mut *qdd };
+        doubt = with_factor(target, form, call);
     }
     let qdd = if which.form().is_some() { &qdd[..] } else { u };
     let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
@@ -93,24 +88,6 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: Ca
         doubt |= u64::from(fault.lane(lane) != 0.0) << lane;
     }
     doubt
-}
-
-/// The accelerations, by the factor that is there.
-struct OfFactor<'a, T: Vectorised>(
-    (&'a Model<T>, &'a SweepModel<T>),
-    &'a mut SweepScratch<T>,
-    (&'a [T], &'a [T], &'a [T]),
-    (&'a [Vector6<T>], &'a mut [T]),
-);
-
-impl<T: Vectorised> Work for OfFactor<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self(scene, scratch, state, (wrenches, qdd)) = self;
-        sweeps::accelerations_of_factor::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
-    }
 }
 
 /// Along a direction.

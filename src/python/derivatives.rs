@@ -6,14 +6,13 @@ use super::cost::Cost;
 use super::errors::asked_by;
 use super::evaluate::Keywords;
 use super::object::{Object, imported};
-use super::output::Output;
+use super::output::{Output, part};
 use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Derivatives};
 use crate::dynamics::derivatives::linear_system;
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::PySlice;
 
 /// Linear systems between two looks at signals.
 const AT_A_TIME: usize = 1024;
@@ -62,7 +61,7 @@ impl PyScene {
         let keywords = Keywords { wrenches, out, dtype: None, errors, info: false };
         let given = [("q", q), ("qd", qd), ("qdd", qdd)];
         let all = self.derivatives(py, Derivatives::InverseDynamics, cost::BODY, given, &keywords)?;
-        class.call1((part(&all, 0)?, part(&all, 1)?, part(&all, 2)?))
+        class.call1((part(&all, 2, 0)?, part(&all, 2, 1)?, part(&all, 2, 2)?))
     }
 
     /// Derivatives of forward dynamics, in the tangent space of q: dqdd/dq = -M^-1 dtau/dq, dqdd/dqd = -M^-1 dtau/dqd and dqdd/dtau = M^-1.
@@ -99,7 +98,7 @@ impl PyScene {
         let keywords = Keywords { wrenches, out, dtype: None, errors, info: false };
         let given = [("q", q), ("qd", qd), ("tau", tau)];
         let all = self.derivatives(py, which, cost::WITH_FACTOR, given, &keywords)?;
-        class.call1((part(&all, 0)?, part(&all, 1)?, part(&all, 2)?))
+        class.call1((part(&all, 2, 0)?, part(&all, 2, 1)?, part(&all, 2, 2)?))
     }
 
     /// The linear system dx/dt = A x + B u of small deviations from the motion through a state, x = (tangent of q, change of qd), u a change of tau.
@@ -219,14 +218,4 @@ impl PyScene {
         let body = body + cost::PAIR * self.scene.nv();
         self.evaluate(py, Algorithm::Derivatives(which), body, given, keywords)
     }
-}
-
-/// One of the matrices of each state: a view.
-fn part<'py>(all: &Object<'py>, which: usize) -> PyResult<Object<'py>> {
-    let py = all.py();
-    if all.getattr("ndim")?.extract::<usize>()? == 3 {
-        return all.get_item(which);
-    }
-    let whole = PySlice::full(py);
-    all.get_item((py.Ellipsis(), which, &whole, &whole))
 }

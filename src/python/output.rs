@@ -12,6 +12,7 @@ use numpy::{
     PyUntypedArrayMethods, ToPyArray,
 };
 use pyo3::prelude::*;
+use pyo3::types::PySlice;
 use std::ops::Range;
 
 /// What most methods return.
@@ -158,4 +159,17 @@ pub(super) fn from_numbers<'py>(py: Python<'py>, numbers: &[f64], shape: &[usize
     let width = shape.last().copied().unwrap_or(1);
     output.gather(py, width, numbers.chunks_exact(width.max(1)))?;
     output.finish_or_scalar()
+}
+
+/// One of the vectors or matrices (of one axis or two) that stand one after another in the result of each state: a view.
+pub(super) fn part<'py>(all: &Object<'py>, axes: usize, which: usize) -> PyResult<Object<'py>> {
+    if all.cast::<PyUntypedArray>()?.ndim() == axes + 1 {
+        return all.get_item(which);
+    }
+    let (py, whole) = (all.py(), PySlice::full(all.py()));
+    if axes == 1 {
+        all.get_item((py.Ellipsis(), which, whole))
+    } else {
+        all.get_item((py.Ellipsis(), which, &whole, &whole))
+    }
 }

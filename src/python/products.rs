@@ -6,7 +6,7 @@ use super::cost::Cost;
 use super::errors::asked_by;
 use super::input::Input;
 use super::object::{Object, imported};
-use super::output::Output;
+use super::output::{Output, part};
 use super::scene::PyScene;
 use super::scratch::{OnBodies, Scratch};
 use super::wrenches::Wrench;
@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::scene::Scene;
 use crate::spatial::{RigidShift, SpatialVector};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyMapping, PySlice, PyTuple};
+use pyo3::types::{PyDict, PyMapping, PyTuple};
 
 /// Rough times of one body in one state, ns (see [`Cost`]).
 mod cost {
@@ -285,7 +285,7 @@ impl PyScene {
             let mut output = call.output(py, &[3, nv], None, Output::unwritten)?;
             call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
             let all = output.finish().into_any();
-            return class.call1((part(&all, 0)?, part(&all, 1)?, part(&all, 2)?));
+            return class.call1((part(&all, 1, 0)?, part(&all, 1, 1)?, part(&all, 1, 2)?));
         }
         let place = |name: &str| scene.link(name).map(|link| (link.body, link.placement));
         let wrenched = names.iter().map(|name| place(name)).collect::<Result<Vec<Place>, Error>>()?;
@@ -329,12 +329,6 @@ impl PyScene {
         })?;
         call.parts((py, class), results.numbers()?, &vec![vec![nv]; 3], &[])
     }
-}
-
-/// One of the three vectors of each state: a view.
-fn part<'py>(all: &Object<'py>, which: usize) -> PyResult<Object<'py>> {
-    let whole = PySlice::full(all.py());
-    all.get_item((all.py().Ellipsis(), which, whole))
 }
 
 /// All gradients of one state, those by what is constant behind those of the state: of wrenches in their links' frames, then of the links' parameters, armature and

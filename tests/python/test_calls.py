@@ -10,7 +10,8 @@ from tolerances import EPS, assert_near, product, size
 
 import phipsi
 from phipsi import _calls
-from phipsi._coordinates import Coordinates, right_jacobian, skew
+from phipsi._chart import skew
+from phipsi._coordinates import Coordinates, right_jacobian
 
 #: Step of differences of fourth order, and what they leave of a function of like size: rounding over the step, and truncation.
 STEP = 2e-3

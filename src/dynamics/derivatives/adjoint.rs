@@ -3,12 +3,12 @@
 //! With x the cotangent of tau, u = phi* H* x goes outward beside the velocity V and the acceleration A, weight included; then, inward,
 //!
 //! - F, the force through a joint; G = M u + sum phi G; Y = B* u + sum R Y, a moment (B as in [`BodyCoriolis`](super::BodyCoriolis));
-//! - e = -`A_p` x* G + `V_p` x* (`V_p` x* G - Y) - `u_p` x* F, which q feels: `q_bar` = H e;
+//! - e = -`A_p` x* G + `V_p` x* (`V_p` x* G - Y) - `u_p` x* F; `q_bar` = H e;
 //! - `qd_bar` = H (Y - (`V_p` + V) x* G) and `qdd_bar` = H G + r x.
 //!
 //! `V_p`, `A_p` and `u_p` are the parent's, as they are seen at the joint.
 
-use super::outward::{ABOUT_Z, past_axial};
+use super::outward::{ABOUT_Z, carried, needed_force, past_joint};
 use super::parameters::{self, Parameters};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::SweepModel;
@@ -16,7 +16,7 @@ use crate::dynamics::sweeps::body::SweepBody;
 use crate::dynamics::sweeps::joint::{self, Joint, with_axial};
 use crate::dynamics::sweeps::scratch::SweepScratch;
 use crate::filter::Rows;
-use crate::kinematics::{joint_motion, motion_past_joint};
+use crate::kinematics::joint_motion;
 use crate::model::{Body, Model, Motion as JointMotion};
 use crate::scalar::{Real, larger};
 use crate::spatial::transform::Transform;
@@ -106,39 +106,23 @@ fn base_to_tip<T: Real>(
     *terms = o;
     motions[0] = [[o; 6], [o, o, o, -g[0], -g[1], -g[2]], [o; 6]];
     for (place, body) in sweeps.swept().iter().enumerate() {
-        let [v, a, u] = motions[body.places.parent_outward];
-        let (seen, own) = match body.joint {
-            Joint::Axial(axis) => {
-                let seen = with_axial!(axis, scratch.own[place].turn, sweeps, body.offset, transform, {
-                    [transform.carry_motion(&v), transform.carry_motion(&a), transform.carry_motion(&u)]
-                });
-                let (sense, mut co_state) = (o.splat(body.sense), seen[2]);
-                let [velocity, acceleration] = past_axial(&[seen[0], seen[1]], body.row, sense, state);
-                co_state[ABOUT_Z] = cotangent[body.row].mul_add(sense, co_state[ABOUT_Z]);
-                (seen, [velocity, acceleration, co_state])
+        let seen = carried((sweeps, scratch), (place, body), motions[body.places.parent_outward]);
+        let [velocity, acceleration] = past_joint(sweeps, body, &[seen[0], seen[1]], state);
+        let mut co_state = seen[2];
+        match body.joint {
+            Joint::Axial(_) => {
+                co_state[ABOUT_Z] = cotangent[body.row].mul_add(o.splat(body.sense), co_state[ABOUT_Z]);
             }
             Joint::Prismatic(at, _) | Joint::Free(at) | Joint::General(at) => {
-                let shift = &scratch.shifts[at];
-                let seen = [shift.carry_motion(&v), shift.carry_motion(&a), shift.carry_motion(&u)];
-                let (carried, at_joint) = ((Vector6::from(seen[0]), Vector6::from(seen[1])), &sweeps.shifting[at]);
-                let (v, mut a) = motion_past_joint(at_joint, body.row, &carried, state.qd);
-                if let Some(qdd) = state.qdd {
-                    a = sum(&a, &joint_motion(at_joint, body.row, qdd));
-                }
-                let u = sum(&Vector6::from(seen[2]), &joint_motion(at_joint, body.row, cotangent));
-                (seen, [v.into(), a.into(), u.into()])
-            }
-        };
-        let inertia = body.inertia(o);
-        let vectors = [Vector6::from(own[0]), Vector6::from(own[1]), Vector6::from(own[2])];
-        let [velocity, acceleration, co_state] = &vectors;
-        let mut force: [T; 6] = inertia.bias_force(velocity, acceleration).into();
-        if !state.wrenches.is_empty() {
-            for (f, given) in force.iter_mut().zip(body.frame.apply(&state.wrenches[body.index])) {
-                *f -= given;
+                let at_joint = joint_motion(&sweeps.shifting[at], body.row, cotangent);
+                co_state = sum(&Vector6::from(co_state), &at_joint).into();
             }
         }
-        forces[place] = force;
+        let own = [velocity, acceleration, co_state];
+        let inertia = body.inertia(o);
+        let vectors = [Vector6::from(own[0]), Vector6::from(own[1]), Vector6::from(own[2])];
+        let [velocity, _, co_state] = &vectors;
+        forces[place] = needed_force(body, &inertia, &[own[0], own[1]], state);
         pulls[place] = inertia.mul_motion(co_state).into();
         turns[place] = turn(&inertia, velocity, co_state);
         let [xx, _, _, yy, _, zz] = inertia.rotational.entries;

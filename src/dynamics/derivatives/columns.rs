@@ -1,7 +1,7 @@
 //! Tip to base: the columns of all degrees of freedom side by side, and the entries that each shares with all that is inboard of it.
 
 use super::Kept;
-use super::felt::{Column, column, in_column, in_row, parts};
+use super::column::{Column, column, in_column, in_row, parts};
 use super::hinge::hinge_cross_force;
 use super::outward::ABOUT_Z;
 use crate::dynamics::columns::{spread_hinge, spread_shift};
@@ -226,13 +226,13 @@ impl<T: Real, C: ColumnsOf<T>> Inward<'_, T, C> {
         let row = body.row + i;
         let (hinge, sense) =
             (spread_hinge(self.like, rows.row(i)), self.like.spread(self.noise[row].splat(body.sense)));
-        let felt = self.kept.felt[row].spread(self.like);
+        let effect = self.kept.effect[row].spread(self.like);
         let at_row = &self.layout.places[row];
         // From the last one: what is in lanes without a column is written over.
         for at in blocks.rev() {
             let mut column = self.columns[at];
             let entries = in_row(&column, &hinge, sense);
-            let mirrored = in_column(&column, &felt, &hinge, sense);
+            let mirrored = in_column(&column, &effect, &hinge, sense);
             if T::LANES > 1 {
                 self.to.put_pair::<T, C>(at_row.entries + (at - at_row.block), entries, mirrored);
             } else {
@@ -258,13 +258,13 @@ impl<T: Real, C: ColumnsOf<T>> Inward<'_, T, C> {
     fn own_column(&mut self, (place, body): (usize, &SweepBody<T::Parameter>), rows: &Rows<T>, i: usize) -> Column<T> {
         let (hinge, row) = (rows.row(i), body.row + i);
         let sense = self.noise[row].splat(body.sense);
-        let Kept { composites, coriolis, forces, felt, .. } = &*self.kept;
-        let (composite, b, felt) = (&composites[place], &coriolis[place], &felt[row]);
+        let Kept { composites, coriolis, forces, effect, .. } = &*self.kept;
+        let (composite, b, effect) = (&composites[place], &coriolis[place], &effect[row]);
         let along: [T; 6] = hinge.covariance_column(&composite.to_symmetric()).into();
         let (moment, rate) = (b.moment(&hinge), b.column(&hinge));
-        let position: [T; 6] = composite.mul_motion(&Vector6::from(felt.acceleration)).into();
-        let by_rate: [T; 6] = composite.mul_motion(&Vector6::from(felt.by_rate)).into();
-        let turned = b.mul_angular(&felt.velocity);
+        let position: [T; 6] = composite.mul_motion(&Vector6::from(effect.acceleration)).into();
+        let by_rate: [T; 6] = composite.mul_motion(&Vector6::from(effect.by_rate)).into();
+        let turned = b.mul_angular(&effect.velocity);
         let mut whole = column(&along, &moment, &position, &by_rate);
         for k in 0..6 {
             whole[k] *= sense;

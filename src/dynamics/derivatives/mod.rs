@@ -10,11 +10,12 @@
 //! Everything is in body frames, where digits do not depend on how far from the base's origin a robot is.
 
 mod adjoint;
+mod column;
 mod columns;
 mod coriolis;
 mod doubled;
 mod doubled_products;
-mod felt;
+mod effect;
 mod forward;
 mod hessian;
 mod hinge;
@@ -50,7 +51,7 @@ use super::sweeps::scratch::SweepScratch;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, Symmetric3};
-use felt::Felt;
+use effect::Effect;
 use nalgebra::Vector3;
 
 /// Columns between questions whether to stop.
@@ -74,8 +75,8 @@ pub(crate) struct Kept<T> {
     composites: Vec<BodyInertia<T>>,
     coriolis: Vec<BodyCoriolis<T>>,
     forces: Vec<[T; 6]>,
-    /// By rows: what a unit of each degree of freedom lets its body feel.
-    felt: Vec<Felt<T>>,
+    /// By rows: how a unit of each degree of freedom changes the motion of what is outboard.
+    effect: Vec<Effect<T>>,
 }
 
 impl<T: Real> Kept<T> {
@@ -89,7 +90,7 @@ impl<T: Real> Kept<T> {
             composites: vec![body; bodies],
             coriolis: vec![BodyCoriolis::filled(nan); bodies],
             forces: vec![[nan; 6]; bodies],
-            felt: vec![Felt::filled(nan); nv],
+            effect: vec![Effect::filled(nan); nv],
         }
     }
 }

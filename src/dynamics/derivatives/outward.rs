@@ -1,10 +1,11 @@
-//! Base to tip: the motion of a state, and what a unit of each degree of freedom lets the bodies outboard of it feel.
+//! Base to tip: the motion of a state, and how a unit of each degree of freedom changes that of the bodies outboard of it.
 
 use super::coriolis::BodyCoriolis;
-use super::felt::Felt;
+use super::effect::Effect;
 use super::{Kept, Matrices};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::SweepModel;
+use crate::dynamics::sweeps::body::SweepBody;
 use crate::dynamics::sweeps::joint::{self, Joint, with_axial};
 use crate::dynamics::sweeps::scratch::SweepScratch;
 use crate::filter::{HingeMap, Rows};
@@ -12,12 +13,13 @@ use crate::kinematics::{joint_motion, motion_past_joint};
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::transform::Transform;
+use crate::spatial::{BodyInertia, sum};
 use nalgebra::Vector6;
 
 /// A revolute joint's row, about its z.
 pub(super) const ABOUT_Z: usize = 2;
 
-/// Of every body, turns and shifts being there: the force that it needs, its inertia, B(k), and what each degree of freedom lets it feel.
+/// Of every body, turns and shifts being there: the force that it needs, its inertia, B(k), and how each degree of freedom changes its motion.
 #[inline(always)]
 pub(super) fn base_to_tip<T: Real>(
     (model, sweeps): (&Model<T>, &SweepModel<T>),
@@ -27,43 +29,21 @@ pub(super) fn base_to_tip<T: Real>(
     matrices: Matrices,
 ) {
     let (o, g) = (T::zero(), &model.gravity);
-    let Kept { motions, composites, coriolis, forces, felt } = kept;
+    let Kept { motions, composites, coriolis, forces, effect } = kept;
     motions[0] = [[o; 6], [o, o, o, -g[0], -g[1], -g[2]]];
     for (place, body) in sweeps.swept().iter().enumerate() {
-        let [v, a] = motions[body.places.parent_outward];
-        let (seen, own) = match body.joint {
-            Joint::Axial(axis) => {
-                let seen = with_axial!(axis, scratch.own[place].turn, sweeps, body.offset, transform, {
-                    [transform.carry_motion(&v), transform.carry_motion(&a)]
-                });
-                (seen, past_axial(&seen, body.row, o.splat(body.sense), state))
-            }
-            Joint::Prismatic(at, _) | Joint::Free(at) | Joint::General(at) => {
-                let shift = &scratch.shifts[at];
-                let seen = [shift.carry_motion(&v), shift.carry_motion(&a)];
-                let (carried, body_at) = ((Vector6::from(seen[0]), Vector6::from(seen[1])), &sweeps.shifting[at]);
-                let (v, mut a) = motion_past_joint(body_at, body.row, &carried, state.qd);
-                if let Some(qdd) = state.qdd {
-                    a += joint_motion(body_at, body.row, qdd);
-                }
-                (seen, [v.into(), a.into()])
-            }
-        };
+        let seen = carried((sweeps, scratch), (place, body), motions[body.places.parent_outward]);
+        let own = past_joint(sweeps, body, &seen, state);
         let inertia = body.inertia(o);
         let velocity = Vector6::from(own[0]);
-        let mut force: [T; 6] = inertia.bias_force(&velocity, &Vector6::from(own[1])).into();
-        if !state.wrenches.is_empty() {
-            for (f, given) in force.iter_mut().zip(body.frame.apply(&state.wrenches[body.index])) {
-                *f -= given;
-            }
-        }
+        let force = needed_force(body, &inertia, &own, state);
         if let Joint::Axial(_) = body.joint {
             let row = (&HingeMap::Axis(ABOUT_Z), o.splat(body.sense));
-            felt[body.row] = Felt::new(row, &seen, &own[0], matrices);
+            effect[body.row] = Effect::new(row, &seen, &own[0], matrices);
         } else {
             let rows: &Rows<T> = &model.system.stages[body.index].rows;
             for i in 0..rows.count() {
-                felt[body.row + i] = Felt::new((&rows.row(i), o.constant(1.0)), &seen, &own[0], matrices);
+                effect[body.row + i] = Effect::new((&rows.row(i), o.constant(1.0)), &seen, &own[0], matrices);
             }
         }
         let of_body = BodyCoriolis::new(&inertia, &velocity);
@@ -73,6 +53,66 @@ pub(super) fn base_to_tip<T: Real>(
             motions[body.places.outward] = own;
         }
     }
+}
+
+/// phi* of the parent's motions: as they are seen at the joint.
+#[inline(always)]
+pub(super) fn carried<T: Real, const N: usize>(
+    (sweeps, scratch): (&SweepModel<T>, &SweepScratch<T>),
+    (place, body): (usize, &SweepBody<T::Parameter>),
+    mut motions: [[T; 6]; N],
+) -> [[T; 6]; N] {
+    match body.joint {
+        Joint::Axial(axis) => with_axial!(axis, scratch.own[place].turn, sweeps, body.offset, transform, {
+            for motion in &mut motions {
+                *motion = transform.carry_motion(motion);
+            }
+        }),
+        Joint::Prismatic(at, _) | Joint::Free(at) | Joint::General(at) => {
+            for motion in &mut motions {
+                *motion = scratch.shifts[at].carry_motion(motion);
+            }
+        }
+    }
+    motions
+}
+
+/// The body's velocity and acceleration, from its parent's as seen at the joint.
+#[inline(always)]
+pub(super) fn past_joint<T: Real>(
+    sweeps: &SweepModel<T>,
+    body: &SweepBody<T::Parameter>,
+    seen: &[[T; 6]; 2],
+    state: Motion<'_, T>,
+) -> [[T; 6]; 2] {
+    match body.joint {
+        Joint::Axial(_) => past_axial(seen, body.row, seen[0][0].splat(body.sense), state),
+        Joint::Prismatic(at, _) | Joint::Free(at) | Joint::General(at) => {
+            let (both, at_joint) = ((Vector6::from(seen[0]), Vector6::from(seen[1])), &sweeps.shifting[at]);
+            let (velocity, mut acceleration) = motion_past_joint(at_joint, body.row, &both, state.qd);
+            if let Some(qdd) = state.qdd {
+                acceleration = sum(&acceleration, &joint_motion(at_joint, body.row, qdd));
+            }
+            [velocity.into(), acceleration.into()]
+        }
+    }
+}
+
+/// M A + V x* (M V) - w: the force that a body needs for its motion, beside the wrench on it.
+#[inline(always)]
+pub(super) fn needed_force<T: Real>(
+    body: &SweepBody<T::Parameter>,
+    inertia: &BodyInertia<T>,
+    [velocity, acceleration]: &[[T; 6]; 2],
+    state: Motion<'_, T>,
+) -> [T; 6] {
+    let mut force: [T; 6] = inertia.bias_force(&Vector6::from(*velocity), &Vector6::from(*acceleration)).into();
+    if !state.wrenches.is_empty() {
+        for (f, given) in force.iter_mut().zip(body.frame.apply(&state.wrenches[body.index])) {
+            *f -= given;
+        }
+    }
+    force
 }
 
 /// Past a revolute joint: the body's velocity and acceleration from its parent's as seen at the joint.

@@ -163,7 +163,7 @@ fn put<T: Real, C: ColumnsOf<T>>(block: C, to: &mut [C::Entry]) {
     }
 }
 
-/// The lanes in which rounding of the terms may be more than is let pass.
+/// The lanes, as bits, in which the rounding of the terms may be above [`MOST_LOST`] of the largest result.
 #[inline(always)]
 fn lost<T: Real, C: ColumnsOf<T>>(terms: [C; 2], size: [C; 2]) -> u64 {
     let rounding = T::epsilon().lane(0) / MOST_LOST;

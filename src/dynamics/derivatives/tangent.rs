@@ -9,7 +9,7 @@
 //! For forward dynamics dqdd is none on the way out. What has to be zero then is dtau less what there is, which is one more right side of the filter: z is dF, and
 //! z^+ + eta x* F is what goes on to the parent. The gains do not change to first order, for the estimates are a stationary point.
 
-use super::outward::{ABOUT_Z, past_axial};
+use super::outward::{ABOUT_Z, carried, needed_force, past_axial, past_joint};
 use super::parameters::{Parameters, inertia, to_sweeps};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::SweepModel;
@@ -18,7 +18,7 @@ use crate::dynamics::sweeps::joint::{self, Joint, with_axial, with_rows};
 use crate::dynamics::sweeps::rows::Measures;
 use crate::dynamics::sweeps::scratch::SweepScratch;
 use crate::filter::riccati::Measured;
-use crate::kinematics::{joint_motion, motion_past_joint};
+use crate::kinematics::joint_motion;
 use crate::model::{Body, Model, Motion as JointMotion};
 use crate::scalar::Real;
 use crate::spatial::transform::Transform;
@@ -93,41 +93,30 @@ pub(super) fn base_to_tip<T: Real>(
     }
     motions[0] = base;
     for (place, body) in sweeps.swept().iter().enumerate() {
-        let [v, a, dv, da] = motions[body.places.parent_outward];
+        let seen = carried((sweeps, scratch), (place, body), motions[body.places.parent_outward]);
+        let row = (body.row, o.splat(body.sense));
         let own = match body.joint {
-            Joint::Axial(axis) => {
-                let seen = with_axial!(axis, scratch.own[place].turn, sweeps, body.offset, transform, {
-                    let [v, a] = [transform.carry_motion(&v), transform.carry_motion(&a)];
-                    [v, a, transform.carry_motion(&dv), transform.carry_motion(&da)]
-                });
-                about_z((body.row, o.splat(body.sense)), &seen, state, along)
-            }
+            Joint::Axial(_) => about_z(row, &seen, state, along),
             Joint::Prismatic(at, _) | Joint::Free(at) | Joint::General(at) => {
-                let shift = &scratch.shifts[at];
-                let [v, a] = [shift.carry_motion(&v), shift.carry_motion(&a)];
-                let seen = [v, a, shift.carry_motion(&dv), shift.carry_motion(&da)];
                 let at_joint = &sweeps.shifting[at];
                 if at_joint.motion == JointMotion::Revolute {
-                    about_z((body.row, o.splat(body.sense)), &seen, state, along)
+                    about_z(row, &seen, state, along)
                 } else {
-                    of_any(at_joint, body.row, &seen, (state, along))
+                    of_any((sweeps, body, at_joint), &seen, (state, along))
                 }
             }
         };
         let inertia_of = body.inertia(o);
         let [velocity, acceleration] = [Vector6::from(own[0]), Vector6::from(own[1])];
-        let mut force = inertia_of.bias_force(&velocity, &acceleration);
         let mut change = change_of(&inertia_of, &velocity, [&own[2], &own[3]]);
-        if !state.wrenches.is_empty() {
-            force = but(&force, &body.frame.apply(&state.wrenches[body.index]));
-        }
         if let Some(wrench) = along.wrenches.get(body.index) {
             change = but(&change, &body.frame.apply(wrench));
         }
         if let Some(parameters) = along.parameters.get(body.index) {
             change = sum(&change, &inertia(&to_sweeps(body, parameters)).bias_force(&velocity, &acceleration));
         }
-        (forces[place], forces_change[place]) = (force.into(), change.into());
+        forces[place] = needed_force(body, &inertia_of, &[own[0], own[1]], state);
+        forces_change[place] = change.into();
         if !body.is_leaf {
             motions[body.places.outward] = own;
         }
@@ -176,16 +165,13 @@ fn about_z<T: Real>(
 /// The same past any joint.
 #[inline(always)]
 fn of_any<T: Real>(
-    at_joint: &Body<T>,
-    row: usize,
-    [v, a, dv, da]: &[[T; 6]; 4],
+    (sweeps, body, at_joint): (&SweepModel<T>, &SweepBody<T::Parameter>, &Body<T>),
+    seen: &[[T; 6]; 4],
     (state, along): (Motion<'_, T>, &Directions<'_, T>),
 ) -> [[T; 6]; 4] {
-    let (v, a, dv, da) = (Vector6::from(*v), Vector6::from(*a), Vector6::from(*dv), Vector6::from(*da));
-    let (velocity, mut acceleration) = motion_past_joint(at_joint, row, &(v, a), state.qd);
-    if let Some(qdd) = state.qdd {
-        acceleration = sum(&acceleration, &joint_motion(at_joint, row, qdd));
-    }
+    let (row, [v, a, dv, da]) = (body.row, seen.map(Vector6::from));
+    let [own_velocity, acceleration] = past_joint(sweeps, body, &[seen[0], seen[1]], state);
+    let velocity = Vector6::from(own_velocity);
     let (eta, rate) = (joint_motion(at_joint, row, along.q), joint_motion(at_joint, row, along.qd));
     let dv = sum(&sum(&dv, &rate), &cross_motion(&v, &eta));
     let of_rates = sum(&cross_motion(&dv, &joint_motion(at_joint, row, state.qd)), &cross_motion(&velocity, &rate));
@@ -193,7 +179,7 @@ fn of_any<T: Real>(
     if !along.u.is_empty() {
         da = sum(&da, &joint_motion(at_joint, row, along.u));
     }
-    [velocity.into(), acceleration.into(), dv.into(), da.into()]
+    [own_velocity, acceleration, dv.into(), da.into()]
 }
 
 /// d(M A + V x* M V), collected as [`BodyInertia::bias_force`] is.

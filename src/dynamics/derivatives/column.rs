@@ -1,0 +1,51 @@
+//! What one degree of freedom makes of the forces inboard of it, and the entries of the matrices that come of it.
+
+use super::effect::Effect;
+use super::hinge::{along, moment_along};
+use crate::filter::HingeMap;
+use crate::scalar::Real;
+use crate::spatial::dot;
+use nalgebra::Vector6;
+
+/// What one degree of freedom, with the column S, makes of the force through each joint inboard of it: r S (6), B* S (a moment, 3), the force by q (6) and the force
+/// by qd (6), one after another.
+pub(super) type Column<T> = [T; 21];
+
+/// Those four as one.
+#[inline(always)]
+pub(super) fn column<T: Copy>(
+    by_acceleration: &[T; 6],
+    moment: &[T; 3],
+    by_position: &[T; 6],
+    by_rate: &[T; 6],
+) -> Column<T> {
+    let ([a, b, c, d, e, f], [x, y, z]) = (*by_acceleration, *moment);
+    let ([g, h, i, j, k, l], [m, n, o, p, q, r]) = (*by_position, *by_rate);
+    [a, b, c, d, e, f, x, y, z, g, h, i, j, k, l, m, n, o, p, q, r]
+}
+
+/// The four of one.
+#[inline(always)]
+pub(super) fn parts<T: Copy>(column: &Column<T>) -> ([T; 6], [T; 3], [T; 6], [T; 6]) {
+    let [a, b, c, d, e, f, x, y, z, g, h, i, j, k, l, m, n, o, p, q, r] = *column;
+    ([a, b, c, d, e, f], [x, y, z], [g, h, i, j, k, l], [m, n, o, p, q, r])
+}
+
+/// The entries that a column has in the row of a joint inboard, by q, by qd and by qdd: H of each force.
+#[inline(always)]
+pub(super) fn in_row<T: Real>(column: &Column<T>, hinge: &HingeMap<T>, sense: T) -> [T; 3] {
+    let (by_acceleration, _, by_position, by_rate) = parts(column);
+    [sense * along(hinge, &by_position), sense * along(hinge, &by_rate), sense * along(hinge, &by_acceleration)]
+}
+
+/// The entries that a column's own row has in the columns of that joint, by q and by qd: the forces that what it changes needs, along S.
+#[inline(always)]
+pub(super) fn in_column<T: Real>(column: &Column<T>, effect: &Effect<T>, hinge: &HingeMap<T>, sense: T) -> [T; 2] {
+    let (by_acceleration, m, _, _) = parts(column);
+    let (force, v) = (Vector6::from(by_acceleration), &effect.velocity);
+    let turned = m[0].mul_add(v[0], m[1].mul_add(v[1], m[2] * v[2]));
+    [
+        dot(&force, &Vector6::from(effect.acceleration)) + turned,
+        sense.mul_add(moment_along(hinge, &m), dot(&force, &Vector6::from(effect.by_rate))),
+    ]
+}
