@@ -102,41 +102,43 @@ pub(crate) fn count_in_sweeps(
     let (kept, operations) = Counted::during(|| {
         let scene = (&model, &sweeps);
         match algorithm {
-            Algorithm::ForwardDynamics(Form::Auto) => {
+            Algorithm::ForwardDynamics(Form::Auto) => apart(|| {
                 let state = (&q[..], &qd[..], &u[..]);
-                let watched = auto::watched_in_sweeps::<_, Counted>(scene, &mut scratch, state, &wrenches, &mut out);
-                return watched.kept(0);
-            }
-            Algorithm::MassMatrixInverse(Form::Auto) => {
+                auto::watched_in_sweeps::<_, Counted>(scene, &mut scratch, state, &wrenches, &mut out).kept(0)
+            }),
+            Algorithm::MassMatrixInverse(Form::Auto) => apart(|| {
                 let nv = model.nv();
                 let watched = auto::factor_watched_in_sweeps::<_, Counted>(scene, &mut scratch, &q, &mut out[..nv]);
                 inverted(&scratch, &mut out);
-                return watched.kept(0);
-            }
-            Algorithm::ForwardDynamics(Form::SquareRoot) => {
+                watched.kept(0)
+            }),
+            Algorithm::ForwardDynamics(Form::SquareRoot) => apart(|| {
                 let state = (&q[..], &qd[..], &u[..]);
                 let (pivots, reach) =
                     sweeps::forward_dynamics_by_roots::<_, Counted>(scene, &mut scratch, state, &wrenches, &mut out);
-                return pivots.clear(0) && reach.clear(0);
-            }
-            Algorithm::ForwardDynamics(_) => {
+                pivots.clear(0) && reach.clear(0)
+            }),
+            Algorithm::ForwardDynamics(_) => apart(|| {
                 sweeps::forward_dynamics::<_, Counted>(scene, &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
-            }
-            Algorithm::InverseDynamics | Algorithm::BiasTorque => {
+                true
+            }),
+            Algorithm::InverseDynamics | Algorithm::BiasTorque => apart(|| {
                 let u = (algorithm == Algorithm::InverseDynamics).then_some(&u[..]);
                 sweeps::inverse_dynamics::<_, Counted>(scene, &mut scratch, (&q, &qd, u), &wrenches, &mut out);
-            }
-            Algorithm::MassMatrix => {
+                true
+            }),
+            Algorithm::MassMatrix => apart(|| {
                 sweeps::mass_matrix::<_, _, false>(scene, (&mut scratch, &mut mass_columns), &q, &mut out);
-            }
-            Algorithm::MassMatrixInverse(_) => {
+                true
+            }),
+            Algorithm::MassMatrixInverse(_) => apart(|| {
                 sweeps::factor::<_, Counted>(scene, &mut scratch, &q);
                 inverted(&scratch, &mut out);
-            }
+                true
+            }),
             // Of them the general recursion is counted.
-            Algorithm::Derivatives(_) | Algorithm::Products(_) => return false,
+            Algorithm::Derivatives(_) | Algorithm::Products(_) => false,
         }
-        true
     });
     let mut count = Count { operations, results: out.into_iter().map(|x| x.lane(0)).collect() };
     if !kept {
@@ -145,6 +147,12 @@ pub(crate) fn count_in_sweeps(
         count = Count { operations: count.operations + checked.operations, results: checked.results };
     }
     count
+}
+
+/// Does the work in a function of its own: all sweeps in one would take the compiler many times as long.
+#[inline(never)]
+fn apart<R>(work: impl FnOnce() -> R) -> R {
+    work()
 }
 
 /// The arguments of a state as numbers that count.

@@ -23,10 +23,20 @@ pub fn inverse_dynamics_derivatives<T: Real<Parameter = T>>(
     wrenches: &[Vector6<T>],
     out: &mut [T],
 ) {
+    general(model, scratch, (Motion { q, qd, qdd: Some(qdd), wrenches }, Matrices::Derivatives), out);
+}
+
+/// All three matrices in any scalar of one lane: compiled once for both that ask for some of them.
+#[inline(never)]
+fn general<T: Real<Parameter = T>>(
+    model: &Model<T>,
+    scratch: &mut DerivativeScratch<T>,
+    (state, matrices): (Motion<'_, T>, Matrices),
+    out: &mut [T],
+) {
     let DerivativeScratch { sweeps, sweep_scratch, kept, columns, .. } = scratch;
-    let state = Motion { q, qd, qdd: Some(qdd), wrenches };
     columns.prepare(model, sweeps);
-    in_sweeps((model, sweeps), (sweep_scratch, kept, columns), state, Matrices::Derivatives, out);
+    in_sweeps((model, sweeps), (sweep_scratch, kept, columns), state, matrices, out);
 }
 
 /// The Coriolis matrix C(q, qd), (nv x nv) row by row, in O(N depth): C qd is the torque of the rates, dM/dt = C + C^T, so that dM/dt - 2 C is antisymmetric; the
@@ -40,11 +50,8 @@ pub fn coriolis_matrix<T: Real<Parameter = T>>(
     qd: &[T],
     out: &mut [T],
 ) {
-    let DerivativeScratch { sweeps, sweep_scratch, kept, columns, .. } = scratch;
-    let state = Motion { q, qd, qdd: None, wrenches: &[] };
-    columns.prepare(model, sweeps);
     let mut three = vec![T::zero(); 3 * out.len()];
-    in_sweeps((model, sweeps), (sweep_scratch, kept, columns), state, Matrices::Coriolis, &mut three);
+    general(model, scratch, (Motion { q, qd, qdd: None, wrenches: &[] }, Matrices::Coriolis), &mut three);
     out.copy_from_slice(&three[out.len()..2 * out.len()]);
 }
 

@@ -66,7 +66,7 @@ pub fn inverse_dynamics_jvp<T: Real<Parameter = T>>(
     let ProductScratch { sweeps, sweep_scratch, changes, .. } = scratch;
     carriers(sweeps, sweep_scratch, T::zero(), q);
     let state = Motion { q, qd, qdd: Some(qdd), wrenches };
-    tangent::base_to_tip((model, sweeps), sweep_scratch, changes, (state, along), &model.gravity);
+    changes_of_forces((model, sweeps), (sweep_scratch, changes), (state, along), &model.gravity);
     tangent::tip_to_base::<T, false>((model, sweeps), (sweep_scratch, &[]), changes, (along, &[]), out);
     tangent::add_armature(model, (state, along), out);
 }
@@ -87,7 +87,7 @@ pub fn inverse_dynamics_vjp<T: Real<Parameter = T>>(
     carriers(sweeps, sweep_scratch, T::zero(), q);
     out[2 * model.nv()..].copy_from_slice(cotangent);
     let state = Motion { q, qd, qdd: Some(qdd), wrenches };
-    adjoint::in_sweeps((model, sweeps), (sweep_scratch, co_states), state, constants, out);
+    gradients_of_torques((model, sweeps), (sweep_scratch, co_states), state, constants, out);
 }
 
 /// dqdd of [`forward_dynamics`](crate::dynamics::forward_dynamics) along one direction, (nv) into `out`: dqdd/dq dq + dqdd/dqd dqd + M^-1 dtau, and what changes of wrenches,
@@ -135,7 +135,7 @@ pub(super) fn solved<T: Real<Parameter = T>>(
 ) {
     let ProductScratch { sweeps, sweep_scratch, changes, right, .. } = scratch;
     let unaccelerated = Directions { u: &[], ..*along };
-    tangent::base_to_tip((model, sweeps), sweep_scratch, changes, (motion, &unaccelerated), gravity);
+    changes_of_forces((model, sweeps), (sweep_scratch, changes), (motion, &unaccelerated), gravity);
     right.copy_from_slice(along.u);
     if let Some(qdd) = motion.qdd {
         for ((right, &change), &qdd) in right.iter_mut().zip(along.armature).zip(qdd) {
@@ -183,7 +183,7 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
         let motion = Motion { q, qd, qdd: Some(&qdd), wrenches };
         let last = 2 * model.nv();
         negated(&mut out[last..], &x);
-        adjoint::in_sweeps((model, sweeps), (sweep_scratch, co_states), motion, constants, out);
+        gradients_of_torques((model, sweeps), (sweep_scratch, co_states), motion, constants, out);
         off = solved_short_of(cotangent, co_states.terms, &mut out[last..], &x);
         scratch.right = x;
     }
@@ -196,6 +196,29 @@ pub fn forward_dynamics_vjp<T: Real<Parameter = T>>(
         doubled_products::gradients(model, state, wrenches, cotangent, (constants, out));
     }
     Ok(())
+}
+
+/// [`adjoint::in_sweeps`] in any scalar of one lane: compiled once for both that ask for it.
+#[inline(never)]
+fn gradients_of_torques<T: Real<Parameter = T>>(
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: (&SweepScratch<T>, &mut CoStates<T>),
+    state: Motion<'_, T>,
+    constants: &mut Constants<'_, T>,
+    out: &mut [T],
+) {
+    adjoint::in_sweeps(scene, scratch, state, constants, out);
+}
+
+/// [`tangent::base_to_tip`], likewise.
+#[inline(never)]
+fn changes_of_forces<T: Real<Parameter = T>>(
+    scene: (&Model<T>, &SweepModel<T>),
+    (scratch, changes): (&SweepScratch<T>, &mut Changes<T>),
+    along: (Motion<'_, T>, &Directions<'_, T>),
+    gravity: &Vector3<T>,
+) {
+    tangent::base_to_tip(scene, scratch, changes, along, gravity);
 }
 
 /// The product along a direction, for states in lanes and for one state: of torques, or where `solves` of accelerations, then with the factor, turns and shifts in the
