@@ -117,6 +117,31 @@ def products(quick: bool) -> str:
     return "Gradients of c . qdd by q, qd and tau (`forward_dynamics_vjp`) beside forward dynamics itself.\n\n" + table(head, rows)
 
 
+def trajectories(quick: bool) -> str:
+    """A rollout, then its gradient, of 1024 states of seven joints."""
+    scene = phipsi.scenes.chain(7)
+    random = np.random.default_rng(1)
+    q, tau = random.uniform(-1, 1, (1024, 7)), random.uniform(-1, 1, (1024, 200, 7))
+    rows = []
+    for method in ("semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3"):
+        row = [method]
+        for every in (1, 200):
+            run = lambda: scene.simulate(q, np.zeros_like(q), tau_steps=tau, dt=1e-3, steps=200, method=method, record_every=every)  # noqa: B023, E731
+            path = run()
+            cotangent = np.ones_like(path.qd)
+            calls: dict[str, Call] = {
+                "run": run,
+                "back": lambda: path.vjp(cotangent, cotangent),  # noqa: B023
+                "inertias": lambda: path.vjp(cotangent, cotangent, parameters=True),  # noqa: B023
+            }
+            found = {name: time / 1000.0 for name, time in medians(calls, quick).items()}
+            row += [f"{found['run']:.0f}", f"{found['back']:.0f}", f"{found['inertias']:.0f}", f"{(found['run'] + found['back']) / found['run']:.1f}"]
+        rows.append(row)
+    head = ["ms", "run, all rows", "gradient", "inertias too", "both / run", "run, last row", "gradient", "inertias too", "both / run"]
+    text = "Gradients of a function of a trajectory (`Trajectory.vjp`) by start, torques of every step and what acts at the joints: chain of 7, 1024 states, 200 steps."
+    return f"{text}\n\n{table(head, rows)}"
+
+
 def everyday(quick: bool) -> str:
     scene, _ = load(*ROBOTS["ur5"])
     q, qd, tau = (argument[0] for argument in kinds.state(scene, kinds.draw(scene, 1, 0), kinds.FALLING))
@@ -139,7 +164,7 @@ def main() -> None:
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the page, as make derivatives does")
     options = parser.parse_args()
     phipsi.set_num_threads(1)
-    parts = [part(options.quick) for part in (beside_pinocchio, for_control, products, everyday)]
+    parts = [part(options.quick) for part in (beside_pinocchio, for_control, products, trajectories, everyday)]
     page = "\n\n".join([HEAD.strip(), *parts])
     if options.markdown is None:
         print(page)

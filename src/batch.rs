@@ -11,10 +11,10 @@ mod accuracy;
 pub mod arms;
 pub mod chunk;
 mod compiled;
-mod derivatives;
+pub(crate) mod derivatives;
 pub mod evaluator;
 mod finite;
-mod products;
+pub(crate) mod products;
 #[cfg(feature = "parallel")]
 mod threads;
 #[cfg(feature = "parallel")]

@@ -46,6 +46,7 @@ from ._results import (
     Mimic,
     Omission,
     Plan,
+    RolloutGradients,
     Samples,
 )
 from .operators import Factor, Operator
@@ -74,6 +75,7 @@ __all__ = [
     "PD",
     "Plan",
     "RandomModel",
+    "RolloutGradients",
     "Samples",
     "Scene",
     "SceneBuilder",

@@ -74,6 +74,33 @@ def integrate(scene: Scene) -> Call:
     return Call(value, coordinates.integrated, (scene.nq, scene.nv), scene.nq)
 
 
+class Rollout:
+    """States through time with torques of their own in every step, as functions of plain numbers: the rows, and the gradients of a scalar of them."""
+
+    def __init__(self, scene: Scene, record_every: int, **given: Any) -> None:
+        self.scene, self.record_every, self.given = scene, record_every, given
+        self.coordinates = Coordinates(scene)
+
+    def value(self, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
+        """The rows of (q, qd, tau): (..., rows, nq) and (..., rows, nv)."""
+        path = self.scene.simulate(self.coordinates.normalised(q), qd, tau_steps=tau, **self._steps(tau))
+        return path.q, path.qd
+
+    def gradients(self, q: Array, tau: Array, rows: Array, rates: Array, by_rows: Array, by_rates: Array) -> tuple[Array, Array, Array]:
+        """By q, qd and tau, where those by the rows and their rates are given."""
+        rows = self.coordinates.normalised(rows)
+        by_tangents = np.einsum("...i,...ij->...j", by_rows, self.coordinates.changes(rows))
+        found = self.scene.simulate_vjp(rows, rates, by_tangents, by_rates, tau_steps=tau, **self._steps(tau))
+        return np.einsum("...i,...ij->...j", found.q, self.coordinates.tangents(q)), found.qd, found.tau
+
+    def _steps(self, tau: Array) -> dict[str, Any]:
+        return {**self.given, "steps": tau.shape[-2], "record_every": self.record_every}
+
+    def rows(self, steps: int) -> int:
+        """How many rows so many steps give."""
+        return steps // self.record_every + 1
+
+
 def on_host(function: Host, arrays: tuple[ArrayLike, ...]) -> Any:
     """Calls a function with float64 arrays."""
     return function(*(np.asarray(array, dtype=np.float64) for array in arrays))

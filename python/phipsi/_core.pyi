@@ -23,6 +23,7 @@ from ._results import (
     Link,
     MassEstimate,
     Plan,
+    RolloutGradients,
     Samples,
 )
 from .operators import Factor
@@ -290,6 +291,44 @@ class Scene:
         errors: _Errors = "raise",
         return_info: Literal[True],
     ) -> tuple[_Single, Accuracy]: ...
+
+    def simulate_vjp(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        cotangent_q: ArrayLike,
+        cotangent_qd: ArrayLike,
+        *,
+        dt: float,
+        steps: int,
+        tau: ArrayLike | None = None,
+        tau_steps: ArrayLike | None = None,
+        method: _Method = "semi-implicit-euler",
+        record_every: int = 1,
+        pd: PD | tuple[ArrayLike, ...] | None = None,
+        armature: ArrayLike | None = None,
+        damping: ArrayLike | None = None,
+        stiffness: ArrayLike | None = None,
+        rest: ArrayLike | None = None,
+        friction: ArrayLike | None = None,
+        friction_speed: float = 0.01,
+        form: Literal["auto", "covariance"] = "auto",
+        parameters: bool = False,
+    ) -> RolloutGradients:
+        """Gradients of a function of a trajectory, by the adjoint of every step: Trajectory.vjp with everything said once more.
+
+        q: (..., rows, nq); qd: (..., rows, nv): the rows that simulate recorded, the first at the start. cotangent_q, cotangent_qd: (..., rows, nv), the gradients of the
+        function by these, that by q in the tangent space of each row, as dq in inverse_dynamics_jvp. dt, steps, tau, tau_steps, method, record_every, pd, armature, damping,
+        stiffness, rest, friction, friction_speed, form: as simulate had them; tau is an array. parameters: whether to give the gradients by inertias too.
+
+        Steps between rows are made again: with record_every=1 none is. O(N) a stage of a step; steps after the last row change nothing. The memory of a thread grows with the
+        root of the steps between two rows.
+
+        Returns a phipsi.RolloutGradients (q, qd, tau, armature, damping, stiffness, friction, parameters), of each state by itself: q, qd, tau and what acts at the joints
+        (..., nv), tau (..., steps, nv) where tau_steps was given, parameters (..., bodies, 10) or None. Where no torque was given, tau is as for a constant one.
+
+        Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument; SingularJointError; OutOfMemoryError.
+        """
 
     def simulate(
         self,

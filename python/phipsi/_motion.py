@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import SimulationError, SimulationInterrupted
+from .errors import ArgumentError, SimulationError, SimulationInterrupted, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
+    from ._results import RolloutGradients
 
 __all__ = ["PD", "MomentumCorrection", "MotionEnergy", "Trajectory", "Violation"]
 
@@ -102,6 +104,10 @@ class Trajectory:
     """Where they are at rest, (nq,)."""
     momentum_correction: MomentumCorrection | None = field(default=None, repr=False)
     """What conserve_momentum changed in the step where it changed most; None where that was not asked for."""
+    record_every: int = field(default=1, repr=False)
+    """Steps between two rows."""
+    given: dict[str, Any] | None = field(default=None, repr=False)
+    """The other arguments of Scene.simulate, for vjp; arrays are copies. None where a simulator went there."""
 
     def __len__(self) -> int:
         """The number of rows."""
@@ -131,6 +137,38 @@ class Trajectory:
         """Spatial momentum (angular about the base's origin, linear) in every row, (..., rows, 6), in the base frame."""
         return self.scene.momentum(self.q, self.qd)
 
+    def vjp(
+        self, cotangent_q: ArrayLike | None = None, cotangent_qd: ArrayLike | None = None, *, parameters: bool = False
+    ) -> RolloutGradients:
+        """Gradients of a function of this trajectory, by the adjoint of every step: by the start, torques, and what acts at the joints.
+
+        cotangent_q, cotangent_qd: (..., rows, nv), the gradients of the function by q and qd of every row; None: zero. That by q is in the tangent space of each row: an
+        angle or a length for joints of one axis, a rotation in the child's frame for spherical joints, (linear, angular) in the child's frame for free joints. parameters:
+        whether to give the gradients by inertias too.
+
+        Recorded rows are checkpoints: between them steps are made again, with record_every=1 none. O(N) a stage of a step.
+
+        Raises as Scene.simulate_vjp; ArgumentError where tau was a function, with conserve_momentum, and where a simulator went there.
+        """
+        given = self._arguments()
+        nothing = np.zeros((len(self), self.scene.nv))
+        cotangents = [nothing if cotangent is None else cotangent for cotangent in (cotangent_q, cotangent_qd)]
+        return self.scene.simulate_vjp(self.q, self.qd, *cotangents, parameters=parameters, **given)
+
+    def _arguments(self) -> dict[str, Any]:
+        """How Scene.simulate was called, for Scene.simulate_vjp."""
+        if self.given is None:
+            raise of_argument(ArgumentError, "trajectory", "found where a simulator went; expected all rows, by Scene.simulate")
+        given = dict(self.given)
+        if given.pop("conserve_momentum"):
+            raise of_argument(ArgumentError, "conserve_momentum", "found True; expected a run without it, whose steps have gradients")
+        if isinstance(given.get("tau"), str):
+            raise of_argument(ArgumentError, "tau", "found a function; expected arrays: what the function gave, as tau_steps")
+        if "tau_steps" in given:
+            given["tau_steps"] = np.asarray(given["tau_steps"])[..., : self.steps, :]
+        own = {"dt": self.dt, "steps": self.steps, "method": self.method, "record_every": self.record_every}
+        return {**given, **own, "armature": self.armature, "stiffness": self.stiffness, "rest": self.rest}
+
     def violations(self) -> list[Violation]:
         """The limits of position and velocity that recorded rows break, in the order of the joints; none is ever enforced."""
         found = []
@@ -157,15 +195,23 @@ class Trajectory:
         return [Violation(joint, limit, bound, float(worst), float(self.t[first]), int(rows.sum()))]
 
 
+#: What is kept of a torque that was a function: its gradients are not known, and few functions can be pickled.
+_FUNCTION = "a function"
+
+
+def _kept(given: dict[str, Any]) -> dict[str, Any]:
+    return {name: _FUNCTION if callable(value) else copy.deepcopy(value) for name, value in given.items()}
+
+
 def trajectory_of(
-    q: _Array, qd: _Array, *, scene: Scene, dt: float, record_every: int, steps: int, **about: Any
+    q: _Array, qd: _Array, *, scene: Scene, dt: float, record_every: int, steps: int, given: dict[str, Any], **about: Any
 ) -> Trajectory:
     """The trajectory of the rows that `steps` steps have filled; about: the other fields of Trajectory."""
     rows = steps // record_every + 1
     t: _Array = np.arange(rows, dtype=np.float64) * (record_every * dt)
     if rows < q.shape[-2]:
         q, qd = q[..., :rows, :], qd[..., :rows, :]
-    return Trajectory(scene, t, q, qd, dt, steps, **about)
+    return Trajectory(scene, t, q, qd, dt, steps, record_every=record_every, given=_kept(given), **about)
 
 
 def only_now(q: _Array, qd: _Array, *, scene: Scene, dt: float, steps: int, **about: Any) -> Trajectory:

@@ -24,6 +24,7 @@ __all__ = [
     "Mimic",
     "Omission",
     "Plan",
+    "RolloutGradients",
     "Samples",
 ]
 
@@ -133,6 +134,27 @@ class ForwardDynamicsGradients(NamedTuple):
     """By the armature of each degree of freedom, (..., nv)."""
     gravity: NDArray[np.float64] | None = None
     """By gravity in the base frame, (..., 3)."""
+
+
+class RolloutGradients(NamedTuple):
+    """Gradients of a function of a trajectory, of each state by itself."""
+
+    q: NDArray[np.float64]
+    """By q at the start, in its tangent space, (..., nv): entry j along integrate(q, v) by v_j."""
+    qd: NDArray[np.float64]
+    """By qd at the start, (..., nv)."""
+    tau: NDArray[np.float64]
+    """By the torques: (..., steps, nv) where tau_steps was given, else (..., nv), all steps together."""
+    armature: NDArray[np.float64]
+    """By the armature of each degree of freedom, (..., nv)."""
+    damping: NDArray[np.float64]
+    """By its damping, (..., nv)."""
+    stiffness: NDArray[np.float64]
+    """By its spring's stiffness, (..., nv)."""
+    friction: NDArray[np.float64]
+    """By its friction, (..., nv)."""
+    parameters: NDArray[np.float64] | None = None
+    """By (m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) of each link of body_names, (..., bodies, 10), I about the link's origin, all in the link's frame; None where not asked for."""
 
 
 class LinearSystem(NamedTuple):

@@ -29,7 +29,7 @@ from . import _calls
 if TYPE_CHECKING:
     from ._core import Scene
 
-__all__ = ["forward_dynamics", "integrate", "inverse_dynamics"]
+__all__ = ["forward_dynamics", "integrate", "inverse_dynamics", "simulate"]
 
 
 def forward_dynamics(scene: Scene, q: Any, qd: Any, tau: Any, *, form: str = "auto") -> jax.Array:
@@ -45,6 +45,45 @@ def inverse_dynamics(scene: Scene, q: Any, qd: Any, qdd: Any) -> jax.Array:
 def integrate(scene: Scene, q: Any, v: Any) -> jax.Array:
     """q moved along v for a unit of time, as Scene.integrate: q (..., nq), v (..., nv); leading axes broadcast. A step is integrate(scene, q, dt * qd)."""
     return _apply(_calls.integrate(scene), (q, v))
+
+
+def simulate(
+    scene: Scene, q: Any, qd: Any, tau: Any, *, dt: float, record_every: int = 1, **given: Any
+) -> tuple[jax.Array, jax.Array]:
+    """Rows of q and qd, (..., rows, nq) and (..., rows, nv), as Scene.simulate: q (..., nq) and qd (..., nv) at the start, tau (..., steps, nv); leading axes broadcast.
+
+    given: other keywords of Scene.simulate (method, pd, damping, ...). grad and vjp by q, qd and tau, by the adjoint of every step; no jvp. Rows are checkpoints: with
+    record_every=1 no step is made twice.
+    """
+    arrays = [jnp.asarray(array) for array in (q, qd, tau)]
+    dtype = jnp.result_type(*arrays, jnp.float32)
+    batch = jnp.broadcast_shapes(*(array.shape[:-own] for array, own in zip(arrays, (1, 1, 2), strict=True)))
+    start, rates, torques = (jnp.broadcast_to(a, (*batch, *a.shape[a.ndim - own :])).astype(dtype) for a, own in zip(arrays, (1, 1, 2), strict=True))
+    rollout = _calls.Rollout(scene, record_every, dt=dt, **given)
+    steps = torques.shape[-2]
+
+    def ask(function: _calls.Host, arguments: Sequence[jax.Array], *shapes: tuple[int, ...]) -> Any:
+        def host(*given: Any) -> Any:
+            return tuple(np.asarray(array, dtype) for array in _calls.on_host(function, given))
+
+        lead = arguments[0].shape[:-1]
+        out = tuple(jax.ShapeDtypeStruct((*lead, *shape), dtype) for shape in shapes)
+        return jax.pure_callback(host, out, *arguments, vmap_method="broadcast_all")
+
+    @jax.custom_vjp
+    def function(q: jax.Array, qd: jax.Array, tau: jax.Array) -> Any:
+        rows = rollout.rows(steps)
+        return ask(rollout.value, (q, qd, tau), (rows, scene.nq), (rows, scene.nv))
+
+    def forward(q: jax.Array, qd: jax.Array, tau: jax.Array) -> Any:
+        rows = function(q, qd, tau)
+        return rows, (q, tau, *rows)
+
+    def backward(kept: Any, cotangents: Any) -> Any:
+        return ask(rollout.gradients, (*kept, *cotangents), (scene.nq,), (scene.nv,), (steps, scene.nv))
+
+    function.defvjp(forward, backward)
+    return function(start, rates, torques)  # type: ignore[no-any-return]
 
 
 def _apply(call: _calls.Call, given: tuple[Any, ...]) -> jax.Array:

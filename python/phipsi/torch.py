@@ -27,7 +27,7 @@ from . import _calls
 if TYPE_CHECKING:
     from ._core import Scene
 
-__all__ = ["forward_dynamics", "integrate", "inverse_dynamics"]
+__all__ = ["forward_dynamics", "integrate", "inverse_dynamics", "simulate"]
 
 
 def forward_dynamics(scene: Scene, q: Tensor, qd: Tensor, tau: Tensor, *, form: str = "auto") -> Tensor:
@@ -43,6 +43,17 @@ def inverse_dynamics(scene: Scene, q: Tensor, qd: Tensor, qdd: Tensor) -> Tensor
 def integrate(scene: Scene, q: Tensor, v: Tensor) -> Tensor:
     """q moved along v for a unit of time, as Scene.integrate: q (..., nq), v (..., nv); leading axes broadcast. A step is integrate(scene, q, dt * qd)."""
     return _apply(_calls.integrate(scene), q, v)
+
+
+def simulate(scene: Scene, q: Tensor, qd: Tensor, tau: Tensor, *, dt: float, record_every: int = 1, **given: Any) -> tuple[Tensor, Tensor]:
+    """Rows of q and qd, (..., rows, nq) and (..., rows, nv), as Scene.simulate: q (..., nq) and qd (..., nv) at the start, tau (..., steps, nv); leading axes broadcast.
+
+    given: other keywords of Scene.simulate (method, pd, damping, ...). Gradients by q, qd and tau, by the adjoint of every step; no forward mode. Rows are checkpoints: with
+    record_every=1 no step is made twice.
+    """
+    batch = torch.broadcast_shapes(q.shape[:-1], qd.shape[:-1], tau.shape[:-2])
+    whole = (q.expand(*batch, scene.nq), qd.expand(*batch, scene.nv), tau.expand(*batch, *tau.shape[-2:]))
+    return _Rollout.apply(_calls.Rollout(scene, record_every, dt=dt, **given), *whole)  # type: ignore[no-any-return]
 
 
 def _apply(call: _calls.Call, *arguments: Tensor) -> Tensor:
@@ -117,3 +128,47 @@ class _Value(torch.autograd.Function):
     @staticmethod
     def vmap(info: Any, dims: Any, call: _calls.Call, *arguments: Tensor) -> Any:
         return _Value.apply(call, *_in_front(info, dims[1:], arguments)), 0
+
+
+class _RolloutGradients(torch.autograd.Function):
+    """By q, qd and tau; a function of its own, so that vmap asks for those of a whole batch."""
+
+    generate_vmap_rule = False
+
+    @staticmethod
+    def forward(rollout: _calls.Rollout, *arguments: Tensor) -> tuple[Tensor, ...]:
+        return _on_host(rollout.gradients, arguments)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: Any, output: Any) -> None:
+        pass
+
+    @staticmethod
+    def backward(ctx: Any, *_: Tensor) -> Any:
+        raise NotImplementedError("phipsi.torch has no derivatives of second order")
+
+    @staticmethod
+    def vmap(info: Any, dims: Any, rollout: _calls.Rollout, *arguments: Tensor) -> Any:
+        return _RolloutGradients.apply(rollout, *_in_front(info, dims[1:], arguments)), (0, 0, 0)
+
+
+class _Rollout(torch.autograd.Function):
+    generate_vmap_rule = False
+
+    @staticmethod
+    def forward(rollout: _calls.Rollout, *arguments: Tensor) -> tuple[Tensor, ...]:
+        return _on_host(rollout.value, arguments)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: Any, output: Any) -> None:
+        rollout, q, _, tau = inputs
+        ctx.rollout = rollout
+        ctx.save_for_backward(q, tau, *output)
+
+    @staticmethod
+    def backward(ctx: Any, *cotangents: Tensor) -> Any:
+        return None, *_RolloutGradients.apply(ctx.rollout, *ctx.saved_tensors, *cotangents)
+
+    @staticmethod
+    def vmap(info: Any, dims: Any, rollout: _calls.Rollout, *arguments: Tensor) -> Any:
+        return _Rollout.apply(rollout, *_in_front(info, dims[1:], arguments)), (0, 0)

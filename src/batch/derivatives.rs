@@ -169,7 +169,7 @@ impl<T: Vectorised> Work for OfTorques<'_, T> {
 
 /// The accelerations of a state, and the factor of M that more right sides are to go through; the lanes in doubt.
 #[inline(always)]
-pub(super) fn with_factor<T: Vectorised, I: Target>(target: I, form: Form, call: accelerations::Call<'_, T>) -> u64 {
+pub(crate) fn with_factor<T: Vectorised, I: Target>(target: I, form: Form, call: accelerations::Call<'_, T>) -> u64 {
     if form != Form::Auto {
         return accelerations::by_covariance(target, call);
     }

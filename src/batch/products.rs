@@ -5,7 +5,7 @@ use super::arms::{Target, Vectorised, Work};
 use super::derivatives::with_factor;
 use super::finite::any_not_finite;
 use crate::algorithm::Products;
-use crate::dynamics::derivatives::{Changes, CoStates, Directions, gradients_in_sweeps, tangent_in_sweeps};
+use crate::dynamics::derivatives::{Changes, CoStates, Constants, Directions, gradients_in_sweeps, tangent_in_sweeps};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
@@ -73,13 +73,8 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: Ca
             target.within(Along(scene, (scratch, changes), (motion, along), (which, &mut *results)));
         }
         Products::InverseGradient | Products::ForwardGradient(_) => {
-            let state = (motion, &first[..]);
-            let off = target.within(Gradients(scene, (scratch, co_states), state, (which, &mut *x, &mut *results)));
-            if which.form() == Some(Form::Auto) {
-                for lane in 0..T::LANES {
-                    doubt |= u64::from(off.lane(lane) > 0.0) << lane;
-                }
-            }
+            let (state, constants) = ((motion, &first[..]), &mut Constants::default());
+            doubt |= gradients(target, which.form(), (scene, (scratch, co_states)), state, (constants, x, results));
         }
     }
     let fault = any_not_finite(results);
@@ -108,20 +103,36 @@ impl<T: Vectorised> Work for Along<'_, T> {
     }
 }
 
-/// All cotangents of a state.
-struct Gradients<'a, T: Vectorised>(
-    (&'a Model<T>, &'a SweepModel<T>),
-    (&'a mut SweepScratch<T>, &'a mut CoStates<T>),
+/// A scene, and the scratch that gradients need.
+type Room<'a, T> = ((&'a Model<T>, &'a SweepModel<T>), (&'a mut SweepScratch<T>, &'a mut CoStates<T>));
+
+/// All cotangents of a state, of torques, or where there is a form of accelerations, then with the factor in the scratch; the lanes in doubt. Compiled once for batches and
+/// for trajectories.
+#[inline(never)]
+pub(crate) fn gradients<T: Vectorised, I: Target>(
+    target: I,
+    form: Option<Form>,
+    room: Room<'_, T>,
+    state: (Motion<'_, T>, &[T]),
+    (constants, x, out): (&mut Constants<'_, T>, &mut [T], &mut [T]),
+) -> u64 {
+    let off = target.within(Gradients(form.is_some(), room, state, (constants, x, out)));
+    if form == Some(Form::Auto) { (0..T::LANES).map(|lane| u64::from(off.lane(lane) > 0.0) << lane).sum() } else { 0 }
+}
+
+struct Gradients<'a, 'c, T: Vectorised>(
+    bool,
+    Room<'a, T>,
     (Motion<'a, T>, &'a [T]),
-    (Products, &'a mut [T], &'a mut [T]),
+    (&'a mut Constants<'c, T>, &'a mut [T], &'a mut [T]),
 );
 
-impl<T: Vectorised> Work for Gradients<'_, T> {
+impl<T: Vectorised> Work for Gradients<'_, '_, T> {
     type Output = T;
 
     #[inline(always)]
     fn call(self) -> T {
-        let Self(scene, scratch, state, (which, x, out)) = self;
-        gradients_in_sweeps::<T, T::Columns>(scene, scratch, state, which.form().is_some(), (x, out))
+        let Self(solves, (scene, scratch), state, results) = self;
+        gradients_in_sweeps::<T, T::Columns>(scene, scratch, state, solves, results)
     }
 }

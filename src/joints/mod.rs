@@ -3,6 +3,7 @@
 //! [`JointKind`] is what people name; it is made of [`Motion`]s about or along z, one body each. To add a kind that is made of motions that there
 //! are: a file with its parts, a line in each `match` of [`kind`], and its name in the docstring of `SceneBuilder.joint`.
 
+mod cotangents;
 mod exact;
 mod frames;
 mod free;

@@ -33,7 +33,7 @@ pub type Quaternion<T> = [T; 4];
 
 /// x / y, and `limit` where y is zero.
 #[inline(always)]
-fn quotient<T: Real>(x: T, y: T, limit: f64) -> T {
+pub(super) fn quotient<T: Real>(x: T, y: T, limit: f64) -> T {
     let o = y.one_if_zero();
     (x + o * x.constant(limit)) / (y + o)
 }

@@ -19,14 +19,18 @@
 //!
 //! [`properties`] is what joints do by themselves, [`method`] the coefficients of the methods, [`manifold`] configurations,
 //! `conserve` the momentum of floating trees, `step` one step in any scalar, `stepper` states in lanes through many steps, [`rollout`] a batch of them on
-//! threads, [`simulator`] one that goes on step by step.
+//! threads, [`simulator`] one that goes on step by step. `backward` is one step backward, `reverser` states backward through many, `gradient` a batch of them:
+//! [`Rollout::gradients`].
 
 #[cfg(feature = "adaptive")]
 pub mod adaptive;
+mod backward;
 mod conserve;
+mod gradient;
 pub mod manifold;
 pub mod method;
 pub mod properties;
+mod reverser;
 pub mod rollout;
 pub mod simulator;
 mod step;
@@ -35,6 +39,7 @@ mod stepper;
 #[cfg(feature = "adaptive")]
 pub use adaptive::{Adaptive, Solver};
 pub use conserve::Correction;
+pub use gradient::{RecordedRows, RolloutGradients};
 pub use method::{METHODS, Method};
 pub use properties::{Gains, Properties};
 pub use rollout::{Records, Rollout, Settings, StepFault, Torque};

@@ -110,10 +110,10 @@ pub struct StepFault {
 #[derive(Debug)]
 pub struct Rollout<S> {
     scene: S,
-    law: Law,
+    pub(super) law: Law,
     keeper: Keeper<f64>,
-    form: Form,
-    arm: Arm,
+    pub(super) form: Form,
+    pub(super) arm: Arm,
     states: usize,
     /// (q, qd) of every state, and where momentum is kept what is kept and the largest corrections.
     current: Vec<f64>,
@@ -130,7 +130,7 @@ impl std::fmt::Debug for Stepper {
 }
 
 /// States are given to threads in multiples of this: more than any arm has lanes.
-const GRAIN: usize = 16;
+pub(super) const GRAIN: usize = 16;
 
 impl<S: Borrow<Scene>> Rollout<S> {
     /// States to start from, one after another: `q` (states, nq), `qd` (states, nv); `scene`: a reference, or what holds one.
@@ -428,7 +428,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             let count = GRAIN.min(self.states - first) * rows;
             let (own_q, rest_q) = q.split_at_mut(count * nq);
             let (own_qd, rest_qd) = qd.split_at_mut(count * nv);
-            pieces.push(Mutex::new(Rows { q: own_q, qd: own_qd, first, of_state: rows, every }));
+            pieces.push(Mutex::new(Rows { q: own_q, qd: own_qd, first, of_state: rows, from: 0, every }));
             (q, qd) = (rest_q, rest_qd);
         }
         Ok(pieces)

@@ -17,7 +17,7 @@ use crate::scene::Scene;
 use crate::workspace::Workspace;
 
 /// What every step of a rollout has in common, in numbers of one state.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Law {
     pub step: f64,
     pub method: Method,
@@ -29,10 +29,10 @@ pub(super) struct Law {
     /// The bodies that trees begin with whose momentum is kept; empty where it is left to the method.
     pub roots: Vec<usize>,
     /// Whether some joint has friction.
-    rubs: bool,
+    pub rubs: bool,
     /// Bodies whose joints have a spring, and bodies that the control law pulls.
-    sprung: Vec<bool>,
-    pulled: Vec<bool>,
+    pub sprung: Vec<bool>,
+    pub pulled: Vec<bool>,
 }
 
 impl Law {
@@ -59,6 +59,13 @@ impl Law {
             gains,
             roots,
         }
+    }
+
+    /// The same for a way back, which tells of springs that are not there too: how far every joint is from rest.
+    pub fn backward(&self) -> Self {
+        let mut law = self.clone();
+        law.sprung.fill(true);
+        law
     }
 
     /// The time of a step, counted from the start of the run, s.
@@ -95,24 +102,24 @@ impl Law {
 
 /// One row's constants in the scalar of the lanes.
 #[derive(Debug, Clone, Copy)]
-struct RowTerms<T> {
+pub(super) struct RowTerms<T> {
     /// Noise without friction's part.
-    noise: T,
-    damping: T,
-    stiffness: T,
-    friction: T,
-    proportional: T,
-    derivative: T,
+    pub noise: T,
+    pub damping: T,
+    pub stiffness: T,
+    pub friction: T,
+    pub proportional: T,
+    pub derivative: T,
 }
 
 /// The arrays of a step.
 #[derive(Debug)]
 pub(super) struct Scratch<T: Real> {
     pub model: Model<T>,
-    constants: SweepModel<T>,
-    sweeps: SweepScratch<T>,
-    rows: Vec<RowTerms<T>>,
-    rest: Vec<T>,
+    pub constants: SweepModel<T>,
+    pub sweeps: SweepScratch<T>,
+    pub rows: Vec<RowTerms<T>>,
+    pub rest: Vec<T>,
     pub target: Vec<T>,
     pub target_rate: Vec<T>,
     /// The torque that is given, held over the step.
@@ -122,18 +129,19 @@ pub(super) struct Scratch<T: Real> {
     pub q_next: Vec<T>,
     pub v_next: Vec<T>,
     /// Stages: rates of the increment, and accelerations.
-    l: [Vec<T>; STAGES],
+    pub l: [Vec<T>; STAGES],
     pub m: [Vec<T>; STAGES],
-    /// Increment, configuration, velocity and carried velocity of a stage.
-    x: Vec<T>,
-    q_stage: Vec<T>,
-    v_stage: Vec<T>,
-    c: Vec<T>,
-    u: Vec<T>,
+    /// Increment, configuration, velocity, carried velocity and torque of a stage.
+    pub x: Vec<T>,
+    pub q_stage: Vec<T>,
+    pub v_stage: Vec<T>,
+    pub c: Vec<T>,
+    pub u: Vec<T>,
     /// Friction's damping, f / sqrt(v^2 + v0^2) at the step's start.
-    chord: Vec<T>,
-    displaced: Vec<T>,
-    displaced_target: Vec<T>,
+    pub chord: Vec<T>,
+    /// How far the stage is from where the springs are at rest, and from the control law's target.
+    pub displaced: Vec<T>,
+    pub displaced_target: Vec<T>,
     pub keeper: Keeper<T>,
 }
 
@@ -272,7 +280,7 @@ impl Solver<f64> for Checked {
 
 /// sum + c x, in place.
 #[inline(always)]
-fn add_scaled<T: Real>(sum: &mut [T], c: f64, x: &[T]) {
+pub(super) fn add_scaled<T: Real>(sum: &mut [T], c: f64, x: &[T]) {
     if c == 0.0 {
         return;
     }
@@ -297,33 +305,11 @@ pub(super) fn step<T: Real, S: Solver<T>>(law: &Law, s: &mut Scratch<T>, solver:
         set_friction(law, s);
     }
     for i in 0..t.stages {
-        s.v_stage.copy_from_slice(&s.v);
-        if i == 0 {
-            s.q_stage.copy_from_slice(&s.q);
-            s.c.copy_from_slice(&s.v);
-        } else {
-            for x in &mut s.x {
-                *x = x.constant(0.0);
-            }
-            for j in 0..i {
-                add_scaled(&mut s.x, t.alpha[i][j], &s.l[j]);
-                add_scaled(&mut s.v_stage, t.alpha[i][j], &s.m[j]);
-            }
-            advance(&s.model, &s.q, &s.x, &mut s.q_stage);
-            s.c.copy_from_slice(&s.v_stage);
-            carry_back(&s.model, &s.x, &mut s.c);
-            for j in 0..i {
-                add_scaled(&mut s.c, t.gamma[i][j], &s.m[j]);
-            }
-        }
-        forces(law, s, i);
+        stage(law, s, i);
         doubt |= solver.solve((&s.model, &s.constants), &mut s.sweeps, (&s.q_stage, &s.v_stage, &s.u), &mut s.m[i]);
-        s.l[i].copy_from_slice(&s.c);
-        add_scaled(&mut s.l[i], t.gamma[i][i], &s.m[i]);
+        finish_stage(law, s, i);
     }
-    for x in &mut s.x {
-        *x = x.constant(0.0);
-    }
+    clear(&mut s.x);
     s.v_next.copy_from_slice(&s.v);
     for i in 0..t.stages {
         add_scaled(&mut s.x, t.weights[i], &s.l[i]);
@@ -336,10 +322,49 @@ pub(super) fn step<T: Real, S: Solver<T>>(law: &Law, s: &mut Scratch<T>, solver:
     doubt
 }
 
+/// Zero.
+#[inline(always)]
+pub(super) fn clear<T: Real>(numbers: &mut [T]) {
+    for x in numbers {
+        *x = x.constant(0.0);
+    }
+}
+
+/// Increment, configuration, velocity, carried velocity and torque of stage `i`, from the stages before it.
+#[inline(always)]
+pub(super) fn stage<T: Real>(law: &Law, s: &mut Scratch<T>, i: usize) {
+    let t = &law.tableau;
+    s.v_stage.copy_from_slice(&s.v);
+    if i == 0 {
+        s.q_stage.copy_from_slice(&s.q);
+        s.c.copy_from_slice(&s.v);
+    } else {
+        clear(&mut s.x);
+        for j in 0..i {
+            add_scaled(&mut s.x, t.alpha[i][j], &s.l[j]);
+            add_scaled(&mut s.v_stage, t.alpha[i][j], &s.m[j]);
+        }
+        advance(&s.model, &s.q, &s.x, &mut s.q_stage);
+        s.c.copy_from_slice(&s.v_stage);
+        carry_back(&s.model, &s.x, &mut s.c);
+        for j in 0..i {
+            add_scaled(&mut s.c, t.gamma[i][j], &s.m[j]);
+        }
+    }
+    forces(law, s, i);
+}
+
+/// The rate of the increment in stage `i`, whose accelerations are there.
+#[inline(always)]
+pub(super) fn finish_stage<T: Real>(law: &Law, s: &mut Scratch<T>, i: usize) {
+    s.l[i].copy_from_slice(&s.c);
+    add_scaled(&mut s.l[i], law.tableau.gamma[i][i], &s.m[i]);
+}
+
 /// Friction as damping, f / sqrt(v^2 + v0^2) at the step's start: never zero where f is not, so a row has noise in all lanes or
 /// in none. Taken implicitly, it cannot turn a velocity round.
 #[inline(always)]
-fn set_friction<T: Real>(law: &Law, s: &mut Scratch<T>) {
+pub(super) fn set_friction<T: Real>(law: &Law, s: &mut Scratch<T>) {
     let hg = law.tableau.gamma[0][0];
     for (row, of) in s.rows.iter().enumerate() {
         if law.properties.friction[row] == 0.0 {
@@ -355,7 +380,7 @@ fn set_friction<T: Real>(law: &Law, s: &mut Scratch<T>) {
 
 /// sqrt(v^2 + v0^2).
 #[inline(always)]
-fn rounded_speed<T: Real>(law: &Law, v: T) -> T {
+pub(super) fn rounded_speed<T: Real>(law: &Law, v: T) -> T {
     let v0 = v.constant(law.properties.friction_speed);
     v.mul_add(v, v0 * v0).sqrt()
 }

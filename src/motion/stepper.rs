@@ -31,7 +31,8 @@ pub(super) struct Rows<'a> {
     pub first: usize,
     /// How many rows a state has room for.
     pub of_state: usize,
-    /// A row is written after every so many steps of the whole run, and before the first.
+    /// The step that the first row is before; a row is written after every so many steps from there on.
+    pub from: usize,
     pub every: usize,
 }
 
@@ -53,7 +54,7 @@ pub(super) struct Job<'a, 'r> {
 
 /// What advances states, whatever its scalar.
 trait Stepping: Send + Sync {
-    fn run(&mut self, form: Form, checked: &mut Alone, job: Job<'_, '_>) -> Result<(), StepFault>;
+    fn run(&mut self, form: Form, checked: &mut Option<Box<Alone>>, job: Job<'_, '_>) -> Result<(), StepFault>;
 }
 
 /// Scratch for one rollout on one thread, made when it is first used.
@@ -61,14 +62,14 @@ pub(super) struct Stepper {
     arm: Arm,
     one: Option<Box<dyn Stepping>>,
     many: Option<Box<dyn Stepping>>,
-    checked: Alone,
+    checked: Option<Box<Alone>>,
     form: Form,
 }
 
 impl Stepper {
     pub fn new(form: Form, arm: Arm) -> Self {
         let arm = if arm.available() { arm } else { Arm::Baseline };
-        Self { arm, one: None, many: None, checked: Alone { scratch: None }, form }
+        Self { arm, one: None, many: None, checked: None, form }
     }
 
     /// How many states a job may have.
@@ -122,13 +123,36 @@ impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
 
 /// One state, for the steps that a lane was in doubt at.
 struct Alone {
-    scratch: Option<(Scratch<f64>, Checked)>,
+    scratch: Scratch<f64>,
+    solver: Checked,
+}
+
+impl Alone {
+    #[cold]
+    fn new(model: &Model<f64>, law: &Law, form: Form) -> Self {
+        Self { scratch: Scratch::new(model, law), solver: Checked::new(model, form) }
+    }
+
+    /// The step of one state; the joint and the error, where there is none.
+    #[inline(never)]
+    fn step(&mut self, scene: &Scene, law: &Law) -> Result<(), (String, Error)> {
+        step(law, &mut self.scratch, &mut self.solver);
+        let lost = self.solver.lost.take();
+        fault_of(scene, law, &self.scratch, lost).map_or(Ok(()), Err)
+    }
 }
 
 impl<T: Vectorised<Number = f64>, I: Target> Stepping for Compiled<T, I> {
-    fn run(&mut self, form: Form, checked: &mut Alone, job: Job<'_, '_>) -> Result<(), StepFault> {
+    fn run(&mut self, form: Form, checked: &mut Option<Box<Alone>>, job: Job<'_, '_>) -> Result<(), StepFault> {
         let target = self.target;
         target.within(Run { scratch: &mut self.scratch, target, form, checked, job })
+    }
+}
+
+/// Numbers into one lane of an array.
+pub(super) fn fill<T: Vectorised<Number = f64>>(numbers: &mut [T], lane: usize, values: &[f64]) {
+    for (number, &value) in numbers.iter_mut().zip(values) {
+        number.lanes_mut()[lane] = value;
     }
 }
 
@@ -136,13 +160,13 @@ struct Run<'a, 'r, T: Vectorised, I> {
     scratch: &'a mut Scratch<T>,
     target: I,
     form: Form,
-    checked: &'a mut Alone,
+    checked: &'a mut Option<Box<Alone>>,
     job: Job<'a, 'r>,
 }
 
 /// One lane of an array.
 #[inline(always)]
-fn scatter<T: Vectorised<Number = f64>>(numbers: &[T], lane: usize, out: &mut [f64]) {
+pub(super) fn scatter<T: Vectorised<Number = f64>>(numbers: &[T], lane: usize, out: &mut [f64]) {
     for (value, number) in out.iter_mut().zip(numbers) {
         *value = number.lanes()[lane];
     }
@@ -205,9 +229,9 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                 s.keeper.remember();
             }
             if let Some(rows) = &mut rows
-                && (n + 1) % rows.every == 0
+                && (n + 1 - rows.from) % rows.every == 0
             {
-                let row = (n + 1) / rows.every;
+                let row = (n + 1 - rows.from) / rows.every;
                 for lane in 0..count {
                     let at = (states.start - rows.first + lane) * rows.of_state + row;
                     scatter(&s.q, lane, &mut rows.q[at * nq..(at + 1) * nq]);
@@ -253,37 +277,32 @@ fn strayed<T: Vectorised>(law: &Law, s: &Scratch<T>) -> u64 {
 fn again<T: Vectorised<Number = f64>>(
     s: &mut Scratch<T>,
     (scene, law, form): (&Scene, &Law, Form),
-    alone: &mut Alone,
+    alone: &mut Option<Box<Alone>>,
     (n, first): (usize, usize),
     mut doubt: u64,
 ) -> Result<(), StepFault> {
-    let made = || (Scratch::new(scene.model(), law), Checked::new(scene.model(), form));
-    let (one, solver) = alone.scratch.get_or_insert_with(made);
+    let alone = alone.get_or_insert_with(|| Box::new(Alone::new(scene.model(), law, form)));
     while doubt != 0 {
         let lane = doubt.trailing_zeros() as usize;
         doubt &= doubt - 1;
-        scatter(&s.q, lane, &mut one.q);
-        scatter(&s.v, lane, &mut one.v);
-        scatter(&s.torque, lane, &mut one.torque);
-        scatter(&s.target, lane, &mut one.target);
-        scatter(&s.target_rate, lane, &mut one.target_rate);
-        scatter(&s.keeper.start, lane, &mut one.keeper.start);
+        let one = &mut alone.scratch;
+        for (to, from) in [
+            (&mut one.q, &s.q),
+            (&mut one.v, &s.v),
+            (&mut one.torque, &s.torque),
+            (&mut one.target, &s.target),
+            (&mut one.target_rate, &s.target_rate),
+            (&mut one.keeper.start, &s.keeper.start),
+        ] {
+            scatter(from, lane, to);
+        }
         one.keeper.time = s.keeper.time.lanes()[lane];
-        step(law, one, solver);
-        let lost = solver.lost.take();
-        if let Some(fault) = fault_of(scene, law, one, lost) {
-            let (joint, error) = fault;
-            return Err(StepFault { step: n, state: first + lane, joint, error });
-        }
-        for (number, &value) in s.q_next.iter_mut().zip(&one.q_next) {
-            number.lanes_mut()[lane] = value;
-        }
-        for (number, &value) in s.v_next.iter_mut().zip(&one.v_next) {
-            number.lanes_mut()[lane] = value;
-        }
-        for (number, &value) in s.keeper.correction.iter_mut().zip(&one.keeper.correction) {
-            number.lanes_mut()[lane] = value;
-        }
+        let state = first + lane;
+        alone.step(scene, law).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
+        let one = &alone.scratch;
+        fill(&mut s.q_next, lane, &one.q_next);
+        fill(&mut s.v_next, lane, &one.v_next);
+        fill(&mut s.keeper.correction, lane, &one.keeper.correction);
     }
     Ok(())
 }

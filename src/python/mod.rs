@@ -41,6 +41,7 @@ mod pickled_simulator;
 mod plan;
 mod products;
 mod report;
+mod rollout_gradients;
 mod scene;
 mod scenes;
 mod scratch;

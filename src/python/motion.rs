@@ -139,6 +139,7 @@ impl PyScene {
         let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];
         let fields = about(slf, &settings)?;
         fields.set_item("record_every", every)?;
+        fields.set_item("given", keywords.given(py, (tau, tau_steps))?)?;
         let rollout = detached(py, || Rollout::new(scene, settings, &all_q[..], &all_qd[..]))?;
         let mut rollout = rollout.map_err(|error| of_batch(py, &error, &batch))?;
         drop((all_q, all_qd));

@@ -31,7 +31,12 @@ mod cost {
 }
 
 /// Where a link is: the moving body that carries it, and its placement there.
-type Place = (Option<usize>, RigidShift<f64>);
+pub(super) type Place = (Option<usize>, RigidShift<f64>);
+
+/// Where every link is that a joint carries, in the order of the joints.
+pub(super) fn places_of_links(scene: &Scene) -> Result<Vec<Place>, Error> {
+    scene.joints().iter().map(|joint| scene.link(&joint.child).map(|link| (link.body, link.placement))).collect()
+}
 
 /// q, qd and the third with its name, then a direction or a cotangent.
 type Given<'a, 'py> = Vec<(&'static str, &'a Object<'py>)>;
@@ -289,8 +294,7 @@ impl PyScene {
         }
         let place = |name: &str| scene.link(name).map(|link| (link.body, link.placement));
         let wrenched = names.iter().map(|name| place(name)).collect::<Result<Vec<Place>, Error>>()?;
-        let links = if parameters { scene.joints() } else { &[] };
-        let moving = links.iter().map(|joint| place(&joint.child)).collect::<Result<Vec<Place>, Error>>()?;
+        let moving = if parameters { places_of_links(scene)? } else { Vec::new() };
         let mut shapes = vec![vec![nv]; 3];
         shapes.extend(names.iter().map(|_| vec![6]));
         if parameters {

@@ -58,6 +58,32 @@ impl<'py> Keywords<'_, 'py> {
     }
 }
 
+impl<'py> Keywords<'_, 'py> {
+    /// The keywords and torques that say, beside a trajectory's own fields, how it was made.
+    pub fn given(
+        &self,
+        py: Python<'py>,
+        (tau, tau_steps): (Option<&Object<'py>>, Option<&Object<'py>>),
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let given = PyDict::new(py);
+        for (name, value) in [
+            ("tau", tau),
+            ("tau_steps", tau_steps),
+            ("pd", self.pd),
+            ("damping", self.damping),
+            ("friction", self.friction),
+        ] {
+            if let Some(value) = value {
+                given.set_item(name, value)?;
+            }
+        }
+        given.set_item("friction_speed", self.friction_speed)?;
+        given.set_item("form", self.form)?;
+        given.set_item("conserve_momentum", self.conserve_momentum)?;
+        Ok(given)
+    }
+}
+
 /// The fields of a trajectory that say how it was made.
 pub(super) fn about<'py>(scene: &Bound<'py, PyScene>, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
     let py = scene.py();

@@ -214,6 +214,11 @@ LARGE: dict[str, Large] = {
         "q, qd", batch(10**6, lambda scene, q: scene.simulate(q, rates(q), dt=1e-3, steps=1, record_every=2))
     ),
     "simulate, torques": Large("tau_steps", in_steps),
+    "simulate_vjp": Large(
+        "q",
+        batch(10**6, lambda scene, q: scene.simulate_vjp(q[:, None], *np.zeros((3, 1, 7)), dt=1e-3, steps=0)),
+        covers=("simulate_vjp.steps", "simulate_vjp.record_every"),
+    ),
     "simulator": Large("q, qd", batch(10**6, lambda scene, q: scene.simulator(q, rates(q), dt=1e-3))),
     "factor": Large("q", batch(50_000, lambda scene, q: scene.factor(q))),
     "factor.update": Large("q", of_factor(4_000, lambda factor, q: factor.update(q + 0.1)), room=15),

@@ -114,6 +114,17 @@ def many_resets(scene: phipsi.Scene, q: np.ndarray) -> None:
         simulator.reset(q)
 
 
+def backward(record_every: int) -> Callable[[], Call]:
+    def prepare() -> Call:
+        scene = chain(30)
+        q = states(scene, 2000)
+        path = scene.simulate(q, np.zeros_like(q), dt=1e-6, steps=200, record_every=record_every)
+        cotangents = np.ones((2, *path.qd.shape))
+        return lambda: path.vjp(*cotangents)
+
+    return prepare
+
+
 LONG: dict[str, Callable[[], Call]] = {
     "forward_dynamics": batch(30, 300_000, lambda scene, q: scene.forward_dynamics(q, q, q, form="joseph")),
     "forward_dynamics, auto": batch(30, 500_000, lambda scene, q: scene.forward_dynamics(q, q, q)),
@@ -168,6 +179,8 @@ LONG: dict[str, Callable[[], Call]] = {
     "operator.toarray, one": of_factor(300, 1, lambda factor, q: factor.S.toarray()),
     "simulate": batch(7, 3, lambda scene, q: moving(scene, q, 10**9)),
     "simulate, long steps": batch(300, 100_000, lambda scene, q: moving(scene, q, 10)),
+    "simulate_vjp": backward(1),
+    "simulate_vjp, few rows": backward(200),
     "simulator": batch(300, 100_000, lambda scene, q: [scene.simulator(q, dt=1e-3) for _ in range(10)]),
     "simulator.step": batch(7, 3, lambda scene, q: scene.simulator(q, dt=1e-6).step(steps=10**9)),
     "simulator.step, long steps": batch(300, 50_000, lambda scene, q: scene.simulator(q, dt=1e-6).step(steps=10)),

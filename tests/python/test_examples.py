@@ -45,6 +45,13 @@ def test_the_rods_stay_on_the_cart() -> None:
     assert len(angles) == 5 and angles[-1] < 0.02 * angles[0]
 
 
+def test_the_arm_reaches_its_goal_by_gradients() -> None:
+    run = subprocess.run([sys.executable, str(PAPER.with_name("reach.py"))], capture_output=True, text=True, timeout=300, check=False)
+    assert run.returncode == 0, run.stdout[-2000:] + run.stderr
+    off, speed, before, after = (float(x) for x in re.findall(r"(\d\S*) rad from.* at (\S+) rad/s; cost (\S+) -> (\S+)", run.stdout)[0])
+    assert off < 5e-3 and speed < 2e-2 and after < 0.01 * before
+
+
 GYM = PAPER.with_name("gymnasium_cart_pole.py")
 
 

@@ -118,3 +118,26 @@ def test_a_wrong_width_is_refused(scene: phipsi.Scene) -> None:
     q, qd, tau = arguments(scene, "forward_dynamics")
     with pytest.raises(Exception, match="tau"):
         jax.block_until_ready(phipsi.jax.forward_dynamics(scene, q, qd, tau[:-1]))
+
+
+def rollout(scene: phipsi.Scene, *batch: int) -> tuple[np.ndarray, ...]:
+    q, qd, _ = arguments(scene, "forward_dynamics", *batch)
+    return q, qd, np.random.default_rng(2).uniform(-1, 1, (*batch, 7, scene.nv))
+
+
+@pytest.mark.parametrize("method", ["semi-implicit-euler", "rk4"])
+def test_gradients_of_a_rollout(scene: phipsi.Scene, method: str) -> None:
+    def function(*given: Any) -> Any:
+        return phipsi.jax.simulate(scene, *given, dt=0.02, record_every=2, method=method)
+
+    given = rollout(scene, 3)
+    path = scene.simulate(given[0], given[1], tau_steps=given[2], dt=0.02, steps=7, record_every=2, method=method)
+    for found in (jax.jit(function)(*given), jax.vmap(function)(*given)):
+        assert_near(np.asarray(found[0]), path.q, product(scene.nv, size(path.q)))
+        assert_near(np.asarray(found[1]), path.qd, product(scene.nv, size(path.qd)))
+    check_grads(jax.jit(function), tuple(array[0] for array in given), order=1, modes=["rev"], atol=1e-4, rtol=1e-4)
+    # Of a start that all share the sum.
+    loss = lambda q, qd, tau: sum((rows**2).sum() for rows in function(q, qd, tau))  # noqa: E731
+    shared = jax.grad(loss)(given[0][0], given[1], given[2])
+    each = jax.vmap(jax.grad(loss), in_axes=(None, 0, 0))(given[0][0], given[1], given[2])
+    assert_near(np.asarray(shared), np.asarray(each).sum(axis=0), product(64 * scene.nv, size(np.asarray(each))))

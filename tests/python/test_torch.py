@@ -15,6 +15,9 @@ torch = pytest.importorskip("torch")
 
 import phipsi.torch  # noqa: E402
 
+# Forward mode of torch calls what torch itself has deprecated.
+pytestmark = pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated:FutureWarning", "ignore:.torch.jit.script_method.:FutureWarning")
+
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     "forward_dynamics": phipsi.torch.forward_dynamics,
     "inverse_dynamics": phipsi.torch.inverse_dynamics,
@@ -62,3 +65,22 @@ def test_vmap_and_jacobians(kind: str, name: str) -> None:
         found = torch.vmap(of(function))(*given)
         each = torch.stack([of(function)(*row) for row in zip(*given, strict=True)])
         assert_near(found.numpy(), each.numpy(), product(scene.nv, size(each.numpy())))
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_gradients_of_a_rollout(kind: str) -> None:
+    scene = SCENES[kind]()
+    q, qd, _ = arguments(scene, "forward_dynamics", 2)
+    tau = torch.tensor(np.random.default_rng(2).uniform(-1, 1, (2, 5, scene.nv)), requires_grad=True)
+    function = lambda *given: phipsi.torch.simulate(scene, *given, dt=0.02, record_every=2, method="rk4")  # noqa: E731
+    assert torch.autograd.gradcheck(function, (q, qd, tau))
+    given = [argument.detach() for argument in (q, qd, tau)]
+    path = scene.simulate(*(a.numpy() for a in given[:2]), tau_steps=given[2].numpy(), dt=0.02, steps=5, record_every=2, method="rk4")
+    for found in (function(*given), torch.vmap(function)(*given)):
+        assert_near(found[0].numpy(), path.q, product(scene.nv, size(path.q)))
+        assert_near(found[1].numpy(), path.qd, product(scene.nv, size(path.qd)))
+    loss = lambda *given: sum((rows**2).sum() for rows in function(*given))  # noqa: E731
+    every = torch.func.grad(loss, argnums=(0, 1, 2))(*given)
+    each = torch.vmap(torch.func.grad(loss, argnums=(0, 1, 2)))(*given)
+    for one, other in zip(every, each, strict=True):
+        assert_near(one.numpy(), other.numpy(), product(64 * scene.nv, size(one.numpy())))

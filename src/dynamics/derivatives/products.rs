@@ -245,15 +245,15 @@ pub(crate) fn tangent_in_sweeps<T: Real, C: ColumnsOf<T>>(
     }
 }
 
-/// The gradients by q, qd and u, likewise: of torques, or where `solves` of accelerations, then with the factor, turns and shifts in the scratch; x is scratch. Above zero
-/// where digits were lost.
+/// The gradients by q, qd and u, and by the constants that are asked for, likewise: of torques, or where `solves` of accelerations, then with the factor, turns and shifts in
+/// the scratch; x is scratch. Above zero where digits were lost.
 #[inline(always)]
 pub(crate) fn gradients_in_sweeps<T: Real, C: ColumnsOf<T>>(
     scene: (&Model<T>, &SweepModel<T>),
     (scratch, co_states): (&mut SweepScratch<T>, &mut CoStates<T>),
     (motion, cotangent): (Motion<'_, T>, &[T]),
     solves: bool,
-    (x, out): (&mut [T], &mut [T]),
+    (constants, x, out): (&mut Constants<'_, T>, &mut [T], &mut [T]),
 ) -> T {
     let last = 2 * cotangent.len();
     if solves {
@@ -263,7 +263,7 @@ pub(crate) fn gradients_in_sweeps<T: Real, C: ColumnsOf<T>>(
         carriers(scene.1, scratch, C::zero(), motion.q);
         out[last..].copy_from_slice(cotangent);
     }
-    adjoint::in_sweeps(scene, (scratch, co_states), motion, &mut Constants::default(), out);
+    adjoint::in_sweeps(scene, (scratch, co_states), motion, constants, out);
     if solves { solved_short_of(cotangent, co_states.terms, &mut out[last..], x) } else { T::zero() }
 }
 

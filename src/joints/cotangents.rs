@@ -1,0 +1,261 @@
+//! Cotangents of a joint's coordinates: how the gradient of a scalar goes back through what [`Motion`] does to configurations.
+//!
+//! Gradients by a configuration are in its tangent space, in the axes of the rates. With (ad x) y = [x, y],
+//!
+//! ```text
+//! q' = q exp(x):                              q_bar = exp(-ad x)* q'_bar,    x_bar = Jr(x)* q'_bar,    Jr(x) = sum (-ad x)^k/(k + 1)!
+//! c = v + [x, v]/2 + [x, [x, v]]/12:          v_bar = (1 + ad x/2 + (ad x)^2/12)* c_bar, and x_bar by the product rule
+//! r = the rotation vector from rest to q:     q_bar = Jr(r)^-1* r_bar
+//! ```
+
+use super::Motion;
+use super::quaternion::{quotient, rotation, turn_between};
+use super::vectors::{cross, plus, triple, write};
+use crate::scalar::Real;
+use nalgebra::Vector3;
+
+/// Terms of the exponential's series: for x that turns by t, what is left out is below t^28/28!, a rounding for t of pi.
+const TERMS: u32 = 28;
+
+/// A twist, or what pairs with one: (linear, angular).
+type Pair<T> = [Vector3<T>; 2];
+
+fn pair<T: Real>(x: &[T]) -> Pair<T> {
+    [triple(x), triple(&x[3..])]
+}
+
+/// -(ad x)* g, for x = (a, w) and g = (f, m): (w x f, a x f + w x m).
+#[inline(always)]
+fn turned<T: Real>([a, w]: &Pair<T>, [f, m]: &Pair<T>) -> Pair<T> {
+    [cross(w, f), plus(&cross(a, f), f[0].constant(1.0), &cross(w, m))]
+}
+
+/// a + s b.
+#[inline(always)]
+fn add<T: Real>(a: &Pair<T>, s: f64, b: &Pair<T>) -> Pair<T> {
+    let s = a[0][0].constant(s);
+    [plus(&a[0], s, &b[0]), plus(&a[1], s, &b[1])]
+}
+
+impl<T: Real> Motion<T> {
+    /// q' = q exp(x), as [`Motion::advance`] has it: to the cotangents of q and x is added what that of q' gives.
+    #[inline(always)]
+    pub(crate) fn advance_cotangents(&self, x: &[T], next: &[T], of_q: &mut [T], of_x: &mut [T]) {
+        match self {
+            Self::Spherical => {
+                let w = triple(x);
+                series(triple(next).into(), |g| cross(&w, &Vector3::from(g)).into(), of_q, of_x);
+            }
+            Self::Free => {
+                let x = pair(x);
+                let minus_adjoint = |g: [T; 6]| {
+                    let [[a, b, c], [d, e, f]] = turned(&x, &pair(&g)).map(<[T; 3]>::from);
+                    [a, b, c, d, e, f]
+                };
+                series([0, 1, 2, 3, 4, 5].map(|i| next[i]), minus_adjoint, of_q, of_x);
+            }
+            Self::Fixed => {}
+            _ => {
+                of_q[0] += next[0];
+                of_x[0] += next[0];
+            }
+        }
+    }
+
+    /// c, the rate of an increment x where the body moves with v, as [`Motion::carry_back`] has it: the cotangent of c becomes that of v, in place, and what it gives
+    /// is added to that of x.
+    #[inline(always)]
+    pub(crate) fn carry_back_cotangents(&self, (x, v): (&[T], &[T]), carried: &mut [T], of_x: &mut [T]) {
+        match self {
+            Self::Spherical => {
+                let zero = Vector3::from_element(x[0].constant(0.0));
+                let seen = [[zero, triple(x)], [zero, triple(v)], [zero, triple(carried)]];
+                let [[_, of_v], [_, more]] = carried_back(seen);
+                write(carried, &of_v);
+                (0..3).for_each(|i| of_x[i] += more[i]);
+            }
+            Self::Free => {
+                let [of_v, more] = carried_back([pair(x), pair(v), pair(carried)]);
+                for (half, (of_v, more)) in of_v.iter().zip(&more).enumerate() {
+                    write(&mut carried[3 * half..], of_v);
+                    (0..3).for_each(|i| of_x[3 * half + i] += more[i]);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// How far the joint is from rest, as [`Motion::displacement`] has it: what its cotangent gives is added to that of q.
+    #[inline(always)]
+    pub(crate) fn displacement_cotangent(&self, (rest, q): (&[T], &[T]), displaced: &[T], of_q: &mut [T]) {
+        match self {
+            Self::Spherical => {
+                let of_turn = of_logarithm(&turn_between(rest, q), &triple(displaced));
+                (0..3).for_each(|i| of_q[i] += of_turn[i]);
+            }
+            Self::Free => {
+                let moved = plus(&triple(q), q[0].constant(-1.0), &triple(rest));
+                let [pushed, along] = [triple(displaced), rotation(&q[3..7]).rotate_back(&moved)];
+                let of_turn = of_logarithm(&turn_between(&rest[3..7], &q[3..7]), &triple(&displaced[3..]));
+                let of_turn = plus(&of_turn, q[0].constant(1.0), &cross(&pushed, &along));
+                (0..3).for_each(|i| of_q[i] += pushed[i]);
+                (0..3).for_each(|i| of_q[3 + i] += of_turn[i]);
+            }
+            Self::Fixed => {}
+            _ => of_q[0] += displaced[0],
+        }
+    }
+}
+
+/// exp(-ad x)* g and Jr(x)* g by their series, whose terms they share, added to what is there.
+#[inline(always)]
+fn series<T: Real, const N: usize>(
+    g: [T; N],
+    minus_adjoint: impl Fn([T; N]) -> [T; N],
+    of_q: &mut [T],
+    of_x: &mut [T],
+) {
+    let mut term = g;
+    for k in 1..=TERMS {
+        let over = g[0].constant(1.0 / f64::from(k));
+        for i in 0..N {
+            of_q[i] += term[i];
+            of_x[i] = term[i].mul_add(over, of_x[i]);
+        }
+        term = minus_adjoint(term).map(|entry| entry * over);
+    }
+}
+
+/// The cotangent of v, and what is added to that of x, from that of c.
+#[inline(always)]
+fn carried_back<T: Real>([x, v, c]: [Pair<T>; 3]) -> [Pair<T>; 2] {
+    let one = x[0][0].constant(1.0);
+    // y = [x, v]; once and twice: -(ad x)* c and (ad x)* (ad x)* c.
+    let y = [plus(&cross(&x[1], &v[0]), one, &cross(&x[0], &v[1])), cross(&x[1], &v[1])];
+    let once = turned(&x, &c);
+    let twice = turned(&x, &once);
+    let of_v = add(&add(&c, -0.5, &once), 1.0 / 12.0, &twice);
+    let second = add(&turned(&y, &c), -1.0, &turned(&v, &once));
+    let zero = [Vector3::from_element(one.constant(0.0)); 2];
+    [of_v, add(&add(&zero, 0.5, &turned(&v, &c)), 1.0 / 12.0, &second)]
+}
+
+/// Jr(r)^-1* g = g - r x g/2 + d r x (r x g), d = (1 - (t/2) cot(t/2))/t^2 of the length t.
+#[inline(always)]
+fn of_logarithm<T: Real>(r: &Vector3<T>, g: &Vector3<T>) -> Vector3<T> {
+    let one = r[0].constant(1.0);
+    let square = r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
+    let half = one.constant(0.5) * square.sqrt();
+    let (sine, cosine) = half.sin_cos();
+    // What cancels in d for a small t is multiplied by t^2.
+    let d = quotient(one - quotient(half * cosine, sine, 1.0), square, 1.0 / 12.0);
+    let once = cross(r, g);
+    plus(&plus(g, one.constant(-0.5), &once), d, &cross(r, &once))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scalar::Dual;
+
+    type Number = Dual<f64>;
+
+    const X: [f64; 6] = [0.7, -0.4, 1.1, 0.5, 1.2, -0.8];
+    const V: [f64; 6] = [-0.3, 0.9, 0.2, 1.4, -0.6, 0.35];
+    const REST: [f64; 7] = [0.2, 0.1, -0.4, 0.1, -0.3, 0.2, 0.9];
+    const Q: [f64; 7] = [0.5, -0.8, 0.3, 0.4, 0.5, -0.1, 0.7];
+    const BAR: [f64; 6] = [0.31, -0.22, 0.57, 0.84, -0.65, 0.19];
+
+    /// Each kind with how many coordinates and rates it has, and where these begin in the arrays above.
+    const KINDS: [(Motion<Number>, usize, usize, usize); 3] =
+        [(Motion::Free, 7, 6, 0), (Motion::Spherical, 4, 3, 3), (Motion::Revolute, 1, 1, 0)];
+
+    fn unit(mut q: [f64; 7]) -> [f64; 7] {
+        let norm = q[3..].iter().map(|x| x * x).sum::<f64>().sqrt();
+        q[3..].iter_mut().for_each(|x| *x /= norm);
+        q
+    }
+
+    /// q moved along d, to first order.
+    fn tangent(motion: &Motion<Number>, q: &[Number], d: &[f64]) -> Vec<Number> {
+        let along: Vec<Number> = d.iter().map(|&tangent| Dual { value: 0.0, tangent }).collect();
+        let mut out = q.to_vec();
+        // The increment is zero and its tangent is not: by the rates, which are the derivative.
+        let mut rates = vec![Dual::constant_of(0.0); q.len()];
+        motion.coordinate_rates(q, &along, &mut rates);
+        out.iter_mut().zip(&rates).for_each(|(out, rate)| *out = Dual { value: out.value, tangent: rate.tangent });
+        out
+    }
+
+    /// The tangent at q, whose coordinates have tangents: the rates that have these as theirs.
+    fn rates_of(motion: &Motion<Number>, q: &[Number], nv: usize) -> Vec<f64> {
+        let plain: Vec<Number> = q.iter().map(|x| Dual::constant_of(x.value)).collect();
+        let columns: Vec<Vec<f64>> = (0..nv)
+            .map(|i| {
+                let unit: Vec<f64> = (0..nv).map(|j| f64::from(u8::from(i == j))).collect();
+                tangent(motion, &plain, &unit).iter().map(|x| x.tangent).collect()
+            })
+            .collect();
+        // Columns are orthogonal: of length one for positions, of one half for quaternions.
+        columns
+            .iter()
+            .map(|c| c.iter().zip(q).map(|(c, x)| c * x.tangent).sum::<f64>() / c.iter().map(|c| c * c).sum::<f64>())
+            .collect()
+    }
+
+    fn pairing(a: &[f64], b: &[f64]) -> f64 {
+        a.iter().zip(b).map(|(a, b)| a * b).sum()
+    }
+
+    fn value(x: &[f64]) -> Vec<Number> {
+        x.iter().map(|&x| Dual::constant_of(x)).collect()
+    }
+
+    /// Adjoint against dual numbers, along every direction, for turns from none to nearly pi.
+    #[test]
+    fn gradients_are_the_adjoint_of_derivatives() {
+        for (motion, nq, nv, at) in KINDS {
+            for scale in [0.0, 0.03, 0.3, 1.0, 1.9] {
+                let [x, v, bar] = [X.map(|x| x * scale), V, BAR].map(|all| all[at..at + nv].to_vec());
+                let (q, rest) = (&unit(Q)[at..at + nq], &unit(REST)[at..at + nq]);
+                let [mut of_q, mut of_x, mut of_carried, mut of_q_by_spring] = [[Dual::constant_of(0.0); 6]; 4];
+                motion.advance_cotangents(&value(&x), &value(&bar), &mut of_q, &mut of_x);
+                let mut of_v = value(&bar);
+                motion.carry_back_cotangents((&value(&x), &value(&v)), &mut of_v, &mut of_carried);
+                motion.displacement_cotangent((&value(rest), &value(q)), &value(&bar), &mut of_q_by_spring);
+                let plain = |x: &[Number]| x[..nv].iter().map(|x| x.value).collect::<Vec<_>>();
+                for i in 0..nv {
+                    let d: Vec<f64> = (0..nv).map(|j| f64::from(u8::from(i == j))).collect();
+                    let moving = |x: &[f64]| -> Vec<Number> {
+                        x.iter().zip(&d).map(|(&value, &tangent)| Dual { value, tangent }).collect()
+                    };
+                    let mut next = vec![Dual::constant_of(f64::NAN); nq];
+                    if scale > 0.0 {
+                        motion.advance(&tangent(&motion, &value(q), &d), &value(&x), &mut next);
+                        near(plain(&of_q)[i], pairing(&bar, &rates_of(&motion, &next, nv)), "q of advance");
+                        motion.advance(&value(q), &moving(&x), &mut next);
+                        near(plain(&of_x)[i], pairing(&bar, &rates_of(&motion, &next, nv)), "x of advance");
+                    } else {
+                        // The length of x has no derivative there.
+                        near(plain(&of_q)[i], bar[i], "q of advance");
+                        near(plain(&of_x)[i], bar[i], "x of advance");
+                    }
+                    let mut carried = moving(&v);
+                    motion.carry_back(&value(&x), &mut carried);
+                    let change = |x: &[Number]| x.iter().map(|x| x.tangent).collect::<Vec<_>>();
+                    near(plain(&of_v)[i], pairing(&bar, &change(&carried)), "v of carry_back");
+                    let mut carried = value(&v);
+                    motion.carry_back(&moving(&x), &mut carried);
+                    near(plain(&of_carried)[i], pairing(&bar, &change(&carried)), "x of carry_back");
+                    let mut displaced = vec![Dual::constant_of(f64::NAN); nv];
+                    motion.displacement(&value(rest), &tangent(&motion, &value(q), &d), &mut displaced);
+                    near(plain(&of_q_by_spring)[i], pairing(&bar, &change(&displaced)), "q of displacement");
+                }
+            }
+        }
+    }
+
+    fn near(found: f64, expected: f64, what: &str) {
+        assert!((found - expected).abs() <= 1e-13, "{what}: {found} and {expected}");
+    }
+}

@@ -1,0 +1,281 @@
+//! Steps backward beside steps on dual numbers of twice the digits, along every direction: state, torques, what joints do by themselves, inertias.
+
+use super::*;
+use crate::batch::arms::Baseline;
+use crate::motion::step::{Solver, step};
+use crate::motion::{Gains, METHODS, Method, Properties};
+use crate::scalar::{DoubleDouble, Dual};
+use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
+use crate::spatial::Symmetric3;
+use nalgebra::Vector3;
+
+type Number = Dual<DoubleDouble>;
+
+fn plain(value: DoubleDouble) -> Number {
+    Dual::constant_of(value)
+}
+
+fn number(value: f64) -> Number {
+    Number::from_f64(value)
+}
+
+/// One in one of six places.
+fn unit(i: usize) -> [f64; 6] {
+    std::array::from_fn(|j| f64::from(u8::from(i == j)))
+}
+
+/// Numbers of about one, the same each time.
+struct Numbers(u64);
+
+impl Numbers {
+    #[allow(clippy::cast_precision_loss)] // 53 bits
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    fn many(&mut self, count: usize, size: f64) -> Vec<f64> {
+        (0..count).map(|_| size * self.next()).collect()
+    }
+
+    fn positive(&mut self, count: usize, size: f64) -> Vec<f64> {
+        self.many(count, size).iter().map(|x| x.abs() + 0.1 * size).collect()
+    }
+}
+
+/// A floating branched robot with every kind of joint.
+fn scene() -> Scene {
+    let mut random = Numbers(7);
+    let inertial = |random: &mut Numbers| Inertial {
+        mass: 1.0 + 0.3 * random.next(),
+        centre: Vector3::from_fn(|_, _| 0.2 * random.next()),
+        central: Symmetric3::new([0.04, 0.005, -0.003, 0.05, 0.002, 0.03]),
+    };
+    let kinds = [
+        JointKind::Spherical,
+        JointKind::Revolute,
+        JointKind::Prismatic,
+        JointKind::Screw { pitch: 0.2 },
+        JointKind::Floating,
+        JointKind::Revolute,
+    ];
+    let mut builder = SceneBuilder::new()
+        .gravity([0.3, -0.5, -9.6])
+        .floating_base(true)
+        .link(LinkDescription { name: "base".into(), inertial: Some(inertial(&mut random)) });
+    for (k, kind) in kinds.into_iter().enumerate() {
+        let parent = if k < 2 { "base".to_owned() } else { format!("l{}", k - 2) };
+        let mut joint = JointDescription::new(format!("j{k}"), kind, parent, format!("l{k}"));
+        joint.origin.lever = Vector3::from_fn(|_, _| 0.4 * random.next());
+        joint.axis = Vector3::from_fn(|_, _| random.next());
+        joint.armature = 0.1;
+        let inertial = Some(inertial(&mut random));
+        builder = builder.link(LinkDescription { name: format!("l{k}"), inertial }).joint(joint);
+    }
+    builder.build().expect("a scene")
+}
+
+/// A step's law where everything acts, its state, and the gradients at its end.
+struct Case {
+    scene: Scene,
+    law: Law,
+    q: Vec<f64>,
+    v: Vec<f64>,
+    torque: Vec<f64>,
+    end: [Vec<f64>; 2],
+}
+
+impl Case {
+    fn new(method: Method, step: f64) -> Self {
+        let (scene, mut random) = (scene(), Numbers(3));
+        let nv = scene.nv();
+        let mut near = |size: f64| {
+            let mut q = scene.neutral();
+            scene.integrate(&scene.neutral(), &random.many(nv, size), &mut q).expect("a configuration");
+            q
+        };
+        let (q, rest, target) = (near(1.0), near(1.0), near(1.0));
+        let properties = Properties {
+            armature: random.positive(nv, 0.2),
+            damping: random.positive(nv, 0.5),
+            stiffness: random.positive(nv, 3.0),
+            rest,
+            friction: random.positive(nv, 0.3),
+            friction_speed: 0.5,
+        };
+        let gains = Gains {
+            proportional: random.positive(nv, 3.0),
+            derivative: random.positive(nv, 0.5),
+            target,
+            target_rate: random.many(nv, 0.3),
+        };
+        let law = Law::new(scene.model(), step, method, (properties, Some(gains)), Vec::new()).backward();
+        let (v, torque, end) =
+            (random.many(nv, 1.0), random.many(nv, 5.0), [random.many(nv, 1.0), random.many(nv, 1.0)]);
+        Self { scene, law, q, v, torque, end }
+    }
+
+    fn scratch<T: Real>(&self) -> Scratch<T> {
+        let mut s = Scratch::<T>::new(self.scene.model(), &self.law);
+        let gains = self.law.gains.as_ref().expect("gains");
+        for (to, from) in [
+            (&mut s.q, &self.q),
+            (&mut s.v, &self.v),
+            (&mut s.torque, &self.torque),
+            (&mut s.target, &gains.target),
+            (&mut s.target_rate, &gains.target_rate),
+        ] {
+            to.iter_mut().zip(from).for_each(|(to, &from)| *to = T::from_f64(from));
+        }
+        s
+    }
+
+    /// Back by the kernels, and with every check.
+    fn backward(&self) -> [StepGradients<f64>; 2] {
+        let mut s = self.scratch::<f64>();
+        let mut both = [StepGradients::new(&s.model, true), StepGradients::new(&s.model, true)];
+        for to in &mut both {
+            to.end.clone_from(&self.end);
+        }
+        let mut solver = InLanes::new(Baseline, Form::Auto, (&s.model, &s.constants));
+        assert_eq!(backward(&self.law, &mut s, &mut both[0], &mut solver), 0);
+        let mut checked = CheckedBackward::new(&s.model, Form::Auto);
+        backward(&self.law, &mut s, &mut both[1], &mut checked);
+        assert!(checked.lost.is_none());
+        both
+    }
+
+    /// The derivative of the scalar along the tangents that `set` gives a step's numbers.
+    fn along(&self, set: impl FnOnce(&mut Scratch<Number>)) -> f64 {
+        let mut s = self.scratch::<Number>();
+        set(&mut s);
+        let mut solver = General(Workspace::new(&s.model));
+        step(&self.law, &mut s, &mut solver);
+        let mut sum = DoubleDouble::from_f64(0.0);
+        for (k, body) in s.model.bodies.iter().enumerate() {
+            let row = s.model.system.stages[k].first_row;
+            let q = &s.q_next[body.q..];
+            let here: Vec<Number> = q.iter().map(|x| plain(x.value)).collect();
+            for i in 0..s.model.system.stages[k].rows.count() {
+                // The rate that the coordinates' tangents are those of: their columns are orthogonal.
+                let rates = unit(i).map(number);
+                let mut column = vec![number(0.0); body.motion.nq()];
+                body.motion.coordinate_rates(&here, &rates, &mut column);
+                let zero = DoubleDouble::from_f64(0.0);
+                let (inner, square) = column.iter().zip(q).fold((zero, zero), |(inner, square), (c, x)| {
+                    (inner + c.value * x.tangent, square + c.value * c.value)
+                });
+                sum += DoubleDouble::from_f64(self.end[0][row + i]) * inner / square;
+            }
+        }
+        for (&bar, v) in self.end[1].iter().zip(&s.v_next) {
+            sum += DoubleDouble::from_f64(bar) * v.tangent;
+        }
+        sum.lane(0)
+    }
+}
+
+/// Forward dynamics by the general recursion, in any scalar.
+struct General(Workspace<Number>);
+
+impl Solver<Number> for General {
+    fn solve(
+        &mut self,
+        (model, _): (&Model<Number>, &SweepModel<Number>),
+        _scratch: &mut crate::dynamics::sweeps::SweepScratch<Number>,
+        (q, v, u): (&[Number], &[Number], &[Number]),
+        qdd: &mut [Number],
+    ) -> u64 {
+        dynamics::forward_dynamics(model, &mut self.0, q, v, u, &[], qdd);
+        0
+    }
+}
+
+fn near(found: f64, expected: f64, what: &str) {
+    // Sums of a few hundred terms of up to a hundred.
+    assert!((found - expected).abs() <= 1e-11 * (1.0 + expected.abs()), "{what}: {found} and {expected}");
+}
+
+fn each_method(check: impl Fn(&str, &Case, &StepGradients<f64>)) {
+    for (name, method) in METHODS {
+        for h in [0.01, 0.3] {
+            let case = Case::new(method, h);
+            for (gradients, how) in case.backward().iter().zip(["kernels", "checked"]) {
+                check(&format!("{name}, h = {h}, {how}"), &case, gradients);
+            }
+        }
+    }
+}
+
+#[test]
+fn gradients_by_the_state() {
+    each_method(|name, case, gradients| {
+        for (k, body) in case.scene.model().bodies.iter().enumerate() {
+            let row = case.scene.model().system.stages[k].first_row;
+            let motion = &case.scratch::<Number>().model.bodies[k].motion;
+            for i in 0..case.scene.model().system.stages[k].rows.count() {
+                let by_q = case.along(|s| {
+                    let mut rates = vec![number(0.0); motion.nq()];
+                    let q: Vec<Number> = s.q[body.q..].to_vec();
+                    motion.coordinate_rates(&q, &unit(i).map(number), &mut rates);
+                    s.q[body.q..].iter_mut().zip(&rates).for_each(|(q, rate)| q.tangent = rate.value);
+                });
+                near(gradients.start[0][row + i], by_q, &format!("{name}: q, row {}", row + i));
+                let by_v = case.along(|s| s.v[row + i].tangent = DoubleDouble::from_f64(1.0));
+                near(gradients.start[1][row + i], by_v, &format!("{name}: v, row {}", row + i));
+            }
+        }
+    });
+}
+
+#[test]
+fn gradients_by_what_acts_at_the_joints() {
+    each_method(|name, case, gradients| {
+        let hg = if case.law.implicit { case.law.tableau.gamma[0][0] } else { 0.0 };
+        for row in 0..case.scene.nv() {
+            let found = |kind: usize| gradients.acting[kind][row];
+            near(
+                found(TORQUE),
+                case.along(|s| s.torque[row].tangent = DoubleDouble::from_f64(1.0)),
+                &format!("{name}: torque {row}"),
+            );
+            let by_noise = |change: f64| {
+                move |s: &mut Scratch<Number>| {
+                    s.rows[row].noise.tangent = DoubleDouble::from_f64(change);
+                    s.model.system.noise[row].tangent = DoubleDouble::from_f64(change);
+                }
+            };
+            near(found(ARMATURE), case.along(by_noise(1.0)), &format!("{name}: armature {row}"));
+            let by_damping = case.along(|s| {
+                by_noise(hg)(s);
+                s.rows[row].damping.tangent = DoubleDouble::from_f64(1.0);
+            });
+            near(found(DAMPING), by_damping, &format!("{name}: damping {row}"));
+            let by_stiffness = case.along(|s| {
+                by_noise(hg * hg)(s);
+                s.rows[row].stiffness.tangent = DoubleDouble::from_f64(1.0);
+            });
+            near(found(STIFFNESS), by_stiffness, &format!("{name}: stiffness {row}"));
+            let by_friction = case.along(|s| s.rows[row].friction.tangent = DoubleDouble::from_f64(1.0));
+            near(found(FRICTION), by_friction, &format!("{name}: friction {row}"));
+        }
+    });
+}
+
+#[test]
+fn gradients_by_inertias() {
+    each_method(|name, case, gradients| {
+        for body in 0..case.scene.model().bodies.len() {
+            for entry in 0..10 {
+                let expected = case.along(|s| {
+                    let inertia = &mut s.model.bodies[body].inertia;
+                    let [xx, xy, xz, yy, yz, zz] = &mut inertia.rotational.entries;
+                    let [x, y, z] = inertia.first_moment.as_mut_slice() else { unreachable!() };
+                    let all = [&mut inertia.mass, x, y, z, xx, xy, yy, xz, yz, zz];
+                    all[entry].tangent = DoubleDouble::from_f64(1.0);
+                });
+                near(gradients.parameters[body][entry], expected, &format!("{name}: body {body}, parameter {entry}"));
+            }
+        }
+    });
+}

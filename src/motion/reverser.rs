@@ -1,0 +1,376 @@
+//! A few states at once, one in each lane, backward through all steps of a rollout, compiled for one arm.
+
+use super::backward::{ACTING, CheckedBackward, InLanes, StepGradients, TORQUE, backward};
+use super::gradient::{Layout, RecordedRows};
+use super::properties::of_state;
+use super::rollout::{StepFault, Torque};
+use super::step::{Law, Scratch, clear};
+use super::stepper::{self, Rows, Stepper, fill, scatter};
+use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
+use crate::dynamics::derivatives::Parameters;
+use crate::error::Error;
+use crate::filter::Form;
+#[cfg(target_arch = "x86_64")]
+use crate::scalar::Lanes;
+use crate::scalar::{Fused, lanes_but};
+use crate::scene::Scene;
+use crate::{memory, watch};
+#[cfg(target_arch = "x86_64")]
+use pulp::x86::V3;
+#[cfg(all(target_arch = "x86_64", feature = "avx512"))]
+use pulp::x86::V4;
+use std::ops::Range;
+
+/// The longest run of steps that is made again and kept whole.
+const KEPT_WHOLE: usize = 256;
+
+/// The way back of neighbouring states, as many as there are lanes or fewer.
+pub(super) struct Way<'a> {
+    pub scene: &'a Scene,
+    pub law: &'a Law,
+    pub torque: &'a Torque<'a>,
+    pub rows: &'a RecordedRows<'a>,
+    /// How many rows there are of a state.
+    pub count: usize,
+    pub states: Range<usize>,
+    pub layout: Layout,
+}
+
+impl Way<'_> {
+    /// (q, qd) of a recorded row of each state, one state after another.
+    fn row(&self, row: usize, into: &mut Vec<f64>) {
+        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        into.clear();
+        for state in self.states.clone() {
+            let at = state * self.count + row;
+            into.extend_from_slice(&self.rows.q[at * nq..(at + 1) * nq]);
+            into.extend_from_slice(&self.rows.qd[at * nv..(at + 1) * nv]);
+        }
+    }
+
+    fn refuse(&self, error: Error) -> StepFault {
+        StepFault { step: 0, state: self.states.start, joint: String::new(), error }
+    }
+}
+
+/// What goes back through steps, whatever its scalar.
+trait Reversing: Send + Sync {
+    /// Begins with no gradient at all.
+    fn begin(&mut self, way: &Way<'_>);
+
+    /// Adds the gradients by a recorded row, which is where the next step back ends.
+    fn add_row(&mut self, way: &Way<'_>, row: usize);
+
+    /// Back through step `n`, from where it ended to `start`, (q, qd) of each state; gradients by torques of steps go to `out`.
+    fn step(&mut self, way: &Way<'_>, n: usize, start: &[f64], out: &mut [f64]) -> Result<(), StepFault>;
+
+    /// Writes what has come together.
+    fn finish(&mut self, way: &Way<'_>, out: &mut [f64]);
+}
+
+/// Scratch for the way back on one thread, made when it is first used.
+pub(super) struct Reverser {
+    stepper: Stepper,
+    arm: Arm,
+    form: Form,
+    one: Option<Box<dyn Reversing>>,
+    many: Option<Box<dyn Reversing>>,
+}
+
+impl Reverser {
+    pub fn new(form: Form, arm: Arm) -> Self {
+        let arm = if arm.available() { arm } else { Arm::Baseline };
+        Self { stepper: Stepper::new(form, arm), arm, form, one: None, many: None }
+    }
+
+    /// How many states a way may have.
+    pub fn lanes(&self) -> usize {
+        self.stepper.lanes()
+    }
+
+    /// From the last row to the first.
+    pub fn run(&mut self, way: &Way<'_>, out: &mut [f64]) -> Result<(), StepFault> {
+        let (arm, form, alone) = (self.arm, self.form, way.states.len() == 1);
+        let place = if alone { &mut self.one } else { &mut self.many };
+        let reversing = place.get_or_insert_with(|| scratch(way, (form, arm), alone));
+        reversing.begin(way);
+        let (every, mut start) = (way.rows.every, Vec::new());
+        for row in (0..way.count).rev() {
+            if row + 1 < way.count {
+                watch::check().map_err(|error| way.refuse(error))?;
+                way.row(row, &mut start);
+                through(&mut self.stepper, &mut **reversing, (way, &start), row * every..(row + 1) * every, out)?;
+            }
+            reversing.add_row(way, row);
+        }
+        reversing.finish(way, out);
+        Ok(())
+    }
+}
+
+/// Back through some steps, of which only where they start is known: they are made again, and kept, or so many of them that the others can be made again in turn.
+fn through(
+    stepper: &mut Stepper,
+    reversing: &mut dyn Reversing,
+    (way, start): (&Way<'_>, &[f64]),
+    steps: Range<usize>,
+    out: &mut [f64],
+) -> Result<(), StepFault> {
+    let count = steps.len();
+    if count == 1 {
+        return reversing.step(way, steps.start, start, out);
+    }
+    watch::check().map_err(|error| way.refuse(error))?;
+    let stride = if count <= KEPT_WHOLE { 1 } else { count.isqrt() + 1 };
+    let rows = count.div_ceil(stride);
+    let (nq, nv, states) = (way.scene.nq(), way.scene.nv(), way.states.len());
+    let room =
+        |width: usize| memory::filled("steps", states * rows * width, f64::NAN).map_err(|error| way.refuse(error));
+    let (mut q, mut qd, mut current) = (room(nq)?, room(nv)?, start.to_vec());
+    for (state, at) in current.chunks_exact((nq + nv).max(1)).enumerate() {
+        q[state * rows * nq..][..nq].copy_from_slice(&at[..nq]);
+        qd[state * rows * nv..][..nv].copy_from_slice(&at[nq..]);
+    }
+    let mut kept =
+        Rows { q: &mut q, qd: &mut qd, first: way.states.start, of_state: rows, from: steps.start, every: stride };
+    stepper.run(stepper::Job {
+        scene: way.scene,
+        law: way.law,
+        steps: steps.start..steps.start + (rows - 1) * stride,
+        states: way.states.clone(),
+        begun: &[],
+        current: &mut current,
+        torque: way.torque,
+        rows: Some(&mut kept),
+    })?;
+    for row in (0..rows).rev() {
+        for (state, at) in current.chunks_exact_mut((nq + nv).max(1)).enumerate() {
+            at[..nq].copy_from_slice(&q[(state * rows + row) * nq..][..nq]);
+            at[nq..].copy_from_slice(&qd[(state * rows + row) * nv..][..nv]);
+        }
+        let from = steps.start + row * stride;
+        through(stepper, reversing, (way, &current), from..(from + stride).min(steps.end), out)?;
+    }
+    Ok(())
+}
+
+/// Scratch in the scalar of an arm, for one state or for several.
+fn scratch(way: &Way<'_>, (form, arm): (Form, Arm), alone: bool) -> Box<dyn Reversing> {
+    let on_arm: Option<Box<dyn Reversing>> = match (arm, alone) {
+        (Arm::Baseline, _) => None,
+        #[cfg(target_arch = "x86_64")]
+        (Arm::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(way, form),
+        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
+        (Arm::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(way, form),
+        #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
+        (Arm::Avx512, true) => Compiled::<Fused, V4>::boxed(way, form),
+        _ => Compiled::<Fused, <Fused as Vectorised>::Least>::boxed(way, form),
+    };
+    on_arm.unwrap_or_else(|| Box::new(Compiled::<f64, Baseline>::new(way, form, Baseline)))
+}
+
+/// Scratch in a scalar, for code compiled for some instructions.
+struct Compiled<T: Vectorised, I> {
+    scratch: Scratch<T>,
+    gradients: StepGradients<T>,
+    solver: InLanes<T, I>,
+    /// Of all steps together, as [`StepGradients::acting`] and its parameters are of one.
+    sums: [Vec<T>; ACTING],
+    parameters: Vec<Parameters<T>>,
+    form: Form,
+    target: I,
+    checked: Option<Box<Checked>>,
+}
+
+/// One state, for the steps that a lane was in doubt at.
+struct Checked {
+    scratch: Scratch<f64>,
+    gradients: StepGradients<f64>,
+    solver: CheckedBackward,
+}
+
+impl Checked {
+    #[cold]
+    fn new(way: &Way<'_>, form: Form) -> Self {
+        let scratch = Scratch::new(way.scene.model(), way.law);
+        let gradients = StepGradients::new(&scratch.model, way.layout.bodies > 0);
+        let solver = CheckedBackward::new(&scratch.model, form);
+        Self { scratch, gradients, solver }
+    }
+
+    /// Back through the step of one state; the joint and the error, where it cannot be.
+    #[inline(never)]
+    fn step(&mut self, way: &Way<'_>) -> Result<(), (String, Error)> {
+        let Self { scratch, gradients, solver } = self;
+        backward(way.law, scratch, gradients, solver);
+        if let Some(lost) = solver.lost.take() {
+            let joint = way.scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
+            return Err((joint, way.scene.singular(lost)));
+        }
+        let mut results = gradients.results();
+        results
+            .try_for_each(|numbers| way.scene.check_result("gradients", numbers))
+            .map_err(|error| (String::new(), error))
+    }
+}
+
+impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
+    fn new(way: &Way<'_>, form: Form, target: I) -> Self {
+        let scratch = Scratch::new(way.scene.model(), way.law);
+        let zero = T::zero();
+        Self {
+            gradients: StepGradients::new(&scratch.model, way.layout.bodies > 0),
+            solver: InLanes::new(target, form, (&scratch.model, &scratch.constants)),
+            sums: std::array::from_fn(|_| vec![zero; way.layout.nv]),
+            parameters: vec![[zero; 10]; way.layout.bodies],
+            scratch,
+            form,
+            target,
+            checked: None,
+        }
+    }
+
+    /// None where this processor does not have them.
+    fn boxed(way: &Way<'_>, form: Form) -> Option<Box<dyn Reversing>> {
+        Some(Box::new(Self::new(way, form, I::here()?)))
+    }
+}
+
+impl<T: Vectorised<Number = f64>, I: Target> Reversing for Compiled<T, I> {
+    fn begin(&mut self, way: &Way<'_>) {
+        let Self { scratch: s, gradients, sums, parameters, .. } = self;
+        for numbers in sums.iter_mut().chain(&mut gradients.end) {
+            clear(numbers);
+        }
+        clear(parameters.as_flattened_mut());
+        clear(&mut s.torque);
+        let (states, nq, nv) = (&way.states, way.scene.nq(), way.scene.nv());
+        for lane in 0..T::LANES {
+            let state = states.start + lane.min(states.len() - 1);
+            if let Some(gains) = &way.law.gains {
+                fill(&mut s.target, lane, of_state(&gains.target, nq, state));
+                fill(&mut s.target_rate, lane, of_state(&gains.target_rate, nv, state));
+            }
+            if let Torque::Constant(torque) = way.torque {
+                fill(&mut s.torque, lane, torque.state(state));
+            }
+        }
+    }
+
+    fn add_row(&mut self, way: &Way<'_>, row: usize) {
+        let nv = way.scene.nv();
+        for (end, given) in self.gradients.end.iter_mut().zip([way.rows.by_q, way.rows.by_qd]) {
+            for (lane, state) in way.states.clone().enumerate() {
+                let given = &given[(state * way.count + row) * nv..][..nv];
+                for (sum, &more) in end.iter_mut().zip(given) {
+                    sum.lanes_mut()[lane] += more;
+                }
+            }
+        }
+    }
+
+    fn step(&mut self, way: &Way<'_>, n: usize, start: &[f64], out: &mut [f64]) -> Result<(), StepFault> {
+        let target = self.target;
+        let mut doubt = target.within(Step { compiled: self, way, n, start });
+        doubt &= u64::MAX >> (64 - way.states.len());
+        if doubt != 0 {
+            self.again(way, n, doubt)?;
+        }
+        let Self { gradients, sums, parameters, .. } = self;
+        let StepGradients { start, end, acting, parameters: of_step, .. } = gradients;
+        std::mem::swap(start, end);
+        for (sums, acting) in sums.iter_mut().zip(&*acting) {
+            sums.iter_mut().zip(acting).for_each(|(sum, &more)| *sum += more);
+        }
+        for (sum, &more) in parameters.as_flattened_mut().iter_mut().zip(of_step.as_flattened()) {
+            *sum += more;
+        }
+        if matches!(way.torque, Torque::Steps { .. }) {
+            for (lane, out) in out.chunks_exact_mut(way.layout.width()).enumerate() {
+                scatter(&acting[TORQUE], lane, &mut out[way.layout.torque(n)]);
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, way: &Way<'_>, out: &mut [f64]) {
+        let Self { gradients, sums, parameters, .. } = self;
+        let (nv, layout) = (way.layout.nv, way.layout);
+        for (lane, out) in out.chunks_exact_mut(layout.width().max(1)).enumerate() {
+            let of_rows = gradients.end.iter().chain(&sums[TORQUE + 1..]);
+            for (i, numbers) in of_rows.enumerate() {
+                scatter(numbers, lane, &mut out[i * nv..(i + 1) * nv]);
+            }
+            if !matches!(way.torque, Torque::Steps { .. }) {
+                scatter(&sums[TORQUE], lane, &mut out[layout.torque(0)]);
+            }
+            scatter(parameters.as_flattened(), lane, &mut out[layout.parameters()]);
+        }
+    }
+}
+
+impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
+    /// The step once more, with every check, for the lanes in doubt.
+    #[cold]
+    #[inline(never)]
+    fn again(&mut self, way: &Way<'_>, n: usize, mut doubt: u64) -> Result<(), StepFault> {
+        let Self { scratch: s, gradients, form, checked, .. } = self;
+        let checked = checked.get_or_insert_with(|| Box::new(Checked::new(way, *form)));
+        while doubt != 0 {
+            let lane = doubt.trailing_zeros() as usize;
+            doubt &= doubt - 1;
+            let one = &mut checked.scratch;
+            for (to, from) in [
+                (&mut one.q, &s.q),
+                (&mut one.v, &s.v),
+                (&mut one.torque, &s.torque),
+                (&mut one.target, &s.target),
+                (&mut one.target_rate, &s.target_rate),
+            ] {
+                scatter(from, lane, to);
+            }
+            for (to, from) in checked.gradients.end.iter_mut().zip(&gradients.end) {
+                scatter(from, lane, to);
+            }
+            let state = way.states.start + lane;
+            checked.step(way).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
+            for (numbers, own) in gradients.results().zip(checked.gradients.results()) {
+                fill(numbers, lane, own);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// One step of all lanes, to be compiled for an arm; gives the lanes in doubt as bits.
+struct Step<'a, T: Vectorised, I> {
+    compiled: &'a mut Compiled<T, I>,
+    way: &'a Way<'a>,
+    n: usize,
+    start: &'a [f64],
+}
+
+impl<T: Vectorised<Number = f64>, I: Target> Work for Step<'_, T, I> {
+    type Output = u64;
+
+    #[allow(clippy::eq_op)] // x - x is zero where x is finite, else NaN
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let Self { compiled: Compiled { scratch: s, gradients, solver, .. }, way, n, start } = self;
+        let (count, nq, nv) = (way.states.len(), way.scene.nq(), way.scene.nv());
+        take_states(&mut s.q, count, |lane| &start[lane * (nq + nv)..][..nq]);
+        take_states(&mut s.v, count, |lane| &start[lane * (nq + nv) + nq..][..nv]);
+        if let Torque::Steps { torque, first } = way.torque {
+            let at = (n - first) * nv;
+            take_states(&mut s.torque, count, |lane| &torque.state(way.states.start + lane)[at..at + nv]);
+        }
+        let doubt = backward(way.law, s, gradients, solver);
+        let mut worst = T::one();
+        for numbers in gradients.start.iter().chain(&gradients.acting) {
+            for &x in numbers {
+                worst += x - x;
+            }
+        }
+        doubt | lanes_but::<T>(|lane| worst.lane(lane) >= 0.0)
+    }
+}

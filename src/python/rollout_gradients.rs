@@ -1,0 +1,197 @@
+//! Methods of `Scene`: gradients of a function of a trajectory.
+
+use super::control::{Given, Pd};
+use super::counts::{count, count_or};
+use super::errors::{asked_by, fault, of_batch};
+use super::fresh::entries;
+use super::input::{Input, wrong_shape};
+use super::interrupts::detached;
+use super::object::{Object, imported};
+use super::output::from_numbers;
+use super::products::{Place, places_of_links};
+use super::scene::PyScene;
+use super::stepping::Keywords;
+use crate::batch::{Broadcast, Fault, broadcast_axes};
+use crate::dynamics::derivatives::{Parameters, of_link};
+use crate::error::Error;
+use crate::memory;
+use crate::motion::properties::FRICTION_SPEED;
+use crate::motion::{RecordedRows, Rollout, RolloutGradients};
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+
+#[pymethods]
+impl PyScene {
+    /// Gradients of a function of a trajectory, by the adjoint of every step: Trajectory.vjp with everything said once more.
+    ///
+    /// q: (..., rows, nq); qd: (..., rows, nv): the rows that simulate recorded, the first at the start. cotangent_q, cotangent_qd: (..., rows, nv), the gradients of the
+    /// function by these, that by q in the tangent space of each row, as dq in inverse_dynamics_jvp. dt, steps, tau, tau_steps, method, record_every, pd, armature, damping,
+    /// stiffness, rest, friction, friction_speed, form: as simulate had them; tau is an array. parameters: whether to give the gradients by inertias too.
+    ///
+    /// Steps between rows are made again: with record_every=1 none is. O(N) a stage of a step; steps after the last row change nothing. The memory of a thread grows with the
+    /// root of the steps between two rows.
+    ///
+    /// Returns a phipsi.RolloutGradients (q, qd, tau, armature, damping, stiffness, friction, parameters), of each state by itself: q, qd, tau and what acts at the joints
+    /// (..., nv), tau (..., steps, nv) where tau_steps was given, parameters (..., bodies, 10) or None. Where no torque was given, tau is as for a constant one.
+    ///
+    /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument; SingularJointError; OutOfMemoryError.
+    #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method="semi-implicit-euler", record_every=None,
+                        pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED,
+                        form="auto", parameters=false),
+           text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method='semi-implicit-euler', \
+                             record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, \
+                             friction_speed=0.01, form='auto', parameters=False)")]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn simulate_vjp<'py>(
+        slf: &Bound<'py, Self>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        cotangent_q: &Object<'py>,
+        cotangent_qd: &Object<'py>,
+        dt: f64,
+        steps: &Object<'py>,
+        tau: Option<&Object<'py>>,
+        tau_steps: Option<&Object<'py>>,
+        method: &str,
+        record_every: Option<&Object<'py>>,
+        pd: Option<&Object<'py>>,
+        armature: Option<&Object<'py>>,
+        damping: Option<&Object<'py>>,
+        stiffness: Option<&Object<'py>>,
+        rest: Option<&Object<'py>>,
+        friction: Option<&Object<'py>>,
+        friction_speed: f64,
+        form: &str,
+        parameters: bool,
+    ) -> PyResult<Object<'py>> {
+        let (py, own) = (slf.py(), slf.get());
+        let scene = &own.scene;
+        let (nq, nv) = (scene.nq(), scene.nv());
+        let steps = count("steps", steps, 0)?;
+        let every = count_or("record_every", record_every, 1, 1)?;
+        let rows = steps / every + 1;
+        let keywords = Keywords {
+            dt,
+            method,
+            pd,
+            armature,
+            damping,
+            stiffness,
+            rest,
+            friction,
+            friction_speed,
+            form,
+            conserve_momentum: false,
+        };
+        let (mut settings, pd) = keywords.read(own)?;
+        let given = Given::read(tau, tau_steps, steps, own.rates())?;
+        if matches!(given, Given::Function(_)) {
+            let expected = "arrays: what the function gave, as tau_steps";
+            return Err(Error::argument("tau", "a function, whose gradients are not known", expected).into());
+        }
+        let inputs = [
+            own.configuration("q", q)?,
+            own.rate("qd", qd)?,
+            own.rate("cotangent_q", cotangent_q)?,
+            own.rate("cotangent_qd", cotangent_qd)?,
+        ];
+        let widths = [nq, nv, nv, nv];
+        let mut axes: Vec<(&str, &[usize])> = Vec::new();
+        for (input, width) in inputs.iter().zip(widths) {
+            axes.push((&*input.name, leading(input, (rows, width))?));
+        }
+        axes.extend(given.leading());
+        for of_pd in pd.iter().flat_map(Pd::leading) {
+            axes.push(of_pd);
+        }
+        let batch = broadcast_axes(axes)?;
+        let Some(states) = entries(&batch) else {
+            return Err(Error::argument("batch", "more states than memory has addresses", "fewer").into());
+        };
+        memory::room("q", memory::bytes_of::<f64>(&[states, rows, nq + 3 * nv]))?;
+        if let Some(pd) = pd {
+            settings.gains = Some(pd.over(&batch, states)?);
+        }
+        let every_row = |i: usize| all_rows(&inputs[i], (rows, widths[i]), (&batch, states));
+        let [q, qd, by_q, by_qd] = [every_row(0)?, every_row(1)?, every_row(2)?, every_row(3)?];
+        let first = |numbers: &[f64], width: usize| -> Vec<f64> {
+            numbers.chunks_exact((rows * width).max(1)).flat_map(|state| &state[..width]).copied().collect()
+        };
+        let starts = (first(&q, nq), first(&qd, nv));
+        let rollout = detached(py, || Rollout::new(scene, settings, &starts.0, &starts.1))?;
+        let rollout = rollout.map_err(|error| of_batch(py, &error, &batch))?;
+        let torque = given.torque(&batch, (steps, nv))?;
+        let recorded = RecordedRows { q: &q, qd: &qd, every, by_q: &by_q, by_qd: &by_qd };
+        let found = detached(py, || rollout.gradients(&torque, steps, &recorded, parameters))?;
+        let found = found.map_err(|stopped| fault(py, Fault { state: stopped.state, error: stopped.error }, &batch))?;
+        let links = if parameters { places_of_links(scene)? } else { Vec::new() };
+        let of_steps = matches!(given, Given::Steps(_)).then_some(steps);
+        Output { py, batch: &batch, nv }.tuple(&found, of_steps, parameters.then_some(&links[..]))
+    }
+}
+
+/// The axes before those of the rows, of which there must be as many as were recorded.
+fn leading<'a>(input: &'a Input<'_>, (rows, width): (usize, usize)) -> PyResult<&'a [usize]> {
+    match input.leading().split_last() {
+        Some((&found, batch)) if found == rows => Ok(batch),
+        _ => {
+            let found = [input.leading(), &[width]].concat();
+            Err(wrong_shape(&input.name, &found, format!("(..., {rows}, {width}), the rows that were recorded")))
+        }
+    }
+}
+
+/// The rows of every state of the batch, one after another.
+fn all_rows(
+    input: &Input<'_>,
+    (rows, width): (usize, usize),
+    (batch, states): (&[usize], usize),
+) -> PyResult<Vec<f64>> {
+    let own = Broadcast::new(&input.name, input.data()?, rows * width, leading(input, (rows, width))?, batch)
+        .map_err(PyErr::from)?;
+    let mut all = memory::with_capacity(&input.name, states * rows * width)?;
+    for state in 0..states {
+        all.extend_from_slice(own.state(state));
+    }
+    Ok(all)
+}
+
+/// Where gradients go.
+struct Output<'a, 'py> {
+    py: Python<'py>,
+    batch: &'a [usize],
+    nv: usize,
+}
+
+impl<'py> Output<'_, 'py> {
+    fn array(&self, numbers: &[f64], own: &[usize]) -> PyResult<Object<'py>> {
+        asked_by(self.py, "q", from_numbers(self.py, numbers, &[self.batch, own].concat()))
+    }
+
+    /// The named tuple; torques of steps, parameters of links.
+    fn tuple(&self, found: &RolloutGradients, steps: Option<usize>, links: Option<&[Place]>) -> PyResult<Object<'py>> {
+        let torque = steps.map_or_else(|| vec![self.nv], |steps| vec![steps, self.nv]);
+        let of_rows = [&found.armature, &found.damping, &found.stiffness, &found.friction];
+        let mut parts = vec![self.array(&found.q, &[self.nv])?, self.array(&found.qd, &[self.nv])?];
+        parts.push(self.array(&found.torque, &torque)?);
+        for numbers in of_rows {
+            parts.push(self.array(numbers, &[self.nv])?);
+        }
+        parts.push(match links {
+            Some(links) => self.array(&of_links(links, found, self.batch.iter().product()), &[links.len(), 10])?,
+            None => self.py.None().into_bound(self.py),
+        });
+        imported!(self.py, "phipsi._results", "RolloutGradients")?.call1(PyTuple::new(self.py, parts)?)
+    }
+}
+
+/// Gradients by the parameters of links, each in its own frame, from those of the bodies that carry them.
+fn of_links(links: &[Place], found: &RolloutGradients, states: usize) -> Vec<f64> {
+    let bodies = found.parameters.len().checked_div(states).unwrap_or(0);
+    let of_state = |state: &[Parameters<f64>]| -> Vec<f64> {
+        let each =
+            links.iter().map(|(body, placement)| body.map_or([0.0; 10], |body| of_link(placement, &state[body])));
+        each.flatten().collect()
+    };
+    found.parameters.chunks_exact(bodies.max(1)).flat_map(of_state).collect()
+}
