@@ -18,6 +18,7 @@ from phipsi.report import kinds
 from phipsi.report.timing import in_turns, looped, one_by_one
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "python"))
+from oracle_mpmath import State, derivative, exact, moved, random_tree, rounded  # noqa: E402
 from oracle_pinocchio import Oracle, load  # noqa: E402
 
 #: The file of example-robot-data, and whether it floats.
@@ -142,20 +143,70 @@ def trajectories(quick: bool) -> str:
     return f"{text}\n\n{table(head, rows)}"
 
 
+def error_against_time(quick: bool) -> str:
+    """dqdd/dq by every way that there is from Python, beside 60 digits."""
+    tree = random_tree(np.random.default_rng(7), 7, kinds=("revolute",), branching=0.0)
+    scene, random = tree.scene(), np.random.default_rng(1)
+    q, qd, tau = random.uniform(-1, 1, (3, BATCH, scene.nv))
+    unit = np.eye(scene.nv)
+    first = [exact(values[0]) for values in (q, qd, tau)]
+    along = [
+        derivative(lambda by: State(tree, moved(tree, first[0], exact(one), by), first[1]).forward_dynamics(first[2], {}))  # noqa: B023
+        for one in unit
+    ]
+    truth = rounded(np.stack(along, axis=-1))
+
+    def differences(q: np.ndarray, qd: np.ndarray, tau: np.ndarray, step: float, central: bool) -> np.ndarray:
+        def at(by: float) -> np.ndarray:
+            return np.asarray(scene.forward_dynamics(scene.integrate(q[:, None], by * unit), qd[:, None], tau[:, None]))
+
+        behind = at(-step) if central else scene.forward_dynamics(q, qd, tau)[:, None]
+        return np.asarray(np.swapaxes(at(step) - behind, -1, -2) / (2 * step if central else step))
+
+    eps = float(np.finfo(np.float64).eps)
+    ways: dict[str, Callable[..., np.ndarray]] = {
+        "analytic, all three matrices": lambda q, qd, tau: scene.forward_dynamics_derivatives(q, qd, tau)[0],
+        "columns by `forward_dynamics_jvp`": lambda q, qd, tau: np.swapaxes(
+            scene.forward_dynamics_jvp(q[:, None], qd[:, None], tau[:, None], unit, 0 * unit, 0 * unit), -1, -2
+        ),
+        "rows by `forward_dynamics_vjp`": lambda q, qd, tau: scene.forward_dynamics_vjp(q[:, None], qd[:, None], tau[:, None], unit).q,
+        "central differences": lambda q, qd, tau: differences(q, qd, tau, eps ** (1 / 3), central=True),
+        "one-sided differences": lambda q, qd, tau: differences(q, qd, tau, eps**0.5, central=False),
+    }
+    found = medians({name: lambda way=way: way(q, qd, tau) for name, way in ways.items()}, quick)
+    rows = []
+    for name, way in ways.items():
+        error = np.max(np.abs(way(q[:1], qd[:1], tau[:1])[0] - truth)) / np.max(np.abs(truth))
+        rows.append([name, f"{found[name] / BATCH:.2f}", f"{error:.1e}"])
+    text = f"Error against time: dqdd/dq of a random arm of seven, batches of {BATCH}; the error is the largest of an entry, by the largest entry, of one state beside 60 digits (mpmath)."
+    return f"{text}\n\n{table(['', 'us a state', 'error'], rows)}"
+
+
 def everyday(quick: bool) -> str:
     scene, _ = load(*ROBOTS["ur5"])
-    q, qd, tau = (argument[0] for argument in kinds.state(scene, kinds.draw(scene, 1, 0), kinds.FALLING))
-    link, simulator = scene.body_names[-1], scene.simulator(q, qd, dt=1e-5)
-    calls: dict[str, Call] = {
-        f"placement of {link}": lambda: scene.placement(q, link),
-        f"Jacobian of {link}": lambda: scene.jacobian(q, link),
-        "a step of `simulator`, auto": lambda: simulator.step(tau),
-        "gravity torque": lambda: scene.gravity_torque(q),
-        "Coriolis matrix": lambda: scene.coriolis_matrix(q, qd),
-        "mass centre": lambda: scene.center_of_mass(q),
+    many = kinds.state(scene, kinds.draw(scene, BATCH, 0), kinds.FALLING)
+    link = scene.body_names[-1]
+    calls: dict[str, Callable[..., object]] = {
+        f"placement of {link}": lambda q, qd, tau: scene.placement(q, link),
+        f"velocity of {link}": lambda q, qd, tau: scene.velocity(q, qd, link),
+        f"Jacobian of {link}": lambda q, qd, tau: scene.jacobian(q, link),
+        "rate of that Jacobian": lambda q, qd, tau: scene.jacobian_rate(q, qd, link),
+        "gravity torque": lambda q, qd, tau: scene.gravity_torque(q),
+        "Coriolis matrix": lambda q, qd, tau: scene.coriolis_matrix(q, qd),
+        "mass centre": lambda q, qd, tau: scene.center_of_mass(q),
+        "its Jacobian": lambda q, qd, tau: scene.center_of_mass_jacobian(q),
+        "centroidal momentum matrix": lambda q, qd, tau: scene.centroidal_momentum_matrix(q),
+        "its rate": lambda q, qd, tau: scene.centroidal_momentum_matrix_rate(q, qd),
+        "energy": lambda q, qd, tau: scene.energy(q, qd),
     }
-    rows = [[name, f"{time:.2f}"] for name, time in medians(calls, quick).items()]
-    return "Everyday calls, ur5, one state.\n\n" + table(["", "us"], rows)
+    one = tuple(argument[0] for argument in many)
+    runs: dict[str, Call] = {f"{name}, {len(state[0].shape)}": lambda call=call, state=state: call(*state) for name, call in calls.items() for state in (one, many)}
+    simulator = scene.simulator(one[0], one[1], dt=1e-5)
+    runs["step"] = lambda: simulator.step(one[2])
+    found = medians(runs, quick)
+    rows = [[name, f"{found[f'{name}, 1']:.2f}", f"{found[f'{name}, 2'] / BATCH:.3f}"] for name in calls]
+    rows.append(["a step of `simulator`, auto", f"{found['step']:.2f}", ""])
+    return f"Everyday calls, ur5: one state, and batches of {BATCH}.\n\n" + table(["us a state", "one", "batches"], rows)
 
 
 def main() -> None:
@@ -164,7 +215,7 @@ def main() -> None:
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the page, as make derivatives does")
     options = parser.parse_args()
     phipsi.set_num_threads(1)
-    parts = [part(options.quick) for part in (beside_pinocchio, for_control, products, trajectories, everyday)]
+    parts = [part(options.quick) for part in (beside_pinocchio, for_control, error_against_time, products, trajectories, everyday)]
     page = "\n\n".join([HEAD.strip(), *parts])
     if options.markdown is None:
         print(page)

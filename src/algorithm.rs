@@ -1,6 +1,7 @@
 //! What is computed, from which arguments, and who computes it.
 
 use crate::filter::Form;
+use crate::kinematics::{AccelerationKind, Frame, ReferenceFrame};
 use crate::spatial::SpatialVector;
 
 /// What is computed from one state (q, qd, u).
@@ -29,10 +30,15 @@ pub enum Products {
     InverseTangent,
     /// u = qdd, seed = the cotangent of tau; gives those of q, qd and qdd, (3 x nv).
     InverseGradient,
+    /// The same and those of what is constant, one after another: armature (nv), gravity (3), wrenches (bodies x 6), inertial parameters (bodies x 10), as
+    /// [`Constants`](crate::dynamics::derivatives::Constants) has them.
+    InverseGradients,
     /// u = tau, seed = (dq, dqd, dtau); gives dqdd, (nv).
     ForwardTangent(Form),
     /// u = tau, seed = the cotangent of qdd; gives those of q, qd and tau, (3 x nv).
     ForwardGradient(Form),
+    /// The same and those of what is constant, as [`Products::InverseGradients`].
+    ForwardGradients(Form),
 }
 
 impl Products {
@@ -40,8 +46,8 @@ impl Products {
     #[must_use]
     pub fn third(self) -> &'static str {
         match self {
-            Self::InverseTangent | Self::InverseGradient => "qdd",
-            Self::ForwardTangent(_) | Self::ForwardGradient(_) => "tau",
+            Self::InverseTangent | Self::InverseGradient | Self::InverseGradients => "qdd",
+            Self::ForwardTangent(_) | Self::ForwardGradient(_) | Self::ForwardGradients(_) => "tau",
         }
     }
 
@@ -51,11 +57,17 @@ impl Products {
         match self {
             Self::InverseTangent => &["dq", "dqd", "dqdd"],
             Self::ForwardTangent(_) => &["dq", "dqd", "dtau"],
-            Self::InverseGradient | Self::ForwardGradient(_) => &["cotangent"],
+            _ => &["cotangent"],
         }
     }
 
-    /// How many vectors, (nv) each, it gives.
+    /// Whether it gives the gradients by what is constant too.
+    #[must_use]
+    pub fn has_constants(self) -> bool {
+        matches!(self, Self::InverseGradients | Self::ForwardGradients(_))
+    }
+
+    /// How many vectors, (nv) each, of a state it gives.
     #[must_use]
     pub fn count(self) -> usize {
         4 - self.seeds().len()
@@ -65,8 +77,8 @@ impl Products {
     #[must_use]
     pub fn form(self) -> Option<Form> {
         match self {
-            Self::ForwardTangent(form) | Self::ForwardGradient(form) => Some(form),
-            Self::InverseTangent | Self::InverseGradient => None,
+            Self::ForwardTangent(form) | Self::ForwardGradient(form) | Self::ForwardGradients(form) => Some(form),
+            Self::InverseTangent | Self::InverseGradient | Self::InverseGradients => None,
         }
     }
 }
@@ -99,6 +111,74 @@ impl Derivatives {
     #[must_use]
     pub fn count(self) -> usize {
         if self.third().is_some() { 3 } else { 1 }
+    }
+}
+
+/// What is asked of a robot beside its dynamics, at one state (q, qd, qdd), of which it reads what it needs: frames on links, mass centre, momentum, energy.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Everyday<'a> {
+    /// q; where a frame is, as a homogeneous matrix to the base, (4 x 4): [`Scene::placement`](crate::Scene::placement).
+    Placement(&'a Frame<f64>),
+    /// q, qd; [`Scene::velocity`](crate::Scene::velocity) of a frame, (6).
+    Velocity(&'a Frame<f64>, ReferenceFrame),
+    /// q, qd, qdd; [`Scene::acceleration`](crate::Scene::acceleration) of a frame, (6).
+    Acceleration(&'a Frame<f64>, ReferenceFrame, AccelerationKind),
+    /// q; [`Scene::jacobian`](crate::Scene::jacobian) of a frame, (6 x nv).
+    Jacobian(&'a Frame<f64>, ReferenceFrame),
+    /// q, qd; [`Scene::jacobian_rate`](crate::Scene::jacobian_rate) of a frame, (6 x nv).
+    JacobianRate(&'a Frame<f64>, ReferenceFrame),
+    /// q, qd; [`Scene::jacobian_rate_product`](crate::Scene::jacobian_rate_product) of a frame, (6).
+    JacobianRateProduct(&'a Frame<f64>, ReferenceFrame),
+    /// q; [`Scene::center_of_mass`](crate::Scene::center_of_mass), (3).
+    CenterOfMass,
+    /// q, qd; [`Scene::center_of_mass_velocity`](crate::Scene::center_of_mass_velocity), (3).
+    CenterOfMassVelocity,
+    /// q, qd, qdd; [`Scene::center_of_mass_acceleration`](crate::Scene::center_of_mass_acceleration), (3).
+    CenterOfMassAcceleration,
+    /// q; [`Scene::center_of_mass_jacobian`](crate::Scene::center_of_mass_jacobian), (3 x nv).
+    CenterOfMassJacobian,
+    /// q; [`Scene::centroidal_momentum_matrix`](crate::Scene::centroidal_momentum_matrix), (6 x nv).
+    CentroidalMomentumMatrix,
+    /// q, qd; [`Scene::centroidal_momentum_matrix_rate`](crate::Scene::centroidal_momentum_matrix_rate), (6 x nv).
+    CentroidalMomentumMatrixRate,
+    /// q, qd; [`Scene::momentum`](crate::Scene::momentum), (6).
+    Momentum,
+    /// q, qd; [`Scene::kinetic_energy`](crate::Scene::kinetic_energy), (1).
+    KineticEnergy,
+    /// q, qd; kinetic and potential energy, [`Scene::energy`](crate::Scene::energy), (2).
+    Energy,
+}
+
+impl Everyday<'_> {
+    /// How many numbers it is for one state of a robot of `nv` degrees of freedom.
+    #[must_use]
+    pub fn width(&self, nv: usize) -> usize {
+        match self {
+            Self::Placement(_) => 16,
+            Self::Velocity(..) | Self::Acceleration(..) | Self::JacobianRateProduct(..) | Self::Momentum => 6,
+            Self::CenterOfMass | Self::CenterOfMassVelocity | Self::CenterOfMassAcceleration => 3,
+            Self::CenterOfMassJacobian => 3 * nv,
+            Self::Jacobian(..)
+            | Self::JacobianRate(..)
+            | Self::CentroidalMomentumMatrix
+            | Self::CentroidalMomentumMatrixRate => 6 * nv,
+            Self::KineticEnergy => 1,
+            Self::Energy => 2,
+        }
+    }
+
+    /// How many arrays of a state it reads: q, then qd, then qdd.
+    #[must_use]
+    pub fn reads(&self) -> usize {
+        match self {
+            Self::Placement(_)
+            | Self::Jacobian(..)
+            | Self::CenterOfMass
+            | Self::CenterOfMassJacobian
+            | Self::CentroidalMomentumMatrix => 1,
+            Self::Acceleration(..) | Self::CenterOfMassAcceleration => 3,
+            _ => 2,
+        }
     }
 }
 
@@ -173,6 +253,9 @@ pub trait Chunks<P>: Send + Sync {
     /// Runs `algorithm` on one state or more, at most as many as there are lanes, of equal shapes; results one after another in
     /// `out`. Gives the lanes in doubt as bits; their results mean nothing.
     fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
+
+    /// The same of an everyday function: every lane is in doubt where there are no kernels, as of f32.
+    fn everyday(&mut self, what: &Everyday<'_>, states: &[Arguments<'_, P>], out: &mut [P]) -> u64;
 
     /// The estimated error of the largest acceleration of one lane of the last run of forward dynamics in form `auto`, in its unit.
     fn error(&self, lane: usize) -> f64;

@@ -68,7 +68,7 @@ pub mod stochastic;
 pub mod watch;
 mod workspace;
 
-pub use algorithm::{Algorithm, Arguments, Derivatives, Products};
+pub use algorithm::{Algorithm, Arguments, Derivatives, Everyday, Products};
 pub use error::Error;
 pub use filter::Form;
 pub use scene::{Scene, SceneBuilder};

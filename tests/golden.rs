@@ -32,7 +32,10 @@ fn condensed(algorithm: Algorithm, nv: usize, result: &[f64]) -> (u64, Vec<f64>)
         .iter()
         .fold(0xcbf2_9ce4_8422_2325_u64, |hash, &x| (hash ^ (x + 0.0).to_bits()).wrapping_mul(0x0000_0100_0000_01b3));
     let numbers = match algorithm {
-        Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) | Algorithm::Derivatives(_) => {
+        Algorithm::MassMatrix
+        | Algorithm::MassMatrixInverse(_)
+        | Algorithm::Derivatives(_)
+        | Algorithm::Products(_) => {
             let weights = (0_u32..).map(|i| (1.0 + 2.3 * f64::from(i)).cos());
             let product = |row: &[f64]| row.iter().zip(weights.clone()).map(|(m, w)| m * w).sum();
             result.chunks(nv).map(product).collect()

@@ -10,10 +10,12 @@ use common::{ALL_KINDS, Random, Tree, tolerance};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use phipsi::batch::evaluator::Evaluator;
 use phipsi::filter::Form;
+use phipsi::kinematics::frame::REFERENCE_FRAMES;
+use phipsi::kinematics::{AccelerationKind, Frame};
 use phipsi::scalar::{Fused, Real};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::{SpatialVector, Symmetric3};
-use phipsi::{Algorithm, Arguments};
+use phipsi::{Algorithm, Arguments, Everyday};
 use phipsi::{Error, Scene};
 use std::f64::consts::FRAC_PI_2;
 
@@ -404,4 +406,91 @@ fn sine_and_cosine_are_good_to_two_units_in_the_last_place() {
         let (s, c) = Fused(bad).sin_cos();
         assert!(s.0.is_nan() && c.0.is_nan());
     }
+}
+
+/// Everyday functions of frames on every second link and of the whole robot.
+fn everyday(frames: &[Frame<f64>]) -> Vec<Everyday<'_>> {
+    let mut all = vec![
+        Everyday::CenterOfMass,
+        Everyday::CenterOfMassVelocity,
+        Everyday::CenterOfMassAcceleration,
+        Everyday::CenterOfMassJacobian,
+        Everyday::CentroidalMomentumMatrix,
+        Everyday::CentroidalMomentumMatrixRate,
+        Everyday::Momentum,
+        Everyday::KineticEnergy,
+        Everyday::Energy,
+    ];
+    for frame in frames {
+        all.push(Everyday::Placement(frame));
+        for (_, reference) in REFERENCE_FRAMES {
+            all.extend([
+                Everyday::Velocity(frame, reference),
+                Everyday::Acceleration(frame, reference, AccelerationKind::Spatial),
+                Everyday::Acceleration(frame, reference, AccelerationKind::Classical),
+                Everyday::Jacobian(frame, reference),
+                Everyday::JacobianRate(frame, reference),
+                Everyday::JacobianRateProduct(frame, reference),
+            ]);
+        }
+    }
+    all
+}
+
+#[test]
+fn everyday_functions_in_lanes_are_those_of_one_state() {
+    on_a_large_stack(|| {
+        for scene in trees().chain([aligned(36, 11, 0.3)]) {
+            // No multiple of any number of lanes.
+            let states = states(&scene, 13);
+            let every_second = scene.links().iter().step_by(2);
+            let frames: Vec<_> =
+                every_second.map(|link| Frame { body: link.body, placement: link.placement }).collect();
+            for what in everyday(&frames) {
+                let given: Vec<_> = states
+                    .iter()
+                    .map(|(q, qd, u)| {
+                        let qd = if what.reads() > 1 { &qd[..] } else { &[] };
+                        let u = if what.reads() > 2 { &u[..] } else { &[] };
+                        Arguments { q, qd, u, ..Arguments::default() }
+                    })
+                    .collect();
+                let width = what.width(scene.nv());
+                let mut workspace = scene.workspace();
+                let mut one = vec![f64::NAN; width * states.len()];
+                for (state, out) in given.iter().zip(one.chunks_exact_mut(width)) {
+                    scene.everyday(&mut workspace, &what, [state.q, state.qd, state.u], out).unwrap();
+                }
+                for arm in arms() {
+                    let mut evaluator = Evaluator::on(arm, &scene);
+                    let mut found = vec![f64::NAN; one.len()];
+                    scene.evaluate_everyday(&mut evaluator, &what, &given, &mut found).unwrap();
+                    let scale = tolerance::size(&one);
+                    tolerance::assert_near(
+                        &format!("{arm:?}, {what:?}"),
+                        &found,
+                        &one,
+                        tolerance::product(4 * scene.nv(), scale),
+                    );
+                }
+            }
+        }
+    });
+}
+
+#[test]
+fn an_everyday_function_of_a_bad_state_is_refused_by_its_method() {
+    on_a_large_stack(|| {
+        let scene = trees().nth(2).unwrap();
+        let mut states = states(&scene, 9);
+        states[5].1[0] = f64::INFINITY;
+        let given: Vec<_> = states.iter().map(|(q, qd, _)| Arguments { q, qd, ..Arguments::default() }).collect();
+        for arm in arms() {
+            let mut out = vec![f64::NAN; 9];
+            let mut evaluator = Evaluator::on(arm, &scene);
+            let fault =
+                scene.evaluate_everyday(&mut evaluator, &Everyday::KineticEnergy, &given, &mut out).unwrap_err();
+            assert!(fault.state == 5 && fault.error.to_string().starts_with("qd: found inf"), "{arm:?}: {fault:?}");
+        }
+    });
 }

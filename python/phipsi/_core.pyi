@@ -773,7 +773,7 @@ class Scene:
         q: (..., nq); qd, qdd, cotangent: (..., nv); SI units, radians; leading axes broadcast. wrenches and errors: as in forward_dynamics. parameters: whether to
         give the gradients by inertias, armature and gravity too.
 
-        The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp. With wrenches or parameters one state at a time, without SIMD lanes.
+        The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp.
 
         Returns a phipsi.InverseDynamicsGradients (q, qd, qdd, wrenches, parameters, armature, gravity); what is not asked for is None.
 
@@ -824,7 +824,7 @@ class Scene:
         to give the gradients by inertias, armature and gravity too.
 
         The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp. x = M^-1 cotangent is filter and smoother once more; all other
-        gradients are those of inverse_dynamics_vjp at the accelerations of the state, of -x. With wrenches or parameters one state at a time, without SIMD lanes.
+        gradients are those of inverse_dynamics_vjp at the accelerations of the state, of -x.
 
         Returns a phipsi.ForwardDynamicsGradients (q, qd, tau, wrenches, parameters, armature, gravity); what is not asked for is None.
 

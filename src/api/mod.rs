@@ -3,6 +3,7 @@
 mod centroidal;
 mod derivatives;
 mod estimation;
+mod everyday;
 mod links;
 pub mod methods;
 pub mod operational;

@@ -6,9 +6,10 @@
 use super::accelerations;
 use super::arms::{Entry, Target, Vectorised, Work};
 use super::derivatives::{self, DerivativeKernel};
+use super::everyday::{self, EverydayKernel};
 use super::finite::{any_not_finite, not_finite};
 use super::products::{self, ProductKernel};
-use crate::algorithm::{Algorithm, Arguments, Derivatives};
+use crate::algorithm::{Algorithm, Arguments, Derivatives, Everyday};
 use crate::dynamics::auto::Errors;
 use crate::dynamics::derivatives::with_transpose;
 use crate::dynamics::sweeps::{self, Entries, InverseColumns, MassColumns, SweepModel, SweepScratch};
@@ -43,6 +44,7 @@ pub struct Chunk<T: Vectorised> {
     errors: Errors<T>,
     derivatives: Option<Box<DerivativeKernel<T>>>,
     products: Option<Box<ProductKernel<T>>>,
+    everyday: Option<Box<EverydayKernel<T>>>,
 }
 
 impl<T: Vectorised> Chunk<T> {
@@ -64,6 +66,7 @@ impl<T: Vectorised> Chunk<T> {
             errors: Errors::unknown(),
             derivatives: None,
             products: None,
+            everyday: None,
             numbers,
         }
     }
@@ -107,6 +110,21 @@ impl<T: Vectorised> Chunk<T> {
             Algorithm::Products(_) if T::Number::RARE_KERNELS => target.within(Run::<T, I, PRODUCTS>(call, target)),
             Algorithm::Derivatives(_) | Algorithm::Products(_) => u64::MAX,
         }
+    }
+
+    /// As [`Chunks::everyday`](crate::algorithm::Chunks::everyday), for these instructions; float32 has none of them.
+    #[inline(always)]
+    pub fn everyday<I: Target>(
+        &mut self,
+        target: I,
+        what: &Everyday<'_>,
+        states: &[Arguments<'_, T::Number>],
+        out: &mut [T::Number],
+    ) -> u64 {
+        if T::Number::RARE_KERNELS {
+            return target.within(AtHand { chunk: self, what, states, out });
+        }
+        u64::MAX
     }
 
     /// Forces on bodies into lanes; none at all where no state has any.
@@ -228,6 +246,7 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             errors,
             derivatives,
             products,
+            ..
         } = chunk;
         let Numbers { model, sweeps, quaternions } = &**constants;
         let [q, qd, u] = arguments;
@@ -297,6 +316,39 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
         }
         for lane in 0..states.len() {
             doubt |= u64::from(result_fault.lane(lane) != 0.0) << lane;
+        }
+        doubt
+    }
+}
+
+/// An everyday function with its states, to be run inside an arm.
+struct AtHand<'a, T: Vectorised> {
+    chunk: &'a mut Chunk<T>,
+    what: &'a Everyday<'a>,
+    states: &'a [Arguments<'a, T::Number>],
+    out: &'a mut [T::Number],
+}
+
+impl<T: Vectorised> Work for AtHand<'_, T> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let Self { chunk: Chunk { numbers: constants, arguments, everyday, .. }, what, states, out } = self;
+        let Numbers { model, quaternions, .. } = &**constants;
+        let given = std::array::from_fn(|lane| &states[lane.min(states.len() - 1)]);
+        let [q, qd, qdd] = arguments;
+        let mut fault = gather(q, &given, |state| state.q);
+        fault += gather(qd, &given, |state| state.qd);
+        fault += gather(qdd, &given, |state| state.u);
+        let nearness = nearness(quaternions, q);
+        let kernel = everyday.get_or_insert_with(|| Box::new(EverydayKernel::new(model)));
+        let results = everyday::run(model, kernel, what, (q, qd, qdd));
+        fault += any_not_finite(results);
+        T::put_lanes(results, out);
+        let mut doubt = 0;
+        for lane in 0..states.len() {
+            doubt |= u64::from(is_far(nearness, lane) || fault.lane(lane) != 0.0) << lane;
         }
         doubt
     }

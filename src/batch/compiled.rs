@@ -18,7 +18,7 @@ macro_rules! compiled {
         pub(super) mod $module {
             #[allow(unused_imports)] // each scalar needs some of them
             use super::*;
-            use crate::algorithm::{Algorithm, Arguments, Chunks};
+            use crate::algorithm::{Algorithm, Arguments, Chunks, Everyday};
             use crate::batch::arms::{Target, Vectorised};
             use crate::batch::chunk::Chunk;
             #[allow(unused_imports)]
@@ -36,6 +36,15 @@ macro_rules! compiled {
 
                 fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, Number>], out: &mut [Number]) -> u64 {
                     self.0.run(self.1, algorithm, states, out)
+                }
+
+                fn everyday(
+                    &mut self,
+                    what: &Everyday<'_>,
+                    states: &[Arguments<'_, Number>],
+                    out: &mut [Number],
+                ) -> u64 {
+                    self.0.everyday(self.1, what, states, out)
                 }
 
                 fn error(&self, lane: usize) -> f64 {

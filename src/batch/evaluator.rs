@@ -3,10 +3,10 @@
 use super::Fault;
 use super::arms::Arm;
 use super::compiled;
-use crate::algorithm::{Algorithm, Arguments, Chunks};
+use crate::algorithm::{Algorithm, Arguments, Chunks, Everyday};
 use crate::dynamics::Accuracy;
 use crate::dynamics::mass_inverse::InverseScratch;
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::filter::Form;
 use crate::scalar::Precision;
 use crate::scene::Scene;
@@ -39,6 +39,10 @@ impl<P> Chunks<P> for Doubts {
     }
 
     fn run(&mut self, _: Algorithm, _: &[Arguments<'_, P>], _: &mut [P]) -> u64 {
+        u64::MAX
+    }
+
+    fn everyday(&mut self, _: &Everyday<'_>, _: &[Arguments<'_, P>], _: &mut [P]) -> u64 {
         u64::MAX
     }
 
@@ -170,6 +174,16 @@ impl<P> Kernels<P> {
         }
     }
 
+    /// The same of an everyday function.
+    fn everyday(&mut self, what: &Everyday<'_>, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
+        match (&mut self.one, &mut self.many) {
+            (Some(one), None) => one.everyday(what, states, out),
+            (Some(one), _) if states.len() == 1 => one.everyday(what, states, out),
+            (_, Some(many)) => many.everyday(what, states, out),
+            (None, None) => u64::MAX,
+        }
+    }
+
     /// Those that run a single state, without the others' scratch.
     pub(crate) fn for_one_state(self) -> Box<dyn Chunks<P>>
     where
@@ -274,6 +288,42 @@ impl Scene {
                 self.evaluate_checked(&mut evaluator.checked, algorithm, &states[lane], out)
                     .map_err(|error| Fault { state: i * lanes + lane, error })?;
                 found(i * lanes + lane, &|| evaluator.checked.accuracy(out));
+            }
+        }
+        Ok(())
+    }
+
+    /// An everyday function of any number of states: the results one after another in `out`, as long for each state; u is qdd.
+    ///
+    /// As many states at once as the processor's registers hold; a state whose arguments or results are in doubt is done once more by the method for one state
+    /// ([`Scene::everyday`]).
+    ///
+    /// # Errors
+    ///
+    /// [`Fault`] of the lowest state that failed, with the error of that method; `out` is then partly written.
+    pub fn evaluate_everyday(
+        &self,
+        evaluator: &mut Evaluator,
+        what: &Everyday<'_>,
+        states: &[Arguments<'_>],
+        out: &mut [f64],
+    ) -> Result<(), Fault> {
+        let (lanes, width, nv) = (evaluator.lanes(), what.width(self.nv()), self.nv());
+        check_length("out", out.len(), width * states.len()).map_err(|error| Fault { state: 0, error })?;
+        let lengths = [self.nq(), nv, nv];
+        for (i, (states, out)) in states.chunks(lanes).zip(out.chunks_mut((width * lanes).max(1))).enumerate() {
+            let fits = |state: &Arguments<'_>| {
+                let given = [state.q.len(), state.qd.len(), state.u.len()];
+                (0..3).all(|k| given[k] == if k < what.reads() { lengths[k] } else { 0 })
+            };
+            let mut doubt = u64::MAX;
+            if states.iter().all(fits) {
+                doubt = evaluator.kernels.everyday(what, states, out);
+            }
+            for lane in (0..states.len()).filter(|lane| doubt >> lane & 1 == 1) {
+                let (state, out) = (&states[lane], &mut out[lane * width..(lane + 1) * width]);
+                self.everyday(&mut evaluator.checked.workspace, what, [state.q, state.qd, state.u], out)
+                    .map_err(|error| Fault { state: i * lanes + lane, error })?;
             }
         }
         Ok(())

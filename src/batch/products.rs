@@ -5,7 +5,9 @@ use super::arms::{Target, Vectorised, Work};
 use super::derivatives::with_factor;
 use super::finite::any_not_finite;
 use crate::algorithm::Products;
-use crate::dynamics::derivatives::{Changes, CoStates, Constants, Directions, gradients_in_sweeps, tangent_in_sweeps};
+use crate::dynamics::derivatives::{
+    Changes, CoStates, Constants, Directions, GradientParts, gradients_in_sweeps, tangent_in_sweeps,
+};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
@@ -23,6 +25,8 @@ pub(super) struct ProductKernel<T: Vectorised> {
     qdd: Vec<T>,
     x: Vec<T>,
     results: Vec<T>,
+    /// Gradients by the wrenches of bodies, where they are asked for.
+    by_wrenches: Vec<Vector6<T>>,
 }
 
 impl<T: Vectorised> ProductKernel<T> {
@@ -36,6 +40,7 @@ impl<T: Vectorised> ProductKernel<T> {
             qdd: vec![nan; nv],
             x: vec![nan; nv],
             results: vec![nan; 3 * nv],
+            by_wrenches: Vec::new(),
         }
     }
 }
@@ -56,8 +61,11 @@ pub(super) struct Call<'a, T: Vectorised> {
 pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: Call<'_, T>) -> u64 {
     let Call { scene, scratch, kernel, state, wrenches, out } = call;
     let ((q, qd, u), mut doubt) = (state, 0);
-    let ProductKernel { co_states, changes, seeds: [first, second, third], qdd, x, results } = kernel;
-    let results = &mut results[..which.count() * first.len()];
+    let ProductKernel { co_states, changes, seeds: [first, second, third], qdd, x, results, by_wrenches } = kernel;
+    let (nv, bodies, zero) =
+        (first.len(), scene.0.bodies.len(), first.first().map_or_else(T::zero, |x| x.constant(0.0)));
+    let constants = if which.has_constants() { nv + 3 + 16 * bodies } else { 0 };
+    results.resize(which.count() * nv + constants, zero);
     if let Some(form) = which.form() {
         if matches!(form, Form::SquareRoot | Form::Joseph) {
             return u64::MAX;
@@ -75,6 +83,17 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: Ca
         Products::InverseGradient | Products::ForwardGradient(_) => {
             let (state, constants) = ((motion, &first[..]), &mut Constants::default());
             doubt |= gradients(target, which.form(), (scene, (scratch, co_states)), state, (constants, x, results));
+        }
+        Products::InverseGradients | Products::ForwardGradients(_) => {
+            by_wrenches.resize(bodies, Vector6::from_element(zero));
+            let parts = GradientParts::of(results, nv, bodies);
+            let GradientParts { state: by_state, armature, gravity, wrenches: forces, parameters } = parts;
+            let constants = &mut Constants { wrenches: by_wrenches, parameters, armature, gravity };
+            let room = (scene, (scratch, co_states));
+            doubt |= gradients(target, which.form(), room, (motion, first), (constants, x, by_state));
+            for (to, wrench) in forces.iter_mut().zip(&*by_wrenches) {
+                *to = (*wrench).into();
+            }
         }
     }
     let fault = any_not_finite(results);

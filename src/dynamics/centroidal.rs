@@ -8,6 +8,7 @@ use super::energy::{momentum, sum_on_base, velocities_base_to_tip};
 use super::forces::{Motion, Needed, step_outward};
 use super::mass_matrix::composite_inertias_tip_to_base;
 use crate::filter::System;
+use crate::joints::vectors::plus;
 use crate::kinematics::{placements_base_to_tip, write_column};
 use crate::model::Model;
 use crate::scalar::Real;
@@ -16,30 +17,34 @@ use crate::workspace::Workspace;
 use nalgebra::{Vector3, Vector6};
 
 /// Mass of all bodies that move against the base, kg.
+#[inline(always)]
 pub fn total_mass<T: Real>(model: &Model<T>) -> T {
     let moving = model.bodies.iter().enumerate().filter(|&(k, _)| moves(&model.system, k));
     moving.fold(T::zero(), |sum, (_, body)| sum + body.inertia.mass)
 }
 
 /// The mass centre at `q`, from the base's origin and in its axes, m. O(N): mass and first moment, tip to base.
+#[inline(always)]
 pub fn center_of_mass<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]) -> Vector3<T> {
     placements_base_to_tip(model, q, &mut workspace.shift);
     first_moments_tip_to_base(model, workspace);
     let centre = centre(model, workspace);
-    centre.from + centre.to
+    plus(&centre.from, q[0].constant(1.0), &centre.to)
 }
 
 /// The velocity of the mass centre in the base's axes, m/s: linear momentum by mass. O(N).
+#[inline(always)]
 pub fn center_of_mass_velocity<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
     q: &[T],
     qd: &[T],
 ) -> Vector3<T> {
-    linear(&momentum(model, workspace, q, qd)) / total_mass(model)
+    divided(&linear(&momentum(model, workspace, q, qd)), total_mass(model))
 }
 
 /// The acceleration of the mass centre in the base's axes, m/s^2, at joint accelerations `qdd`: the force that moves all bodies, by mass. O(N).
+#[inline(always)]
 pub fn center_of_mass_acceleration<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -52,10 +57,11 @@ pub fn center_of_mass_acceleration<T: Real>(
     for k in 0..model.bodies.len() {
         step_outward(model, workspace, k, state, needed, (&still, &still));
     }
-    linear(&sum_on_base(model, workspace)) / total_mass(model)
+    divided(&linear(&sum_on_base(model, workspace)), total_mass(model))
 }
 
 /// The Jacobian of the mass centre at `q` into `out`, (3 x nv) row by row: its velocity in the base's axes is J qd. O(N).
+#[inline(always)]
 pub fn center_of_mass_jacobian<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
     placements_base_to_tip(model, q, &mut workspace.shift);
     first_moments_tip_to_base(model, workspace);
@@ -73,6 +79,7 @@ pub fn center_of_mass_jacobian<T: Real>(model: &Model<T>, workspace: &mut Worksp
 /// is A qd. O(N).
 ///
 /// Column j is the momentum of all bodies outboard of joint k, as one, at a unit rate: phi(base, k) r(k) S, with the moment about the mass centre.
+#[inline(always)]
 pub fn centroidal_momentum_matrix<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
     placements_base_to_tip(model, q, &mut workspace.shift);
     composite_inertias_tip_to_base(model, workspace);
@@ -88,6 +95,7 @@ pub fn centroidal_momentum_matrix<T: Real>(model: &Model<T>, workspace: &mut Wor
 ///
 /// With r' the rate of r(k) in fixed axes and S' = v(k) x S the columns about a fixed point are phi(base, k) (r' S + r S'); the mass centre moves
 /// on at c', which takes c' x the linear half of A off the angular half.
+#[inline(always)]
 pub fn centroidal_momentum_matrix_rate<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -101,34 +109,43 @@ pub fn centroidal_momentum_matrix_rate<T: Real>(
     composite_rates_tip_to_base(model, workspace);
     let centre = centre(model, workspace);
     placements_from(model, workspace, &centre);
-    let mut momentum = Vector3::from_element(T::zero());
+    let (one, mut momentum) = (centre.mass.constant(1.0), Vector3::from_element(centre.mass.constant(0.0)));
     for k in roots(model) {
-        momentum += workspace.shift[k].rotate(&workspace.composite_rate[k].first_moment);
+        momentum = plus(&momentum, one, &workspace.shift[k].rotate(&workspace.composite_rate[k].first_moment));
     }
-    let velocity = momentum / centre.mass;
+    let velocity = divided(&momentum, centre.mass);
     each_row(model, |k, j, axis| {
         let (composite, shift) = (&workspace.composite[k], &workspace.shift[k]);
         let turned = composite.mul_motion(&cross_motion(&workspace.velocity[k], axis));
         let rate = shift.force_to_parent(&sum(&workspace.composite_rate[k].mul_motion(axis), &turned));
         let pushed = shift.rotate(&linear(&composite.mul_motion(axis)));
-        let left_behind = spatial(&cross(&velocity, &pushed), &Vector3::from_element(T::zero()));
-        let column = scaled_add(&left_behind, -T::one(), &rate);
+        let left_behind = spatial(&cross(&velocity, &pushed), &Vector3::from_element(one.constant(0.0)));
+        let column = scaled_add(&left_behind, one.constant(-1.0), &rate);
         write_column(out, model.nv(), j, column.as_slice());
     });
 }
 
+/// x / s.
+#[inline(always)]
+fn divided<T: Real>(x: &Vector3<T>, s: T) -> Vector3<T> {
+    Vector3::new(x[0] / s, x[1] / s, x[2] / s)
+}
+
 /// Whether a body moves against the base: a joint at it or inboard of it does.
+#[inline(always)]
 fn moves<T: Real>(system: &System<T>, body: usize) -> bool {
     let mut inward = std::iter::successors(Some(body), |&k| system.stages[k].parent);
     inward.any(|k| system.stages[k].rows.count() > 0)
 }
 
 /// The parent of a body, if it moves.
+#[inline(always)]
 fn moving_parent<T: Real>(system: &System<T>, body: usize) -> Option<usize> {
     system.stages[body].parent.filter(|&parent| moves(system, parent))
 }
 
 /// The bodies that move on ones that do not: every moving body is outboard of one of them, or it.
+#[inline(always)]
 fn roots<T: Real>(model: &Model<T>) -> impl Iterator<Item = usize> {
     let system = &model.system;
     let stages = system.stages.iter().enumerate();
@@ -136,6 +153,7 @@ fn roots<T: Real>(model: &Model<T>) -> impl Iterator<Item = usize> {
 }
 
 /// Where one of them is on the base, with phi of each body to its parent in the workspace.
+#[inline(always)]
 fn on_base<T: Real>(model: &Model<T>, workspace: &Workspace<T>, root: usize) -> RigidShift<T> {
     let (mut at, mut placement) = (model.system.stages[root].parent, workspace.shift[root]);
     while let Some(k) = at {
@@ -155,19 +173,23 @@ struct Centre<T> {
 }
 
 /// The mass centre, from masses and first moments of the composites.
+#[inline(always)]
 fn centre<T: Real>(model: &Model<T>, workspace: &Workspace<T>) -> Centre<T> {
     let zero = T::zero();
+    let (one, minus_one) = (zero.constant(1.0), zero.constant(-1.0));
     let (mut from, mut mass, mut moment) = (None, zero, Vector3::from_element(zero));
     for k in roots(model) {
         let mut place = on_base(model, workspace, k);
-        place.lever -= *from.get_or_insert(place.lever);
+        let here = *from.get_or_insert(place.lever);
+        place.lever = plus(&place.lever, minus_one, &here);
         mass += workspace.composite[k].mass;
-        moment += workspace.composite[k].first_moment_in_parent(&place);
+        moment = plus(&moment, one, &workspace.composite[k].first_moment_in_parent(&place));
     }
-    Centre { mass, from: from.unwrap_or(moment), to: moment / mass }
+    Centre { mass, from: from.unwrap_or(moment), to: divided(&moment, mass) }
 }
 
 /// Tip to base: mass and first moment of r(k), (3.5); the rest of it is left as it is.
+#[inline(always)]
 fn first_moments_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
     for (composite, body) in workspace.composite.iter_mut().zip(&model.bodies) {
         (composite.mass, composite.first_moment) = (body.inertia.mass, body.inertia.first_moment);
@@ -176,12 +198,14 @@ fn first_moments_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspac
         if let Some(parent) = stage.parent {
             let carried = workspace.composite[k];
             workspace.composite[parent].mass += carried.mass;
-            workspace.composite[parent].first_moment += carried.first_moment_in_parent(&workspace.shift[k]);
+            let to = &mut workspace.composite[parent].first_moment;
+            *to = plus(to, carried.mass.constant(1.0), &carried.first_moment_in_parent(&workspace.shift[k]));
         }
     }
 }
 
 /// Tip to base: the rate of r(k) in fixed axes, from velocities; it has the parameters of an inertia without mass.
+#[inline(always)]
 fn composite_rates_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
     let moving = model.bodies.iter().zip(&workspace.velocity);
     for (rate, (body, velocity)) in workspace.composite_rate.iter_mut().zip(moving) {
@@ -196,13 +220,16 @@ fn composite_rates_tip_to_base<T: Real>(model: &Model<T>, workspace: &mut Worksp
 }
 
 /// Base to tip: phi of every moving body to the base's axes and the mass centre, in place of phi to its parent.
+#[inline(always)]
 fn placements_from<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, centre: &Centre<T>) {
     for (k, stage) in model.system.stages.iter().enumerate() {
         workspace.shift[k] = match moving_parent(&model.system, k) {
             Some(parent) => workspace.shift[parent].compose(&workspace.shift[k]),
             None if stage.rows.count() > 0 => {
                 let place = on_base(model, workspace, k);
-                RigidShift { lever: (place.lever - centre.from) - centre.to, ..place }
+                let minus_one = centre.mass.constant(-1.0);
+                let lever = plus(&plus(&place.lever, minus_one, &centre.from), minus_one, &centre.to);
+                RigidShift { lever, ..place }
             }
             None => continue,
         };
@@ -210,6 +237,7 @@ fn placements_from<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, cent
 }
 
 /// Does something for each degree of freedom: its body, its index, and S.
+#[inline(always)]
 fn each_row<T: Real>(model: &Model<T>, mut work: impl FnMut(usize, usize, &Vector6<T>)) {
     for (k, stage) in model.system.stages.iter().enumerate() {
         for i in 0..stage.rows.count() {

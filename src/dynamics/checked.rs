@@ -1,12 +1,13 @@
 //! The algorithms on one state by the general recursions, with arguments checked and faults named.
 
-use super::derivatives::{self, Constants, DerivativeScratch, Directions, ProductScratch};
+use super::derivatives::{self, Constants, DerivativeScratch, Directions, GradientParts, ProductScratch};
 use super::mass_inverse::{InverseScratch, mass_matrix_inverse};
 use super::{forward, inverse, mass_matrix};
 use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
 use crate::error::{Error, check_length};
 use crate::filter::pivots::PivotMonitor;
 use crate::scene::Scene;
+use crate::spatial::SpatialVector;
 use crate::watch;
 use crate::workspace::Workspace;
 
@@ -67,12 +68,17 @@ impl Scene {
             }
             Algorithm::Derivatives(which) => self.derivatives(workspace, which, state, out)?,
             Algorithm::Products(which) => {
-                self.products(
-                    (workspace, &mut ProductScratch::new(model)),
-                    which,
-                    (state, &mut Constants::default()),
-                    out,
-                )?;
+                let scratch = (workspace, &mut ProductScratch::new(model));
+                if which.has_constants() {
+                    let parts = GradientParts::of(out, self.nv(), model.bodies.len());
+                    let GradientParts { state: by_state, armature, gravity, wrenches: forces, parameters } = parts;
+                    let mut wrenches = vec![SpatialVector::zeros(); forces.len()];
+                    let mut constants = Constants { wrenches: &mut wrenches, parameters, armature, gravity };
+                    self.products(scratch, which, (state, &mut constants), by_state)?;
+                    forces.iter_mut().zip(&wrenches).for_each(|(to, wrench)| *to = (*wrench).into());
+                } else {
+                    self.products(scratch, which, (state, &mut Constants::default()), out)?;
+                }
             }
         }
         self.check_result(what, out)
@@ -121,14 +127,14 @@ impl Scene {
                 derivatives::inverse_dynamics_jvp(model, scratch, at, wrenches, &along, out);
                 Ok(())
             }
-            Products::InverseGradient => {
+            Products::InverseGradient | Products::InverseGradients => {
                 derivatives::inverse_dynamics_vjp(model, scratch, at, wrenches, first, (constants, out));
                 Ok(())
             }
             Products::ForwardTangent(_) => {
                 derivatives::forward_dynamics_jvp(model, workspace, scratch, at, wrenches, &along, out)
             }
-            Products::ForwardGradient(_) => {
+            Products::ForwardGradient(_) | Products::ForwardGradients(_) => {
                 derivatives::forward_dynamics_vjp(model, workspace, scratch, at, wrenches, first, (constants, out))
             }
         }
@@ -141,7 +147,10 @@ impl Scene {
         match algorithm {
             Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => self.nv() * self.nv(),
             Algorithm::Derivatives(which) => which.count() * self.nv() * self.nv(),
-            Algorithm::Products(which) => which.count() * self.nv(),
+            Algorithm::Products(which) => {
+                let constants = if which.has_constants() { self.nv() + 3 + 16 * self.model().bodies.len() } else { 0 };
+                which.count() * self.nv() + constants
+            }
             _ => self.nv(),
         }
     }
@@ -192,7 +201,7 @@ fn named(algorithm: Algorithm) -> (&'static str, &'static str) {
         Algorithm::MassMatrix => ("mass matrix", "out"),
         Algorithm::MassMatrixInverse(_) => ("mass matrix inverse", "out"),
         Algorithm::Derivatives(Derivatives::InverseDynamics)
-        | Algorithm::Products(Products::InverseTangent | Products::InverseGradient) => {
+        | Algorithm::Products(Products::InverseTangent | Products::InverseGradient | Products::InverseGradients) => {
             ("derivatives of inverse dynamics", "out")
         }
         Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) | Algorithm::Products(_) => {

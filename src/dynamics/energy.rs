@@ -4,7 +4,7 @@ use super::mass_matrix::composite_inertias_tip_to_base;
 use crate::kinematics::{joint_motion, placements_base_to_tip};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{BodyInertia, dot};
+use crate::spatial::{BodyInertia, dot, sum};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -18,6 +18,7 @@ pub struct Energy<T> {
 }
 
 /// Kinetic and potential energy in O(N).
+#[inline(always)]
 pub fn energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> Energy<T> {
     let kinetic = kinetic_energy(model, workspace, q, qd);
     let moment = total_inertia(model, workspace).first_moment;
@@ -26,6 +27,7 @@ pub fn energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], 
 }
 
 /// Kinetic energy alone in O(N), J: half of v* M v over all bodies, plus half of armature times rate squared.
+#[inline(always)]
 pub fn kinetic_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> T {
     placements_base_to_tip(model, q, &mut workspace.shift);
     velocities_base_to_tip(model, workspace, qd);
@@ -42,6 +44,7 @@ pub fn kinetic_energy<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q
 /// Spatial momentum (angular about the base's origin, linear) of all moving bodies, in the base frame: N m s, N s.
 ///
 /// Armature is a measurement's noise, not a body: rotors add nothing here.
+#[inline(always)]
 pub fn momentum<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) -> Vector6<T> {
     placements_base_to_tip(model, q, &mut workspace.shift);
     velocities_base_to_tip(model, workspace, qd);
@@ -52,31 +55,34 @@ pub fn momentum<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T]
 }
 
 /// Tip to base: the sum of the forces (or momenta) `z` on all bodies, about the base's origin and in its axes.
+#[inline(always)]
 pub(super) fn sum_on_base<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> Vector6<T> {
     let mut total = Vector6::from_element(T::zero());
     for (k, stage) in model.system.stages.iter().enumerate().rev() {
         let carried = workspace.shift[k].force_to_parent(&workspace.z[k]);
         match stage.parent {
-            Some(parent) => workspace.z[parent] += carried,
-            None => total += carried,
+            Some(parent) => workspace.z[parent] = sum(&workspace.z[parent], &carried),
+            None => total = sum(&total, &carried),
         }
     }
     total
 }
 
 /// Base to tip: spatial velocities, with phi already in the workspace.
+#[inline(always)]
 pub(super) fn velocities_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, qd: &[T]) {
     for (k, body) in model.bodies.iter().enumerate() {
         let stage = &model.system.stages[k];
         let mut velocity = joint_motion(body, stage.first_row, qd);
         if let Some(parent) = stage.parent {
-            velocity += workspace.shift[k].motion_to_child(&workspace.velocity[parent]);
+            velocity = sum(&velocity, &workspace.shift[k].motion_to_child(&workspace.velocity[parent]));
         }
         workspace.velocity[k] = velocity;
     }
 }
 
 /// Inertia of all moving bodies as one, about the base's origin.
+#[inline(always)]
 fn total_inertia<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) -> BodyInertia<T> {
     composite_inertias_tip_to_base(model, workspace);
     let mut total = BodyInertia::zero();

@@ -2,6 +2,7 @@
 
 use super::object::Object;
 use super::scene::PyScene;
+use crate::algorithm::Everyday;
 use pyo3::prelude::*;
 
 /// Rough time of one body in one state, ns.
@@ -29,10 +30,8 @@ impl PyScene {
     #[pyo3(signature = (q, *, errors="raise"))]
     fn center_of_mass<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
         self.scene.check_has_mass()?;
-        self.each(py, [("q", q)], &[3], cost::CENTRE * self.size(), errors, |scene, scratch, [q], out| {
-            out.copy_from_slice(scene.center_of_mass(&mut scratch.workspace, q)?.as_slice());
-            Ok(())
-        })
+        let size = (&[3][..], cost::CENTRE * self.size());
+        self.everyday(py, &Everyday::CenterOfMass, [("q", q)], size, errors)
     }
 
     /// The velocity of the mass centre in the base's axes: linear momentum by mass.
@@ -50,10 +49,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         self.scene.check_has_mass()?;
         let (given, cost) = ([("q", q), ("qd", qd)], cost::MOTION * self.size());
-        self.each(py, given, &[3], cost, errors, |scene, scratch, [q, qd], out| {
-            out.copy_from_slice(scene.center_of_mass_velocity(&mut scratch.workspace, q, qd)?.as_slice());
-            Ok(())
-        })
+        self.everyday(py, &Everyday::CenterOfMassVelocity, given, (&[3], cost), errors)
     }
 
     /// The acceleration of the mass centre in the base's axes, at joint accelerations qdd; gravity is not in it.
@@ -73,10 +69,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         self.scene.check_has_mass()?;
         let (given, cost) = ([("q", q), ("qd", qd), ("qdd", qdd)], cost::MOTION * self.size());
-        self.each(py, given, &[3], cost, errors, |scene, scratch, [q, qd, qdd], out| {
-            out.copy_from_slice(scene.center_of_mass_acceleration(&mut scratch.workspace, q, qd, qdd)?.as_slice());
-            Ok(())
-        })
+        self.everyday(py, &Everyday::CenterOfMassAcceleration, given, (&[3], cost), errors)
     }
 
     /// The Jacobian J of the mass centre: its velocity in the base's axes is J qd.
@@ -88,9 +81,7 @@ impl PyScene {
     fn center_of_mass_jacobian<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
         self.scene.check_has_mass()?;
         let (shape, cost) = ([3, self.scene.nv()], cost::MATRIX * self.size());
-        self.each(py, [("q", q)], &shape, cost, errors, |scene, scratch, [q], out| {
-            scene.center_of_mass_jacobian(&mut scratch.workspace, q, out)
-        })
+        self.everyday(py, &Everyday::CenterOfMassJacobian, [("q", q)], (&shape, cost), errors)
     }
 
     /// The centroidal momentum matrix A: the momentum of all links that move, (angular about the mass centre, linear) in the base's axes, is A qd.
@@ -103,9 +94,7 @@ impl PyScene {
     fn centroidal_momentum_matrix<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
         self.scene.check_has_mass()?;
         let (shape, cost) = ([6, self.scene.nv()], cost::MATRIX * self.size());
-        self.each(py, [("q", q)], &shape, cost, errors, |scene, scratch, [q], out| {
-            scene.centroidal_momentum_matrix(&mut scratch.workspace, q, out)
-        })
+        self.everyday(py, &Everyday::CentroidalMomentumMatrix, [("q", q)], (&shape, cost), errors)
     }
 
     /// The rate A' of the centroidal momentum matrix along qd: the momentum about the mass centre changes at A qdd + A' qd.
@@ -124,8 +113,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         self.scene.check_has_mass()?;
         let (given, shape) = ([("q", q), ("qd", qd)], [6, self.scene.nv()]);
-        self.each(py, given, &shape, cost::RATE * self.size(), errors, |scene, scratch, [q, qd], out| {
-            scene.centroidal_momentum_matrix_rate(&mut scratch.workspace, q, qd, out)
-        })
+        let size = (&shape[..], cost::RATE * self.size());
+        self.everyday(py, &Everyday::CentroidalMomentumMatrixRate, given, size, errors)
     }
 }

@@ -1,16 +1,55 @@
-//! Methods that evaluate states one by one, from the arguments of a call to its result.
+//! Everyday functions, and methods that evaluate states one by one, from the arguments of a call to its result.
 
 use super::bad_states::is_nan;
 use super::cost::Cost;
+use super::input::Input;
 use super::object::Object;
 use super::output::Output;
 use super::scene::PyScene;
 use super::scratch::Scratch;
+use crate::algorithm::{Arguments, Everyday};
 use crate::error::Error;
 use crate::scene::Scene;
 use pyo3::prelude::*;
 
 impl PyScene {
+    /// An everyday function of every state, of so many ns each, into a new array of shape batch + `shape`, a NumPy scalar for the empty shape: one plain state by
+    /// itself, others in lanes.
+    pub(super) fn everyday<'py, const N: usize>(
+        &self,
+        py: Python<'py>,
+        what: &Everyday<'_>,
+        given: [(&'static str, &Object<'py>); N],
+        (shape, cost): (&[usize], usize),
+        errors: &str,
+    ) -> PyResult<Object<'py>> {
+        if !is_nan(errors)? {
+            let values = given.map(|(_, value)| value);
+            let kernel = |scene: &Scene, scratch: &mut Scratch, state: [&[f64]; N], out: &mut [f64]| {
+                let evaluator = scratch.evaluator.get_or_insert_with(|| scene.evaluator());
+                let of = |k: usize| state.get(k).copied().unwrap_or_default();
+                let state = [Arguments { q: of(0), qd: of(1), u: of(2), ..Arguments::default() }];
+                scene.evaluate_everyday(evaluator, what, &state, out).map_err(|fault| fault.error)
+            };
+            if let Some(result) = self.single_by(py, values, shape, Cost::of(cost), None, kernel)? {
+                return Ok(result);
+            }
+        }
+        let call = self.call(self.inputs(given)?, cost, errors)?;
+        let mut output = call.output(py, shape, None, Output::unwritten)?;
+        call.everyday_in_chunks(py, what, output.numbers()?)?;
+        output.finish_or_scalar()
+    }
+
+    /// q, then one or two arrays of rates.
+    fn inputs<'py, const N: usize>(&self, given: [(&'static str, &Object<'py>); N]) -> PyResult<Vec<Input<'py>>> {
+        let mut inputs = Vec::with_capacity(N);
+        for (at, (name, value)) in given.into_iter().enumerate() {
+            inputs.push(if at == 0 { self.configuration(name, value)? } else { self.rate(name, value)? });
+        }
+        Ok(inputs)
+    }
+
     /// Evaluates every state, of so many ns each, into a new array of shape batch + `shape`; a NumPy scalar for the empty shape.
     ///
     /// The kernel gets q, then one or two arrays of rates, as many as are `given`.
@@ -33,11 +72,7 @@ impl PyScene {
                 return Ok(result);
             }
         }
-        let mut inputs = Vec::with_capacity(N);
-        for (at, (name, value)) in given.into_iter().enumerate() {
-            inputs.push(if at == 0 { self.configuration(name, value)? } else { self.rate(name, value)? });
-        }
-        let call = self.call(inputs, cost, errors)?;
+        let call = self.call(self.inputs(given)?, cost, errors)?;
         let mut output = call.output(py, shape, None, Output::new)?;
         call.numbers(py, output.numbers()?, kernel)?;
         output.finish_or_scalar()

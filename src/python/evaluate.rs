@@ -10,13 +10,13 @@ use super::output::Output;
 use super::scene::PyScene;
 use super::scratch::Dtype;
 use super::wrenches::{self, Wrench};
-use crate::algorithm::{Algorithm, Arguments};
+use crate::algorithm::{Algorithm, Arguments, Everyday};
+use crate::batch::arms::Arm;
 use crate::batch::evaluator::Evaluator;
 use crate::batch::{Broadcast, Fault};
 use crate::error::Error;
 use crate::filter::Form;
 use crate::scalar::MOST_LANES;
-use crate::scene::Scene;
 use pyo3::prelude::*;
 
 /// What a call may have been given beside the state.
@@ -110,10 +110,25 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
         results: &mut [P],
         told: Option<&Told>,
     ) -> PyResult<()> {
+        let (scene, cost) = (&self.scene.scene, self.cost.of_many::<P>(self.states, algorithm));
+        self.chunks(py, (scene.width(algorithm), cost), results, &|evaluator, states, first, out| match told {
+            Some(told) => told.evaluate(scene, evaluator, states, first, out),
+            None => scene.evaluate(evaluator, algorithm, states, out),
+        })
+    }
+
+    /// Runs every state, as many at a time as there are lanes, each of so many results and ns: `run` gets them, the index of the first, and where results go.
+    fn chunks(
+        &self,
+        py: Python<'py>,
+        (width, cost): (usize, usize),
+        results: &mut [P],
+        run: &Run<'_, P>,
+    ) -> PyResult<()> {
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
-        let (width, bodies, errors) = (scene.width(algorithm), scene.model().bodies.len(), &self.errors);
-        self.run(py, self.cost.of_many::<P>(self.states, algorithm), |batch| {
+        let (bodies, errors) = (scene.model().bodies.len(), &self.errors);
+        self.run(py, cost, |batch| {
             batch.run_pieces(MOST_LANES, results, |scratch, states, results| {
                 let (evaluator, forces) = P::parts(scratch);
                 let evaluator = evaluator.get_or_insert_with(|| Evaluator::new(scene));
@@ -126,7 +141,7 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
                     let out = &mut results[from..from + count * width];
                     take(&mut chunk[..count], &arguments, first);
                     if wrenches.is_empty() {
-                        evaluate(scene, (evaluator, algorithm), &chunk[..count], first, out, (errors, told))?;
+                        evaluate((evaluator, run, errors), &chunk[..count], first, out)?;
                         continue;
                     }
                     let mut chunk = chunk;
@@ -138,7 +153,7 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
                         }
                         state.wrenches = forces;
                     }
-                    evaluate(scene, (evaluator, algorithm), &chunk[..count], first, out, (errors, told))?;
+                    evaluate((evaluator, run, errors), &chunk[..count], first, out)?;
                     for lane in (0..count).filter(|&lane| is_bad[lane]) {
                         out[lane * width..(lane + 1) * width].fill(P::nearest(f64::NAN));
                     }
@@ -148,6 +163,21 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
         })
     }
 }
+
+impl<'py> Call<'_, 'py> {
+    /// An everyday function of every state, as many at a time as there are lanes.
+    pub(super) fn everyday_in_chunks(&self, py: Python<'py>, what: &Everyday<'_>, results: &mut [f64]) -> PyResult<()> {
+        let scene = &self.scene.scene;
+        let lanes = Arm::of_process().lanes(size_of::<f64>()).min(self.states.max(1));
+        let cost = self.cost.of_one() / lanes;
+        self.chunks(py, (what.width(scene.nv()), cost), results, &|evaluator, states, _, out| {
+            scene.evaluate_everyday(evaluator, what, states, out)
+        })
+    }
+}
+
+/// What runs some neighbouring states of a batch, the first of which has that index.
+type Run<'a, P> = dyn Fn(&mut Evaluator<P>, &[Arguments<'_, P>], usize, &mut [P]) -> Result<(), Fault> + Sync + 'a;
 
 /// The arguments of neighbouring states of a batch, q, then qd, then u, then the seed; forces stay as they are.
 fn take<'a, P>(states: &mut [Arguments<'a, P>], arguments: &[Broadcast<'a, P>], first: usize) {
@@ -160,24 +190,17 @@ fn take<'a, P>(states: &mut [Arguments<'a, P>], arguments: &[Broadcast<'a, P>], 
     }
 }
 
-/// Evaluates neighbouring states of a batch, the first of which is its `first`; with bad ones among them the others all the same, if faults
+/// Runs neighbouring states of a batch, the first of which is its `first`; with bad ones among them the others all the same, if faults
 /// are gathered.
 fn evaluate<P: Dtype>(
-    scene: &Scene,
-    (evaluator, algorithm): (&mut Evaluator<P>, Algorithm),
+    (evaluator, run, errors): (&mut Evaluator<P>, &Run<'_, P>, &Errors),
     states: &[Arguments<'_, P>],
     first: usize,
     out: &mut [P],
-    (errors, told): (&Errors, Option<&Told>),
 ) -> Result<(), Fault> {
-    let width = scene.width(algorithm);
-    let mut done = 0;
-    let mut from = |done: usize, out: &mut [P]| match told {
-        Some(told) => told.evaluate(scene, evaluator, &states[done..], first + done, out),
-        None => scene.evaluate(evaluator, algorithm, &states[done..], out),
-    };
+    let (width, mut done) = (out.len() / states.len(), 0);
     // Those before a bad one are done, in the lanes that they would have without it.
-    while let Err(fault) = from(done, &mut out[done * width..]) {
+    while let Err(fault) = run(evaluator, &states[done..], first + done, &mut out[done * width..]) {
         let bad = done + fault.state;
         errors.note(Fault { state: first + bad, ..fault })?;
         out[bad * width..(bad + 1) * width].fill(P::nearest(f64::NAN));

@@ -2,9 +2,10 @@
 
 use super::errors::asked_by;
 use super::object::{Object, imported};
-use super::output::{Array, Output};
+use super::output::Output;
 use super::scene::PyScene;
-use crate::spatial::RigidShift;
+use crate::algorithm::Everyday;
+use crate::batch::everyday::homogeneous;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -54,11 +55,7 @@ impl PyScene {
         let inputs = [self.configuration("q", q)?, self.rate("qd", qd)?];
         let call = self.call(inputs, cost::ENERGY * self.size(), errors)?;
         let mut both = call.scratch_results(py, 2)?;
-        call.numbers(py, both.numbers()?, |scene, scratch, [q, qd], out| {
-            let energy = scene.energy(&mut scratch.workspace, q, qd)?;
-            out.copy_from_slice(&[energy.kinetic, energy.potential]);
-            Ok(())
-        })?;
+        call.everyday_in_chunks(py, &Everyday::Energy, both.numbers()?)?;
         let mut part = |which: usize| {
             let mut output = asked_by(py, &call.asking(), Output::new(py, &call.batch))?;
             output.gather(py, 1, both.numbers()?.chunks_exact(2).map(|state| &state[which..=which]))?;
@@ -81,10 +78,7 @@ impl PyScene {
         errors: &str,
     ) -> PyResult<Object<'py>> {
         let cost = cost::MOMENTUM * self.size();
-        self.each(py, [("q", q), ("qd", qd)], &[], cost, errors, |scene, scratch, [q, qd], out| {
-            out[0] = scene.kinetic_energy(&mut scratch.workspace, q, qd)?;
-            Ok(())
-        })
+        self.everyday(py, &Everyday::KineticEnergy, [("q", q), ("qd", qd)], (&[], cost), errors)
     }
 
     /// Spatial momentum of all moving bodies: (angular about the base's origin, linear), in the base frame.
@@ -93,23 +87,8 @@ impl PyScene {
     ///
     /// errors: as in forward_dynamics. Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd, *, errors="raise"))]
-    fn momentum<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> Array<'py> {
-        let inputs = [self.configuration("q", q)?, self.rate("qd", qd)?];
-        let call = self.call(inputs, cost::MOMENTUM * self.size(), errors)?;
-        call.array(py, &[6], |scene, scratch, [q, qd], out| {
-            out.copy_from_slice(scene.momentum(&mut scratch.workspace, q, qd)?.as_slice());
-            Ok(())
-        })
+    fn momentum<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> PyResult<Object<'py>> {
+        let size = (&[6][..], cost::MOMENTUM * self.size());
+        self.everyday(py, &Everyday::Momentum, [("q", q), ("qd", qd)], size, errors)
     }
-}
-
-/// Writes [[R, p], [0, 1]].
-pub(super) fn homogeneous(shift: &RigidShift<f64>, out: &mut [f64]) {
-    for (i, row) in out.chunks_exact_mut(4).take(3).enumerate() {
-        for (j, entry) in row.iter_mut().take(3).enumerate() {
-            *entry = shift.rotation[(i, j)];
-        }
-        row[3] = shift.lever[i];
-    }
-    out[12..].copy_from_slice(&[0.0, 0.0, 0.0, 1.0]);
 }

@@ -1,10 +1,11 @@
 //! Methods of `Scene`: where one link is and how it moves, in O(depth).
 
 use super::choice::{choose, names};
-use super::geometry::homogeneous;
 use super::input::triple;
 use super::object::Object;
 use super::scene::PyScene;
+use crate::algorithm::Everyday;
+use crate::batch::everyday::homogeneous;
 use crate::error::{Error, check_finite};
 use crate::kinematics::frame::{ACCELERATION_KINDS, REFERENCE_FRAMES};
 use crate::kinematics::{Frame, ReferenceFrame};
@@ -42,10 +43,7 @@ impl PyScene {
         if let Ok(name) = link.cast::<PyString>() {
             let frame = self.scene.frame(&name.to_str()?.into())?;
             let cost = cost::PLACEMENT * self.depth(&frame);
-            return self.each(py, [("q", q)], &[4, 4], cost, errors, |scene, _, [q], out| {
-                homogeneous(&scene.placement(q, frame)?, out);
-                Ok(())
-            });
+            return self.everyday(py, &Everyday::Placement(&frame), [("q", q)], (&[4, 4], cost), errors);
         }
         let names = names("link", link, "the name of a link, or a sequence of names")?;
         memory::room("link", memory::bytes_of::<f64>(&[names.len(), 16, 3]))?;
@@ -92,10 +90,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
         let cost = cost::MOTION * self.depth(&frame);
-        self.each(py, [("q", q), ("qd", qd)], &[6], cost, errors, |scene, _, [q, qd], out| {
-            out.copy_from_slice(scene.velocity(q, qd, frame, reference)?.as_slice());
-            Ok(())
-        })
+        self.everyday(py, &Everyday::Velocity(&frame, reference), [("q", q), ("qd", qd)], (&[6], cost), errors)
     }
 
     /// The acceleration of a link against the base, (angular, linear), at joint accelerations qdd; gravity is not in it.
@@ -124,10 +119,7 @@ impl PyScene {
         let kind = choose("kind", kind, &ACCELERATION_KINDS)?;
         let cost = cost::MOTION * self.depth(&frame);
         let given = [("q", q), ("qd", qd), ("qdd", qdd)];
-        self.each(py, given, &[6], cost, errors, |scene, _, [q, qd, qdd], out| {
-            out.copy_from_slice(scene.acceleration(q, qd, qdd, frame, reference, kind)?.as_slice());
-            Ok(())
-        })
+        self.everyday(py, &Everyday::Acceleration(&frame, reference, kind), given, (&[6], cost), errors)
     }
 
     /// The Jacobian J of a link: its velocity (angular, linear) is J qd.
@@ -150,7 +142,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
         let (cost, shape) = (cost::JACOBIAN * self.depth(&frame), [6, self.scene.nv()]);
-        self.each(py, [("q", q)], &shape, cost, errors, |scene, _, [q], out| scene.jacobian(q, frame, reference, out))
+        self.everyday(py, &Everyday::Jacobian(&frame, reference), [("q", q)], (&shape, cost), errors)
     }
 
     /// The rate J' of the Jacobian of a link along qd, entry by entry as jacobian writes it in this frame.
@@ -175,9 +167,8 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
         let (cost, shape) = (2 * cost::JACOBIAN * self.depth(&frame), [6, self.scene.nv()]);
-        self.each(py, [("q", q), ("qd", qd)], &shape, cost, errors, |scene, _, [q, qd], out| {
-            scene.jacobian_rate(q, qd, frame, reference, out)
-        })
+        let given = [("q", q), ("qd", qd)];
+        self.everyday(py, &Everyday::JacobianRate(&frame, reference), given, (&shape, cost), errors)
     }
 
     /// J' qd of a link, without J': the acceleration that rates alone give, as jacobian_rate @ qd.
@@ -200,10 +191,8 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let (reference, frame) = (read_frame(frame)?, self.on_link(link, at)?);
         let cost = cost::MOTION * self.depth(&frame);
-        self.each(py, [("q", q), ("qd", qd)], &[6], cost, errors, |scene, _, [q, qd], out| {
-            out.copy_from_slice(scene.jacobian_rate_product(q, qd, frame, reference)?.as_slice());
-            Ok(())
-        })
+        let given = [("q", q), ("qd", qd)];
+        self.everyday(py, &Everyday::JacobianRateProduct(&frame, reference), given, (&[6], cost), errors)
     }
 }
 

@@ -8,13 +8,12 @@ use super::input::Input;
 use super::object::{Object, imported};
 use super::output::{Output, part};
 use super::scene::PyScene;
-use super::scratch::{OnBodies, Scratch};
 use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Arguments, Products};
-use crate::dynamics::derivatives::{Constants, of_link};
+use crate::dynamics::derivatives::{GradientParts, of_link};
 use crate::error::Error;
 use crate::scene::Scene;
-use crate::spatial::{RigidShift, SpatialVector};
+use crate::spatial::RigidShift;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyMapping, PyTuple};
 
@@ -24,8 +23,6 @@ mod cost {
     pub const INVERSE: usize = 120;
     /// With the factor of M.
     pub const FORWARD: usize = 250;
-    /// By the general recursion.
-    pub const GENERAL: usize = 900;
     /// On dual numbers.
     pub const HESSIAN: usize = 2500;
 }
@@ -83,7 +80,7 @@ impl PyScene {
     /// q: (..., nq); qd, qdd, cotangent: (..., nv); SI units, radians; leading axes broadcast. wrenches and errors: as in forward_dynamics. parameters: whether to
     /// give the gradients by inertias, armature and gravity too.
     ///
-    /// The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp. With wrenches or parameters one state at a time, without SIMD lanes.
+    /// The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp.
     ///
     /// Returns a phipsi.InverseDynamicsGradients (q, qd, qdd, wrenches, parameters, armature, gravity); what is not asked for is None.
     ///
@@ -142,7 +139,7 @@ impl PyScene {
     /// to give the gradients by inertias, armature and gravity too.
     ///
     /// The gradient by q is in its tangent space, (..., nv), as dq in inverse_dynamics_jvp. x = M^-1 cotangent is filter and smoother once more; all other
-    /// gradients are those of inverse_dynamics_vjp at the accelerations of the state, of -x. With wrenches or parameters one state at a time, without SIMD lanes.
+    /// gradients are those of inverse_dynamics_vjp at the accelerations of the state, of -x.
     ///
     /// Returns a phipsi.ForwardDynamicsGradients (q, qd, tau, wrenches, parameters, armature, gravity); what is not asked for is None.
     ///
@@ -263,7 +260,7 @@ impl PyScene {
         Ok(output.finish().into_any())
     }
 
-    /// Gradients: in lanes, or with those by what is constant one state at a time.
+    /// Gradients, those by what is constant for links from those for the bodies that carry them.
     fn gradients<'py>(
         &self,
         (py, class): (Python<'py>, &Object<'py>),
@@ -279,14 +276,9 @@ impl PyScene {
             // Refused with the other arguments.
             _ => Vec::new(),
         };
-        let is_general = parameters || !names.is_empty();
-        let body = match which.form() {
-            _ if is_general => cost::GENERAL,
-            Some(_) => cost::FORWARD,
-            None => cost::INVERSE,
-        };
+        let body = if which.form().is_some() { cost::FORWARD } else { cost::INVERSE };
         let call = self.product_call(which, given, (keywords, body))?;
-        if !is_general {
+        if !parameters && names.is_empty() {
             let mut output = call.output(py, &[3, nv], None, Output::unwritten)?;
             call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
             let all = output.finish().into_any();
@@ -295,6 +287,13 @@ impl PyScene {
         let place = |name: &str| scene.link(name).map(|link| (link.body, link.placement));
         let wrenched = names.iter().map(|name| place(name)).collect::<Result<Vec<Place>, Error>>()?;
         let moving = if parameters { places_of_links(scene)? } else { Vec::new() };
+        let which = match which.form() {
+            Some(form) => Products::ForwardGradients(form),
+            None => Products::InverseGradients,
+        };
+        let algorithm = Algorithm::Products(which);
+        let mut of_bodies = call.scratch_results(py, scene.width(algorithm))?;
+        call.in_chunks(py, algorithm, of_bodies.numbers()?, None)?;
         let mut shapes = vec![vec![nv]; 3];
         shapes.extend(names.iter().map(|_| vec![6]));
         if parameters {
@@ -302,10 +301,12 @@ impl PyScene {
         }
         let width = shapes.iter().map(|shape| shape.iter().product::<usize>()).sum();
         let mut results = call.scratch_results(py, width)?;
-        call.numbers(py, results.numbers()?, |scene, scratch, [q, qd, u, cotangent], out| {
-            let seed = [cotangent, &[], &[]];
-            one_state(scene, scratch, which, ([q, qd, u], seed), (&wrenched, &moving, parameters), out)
-        })?;
+        let links = Links { wrenched: &wrenched, moving: &moving, parameters };
+        let bodies = &mut *of_bodies.numbers()?;
+        let each = bodies.chunks_exact_mut(scene.width(algorithm).max(1));
+        for (of_bodies, out) in each.zip(results.numbers()?.chunks_exact_mut(width.max(1))) {
+            links.gradients(&GradientParts::of(of_bodies, nv, scene.model().bodies.len()), out);
+        }
         call.parts((py, class), results.numbers()?, &shapes, &names)
     }
 
@@ -335,40 +336,34 @@ impl PyScene {
     }
 }
 
-/// All gradients of one state, those by what is constant behind those of the state: of wrenches in their links' frames, then of the links' parameters, armature and
-/// gravity.
-fn one_state(
-    scene: &Scene,
-    scratch: &mut Scratch,
-    which: Products,
-    ([q, qd, u], seed): ([&[f64]; 3], [&[f64]; 3]),
-    (wrenched, moving, parameters): (&[Place], &[Place], bool),
-    out: &mut [f64],
-) -> Result<(), Error> {
-    let (workspace, products, constants, wrenches) = scratch.for_products(scene);
-    let nv = scene.nv();
-    let (of_state, rest) = out.split_at_mut(3 * nv);
-    let (of_wrenches, rest) = rest.split_at_mut(6 * wrenched.len());
-    let (of_links, rest) = rest.split_at_mut(10 * moving.len());
-    let (armature, gravity) = rest.split_at_mut(if parameters { nv } else { 0 });
-    let OnBodies { wrenches: on_bodies, parameters: of_bodies } = constants;
-    let mut constants = Constants { wrenches: on_bodies, parameters: of_bodies, armature, gravity };
-    let state = Arguments { q, qd, u, wrenches, seed };
-    if let Some(form) = which.form() {
-        workspace.form = form;
-        scene.forward_dynamics_gradients(workspace, products, &state, &mut constants, of_state)?;
-    } else {
-        scene.inverse_dynamics_gradients(workspace, products, &state, &mut constants, of_state)?;
+/// The links that gradients are asked for, and whether their parameters, armature and gravity are.
+struct Links<'a> {
+    wrenched: &'a [Place],
+    moving: &'a [Place],
+    parameters: bool,
+}
+
+impl Links<'_> {
+    /// All gradients of one state, from those of bodies: of the state, of wrenches in their links' frames, then of the links' parameters, armature and gravity.
+    fn gradients(&self, bodies: &GradientParts<'_, f64>, out: &mut [f64]) {
+        let (of_state, rest) = out.split_at_mut(bodies.state.len());
+        let (of_wrenches, rest) = rest.split_at_mut(6 * self.wrenched.len());
+        of_state.copy_from_slice(bodies.state);
+        for (to, (body, placement)) in of_wrenches.chunks_exact_mut(6).zip(self.wrenched) {
+            let on_body = body.map_or([0.0; 6], |body| bodies.wrenches[body]);
+            to.copy_from_slice(placement.motion_to_child(&on_body.into()).as_slice());
+        }
+        if !self.parameters {
+            return;
+        }
+        let (of_links, rest) = rest.split_at_mut(10 * self.moving.len());
+        let (armature, gravity) = rest.split_at_mut(bodies.armature.len());
+        for (to, (body, placement)) in of_links.chunks_exact_mut(10).zip(self.moving) {
+            to.copy_from_slice(&body.map_or([0.0; 10], |body| of_link(placement, &bodies.parameters[body])));
+        }
+        armature.copy_from_slice(bodies.armature);
+        gravity.copy_from_slice(bodies.gravity);
     }
-    for (to, (body, placement)) in of_wrenches.chunks_exact_mut(6).zip(wrenched) {
-        let of_link = body.map_or_else(SpatialVector::zeros, |body| placement.motion_to_child(&on_bodies[body]));
-        to.copy_from_slice(of_link.as_slice());
-    }
-    for (to, (body, placement)) in of_links.chunks_exact_mut(10).zip(moving) {
-        let of_link = body.map_or([0.0; 10], |body| of_link(placement, &of_bodies[body]));
-        to.copy_from_slice(&of_link);
-    }
-    Ok(())
 }
 
 impl<'py> Call<'_, 'py> {

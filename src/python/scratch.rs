@@ -1,7 +1,7 @@
 //! What a thread needs to evaluate states, kept between calls.
 
 use crate::batch::evaluator::{Evaluated, Evaluator};
-use crate::dynamics::derivatives::{HessianScratch, Parameters, ProductScratch};
+use crate::dynamics::derivatives::HessianScratch;
 use crate::dynamics::operational::OperationalScratch;
 use crate::dynamics::{Estimate, EstimateCovariance, EstimateScratch};
 use crate::scalar::MOST_LANES;
@@ -21,8 +21,6 @@ pub(super) struct Scratch {
     pub estimation: Option<Estimation>,
     /// For operational space only.
     pub operational: Option<OperationalScratch<f64>>,
-    /// For gradients by what is constant only.
-    products: Option<(ProductScratch<f64>, OnBodies)>,
     /// For Hessians only.
     hessians: Option<HessianScratch>,
     /// What runs the kernels in lanes, of float64 and of float32.
@@ -42,7 +40,6 @@ impl Scratch {
             workspace: Workspace::new(scene.model()),
             estimation: None,
             operational: None,
-            products: None,
             hessians: None,
             evaluator: None,
             evaluator_f32: None,
@@ -53,30 +50,7 @@ impl Scratch {
     }
 }
 
-/// Gradients by what bodies have, on their way to those of links.
-pub(super) struct OnBodies {
-    pub wrenches: Vec<SpatialVector<f64>>,
-    pub parameters: Vec<Parameters<f64>>,
-}
-
-impl OnBodies {
-    pub fn new(scene: &Scene) -> Self {
-        let bodies = scene.model().bodies.len();
-        Self { wrenches: vec![SpatialVector::zeros(); bodies], parameters: vec![[f64::NAN; 10]; bodies] }
-    }
-}
-
-/// What gradients by what is constant need: scratch, room, and the forces on bodies.
-type ForProducts<'a> = (&'a mut Workspace<f64>, &'a mut ProductScratch<f64>, &'a mut OnBodies, &'a Forces);
-
 impl Scratch {
-    /// For a call on gradients by what is constant.
-    pub fn for_products(&mut self, scene: &Scene) -> ForProducts<'_> {
-        let made = || (scene.product_scratch(), OnBodies::new(scene));
-        let (products, on_bodies) = self.products.get_or_insert_with(made);
-        (&mut self.workspace, products, on_bodies, &self.forces[0])
-    }
-
     /// For a call on Hessians.
     pub fn for_hessians(&mut self, scene: &Scene) -> (&mut Workspace<f64>, &mut HessianScratch, &Forces) {
         let hessians = self.hessians.get_or_insert_with(|| scene.hessian_scratch());

@@ -223,14 +223,14 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
                     inverse_dynamics_jvp(&model, scratch, at, &wrenches, &along, &mut out);
                     Ok(())
                 }
-                Products::InverseGradient => {
+                Products::InverseGradient | Products::InverseGradients => {
                     inverse_dynamics_vjp(&model, scratch, at, &wrenches, &seed[0], (none, &mut out));
                     Ok(())
                 }
                 Products::ForwardTangent(_) => {
                     forward_dynamics_jvp(&model, &mut workspace, scratch, at, &wrenches, &along, &mut out)
                 }
-                Products::ForwardGradient(_) => {
+                Products::ForwardGradient(_) | Products::ForwardGradients(_) => {
                     let results = (none, &mut out[..]);
                     forward_dynamics_vjp(&model, &mut workspace, scratch, at, &wrenches, &seed[0], results)
                 }

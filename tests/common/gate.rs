@@ -2,10 +2,10 @@
 
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::Symmetric3;
-use phipsi::{Algorithm, Derivatives, Form, Scene, scenes};
+use phipsi::{Algorithm, Derivatives, Form, Products, Scene, scenes};
 
 /// Every algorithm that has kernels, by its name.
-pub const ALGORITHMS: [(&str, Algorithm); 13] = [
+pub const ALGORITHMS: [(&str, Algorithm); 17] = [
     ("forward_dynamics/auto", Algorithm::ForwardDynamics(Form::Auto)),
     ("forward_dynamics/covariance", Algorithm::ForwardDynamics(Form::Covariance)),
     ("forward_dynamics/joseph", Algorithm::ForwardDynamics(Form::Joseph)),
@@ -19,6 +19,10 @@ pub const ALGORITHMS: [(&str, Algorithm); 13] = [
     ("forward_dynamics_derivatives/auto", Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::Auto))),
     ("forward_dynamics_derivatives/covariance", Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::Covariance))),
     ("coriolis_matrix", Algorithm::Derivatives(Derivatives::CoriolisMatrix)),
+    ("inverse_dynamics_vjp", Algorithm::Products(Products::InverseGradient)),
+    ("forward_dynamics_jvp/auto", Algorithm::Products(Products::ForwardTangent(Form::Auto))),
+    ("forward_dynamics_vjp/auto", Algorithm::Products(Products::ForwardGradient(Form::Auto))),
+    ("forward_dynamics_vjp/constants", Algorithm::Products(Products::ForwardGradients(Form::Auto))),
 ];
 
 /// The scenes by their names.

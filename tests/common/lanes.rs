@@ -12,7 +12,7 @@ use phipsi::{Scene, SceneBuilder};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Everything that runs in lanes, or is done one state at a time beside them.
-pub const ALGORITHMS: [Algorithm; 22] = [
+pub const ALGORITHMS: [Algorithm; 25] = [
     Algorithm::ForwardDynamics(Form::Auto),
     Algorithm::ForwardDynamics(Form::Covariance),
     Algorithm::ForwardDynamics(Form::Joseph),
@@ -35,6 +35,9 @@ pub const ALGORITHMS: [Algorithm; 22] = [
     Algorithm::Products(Products::ForwardGradient(Form::Auto)),
     Algorithm::Products(Products::ForwardGradient(Form::Covariance)),
     Algorithm::Products(Products::ForwardGradient(Form::SquareRoot)),
+    Algorithm::Products(Products::InverseGradients),
+    Algorithm::Products(Products::ForwardGradients(Form::Auto)),
+    Algorithm::Products(Products::ForwardGradients(Form::SquareRoot)),
 ];
 
 /// Those of this machine; the baseline is always there.

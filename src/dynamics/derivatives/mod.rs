@@ -27,8 +27,8 @@ mod product;
 mod products;
 mod tangent;
 
-pub(crate) use adjoint::CoStates;
 pub use adjoint::Constants;
+pub(crate) use adjoint::{CoStates, GradientParts};
 pub(crate) use columns::DerivativeColumns;
 pub use coriolis::BodyCoriolis;
 pub use forward::forward_dynamics_derivatives;

@@ -66,6 +66,7 @@ pub(crate) fn covers(algorithm: Algorithm) -> bool {
             | Algorithm::Products(
                 Products::ForwardTangent(Form::SquareRoot | Form::Joseph)
                     | Products::ForwardGradient(Form::SquareRoot | Form::Joseph)
+                    | Products::ForwardGradients(Form::SquareRoot | Form::Joseph)
             )
     )
 }

@@ -1,0 +1,57 @@
+//! Everyday functions of one state by what they are, with arguments checked and faults named.
+
+use crate::algorithm::Everyday;
+use crate::batch::everyday::homogeneous;
+use crate::error::{Error, check_length};
+use crate::scene::Scene;
+use crate::workspace::Workspace;
+
+impl Scene {
+    /// An everyday function at one state (q, qd, qdd), of which it reads [`Everyday::reads`] arrays, into `out`: the method that it names.
+    ///
+    /// # Errors
+    ///
+    /// As that method; a result of another length.
+    pub fn everyday(
+        &self,
+        workspace: &mut Workspace<f64>,
+        what: &Everyday<'_>,
+        [q, qd, qdd]: [&[f64]; 3],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        check_length("out", out.len(), what.width(self.nv()))?;
+        match *what {
+            Everyday::Placement(frame) => homogeneous(&self.placement(q, *frame)?, out),
+            Everyday::Velocity(frame, reference) => {
+                out.copy_from_slice(self.velocity(q, qd, *frame, reference)?.as_slice());
+            }
+            Everyday::Acceleration(frame, reference, kind) => {
+                out.copy_from_slice(self.acceleration(q, qd, qdd, *frame, reference, kind)?.as_slice());
+            }
+            Everyday::Jacobian(frame, reference) => self.jacobian(q, *frame, reference, out)?,
+            Everyday::JacobianRate(frame, reference) => self.jacobian_rate(q, qd, *frame, reference, out)?,
+            Everyday::JacobianRateProduct(frame, reference) => {
+                out.copy_from_slice(self.jacobian_rate_product(q, qd, *frame, reference)?.as_slice());
+            }
+            Everyday::CenterOfMass => out.copy_from_slice(self.center_of_mass(workspace, q)?.as_slice()),
+            Everyday::CenterOfMassVelocity => {
+                out.copy_from_slice(self.center_of_mass_velocity(workspace, q, qd)?.as_slice());
+            }
+            Everyday::CenterOfMassAcceleration => {
+                out.copy_from_slice(self.center_of_mass_acceleration(workspace, q, qd, qdd)?.as_slice());
+            }
+            Everyday::CenterOfMassJacobian => self.center_of_mass_jacobian(workspace, q, out)?,
+            Everyday::CentroidalMomentumMatrix => self.centroidal_momentum_matrix(workspace, q, out)?,
+            Everyday::CentroidalMomentumMatrixRate => {
+                self.centroidal_momentum_matrix_rate(workspace, q, qd, out)?;
+            }
+            Everyday::Momentum => out.copy_from_slice(self.momentum(workspace, q, qd)?.as_slice()),
+            Everyday::KineticEnergy => out[0] = self.kinetic_energy(workspace, q, qd)?,
+            Everyday::Energy => {
+                let both = self.energy(workspace, q, qd)?;
+                out.copy_from_slice(&[both.kinetic, both.potential]);
+            }
+        }
+        Ok(())
+    }
+}
