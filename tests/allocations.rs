@@ -197,12 +197,10 @@ fn algorithms_allocate_nothing() {
 /// Products with Jacobians make their scratch at the first call.
 #[test]
 fn products_allocate_nothing_after_the_first() {
-    use phipsi::dynamics::derivatives::Constants;
     for scene in scenes() {
         let (mut workspace, mut state) = (scene.workspace(), State::new(&scene, 1));
-        let (mut products, mut hessian) = (scene.product_scratch(), scene.hessian_scratch());
-        let (bodies, nv) = (scene.model().bodies.len(), scene.nv());
-        let (mut parameters, mut armature, mut all) = (vec![[0.0; 10]; bodies], vec![0.0; nv], vec![0.0; 3 * nv]);
+        let (mut hessian, mut all) = (scene.hessian_scratch(), vec![0.0; 3 * scene.nv()]);
+        let mut whole = vec![0.0; scene.width(phipsi::Algorithm::Products(phipsi::Products::InverseGradients))];
         let mut call = |w: &mut Workspace<f64>, s: &mut State| {
             let (q, qd, u, wrenches) = (&s.q, &s.qd, &s.tau, &s.wrenches);
             let direction = [&qd[..], u, qd];
@@ -214,9 +212,7 @@ fn products_allocate_nothing_after_the_first() {
                 scene.forward_dynamics_vjp(w, q, qd, u, wrenches, u, &mut all).unwrap();
             }
             let given = Arguments { q, qd, u, wrenches, seed: [u, &[], &[]] };
-            let mut constants =
-                Constants { parameters: &mut parameters, armature: &mut armature, ..Constants::default() };
-            scene.forward_dynamics_gradients(w, &mut products, &given, &mut constants, &mut all).unwrap();
+            scene.forward_dynamics_gradients(w, q, qd, u, wrenches, u, &mut whole).unwrap();
             scene.forward_dynamics_hvp(w, &mut hessian, &given, direction, &mut all).unwrap();
         };
         call(&mut workspace, &mut state);

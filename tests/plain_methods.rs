@@ -48,10 +48,12 @@ fn plain(
             workspace.form = form;
             scene.forward_dynamics_vjp(workspace, q, qd, u, wrenches, seed[0], &mut out)
         }
-        // Of these the evaluator's is the only method.
-        Algorithm::Products(Products::InverseGradients | Products::ForwardGradients(_)) => {
-            out = evaluated(scene, algorithm, state);
-            Ok(())
+        Algorithm::Products(Products::InverseGradients) => {
+            scene.inverse_dynamics_gradients(workspace, q, qd, u, wrenches, seed[0], &mut out)
+        }
+        Algorithm::Products(Products::ForwardGradients(form)) => {
+            workspace.form = form;
+            scene.forward_dynamics_gradients(workspace, q, qd, u, wrenches, seed[0], &mut out)
         }
         Algorithm::Derivatives(Derivatives::CoriolisMatrix) => scene.coriolis_matrix(workspace, q, qd, &mut out),
         Algorithm::Derivatives(Derivatives::MassMatrix) => scene.mass_matrix_derivative(workspace, q, qd, &mut out),

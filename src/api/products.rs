@@ -1,14 +1,14 @@
 //! Products with the Jacobians of a scene's dynamics at one state, with arguments checked and faults named.
 
 use crate::algorithm::{Algorithm, Arguments, Products};
-use crate::dynamics::derivatives::{self, Constants, Directions, HessianScratch, ProductScratch};
+use crate::dynamics::derivatives::{self, Directions, HessianScratch, ProductScratch};
 use crate::error::{Error, check_finite, check_length};
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 
 impl Scene {
-    /// Scratch for [`Scene::inverse_dynamics_gradients`] and its like.
+    /// Scratch for [`Scene::inverse_dynamics_along`] and [`Scene::forward_dynamics_along`].
     #[must_use]
     pub fn product_scratch(&self) -> ProductScratch<f64> {
         ProductScratch::new(self.model())
@@ -116,65 +116,46 @@ impl Scene {
         self.run_one(workspace, None, algorithm, &state, out)
     }
 
-    /// [`Scene::inverse_dynamics_vjp`], and the gradients by wrenches, inertias, armature and gravity that `constants` has room for; bodies and their frames are those
-    /// of [`Scene::model`].
-    ///
-    /// `state`: u is qdd, the first seed the cotangent of tau. By the general recursion. O(N).
+    /// [`Scene::inverse_dynamics_vjp`] and the gradients by armature, gravity, wrenches and inertias, one after another into `out` as
+    /// [`Products::InverseGradients`] has them: of [`Scene::width`] numbers; bodies and their frames are those of [`Scene::model`].
     ///
     /// # Errors
     ///
-    /// As there, and room of another length than this scene needs.
+    /// As there.
+    #[allow(clippy::too_many_arguments)] // as above
     pub fn inverse_dynamics_gradients(
         &self,
         workspace: &mut Workspace<f64>,
-        scratch: &mut ProductScratch<f64>,
-        state: &Arguments<'_>,
-        constants: &mut Constants<'_, f64>,
+        q: &[f64],
+        qd: &[f64],
+        qdd: &[f64],
+        wrenches: &[SpatialVector<f64>],
+        cotangent: &[f64],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        self.gradients((workspace, scratch), Products::InverseGradient, (state, constants), out)
+        let state = Arguments { q, qd, u: qdd, wrenches, seed: [cotangent, &[], &[]] };
+        self.run_one(workspace, None, Algorithm::Products(Products::InverseGradients), &state, out)
     }
 
-    /// [`Scene::forward_dynamics_vjp`], and the gradients by what is constant, as [`Scene::inverse_dynamics_gradients`] has them; u is tau, the first seed the cotangent of
-    /// qdd.
+    /// [`Scene::forward_dynamics_vjp`] and the gradients by what is constant, as [`Scene::inverse_dynamics_gradients`] has them.
     ///
     /// # Errors
     ///
-    /// As there, and as [`Scene::forward_dynamics_vjp`].
+    /// As there.
+    #[allow(clippy::too_many_arguments)] // as above
     pub fn forward_dynamics_gradients(
         &self,
         workspace: &mut Workspace<f64>,
-        scratch: &mut ProductScratch<f64>,
-        state: &Arguments<'_>,
-        constants: &mut Constants<'_, f64>,
+        q: &[f64],
+        qd: &[f64],
+        tau: &[f64],
+        wrenches: &[SpatialVector<f64>],
+        cotangent: &[f64],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let which = Products::ForwardGradient(workspace.form);
-        self.gradients((workspace, scratch), which, (state, constants), out)
-    }
-
-    fn gradients(
-        &self,
-        (workspace, scratch): (&mut Workspace<f64>, &mut ProductScratch<f64>),
-        which: Products,
-        (state, constants): (&Arguments<'_>, &mut Constants<'_, f64>),
-        out: &mut [f64],
-    ) -> Result<(), Error> {
-        self.check_product(workspace, which, state, (scratch.size(), out.len()))?;
-        let bodies = self.model().bodies.len();
-        let rooms = [
-            ("wrenches", constants.wrenches.len(), bodies),
-            ("parameters", constants.parameters.len(), bodies),
-            ("armature", constants.armature.len(), self.nv()),
-            ("gravity", constants.gravity.len(), 3),
-        ];
-        for (name, found, expected) in rooms {
-            if found != 0 {
-                check_length(name, found, expected)?;
-            }
-        }
-        self.products((workspace, scratch), which, (&state.read_by(Algorithm::Products(which)), constants), out)?;
-        self.check_result("derivatives", out)
+        let algorithm = Algorithm::Products(Products::ForwardGradients(workspace.form));
+        let state = Arguments { q, qd, u: tau, wrenches, seed: [cotangent, &[], &[]] };
+        self.run_one(workspace, None, algorithm, &state, out)
     }
 
     /// [`Scene::inverse_dynamics_jvp`] along a direction of wrenches, inertias, armature and gravity too; what is empty does not change.

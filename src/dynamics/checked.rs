@@ -67,19 +67,7 @@ impl Scene {
                 self.check_pivots(workspace, monitor)?;
             }
             Algorithm::Derivatives(which) => self.derivatives(workspace, which, state, out)?,
-            Algorithm::Products(which) => {
-                let scratch = (workspace, &mut ProductScratch::new(model));
-                if which.has_constants() {
-                    let parts = GradientParts::of(out, self.nv(), model.bodies.len());
-                    let GradientParts { state: by_state, armature, gravity, wrenches: forces, parameters } = parts;
-                    let mut wrenches = vec![SpatialVector::zeros(); forces.len()];
-                    let mut constants = Constants { wrenches: &mut wrenches, parameters, armature, gravity };
-                    self.products(scratch, which, (state, &mut constants), by_state)?;
-                    forces.iter_mut().zip(&wrenches).for_each(|(to, wrench)| *to = (*wrench).into());
-                } else {
-                    self.products(scratch, which, (state, &mut Constants::default()), out)?;
-                }
-            }
+            Algorithm::Products(which) => self.products(workspace, which, state, out)?,
         }
         self.check_result(what, out)
     }
@@ -111,34 +99,48 @@ impl Scene {
         Ok(())
     }
 
-    /// Products at one state, arguments checked; gradients by what is constant where they are asked for.
-    pub(crate) fn products(
+    /// Products at one state, arguments checked, likewise.
+    fn products(
         &self,
-        (workspace, scratch): (&mut Workspace<f64>, &mut ProductScratch<f64>),
+        workspace: &mut Workspace<f64>,
         which: Products,
-        (state, constants): (&Arguments<'_>, &mut Constants<'_, f64>),
-        out: &mut [f64],
+        state: &Arguments<'_>,
+        mut out: &mut [f64],
     ) -> Result<(), Error> {
         let &Arguments { q, qd, u: given, wrenches, seed: [first, second, third] } = state;
         let (model, at) = (self.model(), (q, qd, given));
+        let scratch = &mut ProductScratch::new(model);
         let along = Directions { q: first, qd: second, u: third, ..Directions::default() };
+        let (mut constants, mut forces, mut by_wrenches) = (Constants::default(), Vec::new(), &mut [][..]);
+        if which.has_constants() {
+            let parts = GradientParts::of(out, self.nv(), model.bodies.len());
+            forces.resize(model.bodies.len(), SpatialVector::zeros());
+            (out, by_wrenches) = (parts.state, parts.wrenches);
+            let (armature, gravity) = (parts.armature, parts.gravity);
+            constants = Constants { wrenches: &mut forces, parameters: parts.parameters, armature, gravity };
+        }
         match which {
             Products::InverseTangent => {
                 derivatives::inverse_dynamics_jvp(model, scratch, at, wrenches, &along, out);
                 Ok(())
             }
             Products::InverseGradient | Products::InverseGradients => {
-                derivatives::inverse_dynamics_vjp(model, scratch, at, wrenches, first, (constants, out));
+                derivatives::inverse_dynamics_vjp(model, scratch, at, wrenches, first, (&mut constants, out));
                 Ok(())
             }
             Products::ForwardTangent(_) => {
                 derivatives::forward_dynamics_jvp(model, workspace, scratch, at, wrenches, &along, out)
             }
             Products::ForwardGradient(_) | Products::ForwardGradients(_) => {
-                derivatives::forward_dynamics_vjp(model, workspace, scratch, at, wrenches, first, (constants, out))
+                let results = (&mut constants, out);
+                derivatives::forward_dynamics_vjp(model, workspace, scratch, at, wrenches, first, results)
             }
         }
-        .map_err(|lost| self.singular(lost))
+        .map_err(|lost| self.singular(lost))?;
+        for (to, force) in by_wrenches.iter_mut().zip(&forces) {
+            *to = (*force).into();
+        }
+        Ok(())
     }
 
     /// How many numbers an algorithm gives for one state.

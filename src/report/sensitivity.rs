@@ -5,6 +5,7 @@
 //! in square-root form.
 
 use crate::dynamics;
+use crate::dynamics::derivatives::{DerivativeScratch, forward_dynamics_derivatives};
 use crate::error::Error;
 use crate::filter::Form;
 use crate::model::Model;
@@ -25,15 +26,25 @@ pub enum Quantity {
     BiasTorque,
     /// The mass matrix, (nv x nv).
     MassMatrix,
+    /// The derivative of the accelerations by the tangent of q, (nv x nv).
+    AccelerationDerivative,
 }
 
 /// Every quantity with the name it has in Python.
-pub const QUANTITIES: [(&str, Quantity); 4] = [
+pub const QUANTITIES: [(&str, Quantity); 5] = [
     ("forward dynamics", Quantity::ForwardDynamics),
     ("inverse dynamics", Quantity::InverseDynamics),
     ("bias torque", Quantity::BiasTorque),
     ("mass matrix", Quantity::MassMatrix),
+    ("derivative of forward dynamics", Quantity::AccelerationDerivative),
 ];
+
+impl Quantity {
+    /// How many numbers it is of a scene.
+    pub(super) fn count(self, nv: usize) -> usize {
+        nv.saturating_mul(if matches!(self, Self::MassMatrix | Self::AccelerationDerivative) { nv } else { 1 })
+    }
+}
 
 /// One state.
 #[derive(Debug, Clone, Copy)]
@@ -133,8 +144,7 @@ impl Exact {
         let wide = |x: &[f64]| -> Vec<DoubleDouble> { x.iter().map(|&v| DoubleDouble::from_f64(v)).collect() };
         let (q, qd, u) = (wide(state.q), wide(state.qd), wide(state.u));
         let mut workspace = Workspace::new(&model);
-        let count = scene.nv().saturating_mul(if quantity == Quantity::MassMatrix { scene.nv() } else { 1 });
-        let mut values = memory::filled("scene", count, DoubleDouble::from_f64(f64::NAN))?;
+        let mut values = memory::filled("scene", quantity.count(scene.nv()), DoubleDouble::from_f64(f64::NAN))?;
         let state = State { q: &q, qd: &qd, u: &u };
         let sound = evaluate(&model, &mut workspace, quantity, state, &mut values);
         if sound { Ok(Self { values }) } else { Err(singular(scene, &workspace)) }
@@ -156,13 +166,13 @@ impl Exact {
     }
 }
 
-/// One quantity in any scalar; false where a pivot of forward dynamics (square-root form) is not positive.
-fn evaluate<T: Real>(
-    model: &Model<T>,
-    workspace: &mut Workspace<T>,
+/// One quantity; false where a pivot of forward dynamics (square-root form) is not positive.
+fn evaluate(
+    model: &Model<DoubleDouble>,
+    workspace: &mut Workspace<DoubleDouble>,
     quantity: Quantity,
-    state: State<'_, T>,
-    out: &mut [T],
+    state: State<'_, DoubleDouble>,
+    out: &mut [DoubleDouble],
 ) -> bool {
     let State { q, qd, u } = state;
     match quantity {
@@ -174,6 +184,14 @@ fn evaluate<T: Real>(
         Quantity::InverseDynamics => dynamics::inverse_dynamics(model, workspace, q, qd, u, &[], out),
         Quantity::BiasTorque => dynamics::bias_torque(model, workspace, q, qd, &[], out),
         Quantity::MassMatrix => dynamics::mass_matrix(model, workspace, q, out),
+        Quantity::AccelerationDerivative => {
+            workspace.form = Form::SquareRoot;
+            let mut all = vec![DoubleDouble::from_f64(f64::NAN); 3 * out.len()];
+            let scratch = &mut DerivativeScratch::new(model);
+            let found = forward_dynamics_derivatives(model, workspace, scratch, (q, qd, u), &[], &mut all);
+            out.copy_from_slice(&all[..out.len()]);
+            return found.is_ok() || workspace.pivots_are_positive();
+        }
     }
     true
 }

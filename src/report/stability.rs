@@ -2,7 +2,7 @@
 
 use super::accuracy::{CHOLESKY, Dense, LDLT, Method, Solver};
 use super::sensitivity::{Difference, Exact, Quantity, State};
-use crate::algorithm::{Algorithm, Arguments};
+use crate::algorithm::{Algorithm, Arguments, Derivatives};
 use crate::batch::evaluator::{Evaluated, Evaluator};
 use crate::filter::Form;
 use crate::scalar::{DoubleDouble, Real};
@@ -78,7 +78,7 @@ pub fn recursion_error<P: Dense>(
     state: State<'_>,
     exact: &Exact,
 ) -> Result<Difference, Failure> {
-    if quantity == Quantity::MassMatrix && scene.nv() > DENSE_CAP {
+    if quantity.count(scene.nv()) > DENSE_CAP * DENSE_CAP {
         return Err(Failure::TooLarge);
     }
     let (q, qd, u) = (cast::<P>(state.q), cast::<P>(state.qd), cast::<P>(state.u));
@@ -94,13 +94,15 @@ pub fn recursion_error<P: Dense>(
             (state.qd, state.u) = (&[], &[]);
             Algorithm::MassMatrix
         }
+        Quantity::AccelerationDerivative => Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::Covariance)),
     };
-    let mut out = cast::<P>(&vec![f64::NAN; exact.values.len()]);
+    let mut out = cast::<P>(&vec![f64::NAN; scene.width(algorithm)]);
     if scene.evaluate(&mut Evaluator::<P>::new(scene), algorithm, &[state], &mut out).is_err() {
-        let is_factored = quantity == Quantity::ForwardDynamics;
+        let is_factored = algorithm.form().is_some();
         return Err(if is_factored { Failure::Pivot } else { Failure::NotFinite });
     }
-    finite(&out, exact)
+    // Of the derivatives, the first matrix.
+    finite(&out[..exact.values.len()], exact)
 }
 
 fn cast<P: Evaluated>(x: &[f64]) -> Vec<P> {

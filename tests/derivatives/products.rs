@@ -540,17 +540,12 @@ fn bad_arguments_are_named() {
     named(scene.inverse_dynamics_jvp(&mut workspace, &q, &three, &three, &[], bad, &mut one), "dqdd");
     named(scene.inverse_dynamics_vjp(&mut workspace, &q, &three, &three, &[], &nan, &mut all), "cotangent");
     named(scene.forward_dynamics_vjp(&mut workspace, &q, &three, &three, &[], &three, &mut one), "out");
-    let (mut scratch, other) = (scene.product_scratch(), scenes::chain(4).unwrap());
-    let state = Arguments { q: &q, qd: &three, u: &three, wrenches: &[], seed: [&three, &[], &[]] };
-    let mut room = vec![[0.0; 10]; 2];
-    let mut constants = Constants { parameters: &mut room, ..Constants::default() };
-    named(
-        scene.forward_dynamics_gradients(&mut workspace, &mut scratch, &state, &mut constants, &mut all),
-        "parameters",
-    );
-    let mut constants = Constants::default();
+    named(scene.forward_dynamics_gradients(&mut workspace, &q, &three, &three, &[], &three, &mut all), "out");
+    let other = scenes::chain(4).unwrap();
+    let state = Arguments { q: &q, qd: &three, u: &three, ..Arguments::default() };
+    let along = Directions { q: &three, qd: &three, u: &three, ..Directions::default() };
     let scratch = &mut other.product_scratch();
-    named(scene.inverse_dynamics_gradients(&mut workspace, scratch, &state, &mut constants, &mut all), "scratch");
+    named(scene.inverse_dynamics_along(scratch, &state, &along, &mut one), "scratch");
 }
 
 /// The largest errors of form `auto`, by the methods, over the largest entry: along a random direction, and of the gradients by q, qd and tau; none where a pivot is

@@ -16,6 +16,7 @@ STABILITY: Layout[Stability] = Layout(
         Section("sweeps", "Error against what is swept", plots=plots.draw, blocks=tables.pictures),
         Section("timed", "Error against run time", measure.timed, blocks=tables.timed),
         Section("recursions", "Inverse dynamics, bias torque, mass matrix", measure.recursions, blocks=tables.recursions),
+        Section("derivatives", "Derivatives of forward dynamics", measure.derivatives, blocks=tables.derivatives),
         Section("singular", "Singular scenes", measure.singular, blocks=tables.singular),
         Section("failed", "What failed", blocks=tables.failed),
         Section("cases", "Every case", measure.cases, blocks=tables.cases),

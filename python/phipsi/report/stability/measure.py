@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from ..robot import PRECISIONS
 from ..states import Array
 
 COVARIANCE, ROOT, LDLT, CHOLESKY = _core.FORMS
+#: Of derivatives.
+DERIVED_FORMS: tuple[Literal["auto", "covariance", "joseph", "square-root"], ...] = ("auto", "covariance", "joseph", "square-root")
 #: Draws of each sensitivity.
 DRAWS = 3
 #: States of each case at each value.
@@ -105,6 +107,15 @@ class Timed(NamedTuple):
     norm: float
     component: float
     reason: str | None
+
+
+class Derived(NamedTuple):
+    """The error of the derivative of accelerations by q on one case, in every form."""
+
+    case: str
+    value: float
+    errors: dict[str, Error]
+    sensitivity: Error
 
 
 class Recursion(NamedTuple):
@@ -251,7 +262,7 @@ def timed(found: Stability, reporter: Reporter) -> list[Timed]:
 def recursions(found: Stability, reporter: Reporter) -> list[Recursion]:
     """The error of the other recursions, on scenes that are not large; and of inverse dynamics in free fall."""
     small = [case for seed, case in found.scenes if case.scene.nv <= 100 and seed < found.seed + 2]
-    chosen = [(quantity, case) for case in small for quantity in _core.QUANTITIES[1:]]
+    chosen = [(quantity, case) for case in small for quantity in _core.QUANTITIES[1:4]]
     return [_recursion(*one) for one in reporter.each("Inverse dynamics, bias and mass matrix", [*chosen, *_falling()])]
 
 
@@ -259,6 +270,26 @@ def _recursion(quantity: str, case: scenes.Extreme) -> Recursion:
     exact = exact_of(case, quantity)
     sensitivity = worst([Error.of(*norms) for norms in exact.sensitivity(DRAWS).values()])
     return Recursion(quantity, case.name, case.value, *Error.of(*exact.error(ROOT)), sensitivity)
+
+
+def derivatives(found: Stability, reporter: Reporter) -> list[Derived]:
+    """The error of the derivative of accelerations by q, in every form, on scenes that are not large."""
+    small = [case for seed, case in found.scenes if case.scene.nv <= 30 and seed < found.seed + 2 and not _is_singular(case)]
+    return [_derived(case) for case in reporter.each("Derivatives of forward dynamics", small)]
+
+
+def _derived(case: scenes.Extreme) -> Derived:
+    exact = exact_of(case, _core.QUANTITIES[4])
+    sensitivity = worst([Error.of(*norms) for norms in exact.sensitivity(DRAWS).values()])
+    return Derived(case.name, case.value, {form: _derived_in(form, case, exact) for form in DERIVED_FORMS}, sensitivity)
+
+
+def _derived_in(form: Literal["auto", "covariance", "joseph", "square-root"], case: scenes.Extreme, exact: _core.Exact) -> Error:
+    try:
+        by_q = case.scene.forward_dynamics_derivatives(case.q, case.qd, case.tau, form=form).dqdd_dq
+    except errors.PhipsiError as error:
+        return Error(float("nan"), float("nan"), str(error))
+    return Error.of(*exact.difference(by_q.ravel()))
 
 
 def _falling() -> list[tuple[str, scenes.Extreme]]:

@@ -9,7 +9,7 @@ from ... import scenes
 from ..page import Block, Code, Figure, Heading, Table, flowed
 from ..robot import PRECISIONS
 from ..text import plural, time
-from .measure import COVARIANCE, ROOT, TIMED, Error, Point, Recursion, Stability
+from .measure import COVARIANCE, DERIVED_FORMS, ROOT, TIMED, Derived, Error, Point, Recursion, Stability
 from .plots import SWEEPS
 
 RUN_TIME = """\
@@ -25,6 +25,7 @@ The grey area is below the problem's sensitivity: the change of the exact answer
 one unit in the last place.
 """
 RECURSIONS = "For each case the value where a component is furthest above its sensitivity, if it loses more than 1e-13:"
+DERIVATIVES = "For each case the value where form auto is furthest above the sensitivity; errors in the max-norm:"
 CASES = """\
 Each number is the worst of the states, of the errors as of the sensitivities. The columns state and parameters are sensitivities; –
 means that a method failed or was not compared at every state, with the reason above.
@@ -101,6 +102,25 @@ def recursions(found: Stability) -> list[Block]:
         for row in sorted(worst.values(), key=lambda row: row.quantity)
     ]
     return [RECURSIONS, Table(("quantity", "case", "value", "max-norm", "sensitivity", "components", "sensitivity"), rows, 2)]
+
+
+def derivatives(found: Stability) -> list[Block]:
+    """Of each case the value where form auto is furthest above what the problem allows, and the errors of every form there."""
+    worst: dict[str, Derived] = {}
+    for row in found.parts["derivatives"]:
+        known = worst.get(row.case)
+        if known is None or _above(row) > _above(known):
+            worst[row.case] = row
+    rows = [
+        [row.case, number(row.value), error(row.sensitivity.norm), *(error(row.errors[form].norm) for form in DERIVED_FORMS)]
+        for row in worst.values()
+    ]
+    return [DERIVATIVES, Table(("case", "value", "sensitivity", *DERIVED_FORMS), rows, 2)]
+
+
+def _above(row: Derived) -> float:
+    ratio = row.errors["auto"].norm / max(row.sensitivity.norm, 1e-15)
+    return ratio if math.isfinite(ratio) else 0.0
 
 
 def singular(found: Stability) -> list[Block]:
