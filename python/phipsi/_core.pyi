@@ -742,6 +742,10 @@ class Scene:
         dqdd: ArrayLike,
         *,
         wrenches: Mapping[str, ArrayLike] | None = None,
+        dwrenches: Mapping[str, ArrayLike] | None = None,
+        dparameters: ArrayLike | None = None,
+        darmature: ArrayLike | None = None,
+        dgravity: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """The change of joint torques along a direction, in O(N) and without any matrix: dtau_dq dq + dtau_dqd dqd + M dqdd.
@@ -791,6 +795,10 @@ class Scene:
         *,
         form: _Form = "auto",
         wrenches: Mapping[str, ArrayLike] | None = None,
+        dwrenches: Mapping[str, ArrayLike] | None = None,
+        dparameters: ArrayLike | None = None,
+        darmature: ArrayLike | None = None,
+        dgravity: ArrayLike | None = None,
         errors: _Errors = "raise",
     ) -> _Array:
         """The change of joint accelerations along a direction, in O(N) and without any matrix: dqdd_dq dq + dqdd_dqd dqd + M^-1 dtau.

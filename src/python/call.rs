@@ -150,14 +150,21 @@ impl<'py> Call<'_, 'py> {
     where
         K: Fn(&Scene, &mut Scratch, [&[f64]; N], &mut [f64]) -> Result<(), Error> + Sync,
     {
+        self.each_state(py, results, |scene, scratch, of, out| kernel(scene, scratch, std::array::from_fn(of), out))
+    }
+
+    /// The same with any number of arguments: the kernel gets what gives the numbers of each.
+    pub fn each_state<K>(&self, py: Python<'py>, results: &mut [f64], kernel: K) -> PyResult<()>
+    where
+        K: for<'a> Fn(&Scene, &mut Scratch, &dyn Fn(usize) -> &'a [f64], &mut [f64]) -> Result<(), Error> + Sync,
+    {
         let scene = &self.scene.scene;
         let (arguments, wrenches) = self.over()?;
-        debug_assert_eq!(arguments.len(), N);
         let (bodies, errors) = (scene.model().bodies.len(), &self.errors);
         self.run(py, self.cost.of_one(), |batch| {
             batch.run(results, |scratch, i, out| {
                 let outcome = wrenches::on_bodies(&wrenches, bodies, i, &mut scratch.forces[0])
-                    .and_then(|()| kernel(scene, scratch, std::array::from_fn(|k| arguments[k].state(i)), out));
+                    .and_then(|()| kernel(scene, scratch, &|k: usize| arguments[k].state(i), out));
                 if let Err(error) = outcome {
                     errors.note(Fault { state: i, error }).map_err(|fault| fault.error)?;
                     out.fill(f64::NAN);

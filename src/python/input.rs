@@ -30,6 +30,8 @@ pub(super) struct Input<'py, P: Element = f64> {
     /// What messages call it.
     pub name: Cow<'static, str>,
     width: usize,
+    /// How many axes a state has.
+    own_axes: usize,
     array: Bound<'py, PyArrayDyn<P>>,
     numbers: Numbers<'py, P>,
 }
@@ -69,6 +71,21 @@ impl<'py, P: Precision + Element> Input<'py, P> {
         Self::of(name, array, axis.width())
     }
 
+    /// Reads an argument of shape (..., rows, entries of the axis): a table a state.
+    pub fn table<'a>(
+        name: &'static str,
+        value: &Object<'py>,
+        rows: usize,
+        axis: impl Into<Axis<'a>>,
+    ) -> PyResult<Self> {
+        let mut input = Self::new(name, value, axis)?;
+        if input.leading().last() != Some(&rows) {
+            return Err(wrong_shape(name, input.array.shape(), format!("(..., {rows}, {})", input.width)));
+        }
+        (input.width, input.own_axes) = (rows * input.width, 2);
+        Ok(input)
+    }
+
     /// Checks the last axis.
     fn of(name: Cow<'static, str>, array: Bound<'py, PyArrayDyn<P>>, width: usize) -> PyResult<Self> {
         if array.shape().last() != Some(&width) {
@@ -79,13 +96,13 @@ impl<'py, P: Precision + Element> Input<'py, P> {
         } else {
             Numbers::Borrowed(array.try_readonly().map_err(|_| being_written(&name))?)
         };
-        Ok(Self { name, width, array, numbers })
+        Ok(Self { name, width, own_axes: 1, array, numbers })
     }
 
-    /// The axes before the last.
+    /// The axes before those of a state.
     pub fn leading(&self) -> &[usize] {
         let shape = self.array.shape();
-        &shape[..shape.len().saturating_sub(1)]
+        &shape[..shape.len().saturating_sub(self.own_axes)]
     }
 
     /// Its states over those of a batch.

@@ -1,5 +1,6 @@
 //! Methods of `Scene`: products with the Jacobians of the dynamics, without the matrices.
 
+use super::axis::Axis;
 use super::call::Call;
 use super::choice::{items, read_form};
 use super::cost::Cost;
@@ -10,10 +11,10 @@ use super::output::{Output, part};
 use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Arguments, Products};
-use crate::dynamics::derivatives::{GradientParts, of_link};
-use crate::error::Error;
+use crate::dynamics::derivatives::{Directions, GradientParts, Parameters, of_body, of_link};
+use crate::error::{Error, check_finite};
 use crate::scene::Scene;
-use crate::spatial::RigidShift;
+use crate::spatial::{RigidShift, SpatialVector};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyMapping, PyTuple};
 
@@ -23,6 +24,8 @@ mod cost {
     pub const INVERSE: usize = 120;
     /// With the factor of M.
     pub const FORWARD: usize = 250;
+    /// By the general recursion.
+    pub const GENERAL: usize = 900;
     /// On dual numbers.
     pub const HESSIAN: usize = 2500;
 }
@@ -54,10 +57,13 @@ impl PyScene {
     /// dq is a change as integrate(q, dq) adds it: an angle or a length for joints of one axis, a rotation in the child's frame for spherical joints,
     /// (linear, angular) in the child's frame for free joints. Armature is in M.
     ///
+    /// What is constant may change too, as inverse_dynamics_vjp has it: dwrenches, a dict from link names to (..., 6); dparameters, (..., bodies, 10); darmature, (..., nv);
+    /// dgravity, (..., 3). With one of them one state at a time, without SIMD lanes.
+    ///
     /// Returns dtau, (..., nv), N m or N.
     ///
     /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, qdd, dq, dqd, dqdd, *, wrenches=None, errors="raise"))]
+    #[pyo3(signature = (q, qd, qdd, dq, dqd, dqdd, *, wrenches=None, dwrenches=None, dparameters=None, darmature=None, dgravity=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_dynamics_jvp<'py>(
         &self,
@@ -69,10 +75,15 @@ impl PyScene {
         dqd: &Object<'py>,
         dqdd: &Object<'py>,
         wrenches: Option<&Object<'py>>,
+        dwrenches: Option<&Object<'py>>,
+        dparameters: Option<&Object<'py>>,
+        darmature: Option<&Object<'py>>,
+        dgravity: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
         let given = vec![("q", q), ("qd", qd), ("qdd", qdd), ("dq", dq), ("dqd", dqd), ("dqdd", dqdd)];
-        self.along(py, Products::InverseTangent, given, &Keywords { wrenches, errors })
+        let constants = Constant::read(&self.scene, (dwrenches, dparameters, darmature, dgravity))?;
+        self.along(py, Products::InverseTangent, given, (&Keywords { wrenches, errors }, constants))
     }
 
     /// The gradients of cotangent . tau, in O(N) and without any matrix: cotangent dtau_dq, cotangent dtau_dqd and M cotangent.
@@ -108,13 +119,16 @@ impl PyScene {
     /// q: (..., nq); qd, tau: (..., nv); dq, dqd, dtau: (..., nv), dq in the tangent space of q, as in inverse_dynamics_jvp; SI units, radians; leading axes
     /// broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as they are in their link's frame.
     ///
+    /// dwrenches, dparameters, darmature, dgravity: as in inverse_dynamics_jvp.
+    ///
     /// One more right side of the filter, with the gains of the state. In form "auto" a state that loses digits in the factor of M is done with twice the digits.
     ///
     /// Returns dqdd, (..., nv), rad/s^2 or m/s^2.
     ///
     /// Raises SingularJointError where a joint has no inertia along its axis; ArgumentError for the square-root form of an inertia that no body can have;
     /// ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, tau, dq, dqd, dtau, *, form="auto", wrenches=None, errors="raise"))]
+    #[pyo3(signature = (q, qd, tau, dq, dqd, dtau, *, form="auto", wrenches=None, dwrenches=None, dparameters=None, darmature=None, dgravity=None,
+                        errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics_jvp<'py>(
         &self,
@@ -127,10 +141,15 @@ impl PyScene {
         dtau: &Object<'py>,
         form: &str,
         wrenches: Option<&Object<'py>>,
+        dwrenches: Option<&Object<'py>>,
+        dparameters: Option<&Object<'py>>,
+        darmature: Option<&Object<'py>>,
+        dgravity: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
         let given = vec![("q", q), ("qd", qd), ("tau", tau), ("dq", dq), ("dqd", dqd), ("dtau", dtau)];
-        self.along(py, Products::ForwardTangent(read_form(form)?), given, &Keywords { wrenches, errors })
+        let constants = Constant::read(&self.scene, (dwrenches, dparameters, darmature, dgravity))?;
+        self.along(py, Products::ForwardTangent(read_form(form)?), given, (&Keywords { wrenches, errors }, constants))
     }
 
     /// The gradients of cotangent . qdd, in O(N) and without any matrix: cotangent dqdd_dq, cotangent dqdd_dqd and M^-1 cotangent.
@@ -234,6 +253,7 @@ impl PyScene {
         &'a self,
         which: Products,
         given: Given<'_, 'py>,
+        others: Vec<Input<'py>>,
         (keywords, body): (&Keywords<'_, 'py>, usize),
     ) -> PyResult<Call<'a, 'py>> {
         let errors = self.errors(keywords.errors, which.form())?;
@@ -241,22 +261,51 @@ impl PyScene {
         for (at, (name, value)) in given.into_iter().enumerate() {
             inputs.push(if at == 0 { self.configuration(name, value)? } else { self.rate(name, value)? });
         }
+        inputs.extend(others);
         let cost = Cost { arithmetic: body * self.size(), results: which.count() * self.scene.nv() };
         Ok(Call::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?.with(errors))
     }
 
-    /// A product along a direction: in lanes.
+    /// A product along a direction: in lanes, or where what is constant changes one state at a time.
     fn along<'py>(
         &self,
         py: Python<'py>,
         which: Products,
         given: Given<'_, 'py>,
-        keywords: &Keywords<'_, 'py>,
+        (keywords, constants): (&Keywords<'_, 'py>, Vec<(Input<'py>, Constant)>),
     ) -> PyResult<Object<'py>> {
-        let body = if which.form().is_some() { cost::FORWARD } else { cost::INVERSE };
-        let call = self.product_call(which, given, (keywords, body))?;
+        let first = given.len();
+        let body = match which.form() {
+            _ if !constants.is_empty() => cost::GENERAL,
+            Some(_) => cost::FORWARD,
+            None => cost::INVERSE,
+        };
+        let (inputs, constants): (Vec<_>, Vec<_>) = constants.into_iter().unzip();
+        let call = self.product_call(which, given, inputs, (keywords, body))?;
         let mut output = call.output(py, &[self.scene.nv()], None, Output::unwritten)?;
-        call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
+        if constants.is_empty() {
+            call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
+            return Ok(output.finish().into_any());
+        }
+        let links = places_of_links(&self.scene)?;
+        call.each_state(py, output.numbers()?, |scene, scratch, of, out| {
+            let (workspace, products, wrenches) = scratch.for_directions(scene);
+            let bodies = scene.model().bodies.len();
+            let (mut forces, mut parameters) = (Vec::new(), Vec::new());
+            let mut along = Directions { q: of(3), qd: of(4), u: of(5), ..Directions::default() };
+            for (k, constant) in constants.iter().enumerate() {
+                constant.change(of(first + k), (&mut along, &mut forces, &mut parameters), (&links, bodies))?;
+            }
+            (along.wrenches, along.parameters) = (&forces, &parameters);
+            let state = Arguments { q: of(0), qd: of(1), u: of(2), wrenches, ..Arguments::default() };
+            match which.form() {
+                Some(form) => {
+                    workspace.form = form;
+                    scene.forward_dynamics_along(workspace, products, &state, &along, out)
+                }
+                None => scene.inverse_dynamics_along(products, &state, &along, out),
+            }
+        })?;
         Ok(output.finish().into_any())
     }
 
@@ -277,7 +326,7 @@ impl PyScene {
             _ => Vec::new(),
         };
         let body = if which.form().is_some() { cost::FORWARD } else { cost::INVERSE };
-        let call = self.product_call(which, given, (keywords, body))?;
+        let call = self.product_call(which, given, Vec::new(), (keywords, body))?;
         if !parameters && names.is_empty() {
             let mut output = call.output(py, &[3, nv], None, Output::unwritten)?;
             call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
@@ -319,7 +368,7 @@ impl PyScene {
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
         let nv = self.scene.nv();
-        let call = self.product_call(which, given, (keywords, cost::HESSIAN))?;
+        let call = self.product_call(which, given, Vec::new(), (keywords, cost::HESSIAN))?;
         let mut results = call.scratch_results(py, 3 * nv)?;
         call.numbers(py, results.numbers()?, |scene, scratch, [q, qd, u, cotangent, dq, dqd, du], out| {
             let (workspace, hessian, wrenches) = scratch.for_hessians(scene);
@@ -333,6 +382,77 @@ impl PyScene {
             }
         })?;
         call.parts((py, class), results.numbers()?, &vec![vec![nv]; 3], &[])
+    }
+}
+
+/// Something constant that changes along a direction.
+enum Constant {
+    /// A wrench on a link.
+    Wrench(Place),
+    /// The inertial parameters of all links.
+    Parameters,
+    Armature,
+    Gravity,
+}
+
+/// Of wrenches, parameters, armature and gravity.
+type Changes<'a, 'py> =
+    (Option<&'a Object<'py>>, Option<&'a Object<'py>>, Option<&'a Object<'py>>, Option<&'a Object<'py>>);
+
+impl Constant {
+    /// What of them was given, with its numbers.
+    fn read<'py>(scene: &Scene, given: Changes<'_, 'py>) -> PyResult<Vec<(Input<'py>, Self)>> {
+        let (wrenches, parameters, armature, gravity) = given;
+        let mut read = Vec::new();
+        for wrench in Wrench::named("dwrenches", scene, wrenches)? {
+            let (input, place) = wrench.apart();
+            read.push((input, Self::Wrench(place)));
+        }
+        if let Some(value) = parameters {
+            read.push((Input::table("dparameters", value, scene.joints().len(), 10)?, Self::Parameters));
+        }
+        if let Some(value) = armature {
+            read.push((Input::new("darmature", value, Axis::Rates(scene))?, Self::Armature));
+        }
+        if let Some(value) = gravity {
+            read.push((Input::new("dgravity", value, 3)?, Self::Gravity));
+        }
+        Ok(read)
+    }
+
+    /// Adds the change of these numbers to a direction, of bodies where it is one of links.
+    fn change<'a>(
+        &self,
+        numbers: &'a [f64],
+        (along, forces, parameters): (
+            &mut Directions<'a, f64>,
+            &mut Vec<SpatialVector<f64>>,
+            &mut Vec<Parameters<f64>>,
+        ),
+        (links, bodies): (&[Place], usize),
+    ) -> Result<(), Error> {
+        match self {
+            Self::Wrench((body, placement)) => {
+                check_finite("dwrenches", numbers)?;
+                forces.resize(bodies, SpatialVector::zeros());
+                if let Some(body) = *body {
+                    forces[body] += placement.force_to_parent(&SpatialVector::from_column_slice(numbers));
+                }
+            }
+            Self::Parameters => {
+                check_finite("dparameters", numbers)?;
+                parameters.resize(bodies, [0.0; 10]);
+                for ((body, placement), own) in links.iter().zip(numbers.as_chunks::<10>().0) {
+                    let Some(body) = *body else { continue };
+                    for (sum, more) in parameters[body].iter_mut().zip(of_body(placement, own)) {
+                        *sum += more;
+                    }
+                }
+            }
+            Self::Armature => along.armature = numbers,
+            Self::Gravity => along.gravity = numbers,
+        }
+        Ok(())
     }
 }
 

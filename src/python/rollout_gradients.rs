@@ -1,17 +1,17 @@
 //! Methods of `Scene`: gradients of a function of a trajectory.
 
-use super::control::{Given, Pd};
+use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
 use super::errors::{asked_by, fault, of_batch};
 use super::fresh::entries;
-use super::input::{Input, wrong_shape};
+use super::input::Input;
 use super::interrupts::detached;
 use super::object::{Object, imported};
 use super::output::from_numbers;
 use super::products::{Place, places_of_links};
 use super::scene::PyScene;
 use super::stepping::Keywords;
-use crate::batch::{Broadcast, Fault, broadcast_axes};
+use crate::batch::{Fault, broadcast_axes};
 use crate::dynamics::derivatives::{Parameters, of_link};
 use crate::error::Error;
 use crate::memory;
@@ -90,16 +90,12 @@ impl PyScene {
             return Err(Error::argument("tau", "a function, whose gradients are not known", expected).into());
         }
         let inputs = [
-            own.configuration("q", q)?,
-            own.rate("qd", qd)?,
-            own.rate("cotangent_q", cotangent_q)?,
-            own.rate("cotangent_qd", cotangent_qd)?,
+            Input::table("q", q, rows, own.coordinates())?,
+            Input::table("qd", qd, rows, own.rates())?,
+            Input::table("cotangent_q", cotangent_q, rows, own.rates())?,
+            Input::table("cotangent_qd", cotangent_qd, rows, own.rates())?,
         ];
-        let widths = [nq, nv, nv, nv];
-        let mut axes: Vec<(&str, &[usize])> = Vec::new();
-        for (input, width) in inputs.iter().zip(widths) {
-            axes.push((&*input.name, leading(input, (rows, width))?));
-        }
+        let mut axes: Vec<(&str, &[usize])> = inputs.iter().map(|input| (&*input.name, input.leading())).collect();
         axes.extend(given.leading());
         for of_pd in pd.iter().flat_map(Pd::leading) {
             axes.push(of_pd);
@@ -112,7 +108,7 @@ impl PyScene {
         if let Some(pd) = pd {
             settings.gains = Some(pd.over(&batch, states)?);
         }
-        let every_row = |i: usize| all_rows(&inputs[i], (rows, widths[i]), (&batch, states));
+        let every_row = |i: usize| everyone(&inputs[i], &batch, states);
         let [q, qd, by_q, by_qd] = [every_row(0)?, every_row(1)?, every_row(2)?, every_row(3)?];
         let first = |numbers: &[f64], width: usize| -> Vec<f64> {
             numbers.chunks_exact((rows * width).max(1)).flat_map(|state| &state[..width]).copied().collect()
@@ -128,32 +124,6 @@ impl PyScene {
         let of_steps = matches!(given, Given::Steps(_)).then_some(steps);
         Output { py, batch: &batch, nv }.tuple(&found, of_steps, parameters.then_some(&links[..]))
     }
-}
-
-/// The axes before those of the rows, of which there must be as many as were recorded.
-fn leading<'a>(input: &'a Input<'_>, (rows, width): (usize, usize)) -> PyResult<&'a [usize]> {
-    match input.leading().split_last() {
-        Some((&found, batch)) if found == rows => Ok(batch),
-        _ => {
-            let found = [input.leading(), &[width]].concat();
-            Err(wrong_shape(&input.name, &found, format!("(..., {rows}, {width}), the rows that were recorded")))
-        }
-    }
-}
-
-/// The rows of every state of the batch, one after another.
-fn all_rows(
-    input: &Input<'_>,
-    (rows, width): (usize, usize),
-    (batch, states): (&[usize], usize),
-) -> PyResult<Vec<f64>> {
-    let own = Broadcast::new(&input.name, input.data()?, rows * width, leading(input, (rows, width))?, batch)
-        .map_err(PyErr::from)?;
-    let mut all = memory::with_capacity(&input.name, states * rows * width)?;
-    for state in 0..states {
-        all.extend_from_slice(own.state(state));
-    }
-    Ok(all)
 }
 
 /// Where gradients go.

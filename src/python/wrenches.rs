@@ -23,18 +23,28 @@ pub(super) struct Wrench<'py> {
 impl<'py> Wrench<'py> {
     /// Reads the argument `wrenches`: None or a mapping.
     pub fn read(scene: &Scene, wrenches: Option<&Object<'py>>) -> PyResult<Vec<Self>> {
+        Self::named("wrenches", scene, wrenches)
+    }
+
+    /// The same of another name.
+    pub fn named(argument: &'static str, scene: &Scene, wrenches: Option<&Object<'py>>) -> PyResult<Vec<Self>> {
         let Some(wrenches) = wrenches else { return Ok(Vec::new()) };
         let Ok(mapping) = wrenches.cast::<PyMapping>() else {
             let found = format!("an object of type {}", wrenches.get_type().name()?);
-            return Err(Error::argument("wrenches", found, "a dict from link names to arrays (..., 6)").into());
+            return Err(Error::argument(argument, found, "a dict from link names to arrays (..., 6)").into());
         };
         let mut read = Vec::with_capacity(mapping.len()?);
-        for (name, value) in items("wrenches", mapping, "names of links")? {
-            let link = scene.link(&name).map_err(|error| error.of_argument("wrenches"))?;
-            let input = Input::new(format!("wrenches[{name:?}]"), &value, 6)?;
+        for (name, value) in items(argument, mapping, "names of links")? {
+            let link = scene.link(&name).map_err(|error| error.of_argument(argument))?;
+            let input = Input::new(format!("{argument}[{name:?}]"), &value, 6)?;
             read.push(Self { input, body: link.body, placement: link.placement });
         }
         Ok(read)
+    }
+
+    /// The numbers, the moving body that carries the link, and the link's placement there.
+    pub fn apart(self) -> (Input<'py>, (Option<usize>, RigidShift<f64>)) {
+        (self.input, (self.body, self.placement))
     }
 
     /// The same for the threads, which see no Python.

@@ -168,3 +168,64 @@ def test_bad_states_become_nan(arm: phipsi.Scene, parameters: bool) -> None:
     bad = np.isnan(found.q).all(axis=-1)
     assert bad.tolist() == [False, False, True, False, False]
     assert np.isfinite(found.tau[~bad]).all()
+
+
+@pytest.mark.parametrize("form", ["auto", "square-root"])
+@pytest.mark.parametrize("seed", range(4))
+def test_along_what_is_constant_as_the_adjoint_has_it(seed: int, form: str) -> None:
+    """<c, J d> = <J* c, d> for wrenches, parameters, armature and gravity, all together and one by one."""
+    scene, random = a_scene(seed), np.random.default_rng(seed)
+    q, qd, u = random_states(scene, seed)
+    wrenches = wrenches_of(scene, random)
+    c, zero = random.uniform(-1, 1, scene.nv), np.zeros(scene.nv)
+    direction = random.uniform(-1, 1, (3, scene.nv))
+    changes = {
+        "dwrenches": wrenches_of(scene, random),
+        "dparameters": 0.01 * random.uniform(-1, 1, (len(scene.body_names), 10)),
+        "darmature": random.uniform(-1, 1, scene.nv),
+        "dgravity": random.uniform(-1, 1, 3),
+    }
+    calls = (
+        (scene.inverse_dynamics_jvp, scene.inverse_dynamics_vjp, {}, 1.0),
+        (scene.forward_dynamics_jvp, scene.forward_dynamics_vjp, {"form": form}, condition(scene, q)),
+    )
+    for jvp, vjp, more, allowed in calls:
+        gradients = vjp(q, qd, u, c, wrenches=wrenches, parameters=True, **more)
+        parts = {
+            "dwrenches": sum(float(one @ changes["dwrenches"][link]) for link, one in gradients.wrenches.items()),
+            **{f"d{name}": float(np.sum(getattr(gradients, name) * changes[f"d{name}"])) for name in ("parameters", "armature", "gravity")},
+        }
+        of_state = sum(float(one @ along) for one, along in zip(gradients[:3], direction, strict=True))
+        terms = scene.nv * largest(*gradients[:3], gradients.parameters, gradients.armature, gradients.gravity, np.ones(1))
+        bound = inverse(scene.nv * allowed, terms)
+        both = c @ jvp(q, qd, u, *direction, wrenches=wrenches, **changes, **more)
+        assert_near(both, of_state + sum(parts.values()), bound)
+        for name, part in parts.items():
+            assert_near(c @ jvp(q, qd, u, zero, zero, zero, wrenches=wrenches, **{name: changes[name]}, **more), part, bound)
+            assert part != 0.0
+
+
+def test_changes_of_what_is_constant_broadcast() -> None:
+    scene = a_scene(1)
+    q, qd, u = random_states(scene, 1, (3, 1))
+    zero, change = np.zeros(scene.nv), np.random.default_rng(2).uniform(-1, 1, (2, len(scene.body_names), 10))
+    found = scene.inverse_dynamics_jvp(q, qd, u, zero, zero, zero, dparameters=change)
+    assert found.shape == (3, 2, scene.nv)
+    alone = scene.inverse_dynamics_jvp(q[2, 0], qd[2, 0], u[2, 0], zero, zero, zero, dparameters=change[1])
+    assert_same_bits(found[2, 1], alone)
+
+
+BAD_CHANGES = {
+    "dwrenches": {"nowhere": np.zeros(6)},
+    "dparameters": np.zeros((1, 10)),
+    "darmature": np.zeros(2),
+    "dgravity": np.zeros(4),
+}
+
+
+@pytest.mark.parametrize("name", BAD_CHANGES)
+def test_a_bad_change_is_named(name: str) -> None:
+    scene = a_scene(0)
+    q, qd, u = random_states(scene, 0)
+    with pytest.raises((ShapeError, ArgumentError), match=name):
+        scene.inverse_dynamics_jvp(q, qd, u, qd, qd, qd, **{name: BAD_CHANGES[name]})

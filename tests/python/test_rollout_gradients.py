@@ -295,7 +295,7 @@ def test_a_valid_call_by_arrays(arm: phipsi.Scene) -> None:
 
 def test_rows_that_are_not_those_recorded(arm: phipsi.Scene) -> None:
     path = arm.simulate(np.zeros(arm.nq), np.zeros(arm.nv), dt=1e-2, steps=4)
-    with pytest.raises(ShapeError, match=r"cotangent_q: found shape \(4, \d\); expected \(\.\.\., 5, \d\), the rows that were recorded"):
+    with pytest.raises(ShapeError, match=r"cotangent_q: found shape \(4, \d\); expected \(\.\.\., 5, \d\)"):
         path.vjp(np.ones((4, arm.nv)))
 
 
