@@ -756,6 +756,9 @@ class Scene:
         dq is a change as integrate(q, dq) adds it: an angle or a length for joints of one axis, a rotation in the child's frame for spherical joints,
         (linear, angular) in the child's frame for free joints. Armature is in M.
 
+        What is constant may change too, as inverse_dynamics_vjp has it: dwrenches, a dict from link names to (..., 6); dparameters, (..., bodies, 10); darmature, (..., nv);
+        dgravity, (..., 3). With one of them one state at a time, without SIMD lanes.
+
         Returns dtau, (..., nv), N m or N.
 
         Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
@@ -805,6 +808,8 @@ class Scene:
 
         q: (..., nq); qd, tau: (..., nv); dq, dqd, dtau: (..., nv), dq in the tangent space of q, as in inverse_dynamics_jvp; SI units, radians; leading axes
         broadcast. form, wrenches and errors: as in forward_dynamics; wrenches stay as they are in their link's frame.
+
+        dwrenches, dparameters, darmature, dgravity: as in inverse_dynamics_jvp.
 
         One more right side of the filter, with the gains of the state. In form "auto" a state that loses digits in the factor of M is done with twice the digits.
 
