@@ -25,7 +25,7 @@ The grey area is below the problem's sensitivity: the change of the exact answer
 one unit in the last place.
 """
 RECURSIONS = "For each case the value where a component is furthest above its sensitivity, if it loses more than 1e-13:"
-DERIVATIVES = "For each case the value where form auto is furthest above the sensitivity; errors in the max-norm:"
+DERIVATIVES = "For each case the value where the covariance form loses most; errors in the max-norm:"
 CASES = """\
 Each number is the worst of the states, of the errors as of the sensitivities. The columns state and parameters are sensitivities; –
 means that a method failed or was not compared at every state, with the reason above.
@@ -105,11 +105,11 @@ def recursions(found: Stability) -> list[Block]:
 
 
 def derivatives(found: Stability) -> list[Block]:
-    """Of each case the value where form auto is furthest above what the problem allows, and the errors of every form there."""
+    """Of each case the value where the covariance form loses most, or fails, and the errors of every form there."""
     worst: dict[str, Derived] = {}
     for row in found.parts["derivatives"]:
         known = worst.get(row.case)
-        if known is None or _above(row) > _above(known):
+        if known is None or _lost(row) > _lost(known):
             worst[row.case] = row
     rows = [
         [row.case, number(row.value), error(row.sensitivity.norm), *(error(row.errors[form].norm) for form in DERIVED_FORMS)]
@@ -118,9 +118,9 @@ def derivatives(found: Stability) -> list[Block]:
     return [DERIVATIVES, Table(("case", "value", "sensitivity", *DERIVED_FORMS), rows, 2)]
 
 
-def _above(row: Derived) -> float:
-    ratio = row.errors["auto"].norm / max(row.sensitivity.norm, 1e-15)
-    return ratio if math.isfinite(ratio) else 0.0
+def _lost(row: Derived) -> float:
+    lost = row.errors["covariance"].norm
+    return math.inf if math.isnan(lost) else lost
 
 
 def singular(found: Stability) -> list[Block]:
