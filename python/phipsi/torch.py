@@ -77,14 +77,14 @@ def _in_front(info: Any, dims: tuple[int | None, ...], arguments: tuple[Tensor, 
     ]
 
 
-class _Derivatives(torch.autograd.Function):
-    """By each argument; a function of its own, so that vmap asks for those of a whole batch."""
+class _OnHost(torch.autograd.Function):
+    """Derivatives or gradients; a function of its own, so that vmap asks for those of a whole batch."""
 
     generate_vmap_rule = False
 
     @staticmethod
-    def forward(call: _calls.Call, *arguments: Tensor) -> tuple[Tensor, ...]:
-        return _on_host(call.derivatives, arguments)
+    def forward(function: _calls.Host, *arguments: Tensor) -> tuple[Tensor, ...]:
+        return _on_host(function, arguments)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: Any, output: Any) -> None:
@@ -95,8 +95,8 @@ class _Derivatives(torch.autograd.Function):
         raise NotImplementedError("phipsi.torch has no derivatives of second order")
 
     @staticmethod
-    def vmap(info: Any, dims: Any, call: _calls.Call, *arguments: Tensor) -> Any:
-        found = _Derivatives.apply(call, *_in_front(info, dims[1:], arguments))
+    def vmap(info: Any, dims: Any, function: _calls.Host, *arguments: Tensor) -> Any:
+        found = _OnHost.apply(function, *_in_front(info, dims[1:], arguments))
         return found, tuple(0 for _ in found)
 
 
@@ -116,40 +116,18 @@ class _Value(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, cotangent: Tensor) -> Any:
-        by_each = _Derivatives.apply(ctx.call, *ctx.saved_tensors)
+        by_each = _OnHost.apply(ctx.call.derivatives, *ctx.saved_tensors)
         return None, *((cotangent.unsqueeze(-2) @ by_one).squeeze(-2) for by_one in by_each)
 
     @staticmethod
     def jvp(ctx: Any, _: Any, *tangents: Any) -> Any:
-        by_each = _Derivatives.apply(ctx.call, *ctx.saved_tensors)
+        by_each = _OnHost.apply(ctx.call.derivatives, *ctx.saved_tensors)
         moved = [(by_one @ tangent.unsqueeze(-1)).squeeze(-1) for by_one, tangent in zip(by_each, tangents, strict=True) if tangent is not None]
         return sum(moved[1:], moved[0])
 
     @staticmethod
     def vmap(info: Any, dims: Any, call: _calls.Call, *arguments: Tensor) -> Any:
         return _Value.apply(call, *_in_front(info, dims[1:], arguments)), 0
-
-
-class _RolloutGradients(torch.autograd.Function):
-    """By q, qd and tau; a function of its own, so that vmap asks for those of a whole batch."""
-
-    generate_vmap_rule = False
-
-    @staticmethod
-    def forward(rollout: _calls.Rollout, *arguments: Tensor) -> tuple[Tensor, ...]:
-        return _on_host(rollout.gradients, arguments)
-
-    @staticmethod
-    def setup_context(ctx: Any, inputs: Any, output: Any) -> None:
-        pass
-
-    @staticmethod
-    def backward(ctx: Any, *_: Tensor) -> Any:
-        raise NotImplementedError("phipsi.torch has no derivatives of second order")
-
-    @staticmethod
-    def vmap(info: Any, dims: Any, rollout: _calls.Rollout, *arguments: Tensor) -> Any:
-        return _RolloutGradients.apply(rollout, *_in_front(info, dims[1:], arguments)), (0, 0, 0)
 
 
 class _Rollout(torch.autograd.Function):
@@ -167,7 +145,7 @@ class _Rollout(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *cotangents: Tensor) -> Any:
-        return None, *_RolloutGradients.apply(ctx.rollout, *ctx.saved_tensors, *cotangents)
+        return None, *_OnHost.apply(ctx.rollout.gradients, *ctx.saved_tensors, *cotangents)
 
     @staticmethod
     def vmap(info: Any, dims: Any, rollout: _calls.Rollout, *arguments: Tensor) -> Any:

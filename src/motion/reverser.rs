@@ -5,7 +5,7 @@ use super::gradient::{Layout, RecordedRows};
 use super::properties::of_state;
 use super::rollout::{StepFault, Torque};
 use super::step::{Law, Scratch, clear};
-use super::stepper::{self, Rows, Stepper, fill, scatter};
+use super::stepper::{self, Rows, Stepper, fill, scatter, take_lane};
 use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
@@ -319,16 +319,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
         while doubt != 0 {
             let lane = doubt.trailing_zeros() as usize;
             doubt &= doubt - 1;
-            let one = &mut checked.scratch;
-            for (to, from) in [
-                (&mut one.q, &s.q),
-                (&mut one.v, &s.v),
-                (&mut one.torque, &s.torque),
-                (&mut one.target, &s.target),
-                (&mut one.target_rate, &s.target_rate),
-            ] {
-                scatter(from, lane, to);
-            }
+            take_lane(&mut checked.scratch, s, lane);
             for (to, from) in checked.gradients.end.iter_mut().zip(&gradients.end) {
                 scatter(from, lane, to);
             }

@@ -149,6 +149,19 @@ impl<T: Vectorised<Number = f64>, I: Target> Stepping for Compiled<T, I> {
     }
 }
 
+/// State, torque and targets of one lane, before a step.
+pub(super) fn take_lane<T: Vectorised<Number = f64>>(one: &mut Scratch<f64>, s: &Scratch<T>, lane: usize) {
+    for (to, from) in [
+        (&mut one.q, &s.q),
+        (&mut one.v, &s.v),
+        (&mut one.torque, &s.torque),
+        (&mut one.target, &s.target),
+        (&mut one.target_rate, &s.target_rate),
+    ] {
+        scatter(from, lane, to);
+    }
+}
+
 /// Numbers into one lane of an array.
 pub(super) fn fill<T: Vectorised<Number = f64>>(numbers: &mut [T], lane: usize, values: &[f64]) {
     for (number, &value) in numbers.iter_mut().zip(values) {
@@ -286,16 +299,8 @@ fn again<T: Vectorised<Number = f64>>(
         let lane = doubt.trailing_zeros() as usize;
         doubt &= doubt - 1;
         let one = &mut alone.scratch;
-        for (to, from) in [
-            (&mut one.q, &s.q),
-            (&mut one.v, &s.v),
-            (&mut one.torque, &s.torque),
-            (&mut one.target, &s.target),
-            (&mut one.target_rate, &s.target_rate),
-            (&mut one.keeper.start, &s.keeper.start),
-        ] {
-            scatter(from, lane, to);
-        }
+        take_lane(one, s, lane);
+        scatter(&s.keeper.start, lane, &mut one.keeper.start);
         one.keeper.time = s.keeper.time.lanes()[lane];
         let state = first + lane;
         alone.step(scene, law).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
