@@ -123,6 +123,16 @@ fn rows_of_another_length_are_refused_by_name() {
 }
 
 #[test]
+fn torques_that_begin_later_are_refused_by_name() {
+    let run = Run::new(1, false, Method::RungeKutta4);
+    let nv = run.scene.nv();
+    let mut rollout = Rollout::new(&run.scene, run.settings.clone(), &run.q, &run.qd).unwrap();
+    let torque = Broadcast::new("tau", &run.tau, STEPS * nv, &[STATES], &[STATES]).unwrap();
+    let fault = rollout.advance(2, &Torque::Steps { torque, first: 1 }, None).unwrap_err();
+    assert!(fault.error.to_string().starts_with("torque.first: found 1; expected at most 0"), "{fault:?}");
+}
+
+#[test]
 fn kept_momentum_is_refused_by_name() {
     let scene =
         Tree { seed: 3, bodies: 2, kinds: &[JointKind::Revolute], branching: 0.0, armature: 0.0, floating: true }

@@ -93,7 +93,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         parameters: bool,
     ) -> Result<RolloutGradients, StepFault> {
         let refuse = |error| StepFault { step: 0, state: 0, joint: String::new(), error };
-        self.check_torque(torque, steps).map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
+        let torques = self.check_torque_from(0, torque, steps);
+        torques.map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
         let count = self.check_rows(rows, steps).map_err(refuse)?;
         let (scene, states) = (self.scene(), self.states());
         let (nv, bodies) = (scene.nv(), if parameters { scene.model().bodies.len() } else { 0 });

@@ -367,13 +367,23 @@ impl<S: Borrow<Scene>> Rollout<S> {
     ///
     /// # Errors
     ///
-    /// Another number of torques than the steps need; with `conserve_momentum`, a torque along a free joint that a tree hangs on.
+    /// Another number of torques than the steps need, or torques that begin later; with `conserve_momentum`, a torque along a free joint that a tree hangs on.
     pub fn check_torque(&self, torque: &Torque<'_>, steps: usize) -> Result<(), Fault> {
-        let (nv, last) = (self.scene().nv(), self.done + steps);
+        self.check_torque_from(self.done, torque, steps)
+    }
+
+    /// The same of the steps from some step of the run on.
+    pub(super) fn check_torque_from(&self, start: usize, torque: &Torque<'_>, steps: usize) -> Result<(), Fault> {
+        let (nv, last) = (self.scene().nv(), start + steps);
         let (given, before, steps) = match torque {
             Torque::Constant(torque) if self.states > 0 => (torque, 0, 1),
             Torque::Steps { torque, first } if self.states > 0 => {
-                (torque, self.done.saturating_sub(*first), last.saturating_sub(*first))
+                if *first > start {
+                    let error =
+                        Error::argument("torque.first", first.to_string(), format!("at most {start}, the next step"));
+                    return Err(Fault { state: 0, error });
+                }
+                (torque, start - first, last - first)
             }
             _ => return Ok(()),
         };
