@@ -3,8 +3,8 @@
 Run it as it stands (phipsi, numpy and scipy): python examples/reach.py
 
 Every step of a rollout has torques of its own. Trajectory.vjp gives the gradient of any function of the rows by all of them, by the adjoint of
-every step: here of the squared distance from the goal at the end and of the rates there. SciPy's L-BFGS does the rest. A gradient costs about four
-times what the rollout does, however many torques there are.
+every step: here of the squared distance from the goal at the end and of the rates there. SciPy's L-BFGS does the rest. A gradient costs a few times
+what the rollout does, however many torques there are (docs/derivative-times.md).
 """
 
 import time

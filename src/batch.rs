@@ -13,7 +13,7 @@ pub mod chunk;
 mod compiled;
 pub(crate) mod derivatives;
 pub mod evaluator;
-pub(crate) mod everyday;
+mod everyday;
 mod finite;
 pub(crate) mod products;
 #[cfg(feature = "parallel")]

@@ -63,12 +63,8 @@ def simulate(
     steps = torques.shape[-2]
 
     def ask(function: _calls.Host, arguments: Sequence[jax.Array], *shapes: tuple[int, ...]) -> Any:
-        def host(*given: Any) -> Any:
-            return tuple(np.asarray(array, dtype) for array in _calls.on_host(function, given))
-
         lead = arguments[0].shape[:-1]
-        out = tuple(jax.ShapeDtypeStruct((*lead, *shape), dtype) for shape in shapes)
-        return jax.pure_callback(host, out, *arguments, vmap_method="broadcast_all")
+        return _ask(function, arguments, tuple(jax.ShapeDtypeStruct((*lead, *shape), dtype) for shape in shapes))
 
     @jax.custom_vjp
     def function(q: jax.Array, qd: jax.Array, tau: jax.Array) -> Any:
@@ -86,16 +82,19 @@ def simulate(
     return function(start, rates, torques)  # type: ignore[no-any-return]
 
 
+def _ask(function: _calls.Host, arguments: Sequence[jax.Array], shapes: Any) -> Any:
+    """Calls the host, once for a whole batch; results of these shapes, all of one dtype."""
+    dtype = jax.tree.leaves(shapes)[0].dtype
+
+    def host(*given: Any) -> Any:
+        return jax.tree.map(lambda array: np.asarray(array, dtype), _calls.on_host(function, given))
+
+    return jax.pure_callback(host, shapes, *arguments, vmap_method="expand_dims")
+
+
 def _apply(call: _calls.Call, given: tuple[Any, ...]) -> jax.Array:
     arrays = [jnp.asarray(array) for array in given]
     dtype = jnp.result_type(*arrays, jnp.float32)
-
-    def ask(function: _calls.Host, arguments: Sequence[jax.Array], shapes: Any) -> Any:
-        def host(*given: Any) -> Any:
-            found = _calls.on_host(function, given)
-            return jax.tree.map(lambda array: np.asarray(array, dtype), found)
-
-        return jax.pure_callback(host, shapes, *arguments, vmap_method="expand_dims")
 
     def shape(arguments: Sequence[jax.Array], *own: int) -> Any:
         batch = jnp.broadcast_shapes(*(array.shape[:-1] for array in arguments))
@@ -103,12 +102,12 @@ def _apply(call: _calls.Call, given: tuple[Any, ...]) -> jax.Array:
 
     @jax.custom_jvp
     def function(*arguments: jax.Array) -> jax.Array:
-        return ask(call.value, arguments, shape(arguments, call.size))  # type: ignore[no-any-return]
+        return _ask(call.value, arguments, shape(arguments, call.size))  # type: ignore[no-any-return]
 
     @function.defjvp
     def _(arguments: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
         shapes = tuple(shape(arguments, call.size, width) for width in call.widths)
-        by_each = ask(call.derivatives, arguments, shapes)
+        by_each = _ask(call.derivatives, arguments, shapes)
         moved = sum(jnp.einsum("...ij,...j->...i", by_one, tangent) for by_one, tangent in zip(by_each, tangents, strict=True))
         return function(*arguments), jnp.asarray(moved)
 

@@ -1,7 +1,6 @@
 //! Everyday functions of one state by what they are, with arguments checked and faults named.
 
 use crate::algorithm::Everyday;
-use crate::batch::everyday::homogeneous;
 use crate::error::{Error, check_length};
 use crate::scene::Scene;
 use crate::workspace::Workspace;
@@ -21,7 +20,7 @@ impl Scene {
     ) -> Result<(), Error> {
         check_length("out", out.len(), what.width(self.nv()))?;
         match *what {
-            Everyday::Placement(frame) => homogeneous(&self.placement(q, *frame)?, out),
+            Everyday::Placement(frame) => self.placement(q, *frame)?.homogeneous(out),
             Everyday::Velocity(frame, reference) => {
                 out.copy_from_slice(self.velocity(q, qd, *frame, reference)?.as_slice());
             }

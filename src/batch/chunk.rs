@@ -203,6 +203,31 @@ fn gather<'a, T: Vectorised>(
     T::take_lanes(numbers, |lane| of(states[lane]))
 }
 
+/// The state of each lane; lanes without a state of their own repeat the last.
+#[inline(always)]
+fn in_lanes<'a, P>(states: &'a [Arguments<'a, P>]) -> [&'a Arguments<'a, P>; MOST_LANES] {
+    std::array::from_fn(|lane| &states[lane.min(states.len() - 1)])
+}
+
+/// q, qd and u of every state into lanes. Zero where all is finite, else NaN.
+#[inline(always)]
+fn gather_state<T: Vectorised>([q, qd, u]: [&mut [T]; 3], states: &[&Arguments<'_, T::Number>; MOST_LANES]) -> T {
+    let mut fault = gather(q, states, |state| state.q);
+    fault += gather(qd, states, |state| state.qd);
+    fault += gather(u, states, |state| state.u);
+    fault
+}
+
+/// The lanes whose quaternions are off, or that have a number that is not finite.
+#[inline(always)]
+fn doubtful<T: Real>(states: usize, nearness: T, fault: T) -> u64 {
+    let mut doubt = 0;
+    for lane in 0..states {
+        doubt |= u64::from(is_far(nearness, lane) || fault.lane(lane) != 0.0) << lane;
+    }
+    doubt
+}
+
 // What is compiled together, each group into one function: in one function with all others M^-1 executed a fifth more.
 
 /// Forward dynamics.
@@ -250,11 +275,8 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
         } = chunk;
         let Numbers { model, sweeps, quaternions } = &**constants;
         let [q, qd, u] = arguments;
-        // Lanes without a state of their own repeat the last.
-        let given = std::array::from_fn(|lane| &states[lane.min(states.len() - 1)]);
-        let mut fault = gather(q, &given, |state| state.q);
-        fault += gather(qd, &given, |state| state.qd);
-        fault += gather(u, &given, |state| state.u);
+        let given = in_lanes(states);
+        let mut fault = gather_state([&mut *q, qd, u], &given);
         let nearness = nearness(quaternions, q);
         for force in wrenches.iter() {
             for &number in force.iter() {
@@ -262,10 +284,7 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             }
         }
         let scene = (model, sweeps);
-        let mut doubt = 0;
-        for lane in 0..states.len() {
-            doubt |= u64::from(is_far(nearness, lane) || fault.lane(lane) != 0.0) << lane;
-        }
+        let mut doubt = doubtful(states.len(), nearness, fault);
         if let (Algorithm::Derivatives(which), true) = (algorithm, GROUP == DERIVATIVES) {
             let kernel = derivatives.get_or_insert_with(|| Box::new(DerivativeKernel::new(model, sweeps)));
             let scratch = (sweep_scratch, inverse_columns);
@@ -336,21 +355,14 @@ impl<T: Vectorised> Work for AtHand<'_, T> {
     fn call(self) -> u64 {
         let Self { chunk: Chunk { numbers: constants, arguments, everyday, .. }, what, states, out } = self;
         let Numbers { model, quaternions, .. } = &**constants;
-        let given = std::array::from_fn(|lane| &states[lane.min(states.len() - 1)]);
         let [q, qd, qdd] = arguments;
-        let mut fault = gather(q, &given, |state| state.q);
-        fault += gather(qd, &given, |state| state.qd);
-        fault += gather(qdd, &given, |state| state.u);
+        let mut fault = gather_state([&mut *q, qd, qdd], &in_lanes(states));
         let nearness = nearness(quaternions, q);
-        let kernel = everyday.get_or_insert_with(|| Box::new(EverydayKernel::new(model)));
+        let kernel = everyday.get_or_insert_default();
         let results = everyday::run(model, kernel, what, (q, qd, qdd));
         fault += any_not_finite(results);
         T::put_lanes(results, out);
-        let mut doubt = 0;
-        for lane in 0..states.len() {
-            doubt |= u64::from(is_far(nearness, lane) || fault.lane(lane) != 0.0) << lane;
-        }
-        doubt
+        doubtful(states.len(), nearness, fault)
     }
 }
 

@@ -164,24 +164,20 @@ impl<P: Evaluated> Evaluator<P> {
 }
 
 impl<P> Kernels<P> {
+    /// Those that run so many states.
+    #[inline]
+    fn of(&mut self, states: usize) -> Option<&mut Box<dyn Chunks<P>>> {
+        if states == 1 || self.many.is_none() { self.one.as_mut().or(self.many.as_mut()) } else { self.many.as_mut() }
+    }
+
     /// As [`Evaluator::run`].
     pub(super) fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
-        match (&mut self.one, &mut self.many) {
-            (Some(one), None) => one.run(algorithm, states, out),
-            (Some(one), _) if states.len() == 1 => one.run(algorithm, states, out),
-            (_, Some(many)) => many.run(algorithm, states, out),
-            (None, None) => u64::MAX,
-        }
+        self.of(states.len()).map_or(u64::MAX, |kernels| kernels.run(algorithm, states, out))
     }
 
     /// The same of an everyday function.
     fn everyday(&mut self, what: &Everyday<'_>, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
-        match (&mut self.one, &mut self.many) {
-            (Some(one), None) => one.everyday(what, states, out),
-            (Some(one), _) if states.len() == 1 => one.everyday(what, states, out),
-            (_, Some(many)) => many.everyday(what, states, out),
-            (None, None) => u64::MAX,
-        }
+        self.of(states.len()).map_or(u64::MAX, |kernels| kernels.everyday(what, states, out))
     }
 
     /// Those that run a single state, without the others' scratch.

@@ -9,17 +9,16 @@ use crate::scalar::Real;
 use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
 
-/// Scratch of those that go over all bodies, and results; made when one is first asked for.
+/// Scratch of those that go over all bodies, made when one is first asked for, and results.
 #[derive(Debug)]
 pub(super) struct EverydayKernel<T: Vectorised> {
-    workspace: Workspace<T>,
+    workspace: Option<Box<Workspace<T>>>,
     results: Vec<T>,
 }
 
-impl<T: Vectorised> EverydayKernel<T> {
-    #[cold]
-    pub fn new(model: &Model<T>) -> Self {
-        Self { workspace: Workspace::new(model), results: Vec::new() }
+impl<T: Vectorised> Default for EverydayKernel<T> {
+    fn default() -> Self {
+        Self { workspace: None, results: Vec::new() }
     }
 }
 
@@ -34,8 +33,18 @@ pub(super) fn run<'k, T: Vectorised>(
     let EverydayKernel { workspace, results } = kernel;
     results.resize(what.width(model.nv()), T::zero());
     let out = &mut results[..];
+    if !of_frame(model, what, (q, qd, qdd), out) {
+        let workspace = workspace.get_or_insert_with(|| Box::new(Workspace::new(model)));
+        of_all_bodies(model, workspace, what, (q, qd, qdd), out);
+    }
+    results
+}
+
+/// Of a frame, which needs no scratch; false where it is another.
+#[inline(always)]
+fn of_frame<T: Real>(model: &Model<T>, what: &Everyday<'_>, (q, qd, qdd): (&[T], &[T], &[T]), out: &mut [T]) -> bool {
     match *what {
-        Everyday::Placement(frame) => homogeneous(&kinematics::placement(model, q, &splat(frame)), out),
+        Everyday::Placement(frame) => kinematics::placement(model, q, &splat(frame)).homogeneous(out),
         Everyday::Velocity(frame, reference) => {
             let motion = kinematics::frame_motion(model, q, qd, None, &splat(frame));
             out.copy_from_slice(motion.velocity_in(reference).as_slice());
@@ -52,6 +61,21 @@ pub(super) fn run<'k, T: Vectorised>(
             let motion = kinematics::frame_motion(model, q, qd, None, &splat(frame));
             out.copy_from_slice(motion.rate_in(reference).as_slice());
         }
+        _ => return false,
+    }
+    true
+}
+
+/// Of the whole robot; nothing where it is of a frame.
+#[inline(always)]
+fn of_all_bodies<T: Real>(
+    model: &Model<T>,
+    workspace: &mut Workspace<T>,
+    what: &Everyday<'_>,
+    (q, qd, qdd): (&[T], &[T], &[T]),
+    out: &mut [T],
+) {
+    match *what {
         Everyday::CenterOfMass => {
             out.copy_from_slice(centroidal::center_of_mass(model, workspace, q).as_slice());
         }
@@ -72,8 +96,8 @@ pub(super) fn run<'k, T: Vectorised>(
             let both = energy::energy(model, workspace, q, qd);
             out.copy_from_slice(&[both.kinetic, both.potential]);
         }
+        _ => {}
     }
-    results
 }
 
 /// A frame in every lane.
@@ -84,17 +108,4 @@ fn splat<T: Real>(frame: &Frame<f64>) -> Frame<T> {
         body: frame.body,
         placement: RigidShift { rotation: rotation.map(T::from_f64), lever: lever.map(T::from_f64) },
     }
-}
-
-/// Writes [[R, p], [0, 1]].
-#[inline(always)]
-pub(crate) fn homogeneous<T: Real>(shift: &RigidShift<T>, out: &mut [T]) {
-    let zero = shift.lever[0].constant(0.0);
-    for i in 0..3 {
-        for j in 0..3 {
-            out[4 * i + j] = shift.rotation[(i, j)];
-        }
-        out[4 * i + 3] = shift.lever[i];
-    }
-    out[12..16].copy_from_slice(&[zero, zero, zero, zero.constant(1.0)]);
 }

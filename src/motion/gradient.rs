@@ -7,7 +7,7 @@
 use super::backward::ACTING;
 use super::reverser::{Reverser, Way};
 use super::rollout::{GRAIN, Rollout, StepFault, Torque};
-use crate::batch::{Batch, Pool};
+use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::{Error, check_finite, check_length};
 use crate::scene::Scene;
@@ -95,7 +95,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let refuse = |error| StepFault { step: 0, state: 0, joint: String::new(), error };
         let torques = self.check_torque_from(0, torque, steps);
         torques.map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
-        let count = self.check_rows(rows, steps).map_err(refuse)?;
+        let count =
+            self.check_rows(rows, steps).map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
         let (scene, states) = (self.scene(), self.states());
         let (nv, bodies) = (scene.nv(), if parameters { scene.model().bodies.len() } else { 0 });
         let layout = Layout { nv, torques: if matches!(torque, Torque::Steps { .. }) { steps } else { 1 }, bodies };
@@ -103,7 +104,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let mut all = memory::filled("q", states.saturating_mul(width), 0.0).map_err(refuse)?;
         let law = &self.law.backward();
         let pool = Pool::default();
-        let (form, arm, cost) = (self.form, self.arm, COST * self.cost() * steps.max(1));
+        let (form, arm, cost) = (self.form, self.arm, COST.saturating_mul(self.cost()).saturating_mul(steps.max(1)));
         let make = || Reverser::new(form, arm);
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
         let outcome = Batch { states, cost, pool: &pool, make }.run_pieces(GRAIN, &mut all, |reverser, range, out| {
@@ -129,29 +130,30 @@ impl<S: Borrow<Scene>> Rollout<S> {
     }
 
     /// How many rows there are, if all lengths fit.
-    fn check_rows(&self, rows: &RecordedRows<'_>, steps: usize) -> Result<usize, Error> {
+    fn check_rows(&self, rows: &RecordedRows<'_>, steps: usize) -> Result<usize, Fault> {
         let RecordedRows { q, qd, every, by_q, by_qd } = *rows;
         let (scene, states) = (self.scene(), self.states());
+        let refuse = |error| Fault { state: 0, error };
         if !self.law.roots.is_empty() {
-            return Err(Error::argument(
-                "conserve_momentum",
-                "true",
-                "a rollout without it, whose steps have gradients",
-            ));
+            let expected = "a rollout without it, whose steps have gradients";
+            return Err(refuse(Error::argument("conserve_momentum", "true", expected)));
         }
         if every == 0 {
-            return Err(Error::argument("every", "0", "at least 1"));
+            return Err(refuse(Error::argument("every", "0", "at least 1")));
         }
-        let count = steps / every + 1;
+        let count = (steps / every).saturating_add(1);
         for (name, given, width) in
             [("q", q, scene.nq()), ("qd", qd, scene.nv()), ("by_q", by_q, scene.nv()), ("by_qd", by_qd, scene.nv())]
         {
-            check_length(name, given.len(), states * count * width)?;
-            check_finite(name, given)?;
+            let own = count.saturating_mul(width);
+            check_length(name, given.len(), states.saturating_mul(own)).map_err(refuse)?;
+            for (state, given) in given.chunks_exact(own.max(1)).enumerate() {
+                check_finite(name, given).map_err(|error| Fault { state, error })?;
+            }
         }
         for (row, q) in q.chunks_exact(scene.nq().max(1)).enumerate() {
-            watch::check_at(row, 1_024)?;
-            scene.check_configuration("q", q)?;
+            let checked = watch::check_at(row, 1_024).and_then(|()| scene.check_configuration("q", q));
+            checked.map_err(|error| Fault { state: row / count, error })?;
         }
         Ok(count)
     }

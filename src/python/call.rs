@@ -50,6 +50,15 @@ impl PyScene {
         Input::new(name, value, self.rates())
     }
 
+    /// q, then arrays of rates.
+    pub(super) fn inputs<'a, 'py: 'a, P: Precision + Element>(
+        &self,
+        given: impl IntoIterator<Item = (&'static str, &'a Object<'py>)>,
+    ) -> PyResult<Vec<Input<'py, P>>> {
+        let read = |(at, (name, value))| if at == 0 { self.configuration(name, value) } else { self.rate(name, value) };
+        given.into_iter().enumerate().map(read).collect()
+    }
+
     /// A call with these arguments, of so many ns a state.
     pub(super) fn call<'a, 'py>(
         &'a self,

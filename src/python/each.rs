@@ -2,7 +2,6 @@
 
 use super::bad_states::is_nan;
 use super::cost::Cost;
-use super::input::Input;
 use super::object::Object;
 use super::output::Output;
 use super::scene::PyScene;
@@ -39,15 +38,6 @@ impl PyScene {
         let mut output = call.output(py, shape, None, Output::unwritten)?;
         call.everyday_in_chunks(py, what, output.numbers()?)?;
         output.finish_or_scalar()
-    }
-
-    /// q, then one or two arrays of rates.
-    fn inputs<'py, const N: usize>(&self, given: [(&'static str, &Object<'py>); N]) -> PyResult<Vec<Input<'py>>> {
-        let mut inputs = Vec::with_capacity(N);
-        for (at, (name, value)) in given.into_iter().enumerate() {
-            inputs.push(if at == 0 { self.configuration(name, value)? } else { self.rate(name, value)? });
-        }
-        Ok(inputs)
     }
 
     /// Evaluates every state, of so many ns each, into a new array of shape batch + `shape`; a NumPy scalar for the empty shape.

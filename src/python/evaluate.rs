@@ -71,10 +71,7 @@ impl PyScene {
         shape: &[usize],
         keywords: &Keywords<'_, 'py>,
     ) -> PyResult<Object<'py>> {
-        let mut inputs = Vec::with_capacity(N);
-        for (at, (name, value)) in given.into_iter().enumerate() {
-            inputs.push(if at == 0 { self.configuration::<P>(name, value)? } else { self.rate(name, value)? });
-        }
+        let inputs = self.inputs::<P>(given)?;
         let wrenches = Wrench::read(&self.scene, keywords.wrenches)?;
         let form = algorithm.form();
         let call = Call::new(self, inputs, wrenches, cost)?.with(self.errors(keywords.errors, form)?);

@@ -5,7 +5,6 @@ use super::object::{Object, imported};
 use super::output::Output;
 use super::scene::PyScene;
 use crate::algorithm::Everyday;
-use crate::batch::everyday::homogeneous;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -30,7 +29,7 @@ impl PyScene {
         let mut all = call.scratch_results(py, 16 * links.len())?;
         call.numbers(py, all.numbers()?, |scene, _, [q], out| {
             for (shift, out) in scene.placements(q)?.iter().zip(out.chunks_exact_mut(16)) {
-                homogeneous(shift, out);
+                shift.homogeneous(out);
             }
             Ok(())
         })?;

@@ -5,7 +5,6 @@ use super::input::triple;
 use super::object::Object;
 use super::scene::PyScene;
 use crate::algorithm::Everyday;
-use crate::batch::everyday::homogeneous;
 use crate::error::{Error, check_finite};
 use crate::kinematics::frame::{ACCELERATION_KINDS, REFERENCE_FRAMES};
 use crate::kinematics::{Frame, ReferenceFrame};
@@ -57,7 +56,7 @@ impl PyScene {
             scratch.placements.resize(frames.len(), RigidShift::identity());
             scene.placements_of(&mut scratch.workspace, q, &frames, &mut scratch.placements)?;
             for (placement, out) in scratch.placements.iter().zip(out.chunks_exact_mut(16)) {
-                homogeneous(placement, out);
+                placement.homogeneous(out);
             }
             Ok(())
         })

@@ -33,6 +33,11 @@ mod cost {
 /// Where a link is: the moving body that carries it, and its placement there.
 pub(super) type Place = (Option<usize>, RigidShift<f64>);
 
+/// Gradients by the parameters of links, each in its own frame, from those of the bodies that carry them.
+pub(super) fn parameters_of(links: &[Place], bodies: &[Parameters<f64>]) -> impl Iterator<Item = Parameters<f64>> {
+    links.iter().map(|(body, placement)| body.map_or([0.0; 10], |body| of_link(placement, &bodies[body])))
+}
+
 /// Where every link is that a joint carries, in the order of the joints.
 pub(super) fn places_of_links(scene: &Scene) -> Result<Vec<Place>, Error> {
     scene.joints().iter().map(|joint| scene.link(&joint.child).map(|link| (link.body, link.placement))).collect()
@@ -257,10 +262,7 @@ impl PyScene {
         (keywords, body): (&Keywords<'_, 'py>, usize),
     ) -> PyResult<Call<'a, 'py>> {
         let errors = self.errors(keywords.errors, which.form())?;
-        let mut inputs: Vec<Input<'py>> = Vec::with_capacity(given.len());
-        for (at, (name, value)) in given.into_iter().enumerate() {
-            inputs.push(if at == 0 { self.configuration(name, value)? } else { self.rate(name, value)? });
-        }
+        let mut inputs = self.inputs(given)?;
         inputs.extend(others);
         let cost = Cost { arithmetic: body * self.size(), results: which.count() * self.scene.nv() };
         Ok(Call::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?.with(errors))
@@ -478,8 +480,8 @@ impl Links<'_> {
         }
         let (of_links, rest) = rest.split_at_mut(10 * self.moving.len());
         let (armature, gravity) = rest.split_at_mut(bodies.armature.len());
-        for (to, (body, placement)) in of_links.chunks_exact_mut(10).zip(self.moving) {
-            to.copy_from_slice(&body.map_or([0.0; 10], |body| of_link(placement, &bodies.parameters[body])));
+        for (to, own) in of_links.chunks_exact_mut(10).zip(parameters_of(self.moving, bodies.parameters)) {
+            to.copy_from_slice(&own);
         }
         armature.copy_from_slice(bodies.armature);
         gravity.copy_from_slice(bodies.gravity);

@@ -8,12 +8,11 @@ use super::input::Input;
 use super::interrupts::detached;
 use super::object::{Object, imported};
 use super::output::from_numbers;
-use super::products::{Place, places_of_links};
+use super::products::{Place, parameters_of, places_of_links};
 use super::scene::PyScene;
 use super::stepping::Keywords;
 use crate::batch::{Fault, broadcast_axes};
-use crate::dynamics::derivatives::{Parameters, of_link};
-use crate::error::Error;
+use crate::error::{Error, check_finite};
 use crate::memory;
 use crate::motion::properties::FRICTION_SPEED;
 use crate::motion::{RecordedRows, Rollout, RolloutGradients};
@@ -95,6 +94,9 @@ impl PyScene {
             Input::table("cotangent_q", cotangent_q, rows, own.rates())?,
             Input::table("cotangent_qd", cotangent_qd, rows, own.rates())?,
         ];
+        for input in &inputs {
+            check_finite(&input.name, input.data()?)?;
+        }
         let mut axes: Vec<(&str, &[usize])> = inputs.iter().map(|input| (&*input.name, input.leading())).collect();
         axes.extend(given.leading());
         for of_pd in pd.iter().flat_map(Pd::leading) {
@@ -148,20 +150,13 @@ impl<'py> Output<'_, 'py> {
             parts.push(self.array(numbers, &[self.nv])?);
         }
         parts.push(match links {
-            Some(links) => self.array(&of_links(links, found, self.batch.iter().product()), &[links.len(), 10])?,
+            Some(links) => {
+                let bodies = found.parameters.len().checked_div(self.batch.iter().product()).unwrap_or(0);
+                let each = found.parameters.chunks_exact(bodies.max(1)).flat_map(|state| parameters_of(links, state));
+                self.array(each.collect::<Vec<_>>().as_flattened(), &[links.len(), 10])?
+            }
             None => self.py.None().into_bound(self.py),
         });
         imported!(self.py, "phipsi._results", "RolloutGradients")?.call1(PyTuple::new(self.py, parts)?)
     }
-}
-
-/// Gradients by the parameters of links, each in its own frame, from those of the bodies that carry them.
-fn of_links(links: &[Place], found: &RolloutGradients, states: usize) -> Vec<f64> {
-    let bodies = found.parameters.len().checked_div(states).unwrap_or(0);
-    let of_state = |state: &[Parameters<f64>]| -> Vec<f64> {
-        let each =
-            links.iter().map(|(body, placement)| body.map_or([0.0; 10], |body| of_link(placement, &state[body])));
-        each.flatten().collect()
-    };
-    found.parameters.chunks_exact(bodies.max(1)).flat_map(of_state).collect()
 }

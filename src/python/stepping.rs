@@ -56,9 +56,7 @@ impl<'py> Keywords<'_, 'py> {
         let pd = self.pd.map(|pd| Pd::read(pd, own)).transpose()?;
         Ok((settings, pd))
     }
-}
 
-impl<'py> Keywords<'_, 'py> {
     /// The keywords and torques that say, beside a trajectory's own fields, how it was made.
     pub fn given(
         &self,

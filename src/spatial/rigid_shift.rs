@@ -29,6 +29,19 @@ impl<T: Real> RigidShift<T> {
         Self { rotation: Matrix3::from_element(value), lever: Vector3::from_element(value) }
     }
 
+    /// Writes [[R, p], [0, 1]], (4 x 4) row by row: the place of the child's frame in the parent's.
+    #[inline(always)]
+    pub fn homogeneous(&self, out: &mut [T]) {
+        let zero = self.lever[0].constant(0.0);
+        for i in 0..3 {
+            for j in 0..3 {
+                out[4 * i + j] = self.rotation[(i, j)];
+            }
+            out[4 * i + 3] = self.lever[i];
+        }
+        out[12..16].copy_from_slice(&[zero, zero, zero, zero.constant(1.0)]);
+    }
+
     /// phi as a 6x6 matrix.
     pub fn to_matrix(&self) -> Matrix6<T> {
         let mut m = Matrix6::from_element(T::zero());

@@ -6,6 +6,7 @@ use crate::motion::step::{Solver, step};
 use crate::motion::{Gains, METHODS, Method, Properties};
 use crate::scalar::{DoubleDouble, Dual};
 use crate::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
+use crate::scenes::draw::Draw;
 use crate::spatial::Symmetric3;
 use nalgebra::Vector3;
 
@@ -24,31 +25,22 @@ fn unit(i: usize) -> [f64; 6] {
     std::array::from_fn(|j| f64::from(u8::from(i == j)))
 }
 
-/// Numbers of about one, the same each time.
-struct Numbers(u64);
+/// Numbers up to this size, of either sign.
+fn many(draw: &mut Draw, count: usize, size: f64) -> Vec<f64> {
+    (0..count).map(|_| draw.uniform(-size, size)).collect()
+}
 
-impl Numbers {
-    #[allow(clippy::cast_precision_loss)] // 53 bits
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-    }
-
-    fn many(&mut self, count: usize, size: f64) -> Vec<f64> {
-        (0..count).map(|_| size * self.next()).collect()
-    }
-
-    fn positive(&mut self, count: usize, size: f64) -> Vec<f64> {
-        self.many(count, size).iter().map(|x| x.abs() + 0.1 * size).collect()
-    }
+/// Numbers of about this size.
+fn positive(draw: &mut Draw, count: usize, size: f64) -> Vec<f64> {
+    (0..count).map(|_| draw.uniform(0.1 * size, 1.1 * size)).collect()
 }
 
 /// A floating branched robot with every kind of joint.
 fn scene() -> Scene {
-    let mut random = Numbers(7);
-    let inertial = |random: &mut Numbers| Inertial {
-        mass: 1.0 + 0.3 * random.next(),
-        centre: Vector3::from_fn(|_, _| 0.2 * random.next()),
+    let mut random = Draw::new(7);
+    let inertial = |random: &mut Draw| Inertial {
+        mass: 1.0 + 0.3 * random.uniform(-1.0, 1.0),
+        centre: Vector3::from_fn(|_, _| 0.2 * random.uniform(-1.0, 1.0)),
         central: Symmetric3::new([0.04, 0.005, -0.003, 0.05, 0.002, 0.03]),
     };
     let kinds = [
@@ -66,8 +58,8 @@ fn scene() -> Scene {
     for (k, kind) in kinds.into_iter().enumerate() {
         let parent = if k < 2 { "base".to_owned() } else { format!("l{}", k - 2) };
         let mut joint = JointDescription::new(format!("j{k}"), kind, parent, format!("l{k}"));
-        joint.origin.lever = Vector3::from_fn(|_, _| 0.4 * random.next());
-        joint.axis = Vector3::from_fn(|_, _| random.next());
+        joint.origin.lever = Vector3::from_fn(|_, _| 0.4 * random.uniform(-1.0, 1.0));
+        joint.axis = Vector3::from_fn(|_, _| random.uniform(-1.0, 1.0));
         joint.armature = 0.1;
         let inertial = Some(inertial(&mut random));
         builder = builder.link(LinkDescription { name: format!("l{k}"), inertial }).joint(joint);
@@ -87,31 +79,34 @@ struct Case {
 
 impl Case {
     fn new(method: Method, step: f64) -> Self {
-        let (scene, mut random) = (scene(), Numbers(3));
+        let (scene, mut random) = (scene(), Draw::new(3));
         let nv = scene.nv();
         let mut near = |size: f64| {
             let mut q = scene.neutral();
-            scene.integrate(&scene.neutral(), &random.many(nv, size), &mut q).expect("a configuration");
+            scene.integrate(&scene.neutral(), &many(&mut random, nv, size), &mut q).expect("a configuration");
             q
         };
         let (q, rest, target) = (near(1.0), near(1.0), near(1.0));
         let properties = Properties {
-            armature: random.positive(nv, 0.2),
-            damping: random.positive(nv, 0.5),
-            stiffness: random.positive(nv, 3.0),
+            armature: positive(&mut random, nv, 0.2),
+            damping: positive(&mut random, nv, 0.5),
+            stiffness: positive(&mut random, nv, 3.0),
             rest,
-            friction: random.positive(nv, 0.3),
+            friction: positive(&mut random, nv, 0.3),
             friction_speed: 0.5,
         };
         let gains = Gains {
-            proportional: random.positive(nv, 3.0),
-            derivative: random.positive(nv, 0.5),
+            proportional: positive(&mut random, nv, 3.0),
+            derivative: positive(&mut random, nv, 0.5),
             target,
-            target_rate: random.many(nv, 0.3),
+            target_rate: many(&mut random, nv, 0.3),
         };
         let law = Law::new(scene.model(), step, method, (properties, Some(gains)), Vec::new()).backward();
-        let (v, torque, end) =
-            (random.many(nv, 1.0), random.many(nv, 5.0), [random.many(nv, 1.0), random.many(nv, 1.0)]);
+        let (v, torque, end) = (
+            many(&mut random, nv, 1.0),
+            many(&mut random, nv, 5.0),
+            [many(&mut random, nv, 1.0), many(&mut random, nv, 1.0)],
+        );
         Self { scene, law, q, v, torque, end }
     }
 
