@@ -200,7 +200,14 @@ _FUNCTION = "a function"
 
 
 def _kept(given: dict[str, Any]) -> dict[str, Any]:
-    return {name: _FUNCTION if callable(value) else copy.deepcopy(value) for name, value in given.items()}
+    """What was given, as it is now: whoever gave it may write to it later."""
+
+    def own(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return value.copy()
+        return _FUNCTION if callable(value) else copy.deepcopy(value)
+
+    return {name: own(value) for name, value in given.items()}
 
 
 def trajectory_of(

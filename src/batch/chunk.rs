@@ -122,7 +122,7 @@ impl<T: Vectorised> Chunk<T> {
         out: &mut [T::Number],
     ) -> u64 {
         if T::Number::RARE_KERNELS {
-            return target.within(AtHand { chunk: self, what, states, out });
+            return target.within(EverydayRun { chunk: self, what, states, out });
         }
         u64::MAX
     }
@@ -341,14 +341,14 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
 }
 
 /// An everyday function with its states, to be run inside an arm.
-struct AtHand<'a, T: Vectorised> {
+struct EverydayRun<'a, T: Vectorised> {
     chunk: &'a mut Chunk<T>,
     what: &'a Everyday<'a>,
     states: &'a [Arguments<'a, T::Number>],
     out: &'a mut [T::Number],
 }
 
-impl<T: Vectorised> Work for AtHand<'_, T> {
+impl<T: Vectorised> Work for EverydayRun<'_, T> {
     type Output = u64;
 
     #[inline(always)]

@@ -3,7 +3,7 @@
 //! With a bar for the gradient of the scalar by a variable of `step`, each line of the step, from its last to its first, hands its gradient on:
 //!
 //! ```text
-//! q' = q exp(x), v' = v + h sum b_i m_i         l_i' += h b_i x', m_i' += h b_i v'
+//! q' = q exp(x), v' = v + h sum b_i m_i         l_i_bar += h b_i x_bar, m_i_bar += h b_i v'_bar
 //! l_i = c_i + h gamma_ii m_i                    m_i_bar += h gamma_ii l_i_bar
 //! (M + N) m_i = u_i - bias                      u_i_bar = (M + N)^-1 m_i_bar, and the reverse product of inverse dynamics at m_i for q_i, v_i and constants
 //! N = r + h g d + h^2 g^2 k                     N_bar = -u_i_bar m_i, row by row

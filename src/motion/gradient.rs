@@ -5,7 +5,7 @@
 //! through one.
 
 use super::backward::ACTING;
-use super::reverser::{Reverser, Way};
+use super::reverser::{Job, Reverser};
 use super::rollout::{GRAIN, Rollout, StepFault, Torque};
 use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::derivatives::Parameters;
@@ -112,8 +112,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
             for from in range.clone().step_by(lanes) {
                 let to = (from + lanes).min(range.end);
                 let out = &mut out[(from - range.start) * width..(to - range.start) * width];
-                let way = Way { scene, law, torque, rows, count, states: from..to, layout };
-                if let Err(found) = reverser.run(&way, out) {
+                let job = Job { scene, law, torque, rows, count, states: from..to, layout };
+                if let Err(found) = reverser.run(&job, out) {
                     let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
                     if fault.as_ref().is_none_or(|known| found.state < known.state) {
                         *fault = Some(found);

@@ -24,8 +24,8 @@ use std::ops::Range;
 /// The longest run of steps that is made again and kept whole.
 const KEPT_WHOLE: usize = 256;
 
-/// The way back of neighbouring states, as many as there are lanes or fewer.
-pub(super) struct Way<'a> {
+/// Neighbouring states that go back through all steps, as many as there are lanes or fewer.
+pub(super) struct Job<'a> {
     pub scene: &'a Scene,
     pub law: &'a Law,
     pub torque: &'a Torque<'a>,
@@ -36,7 +36,7 @@ pub(super) struct Way<'a> {
     pub layout: Layout,
 }
 
-impl Way<'_> {
+impl Job<'_> {
     /// (q, qd) of a recorded row of each state, one state after another.
     fn row(&self, row: usize, into: &mut Vec<f64>) {
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
@@ -56,19 +56,19 @@ impl Way<'_> {
 /// What goes back through steps, whatever its scalar.
 trait Reversing: Send + Sync {
     /// Begins with no gradient at all.
-    fn begin(&mut self, way: &Way<'_>);
+    fn begin(&mut self, job: &Job<'_>);
 
     /// Adds the gradients by a recorded row, which is where the next step back ends.
-    fn add_row(&mut self, way: &Way<'_>, row: usize);
+    fn add_row(&mut self, job: &Job<'_>, row: usize);
 
     /// Back through step `n`, from where it ended to `start`, (q, qd) of each state; gradients by torques of steps go to `out`.
-    fn step(&mut self, way: &Way<'_>, n: usize, start: &[f64], out: &mut [f64]) -> Result<(), StepFault>;
+    fn step(&mut self, job: &Job<'_>, n: usize, start: &[f64], out: &mut [f64]) -> Result<(), StepFault>;
 
     /// Writes what has come together.
-    fn finish(&mut self, way: &Way<'_>, out: &mut [f64]);
+    fn finish(&mut self, job: &Job<'_>, out: &mut [f64]);
 }
 
-/// Scratch for the way back on one thread, made when it is first used.
+/// Scratch for going back on one thread, made when it is first used.
 pub(super) struct Reverser {
     stepper: Stepper,
     arm: Arm,
@@ -83,27 +83,27 @@ impl Reverser {
         Self { stepper: Stepper::new(form, arm), arm, form, one: None, many: None }
     }
 
-    /// How many states a way may have.
+    /// How many states a job may have.
     pub fn lanes(&self) -> usize {
         self.stepper.lanes()
     }
 
     /// From the last row to the first.
-    pub fn run(&mut self, way: &Way<'_>, out: &mut [f64]) -> Result<(), StepFault> {
-        let (arm, form, alone) = (self.arm, self.form, way.states.len() == 1);
+    pub fn run(&mut self, job: &Job<'_>, out: &mut [f64]) -> Result<(), StepFault> {
+        let (arm, form, alone) = (self.arm, self.form, job.states.len() == 1);
         let place = if alone { &mut self.one } else { &mut self.many };
-        let reversing = place.get_or_insert_with(|| scratch(way, (form, arm), alone));
-        reversing.begin(way);
-        let (every, mut start) = (way.rows.every, Vec::new());
-        for row in (0..way.count).rev() {
-            if row + 1 < way.count {
-                watch::check().map_err(|error| way.refuse(error))?;
-                way.row(row, &mut start);
-                through(&mut self.stepper, &mut **reversing, (way, &start), row * every..(row + 1) * every, out)?;
+        let reversing = place.get_or_insert_with(|| scratch(job, (form, arm), alone));
+        reversing.begin(job);
+        let (every, mut start) = (job.rows.every, Vec::new());
+        for row in (0..job.count).rev() {
+            if row + 1 < job.count {
+                watch::check().map_err(|error| job.refuse(error))?;
+                job.row(row, &mut start);
+                through(&mut self.stepper, &mut **reversing, (job, &start), row * every..(row + 1) * every, out)?;
             }
-            reversing.add_row(way, row);
+            reversing.add_row(job, row);
         }
-        reversing.finish(way, out);
+        reversing.finish(job, out);
         Ok(())
     }
 }
@@ -112,35 +112,35 @@ impl Reverser {
 fn through(
     stepper: &mut Stepper,
     reversing: &mut dyn Reversing,
-    (way, start): (&Way<'_>, &[f64]),
+    (job, start): (&Job<'_>, &[f64]),
     steps: Range<usize>,
     out: &mut [f64],
 ) -> Result<(), StepFault> {
     let count = steps.len();
     if count == 1 {
-        return reversing.step(way, steps.start, start, out);
+        return reversing.step(job, steps.start, start, out);
     }
-    watch::check().map_err(|error| way.refuse(error))?;
+    watch::check().map_err(|error| job.refuse(error))?;
     let stride = if count <= KEPT_WHOLE { 1 } else { count.isqrt() + 1 };
     let rows = count.div_ceil(stride);
-    let (nq, nv, states) = (way.scene.nq(), way.scene.nv(), way.states.len());
+    let (nq, nv, states) = (job.scene.nq(), job.scene.nv(), job.states.len());
     let room =
-        |width: usize| memory::filled("steps", states * rows * width, f64::NAN).map_err(|error| way.refuse(error));
+        |width: usize| memory::filled("steps", states * rows * width, f64::NAN).map_err(|error| job.refuse(error));
     let (mut q, mut qd, mut current) = (room(nq)?, room(nv)?, start.to_vec());
     for (state, at) in current.chunks_exact((nq + nv).max(1)).enumerate() {
         q[state * rows * nq..][..nq].copy_from_slice(&at[..nq]);
         qd[state * rows * nv..][..nv].copy_from_slice(&at[nq..]);
     }
     let mut kept =
-        Rows { q: &mut q, qd: &mut qd, first: way.states.start, of_state: rows, from: steps.start, every: stride };
+        Rows { q: &mut q, qd: &mut qd, first: job.states.start, of_state: rows, from: steps.start, every: stride };
     stepper.run(stepper::Job {
-        scene: way.scene,
-        law: way.law,
+        scene: job.scene,
+        law: job.law,
         steps: steps.start..steps.start + (rows - 1) * stride,
-        states: way.states.clone(),
+        states: job.states.clone(),
         begun: &[],
         current: &mut current,
-        torque: way.torque,
+        torque: job.torque,
         rows: Some(&mut kept),
     })?;
     for row in (0..rows).rev() {
@@ -149,24 +149,24 @@ fn through(
             at[nq..].copy_from_slice(&qd[(state * rows + row) * nv..][..nv]);
         }
         let from = steps.start + row * stride;
-        through(stepper, reversing, (way, &current), from..(from + stride).min(steps.end), out)?;
+        through(stepper, reversing, (job, &current), from..(from + stride).min(steps.end), out)?;
     }
     Ok(())
 }
 
 /// Scratch in the scalar of an arm, for one state or for several.
-fn scratch(way: &Way<'_>, (form, arm): (Form, Arm), alone: bool) -> Box<dyn Reversing> {
+fn scratch(job: &Job<'_>, (form, arm): (Form, Arm), alone: bool) -> Box<dyn Reversing> {
     let on_arm: Option<Box<dyn Reversing>> = match (arm, alone) {
         (Arm::Baseline, _) => None,
         #[cfg(target_arch = "x86_64")]
-        (Arm::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(way, form),
+        (Arm::Avx2, false) => Compiled::<Lanes<V3>, V3>::boxed(job, form),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (Arm::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(way, form),
+        (Arm::Avx512, false) => Compiled::<Lanes<V4>, V4>::boxed(job, form),
         #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
-        (Arm::Avx512, true) => Compiled::<Fused, V4>::boxed(way, form),
-        _ => Compiled::<Fused, <Fused as Vectorised>::Least>::boxed(way, form),
+        (Arm::Avx512, true) => Compiled::<Fused, V4>::boxed(job, form),
+        _ => Compiled::<Fused, <Fused as Vectorised>::Least>::boxed(job, form),
     };
-    on_arm.unwrap_or_else(|| Box::new(Compiled::<f64, Baseline>::new(way, form, Baseline)))
+    on_arm.unwrap_or_else(|| Box::new(Compiled::<f64, Baseline>::new(job, form, Baseline)))
 }
 
 /// Scratch in a scalar, for code compiled for some instructions.
@@ -191,38 +191,38 @@ struct Checked {
 
 impl Checked {
     #[cold]
-    fn new(way: &Way<'_>, form: Form) -> Self {
-        let scratch = Scratch::new(way.scene.model(), way.law);
-        let gradients = StepGradients::new(&scratch.model, way.layout.bodies > 0);
+    fn new(job: &Job<'_>, form: Form) -> Self {
+        let scratch = Scratch::new(job.scene.model(), job.law);
+        let gradients = StepGradients::new(&scratch.model, job.layout.bodies > 0);
         let solver = CheckedBackward::new(&scratch.model, form);
         Self { scratch, gradients, solver }
     }
 
     /// Back through the step of one state; the joint and the error, where it cannot be.
     #[inline(never)]
-    fn step(&mut self, way: &Way<'_>) -> Result<(), (String, Error)> {
+    fn step(&mut self, job: &Job<'_>) -> Result<(), (String, Error)> {
         let Self { scratch, gradients, solver } = self;
-        backward(way.law, scratch, gradients, solver);
+        backward(job.law, scratch, gradients, solver);
         if let Some(lost) = solver.lost.take() {
-            let joint = way.scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
-            return Err((joint, way.scene.singular(lost)));
+            let joint = job.scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
+            return Err((joint, job.scene.singular(lost)));
         }
         let mut results = gradients.results();
         results
-            .try_for_each(|numbers| way.scene.check_result("gradients", numbers))
+            .try_for_each(|numbers| job.scene.check_result("gradients", numbers))
             .map_err(|error| (String::new(), error))
     }
 }
 
 impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
-    fn new(way: &Way<'_>, form: Form, target: I) -> Self {
-        let scratch = Scratch::new(way.scene.model(), way.law);
+    fn new(job: &Job<'_>, form: Form, target: I) -> Self {
+        let scratch = Scratch::new(job.scene.model(), job.law);
         let zero = T::zero();
         Self {
-            gradients: StepGradients::new(&scratch.model, way.layout.bodies > 0),
+            gradients: StepGradients::new(&scratch.model, job.layout.bodies > 0),
             solver: InLanes::new(target, form, (&scratch.model, &scratch.constants)),
-            sums: std::array::from_fn(|_| vec![zero; way.layout.nv]),
-            parameters: vec![[zero; 10]; way.layout.bodies],
+            sums: std::array::from_fn(|_| vec![zero; job.layout.nv]),
+            parameters: vec![[zero; 10]; job.layout.bodies],
             scratch,
             form,
             target,
@@ -231,37 +231,37 @@ impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
     }
 
     /// None where this processor does not have them.
-    fn boxed(way: &Way<'_>, form: Form) -> Option<Box<dyn Reversing>> {
-        Some(Box::new(Self::new(way, form, I::here()?)))
+    fn boxed(job: &Job<'_>, form: Form) -> Option<Box<dyn Reversing>> {
+        Some(Box::new(Self::new(job, form, I::here()?)))
     }
 }
 
 impl<T: Vectorised<Number = f64>, I: Target> Reversing for Compiled<T, I> {
-    fn begin(&mut self, way: &Way<'_>) {
+    fn begin(&mut self, job: &Job<'_>) {
         let Self { scratch: s, gradients, sums, parameters, .. } = self;
         for numbers in sums.iter_mut().chain(&mut gradients.end) {
             clear(numbers);
         }
         clear(parameters.as_flattened_mut());
         clear(&mut s.torque);
-        let (states, nq, nv) = (&way.states, way.scene.nq(), way.scene.nv());
+        let (states, nq, nv) = (&job.states, job.scene.nq(), job.scene.nv());
         for lane in 0..T::LANES {
             let state = states.start + lane.min(states.len() - 1);
-            if let Some(gains) = &way.law.gains {
+            if let Some(gains) = &job.law.gains {
                 fill(&mut s.target, lane, of_state(&gains.target, nq, state));
                 fill(&mut s.target_rate, lane, of_state(&gains.target_rate, nv, state));
             }
-            if let Torque::Constant(torque) = way.torque {
+            if let Torque::Constant(torque) = job.torque {
                 fill(&mut s.torque, lane, torque.state(state));
             }
         }
     }
 
-    fn add_row(&mut self, way: &Way<'_>, row: usize) {
-        let nv = way.scene.nv();
-        for (end, given) in self.gradients.end.iter_mut().zip([way.rows.by_q, way.rows.by_qd]) {
-            for (lane, state) in way.states.clone().enumerate() {
-                let given = &given[(state * way.count + row) * nv..][..nv];
+    fn add_row(&mut self, job: &Job<'_>, row: usize) {
+        let nv = job.scene.nv();
+        for (end, given) in self.gradients.end.iter_mut().zip([job.rows.by_q, job.rows.by_qd]) {
+            for (lane, state) in job.states.clone().enumerate() {
+                let given = &given[(state * job.count + row) * nv..][..nv];
                 for (sum, &more) in end.iter_mut().zip(given) {
                     sum.lanes_mut()[lane] += more;
                 }
@@ -269,12 +269,12 @@ impl<T: Vectorised<Number = f64>, I: Target> Reversing for Compiled<T, I> {
         }
     }
 
-    fn step(&mut self, way: &Way<'_>, n: usize, start: &[f64], out: &mut [f64]) -> Result<(), StepFault> {
+    fn step(&mut self, job: &Job<'_>, n: usize, start: &[f64], out: &mut [f64]) -> Result<(), StepFault> {
         let target = self.target;
-        let mut doubt = target.within(Step { compiled: self, way, n, start });
-        doubt &= u64::MAX >> (64 - way.states.len());
+        let mut doubt = target.within(Step { compiled: self, job, n, start });
+        doubt &= u64::MAX >> (64 - job.states.len());
         if doubt != 0 {
-            self.again(way, n, doubt)?;
+            self.again(job, n, doubt)?;
         }
         let Self { gradients, sums, parameters, .. } = self;
         let StepGradients { start, end, acting, parameters: of_step, .. } = gradients;
@@ -285,23 +285,23 @@ impl<T: Vectorised<Number = f64>, I: Target> Reversing for Compiled<T, I> {
         for (sum, &more) in parameters.as_flattened_mut().iter_mut().zip(of_step.as_flattened()) {
             *sum += more;
         }
-        if matches!(way.torque, Torque::Steps { .. }) {
-            for (lane, out) in out.chunks_exact_mut(way.layout.width()).enumerate() {
-                scatter(&acting[TORQUE], lane, &mut out[way.layout.torque(n)]);
+        if matches!(job.torque, Torque::Steps { .. }) {
+            for (lane, out) in out.chunks_exact_mut(job.layout.width()).enumerate() {
+                scatter(&acting[TORQUE], lane, &mut out[job.layout.torque(n)]);
             }
         }
         Ok(())
     }
 
-    fn finish(&mut self, way: &Way<'_>, out: &mut [f64]) {
+    fn finish(&mut self, job: &Job<'_>, out: &mut [f64]) {
         let Self { gradients, sums, parameters, .. } = self;
-        let (nv, layout) = (way.layout.nv, way.layout);
+        let (nv, layout) = (job.layout.nv, job.layout);
         for (lane, out) in out.chunks_exact_mut(layout.width().max(1)).enumerate() {
             let of_rows = gradients.end.iter().chain(&sums[TORQUE + 1..]);
             for (i, numbers) in of_rows.enumerate() {
                 scatter(numbers, lane, &mut out[i * nv..(i + 1) * nv]);
             }
-            if !matches!(way.torque, Torque::Steps { .. }) {
+            if !matches!(job.torque, Torque::Steps { .. }) {
                 scatter(&sums[TORQUE], lane, &mut out[layout.torque(0)]);
             }
             scatter(parameters.as_flattened(), lane, &mut out[layout.parameters()]);
@@ -313,9 +313,9 @@ impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
     /// The step once more, with every check, for the lanes in doubt.
     #[cold]
     #[inline(never)]
-    fn again(&mut self, way: &Way<'_>, n: usize, mut doubt: u64) -> Result<(), StepFault> {
+    fn again(&mut self, job: &Job<'_>, n: usize, mut doubt: u64) -> Result<(), StepFault> {
         let Self { scratch: s, gradients, form, checked, .. } = self;
-        let checked = checked.get_or_insert_with(|| Box::new(Checked::new(way, *form)));
+        let checked = checked.get_or_insert_with(|| Box::new(Checked::new(job, *form)));
         while doubt != 0 {
             let lane = doubt.trailing_zeros() as usize;
             doubt &= doubt - 1;
@@ -323,8 +323,8 @@ impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
             for (to, from) in checked.gradients.end.iter_mut().zip(&gradients.end) {
                 scatter(from, lane, to);
             }
-            let state = way.states.start + lane;
-            checked.step(way).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
+            let state = job.states.start + lane;
+            checked.step(job).map_err(|(joint, error)| StepFault { step: n, state, joint, error })?;
             for (numbers, own) in gradients.results().zip(checked.gradients.results()) {
                 fill(numbers, lane, own);
             }
@@ -336,7 +336,7 @@ impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
 /// One step of all lanes, to be compiled for an arm; gives the lanes in doubt as bits.
 struct Step<'a, T: Vectorised, I> {
     compiled: &'a mut Compiled<T, I>,
-    way: &'a Way<'a>,
+    job: &'a Job<'a>,
     n: usize,
     start: &'a [f64],
 }
@@ -347,15 +347,15 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Step<'_, T, I> {
     #[allow(clippy::eq_op)] // x - x is zero where x is finite, else NaN
     #[inline(always)]
     fn call(self) -> u64 {
-        let Self { compiled: Compiled { scratch: s, gradients, solver, .. }, way, n, start } = self;
-        let (count, nq, nv) = (way.states.len(), way.scene.nq(), way.scene.nv());
+        let Self { compiled: Compiled { scratch: s, gradients, solver, .. }, job, n, start } = self;
+        let (count, nq, nv) = (job.states.len(), job.scene.nq(), job.scene.nv());
         take_states(&mut s.q, count, |lane| &start[lane * (nq + nv)..][..nq]);
         take_states(&mut s.v, count, |lane| &start[lane * (nq + nv) + nq..][..nv]);
-        if let Torque::Steps { torque, first } = way.torque {
+        if let Torque::Steps { torque, first } = job.torque {
             let at = (n - first) * nv;
-            take_states(&mut s.torque, count, |lane| &torque.state(way.states.start + lane)[at..at + nv]);
+            take_states(&mut s.torque, count, |lane| &torque.state(job.states.start + lane)[at..at + nv]);
         }
-        let doubt = backward(way.law, s, gradients, solver);
+        let doubt = backward(job.law, s, gradients, solver);
         let mut worst = T::one();
         for numbers in gradients.start.iter().chain(&gradients.acting) {
             for &x in numbers {
