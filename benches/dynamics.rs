@@ -5,7 +5,7 @@
 
 mod common;
 
-use common::{ALGORITHMS, BATCH, CHAINS, KINDS, ROBOTS, arguments, model, states, states_of};
+use common::{ALGORITHMS, CHAINS, KINDS, ROBOTS, arguments, batch_of, model, states, states_of};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::DMatrixView;
 use phipsi::dynamics::operational::Frame;
@@ -35,10 +35,10 @@ fn algorithms(c: &mut Criterion, name: &str, scene: &Scene, batches: bool) {
         if !batches {
             continue;
         }
-        let many: Vec<_> = all.iter().cycle().take(BATCH).copied().collect();
-        let mut out = vec![0.0; scene.width(algorithm) * BATCH];
+        let many: Vec<_> = all.iter().cycle().take(batch_of(algorithm)).copied().collect();
+        let mut out = vec![0.0; scene.width(algorithm) * many.len()];
         let mut group = c.benchmark_group(format!("{group}_batch"));
-        group.throughput(Throughput::Elements(BATCH as u64)).sample_size(20);
+        group.throughput(Throughput::Elements(many.len() as u64)).sample_size(20);
         group.bench_function(name, |b| {
             b.iter(|| {
                 let states = black_box(&many[..]);

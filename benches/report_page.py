@@ -15,6 +15,8 @@ TITLES = {
     "inverse_dynamics": "Inverse dynamics",
     "mass_matrix": "Mass matrix",
     "mass_matrix_inverse": "Inverse of the mass matrix",
+    "inverse_dynamics_derivatives": "Derivatives of inverse dynamics",
+    "forward_dynamics_derivatives": "Derivatives of forward dynamics",
 }
 #: What the project wants to reach on these models (issue 5), as ratios to Pinocchio in C++: by group, and the group's arm.
 AIMED_AT = ("chain_7", "g1", "talos")
@@ -24,11 +26,15 @@ AIMS = {
     "inverse_dynamics": 4.0,
     "mass_matrix": 2.0,
     "mass_matrix_inverse": 3.0,
+    "inverse_dynamics_derivatives": 3.0,
+    "forward_dynamics_derivatives": 3.0,
     "forward_dynamics_batch": 25.0,
     "forward_dynamics_batch/avx2": 14.0,
     "inverse_dynamics_batch": 20.0,
     "mass_matrix_batch": 20.0,
     "mass_matrix_inverse_batch": 20.0,
+    "inverse_dynamics_derivatives_batch": 10.0,
+    "forward_dynamics_derivatives_batch": 10.0,
 }
 #: The same from Python, of one core, against a loop over Pinocchio; and one state a call against pin.aba, chain of 7.
 AIM_PYTHON_BATCH, AIM_PYTHON_CALL = 30.0, 2.0
@@ -42,11 +48,11 @@ LIMITS = """\
 - From Python everything is in: the call, the checks, the new array for the result; for Drake and MuJoCo also what sets the state.
 - `mj_step` and `mujoco.rollout` do a step, with more kinematics than accelerations need; `mj_forward` and `mj_inverse` too. MuJoCo fuses
   fixed links, as phipsi does; contacts, limits and other constraints are off.
-- Pinocchio fills the upper triangle of the mass matrix and of its inverse; phipsi fills both. Factoring the mass matrix is not compared.
+- Pinocchio fills the upper triangle of the mass matrix and of its inverse, with derivatives too; phipsi fills both. Factoring the mass matrix is not compared.
 - A loop over Pinocchio is a Python loop that stores each result; `pin.abaInParallel` is its own batch, which it has for two algorithms.
 - Drake's and dynibo's calls from C++ and Rust are faster than from Python; so is phipsi's.
 - Models without shapes and damping; mimic joints are joints of their own. Gravity is 9.80665 m/s^2 in all calls from Python: dynibo has no other.
-- Caches are warm, and 256 states (batches: 4096) are drawn beforehand and taken in turn.
+- Caches are warm, and 256 states (batches: 4096, of derivatives 256) are drawn beforehand and taken in turn.
 """
 
 

@@ -5,7 +5,7 @@
 
 mod common;
 
-use common::{BATCH, arguments, robot, states};
+use common::{arguments, batch_of, robot, states};
 use phipsi::batch::arms::{ARMS, Arm, Target, Vectorised, Work};
 use phipsi::batch::evaluator::Evaluator;
 use phipsi::report::operations::{Task, count, footprint};
@@ -240,13 +240,13 @@ fn cases(name: &str, scene: &Scene, seconds: f64) -> Vec<String> {
             add(arm, 1, 1, ns);
             // A batch on the baseline is one state after another.
             if arm != Arm::Baseline {
-                let many: Vec<_> = all.iter().cycle().take(BATCH).copied().collect();
-                let mut out = vec![0.0; scene.width(algorithm) * BATCH];
+                let many: Vec<_> = all.iter().cycle().take(batch_of(algorithm)).copied().collect();
+                let mut out = vec![0.0; scene.width(algorithm) * many.len()];
                 let ns = median_ns(seconds, || {
                     scene.evaluate(&mut evaluator, algorithm, black_box(&many), black_box(&mut out)).expect("states");
                 });
                 #[allow(clippy::cast_precision_loss)] // a count
-                add(arm, BATCH, evaluator.lanes(), ns / BATCH as f64);
+                add(arm, many.len(), evaluator.lanes(), ns / many.len() as f64);
             }
         }
     }

@@ -4,14 +4,14 @@
 //! `GROUP MODEL SECONDS`, measures for about that long, and answers each with a line: nanoseconds a state. Without `serve` (as
 //! `cargo bench` starts it) it does nothing.
 //!
-//! A group is an algorithm of [`ALGORITHMS`], with `_batch` for batches of 4096 states; behind it another form than covariance and
+//! A group is an algorithm of [`ALGORITHMS`], with `_batch` for batches of 4096 states (256 of derivatives); behind it another form than covariance and
 //! another arm than that of the process, and a kind of states other than random ones: `forward_dynamics/square-root`,
 //! `forward_dynamics_batch/avx2`, `forward_dynamics/auto/held`. All go through
 //! [`Scene::evaluate`], with the checks of every argument and result.
 
 mod common;
 
-use common::{ALGORITHMS, BATCH, KINDS, Kind, State, arguments, median_ns, model, states, states_of};
+use common::{ALGORITHMS, KINDS, Kind, State, arguments, batch_of, median_ns, model, states, states_of};
 use phipsi::batch::arms::{ARMS, Arm};
 use phipsi::batch::evaluator::Evaluator;
 use phipsi::filter::FORMS;
@@ -46,7 +46,9 @@ impl Group {
                 group.algorithm = match algorithm {
                     Algorithm::ForwardDynamics(_) => Algorithm::ForwardDynamics(form),
                     Algorithm::MassMatrixInverse(_) => Algorithm::MassMatrixInverse(form),
-                    Algorithm::Derivatives(_) => Algorithm::Derivatives(Derivatives::ForwardDynamics(form)),
+                    Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) => {
+                        Algorithm::Derivatives(Derivatives::ForwardDynamics(form))
+                    }
                     _ => return Err(format!("{name} has no forms, so no {part:?}")),
                 };
             } else if let Some(kind) = named(&KINDS, part) {
@@ -86,7 +88,8 @@ impl Kept {
         }
         let states = &states[&kind];
         let evaluator = evaluators.entry(arm).or_insert_with(|| Evaluator::on(arm, scene));
-        let (count, a_call) = if batch { (BATCH, BATCH) } else { (states.len(), 1) };
+        let a_call = if batch { batch_of(algorithm) } else { 1 };
+        let count = states.len().max(a_call);
         let states: Vec<_> = states.iter().map(|state| arguments(algorithm, state)).cycle().take(count).collect();
         let width = scene.width(algorithm) * a_call;
         out.resize(width.max(out.len()), 0.0);

@@ -28,6 +28,9 @@ pub enum Algorithm {
 pub enum Products {
     /// u = qdd, seed = (dq, dqd, dqdd); gives dtau, (nv).
     InverseTangent,
+    /// The same along changes of what is constant too, with which the third vector of the seed goes on: armature (nv), gravity (3), wrenches (bodies x 6), inertial
+    /// parameters (bodies x 10), as [`Directions`](crate::dynamics::derivatives::Directions) has them.
+    InverseTangents,
     /// u = qdd, seed = the cotangent of tau; gives those of q, qd and qdd, (3 x nv).
     InverseGradient,
     /// The same and those of what is constant, one after another: armature (nv), gravity (3), wrenches (bodies x 6), inertial parameters (bodies x 10), as
@@ -35,6 +38,8 @@ pub enum Products {
     InverseGradients,
     /// u = tau, seed = (dq, dqd, dtau); gives dqdd, (nv).
     ForwardTangent(Form),
+    /// The same along changes of what is constant too, as [`Products::InverseTangents`].
+    ForwardTangents(Form),
     /// u = tau, seed = the cotangent of qdd; gives those of q, qd and tau, (3 x nv).
     ForwardGradient(Form),
     /// The same and those of what is constant, as [`Products::InverseGradients`].
@@ -45,25 +50,28 @@ impl Products {
     /// What u is.
     #[must_use]
     pub fn third(self) -> &'static str {
-        match self {
-            Self::InverseTangent | Self::InverseGradient | Self::InverseGradients => "qdd",
-            Self::ForwardTangent(_) | Self::ForwardGradient(_) | Self::ForwardGradients(_) => "tau",
-        }
+        if self.form().is_some() { "tau" } else { "qdd" }
     }
 
-    /// What the seed is, by the names of its vectors, (nv) each.
+    /// What the seed is, by the names of its vectors, (nv) each but where the third [goes on](Self::takes_constants).
     #[must_use]
     pub fn seeds(self) -> &'static [&'static str] {
         match self {
-            Self::InverseTangent => &["dq", "dqd", "dqdd"],
-            Self::ForwardTangent(_) => &["dq", "dqd", "dtau"],
+            Self::InverseTangent | Self::InverseTangents => &["dq", "dqd", "dqdd"],
+            Self::ForwardTangent(_) | Self::ForwardTangents(_) => &["dq", "dqd", "dtau"],
             _ => &["cotangent"],
         }
     }
 
+    /// Whether it goes along changes of what is constant too.
+    #[must_use]
+    pub fn takes_constants(self) -> bool {
+        matches!(self, Self::InverseTangents | Self::ForwardTangents(_))
+    }
+
     /// Whether it gives the gradients by what is constant too.
     #[must_use]
-    pub fn has_constants(self) -> bool {
+    pub fn gives_constants(self) -> bool {
         matches!(self, Self::InverseGradients | Self::ForwardGradients(_))
     }
 
@@ -77,8 +85,11 @@ impl Products {
     #[must_use]
     pub fn form(self) -> Option<Form> {
         match self {
-            Self::ForwardTangent(form) | Self::ForwardGradient(form) | Self::ForwardGradients(form) => Some(form),
-            Self::InverseTangent | Self::InverseGradient | Self::InverseGradients => None,
+            Self::ForwardTangent(form)
+            | Self::ForwardTangents(form)
+            | Self::ForwardGradient(form)
+            | Self::ForwardGradients(form) => Some(form),
+            Self::InverseTangent | Self::InverseTangents | Self::InverseGradient | Self::InverseGradients => None,
         }
     }
 }
@@ -226,7 +237,7 @@ pub struct Arguments<'a, P = f64> {
     pub u: &'a [P],
     /// Forces on bodies, each in the body's frame, f64 always; empty where there are none.
     pub wrenches: &'a [SpatialVector<f64>],
-    /// A direction or a cotangent, (nv) each: what [`Products`] multiply.
+    /// A direction or a cotangent: what [`Products`] multiply.
     pub seed: [&'a [P]; 3],
 }
 

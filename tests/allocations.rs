@@ -201,6 +201,7 @@ fn products_allocate_nothing_after_the_first() {
         let (mut workspace, mut state) = (scene.workspace(), State::new(&scene, 1));
         let (mut hessian, mut all) = (scene.hessian_scratch(), vec![0.0; 3 * scene.nv()]);
         let mut whole = vec![0.0; scene.width(phipsi::Algorithm::Products(phipsi::Products::InverseGradients))];
+        let third = vec![0.1; scene.seed_width(phipsi::Algorithm::Products(phipsi::Products::InverseTangents), 2)];
         let mut call = |w: &mut Workspace<f64>, s: &mut State| {
             let (q, qd, u, wrenches) = (&s.q, &s.qd, &s.tau, &s.wrenches);
             let direction = [&qd[..], u, qd];
@@ -213,6 +214,9 @@ fn products_allocate_nothing_after_the_first() {
             }
             let given = Arguments { q, qd, u, wrenches, seed: [u, &[], &[]] };
             scene.forward_dynamics_gradients(w, q, qd, u, wrenches, u, &mut whole).unwrap();
+            let along = Arguments { seed: [u, qd, &third], ..given };
+            scene.inverse_dynamics_along(w, &along, &mut s.vector).unwrap();
+            scene.forward_dynamics_along(w, &along, &mut s.vector).unwrap();
             scene.forward_dynamics_hvp(w, &mut hessian, &given, direction, &mut all).unwrap();
         };
         call(&mut workspace, &mut state);

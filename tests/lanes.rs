@@ -15,7 +15,7 @@ use phipsi::kinematics::{AccelerationKind, Frame};
 use phipsi::scalar::{Fused, Real};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::{SpatialVector, Symmetric3};
-use phipsi::{Algorithm, Arguments, Everyday};
+use phipsi::{Algorithm, Arguments, Everyday, Products};
 use phipsi::{Error, Scene};
 use std::f64::consts::FRAC_PI_2;
 
@@ -50,6 +50,54 @@ fn every_arm_gives_what_plain_numbers_give() {
                         for (a, b) in found.iter().zip(&plain) {
                             assert!((a - b).abs() <= bound, "{arm:?} {algorithm:?}: {a} beside {b}, bound {bound:e}");
                         }
+                    }
+                }
+            }
+        }
+    });
+}
+
+/// Products along changes of what is constant: every arm as plain numbers, each state the same bits alone, and no bad number is missed.
+#[test]
+fn directions_of_what_is_constant() {
+    on_a_large_stack(|| {
+        for scene in trees() {
+            let (states, nv) = (states(&scene, 19), scene.nv());
+            let forces = forces(&scene, states.len());
+            for which in [
+                Products::InverseTangents,
+                Products::ForwardTangents(Form::Auto),
+                Products::ForwardTangents(Form::Covariance),
+                Products::ForwardTangents(Form::SquareRoot),
+            ] {
+                let algorithm = Algorithm::Products(which);
+                let mut random = Random::new(7);
+                let width = scene.seed_width(algorithm, 2);
+                assert_eq!(width, 2 * nv + 3 + 16 * scene.model().bodies.len());
+                let thirds: Vec<Vec<f64>> =
+                    states.iter().map(|_| (0..width).map(|_| random.uniform(-1.0, 1.0)).collect()).collect();
+                let all: Vec<_> = (0..states.len())
+                    .map(|i| {
+                        let (q, qd, u) = &states[i];
+                        Arguments { q, qd, u, wrenches: &forces[i], seed: [u, qd, &thirds[i]] }
+                    })
+                    .collect();
+                for arm in arms() {
+                    let mut evaluator = Evaluator::on(arm, &scene);
+                    let found = evaluate(&scene, &mut evaluator, algorithm, &all);
+                    for (state, found) in all.iter().zip(found.chunks_exact(nv)) {
+                        let plain = plainly(&scene, algorithm, state);
+                        let bound = allowed(&scene, algorithm, &plain);
+                        for (a, b) in found.iter().zip(&plain) {
+                            assert!((a - b).abs() <= bound, "{arm:?} {which:?}: {a} beside {b}, bound {bound:e}");
+                        }
+                        assert_eq!(found, evaluate(&scene, &mut evaluator, algorithm, std::slice::from_ref(state)));
+                    }
+                    for bad in [0, nv, 2 * nv, 2 * nv + 3, width - 1] {
+                        let mut third = thirds[0].clone();
+                        third[bad] = f64::NAN;
+                        let state = Arguments { seed: [all[0].seed[0], all[0].seed[1], &third], ..all[0] };
+                        assert!(scene.evaluate(&mut evaluator, algorithm, &[state], &mut vec![0.0; nv]).is_err());
                     }
                 }
             }

@@ -52,7 +52,10 @@ fn allowed(scene: &Scene, algorithm: Algorithm, (q, qd, u): &State, plain: &[f64
         Algorithm::MassMatrixInverse(_)
         | Algorithm::Derivatives(Derivatives::ForwardDynamics(_))
         | Algorithm::Products(
-            Products::ForwardTangent(_) | Products::ForwardGradient(_) | Products::ForwardGradients(_),
+            Products::ForwardTangent(_)
+            | Products::ForwardTangents(_)
+            | Products::ForwardGradient(_)
+            | Products::ForwardGradients(_),
         ) => tolerance::inverse(condition(scene, q).number, size),
         _ => tolerance::product(scene.nv(), size),
     })

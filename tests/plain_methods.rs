@@ -48,6 +48,11 @@ fn plain(
             workspace.form = form;
             scene.forward_dynamics_vjp(workspace, q, qd, u, wrenches, seed[0], &mut out)
         }
+        Algorithm::Products(Products::InverseTangents) => scene.inverse_dynamics_along(workspace, state, &mut out),
+        Algorithm::Products(Products::ForwardTangents(form)) => {
+            workspace.form = form;
+            scene.forward_dynamics_along(workspace, state, &mut out)
+        }
         Algorithm::Products(Products::InverseGradients) => {
             scene.inverse_dynamics_gradients(workspace, q, qd, u, wrenches, seed[0], &mut out)
         }

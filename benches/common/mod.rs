@@ -1,15 +1,17 @@
 //! What the benches share: algorithms, models (chains, and the robots of `make peers`), states, and a clock.
 #![allow(dead_code)] // each bench uses its own part
 
-use phipsi::{Algorithm, Arguments, Form, Scene, scenes};
+use phipsi::{Algorithm, Arguments, Derivatives, Form, Scene, scenes};
 use std::time::{Duration, Instant};
 
 /// The algorithms that the peers have too, in the form that they run.
-pub const ALGORITHMS: [(&str, Algorithm); 4] = [
+pub const ALGORITHMS: [(&str, Algorithm); 6] = [
     ("forward_dynamics", Algorithm::ForwardDynamics(Form::Covariance)),
     ("inverse_dynamics", Algorithm::InverseDynamics),
     ("mass_matrix", Algorithm::MassMatrix),
     ("mass_matrix_inverse", Algorithm::MassMatrixInverse(Form::Covariance)),
+    ("inverse_dynamics_derivatives", Algorithm::Derivatives(Derivatives::InverseDynamics)),
+    ("forward_dynamics_derivatives", Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::Covariance))),
 ];
 
 /// Bodies of the chains that the peers run too.
@@ -21,8 +23,10 @@ pub const ROBOTS: [(&str, bool); 5] =
 
 const STATES: usize = 256;
 
-/// States of a batch.
-pub const BATCH: usize = 4096;
+/// States of a batch; fewer of derivatives, three matrices each, for more would measure how fast memory is written.
+pub fn batch_of(algorithm: Algorithm) -> usize {
+    if matches!(algorithm, Algorithm::Derivatives(_)) { 256 } else { 4096 }
+}
 
 /// (q, qd, tau) of one state.
 pub type State = [Vec<f64>; 3];

@@ -37,13 +37,15 @@ OPERATIONS = {
     "inverse_dynamics": ("rnea",),
     "mass_matrix": ("crba_local", "crba_world"),
     "mass_matrix_inverse": ("minverse",),
+    "inverse_dynamics_derivatives": ("rnea_derivatives",),
+    "forward_dynamics_derivatives": ("aba_derivatives",),
 }
 #: Pinocchio has no batches on one core: its peer is the same call, one state at a time.
 BATCH = "_batch"
 #: What calls from Python end in that write into the caller's array.
 INTO_GIVEN = ", out="
 #: Forms that are measured beside covariance, where there are forms.
-FORMS = {"forward_dynamics": ("auto", "square-root"), "mass_matrix_inverse": ("auto",)}
+FORMS = {"forward_dynamics": ("auto", "square-root"), "mass_matrix_inverse": ("auto",), "forward_dynamics_derivatives": ("auto",)}
 #: States that form "auto" is measured in beside random ones: names of python/phipsi/report/kinds.py, a minus for a space.
 STATES = ("held", "at-rest", "falling")
 #: The arm on which batches are measured too, where the machine has a wider one.

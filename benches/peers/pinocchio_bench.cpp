@@ -14,10 +14,12 @@
 #include <pinocchio/multibody.hpp>
 #include <pinocchio/serialization.hpp>
 
+#include <pinocchio/algorithm/aba-derivatives.hpp>
 #include <pinocchio/algorithm/aba.hpp>
 #include <pinocchio/algorithm/cholesky.hpp>
 #include <pinocchio/algorithm/crba.hpp>
 #include <pinocchio/algorithm/joint-configuration.hpp>
+#include <pinocchio/algorithm/rnea-derivatives.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
 
 #include <algorithm>
@@ -38,6 +40,7 @@
 #error "Build with install.sh: it passes the flags that the JSON reports."
 #endif
 
+using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using pinocchio::Convention;
 using pinocchio::Data;
@@ -94,6 +97,19 @@ const VectorXd& crba_forward_dynamics(const Model& model, Data& data, const Vect
   return data.ddq;
 }
 
+// All three matrices of each, in `data`; the first of them is given.
+const MatrixXd& rnea_derivatives(const Model& model, Data& data, const VectorXd& q, const VectorXd& v,
+                                 const VectorXd& a) {
+  pinocchio::computeRNEADerivatives(model, data, q, v, a);
+  return data.dtau_dq;
+}
+
+const MatrixXd& aba_derivatives(const Model& model, Data& data, const VectorXd& q, const VectorXd& v,
+                                const VectorXd& tau) {
+  pinocchio::computeABADerivatives(model, data, q, v, tau);
+  return data.ddq_dq;
+}
+
 // A model with its scratch, and random states.
 struct Problem {
   Model model;
@@ -131,6 +147,8 @@ template <class Visit> void each_algorithm(Problem& problem, Visit visit) {
   visit("crba_local_cholesky", [&](int i) -> auto& { return factor(i, Convention::LOCAL); });
   visit("crba_world_cholesky", [&](int i) -> auto& { return factor(i, Convention::WORLD); });
   visit("minverse", [&](int i) -> auto& { return pinocchio::computeMinverse(model, data, q[i]); });
+  visit("rnea_derivatives", [&](int i) -> auto& { return rnea_derivatives(model, data, q[i], v[i], a[i]); });
+  visit("aba_derivatives", [&](int i) -> auto& { return aba_derivatives(model, data, q[i], v[i], tau[i]); });
   // clang-format on
 }
 

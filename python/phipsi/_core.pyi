@@ -757,7 +757,7 @@ class Scene:
         (linear, angular) in the child's frame for free joints. Armature is in M.
 
         What is constant may change too, as inverse_dynamics_vjp has it: dwrenches, a dict from link names to (..., 6); dparameters, (..., bodies, 10); darmature, (..., nv);
-        dgravity, (..., 3). With one of them one state at a time, without SIMD lanes.
+        dgravity, (..., 3).
 
         Returns dtau, (..., nv), N m or N.
 

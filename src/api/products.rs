@@ -1,19 +1,13 @@
 //! Products with the Jacobians of a scene's dynamics at one state, with arguments checked and faults named.
 
 use crate::algorithm::{Algorithm, Arguments, Products};
-use crate::dynamics::derivatives::{self, Directions, HessianScratch, ProductScratch};
-use crate::error::{Error, check_finite, check_length};
+use crate::dynamics::derivatives::{self, HessianScratch};
+use crate::error::{Error, check_length};
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
 use crate::workspace::Workspace;
 
 impl Scene {
-    /// Scratch for [`Scene::inverse_dynamics_along`] and [`Scene::forward_dynamics_along`].
-    #[must_use]
-    pub fn product_scratch(&self) -> ProductScratch<f64> {
-        ProductScratch::new(self.model())
-    }
-
     /// Scratch for [`Scene::inverse_dynamics_hvp`] and [`Scene::forward_dynamics_hvp`].
     #[must_use]
     pub fn hessian_scratch(&self) -> HessianScratch {
@@ -158,27 +152,21 @@ impl Scene {
         self.run_one(workspace, None, algorithm, &state, out)
     }
 
-    /// [`Scene::inverse_dynamics_jvp`] along a direction of wrenches, inertias, armature and gravity too; what is empty does not change.
+    /// [`Scene::inverse_dynamics_jvp`] along changes of wrenches, inertias, armature and gravity too.
     ///
-    /// `state`: u is qdd; its seed is not read. By the general recursion. O(N).
+    /// `state`: u is qdd, the seed as [`Products::InverseTangents`] has it, its third of [`Scene::seed_width`] numbers; bodies and their frames are those of
+    /// [`Scene::model`]. O(N).
     ///
     /// # Errors
     ///
     /// As there.
     pub fn inverse_dynamics_along(
         &self,
-        scratch: &mut ProductScratch<f64>,
+        workspace: &mut Workspace<f64>,
         state: &Arguments<'_>,
-        along: &Directions<'_, f64>,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let which = Products::InverseTangent;
-        let state = Arguments { seed: [along.q, along.qd, along.u], ..*state };
-        self.check_product_state(which, &state, (scratch.size(), out.len()))?;
-        self.check_directions(along)?;
-        let at = (state.q, state.qd, state.u);
-        derivatives::inverse_dynamics_jvp(self.model(), scratch, at, state.wrenches, along, out);
-        self.check_result("derivatives", out)
+        self.run_one(workspace, None, Algorithm::Products(Products::InverseTangents), state, out)
     }
 
     /// [`Scene::forward_dynamics_jvp`] likewise; u is tau.
@@ -189,19 +177,11 @@ impl Scene {
     pub fn forward_dynamics_along(
         &self,
         workspace: &mut Workspace<f64>,
-        scratch: &mut ProductScratch<f64>,
         state: &Arguments<'_>,
-        along: &Directions<'_, f64>,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let which = Products::ForwardTangent(workspace.form);
-        let state = Arguments { seed: [along.q, along.qd, along.u], ..*state };
-        self.check_product(workspace, which, &state, (scratch.size(), out.len()))?;
-        self.check_directions(along)?;
-        let at = (state.q, state.qd, state.u);
-        derivatives::forward_dynamics_jvp(self.model(), workspace, scratch, at, state.wrenches, along, out)
-            .map_err(|lost| self.singular(lost))?;
-        self.check_result("derivatives", out)
+        let algorithm = Algorithm::Products(Products::ForwardTangents(workspace.form));
+        self.run_one(workspace, None, algorithm, state, out)
     }
 
     /// How the gradients of [`Scene::inverse_dynamics_vjp`] change along (dq, dqd, dqdd), (3 x nv) into `out`: the Hessian of x . tau times that direction; see
@@ -297,33 +277,6 @@ impl Scene {
         }
         let (bodies, nv) = scratch;
         let found = format!("that of a scene of {bodies} bodies and {nv} degrees of freedom");
-        Err(Error::argument(
-            "scratch",
-            found,
-            "this scene's own, from scene.product_scratch() or scene.hessian_scratch()",
-        ))
-    }
-
-    /// What a direction has beside q, qd and u.
-    fn check_directions(&self, along: &Directions<'_, f64>) -> Result<(), Error> {
-        let bodies = self.model().bodies.len();
-        let Directions { wrenches, parameters, armature, gravity, .. } = along;
-        let lengths = [
-            ("dwrenches", wrenches.len(), bodies),
-            ("dparameters", parameters.len(), bodies),
-            ("darmature", armature.len(), self.nv()),
-            ("dgravity", gravity.len(), 3),
-        ];
-        for (name, found, expected) in lengths {
-            if found != 0 {
-                check_length(name, found, expected)?;
-            }
-        }
-        for wrench in *wrenches {
-            check_finite("dwrenches", wrench.as_slice())?;
-        }
-        check_finite("dparameters", parameters.as_flattened())?;
-        check_finite("darmature", armature)?;
-        check_finite("dgravity", gravity)
+        Err(Error::argument("scratch", found, "this scene's own, from scene.hessian_scratch()"))
     }
 }

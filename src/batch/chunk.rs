@@ -302,6 +302,7 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             let mut fault = T::zero();
             for (i, seed) in kernel.seeds.iter_mut().enumerate() {
                 if !given[0].seed[i].is_empty() {
+                    seed.resize(given[0].seed[i].len(), T::zero());
                     fault += gather(seed, &given, |state| state.seed[i]);
                 }
             }

@@ -6,7 +6,8 @@ use super::derivatives::with_factor;
 use super::finite::any_not_finite;
 use crate::algorithm::Products;
 use crate::dynamics::derivatives::{
-    Changes, CoStates, Constants, Directions, GradientParts, gradients_in_sweeps, tangent_in_sweeps,
+    Changes, CoStates, ConstantParts, Constants, Directions, GradientParts, constants_width, gradients_in_sweeps,
+    tangent_in_sweeps,
 };
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
@@ -19,14 +20,14 @@ use nalgebra::Vector6;
 pub(super) struct ProductKernel<T: Vectorised> {
     co_states: CoStates<T>,
     changes: Changes<T>,
-    /// The direction, or the cotangent in the first.
+    /// The direction, the third as long as the algorithm reads it, or the cotangent in the first.
     pub seeds: [Vec<T>; 3],
     /// The accelerations of the state, and x.
     qdd: Vec<T>,
     x: Vec<T>,
     results: Vec<T>,
-    /// Gradients by the wrenches of bodies, where they are asked for.
-    by_wrenches: Vec<Vector6<T>>,
+    /// Changes of the wrenches of bodies, or gradients by them, where there are any.
+    of_wrenches: Vec<Vector6<T>>,
 }
 
 impl<T: Vectorised> ProductKernel<T> {
@@ -40,7 +41,7 @@ impl<T: Vectorised> ProductKernel<T> {
             qdd: vec![nan; nv],
             x: vec![nan; nv],
             results: vec![nan; 3 * nv],
-            by_wrenches: Vec::new(),
+            of_wrenches: Vec::new(),
         }
     }
 }
@@ -61,10 +62,10 @@ pub(super) struct Call<'a, T: Vectorised> {
 pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: Call<'_, T>) -> u64 {
     let Call { scene, scratch, kernel, state, wrenches, out } = call;
     let ((q, qd, u), mut doubt) = (state, 0);
-    let ProductKernel { co_states, changes, seeds: [first, second, third], qdd, x, results, by_wrenches } = kernel;
+    let ProductKernel { co_states, changes, seeds: [first, second, third], qdd, x, results, of_wrenches } = kernel;
     let (nv, bodies, zero) =
         (first.len(), scene.0.bodies.len(), first.first().map_or_else(T::zero, |x| x.constant(0.0)));
-    let constants = if which.has_constants() { nv + 3 + 16 * bodies } else { 0 };
+    let constants = if which.gives_constants() { constants_width(nv, bodies) } else { 0 };
     results.resize(which.count() * nv + constants, zero);
     if let Some(form) = which.form() {
         if matches!(form, Form::SquareRoot | Form::Joseph) {
@@ -76,22 +77,26 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, which: Products, call: Ca
     let qdd = if which.form().is_some() { &qdd[..] } else { u };
     let motion = Motion { q, qd, qdd: Some(qdd), wrenches };
     match which {
-        Products::InverseTangent | Products::ForwardTangent(_) => {
-            let along = Directions { q: first, qd: second, u: third, ..Directions::default() };
-            target.within(Along(scene, (scratch, changes), (motion, along), (which, &mut *results)));
+        Products::InverseTangent
+        | Products::InverseTangents
+        | Products::ForwardTangent(_)
+        | Products::ForwardTangents(_) => {
+            let along = Directions::of_seed([first, second, third], bodies, of_wrenches);
+            target.within(Along(scene, (scratch, changes), (motion, along), (which, x, results)));
         }
         Products::InverseGradient | Products::ForwardGradient(_) => {
             let (state, constants) = ((motion, &first[..]), &mut Constants::default());
             doubt |= gradients(target, which.form(), (scene, (scratch, co_states)), state, (constants, x, results));
         }
         Products::InverseGradients | Products::ForwardGradients(_) => {
-            by_wrenches.resize(bodies, Vector6::from_element(zero));
+            of_wrenches.resize(bodies, Vector6::from_element(zero));
             let parts = GradientParts::of(results, nv, bodies);
-            let GradientParts { state: by_state, armature, gravity, wrenches: forces, parameters } = parts;
-            let constants = &mut Constants { wrenches: by_wrenches, parameters, armature, gravity };
+            let GradientParts { state: by_state, constants } = parts;
+            let ConstantParts { armature, gravity, wrenches: forces, parameters } = constants;
+            let constants = &mut Constants { wrenches: of_wrenches, parameters, armature, gravity };
             let room = (scene, (scratch, co_states));
             doubt |= gradients(target, which.form(), room, (motion, first), (constants, x, by_state));
-            for (to, wrench) in forces.iter_mut().zip(&*by_wrenches) {
+            for (to, wrench) in forces.iter_mut().zip(&*of_wrenches) {
                 *to = (*wrench).into();
             }
         }
@@ -109,7 +114,7 @@ struct Along<'a, T: Vectorised>(
     (&'a Model<T>, &'a SweepModel<T>),
     (&'a mut SweepScratch<T>, &'a mut Changes<T>),
     (Motion<'a, T>, Directions<'a, T>),
-    (Products, &'a mut [T]),
+    (Products, &'a mut [T], &'a mut [T]),
 );
 
 impl<T: Vectorised> Work for Along<'_, T> {
@@ -117,8 +122,8 @@ impl<T: Vectorised> Work for Along<'_, T> {
 
     #[inline(always)]
     fn call(self) {
-        let Self(scene, scratch, state, (which, out)) = self;
-        tangent_in_sweeps::<T, T::Columns>(scene, scratch, state, which.form().is_some(), out);
+        let Self(scene, scratch, state, (which, right, out)) = self;
+        tangent_in_sweeps::<T, T::Columns>(scene, scratch, state, which.form().is_some(), (right, out));
     }
 }
 

@@ -1,10 +1,13 @@
 //! The algorithms on one state by the general recursions, with arguments checked and faults named.
 
-use super::derivatives::{self, Constants, DerivativeScratch, Directions, GradientParts, ProductScratch};
+use super::derivatives::{
+    self, ConstantParts, Constants, DerivativeScratch, Directions, GradientParts, ProductScratch, constants_of,
+    constants_width,
+};
 use super::mass_inverse::{InverseScratch, mass_matrix_inverse};
 use super::{forward, inverse, mass_matrix};
 use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
-use crate::error::{Error, check_length};
+use crate::error::{Error, check_finite, check_length};
 use crate::filter::pivots::PivotMonitor;
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
@@ -48,9 +51,7 @@ impl Scene {
             self.check_form(workspace)?;
         }
         let model = self.model();
-        for (name, seed) in algorithm.seeds().iter().zip(state.seed) {
-            self.check_rates(name, seed)?;
-        }
+        self.check_seed(algorithm, state.seed)?;
         match algorithm {
             Algorithm::ForwardDynamics(_) => {
                 let monitor = forward::forward_dynamics(model, workspace, q, qd, u, wrenches, out);
@@ -107,33 +108,35 @@ impl Scene {
         state: &Arguments<'_>,
         mut out: &mut [f64],
     ) -> Result<(), Error> {
-        let &Arguments { q, qd, u: given, wrenches, seed: [first, second, third] } = state;
+        let &Arguments { q, qd, u: given, wrenches, seed } = state;
         let (model, at) = (self.model(), (q, qd, given));
         let scratch = &mut ProductScratch::new(model);
-        let along = Directions { q: first, qd: second, u: third, ..Directions::default() };
         let (mut constants, mut forces, mut by_wrenches) = (Constants::default(), Vec::new(), &mut [][..]);
-        if which.has_constants() {
-            let parts = GradientParts::of(out, self.nv(), model.bodies.len());
-            forces.resize(model.bodies.len(), SpatialVector::zeros());
-            (out, by_wrenches) = (parts.state, parts.wrenches);
-            let (armature, gravity) = (parts.armature, parts.gravity);
-            constants = Constants { wrenches: &mut forces, parameters: parts.parameters, armature, gravity };
+        let bodies = model.bodies.len();
+        if which.gives_constants() {
+            let parts = GradientParts::of(out, self.nv(), bodies);
+            forces.resize(bodies, SpatialVector::zeros());
+            let ConstantParts { armature, gravity, wrenches, parameters } = parts.constants;
+            (out, by_wrenches) = (parts.state, wrenches);
+            constants = Constants { wrenches: &mut forces, parameters, armature, gravity };
         }
         match which {
-            Products::InverseTangent => {
+            Products::InverseTangent | Products::InverseTangents => {
+                let along = Directions::of_seed(seed, bodies, &mut forces);
                 derivatives::inverse_dynamics_jvp(model, scratch, at, wrenches, &along, out);
                 Ok(())
             }
             Products::InverseGradient | Products::InverseGradients => {
-                derivatives::inverse_dynamics_vjp(model, scratch, at, wrenches, first, (&mut constants, out));
+                derivatives::inverse_dynamics_vjp(model, scratch, at, wrenches, seed[0], (&mut constants, out));
                 Ok(())
             }
-            Products::ForwardTangent(_) => {
+            Products::ForwardTangent(_) | Products::ForwardTangents(_) => {
+                let along = Directions::of_seed(seed, bodies, &mut forces);
                 derivatives::forward_dynamics_jvp(model, workspace, scratch, at, wrenches, &along, out)
             }
             Products::ForwardGradient(_) | Products::ForwardGradients(_) => {
                 let results = (&mut constants, out);
-                derivatives::forward_dynamics_vjp(model, workspace, scratch, at, wrenches, first, results)
+                derivatives::forward_dynamics_vjp(model, workspace, scratch, at, wrenches, seed[0], results)
             }
         }
         .map_err(|lost| self.singular(lost))?;
@@ -143,6 +146,36 @@ impl Scene {
         Ok(())
     }
 
+    /// The lengths of a seed, and its numbers, which have to be finite.
+    fn check_seed(&self, algorithm: Algorithm, seed: [&[f64]; 3]) -> Result<(), Error> {
+        let (nv, bodies) = (self.nv(), self.model().bodies.len());
+        for (i, (&name, seed)) in algorithm.seeds().iter().zip(seed).enumerate() {
+            check_length(name, seed.len(), self.seed_width(algorithm, i))?;
+            let (own, rest) = seed.split_at(nv);
+            check_finite(name, own)?;
+            if !rest.is_empty() {
+                let names = ["darmature", "dgravity", "dwrenches", "dparameters"];
+                for (name, part) in names.into_iter().zip(constants_of(rest, nv, bodies)) {
+                    check_finite(name, part)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// How many numbers vector `i` of an algorithm's seed has: none behind the last.
+    #[must_use]
+    pub fn seed_width(&self, algorithm: Algorithm, i: usize) -> usize {
+        let nv = self.nv();
+        match algorithm {
+            Algorithm::Products(which) if i == 2 && which.takes_constants() => {
+                nv + constants_width(nv, self.model().bodies.len())
+            }
+            _ if i < algorithm.seeds().len() => nv,
+            _ => 0,
+        }
+    }
+
     /// How many numbers an algorithm gives for one state.
     #[must_use]
     pub fn width(&self, algorithm: Algorithm) -> usize {
@@ -150,8 +183,8 @@ impl Scene {
             Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) => self.nv() * self.nv(),
             Algorithm::Derivatives(which) => which.count() * self.nv() * self.nv(),
             Algorithm::Products(which) => {
-                let constants = if which.has_constants() { self.nv() + 3 + 16 * self.model().bodies.len() } else { 0 };
-                which.count() * self.nv() + constants
+                let (nv, bodies) = (self.nv(), self.model().bodies.len());
+                which.count() * nv + if which.gives_constants() { constants_width(nv, bodies) } else { 0 }
             }
             _ => self.nv(),
         }
@@ -161,8 +194,8 @@ impl Scene {
     pub(crate) fn fits<P>(&self, algorithm: Algorithm, state: &Arguments<'_, P>) -> bool {
         let (rates, third) = algorithm.reads();
         let [qd, u] = [rates, third.is_some()].map(|is_read| if is_read { self.nv() } else { 0 });
-        let (forces, seeds) = (state.wrenches.len(), algorithm.seeds().len());
-        let seeded = state.seed.iter().enumerate().all(|(i, seed)| seed.len() == if i < seeds { self.nv() } else { 0 });
+        let forces = state.wrenches.len();
+        let seeded = state.seed.iter().enumerate().all(|(i, seed)| seed.len() == self.seed_width(algorithm, i));
         (state.q.len(), state.qd.len(), state.u.len()) == (self.nq(), qd, u)
             && seeded
             && (forces == 0 || forces == self.model().bodies.len())
@@ -203,9 +236,12 @@ fn named(algorithm: Algorithm) -> (&'static str, &'static str) {
         Algorithm::MassMatrix => ("mass matrix", "out"),
         Algorithm::MassMatrixInverse(_) => ("mass matrix inverse", "out"),
         Algorithm::Derivatives(Derivatives::InverseDynamics)
-        | Algorithm::Products(Products::InverseTangent | Products::InverseGradient | Products::InverseGradients) => {
-            ("derivatives of inverse dynamics", "out")
-        }
+        | Algorithm::Products(
+            Products::InverseTangent
+            | Products::InverseTangents
+            | Products::InverseGradient
+            | Products::InverseGradients,
+        ) => ("derivatives of inverse dynamics", "out"),
         Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) | Algorithm::Products(_) => {
             ("derivatives of forward dynamics", "out")
         }

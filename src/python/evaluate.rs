@@ -108,9 +108,25 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
         told: Option<&Told>,
     ) -> PyResult<()> {
         let (scene, cost) = (&self.scene.scene, self.cost.of_many::<P>(self.states, algorithm));
-        self.chunks(py, (scene.width(algorithm), cost), results, &|evaluator, states, first, out| match told {
+        let width = scene.width(algorithm);
+        self.chunks(py, (width, cost), None, results, &|evaluator, states, first, out| match told {
             Some(told) => told.evaluate(scene, evaluator, states, first, out),
             None => scene.evaluate(evaluator, algorithm, states, out),
+        })
+    }
+
+    /// The same where the third vector of a seed is made of several arguments, by `third`.
+    pub(super) fn seeded_in_chunks(
+        &self,
+        py: Python<'py>,
+        algorithm: Algorithm,
+        third: &Third<'_, P>,
+        results: &mut [P],
+    ) -> PyResult<()> {
+        let (scene, cost) = (&self.scene.scene, self.cost.of_many::<P>(self.states, algorithm));
+        let width = scene.width(algorithm);
+        self.chunks(py, (width, cost), Some(third), results, &|evaluator, states, _, out| {
+            scene.evaluate(evaluator, algorithm, states, out)
         })
     }
 
@@ -119,6 +135,7 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
         &self,
         py: Python<'py>,
         (width, cost): (usize, usize),
+        third: Option<&Third<'_, P>>,
         results: &mut [P],
         run: &Run<'_, P>,
     ) -> PyResult<()> {
@@ -130,6 +147,7 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
                 let (evaluator, forces) = P::parts(scratch);
                 let evaluator = evaluator.get_or_insert_with(|| Evaluator::new(scene));
                 let lanes = evaluator.lanes();
+                let mut thirds = vec![Vec::new(); if third.is_some() { lanes } else { 0 }];
                 // Written anew for every chunk only where it holds forces: that is a kilobyte, a tenth of inverse dynamics.
                 let mut chunk = [Arguments::default(); MOST_LANES];
                 for first in states.clone().step_by(lanes) {
@@ -137,18 +155,25 @@ impl<'py, P: Dtype> Call<'_, 'py, P> {
                     let from = (first - states.start) * width;
                     let out = &mut results[from..from + count * width];
                     take(&mut chunk[..count], &arguments, first);
-                    if wrenches.is_empty() {
+                    if wrenches.is_empty() && third.is_none() {
                         evaluate((evaluator, run, errors), &chunk[..count], first, out)?;
                         continue;
                     }
                     let mut chunk = chunk;
                     let mut is_bad = [false; MOST_LANES];
+                    let mut thirds = thirds.iter_mut();
                     for (lane, (state, forces)) in chunk.iter_mut().zip(&mut *forces).take(count).enumerate() {
-                        if let Err(error) = wrenches::on_bodies(&wrenches, bodies, first + lane, forces) {
-                            errors.note(Fault { state: first + lane, error })?;
+                        let at = first + lane;
+                        let mut outcome = wrenches::on_bodies(&wrenches, bodies, at, forces);
+                        state.wrenches = forces;
+                        if let (Some(third), Some(numbers)) = (third, thirds.next()) {
+                            outcome = outcome.and_then(|()| third(&arguments, at, numbers));
+                            state.seed[2] = numbers;
+                        }
+                        if let Err(error) = outcome {
+                            errors.note(Fault { state: at, error })?;
                             is_bad[lane] = true;
                         }
-                        state.wrenches = forces;
                     }
                     evaluate((evaluator, run, errors), &chunk[..count], first, out)?;
                     for lane in (0..count).filter(|&lane| is_bad[lane]) {
@@ -167,7 +192,7 @@ impl<'py> Call<'_, 'py> {
         let scene = &self.scene.scene;
         let lanes = Arm::of_process().lanes(size_of::<f64>()).min(self.states.max(1));
         let cost = self.cost.of_one() / lanes;
-        self.chunks(py, (what.width(scene.nv()), cost), results, &|evaluator, states, _, out| {
+        self.chunks(py, (what.width(scene.nv()), cost), None, results, &|evaluator, states, _, out| {
             scene.evaluate_everyday(evaluator, what, states, out)
         })
     }
@@ -175,6 +200,9 @@ impl<'py> Call<'_, 'py> {
 
 /// What runs some neighbouring states of a batch, the first of which has that index.
 type Run<'a, P> = dyn Fn(&mut Evaluator<P>, &[Arguments<'_, P>], usize, &mut [P]) -> Result<(), Fault> + Sync + 'a;
+
+/// What writes the third vector of the seed of one state of these arguments.
+type Third<'a, P> = dyn Fn(&[Broadcast<'_, P>], usize, &mut Vec<P>) -> Result<(), Error> + Sync + 'a;
 
 /// The arguments of neighbouring states of a batch, q, then qd, then u, then the seed; forces stay as they are.
 fn take<'a, P>(states: &mut [Arguments<'a, P>], arguments: &[Broadcast<'a, P>], first: usize) {

@@ -11,7 +11,8 @@ use super::output::{Output, part};
 use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Arguments, Products};
-use crate::dynamics::derivatives::{Directions, GradientParts, Parameters, of_body, of_link};
+use crate::batch::Broadcast;
+use crate::dynamics::derivatives::{ConstantParts, GradientParts, Parameters, of_body, of_link};
 use crate::error::{Error, check_finite};
 use crate::scene::Scene;
 use crate::spatial::{RigidShift, SpatialVector};
@@ -24,8 +25,6 @@ mod cost {
     pub const INVERSE: usize = 120;
     /// With the factor of M.
     pub const FORWARD: usize = 250;
-    /// By the general recursion.
-    pub const GENERAL: usize = 900;
     /// On dual numbers.
     pub const HESSIAN: usize = 2500;
 }
@@ -63,7 +62,7 @@ impl PyScene {
     /// (linear, angular) in the child's frame for free joints. Armature is in M.
     ///
     /// What is constant may change too, as inverse_dynamics_vjp has it: dwrenches, a dict from link names to (..., 6); dparameters, (..., bodies, 10); darmature, (..., nv);
-    /// dgravity, (..., 3). With one of them one state at a time, without SIMD lanes.
+    /// dgravity, (..., 3).
     ///
     /// Returns dtau, (..., nv), N m or N.
     ///
@@ -268,7 +267,7 @@ impl PyScene {
         Ok(Call::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?.with(errors))
     }
 
-    /// A product along a direction: in lanes, or where what is constant changes one state at a time.
+    /// A product along a direction, of what is constant too where any of that changes.
     fn along<'py>(
         &self,
         py: Python<'py>,
@@ -277,11 +276,7 @@ impl PyScene {
         (keywords, constants): (&Keywords<'_, 'py>, Vec<(Input<'py>, Constant)>),
     ) -> PyResult<Object<'py>> {
         let first = given.len();
-        let body = match which.form() {
-            _ if !constants.is_empty() => cost::GENERAL,
-            Some(_) => cost::FORWARD,
-            None => cost::INVERSE,
-        };
+        let body = if which.form().is_some() { cost::FORWARD } else { cost::INVERSE };
         let (inputs, constants): (Vec<_>, Vec<_>) = constants.into_iter().unzip();
         let call = self.product_call(which, given, inputs, (keywords, body))?;
         let mut output = call.output(py, &[self.scene.nv()], None, Output::unwritten)?;
@@ -289,25 +284,23 @@ impl PyScene {
             call.in_chunks(py, Algorithm::Products(which), output.numbers()?, None)?;
             return Ok(output.finish().into_any());
         }
-        let links = places_of_links(&self.scene)?;
-        call.each_state(py, output.numbers()?, |scene, scratch, of, out| {
-            let (workspace, products, wrenches) = scratch.for_directions(scene);
-            let bodies = scene.model().bodies.len();
-            let (mut forces, mut parameters) = (Vec::new(), Vec::new());
-            let mut along = Directions { q: of(3), qd: of(4), u: of(5), ..Directions::default() };
+        let which = match which.form() {
+            Some(form) => Products::ForwardTangents(form),
+            None => Products::InverseTangents,
+        };
+        let (algorithm, links) = (Algorithm::Products(which), places_of_links(&self.scene)?);
+        let (nv, width) = (self.scene.nv(), self.scene.seed_width(algorithm, 2));
+        let third = |arguments: &[Broadcast<'_>], state: usize, third: &mut Vec<f64>| {
+            third.clear();
+            third.resize(width, 0.0);
+            third[..nv].copy_from_slice(arguments[5].state(state));
+            let mut changes = ConstantParts::of(&mut third[nv..], nv, self.scene.model().bodies.len());
             for (k, constant) in constants.iter().enumerate() {
-                constant.change(of(first + k), (&mut along, &mut forces, &mut parameters), (&links, bodies))?;
+                constant.change(arguments[first + k].state(state), &mut changes, &links)?;
             }
-            (along.wrenches, along.parameters) = (&forces, &parameters);
-            let state = Arguments { q: of(0), qd: of(1), u: of(2), wrenches, ..Arguments::default() };
-            match which.form() {
-                Some(form) => {
-                    workspace.form = form;
-                    scene.forward_dynamics_along(workspace, products, &state, &along, out)
-                }
-                None => scene.inverse_dynamics_along(products, &state, &along, out),
-            }
-        })?;
+            Ok(())
+        };
+        call.seeded_in_chunks(py, algorithm, &third, output.numbers()?)?;
         Ok(output.finish().into_any())
     }
 
@@ -422,37 +415,28 @@ impl Constant {
         Ok(read)
     }
 
-    /// Adds the change of these numbers to a direction, of bodies where it is one of links.
-    fn change<'a>(
-        &self,
-        numbers: &'a [f64],
-        (along, forces, parameters): (
-            &mut Directions<'a, f64>,
-            &mut Vec<SpatialVector<f64>>,
-            &mut Vec<Parameters<f64>>,
-        ),
-        (links, bodies): (&[Place], usize),
-    ) -> Result<(), Error> {
+    /// Adds the change of these numbers to those of bodies.
+    fn change(&self, numbers: &[f64], changes: &mut ConstantParts<'_, f64>, links: &[Place]) -> Result<(), Error> {
         match self {
             Self::Wrench((body, placement)) => {
                 check_finite("dwrenches", numbers)?;
-                forces.resize(bodies, SpatialVector::zeros());
-                if let Some(body) = *body {
-                    forces[body] += placement.force_to_parent(&SpatialVector::from_column_slice(numbers));
+                let Some(body) = *body else { return Ok(()) };
+                let force = placement.force_to_parent(&SpatialVector::from_column_slice(numbers));
+                for (sum, more) in changes.wrenches[body].iter_mut().zip(&force) {
+                    *sum += more;
                 }
             }
             Self::Parameters => {
                 check_finite("dparameters", numbers)?;
-                parameters.resize(bodies, [0.0; 10]);
                 for ((body, placement), own) in links.iter().zip(numbers.as_chunks::<10>().0) {
                     let Some(body) = *body else { continue };
-                    for (sum, more) in parameters[body].iter_mut().zip(of_body(placement, own)) {
+                    for (sum, more) in changes.parameters[body].iter_mut().zip(of_body(placement, own)) {
                         *sum += more;
                     }
                 }
             }
-            Self::Armature => along.armature = numbers,
-            Self::Gravity => along.gravity = numbers,
+            Self::Armature => changes.armature.copy_from_slice(numbers),
+            Self::Gravity => changes.gravity.copy_from_slice(numbers),
         }
         Ok(())
     }
@@ -472,19 +456,19 @@ impl Links<'_> {
         let (of_wrenches, rest) = rest.split_at_mut(6 * self.wrenched.len());
         of_state.copy_from_slice(bodies.state);
         for (to, (body, placement)) in of_wrenches.chunks_exact_mut(6).zip(self.wrenched) {
-            let on_body = body.map_or([0.0; 6], |body| bodies.wrenches[body]);
+            let on_body = body.map_or([0.0; 6], |body| bodies.constants.wrenches[body]);
             to.copy_from_slice(placement.motion_to_child(&on_body.into()).as_slice());
         }
         if !self.parameters {
             return;
         }
         let (of_links, rest) = rest.split_at_mut(10 * self.moving.len());
-        let (armature, gravity) = rest.split_at_mut(bodies.armature.len());
-        for (to, own) in of_links.chunks_exact_mut(10).zip(parameters_of(self.moving, bodies.parameters)) {
+        let (armature, gravity) = rest.split_at_mut(bodies.constants.armature.len());
+        for (to, own) in of_links.chunks_exact_mut(10).zip(parameters_of(self.moving, bodies.constants.parameters)) {
             to.copy_from_slice(&own);
         }
-        armature.copy_from_slice(bodies.armature);
-        gravity.copy_from_slice(bodies.gravity);
+        armature.copy_from_slice(bodies.constants.armature);
+        gravity.copy_from_slice(bodies.constants.gravity);
     }
 }
 

@@ -1,7 +1,7 @@
 //! What a thread needs to evaluate states, kept between calls.
 
 use crate::batch::evaluator::{Evaluated, Evaluator};
-use crate::dynamics::derivatives::{HessianScratch, ProductScratch};
+use crate::dynamics::derivatives::HessianScratch;
 use crate::dynamics::operational::OperationalScratch;
 use crate::dynamics::{Estimate, EstimateCovariance, EstimateScratch};
 use crate::scalar::MOST_LANES;
@@ -21,8 +21,6 @@ pub(super) struct Scratch {
     pub estimation: Option<Estimation>,
     /// For operational space only.
     pub operational: Option<OperationalScratch<f64>>,
-    /// For products along directions of what is constant only.
-    along: Option<ProductScratch<f64>>,
     /// For Hessians only.
     hessians: Option<HessianScratch>,
     /// What runs the kernels in lanes, of float64 and of float32.
@@ -42,7 +40,6 @@ impl Scratch {
             workspace: Workspace::new(scene.model()),
             estimation: None,
             operational: None,
-            along: None,
             hessians: None,
             evaluator: None,
             evaluator_f32: None,
@@ -54,12 +51,6 @@ impl Scratch {
 }
 
 impl Scratch {
-    /// For a call along directions of what is constant.
-    pub fn for_directions(&mut self, scene: &Scene) -> (&mut Workspace<f64>, &mut ProductScratch<f64>, &Forces) {
-        let along = self.along.get_or_insert_with(|| scene.product_scratch());
-        (&mut self.workspace, along, &self.forces[0])
-    }
-
     /// For a call on Hessians.
     pub fn for_hessians(&mut self, scene: &Scene) -> (&mut Workspace<f64>, &mut HessianScratch, &Forces) {
         let hessians = self.hessians.get_or_insert_with(|| scene.hessian_scratch());

@@ -214,12 +214,13 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
         }
         Task::Algorithm(Algorithm::Products(which)) => {
             let at = (&q[..], &qd[..], &u[..]);
-            let along = Directions { q: &seed[0], qd: &seed[1], u: &seed[2], ..Directions::default() };
+            let (seeds, mut forces) = ([&seed[0][..], &seed[1], &seed[2]], Vec::new());
             let (none, scratch) = (&mut Constants::default(), &mut products);
             workspace.form = which.form().unwrap_or_default();
             // As above.
             let _ = match which {
-                Products::InverseTangent => {
+                Products::InverseTangent | Products::InverseTangents => {
+                    let along = Directions::of_seed(seeds, model.bodies.len(), &mut forces);
                     inverse_dynamics_jvp(&model, scratch, at, &wrenches, &along, &mut out);
                     Ok(())
                 }
@@ -227,7 +228,8 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
                     inverse_dynamics_vjp(&model, scratch, at, &wrenches, &seed[0], (none, &mut out));
                     Ok(())
                 }
-                Products::ForwardTangent(_) => {
+                Products::ForwardTangent(_) | Products::ForwardTangents(_) => {
+                    let along = Directions::of_seed(seeds, model.bodies.len(), &mut forces);
                     forward_dynamics_jvp(&model, &mut workspace, scratch, at, &wrenches, &along, &mut out)
                 }
                 Products::ForwardGradient(_) | Products::ForwardGradients(_) => {

@@ -541,11 +541,45 @@ fn bad_arguments_are_named() {
     named(scene.inverse_dynamics_vjp(&mut workspace, &q, &three, &three, &[], &nan, &mut all), "cotangent");
     named(scene.forward_dynamics_vjp(&mut workspace, &q, &three, &three, &[], &three, &mut one), "out");
     named(scene.forward_dynamics_gradients(&mut workspace, &q, &three, &three, &[], &three, &mut all), "out");
-    let other = scenes::chain(4).unwrap();
-    let state = Arguments { q: &q, qd: &three, u: &three, ..Arguments::default() };
-    let along = Directions { q: &three, qd: &three, u: &three, ..Directions::default() };
-    let scratch = &mut other.product_scratch();
-    named(scene.inverse_dynamics_along(scratch, &state, &along, &mut one), "scratch");
+    let mut hessian = scenes::chain(4).unwrap().hessian_scratch();
+    let state = Arguments { q: &q, qd: &three, u: &three, seed: [&three, &[], &[]], ..Arguments::default() };
+    named(scene.inverse_dynamics_hvp(&mut hessian, &state, direction, &mut all), "scratch");
+    let mut third = [0.1; 3 + 3 + 3 + 16 * 3];
+    let along = |third: &[f64], workspace: &mut Workspace<f64>| {
+        let state = Arguments { seed: [&three, &three, third], ..state };
+        scene.inverse_dynamics_along(workspace, &state, &mut [0.0; 3])
+    };
+    along(&third, &mut workspace).unwrap();
+    named(along(&three, &mut workspace), "dqdd");
+    for (at, name) in [(2, "dqdd"), (5, "darmature"), (8, "dgravity"), (9, "dwrenches"), (56, "dparameters")] {
+        third[at] = f64::NAN;
+        named(along(&third, &mut workspace), name);
+        third[at] = 0.1;
+    }
+}
+
+/// The methods along everything that changes, as the functions of the recursion.
+#[test]
+fn methods_along_constants_are_the_recursion() {
+    for tree in trees(8) {
+        let scene = tree.scene();
+        let (state, v) = (states(&scene, tree.seed).pop().unwrap(), Everything::random(&scene, tree.seed));
+        let State { q, qd, u, wrenches } = &state;
+        let along = v.along(true);
+        let mut third = along.u.to_vec();
+        third.extend(along.armature.iter().chain(along.gravity));
+        third.extend(along.wrenches.iter().flat_map(Vector6::iter));
+        third.extend(along.parameters.as_flattened());
+        let given = Arguments { q, qd, u, wrenches, seed: [along.q, along.qd, &third] };
+        let (mut found, mut workspace) = (vec![f64::NAN; scene.nv()], scene.workspace().in_form(Form::Covariance));
+        scene.inverse_dynamics_along(&mut workspace, &given, &mut found).unwrap();
+        let expected = jvp_of_torques(scene.model(), &state, &along);
+        assert_near("of torques", &found, &expected, tolerance::product(4 * scene.nv().max(1), size(&expected)));
+        scene.forward_dynamics_along(&mut workspace, &given, &mut found).unwrap();
+        let expected = jvp_of_accelerations(scene.model(), Form::Covariance, &state, &along);
+        let allowed = tolerance::inverse(condition(&scene, q), size(&expected));
+        assert_near("of accelerations", &found, &expected, allowed);
+    }
 }
 
 /// The largest errors of form `auto`, by the methods, over the largest entry: along a random direction, and of the gradients by q, qd and tau; none where a pivot is

@@ -65,27 +65,6 @@ pub struct Constants<'a, T> {
     pub gravity: &'a mut [T],
 }
 
-/// All gradients of one state, one after another: as [`Products::InverseGradients`](crate::algorithm::Products::InverseGradients) has them.
-pub(crate) struct GradientParts<'a, T> {
-    /// By q, qd and the third, (3 x nv).
-    pub state: &'a mut [T],
-    pub armature: &'a mut [T],
-    pub gravity: &'a mut [T],
-    pub wrenches: &'a mut [[T; 6]],
-    pub parameters: &'a mut [Parameters<T>],
-}
-
-impl<'a, T> GradientParts<'a, T> {
-    pub fn of(all: &'a mut [T], nv: usize, bodies: usize) -> Self {
-        let (state, rest) = all.split_at_mut(3 * nv);
-        let (armature, rest) = rest.split_at_mut(nv);
-        let (gravity, rest) = rest.split_at_mut(3);
-        let (wrenches, parameters) = rest.split_at_mut(6 * bodies);
-        let (wrenches, parameters) = (wrenches.as_chunks_mut().0, parameters.as_chunks_mut().0);
-        Self { state, armature, gravity, wrenches, parameters }
-    }
-}
-
 /// None of them.
 impl<T> Default for Constants<'_, T> {
     fn default() -> Self {

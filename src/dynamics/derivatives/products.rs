@@ -136,12 +136,7 @@ pub(super) fn solved<T: Real<Parameter = T>>(
     let ProductScratch { sweeps, sweep_scratch, changes, right, .. } = scratch;
     let unaccelerated = Directions { u: &[], ..*along };
     changes_of_forces((model, sweeps), (sweep_scratch, changes), (motion, &unaccelerated), gravity);
-    right.copy_from_slice(along.u);
-    if let Some(qdd) = motion.qdd {
-        for ((right, &change), &qdd) in right.iter_mut().zip(along.armature).zip(qdd) {
-            *right = right.minus_product(change, qdd);
-        }
-    }
+    tangent::right_side((motion, along), right);
     let Workspace { shift, measured, co_state, .. } = workspace;
     tangent::tip_to_base::<T, true>((model, sweeps), (sweep_scratch, measured), changes, (along, right), out);
     smoother::sweep(&model.system, shift, measured, co_state, out);
@@ -222,14 +217,14 @@ fn changes_of_forces<T: Real<Parameter = T>>(
 }
 
 /// The product along a direction, for states in lanes and for one state: of torques, or where `solves` of accelerations, then with the factor, turns and shifts in the
-/// scratch.
+/// scratch; `right` is scratch too.
 #[inline(always)]
 pub(crate) fn tangent_in_sweeps<T: Real, C: ColumnsOf<T>>(
     scene: (&Model<T>, &SweepModel<T>),
     (scratch, changes): (&mut SweepScratch<T>, &mut Changes<T>),
     (motion, along): (Motion<'_, T>, Directions<'_, T>),
     solves: bool,
-    out: &mut [T],
+    (right, out): (&mut [T], &mut [T]),
 ) {
     let outward = if solves { Directions { u: &[], ..along } } else { along };
     if !solves {
@@ -237,7 +232,8 @@ pub(crate) fn tangent_in_sweeps<T: Real, C: ColumnsOf<T>>(
     }
     tangent::base_to_tip(scene, scratch, changes, (motion, &outward), &scene.0.gravity);
     if solves {
-        tangent::tip_to_base::<T, true>(scene, (scratch, &scratch.measured), changes, (&along, along.u), out);
+        tangent::right_side((motion, &along), right);
+        tangent::tip_to_base::<T, true>(scene, (scratch, &scratch.measured), changes, (&along, right), out);
         sweeps::smooth(scene, scratch, out);
     } else {
         tangent::tip_to_base::<T, false>(scene, (scratch, &[]), changes, (&along, &[]), out);

@@ -9,6 +9,7 @@
 //! For forward dynamics dqdd is none on the way out. What has to be zero then is dtau less what there is, which is one more right side of the filter: z is dF, and
 //! z^+ + eta x* F is what goes on to the parent. The gains do not change to first order, for the estimates are a stationary point.
 
+use super::layout::constants_of;
 use super::outward::{ABOUT_Z, carried, needed_force, past_axial, past_joint};
 use super::parameters::{Parameters, inertia, to_sweeps};
 use crate::dynamics::forces::Motion;
@@ -42,6 +43,20 @@ pub struct Directions<'a, T> {
     pub armature: &'a [T],
     /// Of gravity in the base's frame, three numbers.
     pub gravity: &'a [T],
+}
+
+impl<'a, T: Real> Directions<'a, T> {
+    /// The direction that the seed of a product is, with changes of what is constant where the third vector goes on; `wrenches` is scratch.
+    pub(crate) fn of_seed([q, qd, third]: [&'a [T]; 3], bodies: usize, wrenches: &'a mut Vec<Vector6<T>>) -> Self {
+        let (u, rest) = third.split_at(q.len());
+        if rest.is_empty() {
+            return Self { q, qd, u, ..Self::default() };
+        }
+        let [armature, gravity, forces, parameters] = constants_of(rest, q.len(), bodies);
+        wrenches.clear();
+        wrenches.extend(forces.as_chunks().0.iter().map(|&force: &[T; 6]| Vector6::from(force)));
+        Self { q, qd, u, wrenches, parameters: parameters.as_chunks().0, armature, gravity }
+    }
 }
 
 /// Along which nothing changes that has no numbers.
@@ -258,6 +273,17 @@ fn send<T: Real>(
 ) {
     transform.send_force(force, false, &mut kept.forces[parent]);
     transform.send_force(change, false, &mut kept.forces_change[parent]);
+}
+
+/// dtau - dr qdd: what the right side of the filter is made of beside forces.
+#[inline(always)]
+pub(super) fn right_side<T: Real>((state, along): (Motion<'_, T>, &Directions<'_, T>), right: &mut [T]) {
+    right.copy_from_slice(along.u);
+    if let Some(qdd) = state.qdd {
+        for ((right, &change), &qdd) in right.iter_mut().zip(along.armature).zip(qdd) {
+            *right = right.minus_product(change, qdd);
+        }
+    }
 }
 
 /// r dqdd + dr qdd, what armature adds to dtau.

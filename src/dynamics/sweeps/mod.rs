@@ -65,6 +65,7 @@ pub(crate) fn covers(algorithm: Algorithm) -> bool {
             | Algorithm::Derivatives(Derivatives::ForwardDynamics(Form::SquareRoot | Form::Joseph))
             | Algorithm::Products(
                 Products::ForwardTangent(Form::SquareRoot | Form::Joseph)
+                    | Products::ForwardTangents(Form::SquareRoot | Form::Joseph)
                     | Products::ForwardGradient(Form::SquareRoot | Form::Joseph)
                     | Products::ForwardGradients(Form::SquareRoot | Form::Joseph)
             )
