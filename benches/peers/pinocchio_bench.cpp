@@ -40,7 +40,6 @@
 #error "Build with install.sh: it passes the flags that the JSON reports."
 #endif
 
-using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using pinocchio::Convention;
 using pinocchio::Data;
@@ -97,15 +96,15 @@ const VectorXd& crba_forward_dynamics(const Model& model, Data& data, const Vect
   return data.ddq;
 }
 
-// All three matrices of each, in `data`; the first of them is given.
-const MatrixXd& rnea_derivatives(const Model& model, Data& data, const VectorXd& q, const VectorXd& v,
-                                 const VectorXd& a) {
+// All three matrices of each, in `data`; the first of them is given, as it is stored there.
+const auto& rnea_derivatives(const Model& model, Data& data, const VectorXd& q, const VectorXd& v,
+                             const VectorXd& a) {
   pinocchio::computeRNEADerivatives(model, data, q, v, a);
   return data.dtau_dq;
 }
 
-const MatrixXd& aba_derivatives(const Model& model, Data& data, const VectorXd& q, const VectorXd& v,
-                                const VectorXd& tau) {
+const auto& aba_derivatives(const Model& model, Data& data, const VectorXd& q, const VectorXd& v,
+                            const VectorXd& tau) {
   pinocchio::computeABADerivatives(model, data, q, v, tau);
   return data.ddq_dq;
 }

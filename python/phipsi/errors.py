@@ -15,6 +15,7 @@ __all__ = [
     "BadStateWarning",
     "InertiaWarning",
     "LimitWarning",
+    "MeshWarning",
     "MimicWarning",
     "NotFiniteError",
     "OutOfMemoryError",
@@ -154,6 +155,10 @@ class MimicWarning(UserWarning):
 
 class UnknownTagWarning(UserWarning):
     """Elements, attributes or text of a URDF that are not understood and were passed over: one warning for a file."""
+
+
+class MeshWarning(UserWarning):
+    """Shapes of a URDF that are not drawn, because their file was not found or cannot be read."""
 
 
 class BadStateWarning(UserWarning):

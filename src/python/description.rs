@@ -11,9 +11,10 @@ use crate::scene::{
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Matrix3;
 use pyo3::prelude::*;
+use std::path::{Path, PathBuf};
 
 /// Counts up when the tuples change.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 
 /// Name, then mass, mass centre and inertia about it (xx, xy, xz, yy, yz, zz) if it has any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
@@ -38,7 +39,7 @@ pub(super) type JointTuple = (
 type LockedTuple = (String, String, Option<f64>);
 
 /// Version, gravity, floating base, strict, links, joints, names of what is left out, joints that were locked, what the free joint of a
-/// floating base has (armature, damping, friction, stiffness).
+/// floating base has (armature, damping, friction, stiffness), the file that all of it comes from.
 #[derive(IntoPyObject, FromPyObject)]
 pub(super) struct Description(
     u32,
@@ -50,6 +51,7 @@ pub(super) struct Description(
     Vec<String>,
     Vec<LockedTuple>,
     [f64; 4],
+    Option<PathBuf>,
 );
 
 /// Where the links are in a description.
@@ -71,7 +73,18 @@ impl Description {
         let locked = locked.map(|(name, kind)| (name.clone(), kind.name().to_owned(), pitch_of(*kind))).collect();
         let (gravity, floating, strict) = (source.gravity_vector(), source.is_floating(), source.is_strict());
         let root = source.root_properties().0;
-        Ok(Self(VERSION, gravity, floating, strict, links, joints, left_out, locked, root))
+        Ok(Self(
+            VERSION,
+            gravity,
+            floating,
+            strict,
+            links,
+            joints,
+            left_out,
+            locked,
+            root,
+            source.file().map(Path::to_owned),
+        ))
     }
 
     /// From its tuples, if there is room for what they describe.
@@ -84,7 +97,7 @@ impl Description {
 
     /// The builder that it was made from.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
-        let Self(version, gravity, floating, strict, links, joints, left_out, locked, root) = self;
+        let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file) = self;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
@@ -104,7 +117,7 @@ impl Description {
         }
         let kind = |(name, kind, pitch): LockedTuple| joint_kind(&name, &kind, pitch).map(|kind| (name, kind));
         let locked = locked.into_iter().map(kind).collect::<Result<_, _>>()?;
-        Ok(builder.with_locked(locked).with_root(Properties(root)))
+        Ok(builder.with_locked(locked).with_root(Properties(root)).with_file(file))
     }
 }
 

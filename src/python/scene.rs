@@ -5,7 +5,7 @@ use super::choice::names;
 use super::cost::WORTH_DETACHING;
 use super::description::{self, Description};
 use super::interrupts::detached_checked;
-use super::object::Object;
+use super::object::{Object, imported};
 use super::scratch::Scratch;
 use super::{errors, input, output};
 use crate::batch::{self, Pool};
@@ -14,8 +14,8 @@ use crate::memory;
 use crate::scene::{Scene, SceneBuilder};
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
-use pyo3::types::{PySlice, PyTuple};
-use std::path::PathBuf;
+use pyo3::types::{PyDict, PySlice, PyTuple};
+use std::path::{Path, PathBuf};
 
 /// An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
 ///
@@ -123,6 +123,12 @@ impl PyScene {
         Ok(Self::new(scene))
     }
 
+    /// The URDF file that the scene comes from, a pathlib.Path; None where it comes from text or code.
+    #[getter]
+    fn file(&self) -> Option<&Path> {
+        self.scene.source().file()
+    }
+
     /// Number of coordinates in q.
     #[getter]
     fn nq(&self) -> usize {
@@ -192,6 +198,26 @@ impl PyScene {
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         let lock = || self.scene.lock(&names, &q);
         Ok(Self::new(if self.size() < WORTH_DETACHING { lock()? } else { detached_checked(py, lock)? }))
+    }
+
+    /// Shows the robot in a browser: one pose with a slider a joint, or a motion with a play button. Needs phipsi[view].
+    ///
+    /// motion: None, the neutral configuration; (nq,), a configuration; (k, nq), configurations at the times t, (k,), s; or a Trajectory of one state.
+    /// urdf: the file whose meshes are drawn; None: the one that the scene was read from. Links without a shape there are drawn as capsules of their
+    /// inertia. to: a file that gets the page, which holds all it needs and opens without phipsi or a network; nothing is served then. port: of
+    /// 127.0.0.1; 0: any that is free.
+    ///
+    /// Returns a phipsi.view.Viewer: update(q) moves the robot, wait() keeps a script going, close() ends it; with `to` the path of the page.
+    ///
+    /// Raises ImportError without the extra; ShapeError, NotFiniteError, ArgumentError. Warns MeshWarning where a mesh is not found.
+    #[pyo3(signature = (motion=None, **how),
+           text_signature = "($self, motion=None, *, t=None, urdf=None, to=None, port=0, title=None)")]
+    fn show<'py>(
+        slf: &Bound<'py, Self>,
+        motion: Option<&Object<'py>>,
+        how: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Object<'py>> {
+        imported!(slf.py(), "phipsi.view", "show")?.call((slf, motion), how)
     }
 
     fn __repr__(&self) -> String {

@@ -12,6 +12,7 @@ use crate::model::Omissions;
 use crate::{memory, watch};
 use nalgebra::Vector3;
 use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
 
 /// Name of the joint that a floating base gets, unless a joint of the scene has it.
 pub const ROOT_JOINT: &str = "root_joint";
@@ -58,6 +59,8 @@ pub struct SceneBuilder {
     pub(super) locked: Vec<(String, JointKind)>,
     /// Whether links and joints come from a file: from code, a scene without mass is meant so.
     pub(super) from_file: bool,
+    /// The file that links and joints come from.
+    pub(super) file: Option<PathBuf>,
     /// What the file was read with, for the scene's warnings.
     pub(super) notes: Vec<SceneWarning>,
 }
@@ -82,6 +85,7 @@ impl SceneBuilder {
             root: Properties::default(),
             locked: Vec::new(),
             from_file: false,
+            file: None,
             notes: Vec::new(),
         }
     }
@@ -178,6 +182,20 @@ impl SceneBuilder {
     pub(crate) fn with_root(mut self, root: Properties) -> Self {
         self.root = root;
         self
+    }
+
+    /// Sets the file that it comes from.
+    #[must_use]
+    #[cfg_attr(not(any(feature = "python", feature = "urdf")), allow(dead_code))]
+    pub(crate) fn with_file(mut self, file: Option<PathBuf>) -> Self {
+        self.file = file;
+        self
+    }
+
+    /// The URDF file that it was read from; none where it comes from text or code.
+    #[must_use]
+    pub fn file(&self) -> Option<&Path> {
+        self.file.as_deref()
     }
 
     /// Names of the joints that were movable before [`Scene::lock`] fixed them.

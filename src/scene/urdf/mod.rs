@@ -68,7 +68,8 @@ impl SceneBuilder {
             Err(error) => return refuse(error.to_string()),
         };
         match std::str::from_utf8(&bytes) {
-            Ok(xml) => read(xml, &subject),
+            // It is there, so that its path has an absolute form.
+            Ok(xml) => Ok(read(xml, &subject)?.with_file(std::path::absolute(path).ok())),
             Err(error) => refuse(format!("a byte that is not UTF-8 at offset {}", error.valid_up_to())),
         }
     }

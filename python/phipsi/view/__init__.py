@@ -1,0 +1,16 @@
+"""The robot in a browser: `scene.show`, and pages that hold all they need. Needs phipsi[view].
+
+>>> scene.show(path)                      # doctest: +SKIP
+>>> scene.show(path, to="motion.html")    # doctest: +SKIP
+"""
+
+try:
+    import trimesh  # noqa: F401
+    import viser  # noqa: F401
+    import yourdfpy  # noqa: F401
+except ImportError as missing:
+    raise ImportError(f"the viewer needs {missing.name}: pip install 'phipsi[view]'") from missing
+
+from .player import Viewer, page, show
+
+__all__ = ["Viewer", "page", "show"]

@@ -1,0 +1,302 @@
+"""The robot in a browser, by viser: a pose with sliders, a motion with a play button, or the page of a motion as one file."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import threading
+import webbrowser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import viser
+import viser.transforms
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from .._core import Scene
+from .._motion import Trajectory
+from ..errors import ArgumentError, ShapeError
+from .shapes import robot_size, shapes_of
+
+_Array = NDArray[np.float64]
+
+#: Pictures a second of a recorded motion, and the most of them.
+RATE, MOST = 30.0, 1800
+#: Most joints that get sliders.
+SLIDERS = 64
+#: Where sliders of joints without limits end, rad or m.
+UNLIMITED = np.pi
+#: The address that is served: this machine alone.
+HOST = "127.0.0.1"
+
+
+class Motion:
+    """Configurations, (k, nq), at times, (k,), s; one of them is a pose."""
+
+    def __init__(self, scene: Scene, motion: Trajectory | ArrayLike | None, t: ArrayLike | None) -> None:
+        if isinstance(motion, Trajectory):
+            if t is not None:
+                raise ArgumentError("t: found times beside a Trajectory; expected None: it has its own")
+            self.t, self.q, name = motion.t, motion.q, "motion"
+        else:
+            q = scene.neutral() if motion is None else motion
+            name = "q"
+            self.q = np.array(_core._numbers(name, q, scene, True))
+            if t is None and self.q.ndim == 2:
+                raise ArgumentError(f"t: found none for {len(self.q)} configurations; expected their times, (k,), s")
+            self.t = np.zeros(1) if self.q.ndim != 2 else np.array(_core._numbers("t", t))
+            if self.q.ndim == 1:
+                self.q = self.q[None]
+        if self.q.ndim != 2 or self.q.shape[1] != scene.nq:
+            raise ShapeError(f"{name}: found shape {self.q.shape}; expected ({scene.nq},) or (k, {scene.nq}), a motion of one state")
+        if self.t.shape != (len(self.q),) or not np.isfinite(self.t).all() or np.any(np.diff(self.t) < 0.0):
+            raise ArgumentError(f"t: found shape {self.t.shape}; expected ({len(self.q)},), finite times that do not fall")
+
+    @property
+    def moves(self) -> bool:
+        """Whether there is more than a pose."""
+        return len(self.q) > 1 and float(self.t[-1]) > float(self.t[0])
+
+    def frames(self) -> tuple[_Array, _Array]:
+        """Times, s, and the rows that are nearest to them: evenly, as many a second as people see."""
+        if not self.moves:
+            return self.t[:1], self.q[:1]
+        length = float(self.t[-1] - self.t[0])
+        even = np.linspace(self.t[0], self.t[-1], min(max(int(length * RATE), 1) + 1, MOST))
+        rows = np.clip(np.searchsorted(self.t, even), 0, len(self.t) - 1)
+        before = np.maximum(rows - 1, 0)
+        rows = np.where(even - self.t[before] < self.t[rows] - even, before, rows)
+        return even, self.q[rows]
+
+
+class _Stage:
+    """A robot on a viser server: a frame a link with its meshes, the ground, the mass centre."""
+
+    def __init__(self, scene: Scene, urdf: str | os.PathLike[str] | None, port: int, at: _Array) -> None:
+        self.scene = scene
+        shapes = shapes_of(scene, urdf)
+        # What it prints of its address, the caller is told in a better place.
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server = viser.ViserServer(host=HOST, port=port, verbose=False)
+        self.server.gui.configure_theme(control_layout="collapsible", show_logo=False, show_share_button=False)
+        drawn = dict.fromkeys(shape.link for shape in shapes)
+        self.links = {link: self.server.scene.add_frame(f"/robot/{i}", show_axes=False) for i, link in enumerate(drawn)}
+        index = {link: i for i, link in enumerate(drawn)}
+        for i, shape in enumerate(shapes):
+            place = viser.transforms.SE3.from_matrix(shape.place)
+            self.server.scene.add_mesh_trimesh(
+                f"/robot/{index[shape.link]}/{i}", shape.mesh, wxyz=place.rotation().wxyz, position=place.translation()
+            )
+        size = robot_size(scene)
+        self.centre = self.server.scene.add_icosphere("/mass_centre", radius=0.02 * size, color=(220, 60, 40), visible=False)
+        low, middle = self._extent(shapes, at)
+        self.server.scene.add_grid(
+            "/ground", width=6 * size, height=6 * size, cell_size=_round(size / 5), section_size=_round(size), position=(*middle[:2], low)
+        )
+        camera = self.server.initial_camera
+        camera.position = tuple(middle + size * np.array([1.5, 1.1, 0.8]))
+        camera.look_at = tuple(middle)
+        self.update(at)
+
+    def _extent(self, shapes: list[Any], q: _Array) -> tuple[float, _Array]:
+        """The height of the lowest corner of any mesh, and the middle of all."""
+        placements = self.scene.placements(q)
+        corners = [place[:3, 3][None] for place in placements.values()]
+        for shape in shapes:
+            place = placements[shape.link] @ shape.place
+            corners.append(np.asarray(shape.mesh.bounding_box.vertices) @ place[:3, :3].T + place[:3, 3])
+        points = np.concatenate(corners)
+        return float(points[:, 2].min()), (points.min(axis=0) + points.max(axis=0)) / 2
+
+    def update(self, q: _Array) -> None:
+        """Moves every link, and the mass centre, to where they are at q, (nq,)."""
+        placements = self.scene.placements(q)
+        with self.server.atomic():
+            for link, frame in self.links.items():
+                self._move(frame, placements[link])
+            self.centre.position = tuple(self.scene.center_of_mass(q)) if self.centre.visible else (0.0, 0.0, 0.0)
+
+    @staticmethod
+    def _move(frame: Any, place: _Array) -> None:
+        frame.position = tuple(place[:3, 3])
+        frame.wxyz = tuple(viser.transforms.SO3.from_matrix(place[:3, :3]).wxyz)
+
+    def html(self, motion: Motion) -> str:
+        """The motion as one page that needs no server."""
+        times, rows = motion.frames()
+        placements = self.scene.placements(rows)
+        serializer = self.server.get_scene_serializer()
+        for i, q in enumerate(rows):
+            for link, frame in self.links.items():
+                # A link that stands still is written once.
+                if i == 0 or not np.array_equal(placements[link][i], placements[link][i - 1]):
+                    self._move(frame, placements[link][i])
+            del q
+            serializer.insert_sleep(float(times[i + 1] - times[i]) if i + 1 < len(times) else 0.0)
+        return serializer.as_html()
+
+    def close(self) -> None:
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server.stop()
+
+
+def _round(length: float) -> float:
+    """The power of ten, twice or five times it, that is nearest below."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= length))
+
+
+class Viewer:
+    """A robot that is shown in a browser, until close(); also a context manager."""
+
+    url: str
+    """Where it is."""
+
+    def __init__(self, scene: Scene, motion: Motion, urdf: str | os.PathLike[str] | None, port: int, title: str | None) -> None:
+        self._stage = _Stage(scene, urdf, port, motion.q[0])
+        self._motion, self._q = motion, motion.q[0].copy()
+        self.url = f"http://{HOST}:{self._stage.server.get_port()}"
+        self._closed = threading.Event()
+        gui = self._stage.server.gui
+        gui.set_panel_label(title or "phipsi")
+        shown = gui.add_checkbox("mass centre", False)
+
+        @shown.on_update
+        def _(_: Any) -> None:
+            self._stage.centre.visible = shown.value
+            self._stage.update(self._q)
+
+        if motion.moves:
+            self._add_player()
+        else:
+            self._add_sliders()
+
+    def update(self, q: ArrayLike) -> None:
+        """Shows the robot at q, (nq,)."""
+        scene = self._stage.scene
+        found: _Array = np.array(_core._numbers("q", q, scene, True))
+        if found.shape != (scene.nq,):
+            raise ShapeError(f"q: found shape {found.shape}; expected ({scene.nq},)")
+        self._q = found
+        self._stage.update(found)
+
+    def wait(self) -> None:
+        """Returns when the viewer is closed, or on Ctrl-C."""
+        with contextlib.suppress(KeyboardInterrupt):
+            while not self._closed.wait(0.5):
+                pass
+        self.close()
+
+    def close(self) -> None:
+        """Ends it; the browser shows that the connection is gone."""
+        if not self._closed.is_set():
+            self._closed.set()
+            self._stage.close()
+
+    def __enter__(self) -> Viewer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<phipsi.view.Viewer: {self.url}{', closed' if self._closed.is_set() else ''}>"
+
+    def _add_player(self) -> None:
+        gui, (times, rows) = self._stage.server.gui, self._motion.frames()
+        speed = gui.add_slider("speed", 0.1, 4.0, 0.1, 1.0)
+        playing = gui.add_checkbox("play", True)
+        at = gui.add_slider("time, s", float(times[0]), float(times[-1]), max(float(times[-1] - times[0]) / 1000.0, 1e-9), float(times[0]))
+
+        @at.on_update
+        def _(_: Any) -> None:
+            self._q = rows[int(np.clip(np.searchsorted(times, at.value), 0, len(times) - 1))]
+            self._stage.update(self._q)
+
+        def play() -> None:
+            while not self._closed.wait(1.0 / RATE):
+                if playing.value:
+                    ahead = at.value + speed.value / RATE
+                    at.value = float(times[0]) if ahead > times[-1] else ahead
+
+        threading.Thread(target=play, name="phipsi viewer", daemon=True).start()
+
+    def _add_sliders(self) -> None:
+        scene, gui = self._stage.scene, self._stage.server.gui
+        single = [joint for joint in scene.joint_names if _is_single(scene, joint)][:SLIDERS]
+        joints, sliders = scene.joints, {}
+        for name in single:
+            at, joint = scene.q_index(name).start, joints[name]
+            lower = joint.lower if np.isfinite(joint.lower) else -UNLIMITED
+            upper = joint.upper if np.isfinite(joint.upper) else UNLIMITED
+            value = float(self._q[at])
+            low, high = min(lower, value), max(upper, value, lower + 1e-3)
+            sliders[at] = gui.add_slider(name, low, high, (high - low) / 1000.0, value)
+
+        def moved(_: Any) -> None:
+            q = self._q.copy()
+            for at, slider in sliders.items():
+                q[at] = slider.value
+            self._q = q
+            self._stage.update(q)
+
+        for slider in sliders.values():
+            slider.on_update(moved)
+
+
+def _is_single(scene: Scene, joint: str) -> bool:
+    """Whether a joint has one coordinate."""
+    at = scene.q_index(joint)
+    return bool(at.stop - at.start == 1)
+
+
+def _urdf_of(scene: Scene, urdf: str | os.PathLike[str] | None) -> str | os.PathLike[str] | None:
+    """The file that is asked for, or that the scene comes from if it is still there."""
+    if urdf is not None:
+        return urdf
+    return scene.file if scene.file is not None and scene.file.is_file() else None
+
+
+def page(
+    scene: Scene,
+    motion: Trajectory | ArrayLike | None = None,
+    *,
+    t: ArrayLike | None = None,
+    urdf: str | os.PathLike[str] | None = None,
+) -> str:
+    """The HTML of a pose or a motion: meshes, viewer and all, without anything to load; arguments as in Scene.show."""
+    shown = Motion(scene, motion, t)
+    stage = _Stage(scene, _urdf_of(scene, urdf), 0, shown.q[0])
+    try:
+        return stage.html(shown)
+    finally:
+        stage.close()
+
+
+def show(
+    scene: Scene,
+    motion: Trajectory | ArrayLike | None = None,
+    *,
+    t: ArrayLike | None = None,
+    urdf: str | os.PathLike[str] | None = None,
+    to: str | os.PathLike[str] | None = None,
+    port: int = 0,
+    title: str | None = None,
+) -> Viewer | Path:
+    """As Scene.show, which calls it."""
+    if to is not None:
+        file = Path(to)
+        file.write_text(page(scene, motion, t=t, urdf=urdf), encoding="utf-8")
+        return file
+    viewer = Viewer(scene, Motion(scene, motion, t), _urdf_of(scene, urdf), port, title)
+    _open(viewer.url)
+    return viewer
+
+
+def _open(url: str) -> None:
+    """In the browser, where there is one."""
+    with contextlib.suppress(webbrowser.Error):
+        webbrowser.open(url)
