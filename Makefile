@@ -12,6 +12,7 @@
 #   make leaving-out   counts with valgrind what each switch saves: writes the table of docs/leaving-out.md
 #   make numerics  after make peers: errors on extreme scenes beside the peers', writes docs/numerics.md, its plots and the figures of README.md (ten minutes)
 #   make motion [OUT=report]   after make peers: the study of integrators, beside the peers' (some minutes)
+#   make picture   the picture of README.md, docs/robot.webp, in Chromium (half a minute)
 #   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
 #   make bench     after make peers: measures all of it (20 minutes), writes docs/benchmarks.md and the figures of README.md (BENCH=--quick: a trial)
 
@@ -29,7 +30,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python check bench numerics motion instructions auto-states derivatives leaving-out roofline peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python check bench numerics motion instructions auto-states derivatives leaving-out roofline picture peers peers-there peers-phipsi stub clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -44,7 +45,7 @@ $(VENV)/wheel: $(SOURCES) | $(BIN)/python
 	touch $@
 
 $(VENV)/report: $(VENV)/wheel pyproject.toml
-	$(BIN)/python -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[report]"
+	$(BIN)/python -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[report,view]"
 	touch $@
 
 $(VENV)/test: $(VENV)/wheel pyproject.toml
@@ -126,6 +127,10 @@ auto-states: $(VENV)/test
 	$(BIN)/python benches/auto_states.py --markdown docs/auto-states.md
 
 # ROOFLINE=--write-only: the page again from what was measured last.
+# Needs Chromium.
+picture: $(VENV)/test
+	$(BIN)/python docs/picture.py
+
 roofline: $(VENV)/report
 	$(BIN)/python benches/roofline.py $(ROOFLINE)
 

@@ -13,17 +13,18 @@ END = "<!-- to here -->"
 
 Row = dict[str, str]
 
-MODELS = {"chain_7": "chain of 7", "g1": "g1", "talos": "talos"}
-PARTS = {"One state, against Pinocchio in C++": "one state a call", "Batches on one core, against Pinocchio in C++": "batches"}
+MODELS = {"ur5": "ur5", "g1": "g1", "talos": "talos"}
+PARTS = {"One state, against Pinocchio in C++": "one state", "Batches on one core, against Pinocchio in C++": "batches"}
 METHODS = {
-    "square-root form": '`form="square-root"`',
-    "covariance form": '`form="covariance"`',
-    "dense LDLT (faer)": "dense LDLT of M (faer)",
-    "Pinocchio, local": "Pinocchio, local convention",
+    "square-root form": "phipsi, square-root form, which `auto` turns to",
+    "covariance form": "phipsi, `form=\"covariance\"`",
+    "Pinocchio, local": "Pinocchio",
     "dynibo": "dynibo",
     "Drake": "Drake",
     "MuJoCo": "MuJoCo",
 }
+#: Masses of the last link that are shown, kg.
+MASSES = ("1", "1000", "1e6", "1e9", "1e12")
 
 
 def page(name: str) -> str:
@@ -58,39 +59,25 @@ def median(cell: str) -> float:
     return float(cell.split()[0])
 
 
-def times(row: Row) -> str:
-    """Microseconds of both, and the ratio."""
-    ours, theirs = (f"{median(row[name]) / 1e3:.3g}" for name in ("phipsi, ns a state", "Pinocchio, ns"))
-    return f"{ours} / {theirs}, **{median(row['ratio']):.2g}**"
-
-
 def benchmarks() -> str:
     text = page("benchmarks")
     machine = dict(cells(section(text, "Benchmarks"))[2:])
-    parts = []
-    for heading, name in PARTS.items():
-        found = rows(section(text, heading))
-        shown = {(row["operation"], row["model"]): times(row) for row in found}
-        operations = dict.fromkeys(row["operation"] for row in found)
-        body = ([what, *(shown[what, model] for model in MODELS)] for what in operations)
-        parts.append(table([name, *MODELS.values()], body))
-    slower = re.search(r"Of \d+ comparisons phipsi is the slower one in \d+", section(text, "Where we lose"))
-    short = re.search(r"Of (\d+) figures with an aim.* these (\d+) fall short", section(text, "Short of the aims"))
-    if slower is None or short is None:
-        raise ValueError("docs/benchmarks.md does not say where phipsi is slower, or which aims are missed")
-    parts.append(
-        f"{machine['processor']}, arm `{machine['arm']}`, Pinocchio {machine['pinocchio']}, commit {machine['commit']}. {slower[0]};"
-        f" of {short[1]} aims {short[2]} are missed."
-    )
-    return "\n\n".join(parts)
+    shown: dict[tuple[str, str, str], str] = {}
+    for heading, part in PARTS.items():
+        for row in rows(section(text, heading)):
+            shown[row["operation"], part, row["model"]] = f"{median(row['ratio']):.2g}"
+    operations = dict.fromkeys(operation for operation, _, _ in shown)
+    head = ["", *(f"{name}, {part}" for part in PARTS.values() for name in MODELS.values())]
+    body = ([what, *(shown[what, part, model] for part in PARTS.values() for model in MODELS)] for what in operations)
+    return f"{table(head, body)}\n\n{machine['processor']}, instructions `{machine['arm']}`, Pinocchio {machine['pinocchio']}."
 
 
 def numerics() -> str:
-    found = rows(section(page("numerics"), "heavy-tip"))
+    found = [row for row in rows(section(page("numerics"), "heavy-tip")) if row["value"] in MASSES]
     sensitivity = [max(row["state"], row["parameters"], key=float) for row in found]
     body = [
-        ["sensitivity: the effect of one unit in the last place of the problem's numbers", *sensitivity],
         *([name, *(row[method] for row in found)] for method, name in METHODS.items()),
+        ["what rounding the numbers of the robot once does", *sensitivity],
     ]
     return table(["last link, kg", *(row["value"] for row in found)], body)
 

@@ -18,7 +18,7 @@ TITLES = {
     "inverse_dynamics_derivatives": "Derivatives of inverse dynamics",
     "forward_dynamics_derivatives": "Derivatives of forward dynamics",
 }
-#: What the project wants to reach on these models (issue 5), as ratios to Pinocchio in C++: by group, and the group's arm.
+#: What the project wants to reach on these models, as ratios to Pinocchio in C++: by group, and the group's arm.
 AIMED_AT = ("chain_7", "g1", "talos")
 AIMS = {
     "forward_dynamics": 4.0,

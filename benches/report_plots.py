@@ -17,6 +17,8 @@ NAMES = {
     "inverse_dynamics": "inverse dynamics",
     "mass_matrix": "mass matrix",
     "mass_matrix_inverse": "inverse of the mass matrix",
+    "inverse_dynamics_derivatives": "derivatives of inverse dynamics",
+    "forward_dynamics_derivatives": "derivatives of forward dynamics",
 }
 MARKERS = "osD^vPX*"
 #: model, series, ratio: median, minimum and maximum (all the same where there is no range)

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping
+from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias, final, overload
 
 import numpy as np
@@ -27,6 +28,7 @@ from ._results import (
     Samples,
 )
 from .operators import Factor
+from .view import Viewer
 
 __all__ = [
     "BUNDLED_ARM",
@@ -137,6 +139,10 @@ class Scene:
         MimicWarning for mimic joints (they stay free), LimitWarning for limits that mean nothing (they are taken as none), and
         UnknownTagWarning, once, for elements, attributes and text that are not understood (they are passed over).
         """
+
+    @property
+    def file(self) -> Path | None:
+        """The URDF file that the scene comes from, a pathlib.Path; None where it comes from text or code."""
 
     @property
     def nq(self) -> int:
@@ -1192,6 +1198,42 @@ class Scene:
         Raises SingularJointError; ArgumentError beyond 300 degrees of freedom; ShapeError or NotFiniteError for a bad q.
         """
 
+    @overload
+    def show(
+        self,
+        motion: Trajectory | ArrayLike | None = None,
+        *,
+        t: ArrayLike | None = None,
+        urdf: str | os.PathLike[str] | None = None,
+        to: None = None,
+        port: int = 0,
+        title: str | None = None,
+        browser: bool = True,
+    ) -> Viewer:
+        """Shows the robot in a browser: one pose with a slider a joint, or a motion with a play button. Needs phipsi[view].
+
+        motion: None, the neutral configuration; (nq,), a configuration; (k, nq), configurations at the times t, (k,), s; or a Trajectory of one state.
+        urdf: the file whose meshes are drawn; None: the one that the scene was read from. Links without a shape there are drawn as capsules of their
+        inertia. to: a file that gets the page, which holds all it needs and opens without phipsi or a network; nothing is served then. port: of
+        127.0.0.1; 0: any that is free. title: of the panel. browser: whether to open one.
+
+        Returns a phipsi.view.Viewer: update(q) moves the robot, wait() keeps a script going, close() ends it; with `to` the path of the page.
+
+        Raises ImportError without the extra; ShapeError, NotFiniteError, ArgumentError. Warns MeshWarning where a mesh is not found.
+        """
+
+    @overload
+    def show(
+        self,
+        motion: Trajectory | ArrayLike | None = None,
+        *,
+        to: str | os.PathLike[str],
+        t: ArrayLike | None = None,
+        urdf: str | os.PathLike[str] | None = None,
+        port: int = 0,
+        title: str | None = None,
+        browser: bool = True,
+    ) -> Path: ...
     def __copy__(self) -> Scene: ...
     def __deepcopy__(self, memo: Any, /) -> Scene: ...
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...

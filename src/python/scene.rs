@@ -205,13 +205,13 @@ impl PyScene {
     /// motion: None, the neutral configuration; (nq,), a configuration; (k, nq), configurations at the times t, (k,), s; or a Trajectory of one state.
     /// urdf: the file whose meshes are drawn; None: the one that the scene was read from. Links without a shape there are drawn as capsules of their
     /// inertia. to: a file that gets the page, which holds all it needs and opens without phipsi or a network; nothing is served then. port: of
-    /// 127.0.0.1; 0: any that is free.
+    /// 127.0.0.1; 0: any that is free. title: of the panel. browser: whether to open one.
     ///
     /// Returns a phipsi.view.Viewer: update(q) moves the robot, wait() keeps a script going, close() ends it; with `to` the path of the page.
     ///
     /// Raises ImportError without the extra; ShapeError, NotFiniteError, ArgumentError. Warns MeshWarning where a mesh is not found.
     #[pyo3(signature = (motion=None, **how),
-           text_signature = "($self, motion=None, *, t=None, urdf=None, to=None, port=0, title=None)")]
+           text_signature = "($self, motion=None, *, t=None, urdf=None, to=None, port=0, title=None, browser=True)")]
     fn show<'py>(
         slf: &Bound<'py, Self>,
         motion: Option<&Object<'py>>,

@@ -13,7 +13,9 @@ import phipsi
 import pytest
 from click.testing import CliRunner
 from matplotlib import font_manager
-from phipsi.report import commands, draw, motion, names, simulate  # noqa: F401  # the last registers its command
+from phipsi.report import commands, draw, motion, names, pipeline, simulate  # noqa: F401  # the last registers its command
+from phipsi.report.progress import Silent
+from phipsi.report.run import RUN, Run
 from phipsi.report.plotting import STYLE
 from phipsi.report.structure import tree_of
 
@@ -53,9 +55,11 @@ def test_the_pictures_of_a_simulation(case: str, tmp_path: Path, caplog: pytest.
     scene = scene_of((NAMES | CONTROLS)[case])
     path = scene.simulate(scene.neutral(), np.full(4, 0.1), dt=1e-3, steps=5)
     with caplog.at_level(logging.WARNING):
-        files = motion.write(path, tree_of(scene), tmp_path, table=True)
+        motion.write(path, tmp_path, table=True)
+        found = Run(False, NAMES.get(case, case), path, tree_of(scene), np.ones_like(path.qd))
+        pipeline.write(RUN, pipeline.collect(RUN, found, Silent()), tmp_path)
     assert not caplog.records
-    assert {file.name for file in files} >= {"motion.png", "stroboscope.png", "trajectory.csv"}
+    assert {file.name for file in tmp_path.iterdir()} >= {"index.html", "motion.png", "stroboscope.png", "trajectory.csv"}
 
 
 @pytest.mark.parametrize("case", NAMES)

@@ -26,7 +26,7 @@ from tolerances import SIGMAS, product
 sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
 import auto_states
 
-PARTS = ("scene", "plan", "residuals", "calls", "accuracy", "condition", "emergence", "growth", "limits", "provenance")
+PARTS = ("view", "scene", "plan", "residuals", "calls", "accuracy", "condition", "emergence", "growth", "limits", "provenance")
 INERTIA = np.diag([0.1, 0.1, 0.05])
 
 
@@ -262,6 +262,9 @@ def test_the_page_needs_nothing_beside_itself(bundled: tuple[dict[str, Any], str
     page = bundled[1]
     for part in PARTS:
         assert f'<section id="{part}">' in page
+    # The robot is a page of its own, which test_view.py opens in a browser; the rest has no script at all.
+    page, frames = re.subn(r' srcdoc="[^"]*"', "", page)
+    assert frames == 1
     # Namespaces are names, not addresses that anything fetches.
     fetched = re.findall(r"""(?:src|href|data)\s*=\s*["']([^"'#][^"']*)""", page)
     assert not [address for address in fetched if not address.startswith("data:")]
@@ -354,7 +357,7 @@ def test_a_singular_scene_has_a_page(tmp_path: Path) -> None:
 def test_a_scene_where_nothing_moves_has_a_page(tmp_path: Path) -> None:
     scene = phipsi.SceneBuilder().link("base", mass=1.0, com=(0, 0, 0), inertia=INERTIA).build()
     found, page = written(scene, tmp_path)
-    assert found["missing"].keys() == {"residuals", "calls", "accuracy", "condition", "emergence"}
+    assert found["missing"].keys() == {"view", "residuals", "calls", "accuracy", "condition", "emergence"}
     assert found["emergence"] is None
     assert "Nothing moves" in page
 
@@ -367,7 +370,7 @@ def test_a_scene_too_large_for_dense_algebra_has_a_page(tmp_path: Path) -> None:
         builder = builder.joint(f"j{k}", "revolute", f"l{k}", f"l{k + 1}", xyz=(0, 0, 0.2), axis=axis)
     found, page = written(builder.build(), tmp_path, count=4)
     # How many cores there are decides whether a rate can be had in time.
-    assert found["missing"].keys() - {"samples a second"} == {"residuals", "condition", "sobol", "dense product"}
+    assert found["missing"].keys() - {"samples a second"} == {"view", "residuals", "condition", "sobol", "dense product"}
     assert {point["route"] for point in found["emergence"]["points"]} == {"monte-carlo", "sigma-points", "recursion"}
     assert "1920 random numbers a sample" in page
     assert {row["method"] for row in found["accuracy"]} == set(METHODS[:5])

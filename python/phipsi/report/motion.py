@@ -64,8 +64,8 @@ def _read(path: Path) -> Mapping[str, Any]:
     return found
 
 
-def write(path: Trajectory, tree: Tree, folder: Path, *, table: bool) -> list[Path]:
-    """Writes trajectory.npz, the pictures, and trajectory.csv where a table is asked for; gives the files."""
+def write(path: Trajectory, folder: Path, *, table: bool) -> list[Path]:
+    """Writes trajectory.npz, and trajectory.csv where a table is asked for; gives the files."""
     scene = path.scene
     archive = folder / "trajectory.npz"
     np.savez(
@@ -75,14 +75,11 @@ def write(path: Trajectory, tree: Tree, folder: Path, *, table: bool) -> list[Pa
     if table:
         files.append(folder / "trajectory.csv")
         _table(path, files[-1])
-    for plot in (motion_plot(path), stroboscope(path, tree)):
-        files.append(folder / f"{plot.name}.png")
-        files[-1].write_bytes(plot.png)
-        files[-1].with_suffix(".svg").write_text(plot.svg, encoding="utf-8")
     return files
 
 
-def _columns(scene: Scene, letter: str) -> list[str]:
+def columns(scene: Scene, letter: str) -> list[str]:
+    """What the entries of q ("q"), or of qd (another letter), are called: the letter, a colon and the joint."""
     index = scene.q_index if letter == "q" else scene.v_index
     names = []
     for joint in scene.joint_names:
@@ -95,7 +92,7 @@ def _columns(scene: Scene, letter: str) -> list[str]:
 def _table(path: Trajectory, file: Path) -> None:
     with file.open("w", newline="", encoding="utf-8") as stream:
         out = csv.writer(stream)
-        out.writerow(["t", *_columns(path.scene, "q"), *_columns(path.scene, "qd")])
+        out.writerow(["t", *columns(path.scene, "q"), *columns(path.scene, "qd")])
         # repr: every digit comes back.
         out.writerows([repr(float(x)) for x in row] for row in np.column_stack([path.t, path.q, path.qd]))
 
@@ -103,7 +100,7 @@ def _table(path: Trajectory, file: Path) -> None:
 @styled
 def motion_plot(path: Trajectory) -> tuple[str, Figure]:
     """Coordinates, rates, and energy over time."""
-    energy, names = path.energy(), _columns(path.scene, "q")
+    energy, names = path.energy(), columns(path.scene, "q")
     figure = Figure(figsize=(7.2, 6.6), layout="constrained")
     top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(1.25, 1.0, 1.0))
     curves = _curves(top, path.t, path.q)

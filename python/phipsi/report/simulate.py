@@ -11,9 +11,10 @@ from rich.console import Console
 
 from .. import errors
 from .._motion import PD, Trajectory
-from . import motion
+from . import motion, pipeline
 from .commands import BEYOND, FLOATING, ROBOT, BadInput, _load, _typed_errors, group
-from .progress import reporter
+from .progress import Silent, reporter
+from .run import RUN, Run
 from .structure import tree_of
 from .terminal import line
 
@@ -49,7 +50,7 @@ def simulate(
     hold: tuple[float, float] | None,
     table: bool,
 ) -> None:
-    """Simulate a robot: trajectory.npz, a plot of joints and energy, and a stroboscopic figure.
+    """Simulate a robot: a page with the robot in motion and curves over time, and trajectory.npz.
 
     Damping, friction, stiffness and armature are those of the file. The state file has q, qd and tau (held throughout), each a
     list or, in JSON, a mapping from joint names: {"q": {"elbow": 0.5}}. Limits are reported, never enforced. Ctrl-C stops
@@ -85,7 +86,12 @@ def simulate(
             line(console, str(stopped), "yellow")
         except MemoryError as error:
             raise BadInput(str(error)) from None
-        for file in motion.write(path, tree_of(scene), output, table=table):
+        files = motion.write(path, output, table=table)
+        torque = np.zeros_like(path.qd) + start.get("tau", 0.0)
+        if hold is not None:
+            torque = torque + hold[0] * scene.difference(path.q, q) - hold[1] * path.qd
+        files += pipeline.write(RUN, pipeline.collect(RUN, Run(False, name, path, tree_of(scene), torque), Silent()), output)
+        for file in files:
             click.echo(file)
     _tell(name, path)
     if code:

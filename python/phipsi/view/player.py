@@ -25,6 +25,8 @@ _Array = NDArray[np.float64]
 
 #: Pictures a second of a recorded motion, and the most of them.
 RATE, MOST = 30.0, 1800
+#: At how many rows the ground is looked for.
+LOOKS = 16
 #: Most joints that get sliders.
 SLIDERS = 64
 #: Where sliders of joints without limits end, rad or m.
@@ -36,22 +38,25 @@ HOST = "127.0.0.1"
 class Motion:
     """Configurations, (k, nq), at times, (k,), s; one of them is a pose."""
 
-    def __init__(self, scene: Scene, motion: Trajectory | ArrayLike | None, t: ArrayLike | None) -> None:
-        if isinstance(motion, Trajectory):
+    def __init__(self, scene: Scene, motion: Any, t: ArrayLike | None) -> None:
+        given = scene.neutral() if motion is None else motion
+        if isinstance(given, Trajectory):
             if t is not None:
                 raise ArgumentError("t: found times beside a Trajectory; expected None: it has its own")
-            self.t, self.q, name = motion.t, motion.q, "motion"
+            self.t, self.q, name = given.t, given.q, "motion"
         else:
-            q = scene.neutral() if motion is None else motion
             name = "q"
-            self.q = np.array(_core._numbers(name, q, scene, True))
+            self.q = np.array(_core._numbers(name, given, scene, True))
             if t is None and self.q.ndim == 2:
                 raise ArgumentError(f"t: found none for {len(self.q)} configurations; expected their times, (k,), s")
-            self.t = np.zeros(1) if self.q.ndim != 2 else np.array(_core._numbers("t", t))
+            self.t = np.zeros(1) if t is None else np.array(_core._numbers("t", t))
             if self.q.ndim == 1:
                 self.q = self.q[None]
         if self.q.ndim != 2 or self.q.shape[1] != scene.nq:
             raise ShapeError(f"{name}: found shape {self.q.shape}; expected ({scene.nq},) or (k, {scene.nq}), a motion of one state")
+        if scene.link_names:
+            # Refuses numbers that are not finite, by state.
+            scene.placement(self.q, scene.link_names[-1])
         if self.t.shape != (len(self.q),) or not np.isfinite(self.t).all() or np.any(np.diff(self.t) < 0.0):
             raise ArgumentError(f"t: found shape {self.t.shape}; expected ({len(self.q)},), finite times that do not fall")
 
@@ -75,13 +80,13 @@ class Motion:
 class _Stage:
     """A robot on a viser server: a frame a link with its meshes, the ground, the mass centre."""
 
-    def __init__(self, scene: Scene, urdf: str | os.PathLike[str] | None, port: int, at: _Array) -> None:
+    def __init__(self, scene: Scene, urdf: str | os.PathLike[str] | None, port: int, rows: _Array) -> None:
         self.scene = scene
         shapes = shapes_of(scene, urdf)
         # What it prints of its address, the caller is told in a better place.
         with contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host=HOST, port=port, verbose=False)
-        self.server.gui.configure_theme(control_layout="collapsible", show_logo=False, show_share_button=False)
+        self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         drawn = dict.fromkeys(shape.link for shape in shapes)
         self.links = {link: self.server.scene.add_frame(f"/robot/{i}", show_axes=False) for i, link in enumerate(drawn)}
         index = {link: i for i, link in enumerate(drawn)}
@@ -92,24 +97,29 @@ class _Stage:
             )
         size = robot_size(scene)
         self.centre = self.server.scene.add_icosphere("/mass_centre", radius=0.02 * size, color=(220, 60, 40), visible=False)
-        low, middle = self._extent(shapes, at)
+        low, middle = self._extent(shapes, rows, size)
         self.server.scene.add_grid(
             "/ground", width=6 * size, height=6 * size, cell_size=_round(size / 5), section_size=_round(size), position=(*middle[:2], low)
         )
         camera = self.server.initial_camera
-        camera.position = tuple(middle + size * np.array([1.5, 1.1, 0.8]))
+        camera.position = tuple(middle + size * np.array([1.15, 0.85, 0.6]))
         camera.look_at = tuple(middle)
-        self.update(at)
+        self.update(rows[0])
 
-    def _extent(self, shapes: list[Any], q: _Array) -> tuple[float, _Array]:
-        """The height of the lowest corner of any mesh, and the middle of all."""
-        placements = self.scene.placements(q)
-        corners = [place[:3, 3][None] for place in placements.values()]
+    def _extent(self, shapes: list[Any], rows: _Array, size: float) -> tuple[float, _Array]:
+        """The height of the lowest corner of any mesh at some of the rows, or at the first where the robot goes far, and the middle of all at the first."""
+        some = rows[np.unique(np.linspace(0, len(rows) - 1, LOOKS).astype(int))]
+        placements = self.scene.placements(some)
+        corners = [place[:, None, :3, 3] for place in placements.values()]
         for shape in shapes:
             place = placements[shape.link] @ shape.place
-            corners.append(np.asarray(shape.mesh.bounding_box.vertices) @ place[:3, :3].T + place[:3, 3])
-        points = np.concatenate(corners)
-        return float(points[:, 2].min()), (points.min(axis=0) + points.max(axis=0)) / 2
+            corners.append(np.asarray(shape.mesh.bounding_box.vertices) @ place[:, :3, :3].swapaxes(-1, -2) + place[:, None, :3, 3])
+        points = np.concatenate(corners, axis=1)
+        first = points[0]
+        low = points[..., 2].min()
+        if low < first[:, 2].min() - 3.0 * size:
+            low = first[:, 2].min()
+        return float(low), (first.min(axis=0) + first.max(axis=0)) / 2
 
     def update(self, q: _Array) -> None:
         """Moves every link, and the mass centre, to where they are at q, (nq,)."""
@@ -117,7 +127,8 @@ class _Stage:
         with self.server.atomic():
             for link, frame in self.links.items():
                 self._move(frame, placements[link])
-            self.centre.position = tuple(self.scene.center_of_mass(q)) if self.centre.visible else (0.0, 0.0, 0.0)
+            if self.centre.visible:
+                self.centre.position = tuple(self.scene.center_of_mass(q))
 
     @staticmethod
     def _move(frame: Any, place: _Array) -> None:
@@ -128,15 +139,21 @@ class _Stage:
         """The motion as one page that needs no server."""
         times, rows = motion.frames()
         placements = self.scene.placements(rows)
+        if len(rows) > 1 and self.scene.total_mass > 0.0:
+            self.centre.visible, centres = True, self.scene.center_of_mass(rows)
+            self.server.scene.add_line_segments(
+                "/path", np.stack([centres[:-1], centres[1:]], axis=1), colors=(220, 60, 40), thickness=2.0, thickness_units="screen"
+            )
         serializer = self.server.get_scene_serializer()
-        for i, q in enumerate(rows):
+        for i in range(len(rows)):
             for link, frame in self.links.items():
                 # A link that stands still is written once.
                 if i == 0 or not np.array_equal(placements[link][i], placements[link][i - 1]):
                     self._move(frame, placements[link][i])
-            del q
+            if self.centre.visible:
+                self.centre.position = tuple(centres[i])
             serializer.insert_sleep(float(times[i + 1] - times[i]) if i + 1 < len(times) else 0.0)
-        return serializer.as_html()
+        return str(serializer.as_html())
 
     def close(self) -> None:
         with contextlib.redirect_stdout(io.StringIO()):
@@ -156,19 +173,14 @@ class Viewer:
     """Where it is."""
 
     def __init__(self, scene: Scene, motion: Motion, urdf: str | os.PathLike[str] | None, port: int, title: str | None) -> None:
-        self._stage = _Stage(scene, urdf, port, motion.q[0])
+        self._stage = _Stage(scene, urdf, port, motion.q)
         self._motion, self._q = motion, motion.q[0].copy()
         self.url = f"http://{HOST}:{self._stage.server.get_port()}"
         self._closed = threading.Event()
         gui = self._stage.server.gui
         gui.set_panel_label(title or "phipsi")
-        shown = gui.add_checkbox("mass centre", False)
-
-        @shown.on_update
-        def _(_: Any) -> None:
-            self._stage.centre.visible = shown.value
-            self._stage.update(self._q)
-
+        if scene.total_mass > 0.0:
+            self._add_mass_centre()
         if motion.moves:
             self._add_player()
         else:
@@ -205,16 +217,26 @@ class Viewer:
     def __repr__(self) -> str:
         return f"<phipsi.view.Viewer: {self.url}{', closed' if self._closed.is_set() else ''}>"
 
+    def _add_mass_centre(self) -> None:
+        shown = self._stage.server.gui.add_checkbox("mass centre", False)
+
+        def turn(_: Any) -> None:
+            self._stage.centre.visible = shown.value
+            self._stage.update(self._q)
+
+        shown.on_update(turn)
+
     def _add_player(self) -> None:
         gui, (times, rows) = self._stage.server.gui, self._motion.frames()
         speed = gui.add_slider("speed", 0.1, 4.0, 0.1, 1.0)
         playing = gui.add_checkbox("play", True)
         at = gui.add_slider("time, s", float(times[0]), float(times[-1]), max(float(times[-1] - times[0]) / 1000.0, 1e-9), float(times[0]))
 
-        @at.on_update
-        def _(_: Any) -> None:
+        def seek(_: Any) -> None:
             self._q = rows[int(np.clip(np.searchsorted(times, at.value), 0, len(times) - 1))]
             self._stage.update(self._q)
+
+        at.on_update(seek)
 
         def play() -> None:
             while not self._closed.wait(1.0 / RATE):
@@ -253,13 +275,6 @@ def _is_single(scene: Scene, joint: str) -> bool:
     return bool(at.stop - at.start == 1)
 
 
-def _urdf_of(scene: Scene, urdf: str | os.PathLike[str] | None) -> str | os.PathLike[str] | None:
-    """The file that is asked for, or that the scene comes from if it is still there."""
-    if urdf is not None:
-        return urdf
-    return scene.file if scene.file is not None and scene.file.is_file() else None
-
-
 def page(
     scene: Scene,
     motion: Trajectory | ArrayLike | None = None,
@@ -269,7 +284,7 @@ def page(
 ) -> str:
     """The HTML of a pose or a motion: meshes, viewer and all, without anything to load; arguments as in Scene.show."""
     shown = Motion(scene, motion, t)
-    stage = _Stage(scene, _urdf_of(scene, urdf), 0, shown.q[0])
+    stage = _Stage(scene, urdf, 0, shown.q)
     try:
         return stage.html(shown)
     finally:
@@ -285,18 +300,15 @@ def show(
     to: str | os.PathLike[str] | None = None,
     port: int = 0,
     title: str | None = None,
+    browser: bool = True,
 ) -> Viewer | Path:
     """As Scene.show, which calls it."""
     if to is not None:
         file = Path(to)
         file.write_text(page(scene, motion, t=t, urdf=urdf), encoding="utf-8")
         return file
-    viewer = Viewer(scene, Motion(scene, motion, t), _urdf_of(scene, urdf), port, title)
-    _open(viewer.url)
+    viewer = Viewer(scene, Motion(scene, motion, t), urdf, port, title)
+    if browser:
+        with contextlib.suppress(webbrowser.Error):
+            webbrowser.open(viewer.url)
     return viewer
-
-
-def _open(url: str) -> None:
-    """In the browser, where there is one."""
-    with contextlib.suppress(webbrowser.Error):
-        webbrowser.open(url)

@@ -25,6 +25,8 @@ GREY, MASS, BONE = (0.72, 0.75, 0.78, 1.0), (0.93, 0.65, 0.13, 1.0), (0.25, 0.38
 SEARCHED = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "GZ_SIM_RESOURCE_PATH")
 #: Width of what joins two joints, of the size of the robot.
 THIN = 0.012
+#: The longest and the thickest capsule, of the size of the robot: an inertia that is wrong is seen, and leaves the others to be seen.
+LONGEST, THICKEST = 4.0, 0.2
 
 
 class Shape(NamedTuple):
@@ -37,17 +39,27 @@ class Shape(NamedTuple):
 
 
 def shapes_of(scene: Scene, urdf: str | os.PathLike[str] | None) -> list[Shape]:
-    """The shapes of all links: those of the file, and of links that have none there, if no link has any, what stands for their inertia.
-
-    A scene that is built in code, or whose file has no shape that can be read, is drawn as capsules, with rods from joint to joint.
-    """
-    shapes = list(_of_file(scene, Path(urdf))) if urdf is not None else []
-    drawn = {shape.link for shape in shapes}
-    if drawn:
+    """The shapes of all links: those of the file; where it gives none, or there is no file, capsules of inertias and rods from joint to joint."""
+    file = file_of(scene, urdf)
+    shapes = list(_of_file(scene, file)) if file is not None else []
+    if shapes:
         # A frame, or a motor inside another link, has no shape on purpose.
         return shapes
     size = robot_size(scene)
     return [*_rods(scene, size), *_capsules(scene, size)]
+
+
+def file_of(scene: Scene, urdf: str | os.PathLike[str] | None) -> Path | None:
+    """The file that is asked for, or that the scene comes from if it is still there."""
+    if urdf is not None:
+        return Path(urdf)
+    return scene.file if scene.file is not None and scene.file.is_file() else None
+
+
+def has_shapes(scene: Scene) -> bool:
+    """Whether the scene's file gives any link a shape."""
+    file = file_of(scene, None)
+    return file is not None and next(_of_file(scene, file), None) is not None
 
 
 def robot_size(scene: Scene) -> float:
@@ -189,8 +201,8 @@ def _capsules(scene: Scene, size: float) -> Iterator[Shape]:
         moments, axes = np.linalg.eigh(link.inertia)
         sides = np.sqrt(np.maximum(6.0 * (moments.sum() - 2.0 * moments) / link.mass, 0.0))
         # The smallest moment is about the longest side, which comes first.
-        length, radius = min(float(sides[0]), size), 0.25 * float(sides[1] + sides[2])
-        radius = min(max(radius, THIN * size), 0.15 * size)
+        length, radius = min(float(sides[0]), LONGEST * size), 0.25 * float(sides[1] + sides[2])
+        radius = min(max(radius, THIN * size), THICKEST * size)
         place = np.eye(4)
         # The capsule is along its z; the other two axes do not matter, but for their hand.
         place[:3, :3] = np.column_stack([axes[:, 1], np.cross(axes[:, 0], axes[:, 1]), axes[:, 0]])

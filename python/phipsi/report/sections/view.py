@@ -1,0 +1,62 @@
+"""The robot itself, one joint after another."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .. import draw, embed
+from ..pipeline import Missing, Section
+from ..progress import Reporter
+from ..robot import Report
+from ..states import Array, ranges
+
+#: How long a joint takes to one side, the other and back, s; all together; pictures a second.
+A_JOINT, ALL, RATE = 1.6, 16.0, 15.0
+#: How far a joint goes to each side: rad; of the size of the robot.
+TURN, SLIDE = 0.8, 0.1
+
+
+def one_by_one(report: Report) -> tuple[Array, Array]:
+    """Times, s, and configurations: each joint in turn to both sides of the figure's pose, within its limits."""
+    scene, start = report.scene, draw.pose(report.scene, report.tree)[0]
+    low, high = ranges(scene, report.tree)
+    reach = np.full(scene.nv, TURN)
+    for name in scene.joint_names:
+        if report.tree.joints[name].type == "prismatic":
+            reach[scene.v_index(name)] = SLIDE * _size(report)
+    # A floating base stays where it is, unless there is nothing else.
+    first = 6 if report.tree.floating and scene.nv > 6 else 0
+    away = scene.difference(scene.neutral(), start)
+    frames = max(int(min(A_JOINT, ALL / (scene.nv - first)) * RATE), 4)
+    swing = np.sin(np.linspace(0.0, 2.0 * np.pi, frames, endpoint=False))
+    steps = np.zeros(((scene.nv - first) * frames + 1, scene.nv))
+    for i in range(first, scene.nv):
+        rows = slice((i - first) * frames, (i - first + 1) * frames)
+        steps[rows, i] = np.clip(away[i] + reach[i] * swing, min(low[i], away[i]), max(high[i], away[i])) - away[i]
+    return np.arange(len(steps)) / RATE, scene.integrate(start, steps)
+
+
+def _size(report: Report) -> float:
+    from ...view.shapes import robot_size
+
+    return robot_size(report.scene)
+
+
+def _collect(report: Report, _: Reporter) -> dict[str, Any]:
+    if (reason := embed.lacking()) is not None:
+        raise Missing(reason)
+    links = len(report.scene.link_names)
+    if report.scene.nv == 0 or links > embed.MOST_LINKS:
+        raise Missing(f"found {links} links, {report.scene.nv} degrees of freedom; a robot is shown with up to {embed.MOST_LINKS} links, if any moves")
+    return {"file": None if report.scene.file is None else str(report.scene.file)}
+
+
+def _shown(report: Report) -> dict[str, Any]:
+    from ...view.shapes import has_shapes
+
+    return {"frame": embed.robot(report.scene, *one_by_one(report)), "meshes": has_shapes(report.scene)}
+
+
+SECTION = Section("view", "The robot", _collect, shown=_shown)

@@ -1,0 +1,43 @@
+"""The command `phipsi view`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import numpy as np
+
+from . import embed
+from .commands import FLOATING, ROBOT, BadInput, _load, _typed_errors, group
+
+
+@group.command()
+@ROBOT
+@FLOATING
+@click.option("--motion", type=click.Path(path_type=Path, dir_okay=False), help="trajectory.npz of `phipsi simulate`, or any with t and q.")
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write a page that holds all it needs, and serve nothing.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of 127.0.0.1.  [default: any that is free]")
+@click.option("--browser/--no-browser", default=True, help="Whether to open a browser.")
+def view(robot: Path | None, floating_base: bool, motion: Path | None, output: Path | None, port: int, browser: bool) -> None:
+    """Show a robot in the browser: with a slider a joint, or a motion with a play button.
+
+    Meshes are those of the URDF: beside it, in a package above it, or in a folder of ROS_PACKAGE_PATH or AMENT_PREFIX_PATH. A robot without
+    shapes is drawn as capsules of its inertia. Runs until Ctrl-C. Without ROBOT.urdf, the bundled arm.
+    """
+    if (reason := embed.lacking()) is not None:
+        raise BadInput(reason)
+    scene, name, _, _ = _load(robot, floating_base)
+    t = q = None
+    if motion is not None:
+        try:
+            with np.load(motion, allow_pickle=False) as archive:
+                t, q = archive["t"], archive["q"]
+        except (OSError, ValueError, KeyError, EOFError) as error:
+            raise BadInput(f"--motion: found {error}; expected an .npz with t, (k,), and q, (k, nq)") from None
+    with _typed_errors():
+        if output is not None:
+            click.echo(scene.show(q, t=t, to=output))
+            return
+        viewer = scene.show(q, t=t, port=port, title=name, browser=browser)
+        click.echo(f"{name}: {viewer.url} (Ctrl-C ends it)")
+        viewer.wait()

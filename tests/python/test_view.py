@@ -1,0 +1,276 @@
+"""The robot in a browser: what is drawn, what is refused, and pages that live in one file, in a headless Chromium where there is one."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import shutil
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import phipsi
+import pytest
+from click.testing import CliRunner
+from phipsi.errors import ArgumentError, MeshWarning, NotFiniteError, ShapeError
+from phipsi.report import commands, simulate, view_robot  # noqa: F401  # the last two register their commands
+from tolerances import assert_near, product
+
+# `make dev` goes without.
+pytest.importorskip("viser")
+import phipsi.view  # noqa: E402
+import trimesh  # noqa: E402
+from phipsi.view.player import MOST, RATE, Motion  # noqa: E402
+from phipsi.view.shapes import find, robot_size, shapes_of  # noqa: E402
+
+LINK = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+#: A link with a shape of each kind; one without.
+SHAPES = f"""<robot name="r"><material name="red"><color rgba="1 0 0 1"/></material>
+<link name="base"><visual><geometry><box size="0.2 0.2 0.1"/></geometry></visual></link>
+<link name="arm">{LINK}
+<visual><origin xyz="0 0 0.25"/><geometry><cylinder radius="0.05" length="0.5"/></geometry><material name="red"/></visual>
+<visual><origin xyz="0 0 0.5" rpy="0 0 1"/><geometry><sphere radius="0.07"/></geometry></visual>
+<visual><geometry><mesh filename="package://thing/meshes/part.stl" scale="0.001 0.001 0.001"/></geometry></visual></link>
+<link name="bare"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="2" effort="10" velocity="3"/></joint>
+<joint name="turn" type="continuous"><parent link="arm"/><child link="bare"/></joint></robot>"""
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    """A package of a robot, with one mesh in millimetres."""
+    meshes = tmp_path / "thing" / "meshes"
+    meshes.mkdir(parents=True)
+    trimesh.creation.box(extents=(100, 100, 300)).export(str(meshes / "part.stl"))
+    file = tmp_path / "thing" / "urdf" / "robot.urdf"
+    file.parent.mkdir()
+    file.write_text(SHAPES, encoding="utf-8")
+    return file
+
+
+def test_a_scene_knows_its_file(robot: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(robot.parent)
+    scene = phipsi.Scene.from_urdf("robot.urdf")
+    assert scene.file == robot
+    assert scene.lock(["turn"], scene.neutral()).file == robot
+    assert scene.to_builder().build().file == robot
+    assert phipsi.Scene.from_urdf(SHAPES).file is None
+    assert phipsi.scenes.chain(3).file is None
+
+
+def test_shapes_of_a_file(robot: Path) -> None:
+    scene = phipsi.Scene.from_urdf(robot)
+    shapes = shapes_of(scene, None)
+    assert [shape.link for shape in shapes] == ["base", "arm", "arm", "arm"]
+    box, cylinder, ball, mesh = (shape.mesh for shape in shapes)
+    assert_near(box.extents, [0.2, 0.2, 0.1], product(3, 1.0))
+    assert_near(cylinder.bounds[:, 2], [-0.25, 0.25], product(3, 1.0))
+    assert_near(ball.bounds[1], [0.07] * 3, 1e-3)
+    assert_near(mesh.extents, [0.1, 0.1, 0.3], 1e-6)
+    assert_near(shapes[1].place[:3, 3], [0, 0, 0.25], product(3, 1.0))
+    assert cylinder.visual.material.baseColorFactor[:3].tolist() == [255, 0, 0]
+
+
+def test_capsules_stand_for_inertias() -> None:
+    """Of a rod along an oblique axis: as long as the box of its inertia, about its mass centre, along the axis."""
+    axis = np.array([1.0, 2.0, 2.0]) / 3.0
+    long, thin, mass = 0.6, 0.04, 2.0
+    across, along = mass * (long**2 + thin**2) / 12, mass * thin**2 / 6
+    inertia = across * np.eye(3) + (along - across) * np.outer(axis, axis)
+    builder = phipsi.SceneBuilder().link("base").link("rod", mass, 0.3 * axis, inertia)
+    scene = builder.joint("hinge", "revolute", "base", "rod", axis=(0, 0, 1)).build()
+    capsule = shapes_of(scene, None)[-1]
+    assert capsule.link == "rod"
+    points = trimesh.transform_points(capsule.mesh.vertices, capsule.place)
+    reach = points @ axis
+    assert_near([reach.min(), reach.max()], [0.0, long], 1e-2)
+    radius = np.linalg.norm(points - np.outer(reach, axis), axis=1).max()
+    assert 0.45 * thin <= radius <= 1.2 * max(0.5 * thin, 0.012 * robot_size(scene))
+    assert np.linalg.det(capsule.place) > 0.0
+
+
+def test_a_mesh_that_is_lost_is_named(robot: Path) -> None:
+    (robot.parents[1] / "meshes" / "part.stl").unlink()
+    scene = phipsi.Scene.from_urdf(robot)
+    with pytest.warns(MeshWarning, match=r"arm: no file 'package://thing/meshes/part.stl'"):
+        assert len(shapes_of(scene, None)) == 3
+
+
+def test_meshes_are_found(robot: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    part = robot.parents[1] / "meshes" / "part.stl"
+    for name in ("package://thing/meshes/part.stl", "../meshes/part.stl", str(part), f"file://{part}"):
+        assert find(name, robot).samefile(part)
+    far = tmp_path / "elsewhere" / "robot.urdf"
+    with pytest.raises(FileNotFoundError):
+        find("package://thing/meshes/part.stl", Path("/nowhere/robot.urdf"))
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
+    assert find("package://thing/meshes/part.stl", far).samefile(part)
+
+
+def test_a_motion_is_shown_evenly() -> None:
+    scene = phipsi.scenes.chain(2)
+    path = scene.simulate([0.1, 0.2], [0.0, 0.0], dt=1e-3, steps=1000)
+    times, rows = Motion(scene, path, None).frames()
+    assert len(times) == len(rows) == RATE + 1
+    assert (times[0], times[-1]) == (0.0, path.t[-1])
+    assert np.array_equal(rows[-1], path.q[-1]) and np.array_equal(rows[0], path.q[0])
+    assert np.max(np.abs(np.diff(times) - 1.0 / RATE)) < 1e-9
+    long = Motion(scene, np.zeros((2, 2)), [0.0, 1e5]).frames()[0]
+    assert len(long) == MOST
+
+
+#: What is wrong, and what the message names.
+BAD: dict[str, tuple[tuple[Any, ...], dict[str, Any], type[Exception], str]] = {
+    "too many coordinates": ((np.zeros(3),), {}, ShapeError, "q"),
+    "several motions": ((np.zeros((2, 2, 2)),), {"t": [0.0, 1.0]}, ShapeError, "q"),
+    "not a number": (([0.0, np.nan],), {}, NotFiniteError, "q"),
+    "no times": ((np.zeros((3, 2)),), {}, ArgumentError, "t"),
+    "too few times": ((np.zeros((3, 2)),), {"t": [0.0, 1.0]}, ArgumentError, "t"),
+    "falling times": ((np.zeros((2, 2)),), {"t": [1.0, 0.0]}, ArgumentError, "t"),
+    "no such file": ((), {"urdf": "/nowhere/robot.urdf"}, ArgumentError, "urdf"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_cannot_be_shown(case: str, tmp_path: Path) -> None:
+    arguments, how, error, name = BAD[case]
+    with pytest.raises(error, match=rf"^{name}"):
+        phipsi.scenes.chain(2).show(*arguments, to=tmp_path / "page.html", **how)
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_a_served_robot_moves_and_ends(robot: Path) -> None:
+    scene = phipsi.Scene.from_urdf(robot)
+    with scene.show(browser=False) as viewer:
+        with urllib.request.urlopen(viewer.url, timeout=20) as answer:
+            assert answer.status == 200 and b"<html" in answer.read()
+        viewer.update([0.5, 0.1])
+        with pytest.raises(ShapeError, match="q"):
+            viewer.update([0.5])
+    with pytest.raises(OSError):
+        urllib.request.urlopen(viewer.url, timeout=5)
+    assert "closed" in repr(viewer)
+
+
+def test_the_command(tmp_path: Path) -> None:
+    run = CliRunner().invoke
+    result = run(commands.group, ["simulate", "-o", str(tmp_path), "--time", "0.1"])
+    assert result.exit_code == 0, result.output
+    for more in ([], ["--motion", str(tmp_path / "trajectory.npz")]):
+        result = run(commands.group, ["view", "-o", str(tmp_path / "page.html"), *more])
+        assert result.exit_code == 0, result.output
+        assert "__VISER_EMBED_DATA__" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    result = run(commands.group, ["view", "-o", str(tmp_path / "page.html"), "--motion", str(tmp_path / "motion.svg")])
+    assert result.exit_code == 2 and "--motion" in result.output
+
+
+# In a browser
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+needs_browser = pytest.mark.skipif(CHROMIUM is None and "PHIPSI_NEEDS_BROWSER" not in os.environ, reason="no Chromium is installed")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    api = pytest.importorskip("playwright.sync_api")
+    with api.sync_playwright() as driver:
+        # Without a graphics processor, and as root, as in a container.
+        options = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+        opened = driver.chromium.launch(executable_path=CHROMIUM, args=options)
+        yield opened
+        opened.close()
+
+
+class Opened:
+    """A page, and what it asked the network for."""
+
+    def __init__(self, browser: Any, file: Path, width: int) -> None:
+        self.page = browser.new_page(viewport={"width": width, "height": 600})
+        self.asked: list[str] = []
+        self.errors: list[str] = []
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.goto(file.as_uri())
+
+    def check(self, file: Path) -> None:
+        foreign = [url for url in self.asked if url != file.as_uri() and not url.startswith(("data:", "blob:", "about:"))]
+        assert not foreign and not self.errors, (foreign, self.errors)
+
+    def picture(self, canvas: Any) -> np.ndarray:
+        from PIL import Image
+
+        return np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("RGB"), float)
+
+
+def differing(one: np.ndarray, other: np.ndarray) -> int:
+    """How many points of two pictures differ visibly."""
+    return int(np.count_nonzero(np.abs(one - other).max(axis=-1) > 30.0))
+
+
+def check_player(opened: Opened, frame: Any) -> None:
+    """The canvas shows something; it stands still while stopped, and a click on play moves it."""
+    canvas = frame.locator("canvas").first
+    canvas.wait_for(timeout=60_000)
+    button = frame.locator("button:has(svg.tabler-icon-player-pause-filled), button:has(svg.tabler-icon-player-pause)").first
+    button.wait_for(timeout=60_000)
+    opened.page.wait_for_timeout(1500)
+    button.click()
+    opened.page.wait_for_timeout(1000)
+    still = opened.picture(canvas)
+    assert len(np.unique(still.reshape(-1, 3), axis=0)) > 50
+    opened.page.wait_for_timeout(700)
+    assert differing(still, opened.picture(canvas)) < 50
+    play = frame.locator("button:has(svg.tabler-icon-player-play-filled), button:has(svg.tabler-icon-player-play)").first
+    play.click()
+    for _ in range(12):
+        opened.page.wait_for_timeout(300)
+        if differing(still, opened.picture(canvas)) > 200:
+            return
+    raise AssertionError("nothing moves")
+
+
+@needs_browser
+def test_a_page_plays_without_a_network(browser: Any, tmp_path: Path) -> None:
+    scene = phipsi.scenes.chain(3)
+    path = scene.simulate([0.5, 0.3, 0.2], [2.0, -1.0, 3.0], dt=1e-3, steps=3000, method="rk4", record_every=10)
+    file = scene.show(path, to=tmp_path / "page.html")
+    assert file.stat().st_size < 3e6
+    opened = Opened(browser, file, 600)
+    check_player(opened, opened.page)
+    opened.check(file)
+
+
+@needs_browser
+@pytest.mark.parametrize("width", [1400, 400])
+def test_the_page_of_a_simulation(browser: Any, tmp_path: Path, width: int, robot: Path) -> None:
+    state = tmp_path / "state.json"
+    state.write_text('{"qd": {"hinge": 6.0, "turn": 3.0}}', encoding="utf-8")
+    result = CliRunner().invoke(commands.group, ["simulate", str(robot), "-o", str(tmp_path / "out"), "--time", "3", "--state", str(state), "--hold", "20", "1"])
+    assert result.exit_code == 0, result.output
+    file = tmp_path / "out" / "index.html"
+    opened = Opened(browser, file, width)
+    check_player(opened, opened.page.frame_locator("iframe.robot"))
+    curves = opened.page.locator("#over-time .main-svg").first
+    curves.wait_for(timeout=60_000)
+    names = opened.page.locator("#over-time .legendtext").all_text_contents()
+    assert {"hinge", "turn", "total"} <= set(names)
+    titles = " ".join(opened.page.locator("#over-time .infolayer [class$='title'] , #over-time [class*='ytitle'], #over-time [class*='y3title'], #over-time [class*='y4title']").all_text_contents())
+    assert "torque" in titles and "limit" in titles
+    wide = opened.page.evaluate("document.documentElement.scrollWidth")
+    assert wide <= width
+    opened.check(file)
+
+
+@needs_browser
+def test_the_report_opens_with_the_robot(browser: Any, tmp_path: Path) -> None:
+    result = CliRunner().invoke(commands.group, ["report", "--quick", "--states", "4", "-o", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    file = tmp_path / "index.html"
+    opened = Opened(browser, file, 1400)
+    assert re.sub(r"\s+", " ", opened.page.locator("h2").first.inner_text()) == "The robot"
+    check_player(opened, opened.page.frame_locator("iframe.robot"))
+    opened.check(file)
