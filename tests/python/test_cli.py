@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import phipsi
 import pytest
 from click.testing import CliRunner, Result
-from phipsi.report import commands, kinds
+from phipsi.report import commands, info, kinds, simulate, view_robot  # noqa: F401  # the others register their commands
 from phipsi.report.sections import residuals
 
 #: Two links in line, the second without mass: its joint moves nothing.
@@ -33,11 +34,28 @@ def test_version_names_the_version() -> None:
     assert phipsi.__version__ in result.output
 
 
-@pytest.mark.parametrize("command", [[], ["report"], ["check"], ["bench"]])
+@pytest.mark.parametrize("command", [[], ["info"], ["view"], ["simulate"], ["report"], ["check"], ["bench"]])
 def test_help(command: list[str]) -> None:
     result = run(*command, "--help")
     assert result.exit_code == 0
     assert "Usage:" in result.output
+
+
+def test_info_of_a_file(tmp_path: Path) -> None:
+    robot = tmp_path / "robot.urdf"
+    robot.write_text(MASSLESS_TIP.replace('"j1"', '"[red]j1"').replace('lower="-1"', "", 1), encoding="utf-8")
+    result = run("info", str(robot), "--floating-base")
+    assert result.exit_code == 0, result.output
+    assert "8 degrees of freedom (9 coordinates), 3 links, 1 kg that move" in result.output
+    assert [line.split()[:4] for line in result.output.splitlines() if "j1" in line] == [["[red]j1", "revolute", "a", "7"]]
+    content = json.loads(run("info", str(robot), "--json").stdout)
+    assert (content["nq"], content["nv"], content["mass"], content["file"]) == (2, 2, 1.0, str(robot))
+    assert content["joints"][1] | {"name": "j2", "upper": 1.0, "q": [1, 2]} == content["joints"][1]
+
+
+def test_the_package_is_the_command() -> None:
+    done = subprocess.run([sys.executable, "-m", "phipsi", "info", "--json"], capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout)["joints"][0]["name"] == "joint1"
 
 
 def test_check_of_the_bundled_arm_holds() -> None:

@@ -23,17 +23,17 @@ def line(console: Console, words: str, style: str | None = None) -> None:
     console.print(words, style=style, highlight=False, markup=False, soft_wrap=True)
 
 
-def _table(console: Console, title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> None:
+def table(console: Console, title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1) -> None:
     """A table under its title; the first so many columns are words, the others numbers."""
     if title:
         line(console, title, "italic")
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    made = Table(box=None, pad_edge=False, header_style="bold")
     for at, head in enumerate(heads):
         number = at >= words
-        table.add_column(head.replace("[", r"\["), justify="right" if number else "left", no_wrap=number, overflow="fold")
+        made.add_column(head.replace("[", r"\["), justify="right" if number else "left", no_wrap=number, overflow="fold")
     for row in rows:
-        table.add_row(*row)
-    console.print(table)
+        made.add_row(*row)
+    console.print(made)
 
 
 def residuals(console: Console, rows: Sequence[Residual]) -> None:
@@ -43,7 +43,7 @@ def residuals(console: Console, rows: Sequence[Residual]) -> None:
          "[green]pass[/]" if row.passed else "[bold red]FAIL[/]"]
         for row in rows
     ]  # fmt: skip
-    _table(console, "", ("identity", "median", "worst", "bound", ""), cells)
+    table(console, "", ("identity", "median", "worst", "bound", ""), cells)
 
 
 def accuracy(console: Console, title: str, rows: Sequence[Accuracy]) -> None:
@@ -51,7 +51,7 @@ def accuracy(console: Console, title: str, rows: Sequence[Accuracy]) -> None:
     cells = [
         [row.method, row.precision, text.time(row.ns_per_state), f"{row.error_median:.1e}", f"{row.error_max:.1e}"] for row in rows
     ]
-    _table(console, title, ("method", "precision", "call in Rust", "median error", "worst error"), cells, 2)
+    table(console, title, ("method", "precision", "call in Rust", "median error", "worst error"), cells, 2)
 
 
 def calls(console: Console, title: str, rows: Sequence[CallTime]) -> None:
@@ -63,14 +63,14 @@ def calls(console: Console, title: str, rows: Sequence[CallTime]) -> None:
             many = batches[row.of.call, row.of.form]
             in_batch = f"{text.time(many.ns_per_state)} of {many.of.batch}"
             cells.append([row.of.call, row.of.form or "", text.time(row.ns_per_state), in_batch])
-    _table(console, title, ("call from Python", "form", "one state", "in a batch"), cells, 2)
+    table(console, title, ("call from Python", "form", "one state", "in a batch"), cells, 2)
 
 
 def auto_costs(console: Console, costs: Costs) -> None:
     """Form auto over covariance by kind of state and robot, batches first; and what the kinds are."""
     for batch, size in auto_cost.SIZES.items():
         robots, rows = auto_cost.table(costs, batch)
-        _table(console, f"{auto_cost.TITLE}, {size}", ("state", *robots), rows)
+        table(console, f"{auto_cost.TITLE}, {size}", ("state", *robots), rows)
     for kind, meaning in kinds.MEANING.items():
         line(console, f"{kind}: {meaning}", "dim")
 
@@ -79,7 +79,7 @@ def growth(console: Console, found: Mapping[str, Any]) -> None:
     """Time a body by number of bodies."""
     title, rows = "Time a body on a chain: Scene::evaluate in Rust, one state a call", found["rows"]
     cells = [[text.count(row.bodies), *(text.time(row.of(kind)) for kind in TIMED)] for row in rows]
-    _table(console, title, ("bodies", "forward, auto", "forward, covariance", "inverse"), cells, 0)
+    table(console, title, ("bodies", "forward, auto", "forward, covariance", "inverse"), cells, 0)
     spreads = (found[f"{kind}_max_over_min"] for kind in TIMED)
     line(console, "largest over smallest: {:.2f} auto, {:.2f} covariance, {:.2f} inverse".format(*spreads))
 

@@ -1,0 +1,5 @@
+"""`python -m phipsi` is the command `phipsi`."""
+
+from .cli import main
+
+main()

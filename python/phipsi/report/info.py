@@ -1,0 +1,76 @@
+"""The command `phipsi info`: what a robot is, on the terminal or as JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+
+from .._core import Scene
+from . import terminal
+from .commands import FLOATING, ROBOT, _load, group
+from .pipeline import plain
+
+
+@group.command()
+@ROBOT
+@FLOATING
+@click.option("--json", "as_json", is_flag=True, help="All numbers, as JSON.")
+def info(robot: Path | None, floating_base: bool, as_json: bool) -> None:
+    """Say what a robot is: its joints in the order of q, with limits, and its mass.
+
+    Without ROBOT.urdf, the bundled arm.
+    """
+    scene, name, _, texts = _load(robot, floating_base)
+    found = about(scene) | {"name": name, "warnings": texts}
+    if as_json:
+        click.echo(json.dumps(plain(found), indent=1, allow_nan=False, ensure_ascii=False))
+        return
+    click.echo(f"{name}: {scene.nv} degrees of freedom ({scene.nq} coordinates), {len(scene.link_names)} links, {scene.total_mass:.4g} kg that move")
+    rows = [
+        (escape(joint["name"]), joint["type"], escape(joint["child"]), _span(joint["q"]), *(_number(joint[key]) for key in ("lower", "upper", "velocity", "effort")))
+        for joint in found["joints"]
+    ]
+    terminal.table(Console(), "", ("joint", "type", "moves", "in q", "lower", "upper", "speed", "effort"), rows, 3)
+
+
+def about(scene: Scene) -> dict[str, Any]:
+    """Counts, mass, gravity, and the joints that move, in the order of q."""
+    joints = scene.joints
+    moving = [joints[name] for name in scene.joint_names]
+    return {
+        "file": None if scene.file is None else str(scene.file),
+        "nq": scene.nq,
+        "nv": scene.nv,
+        "mass": scene.total_mass,
+        "gravity": scene.gravity,
+        "links": scene.link_names,
+        "joints": [
+            {
+                "name": joint.name, "type": joint.type, "parent": joint.parent, "child": joint.child,
+                "q": _ends(scene.q_index(joint.name)), "v": _ends(scene.v_index(joint.name)),
+                "lower": joint.lower, "upper": joint.upper, "velocity": joint.velocity, "effort": joint.effort,
+                "armature": joint.armature, "damping": joint.damping, "friction": joint.friction, "stiffness": joint.stiffness,
+            }
+            for joint in moving
+        ],
+    }  # fmt: skip
+
+
+def _ends(at: slice) -> tuple[int, int]:
+    return at.start, at.stop
+
+
+def _span(ends: tuple[int, int]) -> str:
+    """First and last place, or the only one."""
+    first, behind = ends
+    return str(first) if behind == first + 1 else f"{first} to {behind - 1}"
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}" if np.isfinite(value) else "-"
