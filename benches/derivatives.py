@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import complex_step
 import exact_jacobian
 import numpy as np
 import pinocchio as pin
@@ -164,6 +165,7 @@ def error_against_time(quick: bool) -> str:
         behind = at(-step) if central else scene.forward_dynamics(q, qd, tau)[:, None]
         return np.asarray(np.swapaxes(at(step) - behind, -1, -2) / (2 * step if central else step))
 
+    arm = complex_step.Arm(scene)
     eps = float(np.finfo(np.float64).eps)
     ways: dict[str, Callable[..., np.ndarray]] = {
         "analytic, all three matrices": lambda q, qd, tau: scene.forward_dynamics_derivatives(q, qd, tau)[0],
@@ -171,6 +173,7 @@ def error_against_time(quick: bool) -> str:
             scene.forward_dynamics_jvp(q[:, None], qd[:, None], tau[:, None], unit, 0 * unit, 0 * unit), -1, -2
         ),
         "rows by `forward_dynamics_vjp`": lambda q, qd, tau: scene.forward_dynamics_vjp(q[:, None], qd[:, None], tau[:, None], unit).q,
+        "complex steps (plain NumPy, `benches/complex_step.py`)": arm.by_configuration,
         "central differences": lambda q, qd, tau: differences(q, qd, tau, eps ** (1 / 3), central=True),
         "one-sided differences": lambda q, qd, tau: differences(q, qd, tau, eps**0.5, central=False),
     }
