@@ -3,6 +3,7 @@
 #   make report [ROBOT=some.urdf] [OUT=report]   build, install into .venv, run the main job
 #   make test      Rust tests, then the Python tests against the built wheel
 #   make dev       the fast loop: a debug build with fewer kernels into .venv-dev (try: .venv-dev/bin/python, or -m pytest tests/python)
+#   make test-jax  the tests of phipsi.jax, in .venv-jax (two minutes)
 #   make check     what CI adds: format, clippy (of the benches too), docs, stubs, abi3
 #   make peers     what to measure against: the peers, and Pinocchio's C++ harness (Debian: apt-get, as root)
 #   make stub      after make test: writes the docstrings of the compiled module into the stub
@@ -30,7 +31,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python check bench numerics motion instructions auto-states derivatives leaving-out roofline picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax check bench numerics motion instructions auto-states derivatives leaving-out roofline picture peers peers-there peers-phipsi stub clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -76,6 +77,15 @@ dev: | $(DEV)/bin/python
 # From another folder, so that the installed wheel is imported and not the source.
 test-python: $(VENV)/test
 	cd tests/python && ../../$(BIN)/python -m pytest -q --rootdir . -c ../../pyproject.toml .
+
+# JAX starts threads, beside which other tests must not fork: an environment of its own.
+$(VENV)-jax/there: $(VENV)/wheel pyproject.toml
+	$(PYTHON) -m venv $(VENV)-jax
+	$(VENV)-jax/bin/python -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[jax]" 'pytest>=8'
+	touch $@
+
+test-jax: $(VENV)-jax/there
+	cd tests/python && ../../$(VENV)-jax/bin/python -m pytest -q --rootdir . -c ../../pyproject.toml test_jax.py
 
 # A processor that this machine is not: its arm is compiled, not run.
 OTHER := aarch64-unknown-linux-gnu
@@ -141,4 +151,4 @@ peers:
 	bash benches/peers/install.sh
 
 clean:
-	rm -rf target $(VENV) $(DEV) report python/phipsi/_core.abi3.so
+	rm -rf target $(VENV) $(VENV)-jax $(DEV) report python/phipsi/_core.abi3.so

@@ -1198,6 +1198,17 @@ class Scene:
         Raises SingularJointError; ArgumentError beyond 300 degrees of freedom; ShapeError or NotFiniteError for a bad q.
         """
 
+    def to_urdf(self, path: str | os.PathLike[str] | None = None, *, name: str = "robot") -> str:
+        """The scene as URDF, which from_urdf reads back to the same numbers but for the rounding of angles; a str.
+
+        path: a file to write it to; None: none. name: of the robot. The free joint of a floating base is not written: read it with floating_base=True. Armature,
+        stiffness and rest are attributes of <dynamics>, which other programs pass over. Shapes are not kept. A revolute joint without limits is written as
+        continuous.
+
+        Raises ArgumentError for what URDF cannot hold, naming the joint: screw and universal joints, springs at joints of several coordinates, losses of a
+        floating base.
+        """
+
     @overload
     def show(
         self,

@@ -200,6 +200,19 @@ impl PyScene {
         Ok(Self::new(if self.size() < WORTH_DETACHING { lock()? } else { detached_checked(py, lock)? }))
     }
 
+    /// The scene as URDF, which from_urdf reads back to the same numbers but for the rounding of angles; a str.
+    ///
+    /// path: a file to write it to; None: none. name: of the robot. The free joint of a floating base is not written: read it with floating_base=True. Armature,
+    /// stiffness and rest are attributes of <dynamics>, which other programs pass over. Shapes are not kept. A revolute joint without limits is written as
+    /// continuous.
+    ///
+    /// Raises ArgumentError for what URDF cannot hold, naming the joint: screw and universal joints, springs at joints of several coordinates, losses of a
+    /// floating base.
+    #[pyo3(signature = (path=None, *, name="robot"))]
+    fn to_urdf<'py>(slf: &Bound<'py, Self>, path: Option<&Object<'py>>, name: &str) -> PyResult<Object<'py>> {
+        imported!(slf.py(), "phipsi._urdf", "to_urdf")?.call1((slf, path, name))
+    }
+
     /// Shows the robot in a browser: one pose with a slider a joint, or a motion with a play button. Needs phipsi[view].
     ///
     /// motion: None, the neutral configuration; (nq,), a configuration; (k, nq), configurations at the times t, (k,), s; or a Trajectory of one state.

@@ -82,7 +82,8 @@ class _Stage:
 
     def __init__(self, scene: Scene, urdf: str | os.PathLike[str] | None, port: int, rows: _Array) -> None:
         self.scene = scene
-        shapes = shapes_of(scene, urdf)
+        shapes, size = shapes_of(scene, urdf), robot_size(scene)
+        low, middle = self._extent(shapes, rows, size)
         # What it prints of its address, the caller is told in a better place.
         with contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host=HOST, port=port, verbose=False)
@@ -95,9 +96,7 @@ class _Stage:
             self.server.scene.add_mesh_trimesh(
                 f"/robot/{index[shape.link]}/{i}", shape.mesh, wxyz=place.rotation().wxyz, position=place.translation()
             )
-        size = robot_size(scene)
         self.centre = self.server.scene.add_icosphere("/mass_centre", radius=0.02 * size, color=(220, 60, 40), visible=False)
-        low, middle = self._extent(shapes, rows, size)
         self.server.scene.add_grid(
             "/ground", width=6 * size, height=6 * size, cell_size=_round(size / 5), section_size=_round(size), position=(*middle[:2], low)
         )

@@ -114,9 +114,7 @@ def _meshes(geometry: Any, urdf: Path) -> Iterator[trimesh.Trimesh]:
         # What the readers say of files that they read all the same is nothing for a user of phipsi.
         with _quiet(), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            loaded = trimesh.load(str(file), force="scene")
-            # A frame's axes of a COLLADA file are those of its numbers, whatever it says is up: so do all programs for URDF.
-            found = loaded.dump(concatenate=False)
+            found = trimesh.load(str(file), force="scene").dump(concatenate=False)
         scale = geometry.mesh.scale
         for mesh in found:
             if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):

@@ -32,11 +32,15 @@ class Times(NamedTuple):
     """With this switch off, or without the factor."""
 
 
+#: Where a pickled scene has the names of what is left out.
+LEFT_OUT = 6
+
+
 def without(scene: Scene, switch: str) -> Scene:
     """The same scene with one switch off."""
     rebuild, (description,) = scene.__reduce__()
-    *rest, left_out, locked, root = description
-    again: Scene = rebuild((*rest, [name for name in left_out if name != switch], locked, root))
+    left_out = [name for name in description[LEFT_OUT] if name != switch]
+    again: Scene = rebuild((*description[:LEFT_OUT], left_out, *description[LEFT_OUT + 1 :]))
     return again
 
 

@@ -1,0 +1,101 @@
+"""A scene as URDF."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._results import Joint
+from .errors import ArgumentError
+
+if TYPE_CHECKING:
+    from ._core import Scene
+
+_Array = NDArray[np.float64]
+
+#: The joints that URDF has; spherical ones, which phipsi reads too, no other program knows.
+KINDS = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating", "spherical")
+#: What a free joint may have that URDF has no place for where it is made by floating_base=True.
+LOSSES = ("armature", "damping", "friction", "stiffness")
+
+
+def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str:
+    """As Scene.to_urdf, which calls it."""
+    robot = ElementTree.Element("robot", name=name)
+    for link in scene.links.values():
+        element = _child(robot, "link", name=link.name)
+        if link.mass == 0.0 and not np.any(link.inertia):
+            continue
+        inertial = _child(element, "inertial")
+        _child(inertial, "origin", xyz=_text(link.com))
+        _child(inertial, "mass", value=_text(link.mass))
+        entries = {f"i{'xyz'[i]}{'xyz'[j]}": _text(link.inertia[i, j]) for i in range(3) for j in range(i, 3)}
+        _child(inertial, "inertia", **entries)
+    for joint in scene.joints.values():
+        if joint.parent is None:
+            _check_root(joint)
+        else:
+            _joint(robot, joint)
+    ElementTree.indent(robot)
+    text = f'<?xml version="1.0"?>\n{ElementTree.tostring(robot, encoding="unicode")}\n'
+    if path is not None:
+        Path(path).write_text(text, encoding="utf-8")
+    return text
+
+
+def _check_root(joint: Joint) -> None:
+    """The free joint of a floating base is not written: it comes back with floating_base=True, without losses."""
+    for what in LOSSES:
+        if (value := getattr(joint, what)) != 0.0:
+            raise ArgumentError(f"scene: found {what} {value:g} at the free joint {joint.name!r} of the base; expected 0: URDF has no place for it")
+
+
+def _joint(robot: ElementTree.Element, joint: Joint) -> None:
+    if joint.type not in KINDS:
+        raise ArgumentError(f"scene: found joint {joint.name!r} of type {joint.type!r}, which URDF has not; expected one of {', '.join(KINDS)}")
+    is_bounded = bool(np.isfinite(joint.lower) or np.isfinite(joint.upper))
+    # To other programs a revolute joint is one with limits.
+    kind = "continuous" if joint.type == "revolute" and not is_bounded else joint.type
+    element = _child(robot, "joint", name=joint.name, type=kind)
+    _child(element, "parent", link=str(joint.parent))
+    _child(element, "child", link=joint.child)
+    _child(element, "origin", xyz=_text(joint.xyz), rpy=_text(_angles(joint.rotation)))
+    if joint.axis is not None:
+        _child(element, "axis", xyz=_text(joint.axis))
+    bounds = {"lower": joint.lower, "upper": joint.upper} if is_bounded else {}
+    bounds |= {what: value for what in ("effort", "velocity") if np.isfinite(value := getattr(joint, what))}
+    if bounds:
+        _child(element, "limit", **{what: _text(value) for what, value in bounds.items()})
+    dynamics = {what: _text(value) for what in LOSSES if (value := getattr(joint, what)) != 0.0}
+    if "stiffness" in dynamics:
+        if len(joint.rest) != 1:
+            raise ArgumentError(f"scene: found a spring at joint {joint.name!r} of {len(joint.rest)} coordinates; expected it at joints of one: URDF has no other")
+        dynamics["rest"] = _text(joint.rest)
+    if dynamics:
+        _child(element, "dynamics", **dynamics)
+    if joint.mimic is not None:
+        ratio, offset = _text(joint.mimic.multiplier), _text(joint.mimic.offset)
+        _child(element, "mimic", joint=joint.mimic.joint, multiplier=ratio, offset=offset)
+
+
+def _child(parent: ElementTree.Element, tag: str, **attributes: str) -> ElementTree.Element:
+    return ElementTree.SubElement(parent, tag, attributes)
+
+
+def _text(numbers: Any) -> str:
+    """Numbers with every digit that they have."""
+    return " ".join(repr(float(number)) for number in np.atleast_1d(numbers))
+
+
+def _angles(rotation: _Array) -> _Array:
+    """Roll, pitch and yaw of Rz(yaw) Ry(pitch) Rx(roll), in rad; with the pitch a right angle the yaw is zero."""
+    level = np.hypot(rotation[0, 0], rotation[1, 0])
+    pitch = np.arctan2(-rotation[2, 0], level)
+    if level < 1e-9:
+        return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
+    return np.array([np.arctan2(rotation[2, 1], rotation[2, 2]), pitch, np.arctan2(rotation[1, 0], rotation[0, 0])])

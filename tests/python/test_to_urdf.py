@@ -1,0 +1,101 @@
+"""Scenes as URDF: read back they are the scenes that they were, and what URDF cannot hold is refused by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import phipsi
+import pytest
+from conftest import random_scene
+from phipsi.errors import ArgumentError
+from tolerances import assert_near, assert_same_bits, product, size
+
+KINDS = ("revolute", "continuous", "prismatic", "planar", "spherical", "floating", "fixed")
+
+
+@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_random_tree_comes_back(seed: int, floating: bool) -> None:
+    scene = random_scene(seed, 9, kinds=KINDS, armature=0.1, floating_base=floating)
+    if floating:
+        scene = scene.with_properties(armature={scene.joint_names[0]: 0.0})
+    back = phipsi.Scene.from_urdf(scene.to_urdf(), floating_base=floating, gravity=scene.gravity)
+    assert back.joint_names == scene.joint_names and back.link_names == scene.link_names
+    random = np.random.default_rng(seed)
+    q = scene.integrate(scene.neutral(), random.uniform(-1, 1, scene.nv))
+    qd, qdd = random.uniform(-1, 1, (2, scene.nv))
+    for one, other in ((scene.mass_matrix(q), back.mass_matrix(q)), (scene.inverse_dynamics(q, qd, qdd), back.inverse_dynamics(q, qd, qdd))):
+        assert_near(other, one, product(64 * scene.nv, size(one)))
+    for name, joint in scene.joints.items():
+        again = back.joints[name]
+        assert_same_bits(np.array([again.armature, again.damping, again.friction]), np.array([joint.armature, joint.damping, joint.friction]))
+
+
+def test_the_bundled_arm_comes_back_whole(tmp_path: Path) -> None:
+    """Limits, losses and names to the last bit, rotations to rounding; a second turn changes nothing more than that."""
+    scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)
+    text = scene.to_urdf(tmp_path / "arm.urdf", name="arm & <hand>")
+    assert (tmp_path / "arm.urdf").read_text(encoding="utf-8") == text
+    back = phipsi.Scene.from_urdf(tmp_path / "arm.urdf")
+    for name, joint in scene.joints.items():
+        again = back.joints[name]
+        assert (again.type, again.parent, again.child) == (joint.type, joint.parent, joint.child)
+        for field in ("lower", "upper", "velocity", "effort", "armature", "damping", "friction", "stiffness"):
+            assert getattr(again, field) == getattr(joint, field)
+        assert_near(again.rotation, joint.rotation, product(3, 1.0))
+        assert_same_bits(again.xyz, joint.xyz)
+    for name, link in scene.links.items():
+        assert_same_bits(back.links[name].inertia, link.inertia)
+
+
+def test_springs_and_mimics_come_back() -> None:
+    builder = phipsi.SceneBuilder().link("base").link("a", 1.0, (0, 0, 0.1), np.eye(3)).link("b", 1.0, (0, 0, 0.1), np.eye(3))
+    builder.joint("j", "revolute", "base", "a", axis=(0, 1, 0), stiffness=3.0, rest=[0.2], lower=-1.0, upper=2.0)
+    builder.joint("k", "prismatic", "a", "b", axis=(1, 0, 0), friction=0.3, mimic="j", mimic_multiplier=2.0, mimic_offset=0.1)
+    with pytest.warns(phipsi.errors.MimicWarning):
+        scene = builder.build()
+    with pytest.warns(phipsi.errors.MimicWarning):
+        back = phipsi.Scene.from_urdf(scene.to_urdf())
+    assert (back.joints["j"].stiffness, back.joints["j"].rest.tolist()) == (3.0, [0.2])
+    assert back.joints["k"].mimic == phipsi.Mimic("j", 2.0, 0.1)
+
+
+def test_a_right_angle_of_pitch() -> None:
+    for yaw in (0.0, 0.7, -2.0):
+        turned = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]]) @ np.array([[0, 0, 1.0], [0, 1, 0], [-1, 0, 0]])
+        builder = phipsi.SceneBuilder().link("base").link("a", 1.0, (0.1, 0.2, 0.3), np.eye(3))
+        scene = builder.joint("j", "revolute", "base", "a", axis=(0, 1, 0), rotation=turned).build()
+        back = phipsi.Scene.from_urdf(scene.to_urdf())
+        assert_near(back.joints["j"].rotation, turned, product(3, 1.0))
+
+
+def test_pinocchio_reads_it() -> None:
+    pin = pytest.importorskip("pinocchio")
+    scene = random_scene(3, 8, kinds=("revolute", "continuous", "prismatic", "fixed"))
+    model = pin.buildModelFromXML(scene.to_urdf())
+    model.gravity.linear = scene.gravity
+    names = [model.names[joint] for joint in range(1, model.njoints)]
+    assert set(names) == set(scene.joint_names)
+    q = scene.integrate(scene.neutral(), np.random.default_rng(0).uniform(-1, 1, scene.nv))
+    theirs = np.concatenate(
+        [[np.cos(q[at]), np.sin(q[at])] if model.joints[i + 1].nq == 2 else [q[at]] for i, name in enumerate(names) if (at := scene.q_index(name).start) >= 0]
+    )
+    data = model.createData()
+    mass = pin.crba(model, data, theirs)
+    mass = np.triu(mass) + np.triu(mass, 1).T
+    order = [scene.v_index(name).start for name in names]
+    ours = scene.mass_matrix(q)[np.ix_(order, order)]
+    assert_near(mass, ours, product(64 * scene.nv, size(ours)))
+
+
+def test_what_urdf_cannot_hold_is_named() -> None:
+    builder = phipsi.SceneBuilder().link("base").link("a", 1.0, (0, 0, 0.1), np.eye(3))
+    with pytest.raises(ArgumentError, match="'twist' of type 'screw'"):
+        builder.joint("twist", "screw", "base", "a", pitch=0.1).build().to_urdf()
+    ball = phipsi.SceneBuilder().link("base").link("a", 1.0, (0, 0, 0.1), np.eye(3))
+    with pytest.raises(ArgumentError, match="spring at joint 'ball'"):
+        ball.joint("ball", "spherical", "base", "a", stiffness=1.0).build().to_urdf()
+    free = phipsi.SceneBuilder().link("a", 1.0, (0, 0, 0.1), np.eye(3)).build(floating_base=True)
+    with pytest.raises(ArgumentError, match="damping 0.5 at the free joint 'root_joint'"):
+        free.with_properties(damping=0.5).to_urdf()
