@@ -100,6 +100,15 @@ def test_a_mesh_that_is_lost_is_named(robot: Path) -> None:
         assert len(shapes_of(scene, None)) == 3
 
 
+def test_a_page_tells_of_a_lost_mesh(robot: Path, tmp_path: Path) -> None:
+    (robot.parents[1] / "meshes" / "part.stl").unlink()
+    result = CliRunner().invoke(commands.group, ["simulate", str(robot), "-o", str(tmp_path / "out"), "--time", "0.01"])
+    assert result.exit_code == 0, result.output
+    page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert "shapes that are not drawn: arm: no file &#39;package://thing/meshes/part.stl&#39;" in page
+    assert "This robot has no shapes" not in page
+
+
 def test_meshes_are_found(robot: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     part = robot.parents[1] / "meshes" / "part.stl"
     for name in ("package://thing/meshes/part.stl", "../meshes/part.stl", str(part), f"file://{part}"):
@@ -271,8 +280,8 @@ def test_the_page_of_a_simulation(browser: Any, tmp_path: Path, width: int, robo
         curves.wait_for(timeout=PATIENCE)
         names = opened.page.locator("#over-time .legendtext").all_text_contents()
         assert {"hinge", "turn", "total"} <= set(names)
-        titles = " ".join(opened.page.locator("#over-time .infolayer [class$='title'] , #over-time [class*='ytitle'], #over-time [class*='y3title'], #over-time [class*='y4title']").all_text_contents())
-        assert "torque" in titles and "limit" in titles
+        titles = " ".join(opened.page.locator("#over-time [class*='title']").all_text_contents())
+        assert "torque, N m or N" in titles and "torque / its limit" in titles
         wide = opened.page.evaluate("document.documentElement.scrollWidth")
         assert wide <= width
         opened.check(file)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import gzip
+import json
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -14,6 +15,7 @@ from markupsafe import Markup
 
 from .. import errors
 from .._core import Scene
+from .pipeline import Missing
 from .states import Array
 
 #: What the extra `view` brings.
@@ -28,16 +30,28 @@ def lacking() -> str | None:
     return f"found no {', '.join(absent)}; install with: pip install \"phipsi[view]\"" if absent else None
 
 
-def robot(scene: Scene, t: Array, q: Array) -> Markup:
-    """A frame in which the robot moves through configurations, (k, nq), at times, (k,), s."""
-    from .. import view
+def check(scene: Scene) -> None:
+    """Raises Missing where a robot cannot be shown."""
+    if (reason := lacking()) is not None:
+        raise Missing(reason)
+    links = len(scene.link_names)
+    if scene.nv == 0 or links > MOST_LINKS:
+        raise Missing(f"found {links} links, {scene.nv} degrees of freedom; a robot is shown with up to {MOST_LINKS} links, if any moves")
 
-    with warnings.catch_warnings():
-        # The command has said it.
-        warnings.simplefilter("ignore", errors.MeshWarning)
-        html = view.page(scene, q if len(q) > 1 else q[0], t=t if len(q) > 1 else None)
+
+def robot(scene: Scene, t: Array, q: Array) -> dict[str, Any]:
+    """What a template shows of a robot that moves through configurations, (k, nq), at times, (k,), s: a frame, whether its file has shapes, and which are lost."""
+    from .. import view
+    from ..view import shapes
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", errors.MeshWarning)
+        own = shapes.of_file(scene, None)
+    motion, times = (q, t) if len(q) > 1 else (q[0], None)
+    html = view.page(scene, motion, t=times, shapes=own or shapes.stand_ins(scene))
     # A srcdoc is an attribute: quotes and ampersands alone are special there.
-    return Markup('<iframe class="robot" title="The robot in motion" srcdoc="{}"></iframe>').format(html)
+    frame = Markup('<iframe class="robot" title="The robot in motion" srcdoc="{}"></iframe>').format(html)
+    return {"frame": frame, "meshes": bool(own), "lost": [str(one.message) for one in caught]}
 
 
 @cache
@@ -65,6 +79,7 @@ def curves(name: str, t: Array, panels: Sequence[tuple[str, Mapping[str, Array]]
     """
     import plotly.graph_objects as go
     from plotly.colors import qualitative
+    from plotly.io import to_json
     from plotly.subplots import make_subplots
 
     figure = make_subplots(rows=len(panels), shared_xaxes=True, vertical_spacing=0.035)
@@ -90,23 +105,15 @@ def curves(name: str, t: Array, panels: Sequence[tuple[str, Mapping[str, Array]]
         # Above the curves, where a narrow page has room for it.
         legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
     )  # fmt: skip
+    # Sizes follow the window.
+    content = figure.to_plotly_json() | {"config": {"responsive": True, "displaylogo": False}}
     # The height stands before the script has run, so that nothing below jumps.
     place = '<div class="curves" id="{}" style="height:{}px"></div>'
     return Markup(place + "<script>window.plots.then(() => Plotly.newPlot({}, {}));</script>").format(
-        name, height * len(panels) + 60, Markup(_script(name)), Markup(_script(figure))
+        name, height * len(panels) + 60, _script(json.dumps(name)), _script(to_json(content, validate=False))
     )
 
 
-def _script(value: Any) -> str:
-    """A figure, or a name, as a script may hold it: nothing in it can end the script."""
-    import json
-
-    from plotly.io import to_json
-
-    if isinstance(value, str):
-        text = json.dumps(value)
-    else:
-        # Sizes follow the window.
-        parts = value.to_plotly_json() | {"config": {"responsive": True, "displaylogo": False}}
-        text = to_json(parts, validate=False)
-    return text.replace("<", "\\u003c").replace("&", "\\u0026")
+def _script(text: str) -> Markup:
+    """JSON as a script may hold it: nothing in it can end the script."""
+    return Markup(text.replace("<", "\\u003c").replace("&", "\\u0026"))

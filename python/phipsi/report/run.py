@@ -12,7 +12,7 @@ from markupsafe import Markup
 from .._motion import Trajectory
 from . import embed, motion
 from .page import Block, Figure, Table
-from .pipeline import Findings, Layout, Missing, Section, provenance
+from .pipeline import Findings, Layout, Section, provenance
 from .plotting import Plot
 from .progress import Reporter
 from .states import Array
@@ -38,11 +38,7 @@ class Run(Findings):
 
 
 def _view(run: Run, _: Reporter) -> dict[str, Any]:
-    if (reason := embed.lacking()) is not None:
-        raise Missing(reason)
-    links = len(run.path.scene.link_names)
-    if links > embed.MOST_LINKS:
-        raise Missing(f"found {links} links; a robot is shown with up to {embed.MOST_LINKS}")
+    embed.check(run.path.scene)
     return {"seconds": float(run.path.t[-1])}
 
 
@@ -71,10 +67,8 @@ def panels(run: Run) -> tuple[Array, Sequence[tuple[str, Mapping[str, Array]]]]:
     return path.t[rows], found
 
 
-def _frame(run: Run) -> dict[str, Any]:
-    from ..view.shapes import has_shapes
-
-    return {"frame": embed.robot(run.path.scene, run.path.t, run.path.q), "meshes": has_shapes(run.path.scene)}
+def _shown(run: Run) -> dict[str, Any]:
+    return embed.robot(run.path.scene, run.path.t, run.path.q)
 
 
 def _limits(run: Run) -> Sequence[Block]:
@@ -97,7 +91,7 @@ RUN: Layout[Run] = Layout(
     "run",
     "run.json",
     (
-        Section("view", "The motion", _view, shown=_frame),
+        Section("view", "The motion", _view, shown=_shown),
         Section("curves", "Over time", shown=_curves),
         Section("limits", "Limits", blocks=_limits),
         Section("pictures", "In one picture", plots=_plots, blocks=_pictures),

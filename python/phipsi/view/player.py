@@ -7,6 +7,7 @@ import io
 import os
 import threading
 import webbrowser
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from .. import _core
 from .._core import Scene
 from .._motion import Trajectory
 from ..errors import ArgumentError, ShapeError
-from .shapes import robot_size, shapes_of
+from .shapes import Shape, robot_size, shapes_of
 
 _Array = NDArray[np.float64]
 
@@ -80,9 +81,8 @@ class Motion:
 class _Stage:
     """A robot on a viser server: a frame a link with its meshes, the ground, the mass centre."""
 
-    def __init__(self, scene: Scene, urdf: str | os.PathLike[str] | None, port: int, rows: _Array) -> None:
-        self.scene = scene
-        shapes, size = shapes_of(scene, urdf), robot_size(scene)
+    def __init__(self, scene: Scene, shapes: Sequence[Shape], port: int, rows: _Array) -> None:
+        self.scene, size = scene, robot_size(scene)
         low, middle = self._extent(shapes, rows, size)
         # What it prints of its address, the caller is told in a better place.
         with contextlib.redirect_stdout(io.StringIO()):
@@ -105,7 +105,7 @@ class _Stage:
         camera.look_at = tuple(middle)
         self.update(rows[0])
 
-    def _extent(self, shapes: list[Any], rows: _Array, size: float) -> tuple[float, _Array]:
+    def _extent(self, shapes: Sequence[Shape], rows: _Array, size: float) -> tuple[float, _Array]:
         """The height of the lowest corner of any mesh at some of the rows, or at the first where the robot goes far, and the middle of all at the first."""
         some = rows[np.unique(np.linspace(0, len(rows) - 1, LOOKS).astype(int))]
         placements = self.scene.placements(some)
@@ -172,7 +172,7 @@ class Viewer:
     """Where it is."""
 
     def __init__(self, scene: Scene, motion: Motion, urdf: str | os.PathLike[str] | None, port: int, title: str | None) -> None:
-        self._stage = _Stage(scene, urdf, port, motion.q)
+        self._stage = _Stage(scene, shapes_of(scene, urdf), port, motion.q)
         self._motion, self._q = motion, motion.q[0].copy()
         self.url = f"http://{HOST}:{self._stage.server.get_port()}"
         self._closed = threading.Event()
@@ -280,10 +280,11 @@ def page(
     *,
     t: ArrayLike | None = None,
     urdf: str | os.PathLike[str] | None = None,
+    shapes: Sequence[Shape] | None = None,
 ) -> str:
-    """The HTML of a pose or a motion: meshes, viewer and all, without anything to load; arguments as in Scene.show."""
+    """The HTML of a pose or a motion: meshes, viewer and all, without anything to load; arguments as in Scene.show. shapes: instead of those of the URDF."""
     shown = Motion(scene, motion, t)
-    stage = _Stage(scene, urdf, 0, shown.q)
+    stage = _Stage(scene, shapes_of(scene, urdf) if shapes is None else shapes, 0, shown.q)
     try:
         return stage.html(shown)
     finally:

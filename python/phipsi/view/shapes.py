@@ -40,26 +40,22 @@ class Shape(NamedTuple):
 
 def shapes_of(scene: Scene, urdf: str | os.PathLike[str] | None) -> list[Shape]:
     """The shapes of all links: those of the file; where it gives none, or there is no file, capsules of inertias and rods from joint to joint."""
-    file = file_of(scene, urdf)
-    shapes = list(_of_file(scene, file)) if file is not None else []
-    if shapes:
-        # A frame, or a motor inside another link, has no shape on purpose.
-        return shapes
+    # Where any link has a shape, one without is a frame, or a motor inside another link.
+    return of_file(scene, urdf) or stand_ins(scene)
+
+
+def of_file(scene: Scene, urdf: str | os.PathLike[str] | None) -> list[Shape]:
+    """The shapes of the file that is asked for, or of the one that the scene comes from if it is still there."""
+    file = scene.file if urdf is None else Path(urdf)
+    if file is None or (urdf is None and not file.is_file()):
+        return []
+    return list(_of_file(scene, file))
+
+
+def stand_ins(scene: Scene) -> list[Shape]:
+    """Capsules of inertias, and rods from joint to joint."""
     size = robot_size(scene)
     return [*_rods(scene, size), *_capsules(scene, size)]
-
-
-def file_of(scene: Scene, urdf: str | os.PathLike[str] | None) -> Path | None:
-    """The file that is asked for, or that the scene comes from if it is still there."""
-    if urdf is not None:
-        return Path(urdf)
-    return scene.file if scene.file is not None and scene.file.is_file() else None
-
-
-def has_shapes(scene: Scene) -> bool:
-    """Whether the scene's file gives any link a shape."""
-    file = file_of(scene, None)
-    return file is not None and next(_of_file(scene, file), None) is not None
 
 
 def robot_size(scene: Scene) -> float:

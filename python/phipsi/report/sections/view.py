@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .. import draw, embed
-from ..pipeline import Missing, Section
+from ..pipeline import Section
 from ..progress import Reporter
 from ..robot import Report
 from ..states import Array, ranges
@@ -45,18 +45,12 @@ def _size(report: Report) -> float:
 
 
 def _collect(report: Report, _: Reporter) -> dict[str, Any]:
-    if (reason := embed.lacking()) is not None:
-        raise Missing(reason)
-    links = len(report.scene.link_names)
-    if report.scene.nv == 0 or links > embed.MOST_LINKS:
-        raise Missing(f"found {links} links, {report.scene.nv} degrees of freedom; a robot is shown with up to {embed.MOST_LINKS} links, if any moves")
+    embed.check(report.scene)
     return {"file": None if report.scene.file is None else str(report.scene.file)}
 
 
 def _shown(report: Report) -> dict[str, Any]:
-    from ...view.shapes import has_shapes
-
-    return {"frame": embed.robot(report.scene, *one_by_one(report)), "meshes": has_shapes(report.scene)}
+    return embed.robot(report.scene, *one_by_one(report))
 
 
 SECTION = Section("view", "The robot", _collect, shown=_shown)
