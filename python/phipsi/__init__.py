@@ -28,6 +28,8 @@ from ._core import (
     get_num_threads,
     set_num_threads,
 )
+from ._identify import Identification
+from ._load import load
 from ._motion import PD, MomentumCorrection, MotionEnergy, Trajectory, Violation
 from ._ode import Ode
 from ._results import (
@@ -59,6 +61,7 @@ __all__ = [
     "Factor",
     "ForwardDynamicsDerivatives",
     "ForwardDynamicsGradients",
+    "Identification",
     "InverseDynamicsDerivatives",
     "InverseDynamicsGradients",
     "Joint",
@@ -85,6 +88,7 @@ __all__ = [
     "__version__",
     "errors",
     "get_num_threads",
+    "load",
     "scenes",
     "set_num_threads",
 ]

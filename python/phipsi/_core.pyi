@@ -8,6 +8,7 @@ from typing import Any, Final, Literal, TypeAlias, final, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._identify import Identification
 from ._motion import PD, MomentumCorrection, Trajectory
 from ._ode import Ode
 from ._results import (
@@ -76,6 +77,7 @@ _Form: TypeAlias = Literal["auto", "covariance", "joseph", "square-root"]
 _Frame: TypeAlias = Literal["local", "world", "local-world-aligned"]
 _Kind: TypeAlias = Literal["spatial", "classical"]
 _Method: TypeAlias = Literal["semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3"]
+_Ignored: TypeAlias = Literal["equality", "flexes", "fluid", "gravcomp", "nonlinear", "plugins", "tendons"]
 _Switch: TypeAlias = Literal[
     "fixed_joints",
     "base_links",
@@ -92,7 +94,7 @@ _JointType: TypeAlias = Literal[
 class Scene:
     """An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
 
-    Made by Scene.from_urdf or SceneBuilder.build. SI units and radians. Spatial 6-vectors are angular first:
+    Made by Scene.from_urdf, from_mujoco, from_pinocchio, phipsi.load or SceneBuilder.build. SI units and radians. Spatial 6-vectors are angular first:
     wrench = (moment, force), velocity = (angular, linear). Movable joints are in depth-first order, siblings in file order.
 
     Arrays are (..., nq) or (..., nv): leading batch axes broadcast, rank in = rank out. Lists, float32, integers, strided
@@ -140,9 +142,50 @@ class Scene:
         UnknownTagWarning, once, for elements, attributes and text that are not understood (they are passed over).
         """
 
+    @staticmethod
+    def from_mujoco(
+        source: Any,
+        *,
+        gravity: ArrayLike | None = None,
+        strict: bool = False,
+        leave_out: Collection[_Switch] | None = None,
+        ignore: Collection[_Ignored] = (),
+    ) -> Scene:
+        """The scene of a MuJoCo model: its bodies, joints, armature, damping, frictionloss, springs and limits. Needs phipsi[mujoco].
+
+        source: a path of MJCF, URDF or .mjb, as MuJoCo reads them, XML, mujoco.MjModel or mujoco.MjSpec. gravity: (3,), m/s^2; None: the model's. strict: unphysical
+        inertias raise instead of warning. leave_out: as in Scene.from_urdf. ignore: what of the model is passed over, of "equality", "flexes", "fluid",
+        "gravcomp", "nonlinear" (springs, damping, plasticity), "plugins" and "tendons".
+
+        Joints and bodies keep their names and order; a joint whose anchor is off its body's origin, or that is not its body's last, moves a link
+        "body/joint". phipsi.mujoco takes states and forces from MuJoCo's conventions to phipsi's and back: they differ at ball and free joints.
+        Contacts, actuators and sensors are not read; an actuator's forcerange gives the joint's effort limit, ball joints get no limits.
+
+        Raises SceneError for a model that cannot be read, and for what acts in it and is not ignored, by name: equality constraints, tendons with springs, losses,
+        armature or limits, gravcomp, a medium, plugins, deformable objects, nonlinear springs and damping, springs of free joints; ImportError without
+        the extra; ArgumentError for other sources. Warns as SceneBuilder.build does: MimicWarning for joints that an ignored equality ties linearly.
+        """
+    @staticmethod
+    def from_pinocchio(
+        model: Any,
+        *,
+        gravity: ArrayLike | None = None,
+        strict: bool = False,
+        leave_out: Collection[_Switch] | None = None,
+    ) -> Scene:
+        """The scene of a Pinocchio model: its joints, inertias, armature, damping, dry friction, limits and gravity.
+
+        model: pinocchio.Model. gravity: (3,), m/s^2; None: the model's. strict: unphysical inertias raise instead of warning. leave_out: as in Scene.from_urdf.
+
+        Joints keep their names, bodies those of their frames, in depth-first order. phipsi.pinocchio takes states from Pinocchio's conventions to phipsi's and
+        back. A body that is fixed to another keeps its frame; its mass is in the other one, as Pinocchio has it.
+
+        Raises SceneError, naming the joint, for composite and mimic joints and for those of Euler angles; ImportError without Pinocchio; ArgumentError for
+        what is no model. Warns as SceneBuilder.build does.
+        """
     @property
     def file(self) -> Path | None:
-        """The URDF file that the scene comes from, a pathlib.Path; None where it comes from text or code."""
+        """The file, URDF or MJCF, that the scene comes from, a pathlib.Path; None where it comes from text or code."""
 
     @property
     def nq(self) -> int:
@@ -309,7 +352,7 @@ class Scene:
         steps: int,
         tau: ArrayLike | None = None,
         tau_steps: ArrayLike | None = None,
-        method: _Method = "semi-implicit-euler",
+        method: _Method = "rk4",
         record_every: int = 1,
         pd: PD | tuple[ArrayLike, ...] | None = None,
         armature: ArrayLike | None = None,
@@ -345,7 +388,7 @@ class Scene:
         steps: int,
         tau: ArrayLike | Callable[[float, _Array, _Array], ArrayLike] | None = None,
         tau_steps: ArrayLike | None = None,
-        method: _Method = "semi-implicit-euler",
+        method: _Method = "rk4",
         record_every: int = 1,
         pd: PD | tuple[ArrayLike, ...] | None = None,
         armature: ArrayLike | None = None,
@@ -395,7 +438,7 @@ class Scene:
         qd: ArrayLike | None = None,
         *,
         dt: float,
-        method: _Method = "semi-implicit-euler",
+        method: _Method = "rk4",
         pd: PD | tuple[ArrayLike, ...] | None = None,
         armature: ArrayLike | None = None,
         damping: ArrayLike | None = None,
@@ -1128,6 +1171,43 @@ class Scene:
         InertiaWarning where link and body together have an inertia that no body can have.
         """
 
+    def with_inertias(self, links: Mapping[str, tuple[float, ArrayLike, ArrayLike | None]]) -> Scene:
+        """A new scene whose named links have other inertias: of a better model, of an identification, of a random robot for learning.
+
+        links: from names to (mass, com, inertia): kg; (3,), the mass centre in the link's frame, m; (3, 3), about the mass centre, axes parallel to the link's
+        frame, kg m^2, or None for a point mass. Other links keep theirs, those that are fixed onto a named one too.
+
+        Raises ArgumentError for an unknown link and for a mass that is negative; ShapeError, ArgumentError for arrays, by the link's name. Warns
+        InertiaWarning for inertias that no body can have.
+        """
+    def identify(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        fit: Collection[Literal["armature", "damping", "friction"]] = (),
+        noise: ArrayLike | None = None,
+        trust: float = 1.0,
+        keep: Collection[str] = (),
+        friction_speed: float = 0.01,
+    ) -> Identification:
+        """The most probable inertias, and what acts at the joints, from measured motion and torques; each body gets inertias that a body can have.
+
+        q: (k, nq); qd, qdd, tau: (k, nv), k measured states; a NaN in tau is a torque that was not measured. fit: what of the joints is found too, of
+        "armature", "damping" and "friction". noise: standard deviation of the torques, (nv,) or a number, N m or N; None: as the residuals of least squares have it, which
+        takes more measured torques than there are parameters. trust: how much the model's own numbers count: each parameter is expected within about 1 / sqrt(trust)
+        of them, relatively. keep: names of body_names whose inertias stay. friction_speed: rad/s or m/s, where friction becomes viscous.
+
+        What is not fitted is the model's: its armature, damping, friction and springs are part of the torques. Maximum a posteriori with a Wishart prior on
+        each body's second moments of mass; convex. Memory for 10 k nv bodies numbers, and some tens of Newton steps of O((10 bodies)^3).
+
+        Returns a phipsi.Identification: the new scene, parameters with standard deviations, noise, residuals before and after, and how many
+        combinations of parameters the motion tells.
+
+        Raises ArgumentError for too few measurements, unknown names, and bodies of the model whose inertia no body can have, by name; ShapeError and NotFiniteError for arrays.
+        """
     def plan(self) -> Plan:
         """What this scene does not need and was left out when it was built, why, and what that saved."""
 
@@ -1331,6 +1411,7 @@ class SceneBuilder:
         inertias that no body can have, and MimicWarning, as Scene.from_urdf does.
         """
 
+    def _set_file(self, file: str | os.PathLike[str]) -> None: ...
     def __copy__(self) -> SceneBuilder: ...
     def __deepcopy__(self, memo: Any, /) -> SceneBuilder: ...
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]: ...

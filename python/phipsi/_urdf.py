@@ -27,8 +27,11 @@ LOSSES = ("armature", "damping", "friction", "stiffness")
 def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str:
     """As Scene.to_urdf, which calls it."""
     robot = ElementTree.Element("robot", name=name)
+    shapes, materials = _shapes(scene.file)
+    robot.extend(materials)
     for link in scene.links.values():
         element = _child(robot, "link", name=link.name)
+        element.extend(shapes.get(link.name, []))
         if link.mass == 0.0 and not np.any(link.inertia):
             continue
         inertial = _child(element, "inertial")
@@ -46,6 +49,25 @@ def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str
     if path is not None:
         Path(path).write_text(text, encoding="utf-8")
     return text
+
+
+def _shapes(file: Path | None) -> tuple[dict[str, list[ElementTree.Element]], list[ElementTree.Element]]:
+    """The shapes of links by name, and the materials, of a URDF that is still there; files of meshes beside it get their whole path."""
+    if file is None or not file.is_file():
+        return {}, []
+    try:
+        robot = ElementTree.parse(file).getroot()
+    except ElementTree.ParseError:
+        return {}, []
+    if robot.tag != "robot":
+        return {}, []
+    for mesh in robot.iter("mesh"):
+        name = mesh.get("filename", "")
+        if name and "://" not in name:
+            mesh.set("filename", str((file.parent / name).resolve()))
+    kinds = ("visual", "collision")
+    shapes = {link.get("name", ""): [shape for shape in link if shape.tag in kinds] for link in robot.findall("link")}
+    return shapes, robot.findall("material")
 
 
 def _check_root(joint: Joint) -> None:

@@ -63,7 +63,7 @@ class NotFiniteError(PhipsiError, ValueError):
     """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
 
 
-_OfArgument = TypeVar("_OfArgument", ArgumentError, ShapeError, NotFiniteError)
+_OfArgument = TypeVar("_OfArgument", ArgumentError, ShapeError, NotFiniteError, "OutOfMemoryError")
 
 
 def of_argument(kind: type[_OfArgument], argument: str, message: str) -> _OfArgument:

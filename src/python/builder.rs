@@ -11,6 +11,7 @@ use crate::scene::{Inertial, JointDescription, Limits, LinkDescription, Mimic, S
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::{Matrix3, Rotation3};
 use pyo3::prelude::*;
+use std::path::PathBuf;
 
 /// How far an inertia given as a 3x3 matrix may be from symmetric, relative to its largest entry.
 const ASYMMETRY: f64 = 1e-9;
@@ -162,6 +163,11 @@ impl PySceneBuilder {
         let scene = if self.builder.links().len() < WORTH_DETACHING { build()? } else { detached_checked(py, build)? };
         errors::warn(py, &scene)?;
         Ok(PyScene::new(scene))
+    }
+
+    /// The file that scenes of this builder come from, for readers in Python.
+    fn _set_file(&mut self, file: PathBuf) {
+        self.change(|builder| builder.with_file(Some(file)));
     }
 
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Object<'py>, (Description,))> {

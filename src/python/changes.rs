@@ -3,13 +3,13 @@
 use super::axis::Axis;
 use super::builder::{PySceneBuilder, inertial};
 use super::choice::items;
-use super::object::Object;
+use super::object::{Object, imported};
 use super::scene::PyScene;
 use super::{errors, input};
 use crate::error::Error;
-use crate::scene::{Joint, Property, Scene};
+use crate::scene::{Inertial, Joint, Property, Scene};
 use pyo3::prelude::*;
-use pyo3::types::PyMapping;
+use pyo3::types::{PyDict, PyMapping};
 
 #[pymethods]
 impl PyScene {
@@ -68,6 +68,59 @@ impl PyScene {
     ) -> PyResult<Self> {
         let payload = inertial(&str::to_owned, mass, com, inertia)?;
         self.changed(py, self.scene.with_payload(link, &payload)?)
+    }
+
+    /// A new scene whose named links have other inertias: of a better model, of an identification, of a random robot for learning.
+    ///
+    /// links: from names to (mass, com, inertia): kg; (3,), the mass centre in the link's frame, m; (3, 3), about the mass centre, axes parallel to the link's
+    /// frame, kg m^2, or None for a point mass. Other links keep theirs, those that are fixed onto a named one too.
+    ///
+    /// Raises ArgumentError for an unknown link and for a mass that is negative; ShapeError, ArgumentError for arrays, by the link's name. Warns
+    /// InertiaWarning for inertias that no body can have.
+    fn with_inertias(&self, py: Python<'_>, links: &Object<'_>) -> PyResult<Self> {
+        let expected = "a dict from names of links to (mass, com, inertia)";
+        let refused = |found: String| Error::argument("links", found, expected);
+        let Ok(mapping) = links.cast::<PyMapping>() else {
+            return Err(refused(links.repr()?.to_string()).into());
+        };
+        let each = items("links", mapping, "names of links")?.into_iter().map(|(link, given)| {
+            let Ok((mass, com, inertia)) = given.extract::<(f64, Object<'_>, Object<'_>)>() else {
+                return Err(refused(format!("{} for link {link:?}", given.repr()?)).into());
+            };
+            let inertia = (!inertia.is_none()).then_some(&inertia);
+            let inertial = inertial(&|argument| format!("{argument} of link {link:?}"), mass, Some(&com), inertia)?;
+            Ok((link, inertial))
+        });
+        let given = each.collect::<PyResult<Vec<(String, Inertial)>>>()?;
+        let given: Vec<(&str, Inertial)> = given.iter().map(|(link, inertial)| (&**link, *inertial)).collect();
+        self.changed(py, self.scene.with_inertias(&given)?)
+    }
+
+    /// The most probable inertias, and what acts at the joints, from measured motion and torques; each body gets inertias that a body can have.
+    ///
+    /// q: (k, nq); qd, qdd, tau: (k, nv), k measured states; a NaN in tau is a torque that was not measured. fit: what of the joints is found too, of
+    /// "armature", "damping" and "friction". noise: standard deviation of the torques, (nv,) or a number, N m or N; None: as the residuals of least squares have it, which
+    /// takes more measured torques than there are parameters. trust: how much the model's own numbers count: each parameter is expected within about 1 / sqrt(trust)
+    /// of them, relatively. keep: names of body_names whose inertias stay. friction_speed: rad/s or m/s, where friction becomes viscous.
+    ///
+    /// What is not fitted is the model's: its armature, damping, friction and springs are part of the torques. Maximum a posteriori with a Wishart prior on
+    /// each body's second moments of mass; convex. Memory for 10 k nv bodies numbers, and some tens of Newton steps of O((10 bodies)^3).
+    ///
+    /// Returns a phipsi.Identification: the new scene, parameters with standard deviations, noise, residuals before and after, and how many
+    /// combinations of parameters the motion tells.
+    ///
+    /// Raises ArgumentError for too few measurements, unknown names, and bodies of the model whose inertia no body can have, by name; ShapeError and NotFiniteError for arrays.
+    #[pyo3(signature = (q, qd, qdd, tau, **how),
+           text_signature = "($self, q, qd, qdd, tau, *, fit=(), noise=None, trust=1.0, keep=(), friction_speed=0.01)")]
+    fn identify<'py>(
+        slf: &Bound<'py, Self>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        qdd: &Object<'py>,
+        tau: &Object<'py>,
+        how: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Object<'py>> {
+        imported!(slf.py(), "phipsi._identify", "identify")?.call((slf, q, qd, qdd, tau), how)
     }
 }
 

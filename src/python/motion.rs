@@ -76,10 +76,10 @@ impl PyScene {
     /// Raises SimulationError where motion diverges, a pivot is lost, or tau raises, with the rows of the finished
     /// steps; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; OutOfMemoryError where the rows have no room;
     /// ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, *, dt, steps, tau=None, tau_steps=None, method="semi-implicit-euler", record_every=None, pd=None,
+    #[pyo3(signature = (q, qd, *, dt, steps, tau=None, tau_steps=None, method="rk4", record_every=None, pd=None,
                         armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED, form="auto",
                         progress=None, conserve_momentum=false),
-           text_signature = "($self, q, qd, *, dt, steps, tau=None, tau_steps=None, method='semi-implicit-euler', record_every=1, \
+           text_signature = "($self, q, qd, *, dt, steps, tau=None, tau_steps=None, method='rk4', record_every=1, \
                              pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01, \
                              form='auto', progress=None, conserve_momentum=False)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python

@@ -34,10 +34,10 @@ impl PyScene {
     /// (..., nv), tau (..., steps, nv) where tau_steps was given, parameters (..., bodies, 10) or None. Where no torque was given, tau is as for a constant one.
     ///
     /// Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument; SingularJointError; OutOfMemoryError.
-    #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method="semi-implicit-euler", record_every=None,
+    #[pyo3(signature = (q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method="rk4", record_every=None,
                         pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED,
                         form="auto", parameters=false),
-           text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method='semi-implicit-euler', \
+           text_signature = "($self, q, qd, cotangent_q, cotangent_qd, *, dt, steps, tau=None, tau_steps=None, method='rk4', \
                              record_every=1, pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, \
                              friction_speed=0.01, form='auto', parameters=False)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python

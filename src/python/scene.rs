@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 
 /// An articulated system: bodies, joints, gravity, and the names of them; immutable, for any number of threads.
 ///
-/// Made by Scene.from_urdf or SceneBuilder.build. SI units and radians. Spatial 6-vectors are angular first:
+/// Made by Scene.from_urdf, from_mujoco, from_pinocchio, phipsi.load or SceneBuilder.build. SI units and radians. Spatial 6-vectors are angular first:
 /// wrench = (moment, force), velocity = (angular, linear). Movable joints are in depth-first order, siblings in file order.
 ///
 /// Arrays are (..., nq) or (..., nv): leading batch axes broadcast, rank in = rank out. Lists, float32, integers, strided
@@ -123,7 +123,57 @@ impl PyScene {
         Ok(Self::new(scene))
     }
 
-    /// The URDF file that the scene comes from, a pathlib.Path; None where it comes from text or code.
+    /// The scene of a MuJoCo model: its bodies, joints, armature, damping, frictionloss, springs and limits. Needs phipsi[mujoco].
+    ///
+    /// source: a path of MJCF, URDF or .mjb, as MuJoCo reads them, XML, mujoco.MjModel or mujoco.MjSpec. gravity: (3,), m/s^2; None: the model's. strict: unphysical
+    /// inertias raise instead of warning. leave_out: as in Scene.from_urdf. ignore: what of the model is passed over, of "equality", "flexes", "fluid",
+    /// "gravcomp", "nonlinear" (springs, damping, plasticity), "plugins" and "tendons".
+    ///
+    /// Joints and bodies keep their names and order; a joint whose anchor is off its body's origin, or that is not its body's last, moves a link
+    /// "body/joint". phipsi.mujoco takes states and forces from MuJoCo's conventions to phipsi's and back: they differ at ball and free joints.
+    /// Contacts, actuators and sensors are not read; an actuator's forcerange gives the joint's effort limit, ball joints get no limits.
+    ///
+    /// Raises SceneError for a model that cannot be read, and for what acts in it and is not ignored, by name: equality constraints, tendons with springs, losses,
+    /// armature or limits, gravcomp, a medium, plugins, deformable objects, nonlinear springs and damping, springs of free joints; ImportError without
+    /// the extra; ArgumentError for other sources. Warns as SceneBuilder.build does: MimicWarning for joints that an ignored equality ties linearly.
+    #[staticmethod]
+    #[pyo3(signature = (source, *, gravity=None, strict=false, leave_out=None, ignore=None),
+           text_signature = "(source, *, gravity=None, strict=False, leave_out=None, ignore=())")]
+    fn from_mujoco<'py>(
+        py: Python<'py>,
+        source: &Object<'py>,
+        gravity: Option<&Object<'py>>,
+        strict: bool,
+        leave_out: Option<&Object<'py>>,
+        ignore: Option<&Object<'py>>,
+    ) -> PyResult<Object<'py>> {
+        let ignored = ignore.map(|ignore| names("ignore", ignore, "a list of names")).transpose()?.unwrap_or_default();
+        imported!(py, "phipsi.mujoco", "read")?.call1((source, gravity, strict, leave_out, ignored))
+    }
+
+    /// The scene of a Pinocchio model: its joints, inertias, armature, damping, dry friction, limits and gravity.
+    ///
+    /// model: pinocchio.Model. gravity: (3,), m/s^2; None: the model's. strict: unphysical inertias raise instead of warning. leave_out: as in Scene.from_urdf.
+    ///
+    /// Joints keep their names, bodies those of their frames, in depth-first order. phipsi.pinocchio takes states from Pinocchio's conventions to phipsi's and
+    /// back. A body that is fixed to another keeps its frame; its mass is in the other one, as Pinocchio has it.
+    ///
+    /// Raises SceneError, naming the joint, for composite and mimic joints and for those of Euler angles; ImportError without Pinocchio; ArgumentError for
+    /// what is no model. Warns as SceneBuilder.build does.
+    #[staticmethod]
+    #[pyo3(signature = (model, *, gravity=None, strict=false, leave_out=None),
+           text_signature = "(model, *, gravity=None, strict=False, leave_out=None)")]
+    fn from_pinocchio<'py>(
+        py: Python<'py>,
+        model: &Object<'py>,
+        gravity: Option<&Object<'py>>,
+        strict: bool,
+        leave_out: Option<&Object<'py>>,
+    ) -> PyResult<Object<'py>> {
+        imported!(py, "phipsi.pinocchio", "read")?.call1((model, gravity, strict, leave_out))
+    }
+
+    /// The file, URDF or MJCF, that the scene comes from, a pathlib.Path; None where it comes from text or code.
     #[getter]
     fn file(&self) -> Option<&Path> {
         self.scene.source().file()
@@ -203,7 +253,7 @@ impl PyScene {
     /// The scene as URDF, which from_urdf reads back to the same numbers but for the rounding of angles; a str.
     ///
     /// path: a file to write it to; None: none. name: of the robot. The free joint of a floating base is not written: read it with floating_base=True. Armature,
-    /// stiffness and rest are attributes of <dynamics>, which other programs pass over. Shapes are not kept. A revolute joint without limits is written as
+    /// stiffness and rest are attributes of <dynamics>, which other programs pass over. Shapes are those of the scene's file, where it is a URDF that is still there. A revolute joint without limits is written as
     /// continuous.
     ///
     /// Raises ArgumentError for what URDF cannot hold, naming the joint: screw and universal joints, springs at joints of several coordinates, losses of a

@@ -80,9 +80,9 @@ impl PyScene {
     /// Returns a phipsi.Simulator. Simulator.step(tau) costs what forward dynamics does, a stage, and some tenths of a microsecond.
     ///
     /// Raises OutOfMemoryError for more states than there is room for; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
-    #[pyo3(signature = (q, qd=None, *, dt, method="semi-implicit-euler", pd=None, armature=None, damping=None, stiffness=None, rest=None,
+    #[pyo3(signature = (q, qd=None, *, dt, method="rk4", pd=None, armature=None, damping=None, stiffness=None, rest=None,
                         friction=None, friction_speed=FRICTION_SPEED, form="auto", conserve_momentum=false),
-           text_signature = "($self, q, qd=None, *, dt, method='semi-implicit-euler', pd=None, armature=None, damping=None, stiffness=None, \
+           text_signature = "($self, q, qd=None, *, dt, method='rk4', pd=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=0.01, form='auto', conserve_momentum=False)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulator<'py>(

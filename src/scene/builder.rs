@@ -192,7 +192,7 @@ impl SceneBuilder {
         self
     }
 
-    /// The URDF file that it was read from; none where it comes from text or code.
+    /// The file that it was read from; none where it comes from text or code.
     #[must_use]
     pub fn file(&self) -> Option<&Path> {
         self.file.as_deref()

@@ -1,10 +1,11 @@
-//! A load on a link: a new scene with the mass of the two together.
+//! Other inertias: a load on a link, with the mass of the two together, and links with other numbers.
 
 use super::Scene;
 use super::description::Inertial;
 use crate::error::{Error, check_finite};
 use crate::spatial::Symmetric3;
 use nalgebra::Matrix3;
+use std::collections::HashMap;
 
 impl Scene {
     /// The scene with a rigid body added to a link, given in the link's frame; names and coordinates stay.
@@ -26,6 +27,41 @@ impl Scene {
         let mut source = self.source().clone();
         if let Some(carrier) = source.links.iter_mut().find(|carrier| carrier.name == link) {
             carrier.inertial = Some(carrier.inertial.as_ref().map_or(*payload, |own| together(own, payload)));
+        }
+        source.build()
+    }
+
+    /// A new scene whose named links have other inertias; what is fixed onto them keeps its own.
+    ///
+    /// # Errors
+    ///
+    /// An unknown link, a mass that is negative, or numbers that are not finite, by the link's name.
+    pub fn with_inertias(&self, inertias: &[(&str, Inertial)]) -> Result<Self, Error> {
+        let mut source = self.source().clone();
+        let places: HashMap<String, usize> =
+            source.links.iter().enumerate().map(|(at, link)| (link.name.clone(), at)).collect();
+        for (link, inertial) in inertias {
+            let Some(&at) = places.get(*link) else {
+                self.link(link)?;
+                return Err(Error::argument(
+                    "links",
+                    format!("{link:?}"),
+                    "the name of a link that the scene was built with",
+                ));
+            };
+            let Inertial { mass, centre, central } = inertial;
+            if !(mass.is_finite() && *mass >= 0.0) {
+                return Err(Error::argument(
+                    format!("mass of link {link:?}"),
+                    mass.to_string(),
+                    "a finite mass, zero or positive",
+                ));
+            }
+            check_finite(&format!("com of link {link:?}"), centre.as_slice())?;
+            check_finite(&format!("inertia of link {link:?}"), &central.entries)?;
+            // Without mass and inertia it is a mere frame.
+            let is_frame = *mass == 0.0 && central.entries.iter().all(|&entry| entry == 0.0);
+            source.links[at].inertial = (!is_frame).then_some(*inertial);
         }
         source.build()
     }

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import phipsi
 import pytest
 from click.testing import CliRunner, Result
-from phipsi.report import commands, info, kinds, simulate, view_robot  # noqa: F401  # the others register their commands
+from phipsi.report import commands, completion, identify, info, kinds, simulate, view_robot  # noqa: F401  # the others register their commands
 from phipsi.report.sections import residuals
 
 #: Two links in line, the second without mass: its joint moves nothing.
@@ -34,7 +37,7 @@ def test_version_names_the_version() -> None:
     assert phipsi.__version__ in result.output
 
 
-@pytest.mark.parametrize("command", [[], ["info"], ["view"], ["simulate"], ["report"], ["check"], ["bench"]])
+@pytest.mark.parametrize("command", [[], ["info"], ["view"], ["simulate"], ["identify"], ["report"], ["check"], ["bench"], ["completion"]])
 def test_help(command: list[str]) -> None:
     result = run(*command, "--help")
     assert result.exit_code == 0
@@ -51,6 +54,87 @@ def test_info_of_a_file(tmp_path: Path) -> None:
     content = json.loads(run("info", str(robot), "--json").stdout)
     assert (content["nq"], content["nv"], content["mass"], content["file"]) == (2, 2, 1.0, str(robot))
     assert content["joints"][1] | {"name": "j2", "upper": 1.0, "q": [1, 2]} == content["joints"][1]
+
+
+def test_info_of_a_mujoco_model(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    from mujoco_models import ARM
+
+    (tmp_path / "arm.xml").write_text(ARM)
+    result = run("info", str(tmp_path / "arm.xml"), "--json")
+    assert result.exit_code == 0, result.output
+    assert [joint["name"] for joint in json.loads(result.output)["joints"]] == ["yaw", "pitch", "slide", "roll", "turn"]
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion(shell: str) -> None:
+    result = run("completion", shell)
+    assert result.exit_code == 0
+    assert "_PHIPSI_COMPLETE" in result.output and f"{shell}_complete" in result.output
+
+
+def test_bash_completes(tmp_path: Path) -> None:
+    """The script is one that bash reads, and the command answers it."""
+    if (bash := shutil.which("bash")) is None:
+        pytest.skip("no bash")
+    script = tmp_path / "completion.bash"
+    script.write_text(run("completion", "bash").output)
+    assert subprocess.run([bash, "-n", str(script)], check=False).returncode == 0
+    asked = {"_PHIPSI_COMPLETE": "bash_complete", "COMP_WORDS": "phipsi sim", "COMP_CWORD": "1"}
+    call = [sys.executable, "-c", "from phipsi.cli import main; main()"]
+    answer = subprocess.run(call, env=os.environ | asked, capture_output=True, text=True, check=False)
+    assert answer.stdout.split() == ["plain,simulate"]
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Torques of the bundled arm with a load in its hand."""
+    scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)
+    loaded = scene.with_payload(scene.body_names[-1], mass=1.5, com=(0.0, 0.0, 0.1), inertia=0.01 * np.eye(3))
+    q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 200, 6))
+    tau = loaded.inverse_dynamics(q, qd, qdd) + scene.damping * qd + scene.friction * qd / np.sqrt(qd**2 + 1e-4)
+    file = tmp_path_factory.mktemp("measured") / "data.npz"
+    np.savez(file, q=q, qd=qd, qdd=qdd, tau=tau)
+    (file.parent / "arm.urdf").write_text(phipsi.BUNDLED_ARM)
+    return file
+
+
+def test_identify(measured: Path, tmp_path: Path) -> None:
+    robot = str(measured.parent / "arm.urdf")
+    result = run("identify", robot, str(measured), "--noise", "0.001", "-o", str(tmp_path / "found.urdf"))
+    assert result.exit_code == 0, result.output
+    assert "200 states tell" in result.output and str(tmp_path / "found.urdf") in result.output
+    result = run("identify", robot, str(measured), "--noise", "0.001", "--fit", "damping", "--json")
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.output)
+    assert max(found["after"]) < 0.01 < max(found["before"])
+    assert list(found["joints"]["damping"]) == list(phipsi.Scene.from_urdf(robot).joint_names)
+    # The robot that was written explains the torques.
+    with np.load(measured) as archive:
+        arrays = dict(archive)
+    written = phipsi.Scene.from_urdf(tmp_path / "found.urdf")
+    own = written.damping * arrays["qd"] + written.friction * arrays["qd"] / np.sqrt(arrays["qd"] ** 2 + 1e-4)
+    assert np.max(np.abs(written.inverse_dynamics(arrays["q"], arrays["qd"], arrays["qdd"]) + own - arrays["tau"])) < 0.01
+
+
+def test_identify_from_rates_alone(measured: Path, tmp_path: Path) -> None:
+    scene, t = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM), np.linspace(0, 2, 1001)
+    turns = np.outer(t, [5.0, 6.0, 7.0, 8.0, 9.0, 10.0])
+    q, qd, qdd = np.sin(turns), turns[1] / t[1] * np.cos(turns), -((turns[1] / t[1]) ** 2) * np.sin(turns)
+    arrays = {"q": q, "qd": qd, "tau": scene.inverse_dynamics(q, qd, qdd)}
+    file, robot = tmp_path / "rates.npz", str(measured.parent / "arm.urdf")
+    np.savez(file, **arrays)
+    refused = run("identify", robot, str(file))
+    assert refused.exit_code == 2 and "neither qdd nor times t" in refused.output
+    np.savez(file, t=t, **arrays)
+    assert "accelerations are differences of qd" in run("identify", robot, str(file)).output
+
+
+def test_identify_without_torques(measured: Path, tmp_path: Path) -> None:
+    file = tmp_path / "short.npz"
+    np.savez(file, q=np.zeros((3, 6)), qd=np.zeros((3, 6)))
+    refused = run("identify", str(measured.parent / "arm.urdf"), str(file))
+    assert refused.exit_code == 2 and "found no tau" in refused.output
 
 
 def test_the_package_is_the_command() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import inspect
 import json
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import numpy as np
 import phipsi
 import pytest
 from click.testing import CliRunner, Result
-from phipsi.report import commands, simulate  # noqa: F401  # the second registers its command
+from phipsi.report import commands, simulate
 from tolerances import assert_same_bits
 
 PICTURES = ("motion.png", "motion.svg", "stroboscope.png", "stroboscope.svg")
@@ -114,3 +115,10 @@ def test_bad_options_exit_with_2(options: tuple[str, str], tmp_path: Path) -> No
 def test_the_command_is_installed() -> None:
     done = subprocess.run([sys.executable, "-m", "phipsi.cli", "--help"], capture_output=True, text=True, check=True)
     assert "simulate" in done.stdout
+
+
+def test_one_method_is_the_default_everywhere() -> None:
+    """In Python, step by step, for gradients and on the command line."""
+    calls = (phipsi.Scene.simulate, phipsi.Scene.simulator, phipsi.Scene.simulate_vjp)
+    option = next(one for one in simulate.simulate.params if one.name == "method")
+    assert {inspect.signature(call).parameters["method"].default for call in calls} == {option.default} == {"rk4"}

@@ -70,7 +70,7 @@ def test_axes_of_the_batch_are_those_of_state_and_targets(arm: phipsi.Scene) -> 
     simulator = arm.simulator(np.zeros(7), dt=1e-3)
     assert_same_bits(simulator.qd, np.zeros(7))
     assert isinstance(simulator.t, float)
-    assert repr(simulator) == "<phipsi.Simulator: one state, 0 steps of 0.001 s by semi-implicit-euler>"
+    assert repr(simulator) == "<phipsi.Simulator: one state, 0 steps of 0.001 s by rk4>"
     assert "6 states" in repr(arm.simulator(np.zeros((2, 3, 7)), dt=1e-3))
 
 

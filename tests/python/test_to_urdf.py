@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import phipsi
@@ -99,3 +100,22 @@ def test_what_urdf_cannot_hold_is_named() -> None:
     free = phipsi.SceneBuilder().link("a", 1.0, (0, 0, 0.1), np.eye(3)).build(floating_base=True)
     with pytest.raises(ArgumentError, match="damping 0.5 at the free joint 'root_joint'"):
         free.with_properties(damping=0.5).to_urdf()
+
+
+def test_shapes_of_the_file_are_kept(tmp_path: Path) -> None:
+    """Materials too; a mesh beside the file is found from elsewhere."""
+    (tmp_path / "there").mkdir()
+    link = '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>{}</link>'
+    shape = '<visual><geometry><mesh filename="{}"/></geometry><material name="red"/></visual><collision><geometry><sphere radius="2"/></geometry></collision>'
+    text = '<robot name="r"><material name="red"><color rgba="1 0 0 1"/></material>' + link.format("a", shape.format("a.stl"))
+    text += link.format("b", shape.format("package://p/b.stl"))
+    text += '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>'
+    file = tmp_path / "there" / "robot.urdf"
+    file.write_text(text)
+    scene = phipsi.Scene.from_urdf(file).with_inertias({"b": (3.0, (0, 0, 0), np.eye(3))})
+    root = ElementTree.fromstring(scene.to_urdf())
+    assert [mesh.get("filename") for mesh in root.iter("mesh")] == [str(file.parent / "a.stl"), "package://p/b.stl"]
+    assert len(list(root.iter("collision"))) == 2 and root.find("material/color") is not None
+    assert phipsi.Scene.from_urdf(scene.to_urdf()).links["b"].mass == 3.0
+    file.unlink()
+    assert not list(ElementTree.fromstring(scene.to_urdf()).iter("mesh"))

@@ -75,6 +75,40 @@ def test_shapes_of_a_file(robot: Path) -> None:
     assert cylinder.visual.material.baseColorFactor[:3].tolist() == [255, 0, 0]
 
 
+#: A body with a shape of each kind that MuJoCo has, where it has them.
+MUJOCO = """<mujoco><asset><mesh name="tetra" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/><material name="red" rgba="1 0 0 1"/></asset><worldbody>
+<geom type="plane" size="1 1 1"/><body name="arm" pos="0 0 1"><joint axis="0 1 0"/>
+<geom type="box" size="0.1 0.2 0.3" pos="1 2 3" euler="0 0 90" rgba="0 0 1 1"/><geom type="sphere" size="0.2"/><geom type="capsule" size="0.1 0.4"/>
+<geom type="cylinder" size="0.1 0.4"/><geom type="ellipsoid" size="0.1 0.2 0.3"/><geom type="mesh" mesh="tetra" material="red"/>
+<geom type="sphere" size="5" group="3"/></body></worldbody></mujoco>"""
+
+
+def test_shapes_of_a_mujoco_model(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    file = tmp_path / "arm.xml"
+    file.write_text(MUJOCO, encoding="utf-8")
+    scene = phipsi.load(file)
+    shapes = shapes_of(scene, None)
+    assert [shape.link for shape in shapes] == ["arm"] * 6
+    extents = [shape.mesh.extents for shape in shapes]
+    for found, expected in zip(extents, [(0.2, 0.4, 0.6), (0.4,) * 3, (0.2, 0.2, 1.0), (0.2, 0.2, 0.8), (0.2, 0.4, 0.6)], strict=False):
+        assert np.max(np.abs(found - expected)) < 0.01
+    assert_near(shapes[0].place, np.array([[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]), product(1, 3.0))
+    # MuJoCo turns a mesh to its own axes, and its place too.
+    corners = np.hstack([shapes[5].mesh.vertices, np.ones((4, 1))]) @ shapes[5].place.T
+    assert np.max(np.abs(np.sort(corners[:, :3], axis=0) - np.sort(np.vstack([np.zeros(3), np.eye(3)]), axis=0))) < 1e-6
+    assert [tuple(shape.mesh.visual.material.baseColorFactor) for shape in shapes][::5] == [(0, 0, 255, 255), (255, 0, 0, 255)]
+
+
+def test_shapes_of_a_xacro(robot: Path) -> None:
+    pytest.importorskip("xacro")
+    file = robot.parent / "robot.xacro"
+    file.write_text(SHAPES.replace('<robot name="r">', '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="size" value="0.4"/>').replace("0.2 0.2 0.1", "${size} 0.2 0.1"))
+    shapes = shapes_of(phipsi.load(file), None)
+    assert [shape.link for shape in shapes] == ["base", "arm", "arm", "arm"]
+    assert_near(shapes[0].mesh.extents, np.array([0.4, 0.2, 0.1]), product(1, 1.0))
+
+
 def test_capsules_stand_for_inertias() -> None:
     """Of a rod along an oblique axis: as long as the box of its inertia, about its mass centre, along the axis."""
     axis = np.array([1.0, 2.0, 2.0]) / 3.0

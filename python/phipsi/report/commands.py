@@ -13,6 +13,7 @@ from rich.console import Console
 
 from .. import __version__, _core, errors
 from .._core import Scene
+from .._load import load
 from . import auto_cost, pipeline, sections, terminal
 from .progress import Silent, reporter
 from .robot import DENSE_CAP, Report
@@ -37,7 +38,7 @@ def _typed_errors() -> Iterator[None]:
     """Errors of the library as one line."""
     try:
         yield
-    except (errors.PhipsiError, OSError) as error:
+    except (errors.PhipsiError, OSError, ImportError) as error:
         raise BadInput(" ".join(str(error).split())) from None
 
 
@@ -45,7 +46,7 @@ def _load(robot: Path | None, floating_base: bool) -> tuple[Scene, str, str, lis
     """Scene, name, source and warnings, of which the first are shown."""
     with warnings.catch_warnings(record=True) as caught, _typed_errors():
         warnings.simplefilter("always")
-        scene = Scene.from_urdf(_core.BUNDLED_ARM if robot is None else robot, floating_base=floating_base)
+        scene = load(_core.BUNDLED_ARM if robot is None else str(robot), floating_base=floating_base)
     texts = [str(one.message) for one in caught]
     for text in [f"warning: {text}" for text in texts[:3]] + [f"and {len(texts) - 3} more warnings"] * (len(texts) > 3):
         terminal.line(Console(stderr=True), text, "yellow")

@@ -1,7 +1,8 @@
-"""What links look like: the shapes of a URDF, and capsules of their inertia where it has none."""
+"""What links look like: the shapes of a URDF or a MuJoCo model, and capsules of their inertia where it has none."""
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 import warnings
@@ -15,7 +16,9 @@ import yourdfpy
 from numpy.typing import NDArray
 
 from .._core import Scene
+from .._load import expanded, is_xacro, root_of
 from ..errors import ArgumentError, MeshWarning
+from ..mujoco import body_name, compiled, rotation
 
 _Array = NDArray[np.float64]
 
@@ -49,7 +52,12 @@ def of_file(scene: Scene, urdf: str | os.PathLike[str] | None) -> list[Shape]:
     file = scene.file if urdf is None else Path(urdf)
     if file is None or (urdf is None and not file.is_file()):
         return []
-    return list(_of_file(scene, file))
+    if not file.is_file():
+        raise ArgumentError(f"urdf: found {str(urdf)[:100]!r}, which is no file; expected the path of a URDF or MJCF, or None for the scene's own")
+    text = file.read_text(encoding="utf-8", errors="replace")
+    if root_of(text) == "mujoco":
+        return list(of_mujoco(scene, file))
+    return list(_of_file(scene, file, expanded(file) if is_xacro(text) else text))
 
 
 def stand_ins(scene: Scene) -> list[Shape]:
@@ -69,12 +77,10 @@ def robot_size(scene: Scene) -> float:
 # Shapes of a file
 
 
-def _of_file(scene: Scene, urdf: Path) -> Iterator[Shape]:
+def _of_file(scene: Scene, urdf: Path, text: str) -> Iterator[Shape]:
     """The visual shapes of links that the scene has; warns, once, of meshes that cannot be found or read."""
-    if not urdf.is_file():
-        raise ArgumentError(f"urdf: found {str(urdf)[:100]!r}, which is no file; expected the path of a URDF, or None for the scene's own")
     try:
-        robot = yourdfpy.URDF.load(str(urdf), build_scene_graph=False, load_meshes=False).robot
+        robot = yourdfpy.URDF.load(io.BytesIO(text.encode()), build_scene_graph=False, load_meshes=False).robot
     except (OSError, ValueError, AttributeError, TypeError, KeyError, SyntaxError) as error:
         raise ArgumentError(f"urdf: found {str(urdf)!r}, which cannot be read ({error}); expected a URDF, or None for the scene's own") from None
     colours = {material.name: material.color for material in robot.materials if material.color is not None}
@@ -170,6 +176,50 @@ def colour_mesh(mesh: trimesh.Trimesh, rgba: tuple[float, ...]) -> trimesh.Trime
     material = trimesh.visual.material.PBRMaterial(baseColorFactor=bytes_of, metallicFactor=0.1, roughnessFactor=0.7)
     mesh.visual = trimesh.visual.TextureVisuals(material=material)
     return mesh
+
+
+# Shapes of a MuJoCo model
+
+#: The groups of shapes that MuJoCo shows; those beyond are for collisions.
+SHOWN = (0, 1, 2)
+
+
+def of_mujoco(scene: Scene, file: Path) -> Iterator[Shape]:
+    """The shapes of bodies that the scene has, but for planes and height fields."""
+    import mujoco
+
+    kinds = mujoco.mjtGeom
+    model, _ = compiled(file)
+    known = set(scene.link_names)
+    for at in range(model.ngeom):
+        link, (x, y, z) = body_name(model, model.geom_bodyid[at]), model.geom_size[at]
+        if model.geom_group[at] not in SHOWN or link not in known:
+            continue
+        kind = model.geom_type[at]
+        if kind == kinds.mjGEOM_SPHERE:
+            mesh = trimesh.creation.icosphere(radius=x, subdivisions=3)
+        elif kind == kinds.mjGEOM_CAPSULE:
+            mesh = trimesh.creation.capsule(radius=x, height=2.0 * y)
+        elif kind == kinds.mjGEOM_ELLIPSOID:
+            mesh = trimesh.creation.icosphere(subdivisions=3).apply_scale([x, y, z])
+        elif kind == kinds.mjGEOM_CYLINDER:
+            mesh = trimesh.creation.cylinder(radius=x, height=2.0 * y)
+        elif kind == kinds.mjGEOM_BOX:
+            mesh = trimesh.creation.box(extents=[2.0 * x, 2.0 * y, 2.0 * z])
+        elif kind == kinds.mjGEOM_MESH:
+            mesh = _mesh(model, model.geom_dataid[at])
+        else:
+            continue
+        material = model.geom_matid[at]
+        place = np.eye(4)
+        place[:3, :3], place[:3, 3] = rotation(model.geom_quat[at]), model.geom_pos[at]
+        yield Shape(link, colour_mesh(mesh, tuple(model.geom_rgba[at] if material < 0 else model.mat_rgba[material])), place)
+
+
+def _mesh(model: Any, mesh: int) -> trimesh.Trimesh:
+    vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+    vertices = model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]]
+    return trimesh.Trimesh(np.array(vertices), np.array(model.mesh_face[face : face + model.mesh_facenum[mesh]]), process=False)
 
 
 # Shapes of inertias

@@ -1,0 +1,255 @@
+"""Models of Pinocchio (the wheel `pin`): as scenes, and states from its conventions to phipsi's and back.
+
+>>> import pinocchio, phipsi.pinocchio                                  # doctest: +SKIP
+>>> model = pinocchio.buildModelFromUrdf("robot.urdf")                  # doctest: +SKIP
+>>> scene = phipsi.Scene.from_pinocchio(model)                          # doctest: +SKIP
+>>> q, qd = phipsi.pinocchio.to_state(scene, model, q_there, v_there)   # doctest: +SKIP
+
+What differs: Pinocchio writes joints without limits as (cos, sin) and planar ones as (x, y, cos, sin), with rates in axes of the body; and it numbers the joints
+as they were added, phipsi depth first. Quaternions (x, y, z, w) and the rates of free joints (linear, angular, in axes of the body) are the same.
+Pinocchio's spatial vectors are linear first, phipsi's angular first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ._core import Scene, SceneBuilder
+from .errors import ArgumentError, SceneError
+
+if TYPE_CHECKING:
+    import pinocchio
+
+__all__ = ["from_state", "to_state"]
+
+_Array = NDArray[np.float64]
+
+#: Joints of several degrees of freedom, as both programs know them.
+KINDS = {"JointModelFreeFlyer": "floating", "JointModelSpherical": "spherical", "JointModelPlanar": "planar"}
+TRANSLATION = "JointModelTranslation"
+
+
+# A model as a scene
+
+
+def read(model: pinocchio.Model, gravity: ArrayLike | None, strict: bool, leave_out: Collection[Any] | None) -> Scene:
+    """As Scene.from_pinocchio, which calls it."""
+    try:
+        import pinocchio as pin
+    except ImportError:
+        raise ImportError("Scene.from_pinocchio: found no package pinocchio; install it with: pip install pin") from None
+    if not isinstance(model, pin.Model):
+        raise ArgumentError(f"model: found {type(model).__name__}; expected pinocchio.Model")
+    links = _own_links(model)
+    builder = SceneBuilder()
+    for joint, link in enumerate(links):
+        inertia = model.inertias[joint]
+        builder.link(link, mass=float(inertia.mass), com=np.array(inertia.lever), inertia=_symmetric(inertia.inertia))
+        if joint:
+            _add_joint(builder, model, joint, links)
+    _add_frames(builder, model, links)
+    return builder.build(gravity=np.array(model.gravity.linear) if gravity is None else gravity, strict=strict, leave_out=leave_out)
+
+
+def _own_links(model: pinocchio.Model) -> list[str]:
+    """The link that each joint moves: the first body at the joint's own place, else one that has the joint's name."""
+    links: dict[int, str] = {}
+    bodies = list(_bodies(model))
+    taken = {body.name for body in bodies}
+    for body in bodies:
+        if body.placement.isIdentity(0.0):
+            links.setdefault(body.parentJoint, body.name)
+    for joint in range(model.njoints):
+        name = model.names[joint]
+        while joint not in links and name in taken:
+            name += "_"
+        links.setdefault(joint, name)
+    return [links[joint] for joint in range(model.njoints)]
+
+
+def _bodies(model: pinocchio.Model) -> Iterator[Any]:
+    import pinocchio as pin
+
+    return (frame for frame in model.frames if frame.type == pin.FrameType.BODY)
+
+
+def _add_joint(builder: SceneBuilder, model: pinocchio.Model, joint: int, links: list[str]) -> None:
+    """A joint, or the three slides of a translation."""
+    place, name = model.jointPlacements[joint], model.names[joint]
+    xyz, rotation = np.array(place.translation), np.array(place.rotation)
+    parts = list(_parts(model, joint))
+    parent = links[model.parents[joint]]
+    for part in parts:
+        child = links[joint] if part is parts[-1] else f"{links[joint]}/{part.name}"
+        if child != links[joint]:
+            builder.link(child)
+        numbers = _numbers(model, part, name)
+        builder.joint(part.name, part.kind, parent, child, xyz=xyz, rotation=rotation, axis=part.axis, pitch=part.pitch, **numbers)
+        parent, xyz, rotation = child, np.zeros(3), np.eye(3)
+
+
+class _Part(NamedTuple):
+    """A joint of phipsi, and where it is in Pinocchio's q and v."""
+
+    name: str
+    kind: Any
+    axis: _Array
+    pitch: float | None
+    q: slice
+    v: slice
+
+
+def _parts(model: pinocchio.Model, joint: int) -> Iterator[_Part]:
+    """What a joint is in phipsi."""
+    there, name = model.joints[joint], model.names[joint]
+    kind = there.shortname()
+    q, v = slice(there.idx_q, there.idx_q + there.nq), slice(there.idx_v, there.idx_v + there.nv)
+    up = np.array([0.0, 0.0, 1.0])
+    if kind in KINDS:
+        yield _Part(name, KINDS[kind], up, None, q, v)
+    elif kind == TRANSLATION:
+        for at, axis in enumerate(np.eye(3)):
+            yield _Part(f"{name}_{'xyz'[at]}", "prismatic", axis, None, slice(q.start + at, q.start + at + 1), slice(v.start + at, v.start + at + 1))
+    elif there.nv == 1 and not kind.startswith(("JointModelMimic", "JointModelComposite")):
+        moves = _subspace(there)
+        linear, angular = moves[:3], moves[3:]
+        if not np.any(angular):
+            yield _Part(name, "prismatic", linear, None, q, v)
+        elif np.any(linear):
+            yield _Part(name, "screw", angular, float(linear @ angular / (angular @ angular)), q, v)
+        else:
+            yield _Part(name, "continuous" if there.nq == 2 else "revolute", angular, None, q, v)
+    else:
+        ours = "revolute, continuous, prismatic, helical, planar, translation, spherical (quaternion) and free-flyer joints"
+        raise SceneError(f"model: found joint {name!r} of type {kind}; expected {ours}: build it of these")
+
+
+def _subspace(joint: Any) -> _Array:
+    """The motion of a joint of one degree of freedom, (linear, angular), in its own frame: of a model of nothing else, where it is exact."""
+    import pinocchio as pin
+
+    alone = pin.Model()
+    alone.addJoint(0, joint, pin.SE3.Identity(), "joint")
+    data = alone.createData()
+    pin.computeJointJacobians(alone, data, pin.neutral(alone))
+    return np.reshape(pin.getJointJacobian(alone, data, 1, pin.ReferenceFrame.LOCAL), 6)
+
+
+def _numbers(model: pinocchio.Model, part: _Part, name: str) -> dict[str, Any]:
+    """Armature, losses and limits of a joint, as SceneBuilder.joint takes them."""
+    found: dict[str, Any] = {}
+    friction = _first(model, "upperDryFrictionLimit", "friction")
+    for ours, values in (("armature", model.armature), ("damping", model.damping), ("friction", friction)):
+        own = np.array(values[part.v])
+        if np.any(own != own[0]):
+            raise SceneError(f"model: found {ours} {own.tolist()} at the joint {name!r}; expected one number for all its axes")
+        found[ours] = float(own[0])
+    # A joint without limits, and one of several coordinates, has none that phipsi could hold.
+    if part.kind in ("revolute", "prismatic", "screw"):
+        found |= {"lower": float(model.lowerPositionLimit[part.q][0]), "upper": float(model.upperPositionLimit[part.q][0])}
+    if part.kind not in KINDS.values():
+        speed, effort = _first(model, "upperVelocityLimit", "velocityLimit"), _first(model, "upperEffortLimit", "effortLimit")
+        found |= {"velocity": float(speed[part.v][0]), "effort": float(effort[part.v][0])}
+    return found
+
+
+def _first(model: pinocchio.Model, *fields: str) -> Any:
+    """The field that this version has."""
+    return next(getattr(model, field) for field in fields if hasattr(model, field))
+
+
+def _add_frames(builder: SceneBuilder, model: pinocchio.Model, links: list[str]) -> None:
+    """Bodies that are fixed to others: their mass is in those already."""
+    import pinocchio as pin
+
+    own, fixed = set(links), set(model.names)
+    for body in _bodies(model):
+        if body.name in own:
+            continue
+        above = model.frames[_first(body, "parentFrame", "previousFrame")]
+        name = above.name if above.type == pin.FrameType.FIXED_JOINT and above.name not in fixed else f"{body.name}/fixed"
+        fixed.add(name)
+        place = body.placement
+        builder.link(body.name)
+        builder.joint(name, "fixed", links[body.parentJoint], body.name, xyz=np.array(place.translation), rotation=np.array(place.rotation))
+
+
+def _symmetric(matrix: Any) -> _Array:
+    full: _Array = np.array(matrix, float)
+    return np.asarray(0.5 * (full + full.T))
+
+
+# Conventions
+
+
+def to_state(scene: Scene, model: pinocchio.Model, q: ArrayLike, v: ArrayLike | None = None) -> tuple[_Array, _Array]:
+    """phipsi's configuration, (..., nq), and rates, (..., nv), of Pinocchio's.
+
+    scene: of Scene.from_pinocchio(model), or of the URDF that the model was built from. v: None for zeros. Torques and accelerations of robots
+    without planar joints go the same way as v.
+
+    Raises ArgumentError where the last axes are not model.nq and model.nv, the others do not broadcast, or a joint is not in the scene.
+    """
+    q, v = _vector("q", q, model.nq), np.zeros(model.nv) if v is None else _vector("v", v, model.nv)
+    ours, rates = np.empty((*q.shape[:-1], scene.nq)), np.empty((*_leading(q, v), scene.nv))
+    for part, at, rows in _matched(scene, model):
+        given, rate = q[..., part.q], v[..., part.v]
+        if part.kind == "planar":
+            ours[..., at] = np.concatenate([given[..., :2], np.arctan2(given[..., 3:], given[..., 2:3])], axis=-1)
+            rates[..., rows] = _planar(given[..., 2:3], given[..., 3:], rate)
+        else:
+            ours[..., at] = np.arctan2(given[..., 1:], given[..., :1]) if given.shape[-1] == 2 else given
+            rates[..., rows] = rate
+    return ours, rates
+
+
+def from_state(scene: Scene, model: pinocchio.Model, q: ArrayLike, qd: ArrayLike | None = None) -> tuple[_Array, _Array]:
+    """Pinocchio's configuration, (..., model.nq), and rates, (..., model.nv), of phipsi's; scene, model and errors as in to_state."""
+    q, qd = _vector("q", q, scene.nq), np.zeros(scene.nv) if qd is None else _vector("qd", qd, scene.nv)
+    theirs, rates = np.empty((*q.shape[:-1], model.nq)), np.empty((*_leading(q, qd), model.nv))
+    for part, at, rows in _matched(scene, model):
+        given, rate = q[..., at], qd[..., rows]
+        if part.kind == "planar":
+            cos, sin = np.cos(given[..., 2:]), np.sin(given[..., 2:])
+            theirs[..., part.q] = np.concatenate([given[..., :2], cos, sin], axis=-1)
+            rates[..., part.v] = _planar(cos, -sin, rate)
+        else:
+            unbounded = part.q.stop - part.q.start == 2
+            theirs[..., part.q] = np.concatenate([np.cos(given), np.sin(given)], axis=-1) if unbounded else given
+            rates[..., part.v] = rate
+    return theirs, rates
+
+
+def _matched(scene: Scene, model: pinocchio.Model) -> Iterator[tuple[_Part, slice, slice]]:
+    """Joints of the model, and where they are in phipsi's q and qd."""
+    known = set(scene.joint_names)
+    for joint in range(1, model.njoints):
+        for part in _parts(model, joint):
+            if part.name not in known:
+                raise ArgumentError(f"scene: found no joint {part.name!r}, which the model has; expected the scene of this model")
+            yield part, scene.q_index(part.name), scene.v_index(part.name)
+
+
+def _vector(name: str, values: ArrayLike, size: int) -> _Array:
+    found = np.asarray(values, float)
+    if found.ndim == 0 or found.shape[-1] != size:
+        raise ArgumentError(f"{name}: found shape {found.shape}; expected (..., {size})")
+    return found
+
+
+def _leading(q: _Array, v: _Array) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(q.shape[:-1], v.shape[:-1])
+    except ValueError:
+        raise ArgumentError(f"found leading axes {q.shape[:-1]} of configurations and {v.shape[:-1]} beside; expected ones that broadcast") from None
+
+
+def _planar(cos: _Array, sin: _Array, rate: _Array) -> _Array:
+    """Rates of a planar joint, turned by an angle."""
+    x, y, turn = rate[..., 0:1], rate[..., 1:2], rate[..., 2:]
+    turned: _Array = np.concatenate(np.broadcast_arrays(cos * x - sin * y, sin * x + cos * y, turn), axis=-1)
+    return turned

@@ -1,0 +1,236 @@
+"""Scene.identify: what explains torques is found, is the least value of its definition, and is what bodies can have."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from tolerances import SIGMAS, assert_near, product, recursion, size
+
+import phipsi
+from phipsi._identify import own_parameters, to_moments
+from phipsi.errors import ArgumentError, NotFiniteError, PhipsiError, ShapeError
+
+
+def arm(seed: int, bodies: int = 6, base: bool = False, **joints: float) -> phipsi.Scene:
+    """A generic arm: oblique axes, bodies of any orientation, a tool fixed on its hand."""
+    draw = np.random.default_rng(seed)
+    builder = phipsi.SceneBuilder().link("link0", mass=5.0 * base, inertia=0.1 * np.eye(3) if base else None)
+    for at in range(1, bodies + 1):
+        axes, _ = np.linalg.qr(draw.standard_normal((3, 3)))
+        moments = draw.uniform(0.02, 0.03, 3)
+        builder.link(f"link{at}", mass=draw.uniform(1, 3), com=draw.uniform(-0.1, 0.1, 3), inertia=axes @ np.diag(moments) @ axes.T)
+        place = {"xyz": draw.uniform(-0.3, 0.3, 3), "rpy": draw.uniform(-1, 1, 3), "axis": draw.standard_normal(3)}
+        builder.joint(f"joint{at}", "continuous", f"link{at - 1}", f"link{at}", **place, **joints)
+    builder.link("tool", mass=0.4, com=(0.0, 0.01, 0.1), inertia=np.diag([0.002, 0.002, 0.001]))
+    return builder.joint("mount", "fixed", f"link{bodies}", "tool", xyz=(0.0, 0.0, 0.1), rpy=(0.3, 0.2, 0.1)).build(floating_base=base)
+
+
+def like(scene: phipsi.Scene, seed: int) -> phipsi.Scene:
+    """The robot as it was built: each inertia off by some tenths."""
+    draw = np.random.default_rng(seed)
+    spread = {
+        name: (link.mass * draw.uniform(0.7, 1.3), link.com + draw.uniform(-0.02, 0.02, 3), link.inertia * draw.uniform(0.7, 1.3))
+        for name, link in scene.links.items()
+        if link.mass
+    }
+    return scene.with_inertias(spread)
+
+
+def states(scene: phipsi.Scene, count: int, seed: int = 5) -> tuple[np.ndarray, ...]:
+    q, qd, qdd = np.random.default_rng(seed).uniform(-2, 2, (3, count, scene.nv))
+    return q, qd, qdd
+
+
+def test_parameters_of_a_body_have_what_is_fixed_onto_it() -> None:
+    scene = arm(0)
+    q, qd, qdd = states(scene, 5)
+    rows = scene.inverse_dynamics_vjp(q[:, None], qd[:, None], qdd[:, None], np.eye(6), parameters=True).parameters
+    assert rows is not None
+    tau = np.einsum("kibp,bp->ki", rows, own_parameters(scene))
+    assert_near(tau, scene.inverse_dynamics(q, qd, qdd), recursion(6, size(tau)))
+
+
+def test_exact_torques_are_explained_and_predicted() -> None:
+    scene = arm(1)
+    built = like(scene, 2)
+    q, qd, qdd = states(scene, 100)
+    found = scene.identify(q, qd, qdd, built.inverse_dynamics(q, qd, qdd), noise=1e-3)
+    assert np.all(found.before > 0.05)
+    assert np.all(found.after < 1e-3)
+    # Of 60 parameters 3 of the first body and 7 of each other one are told.
+    assert found.known == 3 + 5 * 7
+    new = states(scene, 50, seed=6)
+    off = found.scene.inverse_dynamics(*new) - built.inverse_dynamics(*new)
+    assert np.max(np.abs(off)) < 3e-3
+    assert found.scene.link_names == scene.link_names
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_is_estimated_and_averaged(seed: int) -> None:
+    scene = arm(seed)
+    built, sigma = like(scene, seed + 10), np.array([0.5, 0.3, 0.2, 0.1, 0.05, 0.02])
+    q, qd, qdd = states(scene, 1000)
+    tau = built.inverse_dynamics(q, qd, qdd) + sigma * np.random.default_rng(seed).standard_normal((1000, 6))
+    found = scene.identify(q, qd, qdd, tau)
+    # Standard deviations of standard deviations: s / sqrt(2 k).
+    assert np.all(np.abs(found.noise / sigma - 1.0) < SIGMAS / np.sqrt(2 * 1000))
+    new = states(scene, 200, seed=7)
+    off = found.scene.inverse_dynamics(*new) - built.inverse_dynamics(*new)
+    # 38 numbers from 6000: the torques are off by about sqrt(38 / 6000) of the noise.
+    assert np.sqrt(np.mean((off / sigma) ** 2)) < 3.0 * np.sqrt(38 / 6000)
+
+
+def test_it_is_the_least_value_of_its_definition() -> None:
+    """Written out anew, with the ten parameters of each body as variables."""
+    scene = arm(4, bodies=3)
+    built = like(scene, 5)
+    q, qd, qdd = states(scene, 30)
+    draw = np.random.default_rng(0)
+    noise, trust = np.array([0.1, 0.2, 0.3]), 2.5
+    tau = built.inverse_dynamics(q, qd, qdd) + noise * draw.standard_normal((30, 3))
+    found = scene.identify(q, qd, qdd, tau, noise=noise, trust=trust)
+    prior = [np.linalg.inv(to_moments(one)) for one in own_parameters(scene)]
+    rows = scene.inverse_dynamics_vjp(q[:, None], qd[:, None], qdd[:, None], np.eye(3), parameters=True).parameters
+    assert rows is not None
+
+    def value(x: np.ndarray) -> float:
+        left = (tau - np.einsum("kibp,bp->ki", rows, x)) / noise
+        moments = [to_moments(one) for one in x]
+        return float(0.5 * np.sum(left**2) + 0.5 * trust * sum(np.trace(a @ b) - np.linalg.slogdet(b)[1] for a, b in zip(prior, moments, strict=True)))
+
+    least = value(found.parameters)
+    curvatures = []
+    for _ in range(40):
+        step = draw.standard_normal((3, 10)) * found.deviations
+        ahead, behind = (value(found.parameters + h * step) for h in (1e-3, -1e-3))
+        curvature = (ahead + behind - 2.0 * least) / 1e-6
+        assert curvature > 0.0
+        # The slope over the curvature is how far the least value is, in steps of the standard deviations.
+        assert abs((ahead - behind) / 2e-3) / curvature < 1e-4
+        curvatures.append(curvature)
+    assert np.median(curvatures) > 1.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_bodies_stay_bodies_where_data_are_poor(seed: int) -> None:
+    """Few states, much noise: least squares gives bodies that cannot be."""
+    scene = arm(seed)
+    q, qd, qdd = states(scene, 12, seed)
+    tau = like(scene, seed + 20).inverse_dynamics(q, qd, qdd) + np.random.default_rng(seed).standard_normal((12, 6))
+    found = scene.identify(q, qd, qdd, tau, noise=1.0, trust=0.1)
+    assert all(np.linalg.eigvalsh(to_moments(one))[0] > 0.0 for one in found.parameters)
+    assert np.all(np.isfinite(found.deviations)) and np.all(found.deviations > 0.0)
+    rows = scene.inverse_dynamics_vjp(q[:, None], qd[:, None], qdd[:, None], np.eye(6), parameters=True).parameters
+    assert rows is not None
+    least = np.linalg.lstsq(rows.reshape(72, 60), tau.ravel(), rcond=None)[0].reshape(6, 10)
+    assert min(np.linalg.eigvalsh(to_moments(one))[0] for one in least) < 0.0
+
+
+def test_torques_that_no_robot_gives() -> None:
+    """Far beyond the noise that is claimed: said, not answered."""
+    scene = arm(7)
+    q, qd, qdd = states(scene, 8)
+    tau = scene.inverse_dynamics(q, qd, qdd) + 30.0 * np.random.default_rng(1).standard_normal((8, 6))
+    with pytest.raises(PhipsiError, match="found no least value in .* expected another trust or noise"):
+        scene.identify(q, qd, qdd, tau, noise=0.01, trust=1e-3)
+
+
+def test_without_news_the_model_stays() -> None:
+    scene = arm(8)
+    q, qd, qdd = states(scene, 50)
+    found = scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd), noise=0.1)
+    assert_near(found.parameters, own_parameters(scene), 1e-9)
+
+
+def test_what_acts_at_the_joints() -> None:
+    scene = arm(9, armature=0.05, damping=0.3, stiffness=2.0)
+    values = {"armature": 0.12, "damping": 0.7, "friction": 0.4}
+    built = like(scene, 10).with_properties(**values)
+    q, qd, qdd = states(scene, 400)
+    own = values["damping"] * qd + values["friction"] * qd / np.sqrt(qd**2 + 0.01**2) + 2.0 * q
+    tau = built.inverse_dynamics(q, qd, qdd) + own
+    found = scene.identify(q, qd, qdd, tau, fit=list(values), noise=1e-3)
+    for name, value in values.items():
+        assert list(found.joints[name]) == list(scene.joint_names)
+        # The armature of a joint is told apart from the inertia about its axis by the joints before it, but for the first.
+        got = np.array(list(found.joints[name].values()))[1 if name == "armature" else 0 :]
+        assert np.max(np.abs(got - value)) < 0.01
+        assert_near(getattr(found.scene, name), list(found.joints[name].values()), product(1, 1.0))
+    assert np.all(found.after < 2e-3)
+    # The model's own losses and springs are part of the torques where they are not fitted.
+    left = scene.identify(q, qd, qdd, scene.inverse_dynamics(q, qd, qdd) + 0.3 * qd + 2.0 * q, noise=0.1)
+    assert np.max(left.before) < 1e-9
+
+
+def test_torques_that_were_not_measured() -> None:
+    scene = arm(11)
+    built = like(scene, 12)
+    q, qd, qdd = states(scene, 200)
+    tau = built.inverse_dynamics(q, qd, qdd)
+    tau[:, 2], tau[::3, 4] = np.nan, np.nan
+    found = scene.identify(q, qd, qdd, tau, noise=1e-3)
+    assert np.isnan(found.before[2]) and np.isnan(found.after[2])
+    assert np.all(found.after[[0, 1, 3, 4, 5]] < 1e-3)
+
+
+def test_a_floating_base_has_torques_of_zero() -> None:
+    scene = arm(13, base=True)
+    built = like(scene, 13)
+    draw = np.random.default_rng(3)
+    q = np.stack([scene.integrate(scene.neutral(), draw.uniform(-1, 1, scene.nv)) for _ in range(200)])
+    qd, tau = draw.uniform(-1, 1, (2, 200, scene.nv))
+    tau[:, :6] = 0.0
+    found = scene.identify(q, qd, built.forward_dynamics(q, qd, tau), tau, noise=1e-3, fit=["damping"])
+    assert np.all(found.after < 2e-3)
+    assert "root_joint" not in found.joints["damping"]
+
+
+def test_bodies_that_are_kept() -> None:
+    scene = arm(14)
+    built = scene.with_payload("tool", mass=0.8, com=(0.0, 0.0, 0.05))
+    q, qd, qdd = states(scene, 60)
+    keep = [name for name in scene.body_names if name != "link6"]
+    found = scene.identify(q, qd, qdd, built.inverse_dynamics(q, qd, qdd), noise=1e-3, keep=keep)
+    assert_near(found.parameters[:5], own_parameters(scene)[:5], 0.0)
+    assert np.all(found.deviations[:5] == 0.0)
+    # The hand has all ten told.
+    assert found.known == 10
+    assert_near(found.parameters[5], own_parameters(built)[5], 1e-4)
+    assert found.scene.links["link1"].mass == scene.links["link1"].mass
+
+
+GOOD: dict[str, Any] = {"noise": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "message"),
+    [
+        ({"trust": 0.0}, ArgumentError, "trust: found 0.0; expected a finite number above zero"),
+        ({"noise": -1.0}, ArgumentError, "noise: found -1.0; expected finite standard deviations above zero"),
+        ({"noise": [1.0, 2.0]}, ShapeError, r"noise: found shape \(2,\)"),
+        ({"fit": ["dampening"]}, ArgumentError, "fit: found 'dampening'; expected names of armature, damping, friction"),
+        ({"keep": ["elbow"]}, ArgumentError, "keep: found 'elbow'"),
+        ({"keep": [f"link{at}" for at in range(1, 7)]}, ArgumentError, "keep: found all bodies"),
+        ({"q": np.zeros(6)}, ShapeError, r"q: found shape \(6,\); expected \(k, 6\)"),
+        ({"qdd": np.zeros((3, 6))}, ShapeError, r"qdd: found shape \(3, 6\); expected \(k, 6\)"),
+        ({"qd": np.full((10, 6), np.inf)}, NotFiniteError, "qd"),
+        ({"tau": np.full((10, 6), np.inf)}, ArgumentError, "tau: found an infinity"),
+        ({"noise": None}, ArgumentError, r"tau: found 60 measured torques for \d+ combinations of parameters"),
+    ],
+)
+def test_bad_arguments(change: dict[str, Any], kind: type[Exception], message: str) -> None:
+    scene = arm(15)
+    q, qd, qdd = states(scene, 10)
+    given = GOOD | {"q": q, "qd": qd, "qdd": qdd, "tau": scene.inverse_dynamics(q, qd, qdd)} | change
+    with pytest.raises(kind, match=message):
+        scene.identify(**given)
+
+
+def test_a_body_that_cannot_be() -> None:
+    scene = arm(16).with_inertias({"link2": (1.0, (0, 0, 0), None)})
+    q, qd, qdd = states(scene, 10)
+    with pytest.raises(ArgumentError, match="scene: found inertias of the body 'link2' that no body can have, or none.*keep"):
+        scene.identify(q, qd, qdd, np.zeros((10, 6)), noise=0.1)
+    assert scene.identify(q, qd, qdd, np.zeros((10, 6)), noise=10.0, keep=["link2"]).deviations.shape == (6, 10)

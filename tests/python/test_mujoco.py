@@ -1,0 +1,242 @@
+"""Scene.from_mujoco beside MuJoCo: places, mass matrix, bias, springs and losses, accelerations; what it refuses, by name."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from mujoco_models import ARM, FLOATING, random_model
+
+from tolerances import assert_near, inverse, product, recursion, size
+
+import phipsi
+import phipsi.mujoco
+from phipsi.errors import ArgumentError, MimicWarning, SceneError
+
+MODELS = {"arm": ARM, "floating": FLOATING} | {f"random-{seed}": random_model(seed) for seed in range(12)}
+
+
+class There:
+    """A state of a model, and what MuJoCo says of it, in its own conventions."""
+
+    def __init__(self, text: str, seed: int) -> None:
+        self.model = mujoco.MjModel.from_xml_string(text)
+        self.data = mujoco.MjData(self.model)
+        draw = np.random.default_rng(seed)
+        mujoco.mj_integratePos(self.model, self.data.qpos, draw.standard_normal(self.model.nv), 1.0)
+        self.data.qvel = draw.standard_normal(self.model.nv)
+        self.data.qfrc_applied = draw.standard_normal(self.model.nv)
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        mujoco.mj_forward(self.model, self.data)
+        mass = np.zeros((self.model.nv, self.model.nv))
+        mujoco.mj_fullM(self.model, self.data, mass)
+        self.mass = mass
+
+
+@pytest.fixture(params=MODELS, scope="module")
+def pair(request: pytest.FixtureRequest) -> tuple[phipsi.Scene, There]:
+    there = There(MODELS[request.param], 7)
+    return phipsi.Scene.from_mujoco(there.model), there
+
+
+def state(scene: phipsi.Scene, there: There) -> tuple[np.ndarray, np.ndarray]:
+    return phipsi.mujoco.to_state(scene, there.data.qpos, there.data.qvel)
+
+
+def test_bodies_are_where_mujoco_has_them(pair: tuple[phipsi.Scene, There]) -> None:
+    scene, there = pair
+    places = scene.placements(state(scene, there)[0])
+    for body in range(there.model.nbody):
+        place = places[phipsi.mujoco.body_name(there.model, body)]
+        assert_near(place[:3, 3], there.data.xpos[body], recursion(scene.nv, size(there.data.xpos)))
+        assert_near(place[:3, :3], there.data.xmat[body].reshape(3, 3), recursion(scene.nv, 1.0))
+
+
+def test_the_mass_matrix_is_mujocos(pair: tuple[phipsi.Scene, There]) -> None:
+    scene, there = pair
+    q, _ = state(scene, there)
+    # Rows and columns go as forces do.
+    half = phipsi.mujoco.to_forces(scene, q, there.mass)
+    assert_near(scene.mass_matrix(q), phipsi.mujoco.to_forces(scene, q, half.T), recursion(scene.nv, size(there.mass)))
+
+
+def test_the_bias_is_mujocos(pair: tuple[phipsi.Scene, There]) -> None:
+    scene, there = pair
+    q, qd = state(scene, there)
+    # MuJoCo's accelerations are of the linear velocity in axes of the world: without any of these, phipsi's are -w x v.
+    still = phipsi.mujoco.to_accelerations(scene, q, qd, np.zeros(scene.nv))
+    bound = recursion(scene.nv, size(there.data.qfrc_bias))
+    assert_near(scene.inverse_dynamics(q, qd, still), phipsi.mujoco.to_forces(scene, q, there.data.qfrc_bias), bound)
+
+
+def test_accelerations_are_mujocos(pair: tuple[phipsi.Scene, There]) -> None:
+    scene, there = pair
+    q, qd = state(scene, there)
+    tau = phipsi.mujoco.to_forces(scene, q, there.data.qfrc_applied + there.data.qfrc_passive)
+    found = scene.forward_dynamics(q, qd, tau)
+    expected = phipsi.mujoco.to_accelerations(scene, q, qd, there.data.qacc_smooth)
+    bound = inverse(float(np.linalg.cond(there.mass)), size(expected))
+    assert_near(found, expected, bound)
+    back = phipsi.mujoco.from_accelerations(scene, q, qd, found)
+    assert_near(back, there.data.qacc_smooth, bound)
+
+
+def test_springs_and_damping_are_mujocos(pair: tuple[phipsi.Scene, There]) -> None:
+    scene, there = pair
+    q, qd = state(scene, there)
+    mass = scene.mass_matrix(q)
+    # A step of a thousandth of a thousandth of a second: the rates change by what acts.
+    dt = 1e-6
+    path = scene.simulate(q, qd, dt=dt, steps=1, method="semi-implicit-euler", friction=0.0)
+    acting = mass @ (path.qd[-1] - qd) / dt + scene.bias_torque(q, qd)
+    expected = phipsi.mujoco.to_forces(scene, q, there.data.qfrc_passive)
+    assert np.max(np.abs(acting - expected), initial=0.0) <= 1e-4 * max(1.0, np.max(np.abs(expected), initial=0.0))
+
+
+def test_states_go_there_and_back(pair: tuple[phipsi.Scene, There]) -> None:
+    scene, there = pair
+    q, qd = state(scene, there)
+    qpos, qvel = phipsi.mujoco.from_state(scene, q, qd)
+    assert np.array_equal(qpos, there.data.qpos)
+    assert_near(qvel, there.data.qvel, product(scene.nv, size(qvel)))
+    many = np.stack([there.data.qpos] * 3)
+    assert np.array_equal(phipsi.mujoco.to_state(scene, many, there.data.qvel)[1], np.stack([qd] * 3))
+    forces = phipsi.mujoco.to_forces(scene, q, there.data.qfrc_applied)
+    assert_near(phipsi.mujoco.from_forces(scene, q, forces), there.data.qfrc_applied, product(scene.nv, size(forces)))
+
+
+def test_joints_keep_names_order_and_numbers() -> None:
+    scene = phipsi.Scene.from_mujoco(ARM)
+    assert scene.joint_names == ("yaw", "pitch", "slide", "roll", "turn")
+    assert scene.gravity.tolist() == [0.3, -0.2, -9.7]
+    yaw = scene.joints["yaw"]
+    assert (yaw.type, yaw.lower, yaw.upper, yaw.armature, yaw.damping, yaw.friction, yaw.effort) == ("revolute", -2, 2, 0.1, 0.5, 0.2, 15)
+    pitch = scene.joints["pitch"]
+    assert (pitch.type, pitch.stiffness) == ("continuous", 4.0)
+    assert scene.rest[scene.q_index("pitch")] == pytest.approx(0.7)
+    assert scene.body_names == ("shoulder", "elbow/pitch", "elbow", "wrist/roll", "wrist")
+    assert np.all(phipsi.Scene.from_mujoco(ARM, gravity=(0, 0, 0)).gravity == 0.0)
+
+
+def test_what_it_reads(tmp_path: Path) -> None:
+    file = tmp_path / "arm.xml"
+    file.write_text(ARM)
+    spec = mujoco.MjSpec.from_string(ARM)
+    binary = tmp_path / "arm.mjb"
+    mujoco.mj_saveModel(mujoco.MjModel.from_xml_string(ARM), str(binary), None)
+    scenes = [phipsi.Scene.from_mujoco(source) for source in (file, str(file), spec, binary)] + [phipsi.load(source) for source in (file, ARM, spec, binary)]
+    mass = phipsi.Scene.from_mujoco(ARM).mass_matrix(np.zeros(5))
+    assert all(np.array_equal(scene.mass_matrix(np.zeros(5)), mass) for scene in scenes)
+    assert [scene.file for scene in scenes[:4]] == [file, file, None, None]
+
+
+def with_(element: str) -> str:
+    return FLOATING.replace("</mujoco>", f"{element}</mujoco>")
+
+
+REFUSED = {
+    "equality": (with_('<equality><weld name="glue" body1="leg" body2="arm"/></equality>'), "equality constraint 'glue'"),
+    "tendons": (
+        with_('<tendon><spatial name="rope" stiffness="3"><site site="a"/><site site="b"/></spatial></tendon>').replace(
+            '<body name="arm" pos="-0.2 0 0.1">', '<site name="a"/><body name="arm" pos="-0.2 0 0.1"><site name="b"/>'
+        ),
+        "tendon 'rope'",
+    ),
+    "gravcomp": (FLOATING.replace('name="arm"', 'name="arm" gravcomp="0.5"'), "gravcomp 0.5 at the body 'arm'"),
+    "fluid": (with_('<option density="1.2"/>'), "medium of density 1.2"),
+    "nonlinear": (FLOATING.replace("<freejoint/>", '<joint name="loose" type="free" stiffness="2"/>', 1), "stiffness at the free joint 'loose'"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_a_scene_has_not_is_refused_by_name(what: str) -> None:
+    text, message = REFUSED[what]
+    with pytest.raises(SceneError, match=message) as caught:
+        phipsi.Scene.from_mujoco(text)
+    assert f"ignore=({what!r},)" in str(caught.value)
+    # And read where that is asked for.
+    assert phipsi.Scene.from_mujoco(text, ignore=(what,)).nv == phipsi.Scene.from_mujoco(FLOATING).nv
+
+
+def test_a_tendon_that_only_drives_is_no_obstacle() -> None:
+    text = ARM.replace("</mujoco>", '<tendon><fixed name="both"><joint joint="roll" coef="1"/><joint joint="turn" coef="1"/></fixed></tendon></mujoco>')
+    assert phipsi.Scene.from_mujoco(text).nv == 5
+
+
+def test_inactive_constraints_are_no_obstacle() -> None:
+    assert phipsi.Scene.from_mujoco(REFUSED["equality"][0].replace("<weld", '<weld active="false"')).nv == 18
+
+
+def test_an_ignored_tie_of_joints_is_known_as_mimic() -> None:
+    text = ARM.replace("</mujoco>", '<equality><joint joint1="slide" joint2="pitch" polycoef="0.2 0.5 0 0 0"/></equality></mujoco>')
+    with pytest.warns(MimicWarning, match="slide"):
+        scene = phipsi.Scene.from_mujoco(text, ignore=["equality"])
+    mimic = scene.joints["slide"].mimic
+    assert mimic is not None
+    # slide - 0.1 = 0.2 + 0.5 (pitch - 0.3)
+    assert (mimic.joint, mimic.multiplier, mimic.offset) == ("pitch", 0.5, pytest.approx(0.15))
+
+
+def test_switched_off_gravity_springs_and_dampers_are_off() -> None:
+    text = ARM.replace('<option gravity="0.3 -0.2 -9.7"/>', '<option><flag gravity="disable" spring="disable" damper="disable"/></option>')
+    scene = phipsi.Scene.from_mujoco(text)
+    assert not np.any(scene.gravity) and not np.any(scene.stiffness) and not np.any(scene.damping)
+    assert np.any(phipsi.Scene.from_mujoco(ARM).damping)
+
+
+def test_unequal_numbers_of_one_joint_are_refused() -> None:
+    model = mujoco.MjModel.from_xml_string(FLOATING)
+    model.dof_armature[6] = 3.0
+    with pytest.raises(SceneError, match=r"dof_armature \[3.0, .*\] at the joint 'joint1'"):
+        phipsi.Scene.from_mujoco(model)
+
+
+@pytest.mark.parametrize(
+    ("source", "kind", "message"),
+    [
+        (3, ArgumentError, "source: found int"),
+        ("<mujoco><worldbody><bdy/></worldbody></mujoco>", SceneError, "MuJoCo cannot read it.*bdy"),
+        ("missing.xml", SceneError, "'missing.xml', which is no file"),
+    ],
+)
+def test_what_is_no_model(source: object, kind: type[Exception], message: str) -> None:
+    with pytest.raises(kind, match=message):
+        phipsi.Scene.from_mujoco(source)
+
+
+def test_an_unknown_name_to_ignore() -> None:
+    with pytest.raises(ArgumentError, match="ignore: found 'contacts'; expected names of equality"):
+        phipsi.Scene.from_mujoco(ARM, ignore=["contacts"])
+
+
+@pytest.mark.parametrize("call", ["to_state", "from_state"])
+def test_states_of_another_length(call: str) -> None:
+    scene = phipsi.Scene.from_mujoco(ARM)
+    with pytest.raises(ArgumentError, match=r"q(pos)?: found shape \(4,\); expected \(..., 5\)"):
+        getattr(phipsi.mujoco, call)(scene, np.zeros(4))
+
+
+def test_states_that_do_not_broadcast() -> None:
+    scene = phipsi.Scene.from_mujoco(FLOATING)
+    with pytest.raises(ArgumentError, match=r"found leading axes \(2,\).*\(3,\)"):
+        phipsi.mujoco.to_state(scene, np.tile(scene.neutral(), (2, 1)), np.zeros((3, scene.nv)))
+
+
+def test_a_motion_is_mujocos() -> None:
+    """A second of both, each with its own RK4."""
+    there = There(FLOATING, 3)
+    there.model.opt.timestep, there.model.opt.integrator = 1e-3, mujoco.mjtIntegrator.mjINT_RK4
+    there.data.qfrc_applied[:] = 0.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene = phipsi.Scene.from_mujoco(there.model)
+    q, qd = state(scene, there)
+    path = scene.simulate(q, qd, dt=1e-3, steps=200, method="rk4", record_every=200)
+    for _ in range(200):
+        mujoco.mj_step(there.model, there.data)
+    expected, rates = state(scene, there)
+    assert np.max(np.abs(path.q[-1] - expected)) < 1e-6
+    assert np.max(np.abs(path.qd[-1] - rates)) < 1e-5
