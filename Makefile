@@ -92,10 +92,11 @@ test-jax: $(VENV)-jax/there
 $(VENV)-docs/there: $(VENV)/wheel pyproject.toml
 	$(PYTHON) -m venv $(VENV)-docs
 	$(VENV)-docs/bin/python -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[docs]"
+	$(VENV)-docs/bin/python -m pip install --quiet --force-reinstall --no-deps $(WHEELS)/phipsi-*.whl
 	touch $@
 
 docs: $(VENV)-docs/there
-	NO_MKDOCS_2_WARNING=1 $(VENV)-docs/bin/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(VENV)-docs/bin/mkdocs build --strict
 	@echo "open target/site/index.html"
 
 # A processor that this machine is not: its arm is compiled, not run.

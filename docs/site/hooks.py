@@ -14,6 +14,7 @@ from typing import Any
 
 import nbformat
 from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
@@ -57,8 +58,18 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
         target = PAGES.get(file) or (file.removeprefix("docs/") if file.startswith("docs/") else None)
         return link if target is None else os.path.relpath(target, folder)
 
+    if page.file.src_uri in ("index.md", "tutorial.md"):
+        page.meta["hide"] = ["navigation"]  # sections of one page
     parts = re.split(r"(^```.*?^```$)", markdown, flags=re.DOTALL | re.MULTILINE)
     return "".join(part if part.startswith("```") else LINK.sub(turned, part) for part in parts)
+
+
+def on_post_build(config: MkDocsConfig) -> None:
+    """Ends the build where a page asks another host for something."""
+    for page in Path(config.site_dir).rglob("*.html"):
+        for tag in re.findall(r"<(?:script|link|img|iframe|source)\b[^>]*>", page.read_text(encoding="utf-8")):
+            if re.search(r"""\b(?:src|href)=["']?(?:https?:)?//""", tag):
+                raise PluginError(f"{page}: {tag} asks another host; expected files of the site only")
 
 
 def _example(path: Path) -> str:
@@ -74,7 +85,7 @@ def _notebook(path: Path) -> str:
     if runs := importlib.util.find_spec("phipsi") is not None:
         from nbclient import NotebookClient
 
-        NotebookClient(notebook, timeout=300, kernel_name="python3").execute()
+        NotebookClient(notebook, timeout=300, kernel_name="python3", extra_arguments=["--IPKernelApp.log_level=40"]).execute()
     note = "" if runs else "\n\nNot run: phipsi could not be imported where this page was made.\n\n"
     about = f"[{path.name}]({path.name}){{download}} is the notebook itself."
     cells = [_cell(cell) for cell in notebook.cells]
@@ -89,7 +100,7 @@ def _cell(cell: Any) -> str:
 
 def _output(output: Any) -> str:
     if output.output_type == "stream":
-        return f"```text title=\"\"\n{output.text.rstrip()}\n```"
+        return f"```text\n{output.text.rstrip()}\n```"
     data = output.get("data", {})
     if "image/png" in data:
         return f'<img alt="what the cell draws" src="data:image/png;base64,{data["image/png"].strip()}">'

@@ -22,14 +22,16 @@ class StubMembers(griffe.Extension):
         for member in owner.members.values():
             if not member.is_alias:
                 if member.docstring is not None:
-                    member.docstring.value = as_markdown(member.docstring.value)
+                    names = [parameter.name for parameter in member.parameters] if isinstance(member, griffe.Function) else []
+                    member.docstring.value = as_markdown(member.docstring.value, names)
                 if isinstance(member, griffe.Module | griffe.Class):
                     self._visit(member)
 
 
-def as_markdown(docstring: str) -> str:
-    """A docstring whose sessions are code blocks, and whose angle brackets are no HTML."""
-    paragraphs = []
+def as_markdown(docstring: str, names: list[str]) -> str:
+    """A docstring whose sessions are code blocks, whose angle brackets are no HTML, and whose arguments, of these names, are a list."""
+    paragraphs: list[str] = []
+    listed = False
     for paragraph in docstring.split("\n\n"):
         if paragraph.startswith(">>> "):
             text = re.sub(r" *# doctest: \+SKIP", "", paragraph)
@@ -37,6 +39,28 @@ def as_markdown(docstring: str) -> str:
         elif paragraph.startswith("    "):
             paragraphs.append(paragraph)
         else:
-            text = re.sub(r":\w+:`~?([^`]*)`", r"`\1`", paragraph)
-            paragraphs.append(text.replace("<", "&lt;"))
+            text = re.sub(r":\w+:`~?([^`]*)`", r"`\1`", paragraph).replace("<", "&lt;")
+            if text.startswith("- "):
+                paragraphs.append("\n".join(f"    {line}" for line in text.splitlines()) if listed else text)
+                continue
+            paragraphs += _arguments(" ".join(text.split()), names)
+        listed = paragraphs[-1].startswith("- ")
     return "\n\n".join(paragraphs)
+
+
+def _arguments(text: str, names: list[str]) -> list[str]:
+    """A paragraph, as a list from where it says `name: ...` of an argument."""
+    if not names:
+        return [text]
+    name = "(?:" + "|".join(names) + ")"
+    parts = re.split(rf"(?:^|(?<=[.;] ))({name}(?:, {name})*(?: and {name})?): ", text)
+    if len(parts) == 1:
+        return parts
+    first, last = parts[0].strip(), re.split(r"(?<=\. )(?=(?:Returns|Raises|Warns) )", parts[-1])
+    parts[-1] = last[0]
+    items = [f"- {_named(given)}: {said.strip(' ;')}" for given, said in zip(parts[1::2], parts[2::2], strict=True)]
+    return [paragraph for paragraph in (first, "\n".join(items), *last[1:]) if paragraph]
+
+
+def _named(given: str) -> str:
+    return re.sub(r"(?!and\b)\w+", r"`\g<0>`", given)
