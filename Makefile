@@ -3,7 +3,8 @@
 #   make report [ROBOT=some.urdf] [OUT=report]   build, install into .venv, run the main job
 #   make test      Rust tests, then the Python tests against the built wheel
 #   make dev       the fast loop: a debug build with fewer kernels into .venv-dev (try: .venv-dev/bin/python, or -m pytest tests/python)
-#   make test-jax  the tests of phipsi.jax, in .venv-jax (two minutes)
+#   make test-jax  the tests of phipsi.jax, and its page, in .venv-jax (two minutes)
+#   make docs      the pages of docs/ as a site, target/site/index.html, in .venv-docs; warnings are errors
 #   make check     what CI adds: format, clippy (of the benches too), docs, stubs, abi3
 #   make peers     what to measure against: the peers, and Pinocchio's C++ harness (Debian: apt-get, as root)
 #   make stub      after make test: writes the docstrings of the compiled module into the stub
@@ -31,7 +32,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax check bench numerics motion instructions auto-states derivatives leaving-out roofline picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax docs check bench numerics motion instructions auto-states derivatives leaving-out roofline picture peers peers-there peers-phipsi stub clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -85,7 +86,18 @@ $(VENV)-jax/there: $(VENV)/wheel pyproject.toml
 	touch $@
 
 test-jax: $(VENV)-jax/there
-	cd tests/python && ../../$(VENV)-jax/bin/python -m pytest -q --rootdir . -c ../../pyproject.toml test_jax.py
+	cd tests/python && ../../$(VENV)-jax/bin/python -m pytest -q --rootdir . -c ../../pyproject.toml test_jax.py 'test_docs.py::test_python_blocks_run[docs/how-to/jax.md]'
+
+# The wheel, so that notebooks are run; the reference is read from the sources.
+$(VENV)-docs/there: $(VENV)/wheel pyproject.toml
+	$(PYTHON) -m venv $(VENV)-docs
+	$(VENV)-docs/bin/python -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[docs]"
+	$(VENV)-docs/bin/python -m pip install --quiet --force-reinstall --no-deps $(WHEELS)/phipsi-*.whl
+	touch $@
+
+docs: $(VENV)-docs/there
+	NO_MKDOCS_2_WARNING=1 $(VENV)-docs/bin/mkdocs build --strict
+	@echo "open target/site/index.html"
 
 # A processor that this machine is not: its arm is compiled, not run.
 OTHER := aarch64-unknown-linux-gnu
@@ -151,4 +163,4 @@ peers:
 	bash benches/peers/install.sh
 
 clean:
-	rm -rf target $(VENV) $(VENV)-jax $(DEV) report python/phipsi/_core.abi3.so
+	rm -rf target $(VENV) $(VENV)-jax $(VENV)-docs $(DEV) report python/phipsi/_core.abi3.so

@@ -2,14 +2,44 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+import phipsi
+
 ROOT = Path(__file__).parents[2]
-PAGES = sorted(path for folder in (".", "docs", "benches", "benches/peers") for path in (ROOT / folder).glob("*.md"))
+DOCS = ROOT / "docs"
+PAGES = sorted([*(path for folder in (".", "benches", "benches/peers") for path in (ROOT / folder).glob("*.md")), *DOCS.rglob("*.md")])
+#: Packages that a page may do without: it is skipped where they are not there.
+OPTIONAL = ("distributed", "gymnasium", "jax", "matplotlib", "mujoco", "pinocchio", "pydrake", "scipy", "torch", "viser")
+
+
+def script(page: Path) -> str:
+    """The Python blocks of a page, one after the other, each line where the page has it."""
+    lines, inside = [], False
+    for line in page.read_text(encoding="utf-8").splitlines():
+        begins = not inside and line == "```python"
+        inside = begins or (inside and not line.startswith("```"))
+        lines.append(line if inside and not begins else "")
+    return "\n".join(lines)
+
+
+SCRIPTS = {str(page.relative_to(ROOT)): text for page in DOCS.rglob("*.md") if (text := script(page)).strip()}
+
+
+def missing(text: str) -> list[str]:
+    """The packages of OPTIONAL that a script needs and that are not there."""
+    modules = {name.name for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import) for name in node.names}
+    modules |= {node.module for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom) and node.module}
+    needed = {module.removeprefix("phipsi.").partition(".")[0] for module in modules} | ({"viser"} if ".show(" in text else set())
+    return [name for name in OPTIONAL if name in needed and importlib.util.find_spec(name) is None]
 
 
 def anchors(page: Path) -> set[str]:
@@ -18,14 +48,30 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-@pytest.mark.parametrize("name", ["everyday", "how-to", "stochastic", "view"])
-def test_python_blocks_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8"), flags=re.DOTALL)
-    assert blocks
-    names: dict[str, object] = {}
-    for block in blocks:
-        exec(compile(block, f"{name}.md", "exec"), names)
+# A process of its own for each page, as a reader has: JAX and Dask start threads and processes. `make test-jax` runs the page on JAX.
+@pytest.mark.parametrize("page", sorted(SCRIPTS))
+def test_python_blocks_run(page: str, tmp_path: Path) -> None:
+    text = SCRIPTS[page]
+    if absent := missing(text):
+        pytest.skip(f"{page} needs {', '.join(absent)}")
+    file = tmp_path / f"{Path(page).stem.replace('-', '_')}_page.py"
+    file.write_text(text, encoding="utf-8")
+    # What Dask warns of in its own threads is not ours to fail on.
+    strict = [] if "distributed" in text else ["-W", "error"]
+    # Threads of BLAS that wait for small matrices take the processor from those that compute.
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, *strict, str(file)]
+    run = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    assert run.returncode == 0, f"{page}, whose lines these are:\n{run.stdout[-2000:]}{run.stderr[-4000:]}"
+
+
+def test_a_page_whose_code_is_wrong_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "wrong.md"
+    page.write_text("# Title\n\n```python\nx = 1\n```\n\ntext\n\n```sh\nls\n```\n\n```python\nassert x == 2\n```\n", encoding="utf-8")
+    text = script(page)
+    assert text.splitlines()[3] == "x = 1" and text.splitlines()[13] == "assert x == 2" and "ls" not in text
+    with pytest.raises(AssertionError):
+        exec(compile(text, "wrong.md", "exec"), {})
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -36,6 +82,16 @@ def test_links_lead_somewhere(page: Path) -> None:
             target = (page.parent / path).resolve() if path else page
             assert target.exists(), f"{link}: no such file"
             assert not anchor or anchor in anchors(target), f"{link}: no such heading"
+
+
+def test_the_reference_has_all_that_is_public() -> None:
+    named = re.findall(r"^::: phipsi\.(\S+)$", "\n".join(page.read_text(encoding="utf-8") for page in (DOCS / "reference").glob("*.md")), flags=re.MULTILINE)
+    public = {name for name in phipsi.__all__ if name not in ("__version__", "errors", "scenes")}
+    public |= {f"Scene.{name}" for name in vars(phipsi.Scene) if not name.startswith("_")}
+    public |= {f"{module.__name__.removeprefix('phipsi.')}.{name}" for module in (phipsi.errors, phipsi.scenes) for name in module.__all__}
+    shown = {name for name in named if name.partition(".")[0] not in ("jax", "torch", "view")}
+    assert len(named) == len(set(named)), "shown twice"
+    assert shown == public
 
 
 def test_readme_has_the_figures_of_the_generated_pages() -> None:
