@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 
 import phipsi
+import phipsi.mujoco
+import phipsi.pinocchio
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -90,6 +92,7 @@ def test_the_reference_has_all_that_is_public() -> None:
     public |= {f"Scene.{name}" for name in vars(phipsi.Scene) if not name.startswith("_")}
     public |= {f"{module.__name__.removeprefix('phipsi.')}.{name}" for module in (phipsi.errors, phipsi.scenes) for name in module.__all__}
     shown = {name for name in named if name.partition(".")[0] not in ("jax", "torch", "view")}
+    public |= {f"{module.__name__.removeprefix('phipsi.')}.{name}" for module in (phipsi.mujoco, phipsi.pinocchio) for name in module.__all__}
     assert len(named) == len(set(named)), "shown twice"
     assert shown == public
 
