@@ -30,7 +30,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
-SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md $(shell find src python assets -type f -not -name '*.pyc')
+SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
 .PHONY: dev report test test-rust test-python test-jax docs check bench numerics motion instructions auto-states derivatives leaving-out roofline picture peers peers-there peers-phipsi stub clean
 

@@ -1,6 +1,6 @@
-"""Writes the figures of README.md between their markers, from the generated pages docs/benchmarks.md and docs/numerics.md.
+"""Writes the figures of README.md between their markers, from the generated pages docs/benchmarks.md and docs/numerics.md, and PACKAGE.md, what package indices show of it.
 
-Usage: python benches/readme.py. `make bench` and `make numerics` run it; tests/python/test_readme.py fails where README.md is not up to date.
+Usage: python benches/readme.py. `make bench` and `make numerics` run it; tests/python/test_docs.py fails where they are not up to date.
 """
 
 import re
@@ -8,8 +8,14 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-README = ROOT / "README.md"
+README, PACKAGE = ROOT / "README.md", ROOT / "PACKAGE.md"
 END = "<!-- to here -->"
+#: How it is built in a clone, and what stands there on a package index.
+CLONE = "<!-- in a clone -->"
+INSTALL = """```sh
+pip install "phipsi[view,report]"
+phipsi report robot.urdf -o report      # then open report/index.html
+```"""
 
 Row = dict[str, str]
 
@@ -94,6 +100,18 @@ def written(text: str) -> str:
     return text
 
 
+def packaged(text: str) -> str:
+    """README.md for a package index, which has no files beside it: installed from there, without pictures, links to files as their names."""
+    parts = re.compile(f"{CLONE}.*?{END}\n", re.DOTALL)
+    text = parts.sub("", parts.sub(f"{INSTALL}\n", text, count=1))
+    text = re.sub(r"<!--.*?-->\n", "", text)
+    text = re.sub(r"!\[[^\]]*\]\([^)]*\)\n+", "", text)
+    text = re.sub(r"\[([^\]]*)\]\((?!https?://)[^)]*\)", r"\1", text)
+    return re.sub(r"\n{3,}", "\n\n", text)
+
+
 if __name__ == "__main__":
-    README.write_text(written(README.read_text(encoding="utf-8")), encoding="utf-8")
-    print(f"written: {README}")
+    text = written(README.read_text(encoding="utf-8"))
+    README.write_text(text, encoding="utf-8")
+    PACKAGE.write_text(packaged(text), encoding="utf-8")
+    print(f"written: {README}, {PACKAGE}")

@@ -104,3 +104,7 @@ def test_readme_has_the_figures_of_the_generated_pages() -> None:
     specification.loader.exec_module(readme)
     text = readme.README.read_text(encoding="utf-8")
     assert readme.written(text) == text
+    package = readme.PACKAGE.read_text(encoding="utf-8")
+    assert package == readme.packaged(text), "PACKAGE.md is not README.md's: python benches/readme.py"
+    assert all(link.startswith("http") for link in re.findall(r"\]\(([^)]*)\)", package))
+    assert "pip install" in package and "make report" not in package and "<!--" not in package
