@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+
+
+def shipped() -> list[Path]:
+    """The robots of Gymnasium, where that is there."""
+    try:
+        import gymnasium.envs.mujoco as environments
+    except ImportError:
+        return []
+    return sorted((Path(environments.__file__).parent / "assets").glob("*.xml"))
+
 
 ARM = """
 <mujoco model="arm">

@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from mujoco_models import ARM, FLOATING, random_model
+from mujoco_models import ARM, FLOATING, random_model, shipped
 
 from tolerances import assert_near, inverse, product, recursion, size
 
@@ -17,13 +17,16 @@ import phipsi.mujoco
 from phipsi.errors import ArgumentError, MimicWarning, SceneError
 
 MODELS = {"arm": ARM, "floating": FLOATING} | {f"random-{seed}": random_model(seed) for seed in range(12)}
+MODELS |= {path.stem: str(path) for path in shipped()}
 
 
 class There:
     """A state of a model, and what MuJoCo says of it, in its own conventions."""
 
-    def __init__(self, text: str, seed: int) -> None:
-        self.model = mujoco.MjModel.from_xml_string(text)
+    def __init__(self, source: str, seed: int) -> None:
+        self.model = mujoco.MjModel.from_xml_string(source) if source.lstrip().startswith("<") else mujoco.MjModel.from_xml_path(source)
+        # swimmer's; test_what_a_scene_has_not_is_refused_by_name has it.
+        self.model.opt.density = self.model.opt.viscosity = 0.0
         self.data = mujoco.MjData(self.model)
         draw = np.random.default_rng(seed)
         mujoco.mj_integratePos(self.model, self.data.qpos, draw.standard_normal(self.model.nv), 1.0)
