@@ -165,7 +165,7 @@ LARGE: dict[str, Large] = {
     "forward_dynamics_vjp": Large(
         "q", batch(10**6, lambda scene, q: scene.forward_dynamics_vjp(q, rates(q), rates(q), rates(q), parameters=True))
     ),
-    "identify": Large("q", batch(50_000, lambda scene, q: scene.identify(q, rates(q), rates(q), rates(q)))),
+    "identify": Large("q", batch(50_000, lambda scene, q: scene.identify(q, q, q, q))),
     "linearize": Large("q", batch(150_000, lambda scene, q: scene.linearize(q, rates(q), rates(q)))),
     "mass_matrix": Large("q", batch(10**6, lambda scene, q: scene.mass_matrix(q))),
     "mass_matrix, float32": Large("q", batch(2 * 10**6, lambda scene, q: scene.mass_matrix(q, dtype=np.float32))),
@@ -273,7 +273,7 @@ LARGE: dict[str, Large] = {
 }
 
 #: Parameters that say how much work there is, or which of what is there, and not how much memory.
-NO_MEMORY = {"emergence.samples", "sensitivity.draws", "step.steps", "reset.states"}
+NO_MEMORY = {"emergence.samples", "sensitivity.draws", "step.steps", "reset.states", "with_inertias.links"}
 
 
 def main(name: str) -> None:
