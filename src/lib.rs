@@ -49,6 +49,7 @@ pub mod batch;
 pub mod dynamics;
 pub mod error;
 pub mod filter;
+pub mod inverse_kinematics;
 pub mod joints;
 pub mod kinematics;
 pub mod memory;

@@ -149,8 +149,12 @@ impl Scene {
         frames.iter().try_for_each(|task| self.frame(task).map(|_| ()))
     }
 
-    /// A task frame on its body.
-    pub(crate) fn frame(&self, task: &TaskFrame<'_>) -> Result<Frame<f64>, Error> {
+    /// A frame on a link, looked up: on which body it is, and where.
+    ///
+    /// # Errors
+    ///
+    /// An unknown link, and an offset that is no finite shift.
+    pub fn frame(&self, task: &TaskFrame<'_>) -> Result<Frame<f64>, Error> {
         let link = self.link(task.link)?;
         if task.offset == RigidShift::identity() {
             return Ok(Frame { body: link.body, placement: link.placement });

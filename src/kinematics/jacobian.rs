@@ -56,7 +56,7 @@ pub fn jacobian_rate<T: Real>(
 
 /// J of the frame in its own axes; gives where it is on the base.
 #[inline(always)]
-fn local_jacobian<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>, out: &mut [T]) -> RigidShift<T> {
+pub(crate) fn local_jacobian<T: Real>(model: &Model<T>, q: &[T], frame: &Frame<T>, out: &mut [T]) -> RigidShift<T> {
     let nv = model.nv();
     out.fill(T::zero());
     let mut way = Way::from(model, q, frame);

@@ -10,8 +10,8 @@ pub mod outward;
 
 pub use frame::{AccelerationKind, Frame, ReferenceFrame};
 pub use inward::{FrameMotion, frame_motion, placement, placements_on_the_way};
-pub(crate) use jacobian::write_column;
 pub use jacobian::{jacobian, jacobian_rate};
+pub(crate) use jacobian::{local_jacobian, write_column};
 pub use outward::{
     base_acceleration, coordinate_rates, joint_motion, joint_shift, motion_past_joint, motion_step,
     placements_base_to_tip,

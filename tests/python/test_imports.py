@@ -33,6 +33,7 @@ ROOMS = (
     "batch",
     "operators",
     "api",
+    "inverse_kinematics",
     "stochastic",
     "motion",
     "report",

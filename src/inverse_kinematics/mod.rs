@@ -1,0 +1,196 @@
+//! Joint positions that bring links where they should be: inverse kinematics as the most probable configuration.
+//!
+//! A task is a measurement of where something is, with a standard deviation; a posture is what was expected before it. With the errors e of the tasks, in
+//! m and rad, their standard deviations s, the posture's p, and limits lower <= q <= upper, what is minimised is
+//!
+//! F(q) = 1/2 sum (e / s)^2 + 1/2 |q (-) posture|^2 / p^2
+//!
+//! by the steps of Levenberg and Marquardt, each the exact minimum of its model within the limits: [`descent`]. Where one start ends in a local minimum,
+//! others follow, drawn within the limits: [`starts`]. The inverse of the second derivative at the end is the covariance of the answer.
+//!
+//! ```
+//! use phipsi::inverse_kinematics::{Goal, Options, Task};
+//!
+//! let scene = phipsi::scenes::chain(7)?;
+//! let frame = scene.frame(&"link7".into())?;
+//! let target = scene.placement(&[0.3, -0.4, 0.5, 0.2, -0.1, 0.6, 0.2], frame)?;
+//! let tasks = [Task::new(Goal::Pose { frame, target })];
+//! let mut solver = scene.inverse_kinematics(&Options::default())?;
+//! let mut q = [0.0; 7];
+//! let outcome = solver.solve(&tasks, &[0.0; 7], None, &mut q)?;
+//! assert!(outcome.reached && outcome.position_error < 1e-9);
+//! # Ok::<(), phipsi::Error>(())
+//! ```
+
+mod descent;
+mod limits;
+mod starts;
+mod step;
+mod task;
+
+use crate::error::{Error, check_length};
+use crate::scene::Scene;
+use crate::workspace::Workspace;
+use descent::{Descent, Ending};
+use limits::Bounds;
+use task::Tasks;
+pub use task::{Goal, Task};
+
+/// How inverse kinematics looks for an answer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// How many configurations it starts from at the most, the one that is given first.
+    pub starts: usize,
+    /// How many steps it makes from each at the most.
+    pub iterations: usize,
+    /// A task is reached where its error is no larger, m and rad.
+    pub tolerance: f64,
+    /// Whether joints stay within their limits; a start beyond them begins at them.
+    pub limits: bool,
+    /// Standard deviation of the posture, rad and m: how far joints are expected from it; none for no posture.
+    pub posture: Option<f64>,
+    /// Of the starts after the first.
+    pub seed: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { starts: 20, iterations: 100, tolerance: 1e-9, limits: true, posture: None, seed: 0 }
+    }
+}
+
+/// What became of a search.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outcome {
+    /// Whether every task's error is within the tolerance.
+    pub reached: bool,
+    /// The largest distance of a task, m.
+    pub position_error: f64,
+    /// The largest angle of a task, rad; of directions the distance of their unit vectors.
+    pub rotation_error: f64,
+    /// How many starts were used.
+    pub starts: usize,
+    /// Steps over all starts.
+    pub iterations: usize,
+}
+
+/// Inverse kinematics of a scene, with its scratch; allocates nothing once the tasks have been as many before.
+#[derive(Debug)]
+pub struct Solver<'a> {
+    scene: &'a Scene,
+    options: Options,
+    descent: Descent,
+    start: Vec<f64>,
+    best: Vec<f64>,
+}
+
+impl Scene {
+    /// A solver of inverse kinematics.
+    ///
+    /// # Errors
+    ///
+    /// No start, a tolerance or posture that is not a positive number, and limits that leave a joint no room, by name.
+    pub fn inverse_kinematics(&self, options: &Options) -> Result<Solver<'_>, Error> {
+        let positive = |name: &str, value: f64| {
+            let expected = "a finite number above zero";
+            if value.is_finite() && value > 0.0 {
+                Ok(())
+            } else {
+                Err(Error::argument(name, value.to_string(), expected))
+            }
+        };
+        if options.starts == 0 {
+            return Err(Error::argument("starts", "0", "at least one"));
+        }
+        positive("tolerance", options.tolerance)?;
+        options.posture.map_or(Ok(()), |posture| positive("posture", posture))?;
+        let limits = if options.limits { Bounds::of(self)? } else { Bounds::without(self) };
+        Ok(Solver {
+            scene: self,
+            options: *options,
+            descent: Descent::new(self, limits),
+            start: vec![f64::NAN; self.nq()],
+            best: vec![f64::NAN; self.nq()],
+        })
+    }
+}
+
+impl Solver<'_> {
+    /// Looks for the most probable configuration into `q` (nq), from `start` (nq), which is the posture too where options ask for one.
+    ///
+    /// `covariance`: room for that of the answer in its tangent space, (nv x nv) row by row; a joint at a limit has none, and all entries are infinite
+    /// where the tasks leave a motion undetermined and there is no posture.
+    ///
+    /// O(tasks depth + nv^3) a step.
+    ///
+    /// # Errors
+    ///
+    /// Wrong lengths, numbers that are not finite, and tasks that cannot be: see [`Task`].
+    pub fn solve(
+        &mut self,
+        tasks: &[Task],
+        start: &[f64],
+        covariance: Option<&mut [f64]>,
+        q: &mut [f64],
+    ) -> Result<Outcome, Error> {
+        let scene = self.scene;
+        self.solve_with(&mut scene.workspace(), tasks, start, covariance, q)
+    }
+
+    /// The same with scratch that is there.
+    ///
+    /// # Errors
+    ///
+    /// As [`Solver::solve`], and a workspace of another scene.
+    pub fn solve_with(
+        &mut self,
+        workspace: &mut Workspace<f64>,
+        tasks: &[Task],
+        start: &[f64],
+        covariance: Option<&mut [f64]>,
+        q: &mut [f64],
+    ) -> Result<Outcome, Error> {
+        let scene = self.scene;
+        scene.check_configuration("q0", start)?;
+        check_length("q", q.len(), scene.nq())?;
+        for (at, task) in tasks.iter().enumerate() {
+            task.check(scene, at)?;
+        }
+        let tasks = Tasks { scene, each: tasks, posture: self.options.posture.map(|deviation| (start, deviation)) };
+        let mut found: Option<Ending> = None;
+        let (mut used, mut iterations) = (0, 0);
+        while used < self.options.starts {
+            match used {
+                0 => self.start.copy_from_slice(start),
+                _ => starts::draw(scene, &self.descent.limits, start, self.options.seed, used as u64, &mut self.start),
+            }
+            used += 1;
+            let ending = self.descent.run(workspace, &tasks, &self.options, &mut self.start)?;
+            iterations += ending.iterations;
+            let is_better = found.as_ref().is_none_or(|best| {
+                (ending.reached(self.options.tolerance), best.value)
+                    > (best.reached(self.options.tolerance), ending.value)
+            });
+            if is_better {
+                self.best.copy_from_slice(&self.start);
+                found = Some(ending);
+            }
+            if found.as_ref().is_some_and(|best| best.reached(self.options.tolerance)) || tasks.is_without_rows() {
+                break;
+            }
+        }
+        let Some(best) = found else { return Err(Error::argument("starts", "0", "at least one")) };
+        q.copy_from_slice(&self.best);
+        if let Some(room) = covariance {
+            check_length("covariance", room.len(), scene.nv() * scene.nv())?;
+            self.descent.covariance(workspace, &tasks, &self.best, room)?;
+        }
+        Ok(Outcome {
+            reached: best.reached(self.options.tolerance),
+            position_error: best.position_error,
+            rotation_error: best.rotation_error,
+            starts: used,
+            iterations,
+        })
+    }
+}

@@ -1,0 +1,470 @@
+//! Tasks: what should be where, how far it is off, and how that changes with the joints.
+
+use crate::error::{Error, check_finite};
+use crate::kinematics::{Frame, local_jacobian};
+use crate::scene::{JointKind, Scene};
+use crate::spatial::RigidShift;
+use crate::workspace::Workspace;
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+
+/// What should be where. Positions, directions and rotations are in the base's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Goal {
+    /// A frame on a link has a place.
+    Pose {
+        /// On the link.
+        frame: Frame<f64>,
+        /// From the frame to the base's.
+        target: RigidShift<f64>,
+    },
+    /// The origin of a frame on a link is at a point.
+    Position {
+        /// On the link.
+        frame: Frame<f64>,
+        /// m.
+        target: Vector3<f64>,
+    },
+    /// A frame on a link has an orientation.
+    Orientation {
+        /// On the link.
+        frame: Frame<f64>,
+        /// From the frame's axes to the base's.
+        target: Matrix3<f64>,
+    },
+    /// An axis of a frame on a link has a direction.
+    Direction {
+        /// On the link.
+        frame: Frame<f64>,
+        /// Unit vector in the frame.
+        axis: Vector3<f64>,
+        /// Unit vector.
+        target: Vector3<f64>,
+    },
+    /// An axis through the origin of a frame on a link points to a point.
+    LookAt {
+        /// On the link.
+        frame: Frame<f64>,
+        /// Unit vector in the frame.
+        axis: Vector3<f64>,
+        /// m.
+        target: Vector3<f64>,
+    },
+    /// The mass centre is at a point, m.
+    CenterOfMass(Vector3<f64>),
+    /// A joint of one coordinate has a position.
+    Joint {
+        /// Index of the joint.
+        joint: usize,
+        /// rad or m.
+        target: f64,
+    },
+}
+
+/// A goal, and how exactly it is meant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Task {
+    /// What should be where.
+    pub goal: Goal,
+    /// Standard deviation of positions, m, and of the coordinate of a prismatic joint.
+    pub position: f64,
+    /// Standard deviation of rotations and directions, rad.
+    pub rotation: f64,
+}
+
+impl Task {
+    /// A goal within a millimetre and a milliradian.
+    #[must_use]
+    pub fn new(goal: Goal) -> Self {
+        Self { goal, position: 1e-3, rotation: 1e-3 }
+    }
+
+    /// Refuses what cannot be: bodies and joints that are not there, deviations that are not positive, numbers that are not finite, axes that are not
+    /// unit vectors and targets that are no rotation.
+    pub(super) fn check(&self, scene: &Scene, at: usize) -> Result<(), Error> {
+        let name = |what: &str| format!("{what} of task {at}");
+        for (what, value) in [("position deviation", self.position), ("rotation deviation", self.rotation)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(Error::argument(name(what), value.to_string(), "a finite number above zero"));
+            }
+        }
+        let body = |frame: &Frame<f64>| {
+            let bodies = scene.model().bodies.len();
+            match frame.body {
+                Some(body) if body >= bodies => {
+                    Err(Error::argument(name("body"), body.to_string(), format!("one of {bodies}")))
+                }
+                _ => check_finite(&name("frame"), frame.placement.lever.as_slice()),
+            }
+        };
+        let unit = |what: &str, axis: &Vector3<f64>| {
+            if (axis.norm() - 1.0).abs() <= UNIT {
+                Ok(())
+            } else {
+                Err(Error::argument(name(what), format!("{:?}", axis.as_slice()), "a unit vector"))
+            }
+        };
+        let rotation = |matrix: &Matrix3<f64>| {
+            if (matrix.transpose() * matrix - Matrix3::identity()).abs().max() <= UNIT && matrix.determinant() > 0.0 {
+                Ok(())
+            } else {
+                Err(Error::argument(name("target"), format!("{:?}", matrix.as_slice()), "a rotation matrix"))
+            }
+        };
+        match &self.goal {
+            Goal::Pose { frame, target } => {
+                body(frame)?;
+                check_finite(&name("target"), target.lever.as_slice())?;
+                rotation(&target.rotation)
+            }
+            Goal::Position { frame, target } => {
+                body(frame)?;
+                check_finite(&name("target"), target.as_slice())
+            }
+            Goal::Orientation { frame, target } => {
+                body(frame)?;
+                rotation(target)
+            }
+            Goal::Direction { frame, axis, target } => {
+                body(frame)?;
+                unit("axis", axis)?;
+                unit("target", target)
+            }
+            Goal::LookAt { frame, axis, target } => {
+                body(frame)?;
+                unit("axis", axis)?;
+                check_finite(&name("target"), target.as_slice())
+            }
+            Goal::CenterOfMass(target) => check_finite(&name("target"), target.as_slice()),
+            Goal::Joint { joint, target } => {
+                check_finite(&name("target"), &[*target])?;
+                match scene.joints().get(*joint) {
+                    Some(one) if one.q.len() == 1 => Ok(()),
+                    Some(one) => Err(Error::argument(
+                        name("joint"),
+                        format!("{:?}, of {} coordinates", one.name, one.q.len()),
+                        "a joint of one",
+                    )),
+                    None => Err(Error::argument(
+                        name("joint"),
+                        joint.to_string(),
+                        format!("one of {}", scene.joints().len()),
+                    )),
+                }
+            }
+        }
+    }
+
+    /// How many numbers its error has.
+    fn rows(&self) -> usize {
+        match self.goal {
+            Goal::Pose { .. } => 6,
+            Goal::Joint { .. } => 1,
+            _ => 3,
+        }
+    }
+}
+
+/// Whether a joint of one coordinate turns; a prismatic one slides.
+pub fn turns(kind: JointKind) -> bool {
+    kind != JointKind::Prismatic
+}
+
+/// How far axes may be from unit length, and rotations from rotations.
+const UNIT: f64 = 1e-6;
+
+/// All that pulls at a configuration.
+pub struct Tasks<'a> {
+    pub scene: &'a Scene,
+    pub each: &'a [Task],
+    /// What is expected, and its standard deviation.
+    pub posture: Option<(&'a [f64], f64)>,
+}
+
+/// Errors at a configuration, over their standard deviations, and how they change.
+#[derive(Debug, Default)]
+pub struct Rows {
+    /// Errors over deviations: those of the tasks.
+    pub errors: Vec<f64>,
+    /// Their derivatives by the tangent of q, (rows x nv) row by row.
+    pub jacobian: Vec<f64>,
+    /// Largest distance of a task, m, and largest angle, rad.
+    pub position_error: f64,
+    pub rotation_error: f64,
+    six: Vec<f64>,
+}
+
+impl Tasks<'_> {
+    /// Whether there is nothing to reach.
+    pub fn is_without_rows(&self) -> bool {
+        self.each.is_empty()
+    }
+
+    /// Errors and their derivatives at `q`.
+    pub fn evaluate(&self, workspace: &mut Workspace<f64>, q: &[f64], rows: &mut Rows) -> Result<(), Error> {
+        let nv = self.scene.nv();
+        let count: usize = self.each.iter().map(Task::rows).sum();
+        rows.errors.resize(count, f64::NAN);
+        rows.jacobian.resize(count * nv, f64::NAN);
+        rows.six.resize(6 * nv, f64::NAN);
+        (rows.position_error, rows.rotation_error) = (0.0, 0.0);
+        let mut at = 0;
+        for task in self.each {
+            self.one(workspace, q, task, at, rows)?;
+            at += task.rows();
+        }
+        Ok(())
+    }
+
+    /// The error of one task, from row `at` on.
+    fn one(
+        &self,
+        workspace: &mut Workspace<f64>,
+        q: &[f64],
+        task: &Task,
+        at: usize,
+        rows: &mut Rows,
+    ) -> Result<(), Error> {
+        match &task.goal {
+            Goal::Pose { frame, target } => {
+                let place = self.turn(q, frame, &target.rotation, task.rotation, at, rows);
+                rows.position(nv(self), at + 3, &place, &target.lever, task.position);
+            }
+            Goal::Position { frame, target } => {
+                let place = local_jacobian(self.scene.model(), q, frame, &mut rows.six);
+                rows.position(nv(self), at, &place, target, task.position);
+            }
+            Goal::Orientation { frame, target } => {
+                self.turn(q, frame, target, task.rotation, at, rows);
+            }
+            Goal::Direction { frame, axis, target } => {
+                let place = local_jacobian(self.scene.model(), q, frame, &mut rows.six);
+                rows.direction(nv(self), at, &place, axis, target, &Matrix3::zeros(), task.rotation);
+            }
+            Goal::LookAt { frame, axis, target } => {
+                let place = local_jacobian(self.scene.model(), q, frame, &mut rows.six);
+                let way = target - place.lever;
+                let distance = way.norm();
+                // At the target itself every direction is right, and none.
+                let direction = if distance > 0.0 { way / distance } else { place.rotation * axis };
+                let sideways =
+                    (Matrix3::identity() - direction * direction.transpose()) / distance.max(f64::MIN_POSITIVE);
+                rows.direction(nv(self), at, &place, axis, &direction, &sideways, task.rotation);
+            }
+            Goal::CenterOfMass(target) => {
+                let off = self.scene.center_of_mass(workspace, q)? - target;
+                self.scene.center_of_mass_jacobian(workspace, q, &mut rows.six[..3 * nv(self)])?;
+                for i in 0..3 {
+                    rows.errors[at + i] = off[i] / task.position;
+                    for j in 0..nv(self) {
+                        rows.jacobian[(at + i) * nv(self) + j] = rows.six[i * nv(self) + j] / task.position;
+                    }
+                }
+                rows.position_error = rows.position_error.max(off.norm());
+            }
+            Goal::Joint { joint, target } => {
+                let joint = &self.scene.joints()[*joint];
+                let off = q[joint.q.start] - target;
+                let turns = turns(joint.kind);
+                let deviation = if turns { task.rotation } else { task.position };
+                rows.errors[at] = off / deviation;
+                rows.jacobian[at * nv(self)..(at + 1) * nv(self)].fill(0.0);
+                rows.jacobian[at * nv(self) + joint.v.start] = 1.0 / deviation;
+                let largest = if turns { &mut rows.rotation_error } else { &mut rows.position_error };
+                *largest = largest.max(off.abs());
+            }
+        }
+        Ok(())
+    }
+
+    /// The rotation vector from the target to the frame, log(Rt^T R), whose rate is Jr^-1 w with w in the frame's axes.
+    fn turn(
+        &self,
+        q: &[f64],
+        frame: &Frame<f64>,
+        target: &Matrix3<f64>,
+        deviation: f64,
+        at: usize,
+        rows: &mut Rows,
+    ) -> RigidShift<f64> {
+        let place = local_jacobian(self.scene.model(), q, frame, &mut rows.six);
+        let apart = Rotation3::from_matrix_unchecked(target.transpose() * place.rotation);
+        let error = UnitQuaternion::from_rotation_matrix(&apart).scaled_axis();
+        rows.put(nv(self), at, &error, &(inverse_right_jacobian(&error)), 0, deviation);
+        rows.rotation_error = rows.rotation_error.max(error.norm());
+        place
+    }
+}
+
+fn nv(tasks: &Tasks<'_>) -> usize {
+    tasks.scene.nv()
+}
+
+impl Rows {
+    /// Three rows: an error, and a matrix times the angular (`half` 0) or linear (1) half of the frame's Jacobian.
+    fn put(&mut self, nv: usize, at: usize, error: &Vector3<f64>, matrix: &Matrix3<f64>, half: usize, deviation: f64) {
+        for i in 0..3 {
+            self.errors[at + i] = error[i] / deviation;
+        }
+        for j in 0..nv {
+            let entry = |i: usize| self.six[(3 * half + i) * nv + j];
+            let column = matrix * Vector3::new(entry(0), entry(1), entry(2)) / deviation;
+            for i in 0..3 {
+                self.jacobian[(at + i) * nv + j] = column[i];
+            }
+        }
+    }
+
+    /// How far the frame's origin is from a point.
+    fn position(&mut self, nv: usize, at: usize, place: &RigidShift<f64>, target: &Vector3<f64>, deviation: f64) {
+        let off = place.lever - target;
+        self.put(nv, at, &off, &place.rotation, 1, deviation);
+        self.position_error = self.position_error.max(off.norm());
+    }
+
+    /// How far an axis is from a direction that changes by minus `sideways` times the velocity of the frame's origin: the difference of the unit vectors.
+    #[allow(clippy::too_many_arguments)] // where, what, and what it should be
+    fn direction(
+        &mut self,
+        nv: usize,
+        at: usize,
+        place: &RigidShift<f64>,
+        axis: &Vector3<f64>,
+        target: &Vector3<f64>,
+        sideways: &Matrix3<f64>,
+        deviation: f64,
+    ) {
+        let off = place.rotation * axis - target;
+        // The axis turns at R (w x axis).
+        let turning = -place.rotation * axis.cross_matrix();
+        self.put(nv, at, &off, &turning, 0, deviation);
+        let moving = sideways * place.rotation;
+        for j in 0..nv {
+            let entry = |i: usize| self.six[(3 + i) * nv + j];
+            let column = moving * Vector3::new(entry(0), entry(1), entry(2)) / deviation;
+            for i in 0..3 {
+                self.jacobian[(at + i) * nv + j] += column[i];
+            }
+        }
+        self.rotation_error = self.rotation_error.max(off.norm());
+    }
+}
+
+/// Jr^-1(t) = 1 + t~/2 + (1 - |t|/2 cot(|t|/2)) / |t|^2 t~^2: the rate of a rotation vector is Jr^-1 w.
+fn inverse_right_jacobian(t: &Vector3<f64>) -> Matrix3<f64> {
+    let square = t.norm_squared();
+    let angle = square.sqrt();
+    // The series where the difference cancels.
+    let share = if angle < 1e-2 {
+        1.0 / 12.0 + square / 720.0 + square * square / 30240.0
+    } else {
+        (1.0 - 0.5 * angle / (0.5 * angle).tan()) / square
+    };
+    let cross = t.cross_matrix();
+    Matrix3::identity() + cross * 0.5 + cross * cross * share
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Inertial, JointDescription, LinkDescription, SceneBuilder};
+    use crate::spatial::Symmetric3;
+
+    /// A free base, a ball joint and joints of one axis, some oblique.
+    fn robot() -> Scene {
+        let mut builder = SceneBuilder::new();
+        let kinds = [
+            JointKind::Revolute,
+            JointKind::Spherical,
+            JointKind::Prismatic,
+            JointKind::Screw { pitch: 0.2 },
+            JointKind::Universal,
+        ];
+        for k in 0..=kinds.len() {
+            let inertial = Inertial {
+                mass: 1.0,
+                centre: Vector3::new(0.1, 0.0, 0.2),
+                central: Symmetric3::new([0.1, 0.0, 0.0, 0.1, 0.0, 0.1]),
+            };
+            builder = builder.link(LinkDescription { name: format!("link{k}"), inertial: Some(inertial) });
+        }
+        for (k, &kind) in kinds.iter().enumerate() {
+            let mut joint =
+                JointDescription::new(format!("joint{k}"), kind, format!("link{k}"), format!("link{}", k + 1));
+            joint.axis = Vector3::new(0.48, -0.6, 0.64);
+            joint.origin = RigidShift {
+                rotation: *Rotation3::from_euler_angles(0.3, -0.2, 0.5).matrix(),
+                lever: Vector3::new(0.1, 0.2, 0.4),
+            };
+            builder = builder.joint(joint);
+        }
+        builder.floating_base(true).build().expect("a robot")
+    }
+
+    fn goals(scene: &Scene) -> Vec<Goal> {
+        let frame = scene.frame(&"link5".into()).expect("a link");
+        let frame = Frame {
+            placement: frame
+                .placement
+                .compose(&RigidShift { rotation: Matrix3::identity(), lever: Vector3::new(0.1, 0.2, 0.3) }),
+            ..frame
+        };
+        let rotation = *Rotation3::from_euler_angles(0.4, 0.9, -1.2).matrix();
+        let (target, axis) = (Vector3::new(0.7, -0.4, 1.1), Vector3::new(0.6, 0.0, 0.8));
+        vec![
+            Goal::Pose { frame, target: RigidShift { rotation, lever: target } },
+            Goal::Position { frame, target },
+            Goal::Orientation { frame, target: rotation },
+            Goal::Direction { frame, axis, target: Vector3::new(0.0, -0.6, 0.8) },
+            Goal::LookAt { frame, axis, target },
+            Goal::CenterOfMass(target),
+            Goal::Joint { joint: 1, target: 0.3 },
+        ]
+    }
+
+    #[test]
+    fn derivatives_are_those_of_the_errors() {
+        let scene = robot();
+        let (nv, mut workspace) = (scene.nv(), scene.workspace());
+        let along = |size: f64| {
+            (0..nv).map(|i| size * (1.3 * f64::from(u32::try_from(i).unwrap())).sin()).collect::<Vec<f64>>()
+        };
+        let mut q = vec![0.0; scene.nq()];
+        scene.integrate(&scene.neutral(), &along(0.7), &mut q).unwrap();
+        for goal in goals(&scene) {
+            let tasks = Tasks { scene: &scene, each: &[Task { goal, position: 0.5, rotation: 2.0 }], posture: None };
+            let (mut rows, mut aside) = (Rows::default(), Rows::default());
+            tasks.evaluate(&mut workspace, &q, &mut rows).unwrap();
+            for column in 0..nv {
+                let mut errors = Vec::new();
+                for h in [1e-5, -1e-5] {
+                    let mut step = vec![0.0; nv];
+                    step[column] = h;
+                    let mut moved = vec![0.0; scene.nq()];
+                    scene.integrate(&q, &step, &mut moved).unwrap();
+                    tasks.evaluate(&mut workspace, &moved, &mut aside).unwrap();
+                    errors.push(aside.errors.clone());
+                }
+                for (row, (ahead, behind)) in errors[0].iter().zip(&errors[1]).enumerate() {
+                    let slope = (ahead - behind) / 2e-5;
+                    let found = rows.jacobian[row * nv + column];
+                    assert!(
+                        (found - slope).abs() < 1e-8,
+                        "{goal:?}, row {row}, column {column}: {found} beside {slope}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_series_meets_the_formula() {
+        for angle in [0.99e-2_f64, 1.01e-2] {
+            let t = Vector3::new(0.6, 0.0, 0.8) * angle;
+            // Jr Jr^-1 = 1, with Jr = 1 - (1 - cos)/a^2 t~ + (a - sin)/a^3 t~^2.
+            let cross = t.cross_matrix();
+            let right = Matrix3::identity() - cross * ((1.0 - angle.cos()) / angle.powi(2))
+                + cross * cross * ((angle - angle.sin()) / angle.powi(3));
+            assert!((right * inverse_right_jacobian(&t) - Matrix3::identity()).abs().max() < 1e-13);
+        }
+    }
+}

@@ -1,0 +1,206 @@
+//! Inverse kinematics: what it reaches, what it keeps, and what its covariance is.
+
+use nalgebra::{DMatrix, Matrix3, Vector3};
+use phipsi::inverse_kinematics::{Goal, Options, Outcome, Task};
+use phipsi::kinematics::ReferenceFrame;
+use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
+use phipsi::spatial::{RigidShift, Symmetric3};
+
+fn uniform(state: &mut u64) -> f64 {
+    *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+    f64::from(u32::try_from(*state >> 33).unwrap()) / f64::from(1_u32 << 31)
+}
+
+/// An arm of seven turning joints with limits, like those that people have.
+fn arm() -> Scene {
+    let axes = [
+        [0.0, 0.0, 1.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+        [0.0, -1.0, 0.0],
+        [0.0, 0.0, 1.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+    ];
+    let levers = [
+        [0.0, 0.0, 0.33],
+        [0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.32],
+        [0.08, 0.0, 0.0],
+        [-0.08, 0.0, 0.38],
+        [0.0, 0.0, 0.0],
+        [0.09, 0.0, 0.1],
+    ];
+    let mut builder = SceneBuilder::new().link(LinkDescription { name: "link0".into(), inertial: None });
+    for k in 0..7 {
+        let inertial = Inertial {
+            mass: 1.0,
+            centre: Vector3::zeros(),
+            central: Symmetric3::new([0.01, 0.0, 0.0, 0.01, 0.0, 0.01]),
+        };
+        builder = builder.link(LinkDescription { name: format!("link{}", k + 1), inertial: Some(inertial) });
+        let mut joint = JointDescription::new(
+            format!("joint{k}"),
+            JointKind::Revolute,
+            format!("link{k}"),
+            format!("link{}", k + 1),
+        );
+        (joint.axis, joint.origin) =
+            (axes[k].into(), RigidShift { rotation: Matrix3::identity(), lever: levers[k].into() });
+        (joint.limits.lower, joint.limits.upper) = if k % 2 == 0 { (-2.8, 2.8) } else { (-1.7, 2.1) };
+        builder = builder.joint(joint);
+    }
+    builder.build().expect("an arm")
+}
+
+fn within(scene: &Scene, state: &mut u64) -> Vec<f64> {
+    scene
+        .joints()
+        .iter()
+        .map(|joint| joint.limits.lower + uniform(state) * (joint.limits.upper - joint.limits.lower))
+        .collect()
+}
+
+fn pose_of(scene: &Scene, q: &[f64]) -> Task {
+    let frame = scene.frame(&"link7".into()).expect("a link");
+    Task::new(Goal::Pose { frame, target: scene.placement(q, frame).expect("a place") })
+}
+
+#[test]
+fn poses_within_the_limits_are_reached() {
+    let scene = arm();
+    let (mut state, mut failures, mut q) = (1, 0, vec![f64::NAN; 7]);
+    let mut solver = scene.inverse_kinematics(&Options::default()).unwrap();
+    for _ in 0..200 {
+        let (there, start) = (within(&scene, &mut state), within(&scene, &mut state));
+        let task = pose_of(&scene, &there);
+        let outcome = solver.solve(&[task], &start, None, &mut q).unwrap();
+        assert!(scene.joints().iter().zip(&q).all(|(joint, &at)| at >= joint.limits.lower && at <= joint.limits.upper));
+        if !outcome.reached {
+            failures += 1;
+            continue;
+        }
+        // It is where it says, by the scene's own placement.
+        let Goal::Pose { frame, target } = task.goal else { unreachable!() };
+        let found = scene.placement(&q, frame).unwrap();
+        assert!((found.lever - target.lever).norm() <= 1e-9 && (found.rotation - target.rotation).abs().max() <= 2e-9);
+    }
+    assert!(failures <= 1, "{failures} of 200");
+}
+
+#[test]
+fn the_same_call_gives_the_same_bits() {
+    let scene = arm();
+    let mut state = 5;
+    let task = pose_of(&scene, &within(&scene, &mut state));
+    let run = || {
+        let mut q = vec![f64::NAN; 7];
+        let outcome =
+            scene.inverse_kinematics(&Options::default()).unwrap().solve(&[task], &[0.0; 7], None, &mut q).unwrap();
+        (outcome, q)
+    };
+    let (one, other): ((Outcome, _), _) = (run(), run());
+    assert_eq!(one, other);
+}
+
+#[test]
+fn what_is_out_of_reach_is_said_and_brought_near() {
+    let scene = arm();
+    let frame = scene.frame(&"link7".into()).unwrap();
+    let task = Task::new(Goal::Position { frame, target: Vector3::new(0.0, 0.0, 5.0) });
+    let mut q = vec![f64::NAN; 7];
+    let outcome =
+        scene.inverse_kinematics(&Options::default()).unwrap().solve(&[task], &[0.3; 7], None, &mut q).unwrap();
+    assert!(!outcome.reached && outcome.starts == 20);
+    // Stretched upward as far as it goes.
+    let height = scene.placement(&q, frame).unwrap().lever[2];
+    assert!((5.0 - height - outcome.position_error).abs() < 1e-3 && height > 1.1, "{height}");
+}
+
+#[test]
+fn a_posture_decides_where_the_task_does_not() {
+    let scene = arm();
+    let frame = scene.frame(&"link7".into()).unwrap();
+    let posture = [0.1, 0.4, -0.2, -0.8, 0.3, 1.0, 0.2];
+    let target = scene.placement(&posture, frame).unwrap().lever + Vector3::new(0.02, -0.03, 0.01);
+    let task = Task { position: 1e-5, ..Task::new(Goal::Position { frame, target }) };
+    let options = Options { posture: Some(0.5), tolerance: 1e-6, ..Options::default() };
+    let (mut q, mut covariance) = (vec![f64::NAN; 7], vec![f64::NAN; 49]);
+    let mut solver = scene.inverse_kinematics(&options).unwrap();
+    let outcome = solver.solve(&[task], &posture, Some(&mut covariance), &mut q).unwrap();
+    assert!(outcome.reached && outcome.starts == 1);
+    // Where F is least, the pull of the posture is along what the task tells: nothing is left across it.
+    let mut jacobian = vec![0.0; 42];
+    scene.jacobian(&q, frame, ReferenceFrame::LocalWorldAligned, &mut jacobian).unwrap();
+    let linear = DMatrix::from_row_slice(3, 7, &jacobian[21..]);
+    let away = DMatrix::from_fn(7, 1, |i, _| q[i] - posture[i]);
+    let told = linear.transpose() * (&linear * linear.transpose()).try_inverse().unwrap() * &linear;
+    assert!((&away - &told * &away).norm() < 1e-6 * away.norm(), "{away}");
+    // Its covariance is the inverse of J^T J / s^2 + 1 / p^2, by dense algebra.
+    let expected = (linear.transpose() * &linear * 1e10 + DMatrix::identity(7, 7) * 4.0).try_inverse().unwrap();
+    let found = DMatrix::from_row_slice(7, 7, &covariance);
+    assert!((found - &expected).abs().max() < 1e-7 * expected.abs().max());
+}
+
+#[test]
+fn without_a_posture_a_free_motion_has_infinite_variance() {
+    let scene = arm();
+    let frame = scene.frame(&"link7".into()).unwrap();
+    let target = scene.placement(&[0.4; 7], frame).unwrap().lever;
+    let mut covariance = vec![f64::NAN; 49];
+    let mut solver = scene.inverse_kinematics(&Options::default()).unwrap();
+    solver
+        .solve(&[Task::new(Goal::Position { frame, target })], &[0.3; 7], Some(&mut covariance), &mut [0.0; 7])
+        .unwrap();
+    assert!(covariance.iter().all(|entry| *entry == f64::INFINITY));
+}
+
+#[test]
+fn a_free_base_and_a_posture_meet_several_tasks() {
+    let scene = arm().source().clone().floating_base(true).build().unwrap();
+    let hand = scene.frame(&"link7".into()).unwrap();
+    let tasks = [
+        Task::new(Goal::CenterOfMass(Vector3::new(0.3, -0.2, 0.9))),
+        Task::new(Goal::LookAt { frame: hand, axis: Vector3::z(), target: Vector3::new(1.0, 2.0, 0.5) }),
+        Task::new(Goal::Joint { joint: 3, target: 0.4 }),
+    ];
+    let mut q = vec![f64::NAN; scene.nq()];
+    let mut start = scene.neutral();
+    start[7..].fill(0.2);
+    let outcome = scene.inverse_kinematics(&Options::default()).unwrap().solve(&tasks, &start, None, &mut q).unwrap();
+    assert!(outcome.reached, "{outcome:?}");
+    let com = scene.center_of_mass(&mut scene.workspace(), &q).unwrap();
+    assert!((com - Vector3::new(0.3, -0.2, 0.9)).norm() < 1e-9);
+    let place = scene.placement(&q, hand).unwrap();
+    let way = (Vector3::new(1.0, 2.0, 0.5) - place.lever).normalize();
+    assert!((place.rotation * Vector3::z() - way).norm() < 1e-9);
+}
+
+#[test]
+fn bad_arguments_are_named() {
+    let scene = arm();
+    let frame = scene.frame(&"link7".into()).unwrap();
+    let refused = |options: Options| scene.inverse_kinematics(&options).unwrap_err().to_string();
+    assert!(refused(Options { starts: 0, ..Options::default() }).contains("starts"));
+    assert!(refused(Options { tolerance: 0.0, ..Options::default() }).contains("tolerance"));
+    assert!(refused(Options { posture: Some(f64::NAN), ..Options::default() }).contains("posture"));
+    let mut solver = scene.inverse_kinematics(&Options::default()).unwrap();
+    let mut fails =
+        |task: Task, start: &[f64]| solver.solve(&[task], start, None, &mut [0.0; 7]).unwrap_err().to_string();
+    let fine = Task::new(Goal::Position { frame, target: Vector3::zeros() });
+    assert!(fails(Task { position: -1.0, ..fine }, &[0.0; 7]).contains("position deviation of task 0"));
+    assert!(
+        fails(Task::new(Goal::Position { frame, target: Vector3::new(f64::NAN, 0.0, 0.0) }), &[0.0; 7])
+            .contains("target of task 0")
+    );
+    assert!(
+        fails(Task::new(Goal::Orientation { frame, target: Matrix3::zeros() }), &[0.0; 7])
+            .contains("a rotation matrix")
+    );
+    assert!(
+        fails(Task::new(Goal::Direction { frame, axis: Vector3::zeros(), target: Vector3::z() }), &[0.0; 7])
+            .contains("axis of task 0")
+    );
+    assert!(fails(Task::new(Goal::Joint { joint: 9, target: 0.0 }), &[0.0; 7]).contains("joint of task 0"));
+    assert!(fails(fine, &[0.0; 6]).contains("q0"));
+}
