@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .. import draw
-from ..draw import FREE, SLIDE, TURN
+from ..draw import TURN
 from ..pipeline import Section
 from ..plotting import Plot
 from ..progress import Reporter
@@ -47,7 +47,6 @@ def _shown(report: Report) -> dict[str, Any]:
         "source": Path(report.source).name,
         "rows": [_row(row) for row in rows[:MOST_ROWS]],
         "more": max(len(rows) - MOST_ROWS, 0),
-        "inks": {"turn": TURN, "slide": SLIDE, "free": FREE},
     }
 
 
@@ -72,4 +71,4 @@ def _axis(row: Row) -> str:
     return f" {'−' if axis[at] < 0 else ''}{'xyz'[at]}"
 
 
-SECTION = Section("scene", "The scene", _collect, _plots, shown=_shown)
+SECTION = Section("scene", "Links and joints", _collect, _plots, shown=_shown)
