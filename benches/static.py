@@ -33,9 +33,9 @@ STYLE: Any = {
 }
 MARKERS = {"circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "x": "x", "cross": "+", "dash": "_"}
 #: Inches: the width of a figure, of a pixel of a page, above a panel, below it, of a line of the legend.
-WIDTH, PIXEL, ABOVE, BELOW, LINE = 10.0, 0.0095, 0.35, 0.55, 0.2
+WIDTH, PIXEL, ABOVE, BELOW, LINE = 10.0, 0.0095, 0.35, 0.5, 0.2
 #: Entries of the legend in a line, for names of usual length.
-ACROSS = 120
+ACROSS = 150
 
 
 def finished(figure: Figure) -> bytes:

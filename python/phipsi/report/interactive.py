@@ -24,6 +24,8 @@ Json = dict[str, Any]
 LONGEST = 36
 #: What Plotly calls symbols that are not filled.
 SYMBOLS = {"dash": "line-ew-open", "x": "x-thin-open", "cross": "cross-thin-open"}
+#: Marks as text, filled and hollow.
+GLYPHS = {"square": ("■", "□"), "diamond": ("◆", "◇"), "triangle-up": ("▲", "△"), "x": ("×", "×"), "cross": ("+", "+")}
 #: px: left of a panel, for names of marks and the title; below, for the names; a line of a title.
 LEFT, UNDER, LINE = 64, 26, 17
 #: Characters of a title in a line, on a narrow page.
@@ -41,6 +43,7 @@ class _Entry:
     kind: str
     shown: bool
     shade: float = 1.0
+    glyph: str = ""
     traces: list[int] = field(default_factory=list)
 
 
@@ -69,8 +72,8 @@ def markup(plot: Plot) -> Markup:
     data = json.dumps(content, allow_nan=False, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
     entries = drawing.entries if len(drawing.entries) > 1 else []
     buttons = Markup("").join(
-        Markup('<button type="button" data-traces="{}" aria-pressed="{}"><i class="{}" style="color:{};opacity:{:.2g}"></i>{}</button>').format(
-            json.dumps(one.traces), str(one.shown).lower(), one.kind, one.ink, one.shade, one.name
+        Markup('<button type="button" data-traces="{}" aria-pressed="{}"><i class="{}" style="color:{};opacity:{:.2g}">{}</i>{}</button>').format(
+            json.dumps(one.traces), str(one.shown).lower(), one.kind, one.ink, one.shade, one.glyph, one.name
         )
         for one in entries
     )
@@ -102,7 +105,7 @@ def _chart(chart: Chart) -> _Drawing:
     entries: dict[str, _Entry] = {}
     for at, panel in enumerate(chart.panels):
         for series in panel.series:
-            entry = entries.setdefault(series.name, _Entry(series.name, series.ink, _kind(series), True))
+            entry = entries.setdefault(series.name, _Entry(series.name, series.ink, _kind(series), True, 1.0, _glyph(series)))
             entry.traces.append(len(traces))
             traces.append(_trace(series, panel) | _axes_of(at))
     return _Drawing(traces, _panels(chart, chart.columns, False), _panels(chart, 1, True), list(entries.values()))
@@ -115,6 +118,12 @@ def _kind(series: Series) -> str:
     if series.mark and not series.line:
         return "hollow" if series.hollow else "mark"
     return "dashed" if series.dash else "line"
+
+
+def _glyph(series: Series) -> str:
+    """What tells its marks from circles, where others have the same colour."""
+    filled, hollow = GLYPHS.get(series.symbol, ("", ""))
+    return hollow if series.hollow else filled
 
 
 def _axes_of(at: int) -> Json:
