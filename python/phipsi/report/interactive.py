@@ -42,7 +42,6 @@ class _Entry:
     ink: str
     kind: str
     shown: bool
-    shade: float = 1.0
     glyph: str = ""
     traces: list[int] = field(default_factory=list)
 
@@ -72,8 +71,8 @@ def markup(plot: Plot) -> Markup:
     data = json.dumps(content, allow_nan=False, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
     entries = drawing.entries if len(drawing.entries) > 1 else []
     buttons = Markup("").join(
-        Markup('<button type="button" data-traces="{}" aria-pressed="{}"><i class="{}" style="color:{};opacity:{:.2g}">{}</i>{}</button>').format(
-            json.dumps(one.traces), str(one.shown).lower(), one.kind, one.ink, one.shade, one.glyph, one.name
+        Markup('<button type="button" data-traces="{}" aria-pressed="{}"><i class="{}" style="color:{}">{}</i>{}</button>').format(
+            json.dumps(one.traces), str(one.shown).lower(), one.kind, one.ink, one.glyph, one.name
         )
         for one in entries
     )
@@ -105,7 +104,7 @@ def _chart(chart: Chart) -> _Drawing:
     entries: dict[str, _Entry] = {}
     for at, panel in enumerate(chart.panels):
         for series in panel.series:
-            entry = entries.setdefault(series.name, _Entry(series.name, series.ink, _kind(series), True, 1.0, _glyph(series)))
+            entry = entries.setdefault(series.name, _Entry(series.name, series.ink, _kind(series), True, _glyph(series)))
             entry.traces.append(len(traces))
             traces.append(_trace(series, panel) | _axes_of(at))
     return _Drawing(traces, _panels(chart, chart.columns, False), _panels(chart, 1, True), list(entries.values()))
@@ -254,7 +253,7 @@ def _space(plot: Space) -> _Drawing:
     entries: dict[str, _Entry] = {}
     for part in plot.parts:
         kind = "mark" if not part.line else "line"
-        entries.setdefault(part.name, _Entry(part.name, part.ink, kind, part.shown, part.shade)).traces.append(len(traces))
+        entries.setdefault(part.name, _Entry(part.name, f"{part.ink}{round(255 * part.shade):02x}", kind, part.shown)).traces.append(len(traces))
         traces.append(_in_space(part))
     cloud = np.concatenate([part.points for part in plot.parts])
     low, high = np.nanmin(cloud, axis=0), np.nanmax(cloud, axis=0)
@@ -268,8 +267,9 @@ def _space(plot: Space) -> _Drawing:
     }
     eye = plot.towards / np.linalg.norm(plot.towards)
     right = np.cross([0.0, 0.0, 1.0], eye)
-    flat = cloud @ np.stack([right, np.cross(eye, right)], axis=-1) / size
-    across, high_up = np.maximum(np.nanmax(flat, axis=0) - np.nanmin(flat, axis=0), 0.02)
+    # The middle of the box is the middle of the picture.
+    flat = (cloud - 0.5 * (low + high)) @ np.stack([right, np.cross(eye, right)], axis=-1) / size
+    across, high_up = np.maximum(2.0 * np.nanmax(np.abs(flat), axis=0), 0.02)
     layouts = []
     # What fits beside and above each other, in units of the scene; names need room beside the figure.
     for height, widest in ((480, 3.2), (380, 1.3)):

@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .text import brief_time, power
+from .text import brief_time, count, power
 
 Array = NDArray[np.float64]
 Values: TypeAlias = "Sequence[float] | Array"
@@ -75,7 +75,7 @@ def log_ticks(low: float, high: float, name: Callable[[float], str]) -> list[tup
 
 def _number(value: float) -> str:
     if 1e-3 <= value < 1e5:
-        return f"{value:.3g}"
+        return f"{value:.3g}" if value < 1e3 else count(round(value))
     digits, exponent = f"{value:.1e}".split("e")
     return f"{digits.removesuffix('.0')}·{power(int(exponent))}"
 

@@ -14,7 +14,7 @@ from ..plotting import Plot
 from ..progress import Reporter
 from ..robot import Report
 from ..structure import Row
-from ..text import significant
+from ..text import scientific
 
 #: A tree with more rows than this is cut short.
 MOST_ROWS = 400
@@ -52,7 +52,7 @@ def _shown(report: Report) -> dict[str, Any]:
 
 def _row(row: Row) -> dict[str, Any]:
     joint = row.joint
-    mass = f"{significant(row.link.mass)} kg" if row.link.mass > 0.0 else ""
+    mass = f"{scientific(row.link.mass, 2)} kg" if row.link.mass > 0.0 else ""
     kind = "" if joint.type == "fixed" else f"{joint.type}{_axis(row)}"
     details = " · ".join(text for text in (kind, mass) if text)
     ink, rails = draw.COLOURS.get(joint.type, TURN), min(row.level, 12) - row.branch
