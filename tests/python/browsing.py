@@ -67,11 +67,21 @@ class Opened:
         found: list[dict[str, Any]] = self.page.evaluate(PLOTS)
         return found
 
+    def resize(self, width: int) -> None:
+        """Makes the window so wide, and waits until its plots have followed."""
+        self.page.set_viewport_size({"width": width, "height": 600})
+        self.page.wait_for_function(FOLLOWED, timeout=PATIENCE)
+
     def wide(self) -> int:
         """The width of the page, px: more than that of the window where it scrolls sideways."""
         return int(self.page.evaluate("document.documentElement.scrollWidth"))
 
 
+#: Whether every plot that is drawn has the layout and the width of its window.
+FOLLOWED = """() => window.plots && [...document.querySelectorAll('.plot')].every(place => {
+  const canvas = place.querySelector('.canvas'), full = canvas._fullLayout;
+  return full && Math.abs(full.width - canvas.clientWidth) < 2 && Math.abs(full.height - canvas.clientHeight) < 2;
+})"""
 #: Text of a plot outside its frame, and marks of an axis, titles and entries of the legend that meet.
 PLOTS = """() => [...document.querySelectorAll('.plot')].map(place => {
   const canvas = place.querySelector('.canvas'), frame = canvas.getBoundingClientRect();

@@ -18,14 +18,17 @@ from phipsi.report.page import Figure
 from phipsi.report.pipeline import Findings, Layout, Section
 from phipsi.report.plotting import Axis, Chart, Matrix, Panel, Part, Plot, Series, Space
 from phipsi.report.progress import Silent
-from phipsi.report.stability import STABILITY, Stability
 from phipsi.report.structure import tree_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
 import static
 
-WIDTHS = (1400, 400)
+WIDTHS = (400, 1400)
 LONG = "a_rather_long_name_of_a_joint_of_the_left_hand_of_a_robot"
+NAMES = [LONG, f"{LONG}_2", "short", "<b>bold</b>", "$x_1^$", "&amp;", "%{x}", "右肩_関節"]
+#: Puts the mouse on the first point of a curve, until its name and its numbers stand beside it.
+HOVER = """([at, name]) => { const canvas = document.querySelector('.canvas'); Plotly.Fx.hover(canvas, [{curveNumber: at, pointNumber: 0}], 'xy');
+const shown = canvas.querySelector('.hoverlayer').textContent; return shown.startsWith(name) && shown.includes(': 200ns'); }"""
 
 
 def written(plots: Sequence[Plot], folder: Path) -> Path:
@@ -47,49 +50,52 @@ def chart(names: Sequence[str], columns: int = 2) -> Chart:
     return Chart("chart", [Panel(x, y, series, title) for title in ("one", "another", "a third")], columns)
 
 
-def check(opened: Opened, file: Path, width: int, names: Sequence[str]) -> list[dict[str, Any]]:
-    plots = opened.plots()
-    assert [plot["name"] for plot in plots] == [f"plot-{name}" for name in names]
-    for plot in plots:
-        assert plot["traces"] > 0 and plot["drawn"] > 0, plot
-        assert not plot["cut"] and not plot["over"], plot
-        assert plot["width"] > 0.8 * min(width, 380)
-    assert opened.wide() <= width
-    opened.check(file)
+def check(browser: Any, file: Path, names: Sequence[str]) -> list[dict[str, Any]]:  # noqa: F811
+    """The page on a phone, and in a window that becomes wide; the plots there."""
+    plots: list[dict[str, Any]] = []
+    with Opened(browser, file, WIDTHS[0]) as opened:
+        for width in WIDTHS:
+            opened.resize(width)
+            plots = opened.plots()
+            assert [plot["name"] for plot in plots] == [f"plot-{name}" for name in names]
+            for plot in plots:
+                assert plot["traces"] > 0 and plot["drawn"] > 0, plot
+                assert not plot["cut"] and not plot["over"], plot
+                assert plot["width"] > 0.8 * min(width, 380)
+            assert opened.wide() <= width
+        opened.check(file)
     return plots
 
 
 @needs_browser
-@pytest.mark.parametrize("width", WIDTHS)
-def test_every_plot_of_a_report(browser: Any, tmp_path: Path, width: int) -> None:  # noqa: F811
+def test_every_plot_of_a_report(browser: Any, tmp_path: Path) -> None:  # noqa: F811
     scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)
     found = pipeline.collect(sections.ROBOT, robot.Report(True, "arm", "", scene, count=8), Silent())
     found.missing["view"] = "test_view.py opens it"
     (file,) = pipeline.write(sections.ROBOT, found, tmp_path)
     names = ("skeleton", "mass-matrix", "error-against-time", "error-against-condition", "emergence", "emergence-slopes", "growth")
-    with Opened(browser, file, width) as opened:
-        plots = check(opened, file, width, names)
+    plots = check(browser, file, names)
     legend = next(plot["legend"] for plot in plots if plot["name"] == "plot-error-against-time")
     assert {"auto", "covariance", "dense Cholesky (faer)"} <= set(legend)
 
 
 @needs_browser
-@pytest.mark.parametrize("width", WIDTHS)
-def test_long_names_and_many_panels(browser: Any, tmp_path: Path, width: int) -> None:  # noqa: F811
-    names = [LONG, f"{LONG}_2", "short", "<b>bold</b>", "$x_1^$", "&amp;", "右肩_関節"]
-    matrix = Matrix("matrix", 10.0 ** -np.arange(49.0).reshape(7, 7) / 8, names, "size")
-    space = Space("space", [Part("line", "#222222", np.eye(3), line=3.0), Part("dots", "#0072b2", np.eye(3), marks=6.0, texts=names[:3])], np.ones(3))
-    file = written([chart(names), matrix, space], tmp_path)
-    with Opened(browser, file, width) as opened:
-        plots = check(opened, file, width, ("chart", "matrix", "space"))
-        # Names are what they are: no tag is followed, no formula set.
-        assert plots[0]["legend"] == names
-        words = opened.page.locator("#plot-chart .hoverlayer")
-        shown = opened.page.evaluate(
-            """() => { const canvas = document.querySelector('#plot-chart .canvas'); Plotly.Fx.hover(canvas, [{curveNumber: 3, pointNumber: 0}], 'xy');
-            return document.querySelector('#plot-chart .hoverlayer').textContent; }"""
-        )
-        assert "<b>bold</b>" in shown and "200ns" in shown and words.count() == 1
+def test_long_names_and_many_panels(browser: Any, tmp_path: Path) -> None:  # noqa: F811
+    matrix = Matrix("matrix", 10.0 ** -np.arange(49.0).reshape(7, 7) / 8, NAMES, "size")
+    space = Space("space", [Part("line", "#222222", np.eye(3), line=3.0), Part("dots", "#0072b2", np.eye(3), marks=6.0, texts=NAMES[:3])], np.ones(3))
+    plots = check(browser, written([chart(NAMES), matrix, space], tmp_path), ("chart", "matrix", "space"))
+    assert plots[0]["legend"] == NAMES
+
+
+@needs_browser
+def test_names_under_the_mouse_are_what_they_are(browser: Any, tmp_path: Path) -> None:  # noqa: F811
+    """No tag is followed, no formula is set."""
+    file = written([chart(NAMES)], tmp_path)
+    with Opened(browser, file, 400) as opened:
+        opened.plots()
+        for at, name in enumerate(NAMES):
+            opened.page.wait_for_function(HOVER, arg=[at, interactive.shortened(name)], timeout=20_000, polling=100)
+        opened.check(file)
 
 
 @needs_browser
@@ -106,25 +112,11 @@ def test_names_are_buttons(browser: Any, tmp_path: Path) -> None:  # noqa: F811
         opened.page.get_by_role("button", name="three").dblclick()
         assert opened.page.evaluate(shown) == [False, False, True] * 3
         # The same after the window has become narrow, where panels are one under the other.
-        opened.page.set_viewport_size({"width": 400, "height": 600})
-        opened.page.wait_for_function("document.querySelector('.canvas').layout.xaxis2.domain[0] === 0")
+        opened.resize(400)
         assert opened.page.evaluate(shown) == [False, False, True] * 3
         opened.page.get_by_role("button", name="three").dblclick()
         assert opened.page.evaluate(shown) == [True] * 9
         assert opened.wide() <= 400
-        opened.check(file)
-
-
-@needs_browser
-def test_the_plots_of_the_stability_report(browser: Any, tmp_path: Path) -> None:  # noqa: F811
-    found = pipeline.collect(STABILITY, Stability(True), Silent())
-    (file,) = pipeline.write(STABILITY, found, tmp_path)
-    with Opened(browser, file, 400) as opened:
-        assert len(opened.plots()) == 6
-        opened.page.set_viewport_size({"width": 1400, "height": 600})
-        opened.page.wait_for_function("document.querySelector('.canvas').layout.xaxis2.domain[0] > 0")
-        for plot in opened.plots():
-            assert plot["drawn"] > 0 and not plot["cut"] and not plot["over"], plot
         opened.check(file)
 
 
@@ -153,12 +145,12 @@ def test_every_joint_and_mass_is_told_in_the_figure() -> None:
     traces = figure(draw.skeleton(scene, tree, scene.neutral()))["traces"]
     told = [text for trace in traces for text in trace.get("hovertext", ())]
     for joint in tree.movable:
-        assert any(text.startswith(f"{joint.name}<br>{joint.type}") for text in told)
+        assert any(text.startswith(f"{joint.name}<br>{tree.numbers[joint.name]}: {joint.type}") for text in told)
     for link in tree.links.values():
         if link.mass > 0.0:
             assert any(text.startswith(f"{link.name}<br>") and "kg" in text for text in told)
     written_beside = [text for trace in traces if "text" in trace["mode"] for text in trace["text"]]
-    assert "joint4<br>joint5<br>joint6" in written_beside
+    assert written_beside[:4] == ["1–2", "3", "4", "5–7"]
 
 
 def test_pictures_for_markdown() -> None:

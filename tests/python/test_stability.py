@@ -7,8 +7,10 @@ import math
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from browsing import Opened, browser, needs_browser  # noqa: F401  # one is a fixture
 from click.testing import CliRunner
 from phipsi.report import commands, pipeline
 from phipsi.report.progress import Silent
@@ -78,6 +80,20 @@ def test_the_pages_are_written(found: Stability, tmp_path: Path) -> None:
     assert "Why deleting a column does not" in written
     for name in phipsi.scenes.names():
         assert f"### {name}" in written
+
+
+@needs_browser
+def test_every_plot_is_drawn(browser: Any, tmp_path: Path, found: Stability) -> None:  # noqa: F811
+    (file,) = pipeline.write(STABILITY, found, tmp_path)
+    with Opened(browser, file, 400) as opened:
+        for width in (400, 1400):
+            opened.resize(width)
+            plots = opened.plots()
+            assert len(plots) == 6
+            for plot in plots:
+                assert plot["drawn"] > 0 and not plot["cut"] and not plot["over"], plot
+            assert opened.wide() <= width
+        opened.check(file)
 
 
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, found: Stability) -> None:

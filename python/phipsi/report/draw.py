@@ -17,8 +17,8 @@ from .text import significant
 MERGED, TURN, SLIDE, FREE, MASS = "#b9bec4", "#0072b2", "#d55e00", "#009e73", "#e69f00"
 COLOURS = {"fixed": MERGED, "prismatic": SLIDE, "planar": FREE, "spherical": FREE, "floating": FREE}
 KINDS = {"axes of turning joints": TURN, "axes of sliding joints": SLIDE, "joints of several degrees of freedom": FREE}
-#: Names of more joints than this would hide each other: they come with a click.
-MOST_NAMES = 12
+#: More numbers than these would hide each other: they come with a click.
+MOST_NUMBERS = 60
 
 
 class View(NamedTuple):
@@ -74,7 +74,7 @@ def skeleton(scene: Scene, tree: Tree, q: Array) -> Space:
     cloud = np.array(list(origins.values()))
     size = float(np.ptp(cloud, axis=0).max()) or 1.0
     parts = [*_links(tree, origins), *_masses(tree, placements), *_joints(tree, placements, 0.04 * size)]
-    parts.append(_names(tree, origins, 0.02 * size))
+    parts.append(_numbers(tree, origins, 0.02 * size))
     base = [Part("axes of the base", GREY, np.array([np.zeros(3), 0.15 * size * way]), line=3.0, names=("", letter), shown=False)
             for letter, way in zip("xyz", np.eye(3), strict=True)]  # fmt: skip
     return Space("skeleton", [part for part in (*parts, *base) if len(part.points)], View.best(cloud).towards)
@@ -119,20 +119,27 @@ def _joints(tree: Tree, placements: dict[str, Array], reach: float) -> list[Part
             for joint, centre in zip(joints, centres, strict=True)
             if joint.axis is not None and np.any(axis := placements[joint.child][:3, :3] @ joint.axis)
         ]
-        texts = [f"{joint.name}\n{joint.type}\n{joint.parent} → {joint.child}" for joint in joints]
+        texts = [f"{joint.name}\n{tree.numbers[joint.name]}: {joint.type}\n{joint.parent} → {joint.child}" for joint in joints]
         parts += [Part(name, ink, segments(axes), line=5.0), Part(name, ink, centres, marks=6.0, texts=texts)]
     return parts
 
 
-def _names(tree: Tree, origins: dict[str, Array], near: float) -> Part:
-    """Names of joints beside them; of those that lie closer than `near` one below the other."""
-    groups: list[tuple[Array, list[str]]] = []
-    for joint in tree.movable:
-        at = origins[joint.child]
-        group = next((names for place, names in groups if np.linalg.norm(place - at) < near), None)
+def _numbers(tree: Tree, origins: dict[str, Array], near: float) -> Part:
+    """Numbers of joints beside them, as names would hide each other; those that lie closer than `near` have theirs together."""
+    groups: list[tuple[Array, list[int]]] = []
+    for joint in sorted(tree.movable, key=lambda joint: tree.numbers[joint.name]):
+        at, number = origins[joint.child], tree.numbers[joint.name]
+        group = next((numbers for place, numbers in groups if np.linalg.norm(place - at) < near), None)
         if group is None:
-            groups.append((at, [joint.name]))
+            groups.append((at, [number]))
         else:
-            group.append(joint.name)
-    names = ["\n".join(names) for _, names in groups]
-    return Part("names of joints", SOFT, np.array([at for at, _ in groups]).reshape(-1, 3), names=names, shown=len(tree.movable) <= MOST_NAMES)
+            group.append(number)
+    texts = [_spans(numbers) for _, numbers in groups]
+    return Part("numbers of joints", SOFT, np.array([at for at, _ in groups]).reshape(-1, 3), names=texts, shown=len(groups) <= MOST_NUMBERS)
+
+
+def _spans(numbers: Sequence[int]) -> str:
+    """Numbers that ascend, such as 2–4, 9."""
+    starts = [number for number in numbers if number - 1 not in numbers]
+    ends = [number for number in numbers if number + 1 not in numbers]
+    return ", ".join(str(a) if a == b else f"{a}–{b}" for a, b in zip(starts, ends, strict=True))

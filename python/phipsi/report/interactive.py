@@ -146,9 +146,10 @@ def _trace(series: Series, panel: Panel) -> Json:
     if series.below:
         trace |= {"fill": "tozeroy", "fillcolor": "rgba(201,206,211,0.45)"}
     if series.told:
-        words = ", ".join(filter(None, (_text(series.name), _text(series.note))))
-        rows = [f"{_text(axis.title)}: %{{{letter}:{axis.form}}}{axis.unit}" for letter, axis in (("x", panel.x), ("y", panel.y)) if axis.title]
-        trace["hovertemplate"] = "<br>".join([f"<b>{words}</b>", *rows]) + "<extra></extra>"
+        # Not in the template: a name may look like a part of one.
+        trace["meta"] = ", ".join(filter(None, (_text(series.name), _text(series.note))))
+        rows = [f"{_text_all(axis.title)}: %{{{letter}:{axis.form}}}{axis.unit}" for letter, axis in (("x", panel.x), ("y", panel.y)) if axis.title]
+        trace["hovertemplate"] = "<br>".join(["<b>%{meta}</b>", *rows]) + "<extra></extra>"
     else:
         trace["hoverinfo"] = "skip"
     return trace
@@ -276,7 +277,7 @@ def _space(plot: Space) -> _Drawing:
         ratio = _numbers(min(1.75 / high_up, widest / across) * extent / size)
         scene = {
             **axes, "aspectmode": "manual", "aspectratio": dict(zip("xyz", ratio, strict=True)), "dragmode": "orbit",
-            "camera": {"eye": dict(zip("xyz", _numbers(1.25 * eye), strict=True)), "projection": {"type": "orthographic"}},
+            "camera": {"eye": dict(zip("xyz", _numbers(2.5 * eye), strict=True)), "projection": {"type": "orthographic"}},
         }  # fmt: skip
         layouts.append(_base(height) | {"scene": scene, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}})
     wide, narrow = layouts
@@ -295,7 +296,7 @@ def _in_space(part: Part) -> Json:
         sizes = part.marks if isinstance(part.marks, float) else _numbers(part.marks)
         trace["marker"] = {"color": part.ink, "size": sizes, "sizemode": "diameter", "line": {"width": 0}}
     if part.names:
-        trace |= {"text": [_rows(name) for name in part.names], "textfont": {"size": 12, "color": INK}, "textposition": "middle right"}
+        trace |= {"text": [_rows(name) for name in part.names], "textfont": {"size": 12, "color": INK}, "textposition": "top right"}
     if part.texts:
         trace |= {"hovertext": [_rows(text) for text in part.texts], "hoverinfo": "text"}
     else:
