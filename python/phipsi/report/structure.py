@@ -59,7 +59,8 @@ class Tree:
     def numbers(self) -> dict[str, int]:
         """The joints that move, counted from 1 in the order of `rows`."""
         moving = [row.joint.name for row in self.rows() if row.joint.type != "fixed"]
-        return {name: number for number, name in enumerate(moving, 1)}
+        # Behind a link whose name is empty no row leads on.
+        return {name: number for number, name in enumerate(dict.fromkeys([*moving, *(joint.name for joint in self.movable)]), 1)}
 
     def carries_motion(self, link: str) -> bool:
         """Whether a joint that moves is on the link or beyond it."""
