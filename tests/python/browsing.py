@@ -57,6 +57,7 @@ class Opened:
     def picture(self, canvas: Any) -> np.ndarray:
         from PIL import Image
 
+        canvas.evaluate("element => element.scrollIntoView()")
         whole = self.page.screenshot(clip=canvas.bounding_box(), timeout=PATIENCE)
         return np.asarray(Image.open(io.BytesIO(whole)).convert("RGB"), float)
 

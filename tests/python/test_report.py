@@ -153,7 +153,7 @@ def test_auto_comes_first(bundled: tuple[dict[str, Any], str, Path]) -> None:
         assert found[part][0]["form"] == "auto"
         assert "dynamics" in found[part][0]["call"].lower()
     assert {row["form"] for row in found["accuracy"]} >= {"auto", "covariance", "square-root", "joseph", None}
-    lead = page[page.index('<p class="lead">') : page.index("<nav>")]
+    lead = page[page.index('<p class="lead">') : page.index('<div class="key">')]
     one, many = (
         next(row for row in found["calls"] if (row["form"], row["batch"] > 1) == ("auto", batch)) for batch in (False, True)
     )
@@ -266,6 +266,7 @@ def test_the_page_needs_nothing_beside_itself(bundled: tuple[dict[str, Any], str
     page = bundled[1]
     places = [page.index(f'<section id="{part}">') for part in PARTS]
     assert places == sorted(places)
+    assert places[0] < page.index('<p class="lead">') < page.index('<div class="key">') < places[1]
     # The robot is a page of its own, which test_view.py opens in a browser, as test_plots.py does with the plots.
     page, frames = re.subn(r' srcdoc="[^"]*"', "", page)
     assert frames == 1

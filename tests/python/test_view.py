@@ -243,6 +243,6 @@ def test_the_report_opens_with_the_robot(browser: Any, tmp_path: Path) -> None:
         assert re.sub(r"\s+", " ", opened.page.locator("h2").first.inner_text()) == "The robot"
         check_player(opened, opened.page.frame_locator("iframe.robot"))
         # On a phone the page is as wide as the phone, and wide tables scroll by themselves.
-        opened.page.set_viewport_size({"width": 400, "height": 600})
+        opened.resize(400)
         assert opened.wide() <= 400
         opened.check(file)
