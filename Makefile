@@ -67,7 +67,7 @@ test-rust:
 DEV := .venv-dev
 $(DEV)/bin/python:
 	$(PYTHON) -m venv $(DEV)
-	$(DEV)/bin/python -m pip install --quiet numpy pytest hypothesis mpmath scipy matplotlib rich click jinja2
+	$(DEV)/bin/python -m pip install --quiet numpy pytest hypothesis mpmath scipy matplotlib plotly rich click jinja2
 	echo "$(CURDIR)/python" > "$$($(DEV)/bin/python -c 'import site; print(site.getsitepackages()[0])')/phipsi-dev.pth"
 
 dev: | $(DEV)/bin/python
@@ -121,7 +121,7 @@ stub: $(VENV)/test
 # phipsi goes into the peers' environment: all of them are measured in one process.
 peers-phipsi: peers-there $(VENV)/wheel
 	$(PEERS) -m pip install --quiet --force-reinstall --no-deps $(WHEELS)/phipsi-*.whl
-	$(PEERS) -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[report,motion]"
+	$(PEERS) -m pip install --quiet "$$(ls $(WHEELS)/phipsi-*.whl)[report,motion]" 'matplotlib>=3.7'
 
 bench: peers-phipsi
 	$(PEERS) benches/report.py $(BENCH)
@@ -154,6 +154,7 @@ picture: $(VENV)/test
 	$(BIN)/python docs/picture.py
 
 roofline: $(VENV)/report
+	$(BIN)/python -m pip install --quiet 'matplotlib>=3.7'
 	$(BIN)/python benches/roofline.py $(ROOFLINE)
 
 peers-there:

@@ -2,8 +2,8 @@
 
 Usage: .venv-peers/bin/python benches/report.py [--passes N] [--quick] [--write-only]
 
-It runs under the interpreter of the peers, in which `make bench` has installed the wheel of phipsi (with the extra `report`,
-for matplotlib): python_peers.py needs all of them in one process. In this order: auto_states.py; criterion's groups that no peer takes part in;
+It runs under the interpreter of the peers, in which `make bench` has installed the wheel of phipsi (with the extra
+`report`) and matplotlib: python_peers.py needs all of them in one process. In this order: auto_states.py; criterion's groups that no peer takes part in;
 compare.py, where phipsi in Rust and Pinocchio in C++ take turns, case by case; python_peers.py; motion_peers.py. What was run is kept in
 target/peers/run.json, so that --write-only can write the page again. --quick has few repeats: to see that all works, not for figures.
 """

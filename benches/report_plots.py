@@ -1,13 +1,16 @@
 """The plots of docs/benchmarks.md: ratios by model, and growth with the number of bodies."""
 
+import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-from phipsi.report.plotting import COLOURS, FAINT, STYLE, Plot, finished, plain_time, power_ticks
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
+from phipsi.report.plotting import COLOURS, FAINT
+from phipsi.report.text import brief_time, power
+from static import STYLE, finished, ticks
 from studies.programs import INKS
 
 Row = dict[str, Any]
@@ -21,6 +24,15 @@ NAMES = {
     "forward_dynamics_derivatives": "derivatives of forward dynamics",
 }
 MARKERS = "osD^vPX*"
+
+
+class Picture(NamedTuple):
+    """A plot as a file beside the page."""
+
+    name: str
+    png: bytes
+
+
 #: model, series, ratio: median, minimum and maximum (all the same where there is no range)
 Dot = tuple[str, str, tuple[float, float, float]]
 
@@ -33,7 +45,7 @@ def _ink(series: str, index: int) -> str:
 
 def draw(
     one: Sequence[Row], batches: Sequence[Row], calls: Sequence[Row], arrays: Sequence[Row], growth: Sequence[Row]
-) -> list[Plot]:
+) -> list[Picture]:
     """Those that there are figures for."""
     plots = []
     for name, rows in (("one-state", one), ("batches", batches)):
@@ -56,7 +68,7 @@ def _range(ratio: Row) -> tuple[float, float, float]:
     return ratio["median"], ratio["min"], ratio["max"]
 
 
-def _ratios(name: str, panels: Sequence[tuple[str, Sequence[Dot]]], label: str) -> list[Plot]:
+def _ratios(name: str, panels: Sequence[tuple[str, Sequence[Dot]]], label: str) -> list[Picture]:
     """A panel an operation, a column a model, a mark a series; at 1 both are alike."""
     panels = [panel for panel in panels if panel[1]]
     if not panels:
@@ -80,7 +92,7 @@ def _ratios(name: str, panels: Sequence[tuple[str, Sequence[Dot]]], label: str) 
             axes.set_visible(False)
         for axes, (heading, dots) in zip(every.flat, panels, strict=False):
             _panel(axes, heading, dots, label)
-        return [finished(name, figure)]
+        return [Picture(name, finished(figure))]
 
 
 def _panel(axes: Axes, heading: str, dots: Sequence[Dot], label: str) -> None:
@@ -124,7 +136,7 @@ def _panel(axes: Axes, heading: str, dots: Sequence[Dot], label: str) -> None:
     )
 
 
-def _growth(rows: Sequence[Row]) -> list[Plot]:
+def _growth(rows: Sequence[Row]) -> list[Picture]:
     """Time a body against the number of bodies, a curve an algorithm: flat is linear growth."""
     curves: dict[str, list[tuple[int, float]]] = {}
     for row in rows:
@@ -140,11 +152,11 @@ def _growth(rows: Sequence[Row]) -> list[Plot]:
             axes.plot(*zip(*sorted(points), strict=True), f"-{MARKERS[index % len(MARKERS)]}", color=_ink(which, index),
                       ms=4, lw=1.4, label=NAMES.get(which, which))  # fmt: skip
         axes.set_xscale("log")
-        power_ticks(axes.xaxis, 8)
+        ticks(axes.xaxis, lambda value: power(round(math.log10(value))), LogLocator(numticks=8))
         axes.set_ylim(0.0, 1.15 * max(ns for points in curves.values() for _, ns in points))
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: plain_time(value) if value else "0"))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: brief_time(value) if value else "0"))
         axes.grid(axis="y", color=FAINT, lw=0.6)
         axes.set_xlabel("bodies of a chain")
         axes.set_ylabel("time a body, one thread")
         axes.legend(frameon=False, fontsize=8)
-        return [finished("growth", figure)]
+        return [Picture("growth", finished(figure))]

@@ -21,7 +21,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-from phipsi.report.plotting import FAINT, INK, STYLE, finished
+from phipsi.report.plotting import FAINT, INK
+from static import STYLE, finished
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benches" / "peers"))
@@ -282,7 +283,7 @@ def draw(found: Row, rows: Sequence[Row]) -> bytes:
             *(Line2D([], [], marker=MARKERS[i % len(MARKERS)], ls="", color="#555b61", label=name) for i, name in enumerate(scenes)),
         ]
         figure.legend(handles=handles, loc="outside right center", frameon=False)
-        return finished("roofline", figure).png
+        return finished(figure)
 
 
 def roofs(axes: Axes, arm: Row, intensities: Sequence[float]) -> None:

@@ -20,6 +20,8 @@ from phipsi.report.stability import STABILITY, Stability
 from phipsi.report.stability.measure import COVARIANCE, ROOT, Error, Other, Point, exact_of
 from phipsi.report.stability.tables import error, number
 
+import static
+
 from . import programs
 from .programs import Peer
 
@@ -173,4 +175,4 @@ def collect(reporter: Reporter, *, quick: bool = False, seed: int = 0) -> Compar
 
 def write(found: Compared, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None) -> list[Path]:
     """Writes the folder and the Markdown, each where asked for; returns the pages."""
-    return pipeline.write(COMPARED, found, folder, markdown, reporter)
+    return pipeline.write(COMPARED, found, folder, markdown, reporter, static.draw)

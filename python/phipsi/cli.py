@@ -6,7 +6,7 @@ import sys
 from importlib.util import find_spec
 
 #: What the extra brings.
-EXTRA = ("click", "rich", "matplotlib", "jinja2")
+EXTRA = ("click", "rich", "plotly", "jinja2")
 
 
 def main() -> None:

@@ -228,7 +228,7 @@ def test_output_that_cannot_be_made_exits_with_2(tmp_path: Path) -> None:
     assert "Traceback" not in result.output
 
 
-@pytest.mark.parametrize("name", ["click", "rich", "matplotlib", "jinja2"])
+@pytest.mark.parametrize("name", ["click", "rich", "plotly", "jinja2"])
 def test_without_the_extra_the_message_names_it(name: str) -> None:
     script = (
         "import sys, importlib.util as u\n"
@@ -248,7 +248,7 @@ def test_the_library_needs_numpy_alone() -> None:
         "import builtins, sys\n"
         "load = builtins.__import__\n"
         "def only(name, *rest):\n"
-        "    if name.split('.')[0] in ('click', 'rich', 'matplotlib', 'jinja2', 'markupsafe', 'scipy'):\n"
+        "    if name.split('.')[0] in ('click', 'rich', 'plotly', 'jinja2', 'markupsafe', 'scipy'):\n"
         "        raise ModuleNotFoundError(name)\n"
         "    return load(name, *rest)\n"
         "builtins.__import__ = only\n"

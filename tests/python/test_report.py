@@ -7,7 +7,6 @@ import math
 import re
 import sys
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +16,21 @@ import pytest
 from click.testing import CliRunner
 from phipsi import _core
 from phipsi._core import BUNDLED_ARM, METHODS, ROUTES
-from phipsi.report import auto_cost, commands, draw, kinds, labels, pipeline, robot, sections, states, text
+from phipsi.report import auto_cost, commands, draw, kinds, pipeline, plotting, robot, sections, states, text
 from phipsi.report.progress import Silent
 from phipsi.report.sections import calls, emergence, residuals
 from phipsi.report.structure import tree_of
-from tolerances import SIGMAS, product
+from tolerances import SIGMAS, assert_near, product
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
 import auto_states
 
-PARTS = ("view", "scene", "plan", "residuals", "calls", "accuracy", "condition", "emergence", "growth", "limits", "provenance")
+#: In the order of the page: what the user of the robot looks for, then how it is computed.
+PARTS = (
+    "view", "scene", "joints", "mass", "calls", "kinds",
+    "plan", "accuracy", "residuals", "condition", "emergence", "growth", "limits", "provenance",
+)  # fmt: skip
+PLOTS = ("skeleton", "mass-matrix", "error-against-time", "error-against-condition", "emergence", "emergence-slopes", "growth")
 INERTIA = np.diag([0.1, 0.1, 0.05])
 
 
@@ -149,7 +153,7 @@ def test_auto_comes_first(bundled: tuple[dict[str, Any], str, Path]) -> None:
         assert found[part][0]["form"] == "auto"
         assert "dynamics" in found[part][0]["call"].lower()
     assert {row["form"] for row in found["accuracy"]} >= {"auto", "covariance", "square-root", "joseph", None}
-    lead = page[page.index('<p class="lead">') : page.index("<nav>")]
+    lead = page[page.index('<p class="lead">') : page.index('<div class="key">')]
     one, many = (
         next(row for row in found["calls"] if (row["form"], row["batch"] > 1) == ("auto", batch)) for batch in (False, True)
     )
@@ -260,11 +264,15 @@ def test_the_table_of_auto_over_covariance() -> None:
 
 def test_the_page_needs_nothing_beside_itself(bundled: tuple[dict[str, Any], str, Path]) -> None:
     page = bundled[1]
-    for part in PARTS:
-        assert f'<section id="{part}">' in page
-    # The robot is a page of its own, which test_view.py opens in a browser; the rest has no script at all.
+    places = [page.index(f'<section id="{part}">') for part in PARTS]
+    assert places == sorted(places)
+    assert places[0] < page.index('<p class="lead">') < page.index('<div class="key">') < places[1]
+    # The robot is a page of its own, which test_view.py opens in a browser, as test_plots.py does with the plots.
     page, frames = re.subn(r' srcdoc="[^"]*"', "", page)
     assert frames == 1
+    page, scripts = re.subn(r"<script( type=\"application/json\")?>.*?</script>", "", page, flags=re.DOTALL)
+    assert scripts == len(PLOTS) + 1
+    assert "`" not in page
     # Namespaces are names, not addresses that anything fetches.
     fetched = re.findall(r"""(?:src|href|data)\s*=\s*["']([^"'#][^"']*)""", page)
     assert not [address for address in fetched if not address.startswith("data:")]
@@ -278,17 +286,37 @@ def test_the_page_names_what_it_draws(bundled: tuple[dict[str, Any], str, Path])
     _, page, folder = bundled
     for name in ("joint1", "joint6", "flange_mount", *map(text.symbols, METHODS)):
         assert name in page
-    for name in (
-        "error-against-time",
-        "error-against-condition",
-        "growth",
-        "mass-matrix",
-        "emergence",
-        "emergence-slopes",
-        "skeleton",
-    ):
-        assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
-        assert (folder / f"{name}.svg").read_text(encoding="utf-8").startswith("<svg")
+    contents = re.findall(r'<div class="plot" id="plot-([^"]*)".*?<script type="application/json">(.*?)</script>', page, flags=re.DOTALL)
+    assert [name for name, _ in contents] == list(PLOTS)
+    for name, content in contents:
+        figure = json.loads(content)
+        assert figure["traces"] and figure["wide"]["height"] > 200 and figure["narrow"]["height"] > 200, name
+    assert {file.name for file in folder.iterdir()} == {"index.html", "report.json"}
+
+
+def test_limits_and_gravity_of_the_bundled_arm(bundled: tuple[dict[str, Any], str, Path]) -> None:
+    rows, scene = bundled[0]["joints"], arm()
+    assert [row["name"] for row in rows] == list(scene.joint_names)
+    limits = scene.limits
+    for at, row in enumerate(rows):
+        assert (row["lower"], row["upper"], row["velocity"], row["effort"]) == tuple(
+            values[at] for values in (limits.lower, limits.upper, limits.velocity, limits.effort)
+        )
+        assert row["share"] == row["gravity_max"] / row["effort"]
+    here = [row["gravity_here"] for row in rows]
+    assert_near(here, scene.gravity_torque(scene.neutral()), product(6, 40.0))
+    # What turns about the vertical feels no gravity.
+    assert rows[0]["gravity_max"] < 1e-9 < rows[1]["gravity_max"]
+    assert rows[1]["gravity_max"] >= 37.0
+
+
+def test_inertias_of_the_bundled_arm(bundled: tuple[dict[str, Any], str, Path]) -> None:
+    found, scene = bundled[0]["mass"], arm()
+    assert found["poses"] == 64
+    for row, armature in zip(found["inertias"], (scene.joints[name].armature for name in scene.joint_names), strict=True):
+        assert armature < row["least"] <= row["most"]
+    assert found["links"][0]["name"] == "link2" and len(found["links"]) == 7
+    assert_near(found["center_of_mass"], scene.center_of_mass(scene.neutral()), product(6, 1.0))
 
 
 def test_names_are_escaped(tmp_path: Path) -> None:
@@ -357,7 +385,7 @@ def test_a_singular_scene_has_a_page(tmp_path: Path) -> None:
 def test_a_scene_where_nothing_moves_has_a_page(tmp_path: Path) -> None:
     scene = phipsi.SceneBuilder().link("base", mass=1.0, com=(0, 0, 0), inertia=INERTIA).build()
     found, page = written(scene, tmp_path)
-    assert found["missing"].keys() == {"view", "residuals", "calls", "accuracy", "condition", "emergence"}
+    assert found["missing"].keys() == {"view", "joints", "mass", "residuals", "calls", "accuracy", "condition", "emergence"}
     assert found["emergence"] is None
     assert "Nothing moves" in page
 
@@ -370,7 +398,7 @@ def test_a_scene_too_large_for_dense_algebra_has_a_page(tmp_path: Path) -> None:
         builder = builder.joint(f"j{k}", "revolute", f"l{k}", f"l{k + 1}", xyz=(0, 0, 0.2), axis=axis)
     found, page = written(builder.build(), tmp_path, count=4)
     # How many cores there are decides whether a rate can be had in time.
-    assert found["missing"].keys() - {"samples a second"} == {"view", "residuals", "condition", "sobol", "dense product"}
+    assert found["missing"].keys() - {"samples a second"} == {"view", "mass", "residuals", "condition", "sobol", "dense product"}
     assert {point["route"] for point in found["emergence"]["points"]} == {"monte-carlo", "sigma-points", "recursion"}
     assert "1920 random numbers a sample" in page
     assert {row["method"] for row in found["accuracy"]} == set(METHODS[:5])
@@ -445,7 +473,7 @@ def test_an_inertia_that_no_body_has_is_not_sampled_but_reported(tmp_path: Path)
     assert {point["route"] for point in found["emergence"]["points"]} == {"recursion", "dense product"}
     assert found["emergence"]["slopes"] == found["emergence"]["samples_a_second"] == []
     assert "Samples not here: inertia of link" in page
-    assert not (tmp_path / "emergence.png").exists()
+    assert 'id="plot-emergence"' not in page
     assert all(math.isfinite(number) for number in numbers(found))
 
 
@@ -518,25 +546,15 @@ def test_a_straight_chain_is_bent_for_the_drawing() -> None:
     assert np.abs(q).min() > 0.1
 
 
-def test_labels_keep_their_order_and_their_distance() -> None:
-    sizes = [10.0, 30.0, 10.0, 10.0]
-    placed = labels.spread([50.0, 51.0, 52.0, 200.0], sizes, 0.0, 210.0)
-    for (a, b), (first, second) in zip(pairwise(placed), pairwise(sizes), strict=True):
-        assert b - a >= (first + second) / 2 - 1e-9
-    assert placed[-1] == 200.0
-    assert labels.spread([], [], 0.0, 1.0) == []
-
-
-def test_names_are_on_both_sides_of_the_figure() -> None:
-    anchors = [labels.Anchor((f"n{k}",), float(k), 5.0 * k) for k in range(9)]
-    for middle in (-1.0, 4.5, 20.0):
-        left, right = labels.sides(anchors, middle)
-        assert [name for anchor in (*left, *right) for name in anchor.names] == [f"n{k}" for k in range(9)]
-        assert max(len(left), len(right)) <= 5
-    assert labels.sides([], 0.0) == ([], [])
-    assert labels.sides(anchors[:1], 20.0) == (anchors[:1], [])
-    near = labels.gathered([anchors[0], anchors[1]._replace(x=0.1, y=0.1), anchors[2]], 0.5)
-    assert [anchor.names for anchor in near] == [("n0", "n1"), ("n2",)]
+def test_marks_of_an_axis_are_few_and_inside() -> None:
+    for low, high in ((33.0, 46.0), (3e-7, 8e-5), (1e-17, 1e2), (0.5, 0.52), (2e-7, 3e-6), (9.5, 10_500.0)):
+        for axis in (plotting.Axis.powers("", low, high), plotting.Axis.times("", low, high)):
+            assert axis.ticks is not None
+            values, names = zip(*axis.ticks, strict=True)
+            assert 2 <= len(values) <= plotting.MOST_POWERS, (low, high, names)
+            assert all(low <= value <= high for value in values) and list(values) == sorted(set(values))
+            assert len(set(names)) == len(names)
+    assert [name for _, name in plotting.Axis.powers("", 1e-16, 1e-14).ticks or ()] == ["10⁻¹⁶", "10⁻¹⁵", "10⁻¹⁴"]
 
 
 def test_numbers_as_text() -> None:
@@ -547,6 +565,8 @@ def test_numbers_as_text() -> None:
     assert text.significant(1234.5) == "1\u202f234" or text.significant(1234.5) == "1\u202f235"
     assert text.time(1810.0) == "1.81 µs"
     assert text.time(2.5e6) == "2.50 ms"
+    assert text.brief_time(1500.0) == "1.5 µs" and text.brief_time(999.9) == "1 µs" and text.brief_time(2e-3) == "0.002 ns"
+    assert text.rate(8.94e5) == "0.89 million" and text.rate(1234.0) == "1\u202f200"
     assert text.count(100_000) == "100\u202f000"
     assert text.plural(1, "body", "bodies") == "1 body"
     assert text.symbols("M^-1 (6.1) times torque") == "M⁻¹ (6.1) × torque"

@@ -16,7 +16,6 @@ from click.testing import CliRunner, Result
 from phipsi.report import commands, simulate
 from tolerances import assert_same_bits
 
-PICTURES = ("motion.png", "motion.svg", "stroboscope.png", "stroboscope.svg")
 
 SPRING = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="continuous">
@@ -45,8 +44,8 @@ def test_the_bundled_arm_from_a_state_file(tmp_path: Path) -> None:
         header, *rows = csv.reader(stream)
     assert header[:2] == ["t", "q:joint1"] and header[-1] == "qd:joint6"
     assert_same_bits(np.array(rows, dtype=float), np.column_stack([path.t, path.q, path.qd]))
-    for name in PICTURES:
-        assert (tmp_path / "out" / name).stat().st_size > 1000
+    page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert 'id="plot-over-time"' in page and 'id="plot-stroboscope"' in page
     # What it wrote is a state file for another run, by npz.
     np.savez(tmp_path / "end.npz", q=path.q[-1], qd=path.qd[-1])
     again = run("-o", tmp_path / "again", "--state", tmp_path / "end.npz", "--time", 0.002, "--hold", "10", "1")

@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 import math
 import re
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from browsing import Opened, browser, needs_browser  # noqa: F401  # one is a fixture
 from click.testing import CliRunner
 from phipsi.report import commands, pipeline
 from phipsi.report.progress import Silent
@@ -15,6 +18,9 @@ from phipsi.report.stability import STABILITY, Stability
 from phipsi.report.stability.measure import COVARIANCE, ROOT
 
 import phipsi
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
+import static
 
 
 @pytest.fixture(scope="module")
@@ -59,12 +65,12 @@ def test_json_has_no_nan(found: Stability) -> None:
 
 
 def test_the_pages_are_written(found: Stability, tmp_path: Path) -> None:
-    index, markdown = pipeline.write(STABILITY, found, tmp_path / "report", tmp_path / "docs" / "numerics.md")
+    index, markdown = pipeline.write(STABILITY, found, tmp_path / "report", tmp_path / "docs" / "numerics.md", drawer=static.draw)
     text = index.read_text(encoding="utf-8")
     assert text.index("Where the square-root form misses its aim") < text.index("heavy-tip")
-    assert "`" not in re.sub(r"<svg.*?</svg>", "", text, flags=re.DOTALL)
-    assert text.count("<svg") == 6
-    assert len(list((tmp_path / "report").glob("*.png"))) == 6
+    assert "`" not in re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
+    assert text.count('<div class="plot"') == 6
+    assert {file.name for file in (tmp_path / "report").iterdir()} == {"index.html", "stability.json"}
     written = markdown.read_text(encoding="utf-8")
     assert "{{" not in written and "{%" not in written and "peer" not in written.partition("## What failed")[0]
     pictures = list((tmp_path / "docs").glob("*.png"))
@@ -76,22 +82,31 @@ def test_the_pages_are_written(found: Stability, tmp_path: Path) -> None:
         assert f"### {name}" in written
 
 
+@needs_browser
+def test_every_plot_is_drawn(browser: Any, tmp_path: Path, found: Stability) -> None:  # noqa: F811
+    (file,) = pipeline.write(STABILITY, found, tmp_path)
+    with Opened(browser, file, 400) as opened:
+        for width in (400, 1400):
+            opened.resize(width)
+            plots = opened.plots()
+            assert len(plots) == 6
+            for plot in plots:
+                assert plot["drawn"] > 0 and not plot["cut"] and not plot["over"], plot
+            assert opened.wide() <= width
+        opened.check(file)
+
+
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, found: Stability) -> None:
     monkeypatch.setattr(pipeline, "collect", lambda *_: found)
     result = CliRunner().invoke(commands.group, ["report", "--stability", "-o", str(tmp_path / "out")])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "out" / "index.html").exists()
-    result = CliRunner().invoke(commands.group, ["report", "--stability", "--markdown", str(tmp_path / "n.md")])
-    assert result.exit_code == 0, result.output
-    assert (tmp_path / "n.md").exists()
 
 
 @pytest.mark.parametrize(
     "arguments",
     [
         ["--stability"],
-        ["--markdown", "n.md"],
-        ["-o", "out", "--markdown", "n.md"],
         ["robot.urdf", "--stability", "-o", "out"],
         ["--stability", "-o", "out", "--states", "3"],
         [],

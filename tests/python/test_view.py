@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import io
-import os
 import re
-import shutil
 import urllib.request
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import phipsi
 import pytest
+from browsing import PATIENCE, Opened, browser, needs_browser  # noqa: F401  # one is a fixture
 from click.testing import CliRunner
 from phipsi.errors import ArgumentError, MeshWarning, NotFiniteError, ShapeError
 from phipsi.report import commands, simulate, view_robot  # noqa: F401  # the last two register their commands
@@ -207,58 +204,11 @@ def test_the_command(tmp_path: Path) -> None:
         result = run(commands.group, ["view", "-o", str(tmp_path / "page.html"), *more])
         assert result.exit_code == 0, result.output
         assert "__VISER_EMBED_DATA__" in (tmp_path / "page.html").read_text(encoding="utf-8")
-    result = run(commands.group, ["view", "-o", str(tmp_path / "page.html"), "--motion", str(tmp_path / "motion.svg")])
+    result = run(commands.group, ["view", "-o", str(tmp_path / "page.html"), "--motion", str(tmp_path / "index.html")])
     assert result.exit_code == 2 and "--motion" in result.output
 
 
 # In a browser
-
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-needs_browser = pytest.mark.skipif(CHROMIUM is None and "PHIPSI_NEEDS_BROWSER" not in os.environ, reason="no Chromium is installed")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    api = pytest.importorskip("playwright.sync_api")
-    with api.sync_playwright() as driver:
-        # Without a graphics processor, and as root, as in a container.
-        options = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
-        opened = driver.chromium.launch(executable_path=CHROMIUM, args=options)
-        yield opened
-        opened.close()
-
-
-#: How long a busy machine may take, ms.
-PATIENCE = 120_000
-
-
-class Opened:
-    """A page, and what it asked the network for."""
-
-    def __init__(self, browser: Any, file: Path, width: int) -> None:
-        self.page = browser.new_page(viewport={"width": width, "height": 600})
-        self.asked: list[str] = []
-        self.errors: list[str] = []
-        self.page.on("request", lambda request: self.asked.append(request.url))
-        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.goto(file.as_uri())
-
-    def __enter__(self) -> Opened:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        # It would go on drawing.
-        self.page.close()
-
-    def check(self, file: Path) -> None:
-        foreign = [url for url in self.asked if url != file.as_uri() and not url.startswith(("data:", "blob:", "about:"))]
-        assert not foreign and not self.errors, (foreign, self.errors)
-
-    def picture(self, canvas: Any) -> np.ndarray:
-        from PIL import Image
-
-        whole = self.page.screenshot(clip=canvas.bounding_box(), timeout=PATIENCE)
-        return np.asarray(Image.open(io.BytesIO(whole)).convert("RGB"), float)
 
 
 def differing(one: np.ndarray, other: np.ndarray) -> int:
@@ -310,14 +260,11 @@ def test_the_page_of_a_simulation(browser: Any, tmp_path: Path, width: int, robo
     file = tmp_path / "out" / "index.html"
     with Opened(browser, file, width) as opened:
         check_player(opened, opened.page.frame_locator("iframe.robot"))
-        curves = opened.page.locator("#over-time .main-svg").first
-        curves.wait_for(timeout=PATIENCE)
-        names = opened.page.locator("#over-time .legendtext").all_text_contents()
-        assert {"hinge", "turn", "total"} <= set(names)
-        titles = " ".join(opened.page.locator("#over-time [class*='title']").all_text_contents())
+        curves = next(plot for plot in opened.plots() if plot["name"] == "plot-over-time")
+        assert {"hinge", "turn", "total"} <= set(curves["legend"])
+        titles = " ".join(opened.page.locator("#plot-over-time [class*='title']").all_text_contents())
         assert "torque, N m or N" in titles and "torque / its limit" in titles
-        wide = opened.page.evaluate("document.documentElement.scrollWidth")
-        assert wide <= width
+        assert opened.wide() <= width
         opened.check(file)
 
 
@@ -330,6 +277,6 @@ def test_the_report_opens_with_the_robot(browser: Any, tmp_path: Path) -> None:
         assert re.sub(r"\s+", " ", opened.page.locator("h2").first.inner_text()) == "The robot"
         check_player(opened, opened.page.frame_locator("iframe.robot"))
         # On a phone the page is as wide as the phone, and wide tables scroll by themselves.
-        opened.page.set_viewport_size({"width": 400, "height": 600})
-        assert opened.page.evaluate("document.documentElement.scrollWidth") <= 400
+        opened.resize(400)
+        assert opened.wide() <= 400
         opened.check(file)

@@ -9,6 +9,8 @@ from phipsi.report import pipeline
 from phipsi.report.progress import Reporter
 from phipsi.report.timing import threads
 
+import static
+
 from . import peers
 from .collect import Study
 from .page import MOTION
@@ -29,4 +31,4 @@ def to_json(study: Study) -> dict[str, Any]:
 
 def write(study: Study, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None) -> list[Path]:
     """Writes the folder and the Markdown, each where asked for; returns the pages."""
-    return pipeline.write(MOTION, study, folder, markdown, reporter)
+    return pipeline.write(MOTION, study, folder, markdown, reporter, static.draw)

@@ -15,13 +15,13 @@ The double pendulum is chaotic. Two references, DOP853 at a tolerance of 1e-13 a
 """
 
 HORIZON_CAPTION = """\
-Left: the largest of {directions} changes of the start by {moved:.0e}, position and rate together, and the difference of the
-references, which grows alike. Right: every method at one step, until it is 3 rad off. The horizon is of this start; another start
+First panel: the largest of {directions} changes of the start by {moved:.0e}, position and rate together, and the difference of the
+references, which grows alike. Second: every method at one step, until it is 3 rad off. The horizon is of this start; another start
 has another.
 """
 
 SMOOTH = """\
-Left, error against step: what a method does. Middle and right, error against run time: what it costs. Time is that of a step, the
+First panel, error against step: what a method does. The others, error against run time: what it costs. Time is that of a step, the
 least of some turns, times the number of steps, on one thread: scene.simulate, called from Python once for all steps, with its
 default form. DOP853 and Radau are SciPy's, through scene.ode: their time is mostly Python's, and measured run by run. Not shown:
 threads, larger batches, float32. Without springs and damping implicit-euler is semi-implicit-euler: their curves lie on each other.
@@ -29,7 +29,7 @@ threads, larger batches, float32. Without springs and damping implicit-euler is 
 
 SMOOTH_PEERS = """\
 MuJoCo's time is that of mj_step in its own compiled loop, without constraints or contacts; it takes states one by one, so that its
-points are the same in the middle and on the right. Pinocchio is on the left only: its integrators are a loop in Python here, whose
+points are the same in both panels of time. Pinocchio is in the first panel only: its integrators are a loop in Python here, whose
 time would say nothing of it. Without damping MuJoCo's implicitfast is its Euler; one integrator in several programs has one curve.
 """
 

@@ -69,14 +69,13 @@ def group() -> None:
 
 @group.command()
 @ROBOT
-@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), help="Folder for the report.")
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), help="Folder for the report.  [required]")
 @FLOATING
 @click.option("--quick", is_flag=True, help="Fewer states and passes: some seconds.")
 @click.option("--states", "count", type=COUNT, help="Random states.  [default: 400, quick: 64]")
 @SEED
 @click.option("--stability", is_flag=True, help="The report on extreme scenes, instead of one on a robot.")
 @click.option("--motion", is_flag=True, hidden=True)
-@click.option("--markdown", type=click.Path(path_type=Path, dir_okay=False), help="With --stability: the page as Markdown, too.")
 def report(
     robot: Path | None,
     output: Path | None,
@@ -86,13 +85,12 @@ def report(
     seed: int,
     stability: bool,
     motion: bool,
-    markdown: Path | None,
 ) -> None:
-    """Write a page about a robot: index.html, report.json and plots.
+    """Write a page about a robot: index.html, which needs nothing beside itself, and report.json.
 
-    Scene and tree, what was left out, residuals of the theory's identities, what every public call takes, form auto in the states that
-    robots are in, error against run time of every method in two precisions, condition of the mass matrix, the mass matrix from samples
-    of the random model, growth with size. Without ROBOT.urdf, the bundled arm.
+    First the robot: in motion, its links and joints, limits and gravity torques, mass matrix, how long each call takes. Then how it is
+    computed, and how exactly: work that is left out, error and run time of every method in two precisions, checks of the theory,
+    conditioning, the mass matrix from random forces, time against the number of bodies. Without ROBOT.urdf, the bundled arm.
 
     With --stability, a page about the extreme scenes instead: the error of every form and of dense algebra, in two norms, beside the
     problems' own sensitivity.
@@ -104,20 +102,15 @@ def report(
     if stability:
         if robot is not None or floating_base or count is not None:
             raise click.UsageError("--stability has scenes of its own: leave out ROBOT.urdf, --floating-base and --states")
-        if output is None and markdown is None:
-            raise click.UsageError("--stability needs -o DIR, --markdown FILE or both")
-    elif markdown is not None:
-        raise click.UsageError("--markdown needs --stability")
-    elif output is None:
+    if output is None:
         raise click.UsageError("Missing option '-o' / '--output'.")
     console = Console(stderr=True)
     if stability:
         with _typed_errors(), reporter(console) as says:
             extreme = pipeline.collect(STABILITY, Stability(quick, seed), says)
-            pages = pipeline.write(STABILITY, extreme, output, markdown, says)
+            pages = pipeline.write(STABILITY, extreme, output, None, says)
         click.echo("\n".join(map(str, pages)))
         return
-    assert output is not None
     scene, name, source, texts = _load(robot, floating_base)
     with _typed_errors(), reporter(console) as says:
         output.mkdir(parents=True, exist_ok=True)

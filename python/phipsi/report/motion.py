@@ -1,4 +1,4 @@
-"""A trajectory as files and pictures: state files in, npz and CSV out, joints and energy over time, a stroboscopic figure."""
+"""A trajectory as files and in one picture: state files in, npz and CSV out, the robot at several instants."""
 
 from __future__ import annotations
 
@@ -8,19 +8,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from .. import _core, errors
 from .._core import Scene
 from .._motion import Trajectory
-from .draw import View
-from .names import write_names
-from .plotting import COLOURS, FAINT, INK, styled
+from .draw import View, segments
+from .plotting import COLOURS, Part, Space
 from .states import Array
 from .structure import Tree
 
@@ -28,8 +22,6 @@ from .structure import Tree
 KEYS = ("q", "qd", "tau")
 #: Figures of the robot in a stroboscopic picture.
 FLASHES = 9
-#: Curves with names; more are drawn without.
-MOST_NAMES = 12
 
 
 def read_state(path: Path, scene: Scene) -> dict[str, Array]:
@@ -97,60 +89,21 @@ def _table(path: Trajectory, file: Path) -> None:
         out.writerows([repr(float(x)) for x in row] for row in np.column_stack([path.t, path.q, path.qd]))
 
 
-@styled
-def motion_plot(path: Trajectory) -> tuple[str, Figure]:
-    """Coordinates, rates, and energy over time."""
-    energy, names = path.energy(), columns(path.scene, "q")
-    figure = Figure(figsize=(7.2, 6.6), layout="constrained")
-    top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(1.25, 1.0, 1.0))
-    curves = _curves(top, path.t, path.q)
-    _curves(middle, path.t, path.qd)
-    top.set(ylabel="coordinates (rad, m)")
-    middle.set(ylabel="rates (rad/s, m/s)")
-    bottom.set(ylabel="energy (J)", xlabel="time (s)")
-    kinds = (("kinetic", energy.kinetic), ("of gravity", energy.potential), ("of springs", energy.spring))
-    for colour, (name, values) in zip(COLOURS, kinds, strict=False):
-        if np.any(values):
-            bottom.plot(path.t, values, color=colour, lw=1.2, label=name)
-    bottom.plot(path.t, energy.total, color=INK, lw=1.6, label="total")
-    beside: Any = {"frameon": False, "loc": "upper left", "bbox_to_anchor": (1.0, 1.02), "fontsize": 7.5}
-    bottom.legend(**beside)
-    for axes in (top, middle, bottom):
-        axes.grid(color=FAINT, lw=0.5)
-        axes.margins(x=0.01)
-    if 0 < len(names) <= MOST_NAMES:
-        legend = top.legend(curves, [str(i) for i in range(len(names))], **beside)
-        write_names(legend.get_texts(), [[name[2:]] for name in names])
-    return "motion", figure
-
-
-def _curves(axes: Axes, t: Array, values: Array) -> list[Line2D]:
-    colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.92, max(values.shape[1], 1)))
-    return [axes.plot(t, values[:, i], color=colours[i], lw=1.1)[0] for i in range(values.shape[1])]
-
-
-@styled
-def stroboscope(path: Trajectory, tree: Tree, flashes: int = FLASHES) -> tuple[str, Figure]:
+def stroboscope(path: Trajectory, tree: Tree, flashes: int = FLASHES) -> Space:
     """The robot at instants evenly through the motion, links as lines between joints, from pale to dark; its tips' paths between."""
     at, dense = (np.unique(np.linspace(0, len(path) - 1, count).round().astype(int)) for count in (flashes, 400))
-    bones = [(joint.parent, joint.child) for joint in tree.joints.values() if joint.parent in tree.links]
+    bones = [(str(joint.parent), joint.child) for joint in tree.joints.values() if joint.parent in tree.links]
     tips = [link for link in tree.links if not tree.children.get(link)] or [tree.root]
     frozen, flown = path.scene.placements(path.q[at]), path.scene.placements(path.q[dense])
     origins = {name: placement[:, :3, 3] for name, placement in frozen.items()}
-    view = View.best(np.concatenate(list(origins.values())))
-    figure = Figure(figsize=(7.2, 5.4), layout="constrained")
-    axes = figure.add_subplot()
-    for tip in tips:
-        axes.plot(*view.flat(flown[tip][:, :3, 3]).T, color=COLOURS[2], lw=0.7, alpha=0.6)
-    ends = np.array([[view.flat(origins[str(end)]) for end in bone] for bone in bones]).reshape(-1, 2, len(at), 2)
-    for i, shade in enumerate(np.linspace(0.18, 1.0, len(at))):
-        lines = ends[:, :, i]
-        axes.add_collection(LineCollection(list(lines), colors=COLOURS[0], alpha=shade, linewidths=1.0 + 1.4 * shade))
-        axes.plot(*lines[:, 1].T, "o", color=INK, alpha=shade, ms=2.6, lw=0)
-    axes.set_aspect("equal", "datalim")
-    axes.autoscale()
-    axes.margins(0.08)
-    axes.set_axis_off()
-    title = f"{len(at)} instants from t = {path.t[0]:g} s (pale) to {path.t[-1]:g} s (dark); z up; orange: paths of the tips"
-    axes.set_title(title, fontsize=8.5, color="#5c646c")
-    return "stroboscope", figure
+    parts = [Part("paths of the tips", COLOURS[2], np.concatenate([_apart(flown[tip][:, :3, 3]) for tip in tips]), line=2.0)]
+    for i, shade in enumerate(np.linspace(0.25, 1.0, len(at))):
+        lines = segments([(origins[one][i], origins[other][i]) for one, other in bones])
+        if len(lines):
+            parts.append(Part(f"t = {path.t[at[i]]:.3g} s", COLOURS[0], lines, line=2.0 + 3.0 * shade, shade=float(shade)))
+    return Space("stroboscope", parts, View.best(np.concatenate(list(origins.values()))).towards)
+
+
+def _apart(line: Array) -> Array:
+    """A line that does not meet the next one."""
+    return np.vstack([line, np.full(3, np.nan)])

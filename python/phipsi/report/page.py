@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import jinja2
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
-from . import text
+from . import interactive, text
 from .plotting import Plot
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ class Page:
 
     def __init__(self, layout: Layout[Any], found: Any, plots: Sequence[Plot], stem: str = "") -> None:
         self._layout, self._found = layout, found
-        self._plots = {plot.name: Markup(plot.svg) for plot in plots}
+        self._plots = {plot.name: interactive.markup(plot) for plot in plots}
         folders = [jinja2.FileSystemLoader(layout.templates), jinja2.PackageLoader(__package__, "templates")]
         self._templates = jinja2.Environment(
             loader=jinja2.ChoiceLoader(folders),
@@ -71,7 +72,7 @@ class Page:
         )
         self._templates.filters.update(FILTERS)
         self._templates.globals.update(
-            report=found, parts=found.parts, missing=found.missing, sections=layout.sections, plots=self._plots,
+            report=found, parts=found.parts, missing=found.missing, sections=layout.sections, plots=self._plots, script=interactive.script, parted=any(section.part for section in layout.sections),
             show=self._show, stem=stem, numbers=layout.numbers, eps=float(np.finfo(np.float64).eps),
         )  # fmt: skip
 
@@ -106,8 +107,13 @@ def flowed(words: str, **values: object) -> str:
     return " ".join(words.format(**values).split())
 
 
+def coded(words: str) -> Markup:
+    """Words with what stands between backticks as code."""
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(words))))
+
+
 #: What templates write numbers with.
 FILTERS: dict[str, Callable[..., Any]] = {
     function.__name__: function
-    for function in (text.count, text.minus, text.plural, text.power, text.scientific, text.significant, text.symbols, text.time)
-} | {"isfinite": np.isfinite, "log10": np.log10}
+    for function in (text.count, text.minus, text.plural, text.rate, text.power, text.scientific, text.significant, text.symbols, text.time)
+} | {"isfinite": np.isfinite, "log10": np.log10, "coded": coded}

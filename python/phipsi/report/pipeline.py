@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -74,6 +74,8 @@ class Section(Generic[C]):
     """What its template gets beside the report: numbers put together for the page, and not in the JSON."""
     empty: Any = None
     """What the JSON has where the section is missing."""
+    part: str = ""
+    """The title of the part of the page that begins with it, if one does."""
 
 
 @dataclass(frozen=True)
@@ -141,25 +143,31 @@ def draw(layout: Layout[F], found: F, reporter: Reporter | None = None) -> list[
     return [plot for section in (reporter or Silent()).each("Drawing", drawing) for plot in section.plots(found)]  # type: ignore[misc]
 
 
+#: Draws a plot as a PNG, for pages that are not HTML.
+Drawer: TypeAlias = "Callable[[Plot], bytes]"
+
+
 def write(
-    layout: Layout[F], found: F, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None
+    layout: Layout[F], found: F, folder: Path | None, markdown: Path | None = None, reporter: Reporter | None = None,
+    drawer: Drawer | None = None,
 ) -> list[Path]:
-    """Writes index.html, the JSON and the plots into the folder, Markdown with plots beside it, each where asked for; gives the pages."""
+    """Writes index.html and the JSON into the folder, Markdown with plots beside it, each where asked for; gives the pages.
+
+    Markdown needs a drawer.
+    """  # fmt: skip
     plots = draw(layout, found, reporter)
     pages = []
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps(to_json(layout, found), indent=1, allow_nan=False, ensure_ascii=False)
         (folder / layout.numbers).write_text(text + "\n", encoding="utf-8")
-        for plot in plots:
-            (folder / f"{plot.name}.svg").write_text(plot.svg, encoding="utf-8")
-            (folder / f"{plot.name}.png").write_bytes(plot.png)
         pages.append(folder / "index.html")
         pages[-1].write_text(Page(layout, found, plots).render("page.html"), encoding="utf-8")
     if markdown is not None:
+        assert drawer is not None
         markdown.parent.mkdir(parents=True, exist_ok=True)
         for plot in plots:
-            (markdown.parent / f"{markdown.stem}-{plot.name}.png").write_bytes(plot.png)
+            (markdown.parent / f"{markdown.stem}-{plot.name}.png").write_bytes(drawer(plot))
         pages.append(markdown)
         markdown.write_text(Page(layout, found, plots, markdown.stem).render("page.md"), encoding="utf-8")
     return pages

@@ -1,157 +1,181 @@
-"""What every plot shares: the style, the axes, names beside points, SVG and PNG."""
+"""What a plot shows, as data: series on axes, a matrix by colour, or lines in space. interactive.py draws it in a page, benches/static.py as a picture."""
 
 from __future__ import annotations
 
-import io
-import re
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import wraps
-from typing import Any, ParamSpec
+from typing import TypeAlias
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
-from .labels import spread
-from .text import power
+from .text import brief_time, count, power
 
 Array = NDArray[np.float64]
-P = ParamSpec("P")
+Values: TypeAlias = "Sequence[float] | Array"
 
 #: By place in METHODS; apart for all kinds of colour vision.
 COLOURS = ("#0072b2", "#009e73", "#d55e00", "#aa3377", "#56b4e9", "#e69f00", "#4d4d4d")
 INK, SOFT, GREY, FAINT = "#2b2f33", "#6b7279", "#8a9199", "#d9dde1"
-DASHES = (0, (4, 3))
-#: Any, for the stubs of some versions of matplotlib list every key.
-STYLE: Any = {
-    "font.family": "sans-serif",
-    "font.size": 8.5,
-    # Names of robots have underscores, which TeX does not take for what they are.
-    "text.usetex": False,
-    "text.color": INK,
-    "axes.edgecolor": GREY,
-    "axes.labelcolor": INK,
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "xtick.color": "#555b61",
-    "ytick.color": "#555b61",
-    "xtick.major.width": 0.7,
-    "ytick.major.width": 0.7,
-    # Text stays text: it takes the page's typeface, which is narrower than the one that was measured here.
-    "svg.fonttype": "none",
-    "svg.hashsalt": "phipsi",
-}
+#: Marks of an axis at the most, of powers of ten and of longer names: so many fit on a phone.
+MOST_POWERS, MOST_TICKS = 8, 5
+#: Where marks of a logarithmic axis may be in a decade, finest first.
+STEPS = ((1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0), (1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
 
 
 @dataclass(frozen=True)
-class Plot:
-    """A plot as SVG and as PNG."""
+class Axis:
+    """One axis of a panel."""
+
+    title: str
+    low: float | None = None
+    """Its ends; None: as the values are."""
+    high: float | None = None
+    ticks: Sequence[tuple[float, str]] | None = None
+    """Values with names; None: whatever fits."""
+    log: bool = False
+    form: str = ".3~g"
+    """How a value under the mouse is written (d3-format)."""
+    unit: str = ""
+    """Behind it."""
+
+    @staticmethod
+    def powers(title: str, low: float, high: float, form: str = ".2~e") -> Axis:
+        """Logarithmic, with marks at powers of ten, and others where there are fewer than two."""
+        found = range(math.ceil(math.log10(low)), math.floor(math.log10(high)) + 1)
+        every = math.ceil(len(found) / MOST_POWERS) or 1
+        ticks = [(10.0**e, power(e)) for e in found if e % every == 0] if len(found) > 1 else log_ticks(low, high, _number)
+        return Axis(title, low, high, ticks, True, form)
+
+    @staticmethod
+    def times(title: str, low: float, high: float) -> Axis:
+        """Logarithmic, of times in seconds."""
+        return Axis(title, low, high, log_ticks(low, high, lambda s: brief_time(1e9 * s)), True, ".3~s", "s")
+
+
+def log_ticks(low: float, high: float, name: Callable[[float], str]) -> list[tuple[float, str]]:
+    """Marks of a logarithmic axis with their names: the finest that are not more than MOST_TICKS."""
+    exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    found: list[float] = []
+    for steps in STEPS:
+        found = [value for e in exponents for m in steps if low <= (value := m * 10.0**e) <= high]
+        if len(found) <= MOST_TICKS:
+            break
+    if len(found) > MOST_TICKS:
+        every = math.ceil(len(found) / MOST_TICKS)
+        found = [value for value in found if round(math.log10(value)) % every == 0]
+    if len(found) < 3:
+        # Hardly a logarithmic axis: marks at even distances.
+        size = 10.0 ** math.floor(math.log10((high - low) / MOST_TICKS))
+        step = next(m * size for m in (1.0, 2.0, 5.0, 10.0) if (high - low) / (m * size) <= MOST_TICKS)
+        found = [k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
+    return [(value, name(value)) for value in found]
+
+
+def _number(value: float) -> str:
+    if 1e-3 <= value < 1e5:
+        return f"{value:.3g}" if value < 1e3 else count(round(value))
+    digits, exponent = f"{value:.1e}".split("e")
+    return f"{digits.removesuffix('.0')}·{power(int(exponent))}"
+
+
+@dataclass(frozen=True)
+class Series:
+    """Points of one name: marks, a line, or both. All series of a name have one entry in the legend, and are hidden together."""
 
     name: str
-    svg: str
-    png: bytes
+    ink: str
+    x: Values
+    y: Values
+    line: float = 0.0
+    """Its width, px; 0: no line."""
+    mark: float = 0.0
+    """The size of the marks, px; 0: none."""
+    symbol: str = "circle"
+    """circle, square, diamond, triangle-up, x, cross or dash."""
+    dash: bool = False
+    hollow: bool = False
+    shade: float = 1.0
+    """Its opacity."""
+    below: bool = False
+    """Whether the area below it is filled."""
+    told: bool = True
+    """Whether the mouse over it shows its name and its numbers."""
+    note: str = ""
+    """Behind the name there."""
 
 
-def styled(draw: Callable[P, tuple[str, Figure]]) -> Callable[P, Plot]:
-    """Has a function that gives a name and a figure draw in the style above, and makes a plot of them."""
+@dataclass(frozen=True)
+class Panel:
+    """Series on two axes."""
 
-    @wraps(draw)
-    def drawn(*arguments: P.args, **options: P.kwargs) -> Plot:
-        with mpl.rc_context(STYLE):
-            return finished(*draw(*arguments, **options))
-
-    return drawn
-
-
-def finished(name: str, figure: Figure) -> Plot:
-    """The figure as SVG and PNG."""
-    svg, png = io.StringIO(), io.BytesIO()
-    figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
-    figure.savefig(png, format="png", dpi=160)
-    # The licence of the metadata is an address on the network, and says nothing about the plot.
-    text = re.sub("<metadata>.*?</metadata>", "", svg.getvalue(), flags=re.DOTALL)
-    return Plot(name, text[text.index("<svg") :], png.getvalue())
+    x: Axis
+    y: Axis
+    series: Sequence[Series]
+    title: str = ""
 
 
-def panels(size: tuple[float, float], rows: int = 1, columns: int = 1, *, margins: Sequence[float], **options: Any) -> tuple[Figure, Any]:
-    """A figure of that size, inches, and its axes (rows, columns); margins: left, right, top and bottom edge, as shares of the figure."""
-    figure = Figure(figsize=size)
-    space = {key: options.pop(key) for key in ("wspace", "hspace") if key in options}
-    every = figure.subplots(rows, columns, squeeze=False, **options)
-    figure.subplots_adjust(**dict(zip(("left", "right", "top", "bottom"), margins, strict=True)), **space)
-    return figure, every
+@dataclass(frozen=True)
+class Chart:
+    """Panels; on a narrow page they are one under the other."""
+
+    name: str
+    panels: Sequence[Panel]
+    columns: int = 1
+    height: int = 300
+    """Of a panel, px."""
+    linked: bool = False
+    """Whether all panels have the x axis of the last one."""
+    together: bool = False
+    """Whether the mouse shows all series at its x."""
 
 
-def log_log(axes: Axes, title: str, ylabel: str, xlabel: str) -> None:
-    """Both axes logarithmic, with their names and a title."""
-    axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel)
-    axes.set_title(title, loc="left", fontsize=9.5, fontweight="bold")
-    axes.grid(axis="y", color=FAINT, lw=0.6)
+@dataclass(frozen=True)
+class Matrix:
+    """A square matrix by the logarithm of the size of its entries; what is NaN stays white."""
+
+    name: str
+    values: Array
+    names: Sequence[str]
+    """Of its rows and columns."""
+    label: str
 
 
-def level(axes: Axes, value: float) -> None:
+@dataclass(frozen=True)
+class Part:
+    """Lines or marks in space under one name."""
+
+    name: str
+    ink: str
+    points: Array
+    """(n, 3), m. Of lines: one after the other, NaN between lines that do not meet."""
+    line: float = 0.0
+    marks: Values | float = 0.0
+    """Sizes, px."""
+    texts: Sequence[str] = ()
+    """What the mouse shows of each point."""
+    names: Sequence[str] = ()
+    """What stands beside each point."""
+    shade: float = 1.0
+    shown: bool = True
+    """Whether it is there before its entry in the legend is clicked."""
+
+
+@dataclass(frozen=True)
+class Space:
+    """Lines and marks in space, turned with the mouse."""
+
+    name: str
+    parts: Sequence[Part]
+    towards: Array
+    """From where it is seen, (3,)."""
+
+
+Plot: TypeAlias = "Chart | Matrix | Space"
+
+
+def level(name: str, value: float, x: Axis) -> Series:
     """A dashed line across."""
-    axes.axhline(value, color=GREY, lw=0.8, ls=DASHES)
-
-
-def power_ticks(axis: Any, most: int) -> None:
-    """Ticks at powers of ten, at most so many."""
-    ticks(axis, lambda value: power(round(np.log10(value))), LogLocator(numticks=most))
-
-
-def ticks(axis: Any, name: Callable[[float], str], locator: Any = None) -> None:
-    """Ticks with names, where the locator wants them, and none between."""
-    if locator is not None:
-        axis.set_major_locator(locator)
-    axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(FuncFormatter(lambda value, _: name(value)))
-
-
-def fine_ticks(axis: Any, reach: float, name: Callable[[float], str]) -> None:
-    """Ticks of a logarithmic axis from its low end to so many times that: the finer, the less this is."""
-    finest, fine = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
-    subs = finest if reach < 3 else fine if reach < 12 else (1.0, 2.0, 5.0) if reach < 300 else (1.0,)
-    ticks(axis, name, LogLocator(subs=subs))
-
-
-def time_axis(axes: Axes, low: float, high: float) -> None:
-    """A logarithmic axis of times in ns, ticks at 1, 2, 5."""
-    axes.set(xscale="log", xlim=(low, high))
-    fine_ticks(axes.xaxis, high / low, plain_time)
-
-
-def plain_time(ns: float) -> str:
-    """A time with its unit, no more digits than it has."""
-    return EngFormatter("s").format_data(1e-9 * ns)
-
-
-def direct_labels(axes: Axes, entries: Sequence[tuple[float, float, str, str]], gap: float = 0.065) -> None:
-    """Names right of the axes, each with a line to its point: (x, y, text, colour)."""
-    to_axes = axes.transData + axes.transAxes.inverted()
-    points = [to_axes.transform((x, y)) for x, y, _, _ in entries]
-    placed = []
-    for (x, y, text, ink), point in zip(entries, points, strict=True):
-        if _room(point, points):
-            paper = {"fc": "white", "ec": "none", "alpha": 0.85, "pad": 1.0}
-            axes.annotate(text, (x, y), xytext=(13, 0), textcoords="offset points", va="center", color=ink, bbox=paper)
-        else:
-            placed.append((float(point[1]), x, y, text, ink))
-    placed.sort()
-    heights = spread([entry[0] for entry in placed], [gap] * len(placed), 0.0, 1.0)
-    for (_, x, y, text, ink), height in zip(placed, heights, strict=True):
-        line = {"arrowstyle": "-", "color": ink, "lw": 0.6, "alpha": 0.55, "shrinkA": 2, "shrinkB": 5, "relpos": (0.0, 0.5)}
-        axes.annotate(
-            text, xy=(x, y), xytext=(1.025, height), textcoords="axes fraction", va="center", color=ink, arrowprops=line,
-            annotation_clip=False,
-        )  # fmt: skip
-
-
-def _room(point: Array, points: Sequence[Array]) -> bool:
-    """Whether a name fits right beside its point."""
-    steps = [other - point for other in points if other is not point]
-    return point[0] < 0.6 and not any(-0.05 < dx < 0.3 and abs(dy) < 0.25 for dx, dy in steps)
+    assert x.low is not None and x.high is not None
+    return Series(name, GREY, [x.low, x.high], [value, value], line=1.0, dash=True, told=False)

@@ -7,19 +7,22 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from .._motion import Trajectory
 from . import embed, motion
 from .page import Block, Figure, Table
 from .pipeline import Findings, Layout, Section, provenance
-from .plotting import Plot
+from .plotting import COLOURS, GREY, Axis, Chart, Panel, Series
 from .progress import Reporter
 from .states import Array
 from .structure import Tree
 
 #: Rows that curves show: a screen has no more points.
 MOST_ROWS = 1200
+#: Values that the mouse shows at once, at the most.
+MOST_TOGETHER = 12
+#: Colours of curves, one after the other.
+INKS = (*COLOURS[:6], "#8c564b", "#7f7f7f", "#17becf", "#bcbd22")
 
 
 @dataclass
@@ -42,29 +45,34 @@ def _view(run: Run, _: Reporter) -> dict[str, Any]:
     return {"seconds": float(run.path.t[-1])}
 
 
-def _curves(run: Run) -> dict[str, Any]:
-    """Curves that answer to the mouse, where their library is there."""
-    return {"curves": None if embed.lacking() is not None else Markup("").join([embed.library(), embed.curves("over-time", *panels(run))])}
-
-
-def panels(run: Run) -> tuple[Array, Sequence[tuple[str, Mapping[str, Array]]]]:
-    """Times, and by what stands on the axis the curves by their names."""
+def over_time(run: Run) -> Chart:
+    """Coordinates, rates, torques and energies, a panel each."""
     path, scene = run.path, run.path.scene
     rows = np.unique(np.linspace(0, len(path) - 1, MOST_ROWS).round().astype(int))
     energy, effort = path.energy(), scene.limits.effort
-    q = {name[2:]: path.q[rows, i] for i, name in enumerate(motion.columns(scene, "q"))}
     names = [name[2:] for name in motion.columns(scene, "v")]
-    rates = {name: path.qd[rows, i] for i, name in enumerate(names)}
-    found: list[tuple[str, Mapping[str, Array]]] = [("q, rad or m", q), ("qd, rad/s or m/s", rates)]
+    found: list[tuple[str, Mapping[str, Array]]] = [
+        ("q, rad or m", {name[2:]: path.q[rows, i] for i, name in enumerate(motion.columns(scene, "q"))}),
+        ("qd, rad/s or m/s", {name: path.qd[rows, i] for i, name in enumerate(names)}),
+    ]
     shares = {name: run.torque[rows, i] / effort[i] for i, name in enumerate(names) if np.isfinite(effort[i]) and effort[i] > 0.0}
     if np.any(run.torque):
         found.append(("torque, N m or N", {name: run.torque[rows, i] for i, name in enumerate(names)}))
         if shares:
-            ends = {"limit": np.ones(len(rows)), "limit the other way": -np.ones(len(rows))}
-            found.append(("torque / its limit", shares | ends))
+            found.append(("torque / its limit", shares))
     kinds = {"kinetic": energy.kinetic, "of gravity": energy.potential, "of springs": energy.spring, "total": energy.total}
     found.append(("energy, J", {name: values[rows] for name, values in kinds.items() if name == "total" or np.any(values)}))
-    return path.t[rows], found
+    every = list(dict.fromkeys(label for _, values in found for label in values))
+    inks = {label: INKS[i % len(INKS)] for i, label in enumerate(every)}
+    time = Axis("time, s", form=".3~f", unit=" s")
+    panels = []
+    for title, values in found:
+        series = [Series(label, inks[label], path.t[rows], one, line=1.6) for label, one in values.items()]
+        if values is shares:
+            ends = path.t[[0, -1]]
+            series += [Series("limit of torque", GREY, ends, [way, way], line=1.0, dash=True, told=False) for way in (1.0, -1.0)]
+        panels.append(Panel(time, Axis(title, form=".4~g"), series))
+    return Chart("over-time", panels, height=200, linked=True, together=len(names) <= MOST_TOGETHER)
 
 
 def _shown(run: Run) -> dict[str, Any]:
@@ -79,12 +87,12 @@ def _limits(run: Run) -> Sequence[Block]:
     return ["Limits are told, never enforced.", Table(("joint", "limit", "at", "first beyond it, s", "worst"), rows, 2)]
 
 
-def _plots(run: Run) -> list[Plot]:
-    return [motion.motion_plot(run.path), motion.stroboscope(run.path, run.tree)]
-
-
 def _pictures(_: Run) -> Sequence[Block]:
-    return [Figure("stroboscope", "The robot at instants evenly through the motion, from pale to dark, with the paths of its tips.")]
+    return [Figure("stroboscope", "The robot at instants evenly through the motion, from pale to dark, and the paths of its tips. Drag to turn it.")]
+
+
+def _over_time(_: Run) -> Sequence[Block]:
+    return [Figure("over-time", "A click on a name hides its curve, two clicks all others; a frame drawn with the mouse comes closer, two clicks go back.")]
 
 
 RUN: Layout[Run] = Layout(
@@ -92,9 +100,9 @@ RUN: Layout[Run] = Layout(
     "run.json",
     (
         Section("view", "The motion", _view, shown=_shown),
-        Section("curves", "Over time", shown=_curves),
+        Section("curves", "Over time", plots=lambda run: [over_time(run)], blocks=_over_time),
         Section("limits", "Limits", blocks=_limits),
-        Section("pictures", "In one picture", plots=_plots, blocks=_pictures),
+        Section("pictures", "In one picture", plots=lambda run: [motion.stroboscope(run.path, run.tree)], blocks=_pictures),
         provenance(),
     ),
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +54,13 @@ class Tree:
     def kinds(self) -> dict[str, int]:
         """How many movable joints there are of each kind."""
         return dict(Counter(joint.type for joint in self.movable))
+
+    @cached_property
+    def numbers(self) -> dict[str, int]:
+        """The joints that move, counted from 1 in the order of `rows`."""
+        moving = [row.joint.name for row in self.rows() if row.joint.type != "fixed"]
+        # Behind a link whose name is empty no row leads on.
+        return {name: number for number, name in enumerate(dict.fromkeys([*moving, *(joint.name for joint in self.movable)]), 1)}
 
     def carries_motion(self, link: str) -> bool:
         """Whether a joint that moves is on the link or beyond it."""

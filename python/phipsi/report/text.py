@@ -35,6 +35,11 @@ def significant(value: float, digits: int = 3) -> str:
     return f"{rounded:,.{decimals}f}".replace(",", "\u202f").replace("-", "−")
 
 
+def rate(per_second: float) -> str:
+    """How many a second, such as 0.89 million."""
+    return f"{significant(per_second / 1e6, 2)} million" if per_second >= 1e5 else significant(float(f"{per_second:.2g}"), 2)
+
+
 def minus(number: str) -> str:
     """A formatted number with the sign of mathematics."""
     return number.replace("-", "−")
@@ -51,6 +56,12 @@ def time(ns: float) -> str:
         if ns >= size:
             return f"{significant(ns / size)} {unit}"
     return f"{significant(ns)} ns"
+
+
+def brief_time(ns: float) -> str:
+    """A time with its unit, no more digits than it has."""
+    unit, size = next(((unit, size) for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)) if ns >= 0.9995 * size), ("ns", 1.0))
+    return f"{ns / size:.3g} {unit}"
 
 
 def plural(number: int, noun: str, several: str = "") -> str:

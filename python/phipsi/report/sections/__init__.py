@@ -1,11 +1,28 @@
-"""The sections of the report on a robot, a file each: what is measured, and what is drawn."""
+"""The sections of the report on a robot, a file each: what is measured, and what is drawn. First what its user looks for, then the method."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ..pipeline import Layout, Section, provenance
 from ..robot import Report
-from . import accuracy, calls, condition, emergence_plots, growth, kinds, plan, residuals, scene, view
+from . import accuracy, calls, condition, emergence_plots, growth, joints, kinds, mass, plan, residuals, scene, view
 
-MEASURED = (view, scene, plan, residuals, calls, kinds, accuracy, condition, emergence_plots, growth)
-LIMITS: Section[Report] = Section("limits", "What the figures do not show")
-ROBOT: Layout[Report] = Layout("robot", "report.json", (*(one.SECTION for one in MEASURED), LIMITS, provenance()))
+USER = (view, scene, joints, mass, calls, kinds)
+THEORY = (plan, accuracy, residuals, condition, emergence_plots, growth)
+LIMITS: Section[Report] = Section("limits", "What the numbers do not show")
+
+
+def _part(title: str, sections: list[Section[Report]]) -> list[Section[Report]]:
+    """The same sections under a title."""
+    return [replace(sections[0], part=title), *sections[1:]]
+
+
+ROBOT: Layout[Report] = Layout(
+    "robot",
+    "report.json",
+    (
+        *_part("The robot", [one.SECTION for one in USER]),
+        *_part("How it is computed, and how exactly", [*(one.SECTION for one in THEORY), LIMITS, provenance()]),
+    ),
+)

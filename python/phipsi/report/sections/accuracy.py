@@ -6,16 +6,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from ... import _core
 from ..pipeline import Section
-from ..plotting import COLOURS, Plot, direct_labels, level, panels, power_ticks, styled, time_axis
+from ..plotting import COLOURS, Axis, Chart, Panel, Plot, Series, level
 from ..progress import Reporter
 from ..robot import DENSE_CAP, EPS, PRECISIONS, Report, median, rust
 from ..states import Array
-from ..text import power, significant, symbols
+from ..text import symbols
 from ..timing import Of
 
 #: Times each method is measured, in turns with the others.
@@ -97,44 +95,34 @@ def _plots(report: Report) -> Iterable[Plot]:
         yield error_against_time(rows)
 
 
-@styled
-def error_against_time(rows: Sequence[Accuracy]) -> tuple[str, Figure]:
+def error_against_time(rows: Sequence[Accuracy]) -> Chart:
     """Median time of a call of `Scene::evaluate` against the error of every state, one panel a precision on the same axis of times."""
     usable = [row for row in rows if np.isfinite(row.error_median)]
-    times = [row.ns_per_state for row in usable]
-    figure, axes = panels((10.0, 5.9), 2, margins=(0.075, 0.775, 0.955, 0.09), sharex=True, hspace=0.16)
-    for one, precision in zip(axes.flat, reversed(PRECISIONS), strict=True):
-        time_axis(one, min(times) / 1.5, max(times) * 1.25)
-        _panel(one, [row for row in usable if row.precision == precision], precision)
-    axes[-1, 0].set_xlabel("median time of a call in Rust, one state (Scene::evaluate)")
-    return "error-against-time", figure
+    times = [1e-9 * row.ns_per_state for row in usable]
+    x = Axis.times("median time of a call in Rust, one state", min(times) / 1.5, max(times) * 1.25)
+    # The better precision, which most use, comes first.
+    return Chart("error-against-time", [_panel([row for row in usable if row.precision == one], one, x) for one in PRECISIONS])
 
 
-def _panel(axes: Axes, rows: Sequence[Accuracy], precision: str) -> None:
+def _panel(rows: Sequence[Accuracy], precision: str, x: Axis) -> Panel:
     eps = EPS[precision]
     errors = [np.maximum(row.errors[np.isfinite(row.errors)], eps * 1e-3) for row in rows]
     low = min([eps / 4, *(float(np.quantile(e, 0.02)) for e in errors)])
     high = max([eps * 12, *(float(e.max()) for e in errors)])
-    axes.set(yscale="log", ylim=(low / 1.8, high * 2.2), ylabel="relative error of the accelerations")
-    power_ticks(axes.yaxis, 9)
-    axes.set_title(precision, loc="left", fontsize=9.5, fontweight="bold")
-    level(axes, eps)
-    exponent = int(np.floor(np.log10(eps)))
-    axes.annotate(
-        f"eps = {significant(eps * 10.0**-exponent, 2)}·{power(exponent)}", xy=(0.0, eps), xycoords=("axes fraction", "data"),
-        xytext=(4, 3), textcoords="offset points", color="#6b7279", fontsize=7.5,
-    )  # fmt: skip
-    entries = []
+    y = Axis.powers("relative error of accelerations", low / 1.8, high * 2.2)
+    series = [level("one unit of rounding (eps)", eps, x)]
     generator = np.random.default_rng(0)
     for row, values in zip(rows, errors, strict=True):
-        ink, double, at = row.colour(), precision == "float64", row.ns_per_state
-        x = at * np.exp(generator.uniform(-0.02, 0.02, len(values)))
-        axes.plot(x, values, ".", ms=3.6, color=ink, alpha=0.3, mew=0, rasterized=len(values) > 500)
-        axes.plot([at, at], [row.error_median, row.error_max], color=ink, lw=0.9, alpha=0.8)
-        axes.plot([at], [row.error_max], "_", ms=8, color=ink, mew=1.3)
-        axes.plot([at], [row.error_median], "o" if double else "s", ms=6.5, color=ink, mfc=ink if double else "white", mew=1.5)
-        entries.append((at, row.error_median, symbols(row.method), ink))
-    direct_labels(axes, entries, 0.085)
+        name, ink, at = symbols(row.method), row.colour(), 1e-9 * row.ns_per_state
+        # Beside each other, so that each is seen.
+        spread = at * np.exp(generator.uniform(-0.02, 0.02, len(values)))
+        series += [
+            Series(name, ink, spread, values, mark=4, shade=0.3, told=False),
+            Series(name, ink, [at, at], [row.error_median, row.error_max], line=1.0, told=False),
+            Series(name, ink, [at], [row.error_max], mark=10, symbol="dash", note="worst state"),
+            Series(name, ink, [at], [row.error_median], mark=10, hollow=precision == "float32", note="median"),
+        ]
+    return Panel(x, y, series, precision)
 
 
-SECTION = Section("accuracy", "Error against run time", accuracy, _plots, empty=[])
+SECTION = Section("accuracy", "Error and run time of every method", accuracy, _plots, empty=[])

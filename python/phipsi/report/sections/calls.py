@@ -90,4 +90,4 @@ def _collect(report: Report, reporter: Reporter) -> list[CallTime]:
     return measured(report.scene, report.batch, report.quick, reporter)
 
 
-SECTION = Section("calls", "What a call takes", _collect, empty=[])
+SECTION = Section("calls", "How long a call takes", _collect, empty=[])

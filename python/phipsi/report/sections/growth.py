@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ... import _core
 from ..pipeline import Section
-from ..plotting import COLOURS, FAINT, SOFT, direct_labels, panels, styled, ticks
+from ..plotting import COLOURS, SOFT, Axis, Chart, Panel, Series, log_ticks
 from ..progress import Reporter
 from ..robot import Report, rust, spread
 from ..text import count
@@ -68,25 +67,16 @@ def _collect(report: Report, reporter: Reporter) -> dict[str, Any]:
     return growth(effort.sizes, effort.growth_repeats, reporter) | {"operators": operators(effort.growth_repeats, reporter)}
 
 
-@styled
-def _plot(rows: Sequence[Row]) -> tuple[str, Figure]:
-    figure, ((axes,),) = panels((10.0, 3.3), margins=(0.075, 0.775, 0.95, 0.15))
-    bodies = np.array([row.bodies for row in rows])
-    limits = (bodies.min() / 1.25, bodies.max() * 1.25)
-    axes.set(xscale="log", xlim=limits, xlabel="bodies in the chain", ylabel="time a body, ns")
-    ticks(axes.xaxis, lambda value: count(round(value)))
-    entries, highest = [], 0.0
+def _plot(rows: Sequence[Row]) -> Chart:
+    bodies = [float(row.bodies) for row in rows]
+    low, high = min(bodies) / 1.25, max(bodies) * 1.25
+    x = Axis("bodies in the chain", low, high, log_ticks(low, high, lambda value: count(round(value))), True)
+    series = []
     for (kind, (name, _, _)), ink in zip(TIMED.items(), (*COLOURS[:2], SOFT), strict=True):
-        values = np.array([row.of(kind) for row in rows])
-        axes.plot(bodies, values, "-o", color=ink, ms=4, lw=1.4)
-        entries.append((float(bodies[-1]), float(values[-1]), f"{name}\nmax / min = {spread(values.tolist()):.2f}", ink))
-        highest = max(highest, float(values.max()))
-    axes.set_ylim(0.0, 1.15 * highest)
-    axes.grid(axis="y", color=FAINT, lw=0.6)
-    direct_labels(axes, entries, 0.2)
-    return "growth", figure
+        values = [row.of(kind) for row in rows]
+        series.append(Series(f"{name}, largest / smallest {spread(values):.2f}", ink, bodies, values, line=1.6, mark=6))
+    highest = max(float(np.max(one.y)) for one in series)
+    return Chart("growth", [Panel(x, Axis("time a body, ns", 0.0, 1.15 * highest, form=".3~g"), series)], height=260)
 
 
-SECTION = Section(
-    "growth", "Growth with size", _collect, lambda report: [_plot(report.parts["growth"]["rows"])], shown=lambda _: ROUNDS
-)
+SECTION = Section("growth", "Time against the number of bodies", _collect, lambda report: [_plot(report.parts["growth"]["rows"])], shown=lambda _: ROUNDS)

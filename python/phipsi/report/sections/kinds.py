@@ -64,4 +64,4 @@ def _shown(report: Report) -> Sequence[dict[str, Any]]:
     return found
 
 
-SECTION = Section("kinds", "The states that robots are in", _collect, shown=_shown, empty=[])
+SECTION = Section("kinds", "The same in states that robots are in", _collect, shown=_shown, empty=[])

@@ -107,4 +107,4 @@ def _collect(report: Report, _: Reporter) -> dict[str, Any]:
     return {"bodies": plan.bodies, "links": plan.links, "items": items}
 
 
-SECTION = Section("plan", "Left out", _collect, shown=lambda _: TURNS[True])
+SECTION = Section("plan", "Work that is left out", _collect, shown=lambda _: TURNS[True])

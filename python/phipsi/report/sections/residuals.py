@@ -72,4 +72,4 @@ def _collect(report: Report, reporter: Reporter) -> list[Residual]:
     return residuals(report.scene, few, report.conditions[: len(few)], reporter)
 
 
-SECTION = Section("residuals", "Residuals", _collect, empty=[])
+SECTION = Section("residuals", "Checks of the theory", _collect, empty=[])

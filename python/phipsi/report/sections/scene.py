@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from .. import draw
-from ..draw import FREE, SLIDE, TURN
+from ..draw import TURN
 from ..pipeline import Section
 from ..plotting import Plot
 from ..progress import Reporter
 from ..robot import Report
 from ..structure import Row
-from ..text import significant
+from ..text import scientific
 
 #: A tree with more rows than this is cut short.
 MOST_ROWS = 400
@@ -47,13 +47,12 @@ def _shown(report: Report) -> dict[str, Any]:
         "source": Path(report.source).name,
         "rows": [_row(row) for row in rows[:MOST_ROWS]],
         "more": max(len(rows) - MOST_ROWS, 0),
-        "inks": {"turn": TURN, "slide": SLIDE, "free": FREE},
     }
 
 
 def _row(row: Row) -> dict[str, Any]:
     joint = row.joint
-    mass = f"{significant(row.link.mass)} kg" if row.link.mass > 0.0 else ""
+    mass = f"{scientific(row.link.mass, 2)} kg" if row.link.mass > 0.0 else ""
     kind = "" if joint.type == "fixed" else f"{joint.type}{_axis(row)}"
     details = " · ".join(text for text in (kind, mass) if text)
     ink, rails = draw.COLOURS.get(joint.type, TURN), min(row.level, 12) - row.branch
@@ -72,4 +71,4 @@ def _axis(row: Row) -> str:
     return f" {'−' if axis[at] < 0 else ''}{'xyz'[at]}"
 
 
-SECTION = Section("scene", "The scene", _collect, _plots, shown=_shown)
+SECTION = Section("scene", "Links and joints", _collect, _plots, shown=_shown)

@@ -53,4 +53,4 @@ def _shown(report: Report) -> dict[str, Any]:
     return embed.robot(report.scene, *one_by_one(report))
 
 
-SECTION = Section("view", "The robot", _collect, shown=_shown)
+SECTION = Section("view", "In motion", _collect, shown=_shown)

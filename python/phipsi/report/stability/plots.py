@@ -6,17 +6,14 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ... import _core
-from ..plotting import COLOURS, DASHES, GREY, SOFT, Plot, direct_labels, level, log_log, panels, power_ticks, styled, time_axis
+from ..plotting import COLOURS, GREY, Axis, Chart, Panel, Plot, Series, level
+from ..robot import PRECISIONS
 from ..text import power
 from .measure import COVARIANCE, ROOT, TIMED, Point, Stability
 
-FLOOR = "#c9ced3"
-ERROR = "relative error of the accelerations"
+ERROR = "relative error of accelerations"
 #: Plots against a parameter: file; case, how the axis is called, caption.
 SWEEPS = {
     "error-against-tip-mass": ("heavy-tip", "mass of the last of 8 links, kg (the others 1 kg)", "Eight links, the last one heavier and heavier."),
@@ -37,78 +34,49 @@ def _inks(found: Stability) -> dict[str, str]:
     return dict(zip(_core.FORMS, COLOURS, strict=False)) | {other.name: other.colour for other in found.others}
 
 
-@styled
-def _sweep(found: Stability, name: str, case: str, label: str) -> tuple[str, Figure]:
+def _sweep(found: Stability, name: str, case: str, label: str) -> Chart:
     """Error of every method against the parameter: left in the max-norm, right component by component."""
     points = found.of(case)
-    figure, ((left, right),) = panels((10.0, 4.0), 1, 2, margins=(0.07, 0.83, 0.91, 0.13), wspace=0.24)
-    for norm, (axes, title) in enumerate(((left, "max-norm"), (right, "component by component"))):
-        log_log(axes, title, "" if norm else ERROR, label)
-        _curves(axes, found, points, norm)
-        power_ticks(axes.xaxis, 8)
-    limits = [limit for axes in (left, right) for limit in axes.get_ylim()]
-    for axes in (left, right):
-        # An error of ten is as wrong as one of 1e47.
-        axes.set_ylim(max(min(limits), 1e-18), min(max(limits), 10.0))
-        power_ticks(axes.yaxis, 12)
-    _names(right, found, points)
-    return name, figure
+    values = [point.value for point in points]
+    reach = max(values) / min(values)
+    x = Axis.powers(label, min(values) / 1.6, max(values) * max(1.6, reach**0.08), form=".3~g")
+    every = [_curves(found, points, norm) for norm in (0, 1)]
+    sizes = np.concatenate([np.asarray(one.y, dtype=float) for series in every for one in series])
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
+    # An error of ten is as wrong as one of 1e47.
+    y = Axis.powers(ERROR, max(sizes.min() / 3.0, 1e-18), min(sizes.max() * 4.0, 10.0))
+    titles = ("max-norm", "component by component")
+    return Chart(name, [Panel(x, y, series, title) for series, title in zip(every, titles, strict=True)], 2)
 
 
-def _curves(axes: Axes, found: Stability, points: Sequence[Point], norm: int) -> None:
-    x = np.array([point.value for point in points])
-    floor = np.array([float(point.floor[norm] or 0.0) for point in points])
-    axes.fill_between(x, floor, 1e-30, color=FLOOR, alpha=0.55, lw=0, zorder=0)
-    axes.plot(x, floor, color=GREY, lw=0.9, ls=DASHES, zorder=1)
-    every = [floor]
+def _curves(found: Stability, points: Sequence[Point], norm: int) -> list[Series]:
+    x = [point.value for point in points]
+    floor = [float(point.floor[norm] or 0.0) for point in points]
+    series = [Series("sensitivity of the problem", GREY, x, floor, line=1.0, dash=True, below=True)]
     for method, ink in _inks(found).items():
         y = np.array([float(point.errors[method, "float64"][norm] or 0.0) for point in points])
         y = np.where(np.isfinite(y), np.maximum(y, 1e-18), np.nan)
-        every.append(y)
         thick = method in (ROOT, COVARIANCE)
-        axes.plot(x, y, "-o", color=ink, lw=1.7 if thick else 1.0, ms=4.2 if thick else 3.0, zorder=4 if thick else 3)
-    finite = np.concatenate(every)
-    finite = finite[np.isfinite(finite) & (finite > 0)]
-    axes.set_ylim(finite.min() / 3.0, min(finite.max() * 4.0, 1e3))
-    axes.set_xlim(x.min() / 1.6, x.max() * max(1.6, (x.max() / x.min()) ** 0.08))
+        series.append(Series(method, ink, x, y, line=2.0 if thick else 1.2, mark=7 if thick else 5))
+    return series
 
 
-def _names(axes: Axes, found: Stability, points: Sequence[Point]) -> None:
-    """The names of the curves, right of the axes, at their last points."""
-    low, high = axes.get_ylim()
-    curves = {name: (ink, [(p.value, p.errors[name, "float64"].component) for p in points]) for name, ink in _inks(found).items()}
-    curves["sensitivity"] = (SOFT, [(point.value, point.floor.component) for point in points])
-    entries = []
-    for name, (ink, curve) in curves.items():
-        known = [(x, float(np.clip(y, low * 1.2, high / 1.2))) for x, y in curve if math.isfinite(y)]
-        entries += [(*known[-1], name, ink)] if known else []
-    direct_labels(axes, entries, 0.062)
-
-
-@styled
-def _against_time(found: Stability) -> tuple[str, Figure]:
+def _against_time(found: Stability) -> Chart:
     """Time a state against error, one point a method, a panel a case."""
-    figure, axes = panels((10.0, 5.6), 2, 2, margins=(0.07, 0.97, 0.94, 0.16), sharey=True, wspace=0.06, hspace=0.36)
+    return Chart("error-against-run-time", [_timed(found, name, value) for name, value in TIMED], 2, 240)
+
+
+def _timed(found: Stability, name: str, value: float) -> Panel:
     inks = {method: ink for method, ink in _inks(found).items() if method in _core.FORMS}
-    for at, (one, (name, value)) in enumerate(zip(axes.flat, TIMED, strict=True)):
-        title = f"{name}, {f'{value:g}' if 1e-2 <= value < 1e4 else power(round(math.log10(value)))}"
-        log_log(one, title, "" if at % 2 else ERROR, "median time a state" if at > 1 else "")
-        rows = [row for precision in ("float64", "float32") for row in found.timed(name, value, precision)]
-        for row in rows:
-            if math.isfinite(row.norm):
-                ink, double = inks[row.method], row.precision == "float64"
-                marker, fill = ("o", ink) if double else ("s", "white")
-                one.plot([row.ns], [max(row.norm, 1e-18)], marker, ms=7, color=ink, mfc=fill, mew=1.5)
-        times = [row.ns for row in rows]
-        time_axis(one, min(times) / 1.25, max(times) * 1.25)
-        level(one, next(point for point in found.of(name) if point.value == value).floor.norm)
-        one.set_ylim(1e-17, 1e2)
-        power_ticks(one.yaxis, 8)
-    handles = [Line2D([], [], marker="o", ls="", color=ink, label=method) for method, ink in inks.items()]
-    handles += [
-        Line2D([], [], marker="o", ls="", color="#555b61", label="float64"),
-        Line2D([], [], marker="s", ls="", color="#555b61", mfc="white", label="float32"),
-        Line2D([], [], color=GREY, ls=DASHES, label="sensitivity"),
-    ]
-    figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False, fontsize=8, columnspacing=1.4, handletextpad=0.4)
-    return "error-against-run-time", figure
+    rows = [row for precision in PRECISIONS for row in found.timed(name, value, precision)]
+    times = [1e-9 * row.ns for row in rows]
+    x = Axis.times("median time a state", min(times) / 1.25, max(times) * 1.25)
+    floor = next(point for point in found.of(name) if point.value == value).floor.norm
+    series = [level("sensitivity of the problem", floor, x)]
+    for row in rows:
+        if math.isfinite(row.norm):
+            double = row.precision == "float64"
+            look = {"mark": 9 if double else 8, "symbol": "circle" if double else "square", "hollow": not double}
+            series.append(Series(row.method, inks[row.method], [1e-9 * row.ns], [max(row.norm, 1e-18)], note=row.precision, **look))  # type: ignore[arg-type]
+    title = f"{name}, {f'{value:g}' if 1e-2 <= value < 1e4 else power(round(math.log10(value)))}"
+    return Panel(x, Axis.powers(ERROR, 1e-17, 1e2), series, title)
