@@ -8,11 +8,11 @@
 pub(crate) mod accelerations;
 #[cfg(target_arch = "x86_64")]
 mod accuracy;
-pub mod arms;
-pub mod chunk;
+pub(crate) mod arms;
+pub(crate) mod chunk;
 mod compiled;
 pub(crate) mod derivatives;
-pub mod evaluator;
+pub(crate) mod evaluator;
 mod everyday;
 mod finite;
 pub(crate) mod products;
@@ -23,6 +23,11 @@ mod work_queue;
 
 #[cfg(feature = "parallel")]
 pub use threads::{set_threads, threads};
+
+pub use arms::{ARMS, Arm};
+#[doc(hidden)]
+pub use arms::{Target, Vectorised, Work};
+pub use evaluator::{Evaluated, Evaluator};
 
 use crate::error::Error;
 use crate::watch;
@@ -123,6 +128,7 @@ impl<'a, P> Broadcast<'a, P> {
 /// # Errors
 ///
 /// [`Error::Shape`] naming the first argument that does not fit those before it.
+#[doc(hidden)]
 pub fn broadcast_axes<'a>(arguments: impl IntoIterator<Item = (&'a str, &'a [usize])>) -> Result<Vec<usize>, Error> {
     let mut batch: Vec<usize> = Vec::new();
     let mut before: Vec<&str> = Vec::new();
@@ -155,6 +161,7 @@ pub fn broadcast_axes<'a>(arguments: impl IntoIterator<Item = (&'a str, &'a [usi
 
 /// A shape as Python writes it.
 #[must_use]
+#[doc(hidden)]
 pub fn shape_text(shape: &[usize]) -> String {
     match shape {
         [one] => format!("({one},)"),
@@ -172,6 +179,7 @@ fn leading_text(leading: &[usize]) -> String {
 /// Taking and giving back never wait: a thread that finds the pool in use makes its own scratch and drops it afterwards.
 /// (A process forked while another thread held the lock would wait for ever.)
 #[derive(Debug)]
+#[doc(hidden)]
 pub struct Pool<S> {
     /// Boxed: scratch is large, and would be moved twice a call.
     idle: Mutex<Vec<Box<S>>>,
@@ -204,6 +212,7 @@ impl<S> Pool<S> {
 
 /// A batch to run: how many states, how long each takes, and where scratch comes from.
 #[derive(Debug)]
+#[doc(hidden)]
 pub struct Batch<'a, S, M> {
     /// Number of states.
     pub states: usize,

@@ -42,20 +42,20 @@
 //! Features, none needed by the recursions: `urdf` (scenes from files), `parallel` (batches on threads), `dense` (composite
 //! matrices and faer's LDLT as the check), `stochastic` (the random model, sampled), `python` (the module that maturin builds).
 
-pub mod accuracy;
-pub mod algorithm;
-pub mod api;
+mod accuracy;
+mod algorithm;
+mod api;
 pub mod batch;
 pub mod dynamics;
-pub mod error;
+mod error;
 pub mod filter;
-pub mod joints;
+mod joints;
 pub mod kinematics;
-pub mod memory;
-pub mod model;
+mod memory;
+mod model;
 pub mod motion;
 pub mod operators;
-pub mod plan;
+mod plan;
 #[cfg(feature = "python")]
 mod python;
 pub mod report;
@@ -68,9 +68,12 @@ pub mod stochastic;
 pub mod watch;
 mod workspace;
 
+pub use accuracy::{Accuracy, ESTIMATE_SPREAD};
 pub use algorithm::{Algorithm, Arguments, Derivatives, Everyday, Products};
-pub use error::Error;
+pub use api::{BodyWrenches, OnLink, TaskFrame};
+pub use error::{Error, Shortage};
 pub use filter::Form;
+pub use plan::{Omission, Plan};
 pub use scene::{Scene, SceneBuilder};
 pub use workspace::{Tally, Workspace};
 

@@ -11,6 +11,7 @@ use std::ops::Range;
 ///
 /// `z` holds b(k) plus what the children sent; `innovations` receives e^- of each row.
 #[inline(always)]
+#[doc(hidden)]
 pub fn step<T: Real>(
     system: &System<T>,
     k: usize,
@@ -30,6 +31,7 @@ pub fn step<T: Real>(
 
 /// The rows of one stage, last first: z^- becomes z^+ (4.5), `innovations` receives e^- (4.2).
 #[inline(always)]
+#[doc(hidden)]
 pub fn through_stage<T: Real>(
     (system, k): (&System<T>, usize),
     measured: &[Measured<T>],
@@ -57,6 +59,7 @@ pub fn through_stage<T: Real>(
 ///
 /// What measurements that see nothing else leave of x. Nine products a row.
 #[inline(always)]
+#[doc(hidden)]
 pub fn past_rows<T: Real>(stage: &Stage<T>, measured: &[Measured<T>], rows: Range<usize>, x: &mut Vector6<T>) {
     for i in rows.rev() {
         *x = scaled_add(&measured[stage.first_row + i].gain, -stage.rows.row(i).project(x), x);

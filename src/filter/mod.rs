@@ -6,15 +6,18 @@
 //! sections: [`system`] is section 1, [`riccati`] section 3 ([`pivots`] says where its pivots are lost), [`innovations`] and [`smoother`] section 4, [`covariance`] section 5, and
 //! [`smoothed`] the covariances of section 2 by way of it. A row whose noise is infinite is not measured: its gain is zero.
 
+#[doc(hidden)]
 pub mod cancellation;
 pub mod covariance;
-pub mod forms;
+mod forms;
 pub mod innovations;
 pub mod pivots;
 pub mod riccati;
+#[doc(hidden)]
 pub mod rounding;
 pub mod smoothed;
 pub mod smoother;
+#[doc(hidden)]
 pub mod square_root;
 pub mod system;
 

@@ -77,6 +77,7 @@ pub struct Covariances<'a, T: Real> {
 impl<T: Real> Covariances<'_, T> {
     /// One stage, all its rows (last first), then the time update onto its parent; `seen` is called with each row's P^-.
     #[inline(always)]
+    #[doc(hidden)]
     pub fn step<const JOSEPH: bool>(
         &mut self,
         system: &System<T>,
@@ -99,6 +100,7 @@ impl<T: Real> Covariances<'_, T> {
 
 /// The rows of one stage, last first: D and g, and P^- becomes P^+. `seen` is called with each row's P^-.
 #[inline(always)]
+#[doc(hidden)]
 pub fn measure_stage<T: Real, const JOSEPH: bool>(
     system: &System<T>,
     k: usize,

@@ -30,6 +30,7 @@ pub fn sweep<T: Real>(
 
 /// The rows of one stage, first to last: lambda^+ becomes lambda^- (4.11), `estimates` holds e^- on entry and a on return (4.9).
 #[inline(always)]
+#[doc(hidden)]
 pub fn through_stage<T: Real>(
     stage: &Stage<T>,
     measured: &[Measured<T>],

@@ -26,7 +26,7 @@ impl<T: Real> HingeMap<T> {
     /// x + H^T s.
     #[inline(always)]
     #[must_use]
-    pub fn spread_onto(&self, x: &Vector6<T>, s: T) -> Vector6<T> {
+    pub(crate) fn spread_onto(&self, x: &Vector6<T>, s: T) -> Vector6<T> {
         let mut y = *x;
         match *self {
             Self::Axis(i) => y[i] += s,
@@ -46,6 +46,7 @@ impl<T: Real> HingeMap<T> {
 
     /// P H^T.
     #[inline(always)]
+    #[doc(hidden)]
     pub fn covariance_column(&self, p: &Symmetric6<T>) -> Vector6<T> {
         match *self {
             Self::Axis(i) => p.column(i),
@@ -107,7 +108,7 @@ impl<T: Real> Stage<T> {
     /// H P^+ = 0 holds there to rounding only.
     #[inline(always)]
     #[must_use]
-    pub fn terms_left(&self, before: [T; 6], after: [T; 6]) -> [T; 6] {
+    pub(crate) fn terms_left(&self, before: [T; 6], after: [T; 6]) -> [T; 6] {
         let mixes = matches!(self.rows, Rows::One(HingeMap::Screw(_)));
         absolute(&if mixes { before } else { after }.into()).into()
     }

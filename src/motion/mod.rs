@@ -23,24 +23,24 @@
 //! [`Rollout::gradients`].
 
 #[cfg(feature = "adaptive")]
-pub mod adaptive;
+pub(crate) mod adaptive;
 mod backward;
 mod conserve;
 mod gradient;
-pub mod manifold;
-pub mod method;
-pub mod properties;
+pub(crate) mod manifold;
+pub(crate) mod method;
+pub(crate) mod properties;
 mod reverser;
-pub mod rollout;
-pub mod simulator;
+pub(crate) mod rollout;
+pub(crate) mod simulator;
 mod step;
 mod stepper;
 
 #[cfg(feature = "adaptive")]
-pub use adaptive::{Adaptive, Solver};
+pub use adaptive::{Adaptive, Failure, Solution, Solver, TorqueLaw};
 pub use conserve::Correction;
 pub use gradient::{RecordedRows, RolloutGradients};
 pub use method::{METHODS, Method};
-pub use properties::{Gains, Properties};
+pub use properties::{FRICTION_SPEED, Gains, Properties};
 pub use rollout::{Records, Rollout, Settings, StepFault, Torque};
 pub use simulator::Simulator;

@@ -15,7 +15,7 @@ use faer::{Mat, MatRef, Par, Side};
 use nalgebra::{Matrix6, Vector6};
 
 /// Dense composites beyond this many degrees of freedom are refused: 6N x 6N numbers at 300 are 26 MB.
-pub const DENSE_CAP: usize = 300;
+pub(crate) const DENSE_CAP: usize = 300;
 
 /// The composite matrices of a scene at one configuration; block rows base to tip, as in [`crate::operators`].
 #[derive(Debug, Clone)]

@@ -8,7 +8,7 @@ mod compose;
 #[cfg(feature = "dense")]
 pub mod dense;
 #[cfg(feature = "dense")]
-pub mod estimate_batch;
+mod estimate_batch;
 mod factor;
 mod sweeps;
 mod update;
@@ -106,6 +106,7 @@ impl Kind {
 
     /// Whether it is made of the covariances of the co-states, which a factor computes when they are first asked for.
     #[must_use]
+    #[doc(hidden)]
     pub fn needs_co_states(self) -> bool {
         matches!(self, Self::Lambda | Self::LambdaPlus)
     }

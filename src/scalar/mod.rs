@@ -15,15 +15,22 @@ mod precision;
 mod transposed;
 mod trigonometry;
 
+#[doc(hidden)]
 pub use columns::ColumnsOf;
+#[doc(hidden)]
 pub use counting::{Counted, Operations};
 pub use double_double::DoubleDouble;
 pub use dual::Dual;
+#[doc(hidden)]
 pub use fused::Fused;
+#[doc(hidden)]
 pub use instructions::Instructions;
+#[doc(hidden)]
 pub use lanes::Lanes;
+#[doc(hidden)]
 pub use precision::Precision;
 pub(crate) use transposed::MOST_LANES;
+#[doc(hidden)]
 pub use trigonometry::Circle;
 
 use nalgebra::{ClosedAddAssign, ClosedDivAssign, ClosedMulAssign, ClosedSubAssign, Scalar};

@@ -4,23 +4,25 @@
 //! reads files, `properties` and `payload` make changed scenes, [`configuration`] moves on the manifold of configurations, and `Scene` has the checked algorithms.
 
 mod assembly;
-pub mod builder;
+mod builder;
 mod checks;
-pub mod configuration;
-pub mod description;
+mod configuration;
+mod description;
 mod inertia_check;
 mod joint_check;
 mod lock;
 mod payload;
 pub(crate) mod properties;
 mod shared;
-pub mod spring;
+mod spring;
 #[cfg(feature = "urdf")]
-pub mod urdf;
+mod urdf;
 mod whole_check;
 
 pub use crate::joints::JointKind;
-pub use crate::model::{Body, Model, Motion, Omissions};
+pub use crate::model::Model;
+#[doc(hidden)]
+pub use crate::model::{Body, Motion, Omissions};
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
 pub use description::{Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneWarning};
@@ -183,6 +185,7 @@ impl Scene {
 
     /// The joint that moves body `body` of the model; none for a fixed one that was not merged.
     #[must_use]
+    #[doc(hidden)]
     pub fn joint_of_body(&self, body: usize) -> Option<&Joint> {
         self.joint_of_body.get(body).copied().flatten().map(|joint| &self.joints[joint])
     }

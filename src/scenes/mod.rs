@@ -2,7 +2,7 @@
 
 mod blueprint;
 pub(crate) mod draw;
-pub mod extreme;
+mod extreme;
 
 pub use extreme::{Extreme, extreme, names};
 

@@ -12,14 +12,17 @@ mod symmetric;
 pub(crate) mod transform;
 mod vector;
 
+#[doc(hidden)]
 pub use body_inertia::BodyInertia;
+#[doc(hidden)]
 pub use inertia_root::BodyRoot;
 pub(crate) use inertia_root::{inertia_root, join_roots, root_of_merged};
 pub use rigid_shift::RigidShift;
 pub(crate) use rigid_shift::rotate_block;
+#[doc(hidden)]
 pub use root::{Dropped, Root6, RootColumns, root_row};
 pub use symmetric::{Symmetric3, Symmetric6};
-pub use vector::{
-    SpatialVector, angular, cross, cross_force, cross_motion, dot, linear, scaled, scaled_add, skew, spatial, sum, zero,
-};
+pub use vector::{SpatialVector, angular, cross_force, cross_motion, linear, skew, spatial};
 pub(crate) use vector::{absolute, cross_add, from_rows, minus, product, row, sum3, times_each};
+#[doc(hidden)]
+pub use vector::{cross, dot, scaled, scaled_add, sum, zero};

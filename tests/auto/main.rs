@@ -13,10 +13,10 @@ use families::{Case, FAMILIES, STATES, case};
 use nalgebra::Vector6;
 #[cfg(feature = "urdf")]
 use phipsi::Scene;
-use phipsi::dynamics::{Accuracy, ESTIMATE_SPREAD};
 use phipsi::filter::Form;
 use phipsi::scalar::{DoubleDouble, Real};
 use phipsi::scene::Model;
+use phipsi::{Accuracy, ESTIMATE_SPREAD};
 use phipsi::{Algorithm, Arguments};
 use phipsi::{Error, Tally, Workspace, dynamics, scenes};
 

@@ -31,14 +31,17 @@ mod tangent;
 pub(crate) use adjoint::CoStates;
 pub use adjoint::Constants;
 pub(crate) use columns::DerivativeColumns;
+#[doc(hidden)]
 pub use coriolis::BodyCoriolis;
 pub use forward::forward_dynamics_derivatives;
 pub use hessian::{HessianScratch, forward_dynamics_hvp, inverse_dynamics_hvp};
 pub use inverse::{coriolis_matrix, inverse_dynamics_derivatives, mass_matrix_derivative};
 pub(crate) use inverse::{in_sweeps, with_transpose};
 pub(crate) use layout::{ConstantParts, GradientParts, constants_of, constants_width};
-pub use linear::linear_system;
-pub use parameters::{Parameters, inertia, of_body, of_link, parameters};
+pub(crate) use linear::linear_system;
+pub use parameters::{Parameters, of_body, of_link};
+#[doc(hidden)]
+pub use parameters::{inertia, parameters};
 pub(crate) use product::Product;
 pub use products::{
     ProductScratch, forward_dynamics_jvp, forward_dynamics_vjp, inverse_dynamics_jvp, inverse_dynamics_vjp,
