@@ -54,7 +54,7 @@ impl Products {
         if self.form().is_some() { "tau" } else { "qdd" }
     }
 
-    /// What the seed is, by the names of its vectors, (nv) each but where the third [goes on](Self::takes_constants).
+    /// What the seed is, by the names of its vectors, (nv) each but where the third goes on with changes of what is constant.
     #[must_use]
     pub fn seeds(self) -> &'static [&'static str] {
         match self {

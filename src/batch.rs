@@ -1,9 +1,23 @@
-//! Batches: one closure over many states, on one thread or several, with the same bits either way.
+//! Many states a call: as many at once as a register holds, with the same bits as one by one.
 //!
-//! States are independent, so a batch is handed out piece by piece to the threads that are free; which thread computes a
-//! piece changes nothing in it. Arguments broadcast by strides ([`Broadcast`]): a state that is shared is not copied.
-//! Scratch comes from a [`Pool`], so that the second call allocates none. With the feature `parallel`, `set_threads` says how many
-//! threads there are.
+//! An [`Evaluator`] has the kernels of one scene for the instructions of this processor ([`Arm`]) and their scratch; [`Scene::evaluate`](crate::Scene::evaluate) runs
+//! them on one thread. [`motion`](crate::motion) runs its batches on as many threads as `set_threads` says (feature `parallel`), and takes arguments that broadcast
+//! by strides ([`Broadcast`]): a state that is shared is not copied.
+//!
+//! ```
+//! use phipsi::{Algorithm, Arguments, Form};
+//! # fn main() -> Result<(), phipsi::Error> {
+//! let scene = phipsi::scenes::chain(7)?;
+//! let (q, qd, tau) = ([0.3; 7], [0.1; 7], [1.0; 7]);
+//! let states = [Arguments { q: &q, qd: &qd, u: &tau, ..Arguments::default() }; 100];
+//! let mut qdd = [f64::NAN; 700];
+//! let mut evaluator = scene.evaluator(); // scratch: one for each thread
+//! let done = scene.evaluate(&mut evaluator, Algorithm::ForwardDynamics(Form::Auto), &states, &mut qdd);
+//! done.map_err(|fault| fault.error)?; // `fault.state` is the index of the state at fault
+//! assert_eq!(qdd[..7], qdd[693..]);
+//! # Ok(())
+//! # }
+//! ```
 
 pub(crate) mod accelerations;
 #[cfg(target_arch = "x86_64")]
@@ -61,8 +75,7 @@ enum Steps {
 }
 
 impl<'a, P> Broadcast<'a, P> {
-    /// States of `width` numbers, row-major over the leading axes `leading`, seen over the axes `batch` (from
-    /// [`broadcast_axes`]).
+    /// States of `width` numbers, row-major over the leading axes `leading`, seen over the axes `batch`: the rule is NumPy's.
     ///
     /// # Errors
     ///

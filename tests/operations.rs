@@ -8,7 +8,7 @@ use phipsi::batch::Arm;
 use phipsi::batch::Evaluator;
 use phipsi::dynamics::InverseScratch;
 use phipsi::dynamics::{self, Estimate, EstimateCovariance, EstimateScratch, Measurements};
-use phipsi::filter::pivots::Scale;
+use phipsi::filter::Scale;
 use phipsi::filter::riccati::{self, Measured};
 use phipsi::filter::rounding::{self, Reach, Swept, Weighed};
 use phipsi::filter::square_root::{self, Mean, Roots};

@@ -146,7 +146,7 @@ impl<T: Real> PivotMonitor<T> {
         self.worst
     }
 
-    /// Whether every pivot of one lane stood clear of the bound; where not, [`first_lost`] is to judge.
+    /// Whether every pivot of one lane stood clear of the bound; where not, [`Workspace::lost_pivot`](crate::Workspace::lost_pivot) judges.
     #[inline(always)]
     #[must_use]
     pub fn clear(&self, lane: usize) -> bool {
@@ -175,7 +175,6 @@ pub struct LostPivot {
 
 /// What the judge looks at: the arrays of the recursion after the sweep.
 #[derive(Debug, Clone, Copy)]
-#[doc(hidden)]
 pub struct Evidence<'a, T: Real> {
     /// phi of each stage to its parent.
     pub shift: &'a [RigidShift<T>],

@@ -1,4 +1,19 @@
 //! The Riccati recursion (3.6, 3.10), covariance form.
+//!
+//! ```
+//! use nalgebra::Matrix3;
+//! use phipsi::filter::{HingeMap, riccati};
+//! use phipsi::spatial::{Symmetric3, Symmetric6};
+//!
+//! let one = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+//! let mut p = Symmetric6 { angular: one, coupling: Matrix3::zeros(), linear: one };
+//! // One measurement of component 2, without noise: nothing of its variance is left.
+//! let measured = riccati::measurement_update(&mut p, &HingeMap::Axis(2), 0.0);
+//! assert_eq!((measured.pivot, measured.gain[2]), (1.0, 1.0));
+//! assert_eq!(p.diagonal().as_slice(), [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]);
+//! ```
+//!
+//! The sweep over a tree is in the example of [`filter`](super).
 
 use super::pivots::{PivotMonitor, Scale};
 use super::system::{HingeMap, Rows, System};

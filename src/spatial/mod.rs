@@ -3,6 +3,17 @@
 //! A spatial vector is a nalgebra `Vector6`, angular part first: a force is (moment, force), a motion (angular, linear).
 //! The kernels name their components instead of multiplying 6x6 matrices: phi is a rotation and a lever, P and M are
 //! symmetric, and what is zero by construction is not computed.
+//!
+//! ```
+//! use nalgebra::{Matrix3, Vector3};
+//! use phipsi::spatial::{RigidShift, angular, spatial};
+//!
+//! // A force of 2 N along y at a point 0.5 m along x has a moment about the origin.
+//! let shift = RigidShift { rotation: Matrix3::identity(), lever: Vector3::new(0.5, 0.0, 0.0) };
+//! let force = spatial(&Vector3::zeros(), &Vector3::new(0.0, 2.0, 0.0));
+//! assert_eq!(angular(&shift.force_to_parent(&force)), Vector3::new(0.0, 0.0, 1.0));
+//! assert_eq!(shift.compose(&shift.inverse()), RigidShift::identity());
+//! ```
 
 mod body_inertia;
 mod inertia_root;

@@ -8,6 +8,23 @@
 //! parent seen at j, the velocity that k feels changes by Psi1 = `V_p` x s and its acceleration by Psi2 = `A_p` x s + `V_p` x Psi1, but for what is
 //! carried along. Forces that are handed inward from j change in addition by s x* F, for a frame that moved carries them.
 //! Everything is in body frames, where digits do not depend on how far from the base's origin a robot is.
+//!
+//! ```
+//! use phipsi::Workspace;
+//! use phipsi::dynamics::derivatives::{DerivativeScratch, inverse_dynamics_derivatives};
+//! # fn main() -> Result<(), phipsi::Error> {
+//! let scene = phipsi::scenes::chain(3)?;
+//! let mut scratch = DerivativeScratch::new(scene.model());
+//! let mut out = [f64::NAN; 27]; // dtau/dq, dtau/dqd and M, row by row
+//! inverse_dynamics_derivatives(scene.model(), &mut scratch, &[0.3; 3], &[0.1; 3], &[1.0; 3], &[], &mut out);
+//!
+//! // As `Scene` does it, with the compiled kernels and all arguments checked.
+//! let mut checked = [f64::NAN; 27];
+//! scene.inverse_dynamics_derivatives(&mut scene.workspace(), &[0.3; 3], &[0.1; 3], &[1.0; 3], &[], &mut checked)?;
+//! assert!(out.iter().zip(&checked).all(|(a, b)| (a - b).abs() <= 1e-12));
+//! # Ok(())
+//! # }
+//! ```
 
 mod adjoint;
 mod column;
