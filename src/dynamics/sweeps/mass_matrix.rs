@@ -30,7 +30,7 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     carriers(sweeps, scratch, columns.like(), q);
     let SweepScratch { own, shifts, composites, .. } = scratch;
     let system = &model.system;
-    // What goes to the body whose turn is next stays in registers.
+    // Of one state, what goes to the body whose turn is next stays in registers; lanes gain nothing by it.
     let (mut sent, mut is_next) = (composites[0], false);
     for (place, (body, own)) in sweeps.swept().iter().zip(own).enumerate().rev() {
         let arrived = if is_next { sent } else { composites[body.places.inward] };
@@ -71,7 +71,7 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
         if body.parent.is_some() {
             let to = &mut composites[body.places.parent_inward];
             sent = if body.places.arrives_first { carried } else { to.add(&carried) };
-            is_next = body.places.parent == place;
+            is_next = T::LANES == 1 && body.places.parent == place;
             if !is_next {
                 *to = sent;
             }
