@@ -75,7 +75,7 @@ enum Steps {
 }
 
 impl<'a, P> Broadcast<'a, P> {
-    /// States of `width` numbers, row-major over the leading axes `leading`, seen over the axes `batch`: the rule is NumPy's.
+    /// States of `width` numbers, row-major over the leading axes `leading`, seen over the axes `batch`: broadcast as arrays of `NumPy` do.
     ///
     /// # Errors
     ///
