@@ -9,7 +9,7 @@ mod gate;
 
 use common::{arguments, model, states};
 use gate::{ALGORITHMS, SCENES};
-use phipsi::batch::arms::Arm;
+use phipsi::batch::Arm;
 use phipsi::{Algorithm, Scene};
 use std::hint::black_box;
 

@@ -6,8 +6,8 @@
 mod common;
 
 use common::{arguments, batch_of, robot, states};
-use phipsi::batch::arms::{ARMS, Arm, Target, Vectorised, Work};
-use phipsi::batch::evaluator::Evaluator;
+use phipsi::batch::Evaluator;
+use phipsi::batch::{ARMS, Arm, Target, Vectorised, Work};
 use phipsi::report::operations::{Task, count, footprint};
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 use phipsi::scalar::Lanes;

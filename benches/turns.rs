@@ -12,8 +12,8 @@
 mod common;
 
 use common::{ALGORITHMS, KINDS, Kind, State, arguments, batch_of, median_ns, model, states, states_of};
-use phipsi::batch::arms::{ARMS, Arm};
-use phipsi::batch::evaluator::Evaluator;
+use phipsi::batch::Evaluator;
+use phipsi::batch::{ARMS, Arm};
 use phipsi::filter::FORMS;
 use phipsi::{Algorithm, Derivatives, Scene};
 use std::collections::HashMap;

@@ -12,8 +12,7 @@ pub struct Accuracy {
     /// The estimated error of the largest acceleration, in its unit (rad/s^2 or m/s^2), or NaN where there is no estimate: in Joseph's
     /// form, and where a pivot is lost.
     ///
-    /// An estimate, by one or two more right sides (see [`cancellation`](crate::filter::cancellation) and
-    /// [`rounding`](crate::filter::rounding)): as a rule five to ten times the true error; [`ESTIMATE_SPREAD`] says how far it may be below. What is
+    /// An estimate, by one or two more right sides: as a rule five to ten times the true error; [`ESTIMATE_SPREAD`] says how far it may be below. What is
     /// rounded before the sweeps, in phi and in b, is the same in every form and not in it.
     pub error: f64,
 }

@@ -49,11 +49,12 @@ pub enum Products {
 impl Products {
     /// What u is.
     #[must_use]
+    #[doc(hidden)]
     pub fn third(self) -> &'static str {
         if self.form().is_some() { "tau" } else { "qdd" }
     }
 
-    /// What the seed is, by the names of its vectors, (nv) each but where the third [goes on](Self::takes_constants).
+    /// What the seed is, by the names of its vectors, (nv) each but where the third goes on with changes of what is constant.
     #[must_use]
     pub fn seeds(self) -> &'static [&'static str] {
         match self {
@@ -65,18 +66,19 @@ impl Products {
 
     /// Whether it goes along changes of what is constant too.
     #[must_use]
-    pub fn takes_constants(self) -> bool {
+    pub(crate) fn takes_constants(self) -> bool {
         matches!(self, Self::InverseTangents | Self::ForwardTangents(_))
     }
 
     /// Whether it gives the gradients by what is constant too.
     #[must_use]
-    pub fn gives_constants(self) -> bool {
+    pub(crate) fn gives_constants(self) -> bool {
         matches!(self, Self::InverseGradients | Self::ForwardGradients(_))
     }
 
     /// How many vectors, (nv) each, of a state it gives.
     #[must_use]
+    #[doc(hidden)]
     pub fn count(self) -> usize {
         4 - self.seeds().len()
     }
@@ -110,6 +112,7 @@ pub enum Derivatives {
 impl Derivatives {
     /// What u is; none is taken where there is no name.
     #[must_use]
+    #[doc(hidden)]
     pub fn third(self) -> Option<&'static str> {
         match self {
             Self::InverseDynamics => Some("qdd"),
@@ -120,6 +123,7 @@ impl Derivatives {
 
     /// How many matrices.
     #[must_use]
+    #[doc(hidden)]
     pub fn count(self) -> usize {
         if self.third().is_some() { 3 } else { 1 }
     }

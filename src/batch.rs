@@ -1,18 +1,32 @@
-//! Batches: one closure over many states, on one thread or several, with the same bits either way.
+//! Many states a call: as many at once as a register holds, with the same bits as one by one.
 //!
-//! States are independent, so a batch is handed out piece by piece to the threads that are free; which thread computes a
-//! piece changes nothing in it. Arguments broadcast by strides ([`Broadcast`]): a state that is shared is not copied.
-//! Scratch comes from a [`Pool`], so that the second call allocates none. With the feature `parallel`, `set_threads` says how many
-//! threads there are.
+//! An [`Evaluator`] has the kernels of one scene for the instructions of this processor ([`Arm`]) and their scratch; [`Scene::evaluate`](crate::Scene::evaluate) runs
+//! them on one thread. [`motion`](crate::motion) runs its batches on as many threads as `set_threads` says (feature `parallel`), and takes arguments that broadcast
+//! by strides ([`Broadcast`]): a state that is shared is not copied.
+//!
+//! ```
+//! use phipsi::{Algorithm, Arguments, Form};
+//! # fn main() -> Result<(), phipsi::Error> {
+//! let scene = phipsi::scenes::chain(7)?;
+//! let (q, qd, tau) = ([0.3; 7], [0.1; 7], [1.0; 7]);
+//! let states = [Arguments { q: &q, qd: &qd, u: &tau, ..Arguments::default() }; 100];
+//! let mut qdd = [f64::NAN; 700];
+//! let mut evaluator = scene.evaluator(); // scratch: one for each thread
+//! let done = scene.evaluate(&mut evaluator, Algorithm::ForwardDynamics(Form::Auto), &states, &mut qdd);
+//! done.map_err(|fault| fault.error)?; // `fault.state` is the index of the state at fault
+//! assert_eq!(qdd[..7], qdd[693..]);
+//! # Ok(())
+//! # }
+//! ```
 
 pub(crate) mod accelerations;
 #[cfg(target_arch = "x86_64")]
 mod accuracy;
-pub mod arms;
-pub mod chunk;
+pub(crate) mod arms;
+pub(crate) mod chunk;
 mod compiled;
 pub(crate) mod derivatives;
-pub mod evaluator;
+pub(crate) mod evaluator;
 mod everyday;
 mod finite;
 pub(crate) mod products;
@@ -23,6 +37,11 @@ mod work_queue;
 
 #[cfg(feature = "parallel")]
 pub use threads::{set_threads, threads};
+
+pub use arms::{ARMS, Arm};
+#[doc(hidden)]
+pub use arms::{Target, Vectorised, Work};
+pub use evaluator::{Evaluated, Evaluator};
 
 use crate::error::Error;
 use crate::watch;
@@ -56,8 +75,7 @@ enum Steps {
 }
 
 impl<'a, P> Broadcast<'a, P> {
-    /// States of `width` numbers, row-major over the leading axes `leading`, seen over the axes `batch` (from
-    /// [`broadcast_axes`]).
+    /// States of `width` numbers, row-major over the leading axes `leading`, seen over the axes `batch`: broadcast as arrays of `NumPy` do.
     ///
     /// # Errors
     ///
@@ -123,6 +141,7 @@ impl<'a, P> Broadcast<'a, P> {
 /// # Errors
 ///
 /// [`Error::Shape`] naming the first argument that does not fit those before it.
+#[doc(hidden)]
 pub fn broadcast_axes<'a>(arguments: impl IntoIterator<Item = (&'a str, &'a [usize])>) -> Result<Vec<usize>, Error> {
     let mut batch: Vec<usize> = Vec::new();
     let mut before: Vec<&str> = Vec::new();
@@ -155,6 +174,7 @@ pub fn broadcast_axes<'a>(arguments: impl IntoIterator<Item = (&'a str, &'a [usi
 
 /// A shape as Python writes it.
 #[must_use]
+#[doc(hidden)]
 pub fn shape_text(shape: &[usize]) -> String {
     match shape {
         [one] => format!("({one},)"),
@@ -172,6 +192,7 @@ fn leading_text(leading: &[usize]) -> String {
 /// Taking and giving back never wait: a thread that finds the pool in use makes its own scratch and drops it afterwards.
 /// (A process forked while another thread held the lock would wait for ever.)
 #[derive(Debug)]
+#[doc(hidden)]
 pub struct Pool<S> {
     /// Boxed: scratch is large, and would be moved twice a call.
     idle: Mutex<Vec<Box<S>>>,
@@ -204,6 +225,7 @@ impl<S> Pool<S> {
 
 /// A batch to run: how many states, how long each takes, and where scratch comes from.
 #[derive(Debug)]
+#[doc(hidden)]
 pub struct Batch<'a, S, M> {
     /// Number of states.
     pub states: usize,

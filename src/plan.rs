@@ -13,7 +13,7 @@ use std::collections::HashSet;
 pub struct Omission {
     /// What, in a few words.
     pub what: &'static str,
-    /// The switch of [`Omissions`] that turns it off; none where there is one way to compute only.
+    /// The name of the switch that turns it off; none where there is one way to compute only.
     pub switch: Option<&'static str>,
     /// How many.
     pub count: usize,

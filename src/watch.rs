@@ -3,6 +3,22 @@
 //! [`during`] does some work and has the calling thread look around, some twenty times a second, whether to go on. The work asks by
 //! [`check`] between its pieces; once the answer is no, every thread that works for it gets [`Error::Interrupted`] from its next check.
 //! Without a watch a check costs a load; with one it reads the clock, so that pieces are of some microseconds or more.
+//!
+//! ```
+//! use phipsi::{Error, watch};
+//! use std::sync::atomic::{AtomicBool, Ordering};
+//!
+//! static STOP: AtomicBool = AtomicBool::new(false);
+//!
+//! STOP.store(true, Ordering::Relaxed); // by another thread, or a signal
+//! let outcome = watch::during(|| STOP.load(Ordering::Relaxed), || loop {
+//!     // A rollout, samples, a batch: they ask by themselves.
+//!     if let Err(error) = watch::check() {
+//!         break error;
+//!     }
+//! });
+//! assert_eq!(outcome, Error::Interrupted);
+//! ```
 
 use crate::error::Error;
 use std::cell::RefCell;
@@ -11,7 +27,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Between two looks.
-pub const PERIOD: Duration = Duration::from_millis(50);
+pub(crate) const PERIOD: Duration = Duration::from_millis(50);
 
 /// What a thread knows of the watch that it works under.
 #[derive(Debug, Clone)]

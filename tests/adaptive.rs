@@ -3,8 +3,8 @@
 mod common;
 
 use common::{Random, Tree, random_state, tolerance};
-use phipsi::motion::adaptive::{Failure, Solution};
 use phipsi::motion::{Adaptive, Gains, Method, Rollout, Settings, Solver, Torque};
+use phipsi::motion::{Failure, Solution};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::Symmetric3;
 use phipsi::{Error, Scene};

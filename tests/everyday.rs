@@ -7,7 +7,7 @@ use common::oracle::{D, Instant, Oracle, d, ds};
 use common::tolerance::{self, STEP, assert_close, assert_near, size, to_f64};
 use common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_state};
 use nalgebra::{DMatrix, Matrix3, Vector3};
-use phipsi::api::TaskFrame;
+use phipsi::TaskFrame;
 use phipsi::kinematics::{AccelerationKind, Frame, ReferenceFrame};
 use phipsi::scene::SceneBuilder;
 use phipsi::spatial::RigidShift;

@@ -8,9 +8,9 @@ use common::lanes::{
 };
 use common::{ALL_KINDS, Random, Tree, tolerance};
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use phipsi::batch::evaluator::Evaluator;
+use phipsi::batch::Evaluator;
 use phipsi::filter::Form;
-use phipsi::kinematics::frame::REFERENCE_FRAMES;
+use phipsi::kinematics::REFERENCE_FRAMES;
 use phipsi::kinematics::{AccelerationKind, Frame};
 use phipsi::scalar::{Fused, Real};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};

@@ -7,8 +7,8 @@ use common::lanes::{
     ALGORITHMS, State, aligned, arguments, arms, evaluate, forces, on_a_large_stack, plainly, states, trees,
 };
 use common::tolerance::{self, Conditioning, assert_near, conditioning};
-use phipsi::batch::arms::Arm;
-use phipsi::batch::evaluator::Evaluator;
+use phipsi::batch::Arm;
+use phipsi::batch::Evaluator;
 use phipsi::filter::Form;
 use phipsi::scalar::{Instructions, Lanes, Real};
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};

@@ -5,7 +5,7 @@ mod common;
 
 use common::{ALL_KINDS, Random, Tree, random_state, tolerance};
 use phipsi::batch::Broadcast;
-use phipsi::batch::arms::{ARMS, Arm};
+use phipsi::batch::{ARMS, Arm};
 use phipsi::dynamics;
 use phipsi::filter::Form;
 use phipsi::kinematics::coordinate_rates;

@@ -4,11 +4,11 @@ mod common;
 
 use common::{ALL_KINDS, Random, random_scene, random_state};
 use nalgebra::Vector6;
-use phipsi::batch::arms::Arm;
-use phipsi::batch::evaluator::Evaluator;
-use phipsi::dynamics::mass_inverse::InverseScratch;
+use phipsi::batch::Arm;
+use phipsi::batch::Evaluator;
+use phipsi::dynamics::InverseScratch;
 use phipsi::dynamics::{self, Estimate, EstimateCovariance, EstimateScratch, Measurements};
-use phipsi::filter::pivots::Scale;
+use phipsi::filter::Scale;
 use phipsi::filter::riccati::{self, Measured};
 use phipsi::filter::rounding::{self, Reach, Swept, Weighed};
 use phipsi::filter::square_root::{self, Mean, Roots};

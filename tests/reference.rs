@@ -8,7 +8,7 @@ use common::tolerance::{self, assert_close, assert_near, assert_near_double, con
 use common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_state};
 use nalgebra::{DMatrix, Matrix3, Vector3, Vector6};
 use phipsi::dynamics;
-use phipsi::dynamics::mass_inverse::InverseScratch;
+use phipsi::dynamics::InverseScratch;
 use phipsi::kinematics::ReferenceFrame;
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Model, SceneBuilder};
 use phipsi::spatial::{RigidShift, Symmetric3};

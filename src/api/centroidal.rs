@@ -13,7 +13,7 @@ impl Scene {
         centroidal::total_mass(self.model())
     }
 
-    /// The mass centre of all links that move, from the base's origin and in its axes, m: see [`centroidal::center_of_mass`].
+    /// The mass centre of all links that move, from the base's origin and in its axes, m: mass and first moment, tip to base.
     ///
     /// `q` (nq). O(N), without allocation, as all of these.
     ///
@@ -84,7 +84,7 @@ impl Scene {
     }
 
     /// The centroidal momentum matrix A, (6 x nv) row by row: the momentum (angular about the mass centre, linear) of all links in the base's axes is
-    /// A qd. Rotors add nothing: see [`centroidal::centroidal_momentum_matrix`].
+    /// A qd. Rotors add nothing. Column j is the momentum of all bodies outboard of joint k, as one, at a unit rate.
     ///
     /// # Errors
     ///

@@ -89,8 +89,7 @@ impl Scene {
         self.run_one(workspace, None, Algorithm::Derivatives(Derivatives::MassMatrix), &state, out)
     }
 
-    /// A (2nv x 2nv) and B (2nv x nv) of dx/dt = A x + B u, x = (d, change of qd), for small deviations q (+) d from the motion through one state: see
-    /// [`derivatives::linear_system`].
+    /// A (2nv x 2nv) and B (2nv x nv) of dx/dt = A x + B u, x = (d, change of qd), for small deviations q (+) d from the motion through one state.
     ///
     /// Arguments as in [`Scene::forward_dynamics_derivatives`]; both results row by row.
     ///

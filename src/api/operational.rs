@@ -144,6 +144,7 @@ impl Scene {
     /// # Errors
     ///
     /// [`Error::Argument`] or [`Error::NotFinite`], naming the link.
+    #[doc(hidden)]
     pub fn check_task(&self, frames: &[TaskFrame<'_>]) -> Result<(), Error> {
         some_link(frames)?;
         frames.iter().try_for_each(|task| self.frame(task).map(|_| ()))

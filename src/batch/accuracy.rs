@@ -2,8 +2,8 @@
 
 use super::Fault;
 use super::evaluator::{Evaluated, Evaluator};
+use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments};
-use crate::dynamics::Accuracy;
 use crate::error::Error;
 use crate::filter::Form;
 use crate::scene::Scene;

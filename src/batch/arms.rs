@@ -36,7 +36,7 @@ pub const ARMS: [(&str, Arm); 4] =
     [("baseline", Arm::Baseline), ("avx2", Arm::Avx2), ("avx512", Arm::Avx512), ("neon", Arm::Neon)];
 
 impl Arm {
-    /// The name, as [`VARIABLE`] takes it.
+    /// The name, as the environment variable `PHIPSI_ARM` takes it.
     #[must_use]
     pub fn name(self) -> &'static str {
         ARMS.iter().find(|(_, arm)| *arm == self).map_or("", |(name, _)| name)
@@ -68,7 +68,7 @@ impl Arm {
         }
     }
 
-    /// The arm of this process: what [`VARIABLE`] names if that can run here, else the widest that can.
+    /// The arm of this process: what the environment variable `PHIPSI_ARM` names if that can run here, else the widest that can.
     ///
     /// A build with debug assertions picks the baseline unless told otherwise: without optimisation the kernels of the lanes need
     /// more stack than a thread has.

@@ -75,7 +75,7 @@ impl<T: Vectorised> Chunk<T> {
 impl<T: Vectorised> Chunk<T> {
     /// As [`Chunks::lanes`](crate::algorithm::Chunks::lanes).
     #[must_use]
-    pub fn lanes(&self) -> usize {
+    pub fn lanes() -> usize {
         T::LANES
     }
 

@@ -31,7 +31,7 @@ macro_rules! compiled {
 
             impl Chunks<Number> for Compiled {
                 fn lanes(&self) -> usize {
-                    self.0.lanes()
+                    Chunk::<$scalar>::lanes()
                 }
 
                 fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, Number>], out: &mut [Number]) -> u64 {

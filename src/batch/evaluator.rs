@@ -3,8 +3,8 @@
 use super::Fault;
 use super::arms::Arm;
 use super::compiled;
+use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments, Chunks, Everyday};
-use crate::dynamics::Accuracy;
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::error::{Error, check_length};
 use crate::filter::Form;
@@ -54,6 +54,7 @@ impl<P> Chunks<P> for Doubts {
 /// A kind of number that states can be given in.
 pub trait Evaluated: Precision {
     /// The kernels of an arm that this processor has.
+    #[doc(hidden)]
     fn kernels(arm: Arm, scene: &Scene) -> Kernels<Self>;
 }
 
@@ -158,6 +159,7 @@ impl<P: Evaluated> Evaluator<P> {
 
     /// The kernel alone, on one state or at most as many as there are lanes, of equal shapes: no lengths are checked. Results one
     /// after another in `out`; the bits of the result are the states in doubt, which [`Scene::evaluate`] would do again.
+    #[doc(hidden)]
     pub fn run(&mut self, algorithm: Algorithm, states: &[Arguments<'_, P>], out: &mut [P]) -> u64 {
         self.kernels.run(algorithm, states, out)
     }

@@ -37,7 +37,7 @@ pub struct Measurements<'a, T: Real> {
 impl<T: Real> Measurements<'_, T> {
     /// Whether degree of freedom `row` is measured.
     #[must_use]
-    pub fn is_measured(&self, row: usize) -> bool {
+    pub(crate) fn is_measured(&self, row: usize) -> bool {
         self.noise[row].lane(0) < f64::INFINITY
     }
 }

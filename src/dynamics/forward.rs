@@ -18,7 +18,7 @@ use nalgebra::Vector6;
 ///
 /// `q` (nq), `qd`, `tau`, `qdd` (nv) are one state, SI units; `wrenches` is empty or holds a spatial force a body, in that
 /// body's frame at its origin, acting on it. P is carried as the workspace's form says. About 810 operations a one-axis joint
-/// in the covariance form, as [`report::operations`](crate::report::operations) counts them. Where [`Workspace::lost_pivot`] finds
+/// in the covariance form, as they are counted. Where [`Workspace::lost_pivot`] finds
 /// one with the returned monitor, `qdd` means nothing.
 pub fn forward_dynamics<T: Real>(
     model: &Model<T>,

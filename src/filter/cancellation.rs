@@ -24,7 +24,7 @@
 //! - of the bias, `nu(k)_i b(k)_i`: the body's own weight, velocity effects and wrench.
 //!
 //! It is an estimate, not a bound: as a rule five to ten times the true error in the max norm of all rows. The weights of one right side
-//! may cancel: what is not far from doubt is looked at again with others (by [`auto`](crate::dynamics::auto)). What neither sees: errors made before the sweep (in phi, in velocities, in b), which every form
+//! may cancel: what is not far from doubt is looked at again with others (by `dynamics::auto`). What neither sees: errors made before the sweep (in phi, in velocities, in b), which every form
 //! shares; a component that is small beside the largest; in float32, squares of what is below 1e-19.
 
 use super::riccati::Measured;

@@ -1,4 +1,17 @@
 //! Covariance of the co-states, Lambda (5.6, 5.7).
+//!
+//! ```
+//! use nalgebra::Matrix3;
+//! use phipsi::filter::{HingeMap, covariance, riccati};
+//! use phipsi::spatial::{Symmetric3, Symmetric6};
+//!
+//! let one = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+//! let mut p = Symmetric6 { angular: one, coupling: Matrix3::zeros(), linear: one };
+//! let measured = riccati::measurement_update(&mut p, &HingeMap::Axis(2), 0.0);
+//! // Nothing is known inboard of the root, so the co-state outboard of its joint varies about the axis alone, by 1 / D.
+//! let (lambda, _) = covariance::row_update(&Symmetric6::zero(), &HingeMap::Axis(2), &measured);
+//! assert_eq!(lambda.diagonal().as_slice(), [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
+//! ```
 
 use super::riccati::Measured;
 use super::system::{HingeMap, System};

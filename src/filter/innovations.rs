@@ -1,4 +1,23 @@
 //! The filter (4.4 to 4.6) and its open-loop and adjoint relatives: what the measurements add to the prediction.
+//!
+//! ```
+//! use nalgebra::Vector6;
+//! use phipsi::filter::innovations;
+//! use phipsi::filter::{HingeMap, Rows, Stage, System};
+//!
+//! // Two stages, each measured once without noise: component 2 of its state.
+//! let stage = |parent, first_row| Stage { parent, rows: Rows::One(HingeMap::Axis(2)), first_row };
+//! let system = System { stages: vec![stage(None, 0), stage(Some(0), 1)], noise: vec![0.0; 2] };
+//! use phipsi::spatial::RigidShift;
+//!
+//! // Open loop: what the torques would be if the states had these means and no noise.
+//! let shift = [RigidShift::identity(); 2];
+//! let (mut z, mut predicted) = ([Vector6::repeat(1.0); 2], [f64::NAN; 2]);
+//! innovations::predict(&system, &shift, &mut z, &mut predicted);
+//! assert_eq!(predicted, [2.0, 1.0]);
+//! ```
+//!
+//! The closed loop is in the example of [`filter`](super).
 
 use super::riccati::Measured;
 use super::system::{HingeMap, Stage, System};
@@ -11,6 +30,7 @@ use std::ops::Range;
 ///
 /// `z` holds b(k) plus what the children sent; `innovations` receives e^- of each row.
 #[inline(always)]
+#[doc(hidden)]
 pub fn step<T: Real>(
     system: &System<T>,
     k: usize,
@@ -30,6 +50,7 @@ pub fn step<T: Real>(
 
 /// The rows of one stage, last first: z^- becomes z^+ (4.5), `innovations` receives e^- (4.2).
 #[inline(always)]
+#[doc(hidden)]
 pub fn through_stage<T: Real>(
     (system, k): (&System<T>, usize),
     measured: &[Measured<T>],
@@ -57,6 +78,7 @@ pub fn through_stage<T: Real>(
 ///
 /// What measurements that see nothing else leave of x. Nine products a row.
 #[inline(always)]
+#[doc(hidden)]
 pub fn past_rows<T: Real>(stage: &Stage<T>, measured: &[Measured<T>], rows: Range<usize>, x: &mut Vector6<T>) {
     for i in rows.rev() {
         *x = scaled_add(&measured[stage.first_row + i].gain, -stage.rows.row(i).project(x), x);

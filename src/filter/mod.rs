@@ -3,20 +3,53 @@
 //! The system: stage k carries a state z(k) of six numbers. States run inward along a tree, from the leaves (tips) to
 //! the root (base), `z^-(k) = sum over children c of phi(k,c) z^+(c) + b(k)` with process noise of covariance Q(k), and
 //! each stage is measured by a few scalar rows, `tau = H z^- + v`, v of variance r (often zero). The files are the paper's
-//! sections: [`system`] is section 1, [`riccati`] section 3 ([`pivots`] says where its pivots are lost), [`innovations`] and [`smoother`] section 4, [`covariance`] section 5, and
+//! sections: [`system`] is section 1, [`riccati`] section 3 ([`PivotMonitor`] says whether its pivots mean anything), [`innovations`] and [`smoother`] section 4, [`covariance`] section 5, and
 //! [`smoothed`] the covariances of section 2 by way of it. A row whose noise is infinite is not measured: its gain is zero.
+//!
+//! ```
+//! use nalgebra::{Matrix3, Vector6};
+//! use phipsi::filter::riccati::{self, Covariances, Measured};
+//! use phipsi::filter::{HingeMap, Rows, Scale, Stage, System, innovations, smoother};
+//! use phipsi::spatial::{RigidShift, Symmetric3, Symmetric6};
+//!
+//! // Two stages, each measured once without noise: component 2 of its state.
+//! let stage = |parent, first_row| Stage { parent, rows: Rows::One(HingeMap::Axis(2)), first_row };
+//! let system = System { stages: vec![stage(None, 0), stage(Some(0), 1)], noise: vec![0.0; 2] };
+//! let shift = [RigidShift { rotation: Matrix3::identity(), lever: [0.5, 0.0, 0.0].into() }; 2];
+//! let one = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+//! let noise = Symmetric6 { angular: one, coupling: Matrix3::zeros(), linear: one };
+//!
+//! // Tip to base: covariances, pivots D and gains g (3.6, 3.10).
+//! let (mut p, mut scale, mut measured) = ([noise; 2], [Scale::filled(6.0); 2], [Measured::filled(f64::NAN); 2]);
+//! let mut covariances = Covariances { shift: &shift, p: &mut p, scale: &mut scale, measured: &mut measured };
+//! let monitor = riccati::sweep(&system, &mut covariances, |_row, _p_minus| {});
+//! assert!(monitor.clear(0));
+//! // The tip brings its force across the lever: D of the base is 1 + 0.5^2.
+//! assert!((measured[1].pivot - 1.0).abs() < 1e-15 && (measured[0].pivot - 1.25).abs() < 1e-15);
+//!
+//! // Tip to base: what the measurements add to the prediction; base to tip: the smoothed estimates.
+//! let (mut z, mut estimates) = ([Vector6::zeros(); 2], [f64::NAN; 2]);
+//! innovations::sweep(&system, &shift, &measured, &[1.0, 2.0], &mut z, &mut estimates);
+//! let mut co_state = [Vector6::zeros(); 2];
+//! smoother::sweep(&system, &shift, &measured, &mut co_state, &mut estimates);
+//! assert!(estimates.iter().all(|a| a.is_finite()));
+//! ```
 
+#[doc(hidden)]
 pub mod cancellation;
 pub mod covariance;
-pub mod forms;
+mod forms;
 pub mod innovations;
-pub mod pivots;
+pub(crate) mod pivots;
 pub mod riccati;
+#[doc(hidden)]
 pub mod rounding;
 pub mod smoothed;
 pub mod smoother;
+#[doc(hidden)]
 pub mod square_root;
 pub mod system;
 
 pub use forms::{FORMS, Form};
+pub use pivots::{LostPivot, PivotMonitor, Scale};
 pub use system::{HingeMap, Rows, Stage, System};

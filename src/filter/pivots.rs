@@ -11,12 +11,12 @@ use crate::spatial::{RigidShift, Symmetric6};
 use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// How many times the rounding of its terms a pivot must exceed.
-pub const PIVOT_MARGIN: f64 = 64.0;
+pub(crate) const PIVOT_MARGIN: f64 = 64.0;
 
 /// How far a pivot may be below the bound of its terms, so that one set of weights may say what was lost: five digits of D.
 ///
 /// Weights that cancel see nothing of a row that has lost ten. Chains of slender rods come to 8e4, robots to 1e4.
-pub const SINGLE_LOOK_REACH: f64 = 1e5;
+pub(crate) const SINGLE_LOOK_REACH: f64 = 1e5;
 
 /// A bound on the terms that form any angular, and any linear, diagonal entry of P^- of one stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,6 +37,7 @@ impl<T: Real> Scale<T> {
     /// The bound of a stage's own process noise, from the terms of its diagonal.
     #[inline(always)]
     #[must_use]
+    #[doc(hidden)]
     pub fn of_noise(terms: &Vector6<T>) -> Self {
         Self { angular: terms[0] + terms[1] + terms[2], linear: terms[3] + terms[4] + terms[5] }
     }
@@ -45,7 +46,7 @@ impl<T: Real> Scale<T> {
     /// blocks, |R| |A| |R| <= a, the lever's terms <= a + 2 |l|^2 b, and as much again for what measurements subtract.
     #[inline(always)]
     #[must_use]
-    pub fn sent_by(p: &Symmetric6<T>, shift: &RigidShift<T>) -> Self {
+    pub(crate) fn sent_by(p: &Symmetric6<T>, shift: &RigidShift<T>) -> Self {
         let trace = |e: &[T; 6]| e[0] + e[3] + e[5];
         Self::sent((trace(&p.angular.entries), trace(&p.linear.entries)), shift.lever_square())
     }
@@ -60,13 +61,14 @@ impl<T: Real> Scale<T> {
     /// The same of a root of P^-, from its [`diagonal`](crate::spatial::Root6::diagonal).
     #[inline(always)]
     #[must_use]
-    pub fn sent_by_root(square: &[T; 6], lever_square: T) -> Self {
+    pub(crate) fn sent_by_root(square: &[T; 6], lever_square: T) -> Self {
         Self::sent((square[3] + square[4] + square[5], square[0] + square[1] + square[2]), lever_square)
     }
 
     /// The sum with another.
     #[inline(always)]
     #[must_use]
+    #[doc(hidden)]
     pub fn sum(&self, other: &Self) -> Self {
         Self { angular: self.angular + other.angular, linear: self.linear + other.linear }
     }
@@ -111,27 +113,28 @@ impl<T: Real> PivotMonitor<T> {
     /// The same that is clear only where each pivot is within [`SINGLE_LOOK_REACH`] of the bound of its terms.
     #[inline(always)]
     #[must_use]
-    pub fn for_a_single_look() -> Self {
+    pub(crate) fn for_a_single_look() -> Self {
         Self { threshold: T::from_f64(1.0 / SINGLE_LOOK_REACH), ..Self::new() }
     }
 
     /// The same for the square-root form, where the rounding of a pivot is the square of that of the root's row.
     #[inline(always)]
     #[must_use]
-    pub fn of_roots() -> Self {
+    pub(crate) fn of_roots() -> Self {
         let threshold = T::epsilon() * T::from_f64(PIVOT_MARGIN);
         Self { worst: T::one(), threshold: threshold * threshold, of_roots: true }
     }
 
     /// Takes note of one pivot.
     #[inline(always)]
+    #[doc(hidden)]
     pub fn observe(&mut self, pivot: T, hinge: &HingeMap<T>, scale: &Scale<T>) {
         self.worst = self.worst.worst(pivot - self.threshold * scale.of_row(hinge));
     }
 
     /// Takes note of every row of a stage.
     #[inline(always)]
-    pub fn observe_stage(&mut self, stage: &Stage<T>, measured: &[Measured<T>], scale: &Scale<T>) {
+    pub(crate) fn observe_stage(&mut self, stage: &Stage<T>, measured: &[Measured<T>], scale: &Scale<T>) {
         for i in 0..stage.rows.count() {
             self.observe(measured[stage.first_row + i].pivot, &stage.rows.row(i), scale);
         }
@@ -143,7 +146,7 @@ impl<T: Real> PivotMonitor<T> {
         self.worst
     }
 
-    /// Whether every pivot of one lane stood clear of the bound; where not, [`first_lost`] is to judge.
+    /// Whether every pivot of one lane stood clear of the bound; where not, [`Workspace::lost_pivot`](crate::Workspace::lost_pivot) judges.
     #[inline(always)]
     #[must_use]
     pub fn clear(&self, lane: usize) -> bool {

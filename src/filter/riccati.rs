@@ -1,4 +1,19 @@
 //! The Riccati recursion (3.6, 3.10), covariance form.
+//!
+//! ```
+//! use nalgebra::Matrix3;
+//! use phipsi::filter::{HingeMap, riccati};
+//! use phipsi::spatial::{Symmetric3, Symmetric6};
+//!
+//! let one = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+//! let mut p = Symmetric6 { angular: one, coupling: Matrix3::zeros(), linear: one };
+//! // One measurement of component 2, without noise: nothing of its variance is left.
+//! let measured = riccati::measurement_update(&mut p, &HingeMap::Axis(2), 0.0);
+//! assert_eq!((measured.pivot, measured.gain[2]), (1.0, 1.0));
+//! assert_eq!(p.diagonal().as_slice(), [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]);
+//! ```
+//!
+//! The sweep over a tree is in the example of [`filter`](super).
 
 use super::pivots::{PivotMonitor, Scale};
 use super::system::{HingeMap, Rows, System};
@@ -77,6 +92,7 @@ pub struct Covariances<'a, T: Real> {
 impl<T: Real> Covariances<'_, T> {
     /// One stage, all its rows (last first), then the time update onto its parent; `seen` is called with each row's P^-.
     #[inline(always)]
+    #[doc(hidden)]
     pub fn step<const JOSEPH: bool>(
         &mut self,
         system: &System<T>,
@@ -99,6 +115,7 @@ impl<T: Real> Covariances<'_, T> {
 
 /// The rows of one stage, last first: D and g, and P^- becomes P^+. `seen` is called with each row's P^-.
 #[inline(always)]
+#[doc(hidden)]
 pub fn measure_stage<T: Real, const JOSEPH: bool>(
     system: &System<T>,
     k: usize,

@@ -2,6 +2,21 @@
 //!
 //! Given the filter's P^+, D and g, base to tip with the co-state covariances (5.6, 5.7): what all measurements together leave
 //! unknown of a state, of a process noise, and of a measurement. About 700 operations a block beside those of Lambda.
+//!
+//! ```
+//! use nalgebra::Matrix3;
+//! use phipsi::filter::{HingeMap, covariance, riccati, smoothed};
+//! use phipsi::spatial::{Symmetric3, Symmetric6};
+//!
+//! let one = Symmetric3::new([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+//! let mut p = Symmetric6 { angular: one, coupling: Matrix3::zeros(), linear: one };
+//! let prior = p;
+//! let measured = riccati::measurement_update(&mut p, &HingeMap::Axis(2), 0.0);
+//! let (lambda, _) = covariance::row_update(&Symmetric6::zero(), &HingeMap::Axis(2), &measured);
+//! // What remains unknown of the state once everything is measured.
+//! let left = smoothed::remaining(&prior, &lambda);
+//! assert_eq!(left.diagonal().as_slice(), [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]);
+//! ```
 
 use super::covariance;
 use super::riccati::Measured;

@@ -1,4 +1,23 @@
 //! The Bryson-Frazier smoother (4.7 to 4.11, with 4.11 as it holds).
+//!
+//! ```
+//! use nalgebra::Vector6;
+//! use phipsi::filter::riccati::Measured;
+//! use phipsi::filter::smoother;
+//! use phipsi::filter::{HingeMap, Rows, Stage, System};
+//!
+//! // Two stages, each measured once without noise: component 2 of its state.
+//! let stage = |parent, first_row| Stage { parent, rows: Rows::One(HingeMap::Axis(2)), first_row };
+//! let system = System { stages: vec![stage(None, 0), stage(Some(0), 1)], noise: vec![0.0; 2] };
+//! use phipsi::spatial::RigidShift;
+//!
+//! // Gains of zero: the estimate of each row is its innovation over D, and co-states gather what is inboard.
+//! let measured = [Measured { pivot: 2.0, pivot_inverse: 0.5, gain: Vector6::zeros() }; 2];
+//! let (mut co_state, mut estimates) = ([Vector6::zeros(); 2], [4.0, 6.0]);
+//! smoother::sweep(&system, &[RigidShift::identity(); 2], &measured, &mut co_state, &mut estimates);
+//! assert_eq!(estimates, [2.0, 3.0]);
+//! assert_eq!(co_state[1][2], 5.0);
+//! ```
 
 use super::riccati::Measured;
 use super::system::{Stage, System};
@@ -30,6 +49,7 @@ pub fn sweep<T: Real>(
 
 /// The rows of one stage, first to last: lambda^+ becomes lambda^- (4.11), `estimates` holds e^- on entry and a on return (4.9).
 #[inline(always)]
+#[doc(hidden)]
 pub fn through_stage<T: Real>(
     stage: &Stage<T>,
     measured: &[Measured<T>],

@@ -1,4 +1,17 @@
 //! The linear system on a tree: stages, measurement rows, noise (eqs. 1.1 to 1.4).
+//!
+//! ```
+//! use phipsi::filter::{HingeMap, Rows, Stage, System};
+//!
+//! // Two stages, each measured once without noise: component 2 of its state.
+//! let stage = |parent, first_row| Stage { parent, rows: Rows::One(HingeMap::Axis(2)), first_row };
+//! let system = System { stages: vec![stage(None, 0), stage(Some(0), 1)], noise: vec![0.0; 2] };
+//! assert_eq!(system.rows(), 2);
+//! assert!(system.is_noise_free(0) && system.is_measured(1));
+//! // H x of the first row.
+//! let x = nalgebra::Vector6::new(1.0, 2.0, 3.0, 4.0, 5.0, 6.0);
+//! assert_eq!(system.stages[0].rows.row(0).project(&x), 3.0);
+//! ```
 
 use crate::scalar::Real;
 use crate::spatial::{Symmetric6, absolute};
@@ -26,7 +39,7 @@ impl<T: Real> HingeMap<T> {
     /// x + H^T s.
     #[inline(always)]
     #[must_use]
-    pub fn spread_onto(&self, x: &Vector6<T>, s: T) -> Vector6<T> {
+    pub(crate) fn spread_onto(&self, x: &Vector6<T>, s: T) -> Vector6<T> {
         let mut y = *x;
         match *self {
             Self::Axis(i) => y[i] += s,
@@ -46,6 +59,7 @@ impl<T: Real> HingeMap<T> {
 
     /// P H^T.
     #[inline(always)]
+    #[doc(hidden)]
     pub fn covariance_column(&self, p: &Symmetric6<T>) -> Vector6<T> {
         match *self {
             Self::Axis(i) => p.column(i),
@@ -107,7 +121,7 @@ impl<T: Real> Stage<T> {
     /// H P^+ = 0 holds there to rounding only.
     #[inline(always)]
     #[must_use]
-    pub fn terms_left(&self, before: [T; 6], after: [T; 6]) -> [T; 6] {
+    pub(crate) fn terms_left(&self, before: [T; 6], after: [T; 6]) -> [T; 6] {
         let mixes = matches!(self.rows, Rows::One(HingeMap::Screw(_)));
         absolute(&if mixes { before } else { after }.into()).into()
     }

@@ -35,6 +35,7 @@ pub enum JointKind {
 
 impl JointKind {
     /// Those that have no number of their own: a screw has its pitch.
+    #[doc(hidden)]
     pub const PLAIN: [Self; 8] = [
         Self::Fixed,
         Self::Revolute,
@@ -81,7 +82,7 @@ impl JointKind {
 
     /// Whether the joint's axis means anything.
     #[must_use]
-    pub fn has_axis(self) -> bool {
+    pub(crate) fn has_axis(self) -> bool {
         !matches!(self, Self::Fixed | Self::Universal | Self::Spherical | Self::Floating)
     }
 
@@ -113,6 +114,7 @@ impl JointKind {
 
     /// The motions that it is made of, one after another, about this axis.
     #[must_use]
+    #[doc(hidden)]
     pub fn parts(self, axis: &Vector3<f64>) -> Parts {
         let one = |motion| {
             let align = axis_onto_z(axis);

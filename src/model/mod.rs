@@ -29,8 +29,10 @@ pub struct Body<T> {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model<T> {
     /// Bodies, parents before children, one for each stage of the system.
+    #[doc(hidden)]
     pub bodies: Vec<Body<T>>,
     /// S with S S^T = M(k), from mass, mass centre and central inertia; none where a body's inertia is not positive.
+    #[doc(hidden)]
     pub inertia_roots: Vec<Option<BodyRoot<T>>>,
     /// Tree, measurement rows and armature (as measurement noise).
     pub system: System<T>,
@@ -39,11 +41,13 @@ pub struct Model<T> {
     /// Gravity in the base frame, m/s^2.
     pub gravity: Vector3<T>,
     /// What calls leave out.
+    #[doc(hidden)]
     pub omissions: Omissions,
 }
 
 impl<T: Real> Model<T> {
     /// A model without bodies.
+    #[doc(hidden)]
     pub fn empty(gravity: Vector3<T>, omissions: Omissions) -> Self {
         let system = System { stages: Vec::new(), noise: Vec::new() };
         Self { bodies: Vec::new(), inertia_roots: Vec::new(), system, nq: 0, gravity, omissions }
@@ -55,6 +59,7 @@ impl<T: Real> Model<T> {
     }
 
     /// Appends a massless body; gives its index.
+    #[doc(hidden)]
     pub fn push(&mut self, parent: Option<usize>, tree: RigidShift<T>, motion: Motion<T>, armature: T) -> usize {
         let rows = motion.rows();
         self.bodies.push(Body {

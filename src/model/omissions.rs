@@ -74,7 +74,7 @@ impl Omissions {
 
     /// Whether every body moves: what the operators and the estimation count on, whose states belong to measurement rows.
     #[must_use]
-    pub fn every_body_moves(&self) -> bool {
+    pub(crate) fn every_body_moves(self) -> bool {
         self.fixed_joints && self.base_links
     }
 

@@ -17,30 +17,45 @@
 //! The diagonal on the left is the covariance of measurement noise, as armature is: the filter takes it in the pivot,
 //! D = H P^- H* + r + h d + h^2 k, and the step costs what an explicit one does.
 //!
-//! [`properties`] is what joints do by themselves, [`method`] the coefficients of the methods, [`manifold`] configurations,
-//! `conserve` the momentum of floating trees, `step` one step in any scalar, `stepper` states in lanes through many steps, [`rollout`] a batch of them on
-//! threads, [`simulator`] one that goes on step by step. `backward` is one step backward, `reverser` states backward through many, `gradient` a batch of them:
-//! [`Rollout::gradients`].
+//! A [`Rollout`] is a batch of states through many steps, a [`Simulator`] one that goes on call by call; [`Settings`] is what both need, with what the joints do by
+//! themselves ([`Properties`]), a control law ([`Gains`]) and a [`Method`]. [`Rollout::gradients`] goes back through the steps. `Adaptive` (feature `adaptive`) picks
+//! its own steps.
+//!
+//! ```
+//! use phipsi::motion::{Method, Records, Rollout, Settings, Torque};
+//! # fn main() -> Result<(), phipsi::Error> {
+//! let scene = phipsi::scenes::chain(7)?;
+//! let mut settings = Settings::new(&scene, 1e-3); // springs, damping and friction of the scene
+//! settings.method = Method::RungeKutta4;
+//! let mut rollout = Rollout::new(&scene, settings, &[0.3; 7], &[0.0; 7])?;
+//! let (mut q, mut qd) = ([f64::NAN; 77], [f64::NAN; 77]); // 11 rows: the start, and every tenth step
+//! let records = Records { q: &mut q, qd: &mut qd, every: 10 };
+//! rollout.advance(100, &Torque::Zero, Some(records)).map_err(|fault| fault.error)?;
+//! assert_eq!(q[..7], [0.3; 7]);
+//! assert_eq!(&q[70..], rollout.state(0).0);
+//! # Ok(())
+//! # }
+//! ```
 
 #[cfg(feature = "adaptive")]
-pub mod adaptive;
+pub(crate) mod adaptive;
 mod backward;
 mod conserve;
 mod gradient;
-pub mod manifold;
-pub mod method;
-pub mod properties;
+pub(crate) mod manifold;
+pub(crate) mod method;
+pub(crate) mod properties;
 mod reverser;
-pub mod rollout;
-pub mod simulator;
+pub(crate) mod rollout;
+pub(crate) mod simulator;
 mod step;
 mod stepper;
 
 #[cfg(feature = "adaptive")]
-pub use adaptive::{Adaptive, Solver};
+pub use adaptive::{Adaptive, Failure, Solution, Solver, TorqueLaw};
 pub use conserve::Correction;
 pub use gradient::{RecordedRows, RolloutGradients};
 pub use method::{METHODS, Method};
-pub use properties::{Gains, Properties};
+pub use properties::{FRICTION_SPEED, Gains, Properties};
 pub use rollout::{Records, Rollout, Settings, StepFault, Torque};
 pub use simulator::Simulator;

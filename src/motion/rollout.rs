@@ -287,6 +287,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
 
     /// Rough time of one step of one state on one thread, ns; decides about threads, not about results.
     #[must_use]
+    #[doc(hidden)]
     pub fn cost(&self) -> usize {
         const ONE_BODY: usize = 100;
         let one_by_one = ONE_BODY * self.law.tableau.stages * self.scene().model().bodies.len().max(1);
@@ -368,7 +369,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// # Errors
     ///
     /// Another number of torques than the steps need, or torques that begin later; with `conserve_momentum`, a torque along a free joint that a tree hangs on.
-    pub fn check_torque(&self, torque: &Torque<'_>, steps: usize) -> Result<(), Fault> {
+    pub(crate) fn check_torque(&self, torque: &Torque<'_>, steps: usize) -> Result<(), Fault> {
         self.check_torque_from(self.done, torque, steps)
     }
 

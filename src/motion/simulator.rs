@@ -134,6 +134,7 @@ impl<S: Borrow<Scene>> Simulator<S> {
 
     /// Rough time of one step of one state on one thread, ns.
     #[must_use]
+    #[doc(hidden)]
     pub fn cost(&self) -> usize {
         self.rollout.cost()
     }
@@ -143,6 +144,7 @@ impl<S: Borrow<Scene>> Simulator<S> {
     /// # Errors
     ///
     /// As [`Rollout::check_torque`].
+    #[doc(hidden)]
     pub fn check_torque(&self, torque: &Torque<'_>, steps: usize) -> Result<(), Fault> {
         self.rollout.check_torque(torque, steps)
     }

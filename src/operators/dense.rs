@@ -2,6 +2,19 @@
 //!
 //! Nothing here calls a sweep: phi is the inverse of 1 - E (unit triangular, in this order), the Riccati recursion is written on full 6x6 matrices, and K
 //! and L are products of the composite matrices. This is the oracle that the sweeps are checked against.
+//!
+//! ```
+//! # fn main() -> Result<(), phipsi::Error> {
+//! let scene = phipsi::scenes::chain(4)?;
+//! let q = [0.3; 4];
+//! let dense = scene.composite(&q)?;
+//! let by_definition = dense.mass_matrix()?; // H phi Q phi* H* (5.1)
+//! let mut m = [f64::NAN; 16];
+//! scene.mass_matrix(&mut scene.workspace(), &q, &mut m)?;
+//! assert!((by_definition[(1, 2)] - m[4 + 2]).abs() <= 1e-14);
+//! # Ok(())
+//! # }
+//! ```
 
 use super::Kind;
 use crate::error::Error;
@@ -15,7 +28,7 @@ use faer::{Mat, MatRef, Par, Side};
 use nalgebra::{Matrix6, Vector6};
 
 /// Dense composites beyond this many degrees of freedom are refused: 6N x 6N numbers at 300 are 26 MB.
-pub const DENSE_CAP: usize = 300;
+pub(crate) const DENSE_CAP: usize = 300;
 
 /// The composite matrices of a scene at one configuration; block rows base to tip, as in [`crate::operators`].
 #[derive(Debug, Clone)]
@@ -79,7 +92,7 @@ impl Composite {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] beyond [`DENSE_CAP`] degrees of freedom, naming the operators to use instead.
+    /// [`Error::Argument`] beyond 300 degrees of freedom, naming the operators to use instead.
     pub fn new(model: &Model<f64>, q: &[f64]) -> Result<Self, Error> {
         let nv = model.nv();
         if nv > DENSE_CAP {

@@ -113,6 +113,7 @@ impl<T: Real> Factor<T> {
 
     /// About the bytes that operators need besides, of the factors of so many states, once Lambda is asked for.
     #[must_use]
+    #[doc(hidden)]
     pub fn bytes_of_co_states(model: &Model<T>, states: usize) -> u128 {
         memory::bytes_of::<[Symmetric6<T>; 2]>(&[states, model.nv() + 1])
     }

@@ -3,12 +3,31 @@
 //! One block row a degree of freedom, in the order of qd (base to tip), so phi, Psi, K and L are strictly *upper* block
 //! triangular where the paper, counting from the tip, prints them lower. A joint with d degrees of freedom is d states with no
 //! shift between them; the body's inertia enters at the outermost. States are in body frames.
+//!
+//! ```
+//! use phipsi::operators::{Kind, Operator};
+//! # fn main() -> Result<(), phipsi::Error> {
+//! let scene = phipsi::scenes::chain(4)?;
+//! let factor = scene.factor(&mut scene.workspace(), &[0.3; 4])?; // M = (1 + K) D (1 + K*)
+//! // M^-1 x by filter and smoother, and M of that: x again.
+//! let (x, mut y, mut back) = ([1.0; 4], [f64::NAN; 4], [f64::NAN; 4]);
+//! factor.operator(Kind::MassInverse).apply(&x, &mut y);
+//! factor.operator(Kind::Mass).apply(&y, &mut back);
+//! assert!(x.iter().zip(&back).all(|(x, back)| (x - back).abs() <= 1e-12));
+//! // (5.1): M = H phi Q phi* H*, for there is no armature.
+//! let [h, phi, q] = [Kind::H, Kind::Phi, Kind::Q].map(|kind| factor.operator(kind));
+//! let mass = h.compose(phi).compose(q).compose(phi.transposed()).compose(h.transposed());
+//! mass.apply(&y, &mut back);
+//! assert!(x.iter().zip(&back).all(|(x, back)| (x - back).abs() <= 1e-12));
+//! # Ok(())
+//! # }
+//! ```
 
 mod compose;
 #[cfg(feature = "dense")]
 pub mod dense;
 #[cfg(feature = "dense")]
-pub mod estimate_batch;
+mod estimate_batch;
 mod factor;
 mod sweeps;
 mod update;
@@ -106,6 +125,7 @@ impl Kind {
 
     /// Whether it is made of the covariances of the co-states, which a factor computes when they are first asked for.
     #[must_use]
+    #[doc(hidden)]
     pub fn needs_co_states(self) -> bool {
         matches!(self, Self::Lambda | Self::LambdaPlus)
     }

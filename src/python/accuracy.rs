@@ -1,10 +1,10 @@
 //! What forward dynamics knows of its own accuracy, for Python: the form of each state, and its estimated error.
 
 use super::object::{Object, imported};
+use crate::accuracy::Accuracy;
 use crate::algorithm::Arguments;
 use crate::batch::Fault;
 use crate::batch::evaluator::{Evaluated, Evaluator};
-use crate::dynamics::Accuracy;
 use crate::error::Error;
 use crate::filter::Form;
 use crate::memory;

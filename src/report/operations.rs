@@ -267,7 +267,7 @@ pub struct OfFactor {
 /// # Panics
 ///
 /// Where a configuration is too short for the scene, or the scene keeps bodies that cannot move (see
-/// [`Omissions::every_body_moves`](crate::scene::Omissions::every_body_moves)).
+/// `Omissions::every_body_moves`).
 #[must_use]
 pub fn of_factor(scene: &Scene, q: &[f64], moved: &[f64]) -> OfFactor {
     let model: Model<Counted> = scene.model().cast();

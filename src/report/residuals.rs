@@ -1,4 +1,13 @@
 //! Residuals of the paper's identities at one state, each against dense algebra or another route.
+//!
+//! ```
+//! # fn main() -> Result<(), phipsi::Error> {
+//! let scene = phipsi::scenes::chain(4)?;
+//! let list = phipsi::report::residuals::residuals(&scene, &[0.3; 4], &[0.1; 4], &[1.0; 4])?;
+//! assert!(list.iter().all(|residual| residual.value <= 1e-10));
+//! # Ok(())
+//! # }
+//! ```
 
 use crate::dynamics;
 use crate::error::Error;

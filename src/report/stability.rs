@@ -17,7 +17,7 @@ pub const FORMS: [(&str, Method); 4] = [
 ];
 
 /// Nothing dense is formed beyond this many degrees of freedom.
-pub const DENSE_CAP: usize = 1000;
+pub(crate) const DENSE_CAP: usize = 1000;
 
 /// Why there is no error to tell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -3,6 +3,17 @@
 //! One small trait, [`Real`]: the arithmetic that nalgebra's matrices need, and the handful of functions that the
 //! sweeps call. Every `nalgebra::RealField + Copy` type has it (f64, f32, dual numbers), and so has our own
 //! [`DoubleDouble`], the reference of about 31 digits.
+//!
+//! ```
+//! use phipsi::scalar::{DoubleDouble, Dual, Real};
+//!
+//! // What cancels in f64 is there in double-double.
+//! let small = DoubleDouble::from_f64(1.0) + DoubleDouble::from_f64(1e-20) - DoubleDouble::from_f64(1.0);
+//! assert_eq!(small.lane(0), 1e-20);
+//! // A function of a dual number has its derivative: d(sin x)/dx = cos x.
+//! let (sine, _) = Dual { value: 0.3, tangent: 1.0 }.sin_cos();
+//! assert_eq!(sine.tangent, 0.3_f64.cos());
+//! ```
 
 mod columns;
 mod counting;
@@ -15,15 +26,22 @@ mod precision;
 mod transposed;
 mod trigonometry;
 
+#[doc(hidden)]
 pub use columns::ColumnsOf;
+#[doc(hidden)]
 pub use counting::{Counted, Operations};
 pub use double_double::DoubleDouble;
 pub use dual::Dual;
+#[doc(hidden)]
 pub use fused::Fused;
+#[doc(hidden)]
 pub use instructions::Instructions;
+#[doc(hidden)]
 pub use lanes::Lanes;
+#[doc(hidden)]
 pub use precision::Precision;
 pub(crate) use transposed::MOST_LANES;
+#[doc(hidden)]
 pub use trigonometry::Circle;
 
 use nalgebra::{ClosedAddAssign, ClosedDivAssign, ClosedMulAssign, ClosedSubAssign, Scalar};

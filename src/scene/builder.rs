@@ -128,6 +128,7 @@ impl SceneBuilder {
 
     /// Sets what is left out; all that can be, unless this is called.
     #[must_use]
+    #[doc(hidden)]
     pub fn omissions(mut self, omissions: Omissions) -> Self {
         self.omissions = omissions;
         self
@@ -159,6 +160,7 @@ impl SceneBuilder {
 
     /// What is left out.
     #[must_use]
+    #[doc(hidden)]
     pub fn left_out(&self) -> Omissions {
         self.omissions
     }

@@ -13,7 +13,7 @@ impl Scene {
     /// # Errors
     ///
     /// [`Error::Shape`], [`Error::NotFinite`], or [`Error::Argument`] naming the joint of the quaternion.
-    pub fn check_configuration(&self, argument: &str, q: &[f64]) -> Result<(), Error> {
+    pub(crate) fn check_configuration(&self, argument: &str, q: &[f64]) -> Result<(), Error> {
         check_length(argument, q.len(), self.nq())?;
         check_finite(argument, q)?;
         for joint in self.joints() {
@@ -35,7 +35,7 @@ impl Scene {
     /// # Errors
     ///
     /// [`Error::Shape`] or [`Error::NotFinite`].
-    pub fn check_rates(&self, argument: &str, values: &[f64]) -> Result<(), Error> {
+    pub(crate) fn check_rates(&self, argument: &str, values: &[f64]) -> Result<(), Error> {
         check_length(argument, values.len(), self.nv())?;
         check_finite(argument, values)
     }

@@ -1,26 +1,53 @@
 //! The scene: an immutable articulated system, shareable between threads.
 //!
-//! [`description`] says what the user gives, [`builder`] checks it, `assembly` makes the scene of it but for its [`omissions`](crate::model::omissions), [`model`](crate::model) is what the sweeps read, `urdf`
-//! reads files, `properties` and `payload` make changed scenes, [`configuration`] moves on the manifold of configurations, and `Scene` has the checked algorithms.
+//! A [`SceneBuilder`] takes links and joints from code or from a URDF (feature `urdf`) and checks them; [`Scene`] has the algorithms, and methods that give changed
+//! scenes. [`Model`] is what the functions of [`dynamics`](crate::dynamics) read, in any scalar.
+//!
+//! ```
+//! use nalgebra::Vector3;
+//! use phipsi::SceneBuilder;
+//! use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription};
+//! use phipsi::spatial::Symmetric3;
+//! # fn main() -> Result<(), phipsi::Error> {
+//! // A pendulum: 1 kg, 0.5 m below a joint about y.
+//! let bob = Inertial { mass: 1.0, centre: Vector3::new(0.0, 0.0, -0.5), central: Symmetric3::zero() };
+//! let mut hinge = JointDescription::new("hinge", JointKind::Revolute, "base", "rod");
+//! hinge.axis = Vector3::y();
+//! let scene = SceneBuilder::new()
+//!     .link(LinkDescription { name: "base".into(), inertial: None })
+//!     .link(LinkDescription { name: "rod".into(), inertial: Some(bob) })
+//!     .joint(hinge)
+//!     .build()?;
+//! let mut torque = [f64::NAN];
+//! scene.gravity_torque(&mut scene.workspace(), &[0.1], &mut torque)?;
+//! assert!((torque[0] - 9.81 * 0.5 * 0.1_f64.sin()).abs() < 1e-14);
+//!
+//! let heavier = scene.with_payload("rod", 2.0, Vector3::new(0.0, 0.0, -1.0), Symmetric3::zero())?;
+//! assert_eq!(heavier.joint("hinge")?.v, 0..1);
+//! # Ok(())
+//! # }
+//! ```
 
 mod assembly;
-pub mod builder;
+mod builder;
 mod checks;
-pub mod configuration;
-pub mod description;
+mod configuration;
+mod description;
 mod inertia_check;
 mod joint_check;
 mod lock;
 mod payload;
 pub(crate) mod properties;
 mod shared;
-pub mod spring;
+mod spring;
 #[cfg(feature = "urdf")]
-pub mod urdf;
+mod urdf;
 mod whole_check;
 
 pub use crate::joints::JointKind;
-pub use crate::model::{Body, Model, Motion, Omissions};
+pub use crate::model::Model;
+#[doc(hidden)]
+pub use crate::model::{Body, Motion, Omissions};
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
 pub use description::{Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneWarning};
@@ -183,6 +210,7 @@ impl Scene {
 
     /// The joint that moves body `body` of the model; none for a fixed one that was not merged.
     #[must_use]
+    #[doc(hidden)]
     pub fn joint_of_body(&self, body: usize) -> Option<&Joint> {
         self.joint_of_body.get(body).copied().flatten().map(|joint| &self.joints[joint])
     }

@@ -1,8 +1,20 @@
 //! Scenes that ship with the library: for benches, reports, examples and tests.
+//!
+//! ```
+//! # fn main() -> Result<(), phipsi::Error> {
+//! use phipsi::scenes;
+//!
+//! assert_eq!(scenes::chain(7)?.nv(), 7);
+//! for name in scenes::names() {
+//!     println!("{name}"); // `scenes::extreme` makes them: light on heavy, nearly singular, far from the base
+//! }
+//! # Ok(())
+//! # }
+//! ```
 
 mod blueprint;
 pub(crate) mod draw;
-pub mod extreme;
+mod extreme;
 
 pub use extreme::{Extreme, extreme, names};
 

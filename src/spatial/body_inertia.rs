@@ -120,7 +120,7 @@ impl<T: Real> BodyInertia<T> {
     /// The first moment about the parent's origin, in the parent's frame: that of [`to_parent`](Self::to_parent) alone.
     #[inline(always)]
     #[must_use]
-    pub fn first_moment_in_parent(&self, shift: &RigidShift<T>) -> Vector3<T> {
+    pub(crate) fn first_moment_in_parent(&self, shift: &RigidShift<T>) -> Vector3<T> {
         let (h, l, m) = (shift.rotate(&self.first_moment), &shift.lever, self.mass);
         Vector3::new(m.mul_add(l[0], h[0]), m.mul_add(l[1], h[1]), m.mul_add(l[2], h[2]))
     }

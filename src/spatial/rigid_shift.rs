@@ -25,6 +25,7 @@ impl<T: Real> RigidShift<T> {
     }
 
     /// A shift with `value` in every entry; workspaces start as NaN.
+    #[doc(hidden)]
     pub fn filled(value: T) -> Self {
         Self { rotation: Matrix3::from_element(value), lever: Vector3::from_element(value) }
     }
@@ -68,7 +69,7 @@ impl<T: Real> RigidShift<T> {
     /// The square of the lever.
     #[inline(always)]
     #[must_use]
-    pub fn lever_square(&self) -> T {
+    pub(crate) fn lever_square(&self) -> T {
         let l = &self.lever;
         l[0].mul_add(l[0], l[1].mul_add(l[1], l[2] * l[2]))
     }
@@ -114,6 +115,7 @@ impl<T: Real> RigidShift<T> {
 
     /// phi P phi^T: an inertia (covariance of a force), child to parent. About 190 products.
     #[inline(always)]
+    #[doc(hidden)]
     pub fn inertia_to_parent(&self, p: &Symmetric6<T>) -> Symmetric6<T> {
         let a = p.angular.congruence(&self.rotation);
         let c = rotate_block(&self.rotation, &p.coupling);
@@ -134,7 +136,7 @@ impl<T: Real> RigidShift<T> {
 
     /// phi^T Lambda phi: a covariance of motions, parent to child.
     #[inline(always)]
-    pub fn co_covariance_to_child(&self, lambda: &Symmetric6<T>) -> Symmetric6<T> {
+    pub(crate) fn co_covariance_to_child(&self, lambda: &Symmetric6<T>) -> Symmetric6<T> {
         // With the lever first: A' = A + C l~^T... in the parent's frame, then the rotation back.
         let l = -self.lever;
         // (1, 0; l~, 1) Lambda (1, l~^T; 0, 1), l = -lever: the roles of the two halves change places.

@@ -264,13 +264,13 @@ impl<T: Real> Root6<T> {
 
     /// The same of the last row, angular z, laid out flat: what most joints measure. `POSITIVE` as for [`Root6::join`].
     #[inline(always)]
-    pub fn measure_turn<const POSITIVE: bool>(&mut self, noise: T, mean: Option<&mut [T; 6]>) -> Dropped<T> {
+    pub(crate) fn measure_turn<const POSITIVE: bool>(&mut self, noise: T, mean: Option<&mut [T; 6]>) -> Dropped<T> {
         self.measure_last::<6, POSITIVE>(noise, mean)
     }
 
     /// The same of the last of the first `ROWS` rows, where those after it are zero.
     #[inline(always)]
-    pub fn measure_last<const ROWS: usize, const POSITIVE: bool>(
+    pub(crate) fn measure_last<const ROWS: usize, const POSITIVE: bool>(
         &mut self,
         noise: T,
         mut mean: Option<&mut [T; 6]>,
@@ -341,7 +341,7 @@ impl<T: Real> Root6<T> {
 impl<T: Real> RigidShift<T> {
     /// phi L: the columns of a child's root, at its parent. About 60 products.
     #[inline(always)]
-    pub fn root_to_parent(&self, s: &Root6<T>, columns: &mut RootColumns<T>) {
+    pub(crate) fn root_to_parent(&self, s: &Root6<T>, columns: &mut RootColumns<T>) {
         let o = s.weights[0].constant(0.0);
         for (weight, &of_child) in columns.weights.iter_mut().zip(&s.weights) {
             *weight = of_child;

@@ -27,6 +27,7 @@ impl<T: Real> Symmetric3<T> {
 
     /// The upper triangle of a full matrix; the lower one is not read.
     #[inline(always)]
+    #[doc(hidden)]
     pub fn from_upper(m: &Matrix3<T>) -> Self {
         Self { entries: [m[(0, 0)], m[(0, 1)], m[(0, 2)], m[(1, 1)], m[(1, 2)], m[(2, 2)]] }
     }
@@ -49,7 +50,7 @@ impl<T: Real> Symmetric3<T> {
     /// `r * self * r^T`, 45 products.
     #[inline(always)]
     #[must_use]
-    pub fn congruence(&self, r: &Matrix3<T>) -> Self {
+    pub(crate) fn congruence(&self, r: &Matrix3<T>) -> Self {
         let (t0, t1, t2) = (self.times_row(row(r, 0)), self.times_row(row(r, 1)), self.times_row(row(r, 2)));
         let (r0, r1, r2) = (row(r, 0), row(r, 1), row(r, 2));
         Self { entries: [sum3(t0, r0), sum3(t0, r1), sum3(t0, r2), sum3(t1, r1), sum3(t1, r2), sum3(t2, r2)] }
@@ -122,6 +123,7 @@ impl<T: Real> Symmetric6<T> {
     }
 
     /// A matrix with `value` in every entry; workspaces start as NaN.
+    #[doc(hidden)]
     pub fn filled(value: T) -> Self {
         Self {
             angular: Symmetric3::new([value; 6]),
@@ -210,7 +212,7 @@ impl<T: Real> Symmetric6<T> {
     /// Adds `a b^T`, of which only the upper triangle is formed; `a` and `b` are parallel, so the result is symmetric.
     #[inline(always)]
     #[must_use]
-    pub fn add_rank_one(&self, a: &Vector6<T>, b: &Vector6<T>) -> Self {
+    pub(crate) fn add_rank_one(&self, a: &Vector6<T>, b: &Vector6<T>) -> Self {
         let c = &self.coupling;
         let (ha, hb) = ([a[0], a[1], a[2]], [b[0], b[1], b[2]]);
         let (la, lb) = ([a[3], a[4], a[5]], [b[3], b[4], b[5]]);
@@ -227,6 +229,7 @@ impl<T: Real> Symmetric6<T> {
 
     /// Sets one row and column to exact zeros.
     #[inline(always)]
+    #[doc(hidden)]
     pub fn clear(&mut self, index: usize) {
         let o = self.linear.entries[0].constant(0.0);
         self.write_column(index, &Vector6::new(o, o, o, o, o, o));
@@ -234,7 +237,7 @@ impl<T: Real> Symmetric6<T> {
 
     /// Sets one row and column.
     #[inline(always)]
-    pub fn write_column(&mut self, index: usize, column: &Vector6<T>) {
+    pub(crate) fn write_column(&mut self, index: usize, column: &Vector6<T>) {
         const PACKED: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
         for (j, packed) in PACKED[index % 3].into_iter().enumerate() {
             if index < 3 {

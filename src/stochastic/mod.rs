@@ -6,6 +6,19 @@
 //! interval for every entry), [`Method::Sobol`] (scrambled points, about n^-1), [`Method::SigmaPoints`] (12 points a body, exact).
 //!
 //! Random streams are counter-based: sample i is the same for any number of threads and any number of samples around it.
+//!
+//! ```
+//! use phipsi::stochastic::Method;
+//! # fn main() -> Result<(), phipsi::Error> {
+//! let scene = phipsi::scenes::chain(4)?;
+//! let model = scene.random_model(&[0.3; 4], None, 1.0)?;
+//! let sampled = model.mass_matrix(Method::SigmaPoints)?; // exact, from 12 points a body
+//! let mut m = [f64::NAN; 16];
+//! scene.mass_matrix(&mut scene.workspace(), &[0.3; 4], &mut m)?;
+//! assert!(sampled.mass_matrix.iter().zip(&m).all(|(found, m)| (found - m).abs() <= 1e-13));
+//! # Ok(())
+//! # }
+//! ```
 
 mod estimate;
 mod interval;

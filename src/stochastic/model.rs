@@ -182,7 +182,7 @@ impl RandomModel {
 
     /// The bytes of W, X and T of so many samples.
     #[must_use]
-    pub fn bytes_of_samples(&self, count: usize) -> u128 {
+    pub(crate) fn bytes_of_samples(&self, count: usize) -> u128 {
         memory::bytes_of::<f64>(&[count, 13, self.nv()])
     }
 

@@ -6,7 +6,7 @@ use super::families::{Case, FAMILIES, case};
 use super::{double, error, from_environment, sensitivity_of};
 use phipsi::Workspace;
 use phipsi::dynamics;
-use phipsi::dynamics::mass_inverse::InverseScratch;
+use phipsi::dynamics::InverseScratch;
 use phipsi::filter::Form;
 use phipsi::scalar::{DoubleDouble, Real};
 use phipsi::scene::Model;

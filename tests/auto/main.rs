@@ -13,10 +13,10 @@ use families::{Case, FAMILIES, STATES, case};
 use nalgebra::Vector6;
 #[cfg(feature = "urdf")]
 use phipsi::Scene;
-use phipsi::dynamics::{Accuracy, ESTIMATE_SPREAD};
 use phipsi::filter::Form;
 use phipsi::scalar::{DoubleDouble, Real};
 use phipsi::scene::Model;
+use phipsi::{Accuracy, ESTIMATE_SPREAD};
 use phipsi::{Algorithm, Arguments};
 use phipsi::{Error, Tally, Workspace, dynamics, scenes};
 
@@ -142,11 +142,11 @@ fn cases(number: usize) -> Vec<(Case, &'static str)> {
 }
 
 /// What form `auto` told of its own accuracy.
-fn told(case: &Case) -> Option<(Vec<f64>, dynamics::Accuracy)> {
+fn told(case: &Case) -> Option<(Vec<f64>, Accuracy)> {
     let mut qdd = vec![f64::NAN; case.scene.nv()];
     let state =
         [Arguments { q: &case.q, qd: &case.qd, u: &case.tau, wrenches: &case.wrenches, ..Arguments::default() }];
-    let mut accuracy = [dynamics::Accuracy { form: Form::Joseph, doubled: true, error: f64::NAN }];
+    let mut accuracy = [Accuracy { form: Form::Joseph, doubled: true, error: f64::NAN }];
     let mut evaluator = case.scene.evaluator();
     case.scene.evaluate_with_accuracy(&mut evaluator, Form::Auto, &state, &mut qdd, &mut accuracy).ok()?;
     Some((qdd, accuracy[0]))

@@ -2,8 +2,8 @@
 
 use super::{ALL_KINDS, Random, Tree, random_inertial, random_state};
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
-use phipsi::batch::arms::{ARMS, Arm};
-use phipsi::batch::evaluator::{Evaluated, Evaluator};
+use phipsi::batch::{ARMS, Arm};
+use phipsi::batch::{Evaluated, Evaluator};
 use phipsi::filter::Form;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, Omissions};
 use phipsi::spatial::SpatialVector;

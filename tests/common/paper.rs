@@ -5,7 +5,7 @@ use super::tolerance::{self, PRINTED_FORM_MARGIN};
 use super::{ALL_KINDS, Random, Tree, random_state};
 use nalgebra::Vector6;
 use phipsi::Scene;
-use phipsi::filter::pivots::Scale;
+use phipsi::filter::Scale;
 use phipsi::filter::riccati::{self, Covariances, Measured};
 use phipsi::kinematics::joint_shift;
 use phipsi::operators::Factor;

@@ -5,7 +5,7 @@ use crate::common::{Random, Tree, random_state, tolerance};
 use nalgebra::{Matrix3, Vector6};
 use phipsi::dynamics;
 use phipsi::dynamics::derivatives::{self, DerivativeScratch};
-use phipsi::filter::pivots::LostPivot;
+use phipsi::filter::LostPivot;
 use phipsi::scalar::Real;
 use phipsi::scene::{JointKind, Model};
 use phipsi::{Error, Form, Scene, Workspace};

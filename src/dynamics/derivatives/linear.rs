@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 /// `A = [[-ad(qd), 1], [dqdd/dq, dqdd/dqd]]`, `B = [[0], [M^-1]]`, from the `derivatives` of
 /// [`forward_dynamics_derivatives`](super::forward_dynamics_derivatives). ad(v) is the bracket within a joint: the cross
 /// product w x of a spherical joint, (w~, v~; 0, w~) of a free one, linear first; zero for joints of one axis, and at rest.
-pub fn linear_system<T: Real>(model: &Model<T>, qd: &[T], derivatives: &[T], (a, b): (&mut [T], &mut [T])) {
+pub(crate) fn linear_system<T: Real>(model: &Model<T>, qd: &[T], derivatives: &[T], (a, b): (&mut [T], &mut [T])) {
     let nv = model.nv();
     let (by_q, rest) = derivatives.split_at(nv * nv);
     let (by_qd, mass_matrix_inverse) = rest.split_at(nv * nv);

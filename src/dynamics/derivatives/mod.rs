@@ -8,6 +8,23 @@
 //! parent seen at j, the velocity that k feels changes by Psi1 = `V_p` x s and its acceleration by Psi2 = `A_p` x s + `V_p` x Psi1, but for what is
 //! carried along. Forces that are handed inward from j change in addition by s x* F, for a frame that moved carries them.
 //! Everything is in body frames, where digits do not depend on how far from the base's origin a robot is.
+//!
+//! ```
+//! use phipsi::Workspace;
+//! use phipsi::dynamics::derivatives::{DerivativeScratch, inverse_dynamics_derivatives};
+//! # fn main() -> Result<(), phipsi::Error> {
+//! let scene = phipsi::scenes::chain(3)?;
+//! let mut scratch = DerivativeScratch::new(scene.model());
+//! let mut out = [f64::NAN; 27]; // dtau/dq, dtau/dqd and M, row by row
+//! inverse_dynamics_derivatives(scene.model(), &mut scratch, &[0.3; 3], &[0.1; 3], &[1.0; 3], &[], &mut out);
+//!
+//! // As `Scene` does it, with the compiled kernels and all arguments checked.
+//! let mut checked = [f64::NAN; 27];
+//! scene.inverse_dynamics_derivatives(&mut scene.workspace(), &[0.3; 3], &[0.1; 3], &[1.0; 3], &[], &mut checked)?;
+//! assert!(out.iter().zip(&checked).all(|(a, b)| (a - b).abs() <= 1e-12));
+//! # Ok(())
+//! # }
+//! ```
 
 mod adjoint;
 mod column;
@@ -31,14 +48,17 @@ mod tangent;
 pub(crate) use adjoint::CoStates;
 pub use adjoint::Constants;
 pub(crate) use columns::DerivativeColumns;
+#[doc(hidden)]
 pub use coriolis::BodyCoriolis;
 pub use forward::forward_dynamics_derivatives;
 pub use hessian::{HessianScratch, forward_dynamics_hvp, inverse_dynamics_hvp};
 pub use inverse::{coriolis_matrix, inverse_dynamics_derivatives, mass_matrix_derivative};
 pub(crate) use inverse::{in_sweeps, with_transpose};
 pub(crate) use layout::{ConstantParts, GradientParts, constants_of, constants_width};
-pub use linear::linear_system;
-pub use parameters::{Parameters, inertia, of_body, of_link, parameters};
+pub(crate) use linear::linear_system;
+pub use parameters::{Parameters, of_body, of_link};
+#[doc(hidden)]
+pub use parameters::{inertia, parameters};
 pub(crate) use product::Product;
 pub use products::{
     ProductScratch, forward_dynamics_jvp, forward_dynamics_vjp, inverse_dynamics_jvp, inverse_dynamics_vjp,

@@ -37,7 +37,7 @@ pub struct Directions<'a, T> {
     pub u: &'a [T],
     /// Of the wrenches, one a body, in the body's frame.
     pub wrenches: &'a [Vector6<T>],
-    /// Of (m, m c, I) of each body about its frame's origin; see [`parameters`](super::parameters).
+    /// Of (m, m c, I) of each body about its frame's origin, as [`Parameters`] has them.
     pub parameters: &'a [Parameters<T>],
     /// Of the armature of each degree of freedom.
     pub armature: &'a [T],

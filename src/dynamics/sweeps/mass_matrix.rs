@@ -30,8 +30,12 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
     carriers(sweeps, scratch, columns.like(), q);
     let SweepScratch { own, shifts, composites, .. } = scratch;
     let system = &model.system;
-    for (body, own) in sweeps.swept().iter().zip(own).rev() {
-        let composite = body.with_inertia(&composites[body.places.inward]);
+    // Of one state, what goes to the body whose turn is next stays in registers; lanes gain nothing by it.
+    let (mut sent, mut is_next) = (composites[0], false);
+    for (place, (body, own)) in sweeps.swept().iter().zip(own).enumerate().rev() {
+        let arrived = if is_next { sent } else { composites[body.places.inward] };
+        let composite = body.with_inertia(&arrived);
+        is_next = false;
         let carried = match body.joint {
             Joint::Axial(axis) => with_axial!(axis, own.turn, sweeps, body.offset, transform, {
                 let noise = system.noise[body.row];
@@ -66,7 +70,11 @@ pub(crate) fn mass_matrix<T: Real, C: ColumnsOf<T>, const CHECK: bool>(
         };
         if body.parent.is_some() {
             let to = &mut composites[body.places.parent_inward];
-            *to = if body.places.arrives_first { carried } else { to.add(&carried) };
+            sent = if body.places.arrives_first { carried } else { to.add(&carried) };
+            is_next = T::LANES == 1 && body.places.parent == place;
+            if !is_next {
+                *to = sent;
+            }
         }
     }
 }

@@ -18,13 +18,32 @@ pub(super) fn tip_to_base<T: Real>(
     let SweepScratch { own, shifts, .. } = scratch;
     let bodies = sweeps.swept();
     let own = &mut own[..bodies.len()];
+    // What goes to the body whose turn is next stays in registers.
+    let (mut sent, mut is_next) = ([T::zero(); 6], false);
     for (place, body) in bodies.iter().enumerate().rev() {
-        let BodyState { turn, force } = own[place];
+        let BodyState { turn, mut force } = own[place];
+        if is_next {
+            force = added(force, &sent);
+        }
+        let parent = body.places.parent;
         with_joint!(body, turn, (model, sweeps, shifts), transform, rows, {
             rows.project(&force, torques);
-            if let Some(parent) = body.places.parent.checked_sub(1) {
-                transform.send_force(&force, false, &mut own[parent].force);
+            if parent > 0 {
+                transform.send_force(&force, true, &mut sent);
             }
         });
+        is_next = parent > 0 && parent == place;
+        if parent > 0 && !is_next {
+            let to = &mut own[parent - 1].force;
+            *to = added(*to, &sent);
+        }
     }
+}
+
+#[inline(always)]
+fn added<T: Real>(mut force: [T; 6], other: &[T; 6]) -> [T; 6] {
+    for (f, &other) in force.iter_mut().zip(other) {
+        *f += other;
+    }
+    force
 }
