@@ -113,10 +113,10 @@ check: $(VENV)/test
 # Before make test, which then takes this wheel and builds none. zig comes from the package index; maturin finds it by the python3 of PATH.
 manylinux: | $(BIN)/python
 	$(BIN)/python -m pip install --quiet 'ziglang>=0.14' 'auditwheel>=6'
-	test -f $(WHEELS)/phipsi-*-manylinux_2_17_*.whl || rm -f $(VENV)/wheel
+	test -f $(WHEELS)/phipsi-*manylinux_2_17_*.whl || rm -f $(VENV)/wheel
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(MAKE) $(VENV)/wheel WHEEL_FLAGS='--zig --compatibility manylinux_2_17'
 	$(BIN)/auditwheel show $(WHEELS)/phipsi-*.whl
-	ls -l $(WHEELS)/phipsi-*-manylinux_2_17_*.whl
+	ls -l $(WHEELS)/phipsi-*manylinux_2_17_*.whl
 
 # Compiled with what was compiled for the tests; cargo package compiles the bare crate from what it packs.
 SDIST := target/sdist
