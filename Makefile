@@ -6,6 +6,9 @@
 #   make test-jax  the tests of phipsi.jax, and its page, in .venv-jax (two minutes)
 #   make docs      the pages of docs/ as a site, target/site/index.html, in .venv-docs; warnings are errors
 #   make check     what CI adds: format, clippy (of the benches too), docs, stubs, abi3
+#   make manylinux    Linux: the wheel that make test takes, linked by zig, so that it runs on glibc 2.17
+#   make sdist     the source distribution: its content, and that it and the crate compile
+#   make oldest    the wheel in Python 3.10 with the oldest NumPy and test packages it allows
 #   make peers     what to measure against: the peers, and Pinocchio's C++ harness (Debian: apt-get, as root)
 #   make stub      after make test: writes the docstrings of the compiled module into the stub
 #   make instructions   counts instructions with valgrind, fails where there are more than before
@@ -19,6 +22,8 @@
 #   make bench     after make peers: measures all of it (20 minutes), writes docs/benchmarks.md and the figures of README.md (BENCH=--quick: a trial)
 
 PYTHON ?= python3
+# The first of these that runs.
+PYTHON_3_10 ?= python3.10 $(wildcard $(HOME)/.pyenv/versions/3.10.*/bin/python)
 OUT ?= report
 ROBOT ?=
 BENCH ?=
@@ -32,7 +37,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax docs check bench numerics motion instructions auto-states derivatives leaving-out roofline picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion instructions auto-states derivatives leaving-out roofline picture peers peers-there peers-phipsi stub clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -40,9 +45,11 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip 'maturin>=1.9.4,<2'
 
+# What maturin is told besides; make manylinux sets it.
+WHEEL_FLAGS ?=
 $(VENV)/wheel: $(SOURCES) | $(BIN)/python
 	rm -rf $(WHEELS)
-	$(BIN)/maturin build --release --locked --quiet --out $(WHEELS)
+	$(BIN)/maturin build --release --locked --quiet $(WHEEL_FLAGS) --out $(WHEELS)
 	$(BIN)/python -m pip install --quiet --force-reinstall --no-deps $(WHEELS)/phipsi-*.whl
 	touch $@
 
@@ -114,6 +121,31 @@ check: $(VENV)/test
 	cd tests/python && ../../$(BIN)/python -m mypy.stubtest phipsi._core
 	$(BIN)/mypy python/phipsi
 	$(BIN)/abi3audit --strict $(WHEELS)/phipsi-*.whl
+
+# Before make test, which then takes this wheel and builds none. zig comes from the package index; maturin finds it by the python3 of PATH.
+manylinux: | $(BIN)/python
+	$(BIN)/python -m pip install --quiet 'ziglang>=0.14' 'auditwheel>=6'
+	test -f $(WHEELS)/phipsi-*manylinux_2_17_*.whl || rm -f $(VENV)/wheel
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(MAKE) $(VENV)/wheel WHEEL_FLAGS='--zig --compatibility manylinux_2_17'
+	$(BIN)/auditwheel show $(WHEELS)/phipsi-*.whl
+	ls -l $(WHEELS)/phipsi-*manylinux_2_17_*.whl
+
+# Compiled with what was compiled for the tests; cargo package compiles the bare crate from what it packs.
+SDIST := target/sdist
+sdist: | $(BIN)/python
+	rm -rf $(SDIST)
+	$(BIN)/maturin sdist --quiet --out $(SDIST)
+	$(BIN)/python .ci/check_sdist.py $(SDIST)/phipsi-*.tar.gz
+	cd $(SDIST)/phipsi-*/ && CARGO_TARGET_DIR="$(CURDIR)/target" cargo check --locked --features python,avx512,float32
+	cargo package --locked --allow-dirty
+
+# The tests are those of the source distribution.
+oldest: $(VENV)/wheel sdist
+	@for python in $(PYTHON_3_10); do \
+	  if "$$python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 10))' 2>/dev/null; then \
+	    "$$python" .ci/test_wheel.py --oldest --tree $(SDIST)/phipsi-*/ $(WHEELS)/phipsi-*.whl; exit; \
+	  fi; \
+	done; echo "make oldest: skipped, there is no Python 3.10 as python3.10 or in ~/.pyenv/versions"
 
 stub: $(VENV)/test
 	cd tests/python && ../../$(BIN)/python stub_docs.py ../../python/phipsi/_core.pyi
