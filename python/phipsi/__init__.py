@@ -17,7 +17,7 @@ array([-1.484])
 SI units and radians throughout; spatial vectors are angular first; arrays have leading batch axes that broadcast.
 """
 
-from . import errors, scenes
+from . import errors, scenes, tasks
 from ._core import (
     BUNDLED_ARM,
     RandomModel,
@@ -91,4 +91,5 @@ __all__ = [
     "load",
     "scenes",
     "set_num_threads",
+    "tasks",
 ]

@@ -29,6 +29,7 @@ from ._results import (
     Samples,
 )
 from .operators import Factor
+from .tasks import InverseKinematics, Task
 from .view import Viewer
 
 __all__ = [
@@ -1180,6 +1181,19 @@ class Scene:
         Raises ArgumentError for an unknown link and for a mass that is negative; ShapeError, ArgumentError for arrays, by the link's name. Warns
         InertiaWarning for inertias that no body can have.
         """
+    def inverse_kinematics(
+        self,
+        tasks: Task | Collection[Task],
+        q0: ArrayLike | None = None,
+        *,
+        starts: int = 20,
+        posture: float | None = None,
+        limits: bool = True,
+        tolerance: float = 1e-9,
+        iterations: int = 100,
+        covariance: bool = False,
+        seed: int = 0,
+    ) -> InverseKinematics: ...
     def identify(
         self,
         q: ArrayLike,

@@ -31,9 +31,9 @@ pub(crate) mod outward;
 pub use frame::{ACCELERATION_KINDS, AccelerationKind, Frame, REFERENCE_FRAMES, ReferenceFrame};
 #[doc(hidden)]
 pub use inward::{FrameMotion, frame_motion, placement, placements_on_the_way};
-pub(crate) use jacobian::{local_jacobian, write_column};
 #[doc(hidden)]
 pub use jacobian::{jacobian, jacobian_rate};
+pub(crate) use jacobian::{local_jacobian, write_column};
 #[doc(hidden)]
 pub use outward::{
     base_acceleration, coordinate_rates, joint_motion, joint_shift, motion_past_joint, motion_step,

@@ -31,6 +31,7 @@ mod fresh;
 mod geometry;
 mod input;
 mod interrupts;
+mod inverse_kinematics;
 mod links;
 mod motion;
 mod object;

@@ -1,0 +1,214 @@
+"""Tasks of inverse kinematics: what should be where, and how exactly it is meant.
+
+>>> import phipsi
+>>> scene = phipsi.load(phipsi.BUNDLED_ARM)
+>>> hand = phipsi.tasks.Position("link6", (0.5, 0.1, 0.4))
+>>> scene.inverse_kinematics([hand]).reached
+True
+
+Positions, directions and rotations are in the base's frame; a target with leading axes is a batch. position and rotation are standard deviations, m and rad: of two tasks
+that cannot both be met, the one with the smaller deviation wins; those that can be met all are, whatever their deviations.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import ArgumentError, ShapeError, of_argument
+
+__all__ = ["CenterOfMass", "Direction", "InverseKinematics", "JointPosition", "LookAt", "Orientation", "Pose", "Position", "Task"]
+
+_Array = NDArray[np.float64]
+
+#: Within what a task is meant, unless it says otherwise: a millimetre, a milliradian.
+DEVIATION = 1e-3
+ORIGIN, FORWARD = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+
+
+class Pose(NamedTuple):
+    """A link has a place: its frame, moved by `at`, is where the target says."""
+
+    link: str
+    """Name of the link."""
+    target: ArrayLike
+    """Homogeneous matrix, link to base, (..., 4, 4), as Scene.placement gives it."""
+    at: ArrayLike = ORIGIN
+    """The point of the link that is meant, in its frame, (3,), m."""
+    position: float = DEVIATION
+    """Standard deviation of the position, m."""
+    rotation: float = DEVIATION
+    """Standard deviation of the rotation, rad."""
+
+
+class Position(NamedTuple):
+    """A point of a link is at a point."""
+
+    link: str
+    """Name of the link."""
+    target: ArrayLike
+    """(..., 3), m."""
+    at: ArrayLike = ORIGIN
+    """The point of the link, in its frame, (3,), m."""
+    position: float = DEVIATION
+    """Standard deviation, m."""
+
+
+class Orientation(NamedTuple):
+    """A link has an orientation."""
+
+    link: str
+    """Name of the link."""
+    target: ArrayLike
+    """Rotation matrix, link to base, (..., 3, 3)."""
+    rotation: float = DEVIATION
+    """Standard deviation, rad."""
+
+
+class Direction(NamedTuple):
+    """An axis of a link has a direction; turning about it is free."""
+
+    link: str
+    """Name of the link."""
+    target: ArrayLike
+    """(..., 3), of any length."""
+    axis: ArrayLike = FORWARD
+    """In the link's frame, (3,), of any length."""
+    rotation: float = DEVIATION
+    """Standard deviation, rad."""
+
+
+class LookAt(NamedTuple):
+    """An axis through a point of a link points to a point: a camera that keeps something in view."""
+
+    link: str
+    """Name of the link."""
+    target: ArrayLike
+    """(..., 3), m."""
+    axis: ArrayLike = FORWARD
+    """In the link's frame, (3,), of any length."""
+    at: ArrayLike = ORIGIN
+    """The point of the link that the axis goes through, in its frame, (3,), m."""
+    rotation: float = DEVIATION
+    """Standard deviation, rad."""
+
+
+class CenterOfMass(NamedTuple):
+    """The mass centre of all that moves is at a point."""
+
+    target: ArrayLike
+    """(..., 3), m."""
+    position: float = DEVIATION
+    """Standard deviation, m."""
+
+
+class JointPosition(NamedTuple):
+    """A joint of one coordinate has a position."""
+
+    joint: str
+    """Name of the joint."""
+    target: ArrayLike
+    """(...), rad or m."""
+    deviation: float = DEVIATION
+    """Standard deviation, rad or m."""
+
+
+class InverseKinematics(NamedTuple):
+    """What inverse kinematics found."""
+
+    q: _Array
+    """The configuration, (..., nq), within the limits of the joints."""
+    reached: NDArray[np.bool_] | bool
+    """Whether every task's error is within the tolerance, (...). Where it is not, q is the best that was found: a local minimum, which does not prove that there is none."""
+    position_error: _Array | np.float64
+    """The largest distance of a task from its target, (...), m."""
+    rotation_error: _Array | np.float64
+    """The largest angle of a task, (...), rad; of directions the distance of their unit vectors."""
+    starts: NDArray[np.int64] | int
+    """How many starts were used, (...)."""
+    iterations: NDArray[np.int64] | int
+    """Steps over all starts, (...)."""
+    covariance: _Array | None = None
+    """Of q in its tangent space, (..., nv, nv), as deviations of tasks and posture have it; zero at joints that are at a limit, infinite where a motion is left undetermined and there is no
+    posture. None where it was not asked for."""
+
+
+Task: TypeAlias = Pose | Position | Orientation | Direction | LookAt | CenterOfMass | JointPosition
+
+#: By the names that Rust knows them by; width of a target.
+KINDS: dict[type, tuple[str, int]] = {
+    Pose: ("pose", 16), Position: ("position", 3), Orientation: ("orientation", 9), Direction: ("direction", 3), LookAt: ("look-at", 3),
+    CenterOfMass: ("center-of-mass", 3), JointPosition: ("joint", 1),
+}  # fmt: skip
+
+_Unpacked = tuple[str, str, str, list[float], list[float], float, float, _Array, int]
+
+
+def unpacked(tasks: Any) -> list[_Unpacked]:
+    """For Rust: kind, what errors call it, link or joint, point, axis, deviations, target with its numbers in the last axis, and how many these are."""
+    given = [tasks] if type(tasks) in KINDS else list(tasks)
+    return [_one(at, task) for at, task in enumerate(given)]
+
+
+def _one(at: int, task: Any) -> _Unpacked:
+    if type(task) not in KINDS:
+        raise of_argument(ArgumentError, "tasks", f"found {type(task).__name__} at {at}; expected {', '.join(kind.__name__ for kind in KINDS)} of phipsi.tasks")
+    kind, width = KINDS[type(task)]
+    name = f"tasks[{at}]"
+    fields = task._asdict()
+    target = _numbers(f"{name}.target", fields["target"])
+    square = {"pose": (4, 4), "orientation": (3, 3)}.get(kind)
+    if square is not None:
+        if target.shape[-2:] != square:
+            raise of_argument(ShapeError, f"{name}.target", f"found shape {target.shape}; expected (..., {square[0]}, {square[1]})")
+        target = target.reshape(*target.shape[:-2], width)
+    elif kind == "joint":
+        target = target[..., None]
+    elif target.ndim == 0 or target.shape[-1] != width:
+        raise of_argument(ShapeError, f"{name}.target", f"found shape {target.shape}; expected (..., {width})")
+    if kind == "direction":
+        target = _unit(f"{name}.target", target)
+    point, axis = (_triple(f"{name}.{field}", fields[field]) if field in fields else np.array(default) for field, default in (("at", ORIGIN), ("axis", FORWARD)))
+    axis = _unit(f"{name}.axis", axis)
+    deviation = fields.get("deviation", DEVIATION)
+    deviations = (float(fields.get("position", deviation)), float(fields.get("rotation", deviation)))
+    return kind, name, fields.get("link", fields.get("joint", "")), point.tolist(), axis.tolist(), *deviations, target, width
+
+
+def _numbers(name: str, value: ArrayLike) -> _Array:
+    try:
+        return np.asarray(value, float)
+    except (TypeError, ValueError):
+        raise of_argument(ArgumentError, name, f"found {type(value).__name__}, which is no array of numbers") from None
+
+
+def _triple(name: str, value: ArrayLike) -> _Array:
+    found = _numbers(name, value)
+    if found.shape != (3,):
+        raise of_argument(ShapeError, name, f"found shape {found.shape}; expected (3,)")
+    return found
+
+
+def _unit(name: str, axis: _Array) -> _Array:
+    """Of unit length."""
+    length = np.linalg.norm(axis, axis=-1, keepdims=True)
+    if np.any(length == 0.0):
+        raise of_argument(ArgumentError, name, "found an axis without direction; expected one of any length above zero")
+    return np.asarray(axis / length)
+
+
+def gathered(numbers: _Array, nq: int, nv: int, covariance: bool) -> InverseKinematics:
+    """From Rust: the results of a batch, a row a state."""
+    reached, position, rotation, starts, iterations = np.moveaxis(numbers[..., nq : nq + 5], -1, 0)
+    one = numbers.ndim == 1
+    return InverseKinematics(
+        np.ascontiguousarray(numbers[..., :nq]),
+        bool(reached) if one else reached != 0.0,
+        position[()] if one else position.copy(),
+        rotation[()] if one else rotation.copy(),
+        int(starts) if one else starts.astype(np.int64),
+        int(iterations) if one else iterations.astype(np.int64),
+        numbers[..., nq + 5 :].reshape(*numbers.shape[:-1], nv, nv).copy() if covariance else None,
+    )
