@@ -42,7 +42,6 @@ pub struct DoubleDouble {
 impl DoubleDouble {
     /// The sum of two f64, exactly. Not finite parts, or a sum that overflows, give NaN.
     #[must_use]
-    #[doc(hidden)]
     pub fn from_parts(high: f64, low: f64) -> Self {
         let (high, low) = two_sum(high, low);
         Self { high, low }
