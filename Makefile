@@ -126,7 +126,7 @@ check: $(VENV)/test
 manylinux: | $(BIN)/python
 	$(BIN)/python -m pip install --quiet 'ziglang>=0.14' 'auditwheel>=6'
 	test -f $(WHEELS)/phipsi-*manylinux_2_17_*.whl || rm -f $(VENV)/wheel
-	PATH="$(CURDIR)/$(BIN):$$PATH" $(MAKE) $(VENV)/wheel WHEEL_FLAGS='--zig --compatibility manylinux_2_17'
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(MAKE) $(VENV)/wheel WHEEL_FLAGS='--zig --compatibility manylinux_2_17 --compression-level 9'
 	$(BIN)/auditwheel show $(WHEELS)/phipsi-*.whl
 	ls -l $(WHEELS)/phipsi-*manylinux_2_17_*.whl
 
@@ -134,7 +134,7 @@ manylinux: | $(BIN)/python
 SDIST := target/sdist
 sdist: | $(BIN)/python
 	rm -rf $(SDIST)
-	$(BIN)/maturin sdist --quiet --out $(SDIST)
+	$(BIN)/maturin sdist --out $(SDIST)
 	$(BIN)/python .ci/check_sdist.py $(SDIST)/phipsi-*.tar.gz
 	cd $(SDIST)/phipsi-*/ && CARGO_TARGET_DIR="$(CURDIR)/target" cargo check --locked --features python,avx512,float32
 	cargo package --locked --allow-dirty

@@ -16,11 +16,11 @@ TREE = Path(__file__).parents[1]
 
 # Of files that git has; * goes across folders.
 EXPECTED = (
-    ".cargo/config.toml",
     "CHANGELOG.md",
     "Cargo.lock",
     "Cargo.toml",
     "LICENSE-*",
+    "PACKAGE.md",
     "README.md",
     "assets/*",
     "benches/*.py",

@@ -13,7 +13,7 @@ import numpy as np
 import phipsi
 import pytest
 from click.testing import CliRunner, Result
-from phipsi.report import commands, completion, identify, info, kinds, simulate, view_robot  # noqa: F401  # the others register their commands
+from phipsi.report import commands, completion, identify, ik, info, kinds, simulate, view_robot  # noqa: F401  # the others register their commands
 from phipsi.report.sections import residuals
 
 #: Two links in line, the second without mass: its joint moves nothing.
@@ -37,7 +37,7 @@ def test_version_names_the_version() -> None:
     assert phipsi.__version__ in result.output
 
 
-@pytest.mark.parametrize("command", [[], ["info"], ["view"], ["simulate"], ["identify"], ["report"], ["check"], ["bench"], ["completion"]])
+@pytest.mark.parametrize("command", [[], ["info"], ["view"], ["simulate"], ["identify"], ["ik"], ["report"], ["check"], ["bench"], ["completion"]])
 def test_help(command: list[str]) -> None:
     result = run(*command, "--help")
     assert result.exit_code == 0
@@ -135,6 +135,28 @@ def test_identify_without_torques(measured: Path, tmp_path: Path) -> None:
     np.savez(file, q=np.zeros((3, 6)), qd=np.zeros((3, 6)))
     refused = run("identify", str(measured.parent / "arm.urdf"), str(file))
     assert refused.exit_code == 2 and "found no tau" in refused.output
+
+
+def test_ik(measured: Path) -> None:
+    robot = str(measured.parent / "arm.urdf")
+    result = run("ik", robot, "link6", "--position", "0.5", "0.1", "0.3", "--rpy", "0.1", "0.2", "0.3", "--json")
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.output)
+    scene = phipsi.Scene.from_urdf(robot)
+    place = scene.placement(np.array(list(found["joints"].values())), "link6")
+    roll, pitch, yaw = np.arctan2(place[2, 1], place[2, 2]), -np.arcsin(place[2, 0]), np.arctan2(place[1, 0], place[0, 0])
+    assert np.allclose(place[:3, 3], [0.5, 0.1, 0.3], atol=1e-8) and np.allclose([roll, pitch, yaw], [0.1, 0.2, 0.3], atol=1e-8)
+    assert "reached: off by" in run("ik", robot, "link6", "--position", "0.5", "0.1", "0.3").output
+
+
+def test_ik_out_of_reach_exits_with_1(measured: Path) -> None:
+    result = run("ik", str(measured.parent / "arm.urdf"), "link6", "--position", "9", "0", "0")
+    assert result.exit_code == 1 and "not reached: off by" in result.output
+
+
+def test_ik_without_a_goal_exits_with_2(measured: Path) -> None:
+    result = run("ik", str(measured.parent / "arm.urdf"), "link6")
+    assert result.exit_code == 2 and "--position, --rpy: found neither" in result.output
 
 
 def test_the_package_is_the_command() -> None:

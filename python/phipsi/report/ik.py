@@ -1,0 +1,70 @@
+"""The command `phipsi ik`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from .. import tasks
+from .commands import BEYOND, FLOATING, BadInput, _load, _typed_errors, group
+from .motion import read_state
+from .pipeline import plain
+
+
+@group.command()
+@click.argument("robot", metavar="ROBOT.urdf", type=click.Path(path_type=Path))
+@click.argument("link")
+@FLOATING
+@click.option("--position", nargs=3, type=float, metavar="X Y Z", help="Where the link's origin should be, m.")
+@click.option("--rpy", nargs=3, type=float, metavar="R P Y", help="How the link should be turned, rad: Rz(Y) Ry(P) Rx(R).")
+@click.option("--state", type=click.Path(path_type=Path, dir_okay=False), help="The first start: JSON or npz with q.  [default: neutral]")
+@click.option("--starts", type=click.IntRange(1), default=20, show_default=True, help="How many starts at the most.")
+@click.option("--limits/--no-limits", default=True, help="Whether joints stay within their limits.")
+@click.option("--json", "as_json", is_flag=True, help="All numbers, as JSON.")
+def ik(
+    robot: Path,
+    link: str,
+    floating_base: bool,
+    position: tuple[float, float, float] | None,
+    rpy: tuple[float, float, float] | None,
+    state: Path | None,
+    starts: int,
+    limits: bool,
+    as_json: bool,
+) -> None:
+    """Find joint positions that put a LINK where it should be.
+
+    Exit code 1: it was not reached (what came nearest is told); 2: bad input.
+    """
+    scene, name, _, _ = _load(robot, floating_base)
+    if position is None and rpy is None:
+        raise BadInput("--position, --rpy: found neither; expected one of them, or both")
+    with _typed_errors():
+        q0 = read_state(state, scene).get("q") if state is not None else None
+        wanted: list[Any] = []
+        if position is not None:
+            wanted.append(tasks.Position(link, position))
+        if rpy is not None:
+            wanted.append(tasks.Orientation(link, _rotation(*rpy)))
+        found = scene.inverse_kinematics(wanted, q0, starts=starts, limits=limits)
+    joints = {joint: found.q[scene.q_index(joint)] for joint in scene.joint_names}
+    if as_json:
+        about = {"name": name, "link": link, "joints": {joint: values[0] if len(values) == 1 else values for joint, values in joints.items()}}
+        click.echo(json.dumps(plain(about | found._asdict()), indent=1, allow_nan=False, ensure_ascii=False))
+    else:
+        for joint, values in joints.items():
+            click.echo(f"{joint}: {' '.join(f'{value:.9g}' for value in values)}")
+        said = "reached" if found.reached else "not reached"
+        click.echo(f"{said}: off by {found.position_error:.2g} m, {found.rotation_error:.2g} rad, after {found.starts} starts and {found.iterations} steps")
+    if not found.reached:
+        raise SystemExit(BEYOND)
+
+
+def _rotation(roll: float, pitch: float, yaw: float) -> Any:
+    """Rz(yaw) Ry(pitch) Rx(roll)."""
+    (a, b, c), (d, e, f) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
+    return np.array([[c * b, c * e * d - f * a, c * e * a + f * d], [f * b, f * e * d + c * a, f * e * a - c * d], [-e, b * d, b * a]])
