@@ -1193,7 +1193,22 @@ class Scene:
         iterations: int = 100,
         covariance: bool = False,
         seed: int = 0,
-    ) -> InverseKinematics: ...
+    ) -> InverseKinematics:
+        """Joint positions that bring links where they should be, within the limits of the joints; the most probable ones.
+
+        tasks: a task of phipsi.tasks or a list of them: Pose, Position, Orientation, Direction, LookAt, CenterOfMass, JointPosition; targets with leading axes are a batch,
+        which broadcasts with that of q0. q0: (..., nq), the first start; None: neutral. starts: how many configurations it starts from at the most, those after the first
+        drawn within the limits. posture: None, or a standard deviation, rad and m: how far joints are expected from q0, for robots that tasks leave free.
+        limits: whether joints stay within theirs; a q0 beyond them starts at them. tolerance: a task is reached where its error is no larger, m and rad.
+        iterations: steps from each start at the most. covariance: whether to give it. seed: of the starts.
+
+        Minimises half the squares of all errors over their standard deviations, by Levenberg and Marquardt's steps on the manifold, each the exact minimum of its model
+        within the limits: no step makes it worse. The same bits for any number of threads. O(tasks depth + nv^3) a step.
+
+        Returns a phipsi.tasks.InverseKinematics: q, reached, errors, starts, iterations and the covariance.
+
+        Raises ArgumentError for what is no task, unknown links and joints, and numbers that cannot be; ShapeError, NotFiniteError, naming the task and the state.
+        """
     def identify(
         self,
         q: ArrayLike,
@@ -1296,7 +1311,7 @@ class Scene:
         """The scene as URDF, which from_urdf reads back to the same numbers but for the rounding of angles; a str.
 
         path: a file to write it to; None: none. name: of the robot. The free joint of a floating base is not written: read it with floating_base=True. Armature,
-        stiffness and rest are attributes of <dynamics>, which other programs pass over. Shapes are not kept. A revolute joint without limits is written as
+        stiffness and rest are attributes of <dynamics>, which other programs pass over. Shapes are those of the scene's file, where it is a URDF that is still there. A revolute joint without limits is written as
         continuous.
 
         Raises ArgumentError for what URDF cannot hold, naming the joint: screw and universal joints, springs at joints of several coordinates, losses of a

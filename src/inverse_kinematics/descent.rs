@@ -17,7 +17,7 @@ const DAMPING: f64 = 1e-2;
 const FLOOR: f64 = 1e-3;
 /// A step is taken where F falls by this share of what was expected.
 const ENOUGH: f64 = 1e-4;
-/// A start is given up where F has not halved in so many steps.
+/// A start is given up where F has not halved in so many steps; with a posture F is not zero at the answer.
 const PATIENCE: usize = 15;
 /// No step can lower F where the model expects less than this share of it.
 const NOTHING: f64 = 1e-16;
@@ -141,7 +141,7 @@ impl Descent {
             damping = damping.min(self.rows.position_error + self.rows.rotation_error + f64::MIN_POSITIVE);
             if value <= 0.5 * halved {
                 (halved, since) = (value, 0);
-            } else if since >= PATIENCE {
+            } else if since >= PATIENCE && tasks.posture.is_none() {
                 break;
             }
         }

@@ -155,7 +155,7 @@ POSITION = tasks.Position(HAND, (0.5, 0.1, 0.3))
         ({"tasks": tasks.Pose(HAND, np.diag([1.0, 2.0, 1.0, 1.0]))}, ArgumentError, "target of task 0.*a rotation matrix"),
         ({"tasks": tasks.Direction(HAND, (0, 0, 0))}, ArgumentError, r"tasks\[0\].target: found an axis without direction"),
         ({"tasks": POSITION._replace(at=(0, 0))}, ShapeError, r"tasks\[0\].at: found shape \(2,\)"),
-        ({"tasks": POSITION._replace(target=(0, 0, np.nan))}, NotFiniteError, r"tasks\[0\].target"),
+        ({"tasks": POSITION._replace(target=(0, 0, np.nan))}, NotFiniteError, "target of task 0: found NaN"),
         ({"tasks": POSITION._replace(position=0.0)}, ArgumentError, "position deviation of task 0"),
         ({"q0": np.zeros(5)}, ShapeError, "q0"),
         ({"q0": np.full(6, np.nan)}, NotFiniteError, "q0"),
