@@ -6,6 +6,7 @@ pub struct BoxStep {
     n: usize,
     factor: Vec<f64>,
     free: Vec<usize>,
+    solved: Vec<usize>,
     slope: Vec<f64>,
     way: Vec<f64>,
     trial: Vec<f64>,
@@ -21,6 +22,7 @@ impl BoxStep {
             n,
             factor: vec![f64::NAN; n * n],
             free: Vec::with_capacity(n),
+            solved: Vec::with_capacity(n),
             slope: numbers(),
             way: numbers(),
             trial: numbers(),
@@ -30,14 +32,16 @@ impl BoxStep {
     /// The minimum, into `step`; whether there is one: false where A is not positive definite on what may move.
     ///
     /// Projected Newton: what is at a limit and pushed against it is held, the others take Newton's step, bent at the limits and shortened until the quadratic
-    /// falls; ends where nothing new is held. O(n^3) a round, as a rule two or three of them.
+    /// falls; ends where that was done for just those that may move. O(n^3) a round, as a rule two or three of them.
     pub fn minimise(&mut self, a: &[f64], g: &[f64], room: impl Fn(usize) -> (f64, f64), step: &mut [f64]) -> bool {
         let n = self.n;
         step.fill(0.0);
-        for _ in 0..2 * n + 2 {
+        let mut whole = false;
+        for _ in 0..4 * n + 4 {
             for i in 0..n {
                 self.slope[i] = g[i] + (0..n).map(|j| a[i * n + j] * step[j]).sum::<f64>();
             }
+            std::mem::swap(&mut self.free, &mut self.solved);
             self.free.clear();
             for (i, &at) in step.iter().enumerate() {
                 let (lower, upper) = room(i);
@@ -46,14 +50,15 @@ impl BoxStep {
                     self.free.push(i);
                 }
             }
-            if self.free.is_empty() {
+            // Solved for just these, and no other wants to leave its limit.
+            if self.free.is_empty() || (whole && self.free == self.solved) {
                 return true;
             }
             if !self.newton(a) {
                 return false;
             }
             let was = value(a, g, step, n);
-            let (mut length, mut bent) = (1.0, false);
+            let (mut length, mut bent, mut shortened) = (1.0, false, false);
             for halving in 0..HALVINGS {
                 bent = false;
                 self.trial.copy_from_slice(step);
@@ -70,12 +75,10 @@ impl BoxStep {
                 if value(a, g, &self.trial, n) <= was + 1e-4 * fall {
                     break;
                 }
-                length *= 0.5;
+                (length, shortened) = (0.5 * length, true);
             }
             step.copy_from_slice(&self.trial);
-            if !bent {
-                return true;
-            }
+            whole = !bent && !shortened;
         }
         true
     }
