@@ -5,8 +5,8 @@
 //!
 //! F(q) = 1/2 sum (e / s)^2 + 1/2 |q (-) posture|^2 / p^2
 //!
-//! by the steps of Levenberg and Marquardt, each the exact minimum of its model within the limits: [`descent`]. Where one start ends in a local minimum,
-//! others follow, drawn within the limits: [`starts`]. The inverse of the second derivative at the end is the covariance of the answer.
+//! by the steps of Levenberg and Marquardt, each the exact minimum of its model within the limits. Where one start ends in a local minimum,
+//! others follow, drawn within the limits. The inverse of the second derivative at the end is the covariance of the answer.
 //!
 //! ```
 //! use phipsi::inverse_kinematics::{Goal, Options, Task};
