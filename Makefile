@@ -17,6 +17,7 @@
 #   make leaving-out   counts with valgrind what each switch saves: writes the table of docs/leaving-out.md
 #   make numerics  after make peers: errors on extreme scenes beside the peers', writes docs/numerics.md, its plots and the figures of README.md (ten minutes)
 #   make motion [OUT=report]   after make peers: the study of integrators, beside the peers' (some minutes)
+#   make inverse-kinematics   beside pink and mink, in .venv-ik: writes docs/inverse-kinematics-times.md (ten minutes)
 #   make picture   the picture of README.md, docs/robot.webp, in Chromium (half a minute)
 #   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
 #   make bench     after make peers: measures all of it (20 minutes), writes docs/benchmarks.md and the figures of README.md (BENCH=--quick: a trial)
@@ -37,7 +38,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion instructions auto-states derivatives leaving-out roofline picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion instructions auto-states derivatives leaving-out inverse-kinematics roofline picture peers peers-there peers-phipsi stub clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -174,6 +175,15 @@ instructions:
 derivatives: $(VENV)/test
 	$(BIN)/python benches/derivatives.py --markdown docs/derivative-times.md
 
+$(VENV)-ik/there: $(VENV)/wheel
+	$(PYTHON) -m venv $(VENV)-ik
+	$(VENV)-ik/bin/python -m pip install --quiet 'pin>=3' 'pin-pink>=4' 'mink>=1' 'qpsolvers[daqp]' 'example-robot-data>=4'
+	$(VENV)-ik/bin/python -m pip install --quiet --force-reinstall --no-deps $(WHEELS)/phipsi-*.whl
+	touch $@
+
+inverse-kinematics: $(VENV)-ik/there
+	$(VENV)-ik/bin/python benches/inverse_kinematics.py --markdown docs/inverse-kinematics-times.md
+
 leaving-out:
 	$(PYTHON) benches/leaving_out.py
 
@@ -196,4 +206,4 @@ peers:
 	bash benches/peers/install.sh
 
 clean:
-	rm -rf target $(VENV) $(VENV)-jax $(VENV)-docs $(DEV) report python/phipsi/_core.abi3.so
+	rm -rf target $(VENV) $(VENV)-jax $(VENV)-docs $(VENV)-ik $(DEV) report python/phipsi/_core.abi3.so

@@ -13,11 +13,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .errors import ArgumentError, ShapeError, of_argument
 
-__all__ = ["array_of", "flags", "is_masked", "split_mask", "states_of"]
+__all__ = ["array_of", "flags", "is_masked", "leading", "split_mask", "states_of", "vectors"]
 
 #: Lists within lists are looked into so deep: one may hold itself.
 DEEPEST = 8
@@ -39,6 +39,22 @@ def array_of(name: str, value: Any, joints: Joints, width: int) -> NDArray[Any]:
     if array.dtype.kind not in "fiu":
         raise _of_dtype(name, value, array.dtype)
     return array
+
+
+def vectors(name: str, values: ArrayLike, size: int) -> NDArray[np.float64]:
+    """Vectors of that many numbers, (..., size), of another program's state."""
+    found = np.asarray(values, float)
+    if found.ndim == 0 or found.shape[-1] != size:
+        raise of_argument(ShapeError, name, f"found shape {found.shape}; expected (..., {size})")
+    return found
+
+
+def leading(q: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[int, ...]:
+    """The axes that configurations and what stands beside them broadcast to."""
+    try:
+        return np.broadcast_shapes(q.shape[:-1], v.shape[:-1])
+    except ValueError:
+        raise of_argument(ShapeError, "q", f"found leading axes {q.shape[:-1]}, and {v.shape[:-1]} beside; expected ones that broadcast") from None
 
 
 def flags(name: str, value: Any, joints: Joints, width: int) -> list[bool] | None:

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from ._load import expanded, is_xacro
 from ._results import Joint
 from .errors import ArgumentError
 
@@ -52,11 +53,12 @@ def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str
 
 
 def _shapes(file: Path | None) -> tuple[dict[str, list[ElementTree.Element]], list[ElementTree.Element]]:
-    """The shapes of links by name, and the materials, of a URDF that is still there; files of meshes beside it get their whole path."""
+    """The shapes of links by name, and the materials, of a URDF or xacro that is still there; files of meshes beside it get their whole path."""
     if file is None or not file.is_file():
         return {}, []
+    text = file.read_text(encoding="utf-8", errors="replace")
     try:
-        robot = ElementTree.parse(file).getroot()
+        robot = ElementTree.fromstring(expanded(file) if is_xacro(text) else text)
     except ElementTree.ParseError:
         return {}, []
     if robot.tag != "robot":

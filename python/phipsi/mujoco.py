@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._arguments import leading, vectors
 from ._core import Scene, SceneBuilder
 from .errors import ArgumentError, SceneError
 
@@ -285,10 +286,10 @@ def to_state(scene: Scene, qpos: ArrayLike, qvel: ArrayLike | None = None) -> tu
 
     qvel: None for zeros.
 
-    Raises ArgumentError where the last axes are not nq and nv, or the others do not broadcast.
+    Raises ShapeError where the last axes are not nq and nv, or the others do not broadcast.
     """
-    qpos = _numbers_of("qpos", qpos, scene.nq)
-    qvel = np.zeros(scene.nv) if qvel is None else _numbers_of("qvel", qvel, scene.nv)
+    qpos = vectors("qpos", qpos, scene.nq)
+    qvel = np.zeros(scene.nv) if qvel is None else vectors("qvel", qvel, scene.nv)
     q = _reordered(scene, qpos, -1)
     return q, _turned(scene, q, qvel, inward=True)
 
@@ -298,10 +299,10 @@ def from_state(scene: Scene, q: ArrayLike, qd: ArrayLike | None = None) -> tuple
 
     qd: None for zeros.
 
-    Raises ArgumentError as to_state does.
+    Raises ShapeError as to_state does.
     """
-    q = _numbers_of("q", q, scene.nq)
-    qd = np.zeros(scene.nv) if qd is None else _numbers_of("qd", qd, scene.nv)
+    q = vectors("q", q, scene.nq)
+    qd = np.zeros(scene.nv) if qd is None else vectors("qd", qd, scene.nv)
     return _reordered(scene, q, 1), _turned(scene, q, qd, inward=False)
 
 
@@ -310,14 +311,14 @@ def to_forces(scene: Scene, q: ArrayLike, qfrc: ArrayLike) -> _Array:
 
     q: phipsi's configuration, (..., nq), of to_state.
 
-    Raises ArgumentError as to_state does.
+    Raises ShapeError as to_state does.
     """
-    return _turned(scene, _numbers_of("q", q, scene.nq), _numbers_of("qfrc", qfrc, scene.nv), inward=True)
+    return _turned(scene, vectors("q", q, scene.nq), vectors("qfrc", qfrc, scene.nv), inward=True)
 
 
 def from_forces(scene: Scene, q: ArrayLike, tau: ArrayLike) -> _Array:
     """MuJoCo's generalised forces, (..., nv), of joint torques; q and errors as in to_forces."""
-    return _turned(scene, _numbers_of("q", q, scene.nq), _numbers_of("tau", tau, scene.nv), inward=False)
+    return _turned(scene, vectors("q", q, scene.nq), vectors("tau", tau, scene.nv), inward=False)
 
 
 def to_accelerations(scene: Scene, q: ArrayLike, qd: ArrayLike, qacc: ArrayLike) -> _Array:
@@ -325,23 +326,16 @@ def to_accelerations(scene: Scene, q: ArrayLike, qd: ArrayLike, qacc: ArrayLike)
 
     q, qd: phipsi's, of to_state: a free joint's linear velocity is seen from the body, so that its rate lacks w x v.
 
-    Raises ArgumentError as to_state does.
+    Raises ShapeError as to_state does.
     """
-    q, qd, qacc = (_numbers_of(name, value, size) for name, value, size in (("q", q, scene.nq), ("qd", qd, scene.nv), ("qacc", qacc, scene.nv)))
+    q, qd, qacc = (vectors(name, value, size) for name, value, size in (("q", q, scene.nq), ("qd", qd, scene.nv), ("qacc", qacc, scene.nv)))
     return _turned(scene, q, qacc, inward=True) - _spin(scene, qd)
 
 
 def from_accelerations(scene: Scene, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> _Array:
     """MuJoCo's qacc, (..., nv), of joint accelerations; q, qd and errors as in to_accelerations."""
-    q, qd, qdd = (_numbers_of(name, value, size) for name, value, size in (("q", q, scene.nq), ("qd", qd, scene.nv), ("qdd", qdd, scene.nv)))
+    q, qd, qdd = (vectors(name, value, size) for name, value, size in (("q", q, scene.nq), ("qd", qd, scene.nv), ("qdd", qdd, scene.nv)))
     return _turned(scene, q, qdd + _spin(scene, qd), inward=False)
-
-
-def _numbers_of(name: str, values: ArrayLike, size: int) -> _Array:
-    found = np.asarray(values, float)
-    if found.ndim == 0 or found.shape[-1] != size:
-        raise ArgumentError(f"{name}: found shape {found.shape}; expected (..., {size})")
-    return found
 
 
 def _of_kind(scene: Scene, kind: str, at: Callable[[str], slice]) -> Iterator[slice]:
@@ -362,11 +356,7 @@ def _reordered(scene: Scene, q: _Array, by: int) -> _Array:
 
 def _turned(scene: Scene, q: _Array, v: _Array, *, inward: bool) -> _Array:
     """The linear part of free joints from axes of the world to those of the body (inward), or back."""
-    try:
-        shape = np.broadcast_shapes(q.shape[:-1], v.shape[:-1])
-    except ValueError:
-        raise ArgumentError(f"found leading axes {q.shape[:-1]} of configurations and {v.shape[:-1]} beside; expected ones that broadcast") from None
-    found = np.array(np.broadcast_to(v, (*shape, v.shape[-1])))
+    found = np.array(np.broadcast_to(v, (*leading(q, v), v.shape[-1])))
     places = zip(_of_kind(scene, "floating", scene.q_index), _of_kind(scene, "floating", scene.v_index), strict=True)
     for at, rows in places:
         quaternion = q[..., at.start + 3 : at.stop]

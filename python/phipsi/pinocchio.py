@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._arguments import leading, vectors
 from ._core import Scene, SceneBuilder
 from .errors import ArgumentError, SceneError
 
@@ -192,10 +193,10 @@ def to_state(scene: Scene, model: pinocchio.Model, q: ArrayLike, v: ArrayLike | 
     scene: of Scene.from_pinocchio(model), or of the URDF that the model was built from. v: None for zeros. Torques and accelerations of robots
     without planar joints go the same way as v.
 
-    Raises ArgumentError where the last axes are not model.nq and model.nv, the others do not broadcast, or a joint is not in the scene.
+    Raises ShapeError where the last axes are not model.nq and model.nv or the others do not broadcast, ArgumentError for a joint that is not in the scene.
     """
-    q, v = _vector("q", q, model.nq), np.zeros(model.nv) if v is None else _vector("v", v, model.nv)
-    ours, rates = np.empty((*q.shape[:-1], scene.nq)), np.empty((*_leading(q, v), scene.nv))
+    q, v = vectors("q", q, model.nq), np.zeros(model.nv) if v is None else vectors("v", v, model.nv)
+    ours, rates = np.empty((*q.shape[:-1], scene.nq)), np.empty((*leading(q, v), scene.nv))
     for part, at, rows in _matched(scene, model):
         given, rate = q[..., part.q], v[..., part.v]
         if part.kind == "planar":
@@ -209,8 +210,8 @@ def to_state(scene: Scene, model: pinocchio.Model, q: ArrayLike, v: ArrayLike | 
 
 def from_state(scene: Scene, model: pinocchio.Model, q: ArrayLike, qd: ArrayLike | None = None) -> tuple[_Array, _Array]:
     """Pinocchio's configuration, (..., model.nq), and rates, (..., model.nv), of phipsi's; scene, model and errors as in to_state."""
-    q, qd = _vector("q", q, scene.nq), np.zeros(scene.nv) if qd is None else _vector("qd", qd, scene.nv)
-    theirs, rates = np.empty((*q.shape[:-1], model.nq)), np.empty((*_leading(q, qd), model.nv))
+    q, qd = vectors("q", q, scene.nq), np.zeros(scene.nv) if qd is None else vectors("qd", qd, scene.nv)
+    theirs, rates = np.empty((*q.shape[:-1], model.nq)), np.empty((*leading(q, qd), model.nv))
     for part, at, rows in _matched(scene, model):
         given, rate = q[..., at], qd[..., rows]
         if part.kind == "planar":
@@ -232,20 +233,6 @@ def _matched(scene: Scene, model: pinocchio.Model) -> Iterator[tuple[_Part, slic
             if part.name not in known:
                 raise ArgumentError(f"scene: found no joint {part.name!r}, which the model has; expected the scene of this model")
             yield part, scene.q_index(part.name), scene.v_index(part.name)
-
-
-def _vector(name: str, values: ArrayLike, size: int) -> _Array:
-    found = np.asarray(values, float)
-    if found.ndim == 0 or found.shape[-1] != size:
-        raise ArgumentError(f"{name}: found shape {found.shape}; expected (..., {size})")
-    return found
-
-
-def _leading(q: _Array, v: _Array) -> tuple[int, ...]:
-    try:
-        return np.broadcast_shapes(q.shape[:-1], v.shape[:-1])
-    except ValueError:
-        raise ArgumentError(f"found leading axes {q.shape[:-1]} of configurations and {v.shape[:-1]} beside; expected ones that broadcast") from None
 
 
 def _planar(cos: _Array, sin: _Array, rate: _Array) -> _Array:

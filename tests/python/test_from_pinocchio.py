@@ -8,7 +8,7 @@ from tolerances import assert_near, inverse, product, recursion, size
 
 import phipsi
 import phipsi.pinocchio
-from phipsi.errors import ArgumentError, SceneError
+from phipsi.errors import ArgumentError, SceneError, ShapeError
 
 pin = pytest.importorskip("pinocchio")
 
@@ -158,7 +158,7 @@ def test_unequal_numbers_of_one_joint_are_refused() -> None:
 
 def test_a_state_of_another_length() -> None:
     model = of("RX")
-    with pytest.raises(ArgumentError, match=r"q: found shape \(2,\); expected \(..., 1\)"):
+    with pytest.raises(ShapeError, match=r"q: found shape \(2,\); expected \(..., 1\)"):
         phipsi.pinocchio.to_state(phipsi.Scene.from_pinocchio(model), model, np.zeros(2))
 
 

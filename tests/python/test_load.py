@@ -50,6 +50,12 @@ def test_a_xacro(xacro_file: Path) -> None:
     assert phipsi.load(XACRO).file is None
 
 
+def test_shapes_of_a_xacro_are_written_back(xacro_file: Path) -> None:
+    shape = '<visual><geometry><sphere radius="$(arg mass)"/></geometry></visual>'
+    xacro_file.write_text(XACRO.replace("</inertial>", f"</inertial>{shape}"))
+    assert phipsi.load(xacro_file).to_urdf().count('<sphere radius="2.0"') == 2
+
+
 def test_a_xacro_that_cannot_be_expanded(xacro_file: Path) -> None:
     xacro_file.write_text(XACRO.replace("${name}", "${nome}"))
     with pytest.raises(SceneError, match="source: xacro cannot expand it: .*nome"):

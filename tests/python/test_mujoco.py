@@ -14,7 +14,7 @@ from tolerances import assert_near, inverse, product, recursion, size
 
 import phipsi
 import phipsi.mujoco
-from phipsi.errors import ArgumentError, MimicWarning, SceneError
+from phipsi.errors import ArgumentError, MimicWarning, SceneError, ShapeError
 
 MODELS = {"arm": ARM, "floating": FLOATING} | {f"random-{seed}": random_model(seed) for seed in range(12)}
 MODELS |= {path.stem: str(path) for path in shipped()}
@@ -218,13 +218,13 @@ def test_an_unknown_name_to_ignore() -> None:
 @pytest.mark.parametrize("call", ["to_state", "from_state"])
 def test_states_of_another_length(call: str) -> None:
     scene = phipsi.Scene.from_mujoco(ARM)
-    with pytest.raises(ArgumentError, match=r"q(pos)?: found shape \(4,\); expected \(..., 5\)"):
+    with pytest.raises(ShapeError, match=r"q(pos)?: found shape \(4,\); expected \(..., 5\)"):
         getattr(phipsi.mujoco, call)(scene, np.zeros(4))
 
 
 def test_states_that_do_not_broadcast() -> None:
     scene = phipsi.Scene.from_mujoco(FLOATING)
-    with pytest.raises(ArgumentError, match=r"found leading axes \(2,\).*\(3,\)"):
+    with pytest.raises(ShapeError, match=r"q: found leading axes \(2,\).*\(3,\)"):
         phipsi.mujoco.to_state(scene, np.tile(scene.neutral(), (2, 1)), np.zeros((3, scene.nv)))
 
 
