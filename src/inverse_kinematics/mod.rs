@@ -12,7 +12,7 @@
 //! use phipsi::inverse_kinematics::{Goal, Options, Task};
 //!
 //! let scene = phipsi::scenes::chain(7)?;
-//! let frame = scene.frame(&"link7".into())?;
+//! let frame = scene.frame(&"link6".into())?;
 //! let target = scene.placement(&[0.3, -0.4, 0.5, 0.2, -0.1, 0.6, 0.2], frame)?;
 //! let tasks = [Task::new(Goal::Pose { frame, target })];
 //! let mut solver = scene.inverse_kinematics(&Options::default())?;

@@ -29,8 +29,8 @@
 //! settings.method = Method::RungeKutta4;
 //! let mut rollout = Rollout::new(&scene, settings, &[0.3; 7], &[0.0; 7])?;
 //! let (mut q, mut qd) = ([f64::NAN; 77], [f64::NAN; 77]); // 11 rows: the start, and every tenth step
-//! let records = Records { q: &mut q, qd: &mut qd, every: 10 };
-//! rollout.advance(100, &Torque::Zero, Some(records)).map_err(|fault| fault.error)?;
+//! let mut records = Records { q: &mut q, qd: &mut qd, every: 10 };
+//! rollout.advance(100, &Torque::Zero, Some(&mut records)).map_err(|fault| fault.error)?;
 //! assert_eq!(q[..7], [0.3; 7]);
 //! assert_eq!(&q[70..], rollout.state(0).0);
 //! # Ok(())

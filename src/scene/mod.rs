@@ -22,7 +22,7 @@
 //! scene.gravity_torque(&mut scene.workspace(), &[0.1], &mut torque)?;
 //! assert!((torque[0] - 9.81 * 0.5 * 0.1_f64.sin()).abs() < 1e-14);
 //!
-//! let heavier = scene.with_payload("rod", 2.0, Vector3::new(0.0, 0.0, -1.0), Symmetric3::zero())?;
+//! let heavier = scene.with_payload("rod", &Inertial { mass: 2.0, ..bob })?;
 //! assert_eq!(heavier.joint("hinge")?.v, 0..1);
 //! # Ok(())
 //! # }

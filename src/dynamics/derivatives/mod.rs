@@ -16,7 +16,7 @@
 //! let scene = phipsi::scenes::chain(3)?;
 //! let mut scratch = DerivativeScratch::new(scene.model());
 //! let mut out = [f64::NAN; 27]; // dtau/dq, dtau/dqd and M, row by row
-//! inverse_dynamics_derivatives(scene.model(), &mut scratch, &[0.3; 3], &[0.1; 3], &[1.0; 3], &[], &mut out);
+//! inverse_dynamics_derivatives(scene.model(), &mut scratch, (&[0.3; 3], &[0.1; 3], &[1.0; 3]), &[], &mut out);
 //!
 //! // As `Scene` does it, with the compiled kernels and all arguments checked.
 //! let mut checked = [f64::NAN; 27];
