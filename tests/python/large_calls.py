@@ -166,6 +166,10 @@ LARGE: dict[str, Large] = {
         "q", batch(10**6, lambda scene, q: scene.forward_dynamics_vjp(q, rates(q), rates(q), rates(q), parameters=True))
     ),
     "identify": Large("q", batch(50_000, lambda scene, q: scene.identify(q, q, q, q))),
+    "inverse_kinematics": Large(
+        "q0",
+        batch(10**6, lambda scene, q: scene.inverse_kinematics(phipsi.tasks.Position("link6", np.ones(3)), q, covariance=True)),
+    ),
     "linearize": Large("q", batch(150_000, lambda scene, q: scene.linearize(q, rates(q), rates(q)))),
     "mass_matrix": Large("q", batch(10**6, lambda scene, q: scene.mass_matrix(q))),
     "mass_matrix, float32": Large("q", batch(2 * 10**6, lambda scene, q: scene.mass_matrix(q, dtype=np.float32))),

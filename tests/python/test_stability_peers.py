@@ -17,6 +17,7 @@ from tolerances import assert_near
 import phipsi
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
+import static
 from studies import programs, stability
 from studies.programs import Peer
 from studies.stability import AGREEMENT, COMPARED, ORDINARY, Compared, compared, worse
@@ -66,7 +67,7 @@ def test_where_phipsi_is_worse_is_found(
     made = Compared(True, others=[peer], parts=found.parts | {"cases": [point(ours, theirs)]})
     rows = worse(made, ROOT)
     assert len(rows) == expected
-    text = pipeline.write(COMPARED, made, None, tmp_path / "numerics.md")[0].read_text(encoding="utf-8")
+    text = pipeline.write(COMPARED, made, None, tmp_path / "numerics.md", drawer=static.draw)[0].read_text(encoding="utf-8")
     assert text.index("Where phipsi is worse than a peer") < text.index("## Where the square-root form misses")
     assert ("| heavy-tip | Peer |" in text) == bool(expected)
 
@@ -124,7 +125,7 @@ def test_programs_that_are_not_there_are_named(monkeypatch: pytest.MonkeyPatch, 
     assert [line.split(" is not installed")[0] for line in lines] == ["Pinocchio", "MuJoCo", "Drake", "dynibo"]
     made = Compared(True, others=others, absent=lines, parts=found.parts | {"cases": [point(1.0, 1.0)]})
     monkeypatch.setattr(pipeline, "draw", lambda *_: [])
-    for text in (page.read_text(encoding="utf-8") for page in pipeline.write(COMPARED, made, tmp_path, tmp_path / "n.md")):
+    for text in (page.read_text(encoding="utf-8") for page in pipeline.write(COMPARED, made, tmp_path, tmp_path / "n.md", drawer=static.draw)):
         assert text.index("pip install drake") < text.rindex("Where the square-root form misses")
     assert pipeline.to_json(COMPARED, made)["not_compared"] == lines
 
