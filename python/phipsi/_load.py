@@ -17,6 +17,7 @@ from .errors import ArgumentError, SceneError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+COMMENT = re.compile("<!--.*?-->", re.DOTALL)
 #: The root element of a file.
 ROOT = re.compile(r"<\s*([A-Za-z_][\w:.-]*)")
 EXPECTED = "a path of URDF, xacro or MJCF, such a text, a name of robot_descriptions, or a model of MuJoCo or Pinocchio"
@@ -80,13 +81,13 @@ def read(source: str | os.PathLike[str]) -> tuple[str, Path | None]:
 
 def root_of(text: str) -> str:
     """Name of the root element; empty where there is none."""
-    found = ROOT.search(re.sub(r"<!--.*?-->", "", text[:100_000], flags=re.DOTALL))
+    found = ROOT.search(COMMENT.sub("", text[:100_000]))
     return found[1] if found else ""
 
 
 def is_xacro(text: str) -> bool:
-    """Whether a text names xacro's elements."""
-    return "http://www.ros.org/wiki/xacro" in text or "http://ros.org/wiki/xacro" in text
+    """Whether a text has elements of xacro: what xacro has expanded may still name them."""
+    return "<xacro:" in COMMENT.sub("", text)
 
 
 def described(name: str) -> str:

@@ -56,6 +56,13 @@ def test_shapes_of_a_xacro_are_written_back(xacro_file: Path) -> None:
     assert phipsi.load(xacro_file).to_urdf().count('<sphere radius="2.0"') == 2
 
 
+def test_what_xacro_has_expanded_is_a_urdf(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may still name xacro, and have its elements in comments."""
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    text = phipsi.BUNDLED_ARM.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1).replace("</robot>", "<!-- <xacro:arm/> --></robot>")
+    assert phipsi.load(text).nv == 6
+
+
 def test_a_xacro_that_cannot_be_expanded(xacro_file: Path) -> None:
     xacro_file.write_text(XACRO.replace("${name}", "${nome}"))
     with pytest.raises(SceneError, match="source: xacro cannot expand it: .*nome"):
