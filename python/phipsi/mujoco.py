@@ -338,17 +338,17 @@ def from_accelerations(scene: Scene, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike
     return _turned(scene, q, qdd + _spin(scene, qd), inward=False)
 
 
-def _of_kind(scene: Scene, kind: str, at: Callable[[str], slice]) -> Iterator[slice]:
-    joints = scene.joints
-    return (at(name) for name in scene.joint_names if joints[name].type == kind)
+def _wide(scene: Scene, at: Callable[[str], slice], width: int) -> Iterator[slice]:
+    """Joints of so many numbers: 4 coordinates are a ball joint's, 7 a free joint's, and 6 degrees of freedom too."""
+    return (part for part in map(at, scene.joint_names) if part.stop - part.start == width)
 
 
 def _reordered(scene: Scene, q: _Array, by: int) -> _Array:
     """Quaternions turned in their order: by -1 from (w, x, y, z), by 1 to it."""
     found = np.array(q)
-    for at in _of_kind(scene, "spherical", scene.q_index):
+    for at in _wide(scene, scene.q_index, 4):
         found[..., at] = np.roll(found[..., at], by, axis=-1)
-    for at in _of_kind(scene, "floating", scene.q_index):
+    for at in _wide(scene, scene.q_index, 7):
         part = slice(at.start + 3, at.stop)
         found[..., part] = np.roll(found[..., part], by, axis=-1)
     return found
@@ -357,7 +357,7 @@ def _reordered(scene: Scene, q: _Array, by: int) -> _Array:
 def _turned(scene: Scene, q: _Array, v: _Array, *, inward: bool) -> _Array:
     """The linear part of free joints from axes of the world to those of the body (inward), or back."""
     found = np.array(np.broadcast_to(v, (*leading(q, v), v.shape[-1])))
-    places = zip(_of_kind(scene, "floating", scene.q_index), _of_kind(scene, "floating", scene.v_index), strict=True)
+    places = zip(_wide(scene, scene.q_index, 7), _wide(scene, scene.v_index, 6), strict=True)
     for at, rows in places:
         quaternion = q[..., at.start + 3 : at.stop]
         quaternion = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
@@ -373,6 +373,6 @@ def _turned(scene: Scene, q: _Array, v: _Array, *, inward: bool) -> _Array:
 def _spin(scene: Scene, qd: _Array) -> _Array:
     """w x v of free joints, zero elsewhere."""
     found = np.zeros_like(qd)
-    for at in _of_kind(scene, "floating", scene.v_index):
+    for at in _wide(scene, scene.v_index, 6):
         found[..., at.start : at.start + 3] = np.cross(qd[..., at.start + 3 : at.stop], qd[..., at.start : at.start + 3])
     return found

@@ -85,11 +85,12 @@ def _add_joint(builder: SceneBuilder, model: pinocchio.Model, joint: int, links:
     parts = list(_parts(model, joint))
     parent = links[model.parents[joint]]
     for part in parts:
+        kind, axis, pitch = (part.kind, part.axis, None) if part.kind else _of_one(model.joints[joint])
         child = links[joint] if part is parts[-1] else f"{links[joint]}/{part.name}"
         if child != links[joint]:
             builder.link(child)
-        numbers = _numbers(model, part, name)
-        builder.joint(part.name, part.kind, parent, child, xyz=xyz, rotation=rotation, axis=part.axis, pitch=part.pitch, **numbers)
+        numbers = _numbers(model, part, kind, name)
+        builder.joint(part.name, kind, parent, child, xyz=xyz, rotation=rotation, axis=axis, pitch=pitch, **numbers)
         parent, xyz, rotation = child, np.zeros(3), np.eye(3)
 
 
@@ -98,8 +99,8 @@ class _Part(NamedTuple):
 
     name: str
     kind: Any
+    """None for a joint of one degree of freedom: _of_one tells."""
     axis: _Array
-    pitch: float | None
     q: slice
     v: slice
 
@@ -111,22 +112,26 @@ def _parts(model: pinocchio.Model, joint: int) -> Iterator[_Part]:
     q, v = slice(there.idx_q, there.idx_q + there.nq), slice(there.idx_v, there.idx_v + there.nv)
     up = np.array([0.0, 0.0, 1.0])
     if kind in KINDS:
-        yield _Part(name, KINDS[kind], up, None, q, v)
+        yield _Part(name, KINDS[kind], up, q, v)
     elif kind == TRANSLATION:
         for at, axis in enumerate(np.eye(3)):
-            yield _Part(f"{name}_{'xyz'[at]}", "prismatic", axis, None, slice(q.start + at, q.start + at + 1), slice(v.start + at, v.start + at + 1))
+            yield _Part(f"{name}_{'xyz'[at]}", "prismatic", axis, slice(q.start + at, q.start + at + 1), slice(v.start + at, v.start + at + 1))
     elif there.nv == 1 and not kind.startswith(("JointModelMimic", "JointModelComposite")):
-        moves = _subspace(there)
-        linear, angular = moves[:3], moves[3:]
-        if not np.any(angular):
-            yield _Part(name, "prismatic", linear, None, q, v)
-        elif np.any(linear):
-            yield _Part(name, "screw", angular, float(linear @ angular / (angular @ angular)), q, v)
-        else:
-            yield _Part(name, "continuous" if there.nq == 2 else "revolute", angular, None, q, v)
+        yield _Part(name, None, up, q, v)
     else:
         ours = "revolute, continuous, prismatic, helical, planar, translation, spherical (quaternion) and free-flyer joints"
         raise SceneError(f"model: found joint {name!r} of type {kind}; expected {ours}: build it of these")
+
+
+def _of_one(joint: Any) -> tuple[Any, _Array, float | None]:
+    """Kind, axis and pitch of a joint of one degree of freedom."""
+    moves = _subspace(joint)
+    linear, angular = moves[:3], moves[3:]
+    if not np.any(angular):
+        return "prismatic", linear, None
+    if np.any(linear):
+        return "screw", angular, float(linear @ angular / (angular @ angular))
+    return "continuous" if joint.nq == 2 else "revolute", angular, None
 
 
 def _subspace(joint: Any) -> _Array:
@@ -140,7 +145,7 @@ def _subspace(joint: Any) -> _Array:
     return np.reshape(pin.getJointJacobian(alone, data, 1, pin.ReferenceFrame.LOCAL), 6)
 
 
-def _numbers(model: pinocchio.Model, part: _Part, name: str) -> dict[str, Any]:
+def _numbers(model: pinocchio.Model, part: _Part, kind: str, name: str) -> dict[str, Any]:
     """Armature, losses and limits of a joint, as SceneBuilder.joint takes them."""
     found: dict[str, Any] = {}
     friction = _first(model, "upperDryFrictionLimit", "friction")
@@ -150,9 +155,9 @@ def _numbers(model: pinocchio.Model, part: _Part, name: str) -> dict[str, Any]:
             raise SceneError(f"model: found {ours} {own.tolist()} at the joint {name!r}; expected one number for all its axes")
         found[ours] = float(own[0])
     # A joint without limits, and one of several coordinates, has none that phipsi could hold.
-    if part.kind in ("revolute", "prismatic", "screw"):
+    if kind in ("revolute", "prismatic", "screw"):
         found |= {"lower": float(model.lowerPositionLimit[part.q][0]), "upper": float(model.upperPositionLimit[part.q][0])}
-    if part.kind not in KINDS.values():
+    if kind not in KINDS.values():
         speed, effort = _first(model, "upperVelocityLimit", "velocityLimit"), _first(model, "upperEffortLimit", "effortLimit")
         found |= {"velocity": float(speed[part.v][0]), "effort": float(effort[part.v][0])}
     return found
