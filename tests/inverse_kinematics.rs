@@ -74,7 +74,7 @@ fn poses_within_the_limits_are_reached() {
     for _ in 0..200 {
         let (there, start) = (within(&scene, &mut state), within(&scene, &mut state));
         let task = pose_of(&scene, &there);
-        let outcome = solver.solve(&[task], &start, None, &mut q).unwrap();
+        let outcome = solver.solve(&mut scene.workspace(), &[task], &start, None, &mut q).unwrap();
         assert!(scene.joints().iter().zip(&q).all(|(joint, &at)| at >= joint.limits.lower && at <= joint.limits.upper));
         if !outcome.reached {
             failures += 1;
@@ -95,8 +95,11 @@ fn the_same_call_gives_the_same_bits() {
     let task = pose_of(&scene, &within(&scene, &mut state));
     let run = || {
         let mut q = vec![f64::NAN; 7];
-        let outcome =
-            scene.inverse_kinematics(&Options::default()).unwrap().solve(&[task], &[0.0; 7], None, &mut q).unwrap();
+        let outcome = scene
+            .inverse_kinematics(&Options::default())
+            .unwrap()
+            .solve(&mut scene.workspace(), &[task], &[0.0; 7], None, &mut q)
+            .unwrap();
         (outcome, q)
     };
     let (one, other): ((Outcome, _), _) = (run(), run());
@@ -109,8 +112,11 @@ fn what_is_out_of_reach_is_said_and_brought_near() {
     let frame = scene.frame(&"link7".into()).unwrap();
     let task = Task::new(Goal::Position { frame, target: Vector3::new(0.0, 0.0, 5.0) });
     let mut q = vec![f64::NAN; 7];
-    let outcome =
-        scene.inverse_kinematics(&Options::default()).unwrap().solve(&[task], &[0.3; 7], None, &mut q).unwrap();
+    let outcome = scene
+        .inverse_kinematics(&Options::default())
+        .unwrap()
+        .solve(&mut scene.workspace(), &[task], &[0.3; 7], None, &mut q)
+        .unwrap();
     assert!(!outcome.reached && outcome.starts == 20);
     // Stretched upward as far as it goes.
     let height = scene.placement(&q, frame).unwrap().lever[2];
@@ -127,7 +133,7 @@ fn a_posture_decides_where_the_task_does_not() {
     let options = Options { posture: Some(0.5), tolerance: 1e-6, ..Options::default() };
     let (mut q, mut covariance) = (vec![f64::NAN; 7], vec![f64::NAN; 49]);
     let mut solver = scene.inverse_kinematics(&options).unwrap();
-    let outcome = solver.solve(&[task], &posture, Some(&mut covariance), &mut q).unwrap();
+    let outcome = solver.solve(&mut scene.workspace(), &[task], &posture, Some(&mut covariance), &mut q).unwrap();
     assert!(outcome.reached && outcome.starts == 1);
     // Where F is least, the pull of the posture is along what the task tells: nothing is left across it.
     let mut jacobian = vec![0.0; 42];
@@ -150,7 +156,13 @@ fn without_a_posture_a_free_motion_has_infinite_variance() {
     let mut covariance = vec![f64::NAN; 49];
     let mut solver = scene.inverse_kinematics(&Options::default()).unwrap();
     solver
-        .solve(&[Task::new(Goal::Position { frame, target })], &[0.3; 7], Some(&mut covariance), &mut [0.0; 7])
+        .solve(
+            &mut scene.workspace(),
+            &[Task::new(Goal::Position { frame, target })],
+            &[0.3; 7],
+            Some(&mut covariance),
+            &mut [0.0; 7],
+        )
         .unwrap();
     assert!(covariance.iter().all(|entry| *entry == f64::INFINITY));
 }
@@ -167,7 +179,11 @@ fn a_free_base_and_a_posture_meet_several_tasks() {
     let mut q = vec![f64::NAN; scene.nq()];
     let mut start = scene.neutral();
     start[7..].fill(0.2);
-    let outcome = scene.inverse_kinematics(&Options::default()).unwrap().solve(&tasks, &start, None, &mut q).unwrap();
+    let outcome = scene
+        .inverse_kinematics(&Options::default())
+        .unwrap()
+        .solve(&mut scene.workspace(), &tasks, &start, None, &mut q)
+        .unwrap();
     assert!(outcome.reached, "{outcome:?}");
     let com = scene.center_of_mass(&mut scene.workspace(), &q).unwrap();
     assert!((com - Vector3::new(0.3, -0.2, 0.9)).norm() < 1e-9);
@@ -185,8 +201,9 @@ fn bad_arguments_are_named() {
     assert!(refused(Options { tolerance: 0.0, ..Options::default() }).contains("tolerance"));
     assert!(refused(Options { posture: Some(f64::NAN), ..Options::default() }).contains("posture"));
     let mut solver = scene.inverse_kinematics(&Options::default()).unwrap();
-    let mut fails =
-        |task: Task, start: &[f64]| solver.solve(&[task], start, None, &mut [0.0; 7]).unwrap_err().to_string();
+    let mut fails = |task: Task, start: &[f64]| {
+        solver.solve(&mut scene.workspace(), &[task], start, None, &mut [0.0; 7]).unwrap_err().to_string()
+    };
     let fine = Task::new(Goal::Position { frame, target: Vector3::zeros() });
     assert!(fails(Task { position: -1.0, ..fine }, &[0.0; 7]).contains("position deviation of task 0"));
     assert!(

@@ -5,7 +5,7 @@
 
 use super::Options;
 use super::limits::Bounds;
-use super::step::BoxStep;
+use super::step::{BoxStep, quadratic};
 use super::task::{Rows, Tasks};
 use crate::error::Error;
 use crate::scene::{JointKind, Scene};
@@ -82,7 +82,7 @@ impl Descent {
         let (scene, nv) = (tasks.scene, tasks.scene.nv());
         self.limits.hold(q);
         tasks.evaluate(workspace, q, &mut self.rows)?;
-        let mut value = self.value(tasks, q);
+        let mut value = value_of(tasks, &self.rows, q, &mut self.off_posture);
         let (mut damping, mut growth) = (DAMPING, 2.0);
         let (mut halved, mut since) = (value, 0);
         self.scale.fill(0.0);
@@ -111,7 +111,8 @@ impl Descent {
                 let limits = &self.limits;
                 let has_step =
                     self.boxed.minimise(&self.damped, &self.gradient, |row| limits.room(row, q), &mut self.step);
-                let expected = if has_step { self.expected(nv) } else { 0.0 };
+                // By how much the undamped model falls along the step.
+                let expected = if has_step { -quadratic(&self.hessian, &self.gradient, &self.step) } else { 0.0 };
                 if has_step && !(expected > NOTHING * value) {
                     break None;
                 }
@@ -120,7 +121,7 @@ impl Descent {
                     self.limits.hold(&mut self.trial);
                     std::mem::swap(&mut self.rows, &mut self.trial_rows);
                     tasks.evaluate(workspace, &self.trial, &mut self.rows)?;
-                    let next = self.value_at_trial(tasks);
+                    let next = value_of(tasks, &self.rows, &self.trial, &mut self.off_posture);
                     let share = (value - next) / expected;
                     if share > ENOUGH {
                         damping *= (1.0 - (2.0 * share - 1.0).powi(3)).max(1.0 / 3.0);
@@ -179,34 +180,6 @@ impl Descent {
         Ending { value, position_error, rotation_error, iterations }
     }
 
-    /// F at `q`, whose rows are there.
-    fn value(&mut self, tasks: &Tasks<'_>, q: &[f64]) -> f64 {
-        let own: f64 = self.rows.errors.iter().map(|error| error * error).sum();
-        let mut posture = 0.0;
-        if let Some((expected, deviation)) = tasks.posture {
-            off_posture(tasks.scene, expected, q, &mut self.off_posture);
-            posture = self.off_posture.iter().map(|off| (off / deviation).powi(2)).sum();
-        }
-        0.5 * (own + posture)
-    }
-
-    fn value_at_trial(&mut self, tasks: &Tasks<'_>) -> f64 {
-        let trial = std::mem::take(&mut self.trial);
-        let value = self.value(tasks, &trial);
-        self.trial = trial;
-        value
-    }
-
-    /// By how much the undamped model falls along the step.
-    fn expected(&self, nv: usize) -> f64 {
-        -(0..nv)
-            .map(|i| {
-                let along: f64 = (0..nv).map(|j| self.hessian[i * nv + j] * self.step[j]).sum();
-                self.step[i] * (self.gradient[i] + 0.5 * along)
-            })
-            .sum::<f64>()
-    }
-
     /// Gradient and second derivative (of Gauss and Newton) of F at `q`, whose rows are there.
     fn model(&mut self, tasks: &Tasks<'_>, q: &[f64]) {
         let nv = tasks.scene.nv();
@@ -234,6 +207,17 @@ impl Descent {
             }
         }
     }
+}
+
+/// F at `q`, whose rows are there.
+fn value_of(tasks: &Tasks<'_>, rows: &Rows, q: &[f64], off: &mut [f64]) -> f64 {
+    let own: f64 = rows.errors.iter().map(|error| error * error).sum();
+    let mut posture = 0.0;
+    if let Some((expected, deviation)) = tasks.posture {
+        off_posture(tasks.scene, expected, q, off);
+        posture = off.iter().map(|off| (off / deviation).powi(2)).sum();
+    }
+    0.5 * (own + posture)
 }
 
 /// How far `q` is from a posture, in the tangent space at `q`: its square's gradient is twice itself.

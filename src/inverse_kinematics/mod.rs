@@ -17,7 +17,7 @@
 //! let tasks = [Task::new(Goal::Pose { frame, target })];
 //! let mut solver = scene.inverse_kinematics(&Options::default())?;
 //! let mut q = [0.0; 7];
-//! let outcome = solver.solve(&tasks, &[0.0; 7], None, &mut q)?;
+//! let outcome = solver.solve(&mut scene.workspace(), &tasks, &[0.0; 7], None, &mut q)?;
 //! assert!(outcome.reached && outcome.position_error < 1e-9);
 //! # Ok::<(), phipsi::Error>(())
 //! ```
@@ -125,24 +125,8 @@ impl Solver<'_> {
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, and tasks that cannot be: see [`Task`].
+    /// Wrong lengths, numbers that are not finite, tasks that cannot be (see [`Task`]), and a workspace of another scene.
     pub fn solve(
-        &mut self,
-        tasks: &[Task],
-        start: &[f64],
-        covariance: Option<&mut [f64]>,
-        q: &mut [f64],
-    ) -> Result<Outcome, Error> {
-        let scene = self.scene;
-        self.solve_with(&mut scene.workspace(), tasks, start, covariance, q)
-    }
-
-    /// The same with scratch that is there.
-    ///
-    /// # Errors
-    ///
-    /// As [`Solver::solve`], and a workspace of another scene.
-    pub fn solve_with(
         &mut self,
         workspace: &mut Workspace<f64>,
         tasks: &[Task],
@@ -151,12 +135,14 @@ impl Solver<'_> {
         q: &mut [f64],
     ) -> Result<Outcome, Error> {
         let scene = self.scene;
+        scene.check_workspace(workspace)?;
         scene.check_configuration("q0", start)?;
         check_length("q", q.len(), scene.nq())?;
         for (at, task) in tasks.iter().enumerate() {
             task.check(scene, at)?;
         }
         let tasks = Tasks { scene, each: tasks, posture: self.options.posture.map(|deviation| (start, deviation)) };
+        let tolerance = self.options.tolerance;
         let mut found: Option<Ending> = None;
         let (mut used, mut iterations) = (0, 0);
         while used < self.options.starts {
@@ -167,15 +153,12 @@ impl Solver<'_> {
             used += 1;
             let ending = self.descent.run(workspace, &tasks, &self.options, &mut self.start)?;
             iterations += ending.iterations;
-            let is_better = found.as_ref().is_none_or(|best| {
-                (ending.reached(self.options.tolerance), best.value)
-                    > (best.reached(self.options.tolerance), ending.value)
-            });
-            if is_better {
+            let is_reached = ending.reached(tolerance);
+            if is_reached || found.as_ref().is_none_or(|best| ending.value < best.value) {
                 self.best.copy_from_slice(&self.start);
                 found = Some(ending);
             }
-            if found.as_ref().is_some_and(|best| best.reached(self.options.tolerance)) || tasks.is_without_rows() {
+            if is_reached || tasks.is_without_rows() {
                 break;
             }
         }
@@ -186,7 +169,7 @@ impl Solver<'_> {
             self.descent.covariance(workspace, &tasks, &self.best, room)?;
         }
         Ok(Outcome {
-            reached: best.reached(self.options.tolerance),
+            reached: best.reached(tolerance),
             position_error: best.position_error,
             rotation_error: best.rotation_error,
             starts: used,

@@ -57,7 +57,7 @@ impl BoxStep {
             if !self.newton(a) {
                 return false;
             }
-            let was = value(a, g, step, n);
+            let was = quadratic(a, g, step);
             let (mut length, mut bent, mut shortened) = (1.0, false, false);
             for halving in 0..HALVINGS {
                 bent = false;
@@ -72,7 +72,7 @@ impl BoxStep {
                     break;
                 }
                 let fall: f64 = self.free.iter().map(|&i| self.slope[i] * (self.trial[i] - step[i])).sum();
-                if value(a, g, &self.trial, n) <= was + 1e-4 * fall {
+                if quadratic(a, g, &self.trial) <= was + 1e-4 * fall {
                     break;
                 }
                 (length, shortened) = (0.5 * length, true);
@@ -134,7 +134,8 @@ impl BoxStep {
 }
 
 /// g d + d A d / 2.
-fn value(a: &[f64], g: &[f64], d: &[f64], n: usize) -> f64 {
+pub fn quadratic(a: &[f64], g: &[f64], d: &[f64]) -> f64 {
+    let n = d.len();
     (0..n).map(|i| d[i] * (g[i] + 0.5 * (0..n).map(|j| a[i * n + j] * d[j]).sum::<f64>())).sum()
 }
 
@@ -160,7 +161,7 @@ mod tests {
                 free.iter().zip(solved.iter()).for_each(|(&i, &x)| d[i] = x);
             }
             if (0..n).all(|i| d[i] >= lower[i] - 1e-12 && d[i] <= upper[i] + 1e-12) {
-                best = best.min(value(a, g, &d, n));
+                best = best.min(quadratic(a, g, &d));
             }
         }
         best
@@ -184,7 +185,7 @@ mod tests {
                 let mut step = vec![f64::NAN; n];
                 assert!(BoxStep::new(n).minimise(&a, &g, |i| (lower[i], upper[i]), &mut step));
                 assert!((0..n).all(|i| step[i] >= lower[i] && step[i] <= upper[i]));
-                let (found, best) = (value(&a, &g, &step, n), by_trying_all(&a, &g, &lower, &upper));
+                let (found, best) = (quadratic(&a, &g, &step), by_trying_all(&a, &g, &lower, &upper));
                 assert!((found - best).abs() <= 1e-9 * best.abs().max(1.0), "{found} {best}");
             }
         }

@@ -6,9 +6,9 @@ use super::input::Input;
 use super::object::{Object, imported};
 use super::output::{self, Output};
 use super::scene::PyScene;
+use crate::api::TaskFrame;
 use crate::error::Error;
 use crate::inverse_kinematics::{Goal, Options, Task};
-use crate::kinematics::Frame;
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Vector3};
@@ -22,16 +22,6 @@ const BESIDE: usize = 5;
 
 /// A task as phipsi.tasks gives it: kind, name, link or joint, point, axis, deviations, target and how many numbers that has.
 type Given<'py> = (String, String, String, [f64; 3], [f64; 3], f64, f64, Object<'py>, usize);
-
-/// What of a task does not change with the state.
-struct Fixed {
-    kind: String,
-    frame: Frame<f64>,
-    joint: usize,
-    axis: Vector3<f64>,
-    position: f64,
-    rotation: f64,
-}
 
 #[pymethods]
 impl PyScene {
@@ -73,7 +63,7 @@ impl PyScene {
         let mut inputs = vec![self.configuration("q0", q0.unwrap_or(&neutral))?];
         let mut fixed = Vec::with_capacity(given.len());
         for (kind, name, on, point, axis, position, rotation, target, width) in given {
-            fixed.push(Fixed::of(&self.scene, kind, &name, &on, point, axis, position, rotation)?);
+            fixed.push(aimless(&self.scene, &kind, &name, &on, point, axis, position, rotation)?);
             inputs.push(Input::new(format!("{name}.target"), &target, width)?);
         }
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
@@ -82,11 +72,11 @@ impl PyScene {
         let mut results = call.output(py, &[width], None, Output::new)?;
         let numbers = results.numbers()?;
         call.each_state(py, numbers, |scene, scratch, of, out| {
-            let tasks: Vec<Task> = fixed.iter().enumerate().map(|(at, task)| task.at(of(at + 1))).collect();
+            let tasks: Vec<Task> = fixed.iter().enumerate().map(|(at, task)| aimed(task, of(at + 1))).collect();
             let (q, rest) = out.split_at_mut(nq);
             let (beside, room) = rest.split_at_mut(BESIDE);
             let mut solver = scene.inverse_kinematics(&options)?;
-            let found = solver.solve_with(&mut scratch.workspace, &tasks, of(0), covariance.then_some(room), q)?;
+            let found = solver.solve(&mut scratch.workspace, &tasks, of(0), covariance.then_some(room), q)?;
             #[allow(clippy::cast_precision_loss)] // counts
             beside.copy_from_slice(&[
                 f64::from(u8::from(found.reached)),
@@ -101,55 +91,53 @@ impl PyScene {
     }
 }
 
-impl Fixed {
-    #[allow(clippy::too_many_arguments)] // the fields of a task
-    fn of(
-        scene: &Scene,
-        kind: String,
-        name: &str,
-        on: &str,
-        point: [f64; 3],
-        axis: [f64; 3],
-        position: f64,
-        rotation: f64,
-    ) -> Result<Self, Error> {
-        let mut joint = 0;
-        let mut frame = Frame { body: None, placement: RigidShift::identity() };
-        match &*kind {
-            "center-of-mass" => {}
-            "joint" => {
-                scene.joint(on).map_err(|error| error.of_argument(&format!("{name}.joint")))?;
-                joint = scene.joints().iter().position(|one| one.name == on).unwrap_or(0);
-            }
-            _ => {
-                let link = scene.link(on).map_err(|error| error.of_argument(&format!("{name}.link")))?;
-                let at = RigidShift { rotation: Matrix3::identity(), lever: point.into() };
-                frame = Frame { body: link.body, placement: link.placement.compose(&at) };
-            }
+/// A task whose target is not there yet: each state has its own.
+#[allow(clippy::too_many_arguments)] // the fields of a task
+fn aimless(
+    scene: &Scene,
+    kind: &str,
+    name: &str,
+    on: &str,
+    point: [f64; 3],
+    axis: [f64; 3],
+    position: f64,
+    rotation: f64,
+) -> Result<Task, Error> {
+    let frame = || {
+        let offset = RigidShift { rotation: Matrix3::identity(), lever: point.into() };
+        scene.frame(&TaskFrame { link: on, offset }).map_err(|error| error.of_argument(&format!("{name}.link")))
+    };
+    let (axis, nowhere) = (axis.into(), Vector3::from_element(f64::NAN));
+    let goal = match kind {
+        "pose" => Goal::Pose { frame: frame()?, target: RigidShift::filled(f64::NAN) },
+        "position" => Goal::Position { frame: frame()?, target: nowhere },
+        "orientation" => Goal::Orientation { frame: frame()?, target: Matrix3::from_element(f64::NAN) },
+        "direction" => Goal::Direction { frame: frame()?, axis, target: nowhere },
+        "look-at" => Goal::LookAt { frame: frame()?, axis, target: nowhere },
+        "joint" => {
+            scene.joint(on).map_err(|error| error.of_argument(&format!("{name}.joint")))?;
+            let joint = scene.joints().iter().position(|one| one.name == on).unwrap_or(0);
+            Goal::Joint { joint, target: f64::NAN }
         }
-        Ok(Self { kind, frame, joint, axis: axis.into(), position, rotation })
-    }
+        _ => Goal::CenterOfMass(nowhere),
+    };
+    Ok(Task { goal, position, rotation })
+}
 
-    /// The task with the target of one state.
-    fn at(&self, target: &[f64]) -> Task {
-        let frame = self.frame;
-        let axis = self.axis;
-        let triple = |from: &[f64]| Vector3::new(from[0], from[1], from[2]);
-        let goal = match &*self.kind {
-            "pose" => {
-                let rotation = Matrix3::from_fn(|i, j| target[4 * i + j]);
-                Goal::Pose {
-                    frame,
-                    target: RigidShift { rotation, lever: Vector3::new(target[3], target[7], target[11]) },
-                }
-            }
-            "position" => Goal::Position { frame, target: triple(target) },
-            "orientation" => Goal::Orientation { frame, target: Matrix3::from_row_slice(target) },
-            "direction" => Goal::Direction { frame, axis, target: triple(target) },
-            "look-at" => Goal::LookAt { frame, axis, target: triple(target) },
-            "joint" => Goal::Joint { joint: self.joint, target: target[0] },
-            _ => Goal::CenterOfMass(triple(target)),
-        };
-        Task { goal, position: self.position, rotation: self.rotation }
+/// The task with the target of one state.
+fn aimed(task: &Task, numbers: &[f64]) -> Task {
+    let mut task = *task;
+    match &mut task.goal {
+        Goal::Pose { target, .. } => {
+            target.rotation = Matrix3::from_fn(|i, j| numbers[4 * i + j]);
+            target.lever = Vector3::new(numbers[3], numbers[7], numbers[11]);
+        }
+        Goal::Orientation { target, .. } => *target = Matrix3::from_row_slice(numbers),
+        Goal::Position { target, .. }
+        | Goal::Direction { target, .. }
+        | Goal::LookAt { target, .. }
+        | Goal::CenterOfMass(target) => *target = Vector3::from_column_slice(numbers),
+        Goal::Joint { target, .. } => *target = numbers[0],
     }
+    task
 }
