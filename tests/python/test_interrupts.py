@@ -24,7 +24,8 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals to oneself")
 
 
 def bound(pace: float) -> float:
-    """What is promised is 0.2 s; machines that many share get more, and builds without optimisation, by the time they take for a scene."""
+    """Processor time, s. What is promised is 0.2 s; two threads may use it twice, and builds without optimisation get more, by the
+    time they take for a scene."""
     return 1.0 + 40 * pace
 
 
