@@ -165,6 +165,18 @@ pub enum Everyday<'a> {
 }
 
 impl Everyday<'_> {
+    /// Whether it gives a matrix with a column for each degree of freedom.
+    pub(crate) fn has_columns(&self) -> bool {
+        matches!(
+            self,
+            Self::Jacobian(..)
+                | Self::JacobianRate(..)
+                | Self::CenterOfMassJacobian
+                | Self::CentroidalMomentumMatrix
+                | Self::CentroidalMomentumMatrixRate
+        )
+    }
+
     /// How many numbers it is for one state of a robot of `nv` degrees of freedom.
     #[must_use]
     pub fn width(&self, nv: usize) -> usize {

@@ -25,6 +25,7 @@ mod accuracy;
 pub(crate) mod arms;
 pub(crate) mod chunk;
 mod compiled;
+mod coupled;
 pub(crate) mod derivatives;
 pub(crate) mod evaluator;
 mod everyday;
@@ -44,6 +45,7 @@ pub use arms::{Target, Vectorised, Work};
 pub use evaluator::{Evaluated, Evaluator};
 
 use crate::error::Error;
+pub use crate::error::Fault;
 use crate::watch;
 use std::ops::Range;
 use std::sync::Mutex;
@@ -235,21 +237,6 @@ pub struct Batch<'a, S, M> {
     pub pool: &'a Pool<S>,
     /// Makes scratch.
     pub make: M,
-}
-
-/// The lowest state of a batch that failed.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Fault {
-    /// Its index.
-    pub state: usize,
-    /// What was wrong with it.
-    pub error: Error,
-}
-
-impl From<Fault> for Error {
-    fn from(fault: Fault) -> Self {
-        fault.error.in_state(fault.state)
-    }
 }
 
 impl<S: Send, M: Fn() -> S + Sync> Batch<'_, S, M> {

@@ -149,6 +149,21 @@ fn in_state(state: Option<usize>) -> String {
     state.map_or_else(String::new, |index| format!(" in state {index}"))
 }
 
+/// The lowest state of a batch that failed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fault {
+    /// Its index.
+    pub state: usize,
+    /// What was wrong with it.
+    pub error: Error,
+}
+
+impl From<Fault> for Error {
+    fn from(fault: Fault) -> Self {
+        fault.error.in_state(fault.state)
+    }
+}
+
 impl Error {
     /// The same error, said of state `index` of a batch.
     #[must_use]

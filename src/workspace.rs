@@ -40,6 +40,23 @@ impl std::fmt::Debug for OwnKernels {
     }
 }
 
+/// Scratch of a kind that this room does not know.
+#[derive(Default)]
+pub(crate) struct Made(pub(crate) Option<Box<dyn std::any::Any + Send + Sync>>);
+
+/// A copy has none yet: it makes its own.
+impl Clone for Made {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+impl std::fmt::Debug for Made {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Made")
+    }
+}
+
 /// The scratch of every algorithm for one state (or one state a lane); starts as NaN, so that nothing unset is ever used.
 #[derive(Debug, Clone)]
 pub struct Workspace<T: Real> {
@@ -85,6 +102,8 @@ pub struct Workspace<T: Real> {
     pub(crate) rest: Vec<T>,
     /// Derivatives on their way to a linear system; empty until then.
     pub(crate) matrices: Vec<T>,
+    /// What methods for scenes whose joints follow each other have made; none before.
+    pub(crate) coupled: Made,
     /// What the methods of a scene run; the functions of `dynamics` do not.
     pub(crate) kernels: OwnKernels,
 }
@@ -126,6 +145,7 @@ impl<T: Real> Workspace<T> {
             needed: vec![false; bodies],
             rest: vec![T::zero(); model.nv()],
             matrices: Vec::new(),
+            coupled: Made::default(),
             kernels: OwnKernels::default(),
         }
     }

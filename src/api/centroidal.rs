@@ -1,10 +1,11 @@
 //! The mass centre of a scene and the momentum about it, at one state, with arguments checked and faults named.
 
 use crate::dynamics::centroidal;
-use crate::error::{Error, check_length};
+use crate::error::Error;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
 use nalgebra::Vector3;
+use std::borrow::Cow;
 
 impl Scene {
     /// Mass of all links that move, kg: those on fixed joints to them included, links on the base not, nor rotors (armature is no mass). O(N).
@@ -21,7 +22,7 @@ impl Scene {
     ///
     /// Wrong lengths, numbers that are not finite, a workspace of another scene, and [`Error::Argument`] where nothing that moves has mass.
     pub fn center_of_mass(&self, workspace: &mut Workspace<f64>, q: &[f64]) -> Result<Vector3<f64>, Error> {
-        self.check_centroidal(workspace, q, &[])?;
+        let q = &*self.check_centroidal(workspace, q)?;
         let centre = centroidal::center_of_mass(self.model(), workspace, q);
         self.check_result("center of mass", centre.as_slice())?;
         Ok(centre)
@@ -40,7 +41,7 @@ impl Scene {
         q: &[f64],
         qd: &[f64],
     ) -> Result<Vector3<f64>, Error> {
-        self.check_centroidal(workspace, q, &[("qd", qd)])?;
+        let (q, qd) = (&*self.check_centroidal(workspace, q)?, &*self.tree_rates("qd", qd)?);
         let velocity = centroidal::center_of_mass_velocity(self.model(), workspace, q, qd);
         self.check_result("center of mass velocity", velocity.as_slice())?;
         Ok(velocity)
@@ -60,7 +61,8 @@ impl Scene {
         qd: &[f64],
         qdd: &[f64],
     ) -> Result<Vector3<f64>, Error> {
-        self.check_centroidal(workspace, q, &[("qd", qd), ("qdd", qdd)])?;
+        let q = &*self.check_centroidal(workspace, q)?;
+        let (qd, qdd) = (&*self.tree_rates("qd", qd)?, &*self.tree_rates("qdd", qdd)?);
         let acceleration = centroidal::center_of_mass_acceleration(self.model(), workspace, q, qd, qdd);
         self.check_result("center of mass acceleration", acceleration.as_slice())?;
         Ok(acceleration)
@@ -77,9 +79,8 @@ impl Scene {
         q: &[f64],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        self.check_centroidal(workspace, q, &[])?;
-        check_length("out", out.len(), 3 * self.nv())?;
-        centroidal::center_of_mass_jacobian(self.model(), workspace, q, out);
+        let q = &*self.check_centroidal(workspace, q)?;
+        self.tree_columns(3, out, |out| centroidal::center_of_mass_jacobian(self.model(), workspace, q, out))?;
         self.check_result("center of mass jacobian", out)
     }
 
@@ -95,9 +96,8 @@ impl Scene {
         q: &[f64],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        self.check_centroidal(workspace, q, &[])?;
-        check_length("out", out.len(), 6 * self.nv())?;
-        centroidal::centroidal_momentum_matrix(self.model(), workspace, q, out);
+        let q = &*self.check_centroidal(workspace, q)?;
+        self.tree_columns(6, out, |out| centroidal::centroidal_momentum_matrix(self.model(), workspace, q, out))?;
         self.check_result("centroidal momentum matrix", out)
     }
 
@@ -113,18 +113,18 @@ impl Scene {
         qd: &[f64],
         out: &mut [f64],
     ) -> Result<(), Error> {
-        self.check_centroidal(workspace, q, &[("qd", qd)])?;
-        check_length("out", out.len(), 6 * self.nv())?;
-        centroidal::centroidal_momentum_matrix_rate(self.model(), workspace, q, qd, out);
+        let (q, qd) = (&*self.check_centroidal(workspace, q)?, &*self.tree_rates("qd", qd)?);
+        self.tree_columns(6, out, |out| {
+            centroidal::centroidal_momentum_matrix_rate(self.model(), workspace, q, qd, out);
+        })?;
         self.check_result("centroidal momentum matrix rate", out)
     }
 
-    /// What all of these share.
-    fn check_centroidal(&self, workspace: &Workspace<f64>, q: &[f64], rates: &[(&str, &[f64])]) -> Result<(), Error> {
+    /// What all of these share; the configuration of the tree.
+    fn check_centroidal<'a>(&self, workspace: &Workspace<f64>, q: &'a [f64]) -> Result<Cow<'a, [f64]>, Error> {
         self.check_has_mass()?;
-        self.check_configuration("q", q)?;
-        rates.iter().try_for_each(|(name, values)| self.check_rates(name, values))?;
-        self.check_workspace(workspace)
+        self.check_workspace(workspace)?;
+        self.tree_configuration("q", q)
     }
 
     /// Whether there is a mass centre.

@@ -1,7 +1,6 @@
 //! Derivatives of a scene's dynamics at one state, with arguments checked and faults named.
 
 use crate::algorithm::{Algorithm, Arguments, Derivatives};
-use crate::dynamics::derivatives;
 use crate::error::{Error, check_length};
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
@@ -113,7 +112,7 @@ impl Scene {
         three.resize(3 * nv * nv, 0.0);
         let done = self.forward_dynamics_derivatives(workspace, q, qd, tau, wrenches, &mut three);
         if done.is_ok() {
-            derivatives::linear_system(self.model(), qd, &three, (a, b));
+            self.linear_system(qd, &three, (a, b));
         }
         workspace.matrices = three;
         done

@@ -52,7 +52,7 @@ impl Scene {
     /// An unknown link or body, a frame without a rotation matrix, wrong lengths and numbers that are not finite.
     pub fn placement<'a>(&self, q: &[f64], link: impl Into<OnLink<'a>>) -> Result<RigidShift<f64>, Error> {
         let frame = self.on_link(&link.into())?;
-        self.check_configuration("q", q)?;
+        let q = &*self.tree_configuration("q", q)?;
         let placement = kinematics::placement(self.model(), q, &frame);
         self.check_result("placement", placement.lever.as_slice())?;
         Ok(placement)
@@ -70,7 +70,7 @@ impl Scene {
         links: &[L],
         out: &mut [RigidShift<f64>],
     ) -> Result<(), Error> {
-        self.check_configuration("q", q)?;
+        let q = &*self.tree_configuration("q", q)?;
         self.check_workspace(workspace)?;
         check_length("out", out.len(), links.len())?;
         let Workspace { needed, shift, .. } = workspace;
@@ -145,9 +145,8 @@ impl Scene {
         out: &mut [f64],
     ) -> Result<(), Error> {
         let frame = self.on_link(&link.into())?;
-        self.check_configuration("q", q)?;
-        check_length("out", out.len(), 6 * self.nv())?;
-        kinematics::jacobian(self.model(), q, &frame, reference, out);
+        let q = &*self.tree_configuration("q", q)?;
+        self.tree_columns(6, out, |out| kinematics::jacobian(self.model(), q, &frame, reference, out))?;
         self.check_result("jacobian", out)
     }
 
@@ -167,10 +166,8 @@ impl Scene {
         out: &mut [f64],
     ) -> Result<(), Error> {
         let frame = self.on_link(&link.into())?;
-        self.check_configuration("q", q)?;
-        self.check_rates("qd", qd)?;
-        check_length("out", out.len(), 6 * self.nv())?;
-        kinematics::jacobian_rate(self.model(), q, qd, &frame, reference, out);
+        let (q, qd) = (&*self.tree_configuration("q", q)?, &*self.tree_rates("qd", qd)?);
+        self.tree_columns(6, out, |out| kinematics::jacobian_rate(self.model(), q, qd, &frame, reference, out))?;
         self.check_result("jacobian rate", out)
     }
 
@@ -218,11 +215,8 @@ impl Scene {
         frame: &OnLink<'_>,
     ) -> Result<FrameMotion<f64>, Error> {
         let frame = self.on_link(frame)?;
-        self.check_configuration("q", q)?;
-        self.check_rates("qd", qd)?;
-        if let Some(qdd) = qdd {
-            self.check_rates("qdd", qdd)?;
-        }
-        Ok(kinematics::frame_motion(self.model(), q, qd, qdd, &frame))
+        let (q, qd) = (&*self.tree_configuration("q", q)?, &*self.tree_rates("qd", qd)?);
+        let qdd = qdd.map(|qdd| self.tree_rates("qdd", qdd)).transpose()?;
+        Ok(kinematics::frame_motion(self.model(), q, qd, qdd.as_deref(), &frame))
     }
 }

@@ -2,11 +2,12 @@
 
 use super::own;
 use crate::algorithm::{Algorithm, Arguments};
+use crate::dynamics::coupled::CoupledScratch;
 use crate::dynamics::mass_inverse::InverseScratch;
 use crate::dynamics::{self, Energy};
-use crate::error::{Error, check_finite};
+use crate::error::{Error, Fault, check_finite};
 use crate::kinematics;
-use crate::scene::{Link, Scene};
+use crate::scene::{Coupling, Link, Scene};
 use crate::spatial::{RigidShift, SpatialVector};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
@@ -21,7 +22,8 @@ impl Scene {
     /// first call where the scene has more than 128 degrees of freedom.
     #[must_use]
     pub fn workspace(&self) -> Workspace<f64> {
-        Workspace { kernels: own::ready(self), ..Workspace::new(self.model()) }
+        let tree = self.tree();
+        Workspace { kernels: own::ready(tree), ..Workspace::new(tree.model()) }
     }
 
     /// Scratch for [`Scene::mass_matrix_inverse`].
@@ -100,7 +102,8 @@ impl Scene {
     /// Wrong lengths and numbers that are not finite.
     pub fn gravity_torque(&self, workspace: &mut Workspace<f64>, q: &[f64], tau: &mut [f64]) -> Result<(), Error> {
         let rest = std::mem::take(&mut workspace.rest);
-        let outcome = self.bias_torque(workspace, q, &rest, tau);
+        // Of a scene whose joints follow each other they are fewer than the workspace's.
+        let outcome = self.bias_torque(workspace, q, &rest[..rest.len().min(self.nv())], tau);
         workspace.rest = rest;
         outcome
     }
@@ -141,6 +144,9 @@ impl Scene {
         out: &mut [f64],
     ) -> Result<(), Error> {
         self.check_workspace(workspace)?;
+        if let Some(coupling) = self.coupling() {
+            return self.run_coupled(coupling, workspace, algorithm, state, out);
+        }
         // Only the recursion writes its accuracy into the workspace.
         let estimated = workspace.estimates_error && matches!(algorithm, Algorithm::ForwardDynamics(_));
         let fits = self.fits(algorithm, state) && out.len() == self.width(algorithm);
@@ -150,14 +156,37 @@ impl Scene {
         self.recursion(workspace, inverse, algorithm, state, out)
     }
 
+    /// The same where joints follow each other.
+    fn run_coupled(
+        &self,
+        coupling: &Coupling,
+        workspace: &mut Workspace<f64>,
+        algorithm: Algorithm,
+        state: &Arguments<'_>,
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let mut made = workspace.coupled.0.take().and_then(|made| made.downcast::<(u64, CoupledScratch)>().ok());
+        if made.as_ref().is_none_or(|made| made.0 != self.identity()) {
+            made = Some(Box::new((self.identity(), CoupledScratch::new(coupling))));
+        }
+        let Some(mut made) = made else { return Ok(()) };
+        let mut ask = |algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]| {
+            let done = coupling.tree().run_one(workspace, None, algorithm, &states[0], out);
+            done.map_err(|error| Fault { state: 0, error })
+        };
+        let state = [*state];
+        let done = self.evaluate_coupled(coupling, (&mut made.1, &mut ask), algorithm, &state, out, &mut |_, _| {});
+        workspace.coupled.0 = Some(made);
+        done.map_err(|fault| fault.error)
+    }
+
     /// Kinetic and potential energy, J.
     ///
     /// # Errors
     ///
     /// Wrong lengths and numbers that are not finite.
     pub fn energy(&self, workspace: &mut Workspace<f64>, q: &[f64], qd: &[f64]) -> Result<Energy<f64>, Error> {
-        self.check_configuration("q", q)?;
-        self.check_rates("qd", qd)?;
+        let (q, qd) = (&*self.tree_configuration("q", q)?, &*self.tree_rates("qd", qd)?);
         self.check_workspace(workspace)?;
         let energy = dynamics::energy(self.model(), workspace, q, qd);
         self.check_result("energy", &[energy.kinetic, energy.potential])?;
@@ -170,8 +199,7 @@ impl Scene {
     ///
     /// Wrong lengths and numbers that are not finite.
     pub fn kinetic_energy(&self, workspace: &mut Workspace<f64>, q: &[f64], qd: &[f64]) -> Result<f64, Error> {
-        self.check_configuration("q", q)?;
-        self.check_rates("qd", qd)?;
+        let (q, qd) = (&*self.tree_configuration("q", q)?, &*self.tree_rates("qd", qd)?);
         self.check_workspace(workspace)?;
         let kinetic = dynamics::kinetic_energy(self.model(), workspace, q, qd);
         self.check_result("kinetic energy", &[kinetic])?;
@@ -184,8 +212,7 @@ impl Scene {
     ///
     /// Wrong lengths and numbers that are not finite.
     pub fn momentum(&self, workspace: &mut Workspace<f64>, q: &[f64], qd: &[f64]) -> Result<SpatialVector<f64>, Error> {
-        self.check_configuration("q", q)?;
-        self.check_rates("qd", qd)?;
+        let (q, qd) = (&*self.tree_configuration("q", q)?, &*self.tree_rates("qd", qd)?);
         self.check_workspace(workspace)?;
         let momentum = dynamics::momentum(self.model(), workspace, q, qd);
         self.check_result("momentum", momentum.as_slice())?;
@@ -198,7 +225,7 @@ impl Scene {
     ///
     /// Wrong lengths and numbers that are not finite.
     pub fn placements(&self, q: &[f64]) -> Result<Vec<RigidShift<f64>>, Error> {
-        self.check_configuration("q", q)?;
+        let q = &*self.tree_configuration("q", q)?;
         let mut bodies: Vec<RigidShift<f64>> = Vec::with_capacity(self.model().bodies.len());
         for (body, stage) in self.model().bodies.iter().zip(&self.model().system.stages) {
             let shift = kinematics::joint_shift(body, q);

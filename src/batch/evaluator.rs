@@ -3,6 +3,7 @@
 use super::Fault;
 use super::arms::Arm;
 use super::compiled;
+use super::coupled::CoupledEvaluator;
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments, Chunks, Everyday};
 use crate::dynamics::mass_inverse::InverseScratch;
@@ -20,6 +21,8 @@ pub struct Evaluator<P = f64> {
     arm: Arm,
     pub(super) kernels: Kernels<P>,
     pub(super) checked: Checked,
+    /// Of the tree, where joints follow each other; there are no other kernels then.
+    pub(super) coupled: Option<Box<CoupledEvaluator>>,
 }
 
 /// The compiled kernels of one arm; a state for which there are none is done by the checked recursion.
@@ -142,7 +145,9 @@ impl<P: Evaluated> Evaluator<P> {
         let arm = if arm.available() { arm } else { Arm::Baseline };
         let workspace = Workspace::new(scene.model());
         let checked = Checked { workspace, inverse: None, results: Vec::new() };
-        Self { arm, kernels: P::kernels(arm, scene), checked }
+        let coupled = CoupledEvaluator::of(arm, scene);
+        let kernels = if coupled.is_some() { Kernels { one: None, many: None } } else { P::kernels(arm, scene) };
+        Self { arm, kernels, checked, coupled }
     }
 
     /// The arm that it runs on.
@@ -154,7 +159,10 @@ impl<P: Evaluated> Evaluator<P> {
     /// How many states one call of a kernel takes at the most.
     #[must_use]
     pub fn lanes(&self) -> usize {
-        self.kernels.many.as_ref().map_or(1, |many| many.lanes())
+        match &self.coupled {
+            Some(coupled) => coupled.tree.lanes(),
+            None => self.kernels.many.as_ref().map_or(1, |many| many.lanes()),
+        }
     }
 
     /// The kernel alone, on one state or at most as many as there are lanes, of equal shapes: no lengths are checked. Results one
@@ -258,6 +266,10 @@ impl Scene {
             };
             return Err(Fault { state: 0, error });
         }
+        if let (Some(coupling), Some(coupled)) = (self.coupling(), &mut evaluator.coupled) {
+            let mut found = |state: usize, accuracy: Accuracy| found(state, &|| accuracy);
+            return coupled.evaluate((self, coupling), algorithm, states, out, &mut found);
+        }
         if let [state] = states {
             // Without the divisions and the loops of many.
             if self.fits(algorithm, state) && evaluator.run(algorithm, states, out) & 1 == 0 {
@@ -306,6 +318,9 @@ impl Scene {
         states: &[Arguments<'_>],
         out: &mut [f64],
     ) -> Result<(), Fault> {
+        if let (Some(coupling), Some(coupled)) = (self.coupling(), &mut evaluator.coupled) {
+            return coupled.everyday((self, coupling), what, states, out);
+        }
         let (lanes, width, nv) = (evaluator.lanes(), what.width(self.nv()), self.nv());
         check_length("out", out.len(), width * states.len()).map_err(|error| Fault { state: 0, error })?;
         let lengths = [self.nq(), nv, nv];

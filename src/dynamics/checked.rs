@@ -204,14 +204,14 @@ impl Scene {
     /// Whether a workspace has the lengths of this scene's.
     pub(crate) fn check_workspace(&self, workspace: &Workspace<f64>) -> Result<(), Error> {
         let (bodies, nv) = (workspace.shift.len(), workspace.measured.len());
-        if (bodies, nv) == (self.model().bodies.len(), self.nv()) {
+        if (bodies, nv) == (self.model().bodies.len(), self.model().nv()) {
             return Ok(());
         }
         let found = format!("that of a scene of {bodies} bodies and {nv} degrees of freedom");
         let expected = format!(
             "this scene's own, from scene.workspace(): {} bodies and {} degrees of freedom",
             self.model().bodies.len(),
-            self.nv()
+            self.model().nv()
         );
         Err(Error::argument("workspace", found, expected))
     }

@@ -27,6 +27,7 @@ pub(crate) mod auto;
 pub(crate) mod centroidal;
 mod checked;
 mod columns;
+pub(crate) mod coupled;
 pub mod derivatives;
 pub(crate) mod energy;
 pub(crate) mod estimate;

@@ -48,6 +48,8 @@ pub mod smoothed;
 pub mod smoother;
 #[doc(hidden)]
 pub mod square_root;
+#[doc(hidden)]
+pub mod summed;
 pub mod system;
 
 pub use forms::{FORMS, Form};

@@ -136,7 +136,7 @@ impl Solver<'_> {
     ) -> Result<Outcome, Error> {
         let scene = self.scene;
         scene.check_workspace(workspace)?;
-        scene.check_configuration("q0", start)?;
+        scene.check_coordinates("q0", start)?;
         check_length("q", q.len(), scene.nq())?;
         for (at, task) in tasks.iter().enumerate() {
             task.check(scene, at)?;

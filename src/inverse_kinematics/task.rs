@@ -230,18 +230,18 @@ impl Tasks<'_> {
                 rows.position(nv(self), at + 3, &place, &target.lever, task.position);
             }
             Goal::Position { frame, target } => {
-                let place = local_jacobian(self.scene.model(), q, frame, &mut rows.six);
+                let place = self.local_jacobian(q, frame, &mut rows.six);
                 rows.position(nv(self), at, &place, target, task.position);
             }
             Goal::Orientation { frame, target } => {
                 self.turn(q, frame, target, task.rotation, at, rows);
             }
             Goal::Direction { frame, axis, target } => {
-                let place = local_jacobian(self.scene.model(), q, frame, &mut rows.six);
+                let place = self.local_jacobian(q, frame, &mut rows.six);
                 rows.direction(nv(self), at, &place, axis, target, &Matrix3::zeros(), task.rotation);
             }
             Goal::LookAt { frame, axis, target } => {
-                let place = local_jacobian(self.scene.model(), q, frame, &mut rows.six);
+                let place = self.local_jacobian(q, frame, &mut rows.six);
                 let way = target - place.lever;
                 let distance = way.norm();
                 // At the target itself every direction is right, and none.
@@ -276,6 +276,16 @@ impl Tasks<'_> {
         Ok(())
     }
 
+    /// Where a frame is, and its Jacobian in its own axes, (6 x nv) row by row.
+    fn local_jacobian(&self, q: &[f64], frame: &Frame<f64>, six: &mut [f64]) -> RigidShift<f64> {
+        let model = self.scene.model();
+        let Some(coupling) = self.scene.coupling() else { return local_jacobian(model, q, frame, six) };
+        let mut columns = vec![f64::NAN; 6 * model.nv()];
+        let place = local_jacobian(model, &coupling.configuration(q), frame, &mut columns);
+        coupling.reduce_columns(&columns, six);
+        place
+    }
+
     /// The rotation vector from the target to the frame, log(Rt^T R), whose rate is Jr^-1 w with w in the frame's axes.
     fn turn(
         &self,
@@ -286,7 +296,7 @@ impl Tasks<'_> {
         at: usize,
         rows: &mut Rows,
     ) -> RigidShift<f64> {
-        let place = local_jacobian(self.scene.model(), q, frame, &mut rows.six);
+        let place = self.local_jacobian(q, frame, &mut rows.six);
         let apart = Rotation3::from_matrix_unchecked(target.transpose() * place.rotation);
         let error = UnitQuaternion::from_rotation_matrix(&apart).scaled_axis();
         rows.put(nv(self), at, &error, &(inverse_right_jacobian(&error)), 0, deviation);

@@ -198,7 +198,7 @@ impl<'a> Field<'a> {
         let laws = (of.properties.clone(), of.gains.clone());
         let law = Law::new(of.scene.model(), 1.0, Method::RungeKutta4, laws, Vec::new());
         let mut scratch = Scratch::new(of.scene.model(), &law);
-        let solver = Checked::new(of.scene.model(), Form::Auto);
+        let solver = Checked::new(of.scene.model(), &law, Form::Auto);
         if let Some(gains) = &of.gains {
             scratch.target.copy_from_slice(&gains.target);
             scratch.target_rate.copy_from_slice(&gains.target_rate);

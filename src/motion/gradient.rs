@@ -138,6 +138,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
             let expected = "a rollout without it, whose steps have gradients";
             return Err(refuse(Error::argument("conserve_momentum", "true", expected)));
         }
+        if self.law.coupling.is_some() {
+            let expected = "a scene with mimic=\"free\", whose steps have gradients";
+            return Err(refuse(Error::argument("scene", "joints that follow others (mimic)", expected)));
+        }
         if every == 0 {
             return Err(refuse(Error::argument("every", "0", "at least 1")));
         }

@@ -29,6 +29,7 @@ impl Properties {
     /// The properties that the scene's description gives.
     #[must_use]
     pub fn of(scene: &Scene) -> Self {
+        let scene = scene.tree();
         let nv = scene.nv();
         let described: HashMap<&str, _> =
             scene.source().joints().iter().map(|joint| (joint.name.as_str(), joint)).collect();

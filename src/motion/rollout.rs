@@ -135,12 +135,15 @@ pub(super) const GRAIN: usize = 16;
 impl<S: Borrow<Scene>> Rollout<S> {
     /// States to start from, one after another: `q` (states, nq), `qd` (states, nv); `scene`: a reference, or what holds one.
     ///
+    /// Of a scene whose joints follow each other all numbers are those of its [`tree`](Scene::tree); [`Coupling`](crate::scene::Coupling) gives them.
+    ///
     /// # Errors
     ///
     /// A step that is not finite and positive, a form other than auto and covariance; wrong lengths, numbers that are not finite,
     /// negative properties, quaternions that are not unit; momentum that cannot be kept.
     pub fn new(scene: S, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
-        let holds: &Scene = scene.borrow();
+        let coupling = scene.borrow().shared_coupling();
+        let holds: &Scene = scene.borrow().tree();
         let Settings { dt, method, form, properties, gains, arm, conserve_momentum } = settings;
         if !(dt.is_finite() && dt > 0.0) {
             return Err(Error::argument("dt", format!("{dt}"), "a step in s, finite and positive"));
@@ -163,7 +166,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             gains.check(holds, states)?;
         }
         let roots = if conserve_momentum { conserve::roots(holds, &properties, gains.as_ref())? } else { Vec::new() };
-        let law = Law::new(holds.model(), dt, method, (properties, gains), roots);
+        let law = Law::new(holds.model(), dt, method, (properties, gains), roots).with_coupling(coupling);
         let keeper = Keeper::new(holds.model(), &law.roots);
         let current = memory::filled("q, qd", states.saturating_mul(law.width(holds)), 0.0)?;
         let begun = memory::filled("q, qd", states, 0)?;
@@ -182,13 +185,14 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// Whether a state can begin there.
     pub(super) fn check_state(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
         self.scene().check_configuration("q", q)?;
-        self.scene().check_rates("qd", qd)
+        self.scene().check_rates("qd", qd)?;
+        self.law.coupling.as_ref().map_or(Ok(()), |coupling| coupling.check_followed(q, qd))
     }
 
     /// Begins one of the states at the step at hand, from what [`Rollout::check_state`] has seen.
     pub(super) fn begin(&mut self, state: usize, q: &[f64], qd: &[f64]) {
         let Self { scene, law, keeper, current, .. } = self;
-        let scene: &Scene = (*scene).borrow();
+        let scene: &Scene = (*scene).borrow().tree();
         let width = law.width(scene);
         let (moving, kept) = current[state * width..(state + 1) * width].split_at_mut(q.len() + qd.len());
         let (own_q, own_qd) = moving.split_at_mut(q.len());
@@ -203,10 +207,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
         self.begun[state] = self.done;
     }
 
-    /// The scene whose states these are.
+    /// The scene whose states these are: the [`tree`](Scene::tree), where joints follow each other.
     #[must_use]
     pub fn scene(&self) -> &Scene {
-        self.scene.borrow()
+        self.scene.borrow().tree()
     }
 
     /// What it was made with; a copy.
@@ -317,7 +321,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let fault: Mutex<Option<StepFault>> = Mutex::new(None);
         let cost = self.cost().saturating_mul(steps);
         let Self { scene, law, form, arm, current, begun, pool, .. } = self;
-        let scene: &Scene = (*scene).borrow();
+        let scene: &Scene = (*scene).borrow().tree();
         let make = || Stepper::new(*form, *arm);
         let batch = Batch { states: self.states, cost, pool, make };
         let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {

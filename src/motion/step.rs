@@ -8,13 +8,15 @@ use crate::batch::accelerations::{Call, by_covariance, watched};
 use crate::batch::arms::{Target, Vectorised};
 use crate::dynamics;
 use crate::dynamics::auto::Errors;
+use crate::dynamics::coupled::CoupledAccelerations;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::scene::Scene;
+use crate::scene::{Coupling, Scene};
 use crate::workspace::Workspace;
+use std::sync::Arc;
 
 /// What every step of a rollout has in common, in numbers of one state.
 #[derive(Debug, Clone)]
@@ -28,6 +30,8 @@ pub(super) struct Law {
     pub gains: Option<Gains>,
     /// The bodies that trees begin with whose momentum is kept; empty where it is left to the method.
     pub roots: Vec<usize>,
+    /// How joints follow each other, where some do; the numbers are then those of the tree.
+    pub coupling: Option<Arc<Coupling>>,
     /// Whether some joint has friction.
     pub rubs: bool,
     /// Bodies whose joints have a spring, and bodies that the control law pulls.
@@ -52,6 +56,7 @@ impl Law {
             method,
             tableau: method.tableau().times(step),
             implicit: method.is_implicit(),
+            coupling: None,
             rubs: properties.friction.iter().any(|&f| f != 0.0),
             sprung: stiff(&properties.stiffness),
             pulled: gains.as_ref().map_or_else(|| vec![false; model.bodies.len()], |g| stiff(&g.proportional)),
@@ -59,6 +64,11 @@ impl Law {
             gains,
             roots,
         }
+    }
+
+    /// The same for joints that follow each other.
+    pub fn with_coupling(self, coupling: Option<Arc<Coupling>>) -> Self {
+        Self { coupling, ..self }
     }
 
     /// The same for a way back, which tells of springs that are not there too: how far every joint is from rest.
@@ -252,13 +262,30 @@ impl<T: Vectorised, I: Target> Solver<T> for Watched<T, I> {
 /// One state with every check, in the form of the workspace.
 pub(super) struct Checked {
     workspace: Workspace<f64>,
+    form: Form,
+    coupled: Option<(CoupledAccelerations, Arc<Coupling>)>,
     /// The first pivot that was lost, since it was last taken.
     pub lost: Option<LostPivot>,
 }
 
 impl Checked {
-    pub fn new(model: &Model<f64>, form: Form) -> Self {
-        Self { workspace: Workspace::new(model).in_form(form), lost: None }
+    pub fn new(model: &Model<f64>, law: &Law, form: Form) -> Self {
+        let coupled = law.coupling.clone().map(|of| (CoupledAccelerations::new(model, of.sums()), of));
+        Self { workspace: Workspace::new(model).in_form(form), form, coupled, lost: None }
+    }
+
+    /// The accelerations of joints that follow each other; the pivot that is lost, where one is.
+    fn solve_coupled(
+        (solver, coupling): &mut (CoupledAccelerations, Arc<Coupling>),
+        form: Form,
+        model: &Model<f64>,
+        (q, v, u): (&[f64], &[f64], &[f64]),
+        qdd: &mut [f64],
+    ) -> Option<LostPivot> {
+        solver.set_noise(&model.system.noise);
+        let lost = solver.factorise(coupling.sums(), form, q, Some((v, &[])));
+        solver.solve(coupling.sums(), u, qdd);
+        lost
     }
 }
 
@@ -270,6 +297,11 @@ impl Solver<f64> for Checked {
         (q, v, u): (&[f64], &[f64], &[f64]),
         qdd: &mut [f64],
     ) -> u64 {
+        if let Some(coupled) = &mut self.coupled {
+            let lost = Self::solve_coupled(coupled, self.form, model, (q, v, u), qdd);
+            self.lost = self.lost.take().or(lost);
+            return 0;
+        }
         let monitor = dynamics::forward_dynamics(model, &mut self.workspace, q, v, u, &[], qdd);
         if self.lost.is_none() {
             self.lost = self.workspace.lost_pivot(model, &monitor);

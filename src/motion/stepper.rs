@@ -130,13 +130,19 @@ struct Alone {
 impl Alone {
     #[cold]
     fn new(model: &Model<f64>, law: &Law, form: Form) -> Self {
-        Self { scratch: Scratch::new(model, law), solver: Checked::new(model, form) }
+        Self { scratch: Scratch::new(model, law), solver: Checked::new(model, law, form) }
     }
 
     /// The step of one state; the joint and the error, where there is none.
     #[inline(never)]
     fn step(&mut self, scene: &Scene, law: &Law) -> Result<(), (String, Error)> {
         step(law, &mut self.scratch, &mut self.solver);
+        if let Some(coupling) = &law.coupling {
+            // Joints follow each other exactly, not but for the rounding of many steps.
+            let s = &mut self.scratch;
+            s.q_next = coupling.configuration(&coupling.independent_coordinates(&s.q_next));
+            s.v_next = coupling.rates(&coupling.independent_rates(&s.v_next));
+        }
         let lost = self.solver.lost.take();
         fault_of(scene, law, &self.scratch, lost).map_or(Ok(()), Err)
     }
@@ -225,10 +231,11 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                 }
             }
             let mut doubt = match form {
-                Form::Covariance => step(law, s, &mut plain),
-                _ => step(law, s, &mut watched),
+                // There are no kernels for it: one after another.
+                _ if law.coupling.is_some() => u64::MAX,
+                Form::Covariance => step(law, s, &mut plain) | strayed(law, s),
+                _ => step(law, s, &mut watched) | strayed(law, s),
             };
-            doubt |= strayed(law, s);
             doubt &= u64::MAX >> (64 - count);
             if doubt != 0 {
                 outcome = again(s, (scene, law, form), checked, (n, states.start), doubt);

@@ -1,5 +1,6 @@
 //! The class `SceneBuilder`: a scene from code.
 
+use super::choice::read_mimic;
 use super::cost::WORTH_DETACHING;
 use super::description::{Description, joint_kind, left_out};
 use super::interrupts::detached_checked;
@@ -60,7 +61,7 @@ impl PySceneBuilder {
     /// or kg for each degree of freedom, part of the mass matrix. damping (N m s/rad or N s/m), friction (N m or N),
     /// stiffness (N m/rad or N/m) and rest (the joint's coordinates there, None: the neutral ones): simulation only. lower, upper,
     /// velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow, as mimic_multiplier
-    /// times its coordinate plus mimic_offset (rad or m); it stays free.
+    /// times its coordinate plus mimic_offset (rad or m); build(mimic="couple") has it follow.
     ///
     /// Raises SceneError for an unknown type or a missing pitch; ShapeError or ArgumentError for arrays, naming the joint;
     /// build() checks the rest.
@@ -132,14 +133,14 @@ impl PySceneBuilder {
     /// Checks everything and makes the Scene; the builder can be used again.
     ///
     /// floating_base: puts a free joint under the root link, named as in Scene.from_urdf. gravity: (3,), m/s^2, in the base
-    /// frame. strict: unphysical inertias raise instead of warning. leave_out: as in Scene.from_urdf. What is None is as the
-    /// builder has it: a fixed base, (0, 0, -9.81), False and all in a new one, the scene's own in one from Scene.to_builder.
+    /// frame. strict: unphysical inertias raise instead of warning. leave_out, mimic: as in Scene.from_urdf. What is None is as the
+    /// builder has it: a fixed base, (0, 0, -9.81), False, all and "free" in a new one, the scene's own in one from Scene.to_builder.
     ///
     /// Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
     /// two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
     /// friction, lower above upper, a floating base of what floats already. Warns InertiaWarning for
     /// inertias that no body can have, and MimicWarning, as Scene.from_urdf does.
-    #[pyo3(signature = (floating_base=None, gravity=None, strict=None, *, leave_out=None))]
+    #[pyo3(signature = (floating_base=None, gravity=None, strict=None, *, leave_out=None, mimic=None))]
     fn build(
         &self,
         py: Python<'_>,
@@ -147,7 +148,9 @@ impl PySceneBuilder {
         gravity: Option<&Object<'_>>,
         strict: Option<bool>,
         leave_out: Option<&Object<'_>>,
+        mimic: Option<&str>,
     ) -> PyResult<PyScene> {
+        let mimic = mimic.map(read_mimic).transpose()?;
         let omissions = leave_out.map(|given| left_out(Some(given))).transpose()?;
         let gravity = gravity.map(|gravity| input::triple("gravity", gravity)).transpose()?;
         let build = || {
@@ -157,7 +160,8 @@ impl PySceneBuilder {
             let omissions = omissions.unwrap_or(builder.left_out());
             let gravity = gravity.unwrap_or(builder.gravity_vector());
             let builder = builder.clone().floating_base(floating_base).gravity(gravity);
-            builder.strict(strict).omissions(omissions).build()
+            let mimic = mimic.unwrap_or(builder.of_mimic_joints());
+            builder.strict(strict).omissions(omissions).mimic_joints(mimic).build()
         };
         // A builder that is being read without the GIL refuses to grow: that is for those which take long.
         let scene = if self.builder.links().len() < WORTH_DETACHING { build()? } else { detached_checked(py, build)? };

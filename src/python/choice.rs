@@ -3,6 +3,7 @@
 use super::object::Object;
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
+use crate::scene::MimicJoints;
 use numpy::{PyArrayDescr, PyArrayDescrMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyMapping, PyString};
@@ -18,6 +19,19 @@ pub(super) fn choose<T: Copy>(argument: &str, name: &str, known: &[(&'static str
 /// The form of that name.
 pub(super) fn read_form(form: &str) -> Result<Form, Error> {
     choose("form", form, &FORMS)
+}
+
+/// What becomes of mimic joints, by name.
+const MIMIC: [(&str, MimicJoints); 2] = [("couple", MimicJoints::Coupled), ("free", MimicJoints::Free)];
+
+/// The argument `mimic`.
+pub(super) fn read_mimic(mimic: &str) -> Result<MimicJoints, Error> {
+    choose("mimic", mimic, &MIMIC)
+}
+
+/// Its name.
+pub(super) fn name_of_mimic(mimic: MimicJoints) -> &'static str {
+    MIMIC.iter().find(|(_, known)| *known == mimic).map_or("free", |(name, _)| name)
 }
 
 /// The name of a form.

@@ -1,6 +1,5 @@
 //! What drives a simulation: torques that are constant, one a step or asked of a function, and the control law.
 
-use super::axis::Axis;
 use super::input::{self, Input, wrong_shape};
 use super::object::Object;
 use super::scene::PyScene;
@@ -8,6 +7,7 @@ use crate::batch::Broadcast;
 use crate::error::{Error, check_finite};
 use crate::memory;
 use crate::motion::{Gains, Torque};
+use crate::scene::Coupling;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
@@ -35,25 +35,26 @@ impl<'py> Given<'py> {
         tau: Option<&Object<'py>>,
         tau_steps: Option<&Object<'py>>,
         steps: usize,
-        rates: Axis<'_>,
+        scene: &PyScene,
     ) -> PyResult<Self> {
+        let rates = scene.rates();
         match (tau, tau_steps) {
             (None, None) => Ok(Self::Nothing),
             (Some(_), Some(_)) => Err(Error::argument("tau_steps", "tau as well", "one of the two").into()),
             (Some(tau), None) if tau.is_callable() => Ok(Self::Function(tau.clone())),
-            (Some(tau), None) => {
-                let tau = Input::new("tau", tau, rates)?;
+            (Some(given), None) => {
+                let tau = Input::new("tau", given, rates)?;
                 check_finite("tau", tau.data()?)?;
-                Ok(Self::Constant(tau))
+                Ok(Self::Constant(scene.on_tree(given.py(), tau, Coupling::torques)?))
             }
-            (None, Some(tau)) => {
-                let tau = Input::new("tau_steps", tau, rates)?;
+            (None, Some(given)) => {
+                let tau = Input::new("tau_steps", given, rates)?;
                 if tau.leading().last() != Some(&steps) {
                     let found = [tau.leading(), &[rates.width()]].concat();
                     return Err(wrong_shape("tau_steps", &found, format!("(..., {steps}, {})", rates.width())));
                 }
                 check_finite("tau_steps", tau.data()?)?;
-                Ok(Self::Steps(tau))
+                Ok(Self::Steps(scene.on_tree(given.py(), tau, Coupling::torques)?))
             }
         }
     }
@@ -105,13 +106,15 @@ impl<'py> Pd<'py> {
             Ok(rate) if !rate.is_none() => scene.rate("pd.target_rate", &rate)?,
             _ => Input::filled(pd.py(), "pd.target_rate", 0.0, scene.scene.nv())?,
         };
+        let gain = |name: &str, at: usize| -> PyResult<Vec<f64>> {
+            let gains = input::spread(name, &parts.get_item(at)?, scene.rates())?;
+            Ok(scene.expanded(gains, Coupling::torques))
+        };
+        let (py, target) = (pd.py(), scene.configuration("pd.target", &parts.get_item(2)?)?);
         Ok(Self {
-            gains: [
-                input::spread("pd.kp", &parts.get_item(0)?, scene.rates())?,
-                input::spread("pd.kd", &parts.get_item(1)?, scene.rates())?,
-            ],
-            target: scene.configuration("pd.target", &parts.get_item(2)?)?,
-            rate,
+            gains: [gain("pd.kp", 0)?, gain("pd.kd", 1)?],
+            target: scene.on_tree(py, target, Coupling::configuration)?,
+            rate: scene.on_tree(py, rate, Coupling::rates)?,
         })
     }
 

@@ -10,7 +10,6 @@ use super::output::{Output, part};
 use super::scene::PyScene;
 use super::wrenches::Wrench;
 use crate::algorithm::{Algorithm, Derivatives};
-use crate::dynamics::derivatives::linear_system;
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -130,7 +129,7 @@ impl PyScene {
         let keywords = Keywords { wrenches, out: None, dtype: None, errors, info: false };
         let given = [("q", q), ("qd", qd), ("tau", tau)];
         let all = self.derivatives(py, which, cost::WITH_FACTOR, given, &keywords)?;
-        let (model, nv) = (self.scene.model(), self.scene.nv());
+        let nv = self.scene.nv();
         let all = all.cast::<PyArrayDyn<f64>>()?.try_readonly()?;
         let batch = &all.shape()[..all.shape().len() - 3];
         let rates = self.rate("qd", qd)?;
@@ -153,7 +152,7 @@ impl PyScene {
                     a.fill(f64::NAN);
                     b.fill(f64::NAN);
                 } else {
-                    linear_system(model, over.state(i), of_state, (a, b));
+                    self.scene.linear_system(over.state(i), of_state, (a, b));
                 }
                 if i % AT_A_TIME == 0 {
                     py.check_signals()?;

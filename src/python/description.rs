@@ -1,6 +1,6 @@
 //! A scene as plain tuples of numbers and names, for pickling; and in one line, for `repr`.
 
-use super::choice::{choose, names};
+use super::choice::{choose, name_of_mimic, names, read_mimic};
 use super::object::Object;
 use crate::error::{Error, number};
 use crate::memory;
@@ -14,7 +14,7 @@ use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Counts up when the tuples change.
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 
 /// Name, then mass, mass centre and inertia about it (xx, xy, xz, yy, yz, zz) if it has any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
@@ -39,7 +39,7 @@ pub(super) type JointTuple = (
 type LockedTuple = (String, String, Option<f64>);
 
 /// Version, gravity, floating base, strict, links, joints, names of what is left out, joints that were locked, what the free joint of a
-/// floating base has (armature, damping, friction, stiffness), the file that all of it comes from.
+/// floating base has (armature, damping, friction, stiffness), the file that all of it comes from, what becomes of mimic joints.
 #[derive(IntoPyObject, FromPyObject)]
 pub(super) struct Description(
     u32,
@@ -52,6 +52,7 @@ pub(super) struct Description(
     Vec<LockedTuple>,
     [f64; 4],
     Option<PathBuf>,
+    String,
 );
 
 /// Where the links are in a description.
@@ -84,6 +85,7 @@ impl Description {
             locked,
             root,
             source.file().map(Path::to_owned),
+            name_of_mimic(source.of_mimic_joints()).to_owned(),
         ))
     }
 
@@ -97,11 +99,11 @@ impl Description {
 
     /// The builder that it was made from.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
-        let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file) = self;
+        let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, mimic) = self;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
-        let omissions = omissions("what is left out", &left_out)?;
+        let (omissions, mimic) = (omissions("what is left out", &left_out)?, read_mimic(&mimic)?);
         let mut builder =
             SceneBuilder::new().gravity(gravity).floating_base(floating).strict(strict).omissions(omissions);
         for (name, inertial) in links {
@@ -117,7 +119,7 @@ impl Description {
         }
         let kind = |(name, kind, pitch): LockedTuple| joint_kind(&name, &kind, pitch).map(|kind| (name, kind));
         let locked = locked.into_iter().map(kind).collect::<Result<_, _>>()?;
-        Ok(builder.with_locked(locked).with_root(Properties(root)).with_file(file))
+        Ok(builder.mimic_joints(mimic).with_locked(locked).with_root(Properties(root)).with_file(file))
     }
 }
 
@@ -250,8 +252,10 @@ pub(super) fn summary(scene: &Scene) -> String {
     let kinds = kinds.iter().map(|(name, count)| format!("{count} {name}")).collect::<Vec<_>>().join(", ");
     let kinds = if kinds.is_empty() { String::new() } else { format!(" ({kinds})") };
     let [x, y, z]: [f64; 3] = scene.model().gravity.into();
+    let followers = scene.tree().joints().len() - scene.joints().len();
+    let followers = if followers == 0 { String::new() } else { format!(" and {followers} that follow") };
     format!(
-        "<phipsi.Scene: nq={}, nv={}, {} joints{kinds}, {} links, {} merged joints, {} base, gravity ({x}, {y}, {z})>",
+        "<phipsi.Scene: nq={}, nv={}, {} joints{kinds}{followers}, {} links, {} merged joints, {} base, gravity ({x}, {y}, {z})>",
         scene.nq(),
         scene.nv(),
         scene.joints().len(),

@@ -74,6 +74,7 @@ impl PyScene {
         method: &str,
         errors: &str,
     ) -> PyResult<Object<'py>> {
+        self.scene.check_independent()?;
         let nv = self.scene.nv();
         let dense = self.is_dense(method)?;
         let measured = measured.map(|measured| self.measured(measured)).transpose()?;

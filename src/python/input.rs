@@ -59,6 +59,20 @@ impl<'py> Input<'py> {
     }
 }
 
+impl<'py> Input<'py> {
+    /// The same argument with other numbers for each state, as many for all.
+    pub fn mapped(self, py: Python<'py>, map: impl Fn(&[f64]) -> Vec<f64>) -> PyResult<Self> {
+        let width = map(&vec![0.0; self.width]).len();
+        let mut numbers = memory::with_capacity(&self.name, self.array.len() / self.width.max(1) * width)?;
+        for state in self.data()?.chunks_exact(self.width.max(1)) {
+            numbers.extend(map(state));
+        }
+        let shape = [self.leading(), &[width]].concat();
+        let array = numbers.into_pyarray(py).reshape(shape)?;
+        Self::of(self.name, array, width)
+    }
+}
+
 impl<'py, P: Precision + Element> Input<'py, P> {
     /// Reads an argument of shape (..., entries of the axis).
     pub fn new<'a>(

@@ -19,6 +19,7 @@ mod configuration;
 mod control;
 mod cost;
 mod counts;
+mod coupling;
 mod derivatives;
 mod description;
 mod dynamics;

@@ -1,6 +1,5 @@
 //! Methods of `Scene`: states through time.
 
-use super::axis::Axis;
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
 use super::errors::{asked_by, fault, of_batch};
@@ -16,7 +15,7 @@ use crate::error::{Error, check_finite};
 use crate::memory;
 use crate::motion::properties::FRICTION_SPEED;
 use crate::motion::{Properties, Records, Rollout, Torque};
-use crate::scene::Scene;
+use crate::scene::{Coupling, Scene};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::time::Instant;
@@ -26,25 +25,25 @@ impl PyScene {
     /// Viscous damping of each degree of freedom, (nv,), N m s/rad or N s/m; a copy. Simulation only.
     #[getter]
     fn damping<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        from_numbers(py, &Properties::of(&self.scene).damping, &[self.scene.nv()])
+        from_numbers(py, &self.properties_of_scene(&Properties::of(&self.scene)).damping, &[self.scene.nv()])
     }
 
     /// Coulomb friction of each degree of freedom, (nv,), N m or N; a copy. Simulation only.
     #[getter]
     fn friction<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        from_numbers(py, &Properties::of(&self.scene).friction, &[self.scene.nv()])
+        from_numbers(py, &self.properties_of_scene(&Properties::of(&self.scene)).friction, &[self.scene.nv()])
     }
 
     /// Stiffness of each degree of freedom's spring, (nv,), N m/rad or N/m; a copy. Simulation only.
     #[getter]
     fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        from_numbers(py, &Properties::of(&self.scene).stiffness, &[self.scene.nv()])
+        from_numbers(py, &self.properties_of_scene(&Properties::of(&self.scene)).stiffness, &[self.scene.nv()])
     }
 
     /// The configuration where the springs are at rest, (nq,); a copy.
     #[getter]
     fn rest<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        from_numbers(py, &Properties::of(&self.scene).rest, &[self.scene.nq()])
+        from_numbers(py, &self.properties_of_scene(&Properties::of(&self.scene)).rest, &[self.scene.nq()])
     }
 
     /// Advances states in time: fixed steps, whole batches, springs and damping implicitly where the method says so.
@@ -106,7 +105,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
-        let (nq, nv) = (scene.nq(), scene.nv());
+        let (nq, nv) = (scene.tree().nq(), scene.tree().nv());
         let steps = count("steps", steps, 0)?;
         let every = count_or("record_every", record_every, 1, 1)?;
         let keywords = Keywords {
@@ -123,8 +122,9 @@ impl PyScene {
             conserve_momentum,
         };
         let (mut settings, pd) = keywords.read(own)?;
-        let [q, qd] = [own.configuration("q", q)?, own.rate("qd", qd)?];
-        let given = Given::read(tau, tau_steps, steps, own.rates())?;
+        let q = own.on_tree(py, own.configuration("q", q)?, Coupling::configuration)?;
+        let qd = own.on_tree(py, own.rate("qd", qd)?, Coupling::rates)?;
+        let given = Given::read(tau, tau_steps, steps, own)?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
         axes.extend(given.leading());
         axes.extend(pd.iter().flat_map(Pd::leading));
@@ -149,14 +149,14 @@ impl PyScene {
         }
         let [mut out_q, mut out_qd] = outputs;
         let mut records = Records { q: out_q.numbers()?, qd: out_qd.numbers()?, every };
-        let plan = Plan { given: &given, batch: &batch, steps, dt, progress, nq, nv, rates: own.rates() };
+        let plan = Plan { given: &given, batch: &batch, steps, dt, progress, nv, own };
         let stopped = run(py, &mut rollout, &mut records, &plan).err();
         fields.set_item("steps", rollout.steps())?;
         if conserve_momentum {
             let largest = largest_corrections(py, &batch, |state| rollout.correction(state))?;
             fields.set_item("momentum_correction", largest)?;
         }
-        let whole = (out_q.finish(), out_qd.finish());
+        let whole = (own.of_scene(out_q.finish().into_any(), false)?, own.of_scene(out_qd.finish().into_any(), true)?);
         let trajectory = imported!(py, "phipsi._motion", "trajectory_of")?.call(whole, Some(&fields))?;
         match stopped {
             None => Ok(trajectory),
@@ -219,9 +219,8 @@ struct Plan<'a, 'py> {
     steps: usize,
     dt: f64,
     progress: Option<&'a Object<'py>>,
-    nq: usize,
     nv: usize,
-    rates: Axis<'a>,
+    own: &'a PyScene,
 }
 
 /// All steps, in blocks of about the time between two reports; signals are looked at after each, and within those that take longer.
@@ -277,18 +276,19 @@ fn advanced(
 fn asked<'py>(tau: &Object<'py>, rollout: &Rollout<&Scene>, plan: &Plan<'_, 'py>) -> PyResult<Input<'py>> {
     let py = tau.py();
     let states = rollout.states();
-    let mut q = memory::with_capacity("q", states * plan.nq)?;
-    let mut qd = memory::with_capacity("qd", states * plan.nv)?;
+    let (nq, nv) = (plan.own.scene.nq(), plan.own.scene.nv());
+    let mut q = memory::with_capacity("q", states * nq)?;
+    let mut qd = memory::with_capacity("qd", states * nv)?;
     for state in 0..rollout.states() {
         let (own_q, own_qd) = rollout.state(state);
-        q.extend_from_slice(own_q);
-        qd.extend_from_slice(own_qd);
+        q.extend_from_slice(&plan.own.coordinates_of_scene(own_q));
+        qd.extend_from_slice(&plan.own.rates_of_scene(own_qd));
     }
     let shape = |width: usize| [plan.batch, &[width]].concat();
     #[allow(clippy::cast_precision_loss)] // a time
     let t = rollout.steps() as f64 * plan.dt;
-    let value = tau.call1((t, from_numbers(py, &q, &shape(plan.nq))?, from_numbers(py, &qd, &shape(plan.nv))?))?;
-    let tau = Input::new("tau(t, q, qd)", &value, plan.rates)?;
+    let value = tau.call1((t, from_numbers(py, &q, &shape(nq))?, from_numbers(py, &qd, &shape(nv))?))?;
+    let tau = Input::new("tau(t, q, qd)", &value, plan.own.rates())?;
     check_finite("tau(t, q, qd)", tau.data()?)?;
-    Ok(tau)
+    plan.own.on_tree(py, tau, Coupling::torques)
 }

@@ -8,7 +8,7 @@ use super::scene::PyScene;
 use super::simulator::PySimulator;
 use crate::error::Error;
 use crate::memory;
-use crate::motion::{Gains, Settings};
+use crate::motion::{Gains, Properties, Settings};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -37,24 +37,28 @@ impl PySimulator {
         keywords.set_item("form", name_of(form))?;
         keywords.set_item("conserve_momentum", conserve_momentum)?;
         keywords.set_item("friction_speed", properties.friction_speed)?;
-        for (name, numbers) in [
+        let own = self.scene.get();
+        let is_given = own.scene.coupling().is_none() || properties != Properties::of(&own.scene);
+        // What joints that follow each other have of the scene is not only on the independent ones.
+        let properties = own.properties_of_scene(&properties);
+        let of_joints = [
             ("armature", &properties.armature),
             ("damping", &properties.damping),
             ("stiffness", &properties.stiffness),
             ("rest", &properties.rest),
             ("friction", &properties.friction),
-        ] {
+        ];
+        for (name, numbers) in of_joints.into_iter().filter(|_| is_given) {
             keywords.set_item(name, from_numbers(py, numbers, &[numbers.len()])?)?;
         }
         if let Some(Gains { proportional, derivative, target, target_rate }) = gains {
-            let scene = &self.scene.get().scene;
-            let each = |numbers: &[f64], width: usize| {
+            let each = |numbers: &[f64], is_rate: bool| {
+                let width = if is_rate { own.scene.tree().nv() } else { own.scene.tree().nq() };
                 let shape = if numbers.len() == width { vec![width] } else { [&self.batch[..], &[width]].concat() };
-                from_numbers(py, numbers, &shape)
+                own.of_scene(from_numbers(py, numbers, &shape)?, is_rate)
             };
-            let nv = scene.nv();
-            let pd =
-                (each(&proportional, nv)?, each(&derivative, nv)?, each(&target, scene.nq())?, each(&target_rate, nv)?);
+            let gains = (each(&proportional, true)?, each(&derivative, true)?);
+            let pd = (gains.0, gains.1, each(&target, false)?, each(&target_rate, true)?);
             keywords.set_item("pd", pd)?;
         }
         Ok(keywords)

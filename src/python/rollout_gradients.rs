@@ -65,6 +65,7 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
+        scene.check_independent()?;
         let (nq, nv) = (scene.nq(), scene.nv());
         let steps = count("steps", steps, 0)?;
         let every = count_or("record_every", record_every, 1, 1)?;
@@ -83,7 +84,7 @@ impl PyScene {
             conserve_momentum: false,
         };
         let (mut settings, pd) = keywords.read(own)?;
-        let given = Given::read(tau, tau_steps, steps, own.rates())?;
+        let given = Given::read(tau, tau_steps, steps, own)?;
         if matches!(given, Given::Function(_)) {
             let expected = "arrays: what the function gave, as tau_steps";
             return Err(Error::argument("tau", "a function, whose gradients are not known", expected).into());

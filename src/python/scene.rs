@@ -1,7 +1,7 @@
 //! The class `Scene`: where it comes from, its names, and its place among Python objects.
 
 use super::axis::Axis;
-use super::choice::names;
+use super::choice::{names, read_mimic};
 use super::cost::WORTH_DETACHING;
 use super::description::{self, Description};
 use super::interrupts::detached_checked;
@@ -11,6 +11,7 @@ use super::{errors, input, output};
 use crate::batch::{self, Pool};
 use crate::error::Error;
 use crate::memory;
+use crate::motion::Properties;
 use crate::scene::{Scene, SceneBuilder};
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
@@ -92,14 +93,17 @@ impl PyScene {
     /// joints whose source is there. leave_out: names of what may be left out, of "fixed_joints",
     /// "base_links", "renamed_axes", "tilted_axes", "zero_velocity" and "zero_gravity"; None: all.
     /// Results are the same to rounding, but operators and estimates need the first two (ArgumentError).
+    /// mimic: "couple", joints with <mimic> follow the joint that they name, and have no coordinates of their own: q, tau and M are those of the others; or "free", they
+    /// are independent, and a MimicWarning names each. Coupled scenes have all of kinematics, dynamics, derivatives and simulation; what has no form for them
+    /// says so (operators, estimation, operational space, gradients of simulations and by parameters).
     ///
     /// Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for a source that is
     /// neither. Warns InertiaWarning for inertias that no body can have and for moving links that all have no mass,
-    /// MimicWarning for mimic joints (they stay free), LimitWarning for limits that mean nothing (they are taken as none), and
+    /// MimicWarning for free mimic joints, LimitWarning for limits that mean nothing (they are taken as none), and
     /// UnknownTagWarning, once, for elements, attributes and text that are not understood (they are passed over).
     #[staticmethod]
-    #[pyo3(signature = (source, *, floating_base=false, gravity=None, strict=false, leave_out=None),
-           text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False, leave_out=None)")]
+    #[pyo3(signature = (source, *, floating_base=false, gravity=None, strict=false, leave_out=None, mimic="free"),
+           text_signature = "(source, *, floating_base=False, gravity=(0, 0, -9.81), strict=False, leave_out=None, mimic='free')")]
     fn from_urdf(
         py: Python<'_>,
         source: &Object<'_>,
@@ -107,7 +111,9 @@ impl PyScene {
         gravity: Option<&Object<'_>>,
         strict: bool,
         leave_out: Option<&Object<'_>>,
+        mimic: &str,
     ) -> PyResult<Self> {
+        let mimic = read_mimic(mimic)?;
         let omissions = description::left_out(leave_out)?;
         let gravity = gravity.map(|gravity| input::triple("gravity", gravity)).transpose()?;
         let source = Source::read(source)?;
@@ -117,7 +123,7 @@ impl PyScene {
                 Source::File(path) => SceneBuilder::from_urdf_file(&path)?,
             };
             let builder = if let Some(gravity) = gravity { builder.gravity(gravity) } else { builder };
-            builder.floating_base(floating_base).strict(strict).omissions(omissions).build()
+            builder.floating_base(floating_base).strict(strict).omissions(omissions).mimic_joints(mimic).build()
         })?;
         errors::warn(py, &scene)?;
         Ok(Self::new(scene))
@@ -188,7 +194,8 @@ impl PyScene {
     /// Armature of each degree of freedom, (nv,), kg m^2 or kg; a copy. It is the variance of the measurement noise.
     #[getter]
     fn armature<'py>(&self, py: Python<'py>) -> PyResult<Object<'py>> {
-        output::from_numbers(py, &self.scene.model().system.noise, &[self.scene.nv()])
+        let armature = self.properties_of_scene(&Properties::of(&self.scene)).armature;
+        output::from_numbers(py, &armature, &[self.scene.nv()])
     }
 
     /// Number of degrees of freedom: the length of qd, qdd and tau.

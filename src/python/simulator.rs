@@ -17,7 +17,7 @@ use crate::error::{Error, check_finite};
 use crate::memory;
 use crate::motion::properties::FRICTION_SPEED;
 use crate::motion::{Method, Simulator, Torque};
-use crate::scene::Scene;
+use crate::scene::{Coupling, Scene};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -116,11 +116,11 @@ impl PyScene {
             conserve_momentum,
         };
         let (mut settings, pd) = keywords.read(own)?;
-        let [q, qd] = [own.configuration("q", q)?, own.rates_or_rest(py, qd)?];
+        let [q, qd] = own.state_of_tree(py, q, qd)?;
         let mut axes = vec![("q", q.leading()), ("qd", qd.leading())];
         axes.extend(pd.iter().flat_map(Pd::leading));
         let batch = broadcast_axes(axes)?;
-        let numbers = own.scene.nq() + own.scene.nv();
+        let numbers = own.scene.tree().nq() + own.scene.tree().nv();
         let states = Room { states: entries(&batch), rows: 1, numbers }.checked()?;
         own.check_scratch(states)?;
         if let Some(pd) = pd {
@@ -136,6 +136,17 @@ impl PyScene {
 }
 
 impl PyScene {
+    /// A state as given, rates or zero, as the tree has it.
+    fn state_of_tree<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        qd: Option<&Object<'py>>,
+    ) -> PyResult<[Input<'py>; 2]> {
+        let q = self.on_tree(py, self.configuration("q", q)?, Coupling::configuration)?;
+        Ok([q, self.on_tree(py, self.rates_or_rest(py, qd)?, Coupling::rates)?])
+    }
+
     /// Rates as given, or zero.
     fn rates_or_rest<'py>(&self, py: Python<'py>, qd: Option<&Object<'py>>) -> PyResult<Input<'py>> {
         qd.map_or_else(|| Input::filled(py, "qd", 0.0, self.scene.nv()), |qd| self.rate("qd", qd))
@@ -163,12 +174,14 @@ impl PySimulator {
         between: &[usize],
         (width, of): (usize, Part),
     ) -> PyResult<Object<'py>> {
+        let own = self.scene.get();
+        let is_rate = std::ptr::fn_addr_eq(of, RATES);
         if self.batch.is_empty() && between.is_empty() {
-            return from_numbers(py, of(moving, 0), &[width]);
+            return own.of_scene(from_numbers(py, of(moving, 0), &[width])?, is_rate);
         }
         let mut output = Output::new(py, &[&self.batch[..], between, &[width]].concat())?;
         output.gather(py, width, (0..moving.states()).map(|state| of(moving, state)))?;
-        Ok(output.finish().into_any())
+        own.of_scene(output.finish().into_any(), is_rate)
     }
 
     /// Makes the steps; long ones without the GIL, in blocks between which signals are looked at.
@@ -233,12 +246,13 @@ impl PySimulator {
         let own = self.scene.get();
         let nv = own.scene.nv();
         // The shortest way, of one torque in a plain array.
-        if let Some((numbers, _)) = plain(tau, nv) {
+        if let Some((numbers, _)) = plain(tau, nv).filter(|_| own.scene.coupling().is_none()) {
             check_finite("tau", &numbers)?;
             return self.advance(py, &Torque::Constant(Broadcast::new("tau", &numbers, nv, &[], &self.batch)?), steps);
         }
         let tau: Input<'_> = own.rate("tau", tau)?;
         check_finite("tau", tau.data()?)?;
+        let tau = own.on_tree(py, tau, Coupling::torques)?;
         self.advance(py, &Torque::Constant(tau.over(&self.batch)?), steps)
     }
 
@@ -257,7 +271,7 @@ impl PySimulator {
         states: Option<&Object<'py>>,
     ) -> PyResult<()> {
         let own = self.scene.get();
-        let [q, qd] = [own.configuration("q", q)?, own.rates_or_rest(py, qd)?];
+        let [q, qd] = own.state_of_tree(py, q, qd)?;
         let (axes, chosen) = match states {
             None => (self.batch.clone(), self.every()?),
             Some(states) => self.chosen(states)?,

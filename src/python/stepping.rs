@@ -9,6 +9,7 @@ use super::output::from_numbers;
 use super::scene::PyScene;
 use crate::batch::Fault;
 use crate::motion::{Correction, Method, Properties, Settings, StepFault};
+use crate::scene::Coupling;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::time::{Duration, Instant};
@@ -46,11 +47,11 @@ impl<'py> Keywords<'_, 'py> {
             ("friction", self.friction, &mut properties.friction),
         ] {
             if let Some(given) = given {
-                *place = input::spread(name, given, own.rates())?;
+                *place = own.expanded(input::spread(name, given, own.rates())?, Coupling::torques);
             }
         }
         if let Some(rest) = self.rest {
-            properties.rest = input::state("rest", rest, own.coordinates())?;
+            properties.rest = own.expanded(input::state("rest", rest, own.coordinates())?, Coupling::configuration);
         }
         properties.friction_speed = self.friction_speed;
         let pd = self.pd.map(|pd| Pd::read(pd, own)).transpose()?;
@@ -89,7 +90,7 @@ pub(super) fn about<'py>(scene: &Bound<'py, PyScene>, settings: &Settings) -> Py
     fields.set_item("scene", scene)?;
     fields.set_item("dt", settings.dt)?;
     fields.set_item("method", settings.method.name())?;
-    let Properties { armature, stiffness, rest, .. } = &settings.properties;
+    let Properties { armature, stiffness, rest, .. } = &scene.get().properties_of_scene(&settings.properties);
     for (name, numbers) in [("armature", armature), ("stiffness", stiffness), ("rest", rest)] {
         fields.set_item(name, from_numbers(py, numbers, &[numbers.len()])?)?;
     }

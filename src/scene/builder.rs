@@ -2,7 +2,7 @@
 
 use super::Scene;
 use super::assembly::{Tree, assemble};
-use super::description::{JointDescription, LinkDescription, SceneWarning};
+use super::description::{JointDescription, LinkDescription, MimicJoints, SceneWarning};
 use super::inertia_check::check_numbers;
 use super::joint_check::check_joint;
 use super::properties::Properties;
@@ -61,6 +61,8 @@ pub struct SceneBuilder {
     pub(super) from_file: bool,
     /// The file that links and joints come from.
     pub(super) file: Option<PathBuf>,
+    /// What becomes of joints with a mimic.
+    pub(super) mimic_joints: MimicJoints,
     /// What the file was read with, for the scene's warnings.
     pub(super) notes: Vec<SceneWarning>,
 }
@@ -86,6 +88,7 @@ impl SceneBuilder {
             locked: Vec::new(),
             from_file: false,
             file: None,
+            mimic_joints: MimicJoints::default(),
             notes: Vec::new(),
         }
     }
@@ -123,6 +126,13 @@ impl SceneBuilder {
     #[must_use]
     pub fn strict(mut self, strict: bool) -> Self {
         self.strict = strict;
+        self
+    }
+
+    /// Says what becomes of joints with a [`Mimic`](super::Mimic); they are free, unless this is called.
+    #[must_use]
+    pub fn mimic_joints(mut self, mimic_joints: MimicJoints) -> Self {
+        self.mimic_joints = mimic_joints;
         self
     }
 
@@ -232,6 +242,13 @@ impl SceneBuilder {
         source
     }
 
+    /// What becomes of joints with a mimic.
+    #[must_use]
+    #[doc(hidden)]
+    pub fn of_mimic_joints(&self) -> MimicJoints {
+        self.mimic_joints
+    }
+
     /// Whether unphysical inertias are an error.
     #[must_use]
     pub fn is_strict(&self) -> bool {
@@ -246,14 +263,17 @@ impl SceneBuilder {
     /// [`Error::Scene`], naming the link or joint, for: no link, a name used twice, an unknown parent or child, a link
     /// with two parents, two roots, a cycle, an axis of no direction, numbers that are not finite, a negative mass,
     /// armature, damping, friction or stiffness, a rest that is no configuration of the joint, lower limit above upper; a
-    /// floating base for what floats already, under a root link without mass; and what [`SceneBuilder::strict`] makes one.
+    /// floating base for what floats already, under a root link without mass; with [`MimicJoints::Coupled`] a mimic of what does not move, of a joint of several
+    /// coordinates, or in a circle; and what [`SceneBuilder::strict`] makes one.
     pub fn build(self) -> Result<Scene, Error> {
         memory::room("links", memory::bytes_of::<[u8; A_LINK]>(&[self.links.len()]))?;
         let tree = self.check_tree().map_err(|error| self.with_notes(error))?;
         self.check_numbers()?;
         self.check_base(&tree)?;
         let warnings = self.warnings(&tree)?;
-        assemble(Scene::unfilled(self, warnings), &tree)
+        let mimic_joints = self.mimic_joints;
+        let scene = assemble(Scene::unfilled(self, warnings), &tree)?;
+        if mimic_joints == MimicJoints::Coupled { Scene::coupled(scene) } else { Ok(scene) }
     }
 
     /// Children's joints of each link, and the root.

@@ -12,8 +12,14 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// [`Error::Shape`], [`Error::NotFinite`], or [`Error::Argument`] naming the joint of the quaternion.
+    /// [`Error::Shape`], [`Error::NotFinite`], or [`Error::Argument`] naming the joint of the quaternion; and for a scene whose joints follow each other.
     pub(crate) fn check_configuration(&self, argument: &str, q: &[f64]) -> Result<(), Error> {
+        self.check_independent()?;
+        self.check_coordinates(argument, q)
+    }
+
+    /// The same by methods that have a form for scenes whose joints follow each other.
+    pub(crate) fn check_coordinates(&self, argument: &str, q: &[f64]) -> Result<(), Error> {
         check_length(argument, q.len(), self.nq())?;
         check_finite(argument, q)?;
         for joint in self.joints() {

@@ -18,7 +18,7 @@ impl Scene {
     ///
     /// Wrong lengths and numbers that are not finite.
     pub fn integrate(&self, q: &[f64], v: &[f64], out: &mut [f64]) -> Result<(), Error> {
-        self.check_configuration("q", q)?;
+        self.check_coordinates("q", q)?;
         self.check_rates("v", v)?;
         check_length("out", out.len(), self.nq())?;
         for joint in self.joints() {
@@ -33,8 +33,8 @@ impl Scene {
     ///
     /// Wrong lengths and numbers that are not finite.
     pub fn difference(&self, q0: &[f64], q1: &[f64], out: &mut [f64]) -> Result<(), Error> {
-        self.check_configuration("q0", q0)?;
-        self.check_configuration("q1", q1)?;
+        self.check_coordinates("q0", q0)?;
+        self.check_coordinates("q1", q1)?;
         check_length("out", out.len(), self.nv())?;
         for joint in self.joints() {
             joint.kind.difference(&q0[joint.q.clone()], &q1[joint.q.clone()], &mut out[joint.v.clone()]);

@@ -56,6 +56,16 @@ pub struct Mimic {
     pub offset: f64,
 }
 
+/// What becomes of joints that should follow others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum MimicJoints {
+    /// They are independent, and a [`SceneWarning::Mimic`] names each.
+    #[default]
+    Free,
+    /// They follow, and have no coordinates of their own: see [`Coupling`](super::Coupling).
+    Coupled,
+}
+
 impl Mimic {
     /// The same coordinate as another joint's.
     pub fn of(joint: impl Into<String>) -> Self {
@@ -88,7 +98,7 @@ pub struct JointDescription {
     pub spring: Spring,
     /// Limits.
     pub limits: Limits,
-    /// The joint that this one should mimic; it stays an independent coordinate.
+    /// The joint that this one should follow; [`MimicJoints`] says whether it does.
     pub mimic: Option<Mimic>,
 }
 

@@ -15,13 +15,21 @@ impl Scene {
     ///
     /// A link on a locked joint becomes part of the body that carries it, and so a subtree whose joints are all locked; what is
     /// locked onto the base is no body at all. M, bias and accelerations are those of this scene with the locked rows left out and the locked
-    /// rates zero.
+    /// rates zero. Joints that follow a locked one are locked with it.
     ///
     /// # Errors
     ///
     /// An unknown joint, or a bad configuration.
     pub fn lock(&self, joints: &[&str], q: &[f64]) -> Result<Self, Error> {
-        self.check_configuration("q", q)?;
+        self.check_coordinates("q", q)?;
+        if let Some(coupling) = self.coupling() {
+            let followers = joints
+                .iter()
+                .map(|name| self.joint(name).map(|joint| coupling.moved_by(joint)))
+                .collect::<Result<Vec<_>, _>>()?;
+            let all: Vec<&str> = followers.iter().flatten().map(String::as_str).collect();
+            return coupling.tree().lock(&all, &coupling.configuration(q));
+        }
         let mut source = self.source().clone();
         let free = source.floating_base.then(|| source.root_joint_name());
         for name in joints {

@@ -32,6 +32,7 @@ mod assembly;
 mod builder;
 mod checks;
 mod configuration;
+mod coupling;
 mod description;
 mod inertia_check;
 mod joint_check;
@@ -50,7 +51,8 @@ pub use crate::model::Model;
 pub use crate::model::{Body, Motion, Omissions};
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
-pub use description::{Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneWarning};
+pub use coupling::Coupling;
+pub use description::{Inertial, JointDescription, Limits, LinkDescription, Mimic, MimicJoints, SceneWarning};
 pub use properties::Property;
 pub use spring::Spring;
 
@@ -59,6 +61,7 @@ use crate::error::Error;
 use crate::spatial::RigidShift;
 use std::collections::HashMap;
 use std::ops::Range;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A movable joint of a scene.
@@ -104,6 +107,8 @@ pub struct Scene {
     merged: Vec<String>,
     link_index: HashMap<String, usize>,
     joint_index: HashMap<String, usize>,
+    /// How its joints follow each other, where some do.
+    coupling: Option<Arc<Coupling>>,
     shared: Shared,
 }
 
@@ -122,6 +127,7 @@ impl Scene {
             merged: Vec::new(),
             link_index: HashMap::new(),
             joint_index: HashMap::new(),
+            coupling: None,
             shared: Shared::default(),
         }
     }
@@ -139,16 +145,16 @@ impl Scene {
     /// Number of coordinates in q.
     #[must_use]
     pub fn nq(&self) -> usize {
-        self.model.nq
+        self.coupling().map_or(self.model.nq, |coupling| coupling.sizes().0)
     }
 
     /// Number of degrees of freedom, the length of qd, qdd and tau.
     #[must_use]
     pub fn nv(&self) -> usize {
-        self.model.nv()
+        self.coupling().map_or(self.model.nv(), |coupling| coupling.sizes().1)
     }
 
-    /// The numbers that the sweeps read.
+    /// The numbers that the sweeps read: of the [`tree`](Scene::tree), where joints follow each other.
     #[must_use]
     pub fn model(&self) -> &Model<f64> {
         &self.model

@@ -1,7 +1,7 @@
 //! What is to be said of a scene as a whole, once its links and joints make a tree: warnings, and a base that floats twice.
 
 use super::assembly::Tree;
-use super::description::{Inertial, Mimic, SceneWarning};
+use super::description::{Inertial, JointDescription, Mimic, MimicJoints, SceneWarning};
 use super::inertia_check::unphysical;
 use super::{AT_A_TIME, SceneBuilder};
 use crate::error::Error;
@@ -68,7 +68,8 @@ impl SceneBuilder {
         }
         let names: HashSet<&str> = self.joints.iter().map(|joint| joint.name.as_str()).collect();
         // A fixed joint that keeps its <mimic> has no coordinate to be independent.
-        for joint in self.joints.iter().filter(|joint| joint.kind != JointKind::Fixed) {
+        let free = |joint: &&JointDescription| joint.kind != JointKind::Fixed && self.mimic_joints == MimicJoints::Free;
+        for joint in self.joints.iter().filter(free) {
             if let Some(Mimic { joint: source, .. }) = &joint.mimic {
                 warnings.push(SceneWarning::Mimic { joint: joint.name.clone(), source: source.clone() });
             }

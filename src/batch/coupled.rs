@@ -1,0 +1,102 @@
+//! States of a scene whose joints follow each other: the tree's kernels, and the filter that waits.
+
+use super::Fault;
+use super::arms::Arm;
+use super::evaluator::{Evaluated, Evaluator};
+use crate::accuracy::Accuracy;
+use crate::algorithm::{Algorithm, Arguments, Everyday};
+use crate::dynamics::coupled::CoupledScratch;
+use crate::error::{Error, check_length};
+use crate::scene::{Coupling, Scene};
+
+/// The evaluator of the tree, and scratch for its coupling.
+pub(super) struct CoupledEvaluator {
+    pub tree: Evaluator,
+    scratch: CoupledScratch,
+}
+
+impl CoupledEvaluator {
+    /// On an arm; none where joints do not follow each other.
+    pub fn of(arm: Arm, scene: &Scene) -> Option<Box<Self>> {
+        let coupling = scene.coupling()?;
+        Some(Box::new(Self { tree: Evaluator::on(arm, coupling.tree()), scratch: CoupledScratch::new(coupling) }))
+    }
+
+    /// As [`Scene::evaluate`], in f64 whatever the states are given in.
+    pub fn evaluate<P: Evaluated>(
+        &mut self,
+        (scene, coupling): (&Scene, &Coupling),
+        algorithm: Algorithm,
+        states: &[Arguments<'_, P>],
+        out: &mut [P],
+        found: &mut dyn FnMut(usize, Accuracy),
+    ) -> Result<(), Fault> {
+        let Self { tree, scratch } = self;
+        let wide: Vec<_> = states
+            .iter()
+            .map(|state| ([state.q, state.qd, state.u].map(P::all_widened), state.seed.map(P::all_widened)))
+            .collect();
+        let states: Vec<Arguments<'_>> = wide
+            .iter()
+            .zip(states)
+            .map(|(([q, qd, u], [first, second, third]), state)| Arguments {
+                q,
+                qd,
+                u,
+                wrenches: state.wrenches,
+                seed: [&**first, &**second, &**third],
+            })
+            .collect();
+        let mut results = Vec::new();
+        let mut ask = |algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]| {
+            coupling.tree().evaluate(tree, algorithm, states, out)
+        };
+        let full = P::in_f64(out, &mut results);
+        scene.evaluate_coupled(coupling, (scratch, &mut ask), algorithm, &states, full, found)?;
+        let width = scene.width(algorithm).max(1);
+        // Nothing, where `out` is f64 and was written in place.
+        for (i, (rounded, &value)) in out.iter_mut().zip(&results).enumerate() {
+            *rounded = P::nearest(value);
+            if !rounded.widened().is_finite() {
+                let found = format!("{value:e}, which {} cannot hold", P::NAME);
+                let error = Error::argument("result", found, "results below 3.4e38; float64 holds this one");
+                return Err(Fault { state: i / width, error });
+            }
+        }
+        Ok(())
+    }
+
+    /// As [`Scene::evaluate_everyday`].
+    pub fn everyday(
+        &mut self,
+        (scene, coupling): (&Scene, &Coupling),
+        what: &Everyday<'_>,
+        states: &[Arguments<'_>],
+        out: &mut [f64],
+    ) -> Result<(), Fault> {
+        let at = |state: usize| move |error: Error| Fault { state, error };
+        let mut expanded = Vec::with_capacity(states.len());
+        for (i, state) in states.iter().enumerate() {
+            scene.check_coordinates("q", state.q).map_err(at(i))?;
+            for (name, rates) in [("qd", state.qd), ("qdd", state.u)].iter().take(what.reads() - 1) {
+                scene.check_rates(name, rates).map_err(at(i))?;
+            }
+            let rates = |x: &[f64]| if x.is_empty() { Vec::new() } else { coupling.rates(x) };
+            expanded.push([coupling.configuration(state.q), rates(state.qd), rates(state.u)]);
+        }
+        let asked: Vec<Arguments<'_>> =
+            expanded.iter().map(|[q, qd, u]| Arguments { q, qd, u, ..Arguments::default() }).collect();
+        let (tree, width) = (coupling.tree(), what.width(scene.nv()));
+        check_length("out", out.len(), width * states.len()).map_err(at(0))?;
+        if !what.has_columns() {
+            return tree.evaluate_everyday(&mut self.tree, what, &asked, out);
+        }
+        let of_tree = what.width(tree.nv());
+        let mut results = vec![f64::NAN; of_tree * states.len()];
+        tree.evaluate_everyday(&mut self.tree, what, &asked, &mut results)?;
+        for (from, to) in results.chunks_exact(of_tree.max(1)).zip(out.chunks_exact_mut(width.max(1))) {
+            coupling.reduce_columns(from, to);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,131 @@
+//! Accelerations of joints that follow each other, qdd = G a: rows that are measured together, in O(N) beside what waits for its sum.
+
+use crate::dynamics::forces::Motion;
+use crate::dynamics::forward::forces_base_to_tip;
+use crate::filter::Form;
+use crate::filter::pivots::{LostPivot, Scale};
+use crate::filter::summed::{Seen, SummedFactor, Sums};
+use crate::kinematics::placements_base_to_tip;
+use crate::model::Model;
+use crate::scalar::{DoubleDouble, Real};
+use crate::spatial::zero;
+use crate::workspace::Workspace;
+use nalgebra::Vector6;
+
+/// The factor of G^T M G in one scalar, with its scratch.
+#[derive(Debug, Clone)]
+struct Solver<T: Real> {
+    model: Model<T>,
+    workspace: Workspace<T>,
+    factor: SummedFactor<T>,
+}
+
+impl<T: Real> Solver<T> {
+    fn new(model: Model<T>, sums: &Sums) -> Self {
+        let (workspace, factor) = (Workspace::new(&model), SummedFactor::new(&model.system, sums));
+        Self { model, workspace, factor }
+    }
+
+    /// The factor at `q`; with rates also the bias forces, in the workspace's z.
+    fn factorise(&mut self, sums: &Sums, q: &[T], bias: Option<(&[T], &[Vector6<T>])>) -> Seen<T> {
+        let Self { model, workspace, factor } = self;
+        if let Some((qd, wrenches)) = bias {
+            forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
+        } else {
+            placements_base_to_tip(model, q, &mut workspace.shift);
+            workspace.z.fill(zero());
+        }
+        let (p, scale) = factor.noise();
+        for ((p, scale), body) in p.iter_mut().zip(scale).zip(&model.bodies) {
+            *p = body.inertia.to_symmetric();
+            *scale = Scale::of_noise(&body.inertia_terms);
+        }
+        factor.factorise(&model.system, sums, &workspace.shift)
+    }
+
+    /// The accelerations for these torques and the bias forces in z, which are used up.
+    fn solve(&mut self, sums: &Sums, tau: &[T], qdd: &mut [T]) {
+        let Self { model, workspace, factor } = self;
+        factor.solve(&model.system, sums, &workspace.shift, tau, &mut workspace.z, qdd);
+    }
+
+    fn lost(&self, sums: &Sums, seen: &Seen<T>) -> Option<LostPivot> {
+        let noise = |k: usize| self.model.bodies[k].inertia_terms;
+        self.factor.lost_pivot(&self.model.system, sums, &self.workspace.shift, seen, noise)
+    }
+}
+
+/// Accelerations of a tree whose joints follow each other, in f64, and with twice the digits where those of f64 are in doubt.
+#[derive(Debug, Clone)]
+pub(crate) struct CoupledAccelerations {
+    narrow: Solver<f64>,
+    /// Made when it is first needed.
+    wide: Option<Box<Solver<DoubleDouble>>>,
+    /// Whether the last factor is the wide one.
+    pub(crate) is_wide: bool,
+}
+
+fn widened(numbers: &[f64]) -> Vec<DoubleDouble> {
+    numbers.iter().map(|&x| DoubleDouble::from_f64(x)).collect()
+}
+
+impl CoupledAccelerations {
+    pub fn new(model: &Model<f64>, sums: &Sums) -> Self {
+        Self { narrow: Solver::new(model.clone(), sums), wide: None, is_wide: false }
+    }
+
+    /// The same with other measurement noise than the armature: what is taken implicitly in a step.
+    pub fn set_noise(&mut self, noise: &[f64]) {
+        self.narrow.model.system.noise.copy_from_slice(noise);
+        if let Some(wide) = &mut self.wide {
+            wide.model.system.noise = widened(noise);
+        }
+    }
+
+    /// The factor at `q`, and with rates (and forces on bodies) the bias. In form `auto` with twice the digits where a pivot lost more than five; in square-root form always.
+    ///
+    /// Gives the pivot that is lost, where one is.
+    pub fn factorise(
+        &mut self,
+        sums: &Sums,
+        form: Form,
+        q: &[f64],
+        bias: Option<(&[f64], &[Vector6<f64>])>,
+    ) -> Option<LostPivot> {
+        self.is_wide = form == Form::SquareRoot;
+        if !self.is_wide {
+            let seen = self.narrow.factorise(sums, q, bias);
+            self.is_wide = form == Form::Auto && !seen.doubt.clear(0);
+            if !self.is_wide {
+                return self.narrow.lost(sums, &seen);
+            }
+        }
+        let wide = self.wide.get_or_insert_with(|| Box::new(Solver::new(self.narrow.model.cast(), sums)));
+        let bias: Option<(Vec<_>, Vec<_>)> =
+            bias.map(|(qd, wrenches)| (widened(qd), wrenches.iter().map(|w| w.map(DoubleDouble::from_f64)).collect()));
+        let seen = wide.factorise(sums, &widened(q), bias.as_ref().map(|(qd, wrenches)| (&qd[..], &wrenches[..])));
+        wide.lost(sums, &seen)
+    }
+
+    /// The accelerations of all joints, (nv of the tree), by the factor that there is: for the bias of the call before, or without any.
+    pub fn solve(&mut self, sums: &Sums, tau: &[f64], qdd: &mut [f64]) {
+        match &mut self.wide {
+            Some(wide) if self.is_wide => {
+                let mut all = widened(qdd);
+                wide.solve(sums, &widened(tau), &mut all);
+                for (to, from) in qdd.iter_mut().zip(all) {
+                    *to = from.lane(0);
+                }
+            }
+            _ => self.narrow.solve(sums, tau, qdd),
+        }
+    }
+
+    /// Makes the factor ready for a right side without bias.
+    pub fn without_bias(&mut self) {
+        self.narrow.workspace.z.fill(zero());
+        if let Some(wide) = &mut self.wide {
+            wide.workspace.z.fill(zero());
+        }
+    }
+}

@@ -1,0 +1,512 @@
+//! Outputs that are weighted sums of rows: a measurement that waits until all of its rows are there.
+//!
+//! Output s is `y_s = sum over its rows i of w_i (H_i z + v_i)`. The sweep tip to base meets these rows one after another, often on different branches.
+//! It carries the part that it has met, `u_s`, beside the six numbers of the state: a filter of the augmented state (z, u), whose covariance has the blocks
+//! P = cov(z), C = cov(z, u) and S = cov(u). Where the last row is met, or where the branches meet, u_s is measured like any state:
+//!
+//! - a row of the sum adds to it: `u_s += w H z`, so C_s += w P H^T, S_st += w H C_t, `S_ss += 2 w H C_s + w^2 (H P H^T + r)`;
+//! - it is measured where it is complete: `D = S_ss`, gains C_s / D of z and S_st / D of the others, as in (3.6, 3.10, 4.2, 4.5);
+//! - base to tip, its estimate `a_s = e_s / D - g* lambda - sum over t of g_t a_t` (4.9) is known before its rows are met, and each of them has `a_i = w_i a_s` (4.11).
+//!
+//! The estimates are those of the system with measurement rows G^T H phi, for joints that move as `qdd = G a`: (G^T M G)^-1 in O(N + what is carried).
+//!
+//! ```
+//! use phipsi::filter::summed::Sums;
+//! use phipsi::filter::{HingeMap, Rows, Stage, System};
+//! // Two rows on branches of a third stage, measured together as y = x_1 - 2 x_2.
+//! let stage = |parent, first_row| Stage { parent, rows: Rows::One(HingeMap::Axis(2)), first_row };
+//! let system = System { stages: vec![stage(None, 0), stage(Some(0), 1), stage(Some(0), 2)], noise: vec![0.0; 3] };
+//! let sums = Sums::new(&system, &[vec![(1, 1.0), (2, -2.0)]]);
+//! assert_eq!(sums.count(), 1);
+//! ```
+
+use super::pivots::{Evidence, LostPivot, PIVOT_MARGIN, PivotMonitor, Scale, first_lost};
+use super::riccati::{self, Measured};
+use super::system::{HingeMap, System};
+use crate::scalar::Real;
+use crate::spatial::{RigidShift, Symmetric6, dot, scaled, scaled_add, sum, zero};
+use nalgebra::Vector6;
+
+/// Which rows are measured together, and where on the tree.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sums {
+    /// Of each row: its sum and its weight; none where it is measured by itself.
+    of_row: Vec<Option<(usize, f64)>>,
+    /// Stages, then one more for the base, where sums end whose rows are on different roots.
+    stages: Vec<Waiting>,
+    count: usize,
+}
+
+/// The sums at hand at one stage.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct Waiting {
+    /// Those that rows of the stage or outboard of it are part of, and that were not complete outboard.
+    active: Vec<usize>,
+    /// Those that are complete where the branches meet, before any row of the stage.
+    complete_on_arrival: Vec<usize>,
+    /// The sum that is complete with the row of the stage.
+    complete_with_row: Option<usize>,
+    /// Where the stage's numbers begin, one an active sum, and where the squares of that many begin.
+    first: usize,
+    first_square: usize,
+}
+
+impl Waiting {
+    /// Whether a sum goes on to the parent.
+    fn passes_on(&self, sum: usize) -> bool {
+        self.complete_with_row != Some(sum) && !self.complete_on_arrival.contains(&sum)
+    }
+
+    fn place(&self, sum: usize) -> Option<usize> {
+        self.active.iter().position(|&active| active == sum)
+    }
+}
+
+impl Sums {
+    /// Sums of rows by (row, weight), each row in one sum at the most and alone at its stage.
+    #[must_use]
+    pub fn new<T: Real>(system: &System<T>, sums: &[Vec<(usize, f64)>]) -> Self {
+        let base = system.stages.len();
+        let mut of_row = vec![None; system.rows()];
+        let mut stages = vec![Waiting::default(); base + 1];
+        let stage_of = |row: usize| system.stages.partition_point(|stage| stage.first_row <= row) - 1;
+        let parent = |stage: usize| system.stages[stage].parent.unwrap_or(base);
+        for (s, rows) in sums.iter().enumerate() {
+            let mut at: Vec<usize> = Vec::with_capacity(rows.len());
+            for &(row, weight) in rows {
+                of_row[row] = Some((s, weight));
+                // Stages without rows share the first row of the next.
+                at.push(stage_of(row));
+            }
+            // Parents come before children: the latest of several stages is no ancestor of the others.
+            let mut front = at.clone();
+            let met = loop {
+                front.sort_unstable_by_key(|&stage| (stage == base, std::cmp::Reverse(stage)));
+                front.dedup();
+                if let [one] = front[..] {
+                    break one;
+                }
+                stages[front[0]].active.push(s);
+                front[0] = parent(front[0]);
+            };
+            stages[met].active.push(s);
+            if at.contains(&met) {
+                stages[met].complete_with_row = Some(s);
+            } else {
+                stages[met].complete_on_arrival.push(s);
+            }
+        }
+        let (mut first, mut first_square) = (0, 0);
+        for stage in &mut stages {
+            (stage.first, stage.first_square) = (first, first_square);
+            first += stage.active.len();
+            // A gain for each measurement at the stage, beside the covariance.
+            first_square += stage.active.len() * stage.active.len();
+        }
+        Self { of_row, stages, count: sums.len() }
+    }
+
+    /// How many sums.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// How many outputs: rows by themselves, and sums.
+    #[must_use]
+    pub fn outputs(&self) -> usize {
+        self.count + self.of_row.iter().filter(|of| of.is_none()).count()
+    }
+
+    fn numbers(&self) -> [usize; 2] {
+        self.stages.last().map_or([0; 2], |base| {
+            let active = base.active.len();
+            [base.first + active, base.first_square + active * active]
+        })
+    }
+}
+
+/// What was seen of the pivots of a sweep.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen<T> {
+    /// Whether some pivot may be lost.
+    pub lost: PivotMonitor<T>,
+    /// Whether some pivot has lost more than five of its digits.
+    pub doubt: PivotMonitor<T>,
+}
+
+impl<T: Real> Seen<T> {
+    fn observe(&mut self, pivot: T, hinge: &HingeMap<T>, scale: &Scale<T>) {
+        self.lost.observe(pivot, hinge, scale);
+        self.doubt.observe(pivot, hinge, scale);
+    }
+}
+
+/// The factor of the covariance of all outputs, and room for right sides.
+#[derive(Debug, Clone)]
+pub struct SummedFactor<T: Real> {
+    p: Vec<Symmetric6<T>>,
+    scale: Vec<Scale<T>>,
+    /// D and g of rows that are measured by themselves; of others what a row has that is not measured.
+    measured: Vec<Measured<T>>,
+    /// D of each sum, and the gain of z.
+    sums: Vec<Measured<T>>,
+    /// The bound of the terms of each D of a sum.
+    bound: Vec<T>,
+    /// C and S of what waits at each stage.
+    columns: Vec<Vector6<T>>,
+    squares: Vec<T>,
+    /// Gains of what waits, of each row of a stage, and of each sum that is complete there.
+    row_gains: Vec<T>,
+    sum_gains: Vec<T>,
+    /// Rows of the stage that has the most.
+    widest: usize,
+    /// H C of one row; means of what waits.
+    crossed: Vec<T>,
+    means: Vec<T>,
+    /// Innovations of sums, then their estimates.
+    estimates: Vec<T>,
+    co_state: Vec<Vector6<T>>,
+}
+
+impl<T: Real> SummedFactor<T> {
+    /// Room for a system and its sums; starts as NaN.
+    #[must_use]
+    pub fn new(system: &System<T>, sums: &Sums) -> Self {
+        let nan = T::from_f64(f64::NAN);
+        let stages = system.stages.len();
+        let [numbers, squares] = sums.numbers();
+        let widest = system.stages.iter().map(|stage| stage.rows.count()).max().unwrap_or(0);
+        let most = sums.stages.iter().map(|waiting| waiting.active.len()).max().unwrap_or(0);
+        Self {
+            p: vec![Symmetric6::filled(nan); stages],
+            scale: vec![Scale::filled(nan); stages],
+            measured: vec![Measured::filled(nan); system.rows()],
+            sums: vec![Measured::filled(nan); sums.count],
+            bound: vec![nan; sums.count],
+            columns: vec![Vector6::from_element(nan); numbers],
+            squares: vec![nan; squares],
+            row_gains: vec![nan; numbers * widest],
+            sum_gains: vec![nan; squares],
+            widest,
+            crossed: vec![nan; most],
+            means: vec![nan; numbers],
+            estimates: vec![nan; sums.count],
+            co_state: vec![Vector6::from_element(nan); stages],
+        }
+    }
+
+    /// Where the process noise Q(k) of each stage goes, and the bound of its terms, before [`SummedFactor::factorise`].
+    pub fn noise(&mut self) -> (&mut [Symmetric6<T>], &mut [Scale<T>]) {
+        (&mut self.p, &mut self.scale)
+    }
+
+    /// Tip to base: D and gains of every row and every sum, with Q(k) in place; P^+ afterwards.
+    pub fn factorise(&mut self, system: &System<T>, sums: &Sums, shift: &[RigidShift<T>]) -> Seen<T> {
+        let mut seen = Seen { lost: PivotMonitor::new(), doubt: PivotMonitor::for_a_single_look() };
+        self.columns.fill(zero());
+        self.squares.fill(T::zero());
+        self.row_gains.fill(T::zero());
+        self.bound.fill(T::zero());
+        for k in (0..system.stages.len()).rev() {
+            let (stage, waiting) = (&system.stages[k], &sums.stages[k]);
+            let sent = Scale::sent_by(&self.p[k], &shift[k]);
+            let mut p = self.p[k];
+            for &s in &waiting.complete_on_arrival {
+                self.measure_sum(waiting, s, Some(&mut p), &mut seen);
+            }
+            for i in (0..stage.rows.count()).rev() {
+                let row = stage.first_row + i;
+                let (hinge, noise) = (stage.rows.row(i), system.noise[row]);
+                for (t, crossed) in self.crossed[..waiting.active.len()].iter_mut().enumerate() {
+                    *crossed = hinge.project(&self.columns[waiting.first + t]);
+                }
+                if let Some((s, weight)) = sums.of_row[row] {
+                    self.add_row(waiting, s, T::from_f64(weight), (k, &hinge, noise), &p);
+                    // As a row that is not measured.
+                    let infinite = T::from_f64(f64::INFINITY);
+                    self.measured[row] = Measured { pivot: infinite, pivot_inverse: T::zero(), gain: zero() };
+                    if waiting.complete_with_row == Some(s) {
+                        self.measure_sum(waiting, s, Some(&mut p), &mut seen);
+                    }
+                } else {
+                    let measured = riccati::measurement_update(&mut p, &hinge, noise);
+                    seen.observe(measured.pivot, &hinge, &self.scale[k]);
+                    self.past_row(waiting, (i, &hinge, noise), &measured);
+                    self.measured[row] = measured;
+                }
+            }
+            self.p[k] = p;
+            let parent = stage.parent.unwrap_or(system.stages.len());
+            if let Some(parent) = stage.parent {
+                self.p[parent] = self.p[parent].add(&shift[k].inertia_to_parent(&p));
+                self.scale[parent] = self.scale[parent].sum(&sent);
+            }
+            self.send(waiting, &sums.stages[parent], |column| shift[k].force_to_parent(column));
+        }
+        let base = &sums.stages[system.stages.len()];
+        for &s in &base.complete_on_arrival {
+            self.measure_sum(base, s, None, &mut seen);
+        }
+        seen
+    }
+
+    /// A row of a sum: `u_s` grows by w (H z + v).
+    fn add_row(
+        &mut self,
+        waiting: &Waiting,
+        s: usize,
+        weight: T,
+        (k, hinge, noise): (usize, &HingeMap<T>, T),
+        p: &Symmetric6<T>,
+    ) {
+        let Some(place) = waiting.place(s) else { return };
+        let active = waiting.active.len();
+        let column = hinge.covariance_column(p);
+        let variance = hinge.project(&column) + noise;
+        let own = &mut self.columns[waiting.first + place];
+        *own = scaled_add(&column, weight, own);
+        for (t, &crossed) in self.crossed[..active].iter().enumerate() {
+            let added = crossed * weight;
+            // Its own entry has it twice.
+            self.squares[waiting.first_square + place * active + t] += added;
+            self.squares[waiting.first_square + t * active + place] += added;
+        }
+        self.squares[waiting.first_square + place * active + place] += weight * weight * variance;
+        let crossed = (self.crossed[place] * weight).abs();
+        self.bound[s] += crossed + crossed + weight * weight * (self.scale[k].of_row(hinge) + noise);
+    }
+
+    /// What a row that is measured by itself leaves of C and S.
+    fn past_row(&mut self, waiting: &Waiting, (i, hinge, noise): (usize, &HingeMap<T>, T), measured: &Measured<T>) {
+        let active = waiting.active.len();
+        for t in 0..active {
+            let crossed = self.crossed[t];
+            let column = &mut self.columns[waiting.first + t];
+            *column = scaled_add(&measured.gain, -crossed, column);
+            if let HingeMap::Axis(at) = *hinge
+                && noise.lane(0) == 0.0
+            {
+                column[at] = T::zero();
+            }
+            let gain = crossed * measured.pivot_inverse;
+            self.row_gains[(waiting.first + t) * self.widest + i] = gain;
+            for u in 0..active {
+                let entry = &mut self.squares[waiting.first_square + t * active + u];
+                *entry = entry.minus_product(gain, self.crossed[u]);
+            }
+        }
+    }
+
+    /// A sum is complete: D = `S_ss` and the gains; nothing of it goes on.
+    fn measure_sum(&mut self, waiting: &Waiting, s: usize, p: Option<&mut Symmetric6<T>>, seen: &mut Seen<T>) {
+        let Some(place) = waiting.place(s) else { return };
+        let active = waiting.active.len();
+        let at = |t: usize, u: usize| waiting.first_square + t * active + u;
+        let pivot = self.squares[at(place, place)];
+        let bound = Scale { angular: self.bound[s], linear: T::zero() };
+        seen.observe(pivot, &HingeMap::Axis(0), &bound);
+        let pivot_inverse = pivot.recip();
+        let column = self.columns[waiting.first + place];
+        let gain = scaled(&column, pivot_inverse);
+        self.sums[s] = Measured { pivot, pivot_inverse, gain };
+        if let Some(p) = p {
+            *p = p.add_rank_one(&-gain, &column);
+        }
+        for t in 0..active {
+            self.sum_gains[at(place, t)] = T::zero();
+        }
+        for t in (0..active).filter(|&t| t != place) {
+            let gain_t = self.squares[at(t, place)] * pivot_inverse;
+            self.sum_gains[at(place, t)] = gain_t;
+            let other = &mut self.columns[waiting.first + t];
+            *other = scaled_add(&column, -gain_t, other);
+            for u in (0..active).filter(|&u| u != place) {
+                let taken = gain_t * self.squares[at(place, u)];
+                self.squares[at(t, u)] -= taken;
+            }
+        }
+        self.columns[waiting.first + place] = zero();
+        for t in 0..active {
+            self.squares[at(t, place)] = T::zero();
+            self.squares[at(place, t)] = T::zero();
+        }
+    }
+
+    /// C and S of what goes on, added to those of the parent.
+    fn send(&mut self, waiting: &Waiting, parent: &Waiting, carry: impl Fn(&Vector6<T>) -> Vector6<T>) {
+        let places = |waiting: &Waiting, s: usize| waiting.passes_on(s).then(|| parent.place(s)).flatten();
+        for (t, &s) in waiting.active.iter().enumerate() {
+            let Some(to) = places(waiting, s) else { continue };
+            self.columns[parent.first + to] =
+                sum(&self.columns[parent.first + to], &carry(&self.columns[waiting.first + t]));
+            for (u, &other) in waiting.active.iter().enumerate() {
+                if let Some(and) = places(waiting, other) {
+                    let entry = self.squares[waiting.first_square + t * waiting.active.len() + u];
+                    self.squares[parent.first_square + to * parent.active.len() + and] += entry;
+                }
+            }
+        }
+    }
+
+    /// Estimates of all rows from their measurements, tip to base and back: rows of a sum have `a_i = w_i a_s`.
+    ///
+    /// `measurement` holds tau of each row; that of a sum is its weighted sum. `z` holds b(k) on entry, and z^+ on return; `estimates` receives a of each row.
+    pub fn solve(
+        &mut self,
+        system: &System<T>,
+        sums: &Sums,
+        shift: &[RigidShift<T>],
+        measurement: &[T],
+        z: &mut [Vector6<T>],
+        estimates: &mut [T],
+    ) {
+        self.means.fill(T::zero());
+        self.estimates.fill(T::zero());
+        for (row, of) in sums.of_row.iter().enumerate() {
+            if let Some((s, weight)) = *of {
+                self.estimates[s] += measurement[row] * T::from_f64(weight);
+            }
+        }
+        for k in (0..system.stages.len()).rev() {
+            self.innovate(system, sums, k, measurement, &mut z[k], estimates);
+            if let Some(parent) = system.stages[k].parent {
+                z[parent] = sum(&z[parent], &shift[k].force_to_parent(&z[k]));
+            }
+            let (waiting, parent) = (&sums.stages[k], system.stages[k].parent.unwrap_or(system.stages.len()));
+            let inward = &sums.stages[parent];
+            for (t, &s) in waiting.active.iter().enumerate().filter(|&(_, &s)| waiting.passes_on(s)) {
+                if let Some(to) = inward.place(s) {
+                    let mean = self.means[waiting.first + t];
+                    self.means[inward.first + to] += mean;
+                }
+            }
+        }
+        let base = &sums.stages[system.stages.len()];
+        for &s in &base.complete_on_arrival {
+            self.innovate_sum(base, s, &mut zero());
+        }
+        for &s in base.complete_on_arrival.iter().rev() {
+            self.estimate_sum(base, s, &zero());
+        }
+        for (k, shift) in shift.iter().enumerate() {
+            self.smooth(system, sums, k, shift, estimates);
+        }
+    }
+
+    /// One stage inward: z^- becomes z^+, means of what waits likewise; innovations of rows and sums.
+    fn innovate(
+        &mut self,
+        system: &System<T>,
+        sums: &Sums,
+        k: usize,
+        measurement: &[T],
+        z: &mut Vector6<T>,
+        innovations: &mut [T],
+    ) {
+        let (stage, waiting) = (&system.stages[k], &sums.stages[k]);
+        for &s in &waiting.complete_on_arrival {
+            self.innovate_sum(waiting, s, z);
+        }
+        for i in (0..stage.rows.count()).rev() {
+            let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
+            if let Some((s, weight)) = sums.of_row[row] {
+                if let Some(place) = waiting.place(s) {
+                    self.means[waiting.first + place] += hinge.project(z) * T::from_f64(weight);
+                }
+                if waiting.complete_with_row == Some(s) {
+                    self.innovate_sum(waiting, s, z);
+                }
+                continue;
+            }
+            let innovation = measurement[row] - hinge.project(z);
+            *z = scaled_add(&self.measured[row].gain, innovation, z);
+            for t in 0..waiting.active.len() {
+                let gain = self.row_gains[(waiting.first + t) * self.widest + i];
+                self.means[waiting.first + t] += gain * innovation;
+            }
+            innovations[row] = innovation;
+        }
+    }
+
+    fn innovate_sum(&mut self, waiting: &Waiting, s: usize, z: &mut Vector6<T>) {
+        let Some(place) = waiting.place(s) else { return };
+        let active = waiting.active.len();
+        let innovation = self.estimates[s] - self.means[waiting.first + place];
+        *z = scaled_add(&self.sums[s].gain, innovation, z);
+        for t in 0..active {
+            let gain = self.sum_gains[waiting.first_square + place * active + t];
+            self.means[waiting.first + t] += gain * innovation;
+        }
+        self.estimates[s] = innovation;
+    }
+
+    /// `a_s = e_s / D - g* lambda - sum over t of g_t a_t`: those that it waited beside are known, for they were complete further inward.
+    fn estimate_sum(&mut self, waiting: &Waiting, s: usize, lambda: &Vector6<T>) {
+        let Some(place) = waiting.place(s) else { return };
+        let active = waiting.active.len();
+        let Measured { pivot_inverse, gain, .. } = &self.sums[s];
+        let mut a = self.estimates[s].mul_add(*pivot_inverse, -dot(gain, lambda));
+        for (t, &other) in waiting.active.iter().enumerate() {
+            a = a.minus_product(self.sum_gains[waiting.first_square + place * active + t], self.estimates[other]);
+        }
+        self.estimates[s] = a;
+    }
+
+    /// One stage outward: lambda^+ becomes lambda^-, innovations become estimates.
+    fn smooth(&mut self, system: &System<T>, sums: &Sums, k: usize, shift: &RigidShift<T>, estimates: &mut [T]) {
+        let (stage, waiting) = (&system.stages[k], &sums.stages[k]);
+        let mut lambda = stage.parent.map_or_else(zero, |parent| shift.motion_to_child(&self.co_state[parent]));
+        for i in 0..stage.rows.count() {
+            let (row, hinge) = (stage.first_row + i, stage.rows.row(i));
+            let a = if let Some((s, weight)) = sums.of_row[row] {
+                if waiting.complete_with_row == Some(s) {
+                    self.estimate_sum(waiting, s, &lambda);
+                }
+                self.estimates[s] * T::from_f64(weight)
+            } else {
+                let Measured { pivot_inverse, gain, .. } = &self.measured[row];
+                let mut a = estimates[row].mul_add(*pivot_inverse, -dot(gain, &lambda));
+                for (t, &other) in waiting.active.iter().enumerate() {
+                    a = a.minus_product(self.row_gains[(waiting.first + t) * self.widest + i], self.estimates[other]);
+                }
+                a
+            };
+            lambda = hinge.spread_onto(&lambda, a);
+            estimates[row] = a;
+        }
+        for &s in waiting.complete_on_arrival.iter().rev() {
+            self.estimate_sum(waiting, s, &lambda);
+        }
+        self.co_state[k] = lambda;
+    }
+
+    /// The pivot that is lost, furthest from the base, if one is; `noise_terms` gives the terms of the diagonal of Q(k).
+    pub fn lost_pivot(
+        &self,
+        system: &System<T>,
+        sums: &Sums,
+        shift: &[RigidShift<T>],
+        seen: &Seen<T>,
+        noise_terms: impl Fn(usize) -> Vector6<T>,
+    ) -> Option<LostPivot> {
+        if seen.lost.clear(0) {
+            return None;
+        }
+        let evidence = Evidence { shift, p: &self.p, measured: &self.measured, scale: &self.scale };
+        let of_sum = || {
+            (0..system.stages.len()).rev().find_map(|stage| {
+                let row = system.stages[stage].first_row;
+                let (s, _) = (system.stages[stage].rows.count() == 1).then(|| sums.of_row[row]).flatten()?;
+                let (pivot, terms) = (self.sums[s].pivot.lane(0), self.bound[s].lane(0));
+                let is_lost = !(pivot > PIVOT_MARGIN * f64::EPSILON * terms);
+                is_lost.then_some(LostPivot { stage, row, pivot, terms })
+            })
+        };
+        // A sum that is lost leaves nothing that means anything inward of it.
+        of_sum().or_else(|| first_lost(system, &evidence, &seen.lost, noise_terms))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,636 @@
+"""Joints that follow others, mimic="couple": against 60 digits and against Pinocchio, which reduces coordinates too; and what a user does with such a scene."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from oracle_mpmath import Joint, Link, State, Tree, exact, random_tree, rounded, zeros
+from oracle_pinocchio import ROBOTS, urdf_files
+from tolerances import EPS, STEP, assert_near, assert_same_bits, central_difference, inverse, product, recursion, size
+
+import phipsi
+from phipsi.errors import ArgumentError, MimicWarning, NotFiniteError, SceneError, ShapeError, SingularJointError
+
+ONE_AXIS = ("revolute", "continuous", "prismatic", "screw")
+FILES = [file for file in urdf_files() if "<mimic" in (ROBOTS / file).read_text(encoding="utf-8", errors="replace")]
+BROKEN = {"alex_description/urdf/alex_psyonic_hands.urdf": "index_q1"}
+"""Files whose mimics name joints that are not there."""
+
+
+def builder_of(tree: Tree, follows: dict[str, tuple[str, float, float]]) -> phipsi.SceneBuilder:
+    """A tree whose joints follow others: names to (joint, multiplier, offset)."""
+    builder = phipsi.SceneBuilder()
+    for link in tree.links:
+        builder.link(link.name, link.mass, link.com, link.inertia)
+    for j in tree.joints:
+        mimic, multiplier, offset = follows.get(j.name, (None, 1.0, 0.0))
+        builder.joint(
+            j.name, j.kind, j.parent, j.child, xyz=j.xyz, rotation=j.rotation, axis=j.axis, pitch=j.pitch, armature=j.armature,
+            mimic=mimic, mimic_multiplier=multiplier, mimic_offset=offset,
+        )  # fmt: skip
+    return builder
+
+
+class Case:
+    """A random tree with followers, the scene of it, the tree's scene, and q = G q' + o."""
+
+    def __init__(self, seed: int, joints: int = 9, **how: object) -> None:
+        random = np.random.default_rng(seed)
+        kinds = (*ONE_AXIS, *ONE_AXIS, "spherical", "fixed")
+        self.tree = random_tree(random, joints, kinds=kinds, most=14, armature=0.2, floating_base=bool(seed % 3 == 0), **how)
+        one = [j.name for j in self.tree.joints if j.kind in ONE_AXIS]
+        order = list(random.permutation(one))
+        # The first is followed, the next ones follow one that comes earlier, itself a follower perhaps.
+        self.follows: dict[str, tuple[str, float, float]] = {}
+        for at, name in enumerate(order[1:], 1):
+            if random.uniform() < 0.6:
+                ratio, offset = random.uniform(-2.0, 2.0), random.uniform(-0.5, 0.5)
+                self.follows[name] = (str(order[random.integers(at)]), float(ratio), float(offset))
+        builder = builder_of(self.tree, self.follows)
+        make = {"floating_base": self.tree.floating_base, "gravity": self.tree.gravity}
+        self.scene = builder.build(mimic="couple", **make)
+        self.free = self.tree.scene()
+        self.g, self.o = self.reduction()
+        self.q = self.scene.integrate(self.scene.neutral(), random.uniform(-1.5, 1.5, self.scene.nv))
+        self.qd, self.qdd, self.tau = random.uniform(-1.5, 1.5, (3, self.scene.nv))
+        self.wrenches = {link: random.uniform(-3.0, 3.0, 6) for link in self.scene.link_names[::2]}
+        self.m = self.scene.mass_matrix(self.q)
+        self.condition = float(np.linalg.cond(self.m))
+
+    def source(self, name: str) -> tuple[str, object, object]:
+        ratio, offset = exact([1.0])[0], exact([0.0])[0]
+        while name in self.follows:
+            name, k, o = self.follows[name]
+            offset, ratio = offset + ratio * exact([o])[0], ratio * exact([k])[0]
+        return name, ratio, offset
+
+    def reduction(self) -> tuple[np.ndarray, np.ndarray]:
+        """G (nv of the tree x nv) and o, by coordinate of one-axis joints, in 60 digits."""
+        g, o = zeros(self.free.nv, self.scene.nv), zeros(self.free.nv)
+        for name in self.free.joint_names:
+            of_tree = self.free.v_index(name)
+            source, ratio, offset = self.source(name)
+            own = self.scene.v_index(source)
+            for i in range(of_tree.stop - of_tree.start):
+                g[of_tree.start + i, own.start + i] = ratio
+            o[of_tree.start] = offset
+        return g, o
+
+    def expanded(self, q: np.ndarray) -> np.ndarray:
+        full = zeros(self.free.nq)
+        for name in self.free.joint_names:
+            source, ratio, offset = self.source(name)
+            values = exact(q[self.scene.q_index(source)])
+            full[self.free.q_index(name)] = values if source == name else ratio * values + offset
+        return full
+
+    def state(self) -> State:
+        return State(self.tree, self.expanded(self.q), self.g @ exact(self.qd))
+
+    def exact_accelerations(self) -> np.ndarray:
+        state = self.state()
+        m = self.g.T @ state.mass_matrix @ self.g
+        right = exact(self.tau) - self.g.T @ (state.bias_torque - state.applied(self.wrenches))
+        return rounded(solved(m, right))
+
+
+def solved(m: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """m^-1 b by elimination, m positive definite."""
+    m, b = m.copy(), b.copy()
+    n = len(b)
+    for k in range(n):
+        for i in range(k + 1, n):
+            ratio = m[i, k] / m[k, k]
+            m[i, k:] = m[i, k:] - ratio * m[k, k:]
+            b[i] = b[i] - ratio * b[k]
+    for k in reversed(range(n)):
+        b[k] = (b[k] - m[k, k + 1 :] @ b[k + 1 :]) / m[k, k]
+    return b
+
+
+@pytest.fixture(params=range(24))
+def case(request: pytest.FixtureRequest) -> Case:
+    return Case(request.param)
+
+
+def test_coordinates_are_fewer(case: Case) -> None:
+    assert case.scene.nv == case.free.nv - len(case.follows)
+    assert set(case.scene.joint_names) == set(case.free.joint_names) - set(case.follows)
+    assert case.scene.link_names == case.free.link_names
+    assert np.linalg.matrix_rank(rounded(case.g)) == case.scene.nv
+
+
+def test_m_is_g_m_g_in_60_digits(case: Case) -> None:
+    m = case.g.T @ case.state().mass_matrix @ case.g
+    assert_near(case.m, rounded(m), product(case.free.nv, size(case.m)))
+    inverted = case.scene.mass_matrix_inverse(case.q)
+    unit = np.eye(case.scene.nv)
+    columns = np.stack([rounded(solved(m, exact(column))) for column in unit], axis=1)
+    assert_near(inverted, columns, inverse(case.condition, size(columns)))
+    assert_same_bits(inverted, inverted.T)
+
+
+def test_torques_in_60_digits(case: Case) -> None:
+    state, qdd = case.state(), case.g @ exact(case.qdd)
+    tau = rounded(case.g.T @ state.inverse_dynamics(qdd, case.wrenches))
+    found = case.scene.inverse_dynamics(case.q, case.qd, case.qdd, wrenches=case.wrenches)
+    assert_near(found, tau, recursion(case.free.nv, size(tau)))
+    bias = rounded(case.g.T @ state.bias_torque)
+    assert_near(case.scene.bias_torque(case.q, case.qd), bias, recursion(case.free.nv, size(bias)))
+
+
+@pytest.mark.parametrize("form", ["auto", "covariance", "square-root", "joseph"])
+def test_accelerations_in_60_digits(case: Case, form: str) -> None:
+    qdd = case.exact_accelerations()
+    found = case.scene.forward_dynamics(case.q, case.qd, case.tau, wrenches=case.wrenches, form=form)
+    assert_near(found, qdd, inverse(case.condition, size(qdd)))
+
+
+def test_links_move_as_those_of_the_tree(case: Case) -> None:
+    full = rounded(case.expanded(case.q))
+    rates = rounded(case.g @ exact(case.qd))
+    bound = product(case.free.nv, 4.0)
+    for link, placement in case.free.placements(full).items():
+        assert_near(case.scene.placement(case.q, link), placement, bound)
+        jacobian = case.free.jacobian(full, link) @ rounded(case.g)
+        assert_near(case.scene.jacobian(case.q, link), jacobian, 4 * bound)
+        velocity = case.free.velocity(full, rates, link)
+        assert_near(case.scene.velocity(case.q, case.qd, link), velocity, 16 * bound)
+    for name in ("center_of_mass_velocity", "momentum"):
+        here, there = getattr(case.scene, name)(case.q, case.qd), getattr(case.free, name)(full, rates)
+        assert_near(here, there, 16 * bound * size(there))
+    assert_near(case.scene.centroidal_momentum_matrix(case.q) @ case.qd, case.free.centroidal_momentum_matrix(full) @ rates, 64 * bound)
+    assert_near(
+        np.asarray(case.scene.energy(case.q, case.qd)), np.asarray(case.free.energy(full, rates)), 64 * bound * size(case.m)
+    )
+
+
+def test_kinetic_energy_is_that_of_m(case: Case) -> None:
+    assert_near(case.scene.kinetic_energy(case.q, case.qd), 0.5 * case.qd @ case.m @ case.qd, product(case.free.nv, 4 * size(case.m)))
+
+
+def differences(case: Case, function: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray], u: np.ndarray) -> list[np.ndarray]:
+    """By q along the tangent, by qd and by u, column by column."""
+    n, found = case.scene.nv, []
+    for which in range(3):
+        columns = []
+        for j in range(n):
+            step = STEP * np.eye(n)[j]
+            ends = []
+            for sign in (1.0, -1.0):
+                q = case.scene.integrate(case.q, sign * step) if which == 0 else case.q
+                qd = case.qd + sign * step * (which == 1)
+                ends.append(function(q, qd, u + sign * step * (which == 2)))
+            columns.append((ends[0] - ends[1]) / (2 * STEP))
+        found.append(np.stack(columns, axis=1))
+    return found
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_derivatives_are_those_of_differences(seed: int) -> None:
+    case = Case(seed)
+    inverses = case.scene.inverse_dynamics_derivatives(case.q, case.qd, case.qdd, wrenches=case.wrenches)
+    by_hand = differences(case, lambda q, qd, u: case.scene.inverse_dynamics(q, qd, u, wrenches=case.wrenches), case.qdd)
+    for one, other in zip(inverses, by_hand, strict=True):
+        assert_near(one, other, central_difference(16 * size(other)))
+    forward = case.scene.forward_dynamics_derivatives(case.q, case.qd, case.tau, wrenches=case.wrenches)
+    by_hand = differences(case, lambda q, qd, u: case.scene.forward_dynamics(q, qd, u, wrenches=case.wrenches), case.tau)
+    for one, other in zip(forward, by_hand, strict=True):
+        assert_near(one, other, central_difference(16 * case.condition * size(other)))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_products_are_those_of_the_matrices(seed: int) -> None:
+    case = Case(seed)
+    n = case.scene.nv
+    dq, dqd, du, cotangent = np.random.default_rng(seed).uniform(-1.0, 1.0, (4, n))
+    for kind, u in (("inverse", case.qdd), ("forward", case.tau)):
+        by_q, by_qd, by_u = getattr(case.scene, f"{kind}_dynamics_derivatives")(case.q, case.qd, u)
+        jvp = getattr(case.scene, f"{kind}_dynamics_jvp")(case.q, case.qd, u, dq, dqd, du)
+        vjp = getattr(case.scene, f"{kind}_dynamics_vjp")(case.q, case.qd, u, cotangent)
+        scale = inverse(case.condition, n * size(by_q, by_qd, by_u))
+        assert_near(jvp, by_q @ dq + by_qd @ dqd + by_u @ du, scale)
+        for one, matrix in zip(vjp[:3], (by_q, by_qd, by_u), strict=True):
+            assert_near(one, cotangent @ matrix, scale)
+
+
+def test_linearize_has_the_blocks(case: Case) -> None:
+    n = case.scene.nv
+    a, b = case.scene.linearize(case.q, case.qd, case.tau)
+    by_q, by_qd, minv = case.scene.forward_dynamics_derivatives(case.q, case.qd, case.tau)
+    assert_same_bits(a[n:], np.hstack([by_q, by_qd]))
+    assert_same_bits(b[n:], minv)
+    assert_same_bits(a[:n, n:], np.eye(n))
+    spherical = [name for name in case.scene.joint_names if case.scene.joint(name).type == "spherical"]
+    assert bool(np.any(a[:n, :n])) == bool(spherical or case.tree.floating_base)
+
+
+def test_coriolis_matrix(case: Case) -> None:
+    c = case.scene.coriolis_matrix(case.q, case.qd)
+    rate = case.scene.mass_matrix_derivative(case.q, case.qd)
+    assert_near(rate, c + c.T, product(case.free.nv, size(c)))
+    weightless = case.scene.bias_torque(case.q, case.qd) - case.scene.gravity_torque(case.q)
+    assert_near(c @ case.qd, weightless, recursion(case.free.nv, 16 * size(weightless, case.scene.gravity_torque(case.q))))
+
+
+def test_batches_are_their_states(case: Case) -> None:
+    random = np.random.default_rng(1)
+    rates = random.uniform(-1.0, 1.0, (3, 11, case.scene.nv))
+    q = case.scene.integrate(case.scene.neutral(), rates[0])
+    for name in ("forward_dynamics", "inverse_dynamics", "inverse_dynamics_derivatives", "forward_dynamics_derivatives"):
+        method = getattr(case.scene, name)
+        many = np.asarray(method(q, rates[1], rates[2]))
+        each = np.stack([np.asarray(method(q[i], rates[1, i], rates[2, i])) for i in range(11)])
+        each = each if many.shape == each.shape else np.swapaxes(each, 0, 1)
+        # Lanes may be fused where one state is not.
+        assert_near(many, each, inverse(1e3 * case.condition, size(each)))
+
+
+def test_float32(case: Case) -> None:
+    found = case.scene.inverse_dynamics(case.q, case.qd, case.qdd, dtype=np.float32)
+    assert found.dtype == np.float32
+    assert_near(found, case.scene.inverse_dynamics(case.q, case.qd, case.qdd), 1e-5 * size(found))
+
+
+# Real robots
+
+
+class Reduced:
+    """Pinocchio's model of a file with its mimic joints, in phipsi's order; both start at phipsi's q."""
+
+    def __init__(self, file: str, scene: phipsi.Scene) -> None:
+        self.model = pin.buildModelFromUrdf(str(ROBOTS / file), True)
+        self.data = self.model.createData()
+        self.scene = scene
+        self.v_order = np.empty(scene.nv, dtype=int)
+        for name in scene.joint_names:
+            joint = self.model.joints[self.model.getJointId(name)]
+            at = scene.v_index(name)
+            self.v_order[at] = joint.idx_v + np.arange(joint.nv)
+
+    def configuration(self, q: np.ndarray) -> np.ndarray:
+        there = np.empty(self.model.nq)
+        for name in self.scene.joint_names:
+            joint = self.model.joints[self.model.getJointId(name)]
+            values = q[self.scene.q_index(name)]
+            if joint.nq == 2 and joint.nv == 1:
+                values = np.array([np.cos(values[0]), np.sin(values[0])])
+            there[joint.idx_q : joint.idx_q + joint.nq] = values
+        return there
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_real_robots_as_pinocchio(file: str) -> None:
+    if file in BROKEN:
+        with pytest.raises(SceneError, match=f'{BROKEN[file]}", which is not there'):
+            phipsi.Scene.from_urdf(ROBOTS / file, mimic="couple")
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        scene = phipsi.Scene.from_urdf(ROBOTS / file, mimic="couple")
+        free = phipsi.Scene.from_urdf(ROBOTS / file)
+    followers = [name for name in free.joint_names if free.joint(name).mimic is not None]
+    # Some files have fixed joints with a mimic, which has no meaning.
+    assert scene.nv == free.nv - len(followers)
+    try:
+        oracle = Reduced(file, scene)
+    except ValueError as error:
+        # Pinocchio wants the followed joint further in; phipsi anywhere.
+        assert "not in the kinematic tree" in str(error)
+        return
+    assert oracle.model.nv == scene.nv
+    random = np.random.default_rng(scene.nv)
+    q, qd, qdd = random.uniform(-1.0, 1.0, (3, scene.nv))
+    there = oracle.configuration(q)
+    order = oracle.v_order
+    moved = np.empty((2, scene.nv))
+    moved[:, order] = qd, qdd
+    tau = pin.rnea(oracle.model, oracle.data, there, *moved)[order]
+    assert_near(scene.inverse_dynamics(q, qd, qdd), tau, recursion(free.nv, size(tau)))
+    upper = np.triu(pin.crba(oracle.model, oracle.data, there))
+    m = (upper + np.triu(upper, 1).T)[np.ix_(order, order)]
+    assert_near(scene.mass_matrix(q), m, product(free.nv, size(m)))
+    condition = float(np.linalg.cond(m))
+    if condition < 1e12:
+        solution = np.linalg.solve(m, tau - scene.bias_torque(q, qd))
+        assert_near(scene.forward_dynamics(q, qd, tau), solution, inverse(condition, 4 * size(solution)))
+
+
+def test_some_real_robots_are_compared() -> None:
+    assert len(FILES) >= 10
+
+
+# Extremes
+
+
+def gripper(ratio: float, armature: float = 0.0) -> phipsi.SceneBuilder:
+    """An arm of three joints with two fingers that close together, the second `ratio` times as heavy as the arm."""
+    builder = phipsi.SceneBuilder().link("base")
+    parent = "base"
+    for k in range(3):
+        builder.link(f"arm{k}", 1.0, (0.1, 0.02, 0.3), np.diag([0.02, 0.03, 0.01]))
+        builder.joint(f"joint{k}", "revolute", parent, f"arm{k}", xyz=(0.0, 0.1, 0.5), axis=(1.0, 0.3 * k, 0.2), armature=armature)
+        parent = f"arm{k}"
+    for side in (1.0, -1.0):
+        name = "left" if side > 0 else "right"
+        mass = 0.1 if side > 0 else ratio
+        builder.link(name, mass, (0.01 * side, 0.0, 0.1), mass * np.diag([1e-3, 2e-3, 1e-3]))
+        follow = {} if side > 0 else {"mimic": "left_finger", "mimic_multiplier": -1.0}
+        builder.joint(f"{name}_finger", "prismatic", "arm2", name, xyz=(0.05 * side, 0.0, 0.2), axis=(1.0, 0.0, 0.0), **follow)
+    return builder
+
+
+def heavy_tip(ratio: float, joints: int = 8) -> phipsi.SceneBuilder:
+    """A chain whose last link is `ratio` times as heavy as the others, and follows the first."""
+    random = np.random.default_rng(1)
+    builder, parent = phipsi.SceneBuilder().link("base"), "base"
+    for k in range(joints):
+        mass = ratio if k == joints - 1 else 1.0
+        builder.link(f"link{k}", mass, (0.1, 0.02, 0.3), mass * np.diag([0.02, 0.03, 0.01]))
+        follow = {"mimic": "joint0", "mimic_multiplier": 0.7} if k == joints - 1 else {}
+        builder.joint(f"joint{k}", "revolute", parent, f"link{k}", xyz=(0.05, 0.1, 0.5), axis=random.normal(size=3), **follow)
+        parent = f"link{k}"
+    return builder
+
+
+class Extreme(Case):
+    def __init__(self, builder: phipsi.SceneBuilder) -> None:
+        self.scene, self.free = builder.build(mimic="couple"), builder.build(mimic="free")
+        links = tuple(Link(name, link.mass, link.com, link.inertia) for name, link in self.free.links.items())
+        child = {link.joint: name for name, link in self.free.links.items()}
+        joints = self.free.joints
+        self.tree = Tree(links, tuple(Joint(n, j.type, j.parent, child[n], j.xyz, j.rotation, j.axis) for n, j in joints.items()))
+        self.follows = {name: tuple(joint.mimic) for name, joint in joints.items() if joint.mimic is not None}
+        self.g, self.o = self.reduction()
+        self.q, self.qd, self.tau = np.random.default_rng(3).uniform(-1.0, 1.0, (3, self.scene.nv))
+        self.wrenches = {}
+
+
+@pytest.mark.filterwarnings("ignore::phipsi.errors.MimicWarning")
+@pytest.mark.parametrize("ratio", [1e-9, 1e-4, 1e4, 1e8, 1e12])
+@pytest.mark.parametrize("make", [gripper, heavy_tip])
+@pytest.mark.parametrize("form", ["auto", "square-root"])
+def test_mass_ratios_keep_their_digits(ratio: float, make: Callable[[float], phipsi.SceneBuilder], form: str) -> None:
+    """The bound is what a change of q, qd and tau by 2^-40 does, not the condition number of M: in square-root form by 2^-52, in auto, which goes on to it where a
+    pivot lost five digits, by 2^-40 itself."""
+    case = Extreme(make(ratio))
+    qdd = case.exact_accelerations()
+    found = case.scene.forward_dynamics(case.q, case.qd, case.tau, form=form)
+    changed = 0.0
+    for name in ("q", "tau", "qd"):
+        of = getattr(case, name)
+        for i in range(len(of)):
+            kept = of[i]
+            of[i] = kept * (1 + 2**-40)
+            changed = max(changed, float(np.max(np.abs(case.exact_accelerations() - qdd))))
+            of[i] = kept
+    assert_near(found, qdd, (64 * 2**-12 if form == "square-root" else 64) * changed + 64 * EPS * size(qdd))
+
+
+@pytest.mark.filterwarnings("ignore::phipsi.errors.MimicWarning")
+def test_covariance_form_loses_what_auto_keeps() -> None:
+    case = Extreme(heavy_tip(1e10))
+    qdd = case.exact_accelerations()
+    lost = np.max(np.abs(case.scene.forward_dynamics(case.q, case.qd, case.tau, form="covariance") - qdd))
+    found, info = case.scene.forward_dynamics(case.q, case.qd, case.tau, return_info=True)
+    assert np.max(np.abs(found - qdd)) < 1e-6 * lost
+    assert str(info.form) == "double-double"
+
+
+def test_a_finger_without_mass_follows() -> None:
+    """Its own pivot is zero, that of the sum is not: free, this robot is singular."""
+    text = gripper(0.0)
+    scene = text.build(mimic="couple")
+    state = np.full(4, 0.3)
+    assert np.isfinite(scene.forward_dynamics(state, state, state)).all()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MimicWarning)
+        free = text.build()
+    with pytest.raises(SingularJointError, match="right_finger"):
+        free.forward_dynamics(np.full(5, 0.3), np.zeros(5), np.zeros(5))
+
+
+def test_a_sum_without_mass_is_singular() -> None:
+    builder = phipsi.SceneBuilder().link("base").link("arm", 1.0, (0.1, 0.0, 0.0)).link("a").link("b")
+    builder.joint("arm_joint", "revolute", "base", "arm").joint("a_joint", "revolute", "arm", "a", xyz=(0.1, 0.0, 0.0))
+    builder.joint("b_joint", "revolute", "arm", "b", mimic="a_joint")
+    scene = builder.build(mimic="couple")
+    with pytest.raises(SingularJointError, match="b_joint|a_joint"):
+        scene.forward_dynamics(np.zeros(2), np.zeros(2), np.zeros(2))
+
+
+# Meaning
+
+
+def test_a_mimic_of_a_mimic_is_a_mimic(case: Case) -> None:
+    direct = {name: (source, float(ratio), float(offset)) for name in case.follows for source, ratio, offset in [case.source(name)]}
+    make = {"floating_base": case.tree.floating_base, "gravity": case.tree.gravity}
+    scene = builder_of(case.tree, direct).build(mimic="couple", **make)
+    assert scene.joint_names == case.scene.joint_names
+    assert_near(scene.mass_matrix(case.q), case.m, product(case.free.nv, 4 * size(case.m)))
+
+
+def test_a_multiplier_of_zero_locks(case: Case) -> None:
+    held = {name: (source, 0.0, 0.25) for name, (source, _, _) in case.follows.items()}
+    make = {"floating_base": case.tree.floating_base, "gravity": case.tree.gravity}
+    scene = builder_of(case.tree, held).build(mimic="couple", **make)
+    q = case.free.neutral()
+    for name in held:
+        q[case.free.q_index(name)] = 0.25
+    locked = case.free.lock(list(held), q)
+    at = scene.neutral()
+    rates = np.linspace(-1.0, 1.0, scene.nv)
+    found, expected = scene.forward_dynamics(at, rates, rates), locked.forward_dynamics(at, rates, rates)
+    # Rotors of locked joints turn in neither.
+    condition = float(np.linalg.cond(locked.mass_matrix(at)))
+    assert_near(found, expected, inverse(condition, size(expected)))
+
+
+def test_locking_a_joint_locks_its_followers(case: Case) -> None:
+    name = next(iter({source for source, _, _ in map(case.source, case.follows)}), None)
+    if name is None:
+        pytest.skip("nothing follows")
+    locked = case.scene.lock([name], case.q)
+    assert locked.nv == case.scene.nv - 1
+    kept = [i for i in range(case.scene.nv) if i != case.scene.v_index(name).start]
+    q = np.concatenate([case.q[case.scene.q_index(j)] for j in locked.joint_names])
+    assert_near(locked.mass_matrix(q), case.m[np.ix_(kept, kept)], product(case.free.nv, 16 * size(case.m)))
+
+
+def test_scenes_remember(case: Case) -> None:
+    make = case.scene.to_builder()
+    for scene in (pickle.loads(pickle.dumps(case.scene)), make.build(), case.scene.with_properties(damping=0.1)):
+        assert scene.nv == case.scene.nv
+        assert_same_bits(scene.mass_matrix(case.q), case.m)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MimicWarning)
+        assert make.build(mimic="free").nv == case.free.nv
+
+
+def test_properties_are_those_of_the_coordinate() -> None:
+    builder = phipsi.SceneBuilder().link("base").link("a", 1.0, (0.1, 0.0, 0.0)).link("b", 1.0, (0.2, 0.0, 0.0))
+    builder.joint("a_joint", "revolute", "base", "a", armature=0.5, damping=1.0, friction=2.0, stiffness=3.0, rest=0.1)
+    builder.joint(
+        "b_joint", "revolute", "base", "b", mimic="a_joint", mimic_multiplier=-2.0, mimic_offset=0.3, armature=0.25, damping=0.5,
+        friction=1.0, stiffness=2.0, rest=-0.4,
+    )  # fmt: skip
+    scene = builder.build(mimic="couple")
+    assert_near(scene.armature, [0.5 + 4 * 0.25], 1e-15)
+    assert_near(scene.damping, [1.0 + 4 * 0.5], 1e-15)
+    assert_near(scene.friction, [2.0 + 2 * 1.0], 1e-15)
+    assert_near(scene.stiffness, [3.0 + 4 * 2.0], 1e-15)
+    assert_near(scene.rest, [(3.0 * 0.1 + 2.0 * -2.0 * (-0.4 - 0.3)) / 11.0], 1e-15)
+    assert repr(scene).count("and 1 that follow") == 1
+
+
+# In motion
+
+
+@pytest.mark.parametrize("method", ["semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3"])
+def test_simulation_converges(method: str) -> None:
+    """To what a fine run of RK4 on the accelerations gives, at the method's order or better."""
+    case = Case(1)
+    scene = case.scene.with_properties(damping=0.3)
+    end, order = 0.2, {"rk4": 4, "rosenbrock-2": 2, "rosenbrock-3": 3}.get(method, 1)
+    exact_end = scene.simulate(case.q, case.qd, tau=case.tau, dt=end / 1024, steps=1024, method="rk4").q[-1]
+    errors = []
+    for steps in (32, 64):
+        run = scene.simulate(case.q, case.qd, tau=case.tau, dt=end / steps, steps=steps, method=method)
+        assert run.q.shape == (steps + 1, scene.nq)
+        errors.append(float(np.max(np.abs(scene.difference(run.q[-1], exact_end)))))
+    assert errors[1] < errors[0] * 0.5 ** (order - 0.4) or errors[1] < 1e-11, errors
+
+
+def test_energy_is_kept() -> None:
+    case = Case(2)
+    motion = case.scene.simulate(case.q, case.qd, dt=1e-3, steps=500)
+    total = motion.energy().total
+    assert np.max(np.abs(total - total[0])) < 1e-6 * max(abs(total[0]), 1.0)
+
+
+def test_simulators_batches_and_functions_agree() -> None:
+    case = Case(4)
+    q = case.scene.integrate(case.q, np.random.default_rng(1).uniform(-0.1, 0.1, (5, case.scene.nv)))
+    tau = 0.1 * case.tau
+    run = case.scene.simulate(q, case.qd, tau=tau, dt=1e-3, steps=20)
+    assert run.q.shape == (5, 21, case.scene.nq) and run.qd.shape == (5, 21, case.scene.nv)
+    one = case.scene.simulate(q[3], case.qd, tau=tau, dt=1e-3, steps=20)
+    assert_same_bits(run.q[3], one.q)
+    asked = case.scene.simulate(q, case.qd, tau=lambda t, q, qd: np.broadcast_to(tau, qd.shape), dt=1e-3, steps=20)
+    assert_same_bits(asked.q, run.q)
+    steps = case.scene.simulate(q, case.qd, tau_steps=np.broadcast_to(tau, (20, case.scene.nv)), dt=1e-3, steps=20)
+    assert_same_bits(steps.q, run.q)
+    simulator = case.scene.simulator(q, case.qd, dt=1e-3)
+    simulator.step(tau, steps=12)
+    copied = pickle.loads(pickle.dumps(simulator))
+    for moving in (simulator, copied):
+        moving.step(tau, steps=8)
+        assert_same_bits(moving.q, run.q[:, -1])
+        assert_same_bits(moving.qd, run.qd[:, -1])
+    simulator.reset(case.q, states=2)
+    assert_same_bits(simulator.q[2], case.q)
+    assert_same_bits(simulator.q[1], run.q[1, -1])
+
+
+def test_a_control_law_holds_the_coordinates() -> None:
+    case = Case(5)
+    target = case.scene.integrate(case.q, np.full(case.scene.nv, 0.1))
+    motion = case.scene.simulate(case.q, 0 * case.qd, pd=phipsi.PD(1e5, 1e4, target), dt=1e-2, steps=600, method="implicit-euler")
+    assert np.max(np.abs(case.scene.difference(motion.q[-1], target))) < 1e-2
+
+
+def test_inverse_kinematics_moves_followers_too() -> None:
+    for seed in (1, 2, 4, 7):
+        case = Case(seed)
+        link = case.scene.link_names[-1]
+        target = case.scene.placement(case.q, link)
+        found = case.scene.inverse_kinematics(phipsi.tasks.Pose(link, target), case.q + 0.02 * (case.q != 0), seed=1)
+        assert found.converged
+        assert_near(case.scene.placement(found.q, link), target, 1e-7)
+
+
+# What is refused
+
+
+def two(**follow: object) -> phipsi.SceneBuilder:
+    builder = phipsi.SceneBuilder().link("base").link("a", 1.0, (0.1, 0.0, 0.0)).link("b", 1.0, (0.2, 0.0, 0.0))
+    builder.joint("a_joint", "revolute", "base", "a", mimic=follow.pop("first", None))
+    return builder.joint("b_joint", str(follow.pop("kind", "revolute")), "a", "b", **follow)
+
+
+def test_free_is_the_default_and_warns() -> None:
+    with pytest.warns(MimicWarning, match="b_joint"):
+        assert two(mimic="a_joint").build().nv == 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert two(mimic="a_joint").build(mimic="couple").nv == 1
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ({"mimic": "c_joint"}, "b_joint.*c_joint.*not there.*mimic"),
+        ({"mimic": "b_joint"}, "circle"),
+        ({"mimic": "a_joint", "first": "b_joint"}, "circle"),
+        ({"mimic": "a_joint", "kind": "spherical"}, "several coordinates"),
+    ],
+)
+def test_a_bad_mimic_is_named(how: dict[str, object], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        two(**how).build(mimic="couple")
+
+
+def test_a_mimic_of_a_fixed_joint_is_named() -> None:
+    builder = phipsi.SceneBuilder().link("base").link("a").link("b", 1.0, (0.1, 0.0, 0.0))
+    builder.joint("a_joint", "fixed", "base", "a").joint("b_joint", "revolute", "a", "b", mimic="a_joint")
+    with pytest.raises(SceneError, match="does not move"):
+        builder.build(mimic="couple")
+
+
+def test_an_unknown_word_is_refused() -> None:
+    with pytest.raises(ArgumentError, match="mimic.*couple.*free"):
+        two(mimic="a_joint").build(mimic="follow")
+    with pytest.raises(ArgumentError, match="mimic"):
+        phipsi.Scene.from_urdf("<robot name='r'><link name='a'/></robot>", mimic="coupled")
+
+
+def test_bad_states_are_named() -> None:
+    scene = two(mimic="a_joint").build(mimic="couple")
+    with pytest.raises(ShapeError, match="q"):
+        scene.forward_dynamics(np.zeros(2), np.zeros(1), np.zeros(1))
+    with pytest.raises(NotFiniteError, match="tau"):
+        scene.forward_dynamics(np.zeros(1), np.zeros(1), np.array([np.nan]))
+    with pytest.raises(NotFiniteError, match="state 1"):
+        scene.inverse_dynamics(np.zeros((2, 1)), np.array([[0.0], [np.inf]]), np.zeros(1))
+
+
+BEYOND: dict[str, Callable[[phipsi.Scene, np.ndarray], object]] = {
+    "factor": lambda scene, q: scene.factor(q),
+    "estimate": lambda scene, q: scene.estimate(q, q, q),
+    "random_model": lambda scene, q: scene.random_model(q),
+    "operational_inverse_inertia": lambda scene, q: scene.operational_inverse_inertia(q, "b"),
+    "check": lambda scene, q: scene.check(q),
+    "hvp": lambda scene, q: scene.forward_dynamics_hvp(q, q, q, q, q, q, q),
+    "vjp by parameters": lambda scene, q: scene.forward_dynamics_vjp(q, q, q, q, parameters=True),
+    "gradients of motion": lambda scene, q: scene.simulate(q, q, dt=0.1, steps=2).vjp(np.zeros((3, 1)), np.zeros((3, 1))),
+}
+
+
+@pytest.mark.parametrize("name", BEYOND)
+def test_what_has_no_form_says_so(name: str) -> None:
+    scene = two(mimic="a_joint").build(mimic="couple")
+    with pytest.raises(ArgumentError, match='follow others.*mimic="free"'):
+        BEYOND[name](scene, np.zeros(1))
+
+
+def test_pages_and_files(tmp_path: Path) -> None:
+    scene = two(mimic="a_joint").build(mimic="couple")
+    again = phipsi.Scene.from_urdf(scene.to_urdf(tmp_path / "robot.urdf"), mimic="couple")
+    assert again.nv == 1
+    assert scene.plan()
