@@ -127,6 +127,7 @@ class Scene:
         gravity: ArrayLike = (0, 0, -9.81),
         strict: bool = False,
         leave_out: Collection[_Switch] | None = None,
+        mimic: Literal["couple", "free"] = "free",
     ) -> Scene:
         """The scene of a URDF file or text.
 
@@ -1427,6 +1428,7 @@ class SceneBuilder:
         strict: bool | None = None,
         *,
         leave_out: Collection[_Switch] | None = None,
+        mimic: Literal["couple", "free"] | None = None,
     ) -> Scene:
         """Checks everything and makes the Scene; the builder can be used again.
 

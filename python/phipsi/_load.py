@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Collection, Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from ._core import Scene
 from .errors import ArgumentError, SceneError
@@ -31,6 +31,7 @@ def load(
     strict: bool = False,
     leave_out: Collection[Any] | None = None,
     xacro_arguments: Mapping[str, str] | None = None,
+    mimic: Literal["couple", "free"] = "free",
 ) -> Scene:
     """The scene of a robot, whatever it comes as.
 
@@ -38,7 +39,7 @@ def load(
     robot_descriptions, as "ur5e_description", where that package is there; or mujoco.MjModel, mujoco.MjSpec, pinocchio.Model.
     floating_base: puts a free joint under the root link of a URDF; models of MuJoCo and Pinocchio say themselves what floats.
     gravity: (3,), m/s^2; None: (0, 0, -9.81), or what the model says. strict, leave_out: as in Scene.from_urdf.
-    xacro_arguments: values of the file's <xacro:arg>.
+    xacro_arguments: values of the file's <xacro:arg>. mimic: whether joints of a URDF with <mimic> follow, as in Scene.from_urdf.
 
     Raises as Scene.from_urdf, Scene.from_mujoco and Scene.from_pinocchio do; ImportError where a package is missing; ArgumentError for what is none of
     these, and for arguments that the source has no use for.
@@ -48,6 +49,7 @@ def load(
     if package in ("mujoco", "pinocchio"):
         _has_no_use(floating_base, "floating_base", source)
         _has_no_use(xacro_arguments, "xacro_arguments", source)
+        _has_no_use(mimic != "free", "mimic", source)
         return Scene.from_mujoco(source, **options) if package == "mujoco" else Scene.from_pinocchio(source, **options)
     if not isinstance(source, str | os.PathLike):
         raise ArgumentError(f"source: found {type(source).__name__}; expected {EXPECTED}")
@@ -58,10 +60,11 @@ def load(
     if root == "mujoco" or (file is not None and file.suffix == ".mjb"):
         _has_no_use(floating_base, "floating_base", source)
         _has_no_use(xacro_arguments, "xacro_arguments", source)
+        _has_no_use(mimic != "free", "mimic", source)
         return Scene.from_mujoco(source, **options)
     if gravity is None:
         del options["gravity"]
-    options["floating_base"] = floating_base
+    options.update(floating_base=floating_base, mimic=mimic)
     if is_xacro(text):
         return _of_file(Scene.from_urdf(expanded(source, xacro_arguments), **options), file)
     _has_no_use(xacro_arguments, "xacro_arguments", source)

@@ -269,7 +269,13 @@ impl Call<'_, '_> {
         three.resize(3 * nv * nv, 0.0);
         let done = self.inverse_derivatives(&Arguments { u: &qdd, ..*at }, &mut three);
         if done.is_ok() {
-            for (of, out) in three.chunks_exact((nv * nv).max(1)).zip(out.chunks_exact_mut((nv * nv).max(1))).take(2) {
+            let (products, inverse) = out.split_at_mut(2 * nv * nv);
+            self.inverse(inverse);
+            for (of, out) in three.chunks_exact((nv * nv).max(1)).zip(products.chunks_exact_mut((nv * nv).max(1))) {
+                if !self.scratch.accelerations.is_wide {
+                    minus_product(nv, inverse, of, out);
+                    continue;
+                }
                 for column in 0..nv {
                     let right: Vec<f64> = (0..nv).map(|row| -of[row * nv + column]).collect();
                     for (row, value) in self.solve(&right).into_iter().enumerate() {
@@ -277,7 +283,6 @@ impl Call<'_, '_> {
                     }
                 }
             }
-            self.inverse(&mut out[2 * nv * nv..]);
         }
         self.scratch.results = three;
         done
@@ -348,5 +353,17 @@ impl Call<'_, '_> {
             self.coupling.reduce(of, out);
         }
         Ok(())
+    }
+}
+
+/// -A B into `out`, (n x n) each, row by row.
+fn minus_product(n: usize, a: &[f64], b: &[f64], out: &mut [f64]) {
+    out.fill(0.0);
+    for (a, out) in a.chunks_exact(n.max(1)).zip(out.chunks_exact_mut(n.max(1))) {
+        for (a, b) in a.iter().zip(b.chunks_exact(n)) {
+            for (out, b) in out.iter_mut().zip(b) {
+                *out -= a * b;
+            }
+        }
     }
 }
