@@ -1182,6 +1182,18 @@ class Scene:
         Raises ArgumentError for an unknown link and for a mass that is negative; ShapeError, ArgumentError for arrays, by the link's name. Warns
         InertiaWarning for inertias that no body can have.
         """
+    def inverse_kinematics_rates(
+        self,
+        tasks: Task | Collection[Task],
+        q: ArrayLike,
+        *,
+        dt: float,
+        gain: float = 1.0,
+        damping: float = 1e-6,
+        limits: bool = True,
+    ) -> _Array:
+        """"""
+
     def inverse_kinematics(
         self,
         tasks: Task | Collection[Task],
@@ -1192,6 +1204,7 @@ class Scene:
         limits: bool = True,
         tolerance: float = 1e-9,
         iterations: int = 100,
+        metric: Literal["coordinates", "mass"] = "coordinates",
         covariance: bool = False,
         seed: int = 0,
     ) -> InverseKinematics:

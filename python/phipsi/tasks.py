@@ -6,7 +6,7 @@
 >>> scene.inverse_kinematics([hand]).reached
 True
 
-Positions, directions and rotations are in the base's frame; a target with leading axes is a batch. position and rotation are standard deviations, m and rad: of two tasks
+Positions, directions and rotations are in the base's frame, or in that of the link that a task is relative to; a target with leading axes is a batch. position and rotation are standard deviations, m and rad: of two tasks
 that cannot both be met, the one with the smaller deviation wins; those that can be met all are, whatever their deviations.
 """
 
@@ -41,6 +41,8 @@ class Pose(NamedTuple):
     """Standard deviation of the position, m."""
     rotation: float = DEVIATION
     """Standard deviation of the rotation, rad."""
+    relative_to: str | None = None
+    """Name of the link in whose frame the target is; None: the base's."""
 
 
 class Position(NamedTuple):
@@ -54,6 +56,8 @@ class Position(NamedTuple):
     """The point of the link, in its frame, (3,), m."""
     position: float = DEVIATION
     """Standard deviation, m."""
+    relative_to: str | None = None
+    """Name of the link in whose frame the target is; None: the base's."""
 
 
 class Orientation(NamedTuple):
@@ -65,6 +69,8 @@ class Orientation(NamedTuple):
     """Rotation matrix, link to base, (..., 3, 3)."""
     rotation: float = DEVIATION
     """Standard deviation, rad."""
+    relative_to: str | None = None
+    """Name of the link in whose frame the target is; None: the base's."""
 
 
 class Direction(NamedTuple):
@@ -78,6 +84,8 @@ class Direction(NamedTuple):
     """In the link's frame, (3,), of any length."""
     rotation: float = DEVIATION
     """Standard deviation, rad."""
+    relative_to: str | None = None
+    """Name of the link in whose frame the target is; None: the base's."""
 
 
 class LookAt(NamedTuple):
@@ -93,6 +101,8 @@ class LookAt(NamedTuple):
     """The point of the link that the axis goes through, in its frame, (3,), m."""
     rotation: float = DEVIATION
     """Standard deviation, rad."""
+    relative_to: str | None = None
+    """Name of the link in whose frame the target is; None: the base's."""
 
 
 class CenterOfMass(NamedTuple):
@@ -143,11 +153,11 @@ KINDS: dict[type, tuple[str, int]] = {
     CenterOfMass: ("center-of-mass", 3), JointPosition: ("joint", 1),
 }  # fmt: skip
 
-_Unpacked = tuple[str, str, str, list[float], list[float], float, float, _Array, int]
+_Unpacked = tuple[str, str, str, list[float], list[float], float, float, _Array, int, str | None]
 
 
 def unpacked(tasks: Any) -> list[_Unpacked]:
-    """For Rust: kind, what errors call it, link or joint, point, axis, deviations, target with its numbers in the last axis, and how many these are."""
+    """For Rust: kind, what errors call it, link or joint, point, axis, deviations, target with its numbers in the last axis, how many these are, and the link that it is relative to."""
     given = [tasks] if type(tasks) in KINDS else list(tasks)
     return [_one(at, task) for at, task in enumerate(given)]
 
@@ -174,7 +184,8 @@ def _one(at: int, task: Any) -> _Unpacked:
     axis = _unit(f"{name}.axis", axis)
     deviation = fields.get("deviation", DEVIATION)
     deviations = (float(fields.get("position", deviation)), float(fields.get("rotation", deviation)))
-    return kind, name, fields.get("link", fields.get("joint", "")), point.tolist(), axis.tolist(), *deviations, target, width
+    on, relative_to = fields.get("link", fields.get("joint", "")), fields.get("relative_to")
+    return kind, name, on, point.tolist(), axis.tolist(), *deviations, target, width, relative_to
 
 
 def _numbers(name: str, value: ArrayLike) -> _Array:

@@ -3,10 +3,10 @@
 //! A step minimises the quadratic model of F with A = J^T W J + posture + mu D, D the largest diagonal so far. It is taken where F falls by a share of what
 //! the undamped model says; then mu falls too, else it grows. So F never rises, and the steps become Newton's where the errors vanish.
 
-use super::Options;
-use super::limits::Bounds;
+use super::limits::{Bounds, RateBounds};
 use super::step::{BoxStep, quadratic};
 use super::task::{Rows, Tasks};
+use super::{Metric, Options, RateOptions};
 use crate::error::Error;
 use crate::scene::{JointKind, Scene};
 use crate::workspace::Workspace;
@@ -47,6 +47,7 @@ pub struct Descent {
     off_posture: Vec<f64>,
     hessian: Vec<f64>,
     damped: Vec<f64>,
+    mass: Vec<f64>,
     gradient: Vec<f64>,
     scale: Vec<f64>,
     step: Vec<f64>,
@@ -64,6 +65,7 @@ impl Descent {
             off_posture: vec![nan; nv],
             hessian: vec![nan; nv * nv],
             damped: vec![nan; nv * nv],
+            mass: Vec::new(),
             gradient: vec![nan; nv],
             scale: vec![nan; nv],
             step: vec![nan; nv],
@@ -100,13 +102,20 @@ impl Descent {
             for i in 0..nv {
                 self.scale[i] = self.scale[i].max(self.hessian[i * nv + i]).max(FLOOR * largest);
             }
+            let heaviest = self.weigh(options.metric, workspace, scene, q)?;
             iterations += 1;
             since += 1;
             // Damping that grows until a step is taken; without end only where none is left to take.
             let accepted = loop {
                 self.damped.copy_from_slice(&self.hessian);
-                for i in 0..nv {
-                    self.damped[i * nv + i] += damping * self.scale[i];
+                match options.metric {
+                    Metric::Coordinates => {
+                        (0..nv).for_each(|i| self.damped[i * nv + i] += damping * self.scale[i]);
+                    }
+                    Metric::Mass => {
+                        let by = damping * largest / heaviest;
+                        self.damped.iter_mut().zip(&self.mass).for_each(|(entry, m)| *entry += by * m);
+                    }
                 }
                 let limits = &self.limits;
                 let has_step =
@@ -147,6 +156,59 @@ impl Descent {
             }
         }
         Ok(self.ending(value, iterations))
+    }
+
+    /// M at `q` for steps that it damps, and its largest diagonal entry. Joints that carry nothing get a little of it, or nothing would hold them.
+    fn weigh(
+        &mut self,
+        metric: Metric,
+        workspace: &mut Workspace<f64>,
+        scene: &Scene,
+        q: &[f64],
+    ) -> Result<f64, Error> {
+        let nv = scene.nv();
+        if metric == Metric::Coordinates || nv == 0 {
+            return Ok(1.0);
+        }
+        self.mass.resize(nv * nv, f64::NAN);
+        scene.mass_matrix(workspace, q, &mut self.mass)?;
+        let heaviest = (0..nv).fold(f64::MIN_POSITIVE, |most, i| most.max(self.mass[i * nv + i]));
+        (0..nv).for_each(|i| self.mass[i * nv + i] += FLOOR * heaviest);
+        Ok(heaviest)
+    }
+
+    /// The rates at `q` that [`Solver::rates`](super::Solver::rates) tells of.
+    pub fn rates(
+        &mut self,
+        workspace: &mut Workspace<f64>,
+        tasks: &Tasks<'_>,
+        q: &[f64],
+        options: &RateOptions,
+        limits: Option<&RateBounds>,
+        qd: &mut [f64],
+    ) -> Result<(), Error> {
+        let nv = tasks.scene.nv();
+        tasks.evaluate(workspace, q, &mut self.rows)?;
+        self.model(tasks, q);
+        let largest = (0..nv).fold(0.0_f64, |largest, i| largest.max(self.hessian[i * nv + i]));
+        qd.fill(0.0);
+        if !(largest > 0.0) {
+            return Ok(());
+        }
+        for i in 0..nv {
+            self.gradient[i] *= options.gain;
+            self.hessian[i * nv + i] += options.damping * self.hessian[i * nv + i].max(FLOOR * largest);
+        }
+        let room =
+            |row: usize| limits.map_or((f64::NEG_INFINITY, f64::INFINITY), |limits| limits.room(row, q, options.dt));
+        if !self.boxed.minimise(&self.hessian, &self.gradient, room, &mut self.step) {
+            let expected = "more damping: the tasks leave motions undetermined beyond what rounding tells";
+            return Err(Error::argument("damping", options.damping.to_string(), expected));
+        }
+        for (qd, step) in qd.iter_mut().zip(&self.step) {
+            *qd = step / options.dt;
+        }
+        Ok(())
     }
 
     /// The covariance at `q`: the inverse of the second derivative, without what is at its limits.

@@ -13,6 +13,35 @@ pub struct Bounds {
     pub upper: Vec<f64>,
 }
 
+/// How fast each degree of freedom may go, and how far.
+#[derive(Debug, Clone)]
+pub struct RateBounds {
+    places: Bounds,
+    velocity: Vec<f64>,
+}
+
+impl RateBounds {
+    /// Those of the joints.
+    pub fn of(scene: &Scene) -> Result<Self, Error> {
+        let mut velocity = vec![f64::INFINITY; scene.nv()];
+        for joint in scene.joints() {
+            if !(joint.limits.velocity >= 0.0) {
+                let found = format!("velocity {}", joint.limits.velocity);
+                return Err(Error::scene(format!("limits of joint {:?}", joint.name), found, "zero or more"));
+            }
+            velocity[joint.v.clone()].fill(joint.limits.velocity);
+        }
+        Ok(Self { places: Bounds::of(scene)?, velocity })
+    }
+
+    /// The least and the largest step of a degree of freedom from `q` within dt: that of the velocity, where both cannot be kept.
+    pub fn room(&self, row: usize, q: &[f64], dt: f64) -> (f64, f64) {
+        let most = self.velocity[row] * dt;
+        let (lower, upper) = self.places.room(row, q);
+        (lower.max(-most).min(most), upper.min(most).max(-most))
+    }
+}
+
 impl Bounds {
     /// Without any limit.
     pub fn without(scene: &Scene) -> Self {

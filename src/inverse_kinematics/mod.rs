@@ -32,7 +32,7 @@ use crate::error::{Error, check_length};
 use crate::scene::Scene;
 use crate::workspace::Workspace;
 use descent::{Descent, Ending};
-use limits::Bounds;
+use limits::{Bounds, RateBounds};
 use task::Tasks;
 pub use task::{Goal, Task};
 
@@ -49,13 +49,46 @@ pub struct Options {
     pub limits: bool,
     /// Standard deviation of the posture, rad and m: how far joints are expected from it; none for no posture.
     pub posture: Option<f64>,
+    /// What steps are damped by.
+    pub metric: Metric,
     /// Of the starts after the first.
     pub seed: u64,
 }
 
+/// How the size of a step is measured, by which Levenberg and Marquardt's steps are damped: which of many answers is found, and by which way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Metric {
+    /// By the joints' coordinates, each scaled by how much it does for the tasks.
+    #[default]
+    Coordinates,
+    /// By kinetic energy, dq M dq: joints that carry much mass move less. One mass matrix more a step.
+    Mass,
+}
+
+/// How fast joints go to where tasks want them: a step of a control loop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RateOptions {
+    /// The time that the rates are held, s.
+    pub dt: f64,
+    /// The share of the errors that is to be gone after it.
+    pub gain: f64,
+    /// Damping beside the tasks, of the largest entry of their second derivative: what keeps rates small near singular configurations.
+    pub damping: f64,
+    /// Whether joints stay within their limits of position and velocity.
+    pub limits: bool,
+}
+
 impl Default for Options {
     fn default() -> Self {
-        Self { starts: 20, iterations: 100, tolerance: 1e-9, limits: true, posture: None, seed: 0 }
+        Self {
+            starts: 20,
+            iterations: 100,
+            tolerance: 1e-9,
+            limits: true,
+            posture: None,
+            metric: Metric::default(),
+            seed: 0,
+        }
     }
 }
 
@@ -116,6 +149,39 @@ impl Scene {
 }
 
 impl Solver<'_> {
+    /// The rates `qd` (nv) that take a share of the tasks' errors away within dt, at the configuration `q` (nq): one step for control loops.
+    ///
+    /// What is minimised is 1/2 sum ((J qd dt + gain e) / s)^2 + damping dq D dq / 2 over the rates that limits of velocity allow, and limits of position after dt; a joint that is
+    /// beyond its limit comes back as fast as it may. O(tasks depth + nv^3).
+    ///
+    /// # Errors
+    ///
+    /// As [`Solver::solve`]; a time, gain or damping that is not above zero; a limit of velocity that is negative, by name.
+    pub fn rates(
+        &mut self,
+        workspace: &mut Workspace<f64>,
+        tasks: &[Task],
+        q: &[f64],
+        options: &RateOptions,
+        qd: &mut [f64],
+    ) -> Result<(), Error> {
+        let scene = self.scene;
+        for (name, value) in [("dt", options.dt), ("gain", options.gain), ("damping", options.damping)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(Error::argument(name, value.to_string(), "a finite number above zero"));
+            }
+        }
+        scene.check_workspace(workspace)?;
+        scene.check_coordinates("q", q)?;
+        check_length("qd", qd.len(), scene.nv())?;
+        for (at, task) in tasks.iter().enumerate() {
+            task.check(scene, at)?;
+        }
+        let tasks = Tasks { scene, each: tasks, posture: None };
+        let limits = if options.limits { Some(RateBounds::of(scene)?) } else { None };
+        self.descent.rates(workspace, &tasks, q, options, limits.as_ref(), qd)
+    }
+
     /// Looks for the most probable configuration into `q` (nq), from `start` (nq), which is the posture too where options ask for one.
     ///
     /// `covariance`: room for that of the answer in its tangent space, (nv x nv) row by row; a joint at a limit has none, and all entries are infinite

@@ -5,9 +5,9 @@ use crate::kinematics::{Frame, local_jacobian};
 use crate::scene::{JointKind, Scene};
 use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3, Vector6};
 
-/// What should be where. Positions, directions and rotations are in the base's frame.
+/// What should be where. Positions, directions and rotations are in the base's frame, or in that of the link that a [`Task`] is relative to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Goal {
     /// A frame on a link has a place.
@@ -69,13 +69,15 @@ pub struct Task {
     pub position: f64,
     /// Standard deviation of rotations and directions, rad.
     pub rotation: f64,
+    /// The frame that targets are in, on a link; none for the base's. Mass centres and joints have none.
+    pub relative_to: Option<Frame<f64>>,
 }
 
 impl Task {
     /// A goal within a millimetre and a milliradian.
     #[must_use]
     pub fn new(goal: Goal) -> Self {
-        Self { goal, position: 1e-3, rotation: 1e-3 }
+        Self { goal, position: 1e-3, rotation: 1e-3, relative_to: None }
     }
 
     /// Refuses what cannot be: bodies and joints that are not there, deviations that are not positive, numbers that are not finite, axes that are not
@@ -110,6 +112,7 @@ impl Task {
                 Err(Error::argument(name("target"), format!("{:?}", matrix.as_slice()), "a rotation matrix"))
             }
         };
+        self.relative_to.as_ref().map_or(Ok(()), body)?;
         match &self.goal {
             Goal::Pose { frame, target } => {
                 body(frame)?;
@@ -226,22 +229,22 @@ impl Tasks<'_> {
     ) -> Result<(), Error> {
         match &task.goal {
             Goal::Pose { frame, target } => {
-                let place = self.turn(q, frame, &target.rotation, task.rotation, at, rows);
+                let place = self.turn(q, (frame, task), &target.rotation, at, rows);
                 rows.position(nv(self), at + 3, &place, &target.lever, task.position);
             }
             Goal::Position { frame, target } => {
-                let place = self.local_jacobian(q, frame, &mut rows.six);
+                let place = self.local_jacobian(q, (frame, task), &mut rows.six);
                 rows.position(nv(self), at, &place, target, task.position);
             }
             Goal::Orientation { frame, target } => {
-                self.turn(q, frame, target, task.rotation, at, rows);
+                self.turn(q, (frame, task), target, at, rows);
             }
             Goal::Direction { frame, axis, target } => {
-                let place = self.local_jacobian(q, frame, &mut rows.six);
+                let place = self.local_jacobian(q, (frame, task), &mut rows.six);
                 rows.direction(nv(self), at, &place, axis, target, &Matrix3::zeros(), task.rotation);
             }
             Goal::LookAt { frame, axis, target } => {
-                let place = self.local_jacobian(q, frame, &mut rows.six);
+                let place = self.local_jacobian(q, (frame, task), &mut rows.six);
                 let way = target - place.lever;
                 let distance = way.norm();
                 // At the target itself every direction is right, and none.
@@ -276,8 +279,24 @@ impl Tasks<'_> {
         Ok(())
     }
 
-    /// Where a frame is, and its Jacobian in its own axes, (6 x nv) row by row.
-    fn local_jacobian(&self, q: &[f64], frame: &Frame<f64>, six: &mut [f64]) -> RigidShift<f64> {
+    /// Where a frame is, seen from what its task is relative to, and its Jacobian in its own axes, (6 x nv) row by row.
+    fn local_jacobian(&self, q: &[f64], (frame, task): (&Frame<f64>, &Task), six: &mut [f64]) -> RigidShift<f64> {
+        let place = self.on_base(q, frame, six);
+        let Some(other) = &task.relative_to else { return place };
+        let (mut theirs, nv) = (vec![f64::NAN; six.len()], nv(self));
+        let place = self.on_base(q, other, &mut theirs).inverse().compose(&place);
+        // Less what carries it along.
+        for j in 0..nv {
+            let carried = place.motion_to_child(&Vector6::from_fn(|i, _| theirs[i * nv + j]));
+            for i in 0..6 {
+                six[i * nv + j] -= carried[i];
+            }
+        }
+        place
+    }
+
+    /// The same on the base.
+    fn on_base(&self, q: &[f64], frame: &Frame<f64>, six: &mut [f64]) -> RigidShift<f64> {
         let model = self.scene.model();
         let Some(coupling) = self.scene.coupling() else { return local_jacobian(model, q, frame, six) };
         let mut columns = vec![f64::NAN; 6 * model.nv()];
@@ -290,16 +309,15 @@ impl Tasks<'_> {
     fn turn(
         &self,
         q: &[f64],
-        frame: &Frame<f64>,
+        (frame, task): (&Frame<f64>, &Task),
         target: &Matrix3<f64>,
-        deviation: f64,
         at: usize,
         rows: &mut Rows,
     ) -> RigidShift<f64> {
-        let place = self.local_jacobian(q, frame, &mut rows.six);
+        let place = self.local_jacobian(q, (frame, task), &mut rows.six);
         let apart = Rotation3::from_matrix_unchecked(target.transpose() * place.rotation);
         let error = UnitQuaternion::from_rotation_matrix(&apart).scaled_axis();
-        rows.put(nv(self), at, &error, &(inverse_right_jacobian(&error)), 0, deviation);
+        rows.put(nv(self), at, &error, &(inverse_right_jacobian(&error)), 0, task.rotation);
         rows.rotation_error = rows.rotation_error.max(error.norm());
         place
     }

@@ -1,6 +1,7 @@
 //! The method `Scene.inverse_kinematics`.
 
 use super::call::Call;
+use super::choice::choose;
 use super::cost::Cost;
 use super::input::Input;
 use super::object::{Object, imported};
@@ -8,7 +9,7 @@ use super::output::{self, Output};
 use super::scene::PyScene;
 use crate::api::TaskFrame;
 use crate::error::Error;
-use crate::inverse_kinematics::{Goal, Options, Task};
+use crate::inverse_kinematics::{Goal, Metric, Options, RateOptions, Task};
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
 use nalgebra::{Matrix3, Vector3};
@@ -17,11 +18,17 @@ use pyo3::prelude::*;
 /// Rough time of one state, ns: some tens of steps.
 const COST: usize = 50_000;
 
+/// The same of one step.
+const COST_OF_RATES: usize = 3_000;
+
+/// Names of what steps are damped by.
+const METRICS: [(&str, Metric); 2] = [("coordinates", Metric::Coordinates), ("mass", Metric::Mass)];
+
 /// Numbers beside q: reached, errors, starts, steps.
 const BESIDE: usize = 5;
 
-/// A task as phipsi.tasks gives it: kind, name, link or joint, point, axis, deviations, target and how many numbers that has.
-type Given<'py> = (String, String, String, [f64; 3], [f64; 3], f64, f64, Object<'py>, usize);
+/// A task as phipsi.tasks gives it: kind, name, link or joint, point, axis, deviations, target, how many numbers that has, and the link that it is relative to.
+type Given<'py> = (String, String, String, [f64; 3], [f64; 3], f64, f64, Object<'py>, usize, Option<String>);
 
 #[pymethods]
 impl PyScene {
@@ -31,7 +38,8 @@ impl PyScene {
     /// which broadcasts with that of q0. q0: (..., nq), the first start; None: neutral. starts: how many configurations it starts from at the most, those after the first
     /// drawn within the limits. posture: None, or a standard deviation, rad and m: how far joints are expected from q0, for robots that tasks leave free.
     /// limits: whether joints stay within theirs; a q0 beyond them starts at them. tolerance: a task is reached where its error is no larger, m and rad.
-    /// iterations: steps from each start at the most. covariance: whether to give it. seed: of the starts.
+    /// iterations: steps from each start at the most. metric: what steps are damped by, "coordinates", or "mass", kinetic energy: joints that carry much move less. covariance: whether to give it. seed: of
+    /// the starts.
     ///
     /// Minimises half the squares of all errors over their standard deviations, by Levenberg and Marquardt's steps on the manifold, each the exact minimum of its model
     /// within the limits: no step makes it worse. The same bits for any number of threads. O(tasks depth + nv^3) a step.
@@ -39,8 +47,9 @@ impl PyScene {
     /// Returns a phipsi.tasks.InverseKinematics: q, reached, errors, starts, iterations and the covariance.
     ///
     /// Raises ArgumentError for what is no task, unknown links and joints, and numbers that cannot be; ShapeError, NotFiniteError, naming the task and the state.
-    #[pyo3(signature = (tasks, q0=None, *, starts=20, posture=None, limits=true, tolerance=1e-9, iterations=100, covariance=false, seed=0),
-           text_signature = "($self, tasks, q0=None, *, starts=20, posture=None, limits=True, tolerance=1e-9, iterations=100, covariance=False, seed=0)")]
+    #[pyo3(signature = (tasks, q0=None, *, starts=20, posture=None, limits=true, tolerance=1e-9, iterations=100, metric="coordinates", covariance=false, seed=0),
+           text_signature = "($self, tasks, q0=None, *, starts=20, posture=None, limits=True, tolerance=1e-9, iterations=100, metric='coordinates', \
+                             covariance=False, seed=0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn inverse_kinematics<'py>(
         &self,
@@ -52,20 +61,16 @@ impl PyScene {
         limits: bool,
         tolerance: f64,
         iterations: usize,
+        metric: &str,
         covariance: bool,
         seed: u64,
     ) -> PyResult<Object<'py>> {
-        let options = Options { starts, iterations, tolerance, limits, posture, seed };
+        let metric = choose("metric", metric, &METRICS)?;
+        let options = Options { starts, iterations, tolerance, limits, posture, metric, seed };
         // Refuses them before anything is read.
         self.scene.inverse_kinematics(&options)?;
-        let given = imported!(py, "phipsi.tasks", "unpacked")?.call1((tasks,))?.extract::<Vec<Given<'py>>>()?;
         let neutral = output::from_numbers(py, &self.scene.neutral(), &[self.scene.nq()])?;
-        let mut inputs = vec![self.configuration("q0", q0.unwrap_or(&neutral))?];
-        let mut fixed = Vec::with_capacity(given.len());
-        for (kind, name, on, point, axis, position, rotation, target, width) in given {
-            fixed.push(aimless(&self.scene, &kind, &name, &on, point, axis, position, rotation)?);
-            inputs.push(Input::new(format!("{name}.target"), &target, width)?);
-        }
+        let (fixed, inputs) = self.tasks(tasks, ("q0", q0.unwrap_or(&neutral)))?;
         let (nq, nv) = (self.scene.nq(), self.scene.nv());
         let width = nq + BESIDE + if covariance { nv * nv } else { 0 };
         let call = Call::new(self, inputs, Vec::new(), Cost::of(COST))?;
@@ -88,6 +93,68 @@ impl PyScene {
             Ok(())
         })?;
         imported!(py, "phipsi.tasks", "gathered")?.call1((results.finish(), nq, nv, covariance))
+    }
+}
+
+#[pymethods]
+impl PyScene {
+    /// The joint rates that take the tasks' errors away, one step of a control loop: within the limits of velocity, and those of position after dt.
+    ///
+    /// tasks: as in inverse_kinematics; targets with leading axes are a batch, which broadcasts with that of q. q: (..., nq). dt: the time that the rates are held, s. gain: the share of the errors that
+    /// is to be gone after it; below 1 errors fall exponentially. damping: of the largest entry of J^T J over deviations; more keeps rates small near singular configurations. limits: whether joints keep to theirs; one
+    /// that is beyond its limit of position comes back as fast as it may.
+    ///
+    /// Minimises half the squares of J qd dt + gain e over the standard deviations, and damping, over the rates that are allowed: exactly, by a projected Newton method. O(tasks depth + nv^3).
+    ///
+    /// Returns qd, (..., nv), rad/s and m/s.
+    ///
+    /// Raises as inverse_kinematics; ArgumentError for a dt, gain or damping that is not above zero.
+    #[pyo3(signature = (tasks, q, *, dt, gain=1.0, damping=1e-6, limits=true))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn inverse_kinematics_rates<'py>(
+        &self,
+        py: Python<'py>,
+        tasks: &Object<'py>,
+        q: &Object<'py>,
+        dt: f64,
+        gain: f64,
+        damping: f64,
+        limits: bool,
+    ) -> PyResult<Object<'py>> {
+        let options = RateOptions { dt, gain, damping, limits };
+        let (fixed, inputs) = self.tasks(tasks, ("q", q))?;
+        let call = Call::new(self, inputs, Vec::new(), Cost::of(COST_OF_RATES))?;
+        let mut results = call.output(py, &[self.scene.nv()], None, Output::new)?;
+        let numbers = results.numbers()?;
+        call.each_state(py, numbers, |scene, scratch, of, out| {
+            let tasks: Vec<Task> = fixed.iter().enumerate().map(|(at, task)| aimed(task, of(at + 1))).collect();
+            let mut solver = scene.inverse_kinematics(&Options { limits: false, ..Options::default() })?;
+            solver.rates(&mut scratch.workspace, &tasks, of(0), &options, out)
+        })?;
+        results.finish_or_scalar()
+    }
+}
+
+impl PyScene {
+    /// Tasks whose targets are not there yet; and the arguments, the configuration first, then the targets.
+    fn tasks<'py>(
+        &self,
+        tasks: &Object<'py>,
+        (name, q): (&'static str, &Object<'py>),
+    ) -> PyResult<(Vec<Task>, Vec<Input<'py>>)> {
+        let given = imported!(tasks.py(), "phipsi.tasks", "unpacked")?.call1((tasks,))?.extract::<Vec<Given<'py>>>()?;
+        let mut inputs = vec![self.configuration(name, q)?];
+        let mut fixed = Vec::with_capacity(given.len());
+        for (kind, name, on, point, axis, position, rotation, target, width, relative_to) in given {
+            let mut task = aimless(&self.scene, &kind, &name, &on, point, axis, position, rotation)?;
+            if let Some(link) = relative_to {
+                let frame = self.scene.frame(&link.as_str().into());
+                task.relative_to = Some(frame.map_err(|error| error.of_argument(&format!("{name}.relative_to")))?);
+            }
+            fixed.push(task);
+            inputs.push(Input::new(format!("{name}.target"), &target, width)?);
+        }
+        Ok((fixed, inputs))
     }
 }
 
@@ -121,7 +188,7 @@ fn aimless(
         }
         _ => Goal::CenterOfMass(nowhere),
     };
-    Ok(Task { goal, position, rotation })
+    Ok(Task { goal, position, rotation, relative_to: None })
 }
 
 /// The task with the target of one state.

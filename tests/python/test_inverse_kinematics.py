@@ -170,3 +170,138 @@ def test_bad_arguments(given: dict[str, Any], kind: type[Exception], message: st
         ARM.inverse_kinematics(**arguments)
 
 
+
+
+# Relative to another link
+
+
+@pytest.mark.parametrize("kind", ["pose", "position", "orientation", "direction", "look-at"])
+def test_tasks_relative_to_another_link(kind: str) -> None:
+    q, start = within(ARM, 2, 11)
+    there = np.linalg.inv(ARM.placement(q, "link3")) @ ARM.placement(q, HAND)
+    task: Any = {
+        "pose": tasks.Pose(HAND, there, relative_to="link3"),
+        "position": tasks.Position(HAND, there[:3, 3], relative_to="link3"),
+        "orientation": tasks.Orientation(HAND, there[:3, :3], relative_to="link3"),
+        "direction": tasks.Direction(HAND, there[:3, 2], relative_to="link3"),
+        "look-at": tasks.LookAt(HAND, there[:3, 3] + 0.7 * there[:3, 2], relative_to="link3"),
+    }[kind]
+    found = ARM.inverse_kinematics(task, start)
+    assert found.reached
+    here = np.linalg.inv(ARM.placement(found.q, "link3")) @ ARM.placement(found.q, HAND)
+    if kind == "pose":
+        assert_near(here, there, 4e-9)
+    elif kind == "position":
+        assert_near(here[:3, 3], there[:3, 3], 2e-9)
+    elif kind == "orientation":
+        assert_near(here[:3, :3], there[:3, :3], 2e-9)
+    elif kind == "direction":
+        assert_near(here[:3, 2], there[:3, 2], 2e-9)
+    else:
+        way = np.asarray(task.target) - here[:3, 3]
+        assert_near(here[:3, 2], way / np.linalg.norm(way), 2e-9)
+    # What is further in than both links has no part in it: it stays where it was.
+    assert_near(found.q[:2], np.clip(start, ARM.limits.lower, ARM.limits.upper)[:2], 1e-12) if found.starts == 1 else None
+
+
+def test_two_hands_hold_each_other() -> None:
+    """A floating robot with two branches: the pose of one hand in the frame of the other."""
+    builder = phipsi.SceneBuilder().link("chest", 3.0, (0, 0, 0.1), np.eye(3) * 0.1)
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        parent = "chest"
+        for k in range(6):
+            name = f"{side}{k}"
+            builder.link(name, 1.0, (0.0, 0.0, 0.15), np.eye(3) * 0.01)
+            axis = [(0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 0), (1, 0, 0), (0, 0, 1)][k]
+            builder.joint(f"{name}_joint", "revolute", parent, name, xyz=(0.0, sign * 0.2, 0.0) if k == 0 else (0.0, 0.0, 0.25), axis=axis)
+            parent = name
+    scene = builder.build(floating_base=True)
+    q = scene.integrate(scene.neutral(), np.random.default_rng(2).uniform(-0.7, 0.7, scene.nv))
+    there = np.linalg.inv(scene.placement(q, "right5")) @ scene.placement(q, "left5")
+    found = scene.inverse_kinematics(tasks.Pose("left5", there, relative_to="right5"), limits=False)
+    assert found.reached
+    assert_near(np.linalg.inv(scene.placement(found.q, "right5")) @ scene.placement(found.q, "left5"), there, 4e-9)
+
+
+def test_an_unknown_link_to_be_relative_to_is_named() -> None:
+    with pytest.raises(ArgumentError, match=r"tasks\[0\]\.relative_to.*elbow"):
+        ARM.inverse_kinematics(tasks.Position(HAND, (0.1, 0.1, 0.1), relative_to="elbow"))
+
+
+# The metric
+
+
+def test_steps_by_mass_move_heavy_joints_less() -> None:
+    """A point that a redundant chain can reach in many ways: of small steps, those of least kinetic energy; both reach it."""
+    scene, q = phipsi.scenes.chain(7), np.full(7, 0.3)
+    link = scene.body_names[-1]
+    target = scene.placement(q, link)[:3, 3] + [1e-3, -1e-3, 1e-3]
+    energies = []
+    for metric in ("coordinates", "mass"):
+        found = scene.inverse_kinematics(tasks.Position(link, target), q, metric=metric, limits=False)
+        assert found.reached
+        energies.append(scene.kinetic_energy(q, found.q - q))
+    assert energies[1] < energies[0]
+    # The least that there is, of all moves that reach it to first order.
+    jacobian = scene.jacobian(q, link, frame="local-world-aligned")[3:]
+    inverted = scene.mass_matrix_inverse(q) @ jacobian.T
+    least = inverted @ np.linalg.solve(jacobian @ inverted, target - scene.placement(q, link)[:3, 3])
+    assert energies[1] < 1.2 * scene.kinetic_energy(q, least)
+
+
+def test_an_unknown_metric_is_refused() -> None:
+    with pytest.raises(ArgumentError, match="metric.*coordinates.*mass"):
+        ARM.inverse_kinematics(tasks.Position(HAND, (0.1, 0.1, 0.1)), metric="energy")
+
+
+# Rates
+
+
+def test_rates_are_those_of_damped_least_squares() -> None:
+    q = within(ARM, 1, 6)[0]
+    target = ARM.placement(q, HAND)
+    target[:3, 3] += (0.01, -0.02, 0.005)
+    rates = ARM.inverse_kinematics_rates(tasks.Position(HAND, target[:3, 3]), q, dt=0.5, gain=0.7, damping=1e-9, limits=False)
+    jacobian = ARM.jacobian(q, HAND, frame="local-world-aligned")[3:]
+    assert_near(jacobian @ rates * 0.5, 0.7 * np.array([0.01, -0.02, 0.005]), 1e-7)
+    # Of all that do it, nearly the least, each joint by what it does for the task.
+    assert rates.shape == (6,)
+
+
+def test_rates_keep_to_limits() -> None:
+    builder = phipsi.SceneBuilder().link("base")
+    for k, (lower, upper, velocity) in enumerate([(-1.0, 1.0, 0.5), (-0.2, 0.3, 2.0), (-2.0, 2.0, None)]):
+        builder.link(f"link{k}", 1.0, (0.1, 0.0, 0.2), np.eye(3) * 0.01)
+        builder.joint(
+            f"joint{k}", "revolute", f"link{k - 1}" if k else "base", f"link{k}", xyz=(0.0, 0.0, 0.4), axis=(0, 1, 0), lower=lower, upper=upper, velocity=velocity
+        )
+    scene = builder.build()
+    dt = 0.1
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        q = random.uniform([-1.0, -0.2, -2.0], [1.0, 0.3, 2.0])
+        target = random.uniform(-1.0, 1.0, 3)
+        rates = scene.inverse_kinematics_rates(tasks.Position("link2", target), q, dt=dt)
+        after = q + dt * rates
+        limits = scene.limits
+        assert np.all(np.abs(rates) <= limits.velocity * (1 + 1e-12))
+        assert np.all(after >= limits.lower - 1e-12) and np.all(after <= limits.upper + 1e-12)
+    beyond = scene.inverse_kinematics_rates(tasks.Position("link2", (0.1, 0.0, 1.0)), [1.3, 0.0, 0.0], dt=dt)
+    assert_near(beyond[0], -0.5, 1e-12)
+
+
+def test_rates_of_a_batch() -> None:
+    q = within(ARM, 4, 7)
+    targets = ARM.placement(within(ARM, 4, 8), HAND)
+    many = ARM.inverse_kinematics_rates(tasks.Pose(HAND, targets), q, dt=0.01, gain=0.1)
+    assert many.shape == (4, 6)
+    for i in range(4):
+        assert_same_bits(ARM.inverse_kinematics_rates(tasks.Pose(HAND, targets[i]), q[i], dt=0.01, gain=0.1), many[i])
+
+
+@pytest.mark.parametrize("name", ["dt", "gain", "damping"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
+def test_rates_without_a_time_are_refused(name: str, value: float) -> None:
+    given = {"dt": 0.1, name: value}
+    with pytest.raises(ArgumentError, match=name):
+        ARM.inverse_kinematics_rates(tasks.Position(HAND, (0.1, 0.1, 0.1)), np.zeros(6), **given)
