@@ -32,6 +32,8 @@ mod assembly;
 mod builder;
 mod checks;
 mod configuration;
+mod connection;
+pub(crate) mod constraint;
 mod description;
 mod inertia_check;
 mod joint_check;
@@ -50,10 +52,12 @@ pub use crate::model::Model;
 pub use crate::model::{Body, Motion, Omissions};
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
+pub use connection::{Connection, ConnectionKind};
 pub use description::{Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneWarning};
 pub use properties::Property;
 pub use spring::Spring;
 
+use self::constraint::Constraints;
 use self::shared::Shared;
 use crate::error::Error;
 use crate::spatial::RigidShift;
@@ -104,6 +108,8 @@ pub struct Scene {
     merged: Vec<String>,
     link_index: HashMap<String, usize>,
     joint_index: HashMap<String, usize>,
+    /// What the connections are, by index.
+    constraints: Constraints,
     shared: Shared,
 }
 
@@ -122,8 +128,14 @@ impl Scene {
             merged: Vec::new(),
             link_index: HashMap::new(),
             joint_index: HashMap::new(),
+            constraints: Constraints::default(),
             shared: Shared::default(),
         }
+    }
+
+    /// The connections as the sweeps read them.
+    pub(crate) fn constraints(&self) -> &Constraints {
+        &self.constraints
     }
 
     /// Which scene this is, among all of this process: what is kept for one is never used for another.
