@@ -1,6 +1,7 @@
 //! One step of one state, or of one state a lane, by any method.
 
 use super::conserve::{KEPT, Keeper};
+use super::constrained::Stabilisation;
 use super::manifold::{advance, carry_back};
 use super::method::{Method, STAGES, Tableau};
 use super::properties::{Gains, Properties};
@@ -30,6 +31,8 @@ pub(super) struct Law {
     pub roots: Vec<usize>,
     /// Whether some joint has friction.
     pub rubs: bool,
+    /// Of a scene with connections, what keeps states on them.
+    pub connected: Option<Stabilisation>,
     /// Bodies whose joints have a spring, and bodies that the control law pulls.
     pub sprung: Vec<bool>,
     pub pulled: Vec<bool>,
@@ -58,6 +61,7 @@ impl Law {
             properties,
             gains,
             roots,
+            connected: None,
         }
     }
 

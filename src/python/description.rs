@@ -1,6 +1,7 @@
 //! A scene as plain tuples of numbers and names, for pickling; and in one line, for `repr`.
 
 use super::choice::{choose, names};
+use super::connections::{ConnectionTuple, connection_of, connection_tuple};
 use super::object::Object;
 use crate::error::{Error, number};
 use crate::memory;
@@ -14,7 +15,7 @@ use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Counts up when the tuples change.
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 
 /// Name, then mass, mass centre and inertia about it (xx, xy, xz, yy, yz, zz) if it has any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
@@ -39,7 +40,7 @@ pub(super) type JointTuple = (
 type LockedTuple = (String, String, Option<f64>);
 
 /// Version, gravity, floating base, strict, links, joints, names of what is left out, joints that were locked, what the free joint of a
-/// floating base has (armature, damping, friction, stiffness), the file that all of it comes from.
+/// floating base has (armature, damping, friction, stiffness), the file that all of it comes from, connections.
 #[derive(IntoPyObject, FromPyObject)]
 pub(super) struct Description(
     u32,
@@ -52,6 +53,7 @@ pub(super) struct Description(
     Vec<LockedTuple>,
     [f64; 4],
     Option<PathBuf>,
+    Vec<ConnectionTuple>,
 );
 
 /// Where the links are in a description.
@@ -84,6 +86,7 @@ impl Description {
             locked,
             root,
             source.file().map(Path::to_owned),
+            source.connections().iter().map(connection_tuple).collect(),
         ))
     }
 
@@ -97,7 +100,7 @@ impl Description {
 
     /// The builder that it was made from.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
-        let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file) = self;
+        let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, connections) = self;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
@@ -114,6 +117,9 @@ impl Description {
         }
         for joint in joints {
             builder = builder.joint(joint_of(joint)?);
+        }
+        for connection in connections {
+            builder = builder.connect(connection_of(connection)?);
         }
         let kind = |(name, kind, pitch): LockedTuple| joint_kind(&name, &kind, pitch).map(|kind| (name, kind));
         let locked = locked.into_iter().map(kind).collect::<Result<_, _>>()?;
@@ -249,9 +255,13 @@ pub(super) fn summary(scene: &Scene) -> String {
     }
     let kinds = kinds.iter().map(|(name, count)| format!("{count} {name}")).collect::<Vec<_>>().join(", ");
     let kinds = if kinds.is_empty() { String::new() } else { format!(" ({kinds})") };
+    let closed = match scene.connections().len() {
+        0 => String::new(),
+        count => format!(", {count} connections"),
+    };
     let [x, y, z]: [f64; 3] = scene.model().gravity.into();
     format!(
-        "<phipsi.Scene: nq={}, nv={}, {} joints{kinds}, {} links, {} merged joints, {} base, gravity ({x}, {y}, {z})>",
+        "<phipsi.Scene: nq={}, nv={}, {} joints{kinds}, {} links, {} merged joints{closed}, {} base, gravity ({x}, {y}, {z})>",
         scene.nq(),
         scene.nv(),
         scene.joints().len(),

@@ -22,7 +22,7 @@ mod solution;
 
 pub(crate) use inverse::{constrained_inverse_dynamics, constrained_mass_matrix_inverse};
 pub(crate) use projection::{project_positions, project_velocities};
-pub(crate) use rows::{accelerations_of_rows, errors_of_rows, jacobian_of_rows};
+pub(crate) use rows::{accelerations_of_rows, errors_of_rows, jacobian_of_rows, rates_of_rows};
 pub(crate) use solution::{Outcome, constrained_dynamics};
 
 use self::gram::GramInverse;

@@ -85,9 +85,11 @@ pub(crate) fn constrained_dynamics(
         }
         residual = largest;
         let (kept, forces) = (qdd.to_vec(), scratch.forces.clone());
+        // The step as it is, not as forces that are much larger have rounded it.
         scratch.take_away();
-        let step: Vec<f64> = scratch.forces.iter().zip(&forces).map(|(after, before)| after - before).collect();
+        let step = std::mem::take(&mut scratch.step);
         scratch.spread(&step);
+        scratch.step = step;
         scratch.respond(model, workspace);
         for (a, change) in qdd.iter_mut().zip(&scratch.estimates) {
             *a += change;
@@ -133,11 +135,12 @@ impl ConstraintScratch {
         Ok(residual.iter().fold(0.0, |largest: f64, left| largest.max(left.abs())))
     }
 
-    /// lambda -= G^+ residual.
+    /// lambda += step, step = -G^+ residual.
     fn take_away(&mut self) {
         self.inverse.apply(&self.residual, &mut self.step);
-        for (lambda, step) in self.forces.iter_mut().zip(&self.step) {
-            *lambda -= step;
+        for (lambda, step) in self.forces.iter_mut().zip(&mut self.step) {
+            *step = -*step;
+            *lambda += *step;
         }
     }
 }
