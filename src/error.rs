@@ -86,6 +86,14 @@ pub enum Error {
         /// Index of the state in a batch, if there is one.
         state: Option<usize>,
     },
+    /// Connections that cannot hold: they contradict each other, or a state does not meet them.
+    #[error("{}{}: found {}; expected {}", of_connections(&fault.connections), in_state(*state), fault.found, fault.expected)]
+    Constraint {
+        /// Which, and what is wrong with them.
+        fault: Box<ConstraintFault>,
+        /// Index of the state in a batch, if there is one.
+        state: Option<usize>,
+    },
     /// A size that there is no memory for.
     #[error("{argument}: no room for {shortage}; expected a size that there is room for")]
     Memory {
@@ -97,6 +105,25 @@ pub enum Error {
     /// Work that was told to stop: see [`watch`](crate::watch).
     #[error("interrupted")]
     Interrupted,
+}
+
+/// What is wrong with connections.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ConstraintFault {
+    /// Their names.
+    pub connections: Vec<String>,
+    /// What was found.
+    pub found: String,
+    /// What would have been accepted.
+    pub expected: String,
+    /// The largest error, or what is left of its rate or of its second derivative: rad or m, by s or by s^2.
+    pub residual: f64,
+}
+
+impl From<ConstraintFault> for Error {
+    fn from(fault: ConstraintFault) -> Self {
+        Self::Constraint { fault: Box::new(fault), state: None }
+    }
 }
 
 /// What memory had no room for.
@@ -136,6 +163,12 @@ fn quoted(links: &[String]) -> String {
     format!("{} {}", if names.len() == 1 { "link" } else { "links" }, names.join(", "))
 }
 
+/// The words for one connection or several.
+fn of_connections(connections: &[String]) -> String {
+    let names: Vec<String> = connections.iter().map(|name| format!("{name:?}")).collect();
+    format!("{} {}", if names.len() == 1 { "connection" } else { "connections" }, names.join(", "))
+}
+
 /// The words for a pivot that means nothing.
 fn lost(pivot: f64, terms: f64) -> String {
     if pivot == 0.0 {
@@ -168,8 +201,10 @@ impl Error {
     /// The same error, said of state `index` of a batch.
     #[must_use]
     pub fn in_state(mut self, index: usize) -> Self {
-        if let Self::NotFinite { state, .. } | Self::SingularJoint { state, .. } | Self::SingularTask { state, .. } =
-            &mut self
+        if let Self::NotFinite { state, .. }
+        | Self::SingularJoint { state, .. }
+        | Self::SingularTask { state, .. }
+        | Self::Constraint { state, .. } = &mut self
         {
             *state = Some(index);
         } else if let Self::Argument { found, .. } = &mut self {

@@ -220,8 +220,8 @@ mod workspace;
 
 pub use accuracy::{Accuracy, ESTIMATE_SPREAD};
 pub use algorithm::{Algorithm, Arguments, Derivatives, Everyday, Products};
-pub use api::{BodyWrenches, OnLink, TaskFrame};
-pub use error::{Error, Shortage};
+pub use api::{BodyWrenches, Constrained, OnLink, Projection, TaskFrame};
+pub use error::{ConstraintFault, Error, Shortage};
 pub use filter::Form;
 pub use plan::{Omission, Plan};
 pub use scene::{Scene, SceneBuilder};

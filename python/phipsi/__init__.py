@@ -34,6 +34,8 @@ from ._motion import PD, MomentumCorrection, MotionEnergy, Trajectory, Violation
 from ._ode import Ode
 from ._results import (
     Accuracy,
+    ConstrainedDynamics,
+    ConstrainedInverseDynamics,
     Energy,
     Estimate,
     ForwardDynamicsDerivatives,
@@ -48,6 +50,7 @@ from ._results import (
     Mimic,
     Omission,
     Plan,
+    Projection,
     RolloutGradients,
     Samples,
 )
@@ -56,6 +59,8 @@ from .operators import Factor, Operator
 __all__ = [
     "Accuracy",
     "BUNDLED_ARM",
+    "ConstrainedDynamics",
+    "ConstrainedInverseDynamics",
     "Energy",
     "Estimate",
     "Factor",
@@ -77,6 +82,7 @@ __all__ = [
     "Operator",
     "PD",
     "Plan",
+    "Projection",
     "RandomModel",
     "RolloutGradients",
     "Samples",

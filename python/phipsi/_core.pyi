@@ -13,6 +13,8 @@ from ._motion import PD, MomentumCorrection, Trajectory
 from ._ode import Ode
 from ._results import (
     Accuracy,
+    ConstrainedDynamics,
+    ConstrainedInverseDynamics,
     Energy,
     Estimate,
     ForwardDynamicsDerivatives,
@@ -25,6 +27,7 @@ from ._results import (
     Link,
     MassEstimate,
     Plan,
+    Projection,
     RolloutGradients,
     Samples,
 )
@@ -402,6 +405,7 @@ class Scene:
         form: Literal["auto", "covariance"] = "auto",
         progress: Callable[[int, int], object] | None = None,
         conserve_momentum: bool = False,
+        baumgarte: float | None = None,
     ) -> Trajectory:
         """Advances states in time: fixed steps, whole batches, springs and damping implicitly where the method says so.
 
@@ -450,6 +454,7 @@ class Scene:
         friction_speed: float = 0.01,
         form: Literal["auto", "covariance"] = "auto",
         conserve_momentum: bool = False,
+        baumgarte: float | None = None,
     ) -> Simulator:
         """States to advance step by step: an object that keeps them, and its scratch, between the steps.
 
@@ -1015,6 +1020,56 @@ class Scene:
         64 k eps. Otherwise as operational_inverse_inertia.
         """
 
+    @property
+    def connection_names(self) -> tuple[str, ...]:
+        """x"""
+
+    def connection_rows(self, connection: str, /) -> slice[int, int, int]:
+        """x"""
+
+    def without_connections(self) -> Scene:
+        """x"""
+
+    def constraint_error(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """x"""
+
+    def constraint_jacobian(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """x"""
+
+    def constraint_bias(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """x"""
+
+    def constrained_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        *,
+        form: _Form = "auto",
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        errors: _Errors = "raise",
+    ) -> ConstrainedDynamics:
+        """x"""
+
+    def project(self, q: ArrayLike, qd: ArrayLike | None = None, *, errors: _Errors = "raise") -> Projection:
+        """x"""
+
+    def constrained_inverse_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        *,
+        actuated: Iterable[str] | ArrayLike | None = None,
+        form: _Form = "auto",
+        wrenches: Mapping[str, ArrayLike] | None = None,
+        errors: _Errors = "raise",
+    ) -> ConstrainedInverseDynamics:
+        """x"""
+
+    def constrained_mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto", errors: _Errors = "raise") -> _Array:
+        """x"""
+
     def energy(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> Energy:
         """Kinetic energy (armature included) and potential energy, as the named tuple Energy(kinetic, potential).
 
@@ -1433,6 +1488,29 @@ class SceneBuilder:
         Raises SceneError for an unknown type or a missing pitch; ShapeError or ArgumentError for arrays, naming the joint;
         build() checks the rest.
         """
+
+    def connect(
+        self,
+        name: str,
+        kind: Literal["point", "axis", "weld", "distance", "rod"],
+        link: str,
+        other: str | None = None,
+        *,
+        xyz: ArrayLike = (0, 0, 0),
+        rpy: ArrayLike | None = None,
+        rotation: ArrayLike | None = None,
+        other_xyz: ArrayLike | None = None,
+        other_rpy: ArrayLike | None = None,
+        other_rotation: ArrayLike | None = None,
+        axis: ArrayLike | None = None,
+        length: float | None = None,
+    ) -> SceneBuilder:
+        """x"""
+
+    def couple(
+        self, name: str, joint: str, other: str | None = None, *, multiplier: float = 1.0, offset: float = 0.0
+    ) -> SceneBuilder:
+        """x"""
 
     def build(
         self,

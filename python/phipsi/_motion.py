@@ -118,6 +118,14 @@ class Trajectory:
         states = f"{batch} states, " if batch else ""
         return f"<phipsi.Trajectory: {states}{len(self)} rows to t = {self.t[-1]:g} s, {self.steps} steps of {self.dt:g} s by {self.method}>"
 
+    @property
+    def drift(self) -> _Array:
+        """How far every row is from the connections of the scene, (..., rows): the largest entry of Scene.constraint_error, m or rad; zero without connections."""
+        if not self.scene.connection_names:
+            return np.zeros(self.q.shape[:-1])
+        drift: _Array = np.abs(self.scene.constraint_error(self.q)).max(axis=-1)
+        return drift
+
     def energy(self) -> MotionEnergy:
         """Kinetic energy, that of gravity and that of the springs in every row, with the armature and springs of the run."""
         energy = self.scene.energy(self.q, self.qd)
@@ -160,6 +168,7 @@ class Trajectory:
         if self.given is None:
             raise of_argument(ArgumentError, "trajectory", "found where a simulator went; expected all rows, by Scene.simulate")
         given = dict(self.given)
+        given.pop("baumgarte", None)
         if given.pop("conserve_momentum"):
             raise of_argument(ArgumentError, "conserve_momentum", "found True; expected a run without it, whose steps have gradients")
         if isinstance(given.get("tau"), str):

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 __all__ = [
     "Accuracy",
+    "ConstrainedDynamics",
+    "ConstrainedInverseDynamics",
     "Energy",
     "Estimate",
     "ForwardDynamicsDerivatives",
@@ -24,6 +26,7 @@ __all__ = [
     "Mimic",
     "Omission",
     "Plan",
+    "Projection",
     "RolloutGradients",
     "Samples",
 ]
@@ -38,6 +41,43 @@ class Accuracy(NamedTuple):
     error: NDArray[np.float64] | float
     """The estimated error of the largest acceleration, rad/s^2 or m/s^2: as a rule five to ten times the true one. Of 10,000 random
     scenes, ordinary and extreme, one is off by more than 20 times it, none by more than 1000 times; NaN where there is no estimate (form "joseph"; float32, but for "auto")."""
+
+
+class ConstrainedDynamics(NamedTuple):
+    """Accelerations through connections, and what the connections do for it."""
+
+    qdd: NDArray[np.float64]
+    """Joint accelerations, (..., nv), rad/s^2 or m/s^2."""
+    forces: dict[str, NDArray[np.float64]]
+    """Of each connection by name, (..., rows): what it does to its link, N m and N, at the origin of its first frame and in that frame's axes."""
+    rank: NDArray[np.int64] | int
+    """How many rows are independent: a number for one state, an array of the batch's shape for many."""
+    residual: NDArray[np.float64] | float
+    """The largest entry of J qdd + J' qd that is left, rad/s^2 or m/s^2."""
+
+
+class ConstrainedInverseDynamics(NamedTuple):
+    """Torques through connections, and what the connections do for it."""
+
+    tau: NDArray[np.float64]
+    """Joint torques, (..., nv), N m or N; zero at joints that are not actuated."""
+    forces: dict[str, NDArray[np.float64]]
+    """Of each connection by name, (..., rows), as in ConstrainedDynamics."""
+    rank: NDArray[np.int64] | int
+    """How many rows are independent."""
+    residual: NDArray[np.float64] | float
+    """The largest entry of J qdd + J' qd, rad/s^2 or m/s^2: what is no rounding no torques can give."""
+
+
+class Projection(NamedTuple):
+    """A state that meets the connections."""
+
+    q: NDArray[np.float64]
+    """Configurations, (..., nq)."""
+    qd: NDArray[np.float64] | None
+    """Rates, (..., nv); None where none were given."""
+    rank: NDArray[np.int64] | int
+    """How many rows are independent there."""
 
 
 class Energy(NamedTuple):
@@ -327,3 +367,28 @@ class Plan:
             counted = f", {item.operations} operations a call" if item.operations else ""
             lines.append(f"  {item.count} {item.what}: {item.why}; saved {item.saved}{counted}")
         return "\n".join(lines)
+
+
+def _parts(numbers: NDArray[np.float64], nv: int, rows: dict[str, slice]) -> tuple[Any, ...]:
+    """The vector, the forces by name, rank and residual of (..., nv + m + 2) numbers; a bad state has rank zero."""
+    vector, forces, rank, residual = numbers[..., :nv], numbers[..., nv:-2], numbers[..., -2], numbers[..., -1]
+    by_name = {name: forces[..., of].copy() for name, of in rows.items()}
+    return vector.copy(), by_name, _count(rank), float(residual) if residual.ndim == 0 else residual.copy()
+
+
+def _count(numbers: NDArray[np.float64]) -> NDArray[np.int64] | int:
+    whole = np.nan_to_num(numbers).astype(np.int64)
+    return int(whole) if whole.ndim == 0 else whole
+
+
+def constrained_dynamics(numbers: NDArray[np.float64], nv: int, rows: dict[str, slice]) -> ConstrainedDynamics:
+    return ConstrainedDynamics(*_parts(numbers, nv, rows))
+
+
+def constrained_inverse_dynamics(numbers: NDArray[np.float64], nv: int, rows: dict[str, slice]) -> ConstrainedInverseDynamics:
+    return ConstrainedInverseDynamics(*_parts(numbers, nv, rows))
+
+
+def projection(numbers: NDArray[np.float64], nq: int, is_moving: bool) -> Projection:
+    q, qd, rank = numbers[..., :nq].copy(), numbers[..., nq:-1].copy(), numbers[..., -1]
+    return Projection(q, qd if is_moving else None, _count(rank))

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ArgumentError",
     "BadStateWarning",
+    "ConstraintError",
     "InertiaWarning",
     "LimitWarning",
     "MeshWarning",
@@ -101,6 +102,20 @@ class SingularTaskError(PhipsiError, ArithmeticError):
     """How many of the directions are independent."""
     directions: int = 0
     """How many directions the task has."""
+    state: int | tuple[int, ...] | None = None
+    """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
+
+
+class ConstraintError(PhipsiError, ArithmeticError):
+    """Connections that cannot hold: they contradict each other, or a state does not meet them and cannot be brought to.
+
+    Scene.project gives positions and velocities that meet the connections, where there are any nearby.
+    """
+
+    connections: tuple[str, ...] = ()
+    """Names of the connections."""
+    residual: float = 0.0
+    """The largest error (rad or m), or what is left of its rate (by s) or of its second derivative (by s^2)."""
     state: int | tuple[int, ...] | None = None
     """Index of the state in the batch, a tuple if the batch has several axes; None for a single state."""
 

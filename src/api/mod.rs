@@ -1,6 +1,7 @@
 //! The algorithms as methods of a [`Scene`](crate::Scene): arguments are checked, faults named.
 
 mod centroidal;
+mod constraints;
 mod derivatives;
 mod estimation;
 mod everyday;
@@ -10,6 +11,7 @@ pub mod operational;
 mod own;
 mod products;
 
+pub use constraints::{Constrained, Projection};
 pub use links::OnLink;
 pub use methods::BodyWrenches;
 pub use operational::TaskFrame;

@@ -1,11 +1,13 @@
 //! The algorithms on one state by the general recursions, with arguments checked and faults named.
 
+use super::constraints::{self, ConstraintScratch};
 use super::derivatives::{
     self, ConstantParts, Constants, DerivativeScratch, Directions, GradientParts, ProductScratch, constants_of,
     constants_width,
 };
 use super::mass_inverse::{InverseScratch, mass_matrix_inverse};
 use super::{forward, inverse, mass_matrix};
+use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
 use crate::error::{Error, check_finite, check_length};
 use crate::filter::pivots::PivotMonitor;
@@ -51,8 +53,12 @@ impl Scene {
             self.check_form(workspace)?;
         }
         let model = self.model();
+        self.check_tree(algorithm)?;
         self.check_seed(algorithm, state.seed)?;
         match algorithm {
+            Algorithm::ForwardDynamics(_) if !self.constraints().is_empty() => {
+                self.through_connections(workspace, (q, qd, u), wrenches, out)?;
+            }
             Algorithm::ForwardDynamics(_) => {
                 let monitor = forward::forward_dynamics(model, workspace, q, qd, u, wrenches, out);
                 self.check_pivots(workspace, monitor)?;
@@ -71,6 +77,50 @@ impl Scene {
             Algorithm::Products(which) => self.products(workspace, which, state, out)?,
         }
         self.check_result(what, out)
+    }
+
+    /// Forward dynamics of a scene with connections, with scratch for as long as it lasts.
+    fn through_connections(
+        &self,
+        workspace: &mut Workspace<f64>,
+        state: (&[f64], &[f64], &[f64]),
+        wrenches: &[SpatialVector<f64>],
+        qdd: &mut [f64],
+    ) -> Result<(), Error> {
+        let scratch = &mut ConstraintScratch::new(self.model(), self.constraints());
+        let system = (self.model(), self.constraints());
+        let outcome = constraints::constrained_dynamics(system, workspace, scratch, state, wrenches, None, qdd)
+            .map_err(|at| self.no_direction(at))?;
+        self.check_pivots(workspace, outcome.pivots)?;
+        workspace.accuracy = Accuracy::unknown(workspace.form);
+        // What has overflowed contradicts nothing.
+        if qdd.iter().all(|a| a.is_finite()) { self.check_agreement(&outcome) } else { Ok(()) }
+    }
+
+    /// What knows the tree only is refused for scenes with connections.
+    fn check_tree(&self, algorithm: Algorithm) -> Result<(), Error> {
+        match algorithm {
+            Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) => {
+                self.check_no_connections("derivatives of forward dynamics")
+            }
+            Algorithm::Products(which) if which.form().is_some() => {
+                self.check_no_connections("derivatives of forward dynamics")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// An error for a scene with connections.
+    pub(crate) fn check_no_connections(&self, what: &str) -> Result<(), Error> {
+        if self.constraints().is_empty() {
+            return Ok(());
+        }
+        let names: Vec<String> = self.constraints().all.iter().take(8).map(|of| format!("{:?}", of.name)).collect();
+        Err(Error::argument(
+            what,
+            format!("a scene with connections ({})", names.join(", ")),
+            "a tree: scene.without_connections() is the same one without them",
+        ))
     }
 
     /// Derivatives at one state, arguments checked, with scratch for as long as it lasts.
@@ -190,7 +240,17 @@ impl Scene {
         }
     }
 
-    /// Whether the arguments of a state have the lengths that an algorithm reads.
+    /// Whether the kernels, which know the tree only, would give an algorithm's result wrong.
+    fn goes_through_connections(&self, algorithm: Algorithm) -> bool {
+        let is_forward = match algorithm {
+            Algorithm::ForwardDynamics(_) | Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) => true,
+            Algorithm::Products(which) => which.form().is_some(),
+            _ => false,
+        };
+        is_forward && !self.constraints().is_empty()
+    }
+
+    /// Whether the kernels compute a state: its arguments have the lengths that an algorithm reads, and no connections take part.
     pub(crate) fn fits<P>(&self, algorithm: Algorithm, state: &Arguments<'_, P>) -> bool {
         let (rates, third) = algorithm.reads();
         let [qd, u] = [rates, third.is_some()].map(|is_read| if is_read { self.nv() } else { 0 });
@@ -198,6 +258,7 @@ impl Scene {
         let seeded = state.seed.iter().enumerate().all(|(i, seed)| seed.len() == self.seed_width(algorithm, i));
         (state.q.len(), state.qd.len(), state.u.len()) == (self.nq(), qd, u)
             && seeded
+            && !self.goes_through_connections(algorithm)
             && (forces == 0 || forces == self.model().bodies.len())
     }
 

@@ -27,6 +27,7 @@ pub(crate) mod auto;
 pub(crate) mod centroidal;
 mod checked;
 mod columns;
+pub(crate) mod constraints;
 pub(crate) mod coupled;
 pub mod derivatives;
 pub(crate) mod energy;
@@ -47,6 +48,7 @@ pub(crate) use inverse::bias_forces_base_to_tip;
 
 #[doc(hidden)]
 pub use auto::{Choice, forward_dynamics_auto};
+pub use constraints::ConstraintScratch;
 pub use energy::{Energy, energy, kinetic_energy, momentum};
 pub use estimate::{Estimate, EstimateCovariance, EstimateScratch, Measurements, estimate, estimate_covariance};
 pub use forward::{factorise, forward_dynamics, solve};

@@ -27,6 +27,7 @@ pub(crate) mod frame;
 pub(crate) mod inward;
 pub(crate) mod jacobian;
 pub(crate) mod outward;
+pub(crate) mod pair;
 
 pub use frame::{ACCELERATION_KINDS, AccelerationKind, Frame, REFERENCE_FRAMES, ReferenceFrame};
 #[doc(hidden)]

@@ -17,6 +17,8 @@
 //! The diagonal on the left is the covariance of measurement noise, as armature is: the filter takes it in the pivot,
 //! D = H P^- H* + r + h d + h^2 k, and the step costs what an explicit one does.
 //!
+//! Scenes with connections move through them: accelerations meet J qdd + J' qd = 0, and a [`Stabilisation`] keeps positions and velocities on them.
+//!
 //! A [`Rollout`] is a batch of states through many steps, a [`Simulator`] one that goes on call by call; [`Settings`] is what both need, with what the joints do by
 //! themselves ([`Properties`]), a control law ([`Gains`]) and a [`Method`]. [`Rollout::gradients`] goes back through the steps. `Adaptive` (feature `adaptive`) picks
 //! its own steps.
@@ -41,6 +43,7 @@
 pub(crate) mod adaptive;
 mod backward;
 mod conserve;
+mod constrained;
 mod gradient;
 pub(crate) mod manifold;
 pub(crate) mod method;
@@ -54,6 +57,7 @@ mod stepper;
 #[cfg(feature = "adaptive")]
 pub use adaptive::{Adaptive, Failure, Solution, Solver, TorqueLaw};
 pub use conserve::Correction;
+pub use constrained::Stabilisation;
 pub use gradient::{RecordedRows, RolloutGradients};
 pub use method::{METHODS, Method};
 pub use properties::{FRICTION_SPEED, Gains, Properties};

@@ -1,6 +1,7 @@
 //! A batch of states through time: on threads, in lanes, some steps at a call.
 
 use super::conserve::{self, Correction, KEPT, Keeper};
+use super::constrained::{Stabilisation, check_start};
 use super::method::Method;
 use super::properties::{Gains, Properties};
 use super::step::Law;
@@ -34,6 +35,8 @@ pub struct Settings {
     /// the tree, as large as the step's error in them ([`Rollout::correction`] tells). Every tree must hang on the base by a free joint
     /// without armature, damping, spring, friction, control law or torque.
     pub conserve_momentum: bool,
+    /// What keeps the states of a scene with connections on them.
+    pub stabilisation: Stabilisation,
 }
 
 impl Settings {
@@ -49,6 +52,7 @@ impl Settings {
             gains: None,
             arm: Arm::of_process(),
             conserve_momentum: false,
+            stabilisation: Stabilisation::default(),
         }
     }
 }
@@ -140,11 +144,11 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// # Errors
     ///
     /// A step that is not finite and positive, a form other than auto and covariance; wrong lengths, numbers that are not finite,
-    /// negative properties, quaternions that are not unit; momentum that cannot be kept.
+    /// negative properties, quaternions that are not unit; momentum that cannot be kept; a state that does not meet the connections ([`Scene::project`] gives one that does).
     pub fn new(scene: S, settings: Settings, q: &[f64], qd: &[f64]) -> Result<Self, Error> {
         let coupling = scene.borrow().shared_coupling();
         let holds: &Scene = scene.borrow().tree();
-        let Settings { dt, method, form, properties, gains, arm, conserve_momentum } = settings;
+        let Settings { dt, method, form, properties, gains, arm, conserve_momentum, stabilisation } = settings;
         if !(dt.is_finite() && dt > 0.0) {
             return Err(Error::argument("dt", format!("{dt}"), "a step in s, finite and positive"));
         }
@@ -153,6 +157,14 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return Err(Error::argument("form", format!("{found:?}"), "\"auto\" or \"covariance\" for a rollout"));
         }
         properties.check(holds)?;
+        if let Stabilisation::Baumgarte(rate) = stabilisation
+            && !(rate.is_finite() && rate > 0.0)
+        {
+            return Err(Error::argument("baumgarte", format!("{rate}"), "a rate in 1/s, finite and positive"));
+        }
+        if conserve_momentum {
+            holds.check_no_connections("conserve_momentum")?;
+        }
         let (nq, nv) = (holds.nq(), holds.nv());
         let states = q.len().checked_div(nq).unwrap_or(1);
         if q.len() != states * nq || qd.len() != states * nv {
@@ -166,7 +178,10 @@ impl<S: Borrow<Scene>> Rollout<S> {
             gains.check(holds, states)?;
         }
         let roots = if conserve_momentum { conserve::roots(holds, &properties, gains.as_ref())? } else { Vec::new() };
-        let law = Law::new(holds.model(), dt, method, (properties, gains), roots).with_coupling(coupling);
+        let mut law = Law::new(holds.model(), dt, method, (properties, gains), roots).with_coupling(coupling);
+        if !holds.constraints().is_empty() {
+            law.connected = Some(stabilisation);
+        }
         let keeper = Keeper::new(holds.model(), &law.roots);
         let current = memory::filled("q, qd", states.saturating_mul(law.width(holds)), 0.0)?;
         let begun = memory::filled("q, qd", states, 0)?;
@@ -186,6 +201,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     pub(super) fn check_state(&self, q: &[f64], qd: &[f64]) -> Result<(), Error> {
         self.scene().check_configuration("q", q)?;
         self.scene().check_rates("qd", qd)?;
+        check_start(self.scene(), q, qd)?;
         self.law.coupling.as_ref().map_or(Ok(()), |coupling| coupling.check_followed(q, qd))
     }
 
@@ -216,7 +232,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// What it was made with; a copy.
     #[must_use]
     pub fn settings(&self) -> Settings {
-        let Law { step, method, properties, gains, roots, .. } = &self.law;
+        let Law { step, method, properties, gains, roots, connected, .. } = &self.law;
         Settings {
             dt: *step,
             method: *method,
@@ -225,6 +241,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             gains: gains.clone(),
             arm: self.arm,
             conserve_momentum: !roots.is_empty(),
+            stabilisation: connected.unwrap_or_default(),
         }
     }
 
@@ -294,7 +311,12 @@ impl<S: Borrow<Scene>> Rollout<S> {
     #[doc(hidden)]
     pub fn cost(&self) -> usize {
         const ONE_BODY: usize = 100;
+        /// About as many times as long through connections, one state at a time.
+        const CONNECTED: usize = 20;
         let one_by_one = ONE_BODY * self.law.tableau.stages * self.scene().model().bodies.len().max(1);
+        if self.law.connected.is_some() {
+            return CONNECTED * one_by_one;
+        }
         one_by_one / self.arm.lanes(size_of::<f64>()).min(self.states.max(1))
     }
 

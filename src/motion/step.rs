@@ -1,6 +1,7 @@
 //! One step of one state, or of one state a lane, by any method.
 
 use super::conserve::{KEPT, Keeper};
+use super::constrained::Stabilisation;
 use super::manifold::{advance, carry_back};
 use super::method::{Method, STAGES, Tableau};
 use super::properties::{Gains, Properties};
@@ -34,6 +35,8 @@ pub(super) struct Law {
     pub coupling: Option<Arc<Coupling>>,
     /// Whether some joint has friction.
     pub rubs: bool,
+    /// Of a scene with connections, what keeps states on them.
+    pub connected: Option<Stabilisation>,
     /// Bodies whose joints have a spring, and bodies that the control law pulls.
     pub sprung: Vec<bool>,
     pub pulled: Vec<bool>,
@@ -63,12 +66,18 @@ impl Law {
             properties,
             gains,
             roots,
+            connected: None,
         }
     }
 
     /// The same for joints that follow each other.
     pub fn with_coupling(self, coupling: Option<Arc<Coupling>>) -> Self {
         Self { coupling, ..self }
+    }
+
+    /// Whether steps are those of a tree whose joints are independent: what the lanes know.
+    pub fn is_a_free_tree(&self) -> bool {
+        self.coupling.is_none() && self.connected.is_none()
     }
 
     /// The same for a way back, which tells of springs that are not there too: how far every joint is from rest.

@@ -1,6 +1,7 @@
 //! A few states at once, one in each lane, through many steps compiled for one arm.
 
 use super::conserve::KEPT;
+use super::constrained::{Closed, Constrained, Stabilisation};
 use super::properties::{joint_of_row, of_state};
 use super::rollout::{StepFault, Torque};
 use super::step::{Checked, Law, Plain, Scratch, Watched, step};
@@ -125,25 +126,41 @@ impl<T: Vectorised<Number = f64>, I: Target> Compiled<T, I> {
 struct Alone {
     scratch: Scratch<f64>,
     solver: Checked,
+    /// Of a scene with connections, whose steps are all of this kind.
+    closed: Option<Closed>,
 }
 
 impl Alone {
     #[cold]
-    fn new(model: &Model<f64>, law: &Law, form: Form) -> Self {
-        Self { scratch: Scratch::new(model, law), solver: Checked::new(model, law, form) }
+    fn new(scene: &Scene, law: &Law, form: Form) -> Self {
+        let model = scene.model();
+        let closed = law.connected.map(|_| Closed::new(scene, form));
+        Self { scratch: Scratch::new(model, law), solver: Checked::new(model, law, form), closed }
     }
 
     /// The step of one state; the joint and the error, where there is none.
     #[inline(never)]
     fn step(&mut self, scene: &Scene, law: &Law) -> Result<(), (String, Error)> {
-        step(law, &mut self.scratch, &mut self.solver);
+        let mut lost = None;
+        if let Some(closed) = &mut self.closed {
+            let alpha = if let Some(Stabilisation::Baumgarte(rate)) = law.connected { Some(rate) } else { None };
+            let mut solver = Constrained { scene, scratch: closed, alpha };
+            step(law, &mut self.scratch, &mut solver);
+            match solver.finish(&mut self.scratch) {
+                Ok(()) => {}
+                Err((_, Some(error))) => return Err((String::new(), error)),
+                Err((found, None)) => lost = found,
+            }
+        } else {
+            step(law, &mut self.scratch, &mut self.solver);
+            lost = self.solver.lost.take();
+        }
         if let Some(coupling) = &law.coupling {
             // Joints follow each other exactly, not but for the rounding of many steps.
             let s = &mut self.scratch;
             s.q_next = coupling.configuration(&coupling.independent_coordinates(&s.q_next));
             s.v_next = coupling.rates(&coupling.independent_rates(&s.v_next));
         }
-        let lost = self.solver.lost.take();
         fault_of(scene, law, &self.scratch, lost).map_or(Ok(()), Err)
     }
 }
@@ -231,8 +248,8 @@ impl<T: Vectorised<Number = f64>, I: Target> Work for Run<'_, '_, T, I> {
                 }
             }
             let mut doubt = match form {
-                // There are no kernels for it: one after another.
-                _ if law.coupling.is_some() => u64::MAX,
+                // The lanes know free trees only: one state after another.
+                _ if !law.is_a_free_tree() => u64::MAX,
                 Form::Covariance => step(law, s, &mut plain) | strayed(law, s),
                 _ => step(law, s, &mut watched) | strayed(law, s),
             };
@@ -301,7 +318,7 @@ fn again<T: Vectorised<Number = f64>>(
     (n, first): (usize, usize),
     mut doubt: u64,
 ) -> Result<(), StepFault> {
-    let alone = alone.get_or_insert_with(|| Box::new(Alone::new(scene.model(), law, form)));
+    let alone = alone.get_or_insert_with(|| Box::new(Alone::new(scene, law, form)));
     while doubt != 0 {
         let lane = doubt.trailing_zeros() as usize;
         doubt &= doubt - 1;

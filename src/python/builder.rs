@@ -138,7 +138,7 @@ impl PySceneBuilder {
     ///
     /// Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
     /// two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
-    /// friction, lower above upper, a floating base of what floats already. Warns InertiaWarning for
+    /// friction, lower above upper, a floating base of what floats already; naming the connection, for links or joints that are not there or cannot be connected. Warns InertiaWarning for
     /// inertias that no body can have, and MimicWarning, as Scene.from_urdf does.
     #[pyo3(signature = (floating_base=None, gravity=None, strict=None, *, leave_out=None, mimic=None))]
     fn build(
@@ -190,7 +190,10 @@ impl PySceneBuilder {
     }
 
     fn __repr__(&self) -> String {
-        format!("<phipsi.SceneBuilder: {} links, {} joints>", self.builder.links().len(), self.builder.joints().len())
+        let (links, joints, connections) =
+            (self.builder.links().len(), self.builder.joints().len(), self.builder.connections().len());
+        let closed = if connections > 0 { format!(", {connections} connections") } else { String::new() };
+        format!("<phipsi.SceneBuilder: {links} links, {joints} joints{closed}>")
     }
 }
 
@@ -203,7 +206,7 @@ pub(super) fn rebuild_builder(description: &Object<'_>) -> PyResult<PySceneBuild
 
 impl PySceneBuilder {
     /// Through the builder's methods, which take it and give it back.
-    fn change(&mut self, step: impl FnOnce(SceneBuilder) -> SceneBuilder) {
+    pub(super) fn change(&mut self, step: impl FnOnce(SceneBuilder) -> SceneBuilder) {
         self.builder = step(std::mem::take(&mut self.builder));
     }
 }
@@ -220,7 +223,7 @@ pub(super) fn inertial(
     Ok(Inertial { mass, centre, central })
 }
 
-fn optional_triple(name: &str, value: Option<&Object<'_>>, default: [f64; 3]) -> PyResult<[f64; 3]> {
+pub(super) fn optional_triple(name: &str, value: Option<&Object<'_>>, default: [f64; 3]) -> PyResult<[f64; 3]> {
     value.map_or(Ok(default), |value| input::triple(name, value))
 }
 
@@ -240,7 +243,7 @@ fn symmetric(name: &str, value: &Object<'_>) -> PyResult<Symmetric3<f64>> {
 }
 
 /// The rotation of an origin, from angles or from a matrix.
-fn orientation(
+pub(super) fn orientation(
     of_joint: &dyn Fn(&str) -> String,
     rpy: Option<&Object<'_>>,
     rotation: Option<&Object<'_>>,

@@ -1,6 +1,7 @@
 //! A scene as plain tuples of numbers and names, for pickling; and in one line, for `repr`.
 
 use super::choice::{choose, name_of_mimic, names, read_mimic};
+use super::connections::{ConnectionTuple, connection_of, connection_tuple};
 use super::object::Object;
 use crate::error::{Error, number};
 use crate::memory;
@@ -39,7 +40,7 @@ pub(super) type JointTuple = (
 type LockedTuple = (String, String, Option<f64>);
 
 /// Version, gravity, floating base, strict, links, joints, names of what is left out, joints that were locked, what the free joint of a
-/// floating base has (armature, damping, friction, stiffness), the file that all of it comes from, what becomes of mimic joints.
+/// floating base has (armature, damping, friction, stiffness), the file that all of it comes from, what becomes of mimic joints, connections.
 #[derive(IntoPyObject, FromPyObject)]
 pub(super) struct Description(
     u32,
@@ -53,6 +54,7 @@ pub(super) struct Description(
     [f64; 4],
     Option<PathBuf>,
     String,
+    Vec<ConnectionTuple>,
 );
 
 /// Where the links are in a description.
@@ -86,6 +88,7 @@ impl Description {
             root,
             source.file().map(Path::to_owned),
             name_of_mimic(source.of_mimic_joints()).to_owned(),
+            source.connections().iter().map(connection_tuple).collect(),
         ))
     }
 
@@ -99,7 +102,8 @@ impl Description {
 
     /// The builder that it was made from.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
-        let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, mimic) = self;
+        let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, mimic, connections) =
+            self;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
@@ -116,6 +120,9 @@ impl Description {
         }
         for joint in joints {
             builder = builder.joint(joint_of(joint)?);
+        }
+        for connection in connections {
+            builder = builder.connect(connection_of(connection)?);
         }
         let kind = |(name, kind, pitch): LockedTuple| joint_kind(&name, &kind, pitch).map(|kind| (name, kind));
         let locked = locked.into_iter().map(kind).collect::<Result<_, _>>()?;
@@ -251,11 +258,15 @@ pub(super) fn summary(scene: &Scene) -> String {
     }
     let kinds = kinds.iter().map(|(name, count)| format!("{count} {name}")).collect::<Vec<_>>().join(", ");
     let kinds = if kinds.is_empty() { String::new() } else { format!(" ({kinds})") };
+    let closed = match scene.connections().len() {
+        0 => String::new(),
+        count => format!(", {count} connections"),
+    };
     let [x, y, z]: [f64; 3] = scene.model().gravity.into();
     let followers = scene.tree().joints().len() - scene.joints().len();
     let followers = if followers == 0 { String::new() } else { format!(" and {followers} that follow") };
     format!(
-        "<phipsi.Scene: nq={}, nv={}, {} joints{kinds}{followers}, {} links, {} merged joints, {} base, gravity ({x}, {y}, {z})>",
+        "<phipsi.Scene: nq={}, nv={}, {} joints{kinds}{followers}, {} links, {} merged joints{closed}, {} base, gravity ({x}, {y}, {z})>",
         scene.nq(),
         scene.nv(),
         scene.joints().len(),

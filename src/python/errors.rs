@@ -37,8 +37,10 @@ pub(super) fn of_batch(py: Python<'_>, error: &Error, batch: &[usize]) -> PyErr 
 fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> {
     let mut message = error.to_string();
     let attributes = PyDict::new(py);
-    if let Error::NotFinite { state, .. } | Error::SingularJoint { state, .. } | Error::SingularTask { state, .. } =
-        error
+    if let Error::NotFinite { state, .. }
+    | Error::SingularJoint { state, .. }
+    | Error::SingularTask { state, .. }
+    | Error::Constraint { state, .. } = error
     {
         let index = state.map(|state| batch_index(py, state, batch)).transpose()?;
         if let (Some(index), true) = (&index, batch.len() > 1) {
@@ -72,6 +74,11 @@ fn to_python(py: Python<'_>, error: &Error, batch: &[usize]) -> PyResult<PyErr> 
             attributes.set_item("rank", rank)?;
             attributes.set_item("directions", directions)?;
             "SingularTaskError"
+        }
+        Error::Constraint { fault, .. } => {
+            attributes.set_item("connections", PyTuple::new(py, &fault.connections)?)?;
+            attributes.set_item("residual", fault.residual)?;
+            "ConstraintError"
         }
         Error::Memory { argument, shortage } => {
             attributes.set_item("argument", argument)?;

@@ -16,6 +16,8 @@ mod centroidal;
 mod changes;
 mod choice;
 mod configuration;
+mod connections;
+mod constraints;
 mod control;
 mod cost;
 mod counts;

@@ -67,20 +67,21 @@ impl PyScene {
     /// some twenty times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the
     /// parabola that weight gives it, to rounding: a step ends with a rigid motion of the tree, as large as the step's error in
     /// them, which leaves the order as it is and costs O(N). Every tree must hang on the base by a free joint that nothing acts
-    /// along: no tau, pd, damping, stiffness, friction or armature there (ArgumentError).
+    /// along: no tau, pd, damping, stiffness, friction or armature there (ArgumentError). baumgarte: of a scene with connections; None: positions and velocities are
+    /// projected onto them after each step (see project); a rate a in 1/s: accelerations take errors back instead, J qdd + J' qd = -2 a J qd - a^2 error.
     ///
     /// Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first
-    /// the start; momentum_correction, the largest that conserve_momentum made, else None. The same bits for any number of threads.
+    /// the start; momentum_correction, the largest that conserve_momentum made, else None; drift, how far rows are from the connections. The same bits for any number of threads.
     ///
-    /// Raises SimulationError where motion diverges, a pivot is lost, or tau raises, with the rows of the finished
-    /// steps; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; OutOfMemoryError where the rows have no room;
+    /// Raises SimulationError where motion diverges, a pivot is lost, connections cannot hold, or tau raises, with the rows of the finished
+    /// steps; ConstraintError for a start that does not meet the connections; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; OutOfMemoryError where the rows have no room;
     /// ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd, *, dt, steps, tau=None, tau_steps=None, method="rk4", record_every=None, pd=None,
                         armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED, form="auto",
-                        progress=None, conserve_momentum=false),
+                        progress=None, conserve_momentum=false, baumgarte=None),
            text_signature = "($self, q, qd, *, dt, steps, tau=None, tau_steps=None, method='rk4', record_every=1, \
                              pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01, \
-                             form='auto', progress=None, conserve_momentum=False)")]
+                             form='auto', progress=None, conserve_momentum=False, baumgarte=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulate<'py>(
         slf: &Bound<'py, Self>,
@@ -102,6 +103,7 @@ impl PyScene {
         form: &str,
         progress: Option<&Object<'py>>,
         conserve_momentum: bool,
+        baumgarte: Option<f64>,
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
@@ -120,6 +122,7 @@ impl PyScene {
             friction_speed,
             form,
             conserve_momentum,
+            baumgarte,
         };
         let (mut settings, pd) = keywords.read(own)?;
         let q = own.on_tree(py, own.configuration("q", q)?, Coupling::configuration)?;

@@ -8,7 +8,7 @@ use super::scene::PyScene;
 use super::simulator::PySimulator;
 use crate::error::Error;
 use crate::memory;
-use crate::motion::{Gains, Properties, Settings};
+use crate::motion::{Gains, Properties, Settings, Stabilisation};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -30,12 +30,15 @@ impl PySimulator {
 impl PySimulator {
     /// The keywords of Scene.simulator that give these settings.
     fn keywords<'py>(&self, py: Python<'py>, settings: Settings) -> PyResult<Bound<'py, PyDict>> {
-        let Settings { dt, method, form, properties, gains, conserve_momentum, arm: _ } = settings;
+        let Settings { dt, method, form, properties, gains, conserve_momentum, stabilisation, arm: _ } = settings;
         let keywords = PyDict::new(py);
         keywords.set_item("dt", dt)?;
         keywords.set_item("method", method.name())?;
         keywords.set_item("form", name_of(form))?;
         keywords.set_item("conserve_momentum", conserve_momentum)?;
+        if let Stabilisation::Baumgarte(rate) = stabilisation {
+            keywords.set_item("baumgarte", rate)?;
+        }
         keywords.set_item("friction_speed", properties.friction_speed)?;
         let own = self.scene.get();
         let is_given = own.scene.coupling().is_none() || properties != Properties::of(&own.scene);

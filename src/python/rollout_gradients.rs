@@ -82,6 +82,7 @@ impl PyScene {
             friction_speed,
             form,
             conserve_momentum: false,
+            baumgarte: None,
         };
         let (mut settings, pd) = keywords.read(own)?;
         let given = Given::read(tau, tau_steps, steps, own)?;

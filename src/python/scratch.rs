@@ -3,7 +3,7 @@
 use crate::batch::evaluator::{Evaluated, Evaluator};
 use crate::dynamics::derivatives::HessianScratch;
 use crate::dynamics::operational::OperationalScratch;
-use crate::dynamics::{Estimate, EstimateCovariance, EstimateScratch};
+use crate::dynamics::{ConstraintScratch, Estimate, EstimateCovariance, EstimateScratch};
 use crate::scalar::MOST_LANES;
 use crate::scene::Scene;
 use crate::spatial::{RigidShift, SpatialVector};
@@ -21,6 +21,8 @@ pub(super) struct Scratch {
     pub estimation: Option<Estimation>,
     /// For operational space only.
     pub operational: Option<OperationalScratch<f64>>,
+    /// For closed loops only.
+    pub constraints: Option<ConstraintScratch>,
     /// For Hessians only.
     hessians: Option<HessianScratch>,
     /// What runs the kernels in lanes, of float64 and of float32.
@@ -40,6 +42,7 @@ impl Scratch {
             workspace: Workspace::new(scene.model()),
             estimation: None,
             operational: None,
+            constraints: None,
             hessians: None,
             evaluator: None,
             evaluator_f32: None,

@@ -75,15 +75,15 @@ impl PyScene {
     /// States to advance step by step: an object that keeps them, and its scratch, between the steps.
     ///
     /// q: (..., nq); qd: (..., nv), zero if not given; leading axes broadcast to those of the batch. dt, method, form, pd, armature, damping,
-    /// stiffness, rest, friction, friction_speed, conserve_momentum: as in simulate, for all steps.
+    /// stiffness, rest, friction, friction_speed, conserve_momentum, baumgarte: as in simulate, for all steps.
     ///
     /// Returns a phipsi.Simulator. Simulator.step(tau) costs what forward dynamics does, a stage, and some tenths of a microsecond.
     ///
     /// Raises OutOfMemoryError for more states than there is room for; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd=None, *, dt, method="rk4", pd=None, armature=None, damping=None, stiffness=None, rest=None,
-                        friction=None, friction_speed=FRICTION_SPEED, form="auto", conserve_momentum=false),
+                        friction=None, friction_speed=FRICTION_SPEED, form="auto", conserve_momentum=false, baumgarte=None),
            text_signature = "($self, q, qd=None, *, dt, method='rk4', pd=None, armature=None, damping=None, stiffness=None, \
-                             rest=None, friction=None, friction_speed=0.01, form='auto', conserve_momentum=False)")]
+                             rest=None, friction=None, friction_speed=0.01, form='auto', conserve_momentum=False, baumgarte=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulator<'py>(
         slf: &Bound<'py, Self>,
@@ -100,6 +100,7 @@ impl PyScene {
         friction_speed: f64,
         form: &str,
         conserve_momentum: bool,
+        baumgarte: Option<f64>,
     ) -> PyResult<PySimulator> {
         let (py, own) = (slf.py(), slf.get());
         let keywords = Keywords {
@@ -114,6 +115,7 @@ impl PyScene {
             friction_speed,
             form,
             conserve_momentum,
+            baumgarte,
         };
         let (mut settings, pd) = keywords.read(own)?;
         let [q, qd] = own.state_of_tree(py, q, qd)?;

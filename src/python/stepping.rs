@@ -8,7 +8,7 @@ use super::object::{Object, imported};
 use super::output::from_numbers;
 use super::scene::PyScene;
 use crate::batch::Fault;
-use crate::motion::{Correction, Method, Properties, Settings, StepFault};
+use crate::motion::{Correction, Method, Properties, Settings, Stabilisation, StepFault};
 use crate::scene::Coupling;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -30,6 +30,7 @@ pub(super) struct Keywords<'a, 'py> {
     pub friction_speed: f64,
     pub form: &'a str,
     pub conserve_momentum: bool,
+    pub baumgarte: Option<f64>,
 }
 
 impl<'py> Keywords<'_, 'py> {
@@ -38,6 +39,7 @@ impl<'py> Keywords<'_, 'py> {
         let mut settings = Settings::new(&own.scene, self.dt);
         settings.method = Method::named(self.method)?;
         settings.conserve_momentum = self.conserve_momentum;
+        settings.stabilisation = self.baumgarte.map_or(Stabilisation::Projection, Stabilisation::Baumgarte);
         settings.form = read_form(self.form)?;
         let properties = &mut settings.properties;
         for (name, given, place) in [
@@ -79,6 +81,7 @@ impl<'py> Keywords<'_, 'py> {
         given.set_item("friction_speed", self.friction_speed)?;
         given.set_item("form", self.form)?;
         given.set_item("conserve_momentum", self.conserve_momentum)?;
+        given.set_item("baumgarte", self.baumgarte)?;
         Ok(given)
     }
 }

@@ -2,6 +2,7 @@
 
 use super::Scene;
 use super::assembly::{Tree, assemble};
+use super::connection::Connection;
 use super::description::{JointDescription, LinkDescription, MimicJoints, SceneWarning};
 use super::inertia_check::check_numbers;
 use super::joint_check::check_joint;
@@ -49,6 +50,8 @@ pub(crate) const A_LINK: usize = 2_000;
 pub struct SceneBuilder {
     pub(super) links: Vec<LinkDescription>,
     pub(super) joints: Vec<JointDescription>,
+    /// What closes loops.
+    pub(super) connections: Vec<Connection>,
     pub(super) gravity: Vector3<f64>,
     pub(super) floating_base: bool,
     pub(super) strict: bool,
@@ -80,6 +83,7 @@ impl SceneBuilder {
         Self {
             links: Vec::new(),
             joints: Vec::new(),
+            connections: Vec::new(),
             gravity: Vector3::new(0.0, 0.0, -9.81),
             floating_base: false,
             strict: false,
@@ -264,7 +268,9 @@ impl SceneBuilder {
     /// with two parents, two roots, a cycle, an axis of no direction, numbers that are not finite, a negative mass,
     /// armature, damping, friction or stiffness, a rest that is no configuration of the joint, lower limit above upper; a
     /// floating base for what floats already, under a root link without mass; with [`MimicJoints::Coupled`] a mimic of what does not move, of a joint of several
-    /// coordinates, or in a circle; and what [`SceneBuilder::strict`] makes one.
+    /// coordinates, or in a circle; and what [`SceneBuilder::strict`] makes one. Naming the
+    /// connection, for: a name used twice, an unknown link or joint, links that are rigidly attached to each other, frames that are none, an axis of no direction, a
+    /// length that is not above zero, joints of several axes.
     pub fn build(self) -> Result<Scene, Error> {
         memory::room("links", memory::bytes_of::<[u8; A_LINK]>(&[self.links.len()]))?;
         let tree = self.check_tree().map_err(|error| self.with_notes(error))?;
@@ -272,7 +278,7 @@ impl SceneBuilder {
         self.check_base(&tree)?;
         let warnings = self.warnings(&tree)?;
         let mimic_joints = self.mimic_joints;
-        let scene = assemble(Scene::unfilled(self, warnings), &tree)?;
+        let scene = assemble(Scene::unfilled(self, warnings), &tree)?.connected()?;
         if mimic_joints == MimicJoints::Coupled { Scene::coupled(scene) } else { Ok(scene) }
     }
 
@@ -308,7 +314,7 @@ impl SceneBuilder {
                 return Err(Error::scene(
                     format!("link {:?}", joint.child),
                     format!("two parent joints, {:?} and {:?}", self.joints[other].name, joint.name),
-                    "one parent joint a link (loops are not supported)",
+                    "one parent joint a link (SceneBuilder.connect closes loops)",
                 ));
             }
             parent_joint[child] = Some(j);
@@ -350,7 +356,7 @@ impl SceneBuilder {
     }
 
     /// A short list of the links, for messages; how to declare the ground, for the link that many files leave out.
-    fn known_links(&self, wanted: &str) -> String {
+    pub(super) fn known_links(&self, wanted: &str) -> String {
         let names: Vec<_> = self.links.iter().take(8).map(|l| format!("{:?}", l.name)).collect();
         let more = if self.links.len() > 8 { ", ..." } else { "" };
         let listed = format!("one of the links {}{more}", names.join(", "));

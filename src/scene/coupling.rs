@@ -256,6 +256,11 @@ impl Scene {
     /// The scene of a tree whose mimic joints follow: the tree itself where it has none.
     pub(super) fn coupled(tree: Self) -> Result<Self, Error> {
         let Some(follows) = followed(&tree)? else { return Ok(tree) };
+        if let Some(connection) = tree.connections().first() {
+            let expected = "mimic=\"free\", and a connection of each mimic joint with the one that it follows";
+            let found = "joints that follow others (mimic) beside a connection";
+            return Err(Error::scene(format!("connection {:?}", connection.name), found, expected));
+        }
         let mut joints = Vec::with_capacity(tree.joints.len());
         let (mut q, mut v) = (vec![], vec![]);
         let (mut independent_q, mut independent) = (Vec::new(), Vec::new());

@@ -1,6 +1,7 @@
 //! Locking joints: a new scene with those joints folded into the bodies around them.
 
 use super::Scene;
+use super::connection::{ConnectionKind, tidy};
 use super::description::JointDescription;
 use super::properties::Properties;
 use crate::error::Error;
@@ -8,18 +9,20 @@ use crate::joints::JointKind;
 use crate::kinematics::joint_shift;
 use crate::spatial::RigidShift;
 use crate::watch;
-use nalgebra::Matrix3;
+
+/// How much a connection of links that are locked onto each other may be off, m or rad.
+const HELD: f64 = 1e-6;
 
 impl Scene {
     /// The scene with `joints` fixed where the configuration `q` has them; names of links stay.
     ///
     /// A link on a locked joint becomes part of the body that carries it, and so a subtree whose joints are all locked; what is
     /// locked onto the base is no body at all. M, bias and accelerations are those of this scene with the locked rows left out and the locked
-    /// rates zero. Joints that follow a locked one are locked with it.
+    /// rates zero. Joints that follow a locked one are locked with it. Connections stay, but for those whose two ends are locked onto each other.
     ///
     /// # Errors
     ///
-    /// An unknown joint, or a bad configuration.
+    /// An unknown joint, a bad configuration, and a connection that does not hold there and never can.
     pub fn lock(&self, joints: &[&str], q: &[f64]) -> Result<Self, Error> {
         self.check_coordinates("q", q)?;
         if let Some(coupling) = self.coupling() {
@@ -48,7 +51,59 @@ impl Scene {
                 description.origin = tidy(&moved);
             }
         }
+        self.lock_connections(&mut source, joints, q)?;
         source.build()
+    }
+
+    /// The connections of the locked scene: couplings of locked joints with what these are held at, and without those whose ends are rigidly attached to
+    /// each other by now, if they hold at `q`.
+    fn lock_connections(&self, source: &mut super::SceneBuilder, joints: &[&str], q: &[f64]) -> Result<(), Error> {
+        if self.constraints().is_empty() {
+            return Ok(());
+        }
+        let connections = std::mem::take(&mut source.connections);
+        let tree = source.clone().build()?;
+        let held =
+            |name: &str| joints.contains(&name).then(|| self.joint(name).ok().map(|joint| q[joint.q.start])).flatten();
+        for (mut connection, constraint) in connections.into_iter().zip(&self.constraints().all) {
+            let is_rigid = if let ConnectionKind::Joint { multiplier, offset } = &mut connection.kind {
+                if let Some(other) = connection.other.as_deref().and_then(held) {
+                    *offset += *multiplier * other;
+                    connection.other = None;
+                }
+                match (held(&connection.link), connection.other.take()) {
+                    (None, other) => {
+                        connection.other = other;
+                        false
+                    }
+                    (Some(_), None) => true,
+                    (Some(first), Some(other)) => {
+                        // The other is held by the first, unless it does not matter to it.
+                        *offset = (first - *offset) / *multiplier;
+                        connection.link = other;
+                        *multiplier == 0.0
+                    }
+                }
+            } else {
+                let body = |name: &str| tree.link(name).map(|link| tree.carrier(link.body));
+                body(&connection.link)? == connection.other.as_deref().map_or(Ok(None), body)?
+            };
+            if !is_rigid {
+                source.connections.push(connection);
+                continue;
+            }
+            let mut errors = vec![f64::NAN; constraint.rows().len()];
+            let told = constraint.error(self.model(), q, &mut errors);
+            let error = errors.iter().fold(0.0_f64, |largest, error| largest.max(error.abs()));
+            if told.is_none() || !(error <= HELD) {
+                return Err(Error::scene(
+                    format!("connection {:?}", connection.name),
+                    format!("an error of {error:.1e} (m or rad) that the locked joints leave as it is"),
+                    "a configuration that meets the connections, as scene.project gives it",
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// The child link's frame seen from the parent link's, at `q`.
@@ -89,10 +144,4 @@ fn on_a_base(mut source: super::SceneBuilder, free: &super::Joint, placement: &R
     source.links.insert(0, super::LinkDescription { name: base, inertial: None });
     source.joints.insert(0, joint);
     source
-}
-
-/// The nearest rotation to one that products of rotations have worn by rounding: one Newton step, R (3 - R^T R)/2.
-fn tidy(shift: &RigidShift<f64>) -> RigidShift<f64> {
-    let r = shift.rotation;
-    RigidShift { rotation: r * (Matrix3::identity() * 3.0 - r.transpose() * r) * 0.5, lever: shift.lever }
 }

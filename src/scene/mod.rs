@@ -32,6 +32,8 @@ mod assembly;
 mod builder;
 mod checks;
 mod configuration;
+mod connection;
+pub(crate) mod constraint;
 mod coupling;
 mod description;
 mod inertia_check;
@@ -51,11 +53,13 @@ pub use crate::model::Model;
 pub use crate::model::{Body, Motion, Omissions};
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
+pub use connection::{Connection, ConnectionKind};
 pub use coupling::Coupling;
 pub use description::{Inertial, JointDescription, Limits, LinkDescription, Mimic, MimicJoints, SceneWarning};
 pub use properties::Property;
 pub use spring::Spring;
 
+use self::constraint::Constraints;
 use self::shared::Shared;
 use crate::error::Error;
 use crate::spatial::RigidShift;
@@ -109,6 +113,8 @@ pub struct Scene {
     joint_index: HashMap<String, usize>,
     /// How its joints follow each other, where some do.
     coupling: Option<Arc<Coupling>>,
+    /// What the connections are, by index.
+    constraints: Constraints,
     shared: Shared,
 }
 
@@ -128,8 +134,14 @@ impl Scene {
             link_index: HashMap::new(),
             joint_index: HashMap::new(),
             coupling: None,
+            constraints: Constraints::default(),
             shared: Shared::default(),
         }
+    }
+
+    /// The connections as the sweeps read them.
+    pub(crate) fn constraints(&self) -> &Constraints {
+        &self.constraints
     }
 
     /// Which scene this is, among all of this process: what is kept for one is never used for another.

@@ -4,6 +4,7 @@
 pub mod arm;
 pub mod gate;
 pub mod lanes;
+pub mod loops;
 #[cfg(feature = "dense")]
 pub mod matrices;
 pub mod oracle;

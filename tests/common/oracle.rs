@@ -11,7 +11,7 @@ use phipsi::scene::{Inertial, JointDescription, JointKind, ROOT_JOINT, SceneBuil
 use phipsi::spatial::RigidShift;
 
 pub type D = DoubleDouble;
-type V = Vector3<D>;
+pub type V = Vector3<D>;
 type R = Matrix3<D>;
 
 pub fn d(x: f64) -> D {
@@ -23,7 +23,7 @@ pub fn ds(values: &[f64]) -> Vec<D> {
     values.iter().copied().map(d).collect()
 }
 
-fn vector(v: &Vector3<f64>) -> V {
+pub fn vector(v: &Vector3<f64>) -> V {
     v.map(d)
 }
 
@@ -31,11 +31,11 @@ fn zero() -> V {
     V::from_element(d(0.0))
 }
 
-fn cross(a: &V, b: &V) -> V {
+pub fn cross(a: &V, b: &V) -> V {
     V::new(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 }
 
-fn inner(a: &V, b: &V) -> D {
+pub fn inner(a: &V, b: &V) -> D {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
@@ -448,6 +448,12 @@ impl Instant<'_> {
     pub fn placement(&self, link: &str) -> RigidShift<D> {
         let link = self.link(link);
         RigidShift { rotation: link.rotation, lever: link.position }
+    }
+
+    /// How a link moves without joint accelerations, in the world's axes: angular velocity, velocity of its origin, and the rates of both.
+    pub fn motion(&self, link: &str) -> [V; 4] {
+        let link = self.link(link);
+        [link.omega, link.velocity, link.alpha, link.acceleration]
     }
 
     /// The Jacobian of a link's (angular, linear) velocity at its origin and in its own frame.

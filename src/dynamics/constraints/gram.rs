@@ -1,0 +1,176 @@
+//! G = J M^-1 J* as the Gram matrix of what unit forces along the rows are to the filter, and its inverse where it has one.
+
+use super::rows::{begin, units_of_rows};
+use super::{ConstraintScratch, NoDirection};
+use crate::filter::{HingeMap, innovations, smoother};
+use crate::model::Model;
+use crate::scene::constraint::{Constraint, Constraints};
+use crate::spatial::{angular, linear, sum};
+use crate::workspace::Workspace;
+use nalgebra::{DMatrix, DVector};
+
+/// Eigenvalues of G, its diagonal scaled to one, that are lost in the rounding of its entries.
+const LOST: f64 = 1e-13;
+
+/// A row of W that is so small beside the terms that it is formed from moves nothing.
+const NOTHING: f64 = 1e-12;
+
+/// G^+ = S V mu^-1 V* S, S the scale that makes G's diagonal one, over the eigenvalues mu that mean something.
+#[derive(Debug, Clone, Default)]
+pub(super) struct GramInverse {
+    scale: Vec<f64>,
+    /// Columns V / sqrt(mu), (m x rank).
+    vectors: DMatrix<f64>,
+    pub rank: usize,
+}
+
+impl GramInverse {
+    fn of(gram: &DMatrix<f64>, sizes: &[f64]) -> Self {
+        let m = gram.nrows();
+        let moves = |i: usize| gram[(i, i)] > (NOTHING * sizes[i]).powi(2);
+        let scale: Vec<f64> = (0..m).map(|i| if moves(i) { gram[(i, i)].sqrt().recip() } else { 0.0 }).collect();
+        let scaled = DMatrix::from_fn(m, m, |i, j| gram[(i, j)] * scale[i] * scale[j]);
+        let eigen = scaled.symmetric_eigen();
+        let kept: Vec<usize> = (0..m).filter(|&i| eigen.eigenvalues[i] > LOST).collect();
+        let vectors = DMatrix::from_fn(m, kept.len(), |i, j| {
+            eigen.eigenvectors[(i, kept[j])] / eigen.eigenvalues[kept[j]].sqrt()
+        });
+        Self { scale, vectors, rank: kept.len() }
+    }
+
+    /// G^+ x, into `out`.
+    pub fn apply(&self, x: &[f64], out: &mut [f64]) {
+        let scaled = DVector::from_iterator(x.len(), x.iter().zip(&self.scale).map(|(x, s)| x * s));
+        let result = &self.vectors * self.vectors.tr_mul(&scaled);
+        for ((out, y), s) in out.iter_mut().zip(result.iter()).zip(&self.scale) {
+            *out = y * s;
+        }
+    }
+
+    /// The columns of S V mu^-1/2: rows of W*, combined by them, are orthonormal.
+    pub fn columns(&self) -> DMatrix<f64> {
+        let mut columns = self.vectors.clone();
+        for (i, scale) in self.scale.iter().enumerate() {
+            columns.row_mut(i).scale_mut(*scale);
+        }
+        columns
+    }
+}
+
+impl ConstraintScratch {
+    /// W and G^+ at `q`, with the factor of M in the workspace.
+    pub(super) fn factorise(
+        &mut self,
+        model: &Model<f64>,
+        constraints: &Constraints,
+        workspace: &Workspace<f64>,
+        q: &[f64],
+    ) -> Result<(), NoDirection> {
+        units_of_rows(model, constraints, (q, &workspace.rest), &mut self.units)?;
+        for constraint in &constraints.all {
+            for i in constraint.rows() {
+                self.whiten(model, workspace, constraint, i);
+            }
+        }
+        let gram = self.gram(model, constraints);
+        self.inverse = GramInverse::of(&gram, &self.sizes);
+        Ok(())
+    }
+
+    /// The row i of W*: a unit force along row i runs inward from the bodies that it acts on, through the measurements of each joint.
+    fn whiten(&mut self, model: &Model<f64>, workspace: &Workspace<f64>, constraint: &Constraint, i: usize) {
+        let Self { units, state, whitened, sizes, torque, estimates, .. } = self;
+        let (system, nv) = (&model.system, model.nv());
+        // What is measured is the torque of the row; a force on a body lowers the force that its joint has to transmit.
+        begin(constraint, &units[i], state, -1.0);
+        torque.fill(0.0);
+        for (v, unit) in units[i].torques.into_iter().flatten() {
+            torque[v] = unit;
+        }
+        let out = &mut whitened[i * nv..(i + 1) * nv];
+        let mut square = 0.0;
+        for &k in &constraint.path {
+            let stage = &system.stages[k];
+            let mut z = state[k];
+            for row in 0..stage.rows.count() {
+                let size = match stage.rows.row(row) {
+                    HingeMap::Axis(axis) if axis < 3 => angular(&z).norm(),
+                    HingeMap::Axis(_) => linear(&z).norm(),
+                    HingeMap::Screw(pitch) => angular(&z).norm() + pitch.abs() * linear(&z).norm(),
+                } + torque[stage.first_row + row].abs();
+                square += size * size * workspace.measured[stage.first_row + row].pivot_inverse;
+            }
+            innovations::through_stage((system, k), &workspace.measured, torque, &mut z, estimates);
+            for row in stage.first_row..stage.first_row + stage.rows.count() {
+                out[row] = estimates[row] * workspace.measured[row].pivot_inverse.sqrt();
+            }
+            if let Some(parent) = stage.parent {
+                state[parent] = sum(&state[parent], &workspace.shift[k].force_to_parent(&z));
+            }
+        }
+        sizes[i] = square.sqrt();
+    }
+
+    /// W* W, over the joints that two connections have in common.
+    fn gram(&self, model: &Model<f64>, constraints: &Constraints) -> DMatrix<f64> {
+        let nv = model.nv();
+        let mut gram = DMatrix::zeros(constraints.rows, constraints.rows);
+        for (at, first) in constraints.all.iter().enumerate() {
+            for second in &constraints.all[at..] {
+                for k in common(&first.path, &second.path) {
+                    let stage = &model.system.stages[k];
+                    let joint = stage.first_row..stage.first_row + stage.rows.count();
+                    for i in first.rows() {
+                        for j in second.rows().filter(|&j| j >= i) {
+                            let product = |row: usize| self.whitened[i * nv + row] * self.whitened[j * nv + row];
+                            gram[(i, j)] += joint.clone().map(product).sum::<f64>();
+                        }
+                    }
+                }
+            }
+        }
+        gram.fill_lower_triangle_with_upper_triangle();
+        gram
+    }
+
+    /// W lambda at every joint, (nv), from forces of rows; for combinations of whitened rows.
+    pub(super) fn whitened_row(&self, i: usize, nv: usize) -> &[f64] {
+        &self.whitened[i * nv..(i + 1) * nv]
+    }
+
+    /// The forces of the rows `step` on bodies and at joints, in `wrenches` and `torque`.
+    pub(super) fn spread(&mut self, step: &[f64]) {
+        self.wrenches.fill(nalgebra::Vector6::zeros());
+        self.torque.fill(0.0);
+        for (unit, &lambda) in self.units.iter().zip(step) {
+            for (k, force) in unit.forces.into_iter().flatten() {
+                self.wrenches[k] += force * lambda;
+            }
+            for (v, torque) in unit.torques.into_iter().flatten() {
+                self.torque[v] += torque * lambda;
+            }
+        }
+    }
+
+    /// M^-1 J* of the forces that [`ConstraintScratch::spread`] has left, in `estimates`: one more right side. O(N).
+    pub(super) fn respond(&mut self, model: &Model<f64>, workspace: &mut Workspace<f64>) {
+        let Self { wrenches, torque, state, estimates, .. } = self;
+        for (z, wrench) in state.iter_mut().zip(wrenches) {
+            *z = -*wrench;
+        }
+        let Workspace { shift, measured, co_state, .. } = workspace;
+        innovations::sweep(&model.system, shift, measured, torque, state, estimates);
+        smoother::sweep(&model.system, shift, measured, co_state, estimates);
+    }
+}
+
+/// What two lists that fall have in common.
+fn common<'a>(first: &'a [usize], second: &'a [usize]) -> impl Iterator<Item = usize> + 'a {
+    let mut at = 0;
+    first.iter().copied().filter(move |&k| {
+        while second.get(at).is_some_and(|&other| other > k) {
+            at += 1;
+        }
+        second.get(at) == Some(&k)
+    })
+}

@@ -1,0 +1,181 @@
+//! Inverse dynamics and the inverse mass matrix through connections.
+
+use super::rows::{accelerations_of_rows, jacobian_of_rows};
+use super::{ConstraintScratch, NoDirection};
+use crate::dynamics::forward::factorise;
+use crate::dynamics::inverse::inverse_dynamics;
+use crate::filter::innovations;
+use crate::filter::pivots::PivotMonitor;
+use crate::model::Model;
+use crate::scene::constraint::Constraints;
+use crate::workspace::Workspace;
+use nalgebra::{DMatrix, DVector, Vector6};
+
+/// Singular values below this share of the largest are rounding.
+const SMALL: f64 = 1e-11;
+
+/// A torque without a motor that is so small beside the terms that it is the sum of is rounding.
+const UNNOTICED: f64 = 1e-8;
+
+/// What constrained inverse dynamics found.
+#[derive(Debug, Clone)]
+pub(crate) struct InverseOutcome {
+    pub pivots: PivotMonitor<f64>,
+    /// The rank of G.
+    pub rank: usize,
+    /// The largest entry of J qdd + gamma, rad/s^2 or m/s^2.
+    pub residual: f64,
+    /// A row of tau without a motor that would need a torque, and how much.
+    pub unmet: Option<(usize, f64)>,
+}
+
+/// Torques `tau` and the forces of the connections (in the scratch) with tau + J* lambda = f, f the tree's inverse dynamics, and tau zero where `actuated` is false.
+///
+/// Where that leaves a choice, tau has the least tau* M^-1 tau. Without the rows that are not actuated, that is lambda = G^+ J M^-1 f, in O(N + m^2 depth +
+/// m^3); else dense in m rows and nv.
+pub(crate) fn constrained_inverse_dynamics(
+    (model, constraints): (&Model<f64>, &Constraints),
+    workspace: &mut Workspace<f64>,
+    scratch: &mut ConstraintScratch,
+    (q, qd, qdd): (&[f64], &[f64], &[f64]),
+    wrenches: &[Vector6<f64>],
+    actuated: &[bool],
+    tau: &mut [f64],
+) -> Result<InverseOutcome, NoDirection> {
+    let (nv, m) = (model.nv(), constraints.rows);
+    inverse_dynamics(model, workspace, q, qd, qdd, wrenches, tau);
+    let pivots = factorise(model, workspace, q, |_, _| {});
+    if workspace.lost_pivot(model, &pivots).is_some() {
+        return Ok(InverseOutcome { pivots, rank: 0, residual: f64::NAN, unmet: None });
+    }
+    scratch.factorise(model, constraints, workspace, q)?;
+    let ConstraintScratch { residual, terms, .. } = &mut *scratch;
+    accelerations_of_rows(model, constraints, (q, qd), Some(qdd), (residual, terms))?;
+    let residual = residual.iter().fold(0.0, |largest: f64, left| largest.max(left.abs()));
+
+    let white = whitened(model, workspace, &mut scratch.state, tau);
+    let w = DMatrix::from_fn(nv, m, |row, i| scratch.whitened_row(i, nv)[row]);
+    if actuated.iter().all(|&a| a) {
+        let against = w.tr_mul(&white);
+        let mut forces = std::mem::take(&mut scratch.forces);
+        scratch.inverse.apply(against.as_slice(), &mut forces);
+        scratch.forces = forces;
+    } else {
+        let mut jacobian = vec![0.0; m * nv];
+        jacobian_of_rows(model, constraints, scratch, &workspace.shift, (q, &workspace.rest), &mut jacobian)?;
+        let free: Vec<usize> = (0..nv).filter(|&row| !actuated[row]).collect();
+        // Rows scaled by the inertia that each joint sees, columns to what the rows of the connections are to the filter.
+        let weight = |row: usize| workspace.measured[row].pivot_inverse.sqrt();
+        let scale: Vec<f64> =
+            (0..m).map(|i| w.column(i).norm()).map(|n| if n > 0.0 { n.recip() } else { 0.0 }).collect();
+        let rows = DMatrix::from_fn(free.len(), m, |r, i| jacobian[i * nv + free[r]] * scale[i] * weight(free[r]));
+        let right = DVector::from_iterator(free.len(), free.iter().map(|&row| tau[row] * weight(row)));
+        let scaled = DMatrix::from_fn(nv, m, |row, i| w[(row, i)] * scale[i]);
+        let mu = least(&rows, &right, &scaled, &white);
+        for (lambda, (mu, scale)) in scratch.forces.iter_mut().zip(mu.iter().zip(&scale)) {
+            *lambda = mu * scale;
+        }
+    }
+
+    let forces = std::mem::take(&mut scratch.forces);
+    scratch.spread(&forces);
+    scratch.forces = forces;
+    let ConstraintScratch { wrenches, torque, state, estimates, .. } = scratch;
+    state.copy_from_slice(wrenches);
+    innovations::predict(&model.system, &workspace.shift, state, estimates);
+    let mut unmet: Option<(usize, f64)> = None;
+    for row in 0..nv {
+        let taken = estimates[row] + torque[row];
+        let size = tau[row].abs() + taken.abs();
+        tau[row] -= taken;
+        if !actuated[row] {
+            let is_worse = unmet.is_none_or(|(_, other)| tau[row].abs() > other.abs());
+            if tau[row].abs() > UNNOTICED * size.max(1e-3 * largest(estimates)) && is_worse {
+                unmet = Some((row, tau[row]));
+            }
+            tau[row] = 0.0;
+        }
+    }
+    Ok(InverseOutcome { pivots, rank: scratch.inverse.rank, residual, unmet })
+}
+
+fn largest(x: &[f64]) -> f64 {
+    x.iter().fold(0.0, |largest: f64, x| largest.max(x.abs()))
+}
+
+/// D^-1/2 (1 - L) tau, with the factor of M in the workspace.
+fn whitened(model: &Model<f64>, workspace: &Workspace<f64>, state: &mut [Vector6<f64>], tau: &[f64]) -> DVector<f64> {
+    state.fill(Vector6::zeros());
+    let mut e = vec![0.0; tau.len()];
+    innovations::sweep(&model.system, &workspace.shift, &workspace.measured, tau, state, &mut e);
+    DVector::from_iterator(e.len(), e.iter().zip(&workspace.measured).map(|(e, row)| e * row.pivot_inverse.sqrt()))
+}
+
+/// mu with A mu nearest to b, and among those with B mu nearest to c.
+fn least(a: &DMatrix<f64>, b: &DVector<f64>, to: &DMatrix<f64>, c: &DVector<f64>) -> DVector<f64> {
+    // Square, so that the right singular vectors are all there are.
+    let count = a.ncols();
+    let mut square = DMatrix::zeros(a.nrows().max(count), count);
+    square.rows_mut(0, a.nrows()).copy_from(a);
+    let svd = square.svd(true, true);
+    let (Some(u), Some(v)) = (&svd.u, &svd.v_t) else { return DVector::zeros(count) };
+    let most = svd.singular_values.iter().fold(0.0, |most: f64, s| most.max(*s));
+    let mut mu = DVector::zeros(count);
+    let mut open = Vec::new();
+    for (i, &s) in svd.singular_values.iter().enumerate() {
+        if s > SMALL * most {
+            let along = u.column(i).rows(0, b.len()).dot(b) / s;
+            mu += v.row(i).transpose() * along;
+        } else {
+            open.push(i);
+        }
+    }
+    if open.is_empty() {
+        return mu;
+    }
+    let basis = DMatrix::from_fn(count, open.len(), |i, j| v[(open[j], i)]);
+    let (left, moves) = (c - to * &mu, to * &basis);
+    let most = moves.amax();
+    let chosen = moves.svd(true, true).solve(&left, SMALL * most);
+    chosen.map_or(mu.clone(), |nu| mu + basis * nu)
+}
+
+/// M^-1 - M^-1 J* G^+ J M^-1 at `q` into `out`, (nv x nv): how torques accelerate what the connections leave free.
+///
+/// As a Gram matrix, so that nothing is subtracted: with Y = D^-1/2 (1 - L) and P the projection off the columns of W it is Y* P Y. O(nv^3) at the most.
+pub(crate) fn constrained_mass_matrix_inverse(
+    (model, constraints): (&Model<f64>, &Constraints),
+    workspace: &mut Workspace<f64>,
+    scratch: &mut ConstraintScratch,
+    q: &[f64],
+    out: &mut [f64],
+) -> Result<PivotMonitor<f64>, NoDirection> {
+    let (nv, m) = (model.nv(), constraints.rows);
+    let pivots = factorise(model, workspace, q, |_, _| {});
+    if workspace.lost_pivot(model, &pivots).is_some() {
+        return Ok(pivots);
+    }
+    scratch.factorise(model, constraints, workspace, q)?;
+    let w = DMatrix::from_fn(nv, m, |row, i| scratch.whitened_row(i, nv)[row]);
+    let basis = (w * scratch.inverse.columns()).qr().q();
+    let mut unit = vec![0.0; nv];
+    let mut columns = DMatrix::zeros(nv, nv);
+    for j in 0..nv {
+        unit[j] = 1.0;
+        columns.set_column(j, &whitened(model, workspace, &mut scratch.state, &unit));
+        unit[j] = 0.0;
+    }
+    // Twice: the first leaves the rounding of what it takes away.
+    for _ in 0..2 {
+        let along = basis.tr_mul(&columns);
+        columns -= &basis * along;
+    }
+    for i in 0..nv {
+        for j in i..nv {
+            let entry = columns.column(i).dot(&columns.column(j));
+            out[i * nv + j] = entry;
+            out[j * nv + i] = entry;
+        }
+    }
+    Ok(pivots)
+}

@@ -1,0 +1,171 @@
+//! The rows of the connections at one state: errors, J, J qd, and J qdd + J' qd.
+
+use super::{ConstraintScratch, NoDirection};
+use crate::kinematics::frame_motion;
+use crate::kinematics::pair::{PairRows, RelativeMotion, pair_rows};
+use crate::model::Model;
+use crate::scene::constraint::{Constraint, Constraints, Tie};
+use crate::spatial::{RigidShift, dot, sum};
+use nalgebra::Vector6;
+
+/// J* of one row: the forces on bodies, each in its body's frame, and the torques at joints of a unit force along it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct UnitRow {
+    pub forces: [Option<(usize, Vector6<f64>)>; 2],
+    pub torques: [Option<(usize, f64)>; 2],
+}
+
+/// A pair of frames, its motion and its rows.
+fn pair_at(
+    model: &Model<f64>,
+    (index, tie): (usize, &Tie),
+    (q, qd): (&[f64], &[f64]),
+    qdd: Option<&[f64]>,
+) -> Result<Option<(RelativeMotion, PairRows)>, NoDirection> {
+    let Tie::Frames { pair, frames: [c, d] } = tie else { return Ok(None) };
+    let [c, d] = [c, d].map(|frame| frame_motion(model, q, qd, qdd, frame));
+    let motion = RelativeMotion::of(&c, &d);
+    let rows = pair_rows(*pair, &motion.place, &motion.velocity).ok_or(NoDirection(index))?;
+    Ok(Some((motion, rows)))
+}
+
+/// How far each row is from holding at `q`, into `out`: rad (2 sin(t/2)) and m. O(m depth).
+pub(crate) fn errors_of_rows(
+    model: &Model<f64>,
+    constraints: &Constraints,
+    q: &[f64],
+    out: &mut [f64],
+) -> Result<(), NoDirection> {
+    for (index, constraint) in constraints.all.iter().enumerate() {
+        constraint.error(model, q, &mut out[constraint.rows()]).ok_or(NoDirection(index))?;
+    }
+    Ok(())
+}
+
+/// J qd of each row, the rate of its error, into `out`. O(m depth).
+pub(crate) fn rates_of_rows(
+    model: &Model<f64>,
+    constraints: &Constraints,
+    (q, qd): (&[f64], &[f64]),
+    out: &mut [f64],
+) -> Result<(), NoDirection> {
+    for (index, constraint) in constraints.all.iter().enumerate() {
+        let out = &mut out[constraint.rows()];
+        match pair_at(model, (index, &constraint.tie), (q, qd), None)? {
+            Some((motion, rows)) => {
+                for (out, row) in out.iter_mut().zip(&rows.of_motion) {
+                    *out = dot(row, &motion.velocity);
+                }
+            }
+            None => out[0] = coupled(constraint, qd),
+        }
+    }
+    Ok(())
+}
+
+/// J qdd + J' qd of each row, the second derivative of its error, into `out`; J' qd alone without `qdd`. `terms` receives the size of what each is
+/// the sum of. O(m depth).
+pub(crate) fn accelerations_of_rows(
+    model: &Model<f64>,
+    constraints: &Constraints,
+    (q, qd): (&[f64], &[f64]),
+    qdd: Option<&[f64]>,
+    (out, terms): (&mut [f64], &mut [f64]),
+) -> Result<(), NoDirection> {
+    for (index, constraint) in constraints.all.iter().enumerate() {
+        let (out, terms) = (&mut out[constraint.rows()], &mut terms[constraint.rows()]);
+        if let Some((motion, rows)) = pair_at(model, (index, &constraint.tie), (q, qd), qdd)? {
+            for (i, row) in rows.of_motion.iter().take(rows.count).enumerate() {
+                out[i] = dot(row, &motion.acceleration) + rows.turning[i];
+                let reach = row.fixed_rows::<3>(0).norm() * motion.terms[0];
+                terms[i] = reach + row.fixed_rows::<3>(3).norm() * motion.terms[1] + rows.turning[i].abs();
+            }
+        } else if let Tie::Coordinates { first, second, multiplier, .. } = &constraint.tie {
+            let of = |v: usize| qdd.map_or(0.0, |qdd| qdd[v]);
+            out[0] = qdd.map_or(0.0, |qdd| coupled(constraint, qdd));
+            terms[0] = of(first.v).abs() + second.map_or(0.0, |second| (multiplier * of(second.v)).abs());
+        }
+    }
+    Ok(())
+}
+
+/// The row of a coupling times rates or accelerations.
+fn coupled(constraint: &Constraint, u: &[f64]) -> f64 {
+    let Tie::Coordinates { first, second, multiplier, .. } = &constraint.tie else { return 0.0 };
+    u[first.v] - second.map_or(0.0, |second| multiplier * u[second.v])
+}
+
+/// J* of every row at `q`, as forces and torques.
+pub(super) fn units_of_rows(
+    model: &Model<f64>,
+    constraints: &Constraints,
+    (q, rest): (&[f64], &[f64]),
+    units: &mut [UnitRow],
+) -> Result<(), NoDirection> {
+    for (index, constraint) in constraints.all.iter().enumerate() {
+        let units = &mut units[constraint.rows()];
+        match &constraint.tie {
+            Tie::Frames { frames: [c, d], .. } => {
+                let Some((motion, rows)) = pair_at(model, (index, &constraint.tie), (q, rest), None)? else { continue };
+                let on = |body: Option<usize>, placement: &RigidShift<f64>, force: &Vector6<f64>| {
+                    body.map(|k| (k, placement.force_to_parent(force)))
+                };
+                for (unit, force) in units.iter_mut().zip(&rows.of_motion) {
+                    let back = -motion.place.force_to_parent(force);
+                    let forces = [on(c.body, &c.placement, force), on(d.body, &d.placement, &back)];
+                    *unit = UnitRow { forces, torques: [None; 2] };
+                }
+            }
+            Tie::Coordinates { first, second, multiplier, .. } => {
+                let torques = [Some((first.v, 1.0)), second.map(|second| (second.v, -multiplier))];
+                units[0] = UnitRow { forces: [None; 2], torques };
+            }
+        }
+    }
+    Ok(())
+}
+
+/// J at `q`, (m x nv) row by row, with phi of every body in `shift`: a unit force along each row runs inward, and each joint sees its part. O(m depth), beside the
+/// zeros.
+pub(crate) fn jacobian_of_rows(
+    model: &Model<f64>,
+    constraints: &Constraints,
+    scratch: &mut ConstraintScratch,
+    shift: &[RigidShift<f64>],
+    (q, rest): (&[f64], &[f64]),
+    out: &mut [f64],
+) -> Result<(), NoDirection> {
+    let ConstraintScratch { units, state, .. } = scratch;
+    units_of_rows(model, constraints, (q, rest), units)?;
+    out.fill(0.0);
+    let nv = model.nv();
+    for constraint in &constraints.all {
+        for i in constraint.rows() {
+            begin(constraint, &units[i], state, 1.0);
+            let out = &mut out[i * nv..(i + 1) * nv];
+            for &k in &constraint.path {
+                let stage = &model.system.stages[k];
+                for row in 0..stage.rows.count() {
+                    out[stage.first_row + row] = stage.rows.row(row).project(&state[k]);
+                }
+                if let Some(parent) = stage.parent {
+                    state[parent] = sum(&state[parent], &shift[k].force_to_parent(&state[k]));
+                }
+            }
+            for (v, torque) in units[i].torques.into_iter().flatten() {
+                out[v] += torque;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The forces of a unit row times `sign` on the bodies of its path, nothing on the others of them.
+pub(super) fn begin(constraint: &Constraint, unit: &UnitRow, state: &mut [Vector6<f64>], sign: f64) {
+    for &k in &constraint.path {
+        state[k] = Vector6::zeros();
+    }
+    for (k, force) in unit.forces.into_iter().flatten() {
+        state[k] += force * sign;
+    }
+}

@@ -1,0 +1,263 @@
+//! Methods of `Scene`: motion through connections.
+
+use super::call::Call;
+use super::choice::{names, read_form};
+use super::cost::Cost;
+use super::input::in_python;
+use super::object::{Object, imported};
+use super::output::Array;
+use super::scene::PyScene;
+use super::scratch::Scratch;
+use super::wrenches::Wrench;
+use crate::filter::Form;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PySlice};
+
+/// Rough times in one state, ns (see `Call::new`).
+mod cost {
+    /// Of one body: two forward dynamics, a factor, some more right sides.
+    pub const BODY: usize = 600;
+    /// Of one row on its way through one body.
+    pub const ROW: usize = 60;
+    /// Of the eigenvalues of m x m, over m^3.
+    pub const CUBE: usize = 20;
+}
+
+#[pymethods]
+impl PyScene {
+    /// How far each row of the connections is from holding, (..., m): the rows of one connection are those of connection_rows.
+    ///
+    /// q: (..., nq). errors: as in forward_dynamics. Origins in m, in the first frame's axes; rotations as 2 sin(t/2) about their axis, t the angle, which is t where it is
+    /// small; of an axis the two directions across it: the first frame's x and y, turned with it the short way from z to the axis; angular rows before linear ones. A distance less its
+    /// length, m; the coordinate of a joint less what it should be.
+    ///
+    /// Raises ConstraintError for a rod whose ends coincide; ShapeError, NotFiniteError, ArgumentError, naming the state.
+    #[pyo3(signature = (q, *, errors="raise"))]
+    fn constraint_error<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> Array<'py> {
+        let m = self.scene.constraint_rows();
+        let call = self.call([self.configuration("q", q)?], self.cost_of_rows(), errors)?;
+        call.array(py, &[m], |scene, _, [q], out| scene.constraint_error(q, out))
+    }
+
+    /// The Jacobian of the connections, (..., m, nv): J qd is the rate of constraint_error, exactly and at every q.
+    ///
+    /// q: (..., nq). errors: as in forward_dynamics. O(m depth), beside the zeros.
+    ///
+    /// Raises as constraint_error.
+    #[pyo3(signature = (q, *, errors="raise"))]
+    fn constraint_jacobian<'py>(&self, py: Python<'py>, q: &Object<'py>, errors: &str) -> Array<'py> {
+        let (m, nv) = (self.scene.constraint_rows(), self.scene.nv());
+        let call = self.call([self.configuration("q", q)?], self.cost_of_rows(), errors)?;
+        call.array(py, &[m, nv], |scene, scratch, [q], out| {
+            let Scratch { workspace, constraints, .. } = scratch;
+            let rows = constraints.get_or_insert_with(|| scene.constraint_scratch());
+            scene.constraint_jacobian(workspace, rows, q, out)
+        })
+    }
+
+    /// J' qd of the connections, (..., m): the second derivative of constraint_error where no joint accelerates.
+    ///
+    /// q: (..., nq); qd: (..., nv). errors: as in forward_dynamics. O(m depth).
+    ///
+    /// Raises as constraint_error.
+    #[pyo3(signature = (q, qd, *, errors="raise"))]
+    fn constraint_bias<'py>(&self, py: Python<'py>, q: &Object<'py>, qd: &Object<'py>, errors: &str) -> Array<'py> {
+        let m = self.scene.constraint_rows();
+        let call = self.call(self.inputs([("q", q), ("qd", qd)])?, self.cost_of_rows(), errors)?;
+        call.array(py, &[m], |scene, _, [q, qd], out| scene.constraint_bias(q, qd, out))
+    }
+
+    /// Joint accelerations through the connections, and the forces of these: M qdd + bias = tau + J^T forces with J qdd + J' qd = 0.
+    ///
+    /// q: (..., nq); qd, tau: (..., nv). form, wrenches, errors: as in forward_dynamics. Unit forces along the rows run inward through the tree's filter; their Gram matrix is J M^-1 J^T.
+    /// O(N + m^2 depth + m^3) for m rows.
+    ///
+    /// Returns a phipsi.ConstrainedDynamics: qdd (..., nv); forces, a dict from names of connections to (..., rows); rank (...) and residual (...). A force is what the
+    /// connection does to its link, (moment, force) as far as it has rows of them, at the origin of its first frame and in that frame's axes; the other link gets the opposite. That of a rod
+    /// is positive where it pushes, that of a coupling acts along its joint. Where rows depend on each other, qdd is unique and the forces are those of least sum (J M^-1 J^T)_ii forces_i^2.
+    ///
+    /// Raises ConstraintError, with .connections, .residual and .state, where no forces meet all rows: connections that contradict each other, or velocities that do not meet them
+    /// (see project); otherwise as forward_dynamics.
+    #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, errors="raise"))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn constrained_dynamics<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        tau: &Object<'py>,
+        form: &str,
+        wrenches: Option<&Object<'py>>,
+        errors: &str,
+    ) -> PyResult<Object<'py>> {
+        let form = read_form(form)?;
+        let nv = self.scene.nv();
+        let call = self.through_connections([("q", q), ("qd", qd), ("tau", tau)], wrenches, (form, errors))?;
+        let results =
+            call.array(py, &[nv + self.scene.constraint_rows() + 2], |scene, scratch, [q, qd, tau], out| {
+                let Scratch { workspace, constraints, forces, .. } = scratch;
+                workspace.form = form;
+                let rows = constraints.get_or_insert_with(|| scene.constraint_scratch());
+                let (qdd, rest) = out.split_at_mut(nv);
+                let (of_rows, told) = rest.split_at_mut(scene.constraint_rows());
+                let found = scene.constrained_dynamics(workspace, rows, q, qd, tau, &forces[0], (qdd, of_rows))?;
+                #[allow(clippy::cast_precision_loss)] // a count
+                told.copy_from_slice(&[found.rank as f64, found.residual]);
+                Ok(())
+            })?;
+        imported!(py, "phipsi._results", "constrained_dynamics")?.call1((results, nv, self.rows_by_name(py)?))
+    }
+
+    /// The configuration nearest to q that meets the connections, and the velocities nearest to qd that keep them so.
+    ///
+    /// q: (..., nq); qd: (..., nv) or None. errors: as in forward_dynamics. Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic energy, and no longer than 0.5 rad or m at any
+    /// joint; velocities less M^-1 J^T (J M^-1 J^T)^+ J qd, as by an impact without rebound.
+    ///
+    /// Returns a phipsi.Projection: q, qd (None without one), and rank (...), how many rows are independent there: fewer than elsewhere where the mechanism is singular.
+    ///
+    /// Raises ConstraintError, with .connections, .residual and .state, where an error stays: no small moves from there meet the connections; SingularJointError,
+    /// ShapeError, NotFiniteError, ArgumentError, naming the state.
+    #[pyo3(signature = (q, qd=None, *, errors="raise"))]
+    fn project<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        qd: Option<&Object<'py>>,
+        errors: &str,
+    ) -> PyResult<Object<'py>> {
+        let (nq, nv) = (self.scene.nq(), self.scene.nv());
+        let mut inputs = vec![self.configuration("q", q)?];
+        inputs.extend(qd.map(|qd| self.rate("qd", qd)).transpose()?);
+        let is_moving = qd.is_some();
+        let width = nq + if is_moving { nv } else { 0 };
+        let call = self.call(inputs, 5 * self.cost_of_rows(), errors)?;
+        let mut output = call.output(py, &[width + 1], None, super::output::Output::new)?;
+        call.each_state(py, output.numbers()?, |scene, scratch, of, out| {
+            let Scratch { workspace, constraints, .. } = scratch;
+            workspace.form = Form::Auto;
+            let rows = constraints.get_or_insert_with(|| scene.constraint_scratch());
+            let (state, rank) = out.split_at_mut(width);
+            let (own_q, own_qd) = state.split_at_mut(nq);
+            own_q.copy_from_slice(of(0));
+            if is_moving {
+                own_qd.copy_from_slice(of(1));
+            }
+            let found = scene.project(workspace, rows, own_q, is_moving.then_some(own_qd))?;
+            #[allow(clippy::cast_precision_loss)] // a count
+            rank.fill(found.rank as f64);
+            Ok(())
+        })?;
+        imported!(py, "phipsi._results", "projection")?.call1((output.finish(), nq, is_moving))
+    }
+
+    /// Joint torques, and forces of the connections, that give the accelerations: tau + J^T forces = M qdd + bias.
+    ///
+    /// q: (..., nq); qd, qdd: (..., nv). actuated: names of joints with motors, or a boolean array (nv,); None: all. tau is zero at the others. Where that leaves a choice, tau has the least
+    /// tau^T M^-1 tau: torques that do not load the connections. wrenches, form, errors: as in forward_dynamics.
+    ///
+    /// Returns a phipsi.ConstrainedInverseDynamics: tau (..., nv); forces, rank as in constrained_dynamics; residual (...), the largest entry of J qdd + J' qd: where it is not rounding,
+    /// no torques give these accelerations.
+    ///
+    /// Raises ArgumentError, named actuated, where a joint without a motor would need a torque; otherwise as inverse_dynamics.
+    #[pyo3(signature = (q, qd, qdd, *, actuated=None, form="auto", wrenches=None, errors="raise"))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
+    fn constrained_inverse_dynamics<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        qd: &Object<'py>,
+        qdd: &Object<'py>,
+        actuated: Option<&Object<'py>>,
+        form: &str,
+        wrenches: Option<&Object<'py>>,
+        errors: &str,
+    ) -> PyResult<Object<'py>> {
+        let form = read_form(form)?;
+        let nv = self.scene.nv();
+        let motors = actuated.map(|actuated| self.motors(actuated)).transpose()?.unwrap_or_default();
+        let call = self.through_connections([("q", q), ("qd", qd), ("qdd", qdd)], wrenches, (form, errors))?;
+        let results =
+            call.array(py, &[nv + self.scene.constraint_rows() + 2], |scene, scratch, [q, qd, qdd], out| {
+                let Scratch { workspace, constraints, forces, .. } = scratch;
+                workspace.form = form;
+                let rows = constraints.get_or_insert_with(|| scene.constraint_scratch());
+                let (tau, rest) = out.split_at_mut(nv);
+                let (of_rows, told) = rest.split_at_mut(scene.constraint_rows());
+                let results = (tau, of_rows);
+                let found =
+                    scene.constrained_inverse_dynamics(workspace, rows, q, qd, qdd, &forces[0], &motors, results)?;
+                #[allow(clippy::cast_precision_loss)] // a count
+                told.copy_from_slice(&[found.rank as f64, found.residual]);
+                Ok(())
+            })?;
+        imported!(py, "phipsi._results", "constrained_inverse_dynamics")?.call1((results, nv, self.rows_by_name(py)?))
+    }
+
+    /// How torques accelerate the joints through the connections, (..., nv, nv): M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1, symmetric and of lower rank.
+    ///
+    /// q: (..., nq). form, errors: as in forward_dynamics. A Gram matrix: nothing is subtracted, and no eigenvalue is negative beyond rounding. O(nv^3).
+    ///
+    /// Raises ArgumentError above 4000 degrees of freedom; otherwise as mass_matrix_inverse and constraint_error.
+    #[pyo3(signature = (q, *, form="auto", errors="raise"))]
+    fn constrained_mass_matrix_inverse<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Object<'py>,
+        form: &str,
+        errors: &str,
+    ) -> Array<'py> {
+        let form = read_form(form)?;
+        self.check_dense("constrained_mass_matrix_inverse", "constrained_dynamics, which multiplies by it")?;
+        let nv = self.scene.nv();
+        let cost = self.cost_of_rows().saturating_add(nv.saturating_pow(3));
+        let call = self.call([self.configuration("q", q)?], cost, errors)?.with(self.errors(errors, Some(form))?);
+        call.array(py, &[nv, nv], |scene, scratch, [q], out| {
+            let Scratch { workspace, constraints, .. } = scratch;
+            workspace.form = form;
+            let rows = constraints.get_or_insert_with(|| scene.constraint_scratch());
+            scene.constrained_mass_matrix_inverse(workspace, rows, q, out)
+        })
+    }
+}
+
+impl PyScene {
+    fn cost_of_rows(&self) -> usize {
+        let m = self.scene.constraint_rows();
+        let bodies = (cost::BODY + cost::ROW.saturating_mul(m)).saturating_mul(self.size());
+        bodies.saturating_add(cost::CUBE.saturating_mul(m.saturating_pow(3)))
+    }
+
+    /// A call with a state and wrenches.
+    fn through_connections<'a, 'py, const N: usize>(
+        &'a self,
+        given: [(&'static str, &Object<'py>); N],
+        wrenches: Option<&Object<'py>>,
+        (form, errors): (Form, &str),
+    ) -> PyResult<Call<'a, 'py>> {
+        let wrenches = Wrench::read(&self.scene, wrenches)?;
+        let call = Call::new(self, self.inputs(given)?, wrenches, Cost::of(self.cost_of_rows()))?;
+        Ok(call.with(self.errors(errors, Some(form))?))
+    }
+
+    /// A dict from names of connections to their rows, slices.
+    fn rows_by_name<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let all = PyDict::new(py);
+        for (name, rows) in self.scene.rows_of_connections() {
+            all.set_item(name, PySlice::new(py, isize::try_from(rows.start)?, isize::try_from(rows.end)?, 1))?;
+        }
+        Ok(all)
+    }
+
+    /// Which degrees of freedom have a motor.
+    fn motors(&self, actuated: &Object<'_>) -> PyResult<Vec<bool>> {
+        let flags = imported!(actuated.py(), "phipsi._arguments", "flags")?;
+        if let Some(mask) = in_python(flags, "actuated", actuated, self.rates())?.extract()? {
+            return Ok(mask);
+        }
+        let mut mask = vec![false; self.scene.nv()];
+        for joint in names("actuated", actuated, "names of joints, or a boolean array (nv,)")? {
+            mask[self.scene.joint(&joint).map_err(|error| error.of_argument("actuated"))?.v.clone()].fill(true);
+        }
+        Ok(mask)
+    }
+}
