@@ -224,6 +224,7 @@ impl Scene {
         direction: [&[f64]; 3],
         out: &mut [f64],
     ) -> Result<(), Error> {
+        self.check_no_connections("second derivatives of forward dynamics")?;
         let which = Products::ForwardGradient(workspace.form);
         self.check_product(workspace, which, state, (scratch.size(), out.len()))?;
         for (name, direction) in Products::ForwardTangent(workspace.form).seeds().iter().zip(direction) {

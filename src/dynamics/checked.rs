@@ -73,6 +73,14 @@ impl Scene {
                 let monitor = mass_matrix_inverse(model, workspace, scratch, q, out);
                 self.check_pivots(workspace, monitor)?;
             }
+            Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) if !self.constraints().is_empty() => {
+                self.derivatives_through_connections(workspace, (q, qd, u), wrenches, out)?;
+            }
+            Algorithm::Products(which) if which.form().is_some() && !self.constraints().is_empty() => {
+                let mut three = vec![f64::NAN; 3 * self.nv() * self.nv()];
+                self.derivatives_through_connections(workspace, (q, qd, u), wrenches, &mut three)?;
+                multiply(&three, which, state.seed, out);
+            }
             Algorithm::Derivatives(which) => self.derivatives(workspace, which, state, out)?,
             Algorithm::Products(which) => self.products(workspace, which, state, out)?,
         }
@@ -88,6 +96,18 @@ impl Scene {
         qdd: &mut [f64],
     ) -> Result<(), Error> {
         let scratch = &mut ConstraintScratch::new(self.model(), self.constraints());
+        self.accelerations_through_connections(workspace, scratch, state, wrenches, qdd)
+    }
+
+    /// The same, with the forces and the factor left in the scratch.
+    fn accelerations_through_connections(
+        &self,
+        workspace: &mut Workspace<f64>,
+        scratch: &mut ConstraintScratch,
+        state: (&[f64], &[f64], &[f64]),
+        wrenches: &[SpatialVector<f64>],
+        qdd: &mut [f64],
+    ) -> Result<(), Error> {
         let system = (self.model(), self.constraints());
         let outcome = constraints::constrained_dynamics(system, workspace, scratch, state, wrenches, None, qdd)
             .map_err(|at| self.no_direction(at))?;
@@ -97,14 +117,30 @@ impl Scene {
         if qdd.iter().all(|a| a.is_finite()) { self.check_agreement(&outcome) } else { Ok(()) }
     }
 
+    /// dqdd/dq, dqdd/dqd and dqdd/dtau of a scene with connections.
+    fn derivatives_through_connections(
+        &self,
+        workspace: &mut Workspace<f64>,
+        (q, qd, tau): (&[f64], &[f64], &[f64]),
+        wrenches: &[SpatialVector<f64>],
+        out: &mut [f64],
+    ) -> Result<(), Error> {
+        let scratch = &mut ConstraintScratch::new(self.model(), self.constraints());
+        let mut qdd = vec![f64::NAN; self.nv()];
+        self.accelerations_through_connections(workspace, scratch, (q, qd, tau), wrenches, &mut qdd)?;
+        self.check_result("forward dynamics", &qdd)?;
+        let system = (self.model(), self.constraints());
+        constraints::constrained_derivatives(system, workspace, scratch, (q, qd, &qdd), wrenches, out)
+            .map_err(|at| self.no_direction(at))
+    }
+
     /// What knows the tree only is refused for scenes with connections.
     fn check_tree(&self, algorithm: Algorithm) -> Result<(), Error> {
         match algorithm {
-            Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) => {
-                self.check_no_connections("derivatives of forward dynamics")
-            }
-            Algorithm::Products(which) if which.form().is_some() => {
-                self.check_no_connections("derivatives of forward dynamics")
+            Algorithm::Products(which)
+                if which.form().is_some() && (which.takes_constants() || which.gives_constants()) =>
+            {
+                self.check_no_connections("derivatives of forward dynamics by constants")
             }
             _ => Ok(()),
         }
@@ -285,6 +321,26 @@ impl Scene {
     /// The square-root form needs a root of every inertia.
     pub(crate) fn check_form(&self, workspace: &Workspace<f64>) -> Result<(), Error> {
         self.check_roots(workspace.form)
+    }
+}
+
+/// A product of forward dynamics from its three Jacobians, (nv x nv) each row by row.
+fn multiply(three: &[f64], which: Products, [first, second, third]: [&[f64]; 3], out: &mut [f64]) {
+    let nv = first.len().max(1);
+    out.fill(0.0);
+    let matrices = three.chunks_exact(nv * nv);
+    if matches!(which, Products::ForwardTangent(_)) {
+        for (matrix, x) in matrices.zip([first, second, third]) {
+            for (out, row) in out.iter_mut().zip(matrix.chunks_exact(nv)) {
+                *out += row.iter().zip(x).map(|(a, x)| a * x).sum::<f64>();
+            }
+        }
+        return;
+    }
+    for (matrix, out) in matrices.zip(out.chunks_exact_mut(nv)) {
+        for (row, &cotangent) in matrix.chunks_exact(nv).zip(first) {
+            out.iter_mut().zip(row).for_each(|(out, a)| *out += cotangent * a);
+        }
     }
 }
 

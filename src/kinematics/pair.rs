@@ -12,8 +12,9 @@
 //! Each rate is a row `E_i` times V, exactly and everywhere, so that the force of row i on C is `E_i`. Its own rate is `E_i` V' + `E_i`' V with V' = A - X `A_D` + V x X `V_D`.
 
 use super::inward::FrameMotion;
-use crate::spatial::{RigidShift, angular, cross, cross_motion, linear, spatial};
-use nalgebra::{Rotation3, UnitQuaternion, Vector3, Vector6};
+use crate::scalar::Real;
+use crate::spatial::{RigidShift, angular, cross, cross_motion, linear, scaled_add, spatial, sum, zero};
+use nalgebra::{Matrix3, Vector3, Vector6};
 
 /// What holds between two frames.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,118 +43,169 @@ impl Pair {
 
 /// The rows of a pair at one configuration: angular ones first.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct PairRows {
+pub(crate) struct PairRows<T> {
     pub count: usize,
     /// rad (2 sin(t/2)) and m.
-    pub error: [f64; 6],
+    pub error: [T; 6],
     /// E: the rate of the error is E V.
-    pub of_motion: [Vector6<f64>; 6],
+    pub of_motion: [Vector6<T>; 6],
     /// E' V: what the rate of the rate has beside E V'.
-    pub turning: [f64; 6],
+    pub turning: [T; 6],
+}
+
+impl<T: Real> PairRows<T> {
+    fn push(&mut self, error: T, of_motion: Vector6<T>, turning: T) {
+        self.error[self.count] = error;
+        self.of_motion[self.count] = of_motion;
+        self.turning[self.count] = turning;
+        self.count += 1;
+    }
 }
 
 /// Opposite z axes, to within this of 1 + cos: there is no direction in which they are nearest.
 const OPPOSITE: f64 = 1e-12;
 
 /// The rows of a pair where C is at `place` in D's axes and moves with V = `velocity` against it; none for a distance between origins that coincide.
-pub(crate) fn pair_rows(pair: Pair, place: &RigidShift<f64>, velocity: &Vector6<f64>) -> Option<PairRows> {
-    let none = Vector6::zeros();
-    let mut rows = PairRows { count: 0, error: [0.0; 6], of_motion: [none; 6], turning: [0.0; 6] };
-    let mut push = |error: f64, of_motion: Vector6<f64>, turning: f64| {
-        rows.error[rows.count] = error;
-        rows.of_motion[rows.count] = of_motion;
-        rows.turning[rows.count] = turning;
-        rows.count += 1;
-    };
+pub(crate) fn pair_rows<T: Real>(pair: Pair, place: &RigidShift<T>, velocity: &Vector6<T>) -> Option<PairRows<T>> {
+    let nothing = T::zero();
+    let mut rows = PairRows { count: 0, error: [nothing; 6], of_motion: [zero(); 6], turning: [nothing; 6] };
     let (w, v) = (angular(velocity), linear(velocity));
     let r = place.rotate_back(&place.lever);
-    let moving = v - cross(&w, &r);
+    let moving = less(&v, &cross(&w, &r));
     match pair {
-        Pair::Weld => turned(&place.rotation, &w, &mut push),
-        Pair::Axis => tilted(&place.rotation, &w, &mut push),
+        Pair::Weld => turned(&place.rotation, &w, &mut rows),
+        Pair::Axis => tilted(&place.rotation, &w, &mut rows),
         Pair::Point => {}
         Pair::Distance(length) => {
-            let apart = r.norm();
-            if apart == 0.0 {
+            let apart = square(&r).sqrt();
+            if apart.lane(0) == 0.0 {
                 return None;
             }
-            let n = r / apart;
-            let along = n.dot(&moving);
-            let across = (moving.norm_squared() - along * along) / apart;
-            push(apart - length, spatial(&Vector3::zeros(), &n), across - n.dot(&cross(&w, &moving)));
+            let n = times(&r, apart.recip());
+            let along = product(&n, &moving);
+            let across = (square(&moving) - along * along) / apart;
+            let turning = across - product(&n, &cross(&w, &moving));
+            rows.push(apart - T::from_f64(length), spatial(&none(), &n), turning);
             return Some(rows);
         }
     }
-    let turning = -cross(&w, &moving);
+    let turning = cross(&moving, &w);
     for (i, e) in axes().iter().enumerate() {
-        push(r[i], spatial(&cross(e, &r), e), turning[i]);
+        rows.push(r[i], spatial(&cross(e, &r), e), turning[i]);
     }
     Some(rows)
 }
 
-fn axes() -> [Vector3<f64>; 3] {
-    [Vector3::x(), Vector3::y(), Vector3::z()]
+fn axes<T: Real>() -> [Vector3<T>; 3] {
+    let (one, no) = (T::one(), T::zero());
+    [Vector3::new(one, no, no), Vector3::new(no, one, no), Vector3::new(no, no, one)]
+}
+
+fn none<T: Real>() -> Vector3<T> {
+    Vector3::from_element(T::zero())
+}
+
+fn less<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
+    Vector3::new(a[0] - b[0], a[1] - b[1], a[2] - b[2])
+}
+
+fn plus<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
+    Vector3::new(a[0] + b[0], a[1] + b[1], a[2] + b[2])
+}
+
+fn times<T: Real>(a: &Vector3<T>, s: T) -> Vector3<T> {
+    Vector3::new(a[0] * s, a[1] * s, a[2] * s)
+}
+
+fn product<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> T {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn square<T: Real>(a: &Vector3<T>) -> T {
+    product(a, a)
+}
+
+/// The quaternion (vector, scalar) of a rotation, scalar not negative: by the largest of its entries, so that nothing cancels.
+fn quaternion<T: Real>(r: &Matrix3<T>) -> (Vector3<T>, T) {
+    let one = T::one();
+    let (x, y, z) = (r[(0, 0)], r[(1, 1)], r[(2, 2)]);
+    // Four times the squares of x, y, z and w.
+    let squares = [one + x - y - z, one - x + y - z, one - x - y + z, one + x + y + z];
+    let largest = (0..4).fold(3, |best, i| if squares[i].lane(0) > squares[best].lane(0) { i } else { best });
+    let twice = squares[largest].sqrt();
+    let (half, share) = (twice * T::from_f64(0.5), (twice + twice).recip());
+    let (a, b, c) = (r[(2, 1)] - r[(1, 2)], r[(0, 2)] - r[(2, 0)], r[(1, 0)] - r[(0, 1)]);
+    let (d, e, f) = (r[(0, 1)] + r[(1, 0)], r[(0, 2)] + r[(2, 0)], r[(1, 2)] + r[(2, 1)]);
+    let (v, w) = match largest {
+        0 => (Vector3::new(half, d * share, e * share), a * share),
+        1 => (Vector3::new(d * share, half, f * share), b * share),
+        2 => (Vector3::new(e * share, f * share, half), c * share),
+        _ => (Vector3::new(a * share, b * share, c * share), half),
+    };
+    if w.lane(0) < 0.0 { (times(&v, T::zero() - one), T::zero() - w) } else { (v, w) }
 }
 
 /// The rows of equal axes.
-fn turned(rotation: &nalgebra::Matrix3<f64>, w: &Vector3<f64>, push: &mut impl FnMut(f64, Vector6<f64>, f64)) {
-    let quaternion = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*rotation));
-    let sign = if quaternion.w < 0.0 { -1.0 } else { 1.0 };
-    let (q_v, q_w) = (quaternion.imag() * sign, quaternion.w * sign);
+fn turned<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>) {
+    let (q_v, q_w) = quaternion(rotation);
+    let turning = T::from_f64(-0.5) * square(w);
     for (i, e) in axes().iter().enumerate() {
-        let of_motion = spatial(&(e * q_w + cross(e, &q_v)), &Vector3::zeros());
-        push(2.0 * q_v[i], of_motion, -0.5 * w.norm_squared() * q_v[i]);
+        let of_motion = spatial(&plus(&times(e, q_w), &cross(e, &q_v)), &none());
+        rows.push(q_v[i] + q_v[i], of_motion, turning * q_v[i]);
     }
 }
 
 /// The rows of a z axis that both have.
-fn tilted(rotation: &nalgebra::Matrix3<f64>, w: &Vector3<f64>, push: &mut impl FnMut(f64, Vector6<f64>, f64)) {
+fn tilted<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>) {
     // D's z axis in C's axes.
     let u = Vector3::new(rotation[(2, 0)], rotation[(2, 1)], rotation[(2, 2)]);
     let [x, y, z] = axes();
-    if 1.0 + u[2] < OPPOSITE {
-        push(2.0, spatial(&x, &Vector3::zeros()), 0.0);
-        push(0.0, spatial(&y, &Vector3::zeros()), 0.0);
+    let number = T::from_f64;
+    if 1.0 + u[2].lane(0) < OPPOSITE {
+        rows.push(number(2.0), spatial(&x, &none()), T::zero());
+        rows.push(T::zero(), spatial(&y, &none()), T::zero());
         return;
     }
     // 1 / cos(t/2), and its first two derivatives by time.
-    let s = (2.0 / (1.0 + u[2])).sqrt();
-    let by_u = -0.25 * s * s * s;
+    let s = (number(2.0) / (T::one() + u[2])).sqrt();
+    let by_u = number(-0.25) * s * s * s;
     let first = cross(&u, w);
     let second = cross(&first, w);
     let s_1 = by_u * first[2];
-    let s_2 = -0.75 * s * s * s_1 * first[2] + by_u * second[2];
-    for (i, axis, sign) in [(1, y, 1.0), (0, x, -1.0)] {
-        let of_w = cross(&axis, &u) * (s * sign) + cross(&z, &u) * (u[i] * by_u * sign);
-        let turning = second[i] * s + 2.0 * first[i] * s_1 + u[i] * s_2;
-        push(sign * u[i] * s, spatial(&of_w, &Vector3::zeros()), sign * turning);
+    let s_2 = number(-0.75) * s * s * s_1 * first[2] + by_u * second[2];
+    for (i, axis, sign) in [(1, y, T::one()), (0, x, T::zero() - T::one())] {
+        let of_w = plus(&times(&cross(&axis, &u), s * sign), &times(&cross(&z, &u), u[i] * by_u * sign));
+        let turning = second[i] * s + number(2.0) * first[i] * s_1 + u[i] * s_2;
+        rows.push(sign * u[i] * s, spatial(&of_w, &none()), sign * turning);
     }
 }
 
 /// How one frame moves against another, in its own axes at its own origin.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct RelativeMotion {
+pub(crate) struct RelativeMotion<T: Real> {
     /// From the frame to the other.
-    pub place: RigidShift<f64>,
+    pub place: RigidShift<T>,
     /// V.
-    pub velocity: Vector6<f64>,
+    pub velocity: Vector6<T>,
     /// V', the rate of V in the frame's axes.
-    pub acceleration: Vector6<f64>,
+    pub acceleration: Vector6<T>,
     /// Sizes of the terms that V' is the sum of, angular and linear.
-    pub terms: [f64; 2],
+    pub terms: [T; 2],
 }
 
-impl RelativeMotion {
+impl<T: Real> RelativeMotion<T> {
     /// Of frame C against frame D.
-    pub fn of(c: &FrameMotion<f64>, d: &FrameMotion<f64>) -> Self {
+    pub fn of(c: &FrameMotion<T>, d: &FrameMotion<T>) -> Self {
         let place = d.placement.inverse().compose(&c.placement);
         let (seen, felt) = (place.motion_to_child(&d.velocity), place.motion_to_child(&d.acceleration));
-        let velocity = c.velocity - seen;
+        let minus = |a: &Vector6<T>, b: &Vector6<T>| scaled_add(b, T::zero() - T::one(), a);
+        let velocity = minus(&c.velocity, &seen);
         let turning = cross_motion(&velocity, &seen);
-        let size = |half: fn(&Vector6<f64>) -> Vector3<f64>| {
-            half(&c.acceleration).norm() + half(&felt).norm() + half(&turning).norm()
+        let size = |half: fn(&Vector6<T>) -> Vector3<T>| {
+            let norm = |x: &Vector6<T>| T::from_f64(square(&half(x)).lane(0).sqrt());
+            norm(&c.acceleration) + norm(&felt) + norm(&turning)
         };
-        let terms = [size(angular::<f64>), size(linear::<f64>)];
-        Self { place, velocity, acceleration: c.acceleration - felt + turning, terms }
+        let terms = [size(angular::<T>), size(linear::<T>)];
+        Self { place, velocity, acceleration: sum(&minus(&c.acceleration, &felt), &turning), terms }
     }
 }

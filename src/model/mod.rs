@@ -8,7 +8,7 @@ pub use omissions::Omissions;
 use crate::filter::{Stage, System};
 use crate::scalar::Real;
 use crate::spatial::{BodyInertia, BodyRoot, RigidShift, Symmetric3};
-use nalgebra::{Matrix3, Vector3, Vector6};
+use nalgebra::{Vector3, Vector6};
 
 /// One moving body: fixed joints are merged unless asked not to be, a planar joint is three of these.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -83,10 +83,6 @@ impl Model<f64> {
     pub fn cast<U: Real>(&self) -> Model<U> {
         let scalar = U::from_f64;
         let vector = |v: &Vector3<f64>| Vector3::new(scalar(v[0]), scalar(v[1]), scalar(v[2]));
-        let shift = |s: &RigidShift<f64>| RigidShift {
-            rotation: Matrix3::from_fn(|i, j| scalar(s.rotation[(i, j)])),
-            lever: vector(&s.lever),
-        };
         let motion = |m: &Motion<f64>| match *m {
             Motion::Revolute => Motion::Revolute,
             Motion::Prismatic => Motion::Prismatic,
@@ -100,7 +96,7 @@ impl Model<f64> {
                 .bodies
                 .iter()
                 .map(|body| Body {
-                    tree: shift(&body.tree),
+                    tree: body.tree.cast(),
                     inertia: BodyInertia {
                         mass: scalar(body.inertia.mass),
                         first_moment: vector(&body.inertia.first_moment),

@@ -204,3 +204,12 @@ fn lever_entry<T: Real>(a: T, l: &Vector3<T>, c: &Matrix3<T>, s: &Matrix3<T>, (i
     let first = l[y].mul_add(c[(j, z)], a.minus_product(l[z], c[(j, y)]));
     l[u].mul_add(s[(i, v)], first.minus_product(l[v], s[(i, u)]))
 }
+impl RigidShift<f64> {
+    /// The same in another scalar.
+    pub(crate) fn cast<T: Real>(&self) -> RigidShift<T> {
+        RigidShift {
+            rotation: Matrix3::from_fn(|i, j| T::from_f64(self.rotation[(i, j)])),
+            lever: Vector3::new(T::from_f64(self.lever[0]), T::from_f64(self.lever[1]), T::from_f64(self.lever[2])),
+        }
+    }
+}

@@ -13,6 +13,7 @@
 //! O(N + m^2 depth + m^3) for m rows. Rows that depend on each other are no fault: G^+ leaves out what of G is lost in rounding, and tells the rank. The accelerations are
 //! unique then, the forces those of least sum `G_ii` `lambda_i`^2. What no force can take away is no rounding, and is reported as [`Outcome::contradicted`].
 
+mod derivatives;
 mod faults;
 mod gram;
 mod inverse;
@@ -20,6 +21,7 @@ mod projection;
 mod rows;
 mod solution;
 
+pub(crate) use derivatives::constrained_derivatives;
 pub(crate) use inverse::{constrained_inverse_dynamics, constrained_mass_matrix_inverse};
 pub(crate) use projection::{project_positions, project_velocities};
 pub(crate) use rows::{accelerations_of_rows, errors_of_rows, jacobian_of_rows, rates_of_rows};

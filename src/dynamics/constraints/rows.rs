@@ -1,9 +1,10 @@
 //! The rows of the connections at one state: errors, J, J qd, and J qdd + J' qd.
 
 use super::{ConstraintScratch, NoDirection};
-use crate::kinematics::frame_motion;
 use crate::kinematics::pair::{PairRows, RelativeMotion, pair_rows};
+use crate::kinematics::{Frame, frame_motion};
 use crate::model::Model;
+use crate::scalar::Real;
 use crate::scene::constraint::{Constraint, Constraints, Tie};
 use crate::spatial::{RigidShift, dot, sum};
 use nalgebra::Vector6;
@@ -15,15 +16,19 @@ pub(super) struct UnitRow {
     pub torques: [Option<(usize, f64)>; 2],
 }
 
-/// A pair of frames, its motion and its rows.
-fn pair_at(
-    model: &Model<f64>,
+/// A pair of frames, its motion and its rows; none for joints.
+#[allow(clippy::type_complexity)] // none, or one of two kinds
+pub(super) fn pair_at<T: Real>(
+    model: &Model<T>,
     (index, tie): (usize, &Tie),
-    (q, qd): (&[f64], &[f64]),
-    qdd: Option<&[f64]>,
-) -> Result<Option<(RelativeMotion, PairRows)>, NoDirection> {
+    (q, qd): (&[T], &[T]),
+    qdd: Option<&[T]>,
+) -> Result<Option<(RelativeMotion<T>, PairRows<T>)>, NoDirection> {
     let Tie::Frames { pair, frames: [c, d] } = tie else { return Ok(None) };
-    let [c, d] = [c, d].map(|frame| frame_motion(model, q, qd, qdd, frame));
+    let [c, d] = [c, d].map(|frame| {
+        let Frame { body, placement } = frame;
+        frame_motion(model, q, qd, qdd, &Frame { body: *body, placement: placement.cast() })
+    });
     let motion = RelativeMotion::of(&c, &d);
     let rows = pair_rows(*pair, &motion.place, &motion.velocity).ok_or(NoDirection(index))?;
     Ok(Some((motion, rows)))
