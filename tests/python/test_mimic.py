@@ -550,8 +550,8 @@ def test_inverse_kinematics_moves_followers_too() -> None:
         case = Case(seed)
         link = case.scene.link_names[-1]
         target = case.scene.placement(case.q, link)
-        found = case.scene.inverse_kinematics(phipsi.tasks.Pose(link, target), case.q + 0.02 * (case.q != 0), seed=1)
-        assert found.converged
+        found = case.scene.inverse_kinematics(phipsi.tasks.Pose(link, target), case.scene.integrate(case.q, np.full(case.scene.nv, 0.02)))
+        assert found.reached
         assert_near(case.scene.placement(found.q, link), target, 1e-7)
 
 
