@@ -47,6 +47,11 @@ impl GramInverse {
         }
     }
 
+    /// S: zero for rows that move nothing.
+    pub fn scale(&self) -> &[f64] {
+        &self.scale
+    }
+
     /// The columns of S V mu^-1/2: rows of W*, combined by them, are orthonormal.
     pub fn columns(&self) -> DMatrix<f64> {
         let mut columns = self.vectors.clone();
