@@ -134,8 +134,7 @@ fn least(a: &DMatrix<f64>, b: &DVector<f64>, to: &DMatrix<f64>, c: &DVector<f64>
     }
     let basis = DMatrix::from_fn(count, open.len(), |i, j| v[(open[j], i)]);
     let (left, moves) = (c - to * &mu, to * &basis);
-    let most = moves.amax();
-    let chosen = moves.svd(true, true).solve(&left, SMALL * most);
+    let chosen = moves.svd(true, true).solve(&left, SMALL * to.norm());
     chosen.map_or(mu.clone(), |nu| mu + basis * nu)
 }
 
