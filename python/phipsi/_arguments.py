@@ -10,14 +10,17 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import ArgumentError, ShapeError, of_argument
 
-__all__ = ["array_of", "flags", "is_masked", "leading", "split_mask", "states_of", "vectors"]
+if TYPE_CHECKING:
+    from ._core import Scene
+
+__all__ = ["array_of", "check_tree", "flags", "is_masked", "leading", "split_mask", "states_of", "vectors"]
 
 #: Lists within lists are looked into so deep: one may hold itself.
 DEEPEST = 8
@@ -345,3 +348,11 @@ def _refused(name: str, found: str, expected: str) -> ArgumentError:
 
 def _wrong_shape(name: str, array: NDArray[Any], expected: str) -> ShapeError:
     return of_argument(ShapeError, name, f"found shape {array.shape}; expected {expected}")
+
+
+def check_tree(scene: Scene, what: str) -> None:
+    """Refuses a scene with connections for what knows trees only."""
+    if scene.connection_names:
+        names = ", ".join(map(repr, scene.connection_names[:8]))
+        message = f"found a scene with connections ({names}); expected a tree: scene.without_connections() is the same one without them"
+        raise of_argument(ArgumentError, what, message)

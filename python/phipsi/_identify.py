@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
+from ._arguments import check_tree
 from .errors import ArgumentError, OutOfMemoryError, PhipsiError, ShapeError, of_argument
 
 if TYPE_CHECKING:
@@ -81,6 +82,7 @@ def identify(
     friction_speed: float = 0.01,
 ) -> Identification:
     """As Scene.identify, which calls it."""
+    check_tree(scene, "identify")
     for name, value in (("trust", trust), ("friction_speed", friction_speed)):
         if not (np.isfinite(value) and value > 0.0):
             raise of_argument(ArgumentError, name, f"found {value}; expected a finite number above zero")

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core, errors
+from ._arguments import check_tree
 from ._chart import (
     by_quaternion,
     by_vector,
@@ -66,6 +67,7 @@ class Ode:
         friction: ArrayLike | None = None,
         friction_speed: float = 0.01,
     ) -> None:
+        check_tree(scene, "ode")
         self.scene = scene
         nv = scene.nv
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ._load import expanded, is_xacro
 from ._results import Joint
-from .errors import ArgumentError
+from .errors import ArgumentError, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -27,6 +27,9 @@ LOSSES = ("armature", "damping", "friction", "stiffness")
 
 def to_urdf(scene: Scene, path: str | os.PathLike[str] | None, name: str) -> str:
     """As Scene.to_urdf, which calls it."""
+    if scene.connection_names:
+        names = ", ".join(map(repr, scene.connection_names[:8]))
+        raise of_argument(ArgumentError, "scene", f"found connections ({names}), which URDF has not; expected a tree: scene.without_connections()")
     robot = ElementTree.Element("robot", name=name)
     shapes, materials = _shapes(scene.file)
     robot.extend(materials)

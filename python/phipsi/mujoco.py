@@ -33,7 +33,9 @@ _Array = NDArray[np.float64]
 FREE, BALL, SLIDE, HINGE = range(4)
 KINDS = {FREE: "floating", BALL: "spherical", SLIDE: "prismatic", HINGE: "revolute"}
 #: mjtEq, mjtTrn, mjtDsbl: what is looked for.
-EQUALITY_JOINT = 2
+EQUALITY_CONNECT, EQUALITY_WELD, EQUALITY_JOINT = range(3)
+#: mjtObj: what the ends of an equality constraint are, where they are bodies.
+OBJECT_BODY = 1
 TRANSMISSION_JOINT = (0, 1)
 #: What a model may have that a scene has not, and that `ignore` may name.
 IGNORED = ("equality", "flexes", "fluid", "gravcomp", "nonlinear", "plugins", "tendons")
@@ -57,9 +59,12 @@ def read(
     for what, found, remedy in beyond(model):
         if what not in ignore:
             raise SceneError(f"source: found {found}; expected a model without: {remedy}, or read it without them by ignore=({what!r},)")
-    builder, mimics = SceneBuilder().link(body_name(model, 0)), _mimics(model)
+    # Of a joint that a connection ties nothing is to be warned.
+    builder, mimics = SceneBuilder().link(body_name(model, 0)), _mimics(model) if "equality" in ignore else {}
     for body in range(1, model.nbody):
         _add_body(builder, model, body, mimics)
+    for at in [] if "equality" in ignore else _active(model):
+        _add_connection(builder, model, at)
     if file is not None:
         builder._set_file(file)
     if gravity is None:
@@ -96,9 +101,11 @@ def compiled(source: Any) -> tuple[mujoco.MjModel, Path | None]:
 
 def beyond(model: mujoco.MjModel) -> Iterator[tuple[str, str, str]]:
     """What acts in a model and is not in a scene: its name for `ignore`, what was found, and why it cannot be read."""
-    for at in range(0 if _disabled(model, "mjDSBL_EQUALITY") else model.neq):
-        if model.eq_active0[at]:
-            yield "equality", f"the equality constraint {_name(model.equality(at), at)}", "scenes are trees without constraints"
+    for at in _active(model):
+        is_curved = model.eq_type[at] == EQUALITY_JOINT and np.any(model.eq_data[at][2:5])
+        if is_curved or model.eq_type[at] not in (EQUALITY_CONNECT, EQUALITY_WELD, EQUALITY_JOINT):
+            remedy = "connections are of kind connect, weld and joint, that one linear"
+            yield "equality", f"the equality constraint {_name(model.equality(at), at)}", remedy
     for at in range(model.ntendon):
         acting = (model.tendon_stiffness, model.tendon_damping, model.tendon_frictionloss, model.tendon_limited, _of(model, "tendon_armature"))
         if any(np.any(each[at]) for each in acting if each is not None):
@@ -212,16 +219,58 @@ def _effort(model: mujoco.MjModel, joint: int) -> float | None:
     return float(sum(np.abs(model.actuator_forcerange[at]).max() * abs(model.actuator_gear[at, 0]) for at in acting))
 
 
+def _active(model: mujoco.MjModel) -> list[int]:
+    """The equality constraints that act."""
+    return [] if _disabled(model, "mjDSBL_EQUALITY") else [at for at in range(model.neq) if model.eq_active0[at]]
+
+
+def _add_connection(builder: SceneBuilder, model: mujoco.MjModel, at: int) -> None:
+    """An equality constraint as a connection, which is as stiff as can be: solref and solimp are not read."""
+    kind, data, ends = model.eq_type[at], model.eq_data[at], (int(model.eq_obj1id[at]), int(model.eq_obj2id[at]))
+    name = model.equality(at).name or f"equality {at}"
+    if kind == EQUALITY_JOINT:
+        offset, slope = _line(model, at)
+        other = _joint_name(model, ends[1]) if ends[1] >= 0 else None
+        builder.couple(name, _joint_name(model, ends[0]), other, multiplier=slope, offset=offset)
+        return
+    if model.eq_objtype[at] == OBJECT_BODY:
+        bodies = ends
+        first, second = _Frame(np.eye(3), data[0:3]), _Frame(np.eye(3), data[3:6])
+        if kind == EQUALITY_WELD:
+            first, second = _Frame(rotation(data[6:10]), data[3:6]), _Frame(np.eye(3), data[0:3])
+    else:
+        bodies = (int(model.site_bodyid[ends[0]]), int(model.site_bodyid[ends[1]]))
+        first, second = (_Frame(rotation(model.site_quat[site]), model.site_pos[site]) for site in ends)
+    builder.connect(
+        name,
+        "weld" if kind == EQUALITY_WELD else "point",
+        body_name(model, bodies[0]),
+        body_name(model, bodies[1]),
+        xyz=first.origin,
+        rotation=first.rotation,
+        other_xyz=second.origin,
+        other_rotation=second.rotation,
+    )
+
+
+def _line(model: mujoco.MjModel, at: int) -> tuple[float, float]:
+    """Offset and slope of a linear equality of joints, in their coordinates: MuJoCo has it between distances from qpos0."""
+    follower, leader = int(model.eq_obj1id[at]), int(model.eq_obj2id[at])
+    offset, slope = (float(x) for x in model.eq_data[at][:2])
+    zero = float(model.qpos0[model.jnt_qposadr[follower]])
+    of = float(model.qpos0[model.jnt_qposadr[leader]]) if leader >= 0 else 0.0
+    return zero + offset - slope * of, slope
+
+
 def _mimics(model: mujoco.MjModel) -> dict[int, dict[str, Any]]:
     """Joints that follow another linearly by an equality constraint, as SceneBuilder.joint takes it: where constraints are ignored they stay known."""
     found: dict[int, dict[str, Any]] = {}
     for at in range(model.neq):
         follower, leader = int(model.eq_obj1id[at]), int(model.eq_obj2id[at])
-        offset, slope, *higher = model.eq_data[at][:5]
+        higher = model.eq_data[at][2:5]
         if model.eq_active0[at] and model.eq_type[at] == EQUALITY_JOINT and leader >= 0 and not np.any(higher):
-            zero, of = (float(model.qpos0[model.jnt_qposadr[joint]]) for joint in (follower, leader))
-            offset = float(zero + offset - slope * of)
-            found[follower] = {"mimic": _joint_name(model, leader), "mimic_multiplier": float(slope), "mimic_offset": offset}
+            offset, slope = _line(model, at)
+            found[follower] = {"mimic": _joint_name(model, leader), "mimic_multiplier": slope, "mimic_offset": offset}
     return found
 
 

@@ -36,6 +36,7 @@ impl Scene {
         estimate: &mut Estimate<f64>,
         covariance: Option<&mut EstimateCovariance<f64>>,
     ) -> Result<(), Error> {
+        self.check_no_connections("estimate")?;
         self.check_configuration("q", q)?;
         self.check_rates("qd", qd)?;
         self.check_measurements(measurements)?;
@@ -77,6 +78,7 @@ impl Scene {
         wrenches: &[SpatialVector<f64>],
         with_covariance: bool,
     ) -> Result<crate::operators::BatchEstimate, Error> {
+        self.check_no_connections("estimate")?;
         self.check_configuration("q", q)?;
         self.check_rates("qd", qd)?;
         self.check_measurements(measurements)?;

@@ -35,12 +35,14 @@ impl Scene {
     /// Forward dynamics of one state, in the form of the workspace.
     ///
     /// By the compiled kernels of [`Scene::evaluate`], as all of these five; a state that they doubt is done again by
-    /// [`Scene::recursion`], and so is every state where the workspace is to estimate errors. What else the workspace holds afterwards is
+    /// [`Scene::recursion`], and so is every state where the workspace is to estimate errors, and of a scene with connections, whose accelerations
+    /// are those of [`Scene::constrained_dynamics`]. What else the workspace holds afterwards is
     /// not said.
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, a workspace of another scene, and [`Error::SingularJoint`] where a pivot is lost.
+    /// Wrong lengths, numbers that are not finite, a workspace of another scene, [`Error::SingularJoint`] where a pivot is lost, and
+    /// [`Error::Constraint`] where connections contradict each other.
     #[allow(clippy::too_many_arguments)] // a state is three arrays; scratch and result are the caller's
     pub fn forward_dynamics(
         &self,
@@ -118,7 +120,7 @@ impl Scene {
         self.run_one(workspace, None, Algorithm::MassMatrix, &state, out)
     }
 
-    /// The inverse of the mass matrix at `q` in closed form (6.1), (nv x nv) row by row.
+    /// The inverse of the mass matrix at `q` in closed form (6.1), (nv x nv) row by row: the tree's, whatever connections there are.
     ///
     /// # Errors
     ///

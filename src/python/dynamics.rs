@@ -18,6 +18,7 @@ const DENSE_LIMIT: usize = 4000;
 /// Rough time of one body in one state, ns (see [`Cost`](super::cost::Cost)).
 mod cost {
     pub const FORWARD: usize = 90;
+    pub const THROUGH_CONNECTIONS: usize = 2_000;
     pub const INVERSE: usize = 50;
     pub const COMPOSITE: usize = 30;
     pub const CLOSED_FORM: usize = 60;
@@ -41,10 +42,12 @@ impl PyScene {
     /// return_info: whether to tell the accuracy too, one entry a state, for about five times the time in the forms "covariance" and
     /// "square-root", next to nothing in "auto".
     ///
+    /// Of a scene with connections the accelerations go through them, one state at a time, as constrained_dynamics has them; no error is estimated.
+    ///
     /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
     /// the result, and .error, the estimated error of the largest acceleration.
     ///
-    /// Raises SingularJointError where a joint has no inertia along its axis; ArgumentError, naming the link, for the square-root form
+    /// Raises SingularJointError where a joint has no inertia along its axis; ConstraintError where connections contradict each other; ArgumentError, naming the link, for the square-root form
     /// of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state. After an
     /// error out is partly written.
     #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, out=None, dtype=None, errors="raise", return_info=false))]
@@ -65,7 +68,8 @@ impl PyScene {
         let algorithm = Algorithm::ForwardDynamics(read_form(form)?);
         let given = [("q", q), ("qd", qd), ("tau", tau)];
         let keywords = Keywords { wrenches, out, dtype, errors, info: return_info };
-        self.evaluate(py, algorithm, cost::FORWARD, given, &keywords)
+        let cost = if self.scene.connections().is_empty() { cost::FORWARD } else { cost::THROUGH_CONNECTIONS };
+        self.evaluate(py, algorithm, cost, given, &keywords)
     }
 
     /// Joint torques from joint accelerations, in O(N), gravity and armature included.
@@ -157,7 +161,8 @@ impl PyScene {
 
     /// The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
     ///
-    /// q: (..., nq). form, out, dtype and errors: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units.
+    /// q: (..., nq). form, out, dtype and errors: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units: the tree's, whatever connections
+    /// there are (constrained_mass_matrix_inverse is through them).
     ///
     /// Raises ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse without forming it.
     /// Raises SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.

@@ -34,7 +34,7 @@ impl PyScene {
     /// for the whole batch. form and errors: as in forward_dynamics.
     ///
     /// Returns (..., 6m, 6m), full and exactly symmetric, SI units. Wrenches (moment, force) on the frames, each at its origin and in
-    /// its axes, stacked, times this is how they change the frames' (angular, linear) accelerations. Defined in singular
+    /// its axes, stacked, times this is how they change the frames' (angular, linear) accelerations, in the tree without connections. Defined in singular
     /// configurations too, where operational_inertia is not; zero for links on the base.
     ///
     /// Raises ArgumentError for an unknown link, no link, or a rotation that is none (to within 1e-9); SingularJointError, ShapeError,

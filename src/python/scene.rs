@@ -137,9 +137,10 @@ impl PyScene {
     ///
     /// Joints and bodies keep their names and order; a joint whose anchor is off its body's origin, or that is not its body's last, moves a link
     /// "body/joint". phipsi.mujoco takes states and forces from MuJoCo's conventions to phipsi's and back: they differ at ball and free joints.
-    /// Contacts, actuators and sensors are not read; an actuator's forcerange gives the joint's effort limit, ball joints get no limits.
+    /// Equality constraints connect, weld and joint (linear) become connections, by their names or "equality 0" and so on; they hold exactly, where MuJoCo's give way (solref and solimp are
+    /// not read). Contacts, actuators and sensors are not read; an actuator's forcerange gives the joint's effort limit, ball joints get no limits.
     ///
-    /// Raises SceneError for a model that cannot be read, and for what acts in it and is not ignored, by name: equality constraints, tendons with springs, losses,
+    /// Raises SceneError for a model that cannot be read, and for what acts in it and is not ignored, by name: other equality constraints, tendons with springs, losses,
     /// armature or limits, gravcomp, a medium, plugins, deformable objects, nonlinear springs and damping, springs of free joints; ImportError without
     /// the extra; ArgumentError for other sources. Warns as SceneBuilder.build does: MimicWarning for joints that an ignored equality ties linearly.
     #[staticmethod]

@@ -47,6 +47,49 @@ pub fn four_bar(kind: ConnectionKind, masses: [f64; 3]) -> Scene {
     builder.connect(pin).build().expect("a linkage")
 }
 
+/// The same linkage as a chain of four hinges whose last link is held on the ground by a weld: of its 6 rows 3 are in the plane.
+pub fn welded_four_bar() -> Scene {
+    let mut builder = SceneBuilder::new().link(LinkDescription { name: "ground".into(), inertial: None });
+    for (name, parent, at, length) in [
+        ("crank", "ground", [0.0; 3], 0.2),
+        ("coupler", "crank", [0.0, 0.0, 0.2], 0.4),
+        ("rocker", "coupler", [0.0, 0.0, 0.4], 0.3),
+        ("foot", "rocker", [0.0, 0.0, 0.3], 0.1),
+    ] {
+        builder = link(builder, name, rod(1.0, length));
+        builder = builder.joint(joint(name, JointKind::Continuous, parent, at, [0.0, 1.0, 0.0]));
+    }
+    let mut held = Connection::new("held", ConnectionKind::Weld, "foot", None);
+    held.other_frame = Some(RigidShift { lever: [0.3, 0.0, 0.0].into(), ..RigidShift::identity() });
+    builder.connect(held).build().expect("a linkage")
+}
+
+/// A random tree with connections of every kind, which hold in the neutral configuration.
+pub fn tangle(seed: u64, kinds: &[JointKind]) -> Scene {
+    let mut random = Random::new(1000 + seed);
+    let tree = super::Tree { seed, bodies: 12, kinds, branching: 0.4, armature: 0.2, floating: seed % 2 == 1 };
+    let mut builder = tree.builder();
+    let axis = ConnectionKind::Axis(random.vector());
+    for (i, kind) in
+        [ConnectionKind::Point, axis, ConnectionKind::Weld, ConnectionKind::Distance(None)].into_iter().enumerate()
+    {
+        let other = (i % 2 == 0).then(|| format!("link{}", 3 + i));
+        let mut connection = Connection::new(kind.name(), kind, format!("link{}", 11 - i), other.as_deref());
+        connection.frame = RigidShift { rotation: random.rotation(), lever: random.vector() };
+        if let ConnectionKind::Distance(_) = kind {
+            connection.other_frame = Some(RigidShift { rotation: random.rotation(), lever: random.vector() });
+        }
+        builder = builder.connect(connection);
+    }
+    let one_axis: Vec<String> =
+        builder.joints().iter().filter(|joint| joint.kind.nv() == 1).map(|joint| joint.name.clone()).collect();
+    if let [.., other, first] = &one_axis[..] {
+        let kind = ConnectionKind::Joint { multiplier: -1.5, offset: 0.0 };
+        builder = builder.connect(Connection::new("gear", kind, first, Some(other)));
+    }
+    builder.build().expect("links that can move against each other")
+}
+
 /// A platform on six legs, each two rods with a prismatic joint between and spherical joints at the ends: 6 of the 6 legs are closed by points, but for the one
 /// that carries the platform.
 pub fn stewart() -> Scene {

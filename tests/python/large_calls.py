@@ -61,6 +61,21 @@ def batch(states: int, call: Callable[..., object], **options: Any) -> Callable[
     return prepare
 
 
+def looped(scene: phipsi.Scene) -> phipsi.Scene:
+    """The same chain, its tip held by a point of the world."""
+    return scene.to_builder().connect("tip", "point", scene.link_names[-1], xyz=(0, 0, 0.3)).build()
+
+
+def through_connections(method: str, arrays: int, states: int = 10**6, **options: Any) -> Callable[[phipsi.Scene], Call]:
+    """A method on a scene with connections that takes q and so many arrays of rates."""
+
+    def prepare(scene: phipsi.Scene) -> Call:
+        closed, q = looped(scene), np.zeros((states, scene.nq))
+        return lambda: getattr(closed, method)(q, *[np.zeros(scene.nv)] * arrays, **options)
+
+    return prepare
+
+
 def of_model(call: Callable[[phipsi.RandomModel], object]) -> Callable[[phipsi.Scene], Call]:
     def prepare(scene: phipsi.Scene) -> Call:
         model = scene.random_model(np.zeros(scene.nq))
@@ -190,6 +205,13 @@ LARGE: dict[str, Large] = {
     "centroidal_momentum_matrix": Large("q", batch(10**6, lambda scene, q: scene.centroidal_momentum_matrix(q))),
     "centroidal_momentum_matrix_rate": Large("q, qd", broadcast("centroidal_momentum_matrix_rate")),
     "kinetic_energy": Large("q, qd", broadcast("kinetic_energy")),
+    "constraint_error": Large("q", through_connections("constraint_error", 0, 10**7), room=100),
+    "constraint_jacobian": Large("q", through_connections("constraint_jacobian", 0, 2 * 10**6)),
+    "constraint_bias": Large("q", through_connections("constraint_bias", 1, 10**7), room=100),
+    "constrained_dynamics": Large("q", through_connections("constrained_dynamics", 2, 3 * 10**6)),
+    "project": Large("q", through_connections("project", 0, 5 * 10**6)),
+    "constrained_inverse_dynamics": Large("q", through_connections("constrained_inverse_dynamics", 2, 3 * 10**6)),
+    "constrained_mass_matrix_inverse": Large("q", through_connections("constrained_mass_matrix_inverse", 0)),
     "operational_inverse_inertia": Large("q", batch(10**6, lambda scene, q: scene.operational_inverse_inertia(q, "link3"))),
     "operational_inertia": Large("q", batch(10**6, lambda scene, q: scene.operational_inertia(q, "link6"))),
     "many links": Large(

@@ -68,6 +68,16 @@ def of_one(bodies: int, call: Callable[[phipsi.Scene, np.ndarray], object]) -> C
     return prepare
 
 
+def looped(count: int, call: Callable[[phipsi.Scene, np.ndarray], object]) -> Callable[[], Call]:
+    def prepare() -> Call:
+        tree = chain(30)
+        scene = tree.to_builder().connect("tip", "point", "link29", xyz=(0, 0, 0.3)).build()
+        q = np.tile(scene.project(states(scene, 1)[0] * 0.1).q, (count, 1))
+        return lambda: call(scene, q)
+
+    return prepare
+
+
 def in_doubt() -> Call:
     """States that take a thousand times what is expected of them."""
     case = phipsi.scenes.extreme("heavy-tip", 1e12, bodies=30)
@@ -165,6 +175,14 @@ LONG: dict[str, Callable[[], Call]] = {
     "estimate": batch(7, 150_000, lambda scene, q: scene.estimate(q, q, q, covariance=True)),
     "estimate, dense": batch(30, 2_000, lambda scene, q: scene.estimate(q, q, q, covariance=True, method="batch")),
     "estimate, dense, one": of_one(300, lambda scene, q: scene.estimate(q, q, q, covariance=True, method="batch")),
+    "constraint_error": looped(1_000_000, lambda scene, q: scene.constraint_error(q)),
+    "constraint_jacobian": looped(300_000, lambda scene, q: scene.constraint_jacobian(q)),
+    "constraint_bias": looped(1_000_000, lambda scene, q: scene.constraint_bias(q, np.zeros(30))),
+    "constrained_dynamics": looped(100_000, lambda scene, q: scene.constrained_dynamics(q, np.zeros(30), np.zeros(30))),
+    "project": looped(100_000, lambda scene, q: scene.project(q + 0.01)),
+    "constrained_inverse_dynamics": looped(100_000, lambda scene, q: scene.constrained_inverse_dynamics(q, np.zeros(30), np.zeros(30))),
+    "constrained_mass_matrix_inverse": looped(30_000, lambda scene, q: scene.constrained_mass_matrix_inverse(q)),
+    "simulate through connections": looped(1_000, lambda scene, q: moving(scene, q, 10**5)),
     "operational_inverse_inertia": batch(30, 300_000, lambda scene, q: scene.operational_inverse_inertia(q, "link29")),
     "operational_inertia": batch(30, 300_000, lambda scene, q: scene.operational_inertia(q, "link29")),
     "operational_inverse_inertia of many links": of_one(

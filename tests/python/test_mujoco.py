@@ -141,7 +141,12 @@ def with_(element: str) -> str:
 
 
 REFUSED = {
-    "equality": (with_('<equality><weld name="glue" body1="leg" body2="arm"/></equality>'), "equality constraint 'glue'"),
+    "equality": (
+        with_('<equality><joint name="cam" joint1="knee" joint2="rail" polycoef="0 1 1 0 0"/></equality>')
+        .replace('<joint axis="0 1 0"/>', '<joint name="knee" axis="0 1 0"/>')
+        .replace('<joint type="slide" axis="0 1 0"/>', '<joint name="rail" type="slide" axis="0 1 0"/>'),
+        "equality constraint 'cam'",
+    ),
     "tendons": (
         with_('<tendon><spatial name="rope" stiffness="3"><site site="a"/><site site="b"/></spatial></tendon>').replace(
             '<body name="arm" pos="-0.2 0 0.1">', '<site name="a"/><body name="arm" pos="-0.2 0 0.1"><site name="b"/>'
@@ -170,7 +175,7 @@ def test_a_tendon_that_only_drives_is_no_obstacle() -> None:
 
 
 def test_inactive_constraints_are_no_obstacle() -> None:
-    assert phipsi.Scene.from_mujoco(REFUSED["equality"][0].replace("<weld", '<weld active="false"')).nv == 18
+    assert phipsi.Scene.from_mujoco(REFUSED["equality"][0].replace("<joint name=\"cam\"", '<joint name="cam" active="false"')).nv == 18
 
 
 def test_an_ignored_tie_of_joints_is_known_as_mimic() -> None:

@@ -47,6 +47,11 @@ impl GramInverse {
         }
     }
 
+    /// S: zero for rows that move nothing.
+    pub fn scale(&self) -> &[f64] {
+        &self.scale
+    }
+
     /// The columns of S V mu^-1/2: rows of W*, combined by them, are orthonormal.
     pub fn columns(&self) -> DMatrix<f64> {
         let mut columns = self.vectors.clone();
@@ -79,10 +84,18 @@ impl ConstraintScratch {
 
     /// The row i of W*: a unit force along row i runs inward from the bodies that it acts on, through the measurements of each joint.
     fn whiten(&mut self, model: &Model<f64>, workspace: &Workspace<f64>, constraint: &Constraint, i: usize) {
-        let Self { units, state, whitened, sizes, torque, estimates, .. } = self;
+        let Self { units, state, moments, whitened, sizes, torque, estimates, .. } = self;
         let (system, nv) = (&model.system, model.nv());
         // What is measured is the torque of the row; a force on a body lowers the force that its joint has to transmit.
         begin(constraint, &units[i], state, -1.0);
+        for &k in &constraint.path {
+            moments[k] = 0.0;
+        }
+        for (force, moment) in units[i].forces.iter().zip(units[i].moments) {
+            if let Some((k, _)) = force {
+                moments[*k] += moment;
+            }
+        }
         torque.fill(0.0);
         for (v, unit) in units[i].torques.into_iter().flatten() {
             torque[v] = unit;
@@ -94,9 +107,9 @@ impl ConstraintScratch {
             let mut z = state[k];
             for row in 0..stage.rows.count() {
                 let size = match stage.rows.row(row) {
-                    HingeMap::Axis(axis) if axis < 3 => angular(&z).norm(),
+                    HingeMap::Axis(axis) if axis < 3 => moments[k],
                     HingeMap::Axis(_) => linear(&z).norm(),
-                    HingeMap::Screw(pitch) => angular(&z).norm() + pitch.abs() * linear(&z).norm(),
+                    HingeMap::Screw(pitch) => moments[k] + pitch.abs() * linear(&z).norm(),
                 } + torque[stage.first_row + row].abs();
                 square += size * size * workspace.measured[stage.first_row + row].pivot_inverse;
             }
@@ -105,7 +118,10 @@ impl ConstraintScratch {
                 out[row] = estimates[row] * workspace.measured[row].pivot_inverse.sqrt();
             }
             if let Some(parent) = stage.parent {
-                state[parent] = sum(&state[parent], &workspace.shift[k].force_to_parent(&z));
+                let shift = &workspace.shift[k];
+                state[parent] = sum(&state[parent], &shift.force_to_parent(&z));
+                // A lever along a force leaves a moment of rounding, which is no moment.
+                moments[parent] += angular(&z).norm().max(moments[k]) + shift.lever.norm() * linear(&z).norm();
             }
         }
         sizes[i] = square.sqrt();

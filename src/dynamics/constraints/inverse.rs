@@ -66,8 +66,7 @@ pub(crate) fn constrained_inverse_dynamics(
         let free: Vec<usize> = (0..nv).filter(|&row| !actuated[row]).collect();
         // Rows scaled by the inertia that each joint sees, columns to what the rows of the connections are to the filter.
         let weight = |row: usize| workspace.measured[row].pivot_inverse.sqrt();
-        let scale: Vec<f64> =
-            (0..m).map(|i| w.column(i).norm()).map(|n| if n > 0.0 { n.recip() } else { 0.0 }).collect();
+        let scale = scratch.inverse.scale().to_vec();
         let rows = DMatrix::from_fn(free.len(), m, |r, i| jacobian[i * nv + free[r]] * scale[i] * weight(free[r]));
         let right = DVector::from_iterator(free.len(), free.iter().map(|&row| tau[row] * weight(row)));
         let scaled = DMatrix::from_fn(nv, m, |row, i| w[(row, i)] * scale[i]);
@@ -135,8 +134,7 @@ fn least(a: &DMatrix<f64>, b: &DVector<f64>, to: &DMatrix<f64>, c: &DVector<f64>
     }
     let basis = DMatrix::from_fn(count, open.len(), |i, j| v[(open[j], i)]);
     let (left, moves) = (c - to * &mu, to * &basis);
-    let most = moves.amax();
-    let chosen = moves.svd(true, true).solve(&left, SMALL * most);
+    let chosen = moves.svd(true, true).solve(&left, SMALL * to.norm());
     chosen.map_or(mu.clone(), |nu| mu + basis * nu)
 }
 

@@ -51,6 +51,8 @@ pub struct ConstraintScratch {
     torque: Vec<f64>,
     /// Spatial forces on their way inward, and innovations, then accelerations.
     state: Vec<Vector6<f64>>,
+    /// Sizes of the terms that the moments among them are the sum of.
+    moments: Vec<f64>,
     estimates: Vec<f64>,
     /// G^+.
     inverse: GramInverse,
@@ -76,6 +78,7 @@ impl ConstraintScratch {
             wrenches: vec![Vector6::zeros(); bodies],
             torque: vec![0.0; nv],
             state: vec![Vector6::zeros(); bodies],
+            moments: vec![0.0; bodies],
             estimates: vec![f64::NAN; nv],
             inverse: GramInverse::default(),
             residual: vec![f64::NAN; m],

@@ -53,7 +53,8 @@ pub(crate) fn project_positions(
         if left < best.0 {
             best = (left, q.to_vec());
         }
-        if left == 0.0 || !left.is_finite() || (!falls && best.0 <= CLOSED * size) {
+        // Of rounding no step is made: where the rows are singular it would be the root of it.
+        if left <= 4.0 * f64::EPSILON * size || !left.is_finite() || (!falls && best.0 <= CLOSED * size) {
             break;
         }
         pivots = factorise(model, workspace, q, |_, _| {});

@@ -6,13 +6,15 @@ use crate::kinematics::{Frame, frame_motion};
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::constraint::{Constraint, Constraints, Tie};
-use crate::spatial::{RigidShift, dot, sum};
+use crate::spatial::{RigidShift, angular, dot, linear, sum};
 use nalgebra::Vector6;
 
 /// J* of one row: the forces on bodies, each in its body's frame, and the torques at joints of a unit force along it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct UnitRow {
     pub forces: [Option<(usize, Vector6<f64>)>; 2],
+    /// Sizes of the terms that their moments are the sum of.
+    pub moments: [f64; 2],
     pub torques: [Option<(usize, f64)>; 2],
 }
 
@@ -118,12 +120,14 @@ pub(super) fn units_of_rows(
                 for (unit, force) in units.iter_mut().zip(&rows.of_motion) {
                     let back = -motion.place.force_to_parent(force);
                     let forces = [on(c.body, &c.placement, force), on(d.body, &d.placement, &back)];
-                    *unit = UnitRow { forces, torques: [None; 2] };
+                    let (moment, push) = (angular(force).norm(), linear(force).norm());
+                    let reach = [c.placement.lever.norm(), motion.place.lever.norm() + d.placement.lever.norm()];
+                    *unit = UnitRow { forces, moments: reach.map(|reach| moment + reach * push), torques: [None; 2] };
                 }
             }
             Tie::Coordinates { first, second, multiplier, .. } => {
                 let torques = [Some((first.v, 1.0)), second.map(|second| (second.v, -multiplier))];
-                units[0] = UnitRow { forces: [None; 2], torques };
+                units[0] = UnitRow { torques, ..UnitRow::default() };
             }
         }
     }

@@ -1,0 +1,370 @@
+"""Closed loops: beside Pinocchio's constraintDynamics and MuJoCo's equality constraints, batches, pickles, motion, and what is refused."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from conftest import random_rotation, random_scene
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import phipsi
+from phipsi.errors import ArgumentError, ConstraintError, SceneError, ShapeError, SimulationError
+
+
+def bars(builder: phipsi.SceneBuilder | None = None) -> phipsi.SceneBuilder:
+    """A four-bar linkage about y, cut where the coupler meets the rocker."""
+    builder = builder or phipsi.SceneBuilder().link("ground")
+    for name, parent, at, length in (
+        ("crank", "ground", (0, 0, 0), 0.2),
+        ("coupler", "crank", (0, 0, 0.2), 0.4),
+        ("rocker", "ground", (0.3, 0, 0), 0.3),
+    ):
+        builder.link(name, mass=1.0, com=(0, 0, length / 2), inertia=np.diag([length**2 / 12] * 2 + [1e-3]))
+        builder.joint(name, "revolute", parent, name, xyz=at, axis=(0, 1, 0), lower=-9, upper=9, velocity=9, effort=9)
+    return builder
+
+
+ENDS = {"xyz": (0, 0, 0.4), "other_xyz": (0, 0, 0.3)}
+
+
+def linkage(kind: str = "axis") -> phipsi.Scene:
+    axis = {"axis": (0, 1, 0)} if kind == "axis" else {}
+    return bars().connect("pin", kind, "coupler", "rocker", **ENDS, **axis).build()
+
+
+def closed(scene: phipsi.Scene, states: tuple[int, ...] = (), seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """States that meet the connections, not far from one that is easy to meet."""
+    random = np.random.default_rng(seed)
+    q = np.array([0.5, 0.8, 0.2]) + random.uniform(-0.1, 0.1, (*states, 3))
+    found = scene.project(q, random.uniform(-1, 1, (*states, 3)))
+    return found.q, found.qd
+
+
+def tangle(seed: int, kinds: tuple[str, ...], joints: int = 8, floating_base: bool = False) -> phipsi.Scene:
+    """A random tree with points and welds that hold at zero."""
+    random = np.random.default_rng(seed)
+    scene = random_scene(seed, joints, kinds=kinds, floating_base=floating_base)
+    builder = scene.to_builder()
+    links = [f"link{k}" for k in range(joints)]
+    for name, kind, link, other in (("loop", "point", links[-1], links[1]), ("held", "weld", links[-2], None)):
+        if link != other:
+            builder.connect(name, kind, link, other, xyz=random.uniform(-0.3, 0.3, 3), rotation=random_rotation(random))
+    return builder.build()
+
+
+def near(scene: phipsi.Scene, seed: int, size: float = 0.05) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A state that meets the connections, near the neutral one, and torques."""
+    random = np.random.default_rng(seed)
+    q = scene.integrate(scene.neutral(), random.uniform(-size, size, scene.nv))
+    found = scene.project(q, random.uniform(-1, 1, scene.nv))
+    return found.q, found.qd, random.uniform(-5, 5, scene.nv)
+
+
+def of_pinocchio(scene: phipsi.Scene, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, floating_base: bool) -> np.ndarray:
+    """The accelerations that Pinocchio's constraintDynamics gives."""
+    pin = pytest.importorskip("pinocchio")
+    tree = scene.without_connections()
+    root = (pin.JointModelFreeFlyer(),) if floating_base else ()
+    model = pin.buildModelFromXML(tree.to_urdf(), *root)
+    model.gravity.linear[:] = scene.gravity
+    there, at = np.empty(model.nv, dtype=int), np.empty(model.nq, dtype=int)
+    for name in scene.joint_names:
+        joint = model.joints[model.getJointId(name)]
+        there[joint.idx_v : joint.idx_v + joint.nv] = np.arange(scene.nv)[scene.v_index(name)]
+        at[joint.idx_q : joint.idx_q + joint.nq] = np.arange(scene.nq)[scene.q_index(name)]
+    joint_of = {joint.child: model.getJointId(name) for name, joint in scene.joints.items() if name in scene.joint_names}
+    contacts = pin.StdVec_RigidConstraintModel()
+    for name, kind, link, other, first, second in placed(scene):
+        kinds = {"point": pin.ContactType.CONTACT_3D, "weld": pin.ContactType.CONTACT_6D}
+        ends = [(joint_of[link], first), (0 if other is None else joint_of[other], second)]
+        frames = [part for joint, (rotation, xyz) in ends for part in (joint, pin.SE3(rotation, xyz))]
+        contacts.append(pin.RigidConstraintModel(kinds[kind], model, *frames, pin.ReferenceFrame.LOCAL))
+    data = model.createData()
+    datas = pin.StdVec_RigidConstraintData()
+    datas.extend([contact.createData() for contact in contacts])
+    pin.initConstraintDynamics(model, data, contacts, datas)
+    proximal = pin.ProximalSettings(1e-15, 1e-15, 1e-8, 30)
+    qdd = pin.constraintDynamics(model, data, q[at], qd[there], tau[there], contacts, datas, proximal)
+    here = np.empty(model.nv)
+    here[there] = qdd
+    return here
+
+
+def placed(scene: phipsi.Scene) -> list[tuple]:
+    """The connections of a scene, as its pickle has them."""
+    description = scene.__reduce__()[1][0]
+    shift = lambda frame: (np.reshape(frame[0], (3, 3)), np.array(frame[1]))  # noqa: E731
+    return [(name, kind, link, other, shift(first), shift(second)) for name, kind, _, _, _, link, other, first, second in description[-1]]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_accelerations_are_those_of_pinocchio(seed: int) -> None:
+    floating = seed % 2 == 1
+    scene = tangle(seed, ("revolute", "prismatic"), 14, floating)
+    q, qd, tau = near(scene, seed)
+    found = scene.constrained_dynamics(q, qd, tau)
+    expected = of_pinocchio(scene, q, qd, tau, floating)
+    error = np.abs(found.qdd - expected).max() / np.abs(expected).max()
+    print(f"{seed}: {error:.1e}, residual {found.residual:.1e}, rank {found.rank}")
+    assert error < 1e-9
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_random_loops_obey_their_definition(seed: int) -> None:
+    scene = tangle(seed, ("revolute", "prismatic", "spherical", "floating"), 9)
+    try:
+        q, qd, tau = near(scene, seed)
+    except ConstraintError:
+        return
+    found = scene.constrained_dynamics(q, qd, tau)
+    jacobian = scene.constraint_jacobian(q)
+    load = sum(jacobian[scene.connection_rows(name)].T @ force for name, force in found.forces.items())
+    size = np.abs(found.qdd).max() + np.abs(load).max() + 10
+    assert np.allclose(scene.inverse_dynamics(q, qd, found.qdd), tau + load, atol=1e-9 * size)
+    assert np.abs(jacobian @ found.qdd + scene.constraint_bias(q, qd)).max() < 1e-9 * size
+    assert found.rank <= len(jacobian) and found.residual < 1e-9 * size
+
+
+def test_forward_dynamics_goes_through_connections_and_batches_are_as_singles() -> None:
+    scene = linkage()
+    q, qd = closed(scene, (4, 3))
+    tau = np.random.default_rng(1).uniform(-1, 1, (3, 3))
+    found = scene.constrained_dynamics(q, qd, tau)
+    assert found.qdd.shape == (4, 3, 3) and found.forces["pin"].shape == (4, 3, 5) and found.rank.shape == found.residual.shape == (4, 3)
+    assert np.array_equal(scene.forward_dynamics(q, qd, tau), found.qdd) and np.all(found.rank == 2)
+    for index in np.ndindex(4, 3):
+        one = scene.constrained_dynamics(q[index], qd[index], tau[index[1]])
+        assert np.array_equal(one.qdd, found.qdd[index]) and np.array_equal(one.forces["pin"], found.forces["pin"][index])
+        assert isinstance(one.rank, int) and isinstance(one.residual, float)
+    many = scene.constrained_dynamics(np.tile(q, (100, 1, 1, 1)), qd, tau)
+    assert np.array_equal(many.qdd[57], found.qdd)
+    with pytest.raises(ArgumentError, match="without_connections"):
+        scene.forward_dynamics_derivatives(q[0, 0], qd[0, 0], tau[0])
+    with pytest.raises(ArgumentError, match="without_connections"):
+        scene.linearize(q[0, 0], qd[0, 0], tau[0])
+    with pytest.raises(ArgumentError, match="without_connections"):
+        scene.estimate(q[0, 0], qd[0, 0], tau[0])
+    with pytest.raises(ArgumentError, match="without_connections"):
+        scene.ode()
+    with pytest.raises(ArgumentError, match="without_connections"):
+        scene.to_urdf()
+
+
+def test_wrenches_and_forces_are_in_their_frames() -> None:
+    # A rod on a hinge, welded to the world: the weld and the hinge share what holds it.
+    builder = phipsi.SceneBuilder().link("ground").link("rod", mass=2.0, com=(0, 0, 0.5), inertia=np.diag([0.1, 0.1, 0.01]))
+    builder.joint("hinge", "revolute", "ground", "rod", axis=(0, 1, 0), lower=-9, upper=9, velocity=9, effort=9)
+    scene = builder.connect("rope", "rod", "rod", xyz=(0, 0, 1.0), other_xyz=(1.0, 0, 1.0)).build()
+    # A horizontal rod of no mass from the tip to a wall: pushed by 3 N at the middle it carries 1.5 N, pressed.
+    found = scene.constrained_dynamics([0.0], [0.0], [0.0], wrenches={"rod": [0, 0.5 * 3, 0, 3, 0, 0]})
+    assert np.allclose(found.forces["rope"], [1.5], atol=1e-12) and found.rank == 1
+    welded = builder.build().to_builder().connect("weld", "weld", "rod", xyz=(0, 0, 1.0)).build()
+    assert welded.connection_names == ("rope", "weld")
+
+
+def test_projection_goes_to_the_nearest() -> None:
+    scene = linkage("point")
+    q = np.array([0.5, 0.8, 0.2])
+    found = scene.project(q)
+    assert found.qd is None and found.rank == 2 and np.abs(scene.constraint_error(found.q)).max() < 1e-14
+    assert np.abs(found.q - q).max() < 0.5
+    q2, qd2, rank = scene.project(found.q, [1.0, 2.0, 3.0])
+    assert np.array_equal(q2, found.q) and np.abs(scene.constraint_jacobian(q2) @ qd2).max() < 1e-14
+    far = bars().connect("far", "distance", "coupler", "ground", length=9.0).build()
+    with pytest.raises(ConstraintError, match="connection \"far\"") as caught:
+        far.project(np.tile(q, (3, 1)))
+    assert caught.value.connections == ("far",) and caught.value.residual > 8 and caught.value.state == 0
+    with pytest.warns(phipsi.errors.BadStateWarning):
+        assert np.isnan(far.project(q, errors="nan").q).all()
+
+
+def test_inverse_dynamics_and_the_inverse_mass_matrix() -> None:
+    scene = linkage()
+    q, qd = closed(scene)
+    qdd = scene.constrained_dynamics(q, qd, [7.0, 0.0, 0.0]).qdd
+    found = scene.constrained_inverse_dynamics(q, qd, qdd, actuated=["crank"])
+    assert np.allclose(found.tau, [7.0, 0.0, 0.0], atol=1e-12) and found.residual < 1e-10
+    assert np.array_equal(scene.constrained_inverse_dynamics(q, qd, qdd, actuated=[True, False, False]).tau, found.tau)
+    every = scene.constrained_inverse_dynamics(q, qd, qdd).tau
+    assert np.allclose(scene.constrained_dynamics(q, qd, every).qdd, qdd, atol=1e-10)
+    with pytest.raises(ArgumentError, match="without a motor"):
+        scene.constrained_inverse_dynamics(q, qd, qdd, actuated=[])
+    with pytest.raises(ArgumentError, match="actuated: found 'krank'|actuated.*krank"):
+        scene.constrained_inverse_dynamics(q, qd, qdd, actuated=["krank"])
+    inverse, jacobian = scene.constrained_mass_matrix_inverse(q), scene.constraint_jacobian(q)
+    assert np.abs(jacobian @ inverse).max() < 1e-13 * np.abs(inverse).max() and np.linalg.matrix_rank(inverse, 1e-10) == 1
+    step = scene.constrained_dynamics(q, qd, [8.0, 0.0, 0.0]).qdd - qdd
+    assert np.allclose(inverse[:, 0], step, atol=1e-10)
+
+
+def test_motion_stays_closed() -> None:
+    scene = linkage()
+    q, qd = closed(scene, (5,))
+    path = scene.simulate(q, qd, dt=1e-3, steps=500, record_every=100)
+    assert path.drift.shape == (5, 6) and path.drift.max() < 1e-13
+    energy = path.energy().total
+    assert np.abs(energy - energy[:, :1]).max() < 1e-5
+    loose = scene.simulate(q, qd, dt=1e-3, steps=500, record_every=100, baumgarte=50.0)
+    assert 1e-16 < loose.drift.max() < 1e-5 and np.abs(loose.q - path.q).max() < 1e-2
+    simulator = scene.simulator(q, qd, dt=1e-3)
+    simulator.step(steps=500)
+    assert np.array_equal(simulator.q, path.q[:, -1])
+    again = pickle.loads(pickle.dumps(scene.simulator(q, qd, dt=1e-3, baumgarte=20.0)))
+    again.step(steps=3)
+    with pytest.raises(ConstraintError, match=r"\"pin\".*scene.project"):
+        scene.simulate(q + [1e-3, 0, 0], qd, dt=1e-3, steps=1)
+    with pytest.raises(ConstraintError, match=r"\"pin\".*scene.project"):
+        simulator.reset(q, qd + 1.0)
+    with pytest.raises(ArgumentError, match="baumgarte"):
+        scene.simulate(q, qd, dt=1e-3, steps=1, baumgarte=0.0)
+    with pytest.raises(ArgumentError, match="without_connections"):
+        path.vjp(np.ones_like(path.qd))
+    assert linkage().without_connections().simulate(q, qd, dt=1e-3, steps=2).drift.max() == 0.0
+
+
+def test_a_step_that_tears_a_linkage_ends_the_motion() -> None:
+    scene = linkage()
+    q, qd = closed(scene)
+    with pytest.raises(SimulationError) as caught:
+        scene.simulate(q, 100 * qd, dt=0.5, steps=50, tau=[1e4, 0, 0], method="semi-implicit-euler")
+    assert caught.value.trajectory.steps < 50
+
+
+def test_connections_belong_to_the_scene() -> None:
+    scene = linkage()
+    q, qd = closed(scene)
+    expected = scene.constraint_error(q + 0.1)
+    for other in (
+        pickle.loads(pickle.dumps(scene)),
+        copy.deepcopy(scene),
+        scene.to_builder().build(),
+        pickle.loads(pickle.dumps(scene.to_builder())).build(),
+        scene.with_properties(armature=0.1),
+        scene.with_payload("rocker", 1.0),
+        scene.with_inertias({"rocker": (1.0, (0, 0, 0.1), None)}),
+    ):
+        assert other.connection_names == ("pin",) and np.array_equal(other.constraint_error(q + 0.1), expected)
+    assert scene.without_connections().connection_names == () and "1 connections" in repr(scene)
+    assert np.abs(scene.lock(["crank"], q).constraint_error(q[1:])).max() < 1e-14
+    assert scene.connection_rows("pin") == slice(0, 5, 1)
+    with pytest.raises(ArgumentError, match="one of \"pin\""):
+        scene.connection_rows("pim")
+
+
+def test_a_second_frame_that_is_not_given_is_where_the_first_is_at_zero() -> None:
+    scene = bars().connect("pin", "weld", "coupler", "rocker", xyz=(0.1, 0.2, 0.3), rpy=(0.1, 0.2, 0.3)).build()
+    assert np.abs(scene.constraint_error(np.zeros(3))).max() < 1e-15
+    rod = bars().connect("rod", "rod", "coupler", "rocker", xyz=(0, 0, 0.4), other_xyz=(0, 0, 0.3)).build()
+    assert np.abs(rod.constraint_error(np.zeros(3))).max() < 1e-15
+    geared = bars().couple("gear", "crank", "rocker", multiplier=-2.0, offset=0.1).build()
+    assert np.allclose(geared.constraint_error([0.5, 0.0, 0.3]), [0.5 + 0.6 - 0.1])
+    assert np.array_equal(geared.constraint_jacobian(np.zeros(3)), [[1.0, 0.0, 2.0]])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        (("pin", "pont", "coupler"), {}, 'kind "pont"'),
+        (("pin", "point", "coupler"), {"axis": (0, 0, 1)}, "axis for kind"),
+        (("pin", "point", "coupler"), {"length": 1.0}, "length for kind"),
+        (("pin", "point", "copler"), {}, '"copler"'),
+        (("pin", "point", "coupler", "coupler"), {}, "itself"),
+        (("pin", "weld", "ground"), {}, "rigidly attached"),
+        (("pin", "distance", "coupler"), {"length": -1.0}, "length -1"),
+        (("pin", "axis", "coupler"), {"axis": (0, 0, 0)}, "axis"),
+        (("pin", "point", "coupler"), {"rotation": 2 * np.eye(3)}, "rotation"),
+        (("pin", "point", "coupler"), {"other_rotation": -np.eye(3)}, "rotation"),
+        (("pin", "point", "coupler"), {"xyz": (np.nan, 0, 0)}, "not finite|finite"),
+    ],
+)
+def test_broken_connections_are_refused_by_name(arguments: tuple[str, ...], options: dict[str, object], message: str) -> None:
+    with pytest.raises((SceneError, ArgumentError), match=message) as caught:
+        bars().connect(*arguments, **options).build()
+    assert "pin" in str(caught.value)
+
+
+def test_broken_arguments_are_refused() -> None:
+    with pytest.raises(ShapeError, match="other_xyz of connection 'pin'|other_xyz of connection \"pin\""):
+        bars().connect("pin", "point", "coupler", other_xyz=(0, 0))
+    with pytest.raises(SceneError, match="twice"):
+        bars().connect("pin", "point", "coupler").connect("pin", "weld", "rocker").build()
+    for joints, message in ((("crank", "nobody"), "nobody"), (("crank", "crank"), "itself")):
+        with pytest.raises(SceneError, match=message):
+            bars().couple("gear", *joints).build()
+    scene = linkage()
+    q, qd = closed(scene)
+    with pytest.raises(ShapeError, match="tau"):
+        scene.constrained_dynamics(q, qd, [0.0])
+    with pytest.raises(ArgumentError, match="form"):
+        scene.constrained_dynamics(q, qd, qd, form="none")
+
+
+def test_contradicting_connections_are_named() -> None:
+    builder = bars()
+    for name, xyz in (("one", (0, 0, 0.1)), ("other", (0, 0, 0.3))):
+        builder.connect(name, "point", "coupler", xyz=xyz)
+    with pytest.raises(ConstraintError) as caught:
+        builder.build().constrained_dynamics(np.zeros((2, 3)), [1.0, 1.0, 0.0], np.zeros(3))
+    assert caught.value.connections == ("one", "other") and caught.value.state == 0 and caught.value.residual > 0.1
+
+
+MODEL = """<mujoco><option timestep="1e-3"><flag contact="disable"/></option><worldbody>
+<body name="crank"><joint name="a" axis="0 1 0"/><geom type="capsule" size="0.02" fromto="0 0 0 0 0 0.2"/>
+<body name="coupler" pos="0 0 0.2"><joint name="b" axis="0 1 0"/><geom type="capsule" size="0.02" fromto="0 0 0 0 0 0.4"/><site name="tip" pos="0 0 0.4"/></body></body>
+<body name="rocker" pos="0.3 0 0"><joint name="c" axis="0 1 0"/><geom type="capsule" size="0.02" fromto="0 0 0 0 0 0.3"/><site name="top" pos="0 0 0.3"/></body>
+</worldbody><equality>{}</equality></mujoco>"""
+
+
+def test_equality_constraints_of_mujoco_are_connections() -> None:
+    mujoco = pytest.importorskip("mujoco")
+    stiff = 'solref="2e-5 1" solimp="0.99999 0.99999 0.001"'
+    sites = f'<connect name="pin" site1="tip" site2="top" {stiff}/>'
+    scene = phipsi.Scene.from_mujoco(MODEL.format(sites))
+    assert scene.connection_names == ("pin",)
+    q, qd = closed(scene)
+    model = mujoco.MjModel.from_xml_string(MODEL.format(sites))
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q, qd, [0.3, -0.2, 0.1]
+    mujoco.mj_forward(model, data)
+    found = scene.constrained_dynamics(q, qd, [0.3, -0.2, 0.1]).qdd
+    print(found, data.qacc)
+    assert np.allclose(data.qacc, found, rtol=1e-3, atol=1e-3 * np.abs(found).max())
+
+
+@pytest.mark.parametrize(
+    ("element", "kind"),
+    [
+        ('<connect body1="coupler" body2="rocker" anchor="0 0 0.4"/>', 3),
+        ('<weld body1="coupler" body2="rocker" relpose="0.1 0.2 0.3 0.8 0.6 0 0" anchor="0.1 0 0.2"/>', 6),
+        ('<weld body1="coupler"/>', 6),
+        ('<weld site1="tip" site2="top"/>', 6),
+        ('<joint joint1="a" joint2="c" polycoef="0.2 0.5 0 0 0"/>', 1),
+        ('<joint joint1="a" polycoef="0.2 0 0 0 0"/>', 1),
+    ],
+)
+def test_rows_of_mujoco_are_those_of_the_scene(element: str, kind: int) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    scene = phipsi.Scene.from_mujoco(MODEL.format(element))
+    assert scene.connection_names == ("equality 0",) and len(scene.constraint_error(np.zeros(3))) == kind
+    model = mujoco.MjModel.from_xml_string(MODEL.format(element))
+    data = mujoco.MjData(model)
+    data.qpos[:] = [0.3, 0.4, 0.2]
+    mujoco.mj_forward(model, data)
+    ours = scene.constraint_error(data.qpos)
+    theirs = data.efc_pos[:kind]
+    # In other axes, and torsions scaled: sizes.
+    if kind == 6:
+        assert np.isclose(np.linalg.norm(ours[3:]), np.linalg.norm(theirs[:3]))
+    else:
+        assert np.isclose(np.linalg.norm(ours), np.linalg.norm(theirs))
+
+
+def test_a_curved_tie_of_joints_is_refused() -> None:
+    pytest.importorskip("mujoco")
+    with pytest.raises(SceneError, match="equality"):
+        phipsi.Scene.from_mujoco(MODEL.format('<joint joint1="a" joint2="c" polycoef="0 1 1 0 0"/>'))
