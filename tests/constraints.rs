@@ -542,3 +542,23 @@ fn broken_arguments_are_refused() {
     let mut of_other = other.constraint_scratch();
     assert!(scene.constraint_jacobian(&mut scene.workspace(), &mut of_other, &q, &mut out).is_err());
 }
+
+#[test]
+fn a_scene_without_connections_has_no_rows() {
+    let scene = phipsi::scenes::chain(3).unwrap();
+    let state = (vec![0.1, 0.2, 0.3], vec![0.3; 3], vec![1.0; 3]);
+    let (qdd, forces, rank, residual) = dynamics(&scene, Form::Auto, &state).unwrap();
+    let mut expected = [f64::NAN; 3];
+    let (q, qd, tau) = &state;
+    scene.forward_dynamics(&mut scene.workspace(), q, qd, tau, &[], &mut expected).unwrap();
+    assert!(forces.is_empty() && rank == 0 && residual == 0.0 && distance(&qdd, &expected) <= 1e-12);
+    let m = mass_matrix(&scene, q);
+    assert!((inverse(&scene, q) * m - DMatrix::identity(3, 3)).amax() <= 1e-10);
+    let (mut workspace, mut scratch) = (scene.workspace(), scene.constraint_scratch());
+    let mut moved = q.clone();
+    assert_eq!(scene.project(&mut workspace, &mut scratch, &mut moved, None).unwrap().rank, 0);
+    let (mut out, at) = ([f64::NAN; 3], (&mut workspace, &mut scratch));
+    let motors = [true, false, true];
+    let found = scene.constrained_inverse_dynamics(at.0, at.1, q, qd, &qdd, &[], &motors, (&mut out, &mut []));
+    assert!(found.unwrap_err().to_string().contains("without a motor"));
+}

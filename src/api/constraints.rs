@@ -37,8 +37,8 @@ impl Scene {
         ConstraintScratch::new(self.model(), self.constraints())
     }
 
-    /// How far each row of the connections is from holding at `q`, into `out` (m): origins in m, in the first frame's axes; rotations as 2 sin(t/2) about their axis, t the
-    /// angle, which is t where it is small; angular rows before linear ones. O(m depth).
+    /// How far each row of the connections is from holding at `q`, into `out` (m): origins in m, in the first frame's axes; rotations as 2 sin(t/2)
+    /// about their axis, t the angle, which is t where it is small; angular rows before linear ones. O(m depth).
     ///
     /// # Errors
     ///
@@ -50,7 +50,8 @@ impl Scene {
         self.check_result("constraint error", out)
     }
 
-    /// J of the connections at `q`, (m x nv) row by row into `out`: J qd is the rate of [`Scene::constraint_error`], exactly and at every `q`. O(m depth), beside the zeros.
+    /// J of the connections at `q`, (m x nv) row by row into `out`: J qd is the rate of [`Scene::constraint_error`], exactly and at every `q`. O(m
+    /// depth), beside the zeros.
     ///
     /// # Errors
     ///
@@ -89,9 +90,9 @@ impl Scene {
 
     /// Accelerations `qdd` (nv) and the forces of the connections (m) from torques: M qdd + bias = tau + J^T forces with J qdd + J' qd = 0.
     ///
-    /// Forces are what a connection does to its `link`, a row each, N m and N, at the origin of its first frame and in its axes; the other link gets the opposite. A rod
-    /// pushes where its force is positive. Rows that depend on each other have the forces of least sum `(J M^-1 J^T)_ii` `forces_i`^2; the accelerations are
-    /// unique. In the workspace's form. O(N + m^2 depth + m^3).
+    /// Forces are what a connection does to its `link`, a row each, N m and N, at the origin of its first frame and in its axes; the other link gets
+    /// the opposite. A rod pushes where its force is positive. Rows that depend on each other have the forces of least sum `(J M^-1 J^T)_ii`
+    /// `forces_i`^2; the accelerations are unique. In the workspace's form. O(N + m^2 depth + m^3).
     ///
     /// ```
     /// use phipsi::scene::{Connection, ConnectionKind};
@@ -149,8 +150,8 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// Wrong lengths, numbers that are not finite, scratch of another scene, [`Error::SingularJoint`] of the tree; [`Error::Constraint`] where an error or a rate
-    /// stays: from there no small moves meet the connections.
+    /// Wrong lengths, numbers that are not finite, scratch of another scene, [`Error::SingularJoint`] of the tree; [`Error::Constraint`] where an
+    /// error or a rate stays: from there no small moves meet the connections.
     pub fn project(
         &self,
         workspace: &mut Workspace<f64>,
@@ -189,7 +190,8 @@ impl Scene {
     /// Torques `tau` (nv) and forces of the connections (m) that give the accelerations `qdd`: tau + J^T forces = M qdd + bias, tau zero at joints that are not
     /// `actuated` (nv; empty: all are).
     ///
-    /// Where that leaves a choice, tau has the least tau^T M^-1 tau: torques that do not load the connections. Whether `qdd` meets the connections is told by the residual.
+    /// Where that leaves a choice, tau has the least tau^T M^-1 tau: torques that do not load the connections. Whether `qdd` meets the connections is
+    /// told by the residual.
     ///
     /// # Errors
     ///
@@ -236,7 +238,8 @@ impl Scene {
         Ok(Constrained { rank: outcome.rank, residual: outcome.residual })
     }
 
-    /// M^-1 - M^-1 J^T G^+ J M^-1 at `q`, (nv x nv) row by row into `out`: how torques accelerate the joints through the connections; symmetric, of rank nv less that of G.
+    /// M^-1 - M^-1 J^T G^+ J M^-1 at `q`, (nv x nv) row by row into `out`: how torques accelerate the joints through the connections; symmetric, of
+    /// rank nv less that of G.
     ///
     /// # Errors
     ///

@@ -9,7 +9,8 @@
 //! axes z       error z x u / cos(t/2), u = R^T z    rate along u' = u x w     (2 sin(t/2) again, t the angle between them)
 //! ```
 //!
-//! Each rate is a row `E_i` times V, exactly and everywhere, so that the force of row i on C is `E_i`. Its own rate is `E_i` V' + `E_i`' V with V' = A - X `A_D` + V x X `V_D`.
+//! Each rate is a row `E_i` times V, exactly and everywhere, so that the force of row i on C is `E_i`. Its own rate is `E_i` V' + `E_i`' V with V' =
+//! A - X `A_D` + V x X `V_D`.
 
 use super::inward::FrameMotion;
 use crate::scalar::Real;

@@ -22,8 +22,8 @@ pub enum Stabilisation {
     /// Positions and velocities are projected after each step, by moves of least kinetic energy.
     #[default]
     Projection,
-    /// Accelerations are those of J qdd + J' qd = -2 a J qd - a^2 error, with this a in 1/s: errors fall as t exp(-a t), and nothing is projected. J. Baumgarte, Computer
-    /// Methods in Applied Mechanics and Engineering 1, 1972, 1-16.
+    /// Accelerations are those of J qdd + J' qd = -2 a J qd - a^2 error, with this a in 1/s: errors fall as t exp(-a t), and nothing is projected. J.
+    /// Baumgarte, Computer Methods in Applied Mechanics and Engineering 1, 1972, 1-16.
     Baumgarte(f64),
 }
 

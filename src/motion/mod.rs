@@ -19,9 +19,9 @@
 //!
 //! Scenes with connections move through them: accelerations meet J qdd + J' qd = 0, and a [`Stabilisation`] keeps positions and velocities on them.
 //!
-//! A [`Rollout`] is a batch of states through many steps, a [`Simulator`] one that goes on call by call; [`Settings`] is what both need, with what the joints do by
-//! themselves ([`Properties`]), a control law ([`Gains`]) and a [`Method`]. [`Rollout::gradients`] goes back through the steps. `Adaptive` (feature `adaptive`) picks
-//! its own steps.
+//! A [`Rollout`] is a batch of states through many steps, a [`Simulator`] one that goes on call by call; [`Settings`] is what both need, with what
+//! the joints do by themselves ([`Properties`]), a control law ([`Gains`]) and a [`Method`]. [`Rollout::gradients`] goes back through the steps.
+//! `Adaptive` (feature `adaptive`) picks its own steps.
 //!
 //! ```
 //! use phipsi::motion::{Method, Records, Rollout, Settings, Torque};

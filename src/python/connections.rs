@@ -16,12 +16,14 @@ use pyo3::types::{PySlice, PyTuple};
 impl PySceneBuilder {
     /// Closes a loop: connects a frame on a link with a frame on another, or on the world.
     ///
-    /// kind: "point" (the origins coincide: 3 rows), "axis" (the origins coincide, and the direction axis, (3,), in both frames, None: z: a hinge, 5 rows), "weld" (the frames
-    /// coincide: 6 rows), "distance" or "rod" (the origins are length apart, m; None: as in the neutral configuration: 1 row). link, other: names of links, which may come later; None: the
-    /// world, the base's frame. xyz: (3,), m, and rpy: (3,), rad, or rotation: (3, 3): the first frame seen from link, as in joint. other_xyz, other_rpy, other_rotation: the second
-    /// seen from other; none of them: where the first frame is in the neutral configuration.
+    /// kind: "point" (the origins coincide: 3 rows), "axis" (the origins coincide, and the direction axis, (3,), in both frames, None: z: a hinge, 5
+    /// rows), "weld" (the frames coincide: 6 rows), "distance" or "rod" (the origins are length apart, m; None: as in the neutral configuration: 1
+    /// row). link, other: names of links, which may come later; None: the world, the base's frame. xyz: (3,), m, and rpy: (3,), rad, or rotation: (3,
+    /// 3): the first frame seen from link, as in joint. other_xyz, other_rpy, other_rotation: the second seen from other; none of them: where the
+    /// first frame is in the neutral configuration.
     ///
-    /// Raises SceneError for an unknown kind, and an axis or a length that the kind has not; ShapeError or ArgumentError for arrays, naming the connection; build() checks the rest.
+    /// Raises SceneError for an unknown kind, and an axis or a length that the kind has not; ShapeError or ArgumentError for arrays, naming the
+    /// connection; build() checks the rest.
     #[pyo3(signature = (name, kind, link, other=None, *, xyz=None, rpy=None, rotation=None, other_xyz=None, other_rpy=None, other_rotation=None, axis=None, length=None),
            text_signature = "($self, name, kind, link, other=None, *, xyz=(0, 0, 0), rpy=None, rotation=None, other_xyz=None, other_rpy=None, other_rotation=None, axis=None, length=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python

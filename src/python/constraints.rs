@@ -27,9 +27,9 @@ mod cost {
 impl PyScene {
     /// How far each row of the connections is from holding, (..., m): the rows of one connection are those of connection_rows.
     ///
-    /// q: (..., nq). errors: as in forward_dynamics. Origins in m, in the first frame's axes; rotations as 2 sin(t/2) about their axis, t the angle, which is t where it is
-    /// small; of an axis the two directions across it: the first frame's x and y, turned with it the short way from z to the axis; angular rows before linear ones. A distance less its
-    /// length, m; the coordinate of a joint less what it should be.
+    /// q: (..., nq). errors: as in forward_dynamics. Origins in m, in the first frame's axes; rotations as 2 sin(t/2) about their axis, t the angle,
+    /// which is t where it is small; of an axis the two directions across it: the first frame's x and y, turned with it the short way from z to the
+    /// axis; angular rows before linear ones. A distance less its length, m; the coordinate of a joint less what it should be.
     ///
     /// Raises ConstraintError for a rod whose ends coincide; ShapeError, NotFiniteError, ArgumentError, naming the state.
     #[pyo3(signature = (q, *, errors="raise"))]
@@ -69,15 +69,16 @@ impl PyScene {
 
     /// Joint accelerations through the connections, and the forces of these: M qdd + bias = tau + J^T forces with J qdd + J' qd = 0.
     ///
-    /// q: (..., nq); qd, tau: (..., nv). form, wrenches, errors: as in forward_dynamics. Unit forces along the rows run inward through the tree's filter; their Gram matrix is J M^-1 J^T.
-    /// O(N + m^2 depth + m^3) for m rows.
+    /// q: (..., nq); qd, tau: (..., nv). form, wrenches, errors: as in forward_dynamics. Unit forces along the rows run inward through the tree's
+    /// filter; their Gram matrix is J M^-1 J^T. O(N + m^2 depth + m^3) for m rows.
     ///
-    /// Returns a phipsi.ConstrainedDynamics: qdd (..., nv); forces, a dict from names of connections to (..., rows); rank (...) and residual (...). A force is what the
-    /// connection does to its link, (moment, force) as far as it has rows of them, at the origin of its first frame and in that frame's axes; the other link gets the opposite. That of a rod
-    /// is positive where it pushes, that of a coupling acts along its joint. Where rows depend on each other, qdd is unique and the forces are those of least sum (J M^-1 J^T)_ii forces_i^2.
+    /// Returns a phipsi.ConstrainedDynamics: qdd (..., nv); forces, a dict from names of connections to (..., rows); rank (...) and residual (...). A
+    /// force is what the connection does to its link, (moment, force) as far as it has rows of them, at the origin of its first frame and in that
+    /// frame's axes; the other link gets the opposite. That of a rod is positive where it pushes, that of a coupling acts along its joint. Where rows
+    /// depend on each other, qdd is unique and the forces are those of least sum (J M^-1 J^T)_ii forces_i^2.
     ///
-    /// Raises ConstraintError, with .connections, .residual and .state, where no forces meet all rows: connections that contradict each other, or velocities that do not meet them
-    /// (see project); otherwise as forward_dynamics.
+    /// Raises ConstraintError, with .connections, .residual and .state, where no forces meet all rows: connections that contradict each other, or
+    /// velocities that do not meet them (see project); otherwise as forward_dynamics.
     #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn constrained_dynamics<'py>(
@@ -110,13 +111,14 @@ impl PyScene {
 
     /// The configuration nearest to q that meets the connections, and the velocities nearest to qd that keep them so.
     ///
-    /// q: (..., nq); qd: (..., nv) or None. errors: as in forward_dynamics. Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic energy, and no longer than 0.5 rad or m at any
-    /// joint; velocities less M^-1 J^T (J M^-1 J^T)^+ J qd, as by an impact without rebound.
+    /// q: (..., nq); qd: (..., nv) or None. errors: as in forward_dynamics. Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic
+    /// energy, and no longer than 0.5 rad or m at any joint; velocities less M^-1 J^T (J M^-1 J^T)^+ J qd, as by an impact without rebound.
     ///
-    /// Returns a phipsi.Projection: q, qd (None without one), and rank (...), how many rows are independent there: fewer than elsewhere where the mechanism is singular.
+    /// Returns a phipsi.Projection: q, qd (None without one), and rank (...), how many rows are independent there: fewer than elsewhere where the
+    /// mechanism is singular.
     ///
-    /// Raises ConstraintError, with .connections, .residual and .state, where an error stays: no small moves from there meet the connections; SingularJointError,
-    /// ShapeError, NotFiniteError, ArgumentError, naming the state.
+    /// Raises ConstraintError, with .connections, .residual and .state, where an error stays: no small moves from there meet the connections;
+    /// SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
     #[pyo3(signature = (q, qd=None, *, errors="raise"))]
     fn project<'py>(
         &self,
@@ -152,11 +154,12 @@ impl PyScene {
 
     /// Joint torques, and forces of the connections, that give the accelerations: tau + J^T forces = M qdd + bias.
     ///
-    /// q: (..., nq); qd, qdd: (..., nv). actuated: names of joints with motors, or a boolean array (nv,); None: all. tau is zero at the others. Where that leaves a choice, tau has the least
-    /// tau^T M^-1 tau: torques that do not load the connections. wrenches, form, errors: as in forward_dynamics.
+    /// q: (..., nq); qd, qdd: (..., nv). actuated: names of joints with motors, or a boolean array (nv,); None: all. tau is zero at the others. Where
+    /// that leaves a choice, tau has the least tau^T M^-1 tau: torques that do not load the connections. wrenches, form, errors: as in
+    /// forward_dynamics.
     ///
-    /// Returns a phipsi.ConstrainedInverseDynamics: tau (..., nv); forces, rank as in constrained_dynamics; residual (...), the largest entry of J qdd + J' qd: where it is not rounding,
-    /// no torques give these accelerations.
+    /// Returns a phipsi.ConstrainedInverseDynamics: tau (..., nv); forces, rank as in constrained_dynamics; residual (...), the largest entry of J
+    /// qdd + J' qd: where it is not rounding, no torques give these accelerations.
     ///
     /// Raises ArgumentError, named actuated, where a joint without a motor would need a torque; otherwise as inverse_dynamics.
     #[pyo3(signature = (q, qd, qdd, *, actuated=None, form="auto", wrenches=None, errors="raise"))]

@@ -47,9 +47,9 @@ impl PyScene {
     /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
     /// the result, and .error, the estimated error of the largest acceleration.
     ///
-    /// Raises SingularJointError where a joint has no inertia along its axis; ConstraintError where connections contradict each other; ArgumentError, naming the link, for the square-root form
-    /// of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state. After an
-    /// error out is partly written.
+    /// Raises SingularJointError where a joint has no inertia along its axis; ConstraintError where connections contradict each other; ArgumentError,
+    /// naming the link, for the square-root form of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the
+    /// argument and the state. After an error out is partly written.
     #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, out=None, dtype=None, errors="raise", return_info=false))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn forward_dynamics<'py>(
@@ -161,8 +161,8 @@ impl PyScene {
 
     /// The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
     ///
-    /// q: (..., nq). form, out, dtype and errors: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units: the tree's, whatever connections
-    /// there are (constrained_mass_matrix_inverse is through them).
+    /// q: (..., nq). form, out, dtype and errors: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units: the tree's,
+    /// whatever connections there are (constrained_mass_matrix_inverse is through them).
     ///
     /// Raises ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse without forming it.
     /// Raises SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.

@@ -54,28 +54,27 @@ impl PyScene {
     ///
     /// and dq/dt = v on the manifold: quaternions stay unit, free joints move on SE(3).
     ///
-    /// q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s, finite and positive. steps: how many.
-    /// tau: (..., nv), constant, or a function of (t, q, qd) that is called once a step with the whole batch and returns
-    /// (..., nv); tau_steps: (..., steps, nv) instead. Either is held over each step, so that a function is followed to first
-    /// order in dt by every method. pd: PD(kp, kd, target, target_rate), followed within the step.
+    /// q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s, finite and positive. steps: how many. tau: (..., nv), constant, or a function of
+    /// (t, q, qd) that is called once a step with the whole batch and returns (..., nv); tau_steps: (..., steps, nv) instead. Either is held over
+    /// each step, so that a function is followed to first order in dt by every method. pd: PD(kp, kd, target, target_rate), followed within the step.
     /// method: "semi-implicit-euler" (order 1), "rk4" (order 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3).
-    /// The last three take springs, damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit
-    /// stage each; they are L-stable for them: what is faster than the step is damped, not followed. record_every: a row
-    /// after so many steps. armature, damping, stiffness, friction: (nv,) or a number, rest: (nq,), instead of the
-    /// scene's. friction_speed: rad/s or m/s, where friction becomes viscous. form: "auto" does a step whose digits are in
-    /// doubt once more in square-root form; "covariance" watches the pivots only. progress: called with (steps done, steps)
-    /// some twenty times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the
-    /// parabola that weight gives it, to rounding: a step ends with a rigid motion of the tree, as large as the step's error in
-    /// them, which leaves the order as it is and costs O(N). Every tree must hang on the base by a free joint that nothing acts
-    /// along: no tau, pd, damping, stiffness, friction or armature there (ArgumentError). baumgarte: of a scene with connections; None: positions and velocities are
-    /// projected onto them after each step (see project); a rate a in 1/s: accelerations take errors back instead, J qdd + J' qd = -2 a J qd - a^2 error.
+    /// The last three take springs, damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit stage each;
+    /// they are L-stable for them: what is faster than the step is damped, not followed. record_every: a row after so many steps. armature, damping,
+    /// stiffness, friction: (nv,) or a number, rest: (nq,), instead of the scene's. friction_speed: rad/s or m/s, where friction becomes viscous.
+    /// form: "auto" does a step whose digits are in doubt once more in square-root form; "covariance" watches the pivots only. progress: called with
+    /// (steps done, steps) some twenty times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the
+    /// parabola that weight gives it, to rounding: a step ends with a rigid motion of the tree, as large as the step's error in them, which leaves
+    /// the order as it is and costs O(N). Every tree must hang on the base by a free joint that nothing acts along: no tau, pd, damping, stiffness,
+    /// friction or armature there (ArgumentError). baumgarte: of a scene with connections; None: positions and velocities are projected onto them
+    /// after each step (see project); a rate a in 1/s: accelerations take errors back instead, J qdd + J' qd = -2 a J qd - a^2 error.
     ///
-    /// Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first
-    /// the start; momentum_correction, the largest that conserve_momentum made, else None; drift, how far rows are from the connections. The same bits for any number of threads.
+    /// Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first the start;
+    /// momentum_correction, the largest that conserve_momentum made, else None; drift, how far rows are from the connections. The same bits for any
+    /// number of threads.
     ///
-    /// Raises SimulationError where motion diverges, a pivot is lost, connections cannot hold, or tau raises, with the rows of the finished
-    /// steps; ConstraintError for a start that does not meet the connections; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; OutOfMemoryError where the rows have no room;
-    /// ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+    /// Raises SimulationError where motion diverges, a pivot is lost, connections cannot hold, or tau raises, with the rows of the finished steps;
+    /// ConstraintError for a start that does not meet the connections; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise;
+    /// OutOfMemoryError where the rows have no room; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd, *, dt, steps, tau=None, tau_steps=None, method="rk4", record_every=None, pd=None,
                         armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED, form="auto",
                         progress=None, conserve_momentum=false, baumgarte=None),

@@ -73,12 +73,15 @@ fn column(values: &[f64]) -> Mat<f64> {
     Mat::from_fn(values.len(), 1, |i, _| values[i])
 }
 
-/// The residuals at `q` (factorisation, operators, inverse) and, at `qd` and `tau`, of the dynamics.
+/// The residuals at `q` (factorisation, operators, inverse) and, at `qd` and `tau`, of the dynamics: those of the tree, whatever connections there are.
 ///
 /// # Errors
 ///
 /// A bad argument, a singular joint, or too many degrees of freedom for the composites.
 pub fn residuals(scene: &Scene, q: &[f64], qd: &[f64], tau: &[f64]) -> Result<Vec<Residual>, Error> {
+    if !scene.connections().is_empty() {
+        return residuals(&scene.without_connections()?, q, qd, tau);
+    }
     let model = scene.model();
     let nv = scene.nv();
     let mut workspace = scene.workspace();

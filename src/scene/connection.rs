@@ -25,8 +25,8 @@ pub enum ConnectionKind {
     Weld,
     /// The origins are this far apart, m; none: as far as in the neutral configuration. A rod without mass, 1 row.
     Distance(Option<f64>),
-    /// The coordinate of one joint is the multiplier times that of another, plus the offset (rad or m): 1 row. `link` and `other` are the names of the joints, which have
-    /// one axis each; without `other` the coordinate is the offset. No frames.
+    /// The coordinate of one joint is the multiplier times that of another, plus the offset (rad or m): 1 row. `link` and `other` are the names of
+    /// the joints, which have one axis each; without `other` the coordinate is the offset. No frames.
     Joint {
         /// Ratio of the coordinates.
         multiplier: f64,

@@ -304,6 +304,28 @@ def test_broken_arguments_are_refused() -> None:
         scene.constrained_dynamics(q, qd, qd, form="none")
 
 
+def test_scenes_without_connections_have_no_rows(mixed: phipsi.Scene) -> None:
+    q, qd, tau = mixed.neutral(), np.ones(mixed.nv), np.ones(mixed.nv)
+    found = mixed.constrained_dynamics(q, qd, tau)
+    assert found.forces == {} and found.rank == 0 and found.residual == 0.0
+    assert np.allclose(found.qdd, mixed.forward_dynamics(q, qd, tau), rtol=1e-12)
+    assert mixed.constraint_error(q).shape == (0,) and mixed.constraint_jacobian(np.stack([q, q])).shape == (2, 0, mixed.nv)
+    moved = mixed.project(q, qd)
+    assert np.array_equal(moved.q, q) and np.array_equal(moved.qd, qd) and moved.rank == 0
+    assert np.allclose(mixed.constrained_mass_matrix_inverse(q), mixed.mass_matrix_inverse(q), rtol=1e-12, atol=1e-14)
+    assert np.allclose(mixed.constrained_inverse_dynamics(q, qd, qd).tau, mixed.inverse_dynamics(q, qd, qd))
+
+
+def test_a_rod_along_its_hinge_moves_nothing() -> None:
+    builder = phipsi.SceneBuilder().link("ground").link("rod", mass=1.0, com=(0, 0, 0.5), inertia=np.diag([0.1, 0.1, 0.01]))
+    builder.joint("hinge", "continuous", "ground", "rod", axis=(0, 1, 0))
+    scene = builder.connect("stay", "rod", "rod", xyz=(0, 0, 1.0), other_xyz=(0, 0, 0)).build()
+    for angle in (0.0, 0.3, np.pi / 2):
+        found = scene.constrained_dynamics([angle], [0.0], [1.0])
+        assert found.rank == 0 and found.forces["stay"] == 0.0 and found.residual < 1e-12
+        assert np.allclose(found.qdd, scene.without_connections().forward_dynamics([angle], [0.0], [1.0]))
+
+
 def test_contradicting_connections_are_named() -> None:
     builder = bars()
     for name, xyz in (("one", (0, 0, 0.1)), ("other", (0, 0, 0.3))):

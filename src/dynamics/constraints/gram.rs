@@ -27,6 +27,9 @@ pub(super) struct GramInverse {
 impl GramInverse {
     fn of(gram: &DMatrix<f64>, sizes: &[f64]) -> Self {
         let m = gram.nrows();
+        if m == 0 {
+            return Self::default();
+        }
         let moves = |i: usize| gram[(i, i)] > (NOTHING * sizes[i]).powi(2);
         let scale: Vec<f64> = (0..m).map(|i| if moves(i) { gram[(i, i)].sqrt().recip() } else { 0.0 }).collect();
         let scaled = DMatrix::from_fn(m, m, |i, j| gram[(i, j)] * scale[i] * scale[j]);

@@ -29,7 +29,8 @@ pub(crate) struct InverseOutcome {
     pub unmet: Option<(usize, f64)>,
 }
 
-/// Torques `tau` and the forces of the connections (in the scratch) with tau + J* lambda = f, f the tree's inverse dynamics, and tau zero where `actuated` is false.
+/// Torques `tau` and the forces of the connections (in the scratch) with tau + J* lambda = f, f the tree's inverse dynamics, and tau zero where
+/// `actuated` is false.
 ///
 /// Where that leaves a choice, tau has the least tau* M^-1 tau. Without the rows that are not actuated, that is lambda = G^+ J M^-1 f, in O(N + m^2 depth +
 /// m^3); else dense in m rows and nv.
@@ -114,6 +115,9 @@ fn whitened(model: &Model<f64>, workspace: &Workspace<f64>, state: &mut [Vector6
 fn least(a: &DMatrix<f64>, b: &DVector<f64>, to: &DMatrix<f64>, c: &DVector<f64>) -> DVector<f64> {
     // Square, so that the right singular vectors are all there are.
     let count = a.ncols();
+    if count == 0 {
+        return DVector::zeros(0);
+    }
     let mut square = DMatrix::zeros(a.nrows().max(count), count);
     square.rows_mut(0, a.nrows()).copy_from(a);
     let svd = square.svd(true, true);
@@ -155,7 +159,8 @@ pub(crate) fn constrained_mass_matrix_inverse(
     }
     scratch.factorise(model, constraints, workspace, q)?;
     let w = DMatrix::from_fn(nv, m, |row, i| scratch.whitened_row(i, nv)[row]);
-    let basis = (w * scratch.inverse.columns()).qr().q();
+    let whole = w * scratch.inverse.columns();
+    let basis = if whole.is_empty() { whole } else { whole.qr().q() };
     let mut unit = vec![0.0; nv];
     let mut columns = DMatrix::zeros(nv, nv);
     for j in 0..nv {

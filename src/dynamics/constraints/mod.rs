@@ -1,7 +1,7 @@
 //! Closed loops: accelerations, forces, velocities and positions that meet the connections of a scene.
 //!
-//! A connection is some scalar rows of a Jacobian J, and J qdd = -gamma is a measurement of the accelerations without noise. With the factor of the tree at hand
-//! (gains g, pivots D),
+//! A connection is some scalar rows of a Jacobian J, and J qdd = -gamma is a measurement of the accelerations without noise. With the factor of the
+//! tree at hand (gains g, pivots D),
 //!
 //! ```text
 //! M qdd + bias = tau + J* lambda,   J qdd + gamma = 0,   gamma = J' qd
@@ -10,8 +10,9 @@
 //! lambda = -G^+ (J qdd0 + gamma)    qdd0: the tree's accelerations
 //! ```
 //!
-//! O(N + m^2 depth + m^3) for m rows. Rows that depend on each other are no fault: G^+ leaves out what of G is lost in rounding, and tells the rank. The accelerations are
-//! unique then, the forces those of least sum `G_ii` `lambda_i`^2. What no force can take away is no rounding, and is reported as [`Outcome::contradicted`].
+//! O(N + m^2 depth + m^3) for m rows. Rows that depend on each other are no fault: G^+ leaves out what of G is lost in rounding, and tells the rank.
+//! The accelerations are unique then, the forces those of least sum `G_ii` `lambda_i`^2. What no force can take away is no rounding, and is reported
+//! as [`Outcome::contradicted`].
 
 mod derivatives;
 mod faults;

@@ -134,8 +134,8 @@ pub(super) fn units_of_rows(
     Ok(())
 }
 
-/// J at `q`, (m x nv) row by row, with phi of every body in `shift`: a unit force along each row runs inward, and each joint sees its part. O(m depth), beside the
-/// zeros.
+/// J at `q`, (m x nv) row by row, with phi of every body in `shift`: a unit force along each row runs inward, and each joint sees its part. O(m
+/// depth), beside the zeros.
 pub(crate) fn jacobian_of_rows(
     model: &Model<f64>,
     constraints: &Constraints,

@@ -31,8 +31,8 @@ pub(crate) struct Outcome {
 /// Accelerations `qdd` and the forces of the connections (in the scratch) from torques, where J qdd + gamma = wanted: -2 alpha J qd - alpha^2 errors, or zero
 /// for `alpha` of none.
 ///
-/// The tree's accelerations qdd0; lambda = -G^+ (J qdd0 + gamma - wanted); the tree's accelerations with J* lambda acting on it. What is left of the rows is taken away by one
-/// more right side each, while it falls. Two forward dynamics in the workspace's form, O(N), and O(m^2 depth + m^3).
+/// The tree's accelerations qdd0; lambda = -G^+ (J qdd0 + gamma - wanted); the tree's accelerations with J* lambda acting on it. What is left of the
+/// rows is taken away by one more right side each, while it falls. Two forward dynamics in the workspace's form, O(N), and O(m^2 depth + m^3).
 pub(crate) fn constrained_dynamics(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,

@@ -1,0 +1,134 @@
+"""Forward dynamics through connections beside Pinocchio's constraintDynamics, in one run: a state, and a batch of them.
+
+Usage: python benches/closed_loops.py [--markdown FILE]; `make closed-loops`.
+
+Both programs get the same robots with the same feet fixed to the ground, the same states and torques. Pinocchio is called from Python a state at a time, with its proximal
+settings at 1e-10 and ten iterations at the most; in batches its loop is in Python too, for it has no batches. phipsi's batches run on one thread here. Times are the least of some
+turns, which take each other's place.
+"""
+
+import argparse
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import phipsi
+import phipsi.pinocchio
+import pinocchio as pin
+
+ROBOTS = Path(pin.__file__).resolve().parents[4] / "share/example-robot-data/robots"
+#: File, links that are held, and how.
+CASES = {
+    "solo12 on four points": ("solo_description/robots/solo12.urdf", ["FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"], "point"),
+    "anymal on four points": ("anymal_c_simple_description/urdf/anymal.urdf", ["LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"], "point"),
+    "g1 on two feet": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", ["left_ankle_roll_link", "right_ankle_roll_link"], "weld"),
+    "talos on two feet": ("talos_data/robots/talos_reduced.urdf", ["leg_left_6_link", "leg_right_6_link"], "weld"),
+}
+STATES, TURNS = 200, 9
+
+
+def held(file: str, links: list[str], kind: str) -> phipsi.Scene:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        builder = phipsi.Scene.from_urdf(ROBOTS / file, floating_base=True).to_builder()
+        for link in links:
+            builder.connect(link, kind, link)
+        return builder.build()
+
+
+def states(scene: phipsi.Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    random = np.random.default_rng(0)
+    q = scene.integrate(scene.neutral(), random.uniform(-0.05, 0.05, (STATES, scene.nv)))
+    found = scene.project(q, random.uniform(-0.2, 0.2, (STATES, scene.nv)))
+    return found.q, found.qd, random.uniform(-5.0, 5.0, (STATES, scene.nv))
+
+
+def theirs(scene: phipsi.Scene, file: str, links: list[str], kind: str, at: tuple[np.ndarray, ...]) -> Callable[[int], np.ndarray]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = pin.buildModelFromUrdf(str(ROBOTS / file), pin.JointModelFreeFlyer())
+    data = model.createData()
+    kinds = {"point": pin.ContactType.CONTACT_3D, "weld": pin.ContactType.CONTACT_6D}
+    contacts = pin.StdVec_RigidConstraintModel()
+    for link in links:
+        frame = model.frames[model.getFrameId(link)]
+        there = pin.SE3(scene.placement(scene.neutral(), link))
+        contacts.append(pin.RigidConstraintModel(kinds[kind], model, frame.parentJoint, frame.placement, 0, there, pin.ReferenceFrame.LOCAL))
+    datas = pin.StdVec_RigidConstraintData()
+    for contact in contacts:
+        datas.append(contact.createData())
+    pin.initConstraintDynamics(model, data, contacts, datas)
+    proximal = pin.ProximalSettings(1e-10, 1e-10, 1e-10, 10)
+    own = [phipsi.pinocchio.from_state(scene, model, q, qd) for q, qd in zip(at[0], at[1], strict=True)]
+    # Torques and accelerations are in the order of rates, and in the same axes.
+    forces = [phipsi.pinocchio.from_state(scene, model, q, tau)[1] for q, tau in zip(at[0], at[2], strict=True)]
+
+    def run(i: int) -> np.ndarray:
+        return pin.constraintDynamics(model, data, *own[i], forces[i], contacts, datas, proximal)
+
+    def back(i: int) -> np.ndarray:
+        return phipsi.pinocchio.to_state(scene, model, own[i][0], run(i))[1]
+
+    run.back = back  # type: ignore[attr-defined]
+    return run
+
+
+def least(*calls: Callable[[], object]) -> list[float]:
+    """The least time of each, s, in turns."""
+    times: list[list[float]] = [[] for _ in calls]
+    for _ in range(TURNS):
+        for own, call in zip(times, calls, strict=True):
+            begin = time.perf_counter()
+            call()
+            own.append(time.perf_counter() - begin)
+    return [min(own) for own in times]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--markdown", type=Path)
+    given = parser.parse_args()
+    phipsi.set_num_threads(1)
+    lines = [
+        "| robot | joints, rows | largest difference | one state, us | Pinocchio, us | times | in batches, us a state | times | tree alone, us |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for name, (file, links, kind) in CASES.items():
+        scene = held(file, links, kind)
+        at = states(scene)
+        other = theirs(scene, file, links, kind, at)
+        qdd = scene.forward_dynamics(*at)
+        apart = max(float(np.max(np.abs(qdd[i] - other.back(i)))) for i in range(20)) / float(np.max(np.abs(qdd)))  # type: ignore[attr-defined]
+        tree = scene.without_connections()
+        one, their, batch, alone = least(
+            lambda scene=scene, at=at: [scene.forward_dynamics(at[0][i], at[1][i], at[2][i]) for i in range(STATES)],
+            lambda other=other: [other(i) for i in range(STATES)],
+            lambda scene=scene, at=at: scene.forward_dynamics(*at),
+            lambda tree=tree, at=at: [tree.forward_dynamics(at[0][i], at[1][i], at[2][i]) for i in range(STATES)],
+        )
+        one, their, batch, alone = (1e6 * seconds / STATES for seconds in (one, their, batch, alone))
+        rows = len(scene.constraint_error(at[0][0]))
+        lines.append(
+            f"| {name} | {scene.nv}, {rows} | {apart:.0e} | {one:.1f} | {their:.1f} | {their / one:.1f} | {batch:.1f} | {their / batch:.1f} | {alone:.1f} |"
+        )
+        print(lines[-1], flush=True)
+    if given.markdown:
+        how = "Both programs hold the feet of the same robots to the ground, at the same states. The difference is relative to the largest acceleration. Batches run on one thread."
+        text = [
+            "# Closed loops: times",
+            "",
+            f"Written by `make closed-loops` (benches/closed_loops.py), on one thread. {how}",
+            "Pinocchio is called from Python, with ten proximal iterations at the most; it has no batches.",
+            "",
+            *lines,
+            "",
+            "Not shown: loops between two links, many rows (m^3 is seen above some tens), threads, the square-root form. `tree alone` is forward dynamics of the same robot without its connections.",
+            "",
+        ]
+        given.markdown.write_text("\n".join(text), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
