@@ -42,7 +42,24 @@ impl std::fmt::Debug for OwnKernels {
 
 /// Scratch of a kind that this room does not know.
 #[derive(Default)]
-pub(crate) struct Made(pub(crate) Option<Box<dyn std::any::Any + Send + Sync>>);
+pub(crate) struct Made(Option<Box<dyn std::any::Any + Send + Sync>>);
+
+impl Made {
+    /// What was made for a scene, or made now; [`Made::keep`] puts it back.
+    pub(crate) fn take<S: std::any::Any + Send + Sync>(
+        &mut self,
+        scene: u64,
+        make: impl FnOnce() -> S,
+    ) -> Box<(u64, S)> {
+        let made = self.0.take().and_then(|made| made.downcast::<(u64, S)>().ok());
+        made.filter(|made| made.0 == scene).unwrap_or_else(|| Box::new((scene, make())))
+    }
+
+    /// Keeps it for the next call.
+    pub(crate) fn keep<S: std::any::Any + Send + Sync>(&mut self, made: Box<(u64, S)>) {
+        self.0 = Some(made);
+    }
+}
 
 /// A copy has none yet: it makes its own.
 impl Clone for Made {
@@ -104,6 +121,8 @@ pub struct Workspace<T: Real> {
     pub(crate) matrices: Vec<T>,
     /// What methods for scenes whose joints follow each other have made; none before.
     pub(crate) coupled: Made,
+    /// The same for scenes with connections.
+    pub(crate) connected: Made,
     /// What the methods of a scene run; the functions of `dynamics` do not.
     pub(crate) kernels: OwnKernels,
 }
@@ -146,6 +165,7 @@ impl<T: Real> Workspace<T> {
             rest: vec![T::zero(); model.nv()],
             matrices: Vec::new(),
             coupled: Made::default(),
+            connected: Made::default(),
             kernels: OwnKernels::default(),
         }
     }

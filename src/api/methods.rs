@@ -167,18 +167,14 @@ impl Scene {
         state: &Arguments<'_>,
         out: &mut [f64],
     ) -> Result<(), Error> {
-        let mut made = workspace.coupled.0.take().and_then(|made| made.downcast::<(u64, CoupledScratch)>().ok());
-        if made.as_ref().is_none_or(|made| made.0 != self.identity()) {
-            made = Some(Box::new((self.identity(), CoupledScratch::new(coupling))));
-        }
-        let Some(mut made) = made else { return Ok(()) };
+        let mut made = workspace.coupled.take(self.identity(), || CoupledScratch::new(coupling));
         let mut ask = |algorithm: Algorithm, states: &[Arguments<'_>], out: &mut [f64]| {
             let done = coupling.tree().run_one(workspace, None, algorithm, &states[0], out);
             done.map_err(|error| Fault { state: 0, error })
         };
         let state = [*state];
         let done = self.evaluate_coupled(coupling, (&mut made.1, &mut ask), algorithm, &state, out, &mut |_, _| {});
-        workspace.coupled.0 = Some(made);
+        workspace.coupled.keep(made);
         done.map_err(|fault| fault.error)
     }
 

@@ -87,7 +87,7 @@ impl Scene {
         self.check_result(what, out)
     }
 
-    /// Forward dynamics of a scene with connections, with scratch for as long as it lasts.
+    /// Forward dynamics of a scene with connections.
     fn through_connections(
         &self,
         workspace: &mut Workspace<f64>,
@@ -95,8 +95,11 @@ impl Scene {
         wrenches: &[SpatialVector<f64>],
         qdd: &mut [f64],
     ) -> Result<(), Error> {
-        let scratch = &mut ConstraintScratch::new(self.model(), self.constraints());
-        self.accelerations_through_connections(workspace, scratch, state, wrenches, qdd)
+        let mut made =
+            workspace.connected.take(self.identity(), || ConstraintScratch::new(self.model(), self.constraints()));
+        let done = self.accelerations_through_connections(workspace, &mut made.1, state, wrenches, qdd);
+        workspace.connected.keep(made);
+        done
     }
 
     /// The same, with the forces and the factor left in the scratch.

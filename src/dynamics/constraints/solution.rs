@@ -2,9 +2,10 @@
 
 use super::rows::{accelerations_of_rows, errors_of_rows, rates_of_rows};
 use super::{ConstraintScratch, NoDirection};
-use crate::dynamics::forward::{factorise, forward_dynamics};
-use crate::filter::Form;
+use crate::dynamics::forces::Motion;
+use crate::dynamics::forward::{factorise, forces_base_to_tip, forward_dynamics};
 use crate::filter::pivots::PivotMonitor;
+use crate::filter::{Form, innovations, smoother};
 use crate::model::Model;
 use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
@@ -12,6 +13,9 @@ use nalgebra::Vector6;
 
 /// A row whose residual is so small beside the terms that it is the sum of agrees with the others.
 const AGREES: f64 = 1e-6;
+
+/// A residual of so many times the rounding of the terms that it is the sum of is not taken away.
+const ROUNDING: f64 = 4.0;
 
 /// The most corrections of what rounding has left in the rows.
 const CORRECTIONS: usize = 6;
@@ -31,8 +35,8 @@ pub(crate) struct Outcome {
 /// Accelerations `qdd` and the forces of the connections (in the scratch) from torques, where J qdd + gamma = wanted: -2 alpha J qd - alpha^2 errors, or zero
 /// for `alpha` of none.
 ///
-/// The tree's accelerations qdd0; lambda = -G^+ (J qdd0 + gamma - wanted); the tree's accelerations with J* lambda acting on it. What is left of the
-/// rows is taken away by one more right side each, while it falls. Two forward dynamics in the workspace's form, O(N), and O(m^2 depth + m^3).
+/// The tree's accelerations qdd0; lambda = -G^+ (J qdd0 + gamma - wanted); the tree's accelerations with J* lambda acting on it. What is left of the rows is taken away by one
+/// more right side each, while it falls. One factor and two right sides in covariance form, two forward dynamics in others, O(N), and O(m^2 depth + m^3).
 pub(crate) fn constrained_dynamics(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
@@ -43,13 +47,8 @@ pub(crate) fn constrained_dynamics(
     qdd: &mut [f64],
 ) -> Result<Outcome, NoDirection> {
     let state = (q, qd);
-    let mut pivots = forward_dynamics(model, workspace, q, qd, tau, wrenches, qdd);
-    let lost = |workspace: &Workspace<f64>, pivots: &PivotMonitor<f64>| workspace.lost_pivot(model, pivots).is_some();
-    if !lost(workspace, &pivots) && workspace.form == Form::Auto {
-        // That form watched one right side; these are others.
-        pivots = factorise(model, workspace, q, |_, _| {});
-    }
-    if lost(workspace, &pivots) {
+    let (mut pivots, way) = accelerations_of_tree(model, workspace, (q, qd, tau), wrenches, qdd);
+    if workspace.lost_pivot(model, &pivots).is_some() {
         return Ok(Outcome { pivots, rank: 0, residual: f64::NAN, contradicted: Vec::new() });
     }
     scratch.factorise(model, constraints, workspace, q)?;
@@ -67,20 +66,31 @@ pub(crate) fn constrained_dynamics(
     let forces = std::mem::take(&mut scratch.forces);
     scratch.spread(&forces);
     scratch.forces = forces;
-    for (sum, own) in scratch.wrenches.iter_mut().zip(wrenches) {
-        *sum += own;
-    }
     for (sum, own) in scratch.torque.iter_mut().zip(tau) {
         *sum += own;
     }
-    let acting = std::mem::take(&mut scratch.wrenches);
-    pivots = forward_dynamics(model, workspace, q, qd, &scratch.torque, &acting, qdd);
-    scratch.wrenches = acting;
+    match way {
+        Way::OneFactor => {
+            for ((z, bias), force) in workspace.z.iter_mut().zip(&workspace.bias).zip(&scratch.wrenches) {
+                *z = bias - force;
+            }
+            right_side(model, workspace, &scratch.torque, qdd);
+        }
+        Way::Anew => {
+            for (sum, own) in scratch.wrenches.iter_mut().zip(wrenches) {
+                *sum += own;
+            }
+            let acting = std::mem::take(&mut scratch.wrenches);
+            pivots = forward_dynamics(model, workspace, q, qd, &scratch.torque, &acting, qdd);
+            scratch.wrenches = acting;
+        }
+    }
     let mut largest = scratch.left(model, constraints, state, (qdd, alpha))?;
     keep_larger(&mut terms, &scratch.terms);
     let mut residual = before.max(largest);
     for _ in 0..CORRECTIONS {
-        if !(largest <= 0.25 * residual && largest > 0.0) {
+        let is_rounding = |i: usize| scratch.residual[i].abs() <= ROUNDING * f64::EPSILON * terms[i];
+        if !(largest <= 0.25 * residual && largest > 0.0) || (0..constraints.rows).all(is_rounding) {
             break;
         }
         residual = largest;
@@ -105,6 +115,52 @@ pub(crate) fn constrained_dynamics(
     let is_left = |&i: &usize| scratch.residual[i].abs() > AGREES * terms[i];
     let contradicted = (0..constraints.rows).filter(is_left).collect();
     Ok(Outcome { pivots, rank: scratch.inverse.rank, residual: largest, contradicted })
+}
+
+/// How the tree's accelerations are found for another right side.
+#[derive(Clone, Copy)]
+enum Way {
+    /// By the factor that there is, in covariance form, and the bias forces in the workspace's `bias`.
+    OneFactor,
+    /// From the start, in the workspace's form.
+    Anew,
+}
+
+/// The tree's accelerations, with the factor of M left in the workspace. In form `auto` by one factor in covariance form where no pivot has lost more than five digits.
+fn accelerations_of_tree(
+    model: &Model<f64>,
+    workspace: &mut Workspace<f64>,
+    (q, qd, tau): (&[f64], &[f64], &[f64]),
+    wrenches: &[Vector6<f64>],
+    qdd: &mut [f64],
+) -> (PivotMonitor<f64>, Way) {
+    let form = workspace.form;
+    if matches!(form, Form::Auto | Form::Covariance) {
+        forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
+        workspace.bias.copy_from_slice(&workspace.z);
+        let (mut pivots, mut look) = (PivotMonitor::new(), PivotMonitor::for_a_single_look());
+        for k in (0..model.system.stages.len()).rev() {
+            workspace.covariances().step::<false>(&model.system, k, &mut pivots, |_, _| {});
+            look.observe_stage(&model.system.stages[k], &workspace.measured, &workspace.scale[k]);
+        }
+        if form == Form::Covariance || look.clear(0) {
+            right_side(model, workspace, tau, qdd);
+            return (pivots, Way::OneFactor);
+        }
+    }
+    let mut pivots = forward_dynamics(model, workspace, q, qd, tau, wrenches, qdd);
+    if workspace.lost_pivot(model, &pivots).is_none() && form == Form::Auto {
+        // That form watched one right side; these are others.
+        pivots = factorise(model, workspace, q, |_, _| {});
+    }
+    (pivots, Way::Anew)
+}
+
+/// Accelerations by the factor in the workspace, for these torques and the forces in its z, which are used up.
+fn right_side(model: &Model<f64>, workspace: &mut Workspace<f64>, tau: &[f64], qdd: &mut [f64]) {
+    let Workspace { shift, measured, z, co_state, .. } = workspace;
+    innovations::sweep(&model.system, shift, measured, tau, z, qdd);
+    smoother::sweep(&model.system, shift, measured, co_state, qdd);
 }
 
 /// The larger of two, entry by entry.
