@@ -46,6 +46,7 @@ pub(crate) struct Made(Option<Box<dyn std::any::Any + Send + Sync>>);
 
 impl Made {
     /// What was made for a scene, or made now; [`Made::keep`] puts it back.
+    #[allow(clippy::unnecessary_box_returns)] // it is kept in it
     pub(crate) fn take<S: std::any::Any + Send + Sync>(
         &mut self,
         scene: u64,
