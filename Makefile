@@ -18,6 +18,7 @@
 #   make numerics  after make peers: errors on extreme scenes beside the peers', writes docs/numerics.md, its plots and the figures of README.md (ten minutes)
 #   make motion [OUT=report]   after make peers: the study of integrators, beside the peers' (some minutes)
 #   make inverse-kinematics   beside pink and mink, in .venv-ik: writes docs/inverse-kinematics-times.md (ten minutes)
+#   make closed-loops   forward dynamics through connections beside Pinocchio's: writes docs/closed-loops-times.md (a minute)
 #   make picture   the picture of README.md, docs/robot.webp, in Chromium (half a minute)
 #   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
 #   make bench     after make peers: measures all of it (20 minutes), writes docs/benchmarks.md and the figures of README.md (BENCH=--quick: a trial)
@@ -38,7 +39,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion instructions auto-states derivatives leaving-out inverse-kinematics roofline picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion instructions auto-states derivatives leaving-out inverse-kinematics closed-loops roofline picture peers peers-there peers-phipsi stub clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -183,6 +184,9 @@ $(VENV)-ik/there: $(VENV)/wheel
 
 inverse-kinematics: $(VENV)-ik/there
 	$(VENV)-ik/bin/python benches/inverse_kinematics.py --markdown docs/inverse-kinematics-times.md
+
+closed-loops: $(VENV)/test
+	$(BIN)/python benches/closed_loops.py --markdown docs/closed-loops-times.md
 
 leaving-out:
 	$(PYTHON) benches/leaving_out.py

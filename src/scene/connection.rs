@@ -1,7 +1,6 @@
 //! Connections: what closes a loop in the tree of joints, as the user says it.
 
 use super::Scene;
-use super::builder::SceneBuilder;
 use super::constraint::{Constraint, Constraints, Coordinate, Tie};
 use crate::error::{Error, number};
 use crate::joints::JointKind;
@@ -128,21 +127,6 @@ impl Connection {
     }
 }
 
-impl SceneBuilder {
-    /// Adds a connection that closes a loop; the links that it names may come later. [`SceneBuilder::build`] checks it.
-    #[must_use]
-    pub fn connect(mut self, connection: Connection) -> Self {
-        self.connections.push(connection);
-        self
-    }
-
-    /// The connections so far.
-    #[must_use]
-    pub fn connections(&self) -> &[Connection] {
-        &self.connections
-    }
-}
-
 impl Scene {
     /// The connections, in the order they were made; second frames and lengths that were left open are as the neutral configuration has them.
     #[must_use]
@@ -165,7 +149,7 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// As [`SceneBuilder::build`]; none that this scene did not have.
+    /// As [`SceneBuilder::build`](super::SceneBuilder::build); none that this scene did not have.
     pub fn without_connections(&self) -> Result<Self, Error> {
         let mut source = self.source().clone();
         source.connections.clear();

@@ -185,6 +185,10 @@ LARGE: dict[str, Large] = {
         "q0",
         batch(10**6, lambda scene, q: scene.inverse_kinematics(phipsi.tasks.Position("link6", np.ones(3)), q, covariance=True)),
     ),
+    "inverse_kinematics_rates": Large(
+        "q",
+        batch(10**6, lambda scene, q: scene.inverse_kinematics_rates(phipsi.tasks.Position("link6", np.ones(3)), q, dt=0.1)),
+    ),
     "linearize": Large("q", batch(150_000, lambda scene, q: scene.linearize(q, rates(q), rates(q)))),
     "mass_matrix": Large("q", batch(10**6, lambda scene, q: scene.mass_matrix(q))),
     "mass_matrix, float32": Large("q", batch(2 * 10**6, lambda scene, q: scene.mass_matrix(q, dtype=np.float32))),
@@ -299,7 +303,7 @@ LARGE: dict[str, Large] = {
 }
 
 #: Parameters that say how much work there is, or which of what is there, and not how much memory.
-NO_MEMORY = {"emergence.samples", "sensitivity.draws", "step.steps", "reset.states", "with_inertias.links"}
+NO_MEMORY = {"connect.length", "emergence.samples", "sensitivity.draws", "step.steps", "reset.states", "with_inertias.links"}
 
 
 def main(name: str) -> None:

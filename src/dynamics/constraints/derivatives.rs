@@ -10,8 +10,10 @@
 //!
 //! What the rows and their forces change by, two frames against each other, comes of dual numbers on the bodies between them and the base.
 
+use super::NoDirection;
+use super::inverse::constrained_mass_matrix_inverse;
 use super::rows::pair_at;
-use super::{ConstraintScratch, NoDirection, constrained_mass_matrix_inverse};
+use super::scratch::ConstraintScratch;
 use crate::dynamics::derivatives::{DerivativeScratch, inverse_dynamics_derivatives};
 use crate::kinematics::coordinate_rates;
 use crate::model::Model;

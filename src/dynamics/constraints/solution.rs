@@ -1,7 +1,8 @@
 //! Forward dynamics through connections.
 
+use super::NoDirection;
 use super::rows::{accelerations_of_rows, errors_of_rows, rates_of_rows};
-use super::{ConstraintScratch, NoDirection};
+use super::scratch::ConstraintScratch;
 use crate::dynamics::forces::Motion;
 use crate::dynamics::forward::{factorise, forces_base_to_tip, forward_dynamics};
 use crate::filter::pivots::PivotMonitor;

@@ -1,0 +1,124 @@
+//! The inverse of G = J M^-1 J*, where it has one.
+
+use nalgebra::{DMatrix, DVector};
+
+/// Eigenvalues of G, its diagonal scaled to one, that are lost in the rounding of its entries.
+const LOST: f64 = 1e-13;
+
+/// A row of W that is so small beside the terms that it is formed from moves nothing.
+const NOTHING: f64 = 1e-12;
+
+/// Pivots of G, its diagonal scaled to one, above which it is told to be regular by its Cholesky factor alone.
+const REGULAR: f64 = 1e-9;
+
+/// G^+ = S B B* S, S the scale that makes G's diagonal one: B = L^-* of the Cholesky factor where G is regular, else V mu^-1/2 over the eigenvalues mu that mean something.
+#[derive(Debug, Clone, Default)]
+pub(super) struct GramInverse {
+    scale: Vec<f64>,
+    factor: Factor,
+    pub rank: usize,
+}
+
+#[derive(Debug, Clone)]
+enum Factor {
+    /// L, in the lower triangle.
+    Cholesky(DMatrix<f64>),
+    /// V / sqrt(mu), (m x rank).
+    Eigenvectors(DMatrix<f64>),
+}
+
+impl Default for Factor {
+    fn default() -> Self {
+        Self::Eigenvectors(DMatrix::zeros(0, 0))
+    }
+}
+
+impl GramInverse {
+    pub fn of(gram: &DMatrix<f64>, sizes: &[f64]) -> Self {
+        let m = gram.nrows();
+        if m == 0 {
+            return Self::default();
+        }
+        let moves = |i: usize| gram[(i, i)] > (NOTHING * sizes[i]).powi(2);
+        let scale: Vec<f64> = (0..m).map(|i| if moves(i) { gram[(i, i)].sqrt().recip() } else { 0.0 }).collect();
+        let scaled = DMatrix::from_fn(m, m, |i, j| gram[(i, j)] * scale[i] * scale[j]);
+        if let Some(lower) = cholesky(&scaled) {
+            return Self { scale, factor: Factor::Cholesky(lower), rank: m };
+        }
+        let eigen = scaled.symmetric_eigen();
+        let kept: Vec<usize> = (0..m).filter(|&i| eigen.eigenvalues[i] > LOST).collect();
+        let vectors = DMatrix::from_fn(m, kept.len(), |i, j| {
+            eigen.eigenvectors[(i, kept[j])] / eigen.eigenvalues[kept[j]].sqrt()
+        });
+        Self { scale, factor: Factor::Eigenvectors(vectors), rank: kept.len() }
+    }
+
+    /// G^+ x, into `out`.
+    pub fn apply(&self, x: &[f64], out: &mut [f64]) {
+        for ((out, x), s) in out.iter_mut().zip(x).zip(&self.scale) {
+            *out = x * s;
+        }
+        match &self.factor {
+            Factor::Cholesky(lower) => {
+                let m = out.len();
+                for i in 0..m {
+                    let sum: f64 = (0..i).map(|j| lower[(i, j)] * out[j]).sum();
+                    out[i] = (out[i] - sum) / lower[(i, i)];
+                }
+                for i in (0..m).rev() {
+                    let sum: f64 = (i + 1..m).map(|j| lower[(j, i)] * out[j]).sum();
+                    out[i] = (out[i] - sum) / lower[(i, i)];
+                }
+            }
+            Factor::Eigenvectors(vectors) => {
+                let scaled = DVector::from_column_slice(out);
+                out.copy_from_slice((vectors * vectors.tr_mul(&scaled)).as_slice());
+            }
+        }
+        for (out, s) in out.iter_mut().zip(&self.scale) {
+            *out *= s;
+        }
+    }
+
+    /// S: zero for rows that move nothing.
+    pub fn scale(&self) -> &[f64] {
+        &self.scale
+    }
+
+    /// The columns of S B: rows of W*, combined by them, are orthonormal.
+    pub fn columns(&self) -> DMatrix<f64> {
+        let mut columns = match &self.factor {
+            Factor::Eigenvectors(vectors) => vectors.clone(),
+            Factor::Cholesky(lower) => {
+                let m = lower.nrows();
+                let mut inverse = DMatrix::identity(m, m);
+                // Its diagonal is not zero.
+                lower.transpose().solve_upper_triangular_mut(&mut inverse);
+                inverse
+            }
+        };
+        for (i, scale) in self.scale.iter().enumerate() {
+            columns.row_mut(i).scale_mut(*scale);
+        }
+        columns
+    }
+}
+
+/// The Cholesky factor of a matrix with a diagonal of ones; none where a pivot is small or NaN.
+fn cholesky(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let m = matrix.nrows();
+    let mut lower = DMatrix::zeros(m, m);
+    for j in 0..m {
+        let pivot = matrix[(j, j)] - (0..j).map(|k| lower[(j, k)] * lower[(j, k)]).sum::<f64>();
+        if !(pivot > REGULAR) {
+            return None;
+        }
+        let root = pivot.sqrt();
+        lower[(j, j)] = root;
+        for i in j + 1..m {
+            let sum: f64 = (0..j).map(|k| lower[(i, k)] * lower[(j, k)]).sum();
+            lower[(i, j)] = (matrix[(i, j)] - sum) / root;
+        }
+    }
+    Some(lower)
+}
