@@ -121,3 +121,36 @@ def test_one_method_is_the_default_everywhere() -> None:
     calls = (phipsi.Scene.simulate, phipsi.Scene.simulator, phipsi.Scene.simulate_vjp)
     option = next(one for one in simulate.simulate.params if one.name == "method")
     assert {inspect.signature(call).parameters["method"].default for call in calls} == {option.default} == {"rk4"}
+
+
+def test_fingers_that_follow(tmp_path: Path) -> None:
+    file = tmp_path / "gripper.urdf"
+    joint = '<joint name="{0}" type="prismatic"><parent link="palm"/><child link="{0}"/><axis xyz="0 {1} 0"/><limit lower="0" upper="1" effort="1" velocity="1"/>{2}</joint>'
+    link = '<link name="{0}"><inertial><mass value="0.1"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    fingers = [("left", 1, ""), ("right", -1, '<mimic joint="left"/>')]
+    file.write_text(
+        '<robot name="g"><link name="palm"/>' + "".join((link + joint).format(*finger) for finger in fingers) + "</robot>", encoding="utf-8"
+    )
+    result = run(file, "--mimic", "couple", "-o", tmp_path / "run", "--time", 0.05)
+    assert result.exit_code == 0, result.output
+    assert "mimics" not in result.output
+    with np.load(tmp_path / "run" / "trajectory.npz") as found:
+        assert found["q"].shape[1] == 1 and list(found["joint_names"]) == ["left"]
+
+
+def test_connections_of_a_mujoco_model(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    file = tmp_path / "linkage.xml"
+    bar = '<body name="{0}" pos="{1}"><joint name="{0}" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 {2}" size="0.01"/>{3}</body>'
+    coupler = bar.format("coupler", "0 0 0.2", 0.3, "")
+    file.write_text(
+        "<mujoco><worldbody>" + bar.format("crank", "0 0 0", 0.2, coupler) + bar.format("rocker", "0 0 0.3", 0.2, "")
+        + '</worldbody><equality><connect name="pin" body1="coupler" body2="rocker" anchor="0 0 0.3"/></equality></mujoco>',
+        encoding="utf-8",
+    )  # fmt: skip
+    result = run(file, "-o", tmp_path / "run", "--time", 0.05, "--csv")
+    assert result.exit_code == 0, result.output
+    assert "connections open by" in result.output
+    with np.load(tmp_path / "run" / "trajectory.npz") as found:
+        assert found["drift"].max() < 1e-9
+    assert (tmp_path / "run" / "trajectory.csv").read_text(encoding="utf-8").splitlines()[0].endswith(",drift")

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 import click
 from rich.console import Console
@@ -20,6 +21,8 @@ from .robot import DENSE_CAP, Report
 from .sections import accuracy, calls, growth, residuals
 from .stability import STABILITY, Stability
 
+#: Whether mimic joints follow.
+Mimic: TypeAlias = Literal["couple", "free"]
 #: What the bundled arm is called.
 BUNDLED = "PUMA 560 (bundled)"
 
@@ -42,11 +45,11 @@ def _typed_errors() -> Iterator[None]:
         raise BadInput(" ".join(str(error).split())) from None
 
 
-def _load(robot: Path | None, floating_base: bool) -> tuple[Scene, str, str, list[str]]:
+def _load(robot: Path | None, floating_base: bool, mimic: Mimic = "free") -> tuple[Scene, str, str, list[str]]:
     """Scene, name, source and warnings, of which the first are shown."""
     with warnings.catch_warnings(record=True) as caught, _typed_errors():
         warnings.simplefilter("always")
-        scene = load(_core.BUNDLED_ARM if robot is None else str(robot), floating_base=floating_base)
+        scene = load(_core.BUNDLED_ARM if robot is None else str(robot), floating_base=floating_base, mimic=mimic)
     texts = [str(one.message) for one in caught]
     for text in [f"warning: {text}" for text in texts[:3]] + [f"and {len(texts) - 3} more warnings"] * (len(texts) > 3):
         terminal.line(Console(stderr=True), text, "yellow")
@@ -57,6 +60,9 @@ def _load(robot: Path | None, floating_base: bool) -> tuple[Scene, str, str, lis
 
 ROBOT = click.argument("robot", metavar="[ROBOT.urdf]", required=False, type=click.Path(path_type=Path))
 FLOATING = click.option("--floating-base", is_flag=True, help="Put a free joint under the root link.")
+MIMIC = click.option(
+    "--mimic", type=click.Choice(("couple", "free")), default="free", show_default=True, help="Whether joints of a URDF with <mimic> follow."
+)
 SEED = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random states.")
 COUNT = click.IntRange(1, 100_000)
 

@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from .. import tasks
-from .commands import BEYOND, FLOATING, BadInput, _load, _typed_errors, group
+from .commands import BEYOND, FLOATING, MIMIC, BadInput, Mimic, _load, _typed_errors, group
 from .motion import read_state
 from .pipeline import plain
 
@@ -19,6 +19,7 @@ from .pipeline import plain
 @click.argument("robot", metavar="ROBOT.urdf", type=click.Path(path_type=Path))
 @click.argument("link")
 @FLOATING
+@MIMIC
 @click.option("--position", nargs=3, type=float, metavar="X Y Z", help="Where the link's origin should be, m.")
 @click.option("--rpy", nargs=3, type=float, metavar="R P Y", help="How the link should be turned, rad: Rz(Y) Ry(P) Rx(R).")
 @click.option("--state", type=click.Path(path_type=Path, dir_okay=False), help="The first start: JSON or npz with q.  [default: neutral]")
@@ -29,6 +30,7 @@ def ik(
     robot: Path,
     link: str,
     floating_base: bool,
+    mimic: Mimic,
     position: tuple[float, float, float] | None,
     rpy: tuple[float, float, float] | None,
     state: Path | None,
@@ -40,7 +42,7 @@ def ik(
 
     Exit code 1: it was not reached (what came nearest is told); 2: bad input.
     """
-    scene, name, _, _ = _load(robot, floating_base)
+    scene, name, _, _ = _load(robot, floating_base, mimic)
     if position is None and rpy is None:
         raise BadInput("--position, --rpy: found neither; expected one of them, or both")
     with _typed_errors():

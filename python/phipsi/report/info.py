@@ -13,20 +13,21 @@ from rich.markup import escape
 
 from .._core import Scene
 from . import terminal
-from .commands import FLOATING, ROBOT, _load, group
+from .commands import FLOATING, MIMIC, ROBOT, Mimic, _load, group
 from .pipeline import plain
 
 
 @group.command()
 @ROBOT
 @FLOATING
+@MIMIC
 @click.option("--json", "as_json", is_flag=True, help="All numbers, as JSON.")
-def info(robot: Path | None, floating_base: bool, as_json: bool) -> None:
+def info(robot: Path | None, floating_base: bool, mimic: Mimic, as_json: bool) -> None:
     """Say what a robot is: its joints in the order of q, with limits, and its mass.
 
     Without ROBOT.urdf, the bundled arm.
     """
-    scene, name, _, texts = _load(robot, floating_base)
+    scene, name, _, texts = _load(robot, floating_base, mimic)
     found = about(scene) | {"name": name, "warnings": texts}
     if as_json:
         click.echo(json.dumps(plain(found), indent=1, allow_nan=False, ensure_ascii=False))

@@ -60,9 +60,10 @@ def write(path: Trajectory, folder: Path, *, table: bool) -> list[Path]:
     """Writes trajectory.npz, and trajectory.csv where a table is asked for; gives the files."""
     scene = path.scene
     archive = folder / "trajectory.npz"
-    np.savez(
-        archive, t=path.t, q=path.q, qd=path.qd, dt=path.dt, method=path.method, joint_names=np.array(scene.joint_names)
-    )
+    found: dict[str, Any] = {"t": path.t, "q": path.q, "qd": path.qd, "dt": path.dt, "method": path.method}
+    if scene.connection_names:
+        found["drift"] = path.drift
+    np.savez(archive, joint_names=np.array(scene.joint_names), **found)
     files = [archive]
     if table:
         files.append(folder / "trajectory.csv")
@@ -84,9 +85,10 @@ def columns(scene: Scene, letter: str) -> list[str]:
 def _table(path: Trajectory, file: Path) -> None:
     with file.open("w", newline="", encoding="utf-8") as stream:
         out = csv.writer(stream)
-        out.writerow(["t", *columns(path.scene, "q"), *columns(path.scene, "qd")])
+        has_drift = bool(path.scene.connection_names)
+        out.writerow(["t", *columns(path.scene, "q"), *columns(path.scene, "qd"), *["drift"] * has_drift])
         # repr: every digit comes back.
-        out.writerows([repr(float(x)) for x in row] for row in np.column_stack([path.t, path.q, path.qd]))
+        out.writerows([repr(float(x)) for x in row] for row in np.column_stack([path.t, path.q, path.qd, *[path.drift] * has_drift]))
 
 
 def stroboscope(path: Trajectory, tree: Tree, flashes: int = FLASHES) -> Space:

@@ -62,6 +62,8 @@ def over_time(run: Run) -> Chart:
             found.append(("torque / its limit", shares))
     kinds = {"kinetic": energy.kinetic, "of gravity": energy.potential, "of springs": energy.spring, "total": energy.total}
     found.append(("energy, J", {name: values[rows] for name, values in kinds.items() if name == "total" or np.any(values)}))
+    if scene.connection_names:
+        found.append(("connections open by, m or rad", {"drift": path.drift[rows]}))
     every = list(dict.fromkeys(label for _, values in found for label in values))
     inks = {label: INKS[i % len(INKS)] for i, label in enumerate(every)}
     time = Axis("time, s", form=".3~f", unit=" s")

@@ -12,7 +12,7 @@ from rich.console import Console
 from .. import errors
 from .._motion import PD, Trajectory
 from . import motion, pipeline
-from .commands import BEYOND, FLOATING, ROBOT, BadInput, _load, _typed_errors, group
+from .commands import BEYOND, FLOATING, MIMIC, ROBOT, BadInput, Mimic, _load, _typed_errors, group
 from .progress import Silent, reporter
 from .run import RUN, Run
 from .structure import tree_of
@@ -29,6 +29,7 @@ ROWS = 2000
 @ROBOT
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the results.")
 @FLOATING
+@MIMIC
 @click.option(
     "--state", type=click.Path(path_type=Path, dir_okay=False), help="The start: JSON or npz with q, qd, tau.  [default: neutral, at rest]"
 )
@@ -42,6 +43,7 @@ def simulate(
     robot: Path | None,
     output: Path,
     floating_base: bool,
+    mimic: Mimic,
     state: Path | None,
     duration: float,
     dt: float,
@@ -54,12 +56,12 @@ def simulate(
 
     Damping, friction, stiffness and armature are those of the file. The state file has q, qd and tau (held throughout), each a
     list or, in JSON, a mapping from joint names: {"q": {"elbow": 0.5}}. Limits are reported, never enforced. Ctrl-C stops
-    and writes what was computed. Without ROBOT.urdf, the bundled arm.
+    and writes what was computed. A start that is off the connections of a MuJoCo model is moved onto them. Without ROBOT.urdf, the bundled arm.
 
     Exit code 1: the motion diverged or a pivot was lost (what came before is written); 2: bad input; 130: stopped.
     """
     console = Console(stderr=True)
-    scene, name, _, _ = _load(robot, floating_base)
+    scene, name, _, _ = _load(robot, floating_base, mimic)
     if not (np.isfinite(dt) and dt > 0.0 and np.isfinite(duration) and duration >= 0.0):
         raise BadInput(f"--time, --dt: found {duration} and {dt}; expected finite times, the step positive")
     if duration / dt > 1e12:
@@ -70,6 +72,9 @@ def simulate(
     with _typed_errors():
         start = motion.read_state(state, scene) if state is not None else {}
         q, qd = start.get("q", scene.neutral()), start.get("qd", np.zeros(scene.nv))
+        if scene.connection_names:
+            nearest = scene.project(q, qd)
+            q, qd = nearest.q, np.asarray(nearest.qd)
         law = PD(hold[0], hold[1], q) if hold is not None else None
         output.mkdir(parents=True, exist_ok=True)
         try:
@@ -105,6 +110,8 @@ def _tell(name: str, path: Trajectory) -> None:
         f"{name}: {path.steps} steps of {path.dt:g} s by {path.method}; "
         f"energy from {total[0]:.6g} to {total[-1]:.6g} J"
     )
+    if path.scene.connection_names:
+        click.echo(f"connections open by {path.drift.max():.1e} m or rad at the most")
     for found in path.violations():
         click.echo(
             f"beyond its limit: {found.joint}, {found.limit} {found.bound:g}, first at t = {found.time:g} s, "

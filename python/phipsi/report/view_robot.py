@@ -8,17 +8,18 @@ import click
 import numpy as np
 
 from . import embed
-from .commands import FLOATING, ROBOT, BadInput, _load, _typed_errors, group
+from .commands import FLOATING, MIMIC, ROBOT, BadInput, Mimic, _load, _typed_errors, group
 
 
 @group.command()
 @ROBOT
 @FLOATING
+@MIMIC
 @click.option("--motion", type=click.Path(path_type=Path, dir_okay=False), help="trajectory.npz of `phipsi simulate`, or any with t and q.")
 @click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write a page that holds all it needs, and serve nothing.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of 127.0.0.1.  [default: any that is free]")
 @click.option("--browser/--no-browser", default=True, help="Whether to open a browser.")
-def view(robot: Path | None, floating_base: bool, motion: Path | None, output: Path | None, port: int, browser: bool) -> None:
+def view(robot: Path | None, floating_base: bool, mimic: Mimic, motion: Path | None, output: Path | None, port: int, browser: bool) -> None:
     """Show a robot in the browser: with a slider a joint, or a motion with a play button.
 
     Meshes are those of the URDF: beside it, in a package above it, or in a folder of ROS_PACKAGE_PATH or AMENT_PREFIX_PATH. A robot without
@@ -26,7 +27,7 @@ def view(robot: Path | None, floating_base: bool, motion: Path | None, output: P
     """
     if (reason := embed.lacking()) is not None:
         raise BadInput(reason)
-    scene, name, _, _ = _load(robot, floating_base)
+    scene, name, _, _ = _load(robot, floating_base, mimic)
     t = q = None
     if motion is not None:
         try:
