@@ -18,6 +18,7 @@ mod choice;
 mod configuration;
 mod connections;
 mod constraints;
+mod contacts;
 mod control;
 mod cost;
 mod counts;
