@@ -171,6 +171,7 @@ impl<'a> Adaptive<'a> {
             return Err(Error::argument("times", found, "finite times, the start first, each later than the last"));
         }
         self.scene.check_no_connections("adaptive steps")?;
+        self.scene.check_no_contacts("adaptive steps")?;
         self.properties.check(self.scene)?;
         if let Some(gains) = &self.gains {
             gains.check(self.scene, 1)?;
@@ -199,7 +200,7 @@ impl<'a> Field<'a> {
         let laws = (of.properties.clone(), of.gains.clone());
         let law = Law::new(of.scene.model(), 1.0, Method::RungeKutta4, laws, Vec::new());
         let mut scratch = Scratch::new(of.scene.model(), &law);
-        let solver = Checked::new(of.scene.model(), &law, Form::Auto);
+        let solver = Checked::new(of.scene.model(), None, Form::Auto);
         if let Some(gains) = &of.gains {
             scratch.target.copy_from_slice(&gains.target);
             scratch.target_rate.copy_from_slice(&gains.target_rate);

@@ -2,6 +2,7 @@
 
 use super::choice::{choose, name_of_mimic, names, read_mimic};
 use super::connection_tuple::{ConnectionTuple, connection_of, connection_tuple};
+use super::contact_tuple::{ContactTuple, contact_of, contact_tuple};
 use super::object::Object;
 use crate::error::{Error, number};
 use crate::memory;
@@ -15,7 +16,7 @@ use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Counts up when the tuples change.
-const VERSION: u32 = 6;
+const VERSION: u32 = 7;
 
 /// Name, then mass, mass centre and inertia about it (xx, xy, xz, yy, yz, zz) if it has any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
@@ -40,7 +41,7 @@ pub(super) type JointTuple = (
 type LockedTuple = (String, String, Option<f64>);
 
 /// Version, gravity, floating base, strict, links, joints, names of what is left out, joints that were locked, what the free joint of a
-/// floating base has (armature, damping, friction, stiffness), the file that all of it comes from, what becomes of mimic joints, connections.
+/// floating base has (armature, damping, friction, stiffness), the file that all of it comes from, what becomes of mimic joints, connections, contacts.
 #[derive(IntoPyObject, FromPyObject)]
 pub(super) struct Description(
     u32,
@@ -53,9 +54,11 @@ pub(super) struct Description(
     Vec<LockedTuple>,
     [f64; 4],
     Option<PathBuf>,
-    String,
-    Vec<ConnectionTuple>,
+    Beyond,
 );
+
+/// What a scene has beyond a tree of free joints: what becomes of mimic joints, connections, contacts.
+type Beyond = (String, Vec<ConnectionTuple>, Vec<ContactTuple>);
 
 /// Where the links are in a description.
 const LINKS: usize = 4;
@@ -87,8 +90,11 @@ impl Description {
             locked,
             root,
             source.file().map(Path::to_owned),
-            name_of_mimic(source.of_mimic_joints()).to_owned(),
-            source.connections().iter().map(connection_tuple).collect(),
+            (
+                name_of_mimic(source.of_mimic_joints()).to_owned(),
+                source.connections().iter().map(connection_tuple).collect(),
+                source.contacts().iter().map(contact_tuple).collect(),
+            ),
         ))
     }
 
@@ -102,8 +108,20 @@ impl Description {
 
     /// The builder that it was made from.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
-        let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, mimic, connections) =
-            self;
+        let Self(
+            version,
+            gravity,
+            floating,
+            strict,
+            links,
+            joints,
+            left_out,
+            locked,
+            root,
+            file,
+            beyond,
+        ) = self;
+        let (mimic, connections, contacts) = beyond;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
@@ -123,6 +141,9 @@ impl Description {
         }
         for connection in connections {
             builder = builder.connect(connection_of(connection)?);
+        }
+        for contact in contacts {
+            builder = builder.contact(contact_of(contact));
         }
         let kind = |(name, kind, pitch): LockedTuple| joint_kind(&name, &kind, pitch).map(|kind| (name, kind));
         let locked = locked.into_iter().map(kind).collect::<Result<_, _>>()?;
@@ -262,11 +283,15 @@ pub(super) fn summary(scene: &Scene) -> String {
         0 => String::new(),
         count => format!(", {count} connections"),
     };
+    let touching = match scene.contacts().len() {
+        0 => String::new(),
+        count => format!(", {count} contacts"),
+    };
     let [x, y, z]: [f64; 3] = scene.model().gravity.into();
     let followers = scene.tree().joints().len() - scene.joints().len();
     let followers = if followers == 0 { String::new() } else { format!(" and {followers} that follow") };
     format!(
-        "<phipsi.Scene: nq={}, nv={}, {} joints{kinds}{followers}, {} links, {} merged joints{closed}, {} base, gravity ({x}, {y}, {z})>",
+        "<phipsi.Scene: nq={}, nv={}, {} joints{kinds}{followers}, {} links, {} merged joints{closed}{touching}, {} base, gravity ({x}, {y}, {z})>",
         scene.nq(),
         scene.nv(),
         scene.joints().len(),

@@ -19,6 +19,8 @@ mod configuration;
 mod connection_tuple;
 mod connections;
 mod constraints;
+mod contact_tuple;
+mod contacts;
 mod control;
 mod cost;
 mod counts;

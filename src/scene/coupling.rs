@@ -261,6 +261,10 @@ impl Scene {
             let found = "joints that follow others (mimic) beside a connection";
             return Err(Error::scene(format!("connection {:?}", connection.name), found, expected));
         }
+        if let Some(contact) = tree.contacts().first() {
+            let found = "joints that follow others (mimic) beside a contact";
+            return Err(Error::scene(format!("contact {:?}", contact.name), found, "mimic=\"free\" for now"));
+        }
         let mut joints = Vec::with_capacity(tree.joints.len());
         let (mut q, mut v) = (vec![], vec![]);
         let (mut independent_q, mut independent) = (Vec::new(), Vec::new());

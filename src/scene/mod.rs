@@ -34,6 +34,8 @@ mod checks;
 mod configuration;
 mod connection;
 pub(crate) mod constraint;
+mod contact;
+pub(crate) mod contact_point;
 mod coupling;
 mod description;
 mod inertia_check;
@@ -54,12 +56,14 @@ pub use crate::model::{Body, Motion, Omissions};
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
 pub use connection::{Connection, ConnectionKind};
+pub use contact::Contact;
 pub use coupling::Coupling;
 pub use description::{Inertial, JointDescription, Limits, LinkDescription, Mimic, MimicJoints, SceneWarning};
 pub use properties::Property;
 pub use spring::Spring;
 
 use self::constraint::Constraints;
+use self::contact_point::ContactPoint;
 use self::shared::Shared;
 use crate::error::Error;
 use crate::spatial::RigidShift;
@@ -115,6 +119,8 @@ pub struct Scene {
     coupling: Option<Arc<Coupling>>,
     /// What the connections are, by index.
     constraints: Constraints,
+    /// What the contacts are, by index.
+    contact_points: Vec<ContactPoint>,
     shared: Shared,
 }
 
@@ -135,6 +141,7 @@ impl Scene {
             joint_index: HashMap::new(),
             coupling: None,
             constraints: Constraints::default(),
+            contact_points: Vec::new(),
             shared: Shared::default(),
         }
     }
@@ -142,6 +149,11 @@ impl Scene {
     /// The connections as the sweeps read them.
     pub(crate) fn constraints(&self) -> &Constraints {
         &self.constraints
+    }
+
+    /// The contacts as the sweeps read them.
+    pub(crate) fn contact_points(&self) -> &[ContactPoint] {
+        &self.contact_points
     }
 
     /// Which scene this is, among all of this process: what is kept for one is never used for another.
