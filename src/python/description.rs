@@ -108,19 +108,7 @@ impl Description {
 
     /// The builder that it was made from.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
-        let Self(
-            version,
-            gravity,
-            floating,
-            strict,
-            links,
-            joints,
-            left_out,
-            locked,
-            root,
-            file,
-            beyond,
-        ) = self;
+        let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, beyond) = self;
         let (mimic, connections, contacts) = beyond;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
