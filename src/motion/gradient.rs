@@ -6,7 +6,8 @@
 
 use super::backward::ACTING;
 use super::reverser::{Job, Reverser};
-use super::rollout::{GRAIN, Rollout, StepFault, Torque};
+use super::rollout::{GRAIN, Rollout};
+use super::torque::{StepFault, Torque};
 use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::{Error, check_finite, check_length};

@@ -47,7 +47,9 @@ mod backward;
 mod conserve;
 mod constrained;
 mod contact;
+mod faults;
 mod gradient;
+mod job;
 pub(crate) mod manifold;
 pub(crate) mod method;
 pub(crate) mod properties;
@@ -56,6 +58,7 @@ pub(crate) mod rollout;
 pub(crate) mod simulator;
 mod step;
 mod stepper;
+mod torque;
 
 #[cfg(feature = "adaptive")]
 pub use adaptive::{Adaptive, Failure, Solution, Solver, TorqueLaw};
@@ -65,5 +68,6 @@ pub use contact::ContactReport;
 pub use gradient::{RecordedRows, RolloutGradients};
 pub use method::{METHODS, Method};
 pub use properties::{FRICTION_SPEED, Gains, Properties};
-pub use rollout::{Records, Rollout, Settings, StepFault, Torque};
+pub use rollout::{Records, Rollout, Settings};
 pub use simulator::Simulator;
+pub use torque::{StepFault, Torque};

@@ -3,12 +3,14 @@
 use super::conserve::{self, Correction, KEPT, Keeper};
 use super::constrained::{Stabilisation, check_start};
 use super::contact::{self, ContactReport, RECORD};
+use super::job::{Job, Rows};
 use super::method::Method;
 use super::properties::{Gains, Properties};
 use super::step::Law;
-use super::stepper::{Job, Rows, Stepper};
+use super::stepper::Stepper;
+use super::torque::{StepFault, Torque};
 use crate::batch::arms::Arm;
-use crate::batch::{Batch, Broadcast, Fault, Pool};
+use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
@@ -59,22 +61,6 @@ impl Settings {
     }
 }
 
-/// The torques that are given, (nv), held over each step; springs, damping, friction and control law come to them.
-#[derive(Debug, Clone)]
-pub enum Torque<'a> {
-    /// None.
-    Zero,
-    /// The same in every step: (nv) a state.
-    Constant(Broadcast<'a>),
-    /// Their own in every step: (steps, nv) a state.
-    Steps {
-        /// The torques.
-        torque: Broadcast<'a>,
-        /// The step of the run that the first are for.
-        first: usize,
-    },
-}
-
 /// Where a rollout records: (states, rows, nq) and (states, rows, nv), row 0 the state at the start, row i after i * every steps.
 #[derive(Debug)]
 pub struct Records<'a> {
@@ -87,19 +73,6 @@ pub struct Records<'a> {
     pub contacts: &'a mut [f64],
     /// A row after so many steps.
     pub every: usize,
-}
-
-/// The earliest step that failed, and in it the lowest state of those that are known to have.
-#[derive(Debug, Clone, PartialEq)]
-pub struct StepFault {
-    /// Index of the step, from zero: so many were finished in every state.
-    pub step: usize,
-    /// Index of the state in the batch.
-    pub state: usize,
-    /// The joint at fault.
-    pub joint: String,
-    /// What was wrong.
-    pub error: Error,
 }
 
 /// States on their way; `S`: what the scene is held by, as `&Scene`, `Arc<Scene>` or `Scene`.

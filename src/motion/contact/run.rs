@@ -1,9 +1,9 @@
 //! Steps of states, one after another, and what is recorded of their contacts.
 
+use super::super::job::Job;
 use super::super::properties::of_state;
-use super::super::rollout::{StepFault, Torque};
 use super::super::step::{Law, Scratch};
-use super::super::stepper::Job;
+use super::super::torque::{StepFault, Torque};
 use super::kept::RECORD;
 use super::step::Touching;
 use crate::dynamics::contacts::{ContactScratch, slip};
