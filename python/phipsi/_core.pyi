@@ -163,9 +163,10 @@ class Scene:
 
         Joints and bodies keep their names and order; a joint whose anchor is off its body's origin, or that is not its body's last, moves a link
         "body/joint". phipsi.mujoco takes states and forces from MuJoCo's conventions to phipsi's and back: they differ at ball and free joints.
-        Contacts, actuators and sensors are not read; an actuator's forcerange gives the joint's effort limit, ball joints get no limits.
+        Equality constraints connect, weld and joint (linear) become connections, by their names or "equality 0" and so on; they hold exactly, where MuJoCo's give way (solref and solimp are
+        not read). Contacts, actuators and sensors are not read; an actuator's forcerange gives the joint's effort limit, ball joints get no limits.
 
-        Raises SceneError for a model that cannot be read, and for what acts in it and is not ignored, by name: equality constraints, tendons with springs, losses,
+        Raises SceneError for a model that cannot be read, and for what acts in it and is not ignored, by name: other equality constraints, tendons with springs, losses,
         armature or limits, gravcomp, a medium, plugins, deformable objects, nonlinear springs and damping, springs of free joints; ImportError without
         the extra; ArgumentError for other sources. Warns as SceneBuilder.build does: MimicWarning for joints that an ignored equality ties linearly.
         """
@@ -292,12 +293,14 @@ class Scene:
         return_info: whether to tell the accuracy too, one entry a state, for about five times the time in the forms "covariance" and
         "square-root", next to nothing in "auto".
 
+        Of a scene with connections the accelerations go through them, one state at a time, as constrained_dynamics has them; no error is estimated.
+
         Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
         the result, and .error, the estimated error of the largest acceleration.
 
-        Raises SingularJointError where a joint has no inertia along its axis; ArgumentError, naming the link, for the square-root form
-        of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state. After an
-        error out is partly written.
+        Raises SingularJointError where a joint has no inertia along its axis; ConstraintError where connections contradict each other; ArgumentError,
+        naming the link, for the square-root form of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the
+        argument and the state. After an error out is partly written.
         """
 
     @overload
@@ -414,27 +417,27 @@ class Scene:
 
         and dq/dt = v on the manifold: quaternions stay unit, free joints move on SE(3).
 
-        q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s, finite and positive. steps: how many.
-        tau: (..., nv), constant, or a function of (t, q, qd) that is called once a step with the whole batch and returns
-        (..., nv); tau_steps: (..., steps, nv) instead. Either is held over each step, so that a function is followed to first
-        order in dt by every method. pd: PD(kp, kd, target, target_rate), followed within the step.
+        q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s, finite and positive. steps: how many. tau: (..., nv), constant, or a function of
+        (t, q, qd) that is called once a step with the whole batch and returns (..., nv); tau_steps: (..., steps, nv) instead. Either is held over
+        each step, so that a function is followed to first order in dt by every method. pd: PD(kp, kd, target, target_rate), followed within the step.
         method: "semi-implicit-euler" (order 1), "rk4" (order 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3).
-        The last three take springs, damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit
-        stage each; they are L-stable for them: what is faster than the step is damped, not followed. record_every: a row
-        after so many steps. armature, damping, stiffness, friction: (nv,) or a number, rest: (nq,), instead of the
-        scene's. friction_speed: rad/s or m/s, where friction becomes viscous. form: "auto" does a step whose digits are in
-        doubt once more in square-root form; "covariance" watches the pivots only. progress: called with (steps done, steps)
-        some twenty times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the
-        parabola that weight gives it, to rounding: a step ends with a rigid motion of the tree, as large as the step's error in
-        them, which leaves the order as it is and costs O(N). Every tree must hang on the base by a free joint that nothing acts
-        along: no tau, pd, damping, stiffness, friction or armature there (ArgumentError).
+        The last three take springs, damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit stage each;
+        they are L-stable for them: what is faster than the step is damped, not followed. record_every: a row after so many steps. armature, damping,
+        stiffness, friction: (nv,) or a number, rest: (nq,), instead of the scene's. friction_speed: rad/s or m/s, where friction becomes viscous.
+        form: "auto" does a step whose digits are in doubt once more in square-root form; "covariance" watches the pivots only. progress: called with
+        (steps done, steps) some twenty times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the
+        parabola that weight gives it, to rounding: a step ends with a rigid motion of the tree, as large as the step's error in them, which leaves
+        the order as it is and costs O(N). Every tree must hang on the base by a free joint that nothing acts along: no tau, pd, damping, stiffness,
+        friction or armature there (ArgumentError). baumgarte: of a scene with connections; None: positions and velocities are projected onto them
+        after each step (see project); a rate a in 1/s: accelerations take errors back instead, J qdd + J' qd = -2 a J qd - a^2 error.
 
-        Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first
-        the start; momentum_correction, the largest that conserve_momentum made, else None. The same bits for any number of threads.
+        Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first the start;
+        momentum_correction, the largest that conserve_momentum made, else None; drift, how far rows are from the connections. The same bits for any
+        number of threads.
 
-        Raises SimulationError where motion diverges, a pivot is lost, or tau raises, with the rows of the finished
-        steps; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; OutOfMemoryError where the rows have no room;
-        ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Raises SimulationError where motion diverges, a pivot is lost, connections cannot hold, or tau raises, with the rows of the finished steps;
+        ConstraintError for a start that does not meet the connections; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise;
+        OutOfMemoryError where the rows have no room; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
         """
 
     def simulator(
@@ -458,7 +461,7 @@ class Scene:
         """States to advance step by step: an object that keeps them, and its scratch, between the steps.
 
         q: (..., nq); qd: (..., nv), zero if not given; leading axes broadcast to those of the batch. dt, method, form, pd, armature, damping,
-        stiffness, rest, friction, friction_speed, conserve_momentum: as in simulate, for all steps.
+        stiffness, rest, friction, friction_speed, conserve_momentum, baumgarte: as in simulate, for all steps.
 
         Returns a phipsi.Simulator. Simulator.step(tau) costs what forward dynamics does, a stage, and some tenths of a microsecond.
 
@@ -576,7 +579,8 @@ class Scene:
     ) -> _Array:
         """The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
 
-        q: (..., nq). form, out, dtype and errors: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units.
+        q: (..., nq). form, out, dtype and errors: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units: the tree's,
+        whatever connections there are (constrained_mass_matrix_inverse is through them).
 
         Raises ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse without forming it.
         Raises SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
@@ -989,7 +993,7 @@ class Scene:
         for the whole batch. form and errors: as in forward_dynamics.
 
         Returns (..., 6m, 6m), full and exactly symmetric, SI units. Wrenches (moment, force) on the frames, each at its origin and in
-        its axes, stacked, times this is how they change the frames' (angular, linear) accelerations. Defined in singular
+        its axes, stacked, times this is how they change the frames' (angular, linear) accelerations, in the tree without connections. Defined in singular
         configurations too, where operational_inertia is not; zero for links on the base.
 
         Raises ArgumentError for an unknown link, no link, or a rotation that is none (to within 1e-9); SingularJointError, ShapeError,
@@ -1021,22 +1025,42 @@ class Scene:
 
     @property
     def connection_names(self) -> tuple[str, ...]:
-        """x"""
+        """Names of the connections that close loops, in the order they were made: the keys of the forces of constrained_dynamics."""
 
     def connection_rows(self, connection: str, /) -> slice[int, int, int]:
-        """x"""
+        """Where a connection is among the rows of constraint_error, constraint_bias and constraint_jacobian, a slice.
+
+        Raises ArgumentError, with the names that there are, for an unknown connection.
+        """
 
     def without_connections(self) -> Scene:
-        """x"""
+        """The same tree without the connections, for what knows trees only."""
 
     def constraint_error(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """x"""
+        """How far each row of the connections is from holding, (..., m): the rows of one connection are those of connection_rows.
+
+        q: (..., nq). errors: as in forward_dynamics. Origins in m, in the first frame's axes; rotations as 2 sin(t/2) about their axis, t the angle,
+        which is t where it is small; of an axis the two directions across it: the first frame's x and y, turned with it the short way from z to the
+        axis; angular rows before linear ones. A distance less its length, m; the coordinate of a joint less what it should be.
+
+        Raises ConstraintError for a rod whose ends coincide; ShapeError, NotFiniteError, ArgumentError, naming the state.
+        """
 
     def constraint_jacobian(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """x"""
+        """The Jacobian of the connections, (..., m, nv): J qd is the rate of constraint_error, exactly and at every q.
+
+        q: (..., nq). errors: as in forward_dynamics. O(m depth), beside the zeros.
+
+        Raises as constraint_error.
+        """
 
     def constraint_bias(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """x"""
+        """J' qd of the connections, (..., m): the second derivative of constraint_error where no joint accelerates.
+
+        q: (..., nq); qd: (..., nv). errors: as in forward_dynamics. O(m depth).
+
+        Raises as constraint_error.
+        """
 
     def constrained_dynamics(
         self,
@@ -1048,10 +1072,32 @@ class Scene:
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> ConstrainedDynamics:
-        """x"""
+        """Joint accelerations through the connections, and the forces of these: M qdd + bias = tau + J^T forces with J qdd + J' qd = 0.
+
+        q: (..., nq); qd, tau: (..., nv). form, wrenches, errors: as in forward_dynamics. Unit forces along the rows run inward through the tree's
+        filter; their Gram matrix is J M^-1 J^T. O(N + m^2 depth + m^3) for m rows.
+
+        Returns a phipsi.ConstrainedDynamics: qdd (..., nv); forces, a dict from names of connections to (..., rows); rank (...) and residual (...). A
+        force is what the connection does to its link, (moment, force) as far as it has rows of them, at the origin of its first frame and in that
+        frame's axes; the other link gets the opposite. That of a rod is positive where it pushes, that of a coupling acts along its joint. Where rows
+        depend on each other, qdd is unique and the forces are those of least sum (J M^-1 J^T)_ii forces_i^2.
+
+        Raises ConstraintError, with .connections, .residual and .state, where no forces meet all rows: connections that contradict each other, or
+        velocities that do not meet them (see project); otherwise as forward_dynamics.
+        """
 
     def project(self, q: ArrayLike, qd: ArrayLike | None = None, *, errors: _Errors = "raise") -> Projection:
-        """x"""
+        """The configuration nearest to q that meets the connections, and the velocities nearest to qd that keep them so.
+
+        q: (..., nq); qd: (..., nv) or None. errors: as in forward_dynamics. Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic
+        energy, and no longer than 0.5 rad or m at any joint; velocities less M^-1 J^T (J M^-1 J^T)^+ J qd, as by an impact without rebound.
+
+        Returns a phipsi.Projection: q, qd (None without one), and rank (...), how many rows are independent there: fewer than elsewhere where the
+        mechanism is singular.
+
+        Raises ConstraintError, with .connections, .residual and .state, where an error stays: no small moves from there meet the connections;
+        SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
+        """
 
     def constrained_inverse_dynamics(
         self,
@@ -1064,10 +1110,25 @@ class Scene:
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> ConstrainedInverseDynamics:
-        """x"""
+        """Joint torques, and forces of the connections, that give the accelerations: tau + J^T forces = M qdd + bias.
+
+        q: (..., nq); qd, qdd: (..., nv). actuated: names of joints with motors, or a boolean array (nv,); None: all. tau is zero at the others. Where
+        that leaves a choice, tau has the least tau^T M^-1 tau: torques that do not load the connections. wrenches, form, errors: as in
+        forward_dynamics.
+
+        Returns a phipsi.ConstrainedInverseDynamics: tau (..., nv); forces, rank as in constrained_dynamics; residual (...), the largest entry of J
+        qdd + J' qd: where it is not rounding, no torques give these accelerations.
+
+        Raises ArgumentError, named actuated, where a joint without a motor would need a torque; otherwise as inverse_dynamics.
+        """
 
     def constrained_mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto", errors: _Errors = "raise") -> _Array:
-        """x"""
+        """How torques accelerate the joints through the connections, (..., nv, nv): M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1, symmetric and of lower rank.
+
+        q: (..., nq). form, errors: as in forward_dynamics. A Gram matrix: nothing is subtracted, and no eigenvalue is negative beyond rounding. O(nv^3).
+
+        Raises ArgumentError above 4000 degrees of freedom; otherwise as mass_matrix_inverse and constraint_error.
+        """
 
     def energy(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> Energy:
         """Kinetic energy (armature included) and potential energy, as the named tuple Energy(kinetic, potential).
@@ -1491,12 +1552,27 @@ class SceneBuilder:
         axis: ArrayLike | None = None,
         length: float | None = None,
     ) -> SceneBuilder:
-        """x"""
+        """Closes a loop: connects a frame on a link with a frame on another, or on the world.
+
+        kind: "point" (the origins coincide: 3 rows), "axis" (the origins coincide, and the direction axis, (3,), in both frames, None: z: a hinge, 5
+        rows), "weld" (the frames coincide: 6 rows), "distance" or "rod" (the origins are length apart, m; None: as in the neutral configuration: 1
+        row). link, other: names of links, which may come later; None: the world, the base's frame. xyz: (3,), m, and rpy: (3,), rad, or rotation: (3,
+        3): the first frame seen from link, as in joint. other_xyz, other_rpy, other_rotation: the second seen from other; none of them: where the
+        first frame is in the neutral configuration.
+
+        Raises SceneError for an unknown kind, and an axis or a length that the kind has not; ShapeError or ArgumentError for arrays, naming the
+        connection; build() checks the rest.
+        """
 
     def couple(
         self, name: str, joint: str, other: str | None = None, *, multiplier: float = 1.0, offset: float = 0.0
     ) -> SceneBuilder:
-        """x"""
+        """Couples a joint to another: its coordinate is multiplier times that one's, plus offset (rad or m), kept by a force: 1 row.
+
+        name: of the connection. joint, other: names of joints of one axis, which may come later; other None: the coordinate is offset.
+
+        build() raises SceneError for joints that are not there or have several axes, and for numbers that are not finite.
+        """
 
     def build(
         self,
@@ -1514,7 +1590,7 @@ class SceneBuilder:
 
         Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
         two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
-        friction, lower above upper, a floating base of what floats already. Warns InertiaWarning for
+        friction, lower above upper, a floating base of what floats already; naming the connection, for links or joints that are not there or cannot be connected. Warns InertiaWarning for
         inertias that no body can have, and MimicWarning, as Scene.from_urdf does.
         """
 

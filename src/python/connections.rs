@@ -1,6 +1,7 @@
 //! What closes loops: methods of `SceneBuilder` that connect, and of `Scene` that tell of connections.
 
 use super::builder::{PySceneBuilder, optional_triple, orientation};
+use super::connection_parts::kind_of;
 use super::cost::WORTH_DETACHING;
 use super::interrupts::detached_checked;
 use super::object::Object;
@@ -8,7 +9,6 @@ use super::scene::PyScene;
 use crate::error::Error;
 use crate::scene::{Connection, ConnectionKind};
 use crate::spatial::RigidShift;
-use nalgebra::Matrix3;
 use pyo3::prelude::*;
 use pyo3::types::{PySlice, PyTuple};
 
@@ -78,28 +78,6 @@ impl PySceneBuilder {
     }
 }
 
-/// The kind of that name, with what it has.
-fn kind_of(connection: &str, name: &str, axis: Option<[f64; 3]>, length: Option<f64>) -> Result<ConnectionKind, Error> {
-    let refused = |found: String, expected: &str| Error::scene(format!("connection {connection:?}"), found, expected);
-    let kind = match name {
-        "point" => ConnectionKind::Point,
-        "axis" => ConnectionKind::Axis(axis.unwrap_or([0.0, 0.0, 1.0]).into()),
-        "weld" => ConnectionKind::Weld,
-        "distance" | "rod" => ConnectionKind::Distance(length),
-        _ => {
-            let expected = "one of \"point\", \"axis\", \"weld\", \"distance\", \"rod\" (couple ties joints)";
-            return Err(refused(format!("kind {name:?}"), expected));
-        }
-    };
-    if axis.is_some() && !matches!(kind, ConnectionKind::Axis(_)) {
-        return Err(refused(format!("an axis for kind {name:?}"), "an axis for kind \"axis\" only"));
-    }
-    if length.is_some() && !matches!(kind, ConnectionKind::Distance(_)) {
-        return Err(refused(format!("a length for kind {name:?}"), "a length for kind \"distance\" only"));
-    }
-    Ok(kind)
-}
-
 #[pymethods]
 impl PyScene {
     /// Names of the connections that close loops, in the order they were made: the keys of the forces of constrained_dynamics.
@@ -131,59 +109,4 @@ impl PyScene {
         let make = || self.scene.without_connections();
         Ok(Self::new(if self.size() < WORTH_DETACHING { make()? } else { detached_checked(py, make)? }))
     }
-}
-
-/// A connection in plain numbers and names: name, kind, axis, length, (multiplier, offset), link, other, the two frames (rotation row by row, lever).
-pub(super) type ConnectionTuple = (
-    String,
-    String,
-    Option<[f64; 3]>,
-    Option<f64>,
-    Option<(f64, f64)>,
-    String,
-    Option<String>,
-    ([f64; 9], [f64; 3]),
-    Option<([f64; 9], [f64; 3])>,
-);
-
-/// All that a connection was given.
-pub(super) fn connection_tuple(connection: &Connection) -> ConnectionTuple {
-    let Connection { name, kind, link, other, frame, other_frame } = connection;
-    let (axis, length, ratio) = match *kind {
-        ConnectionKind::Axis(axis) => (Some(axis.into()), None, None),
-        ConnectionKind::Distance(length) => (None, length, None),
-        ConnectionKind::Joint { multiplier, offset } => (None, None, Some((multiplier, offset))),
-        ConnectionKind::Point | ConnectionKind::Weld => (None, None, None),
-    };
-    let numbers = |frame: &RigidShift<f64>| {
-        let mut rotation = [0.0; 9];
-        rotation.copy_from_slice(frame.rotation.transpose().as_slice());
-        (rotation, frame.lever.into())
-    };
-    let other_frame = other_frame.as_ref().map(numbers);
-    (
-        name.clone(),
-        kind.name().to_owned(),
-        axis,
-        length,
-        ratio,
-        link.clone(),
-        other.clone(),
-        numbers(frame),
-        other_frame,
-    )
-}
-
-/// The connection of its tuple.
-pub(super) fn connection_of(tuple: ConnectionTuple) -> Result<Connection, Error> {
-    let (name, kind, axis, length, ratio, link, other, frame, other_frame) = tuple;
-    let kind = match ratio {
-        Some((multiplier, offset)) => ConnectionKind::Joint { multiplier, offset },
-        None => kind_of(&name, &kind, axis, length)?,
-    };
-    let shift = |(rotation, lever): ([f64; 9], [f64; 3])| RigidShift {
-        rotation: Matrix3::from_row_slice(&rotation),
-        lever: lever.into(),
-    };
-    Ok(Connection { name, kind, link, other, frame: shift(frame), other_frame: other_frame.map(shift) })
 }

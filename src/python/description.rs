@@ -1,7 +1,7 @@
 //! A scene as plain tuples of numbers and names, for pickling; and in one line, for `repr`.
 
 use super::choice::{choose, names};
-use super::connections::{ConnectionTuple, connection_of, connection_tuple};
+use super::connection_parts::{ConnectionTuple, connection_of, connection_tuple};
 use super::object::Object;
 use crate::error::{Error, number};
 use crate::memory;

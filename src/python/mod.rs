@@ -16,6 +16,7 @@ mod centroidal;
 mod changes;
 mod choice;
 mod configuration;
+mod connection_parts;
 mod connections;
 mod constraints;
 mod control;

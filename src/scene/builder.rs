@@ -108,6 +108,19 @@ impl SceneBuilder {
         self
     }
 
+    /// Adds a connection that closes a loop; the links that it names may come later. [`SceneBuilder::build`] checks it.
+    #[must_use]
+    pub fn connect(mut self, connection: Connection) -> Self {
+        self.connections.push(connection);
+        self
+    }
+
+    /// The connections so far.
+    #[must_use]
+    pub fn connections(&self) -> &[Connection] {
+        &self.connections
+    }
+
     /// Sets gravity in the base frame, m/s^2.
     #[must_use]
     pub fn gravity(mut self, gravity: [f64; 3]) -> Self {

@@ -1,15 +1,8 @@
 //! Connections: what closes a loop in the tree of joints, as the user says it.
 
-use super::Scene;
-use super::builder::SceneBuilder;
-use super::constraint::{Constraint, Constraints, Coordinate, Tie};
 use crate::error::{Error, number};
-use crate::joints::JointKind;
-use crate::kinematics::pair::Pair;
-use crate::kinematics::{Frame, placement};
 use crate::spatial::RigidShift;
-use nalgebra::{Matrix3, Rotation3, Vector3};
-use std::collections::HashSet;
+use nalgebra::{Matrix3, Vector3};
 
 /// How far R^T R of a frame's rotation may be from the identity.
 const ROTATION_SLACK: f64 = 1e-9;
@@ -91,12 +84,12 @@ impl Connection {
         }
     }
 
-    fn fault(&self, found: impl Into<String>, expected: impl Into<String>) -> Error {
+    pub(super) fn fault(&self, found: impl Into<String>, expected: impl Into<String>) -> Error {
         Error::scene(format!("connection {:?}", self.name), found, expected)
     }
 
     /// A frame whose numbers mean a frame.
-    fn check_frame(&self, which: &str, frame: &RigidShift<f64>) -> Result<(), Error> {
+    pub(super) fn check_frame(&self, which: &str, frame: &RigidShift<f64>) -> Result<(), Error> {
         if !frame.lever.iter().chain(frame.rotation.iter()).all(|x| x.is_finite()) {
             return Err(self.fault(format!("{which} with numbers that are not finite"), "finite numbers"));
         }
@@ -110,7 +103,7 @@ impl Connection {
     }
 
     /// The numbers of the kind.
-    fn check_kind(&self) -> Result<(), Error> {
+    pub(super) fn check_kind(&self) -> Result<(), Error> {
         match self.kind {
             ConnectionKind::Axis(axis) if !(axis.iter().all(|x| x.is_finite()) && axis.amax() > 0.0) => {
                 Err(self.fault(format!("axis {:?}", axis.as_slice()), "finite numbers, not all zero"))
@@ -126,201 +119,4 @@ impl Connection {
             _ => Ok(()),
         }
     }
-}
-
-impl SceneBuilder {
-    /// Adds a connection that closes a loop; the links that it names may come later. [`SceneBuilder::build`] checks it.
-    #[must_use]
-    pub fn connect(mut self, connection: Connection) -> Self {
-        self.connections.push(connection);
-        self
-    }
-
-    /// The connections so far.
-    #[must_use]
-    pub fn connections(&self) -> &[Connection] {
-        &self.connections
-    }
-}
-
-impl Scene {
-    /// The connections, in the order they were made; second frames and lengths that were left open are as the neutral configuration has them.
-    #[must_use]
-    pub fn connections(&self) -> &[Connection] {
-        self.source().connections()
-    }
-
-    /// How many scalar constraints the connections are: 3 for a point, 5 for an axis, 6 for a weld, 1 for a distance or a joint.
-    #[must_use]
-    pub fn constraint_rows(&self) -> usize {
-        self.constraints.rows
-    }
-
-    /// The rows of each connection among all, by its name.
-    pub fn rows_of_connections(&self) -> impl Iterator<Item = (&str, std::ops::Range<usize>)> {
-        self.constraints.all.iter().map(|constraint| (constraint.name.as_str(), constraint.rows()))
-    }
-
-    /// The same tree without the connections.
-    ///
-    /// # Errors
-    ///
-    /// As [`SceneBuilder::build`]; none that this scene did not have.
-    pub fn without_connections(&self) -> Result<Self, Error> {
-        let mut source = self.source().clone();
-        source.connections.clear();
-        source.build()
-    }
-
-    /// The scene of an assembled tree with its connections, which are checked and written out.
-    pub(super) fn connected(mut self) -> Result<Self, Error> {
-        if self.source.connections.is_empty() {
-            return Ok(self);
-        }
-        let mut connections = std::mem::take(&mut self.source.connections);
-        let mut names = HashSet::new();
-        let mut constraints = Constraints::default();
-        for connection in &mut connections {
-            if !names.insert(connection.name.clone()) {
-                return Err(connection.fault("the name twice", "unique names of connections"));
-            }
-            connection.check_kind()?;
-            let tie = if let ConnectionKind::Joint { multiplier, offset } = connection.kind {
-                self.coupling(connection, (multiplier, offset))?
-            } else {
-                self.tie(connection)?
-            };
-            let first_row = constraints.rows;
-            let ends = tie.bodies();
-            let constraint = Constraint { name: connection.name.clone(), tie, first_row, path: self.inward_from(ends) };
-            constraints.rows = constraint.rows().end;
-            constraints.all.push(constraint);
-        }
-        self.source.connections = connections;
-        self.constraints = constraints;
-        Ok(self)
-    }
-
-    /// Two frames, the second and the length written out where they were left open.
-    fn tie(&self, connection: &mut Connection) -> Result<Tie, Error> {
-        let first = self.end_of(connection, Some(&connection.link))?;
-        let second = self.end_of(connection, connection.other.as_deref())?;
-        connection.check_frame("a first frame", &connection.frame)?;
-        if let Some(frame) = &connection.other_frame {
-            connection.check_frame("a second frame", frame)?;
-        }
-        if self.carrier(first.body) == self.carrier(second.body) {
-            let other =
-                connection.other.as_ref().map_or_else(|| "the world".to_owned(), |name| format!("link {name:?}"));
-            let found = if connection.other.as_ref() == Some(&connection.link) {
-                format!("link {:?} connected with itself", connection.link)
-            } else {
-                format!("link {:?} and {other}, which are rigidly attached to each other", connection.link)
-            };
-            return Err(connection.fault(found, "two links that can move against each other"));
-        }
-        let neutral = self.neutral();
-        let on = |end: &Frame<f64>, frame: &RigidShift<f64>| Frame {
-            body: end.body,
-            placement: end.placement.compose(frame),
-        };
-        let first = on(&first, &connection.frame);
-        let at = placement(self.model(), &neutral, &first);
-        let link = placement(self.model(), &neutral, &second);
-        let other_frame = *connection.other_frame.get_or_insert_with(|| tidy(&link.inverse().compose(&at)));
-        let second = on(&second, &other_frame);
-        let pair = match &mut connection.kind {
-            ConnectionKind::Point => Pair::Point,
-            ConnectionKind::Weld => Pair::Weld,
-            ConnectionKind::Axis(_) => Pair::Axis,
-            ConnectionKind::Distance(length) => {
-                let apart = (at.lever - placement(self.model(), &neutral, &second).lever).norm();
-                let length = *length.get_or_insert(apart);
-                if length == 0.0 {
-                    let found = "no length, and frames whose origins coincide in the neutral configuration";
-                    return Err(connection.fault(found, "a length above zero, m, or a second frame elsewhere"));
-                }
-                Pair::Distance(length)
-            }
-            ConnectionKind::Joint { .. } => return Err(connection.fault("joints", "links")),
-        };
-        let mut frames = [first, second];
-        if let ConnectionKind::Axis(axis) = connection.kind {
-            let turn = RigidShift { rotation: z_onto(&axis), lever: Vector3::zeros() };
-            for frame in &mut frames {
-                frame.placement = frame.placement.compose(&turn);
-            }
-        }
-        Ok(Tie::Frames { pair, frames })
-    }
-
-    /// The frame of a link by name; that of the world without one.
-    fn end_of(&self, connection: &Connection, link: Option<&str>) -> Result<Frame<f64>, Error> {
-        let Some(name) = link else { return Ok(Frame { body: None, placement: RigidShift::identity() }) };
-        let Some(&at) = self.link_index.get(name) else {
-            let found = format!("link {name:?}, which is not there");
-            return Err(connection.fault(found, self.source.known_links(name)));
-        };
-        let link = &self.links()[at];
-        Ok(Frame { body: link.body, placement: link.placement })
-    }
-
-    /// The body that moves with this one and whose joint moves; none on the base.
-    pub(super) fn carrier(&self, mut body: Option<usize>) -> Option<usize> {
-        while let Some(k) = body {
-            let stage = &self.model().system.stages[k];
-            if stage.rows.count() > 0 {
-                break;
-            }
-            body = stage.parent;
-        }
-        body
-    }
-
-    /// Two coordinates.
-    fn coupling(&self, connection: &Connection, (multiplier, offset): (f64, f64)) -> Result<Tie, Error> {
-        let first = self.coordinate_of(connection, &connection.link)?;
-        let second = connection.other.as_ref().map(|name| self.coordinate_of(connection, name)).transpose()?;
-        if second.is_some_and(|second| second.v == first.v) {
-            return Err(connection.fault(format!("joint {:?} coupled to itself", connection.link), "two joints"));
-        }
-        Ok(Tie::Coordinates { first, second, multiplier, offset })
-    }
-
-    /// The coordinate of a joint of one axis.
-    fn coordinate_of(&self, connection: &Connection, name: &str) -> Result<Coordinate, Error> {
-        let joint = self.joint(name).map_err(|error| {
-            let expected = if let Error::Argument { expected, .. } = error { expected } else { String::new() };
-            connection.fault(format!("joint {name:?}, which does not move or is not there"), expected)
-        })?;
-        if joint.v.len() != 1 || joint.kind == JointKind::Fixed {
-            let found = format!("joint {name:?} of type {:?}", joint.kind.name());
-            return Err(connection.fault(found, "a joint of one axis: revolute, continuous, prismatic or screw"));
-        }
-        let body = self.joint_of_body.iter().position(|of| of.is_some_and(|at| self.joints()[at].name == name));
-        Ok(Coordinate { q: joint.q.start, v: joint.v.start, body: body.unwrap_or_default() })
-    }
-
-    /// The bodies from these to the base, each once, the outermost first.
-    fn inward_from(&self, ends: [Option<usize>; 2]) -> Vec<usize> {
-        let stages = &self.model().system.stages;
-        let way = |end: Option<usize>| std::iter::successors(end, |&k| stages[k].parent);
-        let mut path: Vec<usize> = ends.into_iter().flat_map(way).collect();
-        path.sort_unstable_by(|a, b| b.cmp(a));
-        path.dedup();
-        path
-    }
-}
-
-/// The rotation that takes z onto a direction the short way; about x where that is minus z.
-fn z_onto(axis: &Vector3<f64>) -> Matrix3<f64> {
-    let direction = (axis / axis.amax()).normalize();
-    let turn = Rotation3::rotation_between(&Vector3::z(), &direction);
-    *turn.unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI)).matrix()
-}
-
-/// The nearest rotation to one that products of rotations have worn by rounding: one Newton step, R (3 - R^T R)/2.
-pub(super) fn tidy(shift: &RigidShift<f64>) -> RigidShift<f64> {
-    let r = shift.rotation;
-    RigidShift { rotation: r * (Matrix3::identity() * 3.0 - r.transpose() * r) * 0.5, lever: shift.lever }
 }

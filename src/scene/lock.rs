@@ -1,7 +1,8 @@
 //! Locking joints: a new scene with those joints folded into the bodies around them.
 
 use super::Scene;
-use super::connection::{ConnectionKind, tidy};
+use super::connected::tidy;
+use super::connection::ConnectionKind;
 use super::description::JointDescription;
 use super::properties::Properties;
 use crate::error::Error;

@@ -32,6 +32,7 @@ mod assembly;
 mod builder;
 mod checks;
 mod configuration;
+mod connected;
 mod connection;
 pub(crate) mod constraint;
 mod description;

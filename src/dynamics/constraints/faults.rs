@@ -1,6 +1,7 @@
 //! What is wrong with connections, in words.
 
-use super::{NoDirection, Outcome};
+use super::scratch::NoDirection;
+use super::solution::Outcome;
 use crate::error::{ConstraintFault, Error};
 use crate::scene::Scene;
 

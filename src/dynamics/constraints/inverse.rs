@@ -1,7 +1,7 @@
 //! Inverse dynamics and the inverse mass matrix through connections.
 
 use super::rows::{accelerations_of_rows, jacobian_of_rows};
-use super::{ConstraintScratch, NoDirection};
+use super::scratch::{ConstraintScratch, NoDirection};
 use crate::dynamics::forward::factorise;
 use crate::dynamics::inverse::inverse_dynamics;
 use crate::filter::innovations;

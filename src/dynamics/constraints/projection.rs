@@ -1,7 +1,7 @@
 //! Positions and velocities onto the connections, by moves of least kinetic energy.
 
 use super::rows::{errors_of_rows, rates_of_rows};
-use super::{ConstraintScratch, NoDirection};
+use super::scratch::{ConstraintScratch, NoDirection};
 use crate::dynamics::forward::factorise;
 use crate::filter::pivots::PivotMonitor;
 use crate::joints::Motion;

@@ -1,21 +1,13 @@
 //! The rows of the connections at one state: errors, J, J qd, and J qdd + J' qd.
 
-use super::{ConstraintScratch, NoDirection};
+use super::scratch::{ConstraintScratch, NoDirection};
+use super::unit::UnitRow;
 use crate::kinematics::frame_motion;
 use crate::kinematics::pair::{PairRows, RelativeMotion, pair_rows};
 use crate::model::Model;
 use crate::scene::constraint::{Constraint, Constraints, Tie};
 use crate::spatial::{RigidShift, angular, dot, linear, sum};
 use nalgebra::Vector6;
-
-/// J* of one row: the forces on bodies, each in its body's frame, and the torques at joints of a unit force along it.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct UnitRow {
-    pub forces: [Option<(usize, Vector6<f64>)>; 2],
-    /// Sizes of the terms that their moments are the sum of.
-    pub moments: [f64; 2],
-    pub torques: [Option<(usize, f64)>; 2],
-}
 
 /// A pair of frames, its motion and its rows.
 fn pair_at(

@@ -1,7 +1,7 @@
 //! Forward dynamics through connections.
 
 use super::rows::{accelerations_of_rows, errors_of_rows, rates_of_rows};
-use super::{ConstraintScratch, NoDirection};
+use super::scratch::{ConstraintScratch, NoDirection};
 use crate::dynamics::forward::{factorise, forward_dynamics};
 use crate::filter::Form;
 use crate::filter::pivots::PivotMonitor;

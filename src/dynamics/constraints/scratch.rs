@@ -1,0 +1,70 @@
+//! What the methods of closed loops compute in.
+
+use super::pseudo_inverse::GramInverse;
+use super::unit::UnitRow;
+use crate::model::Model;
+use crate::scene::constraint::Constraints;
+use nalgebra::Vector6;
+
+/// A rod whose two ends coincide, so that it has no direction: the index of its connection.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct NoDirection(pub usize);
+
+/// Scratch for closed loops, about 300 bytes a body and 8 (nv + m) bytes for each of m rows.
+#[derive(Debug, Clone)]
+pub struct ConstraintScratch {
+    /// Where the forces of each row act.
+    pub(super) units: Vec<UnitRow>,
+    /// W*, (m x nv) row by row; zero off a row's path.
+    pub(super) whitened: Vec<f64>,
+    /// Sizes of the terms that a row of W* is formed from.
+    pub(super) sizes: Vec<f64>,
+    /// Forces on bodies of one right side, and torques.
+    pub(super) wrenches: Vec<Vector6<f64>>,
+    pub(super) torque: Vec<f64>,
+    /// Spatial forces on their way inward, and innovations, then accelerations.
+    pub(super) state: Vec<Vector6<f64>>,
+    /// Sizes of the terms that the moments among them are the sum of.
+    pub(super) moments: Vec<f64>,
+    pub(super) estimates: Vec<f64>,
+    /// G^+.
+    pub(super) inverse: GramInverse,
+    /// What is left of each row, and the sizes of its terms.
+    pub(crate) residual: Vec<f64>,
+    pub(super) terms: Vec<f64>,
+    /// lambda of each row: moments N m and forces N, on the connection's link in its first frame's axes.
+    pub(crate) forces: Vec<f64>,
+    pub(super) step: Vec<f64>,
+    /// J qd and the errors, where they are asked for.
+    pub(crate) rates: Vec<f64>,
+    pub(crate) errors: Vec<f64>,
+}
+
+impl ConstraintScratch {
+    /// For a model with these connections.
+    pub(crate) fn new(model: &Model<f64>, constraints: &Constraints) -> Self {
+        let (bodies, nv, m) = (model.bodies.len(), model.nv(), constraints.rows);
+        Self {
+            units: vec![UnitRow::default(); m],
+            whitened: vec![0.0; m * nv],
+            sizes: vec![f64::NAN; m],
+            wrenches: vec![Vector6::zeros(); bodies],
+            torque: vec![0.0; nv],
+            state: vec![Vector6::zeros(); bodies],
+            moments: vec![0.0; bodies],
+            estimates: vec![f64::NAN; nv],
+            inverse: GramInverse::default(),
+            residual: vec![f64::NAN; m],
+            terms: vec![f64::NAN; m],
+            forces: vec![0.0; m],
+            step: vec![f64::NAN; m],
+            rates: vec![f64::NAN; m],
+            errors: vec![f64::NAN; m],
+        }
+    }
+
+    /// Whether it has the sizes of this model's.
+    pub(crate) fn fits(&self, model: &Model<f64>, constraints: &Constraints) -> bool {
+        (self.wrenches.len(), self.torque.len(), self.units.len()) == (model.bodies.len(), model.nv(), constraints.rows)
+    }
+}
