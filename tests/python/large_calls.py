@@ -299,7 +299,7 @@ LARGE: dict[str, Large] = {
 }
 
 #: Parameters that say how much work there is, or which of what is there, and not how much memory.
-NO_MEMORY = {"emergence.samples", "sensitivity.draws", "step.steps", "reset.states", "with_inertias.links"}
+NO_MEMORY = {"connect.length", "emergence.samples", "sensitivity.draws", "step.steps", "reset.states", "with_inertias.links"}
 
 
 def main(name: str) -> None:
