@@ -33,7 +33,7 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// As [`SceneBuilder::build`]; none that this scene did not have.
+    /// As [`SceneBuilder::build`](super::SceneBuilder::build); none that this scene did not have.
     pub fn without_connections(&self) -> Result<Self, Error> {
         let mut source = self.source().clone();
         source.connections.clear();
