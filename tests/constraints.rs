@@ -8,7 +8,7 @@ use common::{ALL_KINDS, Random, tolerance};
 use nalgebra::{DMatrix, DVector};
 use phipsi::filter::Form;
 use phipsi::motion::{METHODS, Method, Rollout, Settings, Simulator, Stabilisation, Torque};
-use phipsi::scene::{Connection, ConnectionKind, Property, SceneBuilder};
+use phipsi::scene::{Connection, ConnectionKind, Property};
 use phipsi::spatial::RigidShift;
 use phipsi::{Error, Scene};
 
@@ -196,18 +196,11 @@ fn projections_meet_the_connections_by_moves_of_least_kinetic_energy() {
 #[test]
 fn a_linkage_that_is_stretched_out_has_a_lower_rank() {
     // A parallelogram, flat: its crank and its rocker may both turn, each on its own.
-    let mut scene = bars(ConnectionKind::Point).source().clone();
-    let mut pin = scene.connections()[0].clone();
+    let open = bars(ConnectionKind::Point).without_connections().unwrap();
+    let mut pin = Connection::new("pin", ConnectionKind::Point, "coupler", Some("rocker"));
     pin.frame.lever = [0.0, 0.0, 0.3].into();
     pin.other_frame = Some(RigidShift { lever: [0.0, 0.0, 0.2].into(), ..RigidShift::identity() });
-    scene = SceneBuilder::new();
-    for link in bars(ConnectionKind::Point).source().links() {
-        scene = scene.link(link.clone());
-    }
-    for joint in bars(ConnectionKind::Point).source().joints() {
-        scene = scene.joint(joint.clone());
-    }
-    let scene = scene.connect(pin).build().unwrap();
+    let scene = open.source().clone().connect(pin).build().unwrap();
     let half = std::f64::consts::FRAC_PI_2;
     let (mut workspace, mut scratch) = (scene.workspace(), scene.constraint_scratch());
     let mut flat = vec![half, 0.0, half];
@@ -334,7 +327,9 @@ fn the_inverse_mass_matrix_through_connections_is_as_defined() {
 fn motion_stays_on_the_connections_and_keeps_its_energy() {
     let scene = bars(hinge());
     let (q, mut qd, _) = state(&scene, 4, 0.7);
-    qd.iter_mut().for_each(|v| *v *= 2.0);
+    for v in &mut qd {
+        *v *= 2.0;
+    }
     let energy = |q: &[f64], qd: &[f64]| {
         let energy = scene.energy(&mut scene.workspace(), q, qd).unwrap();
         energy.kinetic + energy.potential
