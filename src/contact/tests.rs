@@ -1,3 +1,5 @@
+#![allow(clippy::float_cmp)] // exact equality is what is asserted
+
 use super::energy::{expansion_kept, work};
 use super::law::nearest;
 use super::{Cone, Effort, Limits, Told, impact, passive};

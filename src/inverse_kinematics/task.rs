@@ -458,8 +458,11 @@ mod tests {
         };
         let mut q = vec![0.0; scene.nq()];
         scene.integrate(&scene.neutral(), &along(0.7), &mut q).unwrap();
-        for goal in goals(&scene) {
-            let tasks = Tasks { scene: &scene, each: &[Task { goal, position: 0.5, rotation: 2.0 }], posture: None };
+        let other = scene.frame(&"link2".into()).expect("a link");
+        let each = goals(&scene).into_iter().flat_map(|goal| [(goal, None), (goal, Some(other))]);
+        for (goal, relative_to) in each {
+            let task = Task { goal, position: 0.5, rotation: 2.0, relative_to };
+            let tasks = Tasks { scene: &scene, each: &[task], posture: None };
             let (mut rows, mut aside) = (Rows::default(), Rows::default());
             tasks.evaluate(&mut workspace, &q, &mut rows).unwrap();
             for column in 0..nv {
@@ -477,7 +480,7 @@ mod tests {
                     let found = rows.jacobian[row * nv + column];
                     assert!(
                         (found - slope).abs() < 1e-8,
-                        "{goal:?}, row {row}, column {column}: {found} beside {slope}"
+                        "{goal:?} relative to {relative_to:?}, row {row}, column {column}: {found} beside {slope}"
                     );
                 }
             }
