@@ -110,7 +110,8 @@ fn many_states_at_once() {
     for of_state in out.chunks_exact(2) {
         assert_near(of_state, qdd.as_slice());
     }
-    let (q, qd, u) = (Q.map(|x| x as f32), QD.map(|x| x as f32), TAU.map(|x| x as f32));
+    #[allow(clippy::cast_possible_truncation)] // that is what is asked for
+    let [q, qd, u] = [Q, QD, TAU].map(|numbers| numbers.map(|x| x as f32));
     let states = [Arguments { q: &q, qd: &qd, u: &u, ..Arguments::default() }; 19];
     let mut out = [f32::NAN; 38];
     let mut evaluator = scene.evaluator_f32();
