@@ -140,10 +140,13 @@ class Scene:
         joints whose source is there. leave_out: names of what may be left out, of "fixed_joints",
         "base_links", "renamed_axes", "tilted_axes", "zero_velocity" and "zero_gravity"; None: all.
         Results are the same to rounding, but operators and estimates need the first two (ArgumentError).
+        mimic: "couple", joints with <mimic> follow the joint that they name, and have no coordinates of their own: q, tau and M are those of the others; or "free", they
+        are independent, and a MimicWarning names each. Coupled scenes have all of kinematics, dynamics, derivatives and simulation; what has no form for them
+        says so (operators, estimation, operational space, gradients of simulations and by parameters).
 
         Raises SceneError for a file that cannot be read or built, naming link or joint; ArgumentError for a source that is
         neither. Warns InertiaWarning for inertias that no body can have and for moving links that all have no mass,
-        MimicWarning for mimic joints (they stay free), LimitWarning for limits that mean nothing (they are taken as none), and
+        MimicWarning for free mimic joints, LimitWarning for limits that mean nothing (they are taken as none), and
         UnknownTagWarning, once, for elements, attributes and text that are not understood (they are passed over).
         """
 
@@ -164,9 +167,10 @@ class Scene:
 
         Joints and bodies keep their names and order; a joint whose anchor is off its body's origin, or that is not its body's last, moves a link
         "body/joint". phipsi.mujoco takes states and forces from MuJoCo's conventions to phipsi's and back: they differ at ball and free joints.
-        Contacts, actuators and sensors are not read; an actuator's forcerange gives the joint's effort limit, ball joints get no limits.
+        Equality constraints connect, weld and joint (linear) become connections, by their names or "equality 0" and so on; they hold exactly, where MuJoCo's give way (solref and solimp are
+        not read). Contacts, actuators and sensors are not read; an actuator's forcerange gives the joint's effort limit, ball joints get no limits.
 
-        Raises SceneError for a model that cannot be read, and for what acts in it and is not ignored, by name: equality constraints, tendons with springs, losses,
+        Raises SceneError for a model that cannot be read, and for what acts in it and is not ignored, by name: other equality constraints, tendons with springs, losses,
         armature or limits, gravcomp, a medium, plugins, deformable objects, nonlinear springs and damping, springs of free joints; ImportError without
         the extra; ArgumentError for other sources. Warns as SceneBuilder.build does: MimicWarning for joints that an ignored equality ties linearly.
         """
@@ -293,12 +297,15 @@ class Scene:
         return_info: whether to tell the accuracy too, one entry a state, for about five times the time in the forms "covariance" and
         "square-root", next to nothing in "auto".
 
+        Of a scene with connections the accelerations go through them, one state at a time, as constrained_dynamics has them; no error is estimated.
+        Contacts act in simulation only: of a scene with contacts these are the accelerations of the tree.
+
         Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
         the result, and .error, the estimated error of the largest acceleration.
 
-        Raises SingularJointError where a joint has no inertia along its axis; ArgumentError, naming the link, for the square-root form
-        of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state. After an
-        error out is partly written.
+        Raises SingularJointError where a joint has no inertia along its axis; ConstraintError where connections contradict each other; ArgumentError,
+        naming the link, for the square-root form of an inertia that no body can have; ShapeError, NotFiniteError, ArgumentError, each naming the
+        argument and the state. After an error out is partly written.
         """
 
     @overload
@@ -415,27 +422,34 @@ class Scene:
 
         and dq/dt = v on the manifold: quaternions stay unit, free joints move on SE(3).
 
-        q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s, finite and positive. steps: how many.
-        tau: (..., nv), constant, or a function of (t, q, qd) that is called once a step with the whole batch and returns
-        (..., nv); tau_steps: (..., steps, nv) instead. Either is held over each step, so that a function is followed to first
-        order in dt by every method. pd: PD(kp, kd, target, target_rate), followed within the step.
-        method: "semi-implicit-euler" (order 1), "rk4" (order 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3).
-        The last three take springs, damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit
-        stage each; they are L-stable for them: what is faster than the step is damped, not followed. record_every: a row
-        after so many steps. armature, damping, stiffness, friction: (nv,) or a number, rest: (nq,), instead of the
-        scene's. friction_speed: rad/s or m/s, where friction becomes viscous. form: "auto" does a step whose digits are in
-        doubt once more in square-root form; "covariance" watches the pivots only. progress: called with (steps done, steps)
-        some twenty times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the
-        parabola that weight gives it, to rounding: a step ends with a rigid motion of the tree, as large as the step's error in
-        them, which leaves the order as it is and costs O(N). Every tree must hang on the base by a free joint that nothing acts
-        along: no tau, pd, damping, stiffness, friction or armature there (ArgumentError).
+        q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s, finite and positive. steps: how many. tau: (..., nv), constant, or a function of
+        (t, q, qd) that is called once a step with the whole batch and returns (..., nv); tau_steps: (..., steps, nv) instead. Either is held over
+        each step, so that a function is followed to first order in dt by every method. pd: PD(kp, kd, target, target_rate), followed within the step.
+        method: "contact" (order 1) in a scene with contacts, which moves by no other and needs not name it; "semi-implicit-euler" (order 1), "rk4"
+        (order 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3). "contact" and the last three take springs,
+        damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit stage each; they are L-stable for them:
+        what is faster than the step is damped, not followed. record_every: a row after so many steps. armature, damping, stiffness, friction: (nv,)
+        or a number, rest: (nq,), instead of the scene's. friction_speed: rad/s or m/s, where friction becomes viscous. form: "auto" does a step whose
+        digits are in doubt once more in square-root form; "covariance" watches the pivots only. progress: called with (steps done, steps) some twenty
+        times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the parabola that weight gives it,
+        to rounding: a step ends with a rigid motion of the tree, as large as the step's error in them, which leaves the order as it is and costs
+        O(N). Every tree must hang on the base by a free joint that nothing acts along: no tau, pd, damping, stiffness, friction or armature there
+        (ArgumentError). baumgarte: of a scene with connections; None: positions and velocities are projected onto them after each step (see project);
+        a rate a in 1/s: accelerations take errors back instead, J qdd + J' qd = -2 a J qd - a^2 error.
 
-        Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first
-        the start; momentum_correction, the largest that conserve_momentum made, else None. The same bits for any number of threads.
+        In a scene with contacts (see SceneBuilder.contact) each step ends with impulses that meet their law: no contact goes through its plane, none
+        pulls, |tangential force| <= mu times the normal force, and against the slip where there is some. Approaches faster than what gravity gives in
+        a step rebound by Poisson's law, kept from raising the kinetic energy. What starts under a plane is moved out by the first step, and
+        contacts.depth tells. O(N + m^2 depth + m^3) for m rows of contacts that touch.
 
-        Raises SimulationError where motion diverges, a pivot is lost, or tau raises, with the rows of the finished
-        steps; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise; OutOfMemoryError where the rows have no room;
-        ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first the start;
+        momentum_correction, the largest that conserve_momentum made, else None; drift, how far rows are from the connections; contacts, gaps, slip,
+        forces and impulses by name, a ContactMotion, else None. The same bits for any number of threads.
+
+        Raises SimulationError where motion diverges, a pivot is lost, connections cannot hold, no impulses are found that meet the law of contacts
+        to 1e-8, or tau raises, with the rows of the finished steps;
+        ConstraintError for a start that does not meet the connections; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise;
+        OutOfMemoryError where the rows have no room; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
         """
 
     def simulator(
@@ -459,7 +473,7 @@ class Scene:
         """States to advance step by step: an object that keeps them, and its scratch, between the steps.
 
         q: (..., nq); qd: (..., nv), zero if not given; leading axes broadcast to those of the batch. dt, method, form, pd, armature, damping,
-        stiffness, rest, friction, friction_speed, conserve_momentum: as in simulate, for all steps.
+        stiffness, rest, friction, friction_speed, conserve_momentum, baumgarte: as in simulate, for all steps.
 
         Returns a phipsi.Simulator. Simulator.step(tau) costs what forward dynamics does, a stage, and some tenths of a microsecond.
 
@@ -577,7 +591,8 @@ class Scene:
     ) -> _Array:
         """The inverse of the mass matrix in closed form (6.1), without forming or factoring the matrix.
 
-        q: (..., nq). form, out, dtype and errors: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units.
+        q: (..., nq). form, out, dtype and errors: as in forward_dynamics. Returns (..., nv, nv), full and exactly symmetric, SI units: the tree's,
+        whatever connections there are (constrained_mass_matrix_inverse is through them).
 
         Raises ArgumentError above 4000 degrees of freedom: forward_dynamics multiplies by the inverse without forming it.
         Raises SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
@@ -990,7 +1005,7 @@ class Scene:
         for the whole batch. form and errors: as in forward_dynamics.
 
         Returns (..., 6m, 6m), full and exactly symmetric, SI units. Wrenches (moment, force) on the frames, each at its origin and in
-        its axes, stacked, times this is how they change the frames' (angular, linear) accelerations. Defined in singular
+        its axes, stacked, times this is how they change the frames' (angular, linear) accelerations, in the tree without connections. Defined in singular
         configurations too, where operational_inertia is not; zero for links on the base.
 
         Raises ArgumentError for an unknown link, no link, or a rotation that is none (to within 1e-9); SingularJointError, ShapeError,
@@ -1022,35 +1037,65 @@ class Scene:
 
     @property
     def connection_names(self) -> tuple[str, ...]:
-        """x"""
+        """Names of the connections that close loops, in the order they were made: the keys of the forces of constrained_dynamics."""
 
     def connection_rows(self, connection: str, /) -> slice[int, int, int]:
-        """x"""
+        """Where a connection is among the rows of constraint_error, constraint_bias and constraint_jacobian, a slice.
+
+        Raises ArgumentError, with the names that there are, for an unknown connection.
+        """
 
     def without_connections(self) -> Scene:
-        """x"""
+        """The same tree without the connections, for what knows trees only."""
 
     @property
     def contact_names(self) -> tuple[str, ...]:
-        """x"""
+        """Names of the contacts, in the order they were made: the last axis of contact_gaps, and the keys of Trajectory.contacts."""
 
     def contact_gaps(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """x"""
+        """How far each contact is above its plane, (..., contacts), m; below zero where it is under it.
+
+        q: (..., nq). errors: as in forward_dynamics. O(depth) each.
+
+        Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
 
     def contact_velocities(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """x"""
+        """The velocity of the point of each link that is nearest to its contact's plane, (..., contacts, 3), m/s, in the base frame.
+
+        q: (..., nq); qd: (..., nv). errors: as in forward_dynamics. O(depth) each.
+
+        Raises as contact_gaps.
+        """
 
     def without_contacts(self) -> Scene:
-        """x"""
+        """The same scene without the contacts, for what knows none."""
 
     def constraint_error(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """x"""
+        """How far each row of the connections is from holding, (..., m): the rows of one connection are those of connection_rows.
+
+        q: (..., nq). errors: as in forward_dynamics. Origins in m, in the first frame's axes; rotations as 2 sin(t/2) about their axis, t the angle,
+        which is t where it is small; of an axis the two directions across it: the first frame's x and y, turned with it the short way from z to the
+        axis; angular rows before linear ones. A distance less its length, m; the coordinate of a joint less what it should be.
+
+        Raises ConstraintError for a rod whose ends coincide; ShapeError, NotFiniteError, ArgumentError, naming the state.
+        """
 
     def constraint_jacobian(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """x"""
+        """The Jacobian of the connections, (..., m, nv): J qd is the rate of constraint_error, exactly and at every q.
+
+        q: (..., nq). errors: as in forward_dynamics. O(m depth), beside the zeros.
+
+        Raises as constraint_error.
+        """
 
     def constraint_bias(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """x"""
+        """J' qd of the connections, (..., m): the second derivative of constraint_error where no joint accelerates.
+
+        q: (..., nq); qd: (..., nv). errors: as in forward_dynamics. O(m depth).
+
+        Raises as constraint_error.
+        """
 
     def constrained_dynamics(
         self,
@@ -1062,10 +1107,32 @@ class Scene:
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> ConstrainedDynamics:
-        """x"""
+        """Joint accelerations through the connections, and the forces of these: M qdd + bias = tau + J^T forces with J qdd + J' qd = 0.
+
+        q: (..., nq); qd, tau: (..., nv). form, wrenches, errors: as in forward_dynamics. Unit forces along the rows run inward through the tree's
+        filter; their Gram matrix is J M^-1 J^T. O(N + m^2 depth + m^3) for m rows.
+
+        Returns a phipsi.ConstrainedDynamics: qdd (..., nv); forces, a dict from names of connections to (..., rows); rank (...) and residual (...). A
+        force is what the connection does to its link, (moment, force) as far as it has rows of them, at the origin of its first frame and in that
+        frame's axes; the other link gets the opposite. That of a rod is positive where it pushes, that of a coupling acts along its joint. Where rows
+        depend on each other, qdd is unique and the forces are those of least sum (J M^-1 J^T)_ii forces_i^2.
+
+        Raises ConstraintError, with .connections, .residual and .state, where no forces meet all rows: connections that contradict each other, or
+        velocities that do not meet them (see project); otherwise as forward_dynamics.
+        """
 
     def project(self, q: ArrayLike, qd: ArrayLike | None = None, *, errors: _Errors = "raise") -> Projection:
-        """x"""
+        """The configuration nearest to q that meets the connections, and the velocities nearest to qd that keep them so.
+
+        q: (..., nq); qd: (..., nv) or None. errors: as in forward_dynamics. Newton steps -M^-1 J^T (J M^-1 J^T)^+ error, each of least kinetic
+        energy, and no longer than 0.5 rad or m at any joint; velocities less M^-1 J^T (J M^-1 J^T)^+ J qd, as by an impact without rebound.
+
+        Returns a phipsi.Projection: q, qd (None without one), and rank (...), how many rows are independent there: fewer than elsewhere where the
+        mechanism is singular.
+
+        Raises ConstraintError, with .connections, .residual and .state, where an error stays: no small moves from there meet the connections;
+        SingularJointError, ShapeError, NotFiniteError, ArgumentError, naming the state.
+        """
 
     def constrained_inverse_dynamics(
         self,
@@ -1078,10 +1145,25 @@ class Scene:
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
     ) -> ConstrainedInverseDynamics:
-        """x"""
+        """Joint torques, and forces of the connections, that give the accelerations: tau + J^T forces = M qdd + bias.
+
+        q: (..., nq); qd, qdd: (..., nv). actuated: names of joints with motors, or a boolean array (nv,); None: all. tau is zero at the others. Where
+        that leaves a choice, tau has the least tau^T M^-1 tau: torques that do not load the connections. wrenches, form, errors: as in
+        forward_dynamics.
+
+        Returns a phipsi.ConstrainedInverseDynamics: tau (..., nv); forces, rank as in constrained_dynamics; residual (...), the largest entry of J
+        qdd + J' qd: where it is not rounding, no torques give these accelerations.
+
+        Raises ArgumentError, named actuated, where a joint without a motor would need a torque; otherwise as inverse_dynamics.
+        """
 
     def constrained_mass_matrix_inverse(self, q: ArrayLike, *, form: _Form = "auto", errors: _Errors = "raise") -> _Array:
-        """x"""
+        """How torques accelerate the joints through the connections, (..., nv, nv): M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1, symmetric and of lower rank.
+
+        q: (..., nq). form, errors: as in forward_dynamics. A Gram matrix: nothing is subtracted, and no eigenvalue is negative beyond rounding. O(nv^3).
+
+        Raises ArgumentError above 4000 degrees of freedom; otherwise as mass_matrix_inverse and constraint_error.
+        """
 
     def energy(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> Energy:
         """Kinetic energy (armature included) and potential energy, as the named tuple Energy(kinetic, potential).
@@ -1260,7 +1342,18 @@ class Scene:
         damping: float = 1e-6,
         limits: bool = True,
     ) -> _Array:
-        """"""
+        """The joint rates that take the tasks' errors away, one step of a control loop: within the limits of velocity, and those of position after dt.
+
+        tasks: as in inverse_kinematics; targets with leading axes are a batch, which broadcasts with that of q. q: (..., nq). dt: the time that the rates are held, s. gain: the share of the errors that
+        is to be gone after it; below 1 errors fall exponentially. damping: of the largest entry of J^T J over deviations; more keeps rates small near singular configurations. limits: whether joints keep to theirs; one
+        that is beyond its limit of position comes back as fast as it may.
+
+        Minimises half the squares of J qd dt + gain e over the standard deviations, and damping, over the rates that are allowed: exactly, by a projected Newton method. O(tasks depth + nv^3).
+
+        Returns qd, (..., nv), rad/s and m/s.
+
+        Raises as inverse_kinematics; ArgumentError for a dt, gain or damping that is not above zero.
+        """
 
     def inverse_kinematics(
         self,
@@ -1282,7 +1375,8 @@ class Scene:
         which broadcasts with that of q0. q0: (..., nq), the first start; None: neutral. starts: how many configurations it starts from at the most, those after the first
         drawn within the limits. posture: None, or a standard deviation, rad and m: how far joints are expected from q0, for robots that tasks leave free.
         limits: whether joints stay within theirs; a q0 beyond them starts at them. tolerance: a task is reached where its error is no larger, m and rad.
-        iterations: steps from each start at the most. covariance: whether to give it. seed: of the starts.
+        iterations: steps from each start at the most. metric: what steps are damped by, "coordinates", or "mass", kinetic energy: joints that carry much move less. covariance: whether to give it. seed: of
+        the starts.
 
         Minimises half the squares of all errors over their standard deviations, by Levenberg and Marquardt's steps on the manifold, each the exact minimum of its model
         within the limits: no step makes it worse. The same bits for any number of threads. O(tasks depth + nv^3) a step.
@@ -1496,7 +1590,7 @@ class SceneBuilder:
         or kg for each degree of freedom, part of the mass matrix. damping (N m s/rad or N s/m), friction (N m or N),
         stiffness (N m/rad or N/m) and rest (the joint's coordinates there, None: the neutral ones): simulation only. lower, upper,
         velocity, effort: limits, reported and never enforced. mimic: a joint that this one should follow, as mimic_multiplier
-        times its coordinate plus mimic_offset (rad or m); it stays free.
+        times its coordinate plus mimic_offset (rad or m); build(mimic="couple") has it follow.
 
         Raises SceneError for an unknown type or a missing pitch; ShapeError or ArgumentError for arrays, naming the joint;
         build() checks the rest.
@@ -1518,7 +1612,17 @@ class SceneBuilder:
         axis: ArrayLike | None = None,
         length: float | None = None,
     ) -> SceneBuilder:
-        """x"""
+        """Closes a loop: connects a frame on a link with a frame on another, or on the world.
+
+        kind: "point" (the origins coincide: 3 rows), "axis" (the origins coincide, and the direction axis, (3,), in both frames, None: z: a hinge, 5
+        rows), "weld" (the frames coincide: 6 rows), "distance" or "rod" (the origins are length apart, m; None: as in the neutral configuration: 1
+        row). link, other: names of links, which may come later; None: the world, the base's frame. xyz: (3,), m, and rpy: (3,), rad, or rotation: (3,
+        3): the first frame seen from link, as in joint. other_xyz, other_rpy, other_rotation: the second seen from other; none of them: where the
+        first frame is in the neutral configuration.
+
+        Raises SceneError for an unknown kind, and an axis or a length that the kind has not; ShapeError or ArgumentError for arrays, naming the
+        connection; build() checks the rest.
+        """
 
     def contact(
         self,
@@ -1532,12 +1636,27 @@ class SceneBuilder:
         offset: float = 0.0,
         restitution: float = 0.0,
     ) -> SceneBuilder:
-        """x"""
+        """Adds a contact: a sphere on a link, or a point of it, that does not go through a plane of the world. Simulation only.
+
+        name: of the contact. link: the name of a link, which may come later. xyz: (3,), the sphere's centre in the link's frame, m. radius: m; 0: a
+        point. normal: (3,), out of the ground, in the base frame, of any length, and offset: m: the plane is where the unit normal times y is offset.
+        friction: Coulomb's coefficient mu, zero or more. restitution: from 0 (no rebound) to 1 (elastic). Two links do not touch each other, and
+        nothing is searched: what may touch is what is named.
+
+        Raises ShapeError or ArgumentError for arrays, naming the contact. build() raises SceneError, naming the contact, for a name used twice, a
+        link that is not there or cannot move, a normal without direction, numbers that are out of range or not finite, and connections beside
+        contacts.
+        """
 
     def couple(
         self, name: str, joint: str, other: str | None = None, *, multiplier: float = 1.0, offset: float = 0.0
     ) -> SceneBuilder:
-        """x"""
+        """Couples a joint to another: its coordinate is multiplier times that one's, plus offset (rad or m), kept by a force: 1 row.
+
+        name: of the connection. joint, other: names of joints of one axis, which may come later; other None: the coordinate is offset.
+
+        build() raises SceneError for joints that are not there or have several axes, and for numbers that are not finite.
+        """
 
     def build(
         self,
@@ -1551,12 +1670,12 @@ class SceneBuilder:
         """Checks everything and makes the Scene; the builder can be used again.
 
         floating_base: puts a free joint under the root link, named as in Scene.from_urdf. gravity: (3,), m/s^2, in the base
-        frame. strict: unphysical inertias raise instead of warning. leave_out: as in Scene.from_urdf. What is None is as the
-        builder has it: a fixed base, (0, 0, -9.81), False and all in a new one, the scene's own in one from Scene.to_builder.
+        frame. strict: unphysical inertias raise instead of warning. leave_out, mimic: as in Scene.from_urdf. What is None is as the
+        builder has it: a fixed base, (0, 0, -9.81), False, all and "free" in a new one, the scene's own in one from Scene.to_builder.
 
         Raises SceneError, naming link or joint, for: no link, a name used twice, an unknown parent or child, two parents,
         two roots, a cycle, an axis without direction, numbers that are not finite, negative mass, armature, damping or
-        friction, lower above upper, a floating base of what floats already. Warns InertiaWarning for
+        friction, lower above upper, a floating base of what floats already; naming the connection, for links or joints that are not there or cannot be connected. Warns InertiaWarning for
         inertias that no body can have, and MimicWarning, as Scene.from_urdf does.
         """
 
@@ -1639,7 +1758,7 @@ class Simulator:
         """The axes of the batch; () for one state."""
     @property
     def contacts(self) -> ContactMotion | None:
-        """x"""
+        """The contacts now, a ContactMotion: force of the last step, impulse of all impacts since the state began or was reset; None for a scene without contacts."""
 
     @property
     def momentum_correction(self) -> MomentumCorrection | None:
