@@ -104,7 +104,8 @@ def _joint(robot: ElementTree.Element, joint: Joint) -> None:
             raise ArgumentError(f"scene: found a spring at joint {joint.name!r} of {len(joint.rest)} coordinates; expected it at joints of one: URDF has no other")
         dynamics["rest"] = _text(joint.rest)
     if dynamics:
-        _child(element, "dynamics", **dynamics)
+        # Other readers refuse the element without one of its own attributes.
+        _child(element, "dynamics", **{"damping": _text(joint.damping), **dynamics})
     if joint.mimic is not None:
         ratio, offset = _text(joint.mimic.multiplier), _text(joint.mimic.offset)
         _child(element, "mimic", joint=joint.mimic.joint, multiplier=ratio, offset=offset)

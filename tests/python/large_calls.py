@@ -199,6 +199,7 @@ LARGE: dict[str, Large] = {
     "inverse_kinematics_rates": Large(
         "q",
         batch(10**6, lambda scene, q: scene.inverse_kinematics_rates(phipsi.tasks.Position("link6", np.ones(3)), q, dt=0.1)),
+        room=40,
     ),
     "linearize": Large("q", batch(150_000, lambda scene, q: scene.linearize(q, rates(q), rates(q)))),
     "mass_matrix": Large("q", batch(10**6, lambda scene, q: scene.mass_matrix(q))),

@@ -119,3 +119,11 @@ def test_shapes_of_the_file_are_kept(tmp_path: Path) -> None:
     assert phipsi.Scene.from_urdf(scene.to_urdf()).links["b"].mass == 3.0
     file.unlink()
     assert not list(ElementTree.fromstring(scene.to_urdf()).iter("mesh"))
+
+
+def test_armature_alone_is_read_by_pinocchio() -> None:
+    pin = pytest.importorskip("pinocchio")
+    builder = phipsi.SceneBuilder().link("base").link("arm", 1.0, (0.1, 0.0, 0.0), np.eye(3))
+    text = builder.joint("hinge", "revolute", "base", "arm", armature=0.5, lower=-1, upper=1, velocity=1, effort=1).build().to_urdf()
+    assert pin.buildModelFromXML(text).nv == 1
+    assert phipsi.Scene.from_urdf(text).armature[0] == 0.5
