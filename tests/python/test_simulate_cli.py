@@ -26,6 +26,21 @@ def run(*arguments: object) -> Result:
     return CliRunner().invoke(commands.group, ["simulate", *map(str, arguments)])
 
 
+def test_a_model_with_a_loop_begins_closed(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    bar = '<body name="{0}" pos="{1} 0 {2}"><joint name="{0}" axis="0 1 0"/><geom type="capsule" size="0.02" fromto="0 0 0 0 0 {3}"/>{4}</body>'
+    bodies = bar.format("crank", 0, 0, 0.2, bar.format("coupler", 0, 0.2, 0.4, "")) + bar.format("rocker", 0.3, 0, 0.3, "")
+    pin = '<equality><connect name="pin" body1="coupler" anchor="0 0 0.4"/></equality>'
+    model = tmp_path / "loop.xml"
+    model.write_text(f"<mujoco><worldbody>{bodies}</worldbody>{pin}</mujoco>")
+    scene = phipsi.Scene.from_mujoco(model)
+    assert scene.connection_names == ("pin",)
+    result = run(model, "-o", tmp_path / "out", "--time", 0.02)
+    assert result.exit_code == 0, result.output
+    with np.load(tmp_path / "out" / "trajectory.npz") as found:
+        assert np.abs(scene.constraint_error(found["q"])).max() < 1e-12
+
+
 def test_the_bundled_arm_from_a_state_file(tmp_path: Path) -> None:
     state = tmp_path / "state.json"
     state.write_text(json.dumps({"q": {"joint2": 0.4}, "qd": [0.1, 0, 0, 0, 0, 0], "tau": {"joint1": 2.0}}))

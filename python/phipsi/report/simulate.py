@@ -70,6 +70,9 @@ def simulate(
     with _typed_errors():
         start = motion.read_state(state, scene) if state is not None else {}
         q, qd = start.get("q", scene.neutral()), start.get("qd", np.zeros(scene.nv))
+        if "q" not in start and scene.connection_names:
+            # The nearest to neutral that closes the loops; a start that was given is taken as it is, or refused.
+            q, qd, _ = scene.project(q, qd)
         law = PD(hold[0], hold[1], q) if hold is not None else None
         output.mkdir(parents=True, exist_ok=True)
         try:
