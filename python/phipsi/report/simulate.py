@@ -72,7 +72,8 @@ def simulate(
         q, qd = start.get("q", scene.neutral()), start.get("qd", np.zeros(scene.nv))
         if "q" not in start and scene.connection_names:
             # The nearest to neutral that closes the loops; a start that was given is taken as it is, or refused.
-            q, qd, _ = scene.project(q, qd)
+            closed = scene.project(q, qd)
+            q, qd = closed.q, np.asarray(closed.qd)
         law = PD(hold[0], hold[1], q) if hold is not None else None
         output.mkdir(parents=True, exist_ok=True)
         try:
