@@ -185,7 +185,7 @@ fn rows_are_recorded_and_calls_may_be_cut_anywhere() {
             let mut rollout = Rollout::new(&scene, settings.clone(), &q, &v).unwrap();
             let (mut out_q, mut out_v) = (vec![f64::NAN; 19 * rows * nq], vec![f64::NAN; 19 * rows * nv]);
             for &cut in cuts {
-                let mut records = Records { q: &mut out_q, qd: &mut out_v, every };
+                let mut records = Records { q: &mut out_q, qd: &mut out_v, contacts: &mut [], every };
                 let torque = Torque::Steps { torque: torque.clone(), first: 0 };
                 rollout.advance(cut, &torque, Some(&mut records)).unwrap();
             }
@@ -790,7 +790,7 @@ fn the_earliest_step_and_the_lowest_state_are_told_and_rows_before_are_kept() {
     (q[2 * 3], q[2 * 17]) = (1e-2, 1.0);
     let mut rollout = Rollout::new(&scene, settings, &q, &[0.0; 40]).unwrap();
     let (mut out_q, mut out_v) = (vec![f64::NAN; 20 * 101 * 2], vec![f64::NAN; 20 * 101 * 2]);
-    let mut records = Records { q: &mut out_q, qd: &mut out_v, every: 1 };
+    let mut records = Records { q: &mut out_q, qd: &mut out_v, contacts: &mut [], every: 1 };
     let StepFault { step, state, joint, error } =
         rollout.advance(100, &Torque::Zero, Some(&mut records)).expect_err("an explicit step of a stiff spring");
     assert_eq!(state, 17);
@@ -828,7 +828,7 @@ fn what_cannot_be_used_is_refused_by_name() {
     let torque = Torque::Constant(Broadcast::new("tau", &[0.0; 3], 3, &[], &[]).unwrap());
     assert!(matches!(rollout.advance(1, &torque, None).expect_err("refused").error, Error::Shape { .. }));
     let (mut q, mut qd) = (vec![0.0; 4], vec![0.0; 4]);
-    let mut records = Records { q: &mut q, qd: &mut qd, every: 1 };
+    let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut [], every: 1 };
     assert!(matches!(
         rollout.advance(2, &Torque::Zero, Some(&mut records)).expect_err("refused").error,
         Error::Shape { .. }

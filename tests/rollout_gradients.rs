@@ -56,7 +56,9 @@ impl Run {
         let torque = Torque::Steps { torque, first: 0 };
         let mut rollout = Rollout::new(&self.scene, self.settings.clone(), &self.q, &self.qd).unwrap();
         let (mut q, mut qd) = (vec![f64::NAN; STATES * rows * nq], vec![f64::NAN; STATES * rows * nv]);
-        rollout.advance(STEPS, &torque, Some(&mut Records { q: &mut q, qd: &mut qd, every })).unwrap();
+        rollout
+            .advance(STEPS, &torque, Some(&mut Records { q: &mut q, qd: &mut qd, contacts: &mut [], every }))
+            .unwrap();
         let mut by = vec![0.0; qd.len()];
         for (rows, own) in by.chunks_exact_mut(rows * nv).zip(self.by.chunks_exact(nv)) {
             let last = rows.len() - nv;

@@ -2,6 +2,7 @@
 
 mod centroidal;
 mod constraints;
+mod contacts;
 mod derivatives;
 mod estimation;
 mod everyday;

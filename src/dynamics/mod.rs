@@ -28,6 +28,7 @@ pub(crate) mod centroidal;
 mod checked;
 mod columns;
 pub(crate) mod constraints;
+pub(crate) mod contacts;
 pub mod derivatives;
 pub(crate) mod energy;
 pub(crate) mod estimate;

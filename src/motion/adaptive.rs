@@ -171,6 +171,7 @@ impl<'a> Adaptive<'a> {
             return Err(Error::argument("times", found, "finite times, the start first, each later than the last"));
         }
         self.scene.check_no_connections("adaptive steps")?;
+        self.scene.check_no_contacts("adaptive steps")?;
         self.properties.check(self.scene)?;
         if let Some(gains) = &self.gains {
             gains.check(self.scene, 1)?;

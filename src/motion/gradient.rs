@@ -68,7 +68,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     /// let scene = phipsi::scenes::chain(7)?;
     /// let mut rollout = Rollout::new(&scene, Settings::new(&scene, 1e-3), &[0.3; 7], &[0.0; 7])?;
     /// let (mut q, mut qd) = ([0.0; 101 * 7], [0.0; 101 * 7]);
-    /// let mut records = Records { q: &mut q, qd: &mut qd, every: 1 };
+    /// let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut [], every: 1 };
     /// rollout.advance(100, &Torque::Zero, Some(&mut records)).map_err(|fault| fault.error)?;
     /// // Of the first joint's angle at the end.
     /// let mut by_q = [0.0; 101 * 7];
@@ -94,6 +94,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
     ) -> Result<RolloutGradients, StepFault> {
         let refuse = |error| StepFault { step: 0, state: 0, joint: String::new(), error };
         self.scene().check_no_connections("gradients of a simulation").map_err(refuse)?;
+        self.scene().check_no_contacts("gradients of a simulation").map_err(refuse)?;
         let torques = self.check_torque_from(0, torque, steps);
         torques.map_err(|fault| StepFault { state: fault.state, ..refuse(fault.error) })?;
         let count =

@@ -56,12 +56,14 @@ pub enum Method {
     /// Four stages, order 3 with any A that may differ from stage to stage, L-stable for springs and damping, stiffly accurate, g =
     /// 1/3. Of the solutions of the nine conditions above, one with small conditions of order 4 and small coefficients.
     Rosenbrock3,
+    /// The step of scenes with contacts, order 1: springs and damping as in the implicit Euler step, impulses of the contacts at its end, impacts by Poisson's law.
+    Contact,
 }
 
 /// Short names.
 const SHORT: [(&str, Method); 2] = [("semi-implicit", Method::SemiImplicitEuler), ("implicit", Method::ImplicitEuler)];
 
-/// Every method with its name.
+/// Every method of scenes without contacts, with its name.
 pub const METHODS: [(&str, Method); 5] = [
     ("semi-implicit-euler", Method::SemiImplicitEuler),
     ("rk4", Method::RungeKutta4),
@@ -70,6 +72,9 @@ pub const METHODS: [(&str, Method); 5] = [
     ("rosenbrock-3", Method::Rosenbrock3),
 ];
 
+/// The method of scenes with contacts, which have no other.
+const OF_CONTACTS: [(&str, Method); 1] = [("contact", Method::Contact)];
+
 impl Method {
     /// The method of that name; "semi-implicit" and "implicit" are short for the Euler steps.
     ///
@@ -77,23 +82,30 @@ impl Method {
     ///
     /// [`Error::Argument`] with the names that there are.
     pub fn named(name: &str) -> Result<Self, Error> {
-        METHODS.iter().chain(&SHORT).find(|(known, _)| *known == name).map(|&(_, method)| method).ok_or_else(|| {
-            let names: Vec<String> = METHODS.iter().map(|(name, _)| format!("{name:?}")).collect();
-            Error::argument("method", format!("{name:?}"), format!("one of {}", names.join(", ")))
-        })
+        METHODS
+            .iter()
+            .chain(&SHORT)
+            .chain(&OF_CONTACTS)
+            .find(|(known, _)| *known == name)
+            .map(|&(_, method)| method)
+            .ok_or_else(|| {
+                let names: Vec<String> =
+                    METHODS.iter().chain(&OF_CONTACTS).map(|(name, _)| format!("{name:?}")).collect();
+                Error::argument("method", format!("{name:?}"), format!("one of {}", names.join(", ")))
+            })
     }
 
     /// Its name.
     #[must_use]
     pub fn name(self) -> &'static str {
-        METHODS.iter().find(|(_, method)| *method == self).map_or("", |(name, _)| name)
+        METHODS.iter().chain(&OF_CONTACTS).find(|(_, method)| *method == self).map_or("", |(name, _)| name)
     }
 
     /// The power of the step that its error falls with, on smooth motion.
     #[must_use]
     pub fn order(self) -> u32 {
         match self {
-            Self::SemiImplicitEuler | Self::ImplicitEuler => 1,
+            Self::SemiImplicitEuler | Self::ImplicitEuler | Self::Contact => 1,
             Self::Rosenbrock2 => 2,
             Self::Rosenbrock3 => 3,
             Self::RungeKutta4 => 4,
@@ -103,14 +115,14 @@ impl Method {
     /// Whether springs and damping are taken implicitly.
     #[must_use]
     pub fn is_implicit(self) -> bool {
-        matches!(self, Self::ImplicitEuler | Self::Rosenbrock2 | Self::Rosenbrock3)
+        matches!(self, Self::ImplicitEuler | Self::Rosenbrock2 | Self::Rosenbrock3 | Self::Contact)
     }
 
     pub(crate) fn tableau(self) -> Tableau {
         let o = [0.0; STAGES];
         match self {
             // The position sees the velocity at the end of the step; forces do not.
-            Self::SemiImplicitEuler | Self::ImplicitEuler => Tableau {
+            Self::SemiImplicitEuler | Self::ImplicitEuler | Self::Contact => Tableau {
                 stages: 1,
                 alpha: [o; STAGES],
                 gamma: [[1.0, 0.0, 0.0, 0.0], o, o, o],

@@ -19,6 +19,8 @@
 //!
 //! Scenes with connections move through them: accelerations meet J qdd + J' qd = 0, and a [`Stabilisation`] keeps positions and velocities on them.
 //!
+//! Scenes with contacts move by [`Method::Contact`], and by no other method.
+//!
 //! A [`Rollout`] is a batch of states through many steps, a [`Simulator`] one that goes on call by call; [`Settings`] is what both need, with what
 //! the joints do by themselves ([`Properties`]), a control law ([`Gains`]) and a [`Method`]. [`Rollout::gradients`] goes back through the steps.
 //! `Adaptive` (feature `adaptive`) picks its own steps.
@@ -31,7 +33,7 @@
 //! settings.method = Method::RungeKutta4;
 //! let mut rollout = Rollout::new(&scene, settings, &[0.3; 7], &[0.0; 7])?;
 //! let (mut q, mut qd) = ([f64::NAN; 77], [f64::NAN; 77]); // 11 rows: the start, and every tenth step
-//! let mut records = Records { q: &mut q, qd: &mut qd, every: 10 };
+//! let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut [], every: 10 };
 //! rollout.advance(100, &Torque::Zero, Some(&mut records)).map_err(|fault| fault.error)?;
 //! assert_eq!(q[..7], [0.3; 7]);
 //! assert_eq!(&q[70..], rollout.state(0).0);
@@ -44,6 +46,7 @@ pub(crate) mod adaptive;
 mod backward;
 mod conserve;
 mod constrained;
+mod contact;
 mod gradient;
 pub(crate) mod manifold;
 pub(crate) mod method;
@@ -58,6 +61,7 @@ mod stepper;
 pub use adaptive::{Adaptive, Failure, Solution, Solver, TorqueLaw};
 pub use conserve::Correction;
 pub use constrained::Stabilisation;
+pub use contact::ContactReport;
 pub use gradient::{RecordedRows, RolloutGradients};
 pub use method::{METHODS, Method};
 pub use properties::{FRICTION_SPEED, Gains, Properties};

@@ -131,8 +131,15 @@ fn through(
         q[state * rows * nq..][..nq].copy_from_slice(&at[..nq]);
         qd[state * rows * nv..][..nv].copy_from_slice(&at[nq..]);
     }
-    let mut kept =
-        Rows { q: &mut q, qd: &mut qd, first: job.states.start, of_state: rows, from: steps.start, every: stride };
+    let mut kept = Rows {
+        q: &mut q,
+        qd: &mut qd,
+        contacts: &mut [],
+        first: job.states.start,
+        of_state: rows,
+        from: steps.start,
+        every: stride,
+    };
     stepper.run(stepper::Job {
         scene: job.scene,
         law: job.law,

@@ -2,12 +2,14 @@
 
 use super::conserve::{self, Correction, KEPT, Keeper};
 use super::constrained::{Stabilisation, check_start};
+use super::contact::{self, ContactReport, RECORD};
 use super::method::Method;
 use super::properties::{Gains, Properties};
 use super::step::Law;
 use super::stepper::{Job, Rows, Stepper};
 use crate::batch::arms::Arm;
 use crate::batch::{Batch, Broadcast, Fault, Pool};
+use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::{FORMS, Form};
 use crate::scene::Scene;
@@ -40,13 +42,13 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The default method with the properties of the scene.
+    /// The default method, [`Method::Contact`] for a scene with contacts, with the properties of the scene.
     #[must_use]
     pub fn new(scene: &Scene, dt: f64) -> Self {
         let properties = Properties::of(scene);
         Self {
             dt,
-            method: Method::default(),
+            method: if scene.contacts().is_empty() { Method::default() } else { Method::Contact },
             form: Form::Auto,
             properties,
             gains: None,
@@ -80,6 +82,9 @@ pub struct Records<'a> {
     pub q: &'a mut [f64],
     /// Rates.
     pub qd: &'a mut [f64],
+    /// Of a scene with contacts, (states, rows, contacts, 10): gap (m), slip velocity (m/s), force of the step that led to the row (N), and the sum of the impulses of impacts
+    /// since the row before (N s), vectors in the base frame. Empty: not recorded.
+    pub contacts: &'a mut [f64],
     /// A row after so many steps.
     pub every: usize,
 }
@@ -154,6 +159,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             return Err(Error::argument("form", format!("{found:?}"), "\"auto\" or \"covariance\" for a rollout"));
         }
         properties.check(holds)?;
+        check_method(holds, method, conserve_momentum)?;
         if let Stabilisation::Baumgarte(rate) = stabilisation
             && !(rate.is_finite() && rate > 0.0)
         {
@@ -215,6 +221,9 @@ impl<S: Borrow<Scene>> Rollout<S> {
             let (start, largest) = kept.split_at_mut(KEPT * law.roots.len());
             start.copy_from_slice(&keeper.start);
             largest.fill(0.0);
+        }
+        if law.method == Method::Contact {
+            contact::begin(kept);
         }
         self.begun[state] = self.done;
     }
@@ -297,6 +306,27 @@ impl<S: Borrow<Scene>> Rollout<S> {
         (!self.law.roots.is_empty()).then_some(Correction { velocity, position })
     }
 
+    /// What the steps of one state told of its contacts since it began; none for a scene without.
+    #[must_use]
+    pub fn contact_report(&self, index: usize) -> Option<ContactReport> {
+        let kept = &self.of_state(index)[self.scene().nq() + self.scene().nv()..];
+        if self.law.method == Method::Contact { ContactReport::of(kept) } else { None }
+    }
+
+    /// The contacts of one state now, as [`Records::contacts`] has them, (contacts, 10); impulses are those of all impacts since the last row that was recorded, or since it began.
+    #[must_use]
+    pub fn contacts_now(&self, index: usize) -> Vec<f64> {
+        let (scene, (q, v)) = (self.scene(), self.state(index));
+        let points = scene.contact_points();
+        let mut out = vec![0.0; RECORD * points.len()];
+        if self.law.method == Method::Contact {
+            let kept = &self.of_state(index)[q.len() + v.len()..];
+            let mut rows = ContactScratch::new(scene.model(), points);
+            contact::record(scene.model(), points, &mut rows, (q, v), (kept, self.law.step), &mut out);
+        }
+        out
+    }
+
     fn of_state(&self, index: usize) -> &[f64] {
         let width = self.law.width(self.scene());
         &self.current[index * width..(index + 1) * width]
@@ -312,6 +342,9 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let one_by_one = ONE_BODY * self.law.tableau.stages * self.scene().model().bodies.len().max(1);
         if self.law.connected.is_some() {
             return CONNECTED * one_by_one;
+        }
+        if self.law.method == Method::Contact {
+            return CONNECTED * (one_by_one + ONE_BODY * self.scene().contacts().len());
         }
         one_by_one / self.arm.lanes(size_of::<f64>()).min(self.states.max(1))
     }
@@ -340,7 +373,9 @@ impl<S: Borrow<Scene>> Rollout<S> {
         let cost = self.cost().saturating_mul(steps);
         let Self { scene, law, form, arm, current, begun, pool, .. } = self;
         let scene: &Scene = (*scene).borrow();
-        let make = || Stepper::new(*form, *arm);
+        // The lanes know no contacts.
+        let arm = if law.method == Method::Contact { Arm::Baseline } else { *arm };
+        let make = || Stepper::new(*form, arm);
         let batch = Batch { states: self.states, cost, pool, make };
         let outcome = batch.run_pieces(GRAIN, current, |stepper, states, current| {
             let lanes = stepper.lanes();
@@ -438,7 +473,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         first: usize,
         last: usize,
     ) -> Result<Vec<Mutex<Rows<'r>>>, Error> {
-        let Some(Records { q, qd, every }) = records else { return Ok(Vec::new()) };
+        let Some(Records { q, qd, contacts, every }) = records else { return Ok(Vec::new()) };
         if self.states == 0 {
             return Ok(Vec::new());
         }
@@ -455,17 +490,44 @@ impl<S: Borrow<Scene>> Rollout<S> {
                 expected: format!("{} states, a row for every so many of {last} steps, ({nq}) and ({nv})", self.states),
             });
         }
+        let each = self.scene().contacts().len() * RECORD;
+        if !contacts.is_empty() && contacts.len() != self.states * rows * each {
+            return Err(Error::Shape {
+                argument: "records.contacts".to_owned(),
+                found: format!("({},)", contacts.len()),
+                expected: format!("({},), or empty", self.states * rows * each),
+            });
+        }
+        let each = if contacts.is_empty() { 0 } else { each };
+        let mut contacts: &mut [f64] = contacts;
         let (mut q, mut qd): (&mut [f64], &mut [f64]) = (q, qd);
         let mut pieces = memory::with_capacity("q, qd", self.states.div_ceil(GRAIN))?;
         for first in (0..self.states).step_by(GRAIN) {
             let count = GRAIN.min(self.states - first) * rows;
             let (own_q, rest_q) = q.split_at_mut(count * nq);
             let (own_qd, rest_qd) = qd.split_at_mut(count * nv);
-            pieces.push(Mutex::new(Rows { q: own_q, qd: own_qd, first, of_state: rows, from: 0, every }));
-            (q, qd) = (rest_q, rest_qd);
+            let (own_contacts, rest) = contacts.split_at_mut(count * each);
+            let piece = Rows { q: own_q, qd: own_qd, contacts: own_contacts, first, of_state: rows, from: 0, every };
+            pieces.push(Mutex::new(piece));
+            (q, qd, contacts) = (rest_q, rest_qd, rest);
         }
         Ok(pieces)
     }
+}
+
+/// Whether the scene can move by the method: one with contacts by its own and by no other.
+fn check_method(scene: &Scene, method: Method, conserve_momentum: bool) -> Result<(), Error> {
+    let (touches, is_own) = (!scene.contacts().is_empty(), method == Method::Contact);
+    if touches != is_own {
+        let found = format!("{:?}", method.name());
+        let expected = if touches {
+            "\"contact\" for a scene with contacts; scene.without_contacts() moves by the others"
+        } else {
+            "another method: the scene has no contacts"
+        };
+        return Err(Error::argument("method", found, expected));
+    }
+    if conserve_momentum { scene.check_no_contacts("conserve_momentum") } else { Ok(()) }
 }
 
 /// Row 0: the states at the start.

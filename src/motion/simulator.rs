@@ -1,6 +1,7 @@
 //! States that go on step by step: a rollout that can be taken up again after an error, and whose states can begin anew one by one.
 
 use super::conserve::Correction;
+use super::contact::ContactReport;
 use super::rollout::{Rollout, Settings, StepFault, Torque};
 use crate::batch::{Broadcast, Fault};
 use crate::error::Error;
@@ -118,6 +119,18 @@ impl<S: Borrow<Scene>> Simulator<S> {
     #[must_use]
     pub fn correction(&self, index: usize) -> Option<Correction> {
         self.rollout.correction(index)
+    }
+
+    /// What the steps of one state told of its contacts since it began or was reset; none for a scene without.
+    #[must_use]
+    pub fn contact_report(&self, index: usize) -> Option<ContactReport> {
+        self.rollout.contact_report(index)
+    }
+
+    /// As [`Rollout::contacts_now`].
+    #[must_use]
+    pub fn contacts_now(&self, index: usize) -> Vec<f64> {
+        self.rollout.contacts_now(index)
     }
 
     /// The scene whose states these are.

@@ -2,6 +2,7 @@
 
 use super::conserve::{KEPT, Keeper};
 use super::constrained::Stabilisation;
+use super::contact;
 use super::manifold::{advance, carry_back};
 use super::method::{Method, STAGES, Tableau};
 use super::properties::{Gains, Properties};
@@ -78,10 +79,12 @@ impl Law {
         steps as f64 * self.step
     }
 
-    /// How many numbers a rollout has of each state: q, qd, and where momentum is kept, what is kept and two corrections.
+    /// How many numbers a rollout has of each state: q, qd, and where momentum is kept, what is kept and two corrections; of a scene with
+    /// contacts, their impulses and what is told of them.
     pub fn width(&self, scene: &Scene) -> usize {
         let kept = if self.roots.is_empty() { 0 } else { KEPT * self.roots.len() + 2 };
-        scene.nq() + scene.nv() + kept
+        let touching = if self.method == Method::Contact { contact::width(scene.contact_points().len()) } else { 0 };
+        scene.nq() + scene.nv() + kept + touching
     }
 
     /// Damping and stiffness of one degree of freedom, the control law's with the joint's own.
@@ -255,7 +258,7 @@ impl<T: Vectorised, I: Target> Solver<T> for Watched<T, I> {
 
 /// One state with every check, in the form of the workspace.
 pub(super) struct Checked {
-    workspace: Workspace<f64>,
+    pub workspace: Workspace<f64>,
     /// The first pivot that was lost, since it was last taken.
     pub lost: Option<LostPivot>,
 }

@@ -2,6 +2,8 @@
 
 use super::conserve::KEPT;
 use super::constrained::{Closed, Constrained, Stabilisation};
+use super::contact::{RECORD, Toucher};
+use super::method::Method;
 use super::properties::{joint_of_row, of_state};
 use super::rollout::{StepFault, Torque};
 use super::step::{Checked, Law, Plain, Scratch, Watched, step};
@@ -28,6 +30,8 @@ const FARTHEST: f64 = 1e9;
 pub(super) struct Rows<'a> {
     pub q: &'a mut [f64],
     pub qd: &'a mut [f64],
+    /// (state, row, contact, numbers); empty where they are not recorded.
+    pub contacts: &'a mut [f64],
     /// Index of the first of the states.
     pub first: usize,
     /// How many rows a state has room for.
@@ -35,6 +39,14 @@ pub(super) struct Rows<'a> {
     /// The step that the first row is before; a row is written after every so many steps from there on.
     pub from: usize,
     pub every: usize,
+}
+
+impl Rows<'_> {
+    /// Where a row of the contacts of a state goes, if they are recorded.
+    pub fn of_contacts(&mut self, state: usize, row: usize, contacts: usize) -> Option<&mut [f64]> {
+        let at = ((state - self.first) * self.of_state + row) * contacts * RECORD;
+        self.contacts.get_mut(at..at + contacts * RECORD).filter(|row| !row.is_empty())
+    }
 }
 
 /// Some steps of neighbouring states, as many as there are lanes or fewer.
@@ -64,13 +76,14 @@ pub(super) struct Stepper {
     one: Option<Box<dyn Stepping>>,
     many: Option<Box<dyn Stepping>>,
     checked: Option<Box<Alone>>,
+    touching: Option<Box<Toucher>>,
     form: Form,
 }
 
 impl Stepper {
     pub fn new(form: Form, arm: Arm) -> Self {
         let arm = if arm.available() { arm } else { Arm::Baseline };
-        Self { arm, one: None, many: None, checked: None, form }
+        Self { arm, one: None, many: None, checked: None, touching: None, form }
     }
 
     /// How many states a job may have.
@@ -86,6 +99,10 @@ impl Stepper {
 
     /// Runs a job; the fault is that of its earliest step, then of its lowest state.
     pub fn run(&mut self, job: Job<'_, '_>) -> Result<(), StepFault> {
+        if job.law.method == Method::Contact {
+            let touching = self.touching.get_or_insert_with(|| Box::new(Toucher::new(job.scene, job.law, self.form)));
+            return touching.run(job);
+        }
         let (arm, alone) = (self.arm, job.states.len() == 1);
         let place = if alone { &mut self.one } else { &mut self.many };
         let scratch = place.get_or_insert_with(|| scratch(job.scene.model(), job.law, arm, alone));
@@ -334,7 +351,7 @@ fn again<T: Vectorised<Number = f64>>(
 }
 
 /// What is wrong with a checked step: the joint and the error.
-fn fault_of(scene: &Scene, law: &Law, s: &Scratch<f64>, lost: Option<LostPivot>) -> Option<(String, Error)> {
+pub(super) fn fault_of(scene: &Scene, law: &Law, s: &Scratch<f64>, lost: Option<LostPivot>) -> Option<(String, Error)> {
     let limit = FARTHEST / law.step;
     let strayed = s.v_next.iter().position(|v| !(v.abs() <= limit));
     let finite = s.v.iter().chain(&s.q).all(|x| x.is_finite());

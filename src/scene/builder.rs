@@ -3,6 +3,7 @@
 use super::Scene;
 use super::assembly::{Tree, assemble};
 use super::connection::Connection;
+use super::contact::Contact;
 use super::description::{JointDescription, LinkDescription, SceneWarning};
 use super::inertia_check::check_numbers;
 use super::joint_check::check_joint;
@@ -52,6 +53,8 @@ pub struct SceneBuilder {
     pub(super) joints: Vec<JointDescription>,
     /// What closes loops.
     pub(super) connections: Vec<Connection>,
+    /// What may touch planes of the world.
+    pub(super) contacts: Vec<Contact>,
     pub(super) gravity: Vector3<f64>,
     pub(super) floating_base: bool,
     pub(super) strict: bool,
@@ -82,6 +85,7 @@ impl SceneBuilder {
             links: Vec::new(),
             joints: Vec::new(),
             connections: Vec::new(),
+            contacts: Vec::new(),
             gravity: Vector3::new(0.0, 0.0, -9.81),
             floating_base: false,
             strict: false,
@@ -265,14 +269,15 @@ impl SceneBuilder {
     /// armature, damping, friction or stiffness, a rest that is no configuration of the joint, lower limit above upper; a
     /// floating base for what floats already, under a root link without mass; and what [`SceneBuilder::strict`] makes one. Naming the
     /// connection, for: a name used twice, an unknown link or joint, links that are rigidly attached to each other, frames that are none, an axis of no direction, a
-    /// length that is not above zero, joints of several axes.
+    /// length that is not above zero, joints of several axes. Naming the contact, for: a name used twice, an unknown link or one that cannot move, a normal of no direction,
+    /// numbers that are not finite, a negative radius or friction, a restitution that is not from 0 to 1, connections beside contacts.
     pub fn build(self) -> Result<Scene, Error> {
         memory::room("links", memory::bytes_of::<[u8; A_LINK]>(&[self.links.len()]))?;
         let tree = self.check_tree().map_err(|error| self.with_notes(error))?;
         self.check_numbers()?;
         self.check_base(&tree)?;
         let warnings = self.warnings(&tree)?;
-        assemble(Scene::unfilled(self, warnings), &tree)?.connected()
+        assemble(Scene::unfilled(self, warnings), &tree)?.connected()?.touching()
     }
 
     /// Children's joints of each link, and the root.

@@ -19,7 +19,7 @@ impl Scene {
     ///
     /// A link on a locked joint becomes part of the body that carries it, and so a subtree whose joints are all locked; what is
     /// locked onto the base is no body at all. M, bias and accelerations are those of this scene with the locked rows left out and the locked
-    /// rates zero. Connections stay, but for those whose two ends are locked onto each other.
+    /// rates zero. Connections stay, but for those whose two ends are locked onto each other, and contacts, but for those of links that cannot move any more.
     ///
     /// # Errors
     ///
@@ -45,7 +45,23 @@ impl Scene {
             }
         }
         self.lock_connections(&mut source, joints, q)?;
+        self.lock_contacts(&mut source)?;
         source.build()
+    }
+
+    /// Without the contacts of what cannot move any more.
+    fn lock_contacts(&self, source: &mut super::SceneBuilder) -> Result<(), Error> {
+        if self.contact_points().is_empty() {
+            return Ok(());
+        }
+        let contacts = std::mem::take(&mut source.contacts);
+        let tree = source.clone().build()?;
+        for contact in contacts {
+            if tree.contact_point(&contact).is_ok() {
+                source.contacts.push(contact);
+            }
+        }
+        Ok(())
     }
 
     /// The connections of the locked scene: couplings of locked joints with what these are held at, and without those whose ends are rigidly attached to

@@ -35,6 +35,8 @@ mod configuration;
 mod connected;
 mod connection;
 pub(crate) mod constraint;
+mod contact;
+pub(crate) mod contact_point;
 mod description;
 mod inertia_check;
 mod joint_check;
@@ -54,11 +56,13 @@ pub use crate::model::{Body, Motion, Omissions};
 pub(crate) use builder::{A_LINK, AT_A_TIME};
 pub use builder::{ROOT_JOINT, SceneBuilder};
 pub use connection::{Connection, ConnectionKind};
+pub use contact::Contact;
 pub use description::{Inertial, JointDescription, Limits, LinkDescription, Mimic, SceneWarning};
 pub use properties::Property;
 pub use spring::Spring;
 
 use self::constraint::Constraints;
+use self::contact_point::ContactPoint;
 use self::shared::Shared;
 use crate::error::Error;
 use crate::spatial::RigidShift;
@@ -111,6 +115,8 @@ pub struct Scene {
     joint_index: HashMap<String, usize>,
     /// What the connections are, by index.
     constraints: Constraints,
+    /// What the contacts are, by index.
+    contact_points: Vec<ContactPoint>,
     shared: Shared,
 }
 
@@ -130,6 +136,7 @@ impl Scene {
             link_index: HashMap::new(),
             joint_index: HashMap::new(),
             constraints: Constraints::default(),
+            contact_points: Vec::new(),
             shared: Shared::default(),
         }
     }
@@ -137,6 +144,11 @@ impl Scene {
     /// The connections as the sweeps read them.
     pub(crate) fn constraints(&self) -> &Constraints {
         &self.constraints
+    }
+
+    /// The contacts as the sweeps read them.
+    pub(crate) fn contact_points(&self) -> &[ContactPoint] {
+        &self.contact_points
     }
 
     /// Which scene this is, among all of this process: what is kept for one is never used for another.

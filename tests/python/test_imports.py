@@ -21,6 +21,7 @@ ROOMS = (
     "scalar",
     "spatial",
     "filter",
+    "contact",
     "accuracy",
     "joints",
     "model",

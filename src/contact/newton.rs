@@ -1,0 +1,48 @@
+//! Newton's method on Alart and Curnier's function.
+
+use super::law::{Cone, Limits};
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+
+/// Part of 1/r on the diagonal of G in the matrix, not in the function: regular for any redundant rows.
+pub(super) const PROXIMAL: f64 = 1e-6;
+
+impl Cone {
+    /// dF/dp, with G + `PROXIMAL`/r in place of G: X = 1 - r G', and each contact open (nothing), sticking (X in n and t) or sliding.
+    fn slope(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DMatrix<f64> {
+        let (m, x) = (3 * self.len(), self.targets(p, c));
+        let moved = DMatrix::from_fn(m, m, |i, j| {
+            let one = if i == j { 1.0 - PROXIMAL } else { 0.0 };
+            one - self.lengths[i / 3] * self.g[(i, j)]
+        });
+        let mut slope = DMatrix::identity(m, m);
+        for i in 0..self.len() {
+            let (at, mu) = (3 * i, self.friction[i]);
+            let pressed = x[at + 2] > limits.least[i];
+            let normal = if pressed { x[at + 2] } else { limits.least[i] };
+            let tangent = Vector2::new(x[at], x[at + 1]);
+            let length = tangent[0].hypot(tangent[1]);
+            for j in 0..m {
+                let dn = if pressed { moved[(at + 2, j)] } else { 0.0 };
+                slope[(at + 2, j)] -= dn;
+                let dt = Vector2::new(moved[(at, j)], moved[(at + 1, j)]);
+                let change = if length <= mu * normal {
+                    if normal > 0.0 { dt } else { Vector2::zeros() }
+                } else {
+                    let d = tangent / length;
+                    d * (mu * dn) + (Matrix2::identity() - d * d.transpose()) * dt * (mu * normal / length)
+                };
+                slope[(at, j)] -= change[0];
+                slope[(at + 1, j)] -= change[1];
+            }
+        }
+        slope
+    }
+
+    /// One Newton step, projected onto the cones; none where the matrix is singular.
+    pub(super) fn newton(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Option<DVector<f64>> {
+        let step = self.slope(p, c, limits).lu().solve(&self.defect(p, c, limits))?;
+        let mut next = p - step;
+        self.project(&mut next, &limits.least);
+        next.iter().all(|x| x.is_finite()).then_some(next)
+    }
+}

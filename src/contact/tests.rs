@@ -1,0 +1,221 @@
+use super::energy::{expansion_kept, work};
+use super::law::nearest;
+use super::{Cone, Effort, Limits, Told, impact, passive};
+use nalgebra::{DMatrix, DVector, Vector3};
+
+/// Numbers that look random, from -1 to 1.
+struct Draw(u64);
+
+impl Draw {
+    #[allow(clippy::cast_precision_loss)] // 53 bits
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((self.0 >> 11) as f64 / (1_u64 << 53) as f64) * 2.0 - 1.0
+    }
+
+    fn matrix(&mut self, rows: usize, columns: usize) -> DMatrix<f64> {
+        DMatrix::from_fn(rows, columns, |_, _| self.next())
+    }
+
+    /// G of rank at most `rank`, and velocities in its range with all normals closing.
+    fn problem(&mut self, contacts: usize, rank: usize) -> (DMatrix<f64>, DVector<f64>) {
+        let j = self.matrix(3 * contacts, rank);
+        let c = &j * self.matrix(rank, 1).column(0);
+        (&j * j.transpose(), c)
+    }
+}
+
+fn in_the_cones(cone: &Cone, p: &DVector<f64>, least: &[f64]) -> bool {
+    (0..cone.len()).all(|i| p[3 * i + 2] >= least[i] && p[3 * i].hypot(p[3 * i + 1]) <= cone.friction[i] * p[3 * i + 2])
+}
+
+/// The law itself, contact by contact, relative to the largest velocity and impulse.
+fn breach(cone: &Cone, p: &DVector<f64>, c: &DVector<f64>) -> f64 {
+    let u = cone.velocities(p, c);
+    let (fast, strong) = (c.amax(), p.amax().max(f64::MIN_POSITIVE));
+    let mut worst: f64 = 0.0;
+    for i in 0..cone.len() {
+        let (u, p) = (u.fixed_rows::<3>(3 * i), p.fixed_rows::<3>(3 * i));
+        let (slip, drag) = (u[0].hypot(u[1]), p[0].hypot(p[1]));
+        worst = worst.max(-u[2] / fast).max((u[2] / fast) * (p[2] / strong));
+        let room = (cone.friction[i] * p[2] - drag) / strong;
+        worst = worst.max(-room).max((slip / fast) * room);
+        let against = (slip * drag + u[0] * p[0] + u[1] * p[1]) / fast / strong;
+        worst = worst.max(against);
+    }
+    worst
+}
+
+#[test]
+fn one_contact_on_a_block_sticks_or_slides() {
+    // A point of 2 kg: G = 1/2.
+    let g = DMatrix::from_diagonal_element(3, 3, 0.5);
+    for (mu, slip) in [(0.3, 1.0), (0.5, 2.0), (0.9, 1.0), (0.0, 1.0), (1.2, 3.0)] {
+        let cone = Cone::new(g.clone(), vec![mu]);
+        let c = DVector::from_vec(vec![slip, 0.0, -1.5]);
+        let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+        // p_n = 2 * 1.5; the slip loses mu p_n / 2, at the most all.
+        let drag = (mu * 3.0_f64).min(2.0 * slip);
+        assert!(told.converged && told.residual <= 1e-10, "{told:?}");
+        assert!((p[2] - 3.0).abs() < 1e-9 && (p[0] + drag).abs() < 1e-9 && p[1].abs() < 1e-9, "mu {mu}: {p}");
+    }
+}
+
+#[test]
+fn contacts_that_part_get_nothing() {
+    let cone = Cone::new(DMatrix::identity(6, 6), vec![0.5; 2]);
+    let c = DVector::from_vec(vec![1.0, -2.0, 0.0, 3.0, 0.0, 0.1]);
+    let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+    assert_eq!((p, told), (DVector::zeros(6), Told::nothing()));
+}
+
+#[test]
+fn random_problems_meet_the_law_regular_and_redundant() {
+    let mut draw = Draw(1);
+    let (mut unfinished, mut worst) = (0, 0.0_f64);
+    for trial in 0..600 {
+        let contacts = 1 + trial % 8;
+        let rank = if trial % 2 == 0 { 3 * contacts + 2 } else { 2 + (3 * contacts) / 2 };
+        let (g, mut c) = draw.problem(contacts, rank);
+        for i in 0..contacts {
+            // A gap to go leaves solutions; it need not be in the range.
+            c[3 * i + 2] += 0.1 * draw.next().abs();
+        }
+        let friction: Vec<f64> = (0..contacts).map(|_| 0.5 * (draw.next() + 1.0)).collect();
+        let cone = Cone::new(g, friction);
+        let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+        assert!(in_the_cones(&cone, &p, &vec![0.0; contacts]), "trial {trial}");
+        unfinished += usize::from(!told.converged);
+        if told.converged {
+            worst = worst.max(breach(&cone, &p, &c));
+        }
+    }
+    assert!(unfinished <= 2, "{unfinished} of 600");
+    assert!(worst < 1e-7, "{worst:e}");
+}
+
+#[test]
+fn redundant_contacts_share_evenly() {
+    // Four corners of a square under a body that moves straight down only: J has four equal normal rows.
+    let mut j = DMatrix::zeros(12, 1);
+    for i in 0..4 {
+        j[(3 * i + 2, 0)] = 1.0;
+    }
+    let cone = Cone::new(&j * j.transpose(), vec![0.5; 4]);
+    let c = &j * DVector::from_element(1, -2.0);
+    let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+    assert!(told.converged, "{told:?}");
+    for i in 0..4 {
+        assert!((p[3 * i + 2] - 0.5).abs() < 1e-8, "{p}");
+    }
+}
+
+#[test]
+fn without_friction_there_are_no_tangential_impulses() {
+    let mut draw = Draw(7);
+    for _ in 0..50 {
+        let (g, c) = draw.problem(4, 14);
+        let cone = Cone::new(g, vec![0.0; 4]);
+        let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+        assert!(told.converged, "{told:?}");
+        assert!((0..4).all(|i| p[3 * i] == 0.0 && p[3 * i + 1] == 0.0));
+    }
+}
+
+#[test]
+fn a_warm_start_is_quicker_and_gives_the_same() {
+    let mut draw = Draw(11);
+    let (g, c) = draw.problem(6, 20);
+    let cone = Cone::new(g, vec![0.6; 6]);
+    let limits = Limits::beside(&c);
+    let (cold, first) = cone.impulses(&c, None, &limits, Effort::default());
+    let (warm, second) = cone.impulses(&c, Some(&cold), &limits, Effort::default());
+    assert!(first.converged && second.converged && second.iterations < first.iterations, "{first:?} {second:?}");
+    assert!((cold - warm).amax() < 1e-7);
+}
+
+#[test]
+fn an_unfinished_solve_says_so_and_stays_in_the_cones_and_below_the_energy() {
+    let mut draw = Draw(3);
+    let mut unfinished = 0;
+    for _ in 0..200 {
+        let (g, u) = draw.problem(8, 18);
+        let cone = Cone::new(g, vec![0.8; 8]);
+        let effort = Effort { attempts: 1, iterations: 1, ..Effort::default() };
+        let restitution = [0.5; 8];
+        let hit = impact(&cone, &u, &restitution, effort);
+        unfinished += usize::from(!hit.told.converged);
+        assert!(hit.told.converged || hit.told.residual > 1e-10);
+        assert!((0..8).all(
+            |i| hit.impulses[3 * i].hypot(hit.impulses[3 * i + 1]) <= 0.8 * hit.impulses[3 * i + 2] * (1.0 + 1e-14)
+        ));
+        let terms = u.abs().dot(&hit.impulses.abs()) + 1e-300;
+        assert!(hit.work <= 1e-14 * terms, "{} {:?}", hit.work, hit.told);
+    }
+    assert!(unfinished > 100, "{unfinished}");
+}
+
+#[test]
+fn impacts_never_raise_the_energy() {
+    let mut draw = Draw(5);
+    let mut unfinished = 0;
+    for trial in 0..1500 {
+        let contacts = 1 + trial % 4;
+        let (g, u) = draw.problem(contacts, 3 + trial % 4);
+        let cone = Cone::new(g, (0..contacts).map(|_| draw.next().abs() * 1.5).collect());
+        // Each its own, or all elastic.
+        let restitution: Vec<f64> =
+            (0..contacts).map(|_| if trial % 3 == 0 { 1.0 } else { draw.next().abs() }).collect();
+        let hit = impact(&cone, &u, &restitution, Effort::default());
+        let terms = u.abs().dot(&hit.impulses.abs());
+        assert!(hit.work <= 1e-14 * terms, "trial {trial}: {}", hit.work);
+        assert!((0.0..=1.0).contains(&hit.expansion_kept));
+        unfinished += usize::from(!hit.told.converged);
+        if hit.told.converged {
+            let after = cone.velocities(&hit.impulses, &u);
+            assert!((0..contacts).all(|i| after[3 * i + 2] >= -1e-8 * u.amax()), "trial {trial}: {after}");
+        }
+    }
+    assert!(unfinished <= 5, "{unfinished}");
+}
+
+#[test]
+fn one_contact_without_coupling_bounces_by_newtons_law() {
+    let cone = Cone::new(DMatrix::from_diagonal_element(3, 3, 0.25), vec![0.0]);
+    for e in [0.0, 0.3, 0.8, 1.0] {
+        let u = DVector::from_vec(vec![0.5, 0.0, -2.0]);
+        let hit = impact(&cone, &u, &[e], Effort::default());
+        let after = cone.velocities(&hit.impulses, &u);
+        assert!((after[2] - 2.0 * e).abs() < 1e-9, "e {e}: {after}");
+    }
+}
+
+#[test]
+fn the_nearest_point_is_nearest() {
+    let mut draw = Draw(9);
+    for _ in 0..2000 {
+        let x = Vector3::new(draw.next(), draw.next(), draw.next());
+        let mu = draw.next().abs() * 1.5;
+        let p = nearest(&x, mu, 0.0);
+        assert!(p[2] >= 0.0 && p[0].hypot(p[1]) <= mu * p[2]);
+        // Moreau: x - p in the polar cone, perpendicular to p.
+        let rest = x - p;
+        assert!(rest.dot(&p).abs() < 1e-14 && rest[2] + mu * rest[0].hypot(rest[1]) < 1e-14);
+    }
+}
+
+#[test]
+fn an_expansion_that_would_raise_the_energy_is_cut_to_where_it_does_not() {
+    // 2 kg at 3 m/s against the ground: 6 N s stop it, 6 more give all of the energy back, 10 more are too many.
+    let cone = Cone::new(DMatrix::from_diagonal_element(3, 3, 0.5), vec![0.0]);
+    let of = |p: f64| DVector::from_vec(vec![0.0, 0.0, p]);
+    let u = of(-3.0);
+    assert_eq!(expansion_kept(&cone, &u, &of(6.0), &of(6.0)), 1.0);
+    let kept = expansion_kept(&cone, &u, &of(6.0), &of(10.0));
+    assert!((kept - 0.6).abs() < 1e-15, "{kept}");
+    assert!(work(&cone, &u, &(of(6.0) + of(10.0) * kept)).abs() < 1e-14);
+    // Nothing was lost by the compression: nothing is given back.
+    assert_eq!(expansion_kept(&cone, &u, &of(0.0), &of(20.0)), 0.6);
+    let (p, kept) = passive(&cone, &u, of(24.0));
+    assert!((kept - 0.5).abs() < 1e-15 && (p[2] - 12.0).abs() < 1e-14);
+}

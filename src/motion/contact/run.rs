@@ -1,0 +1,114 @@
+//! Steps of states, one after another, and what is recorded of their contacts.
+
+use super::super::properties::of_state;
+use super::super::rollout::{StepFault, Torque};
+use super::super::step::{Law, Scratch};
+use super::super::stepper::Job;
+use super::kept::RECORD;
+use super::step::Touching;
+use crate::dynamics::contacts::{ContactScratch, slip};
+use crate::filter::Form;
+use crate::model::Model;
+use crate::scene::Scene;
+use crate::scene::contact_point::ContactPoint;
+
+/// Scratch of one state of a scene with contacts.
+pub(in crate::motion) struct Toucher {
+    scratch: Scratch<f64>,
+    touching: Touching,
+}
+
+impl Toucher {
+    #[cold]
+    pub fn new(scene: &Scene, law: &Law, form: Form) -> Self {
+        Self { scratch: Scratch::new(scene.model(), law), touching: Touching::new(scene, form) }
+    }
+
+    /// Runs a job; the fault is that of its earliest step, then of its lowest state.
+    pub fn run(&mut self, mut job: Job<'_, '_>) -> Result<(), StepFault> {
+        let width = job.law.width(job.scene);
+        let mut outcome: Result<(), StepFault> = Ok(());
+        for lane in 0..job.states.len() {
+            let Err(fault) = self.run_one(&mut job, lane, width) else { continue };
+            if outcome.as_ref().err().is_none_or(|known| fault.step < known.step) {
+                outcome = Err(fault);
+            }
+        }
+        outcome
+    }
+
+    fn run_one(&mut self, job: &mut Job<'_, '_>, lane: usize, width: usize) -> Result<(), StepFault> {
+        let (scene, law, state) = (job.scene, job.law, job.states.start + lane);
+        let (nq, nv, points) = (scene.nq(), scene.nv(), scene.contact_points());
+        let current = &mut job.current[lane * width..(lane + 1) * width];
+        let (q, rest) = current.split_at_mut(nq);
+        let (v, kept) = rest.split_at_mut(nv);
+        let Self { scratch: s, touching } = self;
+        s.q.copy_from_slice(q);
+        s.v.copy_from_slice(v);
+        if let Some(gains) = &law.gains {
+            s.target.copy_from_slice(of_state(&gains.target, nq, state));
+            s.target_rate.copy_from_slice(of_state(&gains.target_rate, nv, state));
+        }
+        match job.torque {
+            Torque::Constant(torque) => s.torque.copy_from_slice(torque.state(state)),
+            _ => s.torque.fill(0.0),
+        }
+        let mut rows = job.rows.as_deref_mut();
+        if let Some(rows) = &mut rows
+            && job.steps.start == rows.from
+            && let Some(to) = rows.of_contacts(state, 0, points.len())
+        {
+            record(scene.model(), points, &mut touching.rows, (&s.q, &s.v), (kept, law.step), to);
+        }
+        let mut outcome = Ok(());
+        for n in job.steps.clone() {
+            if let Torque::Steps { torque, first } = job.torque {
+                let at = (n - first) * nv;
+                s.torque.copy_from_slice(&torque.state(state)[at..at + nv]);
+            }
+            if let Err((joint, error)) = touching.step(scene, law, s, kept) {
+                outcome = Err(StepFault { step: n, state, joint, error });
+                break;
+            }
+            std::mem::swap(&mut s.q, &mut s.q_next);
+            std::mem::swap(&mut s.v, &mut s.v_next);
+            if let Some(rows) = &mut rows
+                && (n + 1 - rows.from) % rows.every == 0
+            {
+                let row = (n + 1 - rows.from) / rows.every;
+                let at = (state - rows.first) * rows.of_state + row;
+                rows.q[at * nq..(at + 1) * nq].copy_from_slice(&s.q);
+                rows.qd[at * nv..(at + 1) * nv].copy_from_slice(&s.v);
+                if let Some(to) = rows.of_contacts(state, row, points.len()) {
+                    record(scene.model(), points, &mut touching.rows, (&s.q, &s.v), (kept, law.step), to);
+                    kept[3 * points.len()..6 * points.len()].fill(0.0);
+                }
+            }
+        }
+        q.copy_from_slice(&s.q);
+        v.copy_from_slice(&s.v);
+        outcome
+    }
+}
+
+/// One row of contacts: gap and slip velocity of the state, force of the step that led to it, impulse of the impacts that are kept.
+pub(in crate::motion) fn record(
+    model: &Model<f64>,
+    points: &[ContactPoint],
+    rows: &mut ContactScratch,
+    (q, v): (&[f64], &[f64]),
+    (kept, h): (&[f64], f64),
+    to: &mut [f64],
+) {
+    let (held, struck) = kept.split_at(3 * points.len());
+    rows.place(model, points, q);
+    let u = rows.velocities(model, points, v);
+    for (i, (point, to)) in points.iter().zip(to.chunks_exact_mut(RECORD)).enumerate() {
+        let of = |p: &[f64]| point.axes.tr_mul(&nalgebra::Vector3::new(p[3 * i], p[3 * i + 1], p[3 * i + 2]));
+        to[0] = rows.gaps[i];
+        to[1..4].copy_from_slice(slip(point, &u.as_slice()[3 * i..]).as_slice());
+        to[4..7].copy_from_slice((of(held) / h).as_slice());
+        to[7..].copy_from_slice(of(struck).as_slice());
+    }
+}

@@ -1,0 +1,304 @@
+//! One step of one state.
+
+use super::super::step::{Checked, Law, Scratch, step};
+use super::super::stepper::fault_of;
+use super::kept::ContactReport;
+use super::project::out_of_planes;
+use crate::contact::{Cone, Effort, Impact, Limits, Told, impact, passive};
+use crate::dynamics::contacts::ContactScratch;
+use crate::dynamics::forward::factorise;
+use crate::error::Error;
+use crate::filter::Form;
+use crate::joints::Motion;
+use crate::model::Model;
+use crate::scene::Scene;
+use crate::spatial::RigidShift;
+use nalgebra::{DVector, Matrix3, Vector3};
+
+/// A residual above it is an error; one between this and the tolerance is told.
+const REFUSED: f64 = 1e-8;
+
+/// A contact that was left out and ends deeper joins, m.
+const LATE: f64 = 1e-12;
+
+/// Scratch of one state.
+pub(super) struct Touching {
+    solver: Checked,
+    pub rows: ContactScratch,
+}
+
+/// Where contacts are and how they move when a step begins.
+struct Before {
+    gaps: Vec<f64>,
+    /// J v, and J of the velocities without contacts.
+    start: DVector<f64>,
+    free: DVector<f64>,
+}
+
+/// What the contacts did.
+struct Outcome {
+    near: Vec<usize>,
+    /// Impulses of impacts, and those that hold.
+    hit: Option<Impact>,
+    held: DVector<f64>,
+    report: ContactReport,
+}
+
+impl Touching {
+    pub fn new(scene: &Scene, form: Form) -> Self {
+        Self {
+            solver: Checked::new(scene.model(), form),
+            rows: ContactScratch::new(scene.model(), scene.contact_points()),
+        }
+    }
+
+    /// From `q`, `v` to `q_next`, `v_next`; the impulses and what is told go to `kept`. The joint and the error where there is no step.
+    pub fn step(
+        &mut self,
+        scene: &Scene,
+        law: &Law,
+        s: &mut Scratch<f64>,
+        kept: &mut [f64],
+    ) -> Result<(), (String, Error)> {
+        step(law, s, &mut self.solver);
+        let lost = self.solver.lost.take();
+        if let Some(fault) = fault_of(scene, law, s, lost) {
+            return Err(fault);
+        }
+        let (h, points) = (law.step, scene.contact_points());
+        to_axes_at_rest(&s.model, h, &s.v, &mut s.v_next);
+        self.rows.place(&s.model, points, &s.q);
+        let start = self.rows.velocities(&s.model, points, &s.v);
+        let free = self.rows.velocities(&s.model, points, &s.v_next);
+        let before = Before { gaps: self.rows.gaps.clone(), start, free };
+        let outcome = self.touch(scene, h, s, &before, kept)?;
+        move_along(h, s);
+        let ends = axes_of_free_joints(&s.model, &s.q, &s.q_next);
+        let workspace = &mut self.solver.workspace;
+        let (depth, iterations) =
+            out_of_planes(&s.model, points, workspace, &mut self.rows, (&mut s.q_next, &mut s.q_stage))
+                .map_err(|lost| pivot_fault(scene, lost.stage, scene.singular(lost)))?;
+        for (row, turn) in ends {
+            turned(&mut s.v_next[row..], &turn);
+        }
+        keep(kept, &outcome, points.len());
+        #[allow(clippy::cast_precision_loss)] // a count
+        let iterations = outcome.report.iterations + iterations as f64;
+        ContactReport::add(kept, &ContactReport { iterations, depth, ..outcome.report });
+        fault_of(scene, law, s, None).map_or(Ok(()), Err)
+    }
+
+    /// Impacts and contact of the step: `v_next` becomes what they make of it.
+    fn touch(
+        &mut self,
+        scene: &Scene,
+        h: f64,
+        s: &mut Scratch<f64>,
+        before: &Before,
+        kept: &[f64],
+    ) -> Result<Outcome, (String, Error)> {
+        let Self { solver, rows } = self;
+        let (workspace, points) = (&mut solver.workspace, scene.contact_points());
+        let Before { gaps, start, free } = before;
+        let n = points.len();
+        let mut near: Vec<usize> = (0..n).filter(|&i| gaps[i] <= 0.0 || gaps[i] + h * free[3 * i + 2] <= 0.0).collect();
+        let mut outcome =
+            Outcome { near: Vec::new(), hit: None, held: DVector::zeros(0), report: ContactReport::nothing() };
+        if near.is_empty() {
+            return Ok(outcome);
+        }
+        let pivots = factorise(&s.model, workspace, &s.q, |_, _| {});
+        if let Some(lost) = workspace.lost_pivot(&s.model, &pivots) {
+            return Err(pivot_fault(scene, lost.stage, scene.singular(lost)));
+        }
+        // What gravity gives in a step: slower bounces would last less than two.
+        let rest_speed = s.model.gravity.norm() * h;
+        let v_free = s.v_next.clone();
+        let mut iterations = 0;
+        for _ in 0..=n {
+            let pick =
+                |all: &dyn Fn(usize) -> f64| DVector::from_fn(3 * near.len(), |i, _| all(3 * near[i / 3] + i % 3));
+            let friction = near.iter().map(|&i| points[i].friction).collect();
+            let cone = Cone::new(rows.gram(&s.model, points, workspace, &near), friction);
+            if let Some(at) = cone.lengths.iter().position(|r| !r.is_finite()) {
+                let found = "a point that nothing can move in this configuration";
+                let error = Error::argument(named(scene, &near[at..=at]), found, "contacts that joints can move");
+                return Err((String::new(), error));
+            }
+            let free_here = pick(&|i| free[i]);
+            let rebound: Vec<f64> = near
+                .iter()
+                .map(|&i| if start[3 * i + 2] < -rest_speed { points[i].restitution } else { 0.0 })
+                .collect();
+            let mut u = free_here.clone();
+            let mut warm = Some(pick(&|i| kept[i]));
+            let mut hit = None;
+            if rebound.iter().any(|&e| e > 0.0) {
+                let middle = (pick(&|i| start[i]) + &u) * 0.5;
+                let struck = impact(&cone, &middle, &rebound, Effort::default());
+                u += &cone.g * &struck.impulses;
+                warm = None;
+                hit = Some(struck);
+            }
+            let mut c = u.clone();
+            for (at, &i) in near.iter().enumerate() {
+                c[3 * at + 2] += gaps[i].max(0.0) / h;
+            }
+            let mut limits = Limits::beside(&c);
+            limits.scale = limits.scale.max(free_here.amax());
+            let (held, mut told) = cone.impulses(&c, warm.as_ref(), &limits, Effort::default());
+            let (held, mut impulse_kept) = passive(&cone, &u, held);
+            let mut all = held.clone();
+            if let Some(hit) = &hit {
+                all += &hit.impulses;
+                told = told.with(hit.told);
+                impulse_kept = impulse_kept.min(hit.impulse_kept);
+            }
+            iterations += told.iterations;
+            rows.respond(&s.model, points, workspace, &near, &all);
+            for (i, v) in s.v_next.iter_mut().enumerate() {
+                *v = v_free[i] + rows.response[i];
+            }
+            let after = rows.velocities(&s.model, points, &s.v_next);
+            let late = |i: &usize| !near.contains(i) && gaps[*i] + h * after[3 * *i + 2] < -LATE;
+            let late: Vec<usize> = (0..n).filter(late).collect();
+            if late.is_empty() {
+                let after_here = pick(&|i| after[i]);
+                let landed = |at: usize| start[3 * near[at] + 2] < -rest_speed;
+                outcome.report =
+                    report(&told, iterations, impulse_kept, hit.as_ref(), (&held, &u, &after_here), &landed);
+                check(scene, &near, &told)?;
+                (outcome.near, outcome.hit, outcome.held) = (near, hit, held);
+                break;
+            }
+            near.extend(late);
+            near.sort_unstable();
+        }
+        Ok(outcome)
+    }
+}
+
+/// What is told of a step: u before the impulses that hold, `after` behind them.
+fn report(
+    told: &Told,
+    iterations: usize,
+    impulse_kept: f64,
+    hit: Option<&Impact>,
+    (held, u, after): (&DVector<f64>, &DVector<f64>, &DVector<f64>),
+    landed: &dyn Fn(usize) -> bool,
+) -> ContactReport {
+    let (mut impacts, mut friction) = (hit.map_or(0.0, |hit| -hit.work), 0.0);
+    for at in 0..held.len() / 3 {
+        let (p, u, after) = (held.fixed_rows::<3>(3 * at), u.fixed_rows::<3>(3 * at), after.fixed_rows::<3>(3 * at));
+        if landed(at) {
+            impacts -= 0.5 * p.dot(&(u + after));
+        } else {
+            friction -= p[0] * after[0] + p[1] * after[1];
+        }
+    }
+    #[allow(clippy::cast_precision_loss)] // a count
+    ContactReport {
+        residual: told.residual,
+        converged: told.converged,
+        iterations: iterations as f64,
+        lost_in_impacts: impacts,
+        lost_in_friction: friction,
+        expansion_kept: hit.map_or(1.0, |hit| hit.expansion_kept),
+        impulse_kept,
+        depth: 0.0,
+    }
+}
+
+/// An error for a solve that is far from the law.
+fn check(scene: &Scene, near: &[usize], told: &Told) -> Result<(), (String, Error)> {
+    if told.converged || told.residual <= REFUSED {
+        return Ok(());
+    }
+    let found = format!("a residual of {:.1e} after {} iterations", told.residual, told.iterations);
+    let expected = "impulses that meet the law of contacts to 1e-8 of the fastest: take a smaller dt, or less friction";
+    Err((String::new(), Error::argument(named(scene, near), found, expected)))
+}
+
+/// The words for some contacts.
+fn named(scene: &Scene, which: &[usize]) -> String {
+    let names: Vec<String> = which.iter().take(8).map(|&i| format!("{:?}", scene.contact_points()[i].name)).collect();
+    let more = if which.len() > names.len() { ", ..." } else { "" };
+    format!("contact{} {}{more}", if which.len() == 1 { "" } else { "s" }, names.join(", "))
+}
+
+/// A pivot that was lost, with its joint.
+fn pivot_fault(scene: &Scene, body: usize, error: Error) -> (String, Error) {
+    (scene.joint_of_body(body).map(|joint| joint.name.clone()).unwrap_or_default(), error)
+}
+
+/// The impulses of a step into what is kept: those that hold, and the sum of those of impacts.
+fn keep(kept: &mut [f64], outcome: &Outcome, contacts: usize) {
+    let (held, struck) = kept.split_at_mut(3 * contacts);
+    held.fill(0.0);
+    for (at, &i) in outcome.near.iter().enumerate() {
+        for row in 0..3 {
+            held[3 * i + row] = outcome.held[3 * at + row];
+            struck[3 * i + row] += outcome.hit.as_ref().map_or(0.0, |hit| hit.impulses[3 * at + row]);
+        }
+    }
+}
+
+/// Where the rates of free joints begin in qd, and which bodies they move.
+fn free_joints(model: &Model<f64>) -> impl Iterator<Item = (usize, usize)> {
+    let each = model.bodies.iter().zip(&model.system.stages).enumerate();
+    each.filter(|(_, (body, _))| body.motion == Motion::Free).map(|(k, (_, stage))| (k, stage.first_row))
+}
+
+/// Adds w x v to the accelerations of free joints: of the origin, in axes at rest where the step begins.
+fn to_axes_at_rest(model: &Model<f64>, h: f64, v: &[f64], v_next: &mut [f64]) {
+    for (_, row) in free_joints(model) {
+        let (linear, angular) = (triple(&v[row..]), triple(&v[row + 3..]));
+        let turning = angular.cross(&linear) * h;
+        for i in 0..3 {
+            v_next[row + i] += turning[i];
+        }
+    }
+}
+
+/// `q_next` = q exp(h `v_next`); the origins of free joints straight on.
+fn move_along(h: f64, s: &mut Scratch<f64>) {
+    for (x, v) in s.x.iter_mut().zip(&s.v_next) {
+        *x = h * v;
+    }
+    for (body, stage) in s.model.bodies.iter().zip(&s.model.system.stages) {
+        let x = &mut s.x[stage.first_row..];
+        if body.motion == Motion::Free {
+            let along = rotation(&s.q[body.q..]) * triple(x);
+            x[..3].fill(0.0);
+            body.motion.advance(&s.q[body.q..], x, &mut s.q_next[body.q..]);
+            for i in 0..3 {
+                s.q_next[body.q + i] = s.q[body.q + i] + along[i];
+            }
+        } else {
+            body.motion.advance(&s.q[body.q..], x, &mut s.q_next[body.q..]);
+        }
+    }
+}
+
+/// For each free joint, where its rates begin, and what takes vectors from its axes at the start to those at the end.
+fn axes_of_free_joints(model: &Model<f64>, q: &[f64], q_next: &[f64]) -> Vec<(usize, Matrix3<f64>)> {
+    let turn = |(k, row): (usize, usize)| {
+        let at = model.bodies[k].q;
+        (row, rotation(&q_next[at..]).transpose() * rotation(&q[at..]))
+    };
+    free_joints(model).map(turn).collect()
+}
+
+/// The axes of a free joint in its parent's.
+fn rotation(q: &[f64]) -> Matrix3<f64> {
+    Motion::Free.shift(&RigidShift::identity(), q).rotation
+}
+
+fn turned(v: &mut [f64], turn: &Matrix3<f64>) {
+    let linear = turn * triple(v);
+    v[..3].copy_from_slice(linear.as_slice());
+}
+
+fn triple(x: &[f64]) -> Vector3<f64> {
+    Vector3::new(x[0], x[1], x[2])
+}

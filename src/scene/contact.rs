@@ -1,0 +1,199 @@
+//! Contacts: points and spheres on links that do not go through planes of the world, as the user says it.
+
+use super::Scene;
+use super::builder::SceneBuilder;
+use super::contact_point::{ContactPoint, plane_axes};
+use crate::error::{Error, number};
+use crate::kinematics::{Frame, frame_motion};
+use crate::spatial::{angular, linear};
+use nalgebra::Vector3;
+use std::collections::HashSet;
+
+/// A contact of a sphere on a link, or of a point of it, with a plane of the world: it pushes and rubs, and never pulls.
+///
+/// Friction is Coulomb's. Nothing is searched: what may touch is what is named. Two links do not touch each other.
+///
+/// ```
+/// use phipsi::scene::Contact;
+/// # fn main() -> Result<(), phipsi::Error> {
+/// // The tip of a chain of three rods above a table 0.8 m under the base.
+/// let mut tip = Contact::new("tip", "link2");
+/// tip.point = [0.0, 0.0, 0.3].into();
+/// tip.offset = -0.8;
+/// tip.friction = 0.5;
+/// let scene = phipsi::scenes::chain(3)?.source().clone().contact(tip).build()?;
+/// let mut gap = [f64::NAN];
+/// scene.contact_gaps(&scene.neutral(), &mut gap)?;
+/// assert!(gap[0] > 0.0);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contact {
+    /// Name, unique among the contacts.
+    pub name: String,
+    /// Name of the link that the sphere is on.
+    pub link: String,
+    /// The sphere's centre in the link's frame, m.
+    pub point: Vector3<f64>,
+    /// Its radius, m; zero for a point.
+    pub radius: f64,
+    /// The plane's normal out of the ground, in the base frame, of any length.
+    pub normal: Vector3<f64>,
+    /// How far the plane is from the base's origin along the normal, m.
+    pub offset: f64,
+    /// Coefficient of friction mu, zero or more: |tangential force| is at most mu times the normal force.
+    pub friction: f64,
+    /// Coefficient of restitution, from 0 (no rebound) to 1 (elastic).
+    pub restitution: f64,
+}
+
+impl Contact {
+    /// The origin of a link above z = 0, without friction or rebound.
+    pub fn new(name: impl Into<String>, link: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            link: link.into(),
+            point: Vector3::zeros(),
+            radius: 0.0,
+            normal: Vector3::z(),
+            offset: 0.0,
+            friction: 0.0,
+            restitution: 0.0,
+        }
+    }
+
+    fn fault(&self, found: impl Into<String>, expected: impl Into<String>) -> Error {
+        Error::scene(format!("contact {:?}", self.name), found, expected)
+    }
+
+    /// The numbers by themselves.
+    fn check_numbers(&self) -> Result<(), Error> {
+        let finite = |x: &Vector3<f64>| x.iter().all(|x| x.is_finite());
+        if !finite(&self.point) {
+            return Err(self.fault(format!("point {:?}", self.point.as_slice()), "finite numbers, m"));
+        }
+        if !(finite(&self.normal) && self.normal.amax() > 0.0) {
+            let found = format!("normal {:?}", self.normal.as_slice());
+            return Err(self.fault(found, "finite numbers, not all zero"));
+        }
+        if !self.offset.is_finite() {
+            return Err(self.fault(format!("offset {}", number(self.offset)), "a finite number, m"));
+        }
+        for (what, value) in [("radius", self.radius), ("friction", self.friction)] {
+            if !(value.is_finite() && value >= 0.0) {
+                return Err(self.fault(format!("{what} {}", number(value)), "a finite number, zero or positive"));
+            }
+        }
+        if !(0.0..=1.0).contains(&self.restitution) {
+            return Err(self.fault(format!("restitution {}", number(self.restitution)), "a number from 0 to 1"));
+        }
+        Ok(())
+    }
+}
+
+impl SceneBuilder {
+    /// Adds a contact; the link that it names may come later. [`SceneBuilder::build`] checks it.
+    #[must_use]
+    pub fn contact(mut self, contact: Contact) -> Self {
+        self.contacts.push(contact);
+        self
+    }
+
+    /// The contacts so far.
+    #[must_use]
+    pub fn contacts(&self) -> &[Contact] {
+        &self.contacts
+    }
+}
+
+impl Scene {
+    /// The contacts, in the order they were made.
+    #[must_use]
+    pub fn contacts(&self) -> &[Contact] {
+        self.source().contacts()
+    }
+
+    /// The same scene without the contacts.
+    ///
+    /// # Errors
+    ///
+    /// As [`SceneBuilder::build`]; none that this scene did not have.
+    pub fn without_contacts(&self) -> Result<Self, Error> {
+        let mut source = self.source().clone();
+        source.contacts.clear();
+        source.build()
+    }
+
+    /// The scene of an assembled tree with its contacts, which are checked.
+    pub(super) fn touching(mut self) -> Result<Self, Error> {
+        let contacts = self.source.contacts();
+        let Some(first) = contacts.first() else { return Ok(self) };
+        if let Some(connection) = self.source.connections().first() {
+            let found = format!("a scene that has connections as well (connection {:?})", connection.name);
+            return Err(first.fault(found, "contacts in a tree: a scene cannot have both yet"));
+        }
+        let mut names = HashSet::new();
+        let mut points = Vec::with_capacity(contacts.len());
+        for contact in contacts {
+            if !names.insert(contact.name.as_str()) {
+                return Err(contact.fault("the name twice", "unique names of contacts"));
+            }
+            contact.check_numbers()?;
+            points.push(self.contact_point(contact)?);
+        }
+        self.contact_points = points;
+        Ok(self)
+    }
+
+    /// A contact by index: on which body it is, and where.
+    pub(super) fn contact_point(&self, contact: &Contact) -> Result<ContactPoint, Error> {
+        let Some(&at) = self.link_index.get(&contact.link) else {
+            let found = format!("link {:?}, which is not there", contact.link);
+            return Err(contact.fault(found, self.source.known_links(&contact.link)));
+        };
+        let link = &self.links()[at];
+        let axes = plane_axes(&(contact.normal / contact.normal.amax()).normalize());
+        let (Some(body), Some(_)) = (link.body, self.carrier(link.body)) else {
+            return Err(
+                contact.fault(format!("link {:?}, which cannot move", contact.link), "a link that a joint moves")
+            );
+        };
+        let stages = &self.model().system.stages;
+        let point = ContactPoint {
+            name: contact.name.clone(),
+            body,
+            centre: link.placement.rotate(&contact.point) + link.placement.lever,
+            radius: contact.radius,
+            axes,
+            offset: contact.offset,
+            friction: contact.friction,
+            restitution: contact.restitution,
+            path: std::iter::successors(Some(body), |&k| stages[k].parent).collect(),
+        };
+        if !self.can_move(&point) {
+            let found = format!("a point of link {:?} that no joint moves: it is on the axis", contact.link);
+            return Err(contact.fault(found, "a point that a joint moves"));
+        }
+        Ok(point)
+    }
+
+    /// Whether rates of the joints move the point of a contact, in some configuration.
+    fn can_move(&self, point: &ContactPoint) -> bool {
+        let (model, nv) = (self.model(), self.nv());
+        #[allow(clippy::cast_precision_loss)] // a few thousand
+        let rates: Vec<f64> = (0..nv).map(|i| 0.5 + (i as f64 * 0.618).fract()).collect();
+        let mut other = self.neutral();
+        for (body, stage) in model.bodies.iter().zip(&model.system.stages) {
+            body.motion.advance(&self.neutral()[body.q..], &rates[stage.first_row..], &mut other[body.q..]);
+        }
+        let frame = Frame { body: Some(point.body), placement: crate::spatial::RigidShift::identity() };
+        [self.neutral(), other].iter().any(|q| {
+            let motion = frame_motion(model, q, &rates, None, &frame);
+            let arm = point.centre - motion.placement.rotate_back(&point.normal()) * point.radius;
+            let (turning, sliding) = (angular(&motion.velocity), linear(&motion.velocity));
+            let speed = (sliding + turning.cross(&arm)).norm();
+            speed > 1e-12 * (sliding.norm() + turning.norm() * arm.norm())
+        })
+    }
+}

@@ -1,0 +1,548 @@
+//! Contacts with friction against closed forms: sliding, sticking, bouncing, rolling, resting, and energy that never grows.
+
+use nalgebra::Vector3;
+use phipsi::batch::Broadcast;
+use phipsi::motion::{Method, Records, Rollout, Settings, Simulator, Torque};
+use phipsi::scene::{Connection, ConnectionKind, Contact, Inertial, JointDescription, JointKind, LinkDescription};
+use phipsi::spatial::Symmetric3;
+use phipsi::{Error, Scene, SceneBuilder};
+
+const G: f64 = 9.81;
+
+/// A solid box of these edges, m, floating.
+fn body(mass: f64, [a, b, c]: [f64; 3]) -> SceneBuilder {
+    let central = Symmetric3::new([b * b + c * c, 0.0, 0.0, a * a + c * c, 0.0, a * a + b * b].map(|x| mass * x / 12.0));
+    let inertial = Some(Inertial { mass, centre: Vector3::zeros(), central });
+    SceneBuilder::new().link(LinkDescription { name: "box".into(), inertial }).floating_base(true)
+}
+
+/// Its eight corners above z = 0.
+fn corners(mut builder: SceneBuilder, edges: [f64; 3], friction: f64, restitution: f64) -> SceneBuilder {
+    for i in 0..8_u32 {
+        let side = |bit: u32, edge: f64| if i >> bit & 1 == 0 { -edge / 2.0 } else { edge / 2.0 };
+        let mut contact = Contact::new(format!("corner{i}"), "box");
+        contact.point = [side(0, edges[0]), side(1, edges[1]), side(2, edges[2])].into();
+        contact.friction = friction;
+        contact.restitution = restitution;
+        builder = builder.contact(contact);
+    }
+    builder
+}
+
+const EDGES: [f64; 3] = [0.4, 0.3, 0.2];
+
+fn block(friction: f64, restitution: f64) -> Scene {
+    corners(body(2.0, EDGES), EDGES, friction, restitution).build().unwrap()
+}
+
+fn ball(friction: f64, restitution: f64) -> Scene {
+    let inertia = 0.4 * 0.5 * 0.1 * 0.1;
+    let central = Symmetric3::new([inertia, 0.0, 0.0, inertia, 0.0, inertia]);
+    let inertial = Some(Inertial { mass: 0.5, centre: Vector3::zeros(), central });
+    let mut contact = Contact::new("ground", "ball");
+    contact.radius = 0.1;
+    contact.friction = friction;
+    contact.restitution = restitution;
+    let link = LinkDescription { name: "ball".into(), inertial };
+    SceneBuilder::new().link(link).floating_base(true).contact(contact).build().unwrap()
+}
+
+fn at(scene: &Scene, xyz: [f64; 3]) -> Vec<f64> {
+    let mut q = scene.neutral();
+    q[..3].copy_from_slice(&xyz);
+    q
+}
+
+fn energy(scene: &Scene, (q, qd): (&[f64], &[f64])) -> f64 {
+    let energy = scene.energy(&mut scene.workspace(), q, qd).unwrap();
+    energy.kinetic + energy.potential
+}
+
+fn moving<'a>(scene: &'a Scene, dt: f64, q: &[f64], qd: &[f64]) -> Simulator<&'a Scene> {
+    Simulator::new(scene, Settings::new(scene, dt), q, qd).unwrap()
+}
+
+fn go(simulator: &mut Simulator<&Scene>, steps: usize) {
+    simulator.step(&Torque::Zero, steps).map_err(|fault| fault.error).unwrap();
+}
+
+#[test]
+fn a_sliding_block_slows_by_mu_g_and_stops() {
+    let (mu, v0, dt) = (0.5, 2.0, 1e-3);
+    let scene = block(mu, 0.0);
+    let mut simulator = moving(&scene, dt, &at(&scene, [0.0, 0.0, 0.1]), &[v0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    go(&mut simulator, 100);
+    assert!((simulator.state(0).1[0] - (v0 - mu * G * 0.1)).abs() < 1e-9, "{:?}", simulator.state(0));
+    go(&mut simulator, 500);
+    let (q, qd) = simulator.state(0);
+    assert!(qd.iter().all(|v| v.abs() < 1e-9), "{qd:?}");
+    // Of the step: less by dt v0/2.
+    assert!((q[0] - (v0 * v0 / (2.0 * mu * G) - dt * v0 / 2.0)).abs() < 1e-5, "{q:?}");
+    let told = simulator.contact_report(0).unwrap();
+    assert!(told.converged && told.residual <= 1e-10, "{told:?}");
+    assert!((told.lost_in_friction - 0.5 * 2.0 * v0 * v0).abs() < 2e-2 && told.lost_in_impacts == 0.0, "{told:?}");
+    let stayed = q[0];
+    go(&mut simulator, 1000);
+    assert!((simulator.state(0).0[0] - stayed).abs() < 1e-9);
+}
+
+#[test]
+fn a_block_sticks_on_an_incline_exactly_up_to_the_friction_angle() {
+    let (mu, dt) = (0.5, 1e-3);
+    for (tan, slides) in [(0.3, false), (0.4999, false), (0.5001, true), (0.7, true)] {
+        let (sin, cos) = f64::sin_cos(f64::atan(tan));
+        // The incline is level and gravity tilted.
+        let builder = corners(body(2.0, EDGES), EDGES, mu, 0.0).gravity([G * sin, 0.0, -G * cos]);
+        let scene = builder.build().unwrap();
+        let mut simulator = moving(&scene, dt, &at(&scene, [0.0, 0.0, 0.1]), &[0.0; 6]);
+        go(&mut simulator, 500);
+        let expected = if slides { G * (sin - mu * cos) * 0.5 } else { 0.0 };
+        let speed = simulator.state(0).1[0];
+        assert!((speed - expected).abs() < 1e-9, "tan {tan}: {speed} for {expected}");
+    }
+}
+
+#[test]
+fn a_tilted_plane_is_the_same_as_tilted_gravity() {
+    let angle = 0.3_f64;
+    let mut contact = Contact::new("ground", "ball");
+    contact.normal = [-angle.sin(), 0.0, angle.cos()].into();
+    contact.normal *= 7.0;
+    contact.offset = 0.2;
+    contact.radius = 0.1;
+    contact.friction = 0.8;
+    let mut source = ball(0.0, 0.0).without_contacts().unwrap().source().clone();
+    source = source.contact(contact);
+    let scene = source.build().unwrap();
+    let normal = Vector3::new(-angle.sin(), 0.0, angle.cos());
+    let start = normal * 0.3;
+    let mut simulator = moving(&scene, 1e-3, &at(&scene, start.into()), &[0.0; 6]);
+    go(&mut simulator, 400);
+    let (q, _) = simulator.state(0);
+    // Rolling: 5/7 g sin a. Downhill is along (-cos, 0, -sin).
+    let along = Vector3::new(-angle.cos(), 0.0, -angle.sin()).dot(&(Vector3::new(q[0], q[1], q[2]) - start));
+    let expected = 0.5 * 5.0 / 7.0 * G * angle.sin() * 0.4 * 0.401;
+    assert!((along - expected).abs() < 1e-9, "{along} for {expected}");
+    let mut gap = [f64::NAN];
+    scene.contact_gaps(q, &mut gap).unwrap();
+    assert!(gap[0].abs() < 1e-9, "{gap:?}");
+}
+
+#[test]
+fn a_ball_bounces_to_e_squared_of_its_height() {
+    let (e, dt, height) = (0.8, 2e-4, 1.0);
+    let scene = ball(0.0, e);
+    let mut simulator = moving(&scene, dt, &at(&scene, [0.0, 0.0, 0.1 + height]), &[0.0; 6]);
+    let (mut peaks, mut before) = (Vec::new(), 0.0);
+    for _ in 0..10_000 {
+        go(&mut simulator, 1);
+        let (q, qd) = simulator.state(0);
+        if before > 0.0 && qd[2] <= 0.0 {
+            peaks.push(q[2] - 0.1);
+        }
+        before = qd[2];
+    }
+    for (k, expected) in [e.powi(2), e.powi(4), e.powi(6)].into_iter().enumerate() {
+        assert!((peaks[k] - expected * height).abs() < 2e-3, "{peaks:?}");
+    }
+    let told = simulator.contact_report(0).unwrap();
+    assert!(told.lost_in_impacts > 0.5 * 0.5 * G * height && told.expansion_kept == 1.0, "{told:?}");
+}
+
+#[test]
+fn an_elastic_ball_keeps_its_energy_through_many_bounces() {
+    let dt = 1e-3;
+    let scene = ball(0.0, 1.0);
+    let mut simulator = moving(&scene, dt, &at(&scene, [0.0, 0.0, 0.4]), &[0.0; 6]);
+    // What the semi-implicit step keeps between and through bounces: v^2/2 + g z - g dt v/2.
+    let kept = |simulator: &Simulator<&Scene>| {
+        let (q, qd) = simulator.state(0);
+        0.5 * qd[2] * qd[2] + G * q[2] - 0.5 * G * dt * qd[2]
+    };
+    let start = kept(&simulator);
+    go(&mut simulator, 50_000);
+    assert!((kept(&simulator) - start).abs() < 1e-6 * start, "{} for {start}", kept(&simulator));
+}
+
+#[test]
+fn a_sliding_ball_ends_up_rolling_at_five_sevenths_of_its_speed() {
+    for dt in [1e-3, 4e-3] {
+        let scene = ball(0.3, 0.0);
+        let v0 = 2.0;
+        let mut simulator = moving(&scene, dt, &at(&scene, [0.0, 0.0, 0.1]), &[v0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        go(&mut simulator, (6.0 / dt) as usize);
+        let (q, qd) = simulator.state(0);
+        let mut velocity = [f64::NAN; 3];
+        scene.contact_velocities(q, qd, &mut velocity).unwrap();
+        let speed = qd[..3].iter().map(|v| v * v).sum::<f64>().sqrt();
+        assert!((speed - 5.0 / 7.0 * v0).abs() < 1e-9, "dt {dt}: {speed}");
+        assert!(velocity.iter().all(|v| v.abs() < 1e-9) && (q[2] - 0.1).abs() < 1e-9, "{velocity:?}, {q:?}");
+    }
+}
+
+#[test]
+fn a_dropped_box_loses_energy_in_every_step_and_comes_to_rest() {
+    for e in [0.0, 0.4] {
+        let scene = block(0.6, e);
+        let q = at(&scene, [0.0, 0.0, 0.5]);
+        let mut simulator = moving(&scene, 1e-3, &q, &[0.3, -0.2, 0.0, 1.5, 2.0, 0.7]);
+        let mut before = energy(&scene, simulator.state(0));
+        for n in 0..4_000 {
+            go(&mut simulator, 1);
+            let now = energy(&scene, simulator.state(0));
+            assert!(now <= before + 1e-9, "e {e}, step {n}: {before} to {now}");
+            before = now;
+        }
+        let (q, qd) = simulator.state(0);
+        assert!(qd.iter().all(|v| v.abs() < 1e-7), "e {e}: {qd:?}");
+        assert!([0.1, 0.15, 0.2].iter().any(|height| (q[2] - height).abs() < 1e-7), "{q:?}");
+        let force: f64 = simulator.contacts_now(0).chunks(10).map(|of| of[6]).sum();
+        assert!((force - 2.0 * G).abs() < 1e-6, "{force}");
+        let told = simulator.contact_report(0).unwrap();
+        assert!(told.converged && told.depth < 1e-3, "{told:?}");
+    }
+}
+
+/// A trunk with two legs of hip, knee and ankle about y, and four points a foot.
+fn biped(friction: f64, restitution: f64) -> Scene {
+    let rod = |mass: f64, length: f64| {
+        let side = mass * length * length / 12.0 + mass * 1e-3;
+        let central = Symmetric3::new([side, 0.0, 0.0, side, 0.0, mass * 2e-3]);
+        Some(Inertial { mass, centre: Vector3::new(0.0, 0.0, -length / 2.0), central })
+    };
+    let trunk = Inertial {
+        mass: 15.0,
+        centre: Vector3::new(0.0, 0.0, 0.2),
+        central: Symmetric3::new([0.5, 0.0, 0.0, 0.4, 0.0, 0.2]),
+    };
+    let mut builder =
+        SceneBuilder::new().floating_base(true).link(LinkDescription { name: "trunk".into(), inertial: Some(trunk) });
+    for (side, y) in [("left", 0.1), ("right", -0.1)] {
+        let mut parent = "trunk".to_owned();
+        for (part, mass, length, down, lateral) in
+            [("thigh", 5.0, 0.4, 0.0, y), ("shank", 3.0, 0.4, -0.4, 0.0), ("foot", 1.0, 0.1, -0.4, 0.0)]
+        {
+            let name = format!("{side}_{part}");
+            builder = builder.link(LinkDescription { name: name.clone(), inertial: rod(mass, length) });
+            for (axis, direction) in [("y", Vector3::y()), ("x", Vector3::x())] {
+                if axis == "x" && part == "shank" {
+                    continue;
+                }
+                let mut joint =
+                    JointDescription::new(format!("{name}_{axis}"), JointKind::Revolute, parent.clone(), name.clone());
+                joint.axis = direction;
+                if axis == "y" {
+                    joint.origin.lever = Vector3::new(0.0, lateral, down);
+                    if part != "shank" {
+                        let between = format!("{name}_between");
+                        builder = builder.link(LinkDescription { name: between.clone(), inertial: rod(0.1, 0.05) });
+                        joint.child = between.clone();
+                        parent = between;
+                    }
+                }
+                builder = builder.joint(joint);
+            }
+            parent.clone_from(&name);
+        }
+        for i in 0..4_u32 {
+            let mut contact = Contact::new(format!("{side}{i}"), format!("{side}_foot"));
+            contact.point = [if i & 1 == 0 { -0.08 } else { 0.14 }, if i & 2 == 0 { -0.04 } else { 0.04 }, -0.1].into();
+            (contact.friction, contact.restitution) = (friction, restitution);
+            builder = builder.contact(contact);
+        }
+    }
+    builder.build().unwrap()
+}
+
+#[test]
+fn a_biped_stands_on_24_redundant_rows_and_its_forces_are_its_weight() {
+    let scene = biped(0.7, 0.0);
+    let nv = scene.nv();
+    let mut settings = Settings::new(&scene, 1e-3);
+    let mut gains = vec![0.0; nv];
+    gains[6..].fill(2_000.0);
+    let q = at(&scene, [0.0, 0.0, 0.9]);
+    settings.gains = Some(phipsi::motion::Gains {
+        derivative: gains.iter().map(|k| k / 20.0).collect(),
+        proportional: gains,
+        target: q.clone(),
+        target_rate: vec![0.0; nv],
+    });
+    let mut simulator = Simulator::new(&scene, settings, &q, &vec![0.0; nv]).unwrap();
+    go(&mut simulator, 3_000);
+    let (q, qd) = simulator.state(0);
+    assert!(qd.iter().all(|v| v.abs() < 1e-5) && q[2] > 0.85, "{q:?} {qd:?}");
+    let now = simulator.contacts_now(0);
+    let force = now.chunks(10).fold(Vector3::zeros(), |sum, of| sum + Vector3::new(of[4], of[5], of[6]));
+    let weight = scene.links().iter().map(|_| 0.0).sum::<f64>() + total_mass(&scene) * G;
+    assert!((force - Vector3::new(0.0, 0.0, weight)).norm() < 1e-3 * weight, "{force} for {weight}");
+    let told = simulator.contact_report(0).unwrap();
+    assert!(told.converged, "{told:?}");
+}
+
+fn total_mass(scene: &Scene) -> f64 {
+    scene.source().links().iter().filter_map(|link| link.inertial).map(|of| of.mass).sum()
+}
+
+/// Numbers that look random, from -1 to 1.
+struct Draw(u64);
+
+impl Draw {
+    #[allow(clippy::cast_precision_loss)] // 53 bits
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((self.0 >> 11) as f64 / (1_u64 << 53) as f64) * 2.0 - 1.0
+    }
+}
+
+/// Two rods in a plane with a contact at the tip: Kane's, where Newton's restitution with friction makes energy.
+fn double_pendulum(friction: f64, restitution: f64, offset: f64) -> Scene {
+    let rod = Inertial {
+        mass: 1.0,
+        centre: Vector3::new(0.0, 0.0, -0.5),
+        central: Symmetric3::new([1.0 / 12.0, 0.0, 0.0, 1.0 / 12.0, 0.0, 1e-4]),
+    };
+    let mut tip = Contact::new("tip", "lower");
+    tip.point = [0.0, 0.0, -1.0].into();
+    (tip.friction, tip.restitution, tip.offset) = (friction, restitution, offset);
+    let mut shoulder = JointDescription::new("shoulder", JointKind::Revolute, "base", "upper");
+    let mut elbow = JointDescription::new("elbow", JointKind::Revolute, "upper", "lower");
+    (shoulder.axis, elbow.axis) = (Vector3::y(), Vector3::y());
+    elbow.origin.lever = Vector3::new(0.0, 0.0, -1.0);
+    SceneBuilder::new()
+        .gravity([0.0; 3])
+        .link(LinkDescription { name: "base".into(), inertial: None })
+        .link(LinkDescription { name: "upper".into(), inertial: Some(rod) })
+        .link(LinkDescription { name: "lower".into(), inertial: Some(rod) })
+        .joint(shoulder)
+        .joint(elbow)
+        .contact(tip)
+        .build()
+        .unwrap()
+}
+
+#[test]
+fn impacts_of_a_double_pendulum_never_raise_its_energy() {
+    let mut draw = Draw(1);
+    let (mut struck, dt) = (0, 1e-6);
+    for _ in 0..3_000 {
+        let (mu, e) = (draw.next().abs() * 1.2, draw.next().abs());
+        let q = [draw.next() * 1.4, draw.next() * 1.4];
+        let qd = [draw.next() * 3.0, draw.next() * 3.0];
+        // The plane is just under the tip.
+        let tip = -q[0].cos() - (q[0] + q[1]).cos();
+        let scene = double_pendulum(mu, e, tip - 1e-9);
+        let mut simulator = moving(&scene, dt, &q, &qd);
+        let before = energy(&scene, simulator.state(0));
+        go(&mut simulator, 1);
+        let after = energy(&scene, simulator.state(0));
+        assert!(after <= before * (1.0 + 1e-9), "mu {mu}, e {e}, q {q:?}, qd {qd:?}: {before} to {after}");
+        struck += usize::from(simulator.contact_report(0).unwrap().lost_in_impacts > 0.0);
+    }
+    assert!(struck > 1_000, "{struck}");
+}
+
+#[test]
+fn impacts_of_a_tumbling_biped_never_raise_its_energy() {
+    let mut draw = Draw(5);
+    for trial in 0..150 {
+        let scene = biped(0.8, 0.5);
+        let mut q = at(&scene, [0.0, 0.0, 0.9 + 1e-9]);
+        for angle in &mut q[7..] {
+            *angle = 0.2 * draw.next();
+        }
+        let mut gaps = [f64::NAN; 8];
+        scene.contact_gaps(&q, &mut gaps).unwrap();
+        q[2] -= gaps.iter().fold(f64::INFINITY, |lowest, &gap| lowest.min(gap)) - 1e-9;
+        let qd: Vec<f64> = (0..scene.nv()).map(|_| draw.next()).collect();
+        let still = scene.source().clone().gravity([0.0; 3]).build().unwrap();
+        let mut simulator = moving(&still, 1e-6, &q, &qd);
+        let before = energy(&still, simulator.state(0));
+        go(&mut simulator, 1);
+        let after = energy(&still, simulator.state(0));
+        assert!(after <= before * (1.0 + 1e-8), "{trial}: {before} to {after}");
+    }
+}
+
+#[test]
+fn contacts_brought_down_by_others_join_within_the_step() {
+    // A box that falls flat but for a hair: one corner touches first, the others within the same step.
+    let scene = block(0.5, 0.0);
+    let mut q = at(&scene, [0.0, 0.0, 0.1 + 1e-4]);
+    (q[3], q[6]) = ((1e-3_f64).sin(), (1e-3_f64).cos());
+    let mut simulator = moving(&scene, 1e-2, &q, &[0.0, 0.0, -1.0, 0.0, 0.0, 0.0]);
+    go(&mut simulator, 100);
+    let (q, qd) = simulator.state(0);
+    assert!((q[2] - 0.1).abs() < 1e-6 && qd.iter().all(|v| v.abs() < 1e-6), "{q:?} {qd:?}");
+    assert!(simulator.contact_report(0).unwrap().depth < 1e-5);
+}
+
+#[test]
+fn stiff_springs_are_taken_implicitly() {
+    // A weight on a spring a thousand times faster than the step, above a plane where the spring is not at rest.
+    let mass = Inertial { mass: 1.0, centre: Vector3::zeros(), central: Symmetric3::zero() };
+    let mut slide = JointDescription::new("slide", JointKind::Prismatic, "base", "weight");
+    (slide.spring.stiffness, slide.damping) = (1e9, 10.0);
+    slide.spring.rest = vec![-0.01];
+    let scene = SceneBuilder::new()
+        .link(LinkDescription { name: "base".into(), inertial: None })
+        .link(LinkDescription { name: "weight".into(), inertial: Some(mass) })
+        .joint(slide)
+        .contact(Contact::new("table", "weight"))
+        .build()
+        .unwrap();
+    let mut simulator = moving(&scene, 1e-2, &[0.0], &[0.0]);
+    go(&mut simulator, 100);
+    let force = simulator.contacts_now(0)[6];
+    assert!(simulator.state(0).0[0].abs() < 1e-9, "{:?}", simulator.state(0));
+    assert!((force - (1e9 * 0.01 + G)).abs() < 1e-3, "{force}");
+}
+
+#[test]
+fn steps_are_the_same_in_batches_in_pieces_and_with_records() {
+    let scene = block(0.5, 0.3);
+    let starts: Vec<f64> = (0..5).flat_map(|i| at(&scene, [0.0, 0.0, 0.3 + 0.05 * f64::from(i)])).collect();
+    let rates: Vec<f64> = (0..5).flat_map(|i| [0.2, 0.1 * f64::from(i), 0.0, 1.0, 0.5, 0.0]).collect();
+    let mut all = Rollout::new(&scene, Settings::new(&scene, 2e-3), &starts, &rates).unwrap();
+    let (mut q, mut qd, mut contacts) = (vec![0.0; 5 * 11 * 7], vec![0.0; 5 * 11 * 6], vec![f64::NAN; 5 * 11 * 80]);
+    let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut contacts, every: 40 };
+    all.advance(400, &Torque::Zero, Some(&mut records)).map_err(|fault| fault.error).unwrap();
+    assert!(contacts.iter().all(|x| x.is_finite()));
+    for state in 0..5 {
+        let (own_q, own_qd) = (&starts[state * 7..(state + 1) * 7], &rates[state * 6..(state + 1) * 6]);
+        let mut one = moving(&scene, 2e-3, own_q, own_qd);
+        for _ in 0..50 {
+            go(&mut one, 8);
+        }
+        assert_eq!(one.state(0), all.state(state));
+        assert_eq!(one.state(0).0, &q[(state * 11 + 10) * 7..(state * 11 + 11) * 7]);
+        // Impulses were told and taken by the rows; the rest is the same.
+        let (now, row) = (one.contacts_now(0), &contacts[(state * 11 + 10) * 80..(state * 11 + 11) * 80]);
+        assert!((0..8).all(|i| now[10 * i..10 * i + 7] == row[10 * i..10 * i + 7]));
+        let sum = |i: usize| (0..11).map(|row| contacts[(state * 11 + row) * 80 + 10 * i + 9]).sum::<f64>();
+        assert!((0..8).all(|i| (now[10 * i + 9] - sum(i)).abs() < 1e-12));
+    }
+}
+
+#[test]
+fn momentum_is_what_forces_and_impulses_give() {
+    let scene = block(0.5, 0.5);
+    let steps = 300;
+    let dt = 2e-3;
+    let mut all = Rollout::new(&scene, Settings::new(&scene, dt), &at(&scene, [0.0, 0.0, 0.3]), &[0.5; 6]).unwrap();
+    let rows = steps + 1;
+    let (mut q, mut qd, mut contacts) = (vec![0.0; rows * 7], vec![0.0; rows * 6], vec![0.0; rows * 80]);
+    let before = momentum(&scene, all.state(0));
+    let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut contacts, every: 1 };
+    all.advance(steps, &Torque::Zero, Some(&mut records)).map_err(|fault| fault.error).unwrap();
+    let mut given = Vector3::new(0.0, 0.0, -2.0 * G * dt * 300.0);
+    for of in contacts.chunks(10) {
+        given += Vector3::new(of[4], of[5], of[6]) * dt + Vector3::new(of[7], of[8], of[9]);
+    }
+    assert!((momentum(&scene, all.state(0)) - before - given).norm() < 1e-9);
+}
+
+fn momentum(scene: &Scene, (q, qd): (&[f64], &[f64])) -> Vector3<f64> {
+    let place = scene.placement(q, "box").unwrap();
+    place.rotation * Vector3::new(qd[0], qd[1], qd[2]) * 2.0
+}
+
+fn refused(error: &Error, subject: &str, found: &str) {
+    let text = error.to_string();
+    assert!(matches!(error, Error::Scene { .. }), "{text}");
+    assert!(text.contains(subject) && text.contains(found), "{text}");
+}
+
+/// What building a box says where one of its contacts is changed.
+fn fault(change: impl FnOnce(&mut Contact)) -> Error {
+    let mut contact = Contact::new("foot", "box");
+    change(&mut contact);
+    body(1.0, EDGES).contact(contact).build().unwrap_err()
+}
+
+#[test]
+fn broken_contacts_are_refused_by_name() {
+    let foot = "contact \"foot\"";
+    refused(&fault(|contact| contact.link = "hand".into()), foot, "\"hand\"");
+    refused(&fault(|contact| contact.normal = Vector3::zeros()), foot, "normal");
+    refused(&fault(|contact| contact.normal[0] = f64::NAN), foot, "normal");
+    refused(&fault(|contact| contact.point[1] = f64::INFINITY), foot, "point");
+    refused(&fault(|contact| contact.offset = f64::NAN), foot, "offset");
+    refused(&fault(|contact| contact.radius = -0.1), foot, "radius -0.1");
+    refused(&fault(|contact| contact.friction = -0.5), foot, "friction -0.5");
+    refused(&fault(|contact| contact.friction = f64::INFINITY), foot, "friction");
+    refused(&fault(|contact| contact.restitution = 1.1), foot, "restitution 1.1");
+    refused(&fault(|contact| contact.restitution = f64::NAN), foot, "restitution");
+    let twice = body(1.0, EDGES).contact(Contact::new("foot", "box")).contact(Contact::new("foot", "box"));
+    refused(&twice.build().unwrap_err(), foot, "twice");
+}
+
+#[test]
+fn what_cannot_move_or_is_closed_has_no_contacts() {
+    let chain = phipsi::scenes::chain(3).unwrap().source().clone();
+    let base = chain.clone().contact(Contact::new("ground", "base")).build().unwrap_err();
+    refused(&base, "contact \"ground\"", "cannot move");
+    let axis = chain.clone().contact(Contact::new("axis", "link0")).build().unwrap_err();
+    refused(&axis, "contact \"axis\"", "no joint moves");
+    let mut tip = Connection::new("tip", ConnectionKind::Point, "link2", None);
+    tip.frame.lever = [0.0, 0.0, 0.3].into();
+    let mut contact = Contact::new("ground", "link2");
+    contact.point = [0.0, 0.0, 0.3].into();
+    let both = chain.connect(tip).contact(contact).build().unwrap_err();
+    refused(&both, "contact \"ground\"", "connection \"tip\"");
+}
+
+#[test]
+fn methods_and_scenes_belong_together() {
+    let scene = ball(0.5, 0.0);
+    let start = at(&scene, [0.0, 0.0, 1.0]);
+    let refused = |scene: &Scene, change: &dyn Fn(&mut Settings)| {
+        let mut settings = Settings::new(scene, 1e-3);
+        change(&mut settings);
+        Rollout::new(scene, settings, &start, &[0.0; 6]).unwrap_err().to_string()
+    };
+    assert_eq!(Settings::new(&scene, 1e-3).method, Method::Contact);
+    let text = refused(&scene, &|settings| settings.method = Method::RungeKutta4);
+    assert!(text.contains("method") && text.contains("\"contact\""), "{text}");
+    let text = refused(&scene, &|settings| settings.conserve_momentum = true);
+    assert!(text.contains("conserve_momentum") && text.contains("\"ground\""), "{text}");
+    let free = scene.without_contacts().unwrap();
+    let text = refused(&free, &|settings| settings.method = Method::Contact);
+    assert!(text.contains("no contacts"), "{text}");
+}
+
+#[test]
+fn locking_keeps_the_contacts_of_what_still_moves() {
+    let mut builder = phipsi::scenes::chain(3).unwrap().source().clone();
+    for (name, link) in [("elbow", "link1"), ("tip", "link2")] {
+        let mut contact = Contact::new(name, link);
+        contact.point = [0.0, 0.0, 0.3].into();
+        builder = builder.contact(contact);
+    }
+    let scene = builder.build().unwrap();
+    let joints: Vec<&str> = scene.joints().iter().map(|joint| joint.name.as_str()).collect();
+    let q = [0.3, 0.2, 0.1];
+    let locked = scene.lock(&joints[..2], &q).unwrap();
+    let names: Vec<&str> = locked.contacts().iter().map(|contact| contact.name.as_str()).collect();
+    assert_eq!(names, ["tip"]);
+    let (mut before, mut after) = ([f64::NAN; 2], [f64::NAN]);
+    scene.contact_gaps(&q, &mut before).unwrap();
+    locked.contact_gaps(&q[2..], &mut after).unwrap();
+    assert!((before[1] - after[0]).abs() < 1e-14);
+}
+
+#[test]
+fn torques_and_records_of_other_sizes_are_refused() {
+    let scene = ball(0.5, 0.0);
+    let start = at(&scene, [0.0, 0.0, 1.0]);
+    let mut rollout = Rollout::new(&scene, Settings::new(&scene, 1e-3), &start, &[0.0; 6]).unwrap();
+    let (mut q, mut qd) = ([0.0; 14], [0.0; 12]);
+    let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut [0.0; 7], every: 1 };
+    let fault = rollout.advance(1, &Torque::Zero, Some(&mut records)).unwrap_err();
+    assert!(fault.error.to_string().contains("records.contacts"), "{}", fault.error);
+    let torque = [0.0, 0.0, 0.5 * G, 0.0, 0.0, 0.0];
+    let lift = Torque::Constant(Broadcast::new("tau", &torque, 6, &[], &[]).unwrap());
+    rollout.advance(10, &lift, None).map_err(|fault| fault.error).unwrap();
+    assert!((rollout.state(0).0[2] - 1.0).abs() < 1e-12);
+}
