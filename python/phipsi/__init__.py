@@ -30,7 +30,7 @@ from ._core import (
 )
 from ._identify import Identification
 from ._load import load
-from ._motion import PD, MomentumCorrection, MotionEnergy, Trajectory, Violation
+from ._motion import PD, ContactMotion, MomentumCorrection, MotionEnergy, Trajectory, Violation
 from ._ode import Ode
 from ._results import (
     Accuracy,
@@ -61,6 +61,7 @@ __all__ = [
     "BUNDLED_ARM",
     "ConstrainedDynamics",
     "ConstrainedInverseDynamics",
+    "ContactMotion",
     "Energy",
     "Estimate",
     "Factor",

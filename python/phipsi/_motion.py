@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ._core import Scene
     from ._results import RolloutGradients
 
-__all__ = ["PD", "MomentumCorrection", "MotionEnergy", "Trajectory", "Violation"]
+__all__ = ["PD", "ContactMotion", "MomentumCorrection", "MotionEnergy", "Trajectory", "Violation"]
 
 _Array = NDArray[np.float64]
 
@@ -61,6 +61,35 @@ class MomentumCorrection(NamedTuple):
     """How far the mass centre was moved, m."""
 
 
+class ContactMotion(NamedTuple):
+    """The contacts of a motion, by name, in every row: (..., rows), or (..., rows, 3) in the base frame; and what all steps told, (...)."""
+
+    gap: dict[str, _Array]
+    """How far each is above its plane in the row, (..., rows), m; below zero where it is under it."""
+    slip: dict[str, _Array]
+    """Velocity in the plane of the point nearest to it in the row, (..., rows, 3), m/s."""
+    force: dict[str, _Array]
+    """Force on the link in the step that led to the row, impacts left out, (..., rows, 3), N; zero in the first row."""
+    impulse: dict[str, _Array]
+    """Impulse on the link of all impacts with a rebound since the row before, (..., rows, 3), N s."""
+    residual: _Array
+    """The worst residual of a step, (...): what is left of the law of contacts, as a velocity beside the fastest contact's. Above 1e-8 the run ends with a SimulationError."""
+    converged: NDArray[np.bool_]
+    """Whether every step met 1e-10, or the rounding of its own numbers, (...)."""
+    iterations: NDArray[np.int_]
+    """Iterations of all solves, (...)."""
+    lost_in_impacts: _Array
+    """Kinetic energy that impacts and landings took, (...), J."""
+    lost_in_friction: _Array
+    """What friction took, (...), J."""
+    expansion_kept: _Array
+    """The least part of a rebound that the energy allowed, (...): 1 where none was cut."""
+    impulse_kept: _Array
+    """The least part of an impulse that the energy allowed, (...): below 1 only where a solve did not converge."""
+    depth: _Array
+    """The deepest that a contact was under its plane at a step's end, before it was moved out, (...), m."""
+
+
 class Violation(NamedTuple):
     """A limit that a trajectory breaks in some recorded row."""
 
@@ -104,6 +133,8 @@ class Trajectory:
     """Where they are at rest, (nq,)."""
     momentum_correction: MomentumCorrection | None = field(default=None, repr=False)
     """What conserve_momentum changed in the step where it changed most; None where that was not asked for."""
+    contacts: ContactMotion | None = field(default=None, repr=False)
+    """The contacts of the scene; None where it has none."""
     record_every: int = field(default=1, repr=False)
     """Steps between two rows."""
     given: dict[str, Any] | None = field(default=None, repr=False)
@@ -227,7 +258,28 @@ def trajectory_of(
     t: _Array = np.arange(rows, dtype=np.float64) * (record_every * dt)
     if rows < q.shape[-2]:
         q, qd = q[..., :rows, :], qd[..., :rows, :]
+        if about.get("contacts") is not None:
+            about["contacts"] = _first_rows(about["contacts"], rows, q.ndim - 2)
     return Trajectory(scene, t, q, qd, dt, steps, record_every=record_every, given=_kept(given), **about)
+
+
+def contacts_of(names: tuple[str, ...], rows: _Array, told: _Array) -> ContactMotion:
+    """Recorded numbers by name: rows (..., contacts * 10), and what steps told, (..., 8)."""
+    each = rows.reshape(*rows.shape[:-1], len(names), 10)
+    by_name = [{name: each[..., i, part] for i, name in enumerate(names)} for part in _PARTS]
+    residual, converged, iterations, *rest = np.moveaxis(told, -1, 0)
+    return ContactMotion(*by_name, residual, converged > 0, iterations.astype(int), *rest)
+
+
+#: Where the gap, slip velocity, force and impulse of a contact are in its numbers.
+_PARTS: tuple[int | slice, ...] = (0, slice(1, 4), slice(4, 7), slice(7, 10))
+
+
+def _first_rows(contacts: ContactMotion, rows: int, axis: int) -> ContactMotion:
+    """Those that were filled."""
+    which = (slice(None),) * axis + (slice(rows),)
+    parts = ("gap", "slip", "force", "impulse")
+    return contacts._replace(**{part: {name: values[which] for name, values in getattr(contacts, part).items()} for part in parts})
 
 
 def only_now(q: _Array, qd: _Array, *, scene: Scene, dt: float, steps: int, **about: Any) -> Trajectory:

@@ -189,7 +189,9 @@ impl PySceneBuilder {
         let (links, joints, connections) =
             (self.builder.links().len(), self.builder.joints().len(), self.builder.connections().len());
         let closed = if connections > 0 { format!(", {connections} connections") } else { String::new() };
-        format!("<phipsi.SceneBuilder: {links} links, {joints} joints{closed}>")
+        let contacts = self.builder.contacts().len();
+        let touching = if contacts > 0 { format!(", {contacts} contacts") } else { String::new() };
+        format!("<phipsi.SceneBuilder: {links} links, {joints} joints{closed}{touching}>")
     }
 }
 

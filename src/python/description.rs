@@ -2,6 +2,7 @@
 
 use super::choice::{choose, names};
 use super::connection_parts::{ConnectionTuple, connection_of, connection_tuple};
+use super::contacts::{ContactTuple, contact_of, contact_tuple};
 use super::object::Object;
 use crate::error::{Error, number};
 use crate::memory;
@@ -15,7 +16,7 @@ use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Counts up when the tuples change.
-const VERSION: u32 = 6;
+const VERSION: u32 = 7;
 
 /// Name, then mass, mass centre and inertia about it (xx, xy, xz, yy, yz, zz) if it has any.
 type LinkTuple = (String, Option<(f64, [f64; 3], [f64; 6])>);
@@ -40,7 +41,7 @@ pub(super) type JointTuple = (
 type LockedTuple = (String, String, Option<f64>);
 
 /// Version, gravity, floating base, strict, links, joints, names of what is left out, joints that were locked, what the free joint of a
-/// floating base has (armature, damping, friction, stiffness), the file that all of it comes from, connections.
+/// floating base has (armature, damping, friction, stiffness), the file that all of it comes from, connections, contacts.
 #[derive(IntoPyObject, FromPyObject)]
 pub(super) struct Description(
     u32,
@@ -54,6 +55,7 @@ pub(super) struct Description(
     [f64; 4],
     Option<PathBuf>,
     Vec<ConnectionTuple>,
+    Vec<ContactTuple>,
 );
 
 /// Where the links are in a description.
@@ -87,6 +89,7 @@ impl Description {
             root,
             source.file().map(Path::to_owned),
             source.connections().iter().map(connection_tuple).collect(),
+            source.contacts().iter().map(contact_tuple).collect(),
         ))
     }
 
@@ -100,7 +103,8 @@ impl Description {
 
     /// The builder that it was made from.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
-        let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, connections) = self;
+        let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, connections, contacts) =
+            self;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }
@@ -120,6 +124,9 @@ impl Description {
         }
         for connection in connections {
             builder = builder.connect(connection_of(connection)?);
+        }
+        for contact in contacts {
+            builder = builder.contact(contact_of(contact));
         }
         let kind = |(name, kind, pitch): LockedTuple| joint_kind(&name, &kind, pitch).map(|kind| (name, kind));
         let locked = locked.into_iter().map(kind).collect::<Result<_, _>>()?;
@@ -259,9 +266,13 @@ pub(super) fn summary(scene: &Scene) -> String {
         0 => String::new(),
         count => format!(", {count} connections"),
     };
+    let touching = match scene.contacts().len() {
+        0 => String::new(),
+        count => format!(", {count} contacts"),
+    };
     let [x, y, z]: [f64; 3] = scene.model().gravity.into();
     format!(
-        "<phipsi.Scene: nq={}, nv={}, {} joints{kinds}, {} links, {} merged joints{closed}, {} base, gravity ({x}, {y}, {z})>",
+        "<phipsi.Scene: nq={}, nv={}, {} joints{kinds}, {} links, {} merged joints{closed}{touching}, {} base, gravity ({x}, {y}, {z})>",
         scene.nq(),
         scene.nv(),
         scene.joints().len(),

@@ -19,6 +19,7 @@ mod configuration;
 mod connection_parts;
 mod connections;
 mod constraints;
+mod contacts;
 mod control;
 mod cost;
 mod counts;

@@ -1,6 +1,7 @@
 //! Methods of `Scene`: states through time.
 
 use super::axis::Axis;
+use super::contacts::{contact_motion, reports};
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
 use super::errors::{asked_by, fault, of_batch};
@@ -58,8 +59,8 @@ impl PyScene {
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s, finite and positive. steps: how many. tau: (..., nv), constant, or a function of
     /// (t, q, qd) that is called once a step with the whole batch and returns (..., nv); tau_steps: (..., steps, nv) instead. Either is held over
     /// each step, so that a function is followed to first order in dt by every method. pd: PD(kp, kd, target, target_rate), followed within the step.
-    /// method: "semi-implicit-euler" (order 1), "rk4" (order 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3).
-    /// The last three take springs, damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit stage each;
+    /// method: None: "rk4", or "contact" (order 1) in a scene with contacts, which moves by no other; "semi-implicit-euler" (order 1), "rk4" (order 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3).
+    /// "contact" and the last three take springs, damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit stage each;
     /// they are L-stable for them: what is faster than the step is damped, not followed. record_every: a row after so many steps. armature, damping,
     /// stiffness, friction: (nv,) or a number, rest: (nq,), instead of the scene's. friction_speed: rad/s or m/s, where friction becomes viscous.
     /// form: "auto" does a step whose digits are in doubt once more in square-root form; "covariance" watches the pivots only. progress: called with
@@ -69,17 +70,23 @@ impl PyScene {
     /// friction or armature there (ArgumentError). baumgarte: of a scene with connections; None: positions and velocities are projected onto them
     /// after each step (see project); a rate a in 1/s: accelerations take errors back instead, J qdd + J' qd = -2 a J qd - a^2 error.
     ///
-    /// Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first the start;
-    /// momentum_correction, the largest that conserve_momentum made, else None; drift, how far rows are from the connections. The same bits for any
-    /// number of threads.
+    /// In a scene with contacts (see SceneBuilder.contact) each step ends with impulses that meet their law: no contact goes through its plane, none
+    /// pulls, |tangential force| <= mu times the normal force, and against the slip where there is some. Approaches faster than what gravity gives in a
+    /// step rebound by Poisson's law, kept from raising the kinetic energy. What starts under a plane is moved out by the first step, and
+    /// contacts.depth tells. O(N + m^2 depth + m^3) for m rows of contacts that touch.
     ///
-    /// Raises SimulationError where motion diverges, a pivot is lost, connections cannot hold, or tau raises, with the rows of the finished steps;
+    /// Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first the start;
+    /// momentum_correction, the largest that conserve_momentum made, else None; drift, how far rows are from the connections; contacts, gaps, slip,
+    /// forces and impulses by name, a ContactMotion, else None. The same bits for any number of threads.
+    ///
+    /// Raises SimulationError where motion diverges, a pivot is lost, connections cannot hold, no impulses are found that meet the law of contacts
+    /// to 1e-8, or tau raises, with the rows of the finished steps;
     /// ConstraintError for a start that does not meet the connections; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise;
     /// OutOfMemoryError where the rows have no room; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
-    #[pyo3(signature = (q, qd, *, dt, steps, tau=None, tau_steps=None, method="rk4", record_every=None, pd=None,
+    #[pyo3(signature = (q, qd, *, dt, steps, tau=None, tau_steps=None, method=None, record_every=None, pd=None,
                         armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED, form="auto",
                         progress=None, conserve_momentum=false, baumgarte=None),
-           text_signature = "($self, q, qd, *, dt, steps, tau=None, tau_steps=None, method='rk4', record_every=1, \
+           text_signature = "($self, q, qd, *, dt, steps, tau=None, tau_steps=None, method=None, record_every=1, \
                              pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01, \
                              form='auto', progress=None, conserve_momentum=False, baumgarte=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
@@ -91,7 +98,7 @@ impl PyScene {
         steps: &Object<'py>,
         tau: Option<&Object<'py>>,
         tau_steps: Option<&Object<'py>>,
-        method: &str,
+        method: Option<&str>,
         record_every: Option<&Object<'py>>,
         pd: Option<&Object<'py>>,
         armature: Option<&Object<'py>>,
@@ -131,13 +138,14 @@ impl PyScene {
         axes.extend(given.leading());
         axes.extend(pd.iter().flat_map(Pd::leading));
         let batch = broadcast_axes(axes)?;
-        let room = Room { states: entries(&batch), rows: steps / every + 1, numbers: nq + nv };
+        let room = Room { states: entries(&batch), rows: steps / every + 1, numbers: nq + nv + 10 * scene.contacts().len() };
         let states = room.checked()?;
         own.check_scratch(states)?;
         if let Some(pd) = pd {
             settings.gains = Some(pd.over(&batch, states)?);
         }
-        let outputs = [room.output(py, &batch, nq)?, room.output(py, &batch, nv)?];
+        let of_contacts = 10 * scene.contacts().len();
+        let outputs = [nq, nv, of_contacts].map(|width| room.output(py, &batch, width));
         let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];
         let fields = about(slf, &settings)?;
         fields.set_item("record_every", every)?;
@@ -149,14 +157,20 @@ impl PyScene {
             let torque = given.torque(&batch, (steps, nv))?;
             rollout.check_torque(&torque, steps).map_err(|error| fault(py, error, &batch))?;
         }
-        let [mut out_q, mut out_qd] = outputs;
-        let mut records = Records { q: out_q.numbers()?, qd: out_qd.numbers()?, every };
+        let [out_q, out_qd, out_contacts] = outputs;
+        let (mut out_q, mut out_qd, mut out_contacts) = (out_q?, out_qd?, out_contacts?);
+        let mut records =
+            Records { q: out_q.numbers()?, qd: out_qd.numbers()?, contacts: out_contacts.numbers()?, every };
         let plan = Plan { given: &given, batch: &batch, steps, dt, progress, nq, nv, rates: own.rates() };
         let stopped = run(py, &mut rollout, &mut records, &plan).err();
         fields.set_item("steps", rollout.steps())?;
         if conserve_momentum {
             let largest = largest_corrections(py, &batch, |state| rollout.correction(state))?;
             fields.set_item("momentum_correction", largest)?;
+        }
+        if of_contacts > 0 {
+            let told = reports(py, &batch, |state| rollout.contact_report(state))?;
+            fields.set_item("contacts", contact_motion(slf, out_contacts.finish().into_any(), told)?)?;
         }
         let whole = (out_q.finish(), out_qd.finish());
         let trajectory = imported!(py, "phipsi._motion", "trajectory_of")?.call(whole, Some(&fields))?;
@@ -179,6 +193,7 @@ impl PyScene {
     #[pyo3(signature = (**given),
            text_signature = "($self, *, tau=None, pd=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01)")]
     fn ode<'py>(slf: &Bound<'py, Self>, given: Option<&Bound<'py, PyDict>>) -> PyResult<Object<'py>> {
+        slf.get().scene.check_no_contacts("ode")?;
         imported!(slf.py(), "phipsi._ode", "Ode")?.call((slf,), given)
     }
 }

@@ -65,13 +65,14 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let (py, own) = (slf.py(), slf.get());
         let scene = &own.scene;
+        scene.check_no_contacts("simulate_vjp")?;
         let (nq, nv) = (scene.nq(), scene.nv());
         let steps = count("steps", steps, 0)?;
         let every = count_or("record_every", record_every, 1, 1)?;
         let rows = steps / every + 1;
         let keywords = Keywords {
             dt,
-            method,
+            method: Some(method),
             pd,
             armature,
             damping,

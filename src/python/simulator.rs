@@ -1,5 +1,6 @@
 //! The class `Simulator`: states that go on call by call, with scratch of their own.
 
+use super::contacts::{contact_motion, reports};
 use super::control::{Pd, everyone};
 use super::cost::WORTH_RELEASING;
 use super::counts::count;
@@ -80,9 +81,9 @@ impl PyScene {
     /// Returns a phipsi.Simulator. Simulator.step(tau) costs what forward dynamics does, a stage, and some tenths of a microsecond.
     ///
     /// Raises OutOfMemoryError for more states than there is room for; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
-    #[pyo3(signature = (q, qd=None, *, dt, method="rk4", pd=None, armature=None, damping=None, stiffness=None, rest=None,
+    #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
                         friction=None, friction_speed=FRICTION_SPEED, form="auto", conserve_momentum=false, baumgarte=None),
-           text_signature = "($self, q, qd=None, *, dt, method='rk4', pd=None, armature=None, damping=None, stiffness=None, \
+           text_signature = "($self, q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=0.01, form='auto', conserve_momentum=False, baumgarte=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulator<'py>(
@@ -90,7 +91,7 @@ impl PyScene {
         q: &Object<'py>,
         qd: Option<&Object<'py>>,
         dt: f64,
-        method: &str,
+        method: Option<&str>,
         pd: Option<&Object<'py>>,
         armature: Option<&Object<'py>>,
         damping: Option<&Object<'py>>,
@@ -189,6 +190,23 @@ impl PySimulator {
         Err(stopped.raise(py, &now, &self.batch)?)
     }
 
+    /// The contacts of all states now, with these axes between; none without.
+    fn contacts_now<'py>(
+        &self,
+        py: Python<'py>,
+        moving: &Simulator<Held>,
+        between: &[usize],
+    ) -> PyResult<Option<Object<'py>>> {
+        let width = 10 * moving.scene().contacts().len();
+        if width == 0 {
+            return Ok(None);
+        }
+        let all: Vec<f64> = (0..moving.states()).flat_map(|state| moving.contacts_now(state)).collect();
+        let rows = from_numbers(py, &all, &[&self.batch[..], between, &[width]].concat())?;
+        let told = reports(py, &self.batch, |state| moving.contact_report(state))?;
+        contact_motion(self.scene.bind(py), rows, told).map(Some)
+    }
+
     /// The states now as a trajectory of one row.
     fn now<'py>(&self, py: Python<'py>, moving: &Simulator<Held>) -> PyResult<Object<'py>> {
         let fields = about(self.scene.bind(py), &moving.settings())?;
@@ -196,6 +214,9 @@ impl PySimulator {
         if self.conserve_momentum {
             let largest = largest_corrections(py, &self.batch, |state| moving.correction(state))?;
             fields.set_item("momentum_correction", largest)?;
+        }
+        if let Some(contacts) = self.contacts_now(py, moving, &[1])? {
+            fields.set_item("contacts", contacts)?;
         }
         let (nq, nv) = (moving.scene().nq(), moving.scene().nv());
         let rows = (self.of_all(py, moving, &[1], (nq, CONFIGURATION))?, self.of_all(py, moving, &[1], (nv, RATES))?);
@@ -328,6 +349,13 @@ impl PySimulator {
     #[getter]
     fn batch<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, &self.batch)
+    }
+
+    /// The contacts now, a ContactMotion: force of the last step, impulse of all impacts since the state began or was reset; None for a scene without contacts.
+    #[getter]
+    fn contacts<'py>(&self, py: Python<'py>) -> PyResult<Option<Object<'py>>> {
+        let moving = self.moving()?;
+        self.contacts_now(py, &moving, &[])
     }
 
     /// The largest corrections that conserve_momentum made in each state since it began or was reset, a MomentumCorrection; None without it.

@@ -19,7 +19,7 @@ pub(super) const BLOCK: Duration = Duration::from_millis(50);
 /// How states move, as given.
 pub(super) struct Keywords<'a, 'py> {
     pub dt: f64,
-    pub method: &'a str,
+    pub method: Option<&'a str>,
     pub pd: Option<&'a Object<'py>>,
     pub armature: Option<&'a Object<'py>>,
     pub damping: Option<&'a Object<'py>>,
@@ -36,7 +36,11 @@ impl<'py> Keywords<'_, 'py> {
     /// The settings that they are, but for the control law, whose targets may be those of a batch.
     pub fn read(&self, own: &PyScene) -> PyResult<(Settings, Option<Pd<'py>>)> {
         let mut settings = Settings::new(&own.scene, self.dt);
-        settings.method = Method::named(self.method)?;
+        match self.method {
+            Some(method) => settings.method = Method::named(method)?,
+            None if own.scene.contacts().is_empty() => settings.method = Method::RungeKutta4,
+            None => {}
+        }
         settings.conserve_momentum = self.conserve_momentum;
         settings.stabilisation = self.baumgarte.map_or(Stabilisation::Projection, Stabilisation::Baumgarte);
         settings.form = read_form(self.form)?;
