@@ -11,7 +11,8 @@ const G: f64 = 9.81;
 
 /// A solid box of these edges, m, floating.
 fn body(mass: f64, [a, b, c]: [f64; 3]) -> SceneBuilder {
-    let central = Symmetric3::new([b * b + c * c, 0.0, 0.0, a * a + c * c, 0.0, a * a + b * b].map(|x| mass * x / 12.0));
+    let central =
+        Symmetric3::new([b * b + c * c, 0.0, 0.0, a * a + c * c, 0.0, a * a + b * b].map(|x| mass * x / 12.0));
     let inertial = Some(Inertial { mass, centre: Vector3::zeros(), central });
     SceneBuilder::new().link(LinkDescription { name: "box".into(), inertial }).floating_base(true)
 }

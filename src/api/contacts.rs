@@ -17,7 +17,8 @@ impl Scene {
         self.check_result("contact gaps", out)
     }
 
-    /// The velocity of the point of each link that is nearest to its contact's plane, into `out` (contacts x 3), m/s, in the base frame. O(depth) each.
+    /// The velocity of the point of each link that is nearest to its contact's plane, into `out` (contacts x 3), m/s, in the base frame. O(depth)
+    /// each.
     ///
     /// # Errors
     ///

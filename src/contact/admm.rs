@@ -79,7 +79,8 @@ impl Search<'_> {
         false
     }
 
-    /// One attempt from `start`; whether it ends the search. In scaled numbers, A = w G w, p = w z, w = sqrt r: one number a contact, so that cones stay cones.
+    /// One attempt from `start`; whether it ends the search. In scaled numbers, A = w G w, p = w z, w = sqrt r: one number a contact, so that cones
+    /// stay cones.
     fn attempt(&mut self, Attempt { penalty, adapts, most }: Attempt, start: &DVector<f64>) -> bool {
         let (cone, m) = (self.cone, start.len());
         let w = DVector::from_fn(m, |i, _| cone.lengths[i / 3].sqrt());
@@ -135,7 +136,8 @@ impl Search<'_> {
 }
 
 impl Cone {
-    /// Impulses that meet the law for free velocities `c`, from `start` or from zero; the best found, which are always in the cones, and how near they are.
+    /// Impulses that meet the law for free velocities `c`, from `start` or from zero; the best found, which are always in the cones, and how near
+    /// they are.
     pub fn solve(
         &self,
         c: &DVector<f64>,
@@ -182,8 +184,8 @@ impl Cone {
         }
     }
 
-    /// The impulses of least energy in equal springs at the contacts among those that meet the law: solved with compliance first, then as they are from there. Zero at
-    /// once where all contacts part.
+    /// The impulses of least energy in equal springs at the contacts among those that meet the law: solved with compliance first, then as they are
+    /// from there. Zero at once where all contacts part.
     pub fn impulses(
         &self,
         c: &DVector<f64>,

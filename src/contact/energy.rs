@@ -46,8 +46,8 @@ pub(crate) struct Impact {
     pub work: f64,
 }
 
-/// Poisson's law in two problems. Compression: u1 = u + G p1, Coulomb with u1. Expansion: u2 = u1 + G p2, normal impulses at least e `p1_n`, Coulomb with u2. p = p1 + s p2, s = 1
-/// or as much as does not raise the kinetic energy.
+/// Poisson's law in two problems. Compression: u1 = u + G p1, Coulomb with u1. Expansion: u2 = u1 + G p2, normal impulses at least e `p1_n`, Coulomb
+/// with u2. p = p1 + s p2, s = 1 or as much as does not raise the kinetic energy.
 pub(crate) fn impact(cone: &Cone, u: &DVector<f64>, restitution: &[f64], effort: Effort) -> Impact {
     let limits = Limits::beside(u);
     let (p1, first) = cone.impulses(u, None, &limits, effort);

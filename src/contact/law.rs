@@ -66,8 +66,8 @@ impl Cone {
         x
     }
 
-    /// Alart and Curnier's F, N s, zero where the law holds and nowhere else: `F_n` = `p_n` - max(a, `x_n`), `F_t` = `p_t` - (`x_t` cut to the disc of radius
-    /// mu max(a, `x_n`)), x = p - r u.
+    /// Alart and Curnier's F, N s, zero where the law holds and nowhere else: `F_n` = `p_n` - max(a, `x_n`), `F_t` = `p_t` - (`x_t` cut to the disc
+    /// of radius mu max(a, `x_n`)), x = p - r u.
     pub fn defect(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DVector<f64> {
         let x = self.targets(p, c);
         let mut defect = p.clone();

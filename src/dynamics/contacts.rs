@@ -1,7 +1,7 @@
 //! Contacts at one state: gaps, velocities, G = J M^-1 J* of those that touch, and what impulses do to the rates.
 //!
-//! The rows of a contact are t1, t2, n of its plane: u = J v is the velocity of the material point of the link nearest to the plane. A unit force along a row, run inward
-//! to the base, collects innovations W; G = W* W as for [connections](super::constraints), never a difference.
+//! The rows of a contact are t1, t2, n of its plane: u = J v is the velocity of the material point of the link nearest to the plane. A unit force
+//! along a row, run inward to the base, collects innovations W; G = W* W as for [connections](super::constraints), never a difference.
 
 use crate::filter::{innovations, smoother};
 use crate::kinematics::{joint_motion, placements_base_to_tip};

@@ -82,8 +82,8 @@ pub struct Records<'a> {
     pub q: &'a mut [f64],
     /// Rates.
     pub qd: &'a mut [f64],
-    /// Of a scene with contacts, (states, rows, contacts, 10): gap (m), slip velocity (m/s), force of the step that led to the row (N), and the sum of the impulses of impacts
-    /// since the row before (N s), vectors in the base frame. Empty: not recorded.
+    /// Of a scene with contacts, (states, rows, contacts, 10): gap (m), slip velocity (m/s), force of the step that led to the row (N), and the sum
+    /// of the impulses of impacts since the row before (N s), vectors in the base frame. Empty: not recorded.
     pub contacts: &'a mut [f64],
     /// A row after so many steps.
     pub every: usize,
@@ -313,7 +313,8 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if self.law.method == Method::Contact { ContactReport::of(kept) } else { None }
     }
 
-    /// The contacts of one state now, as [`Records::contacts`] has them, (contacts, 10); impulses are those of all impacts since the last row that was recorded, or since it began.
+    /// The contacts of one state now, as [`Records::contacts`] has them, (contacts, 10); impulses are those of all impacts since the last row that
+    /// was recorded, or since it began.
     #[must_use]
     pub fn contacts_now(&self, index: usize) -> Vec<f64> {
         let (scene, (q, v)) = (self.scene(), self.state(index));

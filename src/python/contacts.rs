@@ -18,12 +18,14 @@ const CONTACT: usize = 20;
 impl PySceneBuilder {
     /// Adds a contact: a sphere on a link, or a point of it, that does not go through a plane of the world. Simulation only.
     ///
-    /// name: of the contact. link: the name of a link, which may come later. xyz: (3,), the sphere's centre in the link's frame, m. radius: m; 0: a point. normal: (3,), out of the
-    /// ground, in the base frame, of any length, and offset: m: the plane is where the unit normal times y is offset. friction: Coulomb's coefficient mu, zero or more. restitution:
-    /// from 0 (no rebound) to 1 (elastic). Two links do not touch each other, and nothing is searched: what may touch is what is named.
+    /// name: of the contact. link: the name of a link, which may come later. xyz: (3,), the sphere's centre in the link's frame, m. radius: m; 0: a
+    /// point. normal: (3,), out of the ground, in the base frame, of any length, and offset: m: the plane is where the unit normal times y is offset.
+    /// friction: Coulomb's coefficient mu, zero or more. restitution: from 0 (no rebound) to 1 (elastic). Two links do not touch each other, and
+    /// nothing is searched: what may touch is what is named.
     ///
-    /// Raises ShapeError or ArgumentError for arrays, naming the contact. build() raises SceneError, naming the contact, for a name used twice, a link that is not there or cannot move, a normal
-    /// without direction, numbers that are out of range or not finite, and connections beside contacts.
+    /// Raises ShapeError or ArgumentError for arrays, naming the contact. build() raises SceneError, naming the contact, for a name used twice, a
+    /// link that is not there or cannot move, a normal without direction, numbers that are out of range or not finite, and connections beside
+    /// contacts.
     #[pyo3(signature = (name, link, *, friction, xyz=None, radius=0.0, normal=None, offset=0.0, restitution=0.0),
            text_signature = "($self, name, link, *, friction, xyz=(0, 0, 0), radius=0.0, normal=(0, 0, 1), offset=0.0, restitution=0.0)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python

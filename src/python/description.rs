@@ -103,8 +103,20 @@ impl Description {
 
     /// The builder that it was made from.
     pub fn builder(self) -> Result<SceneBuilder, Error> {
-        let Self(version, gravity, floating, strict, links, joints, left_out, locked, root, file, connections, contacts) =
-            self;
+        let Self(
+            version,
+            gravity,
+            floating,
+            strict,
+            links,
+            joints,
+            left_out,
+            locked,
+            root,
+            file,
+            connections,
+            contacts,
+        ) = self;
         if version != VERSION {
             return Err(Error::scene("pickled scene", format!("version {version}"), format!("version {VERSION}")));
         }

@@ -59,20 +59,21 @@ impl PyScene {
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s, finite and positive. steps: how many. tau: (..., nv), constant, or a function of
     /// (t, q, qd) that is called once a step with the whole batch and returns (..., nv); tau_steps: (..., steps, nv) instead. Either is held over
     /// each step, so that a function is followed to first order in dt by every method. pd: PD(kp, kd, target, target_rate), followed within the step.
-    /// method: None: "rk4", or "contact" (order 1) in a scene with contacts, which moves by no other; "semi-implicit-euler" (order 1), "rk4" (order 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3).
-    /// "contact" and the last three take springs, damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit stage each;
-    /// they are L-stable for them: what is faster than the step is damped, not followed. record_every: a row after so many steps. armature, damping,
-    /// stiffness, friction: (nv,) or a number, rest: (nq,), instead of the scene's. friction_speed: rad/s or m/s, where friction becomes viscous.
-    /// form: "auto" does a step whose digits are in doubt once more in square-root form; "covariance" watches the pivots only. progress: called with
-    /// (steps done, steps) some twenty times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the
-    /// parabola that weight gives it, to rounding: a step ends with a rigid motion of the tree, as large as the step's error in them, which leaves
-    /// the order as it is and costs O(N). Every tree must hang on the base by a free joint that nothing acts along: no tau, pd, damping, stiffness,
-    /// friction or armature there (ArgumentError). baumgarte: of a scene with connections; None: positions and velocities are projected onto them
-    /// after each step (see project); a rate a in 1/s: accelerations take errors back instead, J qdd + J' qd = -2 a J qd - a^2 error.
+    /// method: None: "rk4", or "contact" (order 1) in a scene with contacts, which moves by no other; "semi-implicit-euler" (order 1), "rk4" (order
+    /// 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3). "contact" and the last three take springs, damping,
+    /// friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit stage each; they are L-stable for them: what is
+    /// faster than the step is damped, not followed. record_every: a row after so many steps. armature, damping, stiffness, friction: (nv,) or a
+    /// number, rest: (nq,), instead of the scene's. friction_speed: rad/s or m/s, where friction becomes viscous. form: "auto" does a step whose
+    /// digits are in doubt once more in square-root form; "covariance" watches the pivots only. progress: called with (steps done, steps) some twenty
+    /// times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the parabola that weight gives it,
+    /// to rounding: a step ends with a rigid motion of the tree, as large as the step's error in them, which leaves the order as it is and costs
+    /// O(N). Every tree must hang on the base by a free joint that nothing acts along: no tau, pd, damping, stiffness, friction or armature there
+    /// (ArgumentError). baumgarte: of a scene with connections; None: positions and velocities are projected onto them after each step (see project);
+    /// a rate a in 1/s: accelerations take errors back instead, J qdd + J' qd = -2 a J qd - a^2 error.
     ///
     /// In a scene with contacts (see SceneBuilder.contact) each step ends with impulses that meet their law: no contact goes through its plane, none
-    /// pulls, |tangential force| <= mu times the normal force, and against the slip where there is some. Approaches faster than what gravity gives in a
-    /// step rebound by Poisson's law, kept from raising the kinetic energy. What starts under a plane is moved out by the first step, and
+    /// pulls, |tangential force| <= mu times the normal force, and against the slip where there is some. Approaches faster than what gravity gives in
+    /// a step rebound by Poisson's law, kept from raising the kinetic energy. What starts under a plane is moved out by the first step, and
     /// contacts.depth tells. O(N + m^2 depth + m^3) for m rows of contacts that touch.
     ///
     /// Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first the start;
@@ -138,7 +139,8 @@ impl PyScene {
         axes.extend(given.leading());
         axes.extend(pd.iter().flat_map(Pd::leading));
         let batch = broadcast_axes(axes)?;
-        let room = Room { states: entries(&batch), rows: steps / every + 1, numbers: nq + nv + 10 * scene.contacts().len() };
+        let room =
+            Room { states: entries(&batch), rows: steps / every + 1, numbers: nq + nv + 10 * scene.contacts().len() };
         let states = room.checked()?;
         own.check_scratch(states)?;
         if let Some(pd) = pd {

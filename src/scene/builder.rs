@@ -268,9 +268,10 @@ impl SceneBuilder {
     /// with two parents, two roots, a cycle, an axis of no direction, numbers that are not finite, a negative mass,
     /// armature, damping, friction or stiffness, a rest that is no configuration of the joint, lower limit above upper; a
     /// floating base for what floats already, under a root link without mass; and what [`SceneBuilder::strict`] makes one. Naming the
-    /// connection, for: a name used twice, an unknown link or joint, links that are rigidly attached to each other, frames that are none, an axis of no direction, a
-    /// length that is not above zero, joints of several axes. Naming the contact, for: a name used twice, an unknown link or one that cannot move, a normal of no direction,
-    /// numbers that are not finite, a negative radius or friction, a restitution that is not from 0 to 1, connections beside contacts.
+    /// connection, for: a name used twice, an unknown link or joint, links that are rigidly attached to each other, frames that are none, an axis of
+    /// no direction, a length that is not above zero, joints of several axes. Naming the contact, for: a name used twice, an unknown link or one that
+    /// cannot move, a normal of no direction, numbers that are not finite, a negative radius or friction, a restitution that is not from 0 to 1,
+    /// connections beside contacts.
     pub fn build(self) -> Result<Scene, Error> {
         memory::room("links", memory::bytes_of::<[u8; A_LINK]>(&[self.links.len()]))?;
         let tree = self.check_tree().map_err(|error| self.with_notes(error))?;

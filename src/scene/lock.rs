@@ -19,7 +19,8 @@ impl Scene {
     ///
     /// A link on a locked joint becomes part of the body that carries it, and so a subtree whose joints are all locked; what is
     /// locked onto the base is no body at all. M, bias and accelerations are those of this scene with the locked rows left out and the locked
-    /// rates zero. Connections stay, but for those whose two ends are locked onto each other, and contacts, but for those of links that cannot move any more.
+    /// rates zero. Connections stay, but for those whose two ends are locked onto each other, and contacts, but for those of links that cannot move
+    /// any more.
     ///
     /// # Errors
     ///
@@ -64,8 +65,8 @@ impl Scene {
         Ok(())
     }
 
-    /// The connections of the locked scene: couplings of locked joints with what these are held at, and without those whose ends are rigidly attached to
-    /// each other by now, if they hold at `q`.
+    /// The connections of the locked scene: couplings of locked joints with what these are held at, and without those whose ends are rigidly attached
+    /// to each other by now, if they hold at `q`.
     fn lock_connections(&self, source: &mut super::SceneBuilder, joints: &[&str], q: &[f64]) -> Result<(), Error> {
         if self.constraints().is_empty() {
             return Ok(());

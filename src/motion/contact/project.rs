@@ -19,8 +19,8 @@ const STEPS: usize = 5;
 /// The Newton steps finish what a solve leaves.
 const ROUGH: Effort = Effort { tolerance: 1e-6, attempts: usize::MAX, iterations: usize::MAX };
 
-/// Moves `q` by the least kinetic energy until no gap is below zero: min d M d/2 with gap + `J_n` d >= 0, some Newton steps. Velocities stay as they are. Gives the depth that
-/// was found, m, and the iterations.
+/// Moves `q` by the least kinetic energy until no gap is below zero: min d M d/2 with gap + `J_n` d >= 0, some Newton steps. Velocities stay as they
+/// are. Gives the depth that was found, m, and the iterations.
 pub(super) fn out_of_planes(
     model: &Model<f64>,
     points: &[ContactPoint],
