@@ -276,7 +276,7 @@ fn a_biped_stands_on_24_redundant_rows_and_its_forces_are_its_weight() {
     assert!(qd.iter().all(|v| v.abs() < 1e-5) && q[2] > 0.85, "{q:?} {qd:?}");
     let now = simulator.contacts_now(0);
     let force = now.chunks(10).fold(Vector3::zeros(), |sum, of| sum + Vector3::new(of[4], of[5], of[6]));
-    let weight = scene.links().iter().map(|_| 0.0).sum::<f64>() + total_mass(&scene) * G;
+    let weight = total_mass(&scene) * G;
     assert!((force - Vector3::new(0.0, 0.0, weight)).norm() < 1e-3 * weight, "{force} for {weight}");
     let told = simulator.contact_report(0).unwrap();
     assert!(told.converged, "{told:?}");
@@ -368,9 +368,9 @@ fn impacts_of_a_tumbling_biped_never_raise_its_energy() {
 
 #[test]
 fn contacts_brought_down_by_others_join_within_the_step() {
-    // A box that falls flat but for a hair: one corner touches first, the others within the same step.
+    // A box that falls flat but for a hair: two corners touch first, the others within the same step.
     let scene = block(0.5, 0.0);
-    let mut q = at(&scene, [0.0, 0.0, 0.1 + 1e-4]);
+    let mut q = at(&scene, [0.0, 0.0, 0.1 + 4e-4]);
     (q[3], q[6]) = ((1e-3_f64).sin(), (1e-3_f64).cos());
     let mut simulator = moving(&scene, 1e-2, &q, &[0.0, 0.0, -1.0, 0.0, 0.0, 0.0]);
     go(&mut simulator, 100);
@@ -518,7 +518,7 @@ fn locking_keeps_the_contacts_of_what_still_moves() {
     let mut builder = phipsi::scenes::chain(3).unwrap().source().clone();
     for (name, link) in [("elbow", "link1"), ("tip", "link2")] {
         let mut contact = Contact::new(name, link);
-        contact.point = [0.0, 0.0, 0.3].into();
+        contact.point = [0.1, 0.0, 0.3].into();
         builder = builder.contact(contact);
     }
     let scene = builder.build().unwrap();

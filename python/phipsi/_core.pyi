@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._identify import Identification
-from ._motion import PD, MomentumCorrection, Trajectory
+from ._motion import PD, ContactMotion, MomentumCorrection, Trajectory
 from ._ode import Ode
 from ._results import (
     Accuracy,
@@ -80,7 +80,7 @@ _Errors: TypeAlias = Literal["raise", "nan"]
 _Form: TypeAlias = Literal["auto", "covariance", "joseph", "square-root"]
 _Frame: TypeAlias = Literal["local", "world", "local-world-aligned"]
 _Kind: TypeAlias = Literal["spatial", "classical"]
-_Method: TypeAlias = Literal["semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3"]
+_Method: TypeAlias = Literal["semi-implicit-euler", "rk4", "implicit-euler", "rosenbrock-2", "rosenbrock-3", "contact"]
 _Ignored: TypeAlias = Literal["equality", "flexes", "fluid", "gravcomp", "nonlinear", "plugins", "tendons"]
 _Switch: TypeAlias = Literal[
     "fixed_joints",
@@ -1036,6 +1036,19 @@ class Scene:
     def without_connections(self) -> Scene:
         """The same tree without the connections, for what knows trees only."""
 
+    @property
+    def contact_names(self) -> tuple[str, ...]:
+        """x"""
+
+    def contact_gaps(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """x"""
+
+    def contact_velocities(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
+        """x"""
+
+    def without_contacts(self) -> Scene:
+        """x"""
+
     def constraint_error(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """How far each row of the connections is from holding, (..., m): the rows of one connection are those of connection_rows.
 
@@ -1564,6 +1577,20 @@ class SceneBuilder:
         connection; build() checks the rest.
         """
 
+    def contact(
+        self,
+        name: str,
+        link: str,
+        *,
+        friction: float,
+        xyz: ArrayLike = (0, 0, 0),
+        radius: float = 0.0,
+        normal: ArrayLike = (0, 0, 1),
+        offset: float = 0.0,
+        restitution: float = 0.0,
+    ) -> SceneBuilder:
+        """x"""
+
     def couple(
         self, name: str, joint: str, other: str | None = None, *, multiplier: float = 1.0, offset: float = 0.0
     ) -> SceneBuilder:
@@ -1671,6 +1698,10 @@ class Simulator:
     @property
     def batch(self) -> tuple[int, ...]:
         """The axes of the batch; () for one state."""
+    @property
+    def contacts(self) -> ContactMotion | None:
+        """x"""
+
     @property
     def momentum_correction(self) -> MomentumCorrection | None:
         """The largest corrections that conserve_momentum made in each state since it began or was reset, a MomentumCorrection; None without it."""

@@ -43,6 +43,7 @@ impl PyScene {
     /// "square-root", next to nothing in "auto".
     ///
     /// Of a scene with connections the accelerations go through them, one state at a time, as constrained_dynamics has them; no error is estimated.
+    /// Contacts act in simulation only: of a scene with contacts these are the accelerations of the tree.
     ///
     /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
     /// the result, and .error, the estimated error of the largest acceleration.

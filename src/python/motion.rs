@@ -59,11 +59,11 @@ impl PyScene {
     /// q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s, finite and positive. steps: how many. tau: (..., nv), constant, or a function of
     /// (t, q, qd) that is called once a step with the whole batch and returns (..., nv); tau_steps: (..., steps, nv) instead. Either is held over
     /// each step, so that a function is followed to first order in dt by every method. pd: PD(kp, kd, target, target_rate), followed within the step.
-    /// method: None: "rk4", or "contact" (order 1) in a scene with contacts, which moves by no other; "semi-implicit-euler" (order 1), "rk4" (order
-    /// 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3). "contact" and the last three take springs, damping,
-    /// friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit stage each; they are L-stable for them: what is
-    /// faster than the step is damped, not followed. record_every: a row after so many steps. armature, damping, stiffness, friction: (nv,) or a
-    /// number, rest: (nq,), instead of the scene's. friction_speed: rad/s or m/s, where friction becomes viscous. form: "auto" does a step whose
+    /// method: "contact" (order 1) in a scene with contacts, which moves by no other and needs not name it; "semi-implicit-euler" (order 1), "rk4"
+    /// (order 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3). "contact" and the last three take springs,
+    /// damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit stage each; they are L-stable for them:
+    /// what is faster than the step is damped, not followed. record_every: a row after so many steps. armature, damping, stiffness, friction: (nv,)
+    /// or a number, rest: (nq,), instead of the scene's. friction_speed: rad/s or m/s, where friction becomes viscous. form: "auto" does a step whose
     /// digits are in doubt once more in square-root form; "covariance" watches the pivots only. progress: called with (steps done, steps) some twenty
     /// times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the parabola that weight gives it,
     /// to rounding: a step ends with a rigid motion of the tree, as large as the step's error in them, which leaves the order as it is and costs
@@ -87,7 +87,7 @@ impl PyScene {
     #[pyo3(signature = (q, qd, *, dt, steps, tau=None, tau_steps=None, method=None, record_every=None, pd=None,
                         armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=FRICTION_SPEED, form="auto",
                         progress=None, conserve_momentum=false, baumgarte=None),
-           text_signature = "($self, q, qd, *, dt, steps, tau=None, tau_steps=None, method=None, record_every=1, \
+           text_signature = "($self, q, qd, *, dt, steps, tau=None, tau_steps=None, method='rk4', record_every=1, \
                              pd=None, armature=None, damping=None, stiffness=None, rest=None, friction=None, friction_speed=0.01, \
                              form='auto', progress=None, conserve_momentum=False, baumgarte=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python

@@ -83,7 +83,7 @@ impl PyScene {
     /// Raises OutOfMemoryError for more states than there is room for; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None, rest=None,
                         friction=None, friction_speed=FRICTION_SPEED, form="auto", conserve_momentum=false, baumgarte=None),
-           text_signature = "($self, q, qd=None, *, dt, method=None, pd=None, armature=None, damping=None, stiffness=None, \
+           text_signature = "($self, q, qd=None, *, dt, method='rk4', pd=None, armature=None, damping=None, stiffness=None, \
                              rest=None, friction=None, friction_speed=0.01, form='auto', conserve_momentum=False, baumgarte=None)")]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn simulator<'py>(

@@ -76,6 +76,17 @@ def through_connections(method: str, arrays: int, states: int = 10**6, **options
     return prepare
 
 
+def on_the_ground(method: str, arrays: int, states: int) -> Callable[[phipsi.Scene], Call]:
+    """A method on the same chain with a contact at its tip that takes q and so many arrays of rates."""
+
+    def prepare(scene: phipsi.Scene) -> Call:
+        touching = scene.to_builder().contact("tip", scene.link_names[-1], xyz=(0.1, 0, 0.3), friction=0.5).build()
+        q = np.broadcast_to(np.zeros(scene.nq), (states, scene.nq))
+        return lambda: getattr(touching, method)(q, *[np.zeros(scene.nv)] * arrays)
+
+    return prepare
+
+
 def of_model(call: Callable[[phipsi.RandomModel], object]) -> Callable[[phipsi.Scene], Call]:
     def prepare(scene: phipsi.Scene) -> Call:
         model = scene.random_model(np.zeros(scene.nq))
@@ -208,6 +219,8 @@ LARGE: dict[str, Large] = {
     "constraint_error": Large("q", through_connections("constraint_error", 0, 10**7), room=100),
     "constraint_jacobian": Large("q", through_connections("constraint_jacobian", 0, 2 * 10**6)),
     "constraint_bias": Large("q", through_connections("constraint_bias", 1, 10**7), room=100),
+    "contact_gaps": Large("q", on_the_ground("contact_gaps", 0, 3 * 10**7), room=100),
+    "contact_velocities": Large("q", on_the_ground("contact_velocities", 1, 10**7), room=100),
     "constrained_dynamics": Large("q", through_connections("constrained_dynamics", 2, 3 * 10**6)),
     "project": Large("q", through_connections("project", 0, 5 * 10**6)),
     "constrained_inverse_dynamics": Large("q", through_connections("constrained_inverse_dynamics", 2, 3 * 10**6)),

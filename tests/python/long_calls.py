@@ -78,6 +78,15 @@ def looped(count: int, call: Callable[[phipsi.Scene, np.ndarray], object]) -> Ca
     return prepare
 
 
+def on_the_ground(count: int, call: Callable[[phipsi.Scene, np.ndarray], object]) -> Callable[[], Call]:
+    def prepare() -> Call:
+        scene = chain(30).to_builder().contact("tip", "link29", xyz=(0.1, 0, 0.3), friction=0.5).build()
+        q = states(scene, count)
+        return lambda: call(scene, q)
+
+    return prepare
+
+
 def in_doubt() -> Call:
     """States that take a thousand times what is expected of them."""
     case = phipsi.scenes.extreme("heavy-tip", 1e12, bodies=30)
@@ -175,6 +184,8 @@ LONG: dict[str, Callable[[], Call]] = {
     "estimate": batch(7, 150_000, lambda scene, q: scene.estimate(q, q, q, covariance=True)),
     "estimate, dense": batch(30, 2_000, lambda scene, q: scene.estimate(q, q, q, covariance=True, method="batch")),
     "estimate, dense, one": of_one(300, lambda scene, q: scene.estimate(q, q, q, covariance=True, method="batch")),
+    "contact_gaps": on_the_ground(3_000_000, lambda scene, q: scene.contact_gaps(q)),
+    "contact_velocities": on_the_ground(1_000_000, lambda scene, q: scene.contact_velocities(q, np.zeros(30))),
     "constraint_error": looped(1_000_000, lambda scene, q: scene.constraint_error(q)),
     "constraint_jacobian": looped(300_000, lambda scene, q: scene.constraint_jacobian(q)),
     "constraint_bias": looped(1_000_000, lambda scene, q: scene.constraint_bias(q, np.zeros(30))),
