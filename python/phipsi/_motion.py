@@ -73,7 +73,10 @@ class ContactMotion(NamedTuple):
     impulse: dict[str, _Array]
     """Impulse on the link of all impacts with a rebound since the row before, (..., rows, 3), N s."""
     residual: _Array
-    """The worst residual of a step, (...): what is left of the law of contacts, as a velocity beside the fastest contact's. Above 1e-8 the run ends with a SimulationError."""
+    """The worst residual of a step, (...): what is left of the law of contacts, as a velocity beside the fastest contact's.
+
+    Above 1e-8 the run ends with a SimulationError.
+    """
     converged: NDArray[np.bool_]
     """Whether every step met 1e-10, or the rounding of its own numbers, (...)."""
     iterations: NDArray[np.int_]
