@@ -271,7 +271,10 @@ def contacts_of(names: tuple[str, ...], rows: _Array, told: _Array) -> ContactMo
     each = rows.reshape(*rows.shape[:-1], len(names), 10)
     by_name = [{name: each[..., i, part] for i, name in enumerate(names)} for part in _PARTS]
     residual, converged, iterations, *rest = np.moveaxis(told, -1, 0)
-    return ContactMotion(*by_name, residual, converged > 0, iterations.astype(int), *rest)
+    gap, slip, force, impulse = by_name
+    impacts, friction, expansion, kept, depth = rest
+    solved = residual, converged > 0, iterations.astype(np.int_)
+    return ContactMotion(gap, slip, force, impulse, *solved, impacts, friction, expansion, kept, depth)
 
 
 #: Where the gap, slip velocity, force and impulse of a contact are in its numbers.
@@ -281,8 +284,12 @@ _PARTS: tuple[int | slice, ...] = (0, slice(1, 4), slice(4, 7), slice(7, 10))
 def _first_rows(contacts: ContactMotion, rows: int, axis: int) -> ContactMotion:
     """Those that were filled."""
     which = (slice(None),) * axis + (slice(rows),)
-    parts = ("gap", "slip", "force", "impulse")
-    return contacts._replace(**{part: {name: values[which] for name, values in getattr(contacts, part).items()} for part in parts})
+
+    def first(of: dict[str, _Array]) -> dict[str, _Array]:
+        return {name: values[which] for name, values in of.items()}
+
+    gap, slip, force, impulse = first(contacts.gap), first(contacts.slip), first(contacts.force), first(contacts.impulse)
+    return contacts._replace(gap=gap, slip=slip, force=force, impulse=impulse)
 
 
 def only_now(q: _Array, qd: _Array, *, scene: Scene, dt: float, steps: int, **about: Any) -> Trajectory:

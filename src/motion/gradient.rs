@@ -5,8 +5,9 @@
 //! through one.
 
 use super::backward::ACTING;
+use super::job::{StepFault, Torque};
 use super::reverser::{Job, Reverser};
-use super::rollout::{GRAIN, Rollout, StepFault, Torque};
+use super::rollout::{GRAIN, Rollout};
 use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::{Error, check_finite, check_length};

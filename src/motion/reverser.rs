@@ -2,10 +2,10 @@
 
 use super::backward::{ACTING, CheckedBackward, InLanes, StepGradients, TORQUE, backward};
 use super::gradient::{Layout, RecordedRows};
+use super::job::{self, Rows, StepFault, Torque};
 use super::properties::of_state;
-use super::rollout::{StepFault, Torque};
 use super::step::{Law, Scratch, clear};
-use super::stepper::{self, Rows, Stepper, fill, scatter, take_lane};
+use super::stepper::{Stepper, fill, scatter, take_lane};
 use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
 use crate::dynamics::derivatives::Parameters;
 use crate::error::Error;
@@ -140,7 +140,7 @@ fn through(
         from: steps.start,
         every: stride,
     };
-    stepper.run(stepper::Job {
+    stepper.run(job::Job {
         scene: job.scene,
         law: job.law,
         steps: steps.start..steps.start + (rows - 1) * stride,

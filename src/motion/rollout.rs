@@ -2,11 +2,12 @@
 
 use super::conserve::{self, Correction, KEPT, Keeper};
 use super::constrained::{Stabilisation, check_start};
-use super::contact::{self, ContactReport, RECORD};
+use super::contact::{ContactReport, RECORD, begin_contacts, record_contacts};
+use super::job::{Job, Rows, StepFault, Torque};
 use super::method::Method;
 use super::properties::{Gains, Properties};
 use super::step::Law;
-use super::stepper::{Job, Rows, Stepper};
+use super::stepper::Stepper;
 use crate::batch::arms::Arm;
 use crate::batch::{Batch, Broadcast, Fault, Pool};
 use crate::dynamics::contacts::ContactScratch;
@@ -59,22 +60,6 @@ impl Settings {
     }
 }
 
-/// The torques that are given, (nv), held over each step; springs, damping, friction and control law come to them.
-#[derive(Debug, Clone)]
-pub enum Torque<'a> {
-    /// None.
-    Zero,
-    /// The same in every step: (nv) a state.
-    Constant(Broadcast<'a>),
-    /// Their own in every step: (steps, nv) a state.
-    Steps {
-        /// The torques.
-        torque: Broadcast<'a>,
-        /// The step of the run that the first are for.
-        first: usize,
-    },
-}
-
 /// Where a rollout records: (states, rows, nq) and (states, rows, nv), row 0 the state at the start, row i after i * every steps.
 #[derive(Debug)]
 pub struct Records<'a> {
@@ -87,19 +72,6 @@ pub struct Records<'a> {
     pub contacts: &'a mut [f64],
     /// A row after so many steps.
     pub every: usize,
-}
-
-/// The earliest step that failed, and in it the lowest state of those that are known to have.
-#[derive(Debug, Clone, PartialEq)]
-pub struct StepFault {
-    /// Index of the step, from zero: so many were finished in every state.
-    pub step: usize,
-    /// Index of the state in the batch.
-    pub state: usize,
-    /// The joint at fault.
-    pub joint: String,
-    /// What was wrong.
-    pub error: Error,
 }
 
 /// States on their way; `S`: what the scene is held by, as `&Scene`, `Arc<Scene>` or `Scene`.
@@ -223,7 +195,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
             largest.fill(0.0);
         }
         if law.method == Method::Contact {
-            contact::begin(kept);
+            begin_contacts(kept);
         }
         self.begun[state] = self.done;
     }
@@ -323,7 +295,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if self.law.method == Method::Contact {
             let kept = &self.of_state(index)[q.len() + v.len()..];
             let mut rows = ContactScratch::new(scene.model(), points);
-            contact::record(scene.model(), points, &mut rows, (q, v), (kept, self.law.step), &mut out);
+            record_contacts(scene.model(), points, &mut rows, (q, v), (kept, self.law.step), &mut out);
         }
         out
     }

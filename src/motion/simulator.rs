@@ -2,7 +2,8 @@
 
 use super::conserve::Correction;
 use super::contact::ContactReport;
-use super::rollout::{Rollout, Settings, StepFault, Torque};
+use super::job::{StepFault, Torque};
+use super::rollout::{Rollout, Settings};
 use crate::batch::{Broadcast, Fault};
 use crate::error::Error;
 use crate::scene::Scene;

@@ -2,15 +2,16 @@
 
 use super::conserve::{KEPT, Keeper};
 use super::constrained::Stabilisation;
-use super::contact;
+use super::contact::width_of_contacts;
 use super::manifold::{advance, carry_back};
 use super::method::{Method, STAGES, Tableau};
-use super::properties::{Gains, Properties};
+use super::properties::{Gains, Properties, joint_of_row};
 use crate::batch::accelerations::{Call, by_covariance, watched};
 use crate::batch::arms::{Target, Vectorised};
 use crate::dynamics;
 use crate::dynamics::auto::Errors;
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
+use crate::error::Error;
 use crate::filter::Form;
 use crate::filter::pivots::LostPivot;
 use crate::model::Model;
@@ -83,7 +84,7 @@ impl Law {
     /// contacts, their impulses and what is told of them.
     pub fn width(&self, scene: &Scene) -> usize {
         let kept = if self.roots.is_empty() { 0 } else { KEPT * self.roots.len() + 2 };
-        let touching = if self.method == Method::Contact { contact::width(scene.contact_points().len()) } else { 0 };
+        let touching = if self.method == Method::Contact { width_of_contacts(scene.contact_points().len()) } else { 0 };
         scene.nq() + scene.nv() + kept + touching
     }
 
@@ -431,4 +432,38 @@ fn forces<T: Real>(law: &Law, s: &mut Scratch<T>, i: usize) {
         }
         s.u[row] = u;
     }
+}
+
+/// A joint that moves by more than this in one step (rad or m) has left what can be called motion.
+pub(super) const FARTHEST: f64 = 1e9;
+
+/// What is wrong with a checked step: the joint and the error.
+pub(super) fn fault_of(scene: &Scene, law: &Law, s: &Scratch<f64>, lost: Option<LostPivot>) -> Option<(String, Error)> {
+    let limit = FARTHEST / law.step;
+    let strayed = s.v_next.iter().position(|v| !(v.abs() <= limit));
+    let finite = s.v.iter().chain(&s.q).all(|x| x.is_finite());
+    if let Some(lost) = lost {
+        // A pivot that is not finite comes of a state that ran away within the step.
+        if lost.pivot.is_finite() && lost.terms.is_finite() && finite {
+            let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
+            return Some((joint, scene.singular(lost)));
+        }
+    }
+    if strayed.is_none() && s.q_next.iter().all(|q| q.is_finite()) && !s.keeper.correction.iter().all(|x| x.is_finite())
+    {
+        let joint = law.roots.first().map(|&k| joint_of_row(scene, scene.model().system.stages[k].first_row));
+        let found = "a tree whose inertia about its mass centre is lost in rounding";
+        let expected = "free joints at bodies that are not much further from the mass centre than the tree is large";
+        return Some((joint.unwrap_or_default(), Error::argument("conserve_momentum", found, expected)));
+    }
+    let row = strayed.or_else(|| s.q_next.iter().any(|q| !q.is_finite()).then_some(0))?;
+    let joint = joint_of_row(scene, row);
+    let error = Error::Argument {
+        argument: format!("rate of joint {joint:?}"),
+        found: format!("{} after a step of {} s, from {}", s.v_next[row], law.step, s.v[row]),
+        expected: format!(
+            "a rate below {limit:.1e}: motion has diverged; take a smaller dt, or an implicit method for stiff joints"
+        ),
+    };
+    Some((joint, error))
 }

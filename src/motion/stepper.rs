@@ -2,11 +2,11 @@
 
 use super::conserve::KEPT;
 use super::constrained::{Closed, Constrained, Stabilisation};
-use super::contact::{RECORD, Toucher};
+use super::contact::Toucher;
+use super::job::{Job, StepFault, Torque};
 use super::method::Method;
-use super::properties::{joint_of_row, of_state};
-use super::rollout::{StepFault, Torque};
-use super::step::{Checked, Law, Plain, Scratch, Watched, step};
+use super::properties::of_state;
+use super::step::{Checked, FARTHEST, Law, Plain, Scratch, Watched, fault_of, step};
 use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
 use crate::dynamics::auto::Errors;
 use crate::error::Error;
@@ -22,48 +22,6 @@ use pulp::x86::V3;
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 use pulp::x86::V4;
 use std::ops::Range;
-
-/// A joint that moves by more than this in one step (rad or m) has left what can be called motion.
-const FARTHEST: f64 = 1e9;
-
-/// Where the recorded rows of a few neighbouring states go: (state, row, coordinate).
-pub(super) struct Rows<'a> {
-    pub q: &'a mut [f64],
-    pub qd: &'a mut [f64],
-    /// (state, row, contact, numbers); empty where they are not recorded.
-    pub contacts: &'a mut [f64],
-    /// Index of the first of the states.
-    pub first: usize,
-    /// How many rows a state has room for.
-    pub of_state: usize,
-    /// The step that the first row is before; a row is written after every so many steps from there on.
-    pub from: usize,
-    pub every: usize,
-}
-
-impl Rows<'_> {
-    /// Where a row of the contacts of a state goes, if they are recorded.
-    pub fn of_contacts(&mut self, state: usize, row: usize, contacts: usize) -> Option<&mut [f64]> {
-        let at = ((state - self.first) * self.of_state + row) * contacts * RECORD;
-        self.contacts.get_mut(at..at + contacts * RECORD).filter(|row| !row.is_empty())
-    }
-}
-
-/// Some steps of neighbouring states, as many as there are lanes or fewer.
-pub(super) struct Job<'a, 'r> {
-    pub scene: &'a Scene,
-    pub law: &'a Law,
-    /// The steps, counted from the start of the run.
-    pub steps: Range<usize>,
-    /// Which states of the batch.
-    pub states: Range<usize>,
-    /// The step that each of them began at.
-    pub begun: &'a [usize],
-    /// (q, qd) of each, one after another, and where momentum is kept what is kept and the largest corrections; in and out.
-    pub current: &'a mut [f64],
-    pub torque: &'a Torque<'a>,
-    pub rows: Option<&'a mut Rows<'r>>,
-}
 
 /// What advances states, whatever its scalar.
 trait Stepping: Send + Sync {
@@ -348,35 +306,4 @@ fn again<T: Vectorised<Number = f64>>(
         fill(&mut s.keeper.correction, lane, &one.keeper.correction);
     }
     Ok(())
-}
-
-/// What is wrong with a checked step: the joint and the error.
-pub(super) fn fault_of(scene: &Scene, law: &Law, s: &Scratch<f64>, lost: Option<LostPivot>) -> Option<(String, Error)> {
-    let limit = FARTHEST / law.step;
-    let strayed = s.v_next.iter().position(|v| !(v.abs() <= limit));
-    let finite = s.v.iter().chain(&s.q).all(|x| x.is_finite());
-    if let Some(lost) = lost {
-        // A pivot that is not finite comes of a state that ran away within the step.
-        if lost.pivot.is_finite() && lost.terms.is_finite() && finite {
-            let joint = scene.joint_of_body(lost.stage).map(|joint| joint.name.clone()).unwrap_or_default();
-            return Some((joint, scene.singular(lost)));
-        }
-    }
-    if strayed.is_none() && s.q_next.iter().all(|q| q.is_finite()) && !s.keeper.correction.iter().all(|x| x.is_finite())
-    {
-        let joint = law.roots.first().map(|&k| joint_of_row(scene, scene.model().system.stages[k].first_row));
-        let found = "a tree whose inertia about its mass centre is lost in rounding";
-        let expected = "free joints at bodies that are not much further from the mass centre than the tree is large";
-        return Some((joint.unwrap_or_default(), Error::argument("conserve_momentum", found, expected)));
-    }
-    let row = strayed.or_else(|| s.q_next.iter().any(|q| !q.is_finite()).then_some(0))?;
-    let joint = joint_of_row(scene, row);
-    let error = Error::Argument {
-        argument: format!("rate of joint {joint:?}"),
-        found: format!("{} after a step of {} s, from {}", s.v_next[row], law.step, s.v[row]),
-        expected: format!(
-            "a rate below {limit:.1e}: motion has diverged; take a smaller dt, or an implicit method for stiff joints"
-        ),
-    };
-    Some((joint, error))
 }

@@ -2,13 +2,13 @@
 
 use super::choice::{choose, names};
 use super::connection_parts::{ConnectionTuple, connection_of, connection_tuple};
-use super::contacts::{ContactTuple, contact_of, contact_tuple};
 use super::object::Object;
 use crate::error::{Error, number};
 use crate::memory;
 use crate::scene::properties::Properties;
 use crate::scene::{
-    Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Omissions, Scene, SceneBuilder, Spring,
+    Contact, Inertial, JointDescription, JointKind, Limits, LinkDescription, Mimic, Omissions, Scene, SceneBuilder,
+    Spring,
 };
 use crate::spatial::{RigidShift, Symmetric3};
 use nalgebra::Matrix3;
@@ -39,6 +39,9 @@ pub(super) type JointTuple = (
 
 /// A joint that was locked: name, kind, pitch.
 type LockedTuple = (String, String, Option<f64>);
+
+/// A contact in plain numbers and names: name, link, point, radius, normal, offset, friction, restitution.
+type ContactTuple = (String, String, [f64; 3], f64, [f64; 3], f64, f64, f64);
 
 /// Version, gravity, floating base, strict, links, joints, names of what is left out, joints that were locked, what the free joint of a
 /// floating base has (armature, damping, friction, stiffness), the file that all of it comes from, connections, contacts.
@@ -149,6 +152,19 @@ impl Description {
 fn link_tuple(link: &LinkDescription) -> LinkTuple {
     let LinkDescription { name, inertial } = link;
     (name.clone(), inertial.map(|Inertial { mass, centre, central }| (mass, centre.into(), central.entries)))
+}
+
+/// All that a contact was given.
+fn contact_tuple(contact: &Contact) -> ContactTuple {
+    let Contact { name, link, point, radius, normal, offset, friction, restitution } = contact;
+    let (point, normal) = ((*point).into(), (*normal).into());
+    (name.clone(), link.clone(), point, *radius, normal, *offset, *friction, *restitution)
+}
+
+/// The contact of its tuple.
+fn contact_of(tuple: ContactTuple) -> Contact {
+    let (name, link, point, radius, normal, offset, friction, restitution) = tuple;
+    Contact { name, link, point: point.into(), radius, normal: normal.into(), offset, friction, restitution }
 }
 
 /// All that a joint was given, in plain numbers and names.

@@ -125,6 +125,19 @@ impl SceneBuilder {
         &self.connections
     }
 
+    /// Adds a contact; the link that it names may come later. [`SceneBuilder::build`] checks it.
+    #[must_use]
+    pub fn contact(mut self, contact: Contact) -> Self {
+        self.contacts.push(contact);
+        self
+    }
+
+    /// The contacts so far.
+    #[must_use]
+    pub fn contacts(&self) -> &[Contact] {
+        &self.contacts
+    }
+
     /// Sets gravity in the base frame, m/s^2.
     #[must_use]
     pub fn gravity(mut self, gravity: [f64; 3]) -> Self {

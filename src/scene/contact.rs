@@ -1,7 +1,6 @@
 //! Contacts: points and spheres on links that do not go through planes of the world, as the user says it.
 
 use super::Scene;
-use super::builder::SceneBuilder;
 use super::contact_point::{ContactPoint, plane_axes};
 use crate::error::{Error, number};
 use crate::kinematics::{Frame, frame_motion};
@@ -92,21 +91,6 @@ impl Contact {
     }
 }
 
-impl SceneBuilder {
-    /// Adds a contact; the link that it names may come later. [`SceneBuilder::build`] checks it.
-    #[must_use]
-    pub fn contact(mut self, contact: Contact) -> Self {
-        self.contacts.push(contact);
-        self
-    }
-
-    /// The contacts so far.
-    #[must_use]
-    pub fn contacts(&self) -> &[Contact] {
-        &self.contacts
-    }
-}
-
 impl Scene {
     /// The contacts, in the order they were made.
     #[must_use]
@@ -118,7 +102,7 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// As [`SceneBuilder::build`]; none that this scene did not have.
+    /// As [`SceneBuilder::build`](super::SceneBuilder::build); none that this scene did not have.
     pub fn without_contacts(&self) -> Result<Self, Error> {
         let mut source = self.source().clone();
         source.contacts.clear();

@@ -7,12 +7,12 @@ pub(in crate::motion) const RECORD: usize = 10;
 const TOLD: usize = 8;
 
 /// How many numbers are kept of a state with so many contacts.
-pub(in crate::motion) fn width(contacts: usize) -> usize {
+pub(in crate::motion) fn width_of_contacts(contacts: usize) -> usize {
     6 * contacts + TOLD
 }
 
 /// At the start of a run.
-pub(in crate::motion) fn begin(kept: &mut [f64]) {
+pub(in crate::motion) fn begin_contacts(kept: &mut [f64]) {
     kept.fill(0.0);
     if let Some((_, told)) = kept.split_last_chunk_mut::<TOLD>() {
         ContactReport::begin().write(told);

@@ -15,5 +15,5 @@ mod run;
 mod step;
 
 pub use kept::ContactReport;
-pub(super) use kept::{RECORD, begin, width};
-pub(super) use run::{Toucher, record};
+pub(super) use kept::{RECORD, begin_contacts, width_of_contacts};
+pub(super) use run::{Toucher, record_contacts};

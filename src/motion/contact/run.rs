@@ -1,9 +1,8 @@
 //! Steps of states, one after another, and what is recorded of their contacts.
 
+use super::super::job::{Job, StepFault, Torque};
 use super::super::properties::of_state;
-use super::super::rollout::{StepFault, Torque};
 use super::super::step::{Law, Scratch};
-use super::super::stepper::Job;
 use super::kept::RECORD;
 use super::step::Touching;
 use crate::dynamics::contacts::{ContactScratch, slip};
@@ -59,7 +58,7 @@ impl Toucher {
             && job.steps.start == rows.from
             && let Some(to) = rows.of_contacts(state, 0, points.len())
         {
-            record(scene.model(), points, &mut touching.rows, (&s.q, &s.v), (kept, law.step), to);
+            record_contacts(scene.model(), points, &mut touching.rows, (&s.q, &s.v), (kept, law.step), to);
         }
         let mut outcome = Ok(());
         for n in job.steps.clone() {
@@ -81,7 +80,7 @@ impl Toucher {
                 rows.q[at * nq..(at + 1) * nq].copy_from_slice(&s.q);
                 rows.qd[at * nv..(at + 1) * nv].copy_from_slice(&s.v);
                 if let Some(to) = rows.of_contacts(state, row, points.len()) {
-                    record(scene.model(), points, &mut touching.rows, (&s.q, &s.v), (kept, law.step), to);
+                    record_contacts(scene.model(), points, &mut touching.rows, (&s.q, &s.v), (kept, law.step), to);
                     kept[3 * points.len()..6 * points.len()].fill(0.0);
                 }
             }
@@ -93,7 +92,7 @@ impl Toucher {
 }
 
 /// One row of contacts: gap and slip velocity of the state, force of the step that led to it, impulse of the impacts that are kept.
-pub(in crate::motion) fn record(
+pub(in crate::motion) fn record_contacts(
     model: &Model<f64>,
     points: &[ContactPoint],
     rows: &mut ContactScratch,

@@ -1,7 +1,6 @@
 //! One step of one state.
 
-use super::super::step::{Checked, Law, Scratch, step};
-use super::super::stepper::fault_of;
+use super::super::step::{Checked, Law, Scratch, fault_of, step};
 use super::kept::ContactReport;
 use super::project::out_of_planes;
 use crate::contact::{Cone, Effort, Impact, Limits, Told, impact, passive};
