@@ -294,6 +294,7 @@ class Scene:
         "square-root", next to nothing in "auto".
 
         Of a scene with connections the accelerations go through them, one state at a time, as constrained_dynamics has them; no error is estimated.
+        Contacts act in simulation only: of a scene with contacts these are the accelerations of the tree.
 
         Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
         the result, and .error, the estimated error of the largest acceleration.
@@ -420,22 +421,29 @@ class Scene:
         q: (..., nq); qd: (..., nv); leading axes broadcast. dt: s, finite and positive. steps: how many. tau: (..., nv), constant, or a function of
         (t, q, qd) that is called once a step with the whole batch and returns (..., nv); tau_steps: (..., steps, nv) instead. Either is held over
         each step, so that a function is followed to first order in dt by every method. pd: PD(kp, kd, target, target_rate), followed within the step.
-        method: "semi-implicit-euler" (order 1), "rk4" (order 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3).
-        The last three take springs, damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit stage each;
-        they are L-stable for them: what is faster than the step is damped, not followed. record_every: a row after so many steps. armature, damping,
-        stiffness, friction: (nv,) or a number, rest: (nq,), instead of the scene's. friction_speed: rad/s or m/s, where friction becomes viscous.
-        form: "auto" does a step whose digits are in doubt once more in square-root form; "covariance" watches the pivots only. progress: called with
-        (steps done, steps) some twenty times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the
-        parabola that weight gives it, to rounding: a step ends with a rigid motion of the tree, as large as the step's error in them, which leaves
-        the order as it is and costs O(N). Every tree must hang on the base by a free joint that nothing acts along: no tau, pd, damping, stiffness,
-        friction or armature there (ArgumentError). baumgarte: of a scene with connections; None: positions and velocities are projected onto them
-        after each step (see project); a rate a in 1/s: accelerations take errors back instead, J qdd + J' qd = -2 a J qd - a^2 error.
+        method: "contact" (order 1) in a scene with contacts, which moves by no other and needs not name it; "semi-implicit-euler" (order 1), "rk4"
+        (order 4), "implicit-euler" (order 1), "rosenbrock-2" (order 2) or "rosenbrock-3" (order 3). "contact" and the last three take springs,
+        damping, friction and pd implicitly, as measurement noise r + h d + h^2 k, at the cost of an explicit stage each; they are L-stable for them:
+        what is faster than the step is damped, not followed. record_every: a row after so many steps. armature, damping, stiffness, friction: (nv,)
+        or a number, rest: (nq,), instead of the scene's. friction_speed: rad/s or m/s, where friction becomes viscous. form: "auto" does a step whose
+        digits are in doubt once more in square-root form; "covariance" watches the pivots only. progress: called with (steps done, steps) some twenty
+        times a second at the most. conserve_momentum: each floating tree keeps its momentum, and its mass centre the parabola that weight gives it,
+        to rounding: a step ends with a rigid motion of the tree, as large as the step's error in them, which leaves the order as it is and costs
+        O(N). Every tree must hang on the base by a free joint that nothing acts along: no tau, pd, damping, stiffness, friction or armature there
+        (ArgumentError). baumgarte: of a scene with connections; None: positions and velocities are projected onto them after each step (see project);
+        a rate a in 1/s: accelerations take errors back instead, J qdd + J' qd = -2 a J qd - a^2 error.
+
+        In a scene with contacts (see SceneBuilder.contact) each step ends with impulses that meet their law: no contact goes through its plane, none
+        pulls, |tangential force| <= mu times the normal force, and against the slip where there is some. Approaches faster than what gravity gives in
+        a step rebound by Poisson's law, kept from raising the kinetic energy. What starts under a plane is moved out by the first step, and
+        contacts.depth tells. O(N + m^2 depth + m^3) for m rows of contacts that touch.
 
         Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first the start;
-        momentum_correction, the largest that conserve_momentum made, else None; drift, how far rows are from the connections. The same bits for any
-        number of threads.
+        momentum_correction, the largest that conserve_momentum made, else None; drift, how far rows are from the connections; contacts, gaps, slip,
+        forces and impulses by name, a ContactMotion, else None. The same bits for any number of threads.
 
-        Raises SimulationError where motion diverges, a pivot is lost, connections cannot hold, or tau raises, with the rows of the finished steps;
+        Raises SimulationError where motion diverges, a pivot is lost, connections cannot hold, no impulses are found that meet the law of contacts
+        to 1e-5, or tau raises, with the rows of the finished steps;
         ConstraintError for a start that does not meet the connections; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise;
         OutOfMemoryError where the rows have no room; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
         """
@@ -1038,16 +1046,26 @@ class Scene:
 
     @property
     def contact_names(self) -> tuple[str, ...]:
-        """x"""
+        """Names of the contacts, in the order they were made: the last axis of contact_gaps, and the keys of Trajectory.contacts."""
 
     def contact_gaps(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """x"""
+        """How far each contact is above its plane, (..., contacts), m; below zero where it is under it.
+
+        q: (..., nq). errors: as in forward_dynamics. O(depth) each.
+
+        Raises ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
+        """
 
     def contact_velocities(self, q: ArrayLike, qd: ArrayLike, *, errors: _Errors = "raise") -> _Array:
-        """x"""
+        """The velocity of the point of each link that is nearest to its contact's plane, (..., contacts, 3), m/s, in the base frame.
+
+        q: (..., nq); qd: (..., nv). errors: as in forward_dynamics. O(depth) each.
+
+        Raises as contact_gaps.
+        """
 
     def without_contacts(self) -> Scene:
-        """x"""
+        """The same scene without the contacts, for what knows none."""
 
     def constraint_error(self, q: ArrayLike, *, errors: _Errors = "raise") -> _Array:
         """How far each row of the connections is from holding, (..., m): the rows of one connection are those of connection_rows.
@@ -1589,7 +1607,17 @@ class SceneBuilder:
         offset: float = 0.0,
         restitution: float = 0.0,
     ) -> SceneBuilder:
-        """x"""
+        """Adds a contact: a sphere on a link, or a point of it, that does not go through a plane of the world. Simulation only.
+
+        name: of the contact. link: the name of a link, which may come later. xyz: (3,), the sphere's centre in the link's frame, m. radius: m; 0: a
+        point. normal: (3,), out of the ground, in the base frame, of any length, and offset: m: the plane is where the unit normal times y is offset.
+        friction: Coulomb's coefficient mu, zero or more. restitution: from 0 (no rebound) to 1 (elastic). Two links do not touch each other, and
+        nothing is searched: what may touch is what is named.
+
+        Raises ShapeError or ArgumentError for arrays, naming the contact. build() raises SceneError, naming the contact, for a name used twice, a
+        link that is not there or cannot move, a normal without direction, numbers that are out of range or not finite, and connections beside
+        contacts.
+        """
 
     def couple(
         self, name: str, joint: str, other: str | None = None, *, multiplier: float = 1.0, offset: float = 0.0
@@ -1700,7 +1728,7 @@ class Simulator:
         """The axes of the batch; () for one state."""
     @property
     def contacts(self) -> ContactMotion | None:
-        """x"""
+        """The contacts now, a ContactMotion: force of the last step, impulse of all impacts since the state began or was reset; None for a scene without contacts."""
 
     @property
     def momentum_correction(self) -> MomentumCorrection | None:

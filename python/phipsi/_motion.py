@@ -75,7 +75,7 @@ class ContactMotion(NamedTuple):
     residual: _Array
     """The worst residual of a step, (...): what is left of the law of contacts, as a velocity beside the fastest contact's.
 
-    Above 1e-8 the run ends with a SimulationError.
+    Above 1e-5 the run ends with a SimulationError.
     """
     converged: NDArray[np.bool_]
     """Whether every step met 1e-10, or the rounding of its own numbers, (...)."""

@@ -9,7 +9,7 @@ use super::properties::{Gains, Properties};
 use super::step::Law;
 use super::stepper::Stepper;
 use crate::batch::arms::Arm;
-use crate::batch::{Batch, Broadcast, Fault, Pool};
+use crate::batch::{Batch, Fault, Pool};
 use crate::dynamics::contacts::ContactScratch;
 use crate::error::Error;
 use crate::filter::{FORMS, Form};

@@ -11,7 +11,6 @@ use crate::batch::arms::{Arm, Baseline, Target, Vectorised, Work, take_states};
 use crate::dynamics::auto::Errors;
 use crate::error::Error;
 use crate::filter::Form;
-use crate::filter::pivots::LostPivot;
 use crate::model::Model;
 use crate::scalar::{Fused, lanes_but};
 #[cfg(target_arch = "x86_64")]
@@ -21,7 +20,6 @@ use crate::scene::Scene;
 use pulp::x86::V3;
 #[cfg(all(target_arch = "x86_64", feature = "avx512"))]
 use pulp::x86::V4;
-use std::ops::Range;
 
 /// What advances states, whatever its scalar.
 trait Stepping: Send + Sync {

@@ -81,7 +81,7 @@ impl PyScene {
     /// forces and impulses by name, a ContactMotion, else None. The same bits for any number of threads.
     ///
     /// Raises SimulationError where motion diverges, a pivot is lost, connections cannot hold, no impulses are found that meet the law of contacts
-    /// to 1e-8, or tau raises, with the rows of the finished steps;
+    /// to 1e-5, or tau raises, with the rows of the finished steps;
     /// ConstraintError for a start that does not meet the connections; SimulationInterrupted (a KeyboardInterrupt) on Ctrl-C, likewise;
     /// OutOfMemoryError where the rows have no room; ShapeError, NotFiniteError, ArgumentError, each naming the argument and the state.
     #[pyo3(signature = (q, qd, *, dt, steps, tau=None, tau_steps=None, method=None, record_every=None, pd=None,

@@ -15,7 +15,7 @@ use crate::spatial::RigidShift;
 use nalgebra::{DVector, Matrix3, Vector3};
 
 /// A residual above it is an error; one between this and the tolerance is told.
-const REFUSED: f64 = 1e-8;
+const REFUSED: f64 = 1e-5;
 
 /// A contact that was left out and ends deeper joins, m.
 const LATE: f64 = 1e-12;
@@ -214,7 +214,7 @@ fn check(scene: &Scene, near: &[usize], told: &Told) -> Result<(), (String, Erro
         return Ok(());
     }
     let found = format!("a residual of {:.1e} after {} iterations", told.residual, told.iterations);
-    let expected = "impulses that meet the law of contacts to 1e-8 of the fastest: take a smaller dt, or less friction";
+    let expected = "impulses that meet the law of contacts to 1e-5 of the fastest: take a smaller dt, or less friction";
     Err((String::new(), Error::argument(named(scene, near), found, expected)))
 }
 
