@@ -449,6 +449,30 @@ fn momentum(scene: &Scene, (q, qd): (&[f64], &[f64])) -> Vector3<f64> {
     place.rotation * Vector3::new(qd[0], qd[1], qd[2]) * 2.0
 }
 
+#[test]
+fn boxes_tumble_without_an_end_before_their_time() {
+    let scene = block(1.0, 0.3);
+    let mut draw = Draw(2);
+    for _ in 0..8 {
+        let qd: Vec<f64> = (0..6).map(|_| 2.0 * draw.next()).collect();
+        let mut simulator = moving(&scene, 1e-3, &at(&scene, [0.0, 0.0, 0.5]), &qd);
+        go(&mut simulator, 1_000);
+        let told = simulator.contact_report(0).unwrap();
+        assert!(told.residual < 1e-5 && told.impulse_kept > 0.999, "{told:?}");
+    }
+}
+
+#[test]
+fn a_step_without_impulses_that_meet_the_law_is_an_error_that_names_contacts() {
+    // Friction that leaves next to no cone: the solver does not get there, and says so.
+    let scene = block(1e6, 0.0);
+    let mut simulator = moving(&scene, 1e-3, &at(&scene, [0.0, 0.0, 0.5]), &[0.3, -0.2, 0.0, 1.5, 2.0, 0.7]);
+    let fault = simulator.step(&Torque::Zero, 2_000).unwrap_err();
+    let text = fault.error.to_string();
+    assert!(fault.step > 0 && text.contains("corner") && text.contains("residual"), "{text}");
+    assert_eq!(simulator.steps(), fault.step);
+}
+
 fn refused(error: &Error, subject: &str, found: &str) {
     let text = error.to_string();
     assert!(matches!(error, Error::Scene { .. }), "{text}");

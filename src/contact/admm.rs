@@ -36,6 +36,11 @@ const BETWEEN: usize = 8;
 /// A residual so near the tolerance that another attempt would end in the same rounding.
 const NEAR: f64 = 100.0;
 
+/// Parts of 1/r that are tried where impulses have to travel, the steps of each, and the residual that is worth it.
+const TRAVELS: [f64; 4] = [1e-7, 1e-6, 1e-8, 1e-5];
+const TRAVEL_STEPS: usize = 60;
+const WORTH_TRAVELLING: f64 = 1e-2;
+
 /// Compliance, in parts of 1/r, that makes impulses of redundant contacts unique.
 const SPRINGS: f64 = 1e-6;
 
@@ -65,7 +70,7 @@ impl Search<'_> {
     fn polish(&mut self, p: &DVector<f64>, mut residual: f64) -> bool {
         let mut p = p.clone();
         for _ in 0..STEPS.min(self.effort.iterations) {
-            let Some(next) = self.cone.newton(&p, self.c, self.limits) else { return false };
+            let Some(next) = self.cone.newton(&p, self.c, self.limits, PROXIMAL) else { return false };
             self.told.iterations += 1;
             let left = self.cone.residual(&next, self.c, self.limits);
             if !(left < FALLS * residual) {
@@ -74,6 +79,28 @@ impl Search<'_> {
             (p, residual) = (next, left);
             if self.take(&p, residual) {
                 return true;
+            }
+        }
+        false
+    }
+
+    /// Newton steps whose residual need not fall. Where redundant contacts would all stick but for a slip that is tiny beside the rest, impulses grow along what G
+    /// does not see, with a residual that stays, until one of them is at the edge of its cone and slips.
+    fn travel(&mut self) -> bool {
+        if !(self.told.residual <= WORTH_TRAVELLING) {
+            return false;
+        }
+        let start = self.best.clone();
+        for proximal in TRAVELS {
+            let mut p = start.clone();
+            for _ in 0..TRAVEL_STEPS.min(self.effort.iterations) {
+                let Some(next) = self.cone.newton(&p, self.c, self.limits, proximal) else { break };
+                self.told.iterations += 1;
+                let residual = self.cone.residual(&next, self.c, self.limits);
+                if self.take(&next, residual) {
+                    return true;
+                }
+                p = next;
             }
         }
         false
@@ -155,7 +182,7 @@ impl Cone {
             if done || (tried > 0 && search.told.residual <= NEAR * effort.tolerance) {
                 break;
             }
-            done = search.attempt(attempt, &p);
+            done = search.attempt(attempt, &p) || search.travel();
         }
         if !done && effort.attempts > ATTEMPTS.len() && search.told.residual > NEAR * effort.tolerance {
             self.follow(c, limits, &mut search);

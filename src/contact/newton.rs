@@ -7,11 +7,11 @@ use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 pub(super) const PROXIMAL: f64 = 1e-6;
 
 impl Cone {
-    /// dF/dp, with G + `PROXIMAL`/r in place of G: X = 1 - r G', and each contact open (nothing), sticking (X in n and t) or sliding.
-    fn slope(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> DMatrix<f64> {
+    /// dF/dp, with G + `proximal`/r in place of G: X = 1 - r G', and each contact open (nothing), sticking (X in n and t) or sliding.
+    fn slope(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits, proximal: f64) -> DMatrix<f64> {
         let (m, x) = (3 * self.len(), self.targets(p, c));
         let moved = DMatrix::from_fn(m, m, |i, j| {
-            let one = if i == j { 1.0 - PROXIMAL } else { 0.0 };
+            let one = if i == j { 1.0 - proximal } else { 0.0 };
             one - self.lengths[i / 3] * self.g[(i, j)]
         });
         let mut slope = DMatrix::identity(m, m);
@@ -39,8 +39,14 @@ impl Cone {
     }
 
     /// One Newton step, projected onto the cones; none where the matrix is singular.
-    pub(super) fn newton(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Option<DVector<f64>> {
-        let step = self.slope(p, c, limits).lu().solve(&self.defect(p, c, limits))?;
+    pub(super) fn newton(
+        &self,
+        p: &DVector<f64>,
+        c: &DVector<f64>,
+        limits: &Limits,
+        proximal: f64,
+    ) -> Option<DVector<f64>> {
+        let step = self.slope(p, c, limits, proximal).lu().solve(&self.defect(p, c, limits))?;
         let mut next = p - step;
         self.project(&mut next, &limits.least);
         next.iter().all(|x| x.is_finite()).then_some(next)
