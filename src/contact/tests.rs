@@ -210,12 +210,12 @@ fn an_expansion_that_would_raise_the_energy_is_cut_to_where_it_does_not() {
     let cone = Cone::new(DMatrix::from_diagonal_element(3, 3, 0.5), vec![0.0]);
     let of = |p: f64| DVector::from_vec(vec![0.0, 0.0, p]);
     let u = of(-3.0);
-    assert_eq!(expansion_kept(&cone, &u, &of(6.0), &of(6.0)), 1.0);
+    assert!(expansion_kept(&cone, &u, &of(6.0), &of(6.0)) >= 1.0);
     let kept = expansion_kept(&cone, &u, &of(6.0), &of(10.0));
     assert!((kept - 0.6).abs() < 1e-15, "{kept}");
     assert!(work(&cone, &u, &(of(6.0) + of(10.0) * kept)).abs() < 1e-14);
-    // Nothing was lost by the compression: nothing is given back.
-    assert_eq!(expansion_kept(&cone, &u, &of(0.0), &of(20.0)), 0.6);
+    // Without a compression: up to where all of the energy is back.
+    assert!((expansion_kept(&cone, &u, &of(0.0), &of(20.0)) - 0.6).abs() < 1e-15);
     let (p, kept) = passive(&cone, &u, of(24.0));
     assert!((kept - 0.5).abs() < 1e-15 && (p[2] - 12.0).abs() < 1e-14);
 }
