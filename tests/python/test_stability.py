@@ -9,12 +9,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import mpmath
+import numpy as np
 import pytest
 from browsing import Opened, browser, needs_browser  # noqa: F401  # one is a fixture
 from click.testing import CliRunner
 from phipsi.report import commands, pipeline
 from phipsi.report.progress import Silent
-from phipsi.report.stability import STABILITY, Stability
+from phipsi.report.stability import STABILITY, Stability, loops
 from phipsi.report.stability.measure import COVARIANCE, ROOT
 
 import phipsi
@@ -53,6 +55,58 @@ def test_the_forms_are_told_apart(found: Stability) -> None:
     assert heavy.errors[ROOT, "float64"].norm < 1e-12
     assert heavy.errors[COVARIANCE, "float64"].norm > 1e-6
     assert heavy.floor.norm < 1e-14
+
+
+def test_loops_keep_their_digits_where_covariances_and_dense_algebra_do_not(found: Stability) -> None:
+    rows = {(row.heavy, row.ratio): row for row in found.parts["loops"]}
+    assert set(rows) == {("none", 1.0)} | {(name, ratio) for name in loops.HEAVY for ratio in loops.RATIOS[1:]}
+    for key, row in rows.items():
+        assert row.sensitivity.norm > 0.0
+        for form in ("auto", "square-root"):
+            assert row.errors[form].norm <= max(2e-12, 20 * row.sensitivity.norm), (key, form)
+    heavy = rows["last", 1e8]
+    assert heavy.errors["square-root"].norm < 1e-13 < 1e-11 < min(heavy.errors[key].norm for key in ("covariance", loops.DENSE))
+
+
+@pytest.mark.parametrize(("name", "ratio"), [("last", 1e8), ("third", 1e-8), ("every other", 1.0)])
+def test_exact_accelerations_are_those_of_places_in_fifty_digits(name: str, ratio: float) -> None:
+    one = loops.linkage(loops.HEAVY[name], ratio, 3)
+    with mpmath.workdps(60):
+        length, com, mass, inertia, q, qd, tau = (
+            [mpmath.mpf(x) for x in row] for row in (one.length, one.com, one.mass, one.inertia, one.q, one.qd, one.tau)
+        )
+        n, h = len(q), mpmath.mpf(10) ** -20
+
+        def places(joints: list[Any]) -> list[Any]:
+            """Of every link z and x of its mass centre and its angle, each times the root of its inertia; where the end misses, seen from the last."""
+            end, angle, rows = mpmath.mpc(0), mpmath.mpf(0), []
+            for k in range(n):
+                angle += joints[k]
+                centre = mpmath.sqrt(mass[k]) * (end + com[k] * mpmath.expj(angle))
+                rows += [centre.real, centre.imag, mpmath.sqrt(inertia[k]) * angle]
+                end += length[k] * mpmath.expj(angle)
+            missing = mpmath.expj(-angle) * (mpmath.mpc(0, loops.APART) - end)
+            return [*rows, missing.real, missing.imag]
+
+        def along(step: list[Any], size: int) -> list[Any]:
+            return places([x + size * h * v for x, v in zip(q, step, strict=True)])
+
+        units = [[mpmath.mpf(i == k) for i in range(n)] for k in range(n)]
+        columns = [[(a - b) / (2 * h) for a, b in zip(along(unit, 1), along(unit, -1), strict=True)] for unit in units]
+        curved = [(a - 2 * m + b) / h**2 for a, m, b in zip(along(qd, 1), places(q), along(qd, -1), strict=True)]
+        # Gauss: of the accelerations that keep the end, those nearest to what free links would do.
+        free = [-mpmath.sqrt(mass[k // 3]) * mpmath.mpf(loops.GRAVITY) if k % 3 == 0 else mpmath.mpf(0) for k in range(3 * n)]
+        short = [f - c for f, c in zip(free, curved, strict=False)]
+        matrix, right = mpmath.zeros(n + 2), mpmath.zeros(n + 2, 1)
+        for i, column in enumerate(columns):
+            for k, other in enumerate(columns):
+                matrix[i, k] = mpmath.fdot(column[: 3 * n], other[: 3 * n])
+            for k in range(2):
+                matrix[i, n + k] = matrix[n + k, i] = column[3 * n + k]
+            right[i] = tau[i] + mpmath.fdot(column[: 3 * n], short)
+        right[n], right[n + 1] = -curved[3 * n], -curved[3 * n + 1]
+        expected = np.array([float(x) for x in mpmath.lu_solve(matrix, right)[:n]])
+    assert np.abs(one.exact() - expected).max() <= 2 * np.finfo(float).eps * np.abs(expected).max()
 
 
 def test_json_has_no_nan(found: Stability) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..pipeline import Layout, Section, provenance
-from . import measure, plots, tables
+from . import loops, measure, plots, tables
 from .measure import Stability
 
 __all__ = ["STABILITY", "Stability"]
@@ -17,6 +17,7 @@ STABILITY: Layout[Stability] = Layout(
         Section("timed", "Error against run time", measure.timed, blocks=tables.timed),
         Section("recursions", "Inverse dynamics, bias torque, mass matrix", measure.recursions, blocks=tables.recursions),
         Section("derivatives", "Derivatives of forward dynamics", measure.derivatives, blocks=tables.derivatives),
+        Section("loops", "Closed loops", loops.measure, blocks=tables.loops),
         Section("singular", "Singular scenes", measure.singular, blocks=tables.singular),
         Section("failed", "What failed", blocks=tables.failed),
         Section("cases", "Every case", measure.cases, blocks=tables.cases),

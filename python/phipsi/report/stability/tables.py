@@ -9,6 +9,7 @@ from ... import scenes
 from ..page import Block, Code, Figure, Heading, Table, flowed
 from ..robot import PRECISIONS
 from ..text import plural, time
+from .loops import DENSE
 from .measure import COVARIANCE, DERIVED_FORMS, ROOT, TIMED, Derived, Error, Point, Recursion, Stability
 from .plots import SWEEPS
 
@@ -26,6 +27,11 @@ one unit in the last place.
 """
 RECURSIONS = "For each case the value where a component is furthest above its sensitivity, if it loses more than 1e-13:"
 DERIVATIVES = "For each case the value where the covariance form loses most; errors in the max-norm:"
+LOOPS = """\
+Accelerations of six bars in a plane, hinged to each other and at both ends to the ground: a tree of six joints, closed by a hinge.
+Some bars have the ratio times the mass of the others. The reference is their equations of motion solved in exact fractions. Errors in
+the max-norm, the worst of the states.
+"""
 CASES = """\
 Each number is the worst of the states, of the errors as of the sensitivities. The columns state and parameters are sensitivities; –
 means that a method failed or was not compared at every state, with the reason above.
@@ -116,6 +122,16 @@ def derivatives(found: Stability) -> list[Block]:
         for row in worst.values()
     ]
     return [DERIVATIVES, Table(("case", "value", "sensitivity", *DERIVED_FORMS), rows, 2)]
+
+
+def loops(found: Stability) -> list[Block]:
+    """A linkage of every ratio, and the errors of every form and of dense algebra."""
+    methods = (*DERIVED_FORMS, DENSE)
+    rows = [
+        [row.heavy, number(row.ratio), error(row.sensitivity.norm), *(error(row.errors[method].norm) for method in methods)]
+        for row in found.parts["loops"]
+    ]
+    return [flowed(LOOPS), Table(("heavy", "ratio", "sensitivity", *methods), rows, 2)]
 
 
 def _lost(row: Derived) -> float:
