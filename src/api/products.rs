@@ -226,7 +226,6 @@ impl Scene {
     ) -> Result<(), Error> {
         self.check_no_connections("second derivatives of forward dynamics")?;
         let which = Products::ForwardGradient(workspace.form);
-        self.check_no_connections("derivatives of forward dynamics")?;
         self.check_product(workspace, which, state, (scratch.size(), out.len()))?;
         for (name, direction) in Products::ForwardTangent(workspace.form).seeds().iter().zip(direction) {
             self.check_rates(name, direction)?;
