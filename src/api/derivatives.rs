@@ -8,7 +8,7 @@ use crate::workspace::Workspace;
 
 impl Scene {
     /// dtau/dq, dtau/dqd and M of inverse dynamics at one state, in the tangent space of `q`, into `out` one after another: see
-    /// [`derivatives::inverse_dynamics_derivatives`].
+    /// [`crate::dynamics::derivatives::inverse_dynamics_derivatives`].
     ///
     /// `q` (nq), `qd`, `qdd` (nv), SI units; `wrenches` is empty or holds a spatial force a body, held in that body's frame; `out`
     /// (3 x nv x nv). By the compiled kernels, as [`Scene::forward_dynamics`]; the first call makes their scratch. O(N depth).
@@ -31,7 +31,7 @@ impl Scene {
     }
 
     /// dqdd/dq, dqdd/dqd and M^-1 of forward dynamics at one state, in the form of the workspace and in the tangent space of `q`, into `out` one after another: see
-    /// [`derivatives::forward_dynamics_derivatives`].
+    /// [`crate::dynamics::derivatives::forward_dynamics_derivatives`].
     ///
     /// `q` (nq), `qd`, `tau` (nv), SI units; `wrenches` and `out` as in [`Scene::inverse_dynamics_derivatives`]. In the forms `auto` and `covariance` by the compiled
     /// kernels, where M^-1 times dtau/dq and dtau/dqd are O(N^2 depth) products; in the others, for chains of more than 300 links, and for states in doubt column by
@@ -56,7 +56,7 @@ impl Scene {
     }
 
     /// The Coriolis matrix C at `q` and `qd`, (nv x nv) row by row: C qd is the torque of the rates, and dM/dt - 2 C is antisymmetric; see
-    /// [`derivatives::coriolis_matrix`].
+    /// [`crate::dynamics::derivatives::coriolis_matrix`].
     ///
     /// # Errors
     ///
@@ -72,7 +72,7 @@ impl Scene {
         self.run_one(workspace, None, Algorithm::Derivatives(Derivatives::CoriolisMatrix), &state, out)
     }
 
-    /// dM/dt at `q` along `qd`, (nv x nv) row by row: see [`derivatives::mass_matrix_derivative`].
+    /// dM/dt at `q` along `qd`, (nv x nv) row by row: see [`crate::dynamics::derivatives::mass_matrix_derivative`].
     ///
     /// # Errors
     ///
