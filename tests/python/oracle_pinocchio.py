@@ -36,13 +36,14 @@ def load(file: str, floating_base: bool, *, strict: bool = False) -> tuple[phips
 class Oracle:
     """Pinocchio's model of a file, speaking in phipsi's order and conventions."""
 
-    def __init__(self, file: str, floating_base: bool, scene: phipsi.Scene) -> None:
+    def __init__(self, file: str, floating_base: bool, scene: phipsi.Scene, *, mimic: bool = False) -> None:
         path = str(ROBOTS / file)
         root = (pin.JointModelFreeFlyer(),) if floating_base else ()
-        self.model = pin.buildModelFromUrdf(path, *root)
+        self.model = pin.buildModelFromUrdf(path, *root, *((True,) if mimic else ()))
         self.model.gravity.linear[:] = scene.gravity
         self.data = self.model.createData()
-        names = list(self.model.names)[1:]
+        # Those that follow others are joints of Pinocchio's, and none of a coupled scene's.
+        names = [name for name in self.model.names[1:] if not mimic or name in scene.joint_names]
         assert sorted(names) == sorted(scene.joint_names)
         assert self.model.nv == scene.nv
         self.mass = pin.computeTotalMass(self.model)

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from oracle_mpmath import Joint, Link, State, Tree, exact, random_tree, rounded, zeros
-from oracle_pinocchio import ROBOTS, urdf_files
+from oracle_pinocchio import ROBOTS, Oracle, urdf_files
 from tolerances import EPS, STEP, assert_near, assert_same_bits, central_difference, inverse, product, recursion, size
 
 import phipsi
@@ -261,30 +261,6 @@ def test_float32(case: Case) -> None:
 # Real robots
 
 
-class Reduced:
-    """Pinocchio's model of a file with its mimic joints, in phipsi's order; both start at phipsi's q."""
-
-    def __init__(self, file: str, scene: phipsi.Scene) -> None:
-        self.model = pin.buildModelFromUrdf(str(ROBOTS / file), True)
-        self.data = self.model.createData()
-        self.scene = scene
-        self.v_order = np.empty(scene.nv, dtype=int)
-        for name in scene.joint_names:
-            joint = self.model.joints[self.model.getJointId(name)]
-            at = scene.v_index(name)
-            self.v_order[at] = joint.idx_v + np.arange(joint.nv)
-
-    def configuration(self, q: np.ndarray) -> np.ndarray:
-        there = np.empty(self.model.nq)
-        for name in self.scene.joint_names:
-            joint = self.model.joints[self.model.getJointId(name)]
-            values = q[self.scene.q_index(name)]
-            if joint.nq == 2 and joint.nv == 1:
-                values = np.array([np.cos(values[0]), np.sin(values[0])])
-            there[joint.idx_q : joint.idx_q + joint.nq] = values
-        return there
-
-
 @pytest.mark.parametrize("file", FILES)
 def test_real_robots_as_pinocchio(file: str) -> None:
     if file in BROKEN:
@@ -299,7 +275,7 @@ def test_real_robots_as_pinocchio(file: str) -> None:
     # Some files have fixed joints with a mimic, which has no meaning.
     assert scene.nv == free.nv - len(followers)
     try:
-        oracle = Reduced(file, scene)
+        oracle = Oracle(file, False, scene, mimic=True)
     except ValueError as error:
         # Pinocchio wants the followed joint further in; phipsi anywhere.
         assert "not in the kinematic tree" in str(error)

@@ -105,6 +105,7 @@ def _sine_and_cosine(angle: Fraction) -> tuple[Fraction, Fraction]:
     while term:
         sums[k % 2] += term if k % 4 < 2 else -term
         k += 1
+        # Towards zero: rounded down, a negative term would never end.
         term = int(Fraction(term * x, k << BITS))
     return Fraction(sums[1], 1 << BITS), Fraction(sums[0], 1 << BITS)
 
