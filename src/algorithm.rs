@@ -9,6 +9,9 @@ use crate::spatial::SpatialVector;
 pub enum Algorithm {
     /// u = tau; gives qdd, (nv).
     ForwardDynamics(Form),
+    /// u = tau; gives qdd (nv), the forces of the connections (m), the rank of their rows and the largest that is left of these, as
+    /// [`Scene::constrained_dynamics`](crate::Scene::constrained_dynamics).
+    ConstrainedDynamics(Form),
     /// u = qdd; gives tau, (nv).
     InverseDynamics,
     /// No u; gives the torque of the bias, (nv).
@@ -214,7 +217,7 @@ impl Algorithm {
     #[must_use]
     pub fn reads(self) -> (bool, Option<&'static str>) {
         match self {
-            Self::ForwardDynamics(_) => (true, Some("tau")),
+            Self::ForwardDynamics(_) | Self::ConstrainedDynamics(_) => (true, Some("tau")),
             Self::InverseDynamics => (true, Some("qdd")),
             Self::BiasTorque => (true, None),
             Self::MassMatrix | Self::MassMatrixInverse(_) => (false, None),
@@ -234,6 +237,7 @@ impl Algorithm {
     pub fn form(self) -> Option<Form> {
         match self {
             Self::ForwardDynamics(form)
+            | Self::ConstrainedDynamics(form)
             | Self::MassMatrixInverse(form)
             | Self::Derivatives(Derivatives::ForwardDynamics(form)) => Some(form),
             Self::Products(which) => which.form(),

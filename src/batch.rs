@@ -25,10 +25,12 @@ mod accuracy;
 pub(crate) mod arms;
 pub(crate) mod chunk;
 mod compiled;
+mod connected;
 mod coupled;
 pub(crate) mod derivatives;
 pub(crate) mod evaluator;
 mod everyday;
+pub(crate) mod factor;
 mod finite;
 pub(crate) mod products;
 #[cfg(feature = "parallel")]

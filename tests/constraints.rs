@@ -3,14 +3,16 @@
 
 mod common;
 
+use common::lanes::{arms, evaluate, on_a_large_stack};
 use common::loops::{biped, exact, four_bar, state, stewart, tangle, welded_four_bar};
 use common::{ALL_KINDS, Random, tolerance};
 use nalgebra::{DMatrix, DVector};
+use phipsi::batch::Evaluator;
 use phipsi::filter::Form;
 use phipsi::motion::{METHODS, Method, Rollout, Settings, Simulator, Stabilisation, Torque};
 use phipsi::scene::{Connection, ConnectionKind, Property};
 use phipsi::spatial::RigidShift;
-use phipsi::{Error, Scene};
+use phipsi::{Algorithm, Arguments, Error, Scene};
 
 const FORMS: [Form; 4] = [Form::Auto, Form::Covariance, Form::Joseph, Form::SquareRoot];
 
@@ -30,6 +32,15 @@ fn dynamics(scene: &Scene, form: Form, (q, qd, tau): &State) -> Result<(Vec<f64>
     let (mut qdd, mut forces) = (vec![f64::NAN; scene.nv()], vec![f64::NAN; scene.constraint_rows()]);
     let told = scene.constrained_dynamics(&mut workspace, &mut scratch, q, qd, tau, &[], (&mut qdd, &mut forces))?;
     Ok((qdd, forces, told.rank, told.residual))
+}
+
+/// The same by the general recursion, whatever the kernels say.
+fn recursion(scene: &Scene, form: Form, (q, qd, tau): &State) -> Vec<f64> {
+    let algorithm = Algorithm::ConstrainedDynamics(form);
+    let (state, mut out) =
+        (Arguments { q, qd, u: tau, ..Arguments::default() }, vec![f64::NAN; scene.width(algorithm)]);
+    scene.recursion(&mut scene.workspace(), None, algorithm, &state, &mut out).unwrap();
+    out
 }
 
 fn jacobian(scene: &Scene, q: &[f64]) -> DMatrix<f64> {
@@ -73,8 +84,14 @@ fn compare(what: &str, scene: &Scene, state: &State, rank: usize) {
     let (q, qd, tau) = state;
     let exact = exact(scene, q, qd, tau);
     assert_eq!(exact.rank, rank, "{what}: rank of the definition");
-    for form in FORMS {
-        let (qdd, forces, found, residual) = dynamics(scene, form, state).unwrap();
+    let (nv, m) = (scene.nv(), scene.constraint_rows());
+    let general = |form| {
+        let all = recursion(scene, form, state);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        (all[..nv].to_vec(), all[nv..nv + m].to_vec(), all[nv + m] as usize, all[nv + m + 1])
+    };
+    let ways = FORMS.iter().flat_map(|&form| [(form, dynamics(scene, form, state).unwrap()), (form, general(form))]);
+    for (form, (qdd, forces, found, residual)) in ways {
         assert_eq!(found, rank, "{what} {form:?}: rank");
         let torque = jacobian(scene, q).tr_mul(&DVector::from_vec(forces));
         let error = distance(&qdd, &exact.qdd) / tolerance::size(&exact.qdd);
@@ -86,6 +103,69 @@ fn compare(what: &str, scene: &Scene, state: &State, rank: usize) {
             exact.condition
         );
         assert!(error <= bound && of_torque <= bound, "{what} {form:?}: {error:e} and {of_torque:e}, bound {bound:e}");
+    }
+}
+
+#[test]
+fn states_in_lanes_are_as_the_recursion_has_them_and_as_alone() {
+    on_a_large_stack(|| {
+        let scenes = [
+            ("point", bars(ConnectionKind::Point), 0.7),
+            ("axis", bars(hinge()), 0.7),
+            ("platform", stewart(), 0.1),
+            ("welds", biped(0), 0.2),
+            ("four points a foot", biped(4), 0.2),
+            ("tangle", tangle(3, &ALL_KINDS), 0.1),
+        ];
+        for (what, scene, size) in scenes {
+            let states: Vec<State> = (0..11).map(|seed| state(&scene, seed, size)).collect();
+            for form in [Form::Auto, Form::Covariance] {
+                let algorithm = Algorithm::ConstrainedDynamics(form);
+                let arguments: Vec<_> =
+                    states.iter().map(|(q, qd, tau)| Arguments { q, qd, u: tau, ..Arguments::default() }).collect();
+                let width = scene.width(algorithm);
+                for arm in arms() {
+                    let mut evaluator = Evaluator::on(arm, &scene);
+                    let all = evaluate(&scene, &mut evaluator, algorithm, &arguments);
+                    let accelerations = evaluate(&scene, &mut evaluator, Algorithm::ForwardDynamics(form), &arguments);
+                    for (i, state) in states.iter().enumerate() {
+                        let own = &all[i * width..(i + 1) * width];
+                        let alone = evaluate(&scene, &mut evaluator, algorithm, &arguments[i..=i]);
+                        let again = evaluate(&scene, &mut evaluator, algorithm, &[arguments[i]; 3]);
+                        assert_eq!(own, &again[width..2 * width], "{what} {arm:?} {i}: other neighbours");
+                        let general = recursion(&scene, form, state);
+                        let (nv, told) = (scene.nv(), width - 2);
+                        assert_eq!(own[told], general[told], "{what} {arm:?} {i}: rank");
+                        assert_eq!(&own[..nv], &accelerations[i * nv..(i + 1) * nv]);
+                        let of_mass = tolerance::conditioning(nv, mass_matrix(&scene, &state.0).as_slice()).number;
+                        let bound = 1024.0 * f64::EPSILON * of_mass * tolerance::size(&general[..nv]);
+                        for found in [own, &alone] {
+                            let error = distance(&found[..nv], &general[..nv]);
+                            assert!(error <= bound, "{what} {arm:?} {form:?} {i}: {error:e}, bound {bound:e}");
+                        }
+                    }
+                }
+            }
+        }
+    });
+}
+
+#[test]
+fn the_kernels_have_what_is_regular_and_leave_the_rest() {
+    let doubt = |scene: &Scene, state: &State| {
+        let (q, qd, tau) = state;
+        let algorithm = Algorithm::ConstrainedDynamics(Form::Covariance);
+        let arguments = [Arguments { q, qd, u: tau, ..Arguments::default() }];
+        Evaluator::new(scene).run(algorithm, &arguments, &mut vec![f64::NAN; scene.width(algorithm)]) & 1
+    };
+    for seed in 0..3 {
+        // Of the five rows of the hinge two move anything: the others are left out.
+        let scenes = [(bars(hinge()), 0.7), (bars(ConnectionKind::Point), 0.7), (biped(0), 0.2), (stewart(), 0.1)];
+        for (scene, size) in scenes {
+            assert_eq!(doubt(&scene, &state(&scene, seed, size)), 0);
+        }
+        let redundant = biped(4);
+        assert_eq!(doubt(&redundant, &state(&redundant, seed, 0.2)), 1, "24 rows of rank 12");
     }
 }
 

@@ -1,5 +1,6 @@
 //! Closed loops at one state, with arguments checked and faults named.
 
+use crate::algorithm::{Algorithm, Arguments};
 use crate::dynamics::constraints::{self, ConstraintScratch, accelerations_of_rows, errors_of_rows, jacobian_of_rows};
 use crate::error::{Error, check_length, number};
 use crate::kinematics::placements_base_to_tip;
@@ -124,24 +125,18 @@ impl Scene {
         wrenches: &[SpatialVector<f64>],
         (qdd, forces): (&mut [f64], &mut [f64]),
     ) -> Result<Constrained, Error> {
-        self.check_configuration("q", q)?;
-        self.check_rates("qd", qd)?;
-        self.check_rates("tau", tau)?;
-        self.check_wrenches(wrenches)?;
-        check_length("qdd", qdd.len(), self.nv())?;
-        check_length("forces", forces.len(), self.constraint_rows())?;
+        let (nv, m) = (self.nv(), self.constraint_rows());
+        check_length("qdd", qdd.len(), nv)?;
+        check_length("forces", forces.len(), m)?;
         self.check_scratch_of_rows(workspace, scratch)?;
-        self.check_form(workspace)?;
-        let system = (self.model(), self.constraints());
-        let state = (q, qd, tau);
-        let outcome = constraints::constrained_dynamics(system, workspace, scratch, state, wrenches, None, qdd)
-            .map_err(|at| self.no_direction(at))?;
-        self.check_pivots(workspace, outcome.pivots)?;
-        self.check_result("qdd", qdd)?;
-        self.check_result("forces", &scratch.forces)?;
-        self.check_agreement(&outcome)?;
-        forces.copy_from_slice(&scratch.forces);
-        Ok(Constrained { rank: outcome.rank, residual: outcome.residual })
+        let state = Arguments { q, qd, u: tau, wrenches, ..Arguments::default() };
+        let algorithm = Algorithm::ConstrainedDynamics(workspace.form);
+        self.run_one(workspace, None, algorithm, &state, &mut scratch.results)?;
+        let (accelerations, rest) = scratch.results.split_at(nv);
+        qdd.copy_from_slice(accelerations);
+        forces.copy_from_slice(&rest[..m]);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count
+        Ok(Constrained { rank: rest[m] as usize, residual: rest[m + 1] })
     }
 
     /// The configuration nearest to `q` that meets the connections, and the velocities nearest to `qd` that keep them so, both in place.

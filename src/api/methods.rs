@@ -35,9 +35,8 @@ impl Scene {
     /// Forward dynamics of one state, in the form of the workspace.
     ///
     /// By the compiled kernels of [`Scene::evaluate`], as all of these five; a state that they doubt is done again by
-    /// [`Scene::recursion`], and so is every state where the workspace is to estimate errors, and of a scene with connections, whose accelerations
-    /// are those of [`Scene::constrained_dynamics`]. What else the workspace holds afterwards is
-    /// not said.
+    /// [`Scene::recursion`], and so is every state where the workspace is to estimate errors. Of a scene with connections the accelerations are those of
+    /// [`Scene::constrained_dynamics`]. What else the workspace holds afterwards is not said.
     ///
     /// # Errors
     ///

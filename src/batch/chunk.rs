@@ -5,8 +5,10 @@
 
 use super::accelerations;
 use super::arms::{Entry, Target, Vectorised, Work};
+use super::connected::{self, ConnectedKernel};
 use super::derivatives::{self, DerivativeKernel};
 use super::everyday::{self, EverydayKernel};
+use super::factor;
 use super::finite::{any_not_finite, not_finite};
 use super::products::{self, ProductKernel};
 use crate::algorithm::{Algorithm, Arguments, Derivatives, Everyday};
@@ -16,8 +18,9 @@ use crate::dynamics::sweeps::{self, Entries, InverseColumns, MassColumns, SweepM
 use crate::filter::Form;
 use crate::joints::quaternion::QUATERNION_SLACK;
 use crate::model::{Body, Model, Motion};
-use crate::scalar::{MOST_LANES, Precision, Real, lanes_but};
+use crate::scalar::{MOST_LANES, Precision, Real};
 use crate::scene::Scene;
+use crate::scene::constraint::Constraints;
 use nalgebra::Vector6;
 use std::sync::Arc;
 
@@ -28,6 +31,7 @@ struct Numbers<T: Vectorised> {
     sweeps: SweepModel<T>,
     /// Where the quaternions are in q.
     quaternions: Vec<usize>,
+    constraints: Constraints,
 }
 
 /// Scratch for as many states as `T` has lanes.
@@ -44,6 +48,7 @@ pub struct Chunk<T: Vectorised> {
     errors: Errors<T>,
     derivatives: Option<Box<DerivativeKernel<T>>>,
     products: Option<Box<ProductKernel<T>>>,
+    connected: Option<Box<ConnectedKernel<T>>>,
     everyday: Option<Box<EverydayKernel<T>>>,
 }
 
@@ -53,7 +58,12 @@ impl<T: Vectorised> Chunk<T> {
     pub fn new(scene: &Scene) -> Self {
         let numbers = scene.shared().get_or_make(|| {
             let model = scene.model();
-            Numbers::<T> { model: model.cast(), sweeps: SweepModel::new(model), quaternions: quaternions(model) }
+            Numbers::<T> {
+                model: model.cast(),
+                sweeps: SweepModel::new(model),
+                quaternions: quaternions(model),
+                constraints: scene.constraints().clone(),
+            }
         });
         let Numbers { model, sweeps, .. } = &*numbers;
         Self {
@@ -66,6 +76,7 @@ impl<T: Vectorised> Chunk<T> {
             errors: Errors::unknown(),
             derivatives: None,
             products: None,
+            connected: None,
             everyday: None,
             numbers,
         }
@@ -98,8 +109,15 @@ impl<T: Vectorised> Chunk<T> {
             return 0;
         }
         self.gather_wrenches(states);
+        let is_connected = !self.numbers.constraints.is_empty();
         let call = Call { chunk: self, algorithm, states, out };
         match algorithm {
+            Algorithm::ForwardDynamics(_) | Algorithm::ConstrainedDynamics(_) if is_connected => {
+                if T::Number::RARE_KERNELS {
+                    return target.within(Run::<T, I, CONNECTED>(call, target));
+                }
+                u64::MAX
+            }
             Algorithm::ForwardDynamics(_) => target.within(Run::<T, I, ACCELERATIONS>(call, target)),
             Algorithm::InverseDynamics | Algorithm::BiasTorque => target.within(Run::<T, I, TORQUES>(call, target)),
             Algorithm::MassMatrix => target.within(Run::<T, I, MASS>(call, target)),
@@ -108,7 +126,7 @@ impl<T: Vectorised> Chunk<T> {
                 target.within(Run::<T, I, DERIVATIVES>(call, target))
             }
             Algorithm::Products(_) if T::Number::RARE_KERNELS => target.within(Run::<T, I, PRODUCTS>(call, target)),
-            Algorithm::Derivatives(_) | Algorithm::Products(_) => u64::MAX,
+            Algorithm::Derivatives(_) | Algorithm::Products(_) | Algorithm::ConstrainedDynamics(_) => u64::MAX,
         }
     }
 
@@ -242,6 +260,8 @@ const INVERSE: u8 = 3;
 const DERIVATIVES: u8 = 4;
 /// Products with Jacobians.
 const PRODUCTS: u8 = 5;
+/// Forward dynamics through connections.
+const CONNECTED: u8 = 6;
 
 /// A chunk with its arguments.
 struct Call<'a, T: Vectorised> {
@@ -271,9 +291,10 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             errors,
             derivatives,
             products,
+            connected,
             ..
         } = chunk;
-        let Numbers { model, sweeps, quaternions } = &**constants;
+        let Numbers { model, sweeps, quaternions, constraints } = &**constants;
         let [q, qd, u] = arguments;
         let given = in_lanes(states);
         let mut fault = gather_state([&mut *q, qd, u], &given);
@@ -311,6 +332,12 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             }
             let call = products::Call { scene, scratch: sweep_scratch, kernel, state: (q, qd, u), wrenches, out };
             return doubt | products::run(target, which, call);
+        }
+        if let (Some(form), true) = (algorithm.form(), GROUP == CONNECTED) {
+            let kernel = connected.get_or_insert_with(|| Box::new(ConnectedKernel::new(model, sweeps, constraints)));
+            let (scratch, states) = (sweep_scratch, states.len());
+            let call = connected::Call { scene, scratch, kernel, state: (q, qd, u), wrenches, out, states };
+            return doubt | connected::run(target, form, call);
         }
         let entries = entries_of::<T, GROUP>(algorithm, scene, inverse_columns, mass_columns);
         // Beside them `auto` keeps a number a row.
@@ -411,10 +438,9 @@ fn compute<T: Vectorised, I: Target, const GROUP: u8>(
         {
             let doubt = if form == Form::Auto {
                 let estimates = &mut results[..model.nv()];
-                derivatives::factor_watched(target, scene, scratch, (q, estimates))
+                factor::watched(target, scene, scratch, (q, estimates))
             } else {
-                let pivots = sweeps::factor::<T, T::Columns>(scene, scratch, q);
-                lanes_but::<T>(|lane| pivots.clear(lane))
+                factor::unwatched(target, scene, scratch, q)
             };
             derivatives::multiplied_out(target, scene, (scratch, columns), entries);
             doubt

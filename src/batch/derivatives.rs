@@ -2,15 +2,15 @@
 
 use super::accelerations;
 use super::arms::{Entry, Target, Vectorised, Work};
+use super::factor::with_factor;
 use super::finite::entries_not_finite;
 use crate::algorithm::Derivatives;
-use crate::dynamics::auto;
 use crate::dynamics::derivatives::{DerivativeColumns, Kept, Matrices, Product, in_sweeps};
 use crate::dynamics::forces::Motion;
 use crate::dynamics::sweeps::{self, InverseColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::model::Model;
-use crate::scalar::{ColumnsOf, lanes_but};
+use crate::scalar::ColumnsOf;
 use nalgebra::Vector6;
 
 /// What they need beside the scratch of the dynamics; made when derivatives are first asked for.
@@ -164,76 +164,6 @@ impl<T: Vectorised> Work for OfTorques<'_, T> {
     fn call(self) {
         let Self(scene, scratch, (state, matrices), out) = self;
         in_sweeps(scene, scratch, state, matrices, out);
-    }
-}
-
-/// The accelerations of a state, and the factor of M that more right sides are to go through; the lanes in doubt.
-#[inline(always)]
-pub(crate) fn with_factor<T: Vectorised, I: Target>(target: I, form: Form, call: accelerations::Call<'_, T>) -> u64 {
-    if form != Form::Auto {
-        return accelerations::by_covariance(target, call);
-    }
-    // Judged by right sides that are made up, for more are to come: by the torques alone more would pass.
-    let accelerations::Call { scene, scratch, state, wrenches, qdd } = call;
-    let doubt = factor_watched(target, scene, scratch, (state.0, qdd));
-    of_factor(target, scene, scratch, state, (wrenches, qdd));
-    doubt
-}
-
-/// The accelerations, by the factor that is there; compiled once for all that asks for them.
-#[inline(never)]
-fn of_factor<T: Vectorised, I: Target>(
-    target: I,
-    scene: (&Model<T>, &SweepModel<T>),
-    scratch: &mut SweepScratch<T>,
-    state: (&[T], &[T], &[T]),
-    forces: (&[Vector6<T>], &mut [T]),
-) {
-    target.within(OfFactor(scene, scratch, state, forces));
-}
-
-struct OfFactor<'a, T: Vectorised>(
-    (&'a Model<T>, &'a SweepModel<T>),
-    &'a mut SweepScratch<T>,
-    (&'a [T], &'a [T], &'a [T]),
-    (&'a [Vector6<T>], &'a mut [T]),
-);
-
-impl<T: Vectorised> Work for OfFactor<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self(scene, scratch, state, (wrenches, qdd)) = self;
-        sweeps::accelerations_of_factor::<T, T::Columns>(scene, scratch, state, wrenches, qdd);
-    }
-}
-
-/// The factor of M, watched; the lanes in doubt. Compiled once for all that asks for it.
-#[inline(never)]
-pub(super) fn factor_watched<T: Vectorised, I: Target>(
-    target: I,
-    scene: (&Model<T>, &SweepModel<T>),
-    scratch: &mut SweepScratch<T>,
-    state: (&[T], &mut [T]),
-) -> u64 {
-    target.within(FactorWatched(scene, scratch, state))
-}
-
-struct FactorWatched<'a, T: Vectorised>(
-    (&'a Model<T>, &'a SweepModel<T>),
-    &'a mut SweepScratch<T>,
-    (&'a [T], &'a mut [T]),
-);
-
-impl<T: Vectorised> Work for FactorWatched<'_, T> {
-    type Output = u64;
-
-    #[inline(always)]
-    fn call(self) -> u64 {
-        let Self(scene, scratch, (q, estimates)) = self;
-        let watched = auto::factor_watched_in_sweeps::<T, T::Columns>(scene, scratch, q, estimates);
-        lanes_but::<T>(|lane| watched.kept(lane))
     }
 }
 

@@ -380,6 +380,7 @@ impl Scene {
 fn result_of(algorithm: Algorithm) -> &'static str {
     match algorithm {
         Algorithm::ForwardDynamics(_) => "qdd (result)",
+        Algorithm::ConstrainedDynamics(_) => "qdd or forces (result)",
         Algorithm::InverseDynamics | Algorithm::BiasTorque => "tau (result)",
         Algorithm::MassMatrix => "M (result)",
         Algorithm::MassMatrixInverse(_) => "M^-1 (result)",

@@ -3,10 +3,9 @@
 use super::arms::Vectorised;
 use crate::algorithm::Everyday;
 use crate::dynamics::{centroidal, energy};
-use crate::kinematics::{self, Frame};
+use crate::kinematics;
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::RigidShift;
 use crate::workspace::Workspace;
 
 /// Scratch of those that go over all bodies, made when one is first asked for, and results.
@@ -44,21 +43,21 @@ pub(super) fn run<'k, T: Vectorised>(
 #[inline(always)]
 fn of_frame<T: Real>(model: &Model<T>, what: &Everyday<'_>, (q, qd, qdd): (&[T], &[T], &[T]), out: &mut [T]) -> bool {
     match *what {
-        Everyday::Placement(frame) => kinematics::placement(model, q, &splat(frame)).homogeneous(out),
+        Everyday::Placement(frame) => kinematics::placement(model, q, &frame.cast()).homogeneous(out),
         Everyday::Velocity(frame, reference) => {
-            let motion = kinematics::frame_motion(model, q, qd, None, &splat(frame));
+            let motion = kinematics::frame_motion(model, q, qd, None, &frame.cast());
             out.copy_from_slice(motion.velocity_in(reference).as_slice());
         }
         Everyday::Acceleration(frame, reference, kind) => {
-            let motion = kinematics::frame_motion(model, q, qd, Some(qdd), &splat(frame));
+            let motion = kinematics::frame_motion(model, q, qd, Some(qdd), &frame.cast());
             out.copy_from_slice(motion.acceleration_in(reference, kind).as_slice());
         }
-        Everyday::Jacobian(frame, reference) => kinematics::jacobian(model, q, &splat(frame), reference, out),
+        Everyday::Jacobian(frame, reference) => kinematics::jacobian(model, q, &frame.cast(), reference, out),
         Everyday::JacobianRate(frame, reference) => {
-            kinematics::jacobian_rate(model, q, qd, &splat(frame), reference, out);
+            kinematics::jacobian_rate(model, q, qd, &frame.cast(), reference, out);
         }
         Everyday::JacobianRateProduct(frame, reference) => {
-            let motion = kinematics::frame_motion(model, q, qd, None, &splat(frame));
+            let motion = kinematics::frame_motion(model, q, qd, None, &frame.cast());
             out.copy_from_slice(motion.rate_in(reference).as_slice());
         }
         _ => return false,
@@ -97,15 +96,5 @@ fn of_all_bodies<T: Real>(
             out.copy_from_slice(&[both.kinetic, both.potential]);
         }
         _ => {}
-    }
-}
-
-/// A frame in every lane.
-#[inline(always)]
-fn splat<T: Real>(frame: &Frame<f64>) -> Frame<T> {
-    let RigidShift { rotation, lever } = &frame.placement;
-    Frame {
-        body: frame.body,
-        placement: RigidShift { rotation: rotation.map(T::from_f64), lever: lever.map(T::from_f64) },
     }
 }

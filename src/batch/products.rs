@@ -2,7 +2,7 @@
 
 use super::accelerations;
 use super::arms::{Target, Vectorised, Work};
-use super::derivatives::with_factor;
+use super::factor::with_factor;
 use super::finite::any_not_finite;
 use crate::algorithm::Products;
 use crate::dynamics::derivatives::{

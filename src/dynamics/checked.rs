@@ -57,7 +57,11 @@ impl Scene {
         self.check_seed(algorithm, state.seed)?;
         match algorithm {
             Algorithm::ForwardDynamics(_) if !self.constraints().is_empty() => {
-                self.through_connections(workspace, (q, qd, u), wrenches, out)?;
+                self.through_connections(workspace, (q, qd, u), wrenches, (out, None))?;
+            }
+            Algorithm::ConstrainedDynamics(_) => {
+                let (qdd, rest) = out.split_at_mut(self.nv());
+                self.through_connections(workspace, (q, qd, u), wrenches, (qdd, Some(rest)))?;
             }
             Algorithm::ForwardDynamics(_) => {
                 let monitor = forward::forward_dynamics(model, workspace, q, qd, u, wrenches, out);
@@ -87,22 +91,28 @@ impl Scene {
         self.check_result(what, out)
     }
 
-    /// Forward dynamics of a scene with connections.
+    /// Forward dynamics of a scene with connections, and where they are asked for the forces, the rank and the residual.
     fn through_connections(
         &self,
         workspace: &mut Workspace<f64>,
         state: (&[f64], &[f64], &[f64]),
         wrenches: &[SpatialVector<f64>],
-        qdd: &mut [f64],
+        (qdd, rest): (&mut [f64], Option<&mut [f64]>),
     ) -> Result<(), Error> {
         let mut made =
             workspace.connected.take(self.identity(), || ConstraintScratch::new(self.model(), self.constraints()));
         let done = self.accelerations_through_connections(workspace, &mut made.1, state, wrenches, qdd);
+        if let (Ok(told), Some(rest)) = (&done, rest) {
+            let (forces, told_to) = rest.split_at_mut(self.constraints().rows);
+            forces.copy_from_slice(&made.1.forces);
+            #[allow(clippy::cast_precision_loss)] // a count
+            told_to.copy_from_slice(&[told.0 as f64, told.1]);
+        }
         workspace.connected.keep(made);
-        done
+        done.map(|_| ())
     }
 
-    /// The same, with the forces and the factor left in the scratch.
+    /// The same, with the forces and the factor left in the scratch; the rank and the residual.
     fn accelerations_through_connections(
         &self,
         workspace: &mut Workspace<f64>,
@@ -110,14 +120,17 @@ impl Scene {
         state: (&[f64], &[f64], &[f64]),
         wrenches: &[SpatialVector<f64>],
         qdd: &mut [f64],
-    ) -> Result<(), Error> {
+    ) -> Result<(usize, f64), Error> {
         let system = (self.model(), self.constraints());
         let outcome = constraints::constrained_dynamics(system, workspace, scratch, state, wrenches, None, qdd)
             .map_err(|at| self.no_direction(at))?;
         self.check_pivots(workspace, outcome.pivots)?;
         workspace.accuracy = Accuracy::unknown(workspace.form);
         // What has overflowed contradicts nothing.
-        if qdd.iter().all(|a| a.is_finite()) { self.check_agreement(&outcome) } else { Ok(()) }
+        if qdd.iter().all(|a| a.is_finite()) {
+            self.check_agreement(&outcome)?;
+        }
+        Ok((outcome.rank, outcome.residual))
     }
 
     /// dqdd/dq, dqdd/dqd and dqdd/dtau of a scene with connections.
@@ -275,21 +288,22 @@ impl Scene {
                 let (nv, bodies) = (self.nv(), self.model().bodies.len());
                 which.count() * nv + if which.gives_constants() { constants_width(nv, bodies) } else { 0 }
             }
+            Algorithm::ConstrainedDynamics(_) => self.nv() + self.constraints().rows + 2,
             _ => self.nv(),
         }
     }
 
-    /// Whether the kernels, which know the tree only, would give an algorithm's result wrong.
+    /// Whether the kernels, which know connections in forward dynamics only, would give an algorithm's result wrong.
     fn goes_through_connections(&self, algorithm: Algorithm) -> bool {
         let is_forward = match algorithm {
-            Algorithm::ForwardDynamics(_) | Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) => true,
+            Algorithm::Derivatives(Derivatives::ForwardDynamics(_)) => true,
             Algorithm::Products(which) => which.form().is_some(),
             _ => false,
         };
         is_forward && !self.constraints().is_empty()
     }
 
-    /// Whether the kernels compute a state: its arguments have the lengths that an algorithm reads, and no connections take part.
+    /// Whether the kernels compute a state: its arguments have the lengths that an algorithm reads, and no connections take part that they do not know.
     pub(crate) fn fits<P>(&self, algorithm: Algorithm, state: &Arguments<'_, P>) -> bool {
         let (rates, third) = algorithm.reads();
         let [qd, u] = [rates, third.is_some()].map(|is_read| if is_read { self.nv() } else { 0 });
@@ -351,6 +365,7 @@ fn multiply(three: &[f64], which: Products, [first, second, third]: [&[f64]; 3],
 fn named(algorithm: Algorithm) -> (&'static str, &'static str) {
     match algorithm {
         Algorithm::ForwardDynamics(_) => ("forward dynamics", "qdd"),
+        Algorithm::ConstrainedDynamics(_) => ("constrained dynamics", "out"),
         Algorithm::InverseDynamics => ("inverse dynamics", "tau"),
         Algorithm::BiasTorque => ("bias torque", "tau"),
         Algorithm::MassMatrix => ("mass matrix", "out"),

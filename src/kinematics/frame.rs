@@ -13,6 +13,14 @@ pub struct Frame<T> {
     pub placement: RigidShift<T>,
 }
 
+impl Frame<f64> {
+    /// The same in another scalar, in every lane.
+    #[inline(always)]
+    pub(crate) fn cast<T: Real>(&self) -> Frame<T> {
+        Frame { body: self.body, placement: self.placement.cast() }
+    }
+}
+
 /// What the motion (angular, linear) of a frame on a link is written in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ReferenceFrame {

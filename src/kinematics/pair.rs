@@ -52,9 +52,12 @@ pub(crate) struct PairRows<T> {
     pub of_motion: [Vector6<T>; 6],
     /// E' V: what the rate of the rate has beside E V'.
     pub turning: [T; 6],
+    /// Positive where this way of writing the rows serves: states in lanes have one way for all of them, a state by itself has the best one.
+    pub margin: T,
 }
 
 impl<T: Real> PairRows<T> {
+    #[inline(always)]
     fn push(&mut self, error: T, of_motion: Vector6<T>, turning: T) {
         self.error[self.count] = error;
         self.of_motion[self.count] = of_motion;
@@ -67,9 +70,11 @@ impl<T: Real> PairRows<T> {
 const OPPOSITE: f64 = 1e-12;
 
 /// The rows of a pair where C is at `place` in D's axes and moves with V = `velocity` against it; none for a distance between origins that coincide.
+#[inline(always)]
 pub(crate) fn pair_rows<T: Real>(pair: Pair, place: &RigidShift<T>, velocity: &Vector6<T>) -> Option<PairRows<T>> {
     let nothing = T::zero();
-    let mut rows = PairRows { count: 0, error: [nothing; 6], of_motion: [zero(); 6], turning: [nothing; 6] };
+    let none_yet = [nothing; 6];
+    let mut rows = PairRows { count: 0, error: none_yet, of_motion: [zero(); 6], turning: none_yet, margin: T::one() };
     let (w, v) = (angular(velocity), linear(velocity));
     let r = place.rotate_back(&place.lever);
     let moving = less(&v, &cross(&w, &r));
@@ -79,7 +84,9 @@ pub(crate) fn pair_rows<T: Real>(pair: Pair, place: &RigidShift<T>, velocity: &V
         Pair::Point => {}
         Pair::Distance(length) => {
             let apart = square(&r).sqrt();
-            if apart.lane(0) == 0.0 {
+            if T::LANES > 1 {
+                rows.margin = apart;
+            } else if apart.lane(0) == 0.0 {
                 return None;
             }
             let n = times(&r, apart.recip());
@@ -97,42 +104,51 @@ pub(crate) fn pair_rows<T: Real>(pair: Pair, place: &RigidShift<T>, velocity: &V
     Some(rows)
 }
 
+#[inline(always)]
 fn axes<T: Real>() -> [Vector3<T>; 3] {
     let (one, no) = (T::one(), T::zero());
     [Vector3::new(one, no, no), Vector3::new(no, one, no), Vector3::new(no, no, one)]
 }
 
+#[inline(always)]
 fn none<T: Real>() -> Vector3<T> {
     Vector3::from_element(T::zero())
 }
 
+#[inline(always)]
 fn less<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
     Vector3::new(a[0] - b[0], a[1] - b[1], a[2] - b[2])
 }
 
+#[inline(always)]
 fn plus<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
     Vector3::new(a[0] + b[0], a[1] + b[1], a[2] + b[2])
 }
 
+#[inline(always)]
 fn times<T: Real>(a: &Vector3<T>, s: T) -> Vector3<T> {
     Vector3::new(a[0] * s, a[1] * s, a[2] * s)
 }
 
+#[inline(always)]
 fn product<T: Real>(a: &Vector3<T>, b: &Vector3<T>) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
+#[inline(always)]
 fn square<T: Real>(a: &Vector3<T>) -> T {
     product(a, a)
 }
 
 /// The quaternion (vector, scalar) of a rotation, scalar not negative: by the largest of its entries, so that nothing cancels.
+#[inline(always)]
 fn quaternion<T: Real>(r: &Matrix3<T>) -> (Vector3<T>, T) {
     let one = T::one();
     let (x, y, z) = (r[(0, 0)], r[(1, 1)], r[(2, 2)]);
     // Four times the squares of x, y, z and w.
     let squares = [one + x - y - z, one - x + y - z, one - x - y + z, one + x + y + z];
-    let largest = (0..4).fold(3, |best, i| if squares[i].lane(0) > squares[best].lane(0) { i } else { best });
+    let larger = |best: usize, i: usize| if squares[i].lane(0) > squares[best].lane(0) { i } else { best };
+    let largest = if T::LANES > 1 { 3 } else { (0..4).fold(3, larger) };
     let twice = squares[largest].sqrt();
     let (half, share) = (twice * T::from_f64(0.5), (twice + twice).recip());
     let (a, b, c) = (r[(2, 1)] - r[(1, 2)], r[(0, 2)] - r[(2, 0)], r[(1, 0)] - r[(0, 1)]);
@@ -143,12 +159,16 @@ fn quaternion<T: Real>(r: &Matrix3<T>) -> (Vector3<T>, T) {
         2 => (Vector3::new(e * share, f * share, half), c * share),
         _ => (Vector3::new(a * share, b * share, c * share), half),
     };
-    if w.lane(0) < 0.0 { (times(&v, T::zero() - one), T::zero() - w) } else { (v, w) }
+    if T::LANES == 1 && w.lane(0) < 0.0 { (times(&v, T::zero() - one), T::zero() - w) } else { (v, w) }
 }
 
 /// The rows of equal axes.
+#[inline(always)]
 fn turned<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>) {
     let (q_v, q_w) = quaternion(rotation);
+    if T::LANES > 1 {
+        rows.margin = rotation[(0, 0)] + rotation[(1, 1)] + rotation[(2, 2)];
+    }
     let turning = T::from_f64(-0.5) * square(w);
     for (i, e) in axes().iter().enumerate() {
         let of_motion = spatial(&plus(&times(e, q_w), &cross(e, &q_v)), &none());
@@ -157,12 +177,15 @@ fn turned<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>
 }
 
 /// The rows of a z axis that both have.
+#[inline(always)]
 fn tilted<T: Real>(rotation: &Matrix3<T>, w: &Vector3<T>, rows: &mut PairRows<T>) {
     // D's z axis in C's axes.
     let u = Vector3::new(rotation[(2, 0)], rotation[(2, 1)], rotation[(2, 2)]);
     let [x, y, z] = axes();
     let number = T::from_f64;
-    if 1.0 + u[2].lane(0) < OPPOSITE {
+    if T::LANES > 1 {
+        rows.margin = u[2];
+    } else if 1.0 + u[2].lane(0) < OPPOSITE {
         rows.push(number(2.0), spatial(&x, &none()), T::zero());
         rows.push(T::zero(), spatial(&y, &none()), T::zero());
         return;
@@ -196,6 +219,7 @@ pub(crate) struct RelativeMotion<T: Real> {
 
 impl<T: Real> RelativeMotion<T> {
     /// Of frame C against frame D.
+    #[inline(always)]
     pub fn of(c: &FrameMotion<T>, d: &FrameMotion<T>) -> Self {
         let place = d.placement.inverse().compose(&c.placement);
         let (seen, felt) = (place.motion_to_child(&d.velocity), place.motion_to_child(&d.acceleration));

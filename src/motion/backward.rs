@@ -16,7 +16,7 @@ use super::method::STAGES;
 use super::step::{Law, Scratch, add_scaled, clear, finish_stage, rounded_speed, set_friction, stage};
 use crate::batch::accelerations::Call;
 use crate::batch::arms::{Target, Vectorised};
-use crate::batch::{derivatives::with_factor, products};
+use crate::batch::{factor::with_factor, products};
 use crate::dynamics;
 use crate::dynamics::derivatives::{self, CoStates, Constants, Parameters, ProductScratch};
 use crate::dynamics::forces::Motion;

@@ -3,12 +3,14 @@
 use super::call::Call;
 use super::choice::{names, read_form};
 use super::cost::Cost;
+use super::evaluate::Keywords;
 use super::input::in_python;
 use super::object::{Object, imported};
 use super::output::Array;
 use super::scene::PyScene;
 use super::scratch::Scratch;
 use super::wrenches::Wrench;
+use crate::algorithm::Algorithm;
 use crate::filter::Form;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice};
@@ -21,6 +23,10 @@ mod cost {
     pub const ROW: usize = 60;
     /// Of the eigenvalues of m x m, over m^3.
     pub const CUBE: usize = 20;
+    /// Of forward dynamics alone, by the compiled kernels: of one body, of one row on its way through it, and of a Cholesky factor.
+    pub const FAST_BODY: usize = 250;
+    pub const FAST_ROW: usize = 15;
+    pub const FAST_CUBE: usize = 1;
 }
 
 #[pymethods]
@@ -91,21 +97,11 @@ impl PyScene {
         wrenches: Option<&Object<'py>>,
         errors: &str,
     ) -> PyResult<Object<'py>> {
-        let form = read_form(form)?;
+        let algorithm = Algorithm::ConstrainedDynamics(read_form(form)?);
+        let keywords = Keywords { wrenches, out: None, dtype: None, errors, info: false };
+        let given = [("q", q), ("qd", qd), ("tau", tau)];
+        let results = self.evaluate(py, algorithm, self.cost_through_connections(), given, &keywords)?;
         let nv = self.scene.nv();
-        let call = self.through_connections([("q", q), ("qd", qd), ("tau", tau)], wrenches, (form, errors))?;
-        let results =
-            call.array(py, &[nv + self.scene.constraint_rows() + 2], |scene, scratch, [q, qd, tau], out| {
-                let Scratch { workspace, constraints, forces, .. } = scratch;
-                workspace.form = form;
-                let rows = constraints.get_or_insert_with(|| scene.constraint_scratch());
-                let (qdd, rest) = out.split_at_mut(nv);
-                let (of_rows, told) = rest.split_at_mut(scene.constraint_rows());
-                let found = scene.constrained_dynamics(workspace, rows, q, qd, tau, &forces[0], (qdd, of_rows))?;
-                #[allow(clippy::cast_precision_loss)] // a count
-                told.copy_from_slice(&[found.rank as f64, found.residual]);
-                Ok(())
-            })?;
         imported!(py, "phipsi._results", "constrained_dynamics")?.call1((results, nv, self.rows_by_name(py)?))
     }
 
@@ -224,6 +220,14 @@ impl PyScene {
 }
 
 impl PyScene {
+    /// Of one body in forward dynamics through connections, ns.
+    pub(super) fn cost_through_connections(&self) -> usize {
+        let m = self.scene.constraint_rows();
+        let rows =
+            cost::FAST_ROW.saturating_mul(m) + cost::FAST_CUBE.saturating_mul(m.saturating_pow(3)) / self.size().max(1);
+        cost::FAST_BODY.saturating_add(rows)
+    }
+
     fn cost_of_rows(&self) -> usize {
         let m = self.scene.constraint_rows();
         let bodies = (cost::BODY + cost::ROW.saturating_mul(m)).saturating_mul(self.size());

@@ -18,7 +18,6 @@ const DENSE_LIMIT: usize = 4000;
 /// Rough time of one body in one state, ns (see [`Cost`](super::cost::Cost)).
 mod cost {
     pub const FORWARD: usize = 90;
-    pub const THROUGH_CONNECTIONS: usize = 2_000;
     pub const INVERSE: usize = 50;
     pub const COMPOSITE: usize = 30;
     pub const CLOSED_FORM: usize = 60;
@@ -42,7 +41,7 @@ impl PyScene {
     /// return_info: whether to tell the accuracy too, one entry a state, for about five times the time in the forms "covariance" and
     /// "square-root", next to nothing in "auto".
     ///
-    /// Of a scene with connections the accelerations go through them, one state at a time, as constrained_dynamics has them; no error is estimated.
+    /// Of a scene with connections the accelerations go through them, as constrained_dynamics has them; no error is estimated.
     /// Contacts act in simulation only: of a scene with contacts these are the accelerations of the tree.
     ///
     /// Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
@@ -69,7 +68,8 @@ impl PyScene {
         let algorithm = Algorithm::ForwardDynamics(read_form(form)?);
         let given = [("q", q), ("qd", qd), ("tau", tau)];
         let keywords = Keywords { wrenches, out, dtype, errors, info: return_info };
-        let cost = if self.scene.connections().is_empty() { cost::FORWARD } else { cost::THROUGH_CONNECTIONS };
+        let is_tree = self.scene.connections().is_empty();
+        let cost = if is_tree { cost::FORWARD } else { self.cost_through_connections() };
         self.evaluate(py, algorithm, cost, given, &keywords)
     }
 

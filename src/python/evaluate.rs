@@ -44,10 +44,11 @@ impl PyScene {
     ) -> PyResult<Object<'py>> {
         let nv = self.scene.nv();
         let matrices = [3, nv, nv];
+        let vector = [self.scene.width(algorithm)];
         let shape = match algorithm {
             Algorithm::Derivatives(which) if which.count() == 3 => &matrices[..],
             Algorithm::MassMatrix | Algorithm::MassMatrixInverse(_) | Algorithm::Derivatives(_) => &matrices[1..],
-            _ => &matrices[2..],
+            _ => &vector[..],
         };
         let cost = Cost { arithmetic: body * self.size(), results: self.scene.width(algorithm) };
         let &Keywords { wrenches, out, dtype, errors, info } = keywords;

@@ -1,6 +1,7 @@
 //! Operations of each algorithm on a scene, counted: the code that computes, run on [`Counted`] numbers; and the memory it touches.
 
 use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
+use crate::dynamics::constraints::ConstraintKernel;
 use crate::dynamics::derivatives::{
     Constants, DerivativeScratch, Directions, ProductScratch, coriolis_matrix, forward_dynamics_derivatives,
     forward_dynamics_jvp, forward_dynamics_vjp, inverse_dynamics_derivatives, inverse_dynamics_jvp,
@@ -18,6 +19,7 @@ use crate::scalar::{Counted, Operations, Real};
 use crate::scene::Scene;
 use crate::spatial::{BodyRoot, RigidShift, Root6, SpatialVector, Symmetric6};
 use crate::workspace::Workspace;
+use nalgebra::Vector6;
 
 /// What is counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,6 +75,32 @@ pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
     }
 }
 
+/// Forward dynamics through connections as the kernels have it, with one look at what is left of the rows; false where the state is in doubt.
+fn through_connections(
+    scene: (&Model<Counted>, &SweepModel<Counted>),
+    (scratch, rows): (&mut SweepScratch<Counted>, &mut ConstraintKernel<Counted>),
+    form: Form,
+    (q, qd, tau): (&[Counted], &[Counted], &[Counted]),
+    wrenches: &[Vector6<Counted>],
+    out: &mut [Counted],
+) -> bool {
+    let nv = scene.0.nv();
+    let (qdd, rest) = out.split_at_mut(nv);
+    let kept = match form {
+        Form::Auto => auto::factor_watched_in_sweeps::<_, Counted>(scene, scratch, q, qdd).kept(0),
+        _ => sweeps::factor::<_, Counted>(scene, scratch, q).clear(0),
+    };
+    sweeps::innovations_of_factor::<_, Counted>(scene, scratch, (q, qd, tau), wrenches, qdd);
+    let regular = rows.begin(scene, scratch, (q, qd), qdd);
+    rows.take(qdd);
+    sweeps::smooth(scene, scratch, qdd);
+    let [_, far] = rows.look(scene, scratch, qdd);
+    let m = rows.forces_of_rows.len();
+    rest[..m].copy_from_slice(&rows.forces_of_rows);
+    (rest[m], rest[m + 1]) = (rows.rank, rows.residual);
+    kept && regular.lane(0) > 0.0 && far.lane(0) >= 0.0
+}
+
 /// Whether it is the general recursion of an algorithm that is counted, though the sweeps have it.
 fn is_by_recursion(algorithm: Algorithm) -> bool {
     matches!(algorithm, Algorithm::Derivatives(_) | Algorithm::Products(_))
@@ -99,6 +127,7 @@ pub(crate) fn count_in_sweeps(
         sweeps::multiplied_out::<_, _, false>((&model, &sweeps), scratch, &mut columns, out);
     };
     let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
+    let constraints = scene.constraints();
     let (kept, operations) = Counted::during(|| {
         let scene = (&model, &sweeps);
         match algorithm {
@@ -136,6 +165,12 @@ pub(crate) fn count_in_sweeps(
                 inverted(&scratch, &mut out);
                 true
             }),
+            Algorithm::ConstrainedDynamics(form) => {
+                let mut rows = ConstraintKernel::new(scene.0, scene.1, constraints);
+                apart(|| {
+                    through_connections(scene, (&mut scratch, &mut rows), form, (&q, &qd, &u), &wrenches, &mut out)
+                })
+            }
             // Of them the general recursion is counted.
             Algorithm::Derivatives(_) | Algorithm::Products(_) => false,
         }
@@ -184,6 +219,11 @@ pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Coun
         Task::Algorithm(Algorithm::ForwardDynamics(form)) => {
             workspace.form = form;
             dynamics::forward_dynamics(&model, &mut workspace, &q, &qd, &u, &wrenches, &mut out);
+        }
+        // Its general recursion is f64 only: that of the tree, which is the larger part.
+        Task::Algorithm(Algorithm::ConstrainedDynamics(form)) => {
+            workspace.form = form;
+            dynamics::forward_dynamics(&model, &mut workspace, &q, &qd, &u, &wrenches, &mut out[..model.nv()]);
         }
         Task::Algorithm(Algorithm::InverseDynamics) => {
             dynamics::inverse_dynamics(&model, &mut workspace, &q, &qd, &u, &wrenches, &mut out);

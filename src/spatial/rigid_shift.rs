@@ -53,14 +53,14 @@ impl<T: Real> RigidShift<T> {
     }
 
     /// The shift through both: first `inner` (grandchild to child), then `self` (child to parent).
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn compose(&self, inner: &Self) -> Self {
         Self { rotation: product(&self.rotation, &inner.rotation), lever: self.rotate(&inner.lever) + self.lever }
     }
 
     /// The shift the other way, from the parent's frame to the child's. The rotation is transposed, not inverted.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn inverse(&self) -> Self {
         Self { rotation: self.rotation.transpose(), lever: -self.rotate_back(&self.lever) }

@@ -6,10 +6,10 @@ use nalgebra::{DMatrix, DVector};
 const LOST: f64 = 1e-13;
 
 /// A row of W that is so small beside the terms that it is formed from moves nothing.
-const NOTHING: f64 = 1e-12;
+pub(super) const NOTHING: f64 = 1e-12;
 
 /// Pivots of G, its diagonal scaled to one, above which it is told to be regular by its Cholesky factor alone.
-const REGULAR: f64 = 1e-9;
+pub(super) const REGULAR: f64 = 1e-9;
 
 /// G^+ = S B B* S, S the scale that makes G's diagonal one: B = L^-* of the Cholesky factor where G is regular, else V mu^-1/2 over the eigenvalues mu that mean something.
 #[derive(Debug, Clone, Default)]

@@ -19,6 +19,7 @@ mod faults;
 mod gram;
 mod gram_inverse;
 mod inverse;
+mod kernel;
 mod projection;
 mod rows;
 mod scratch;
@@ -27,6 +28,7 @@ mod unit_row;
 
 pub(crate) use derivatives::constrained_derivatives;
 pub(crate) use inverse::{constrained_inverse_dynamics, constrained_mass_matrix_inverse};
+pub(crate) use kernel::ConstraintKernel;
 pub(crate) use projection::{project_positions, project_velocities};
 pub(crate) use rows::{accelerations_of_rows, errors_of_rows, jacobian_of_rows, rates_of_rows};
 pub use scratch::ConstraintScratch;

@@ -3,13 +3,26 @@
 use super::NoDirection;
 use super::scratch::ConstraintScratch;
 use super::unit_row::UnitRow;
-use crate::kinematics::pair::{PairRows, RelativeMotion, pair_rows};
+use crate::kinematics::pair::{Pair, PairRows, RelativeMotion, pair_rows};
 use crate::kinematics::{Frame, frame_motion};
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::constraint::{Constraint, Constraints, Tie};
-use crate::spatial::{RigidShift, angular, dot, linear, sum};
+use crate::spatial::{RigidShift, dot, sum};
 use nalgebra::Vector6;
+
+/// The motion of frame C against frame D, and the rows of what holds between them; none for a rod whose ends coincide. O(depth).
+#[inline(always)]
+pub(super) fn pair_of_frames<T: Real>(
+    model: &Model<T>,
+    (pair, [c, d]): (Pair, [&Frame<T>; 2]),
+    (q, qd): (&[T], &[T]),
+    qdd: Option<&[T]>,
+) -> Option<(RelativeMotion<T>, PairRows<T>)> {
+    let motion = RelativeMotion::of(&frame_motion(model, q, qd, qdd, c), &frame_motion(model, q, qd, qdd, d));
+    let rows = pair_rows(pair, &motion.place, &motion.velocity)?;
+    Some((motion, rows))
+}
 
 /// A pair of frames, its motion and its rows; none for joints.
 #[allow(clippy::type_complexity)] // none, or one of two kinds
@@ -20,13 +33,8 @@ pub(super) fn pair_at<T: Real>(
     qdd: Option<&[T]>,
 ) -> Result<Option<(RelativeMotion<T>, PairRows<T>)>, NoDirection> {
     let Tie::Frames { pair, frames: [c, d] } = tie else { return Ok(None) };
-    let [c, d] = [c, d].map(|frame| {
-        let Frame { body, placement } = frame;
-        frame_motion(model, q, qd, qdd, &Frame { body: *body, placement: placement.cast() })
-    });
-    let motion = RelativeMotion::of(&c, &d);
-    let rows = pair_rows(*pair, &motion.place, &motion.velocity).ok_or(NoDirection(index))?;
-    Ok(Some((motion, rows)))
+    let [c, d] = [c.cast(), d.cast()];
+    pair_of_frames(model, (*pair, [&c, &d]), (q, qd), qdd).map(Some).ok_or(NoDirection(index))
 }
 
 /// How far each row is from holding at `q`, into `out`: rad (2 sin(t/2)) and m. O(m depth).
@@ -107,20 +115,13 @@ pub(super) fn units_of_rows(
         match &constraint.tie {
             Tie::Frames { frames: [c, d], .. } => {
                 let Some((motion, rows)) = pair_at(model, (index, &constraint.tie), (q, rest), None)? else { continue };
-                let on = |body: Option<usize>, placement: &RigidShift<f64>, force: &Vector6<f64>| {
-                    body.map(|k| (k, placement.force_to_parent(force)))
-                };
                 for (unit, force) in units.iter_mut().zip(&rows.of_motion) {
-                    let back = -motion.place.force_to_parent(force);
-                    let forces = [on(c.body, &c.placement, force), on(d.body, &d.placement, &back)];
-                    let (moment, push) = (angular(force).norm(), linear(force).norm());
-                    let reach = [c.placement.lever.norm(), motion.place.lever.norm() + d.placement.lever.norm()];
-                    *unit = UnitRow { forces, moments: reach.map(|reach| moment + reach * push), torques: [None; 2] };
+                    *unit = UnitRow::between([c, d], &motion.place, force);
                 }
             }
             Tie::Coordinates { first, second, multiplier, .. } => {
                 let torques = [Some((first.v, 1.0)), second.map(|second| (second.v, -multiplier))];
-                units[0] = UnitRow { torques, ..UnitRow::default() };
+                units[0] = UnitRow { torques, ..UnitRow::none() };
             }
         }
     }

@@ -34,6 +34,8 @@ pub struct ConstraintScratch {
     /// J qd and the errors, where they are asked for.
     pub(crate) rates: Vec<f64>,
     pub(crate) errors: Vec<f64>,
+    /// Accelerations, forces, rank and residual of forward dynamics.
+    pub(crate) results: Vec<f64>,
 }
 
 impl ConstraintScratch {
@@ -41,7 +43,7 @@ impl ConstraintScratch {
     pub(crate) fn new(model: &Model<f64>, constraints: &Constraints) -> Self {
         let (bodies, nv, m) = (model.bodies.len(), model.nv(), constraints.rows);
         Self {
-            units: vec![UnitRow::default(); m],
+            units: vec![UnitRow::none(); m],
             whitened: vec![0.0; m * nv],
             sizes: vec![f64::NAN; m],
             wrenches: vec![Vector6::zeros(); bodies],
@@ -56,6 +58,7 @@ impl ConstraintScratch {
             step: vec![f64::NAN; m],
             rates: vec![f64::NAN; m],
             errors: vec![f64::NAN; m],
+            results: vec![f64::NAN; nv + m + 2],
         }
     }
 

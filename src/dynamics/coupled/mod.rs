@@ -188,6 +188,13 @@ impl Call<'_, '_> {
                 self.forward_derivatives(form, &at, state.u, out)?;
             }
             Algorithm::Products(which) => self.product(which, &at, state, out)?,
+            Algorithm::ConstrainedDynamics(form) => {
+                // There are no connections beside joints that follow: no rows, rank and residual are zero.
+                let qdd = coupling.independent_rates(&self.accelerations(form, &at, state.u)?);
+                let (to, told) = out.split_at_mut(qdd.len());
+                to.copy_from_slice(&qdd);
+                told.fill(0.0);
+            }
             // Those are the tree's.
             Algorithm::InverseDynamics | Algorithm::BiasTorque | Algorithm::MassMatrix => {}
         }

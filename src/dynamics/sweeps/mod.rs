@@ -24,6 +24,7 @@ mod mass_inverse;
 mod mass_matrix;
 pub(super) mod model;
 pub(super) mod motion;
+mod paths;
 mod predict;
 mod renaming;
 mod root_filter;
@@ -43,8 +44,11 @@ pub(crate) use mass_columns::MassColumns;
 pub(crate) use mass_inverse::factor;
 pub(crate) use mass_matrix::mass_matrix;
 pub(crate) use model::SweepModel;
+pub(crate) use paths::{
+    Forces, MOST_FORCES, Path, accelerations_along, frame_here, innovations_along, motions_along, placement_along,
+};
 pub(crate) use scratch::{SweepScratch, bytes};
-pub(crate) use solve::{accelerations_of_factor, smooth, solve};
+pub(crate) use solve::{innovations_of_factor, smooth, solve};
 pub(crate) use watch::{Look, factor_watched, forward_dynamics_watched};
 
 use super::forces::Motion;

@@ -164,6 +164,12 @@ impl<T: Real> SweepScratch<T> {
 }
 
 impl<T: Real> SweepScratch<T> {
+    /// 1 / D of a row, of the factor that is there.
+    #[inline(always)]
+    pub(crate) fn pivot_inverse(&self, row: usize) -> T {
+        self.measured[row].pivot_inverse
+    }
+
     /// The other probe in the place of the first, for a second look.
     #[inline(always)]
     pub(crate) fn exchange_probes(&mut self) {
@@ -194,14 +200,18 @@ pub(crate) fn bytes(sweeps: &SweepModel<f64>, nv: usize, algorithm: Algorithm) -
     let swept = match algorithm {
         Algorithm::InverseDynamics | Algorithm::BiasTorque => motions,
         Algorithm::MassMatrix => sweeps.swept_slots.inward * size_of::<BodyInertia<f64>>() + nv * size_of::<[f64; 6]>(),
-        Algorithm::ForwardDynamics(Form::Auto) => motions + filter + watching,
+        Algorithm::ForwardDynamics(Form::Auto) | Algorithm::ConstrainedDynamics(Form::Auto) => {
+            motions + filter + watching
+        }
         Algorithm::ForwardDynamics(Form::SquareRoot) => {
             let of_bodies = bodies * size_of::<[f64; 6]>();
             let slots = sweeps.swept_slots.inward * size_of::<Rooted<f64>>()
                 + sweeps.swept_slots.outward * size_of::<[f64; 6]>();
             motions + of_bodies + slots + nv * size_of::<Measured<f64>>()
         }
-        Algorithm::ForwardDynamics(_) => motions + filter + sweeps.swept_slots.outward * size_of::<[f64; 6]>(),
+        Algorithm::ForwardDynamics(_) | Algorithm::ConstrainedDynamics(_) => {
+            motions + filter + sweeps.swept_slots.outward * size_of::<[f64; 6]>()
+        }
         // And a right side that is made up, with its forces.
         Algorithm::MassMatrixInverse(Form::Auto) => {
             filter + watching + product + nv * size_of::<f64>() + bodies * size_of::<[f64; 6]>()

@@ -12,18 +12,17 @@ use crate::scalar::{ColumnsOf, Real};
 use crate::spatial::transform::Transform;
 use nalgebra::Vector6;
 
-/// Joint accelerations as [`forward_dynamics`](super::forward_dynamics) gives them, with the factor in the scratch.
+/// e^- of a state (4.2), with the factor in the scratch: [`smooth`] makes accelerations of them.
 #[inline(always)]
-pub(crate) fn accelerations_of_factor<T: Real, C: ColumnsOf<T>>(
+pub(crate) fn innovations_of_factor<T: Real, C: ColumnsOf<T>>(
     scene: (&Model<T>, &SweepModel<T>),
     scratch: &mut SweepScratch<T>,
     (q, qd, tau): (&[T], &[T], &[T]),
     wrenches: &[Vector6<T>],
-    qdd: &mut [T],
+    innovations: &mut [T],
 ) {
     motion::base_to_tip::<T, C, false>(scene, scratch, Motion { q, qd, qdd: None, wrenches });
-    tip_to_base::<T, true>(scene, scratch, tau, qdd);
-    accelerations::base_to_tip::<T, false>(scene, scratch, qdd);
+    tip_to_base::<T, true>(scene, scratch, tau, innovations);
 }
 
 /// M^-1 tau (4.1), with the factor in the scratch.

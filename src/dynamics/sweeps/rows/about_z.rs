@@ -75,6 +75,11 @@ impl<T: Real> Measures<T> for AboutZ<'_, T> {
     }
 
     #[inline(always)]
+    fn spread(&self, u: &[T], motion: &mut [T; 6]) {
+        motion[ABOUT_Z] = u[self.row].mul_add(motion[0].splat(self.sense), motion[ABOUT_Z]);
+    }
+
+    #[inline(always)]
     fn smooth(&self, measured: &[Measured<T>], lambda: &mut [T; 6], estimates: &mut [T]) {
         let (m, to) = (&measured[self.row], &mut estimates[self.row]);
         let estimate = but_along(*to * m.pivot_inverse, &m.gain.into(), lambda);

@@ -72,6 +72,17 @@ pub(in crate::dynamics) trait Measures<T: Real> {
         }
     }
 
+    /// Adds H* u: what rates or accelerations `u` of the joint are to its body.
+    #[inline(always)]
+    fn spread(&self, u: &[T], motion: &mut [T; 6]) {
+        let ((system, k), mut sum) = (self.stage(), Vector6::from(*motion));
+        let stage = &system.stages[k];
+        for i in 0..stage.rows.count() {
+            sum = stage.rows.row(i).spread_onto(&sum, u[stage.first_row + i]);
+        }
+        *motion = sum.into();
+    }
+
     /// The estimates (4.9) in the place of e^-; lambda^+ becomes lambda^- (4.11).
     #[inline(always)]
     fn smooth(&self, measured: &[Measured<T>], lambda: &mut [T; 6], estimates: &mut [T]) {

@@ -1,0 +1,142 @@
+//! Forward dynamics through connections, of as many states as a scalar has lanes.
+
+use super::arms::{Target, Vectorised, Work};
+use super::factor;
+use super::finite::any_not_finite;
+use crate::dynamics::constraints::ConstraintKernel;
+use crate::dynamics::sweeps::{SweepModel, SweepScratch};
+use crate::filter::Form;
+use crate::model::Model;
+use crate::scalar::{Precision, lanes_but};
+use crate::scene::constraint::Constraints;
+use nalgebra::Vector6;
+
+/// What rounding leaves in the rows is taken away at most so many times.
+const CORRECTIONS: usize = 2;
+
+/// What it needs beside the scratch of the dynamics; made when it is first asked for.
+#[derive(Debug)]
+pub(super) struct ConnectedKernel<T: Vectorised> {
+    rows: ConstraintKernel<T>,
+    /// e^- of the tree and of the forces of the connections.
+    innovations: Vec<T>,
+    /// Accelerations, forces of the connections, rank and residual.
+    results: Vec<T>,
+}
+
+impl<T: Vectorised> ConnectedKernel<T> {
+    #[cold]
+    pub fn new(model: &Model<T>, sweeps: &SweepModel<T>, constraints: &Constraints) -> Self {
+        let (nv, nan) = (model.nv(), T::from_f64(f64::NAN));
+        Self {
+            rows: ConstraintKernel::new(model, sweeps, constraints),
+            innovations: vec![nan; nv],
+            results: vec![nan; nv + constraints.rows + 2],
+        }
+    }
+}
+
+/// What a call reads and writes.
+pub(super) struct Call<'a, T: Vectorised> {
+    pub scene: (&'a Model<T>, &'a SweepModel<T>),
+    pub scratch: &'a mut SweepScratch<T>,
+    pub kernel: &'a mut ConnectedKernel<T>,
+    /// (q, qd, tau).
+    pub state: (&'a [T], &'a [T], &'a [T]),
+    pub wrenches: &'a [Vector6<T>],
+    /// Accelerations, or all of the results.
+    pub out: &'a mut [T::Number],
+    pub states: usize,
+}
+
+/// Writes the results; gives the lanes in doubt as bits, numbers that are not finite among them.
+#[inline(always)]
+pub(super) fn run<T: Vectorised, I: Target>(target: I, form: Form, call: Call<'_, T>) -> u64 {
+    let Call { scene, scratch, kernel: ConnectedKernel { rows, innovations, results }, state, wrenches, out, states } =
+        call;
+    let nv = innovations.len();
+    let mut doubt = match form {
+        Form::Auto => factor::watched(target, scene, scratch, (state.0, &mut results[..nv])),
+        Form::Covariance => factor::unwatched(target, scene, scratch, state.0),
+        Form::SquareRoot | Form::Joseph => return u64::MAX,
+    };
+    factor::innovations(target, scene, scratch, state, (wrenches, innovations));
+    doubt |= target.within(Begin(scene, scratch, rows, (state.0, state.1, innovations)));
+    for correction in 0..=CORRECTIONS {
+        target.within(Take(rows, innovations));
+        results[..nv].copy_from_slice(innovations);
+        factor::smooth(target, scene, scratch, &mut results[..nv]);
+        let [is_left, is_open] = target.within(Look(scene, scratch, rows, &results[..nv]));
+        if is_left & !doubt == 0 || correction == CORRECTIONS {
+            doubt |= is_open;
+            break;
+        }
+    }
+    let m = rows.forces_of_rows.len();
+    results[nv..nv + m].copy_from_slice(&rows.forces_of_rows);
+    results[nv + m] = rows.rank;
+    results[nv + m + 1] = rows.residual;
+    let fault = any_not_finite(results);
+    let width = out.len() / states.min(T::LANES);
+    T::put_lanes(&results[..width], out);
+    doubt | lanes_but::<T>(|lane| fault.lane(lane) == 0.0)
+}
+
+/// Rows, their factor and the first forces; the lanes in doubt.
+struct Begin<'a, T: Vectorised>(
+    (&'a Model<T>, &'a SweepModel<T>),
+    &'a SweepScratch<T>,
+    &'a mut ConstraintKernel<T>,
+    (&'a [T], &'a [T], &'a [T]),
+);
+
+impl<T: Vectorised> Work for Begin<'_, T> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let Self(scene, scratch, rows, (q, qd, innovations)) = self;
+        let regular = rows.begin(scene, scratch, (q, qd), innovations);
+        lanes_but::<T>(|lane| regular.lane(lane) > 0.0)
+    }
+}
+
+/// What the forces change.
+struct Take<'a, T: Vectorised>(&'a mut ConstraintKernel<T>, &'a mut [T]);
+
+impl<T: Vectorised> Work for Take<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.0.take(self.1);
+    }
+}
+
+/// What is left of the rows; the lanes where it is more than rounding usually leaves, and where it is none.
+struct Look<'a, T: Vectorised>(
+    (&'a Model<T>, &'a SweepModel<T>),
+    &'a SweepScratch<T>,
+    &'a mut ConstraintKernel<T>,
+    &'a [T],
+);
+
+impl<T: Vectorised> Work for Look<'_, T> {
+    type Output = [u64; 2];
+
+    #[inline(always)]
+    fn call(self) -> [u64; 2] {
+        let Self(scene, scratch, rows, qdd) = self;
+        let [near, far] = rows.look(scene, scratch, qdd);
+        let [is_left, is_open] = [near, far].map(|margin| lanes_but::<T>(|lane| margin.lane(lane) >= 0.0));
+        if is_left != 0 {
+            // A lane by itself: what its neighbours need does not touch it.
+            let mut kept = near.constant(0.0);
+            for (lane, kept) in kept.lanes_mut().iter_mut().enumerate() {
+                *kept = T::Number::nearest(if is_left >> lane & 1 == 1 { 1.0 } else { 0.0 });
+            }
+            rows.mask(kept);
+        }
+        [is_left, is_open]
+    }
+}

@@ -1,0 +1,127 @@
+//! The factor of M, and right sides that go through it, of as many states as a scalar has lanes: each compiled once for whoever asks.
+
+use super::accelerations;
+use super::arms::{Target, Vectorised, Work};
+use crate::dynamics::auto;
+use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
+use crate::filter::Form;
+use crate::model::Model;
+use crate::scalar::lanes_but;
+use nalgebra::Vector6;
+
+/// What all of them read.
+type Scene<'a, T> = (&'a Model<T>, &'a SweepModel<T>);
+
+/// The accelerations of a state, and the factor of M that more right sides are to go through; the lanes in doubt.
+#[inline(always)]
+pub(crate) fn with_factor<T: Vectorised, I: Target>(target: I, form: Form, call: accelerations::Call<'_, T>) -> u64 {
+    if form != Form::Auto {
+        return accelerations::by_covariance(target, call);
+    }
+    // Judged by right sides that are made up, for more are to come: by the torques alone more would pass.
+    let accelerations::Call { scene, scratch, state, wrenches, qdd } = call;
+    let doubt = watched(target, scene, scratch, (state.0, qdd));
+    innovations(target, scene, scratch, state, (wrenches, qdd));
+    smooth(target, scene, scratch, qdd);
+    doubt
+}
+
+/// The factor of M at q in covariance form; the lanes in doubt.
+#[inline(never)]
+pub(super) fn unwatched<T: Vectorised, I: Target>(
+    target: I,
+    scene: Scene<'_, T>,
+    scratch: &mut SweepScratch<T>,
+    q: &[T],
+) -> u64 {
+    target.within(Unwatched(scene, scratch, q))
+}
+
+struct Unwatched<'a, T: Vectorised>(Scene<'a, T>, &'a mut SweepScratch<T>, &'a [T]);
+
+impl<T: Vectorised> Work for Unwatched<'_, T> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let Self(scene, scratch, q) = self;
+        let pivots = sweeps::factor::<T, T::Columns>(scene, scratch, q);
+        lanes_but::<T>(|lane| pivots.clear(lane))
+    }
+}
+
+/// The factor of M at q, watched; the second of `state` is scratch, (nv). The lanes in doubt.
+#[inline(never)]
+pub(super) fn watched<T: Vectorised, I: Target>(
+    target: I,
+    scene: Scene<'_, T>,
+    scratch: &mut SweepScratch<T>,
+    state: (&[T], &mut [T]),
+) -> u64 {
+    target.within(Watched(scene, scratch, state))
+}
+
+struct Watched<'a, T: Vectorised>(Scene<'a, T>, &'a mut SweepScratch<T>, (&'a [T], &'a mut [T]));
+
+impl<T: Vectorised> Work for Watched<'_, T> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let Self(scene, scratch, (q, estimates)) = self;
+        let watched = auto::factor_watched_in_sweeps::<T, T::Columns>(scene, scratch, q, estimates);
+        lanes_but::<T>(|lane| watched.kept(lane))
+    }
+}
+
+/// e^- of a state (q, qd, tau), by the factor that is there.
+#[inline(never)]
+pub(super) fn innovations<T: Vectorised, I: Target>(
+    target: I,
+    scene: Scene<'_, T>,
+    scratch: &mut SweepScratch<T>,
+    state: (&[T], &[T], &[T]),
+    forces: (&[Vector6<T>], &mut [T]),
+) {
+    target.within(Innovations(scene, scratch, state, forces));
+}
+
+struct Innovations<'a, T: Vectorised>(
+    Scene<'a, T>,
+    &'a mut SweepScratch<T>,
+    (&'a [T], &'a [T], &'a [T]),
+    (&'a [Vector6<T>], &'a mut [T]),
+);
+
+impl<T: Vectorised> Work for Innovations<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self(scene, scratch, state, (wrenches, out)) = self;
+        sweeps::innovations_of_factor::<T, T::Columns>(scene, scratch, state, wrenches, out);
+    }
+}
+
+/// Accelerations in the place of e^-, by the factor that is there.
+#[inline(never)]
+pub(super) fn smooth<T: Vectorised, I: Target>(
+    target: I,
+    scene: Scene<'_, T>,
+    scratch: &mut SweepScratch<T>,
+    estimates: &mut [T],
+) {
+    target.within(Smooth(scene, scratch, estimates));
+}
+
+struct Smooth<'a, T: Vectorised>(Scene<'a, T>, &'a mut SweepScratch<T>, &'a mut [T]);
+
+impl<T: Vectorised> Work for Smooth<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self(scene, scratch, estimates) = self;
+        sweeps::smooth(scene, scratch, estimates);
+    }
+}

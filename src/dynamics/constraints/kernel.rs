@@ -1,0 +1,464 @@
+//! Forward dynamics through connections for states in lanes and for one state, where nothing but the result is wanted.
+//!
+//! With the factor of M in the scratch of the [sweeps](crate::dynamics::sweeps) and e^- the innovations of the tree (4.2):
+//!
+//! ```text
+//! w_i     innovations of a unit force along row i, over its path only
+//! G_ij    = sum of w_i w_j / D
+//! lambda  = -G^-1 (sum of w e^- / D + gamma)      J qdd0 is the first, and no smoother is needed for it
+//! e^-     + sum of w_i lambda_i                   goes outward once, through the smoother (4.9 to 4.11)
+//! ```
+//!
+//! What is left of J qdd + gamma is looked at with the accelerations that came of it, and taken away once more where it is no rounding. A row that moves nothing is
+//! left out. Where the others are not independent, or something stays that is no rounding, a state is in doubt:
+//! [`constrained_dynamics`](super::constrained_dynamics) finds its rank.
+
+use super::gram_inverse::{NOTHING, REGULAR};
+use crate::dynamics::sweeps::{
+    Forces, MOST_FORCES, Path, SweepModel, SweepScratch, accelerations_along, frame_here, innovations_along,
+    motions_along, placement_along,
+};
+use crate::kinematics::pair::{Pair, RelativeMotion, pair_rows};
+use crate::kinematics::{Frame, FrameMotion};
+use crate::model::Model;
+use crate::scalar::{Real, larger};
+use crate::scene::constraint::{Constraint, Constraints, Tie};
+use crate::spatial::{RigidShift, angular, dot, linear};
+use nalgebra::{Vector3, Vector6};
+use std::ops::Range;
+
+/// What is left of a row is rounding below so many units in the last place of its terms, and is not taken away.
+const ROUNDING: f64 = 8.0;
+
+/// It is no rounding above so many.
+const NO_ROUNDING: f64 = 4096.0;
+
+/// What is tied, in the scalar of the kernel.
+#[derive(Debug)]
+enum LaneTie<T> {
+    /// Frames in those of the sweeps.
+    Frames(Pair, [RigidShift<T>; 2]),
+    /// Rows of torques, and the torques of a unit force.
+    Joints([Option<(usize, T)>; 2]),
+}
+
+/// One connection.
+#[derive(Debug)]
+struct Connection<T> {
+    tie: LaneTie<T>,
+    rows: Range<usize>,
+    path: Path,
+    /// The steps of the path that the forces act on.
+    ends: [Option<usize>; 2],
+    /// For itself and each connection after it, the joint rows that both paths have.
+    shared: Vec<Vec<Range<usize>>>,
+}
+
+/// A row of a connection at one state.
+#[derive(Debug, Clone, Copy)]
+struct Row<T> {
+    /// The forces on the bodies at the ends of its path, in the frames of the sweeps, and the sums of the absolute values of their halves.
+    forces: [[T; 6]; 2],
+    sizes: [[T; 2]; 2],
+    /// J' qd.
+    gamma: T,
+}
+
+/// What the kernel has of one scene and of the states at hand; starts as NaN.
+#[derive(Debug)]
+pub(crate) struct ConstraintKernel<T> {
+    connections: Vec<Connection<T>>,
+    nv: usize,
+    rows: Vec<Row<T>>,
+    /// Along the longest path.
+    forces: Vec<Forces<T>>,
+    motions: Vec<[[T; 6]; 2]>,
+    accelerations: Vec<[T; 6]>,
+    /// Torques of a unit force.
+    torque: Vec<T>,
+    /// w, (m x nv), and over D.
+    innovations: Vec<T>,
+    weighted: Vec<T>,
+    /// The squares of what its rows over the root of D would be if nothing cancelled.
+    sizes: Vec<T>,
+    /// G, its diagonal scaled to one, then its Cholesky factor in the lower triangle, (m x m).
+    gram: Vec<T>,
+    /// One over the roots of G's diagonal; zero of a row that moves nothing.
+    scale: Vec<T>,
+    pivot_inverses: Vec<T>,
+    step: Vec<T>,
+    /// What rounding is relative to in each row.
+    terms: Vec<T>,
+    /// lambda.
+    pub forces_of_rows: Vec<T>,
+    /// How many rows move anything.
+    pub rank: T,
+    /// The largest that is left of a row, rad/s^2 or m/s^2.
+    pub residual: T,
+}
+
+impl<T: Real> ConstraintKernel<T> {
+    pub fn new(model: &Model<T>, sweeps: &SweepModel<T>, constraints: &Constraints) -> Self {
+        let (nan, zero, m, nv) = (T::from_f64(f64::NAN), T::zero(), constraints.rows, model.nv());
+        let mut connections: Vec<_> = constraints.all.iter().map(|all| Connection::new(sweeps, all)).collect();
+        for at in 0..connections.len() {
+            let (own, after) = (&connections[at].path, &connections[at..]);
+            connections[at].shared = after.iter().map(|other| own.rows_shared(&other.path, model)).collect();
+        }
+        let longest = connections.iter().map(|connection| connection.path.len()).max().unwrap_or_default();
+        Self {
+            connections,
+            nv,
+            rows: vec![Row { forces: [[zero; 6]; 2], sizes: [[zero; 2]; 2], gamma: nan }; m],
+            forces: vec![Forces { z: [[nan; 6]; MOST_FORCES], moments: [nan; MOST_FORCES] }; longest],
+            motions: vec![[[nan; 6]; 2]; longest],
+            accelerations: vec![[nan; 6]; longest],
+            torque: vec![zero; nv],
+            innovations: vec![zero; m * nv],
+            weighted: vec![zero; m * nv],
+            sizes: vec![nan; m],
+            gram: vec![nan; m * m],
+            scale: vec![nan; m],
+            pivot_inverses: vec![nan; m],
+            step: vec![nan; m],
+            terms: vec![nan; m],
+            forces_of_rows: vec![nan; m],
+            rank: nan,
+            residual: nan,
+        }
+    }
+
+    /// Rows, w, G and its factor at (q, qd), and the first step of lambda; `innovations` are those of the tree. Negative or NaN in lanes where rows are not independent,
+    /// or where their form is not the usual one.
+    #[inline(always)]
+    pub fn begin(
+        &mut self,
+        scene: (&Model<T>, &SweepModel<T>),
+        scratch: &SweepScratch<T>,
+        state: (&[T], &[T]),
+        innovations: &[T],
+    ) -> T {
+        let zero = scene.0.gravity[0].constant(0.0);
+        self.sizes.fill(zero);
+        let mut regular = zero.constant(1.0);
+        for at in 0..self.connections.len() {
+            regular = regular.worst(self.rows_of(at, scene, scratch, state.1));
+            self.innovations_of(at, scene, scratch);
+        }
+        self.gram(zero);
+        regular = regular.worst(self.scaled(zero));
+        regular = regular.worst(self.factorise(zero));
+        self.forces_of_rows.fill(zero);
+        let Self { step, terms, rows, connections, weighted, nv, .. } = self;
+        for connection in &*connections {
+            for i in connection.rows.clone() {
+                let own = &weighted[i * *nv..(i + 1) * *nv];
+                let (mut sum, mut size) = (rows[i].gamma, rows[i].gamma.abs());
+                for range in &connection.shared[0] {
+                    for (&own, &e) in own[range.clone()].iter().zip(&innovations[range.clone()]) {
+                        let term = own * e;
+                        sum += term;
+                        size += term.abs();
+                    }
+                }
+                step[i] = sum;
+                terms[i] = size;
+            }
+        }
+        self.solve();
+        regular
+    }
+
+    /// The unit forces of one connection and J' qd of its rows; positive where they are written the usual way.
+    #[inline(always)]
+    fn rows_of(&mut self, at: usize, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qd: &[T]) -> T {
+        let zero = scene.0.gravity[0].constant(0.0);
+        let Connection { tie, rows, path, ends, .. } = &self.connections[at];
+        for forces in &mut self.forces[..path.len()] {
+            for i in 0..rows.len() {
+                (forces.z[i], forces.moments[i]) = ([zero; 6], zero);
+            }
+        }
+        let (pair, frames) = match tie {
+            LaneTie::Joints(torques) => {
+                for &(row, torque) in torques.iter().flatten() {
+                    self.torque[row] = torque;
+                    let size = &mut self.sizes[rows.start];
+                    *size = (torque * torque).mul_add(scratch.pivot_inverse(row), *size);
+                }
+                self.rows[rows.start].gamma = zero;
+                return zero.constant(1.0);
+            }
+            LaneTie::Frames(pair, frames) => (*pair, frames),
+        };
+        motions_along(scene, scratch, (path, qd), &mut self.motions);
+        let moving = |end: usize| {
+            let Some(step) = ends[end] else {
+                return FrameMotion {
+                    placement: frames[end],
+                    velocity: Vector6::from_element(zero),
+                    acceleration: Vector6::from_element(zero),
+                };
+            };
+            let [velocity, acceleration] = self.motions[step].map(|motion| frames[end].motion_to_child(&motion.into()));
+            FrameMotion {
+                placement: placement_along(scene, scratch, (path, step), &frames[end]),
+                velocity,
+                acceleration,
+            }
+        };
+        let motion = RelativeMotion::of(&moving(0), &moving(1));
+        let Some(of_pair) = pair_rows(pair, &motion.place, &motion.velocity) else {
+            return zero.constant(-1.0);
+        };
+        for (i, row) in rows.clone().enumerate() {
+            let (force, to) = (&of_pair.of_motion[i], &mut self.rows[row]);
+            to.gamma = dot(force, &motion.acceleration) + of_pair.turning[i];
+            for (end, (&step, frame)) in ends.iter().zip(frames).enumerate() {
+                let Some(step) = step else { continue };
+                let (force, reach) = if end == 0 {
+                    (*force, square(&frame.lever))
+                } else {
+                    (-motion.place.force_to_parent(force), square(&frame.lever) + square(&motion.place.lever))
+                };
+                let (moment, push) = (square(&angular(&force)), square(&linear(&force)));
+                let on_body: [T; 6] = frame.force_to_parent(&force).into();
+                // A force on a body lowers the force that its joint has to transmit.
+                let on = &mut self.forces[step];
+                for (z, &force) in on.z[i].iter_mut().zip(&on_body) {
+                    *z -= force;
+                }
+                on.moments[i] += reach.mul_add(push, moment);
+                to.sizes[end] = halves(&on_body);
+                to.forces[end] = on_body;
+            }
+        }
+        of_pair.margin
+    }
+
+    /// w of one connection, whose unit forces are there, and w over D.
+    #[inline(always)]
+    fn innovations_of(&mut self, at: usize, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>) {
+        let Self { connections, innovations, weighted, forces, torque, sizes, nv, .. } = self;
+        let Connection { tie, rows, path, shared, .. } = &connections[at];
+        let out = &mut innovations[rows.start * *nv..rows.end * *nv];
+        let sizes = &mut sizes[rows.clone()];
+        innovations_along(scene, scratch, (path, rows.len()), (forces, torque), (out, sizes));
+        let width = (*nv).max(1);
+        for (own, weighted) in out.chunks_exact(width).zip(weighted[rows.start * *nv..].chunks_exact_mut(width)) {
+            for row in shared[0].iter().flat_map(Range::clone) {
+                weighted[row] = own[row] * scratch.pivot_inverse(row);
+            }
+        }
+        if let LaneTie::Joints(torques) = tie {
+            for &(row, unit) in torques.iter().flatten() {
+                torque[row] = unit.constant(0.0);
+            }
+        }
+    }
+
+    /// The lower triangle of G: sums over the joints that two paths share.
+    #[inline(always)]
+    fn gram(&mut self, zero: T) {
+        let Self { connections, innovations, weighted, gram, nv, rows, .. } = self;
+        let (m, nv) = (rows.len(), *nv);
+        for (at, first) in connections.iter().enumerate() {
+            for (second, shared) in connections[at..].iter().zip(&first.shared) {
+                for j in second.rows.clone() {
+                    let second = &innovations[j * nv..(j + 1) * nv];
+                    for i in first.rows.clone().take_while(|&i| i <= j) {
+                        let first = &weighted[i * nv..(i + 1) * nv];
+                        let mut sum = zero;
+                        for range in shared {
+                            for (&a, &b) in first[range.clone()].iter().zip(&second[range.clone()]) {
+                                sum = a.mul_add(b, sum);
+                            }
+                        }
+                        gram[j * m + i] = sum;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Scales the diagonal of G to one; rows that move nothing leave a one there and zeros beside it, and the rank is that of the others.
+    #[inline(always)]
+    fn scaled(&mut self, zero: T) -> T {
+        let Self { gram, scale, sizes, rank, .. } = self;
+        let (m, one, nothing) = (scale.len(), zero.constant(1.0), zero.constant(NOTHING * NOTHING));
+        let mut count = zero;
+        let mut finite = one;
+        for i in 0..m {
+            let square = gram[i * m + i];
+            let left_out = larger(square.minus_product(nothing, sizes[i]), zero).one_if_zero();
+            scale[i] = (one - left_out) * (square + left_out).sqrt().recip();
+            count += one - left_out;
+            finite = finite.worst(scale[i] + one);
+        }
+        for i in 0..m {
+            for j in 0..i {
+                gram[i * m + j] *= scale[i] * scale[j];
+            }
+            gram[i * m + i] = one;
+        }
+        *rank = count;
+        finite
+    }
+
+    /// The Cholesky factor in the place of G; by how much its least pivot is above what tells it to be regular.
+    #[inline(always)]
+    fn factorise(&mut self, zero: T) -> T {
+        let Self { gram, pivot_inverses, .. } = self;
+        let m = pivot_inverses.len();
+        let mut least = zero.constant(1.0);
+        for j in 0..m {
+            let (before, own) = gram.split_at_mut(j * m);
+            let own = &mut own[..m];
+            for i in 0..j {
+                let other = &before[i * m..i * m + i];
+                let mut sum = own[i];
+                for (&a, &b) in own[..i].iter().zip(other) {
+                    sum = sum.minus_product(a, b);
+                }
+                own[i] = sum * pivot_inverses[i];
+            }
+            let mut pivot = own[j];
+            for &entry in &own[..j] {
+                pivot = pivot.minus_product(entry, entry);
+            }
+            least = least.worst(pivot);
+            pivot_inverses[j] = pivot.sqrt().recip();
+        }
+        least - zero.constant(REGULAR)
+    }
+
+    /// step := -G^-1 step.
+    #[inline(always)]
+    fn solve(&mut self) {
+        let Self { gram, pivot_inverses, scale, step, .. } = self;
+        let m = step.len();
+        for i in 0..m {
+            let mut sum = step[i] * scale[i];
+            for (&entry, &x) in gram[i * m..i * m + i].iter().zip(&step[..i]) {
+                sum = sum.minus_product(entry, x);
+            }
+            step[i] = sum * pivot_inverses[i];
+        }
+        for i in (0..m).rev() {
+            let own = step[i] * pivot_inverses[i];
+            for (&entry, x) in gram[i * m..i * m + i].iter().zip(&mut step[..i]) {
+                *x = x.minus_product(entry, own);
+            }
+            step[i] = -(own * scale[i]);
+        }
+    }
+
+    /// Adds the step to lambda, and what it changes to the innovations of the tree.
+    #[inline(always)]
+    pub fn take(&mut self, innovations: &mut [T]) {
+        let Self { connections, step, innovations: w, forces_of_rows, nv, .. } = self;
+        for (lambda, &step) in forces_of_rows.iter_mut().zip(&*step) {
+            *lambda += step;
+        }
+        for connection in &*connections {
+            for i in connection.rows.clone() {
+                let own = &w[i * *nv..(i + 1) * *nv];
+                for range in &connection.shared[0] {
+                    for (e, &own) in innovations[range.clone()].iter_mut().zip(&own[range.clone()]) {
+                        *e = own.mul_add(step[i], *e);
+                    }
+                }
+            }
+        }
+    }
+
+    /// What is left of the rows at these accelerations, and the step that takes it away. By how much it is within rounding, and within what could be rounding: negative where it
+    /// is not.
+    #[inline(always)]
+    pub fn look(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qdd: &[T]) -> [T; 2] {
+        let zero = scene.0.gravity[0].constant(0.0);
+        let Self { connections, rows, accelerations, step, terms, residual, .. } = self;
+        let (mut most, mut near, mut far) = (zero, zero.constant(1.0), zero.constant(1.0));
+        for connection in &*connections {
+            if matches!(connection.tie, LaneTie::Frames(..)) {
+                accelerations_along(scene, scratch, (&connection.path, qdd), accelerations);
+            }
+            let at_ends =
+                connection.ends.map(|end| end.map(|step| (accelerations[step], halves(&accelerations[step]))));
+            for i in connection.rows.clone() {
+                let row = &rows[i];
+                let (mut sum, mut size) = (row.gamma, row.gamma.abs());
+                match &connection.tie {
+                    LaneTie::Frames(..) => {
+                        for (end, at_end) in at_ends.iter().enumerate() {
+                            let Some((motion, of_motion)) = at_end else { continue };
+                            for (&a, &force) in motion.iter().zip(&row.forces[end]) {
+                                sum = a.mul_add(force, sum);
+                            }
+                            for (&a, &force) in of_motion.iter().zip(&row.sizes[end]) {
+                                size = a.mul_add(force, size);
+                            }
+                        }
+                    }
+                    LaneTie::Joints(torques) => {
+                        for &(row, torque) in torques.iter().flatten() {
+                            let term = qdd[row] * torque;
+                            sum += term;
+                            size += term.abs();
+                        }
+                    }
+                }
+                terms[i] = larger(terms[i], size);
+                step[i] = sum;
+                most = larger(most, sum.abs());
+                let unit = terms[i] * zero.constant(f64::EPSILON);
+                near = near.worst(unit.mul_add(zero.constant(ROUNDING), -sum.abs()));
+                far = far.worst(unit.mul_add(zero.constant(NO_ROUNDING), -sum.abs()));
+            }
+        }
+        *residual = most;
+        self.solve();
+        [near, far]
+    }
+
+    /// Leaves the step out where `kept` is zero.
+    #[inline(always)]
+    pub fn mask(&mut self, kept: T) {
+        for step in &mut self.step {
+            *step *= kept;
+        }
+    }
+}
+
+impl<T: Real> Connection<T> {
+    fn new(sweeps: &SweepModel<T>, constraint: &Constraint) -> Self {
+        let ends = constraint.tie.bodies();
+        let act_on: Vec<usize> = ends.into_iter().flatten().collect();
+        let path = Path::new(sweeps, &constraint.path, &act_on);
+        let ends = ends.map(|end| end.and_then(|body| path.step_of(body)));
+        let tie = match &constraint.tie {
+            Tie::Frames { pair, frames: [c, d] } => {
+                let here = |frame: &Frame<f64>, step: Option<usize>| {
+                    let placement = frame.placement.cast();
+                    step.map_or(placement, |step| frame_here(sweeps, (&path, step), &placement))
+                };
+                LaneTie::Frames(*pair, [here(c, ends[0]), here(d, ends[1])])
+            }
+            Tie::Coordinates { first, second, multiplier, .. } => {
+                LaneTie::Joints([Some((first.v, T::one())), second.map(|second| (second.v, T::from_f64(-multiplier)))])
+            }
+        };
+        Self { tie, rows: constraint.rows(), path, ends, shared: Vec::new() }
+    }
+}
+
+#[inline(always)]
+fn square<T: Real>(v: &Vector3<T>) -> T {
+    v[0].mul_add(v[0], v[1].mul_add(v[1], v[2] * v[2]))
+}
+
+/// The sums of the absolute values of both halves.
+#[inline(always)]
+fn halves<T: Real>(v: &[T; 6]) -> [T; 2] {
+    [v[0].abs() + v[1].abs() + v[2].abs(), v[3].abs() + v[4].abs() + v[5].abs()]
+}

@@ -1,0 +1,233 @@
+//! Forces that act on one body or two: only the bodies between these and the base feel them.
+//!
+//! They run inward through the measurements of each joint as the mean force does in the [filter](super::filter), and what accelerates along the way is
+//! summed outward again. The factor of M is in the scratch.
+
+use super::joint::{self, Joint, with_joint};
+use super::model::SweepModel;
+use super::rows::Measures;
+use super::scratch::SweepScratch;
+use crate::filter::HingeMap;
+use crate::model::Model;
+use crate::scalar::{Real, larger};
+use crate::spatial::transform::Transform;
+use crate::spatial::{RigidShift, cross_motion};
+use nalgebra::{Matrix3, Vector3, Vector6};
+use std::ops::Range;
+
+/// As many forces at once go along a path.
+pub(crate) const MOST_FORCES: usize = 6;
+
+/// The bodies between one or two bodies and the base, outermost first.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Path {
+    steps: Vec<Step>,
+}
+
+/// One of them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Step {
+    /// Its index.
+    body: usize,
+    /// Its place in the order of the sweeps.
+    place: usize,
+    /// The step of the body inward of it.
+    parent: Option<usize>,
+    /// Whether it is the first that sends a force there, and nothing acts there.
+    begins: bool,
+}
+
+/// The forces of up to six right sides on a body, and squares that bound the terms of their moments.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Forces<T> {
+    pub z: [[T; 6]; MOST_FORCES],
+    pub moments: [T; MOST_FORCES],
+}
+
+impl Path {
+    /// Over these bodies, whose indices fall, with forces on some of them.
+    pub fn new<T: Real>(sweeps: &SweepModel<T>, bodies: &[usize], act_on: &[usize]) -> Self {
+        let at = |k: usize| bodies.iter().position(|&body| body == k);
+        let mut has_begun: Vec<bool> = bodies.iter().map(|body| act_on.contains(body)).collect();
+        let steps = bodies.iter().map(|&body| {
+            let place = sweeps.swept().iter().position(|swept| swept.index == body).unwrap_or_default();
+            let parent = sweeps.swept()[place].parent.and_then(at);
+            let begins = parent.is_some_and(|parent| !std::mem::replace(&mut has_begun[parent], true));
+            Step { body, place, parent, begins }
+        });
+        Self { steps: steps.collect() }
+    }
+
+    /// How many bodies.
+    pub fn len(&self) -> usize {
+        self.steps.len()
+    }
+
+    /// The step of a body.
+    pub fn step_of(&self, body: usize) -> Option<usize> {
+        self.steps.iter().position(|step| step.body == body)
+    }
+
+    /// The rows of all of its joints that another path has too, what lies side by side together.
+    pub fn rows_shared<T: Real>(&self, other: &Self, model: &Model<T>) -> Vec<Range<usize>> {
+        let shared = self.steps.iter().rev().filter(|step| other.steps.iter().any(|o| o.body == step.body));
+        let mut all: Vec<Range<usize>> = Vec::new();
+        for stage in shared.map(|step| &model.system.stages[step.body]) {
+            let end = stage.first_row + stage.rows.count();
+            match all.last_mut() {
+                Some(last) if last.end == stage.first_row => last.end = end,
+                _ => all.push(stage.first_row..end),
+            }
+        }
+        all
+    }
+}
+
+/// The innovations of the first `count` forces of each body, into `out` (count x nv), where a path goes: what is measured is `torque`, zero mostly. `forces` are b(k) - w of each
+/// step, and are used up. `sizes` receives squares: what a row of `out` over the root of D would be if no moment cancelled, torques left out.
+#[inline(always)]
+pub(crate) fn innovations_along<T: Real>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &SweepScratch<T>,
+    (path, count): (&Path, usize),
+    (forces, torque): (&mut [Forces<T>], &[T]),
+    (out, sizes): (&mut [T], &mut [T]),
+) {
+    let SweepScratch { own, shifts, measured, .. } = scratch;
+    let nv = torque.len();
+    for (at, step) in path.steps.iter().enumerate() {
+        let body = &sweeps.swept()[step.place];
+        // What the squares of a moment and of a force weigh.
+        let stage = &model.system.stages[step.body];
+        let (mut of_moment, mut of_force) = (model.gravity[0].constant(0.0), model.gravity[0].constant(0.0));
+        for row in 0..stage.rows.count() {
+            let weight = measured[stage.first_row + row].pivot_inverse;
+            match stage.rows.row(row) {
+                HingeMap::Axis(axis) if axis < 3 => of_moment += weight,
+                HingeMap::Axis(_) => of_force += weight,
+                HingeMap::Screw(pitch) => {
+                    of_moment += weight;
+                    of_force = (pitch * pitch).mul_add(weight, of_force);
+                }
+            }
+        }
+        with_joint!(body, own[step.place].turn, (model, sweeps, shifts), transform, rows, {
+            for i in 0..count {
+                let (mut z, moment) = (forces[at].z[i], forces[at].moments[i]);
+                sizes[i] = moment.mul_add(of_moment, square(&z[3..]).mul_add(of_force, sizes[i]));
+                rows.filter(measured, torque, &mut z, &mut out[i * nv..(i + 1) * nv]);
+                let Some(parent) = step.parent else { continue };
+                let to = &mut forces[parent];
+                transform.send_force(&z, step.begins, &mut to.z[i]);
+                // An offset along a force leaves a moment of rounding, which is no moment.
+                let sent = transform.offset_square().mul_add(square(&z[3..]), larger(square(&z[..3]), moment));
+                to.moments[i] = if step.begins { sent } else { to.moments[i] + sent };
+            }
+        });
+    }
+}
+
+/// The velocity of each body of a path and the part of its acceleration that the rates cause, gravity left out, into `motions`, a step each.
+#[inline(always)]
+pub(crate) fn motions_along<T: Real>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &SweepScratch<T>,
+    (path, qd): (&Path, &[T]),
+    motions: &mut [[[T; 6]; 2]],
+) {
+    let SweepScratch { own, shifts, .. } = scratch;
+    for (at, step) in path.steps.iter().enumerate().rev() {
+        let body = &sweeps.swept()[step.place];
+        let zero = [model.gravity[0].constant(0.0); 6];
+        let (mut velocity, mut acceleration, mut joint) = (zero, zero, zero);
+        with_joint!(body, own[step.place].turn, (model, sweeps, shifts), transform, rows, {
+            if let Some(parent) = step.parent {
+                let [of_parent, its_acceleration] = &motions[parent];
+                velocity = transform.carry_motion(of_parent);
+                acceleration = transform.carry_motion(its_acceleration);
+            }
+            rows.spread(qd, &mut joint);
+        });
+        // What a joint adds turns with the body that it hangs on: V(k-1) x s, and V(k-1) = V(k) - s.
+        let turning = cross_motion(&velocity.into(), &joint.into());
+        for i in 0..6 {
+            velocity[i] += joint[i];
+            acceleration[i] += turning[i];
+        }
+        motions[at] = [velocity, acceleration];
+    }
+}
+
+/// Where a frame on the body of a step is on the base: `frame` is in the body's frame here.
+#[inline(always)]
+pub(crate) fn placement_along<T: Real>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &SweepScratch<T>,
+    (path, step): (&Path, usize),
+    frame: &RigidShift<T>,
+) -> RigidShift<T> {
+    let SweepScratch { own, shifts, .. } = scratch;
+    let axis = |i: usize| [frame.rotation[(0, i)], frame.rotation[(1, i)], frame.rotation[(2, i)]];
+    let (mut axes, mut origin) = ([axis(0), axis(1), axis(2)], <[T; 3]>::from(frame.lever));
+    let mut at = Some(step);
+    while let Some(step) = at.map(|at| &path.steps[at]) {
+        let body = &sweeps.swept()[step.place];
+        if let Joint::Free(shift) | Joint::General(shift) | Joint::Prismatic(shift, _) = body.joint {
+            let shift = &shifts[shift];
+            axes = axes.map(|axis| shift.rotate(&axis.into()).into());
+            let turned = shift.rotate(&origin.into());
+            origin = [turned[0] + shift.lever[0], turned[1] + shift.lever[1], turned[2] + shift.lever[2]];
+        } else {
+            with_joint!(body, own[step.place].turn, (model, sweeps, shifts), transform, _rows, {
+                axes = axes.map(|axis| transform.rotate_to_parent(axis));
+                let (turned, offset) = (transform.rotate_to_parent(origin), transform.offset_at_parent());
+                origin = [turned[0] + offset[0], turned[1] + offset[1], turned[2] + offset[2]];
+            });
+        }
+        at = step.parent;
+    }
+    let [x, y, z] = axes;
+    RigidShift { rotation: Matrix3::new(x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]), lever: origin.into() }
+}
+
+/// A frame on the body of a step, from that body's frame in the model to the one that the sweeps have it in.
+pub(crate) fn frame_here<T: Real>(
+    sweeps: &SweepModel<T>,
+    (path, step): (&Path, usize),
+    frame: &RigidShift<T>,
+) -> RigidShift<T> {
+    let renaming = &sweeps.swept()[path.steps[step].place].frame;
+    let here = |v: [T; 3]| {
+        let [x, y, z, ..] = renaming.apply(&Vector6::new(v[0], v[1], v[2], v[0], v[1], v[2]));
+        Vector3::new(x, y, z)
+    };
+    let axis = |i: usize| here([frame.rotation[(0, i)], frame.rotation[(1, i)], frame.rotation[(2, i)]]);
+    RigidShift { rotation: Matrix3::from_columns(&[axis(0), axis(1), axis(2)]), lever: here(frame.lever.into()) }
+}
+
+/// The accelerations of the bodies of a path where its joints accelerate by `qdd`, without those of velocities and gravity, into `motions`, a step each.
+#[inline(always)]
+pub(crate) fn accelerations_along<T: Real>(
+    (model, sweeps): (&Model<T>, &SweepModel<T>),
+    scratch: &SweepScratch<T>,
+    (path, qdd): (&Path, &[T]),
+    motions: &mut [[T; 6]],
+) {
+    let SweepScratch { own, shifts, .. } = scratch;
+    for (at, step) in path.steps.iter().enumerate().rev() {
+        let body = &sweeps.swept()[step.place];
+        let mut motion = [model.gravity[0].constant(0.0); 6];
+        with_joint!(body, own[step.place].turn, (model, sweeps, shifts), transform, rows, {
+            if let Some(parent) = step.parent {
+                motion = transform.carry_motion(&motions[parent]);
+            }
+            rows.spread(qdd, &mut motion);
+        });
+        motions[at] = motion;
+    }
+}
+
+#[inline(always)]
+fn square<T: Real>(v: &[T]) -> T {
+    v[0].mul_add(v[0], v[1].mul_add(v[1], v[2] * v[2]))
+}
