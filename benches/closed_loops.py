@@ -4,7 +4,7 @@ Usage: python benches/closed_loops.py [--markdown FILE]; `make closed-loops`.
 
 Both programs get the same robots with the same feet fixed to the ground, the same states and torques. Pinocchio is called from Python a state at a time, with its proximal
 settings at 1e-10 and ten iterations at the most; in batches its loop is in Python too, for it has no batches. phipsi's batches run on one thread here. Times are the least of some
-turns, which take each other's place.
+turns, which take each other's place. Beside drawn states and torques there are robots at rest that hold themselves by their own joints, and limp ones that begin to fall.
 """
 
 import argparse
@@ -43,6 +43,14 @@ def states(scene: phipsi.Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     q = scene.integrate(scene.neutral(), random.uniform(-0.05, 0.05, (STATES, scene.nv)))
     found = scene.project(q, random.uniform(-0.2, 0.2, (STATES, scene.nv)))
     return found.q, found.qd, random.uniform(-5.0, 5.0, (STATES, scene.nv))
+
+
+def held_at_rest(scene: phipsi.Scene, q: np.ndarray) -> np.ndarray:
+    """Torques of the joints alone, not of the base, that keep a robot at rest."""
+    still = np.zeros((len(q), scene.nv))
+    motors = np.ones(scene.nv, dtype=bool)
+    motors[:6] = False
+    return scene.constrained_inverse_dynamics(q, still, still, actuated=motors).tau
 
 
 def theirs(scene: phipsi.Scene, file: str, links: list[str], kind: str, at: tuple[np.ndarray, ...]) -> Callable[[int], np.ndarray]:
@@ -92,8 +100,8 @@ def main() -> None:
     given = parser.parse_args()
     phipsi.set_num_threads(1)
     lines = [
-        "| robot | joints, rows | largest difference | one state, us | Pinocchio, us | times | in batches, us a state | times | tree alone, us |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| robot | joints, rows | largest difference | one state, us | Pinocchio, us | times | in batches, us a state | times | at rest, held | limp | tree alone, us |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for name, (file, links, kind) in CASES.items():
         scene = held(file, links, kind)
@@ -102,16 +110,20 @@ def main() -> None:
         qdd = scene.forward_dynamics(*at)
         apart = max(float(np.max(np.abs(qdd[i] - other.back(i)))) for i in range(20)) / float(np.max(np.abs(qdd)))  # type: ignore[attr-defined]
         tree = scene.without_connections()
-        one, their, batch, alone = least(
+        still = np.zeros_like(at[1])
+        rest, limp = (at[0], still, held_at_rest(scene, at[0])), (at[0], still, still)
+        one, their, batch, at_rest, fallen, alone = least(
             lambda scene=scene, at=at: [scene.forward_dynamics(at[0][i], at[1][i], at[2][i]) for i in range(STATES)],
             lambda other=other: [other(i) for i in range(STATES)],
             lambda scene=scene, at=at: scene.forward_dynamics(*at),
+            lambda scene=scene, at=rest: scene.forward_dynamics(*at),
+            lambda scene=scene, at=limp: scene.forward_dynamics(*at),
             lambda tree=tree, at=at: [tree.forward_dynamics(at[0][i], at[1][i], at[2][i]) for i in range(STATES)],
         )
-        one, their, batch, alone = (1e6 * seconds / STATES for seconds in (one, their, batch, alone))
+        one, their, batch, at_rest, fallen, alone = (1e6 * seconds / STATES for seconds in (one, their, batch, at_rest, fallen, alone))
         rows = len(scene.constraint_error(at[0][0]))
         lines.append(
-            f"| {name} | {scene.nv}, {rows} | {apart:.0e} | {one:.1f} | {their:.1f} | {their / one:.1f} | {batch:.1f} | {their / batch:.1f} | {alone:.1f} |"
+            f"| {name} | {scene.nv}, {rows} | {apart:.0e} | {one:.1f} | {their:.1f} | {their / one:.1f} | {batch:.1f} | {their / batch:.1f} | {at_rest:.1f} | {fallen:.1f} | {alone:.1f} |"
         )
         print(lines[-1], flush=True)
     if given.markdown:
@@ -120,7 +132,7 @@ def main() -> None:
             "# Closed loops: times",
             "",
             f"Written by `make closed-loops` (benches/closed_loops.py), on one thread. {how}",
-            "Pinocchio is called from Python, with ten proximal iterations at the most; it has no batches.",
+            "Pinocchio is called from Python, with ten proximal iterations at the most; it has no batches. `at rest, held` and `limp` are batches too, us a state: joints that carry the robot, and none that does.",
             "",
             *lines,
             "",

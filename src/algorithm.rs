@@ -9,8 +9,8 @@ use crate::spatial::SpatialVector;
 pub enum Algorithm {
     /// u = tau; gives qdd, (nv).
     ForwardDynamics(Form),
-    /// u = tau; gives qdd (nv), the forces of the connections (m), the rank of their rows and the largest that is left of these, as
-    /// [`Scene::constrained_dynamics`](crate::Scene::constrained_dynamics).
+    /// u = tau, seed = the compliance of each row of the connections (m), or nothing where none gives way; gives qdd (nv), the forces of the connections (m), the rank of their rows and
+    /// the largest that is left of these, as [`Scene::constrained_dynamics`](crate::Scene::constrained_dynamics).
     ConstrainedDynamics(Form),
     /// u = qdd; gives tau, (nv).
     InverseDynamics,
@@ -229,7 +229,11 @@ impl Algorithm {
     /// What its seed is; most have none.
     #[must_use]
     pub fn seeds(self) -> &'static [&'static str] {
-        if let Self::Products(which) = self { which.seeds() } else { &[] }
+        match self {
+            Self::Products(which) => which.seeds(),
+            Self::ConstrainedDynamics(_) => &["compliance"],
+            _ => &[],
+        }
     }
 
     /// The form that it is done in, where it has any.

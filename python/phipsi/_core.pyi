@@ -297,7 +297,7 @@ class Scene:
         return_info: whether to tell the accuracy too, one entry a state, for about five times the time in the forms "covariance" and
         "square-root", next to nothing in "auto".
 
-        Of a scene with connections the accelerations go through them, one state at a time, as constrained_dynamics has them; no error is estimated.
+        Of a scene with connections the accelerations go through them, as constrained_dynamics has them; no error is estimated.
         Contacts act in simulation only: of a scene with contacts these are the accelerations of the tree.
 
         Returns qdd, (..., nv), with M qdd + bias = tau + J^T w (4.4 to 4.11); with return_info (qdd, Accuracy): .form, the form that gave
@@ -1103,6 +1103,7 @@ class Scene:
         qd: ArrayLike,
         tau: ArrayLike,
         *,
+        compliance: ArrayLike | None = None,
         form: _Form = "auto",
         wrenches: Mapping[str, ArrayLike] | None = None,
         errors: _Errors = "raise",
@@ -1111,6 +1112,9 @@ class Scene:
 
         q: (..., nq); qd, tau: (..., nv). form, wrenches, errors: as in forward_dynamics. Unit forces along the rows run inward through the tree's
         filter; their Gram matrix is J M^-1 J^T. O(N + m^2 depth + m^3) for m rows.
+
+        compliance: how much each row gives way, (m/s^2)/N or (rad/s^2)/(N m), zero or above: one number, or (..., m) in the order of connection_rows. The rows are J qdd + J' qd =
+        -compliance forces then, measurements with that noise: rows that contradict each other get a compromise, and rows that depend on each other share their force by it.
 
         Returns a phipsi.ConstrainedDynamics: qdd (..., nv); forces, a dict from names of connections to (..., rows); rank (...) and residual (...). A
         force is what the connection does to its link, (moment, force) as far as it has rows of them, at the origin of its first frame and in that

@@ -18,7 +18,7 @@ use crate::dynamics::sweeps::{self, Entries, InverseColumns, MassColumns, SweepM
 use crate::filter::Form;
 use crate::joints::quaternion::QUATERNION_SLACK;
 use crate::model::{Body, Model, Motion};
-use crate::scalar::{MOST_LANES, Precision, Real};
+use crate::scalar::{MOST_LANES, Precision, Real, lanes_but};
 use crate::scene::Scene;
 use crate::scene::constraint::Constraints;
 use nalgebra::Vector6;
@@ -335,6 +335,13 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
         }
         if let (Some(form), true) = (algorithm.form(), GROUP == CONNECTED) {
             let kernel = connected.get_or_insert_with(|| Box::new(ConnectedKernel::new(model, sweeps, constraints)));
+            let compliance = &mut kernel.rows.compliance;
+            if given[0].seed[0].is_empty() {
+                compliance.fill(T::zero());
+            } else {
+                let fault = gather(compliance, &given, |state| state.seed[0]);
+                doubt |= lanes_but::<T>(|lane| fault.lane(lane) == 0.0);
+            }
             let (scratch, states) = (sweep_scratch, states.len());
             let call = connected::Call { scene, scratch, kernel, state: (q, qd, u), wrenches, out, states };
             return doubt | connected::run(target, form, call);

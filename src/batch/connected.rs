@@ -17,7 +17,7 @@ const CORRECTIONS: usize = 2;
 /// What it needs beside the scratch of the dynamics; made when it is first asked for.
 #[derive(Debug)]
 pub(super) struct ConnectedKernel<T: Vectorised> {
-    rows: ConstraintKernel<T>,
+    pub rows: ConstraintKernel<T>,
     /// e^- of the tree and of the forces of the connections.
     innovations: Vec<T>,
     /// Accelerations, forces of the connections, rank and residual.

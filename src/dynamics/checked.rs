@@ -1,6 +1,6 @@
 //! The algorithms on one state by the general recursions, with arguments checked and faults named.
 
-use super::constraints::{self, ConstraintScratch};
+use super::constraints::{self, ConstraintScratch, RowsAre};
 use super::derivatives::{
     self, ConstantParts, Constants, DerivativeScratch, Directions, GradientParts, ProductScratch, constants_of,
     constants_width,
@@ -9,7 +9,7 @@ use super::mass_inverse::{InverseScratch, mass_matrix_inverse};
 use super::{forward, inverse, mass_matrix};
 use crate::accuracy::Accuracy;
 use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
-use crate::error::{Error, check_finite, check_length};
+use crate::error::{Error, check_finite, check_length, number};
 use crate::filter::pivots::PivotMonitor;
 use crate::scene::Scene;
 use crate::spatial::SpatialVector;
@@ -57,11 +57,11 @@ impl Scene {
         self.check_seed(algorithm, state.seed)?;
         match algorithm {
             Algorithm::ForwardDynamics(_) if !self.constraints().is_empty() => {
-                self.through_connections(workspace, (q, qd, u), wrenches, (out, None))?;
+                self.through_connections(workspace, (q, qd, u), (wrenches, &[]), (out, None))?;
             }
             Algorithm::ConstrainedDynamics(_) => {
                 let (qdd, rest) = out.split_at_mut(self.nv());
-                self.through_connections(workspace, (q, qd, u), wrenches, (qdd, Some(rest)))?;
+                self.through_connections(workspace, (q, qd, u), (wrenches, state.seed[0]), (qdd, Some(rest)))?;
             }
             Algorithm::ForwardDynamics(_) => {
                 let monitor = forward::forward_dynamics(model, workspace, q, qd, u, wrenches, out);
@@ -96,12 +96,12 @@ impl Scene {
         &self,
         workspace: &mut Workspace<f64>,
         state: (&[f64], &[f64], &[f64]),
-        wrenches: &[SpatialVector<f64>],
+        given: (&[SpatialVector<f64>], &[f64]),
         (qdd, rest): (&mut [f64], Option<&mut [f64]>),
     ) -> Result<(), Error> {
         let mut made =
             workspace.connected.take(self.identity(), || ConstraintScratch::new(self.model(), self.constraints()));
-        let done = self.accelerations_through_connections(workspace, &mut made.1, state, wrenches, qdd);
+        let done = self.accelerations_through_connections(workspace, &mut made.1, state, given, qdd);
         if let (Ok(told), Some(rest)) = (&done, rest) {
             let (forces, told_to) = rest.split_at_mut(self.constraints().rows);
             forces.copy_from_slice(&made.1.forces);
@@ -118,11 +118,12 @@ impl Scene {
         workspace: &mut Workspace<f64>,
         scratch: &mut ConstraintScratch,
         state: (&[f64], &[f64], &[f64]),
-        wrenches: &[SpatialVector<f64>],
+        (wrenches, compliance): (&[SpatialVector<f64>], &[f64]),
         qdd: &mut [f64],
     ) -> Result<(usize, f64), Error> {
         let system = (self.model(), self.constraints());
-        let outcome = constraints::constrained_dynamics(system, workspace, scratch, state, wrenches, None, qdd)
+        let rows = RowsAre { compliance, ..RowsAre::default() };
+        let outcome = constraints::constrained_dynamics(system, workspace, scratch, state, (wrenches, rows), qdd)
             .map_err(|at| self.no_direction(at))?;
         self.check_pivots(workspace, outcome.pivots)?;
         workspace.accuracy = Accuracy::unknown(workspace.form);
@@ -143,7 +144,7 @@ impl Scene {
     ) -> Result<(), Error> {
         let scratch = &mut ConstraintScratch::new(self.model(), self.constraints());
         let mut qdd = vec![f64::NAN; self.nv()];
-        self.accelerations_through_connections(workspace, scratch, (q, qd, tau), wrenches, &mut qdd)?;
+        self.accelerations_through_connections(workspace, scratch, (q, qd, tau), (wrenches, &[]), &mut qdd)?;
         self.check_result("forward dynamics", &qdd)?;
         let system = (self.model(), self.constraints());
         constraints::constrained_derivatives(system, workspace, scratch, (q, qd, &qdd), wrenches, out)
@@ -251,6 +252,9 @@ impl Scene {
     /// The lengths of a seed, and its numbers, which have to be finite.
     fn check_seed(&self, algorithm: Algorithm, seed: [&[f64]; 3]) -> Result<(), Error> {
         let (nv, bodies) = (self.nv(), self.model().bodies.len());
+        if matches!(algorithm, Algorithm::ConstrainedDynamics(_)) {
+            return self.check_compliance(seed[0]);
+        }
         for (i, (&name, seed)) in algorithm.seeds().iter().zip(seed).enumerate() {
             check_length(name, seed.len(), self.seed_width(algorithm, i))?;
             let (own, rest) = seed.split_at(nv);
@@ -265,6 +269,22 @@ impl Scene {
         Ok(())
     }
 
+    /// As many numbers of zero or above as there are rows of connections, or none.
+    fn check_compliance(&self, compliance: &[f64]) -> Result<(), Error> {
+        if compliance.is_empty() {
+            return Ok(());
+        }
+        check_length("compliance", compliance.len(), self.constraint_rows())?;
+        check_finite("compliance", compliance)?;
+        match compliance.iter().position(|&c| c < 0.0) {
+            Some(row) => {
+                let found = format!("{} at row {row}", number(compliance[row]));
+                Err(Error::argument("compliance", found, "numbers of zero or above, (m/s^2)/N or (rad/s^2)/(N m)"))
+            }
+            None => Ok(()),
+        }
+    }
+
     /// How many numbers vector `i` of an algorithm's seed has: none behind the last.
     #[must_use]
     pub fn seed_width(&self, algorithm: Algorithm, i: usize) -> usize {
@@ -273,7 +293,8 @@ impl Scene {
             Algorithm::Products(which) if i == 2 && which.takes_constants() => {
                 nv + constants_width(nv, self.model().bodies.len())
             }
-            _ if i < algorithm.seeds().len() => nv,
+            Algorithm::ConstrainedDynamics(_) if i == 0 => self.constraint_rows(),
+            Algorithm::Products(which) if i < which.seeds().len() => nv,
             _ => 0,
         }
     }
@@ -308,7 +329,9 @@ impl Scene {
         let (rates, third) = algorithm.reads();
         let [qd, u] = [rates, third.is_some()].map(|is_read| if is_read { self.nv() } else { 0 });
         let forces = state.wrenches.len();
-        let seeded = state.seed.iter().enumerate().all(|(i, seed)| seed.len() == self.seed_width(algorithm, i));
+        let unseeded = matches!(algorithm, Algorithm::ConstrainedDynamics(_)) && state.seed[0].is_empty();
+        let mut seeds = state.seed.iter().enumerate();
+        let seeded = unseeded || seeds.all(|(i, seed)| seed.len() == self.seed_width(algorithm, i));
         (state.q.len(), state.qd.len(), state.u.len()) == (self.nq(), qd, u)
             && seeded
             && !self.goes_through_connections(algorithm)

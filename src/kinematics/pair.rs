@@ -147,8 +147,14 @@ fn quaternion<T: Real>(r: &Matrix3<T>) -> (Vector3<T>, T) {
     let (x, y, z) = (r[(0, 0)], r[(1, 1)], r[(2, 2)]);
     // Four times the squares of x, y, z and w.
     let squares = [one + x - y - z, one - x + y - z, one - x - y + z, one + x + y + z];
-    let larger = |best: usize, i: usize| if squares[i].lane(0) > squares[best].lane(0) { i } else { best };
-    let largest = if T::LANES > 1 { 3 } else { (0..4).fold(3, larger) };
+    let mut largest = 3;
+    if T::LANES == 1 {
+        for i in 0..3 {
+            if squares[i].lane(0) > squares[largest].lane(0) {
+                largest = i;
+            }
+        }
+    }
     let twice = squares[largest].sqrt();
     let (half, share) = (twice * T::from_f64(0.5), (twice + twice).recip());
     let (a, b, c) = (r[(2, 1)] - r[(1, 2)], r[(0, 2)] - r[(2, 0)], r[(1, 0)] - r[(0, 1)]);
@@ -223,14 +229,20 @@ impl<T: Real> RelativeMotion<T> {
     pub fn of(c: &FrameMotion<T>, d: &FrameMotion<T>) -> Self {
         let place = d.placement.inverse().compose(&c.placement);
         let (seen, felt) = (place.motion_to_child(&d.velocity), place.motion_to_child(&d.acceleration));
-        let minus = |a: &Vector6<T>, b: &Vector6<T>| scaled_add(b, T::zero() - T::one(), a);
-        let velocity = minus(&c.velocity, &seen);
+        let minus_one = T::zero() - T::one();
+        let velocity = scaled_add(&seen, minus_one, &c.velocity);
         let turning = cross_motion(&velocity, &seen);
-        let size = |half: fn(&Vector6<T>) -> Vector3<T>| {
-            let norm = |x: &Vector6<T>| T::from_f64(square(&half(x)).lane(0).sqrt());
-            norm(&c.acceleration) + norm(&felt) + norm(&turning)
-        };
-        let terms = [size(angular::<T>), size(linear::<T>)];
-        Self { place, velocity, acceleration: sum(&minus(&c.acceleration, &felt), &turning), terms }
+        let terms = [
+            size(&angular(&c.acceleration), &angular(&felt), &angular(&turning)),
+            size(&linear(&c.acceleration), &linear(&felt), &linear(&turning)),
+        ];
+        let acceleration = sum(&scaled_add(&felt, minus_one, &c.acceleration), &turning);
+        Self { place, velocity, acceleration, terms }
     }
+}
+
+/// The sum of three norms, in the first lane.
+#[inline(always)]
+fn size<T: Real>(a: &Vector3<T>, b: &Vector3<T>, c: &Vector3<T>) -> T {
+    T::from_f64(square(a).lane(0).sqrt() + square(b).lane(0).sqrt() + square(c).lane(0).sqrt())
 }

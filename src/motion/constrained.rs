@@ -2,7 +2,7 @@
 
 use super::step::{Scratch, Solver};
 use crate::dynamics::constraints::{
-    ConstraintScratch, NoDirection, Outcome, constrained_dynamics, errors_of_rows, project_positions,
+    ConstraintScratch, NoDirection, Outcome, RowsAre, constrained_dynamics, errors_of_rows, project_positions,
     project_velocities, rates_of_rows,
 };
 use crate::dynamics::sweeps::{SweepModel, SweepScratch};
@@ -82,8 +82,8 @@ impl Solver<f64> for Constrained<'_> {
         qdd: &mut [f64],
     ) -> u64 {
         let Closed { workspace, rows, .. } = &mut *self.scratch;
-        let system = (model, self.scene.constraints());
-        let outcome = constrained_dynamics(system, workspace, rows, (q, v, u), &[], self.alpha, qdd);
+        let (system, wanted) = ((model, self.scene.constraints()), RowsAre { alpha: self.alpha, ..RowsAre::default() });
+        let outcome = constrained_dynamics(system, workspace, rows, (q, v, u), (&[], wanted), qdd);
         let is_finite = qdd.iter().chain(q).chain(v).all(|x| x.is_finite());
         self.scratch.note(self.scene, outcome, model, is_finite);
         0

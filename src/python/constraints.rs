@@ -4,11 +4,10 @@ use super::call::Call;
 use super::choice::{names, read_form};
 use super::cost::Cost;
 use super::evaluate::Keywords;
-use super::input::in_python;
+use super::input::{Input, in_python};
 use super::object::{Object, imported};
-use super::output::Array;
+use super::output::{Array, Output};
 use super::scene::PyScene;
-use super::scratch::Scratch;
 use super::wrenches::Wrench;
 use crate::algorithm::Algorithm;
 use crate::filter::Form;
@@ -55,8 +54,7 @@ impl PyScene {
         let (m, nv) = (self.scene.constraint_rows(), self.scene.nv());
         let call = self.call([self.configuration("q", q)?], self.cost_of_rows(), errors)?;
         call.array(py, &[m, nv], |scene, scratch, [q], out| {
-            let Scratch { workspace, constraints, .. } = scratch;
-            let rows = constraints.get_or_insert_with(|| scene.constraint_scratch());
+            let (workspace, rows, _) = scratch.through_connections(scene, Form::Auto);
             scene.constraint_jacobian(workspace, rows, q, out)
         })
     }
@@ -78,6 +76,9 @@ impl PyScene {
     /// q: (..., nq); qd, tau: (..., nv). form, wrenches, errors: as in forward_dynamics. Unit forces along the rows run inward through the tree's
     /// filter; their Gram matrix is J M^-1 J^T. O(N + m^2 depth + m^3) for m rows.
     ///
+    /// compliance: how much each row gives way, (m/s^2)/N or (rad/s^2)/(N m), zero or above: one number, or (..., m) in the order of connection_rows. The rows are J qdd + J' qd =
+    /// -compliance forces then, measurements with that noise: rows that contradict each other get a compromise, and rows that depend on each other share their force by it.
+    ///
     /// Returns a phipsi.ConstrainedDynamics: qdd (..., nv); forces, a dict from names of connections to (..., rows); rank (...) and residual (...). A
     /// force is what the connection does to its link, (moment, force) as far as it has rows of them, at the origin of its first frame and in that
     /// frame's axes; the other link gets the opposite. That of a rod is positive where it pushes, that of a coupling acts along its joint. Where rows
@@ -85,7 +86,7 @@ impl PyScene {
     ///
     /// Raises ConstraintError, with .connections, .residual and .state, where no forces meet all rows: connections that contradict each other, or
     /// velocities that do not meet them (see project); otherwise as forward_dynamics.
-    #[pyo3(signature = (q, qd, tau, *, form="auto", wrenches=None, errors="raise"))]
+    #[pyo3(signature = (q, qd, tau, *, compliance=None, form="auto", wrenches=None, errors="raise"))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn constrained_dynamics<'py>(
         &self,
@@ -93,6 +94,7 @@ impl PyScene {
         q: &Object<'py>,
         qd: &Object<'py>,
         tau: &Object<'py>,
+        compliance: Option<&Object<'py>>,
         form: &str,
         wrenches: Option<&Object<'py>>,
         errors: &str,
@@ -100,7 +102,10 @@ impl PyScene {
         let algorithm = Algorithm::ConstrainedDynamics(read_form(form)?);
         let keywords = Keywords { wrenches, out: None, dtype: None, errors, info: false };
         let given = [("q", q), ("qd", qd), ("tau", tau)];
-        let results = self.evaluate(py, algorithm, self.cost_through_connections(), given, &keywords)?;
+        let results = match compliance {
+            None => self.evaluate(py, algorithm, self.cost_through_connections(), given, &keywords)?,
+            Some(compliance) => self.through_compliant_connections(py, algorithm, given, (compliance, &keywords))?,
+        };
         let nv = self.scene.nv();
         imported!(py, "phipsi._results", "constrained_dynamics")?.call1((results, nv, self.rows_by_name(py)?))
     }
@@ -131,9 +136,7 @@ impl PyScene {
         let call = self.call(inputs, 5 * self.cost_of_rows(), errors)?;
         let mut output = call.output(py, &[width + 1], None, super::output::Output::new)?;
         call.each_state(py, output.numbers()?, |scene, scratch, of, out| {
-            let Scratch { workspace, constraints, .. } = scratch;
-            workspace.form = Form::Auto;
-            let rows = constraints.get_or_insert_with(|| scene.constraint_scratch());
+            let (workspace, rows, _) = scratch.through_connections(scene, Form::Auto);
             let (state, rank) = out.split_at_mut(width);
             let (own_q, own_qd) = state.split_at_mut(nq);
             own_q.copy_from_slice(of(0));
@@ -177,14 +180,12 @@ impl PyScene {
         let call = self.through_connections([("q", q), ("qd", qd), ("qdd", qdd)], wrenches, (form, errors))?;
         let results =
             call.array(py, &[nv + self.scene.constraint_rows() + 2], |scene, scratch, [q, qd, qdd], out| {
-                let Scratch { workspace, constraints, forces, .. } = scratch;
-                workspace.form = form;
-                let rows = constraints.get_or_insert_with(|| scene.constraint_scratch());
+                let (workspace, rows, forces) = scratch.through_connections(scene, form);
                 let (tau, rest) = out.split_at_mut(nv);
                 let (of_rows, told) = rest.split_at_mut(scene.constraint_rows());
                 let results = (tau, of_rows);
                 let found =
-                    scene.constrained_inverse_dynamics(workspace, rows, q, qd, qdd, &forces[0], &motors, results)?;
+                    scene.constrained_inverse_dynamics(workspace, rows, q, qd, qdd, forces, &motors, results)?;
                 #[allow(clippy::cast_precision_loss)] // a count
                 told.copy_from_slice(&[found.rank as f64, found.residual]);
                 Ok(())
@@ -211,9 +212,7 @@ impl PyScene {
         let cost = self.cost_of_rows().saturating_add(nv.saturating_pow(3));
         let call = self.call([self.configuration("q", q)?], cost, errors)?.with(self.errors(errors, Some(form))?);
         call.array(py, &[nv, nv], |scene, scratch, [q], out| {
-            let Scratch { workspace, constraints, .. } = scratch;
-            workspace.form = form;
-            let rows = constraints.get_or_insert_with(|| scene.constraint_scratch());
+            let (workspace, rows, _) = scratch.through_connections(scene, form);
             scene.constrained_mass_matrix_inverse(workspace, rows, q, out)
         })
     }
@@ -232,6 +231,25 @@ impl PyScene {
         let m = self.scene.constraint_rows();
         let bodies = (cost::BODY + cost::ROW.saturating_mul(m)).saturating_mul(self.size());
         bodies.saturating_add(cost::CUBE.saturating_mul(m.saturating_pow(3)))
+    }
+
+    /// Forward dynamics where rows give way.
+    fn through_compliant_connections<'py>(
+        &self,
+        py: Python<'py>,
+        algorithm: Algorithm,
+        given: [(&'static str, &Object<'py>); 3],
+        (compliance, keywords): (&Object<'py>, &Keywords<'_, 'py>),
+    ) -> PyResult<Object<'py>> {
+        let mut inputs = self.inputs(given)?;
+        inputs.push(Input::spread("compliance", compliance, self.scene.constraint_rows().into())?);
+        let width = self.scene.width(algorithm);
+        let cost = Cost { arithmetic: self.cost_through_connections() * self.size(), results: width };
+        let call = Call::new(self, inputs, Wrench::read(&self.scene, keywords.wrenches)?, cost)?;
+        let call = call.with(self.errors(keywords.errors, algorithm.form())?);
+        let mut output = call.output(py, &[width], None, Output::unwritten)?;
+        call.in_chunks(py, algorithm, output.numbers()?, None)?;
+        Ok(output.finish().into_any())
     }
 
     /// A call with a state and wrenches.

@@ -4,6 +4,7 @@ use crate::batch::evaluator::{Evaluated, Evaluator};
 use crate::dynamics::derivatives::HessianScratch;
 use crate::dynamics::operational::OperationalScratch;
 use crate::dynamics::{ConstraintScratch, Estimate, EstimateCovariance, EstimateScratch};
+use crate::filter::Form;
 use crate::scalar::MOST_LANES;
 use crate::scene::Scene;
 use crate::spatial::{RigidShift, SpatialVector};
@@ -22,7 +23,7 @@ pub(super) struct Scratch {
     /// For operational space only.
     pub operational: Option<OperationalScratch<f64>>,
     /// For closed loops only.
-    pub constraints: Option<ConstraintScratch>,
+    constraints: Option<ConstraintScratch>,
     /// For Hessians only.
     hessians: Option<HessianScratch>,
     /// What runs the kernels in lanes, of float64 and of float32.
@@ -54,6 +55,17 @@ impl Scratch {
 }
 
 impl Scratch {
+    /// For a call through connections, in this form.
+    pub fn through_connections(
+        &mut self,
+        scene: &Scene,
+        form: Form,
+    ) -> (&mut Workspace<f64>, &mut ConstraintScratch, &Forces) {
+        self.workspace.form = form;
+        let rows = self.constraints.get_or_insert_with(|| scene.constraint_scratch());
+        (&mut self.workspace, rows, &self.forces[0])
+    }
+
     /// For a call on Hessians.
     pub fn for_hessians(&mut self, scene: &Scene) -> (&mut Workspace<f64>, &mut HessianScratch, &Forces) {
         let hessians = self.hessians.get_or_insert_with(|| scene.hessian_scratch());

@@ -56,14 +56,32 @@ impl<T: Real> RigidShift<T> {
     #[inline(always)]
     #[must_use]
     pub fn compose(&self, inner: &Self) -> Self {
-        Self { rotation: product(&self.rotation, &inner.rotation), lever: self.rotate(&inner.lever) + self.lever }
+        let (inner_lever, own) = (self.rotate(&inner.lever), &self.lever);
+        Self {
+            rotation: product(&self.rotation, &inner.rotation),
+            lever: Vector3::new(inner_lever[0] + own[0], inner_lever[1] + own[1], inner_lever[2] + own[2]),
+        }
     }
 
     /// The shift the other way, from the parent's frame to the child's. The rotation is transposed, not inverted.
     #[inline(always)]
     #[must_use]
     pub fn inverse(&self) -> Self {
-        Self { rotation: self.rotation.transpose(), lever: -self.rotate_back(&self.lever) }
+        let (r, l) = (&self.rotation, self.rotate_back(&self.lever));
+        Self {
+            rotation: Matrix3::new(
+                r[(0, 0)],
+                r[(1, 0)],
+                r[(2, 0)],
+                r[(0, 1)],
+                r[(1, 1)],
+                r[(2, 1)],
+                r[(0, 2)],
+                r[(1, 2)],
+                r[(2, 2)],
+            ),
+            lever: Vector3::new(-l[0], -l[1], -l[2]),
+        }
     }
 
     /// The square of the lever.

@@ -163,6 +163,51 @@ def test_wrenches_and_forces_are_in_their_frames() -> None:
     assert welded.connection_names == ("rope", "weld")
 
 
+def test_rows_that_give_way_are_measurements_with_noise() -> None:
+    scene = tangle(3, ("revolute", "prismatic"))
+    q, qd, tau = near(scene, 1)
+    (jacobian, gamma), (m, nv) = (scene.constraint_jacobian(q), scene.constraint_bias(q, qd)), (9, scene.nv)
+    compliance = np.random.default_rng(0).uniform(0.0, 2.0, m)
+    compliance[2] = 0.0
+    system = np.block([[scene.mass_matrix(q), -jacobian.T], [jacobian, np.diag(compliance)]])
+    exact = np.linalg.solve(system, np.concatenate([tau - scene.bias_torque(q, qd), -gamma]))
+    scale = 1e-13 * np.linalg.cond(system)
+    for form in ("auto", "covariance", "square-root"):
+        found = scene.constrained_dynamics(q, qd, tau, compliance=compliance, form=form)  # type: ignore[arg-type]
+        forces = np.concatenate([found.forces[name] for name in scene.connection_names])
+        assert np.max(np.abs(found.qdd - exact[:nv])) <= scale * np.max(np.abs(exact[:nv]))
+        assert np.max(np.abs(forces - exact[nv:])) <= scale * np.max(np.abs(exact[nv:]))
+        left = jacobian @ found.qdd + gamma
+        assert found.rank == m and abs(found.residual - np.max(np.abs(left))) <= 1e-9 * np.max(np.abs(left))
+        assert np.max(np.abs(left + compliance * forces)) <= 1e-9 * np.max(np.abs(left))
+    # Each state its own, and one number for all rows; with next to none the rows hold.
+    many = scene.constrained_dynamics(q, qd, tau, compliance=np.stack([compliance, np.full(m, 0.5)]))
+    alone = scene.constrained_dynamics(q, qd, tau, compliance=0.5)
+    np.testing.assert_allclose(many.qdd[1], alone.qdd, rtol=1e-9, atol=1e-9)
+    assert np.max(np.abs(many.qdd[0] - many.qdd[1])) > 1e-3 * np.max(np.abs(alone.qdd))
+    held = scene.constrained_dynamics(q, qd, tau)
+    nearly = scene.constrained_dynamics(q, qd, tau, compliance=1e-12)
+    np.testing.assert_allclose(nearly.qdd, held.qdd, rtol=1e-6, atol=1e-6 * float(np.max(np.abs(held.qdd))))
+    for bad, error, message in ((-1.0, ArgumentError, "zero or above"), (np.zeros(4), ShapeError, "9")):
+        with pytest.raises(error, match=message):
+            scene.constrained_dynamics(q, qd, tau, compliance=bad)
+
+
+def test_contradicting_rows_that_give_way_get_a_compromise() -> None:
+    builder = bars().connect("pin", "point", "coupler", "rocker", **ENDS)
+    builder.connect("rival", "point", "coupler", "rocker", xyz=(0, 0, 0.4), other_xyz=(0, 0, 0.35))
+    scene = builder.build()
+    q, qd, zero = np.array([0.5, 0.8, 0.2]), np.array([1.0, -2.0, 0.5]), np.zeros(3)
+    with pytest.raises(ConstraintError, match="rival"):
+        scene.constrained_dynamics(q, qd, zero)
+    found = scene.constrained_dynamics(q, qd, zero, compliance=0.1)
+    jacobian, gamma = scene.constraint_jacobian(q), scene.constraint_bias(q, qd)
+    system = np.block([[scene.mass_matrix(q), -jacobian.T], [jacobian, 0.1 * np.eye(6)]])
+    exact = np.linalg.solve(system, np.concatenate([-scene.bias_torque(q, qd), -gamma]))
+    np.testing.assert_allclose(found.qdd, exact[:3], rtol=1e-10)
+    assert found.residual > 0.1
+
+
 def test_projection_goes_to_the_nearest() -> None:
     scene = linkage("point")
     q = np.array([0.5, 0.8, 0.2])

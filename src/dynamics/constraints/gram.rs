@@ -12,13 +12,13 @@ use crate::workspace::Workspace;
 use nalgebra::DMatrix;
 
 impl ConstraintScratch {
-    /// W and G^+ at `q`, with the factor of M in the workspace.
+    /// W and (G + compliance)^+ at `q`, with the factor of M in the workspace; no compliance where it is empty.
     pub(super) fn factorise(
         &mut self,
-        model: &Model<f64>,
-        constraints: &Constraints,
+        (model, constraints): (&Model<f64>, &Constraints),
         workspace: &Workspace<f64>,
         q: &[f64],
+        compliance: &[f64],
     ) -> Result<(), NoDirection> {
         units_of_rows(model, constraints, (q, &workspace.rest), &mut self.units)?;
         for constraint in &constraints.all {
@@ -26,7 +26,10 @@ impl ConstraintScratch {
                 self.whiten(model, workspace, constraint, i);
             }
         }
-        let gram = self.gram(model, constraints);
+        let mut gram = self.gram(model, constraints);
+        for (i, compliance) in compliance.iter().enumerate() {
+            gram[(i, i)] += compliance;
+        }
         self.inverse = GramInverse::of(&gram, &self.sizes);
         Ok(())
     }

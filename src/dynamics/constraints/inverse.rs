@@ -50,7 +50,7 @@ pub(crate) fn constrained_inverse_dynamics(
     if workspace.lost_pivot(model, &pivots).is_some() {
         return Ok(InverseOutcome { pivots, rank: 0, residual: f64::NAN, unmet: None });
     }
-    scratch.factorise(model, constraints, workspace, q)?;
+    scratch.factorise((model, constraints), workspace, q, &[])?;
     let ConstraintScratch { residual, terms, .. } = &mut *scratch;
     accelerations_of_rows(model, constraints, (q, qd), Some(qdd), (residual, terms))?;
     let residual = residual.iter().fold(0.0, |largest: f64, left| largest.max(left.abs()));
@@ -158,7 +158,7 @@ pub(crate) fn constrained_mass_matrix_inverse(
     if workspace.lost_pivot(model, &pivots).is_some() {
         return Ok(pivots);
     }
-    scratch.factorise(model, constraints, workspace, q)?;
+    scratch.factorise((model, constraints), workspace, q, &[])?;
     let w = DMatrix::from_fn(nv, m, |row, i| scratch.whitened_row(i, nv)[row]);
     let whole = w * scratch.inverse.columns();
     let basis = if whole.is_empty() { whole } else { whole.qr().q() };

@@ -5,7 +5,7 @@
 //! ```text
 //! w_i     innovations of a unit force along row i, over its path only
 //! G_ij    = sum of w_i w_j / D
-//! lambda  = -G^-1 (sum of w e^- / D + gamma)      J qdd0 is the first, and no smoother is needed for it
+//! lambda  = -(G + compliance)^-1 (sum of w e^- / D + gamma)      J qdd0 is the first: no smoother is needed for it
 //! e^-     + sum of w_i lambda_i                   goes outward once, through the smoother (4.9 to 4.11)
 //! ```
 //!
@@ -23,7 +23,7 @@ use crate::kinematics::{Frame, FrameMotion};
 use crate::model::Model;
 use crate::scalar::{Real, larger};
 use crate::scene::constraint::{Constraint, Constraints, Tie};
-use crate::spatial::{RigidShift, angular, dot, linear};
+use crate::spatial::{RigidShift, angular, dot, linear, scaled};
 use nalgebra::{Vector3, Vector6};
 use std::ops::Range;
 
@@ -87,6 +87,8 @@ pub(crate) struct ConstraintKernel<T> {
     scale: Vec<T>,
     pivot_inverses: Vec<T>,
     step: Vec<T>,
+    /// The noise of each row, zero where it does not give way.
+    pub compliance: Vec<T>,
     /// What rounding is relative to in each row.
     terms: Vec<T>,
     /// lambda.
@@ -121,6 +123,7 @@ impl<T: Real> ConstraintKernel<T> {
             scale: vec![nan; m],
             pivot_inverses: vec![nan; m],
             step: vec![nan; m],
+            compliance: vec![zero; m],
             terms: vec![nan; m],
             forces_of_rows: vec![nan; m],
             rank: nan,
@@ -192,34 +195,23 @@ impl<T: Real> ConstraintKernel<T> {
             LaneTie::Frames(pair, frames) => (*pair, frames),
         };
         motions_along(scene, scratch, (path, qd), &mut self.motions);
-        let moving = |end: usize| {
-            let Some(step) = ends[end] else {
-                return FrameMotion {
-                    placement: frames[end],
-                    velocity: Vector6::from_element(zero),
-                    acceleration: Vector6::from_element(zero),
-                };
-            };
-            let [velocity, acceleration] = self.motions[step].map(|motion| frames[end].motion_to_child(&motion.into()));
-            FrameMotion {
-                placement: placement_along(scene, scratch, (path, step), &frames[end]),
-                velocity,
-                acceleration,
-            }
-        };
-        let motion = RelativeMotion::of(&moving(0), &moving(1));
+        let along = (path, &self.motions[..]);
+        let c = motion_of_end(scene, scratch, along, (ends[0], &frames[0]));
+        let d = motion_of_end(scene, scratch, along, (ends[1], &frames[1]));
+        let motion = RelativeMotion::of(&c, &d);
         let Some(of_pair) = pair_rows(pair, &motion.place, &motion.velocity) else {
             return zero.constant(-1.0);
         };
-        for (i, row) in rows.clone().enumerate() {
-            let (force, to) = (&of_pair.of_motion[i], &mut self.rows[row]);
+        for (i, to) in self.rows[rows.clone()].iter_mut().enumerate() {
+            let force = &of_pair.of_motion[i];
             to.gamma = dot(force, &motion.acceleration) + of_pair.turning[i];
             for (end, (&step, frame)) in ends.iter().zip(frames).enumerate() {
                 let Some(step) = step else { continue };
                 let (force, reach) = if end == 0 {
                     (*force, square(&frame.lever))
                 } else {
-                    (-motion.place.force_to_parent(force), square(&frame.lever) + square(&motion.place.lever))
+                    let back = motion.place.force_to_parent(force);
+                    (scaled(&back, zero.constant(-1.0)), square(&frame.lever) + square(&motion.place.lever))
                 };
                 let (moment, push) = (square(&angular(&force)), square(&linear(&force)));
                 let on_body: [T; 6] = frame.force_to_parent(&force).into();
@@ -246,8 +238,10 @@ impl<T: Real> ConstraintKernel<T> {
         innovations_along(scene, scratch, (path, rows.len()), (forces, torque), (out, sizes));
         let width = (*nv).max(1);
         for (own, weighted) in out.chunks_exact(width).zip(weighted[rows.start * *nv..].chunks_exact_mut(width)) {
-            for row in shared[0].iter().flat_map(Range::clone) {
-                weighted[row] = own[row] * scratch.pivot_inverse(row);
+            for range in &shared[0] {
+                for row in range.start..range.end {
+                    weighted[row] = own[row] * scratch.pivot_inverse(row);
+                }
             }
         }
         if let LaneTie::Joints(torques) = tie {
@@ -264,9 +258,9 @@ impl<T: Real> ConstraintKernel<T> {
         let (m, nv) = (rows.len(), *nv);
         for (at, first) in connections.iter().enumerate() {
             for (second, shared) in connections[at..].iter().zip(&first.shared) {
-                for j in second.rows.clone() {
+                for j in second.rows.start..second.rows.end {
                     let second = &innovations[j * nv..(j + 1) * nv];
-                    for i in first.rows.clone().take_while(|&i| i <= j) {
+                    for i in first.rows.start..first.rows.end.min(j + 1) {
                         let first = &weighted[i * nv..(i + 1) * nv];
                         let mut sum = zero;
                         for range in shared {
@@ -284,12 +278,14 @@ impl<T: Real> ConstraintKernel<T> {
     /// Scales the diagonal of G to one; rows that move nothing leave a one there and zeros beside it, and the rank is that of the others.
     #[inline(always)]
     fn scaled(&mut self, zero: T) -> T {
-        let Self { gram, scale, sizes, rank, .. } = self;
+        let Self { gram, scale, sizes, rank, compliance, .. } = self;
         let (m, one, nothing) = (scale.len(), zero.constant(1.0), zero.constant(NOTHING * NOTHING));
         let mut count = zero;
         let mut finite = one;
         for i in 0..m {
-            let square = gram[i * m + i];
+            // Below zero it would be one of the numbers that are not in order.
+            finite = finite.worst((compliance[i] - compliance[i].abs()).mul_add(zero.constant(f64::MAX), one));
+            let square = gram[i * m + i] + compliance[i];
             let left_out = larger(square.minus_product(nothing, sizes[i]), zero).one_if_zero();
             scale[i] = (one - left_out) * (square + left_out).sqrt().recip();
             count += one - left_out;
@@ -377,25 +373,25 @@ impl<T: Real> ConstraintKernel<T> {
     #[inline(always)]
     pub fn look(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qdd: &[T]) -> [T; 2] {
         let zero = scene.0.gravity[0].constant(0.0);
-        let Self { connections, rows, accelerations, step, terms, residual, .. } = self;
+        let Self { connections, rows, accelerations, step, compliance, terms, forces_of_rows, residual, .. } = self;
         let (mut most, mut near, mut far) = (zero, zero.constant(1.0), zero.constant(1.0));
         for connection in &*connections {
             if matches!(connection.tie, LaneTie::Frames(..)) {
                 accelerations_along(scene, scratch, (&connection.path, qdd), accelerations);
             }
-            let at_ends =
-                connection.ends.map(|end| end.map(|step| (accelerations[step], halves(&accelerations[step]))));
             for i in connection.rows.clone() {
                 let row = &rows[i];
                 let (mut sum, mut size) = (row.gamma, row.gamma.abs());
+                let given_way = compliance[i] * forces_of_rows[i];
                 match &connection.tie {
                     LaneTie::Frames(..) => {
-                        for (end, at_end) in at_ends.iter().enumerate() {
-                            let Some((motion, of_motion)) = at_end else { continue };
+                        for (end, &step) in connection.ends.iter().enumerate() {
+                            let Some(step) = step else { continue };
+                            let motion = &accelerations[step];
                             for (&a, &force) in motion.iter().zip(&row.forces[end]) {
                                 sum = a.mul_add(force, sum);
                             }
-                            for (&a, &force) in of_motion.iter().zip(&row.sizes[end]) {
+                            for (&a, &force) in halves(motion).iter().zip(&row.sizes[end]) {
                                 size = a.mul_add(force, size);
                             }
                         }
@@ -408,9 +404,10 @@ impl<T: Real> ConstraintKernel<T> {
                         }
                     }
                 }
-                terms[i] = larger(terms[i], size);
-                step[i] = sum;
                 most = larger(most, sum.abs());
+                sum += given_way;
+                terms[i] = larger(terms[i], size + given_way.abs());
+                step[i] = sum;
                 let unit = terms[i] * zero.constant(f64::EPSILON);
                 near = near.worst(unit.mul_add(zero.constant(ROUNDING), -sum.abs()));
                 far = far.worst(unit.mul_add(zero.constant(NO_ROUNDING), -sum.abs()));
@@ -449,6 +446,26 @@ impl<T: Real> Connection<T> {
             }
         };
         Self { tie, rows: constraint.rows(), path, ends, shared: Vec::new() }
+    }
+}
+
+/// How the frame at an end of a path moves on the base, the bodies of the path moving so; without a step it is on the base.
+#[inline(always)]
+fn motion_of_end<T: Real>(
+    scene: (&Model<T>, &SweepModel<T>),
+    scratch: &SweepScratch<T>,
+    (path, motions): (&Path, &[[[T; 6]; 2]]),
+    (step, frame): (Option<usize>, &RigidShift<T>),
+) -> FrameMotion<T> {
+    let Some(step) = step else {
+        let none = Vector6::from_element(scene.0.gravity[0].constant(0.0));
+        return FrameMotion { placement: *frame, velocity: none, acceleration: none };
+    };
+    let [velocity, acceleration] = &motions[step];
+    FrameMotion {
+        placement: placement_along(scene, scratch, (path, step), frame),
+        velocity: frame.motion_to_child(&Vector6::from(*velocity)),
+        acceleration: frame.motion_to_child(&Vector6::from(*acceleration)),
     }
 }
 

@@ -62,7 +62,7 @@ pub(crate) fn project_positions(
         if workspace.lost_pivot(model, &pivots).is_some() {
             return Ok(Projected { pivots, rank: 0, left, stays: None });
         }
-        scratch.factorise(model, constraints, workspace, q)?;
+        scratch.factorise((model, constraints), workspace, q, &[])?;
         let errors = std::mem::take(&mut scratch.errors);
         scratch.step_against(&errors, model, workspace);
         scratch.errors = errors;
@@ -94,7 +94,7 @@ pub(crate) fn project_velocities(
     if workspace.lost_pivot(model, &pivots).is_some() {
         return Ok(Projected { pivots, rank: 0, left: f64::NAN, stays: None });
     }
-    scratch.factorise(model, constraints, workspace, q)?;
+    scratch.factorise((model, constraints), workspace, q, &[])?;
     let speed = 1.0 + largest(qd) * (1.0 + extent(model));
     let mut before = f64::INFINITY;
     loop {

@@ -33,18 +33,25 @@ pub(crate) struct Outcome {
     pub contradicted: Vec<usize>,
 }
 
-/// Accelerations `qdd` and the forces of the connections (in the scratch) from torques, where J qdd + gamma = wanted: -2 alpha J qd - alpha^2 errors, or zero
-/// for `alpha` of none.
+/// What the rows of the connections are to be: J qdd + gamma = -2 alpha J qd - alpha^2 errors - compliance lambda.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct RowsAre<'a> {
+    /// 1/s; without it there is nothing of rates and errors.
+    pub alpha: Option<f64>,
+    /// The noise of each row as a measurement, zero or above, (m/s^2)/N; none of it where it is empty.
+    pub compliance: &'a [f64],
+}
+
+/// Accelerations `qdd` and the forces of the connections (in the scratch) from torques, where the rows are as they are to be.
 ///
-/// The tree's accelerations qdd0; lambda = -G^+ (J qdd0 + gamma - wanted); the tree's accelerations with J* lambda acting on it. What is left of the rows is taken away by one
+/// The tree's accelerations qdd0; lambda = -(G + compliance)^+ (J qdd0 + gamma - wanted); the tree's accelerations with J* lambda acting on it. What is left of the rows is taken away by one
 /// more right side each, while it falls. One factor and two right sides in covariance form, two forward dynamics in others, O(N), and O(m^2 depth + m^3).
 pub(crate) fn constrained_dynamics(
     (model, constraints): (&Model<f64>, &Constraints),
     workspace: &mut Workspace<f64>,
     scratch: &mut ConstraintScratch,
     (q, qd, tau): (&[f64], &[f64], &[f64]),
-    wrenches: &[Vector6<f64>],
-    alpha: Option<f64>,
+    (wrenches, wanted): (&[Vector6<f64>], RowsAre<'_>),
     qdd: &mut [f64],
 ) -> Result<Outcome, NoDirection> {
     let state = (q, qd);
@@ -52,14 +59,14 @@ pub(crate) fn constrained_dynamics(
     if workspace.lost_pivot(model, &pivots).is_some() {
         return Ok(Outcome { pivots, rank: 0, residual: f64::NAN, contradicted: Vec::new() });
     }
-    scratch.factorise(model, constraints, workspace, q)?;
-    if alpha.is_some() {
+    scratch.factorise((model, constraints), workspace, q, wanted.compliance)?;
+    if wanted.alpha.is_some() {
         rates_of_rows(model, constraints, state, &mut scratch.rates)?;
         errors_of_rows(model, constraints, q, &mut scratch.errors)?;
     }
     scratch.forces.fill(0.0);
     let mut terms = vec![0.0; constraints.rows];
-    let before = scratch.left(model, constraints, state, (qdd, alpha))?;
+    let before = scratch.left(model, constraints, state, (qdd, wanted))?;
     keep_larger(&mut terms, &scratch.terms);
     scratch.take_away();
 
@@ -86,7 +93,7 @@ pub(crate) fn constrained_dynamics(
             scratch.wrenches = acting;
         }
     }
-    let mut largest = scratch.left(model, constraints, state, (qdd, alpha))?;
+    let mut largest = scratch.left(model, constraints, state, (qdd, wanted))?;
     keep_larger(&mut terms, &scratch.terms);
     let mut residual = before.max(largest);
     for _ in 0..CORRECTIONS {
@@ -105,17 +112,26 @@ pub(crate) fn constrained_dynamics(
         for (a, change) in qdd.iter_mut().zip(&scratch.estimates) {
             *a += change;
         }
-        largest = scratch.left(model, constraints, state, (qdd, alpha))?;
+        largest = scratch.left(model, constraints, state, (qdd, wanted))?;
         if !(largest < residual) {
             qdd.copy_from_slice(&kept);
             scratch.forces = forces;
-            largest = scratch.left(model, constraints, state, (qdd, alpha))?;
+            largest = scratch.left(model, constraints, state, (qdd, wanted))?;
             break;
         }
     }
     let is_left = |&i: &usize| scratch.residual[i].abs() > AGREES * terms[i];
     let contradicted = (0..constraints.rows).filter(is_left).collect();
-    Ok(Outcome { pivots, rank: scratch.inverse.rank, residual: largest, contradicted })
+    // What compliance leaves is no rounding, and told.
+    let given_way = |i: usize| wanted.compliance.get(i).map_or(0.0, |compliance| compliance * scratch.forces[i]);
+    let residual = (0..constraints.rows).map(|i| (scratch.residual[i] - given_way(i)).abs()).fold(0.0, f64::max);
+    let residual = if wanted.compliance.is_empty() { largest } else { residual };
+    Ok(Outcome { pivots, rank: scratch.inverse.rank, residual, contradicted })
+}
+
+/// The largest absolute value.
+fn largest_of(residual: &[f64]) -> f64 {
+    residual.iter().fold(0.0, |largest: f64, left| largest.max(left.abs()))
 }
 
 /// How the tree's accelerations are found for another right side.
@@ -127,7 +143,8 @@ enum Way {
     Anew,
 }
 
-/// The tree's accelerations, with the factor of M left in the workspace. In form `auto` by one factor in covariance form where no pivot has lost more than five digits.
+/// The tree's accelerations, with the factor of M left in the workspace. In form `auto` by one factor in covariance form where that keeps its digits for right sides that are made up, for
+/// more are to come.
 fn accelerations_of_tree(
     model: &Model<f64>,
     workspace: &mut Workspace<f64>,
@@ -137,14 +154,10 @@ fn accelerations_of_tree(
 ) -> (PivotMonitor<f64>, Way) {
     let form = workspace.form;
     if matches!(form, Form::Auto | Form::Covariance) {
-        forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
-        workspace.bias.copy_from_slice(&workspace.z);
-        let (mut pivots, mut look) = (PivotMonitor::new(), PivotMonitor::for_a_single_look());
-        for k in (0..model.system.stages.len()).rev() {
-            workspace.covariances().step::<false>(&model.system, k, &mut pivots, |_, _| {});
-            look.observe_stage(&model.system.stages[k], &workspace.measured, &workspace.scale[k]);
-        }
-        if form == Form::Covariance || look.clear(0) {
+        let pivots = factorise(model, workspace, q, |_, _| {});
+        if form == Form::Covariance || !pivots.of_roots {
+            forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
+            workspace.bias.copy_from_slice(&workspace.z);
             right_side(model, workspace, tau, qdd);
             return (pivots, Way::OneFactor);
         }
@@ -178,18 +191,23 @@ impl ConstraintScratch {
         model: &Model<f64>,
         constraints: &Constraints,
         state: (&[f64], &[f64]),
-        (qdd, alpha): (&[f64], Option<f64>),
+        (qdd, wanted): (&[f64], RowsAre<'_>),
     ) -> Result<f64, NoDirection> {
-        let Self { residual, terms, rates, errors, .. } = self;
+        let Self { residual, terms, rates, errors, forces, .. } = self;
         accelerations_of_rows(model, constraints, state, Some(qdd), (residual, terms))?;
-        if let Some(alpha) = alpha {
+        if let Some(alpha) = wanted.alpha {
             for (i, left) in residual.iter_mut().enumerate() {
                 let wanted = -alpha * (2.0 * rates[i] + alpha * errors[i]);
                 *left -= wanted;
                 terms[i] += wanted.abs();
             }
         }
-        Ok(residual.iter().fold(0.0, |largest: f64, left| largest.max(left.abs())))
+        for (i, &compliance) in wanted.compliance.iter().enumerate() {
+            let given_way = compliance * forces[i];
+            residual[i] += given_way;
+            terms[i] += given_way.abs();
+        }
+        Ok(largest_of(residual))
     }
 
     /// lambda += step, step = -G^+ residual.

@@ -167,27 +167,45 @@ pub(crate) fn placement_along<T: Real>(
     frame: &RigidShift<T>,
 ) -> RigidShift<T> {
     let SweepScratch { own, shifts, .. } = scratch;
-    let axis = |i: usize| [frame.rotation[(0, i)], frame.rotation[(1, i)], frame.rotation[(2, i)]];
-    let (mut axes, mut origin) = ([axis(0), axis(1), axis(2)], <[T; 3]>::from(frame.lever));
+    let r = &frame.rotation;
+    // The columns of the rotation, and the origin.
+    let mut vectors = [
+        [r[(0, 0)], r[(1, 0)], r[(2, 0)]],
+        [r[(0, 1)], r[(1, 1)], r[(2, 1)]],
+        [r[(0, 2)], r[(1, 2)], r[(2, 2)]],
+        [frame.lever[0], frame.lever[1], frame.lever[2]],
+    ];
     let mut at = Some(step);
-    while let Some(step) = at.map(|at| &path.steps[at]) {
+    while let Some(here) = at {
+        let step = &path.steps[here];
         let body = &sweeps.swept()[step.place];
         if let Joint::Free(shift) | Joint::General(shift) | Joint::Prismatic(shift, _) = body.joint {
             let shift = &shifts[shift];
-            axes = axes.map(|axis| shift.rotate(&axis.into()).into());
-            let turned = shift.rotate(&origin.into());
-            origin = [turned[0] + shift.lever[0], turned[1] + shift.lever[1], turned[2] + shift.lever[2]];
+            for vector in &mut vectors {
+                let turned = shift.rotate(&Vector3::new(vector[0], vector[1], vector[2]));
+                *vector = [turned[0], turned[1], turned[2]];
+            }
+            for (origin, &offset) in vectors[3].iter_mut().zip(&shift.lever) {
+                *origin += offset;
+            }
         } else {
             with_joint!(body, own[step.place].turn, (model, sweeps, shifts), transform, _rows, {
-                axes = axes.map(|axis| transform.rotate_to_parent(axis));
-                let (turned, offset) = (transform.rotate_to_parent(origin), transform.offset_at_parent());
-                origin = [turned[0] + offset[0], turned[1] + offset[1], turned[2] + offset[2]];
+                for vector in &mut vectors {
+                    *vector = transform.rotate_to_parent(*vector);
+                }
+                let offset = transform.offset_at_parent();
+                for (origin, offset) in vectors[3].iter_mut().zip(offset) {
+                    *origin += offset;
+                }
             });
         }
         at = step.parent;
     }
-    let [x, y, z] = axes;
-    RigidShift { rotation: Matrix3::new(x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]), lever: origin.into() }
+    let [x, y, z, origin] = vectors;
+    RigidShift {
+        rotation: Matrix3::new(x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]),
+        lever: Vector3::new(origin[0], origin[1], origin[2]),
+    }
 }
 
 /// A frame on the body of a step, from that body's frame in the model to the one that the sweeps have it in.
