@@ -248,3 +248,64 @@ def test_its_legs_stay_closed_as_it_moves(are_bodies: bool, rank: int) -> None:
     assert_near(scene.center_of_mass(path.q) - scene.center_of_mass(q), fall, 1e-9)
     assert np.abs(path.q[-1] - q).max() > 0.1
     assert scene.constrained_dynamics(path.q[-1], path.qd[-1], np.zeros(scene.nv)).rank == rank
+
+
+#: What the knees stand at where all joints are at zero, in MuJoCo's coordinates, rad.
+ZERO = -0.7
+
+
+def of_mujoco() -> str:
+    """The biped with rods as bodies, in MuJoCo's format."""
+    robot, scene = tree(True), biped(True)
+    links = {link.name: link for link in robot.links}
+    numbers = lambda values: " ".join(repr(float(x)) for x in values)  # noqa: E731
+
+    def body(joint: Joint) -> str:
+        link = links[joint.child]
+        axes_of = numbers([*joint.rotation[:, 0], *joint.rotation[:, 1]])
+        moments = numbers(link.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+        kind = {"floating": "free", "spherical": "ball", "continuous": "hinge"}[joint.kind]
+        zero = f'ref="{ZERO}"' if joint.name.endswith("knee") else ""
+        inside = "".join(body(other) for other in robot.order if other.parent == joint.child)
+        return (
+            f'<body name="{joint.child}" pos="{numbers(joint.xyz)}" xyaxes="{axes_of}"><joint name="{joint.name}" type="{kind}" armature="{joint.armature}" {zero}/>'
+            f'<inertial pos="{numbers(link.com)}" mass="{link.mass}" fullinertia="{moments}"/>{inside}</body>'
+        )
+
+    ties = "".join(f'<connect name="{name}" body1="{link}" body2="{other}" anchor="{numbers(first)}"/>' for name, _, link, other, first, _ in ends(scene))
+    return f'<mujoco><compiler angle="radian"/><worldbody>{body(robot.order[0])}</worldbody><equality>{ties}</equality></mujoco>'
+
+
+def test_it_is_read_from_mujoco() -> None:
+    """The same accelerations, and those of dense algebra with MuJoCo's mass matrix and its rows, at rest."""
+    mujoco = pytest.importorskip("mujoco")
+    import phipsi.mujoco
+
+    scene, text = biped(True), of_mujoco()
+    read = phipsi.Scene.from_mujoco(text)
+    assert read.joint_names == scene.joint_names and read.connection_names == scene.connection_names
+    q, qd, tau = moving(scene, 11)
+    there = q.copy()
+    for side in SIDES:
+        there[scene.q_index(f"{side} knee")] += ZERO
+    expected = scene.constrained_dynamics(q, qd, tau)
+    found = read.constrained_dynamics(there, qd, tau)
+    assert found.rank == 10
+    assert_near(found.qdd, expected.qdd, 1e-11 * size(expected.qdd))
+
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qpos[:], _ = phipsi.mujoco.from_state(read, there, np.zeros(read.nv))
+    mujoco.mj_forward(model, data)
+    mass, jacobian = np.zeros((model.nv, model.nv)), np.zeros((data.nefc, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    if mujoco.mj_isSparse(model):
+        mujoco.mju_sparse2dense(jacobian, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
+    else:
+        jacobian[:] = data.efc_J.reshape(jacobian.shape)
+    assert len(jacobian) == 12
+    free = np.linalg.solve(mass, phipsi.mujoco.from_forces(read, there, tau) - data.qfrc_bias)
+    through = np.linalg.solve(mass, jacobian.T)
+    dense = free - through @ np.linalg.lstsq(jacobian @ through, jacobian @ free, rcond=1e-10)[0]
+    ours = phipsi.mujoco.from_accelerations(read, there, np.zeros(read.nv), read.constrained_dynamics(there, np.zeros(read.nv), tau).qdd)
+    assert_near(ours, dense, 1e-9 * size(dense))
