@@ -180,12 +180,14 @@ def _one(at: int, task: Any) -> _Unpacked:
         raise of_argument(ShapeError, f"{name}.target", f"found shape {target.shape}; expected (..., {width})")
     if kind == "direction":
         target = _unit(f"{name}.target", target)
-    point, axis = (_triple(f"{name}.{field}", fields[field]) if field in fields else np.array(default) for field, default in (("at", ORIGIN), ("axis", FORWARD)))
-    axis = _unit(f"{name}.axis", axis)
+    point, axis = fields.get("at", ORIGIN), fields.get("axis", FORWARD)
+    # Most calls have neither.
+    point = list(ORIGIN) if point is ORIGIN else _triple(f"{name}.at", point).tolist()
+    axis = list(FORWARD) if axis is FORWARD else _unit(f"{name}.axis", _triple(f"{name}.axis", axis)).tolist()
     deviation = fields.get("deviation", DEVIATION)
     deviations = (float(fields.get("position", deviation)), float(fields.get("rotation", deviation)))
     on, relative_to = fields.get("link", fields.get("joint", "")), fields.get("relative_to")
-    return kind, name, on, point.tolist(), axis.tolist(), *deviations, target, width, relative_to
+    return kind, name, on, point, axis, *deviations, target, width, relative_to
 
 
 def _numbers(name: str, value: ArrayLike) -> _Array:
@@ -212,14 +214,10 @@ def _unit(name: str, axis: _Array) -> _Array:
 
 def gathered(numbers: _Array, nq: int, nv: int, covariance: bool) -> InverseKinematics:
     """From Rust: the results of a batch, a row a state."""
-    reached, position, rotation, starts, iterations = np.moveaxis(numbers[..., nq : nq + 5], -1, 0)
-    one = numbers.ndim == 1
-    return InverseKinematics(
-        np.ascontiguousarray(numbers[..., :nq]),
-        bool(reached) if one else reached != 0.0,
-        position[()] if one else position.copy(),
-        rotation[()] if one else rotation.copy(),
-        int(starts) if one else starts.astype(np.int64),
-        int(iterations) if one else iterations.astype(np.int64),
-        numbers[..., nq + 5 :].reshape(*numbers.shape[:-1], nv, nv).copy() if covariance else None,
-    )
+    q, beside, rest = numbers[..., :nq].copy(), numbers[..., nq : nq + 5], numbers[..., nq + 5 :]
+    room = rest.reshape(*numbers.shape[:-1], nv, nv).copy() if covariance else None
+    if numbers.ndim == 1:
+        reached, position, rotation, starts, iterations = beside.tolist()
+        return InverseKinematics(q, bool(reached), np.float64(position), np.float64(rotation), int(starts), int(iterations), room)
+    each = np.moveaxis(beside, -1, 0)
+    return InverseKinematics(q, each[0] != 0.0, each[1].copy(), each[2].copy(), each[3].astype(np.int64), each[4].astype(np.int64), room)
