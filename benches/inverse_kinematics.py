@@ -1,13 +1,16 @@
-"""Inverse kinematics beside pink and mink, in one run: how many poses each reaches, and how long a pose takes.
+"""Inverse kinematics beside pink, mink and dynibo, in one run: how many poses each reaches, and how long a pose takes.
 
 Usage: python benches/inverse_kinematics.py [--poses 1000] [--markdown FILE]; `make inverse-kinematics` makes the environment.
 
 Every program gets the same poses, which the arm has at random configurations within its limits, and the same starts. Each pose is one call; a pose is reached where position and
 rotation are within 1e-8 (m, rad). pink and mink solve a quadratic program a step, in Python around DAQP; they are made for control at a rate, and here their steps are full ones with
-their least damping. They get as many steps a start as phipsi. Their poses are fewer, since they take longer.
+their least damping. They get as many steps a start as phipsi. Their poses are fewer, since they take longer. dynibo takes damped steps, with damping and longest step as it has them
+by default, and refuses what they end at beyond the limits of a joint. phipsi knows the first start alone and draws the others itself, of four draws each the one nearest to the pose.
 """
 
 import argparse
+import re
+import tempfile
 import time
 import warnings
 from collections.abc import Callable
@@ -26,9 +29,10 @@ ARMS = {
     "panda": ("panda_description/urdf/panda.urdf", "panda_link7"),
     "kinova": ("kinova_description/robots/kinova.urdf", None),
     "xarm7": ("xarm_description/urdf/xarm7.urdf", None),
+    "iiwa14": (str(Path(__file__).resolve().parents[1] / "tests/data/iiwa14.urdf"), "flange"),
 }
 TOLERANCE, STEPS, STARTS = 1e-8, 100, 20
-#: Of the slow ones.
+#: Poses of the slow ones.
 FEW = 100
 
 Solver = Callable[[np.ndarray, np.ndarray], int]
@@ -101,6 +105,31 @@ def mink(scene: phipsi.Scene, link: str) -> Solver:
     return solve
 
 
+def dynibo(scene: phipsi.Scene, link: str) -> Solver:
+    import dynibo as other
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "arm.urdf"
+        # It reads no joints that follow others; those of the arms here are fingers, which move no link that is placed.
+        file.write_text(re.sub(r"<mimic\b[^>]*/>", "", scene.to_urdf()), encoding="utf-8")
+        robot = other.Robot.from_urdf(str(file))
+    at = robot.link_id(link)
+    options = other.IkOptions(max_iterations=STEPS, translation_tolerance=TOLERANCE, rotation_tolerance=TOLERANCE)
+
+    def solve(pose: np.ndarray, starts: np.ndarray) -> int:
+        x, y, z, *rotation = pin.SE3ToXYZQUAT(pin.SE3(pose))
+        target = other.Pose(translation=(x, y, z), rotation_xyzw=tuple(rotation))
+        for number, start in enumerate(starts, 1):
+            try:
+                robot.inverse_kinematics(start, at, target, options=options)
+            except other.SolverError:
+                continue
+            return number
+        return 0
+
+    return solve
+
+
 def measured(solve: Solver, poses: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How many starts each pose took, and how long, s."""
     solve(poses[0], starts[0])
@@ -136,8 +165,8 @@ def main() -> None:
         poses = scene.placement(random.uniform(lower, upper, (given.poses, scene.nv)), link)
         starts = random.uniform(lower, upper, (given.poses, STARTS, scene.nv))
         reference = None
-        for program, make in (("phipsi", ours), ("pink", pink), ("mink", mink)):
-            count = given.poses if program == "phipsi" else min(FEW, given.poses)
+        for program, make in (("phipsi", ours), ("dynibo", dynibo), ("pink", pink), ("mink", mink)):
+            count = given.poses if program in ("phipsi", "dynibo") else min(FEW, given.poses)
             taken, times = measured(make(scene, link), poses[:count], starts[:count])
             reference = reference or np.median(times)
             shares = [f"{100 * np.mean((taken > 0) & (taken <= most)):.1f} %" for most in (1, STARTS // 2, STARTS)]
