@@ -7,6 +7,7 @@ about Cassie's.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
 
 import numpy as np
@@ -258,7 +259,9 @@ def of_mujoco() -> str:
     """The biped with rods as bodies, in MuJoCo's format."""
     robot, scene = tree(True), biped(True)
     links = {link.name: link for link in robot.links}
-    numbers = lambda values: " ".join(repr(float(x)) for x in values)  # noqa: E731
+
+    def numbers(values: Iterable[float]) -> str:
+        return " ".join(repr(float(x)) for x in values)
 
     def body(joint: Joint) -> str:
         link = links[joint.child]
