@@ -2,10 +2,10 @@
 
 Usage: python benches/inverse_kinematics.py [--poses 1000] [--markdown FILE]; `make inverse-kinematics` makes the environment.
 
-Every program gets the same poses, which the arm has at random configurations within its limits, and the same starts. Each pose is one call; a pose is reached where position and
-rotation are within 1e-8 (m, rad). pink and mink solve a quadratic program a step, in Python around DAQP; they are made for control at a rate, and here their steps are full ones with
-their least damping. They get as many steps a start as phipsi. Their poses are fewer, since they take longer. dynibo takes damped steps, with damping and longest step as it has them
-by default, and refuses what they end at beyond the limits of a joint. phipsi knows the first start alone and draws the others itself, of four draws each the one nearest to the pose.
+Every program gets the same poses, which the arm has at random configurations within its limits, and the same first start; phipsi draws the later ones itself, of four draws each the one
+nearest to the pose, the others get random configurations. Each pose is one call; a pose is reached where position and rotation are within 1e-8 (m, rad), by as many steps a start at the
+most. pink and mink solve a quadratic program a step, in Python around DAQP; they are made for control at a rate, and here their steps are full ones with their least damping. Their poses are
+fewer, since they take longer. dynibo takes damped steps, with damping and longest step as it has them by default, and refuses what they end at beyond the limits of a joint.
 """
 
 import argparse
