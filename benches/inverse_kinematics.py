@@ -3,10 +3,10 @@
 Usage: python benches/inverse_kinematics.py [--poses 1000] [--markdown FILE]; `make inverse-kinematics` makes the environment.
 
 Every program gets the same poses, which the arm has at random configurations within its limits, and the same first start; phipsi draws the later ones itself, of four draws each the one
-nearest to the pose, the others get random configurations. Each pose is one call; a pose is reached where position and rotation are within 1e-8 (m, rad), by as many steps a start at the
-most. pink and mink solve a quadratic program a step, in Python around DAQP; they are made for control at a rate, and here their steps are full ones with their least damping. Their poses are
-fewer, since they take longer; phipsi and dynibo solve each pose five times, and the shortest time counts. dynibo takes damped steps, with damping and longest step as it has them by default,
-and refuses what they end at beyond the limits of a joint.
+nearest to the pose, the others get random configurations. Each pose is one call, the shortest time of five counts; a pose is reached where position and rotation are within 1e-8 (m, rad),
+by as many steps a start at the most. pink and mink solve a quadratic program a step, in Python around DAQP; they are made for control at a rate, and here their steps are full ones with
+their least damping. Their poses are fewer, since they take longer. dynibo takes damped steps, with damping and longest step as it has them by default, and refuses what they end at beyond
+the limits of a joint.
 """
 
 import argparse
@@ -33,7 +33,7 @@ ARMS = {
     "iiwa14": (str(Path(__file__).resolve().parents[1] / "tests/data/iiwa14.urdf"), "link7"),
 }
 TOLERANCE, STEPS, STARTS = 1e-8, 100, 20
-#: Poses of the slow programs, and how often the fast ones solve each: the shortest time counts, as others may use the machine.
+#: Poses of the slow programs, and how often each pose is solved: the shortest time counts, as others may use the machine.
 FEW, REPEATS = 100, 5
 FAST = ("phipsi", "dynibo")
 
@@ -132,7 +132,7 @@ def dynibo(scene: phipsi.Scene, link: str) -> Solver:
     return solve
 
 
-def measured(solve: Solver, poses: np.ndarray, starts: np.ndarray, repeats: int) -> tuple[np.ndarray, np.ndarray]:
+def measured(solve: Solver, poses: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How many starts each pose took, and how long, s."""
     taken, times = [], []
     with warnings.catch_warnings():
@@ -140,7 +140,7 @@ def measured(solve: Solver, poses: np.ndarray, starts: np.ndarray, repeats: int)
         solve(poses[0], starts[0])
         for pose, own in zip(poses, starts, strict=True):
             shortest = np.inf
-            for _ in range(repeats):
+            for _ in range(REPEATS):
                 begin = time.perf_counter()
                 try:
                     count = solve(pose, own)
@@ -172,8 +172,8 @@ def main() -> None:
         starts = random.uniform(lower, upper, (given.poses, STARTS, scene.nv))
         reference = None
         for program, make in (("phipsi", ours), ("dynibo", dynibo), ("pink", pink), ("mink", mink)):
-            count, repeats = (given.poses, REPEATS) if program in FAST else (min(FEW, given.poses), 1)
-            taken, times = measured(make(scene, link), poses[:count], starts[:count], repeats)
+            count = given.poses if program in FAST else min(FEW, given.poses)
+            taken, times = measured(make(scene, link), poses[:count], starts[:count])
             reference = reference or np.median(times)
             shares = [f"{100 * np.mean((taken > 0) & (taken <= most)):.1f} %" for most in (1, STARTS // 2, STARTS)]
             median = np.median(times)
