@@ -17,7 +17,7 @@
 #   make leaving-out   counts with valgrind what each switch saves: writes the table of docs/leaving-out.md
 #   make numerics  after make peers: errors on extreme scenes beside the peers', writes docs/numerics.md, its plots and the figures of README.md (ten minutes)
 #   make motion [OUT=report]   after make peers: the study of integrators, beside the peers' (some minutes)
-#   make inverse-kinematics   beside pink and mink, in .venv-ik: writes docs/inverse-kinematics-times.md (ten minutes)
+#   make inverse-kinematics   beside pink, mink and dynibo, in .venv-ik: writes docs/inverse-kinematics-times.md (ten minutes)
 #   make closed-loops   forward dynamics through connections beside Pinocchio's: writes docs/closed-loops-times.md (a minute)
 #   make picture   the picture of README.md, docs/robot.webp, in Chromium (half a minute)
 #   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
@@ -178,7 +178,7 @@ derivatives: $(VENV)/test
 
 $(VENV)-ik/there: $(VENV)/wheel
 	$(PYTHON) -m venv $(VENV)-ik
-	$(VENV)-ik/bin/python -m pip install --quiet 'pin>=3' 'pin-pink>=4' 'mink>=1' 'qpsolvers[daqp]' 'example-robot-data>=4'
+	$(VENV)-ik/bin/python -m pip install --quiet 'pin>=3' 'pin-pink>=4' 'mink>=1' 'dynibo==0.5.2' 'qpsolvers[daqp]' 'example-robot-data>=4'
 	$(VENV)-ik/bin/python -m pip install --quiet --force-reinstall --no-deps $(WHEELS)/phipsi-*.whl
 	touch $@
 

@@ -1,6 +1,6 @@
 //! Inverse kinematics: what it reaches, what it keeps, and what its covariance is.
 
-use nalgebra::{DMatrix, Matrix3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
 use phipsi::inverse_kinematics::{Goal, Options, Outcome, Task};
 use phipsi::kinematics::ReferenceFrame;
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Scene, SceneBuilder};
@@ -53,6 +53,34 @@ fn arm() -> Scene {
     builder.build().expect("an arm")
 }
 
+/// An arm with the dimensions and limits of a panda, whose limits end most descents that find no answer.
+fn panda() -> Scene {
+    let half = std::f64::consts::FRAC_PI_2;
+    let mut builder = SceneBuilder::new().link(LinkDescription { name: "link0".into(), inertial: None });
+    let joints = [
+        ([0.0, 0.0, 0.333], 0.0, (-2.8973, 2.8973)),
+        ([0.0, 0.0, 0.0], -half, (-1.7628, 1.7628)),
+        ([0.0, -0.316, 0.0], half, (-2.8973, 2.8973)),
+        ([0.0825, 0.0, 0.0], half, (-3.0718, -0.0698)),
+        ([-0.0825, 0.384, 0.0], -half, (-2.8973, 2.8973)),
+        ([0.0, 0.0, 0.0], half, (-0.0175, 3.7525)),
+        ([0.088, 0.0, 0.0], half, (-2.8973, 2.8973)),
+    ];
+    for (k, (lever, roll, limits)) in joints.into_iter().enumerate() {
+        let (parent, child) = (format!("link{k}"), format!("link{}", k + 1));
+        builder = builder.link(LinkDescription { name: child.clone(), inertial: None });
+        let mut joint = JointDescription::new(format!("joint{k}"), JointKind::Revolute, parent, child);
+        joint.axis = Vector3::z();
+        joint.origin = RigidShift {
+            rotation: *Rotation3::from_axis_angle(&Vector3::x_axis(), roll).matrix(),
+            lever: lever.into(),
+        };
+        (joint.limits.lower, joint.limits.upper) = limits;
+        builder = builder.joint(joint);
+    }
+    builder.build().expect("an arm")
+}
+
 fn within(scene: &Scene, state: &mut u64) -> Vec<f64> {
     scene
         .joints()
@@ -86,6 +114,61 @@ fn poses_within_the_limits_are_reached() {
         assert!((found.lever - target.lever).norm() <= 1e-9 && (found.rotation - target.rotation).abs().max() <= 2e-9);
     }
     assert!(failures <= 1, "{failures} of 200");
+}
+
+#[test]
+fn ten_starts_reach_nearly_every_pose_of_a_panda() {
+    let scene = panda();
+    let (mut state, mut q, mut first, mut failures) = (3, vec![f64::NAN; 7], 0, 0);
+    let mut solver = scene.inverse_kinematics(&Options { starts: 10, ..Options::default() }).unwrap();
+    for _ in 0..1000 {
+        let task = pose_of(&scene, &within(&scene, &mut state));
+        let start = within(&scene, &mut state);
+        let outcome = solver.solve(&mut scene.workspace(), &[task], &start, None, &mut q).unwrap();
+        failures += usize::from(!outcome.reached);
+        first += usize::from(outcome.reached && outcome.starts == 1);
+    }
+    assert!(failures <= 6 && first >= 480, "{failures} of 1000 are not reached, {first} by the first start");
+}
+
+#[test]
+fn a_joint_that_may_turn_more_than_a_turn_is_not_held_at_its_limits() {
+    let turn = std::f64::consts::TAU;
+    let mut builder = SceneBuilder::new();
+    for k in 0..3 {
+        builder = builder.link(LinkDescription { name: format!("link{k}"), inertial: None });
+    }
+    for k in 0..2 {
+        let (parent, child) = (format!("link{k}"), format!("link{}", k + 1));
+        let mut joint = JointDescription::new(format!("joint{k}"), JointKind::Revolute, parent, child);
+        (joint.axis, joint.origin.lever) = (Vector3::z(), Vector3::new(1.0, 0.0, 0.0));
+        (joint.limits.lower, joint.limits.upper) = (-turn, 6.25);
+        builder = builder.joint(joint);
+    }
+    let scene = builder.build().expect("an arm");
+    let frame = scene.frame(&"link2".into()).unwrap();
+    let frame = phipsi::kinematics::Frame {
+        placement: RigidShift { rotation: Matrix3::identity(), lever: Vector3::new(1.0, 0.0, 0.0) },
+        ..frame
+    };
+    let solve = |goal: Goal, options: Options| {
+        let mut q = [f64::NAN; 2];
+        let options = Options { starts: 1, ..options };
+        let mut solver = scene.inverse_kinematics(&options).unwrap();
+        let outcome = solver.solve(&mut scene.workspace(), &[Task::new(goal)], &[6.2, 0.0], None, &mut q).unwrap();
+        (outcome.reached, q)
+    };
+    // From just before the limit the way goes beyond it: the same place is within the limits a turn back.
+    let there = scene.placement(&[0.5, 0.7], frame).unwrap();
+    let (reached, q) = solve(Goal::Pose { frame, target: there }, Options::default());
+    assert!(reached && (q[0] - 0.5).abs() < 1e-8 && (q[1] - 0.7).abs() < 1e-8, "{q:?}");
+    let (reached, q) = solve(Goal::Pose { frame, target: there }, Options { limits: false, ..Options::default() });
+    assert!(reached && (q[0] - 0.5 - turn).abs() < 1e-8, "{q:?}");
+    // Its position is asked for, or expected: turns are told apart.
+    let (reached, q) = solve(Goal::Joint { joint: 0, target: 6.8 }, Options::default());
+    assert!(!reached && (q[0] - 6.25).abs() < 1e-15, "{q:?}");
+    let (_, q) = solve(Goal::Pose { frame, target: there }, Options { posture: Some(1.0), ..Options::default() });
+    assert!(q[0] > 3.0, "{q:?}");
 }
 
 #[test]

@@ -12,6 +12,7 @@ that cannot both be met, the one with the smaller deviation wins; those that can
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -153,7 +154,10 @@ KINDS: dict[type, tuple[str, int]] = {
     CenterOfMass: ("center-of-mass", 3), JointPosition: ("joint", 1),
 }  # fmt: skip
 
-_Unpacked = tuple[str, str, str, list[float], list[float], float, float, _Array, int, str | None]
+#: The last axes of targets that are matrices.
+SQUARE: dict[str, tuple[int, int]] = {"pose": (4, 4), "orientation": (3, 3)}
+
+_Unpacked = tuple[str, str, str, Sequence[float], Sequence[float], float, float, _Array, int, str | None]
 
 
 def unpacked(tasks: Any) -> list[_Unpacked]:
@@ -167,9 +171,8 @@ def _one(at: int, task: Any) -> _Unpacked:
         raise of_argument(ArgumentError, "tasks", f"found {type(task).__name__} at {at}; expected {', '.join(kind.__name__ for kind in KINDS)} of phipsi.tasks")
     kind, width = KINDS[type(task)]
     name = f"tasks[{at}]"
-    fields = task._asdict()
-    target = _numbers(f"{name}.target", fields["target"])
-    square = {"pose": (4, 4), "orientation": (3, 3)}.get(kind)
+    target = _numbers(name, "target", task.target)
+    square = SQUARE.get(kind)
     if square is not None:
         if target.shape[-2:] != square:
             raise of_argument(ShapeError, f"{name}.target", f"found shape {target.shape}; expected (..., {square[0]}, {square[1]})")
@@ -180,25 +183,27 @@ def _one(at: int, task: Any) -> _Unpacked:
         raise of_argument(ShapeError, f"{name}.target", f"found shape {target.shape}; expected (..., {width})")
     if kind == "direction":
         target = _unit(f"{name}.target", target)
-    point, axis = (_triple(f"{name}.{field}", fields[field]) if field in fields else np.array(default) for field, default in (("at", ORIGIN), ("axis", FORWARD)))
-    axis = _unit(f"{name}.axis", axis)
-    deviation = fields.get("deviation", DEVIATION)
-    deviations = (float(fields.get("position", deviation)), float(fields.get("rotation", deviation)))
-    on, relative_to = fields.get("link", fields.get("joint", "")), fields.get("relative_to")
-    return kind, name, on, point.tolist(), axis.tolist(), *deviations, target, width, relative_to
+    point, axis = getattr(task, "at", ORIGIN), getattr(task, "axis", FORWARD)
+    # Most calls have neither.
+    point = ORIGIN if point is ORIGIN else _triple(name, "at", point).tolist()
+    axis = FORWARD if axis is FORWARD else _unit(f"{name}.axis", _triple(name, "axis", axis)).tolist()
+    deviation = getattr(task, "deviation", DEVIATION)
+    position, rotation = float(getattr(task, "position", deviation)), float(getattr(task, "rotation", deviation))
+    on = task.joint if kind == "joint" else getattr(task, "link", "")
+    return kind, name, on, point, axis, position, rotation, target, width, getattr(task, "relative_to", None)
 
 
-def _numbers(name: str, value: ArrayLike) -> _Array:
+def _numbers(name: str, field: str, value: ArrayLike) -> _Array:
     try:
         return np.asarray(value, float)
     except (TypeError, ValueError):
-        raise of_argument(ArgumentError, name, f"found {type(value).__name__}, which is no array of numbers") from None
+        raise of_argument(ArgumentError, f"{name}.{field}", f"found {type(value).__name__}, which is no array of numbers") from None
 
 
-def _triple(name: str, value: ArrayLike) -> _Array:
-    found = _numbers(name, value)
+def _triple(name: str, field: str, value: ArrayLike) -> _Array:
+    found = _numbers(name, field, value)
     if found.shape != (3,):
-        raise of_argument(ShapeError, name, f"found shape {found.shape}; expected (3,)")
+        raise of_argument(ShapeError, f"{name}.{field}", f"found shape {found.shape}; expected (3,)")
     return found
 
 
@@ -212,14 +217,10 @@ def _unit(name: str, axis: _Array) -> _Array:
 
 def gathered(numbers: _Array, nq: int, nv: int, covariance: bool) -> InverseKinematics:
     """From Rust: the results of a batch, a row a state."""
-    reached, position, rotation, starts, iterations = np.moveaxis(numbers[..., nq : nq + 5], -1, 0)
-    one = numbers.ndim == 1
-    return InverseKinematics(
-        np.ascontiguousarray(numbers[..., :nq]),
-        bool(reached) if one else reached != 0.0,
-        position[()] if one else position.copy(),
-        rotation[()] if one else rotation.copy(),
-        int(starts) if one else starts.astype(np.int64),
-        int(iterations) if one else iterations.astype(np.int64),
-        numbers[..., nq + 5 :].reshape(*numbers.shape[:-1], nv, nv).copy() if covariance else None,
-    )
+    q, beside, rest = numbers[..., :nq].copy(), numbers[..., nq : nq + 5], numbers[..., nq + 5 :]
+    room = rest.reshape(*numbers.shape[:-1], nv, nv).copy() if covariance else None
+    if numbers.ndim == 1:
+        reached, position, rotation, starts, iterations = beside.tolist()
+        return InverseKinematics(q, bool(reached), np.float64(position), np.float64(rotation), int(starts), int(iterations), room)
+    each = np.moveaxis(beside, -1, 0)
+    return InverseKinematics(q, each[0] != 0.0, each[1].copy(), each[2].copy(), each[3].astype(np.int64), each[4].astype(np.int64), room)

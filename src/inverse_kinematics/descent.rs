@@ -2,8 +2,11 @@
 //!
 //! A step minimises the quadratic model of F with A = J^T W J + posture + mu D, D the largest diagonal so far. It is taken where F falls by a share of what
 //! the undamped model says; then mu falls too, else it grows. So F never rises, and the steps become Newton's where the errors vanish.
+//!
+//! Most ends that are no answer are minima at limits. So a start is given up as soon as it promises nothing, if others can follow; the best of them then goes on
+//! to its minimum.
 
-use super::limits::{Bounds, RateBounds};
+use super::limits::{Bounds, RateBounds, Way};
 use super::step::{BoxStep, quadratic};
 use super::task::{Rows, Tasks};
 use super::{Metric, Options, RateOptions};
@@ -17,8 +20,12 @@ const DAMPING: f64 = 1e-2;
 const FLOOR: f64 = 1e-3;
 /// A step is taken where F falls by this share of what was expected.
 const ENOUGH: f64 = 1e-4;
-/// A start is given up where F has not halved in so many steps; with a posture F is not zero at the answer.
+/// Damping is no more than this share of the errors, m and rad: so it vanishes with them. With a posture it is as large as they are: the way along a motion that
+/// the tasks leave free is curved, and steps that are damped little would leave it.
+const SHARE: f64 = 0.03;
+/// A start is given up where F has not halved in so many steps, or where a step that is damped no more than the first promises less than this share of F.
 const PATIENCE: usize = 15;
+const PROMISE: f64 = 1e-3;
 /// No step can lower F where the model expects less than this share of it.
 const NOTHING: f64 = 1e-16;
 
@@ -29,6 +36,17 @@ pub struct Ending {
     pub position_error: f64,
     pub rotation_error: f64,
     pub iterations: usize,
+    /// Whether it was given up: F could fall further.
+    pub is_given_up: bool,
+}
+
+/// When a descent ends, beside at an answer and after all steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Until {
+    /// It promises no answer: F is not zero in the end.
+    Hopeless,
+    /// F falls no further.
+    Lowest,
 }
 
 impl Ending {
@@ -41,6 +59,7 @@ impl Ending {
 #[derive(Debug)]
 pub struct Descent {
     pub limits: Bounds,
+    way: Way,
     rows: Rows,
     trial_rows: Rows,
     trial: Vec<f64>,
@@ -58,6 +77,7 @@ impl Descent {
     pub fn new(scene: &Scene, limits: Bounds) -> Self {
         let (nv, nan) = (scene.nv(), f64::NAN);
         Self {
+            way: Way::of(&limits),
             limits,
             rows: Rows::default(),
             trial_rows: Rows::default(),
@@ -73,25 +93,32 @@ impl Descent {
         }
     }
 
-    /// Goes down from `q`, which it moves; first to its limits, where it is beyond.
+    /// F at `q`.
+    pub fn value(&mut self, workspace: &mut Workspace<f64>, tasks: &Tasks<'_>, q: &[f64]) -> Result<f64, Error> {
+        tasks.evaluate(workspace, q, &mut self.rows)?;
+        Ok(value_of(tasks, &self.rows, q, &mut self.off_posture))
+    }
+
+    /// Goes down from `q`, which it moves, by so many steps at the most; first to its limits, where it is beyond.
     pub fn run(
         &mut self,
         workspace: &mut Workspace<f64>,
         tasks: &Tasks<'_>,
         options: &Options,
+        (until, steps): (Until, usize),
         q: &mut [f64],
     ) -> Result<Ending, Error> {
         let (scene, nv) = (tasks.scene, tasks.scene.nv());
         self.limits.hold(q);
-        tasks.evaluate(workspace, q, &mut self.rows)?;
-        let mut value = value_of(tasks, &self.rows, q, &mut self.off_posture);
+        self.way.choose(&self.limits, tasks);
+        let mut value = self.value(workspace, tasks, q)?;
         let (mut damping, mut growth) = (DAMPING, 2.0);
         let (mut halved, mut since) = (value, 0);
         self.scale.fill(0.0);
-        let mut iterations = 0;
-        while iterations < options.iterations {
-            let ending = self.ending(value, iterations);
-            if tasks.posture.is_none() && ending.reached(options.tolerance) {
+        let (mut iterations, mut is_given_up) = (0, false);
+        while iterations < steps && !is_given_up {
+            // With a posture F is not zero at the answer.
+            if tasks.posture.is_none() && self.ending(value).reached(options.tolerance) {
                 break;
             }
             self.model(tasks, q);
@@ -117,7 +144,7 @@ impl Descent {
                         self.damped.iter_mut().zip(&self.mass).for_each(|(entry, m)| *entry += by * m);
                     }
                 }
-                let limits = &self.limits;
+                let limits = &self.way.bounds;
                 let has_step =
                     self.boxed.minimise(&self.damped, &self.gradient, |row| limits.room(row, q), &mut self.step);
                 // By how much the undamped model falls along the step.
@@ -127,12 +154,13 @@ impl Descent {
                 }
                 if has_step {
                     scene.integrate(q, &self.step, &mut self.trial)?;
-                    self.limits.hold(&mut self.trial);
+                    self.way.bounds.hold(&mut self.trial);
                     std::mem::swap(&mut self.rows, &mut self.trial_rows);
                     tasks.evaluate(workspace, &self.trial, &mut self.rows)?;
                     let next = value_of(tasks, &self.rows, &self.trial, &mut self.off_posture);
                     let share = (value - next) / expected;
                     if share > ENOUGH {
+                        is_given_up = damping <= DAMPING && expected < PROMISE * value;
                         damping *= (1.0 - (2.0 * share - 1.0).powi(3)).max(1.0 / 3.0);
                         growth = 2.0;
                         break Some(next);
@@ -148,14 +176,19 @@ impl Descent {
             let Some(next) = accepted else { break };
             q.copy_from_slice(&self.trial);
             value = next;
-            damping = damping.min(self.rows.position_error + self.rows.rotation_error + f64::MIN_POSITIVE);
+            let errors = self.rows.position_error + self.rows.rotation_error;
+            let share = if tasks.posture.is_none() { SHARE } else { 1.0 };
+            damping = damping.min(share * errors + f64::MIN_POSITIVE);
             if value <= 0.5 * halved {
-                (halved, since) = (value, 0);
-            } else if since >= PATIENCE && tasks.posture.is_none() {
-                break;
+                (halved, since, is_given_up) = (value, 0, false);
             }
+            is_given_up |= since >= PATIENCE;
+            is_given_up &= until == Until::Hopeless && tasks.posture.is_none();
         }
-        Ok(self.ending(value, iterations))
+        if self.way.bring_back(&self.limits, q) {
+            value = self.value(workspace, tasks, q)?;
+        }
+        Ok(Ending { iterations, is_given_up, ..self.ending(value) })
     }
 
     /// M at `q` for steps that it damps, and its largest diagonal entry. Joints that carry nothing get a little of it, or nothing would hold them.
@@ -237,9 +270,10 @@ impl Descent {
         Ok(())
     }
 
-    fn ending(&self, value: f64, iterations: usize) -> Ending {
+    /// Where it is now.
+    fn ending(&self, value: f64) -> Ending {
         let Rows { position_error, rotation_error, .. } = self.rows;
-        Ending { value, position_error, rotation_error, iterations }
+        Ending { value, position_error, rotation_error, iterations: 0, is_given_up: false }
     }
 
     /// Gradient and second derivative (of Gauss and Newton) of F at `q`, whose rows are there.

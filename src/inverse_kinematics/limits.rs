@@ -1,7 +1,12 @@
 //! The limits of joints, by degree of freedom.
 
+use super::task::{Goal, Tasks};
 use crate::error::Error;
-use crate::scene::Scene;
+use crate::scene::{JointKind, Scene};
+use std::f64::consts::TAU;
+
+/// By how much limits that allow a whole turn may be short of it, rad: files round them to six digits.
+const ROUNDED: f64 = 1e-5;
 
 /// How far each degree of freedom may go; joints of several coordinates have no limits.
 #[derive(Debug, Clone)]
@@ -11,6 +16,16 @@ pub struct Bounds {
     /// Smallest and largest value, rad or m; infinite where there is none.
     pub lower: Vec<f64>,
     pub upper: Vec<f64>,
+}
+
+/// The limits on the way to an answer: without those of joints that may turn whole turns, where nothing tells one turn from the next.
+///
+/// Any angle of such a joint is within its limits, whole turns away: at a limit the way goes on, and the answer is brought back in the end.
+#[derive(Debug, Clone)]
+pub struct Way {
+    pub bounds: Bounds,
+    /// The degrees of freedom whose limits are not those of the joints.
+    open: Vec<usize>,
 }
 
 /// How fast each degree of freedom may go, and how far.
@@ -39,6 +54,49 @@ impl RateBounds {
         let most = self.velocity[row] * dt;
         let (lower, upper) = self.places.room(row, q);
         (lower.max(-most).min(most), upper.min(most).max(-most))
+    }
+}
+
+impl Way {
+    /// Within all limits, of as many degrees of freedom.
+    pub fn of(limits: &Bounds) -> Self {
+        Self { bounds: limits.clone(), open: Vec::with_capacity(limits.lower.len()) }
+    }
+
+    /// What the tasks allow: a posture and the position of a joint tell one turn from the next, and so does what follows a joint.
+    pub fn choose(&mut self, limits: &Bounds, tasks: &Tasks<'_>) {
+        self.open.clear();
+        self.bounds.lower.copy_from_slice(&limits.lower);
+        self.bounds.upper.copy_from_slice(&limits.upper);
+        if tasks.posture.is_some() || tasks.scene.coupling().is_some() {
+            return;
+        }
+        for (at, joint) in tasks.scene.joints().iter().enumerate() {
+            let row = joint.v.start;
+            let is_asked =
+                || tasks.each.iter().any(|task| matches!(task.goal, Goal::Joint { joint, .. } if joint == at));
+            let turns = matches!(joint.kind, JointKind::Revolute | JointKind::Continuous);
+            let range = if turns { limits.upper[row] - limits.lower[row] } else { 0.0 };
+            if range.is_finite() && range > TAU - ROUNDED && !is_asked() {
+                (self.bounds.lower[row], self.bounds.upper[row]) = (f64::NEG_INFINITY, f64::INFINITY);
+                self.open.push(row);
+            }
+        }
+    }
+
+    /// Brings a configuration within all limits by whole turns; whether anything moved.
+    pub fn bring_back(&self, limits: &Bounds, q: &mut [f64]) -> bool {
+        let mut moved = false;
+        for &row in &self.open {
+            let Some(at) = limits.coordinate[row] else { continue };
+            let (lower, upper) = (limits.lower[row], limits.upper[row]);
+            if !(q[at] >= lower && q[at] <= upper) {
+                let turns = ((q[at] - upper) / TAU).ceil().max(0.0) - ((lower - q[at]) / TAU).ceil().max(0.0);
+                q[at] = (q[at] - turns * TAU).max(lower).min(upper);
+                moved = true;
+            }
+        }
+        moved
     }
 }
 

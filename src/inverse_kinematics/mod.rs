@@ -6,7 +6,7 @@
 //! F(q) = 1/2 sum (e / s)^2 + 1/2 |q (-) posture|^2 / p^2
 //!
 //! by the steps of Levenberg and Marquardt, each the exact minimum of its model within the limits. Where one start ends in a local minimum,
-//! others follow, drawn within the limits. The inverse of the second derivative at the end is the covariance of the answer.
+//! others follow, drawn within the limits, of a few draws the most probable. The inverse of the second derivative at the end is the covariance of the answer.
 //!
 //! ```
 //! use phipsi::inverse_kinematics::{Goal, Options, Task};
@@ -31,7 +31,7 @@ mod task;
 use crate::error::{Error, check_length};
 use crate::scene::Scene;
 use crate::workspace::Workspace;
-use descent::{Descent, Ending};
+use descent::{Descent, Ending, Until};
 use limits::{Bounds, RateBounds};
 use task::Tasks;
 pub use task::{Goal, Task};
@@ -114,8 +114,12 @@ pub struct Solver<'a> {
     options: Options,
     descent: Descent,
     start: Vec<f64>,
+    drawn: Vec<f64>,
     best: Vec<f64>,
 }
+
+/// A start after the first is the most probable of so many draws: fewer of them end at limits where no answer is.
+const DRAWS: u64 = 4;
 
 impl Scene {
     /// A solver of inverse kinematics.
@@ -143,6 +147,7 @@ impl Scene {
             options: *options,
             descent: Descent::new(self, limits),
             start: vec![f64::NAN; self.nq()],
+            drawn: vec![f64::NAN; self.nq()],
             best: vec![f64::NAN; self.nq()],
         })
     }
@@ -214,10 +219,11 @@ impl Solver<'_> {
         while used < self.options.starts {
             match used {
                 0 => self.start.copy_from_slice(start),
-                _ => starts::draw(scene, &self.descent.limits, start, self.options.seed, used as u64, &mut self.start),
+                _ => self.draw(workspace, &tasks, start, used as u64)?,
             }
             used += 1;
-            let ending = self.descent.run(workspace, &tasks, &self.options, &mut self.start)?;
+            let whole = (Until::Hopeless, self.options.iterations);
+            let ending = self.descent.run(workspace, &tasks, &self.options, whole, &mut self.start)?;
             iterations += ending.iterations;
             let is_reached = ending.reached(tolerance);
             if is_reached || found.as_ref().is_none_or(|best| ending.value < best.value) {
@@ -228,7 +234,13 @@ impl Solver<'_> {
                 break;
             }
         }
-        let Some(best) = found else { return Err(Error::argument("starts", "0", "at least one")) };
+        let Some(mut best) = found else { return Err(Error::argument("starts", "0", "at least one")) };
+        if best.is_given_up && !best.reached(tolerance) {
+            // None is an answer: the nearest to one, exactly.
+            let rest = (Until::Lowest, self.options.iterations - best.iterations);
+            best = self.descent.run(workspace, &tasks, &self.options, rest, &mut self.best)?;
+            iterations += best.iterations;
+        }
         q.copy_from_slice(&self.best);
         if let Some(room) = covariance {
             check_length("covariance", room.len(), scene.nv() * scene.nv())?;
@@ -241,5 +253,26 @@ impl Solver<'_> {
             starts: used,
             iterations,
         })
+    }
+
+    /// Draws start `number`: of some draws the most probable.
+    fn draw(
+        &mut self,
+        workspace: &mut Workspace<f64>,
+        tasks: &Tasks<'_>,
+        start: &[f64],
+        number: u64,
+    ) -> Result<(), Error> {
+        let mut least = f64::INFINITY;
+        for draw in 0..DRAWS {
+            let number = number * DRAWS + draw;
+            starts::draw(self.scene, &self.descent.limits, start, self.options.seed, number, &mut self.drawn);
+            let value = self.descent.value(workspace, tasks, &self.drawn)?;
+            if draw == 0 || value < least {
+                least = value;
+                self.start.copy_from_slice(&self.drawn);
+            }
+        }
+        Ok(())
     }
 }

@@ -36,8 +36,8 @@ impl PyScene {
     ///
     /// tasks: a task of phipsi.tasks or a list of them: Pose, Position, Orientation, Direction, LookAt, CenterOfMass, JointPosition; targets with leading axes are a batch,
     /// which broadcasts with that of q0. q0: (..., nq), the first start; None: neutral. starts: how many configurations it starts from at the most, those after the first
-    /// drawn within the limits. posture: None, or a standard deviation, rad and m: how far joints are expected from q0, for robots that tasks leave free.
-    /// limits: whether joints stay within theirs; a q0 beyond them starts at them. tolerance: a task is reached where its error is no larger, m and rad.
+    /// drawn within the limits, of a few draws the nearest to the tasks. posture: None, or a standard deviation, rad and m: how far joints are expected from q0, for robots that tasks leave free.
+    /// limits: whether joints stay within theirs; a q0 beyond them starts at them, and a joint that has room for a whole turn gets past them on the way. tolerance: a task is reached where its error is no larger, m and rad.
     /// iterations: steps from each start at the most. metric: what steps are damped by, "coordinates", or "mass", kinetic energy: joints that carry much move less. covariance: whether to give it. seed: of
     /// the starts.
     ///

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,12 @@ from tolerances import assert_near, assert_same_bits, inverse, product
 
 ARM = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM)
 HAND = ARM.body_names[-1]
-#: Arms that people have, the link that is their hand, and whether all joints have limits.
-ARMS = {"ur_description/urdf/ur5_robot.urdf": "tool0", "panda_description/urdf/panda.urdf": "panda_link8", "iiwa_description/urdf/iiwa14.urdf": "iiwa_link_ee"}
+#: Arms that people have, and the link that is their hand.
+ARMS = {
+    "ur_description/urdf/ur5_robot.urdf": "tool0",
+    "panda_description/urdf/panda.urdf": "panda_link8",
+    str(Path(__file__).resolve().parents[1] / "data/iiwa14.urdf"): "flange",
+}
 
 
 def within(scene: phipsi.Scene, count: int, seed: int) -> np.ndarray:
@@ -24,7 +29,7 @@ def within(scene: phipsi.Scene, count: int, seed: int) -> np.ndarray:
     return np.random.default_rng(seed).uniform(lower, upper, (count, scene.nv))
 
 
-@pytest.mark.parametrize("file", ARMS)
+@pytest.mark.parametrize("file", ARMS, ids=lambda file: Path(file).stem)
 def test_poses_of_real_arms(file: str) -> None:
     if not (ROBOTS / file).is_file():
         pytest.skip(f"no {file}")
