@@ -195,6 +195,7 @@ mod accuracy;
 mod algorithm;
 mod api;
 pub mod batch;
+pub mod codegen;
 mod contact;
 pub mod dynamics;
 mod error;

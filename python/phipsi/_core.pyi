@@ -1487,6 +1487,27 @@ class Scene:
         Raises SingularJointError; ArgumentError beyond 300 degrees of freedom; ShapeError or NotFiniteError for a bad q.
         """
 
+    def to_c(
+        self,
+        directory: str | os.PathLike[str] | None = None,
+        *,
+        name: str = "robot",
+        functions: Iterable[Literal["forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"]] | None = None,
+        dtype: Literal["float64", "float32"] = "float64",
+    ) -> dict[str, str]:
+        """The dynamics of this robot as C99 that needs nothing but libm, a dict from names of files to their texts: NAME.c, NAME.h, test_NAME.c and a Makefile.
+
+        directory: where to write them too, made where it is not there; None: nowhere. name: what files and functions begin with. functions: names among "forward_dynamics",
+        "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"; None: all. dtype: "float64" or "float32", the numbers of the code.
+
+        Each function is one straight line of operations for one state, NAME_forward_dynamics(q, qd, tau, qdd) for instance, without allocations: constants are folded, and what this robot does not need is
+        not there. Order of q and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits that it loses are not noticed. `make test` in the directory
+        compiles it and compares with the scene at one state.
+
+        Raises ArgumentError for a name that C has not, unknown functions, a scene with connections or with joints that follow others (mimic="couple"), and for the inverse mass matrix of
+        chains of more than 300 joints; OSError where files cannot be written.
+        """
+
     def to_urdf(self, path: str | os.PathLike[str] | None = None, *, name: str = "robot") -> str:
         """The scene as URDF, which from_urdf reads back to the same numbers but for the rounding of angles; a str.
 

@@ -1,4 +1,4 @@
-"""The command `phipsi`: info, view, simulate, ik, identify, report, check, bench, completion. Needs the extra: pip install "phipsi[report]"."""
+"""The command `phipsi`: info, view, simulate, ik, identify, codegen, report, check, bench, completion. Needs the extra: pip install "phipsi[report]"."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def main() -> None:
     if missing:
         print(f'phipsi: found no {", ".join(missing)}; install with: pip install "phipsi[report]"', file=sys.stderr)
         raise SystemExit(2)
-    from .report import completion, identify, ik, info, simulate, view_robot  # noqa: F401  # register their commands
+    from .report import codegen, completion, identify, ik, info, simulate, view_robot  # noqa: F401  # register their commands
     from .report.commands import group
 
     group(prog_name="phipsi")

@@ -15,6 +15,7 @@ mod call;
 mod centroidal;
 mod changes;
 mod choice;
+mod codegen;
 mod configuration;
 mod connection_tuple;
 mod connections;

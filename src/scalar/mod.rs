@@ -23,6 +23,7 @@ mod fused;
 mod instructions;
 mod lanes;
 mod precision;
+mod traced;
 mod transposed;
 mod trigonometry;
 
@@ -40,6 +41,7 @@ pub use instructions::Instructions;
 pub use lanes::Lanes;
 #[doc(hidden)]
 pub use precision::Precision;
+pub use traced::{Operation, Traced};
 pub(crate) use transposed::MOST_LANES;
 #[doc(hidden)]
 pub use trigonometry::Circle;

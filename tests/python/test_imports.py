@@ -34,6 +34,7 @@ ROOMS = (
     "batch",
     "operators",
     "api",
+    "codegen",
     "inverse_kinematics",
     "stochastic",
     "motion",

@@ -1,0 +1,43 @@
+"""The command `phipsi codegen`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .commands import FLOATING, MIMIC, ROBOT, Mimic, _load, _typed_errors, group
+
+FUNCTIONS = ("forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse")
+
+
+@group.command()
+@ROBOT
+@FLOATING
+@MIMIC
+@click.option("-o", "--output", "directory", type=click.Path(path_type=Path, file_okay=False), default=Path("generated"), show_default=True, help="Where the files go.")
+@click.option("--lang", type=click.Choice(["c"]), default="c", show_default=True, help="The language: C99.")
+@click.option("--name", default="robot", show_default=True, help="What files and functions begin with.")
+@click.option("--functions", "-f", type=click.Choice(FUNCTIONS), multiple=True, help="What to write; again for more.  [default: all]")
+@click.option("--float32", "is_single", is_flag=True, help="float in place of double.")
+def codegen(
+    robot: Path | None,
+    floating_base: bool,
+    mimic: Mimic,
+    directory: Path,
+    lang: str,
+    name: str,
+    functions: tuple[str, ...],
+    is_single: bool,
+) -> None:
+    """Write the dynamics of one robot as code that needs no library: sources, a header, a test with reference values, a Makefile.
+
+    Without ROBOT.urdf, the bundled arm. `make test` in the directory compiles and runs the test.
+    """
+    del lang  # there is one
+    scene, said, _, _ = _load(robot, floating_base, mimic)
+    with _typed_errors():
+        files = scene.to_c(directory, name=name, functions=functions or None, dtype="float32" if is_single else "float64")  # type: ignore[arg-type]
+    for file in files:
+        click.echo(f"written: {directory / file}")
+    click.echo(f"{said}: {scene.nv} degrees of freedom; make -C {directory} test")

@@ -1,0 +1,257 @@
+//! C99 of programs: a source, its header, a test with reference values, and a Makefile.
+
+use super::program::{Function, Program};
+use crate::error::Error;
+use crate::scalar::Operation;
+use crate::scene::Scene;
+use std::fmt::Write;
+
+/// The numbers of the C code.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Width {
+    /// double.
+    #[default]
+    Double,
+    /// float.
+    Single,
+}
+
+impl Width {
+    fn of_c(self) -> &'static str {
+        if self == Self::Double { "double" } else { "float" }
+    }
+
+    /// What ends names of functions and constants.
+    fn suffix(self) -> &'static str {
+        if self == Self::Double { "" } else { "f" }
+    }
+
+    fn constant(self, x: f64) -> String {
+        match self {
+            // The shortest that is read as the same number.
+            Self::Double => format!("{x:?}"),
+            #[allow(clippy::cast_possible_truncation)] // rounded, as asked
+            Self::Single => format!("{:?}f", x as f32),
+        }
+    }
+}
+
+/// Files by their names.
+pub type Sources = Vec<(String, String)>;
+
+/// C99 of functions of a scene under this name: NAME.c, NAME.h, `test_NAME.c` and a Makefile.
+///
+/// Each function takes pointers to its arguments, SI units, radians, and writes its result; nothing is allocated, and of libm it needs sines, cosines and square roots. Results are those of the
+/// scene's methods to rounding, in covariance form: a state that loses digits there is not noticed. The test compares with the scene at a state of its own.
+///
+/// # Errors
+///
+/// As [`Program::new`]; [`Error::Argument`] for a name that is no identifier of C, and for no functions.
+pub fn sources(scene: &Scene, name: &str, functions: &[Function], width: Width) -> Result<Sources, Error> {
+    let is_start = |c: char| c.is_ascii_alphabetic() || c == '_';
+    if !(name.starts_with(is_start) && name.chars().all(|c| is_start(c) || c.is_ascii_digit())) {
+        return Err(Error::argument("name", format!("{name:?}"), "letters, digits and _, the first no digit"));
+    }
+    if functions.is_empty() {
+        return Err(Error::argument("functions", "none", "one or more"));
+    }
+    let programs = functions.iter().map(|&function| Program::new(scene, function)).collect::<Result<Vec<_>, _>>()?;
+    Ok(vec![
+        (format!("{name}.c"), source(name, &programs, width)),
+        (format!("{name}.h"), header(scene, name, &programs, width)),
+        (format!("test_{name}.c"), test(scene, name, &programs, width)?),
+        ("Makefile".to_owned(), makefile(name)),
+    ])
+}
+
+const WRITTEN_BY: &str = "/* Written by phipsi; do not edit. */\n";
+
+/// The declaration of a function, without what ends it.
+fn declaration(name: &str, program: &Program, width: Width) -> String {
+    let ((nq, nv), number) = (program.sizes, width.of_c());
+    let arguments = program.function.arguments().iter().map(|&argument| {
+        let count = if argument == "q" { nq } else { nv };
+        format!("const {number} {argument}[{}]", count.max(1))
+    });
+    let result = format!("{number} {}[{}]", program.function.result(), program.function.width(nv).max(1));
+    let all: Vec<String> = arguments.chain([result]).collect();
+    format!("void {name}_{}({})", program.function.name(), all.join(", "))
+}
+
+fn header(scene: &Scene, name: &str, programs: &[Program], width: Width) -> String {
+    let guard = format!("{}_H", name.to_uppercase());
+    let mut text = format!("{WRITTEN_BY}#ifndef {guard}\n#define {guard}\n\n");
+    let _ = writeln!(text, "#define {}_NQ {}", name.to_uppercase(), scene.nq());
+    let _ = writeln!(text, "#define {}_NV {}\n", name.to_uppercase(), scene.nv());
+    text.push_str("/* SI units, radians. Joints, and where they are in q and in qd:\n");
+    for joint in scene.joints() {
+        // What would end the comment has no place in it.
+        let joint_name = joint.name.replace("*/", "* /");
+        let _ = writeln!(
+            text,
+            "   {joint_name}: q {}..{}, qd {}..{}",
+            joint.q.start, joint.q.end, joint.v.start, joint.v.end
+        );
+    }
+    text.push_str("*/\n\n#ifdef __cplusplus\nextern \"C\" {\n#endif\n\n");
+    for program in programs {
+        let size = program.size();
+        let _ = writeln!(
+            text,
+            "/* {}: {} sums, {} products, {} products with a sum, {} quotients and roots, {} sines and cosines. */",
+            meaning(program.function),
+            size.sums,
+            size.products,
+            size.fused,
+            size.quotients,
+            size.sines
+        );
+        let _ = writeln!(text, "{};\n", declaration(name, program, width));
+    }
+    let _ = write!(text, "#ifdef __cplusplus\n}}\n#endif\n\n#endif\n");
+    text
+}
+
+fn meaning(function: Function) -> &'static str {
+    match function {
+        Function::ForwardDynamics => "Joint accelerations from torques",
+        Function::InverseDynamics => "Torques from joint accelerations",
+        Function::BiasTorque => "Torques that let no joint accelerate",
+        Function::MassMatrix => "The mass matrix, row by row",
+        Function::MassMatrixInverse => "Its inverse, row by row",
+    }
+}
+
+fn source(name: &str, programs: &[Program], width: Width) -> String {
+    let mut text = format!("{WRITTEN_BY}#include \"{name}.h\"\n#include <math.h>\n");
+    for program in programs {
+        let _ = write!(text, "\n{}\n{{\n", declaration(name, program, width));
+        let said: Vec<String> = (0..program.operations.len()).map(|place| operand(program, place, width)).collect();
+        for (place, operation) in program.operations.iter().enumerate() {
+            if let Some(right) = right_side(operation, &said, width) {
+                let _ = writeln!(text, "    const {} {} = {right};", width.of_c(), said[place]);
+            }
+        }
+        for (i, &result) in program.results.iter().enumerate() {
+            let _ = writeln!(text, "    {}[{i}] = {};", program.function.result(), said[result as usize]);
+        }
+        text.push_str("}\n");
+    }
+    text
+}
+
+/// How a number is named where it is read.
+fn operand(program: &Program, place: usize, width: Width) -> String {
+    match program.operations[place] {
+        Operation::Constant(bits) => {
+            let x = f64::from_bits(bits);
+            if x < 0.0 { format!("({})", width.constant(x)) } else { width.constant(x) }
+        }
+        Operation::Argument(index) => {
+            let (index, (nq, nv)) = (index as usize, program.sizes);
+            if index < nq {
+                return format!("q[{index}]");
+            }
+            let names = program.function.arguments();
+            format!("{}[{}]", names[1 + (index - nq) / nv], (index - nq) % nv)
+        }
+        _ => format!("x{place}"),
+    }
+}
+
+/// What computes a number; nothing of constants and arguments.
+fn right_side(operation: &Operation, said: &[String], width: Width) -> Option<String> {
+    let (of, f) = (|place: u32| &said[place as usize], width.suffix());
+    Some(match *operation {
+        Operation::Constant(_) | Operation::Argument(_) => return None,
+        Operation::Sum(a, b) => format!("{} + {}", of(a), of(b)),
+        Operation::Difference(a, b) => format!("{} - {}", of(a), of(b)),
+        Operation::Product(a, b) => format!("{} * {}", of(a), of(b)),
+        Operation::ProductSum(a, b, c) => format!("{} * {} + {}", of(a), of(b), of(c)),
+        Operation::MinusProduct(a, b, c) => format!("{} - {} * {}", of(c), of(a), of(b)),
+        Operation::Quotient(a, b) => format!("{} / {}", of(a), of(b)),
+        Operation::Negative(a) => format!("-{}", of(a)),
+        Operation::Root(a) => format!("sqrt{f}({})", of(a)),
+        Operation::Sine(a) => format!("sin{f}({})", of(a)),
+        Operation::Cosine(a) => format!("cos{f}({})", of(a)),
+        Operation::Absolute(a) => format!("fabs{f}({})", of(a)),
+        Operation::Smaller(a, b) => format!("fmin{f}({}, {})", of(a), of(b)),
+        Operation::OneIfZero(a) => format!("{} == 0 ? 1 : 0", of(a)),
+    })
+}
+
+/// Numbers between -1 and 1 that depend on their place only.
+fn draw(place: usize) -> f64 {
+    #[allow(clippy::cast_precision_loss)] // small
+    let angle = (place as f64).mul_add(2.399_963, 0.7);
+    angle.sin()
+}
+
+/// A state of the scene, and what the methods give there.
+fn test(scene: &Scene, name: &str, programs: &[Program], width: Width) -> Result<String, Error> {
+    let (nv, mut workspace) = (scene.nv(), scene.workspace());
+    let numbers = |first: usize| (first..first + nv).map(draw).collect::<Vec<f64>>();
+    let (mut q, qd, u) = (vec![f64::NAN; scene.nq()], numbers(nv), numbers(2 * nv));
+    scene.integrate(&scene.neutral(), &numbers(0), &mut q)?;
+    let number = width.of_c();
+    let array = |kind: &str, name: &str, values: &[f64]| {
+        let values: Vec<String> = values.iter().map(|&x| width.constant(x)).collect();
+        let all = if values.is_empty() { "0".to_owned() } else { values.join(", ") };
+        format!("{kind} {name}[] = {{{all}}};\n")
+    };
+    let mut text = format!("{WRITTEN_BY}#include \"{name}.h\"\n#include <math.h>\n#include <stdio.h>\n\n");
+    for (name, values) in [("q", &q), ("qd", &qd), ("u", &u)] {
+        text.push_str(&array(&format!("static const {number}"), name, values));
+    }
+    let bound = if width == Width::Double { 1e-9 } else { 1e-2 };
+    let _ = write!(
+        text,
+        "\n/* Largest difference over the size of such numbers; the bound leaves room for the condition of the mass matrix. */\n\
+         static int check(const char *what, const {number} *found, const {number} *expected, int count, double size)\n{{\n    \
+         double apart = 0;\n    for (int i = 0; i < count; i++) {{\n        \
+         const double difference = fabs((double)found[i] - (double)expected[i]);\n        \
+         if (!(difference <= apart)) apart = difference;\n    }}\n    \
+         printf(\"%s: %.1e\\n\", what, apart / size);\n    \
+         return !(apart <= {bound:e} * size);\n}}\n\nint main(void)\n{{\n    int faults = 0;\n"
+    );
+    let mut moving = vec![f64::NAN; nv];
+    scene.inverse_dynamics(&mut workspace, &q, &qd, &u, &[], &mut moving)?;
+    for program in programs {
+        let function = program.function;
+        let mut expected = vec![f64::NAN; function.width(nv)];
+        match function {
+            Function::ForwardDynamics => scene.forward_dynamics(&mut workspace, &q, &qd, &u, &[], &mut expected)?,
+            Function::InverseDynamics => scene.inverse_dynamics(&mut workspace, &q, &qd, &u, &[], &mut expected)?,
+            Function::BiasTorque => scene.bias_torque(&mut workspace, &q, &qd, &mut expected)?,
+            Function::MassMatrix => scene.mass_matrix(&mut workspace, &q, &mut expected)?,
+            Function::MassMatrixInverse => {
+                scene.mass_matrix_inverse(&mut workspace, &mut scene.inverse_scratch(), &q, &mut expected)?;
+            }
+        }
+        let (what, count) = (function.name(), expected.len());
+        // A bias can be nothing but rounding.
+        let beside = if function == Function::BiasTorque { &moving[..] } else { &[] };
+        let size = expected.iter().chain(beside).fold(0.0, |size: f64, x| size.max(x.abs()));
+        let size = if size > 0.0 { size } else { 1.0 };
+        let given: Vec<&str> =
+            function.arguments().iter().map(|&a| if a == "q" || a == "qd" { a } else { "u" }).collect();
+        let _ = writeln!(text, "    {{");
+        let _ = write!(text, "        {}", array(&format!("static const {number}"), "expected", &expected));
+        let _ = writeln!(text, "        {number} found[{}];", count.max(1));
+        let _ = writeln!(text, "        {name}_{what}({}, found);", given.join(", "));
+        let _ = writeln!(text, "        faults += check(\"{what}\", found, expected, {count}, {size:?});");
+        let _ = writeln!(text, "    }}");
+    }
+    text.push_str("    return faults != 0;\n}\n");
+    Ok(text)
+}
+
+fn makefile(name: &str) -> String {
+    format!(
+        "# Written by phipsi. make test: builds and runs the test.\n\
+         CFLAGS ?= -std=c99 -O2 -march=native -ffp-contract=fast\n\n\
+         {name}.o: {name}.c {name}.h\n\t$(CC) $(CFLAGS) -c {name}.c -o $@\n\n\
+         test_{name}: test_{name}.c {name}.o\n\t$(CC) $(CFLAGS) $^ -lm -o $@\n\n\
+         test: test_{name}\n\t./test_{name}\n\n.PHONY: test\n"
+    )
+}

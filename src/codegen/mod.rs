@@ -1,0 +1,23 @@
+//! One robot, compiled: the sweeps run once on numbers that remember what they come of, and what they leave is written out in C.
+//!
+//! Zeros, ones, aligned axes, absent gravity and outputs that nobody asked for are gone by one mechanism: a number that is constant is computed here, and an operation that
+//! changes nothing is not written.
+//!
+//! ```
+//! use phipsi::codegen::{Function, Program};
+//! # fn main() -> Result<(), phipsi::Error> {
+//! let scene = phipsi::scenes::chain(2)?;
+//! let program = Program::new(&scene, Function::InverseDynamics)?;
+//! let mut tau = [f64::NAN; 2];
+//! scene.inverse_dynamics(&mut scene.workspace(), &[0.1, 0.2], &[0.3, 0.4], &[0.5, 0.6], &[], &mut tau)?;
+//! let found = program.run(&[0.1, 0.2, 0.3, 0.4, 0.5, 0.6])?;
+//! assert!((found[0] - tau[0]).abs() < 1e-12 && (found[1] - tau[1]).abs() < 1e-12);
+//! # Ok(())
+//! # }
+//! ```
+
+mod c;
+mod program;
+
+pub use c::{Sources, Width, sources};
+pub use program::{FUNCTIONS, Function, Program, Size};
