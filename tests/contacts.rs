@@ -463,9 +463,47 @@ fn boxes_tumble_without_an_end_before_their_time() {
 }
 
 #[test]
+fn friction_of_three_to_a_thousand_ends_no_run_and_raises_no_energy() {
+    let mut draw = Draw(2);
+    for mu in [3.0, 10.0, 1000.0] {
+        let scene = block(mu, 0.3);
+        for _ in 0..4 {
+            let qd: Vec<f64> = (0..6).map(|_| 2.0 * draw.next()).collect();
+            let mut simulator = moving(&scene, 1e-3, &at(&scene, [0.0, 0.0, 0.4]), &qd);
+            let mut before = energy(&scene, simulator.state(0));
+            for n in 0..600 {
+                go(&mut simulator, 1);
+                let now = energy(&scene, simulator.state(0));
+                assert!(now <= before + 1e-8, "mu {mu}, step {n}: {before} to {now}");
+                before = now;
+            }
+            let told = simulator.contact_report(0).unwrap();
+            assert!(told.residual < 1e-5 && told.impulse_kept > 0.999 && told.iterations < 2e4, "mu {mu}: {told:?}");
+        }
+    }
+}
+
+#[test]
+fn a_biped_that_never_slips_falls_with_its_feet_where_they_are() {
+    let scene = biped(1000.0, 0.0);
+    let mut draw = Draw(3);
+    for _ in 0..4 {
+        let qd: Vec<f64> = (0..scene.nv()).map(|_| draw.next()).collect();
+        let mut simulator = moving(&scene, 1e-3, &at(&scene, [0.0, 0.0, 0.95]), &qd);
+        go(&mut simulator, 300);
+        let told = simulator.contact_report(0).unwrap();
+        assert!(told.residual < 1e-5 && told.impulse_kept > 0.999, "{told:?}");
+        for of in simulator.contacts_now(0).chunks(10) {
+            let slip = of[1].hypot(of[2]);
+            assert!(of[6] < 1e-3 || slip < 1e-6, "{of:?}");
+        }
+    }
+}
+
+#[test]
 fn a_step_without_impulses_that_meet_the_law_is_an_error_that_names_contacts() {
-    // Friction that leaves next to no cone: the solver does not get there, and says so.
-    let scene = block(1e6, 0.0);
+    // Friction beyond the digits of numbers: the solver does not get there, and says so.
+    let scene = block(1e12, 0.0);
     let mut simulator = moving(&scene, 1e-3, &at(&scene, [0.0, 0.0, 0.5]), &[0.3, -0.2, 0.0, 1.5, 2.0, 0.7]);
     let fault = simulator.step(&Torque::Zero, 2_000).unwrap_err();
     let text = fault.error.to_string();

@@ -89,10 +89,19 @@ impl Cone {
         (0..self.len()).map(of).fold(0.0, |worst, of| if of > worst || of.is_nan() { of } else { worst })
     }
 
-    /// What rounding of G p + c alone leaves of the residual.
+    /// What rounding of G p + c alone leaves of the residual. Where a contact slides, friction follows the normal impulse: mu times as much of its
+    /// normal velocity.
     pub fn floor(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> f64 {
         let terms = self.g.abs() * p.abs() + c.abs();
-        4.0 * f64::EPSILON * terms.amax() / limits.scale
+        let x = self.targets(p, c);
+        let of = |i: usize| {
+            let (at, mu) = (3 * i, self.friction[i]);
+            let slides = x[at].hypot(x[at + 1]) > mu * x[at + 2].max(limits.least[i]);
+            let factor = if slides { mu.max(1.0) } else { 1.0 };
+            terms[at].max(terms[at + 1]).max(factor * terms[at + 2])
+        };
+        let largest = (0..self.len()).map(of).fold(0.0, f64::max);
+        4.0 * f64::EPSILON * largest / limits.scale
     }
 
     /// Every contact's impulse to the nearest point of its cone.

@@ -317,9 +317,19 @@ def test_broken_arguments_are_refused() -> None:
         assert np.isnan(scene.contact_gaps(np.full((2, 7), np.nan), errors="nan")).all()
 
 
+@pytest.mark.parametrize("friction", [3.0, 10.0, 1000.0])
+def test_friction_of_any_size_ends_no_run(friction: float) -> None:
+    random = np.random.default_rng(3)
+    for restitution in (0.0, 0.4):
+        qd = random.uniform(-2, 2, (4, 6))
+        path = box(friction, restitution).simulate(np.tile(at(z=0.4), (4, 1)), qd, dt=1e-3, steps=800)
+        assert (path.contacts.residual < 1e-5).all() and (path.contacts.iterations < 3e4).all()
+        assert np.diff(path.energy().total).max() < 1e-8
+
+
 def test_a_step_without_impulses_that_meet_the_law_is_an_error_that_names_it() -> None:
-    # Friction that leaves next to no cone: the solver does not get there, and says so.
-    scene = box(1e6)
+    # Friction beyond the digits of numbers: the solver does not get there, and says so.
+    scene = box(1e12)
     with pytest.raises(SimulationError, match=r"step \d+ .*contacts? \"corner.*residual") as caught:
         scene.simulate(at(z=0.5), np.array([0.3, -0.2, 0, 1.5, 2.0, 0.7]), dt=1e-3, steps=2000)
     path = caught.value.trajectory
