@@ -30,6 +30,37 @@ impl Limits {
     }
 }
 
+/// What a contact does in a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ContactState {
+    /// Nothing presses on it.
+    Open,
+    /// It is pressed, and the friction that holds it is below its bound.
+    Sticking,
+    /// It is pressed and slips, with friction at its bound; without friction, whether it slips or not.
+    Sliding,
+}
+
+impl ContactState {
+    /// What stands for it in recorded rows: 0 open, 1 sticking, 2 sliding.
+    #[must_use]
+    pub fn number(self) -> f64 {
+        match self {
+            Self::Open => 0.0,
+            Self::Sticking => 1.0,
+            Self::Sliding => 2.0,
+        }
+    }
+
+    /// Of a number in a recorded row, if it stands for one.
+    #[must_use]
+    pub fn of(number: f64) -> Option<Self> {
+        [Self::Open, Self::Sticking, Self::Sliding]
+            .into_iter()
+            .find(|state| state.number().to_bits() == number.to_bits())
+    }
+}
+
 impl Cone {
     /// A problem of contacts that can all move.
     pub fn new(g: DMatrix<f64>, friction: Vec<f64>) -> Self {
@@ -80,6 +111,22 @@ impl Cone {
             defect[3 * i + 2] -= normal;
         }
         defect
+    }
+
+    /// What each contact does: which part of F its target x is in.
+    pub fn states(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Vec<ContactState> {
+        let x = self.targets(p, c);
+        let of = |i: usize| {
+            let bound = self.friction[i] * x[3 * i + 2].max(limits.least[i]);
+            if x[3 * i + 2] <= 0.0 && limits.least[i] == 0.0 {
+                ContactState::Open
+            } else if x[3 * i].hypot(x[3 * i + 1]) < bound {
+                ContactState::Sticking
+            } else {
+                ContactState::Sliding
+            }
+        };
+        (0..self.len()).map(of).collect()
     }
 
     /// The largest |`F_i`| / `r_i` over the scale.

@@ -26,5 +26,6 @@ mod tests;
 mod told;
 
 pub(crate) use energy::{Impact, impact, passive};
+pub use law::ContactState;
 pub(crate) use law::{Cone, Limits};
 pub(crate) use told::{Effort, Told};
