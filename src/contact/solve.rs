@@ -25,6 +25,9 @@ const CURVES: [(f64, f64); 2] = [(2.0, 1e-2), (10.0, 1e-3)];
 const ALONG: usize = 600;
 const BETWEEN: usize = 10;
 
+/// Friction above this is first taken as this: what it holds, more holds too.
+const STRONG: f64 = 1000.0;
+
 /// A residual that is small beside what a curve leaves: it ends in the same rounding.
 const SMALL: f64 = 1e-6;
 
@@ -134,6 +137,18 @@ impl<'a> Search<'a> {
         false
     }
 
+    /// From what the law makes of friction that is strong, where there is stronger.
+    fn weaker(&mut self) -> bool {
+        if self.effort.attempts <= STARTS.len() || self.cone.friction.iter().all(|&mu| mu <= STRONG) {
+            return false;
+        }
+        let friction = self.cone.friction.iter().map(|mu| mu.min(STRONG)).collect();
+        let weaker = Cone { friction, ..self.cone.clone() };
+        let (p, told) = weaker.solve(self.c, None, self.limits, self.effort);
+        self.told.iterations += told.iterations;
+        self.polish(&p)
+    }
+
     /// All ways, one after another, until one ends it.
     fn run(&mut self, start: Option<&DVector<f64>>) {
         let start = start.map(|start| {
@@ -142,6 +157,9 @@ impl<'a> Search<'a> {
             start
         });
         if start.is_some_and(|start| self.polish(&start)) || self.stick() {
+            return;
+        }
+        if self.weaker() {
             return;
         }
         for &start in STARTS.iter().take(self.effort.attempts) {

@@ -333,6 +333,19 @@ fn random_problems_with_any_friction() {
 }
 
 #[test]
+fn friction_beyond_a_thousand_holds_what_a_thousand_holds() {
+    let mut draw = Draw(29);
+    for mu in [1e4, 1e6] {
+        for _ in 0..40 {
+            let (cone, c) = landing(&mut draw, 2, mu);
+            let (p, told) = cone.impulses(&c, None, &Limits::beside(&c), Effort::default());
+            assert!(told.residual < 1e-5 && told.iterations < 8000, "mu {mu}: {told:?}");
+            assert!(in_the_cones(&cone, &p, &[0.0; 4]));
+        }
+    }
+}
+
+#[test]
 fn a_friction_that_never_lets_go_is_a_joint() {
     // With all normals closing and no contact torn off, impulses stop the points: u = 0.
     let mut draw = Draw(23);
