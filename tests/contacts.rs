@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use phipsi::batch::Broadcast;
-use phipsi::motion::{Method, Records, Rollout, Settings, Simulator, Torque};
+use phipsi::motion::{ContactState, Method, Records, Rollout, Settings, Simulator, Torque};
 use phipsi::scene::{Connection, ConnectionKind, Contact, Inertial, JointDescription, JointKind, LinkDescription};
 use phipsi::spatial::Symmetric3;
 use phipsi::{Error, Scene, SceneBuilder};
@@ -67,14 +67,23 @@ fn go(simulator: &mut Simulator<&Scene>, steps: usize) {
     simulator.step(&Torque::Zero, steps).map_err(|fault| fault.error).unwrap();
 }
 
+/// What each contact of one state does.
+fn states(simulator: &Simulator<&Scene>) -> Vec<ContactState> {
+    simulator.contacts_now(0).chunks(11).map(|of| ContactState::of(of[10]).unwrap()).collect()
+}
+
 #[test]
 fn a_sliding_block_slows_by_mu_g_and_stops() {
     let (mu, v0, dt) = (0.5, 2.0, 1e-3);
     let scene = block(mu, 0.0);
     let mut simulator = moving(&scene, dt, &at(&scene, [0.0, 0.0, 0.1]), &[v0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    assert_eq!(states(&simulator), [ContactState::Open; 8]);
     go(&mut simulator, 100);
     assert!((simulator.state(0).1[0] - (v0 - mu * G * 0.1)).abs() < 1e-9, "{:?}", simulator.state(0));
+    let above = [ContactState::Open; 4];
+    assert_eq!(states(&simulator), [[ContactState::Sliding; 4], above].concat());
     go(&mut simulator, 500);
+    assert_eq!(states(&simulator), [[ContactState::Sticking; 4], above].concat());
     let (q, qd) = simulator.state(0);
     assert!(qd.iter().all(|v| v.abs() < 1e-9), "{qd:?}");
     // Of the step: less by dt v0/2.
@@ -151,6 +160,25 @@ fn a_ball_bounces_to_e_squared_of_its_height() {
 }
 
 #[test]
+fn a_bouncing_ball_is_open_but_where_it_touches() {
+    for (mu, touching) in [(0.3, ContactState::Sticking), (0.0, ContactState::Sliding)] {
+        let scene = ball(mu, 0.8);
+        let mut simulator = moving(&scene, 1e-3, &at(&scene, [0.0, 0.0, 0.4]), &[0.0; 6]);
+        let (mut bounces, mut before) = (0, 0.0);
+        for _ in 0..1000 {
+            go(&mut simulator, 1);
+            let struck = simulator.contacts_now(0)[9];
+            let expected = if struck > before { touching } else { ContactState::Open };
+            assert_eq!(states(&simulator), [expected]);
+            bounces += u32::from(struck > before);
+            before = struck;
+        }
+        assert!(bounces > 2, "{bounces}");
+    }
+    assert_eq!(ContactState::of(f64::NAN), None);
+}
+
+#[test]
 fn an_elastic_ball_keeps_its_energy_through_many_bounces() {
     let dt = 1e-3;
     let scene = ball(0.0, 1.0);
@@ -198,10 +226,13 @@ fn a_dropped_box_loses_energy_in_every_step_and_comes_to_rest() {
         let (q, qd) = simulator.state(0);
         assert!(qd.iter().all(|v| v.abs() < 1e-7), "e {e}: {qd:?}");
         assert!([0.1, 0.15, 0.2].iter().any(|height| (q[2] - height).abs() < 1e-7), "{q:?}");
-        let force: f64 = simulator.contacts_now(0).chunks(10).map(|of| of[6]).sum();
+        let force: f64 = simulator.contacts_now(0).chunks(11).map(|of| of[6]).sum();
         assert!((force - 2.0 * G).abs() < 1e-6, "{force}");
         let told = simulator.contact_report(0).unwrap();
         assert!(told.converged && told.depth < 1e-3, "{told:?}");
+        let resting = states(&simulator);
+        assert_eq!(resting.iter().filter(|&&of| of == ContactState::Sticking).count(), 4, "{resting:?}");
+        assert_eq!(resting.iter().filter(|&&of| of == ContactState::Open).count(), 4, "{resting:?}");
     }
 }
 
@@ -275,7 +306,7 @@ fn a_biped_stands_on_24_redundant_rows_and_its_forces_are_its_weight() {
     let (q, qd) = simulator.state(0);
     assert!(qd.iter().all(|v| v.abs() < 1e-5) && q[2] > 0.85, "{q:?} {qd:?}");
     let now = simulator.contacts_now(0);
-    let force = now.chunks(10).fold(Vector3::zeros(), |sum, of| sum + Vector3::new(of[4], of[5], of[6]));
+    let force = now.chunks(11).fold(Vector3::zeros(), |sum, of| sum + Vector3::new(of[4], of[5], of[6]));
     let weight = total_mass(&scene) * G;
     assert!((force - Vector3::new(0.0, 0.0, weight)).norm() < 1e-3 * weight, "{force} for {weight}");
     let told = simulator.contact_report(0).unwrap();
@@ -406,7 +437,7 @@ fn steps_are_the_same_in_batches_in_pieces_and_with_records() {
     let starts: Vec<f64> = (0..5).flat_map(|i| at(&scene, [0.0, 0.0, 0.3 + 0.05 * f64::from(i)])).collect();
     let rates: Vec<f64> = (0..5).flat_map(|i| [0.2, 0.1 * f64::from(i), 0.0, 1.0, 0.5, 0.0]).collect();
     let mut all = Rollout::new(&scene, Settings::new(&scene, 2e-3), &starts, &rates).unwrap();
-    let (mut q, mut qd, mut contacts) = (vec![0.0; 5 * 11 * 7], vec![0.0; 5 * 11 * 6], vec![f64::NAN; 5 * 11 * 80]);
+    let (mut q, mut qd, mut contacts) = (vec![0.0; 5 * 11 * 7], vec![0.0; 5 * 11 * 6], vec![f64::NAN; 5 * 11 * 88]);
     let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut contacts, every: 40 };
     all.advance(400, &Torque::Zero, Some(&mut records)).map_err(|fault| fault.error).unwrap();
     assert!(contacts.iter().all(|x| x.is_finite()));
@@ -419,10 +450,11 @@ fn steps_are_the_same_in_batches_in_pieces_and_with_records() {
         assert_eq!(one.state(0), all.state(state));
         assert_eq!(one.state(0).0, &q[(state * 11 + 10) * 7..(state * 11 + 11) * 7]);
         // Impulses were told and taken by the rows; the rest is the same.
-        let (now, row) = (one.contacts_now(0), &contacts[(state * 11 + 10) * 80..(state * 11 + 11) * 80]);
-        assert!((0..8).all(|i| now[10 * i..10 * i + 7] == row[10 * i..10 * i + 7]));
-        let sum = |i: usize| (0..11).map(|row| contacts[(state * 11 + row) * 80 + 10 * i + 9]).sum::<f64>();
-        assert!((0..8).all(|i| (now[10 * i + 9] - sum(i)).abs() < 1e-12));
+        let (now, row) = (one.contacts_now(0), &contacts[(state * 11 + 10) * 88..(state * 11 + 11) * 88]);
+        assert!((0..8).all(|i| now[11 * i..11 * i + 7] == row[11 * i..11 * i + 7]
+            && now[11 * i + 10..11 * i + 11] == row[11 * i + 10..11 * i + 11]));
+        let sum = |i: usize| (0..11).map(|row| contacts[(state * 11 + row) * 88 + 11 * i + 9]).sum::<f64>();
+        assert!((0..8).all(|i| (now[11 * i + 9] - sum(i)).abs() < 1e-12));
     }
 }
 
@@ -433,12 +465,12 @@ fn momentum_is_what_forces_and_impulses_give() {
     let dt = 2e-3;
     let mut all = Rollout::new(&scene, Settings::new(&scene, dt), &at(&scene, [0.0, 0.0, 0.3]), &[0.5; 6]).unwrap();
     let rows = steps + 1;
-    let (mut q, mut qd, mut contacts) = (vec![0.0; rows * 7], vec![0.0; rows * 6], vec![0.0; rows * 80]);
+    let (mut q, mut qd, mut contacts) = (vec![0.0; rows * 7], vec![0.0; rows * 6], vec![0.0; rows * 88]);
     let before = momentum(&scene, all.state(0));
     let mut records = Records { q: &mut q, qd: &mut qd, contacts: &mut contacts, every: 1 };
     all.advance(steps, &Torque::Zero, Some(&mut records)).map_err(|fault| fault.error).unwrap();
     let mut given = Vector3::new(0.0, 0.0, -2.0 * G * dt * 300.0);
-    for of in contacts.chunks(10) {
+    for of in contacts.chunks(11) {
         given += Vector3::new(of[4], of[5], of[6]) * dt + Vector3::new(of[7], of[8], of[9]);
     }
     assert!((momentum(&scene, all.state(0)) - before - given).norm() < 1e-9);
@@ -463,9 +495,50 @@ fn boxes_tumble_without_an_end_before_their_time() {
 }
 
 #[test]
+fn friction_of_three_to_a_thousand_ends_no_run_and_raises_no_energy() {
+    let mut draw = Draw(2);
+    for mu in [3.0, 10.0, 1000.0] {
+        let scene = block(mu, 0.3);
+        for _ in 0..4 {
+            let qd: Vec<f64> = (0..6).map(|_| 2.0 * draw.next()).collect();
+            let mut simulator = moving(&scene, 1e-3, &at(&scene, [0.0, 0.0, 0.4]), &qd);
+            let mut before = energy(&scene, simulator.state(0));
+            for n in 0..600 {
+                go(&mut simulator, 1);
+                let now = energy(&scene, simulator.state(0));
+                assert!(now <= before + 1e-8, "mu {mu}, step {n}: {before} to {now}");
+                before = now;
+            }
+            let told = simulator.contact_report(0).unwrap();
+            assert!(told.residual < 1e-5 && told.impulse_kept > 0.999 && told.iterations < 2e4, "mu {mu}: {told:?}");
+        }
+    }
+}
+
+#[test]
+fn a_biped_slips_with_friction_of_a_thousand_only_where_the_ground_would_have_to_pull() {
+    let scene = biped(1000.0, 0.0);
+    let mut draw = Draw(3);
+    for _ in 0..4 {
+        let qd: Vec<f64> = (0..scene.nv()).map(|_| draw.next()).collect();
+        let mut simulator = moving(&scene, 1e-3, &at(&scene, [0.0, 0.0, 0.95]), &qd);
+        go(&mut simulator, 300);
+        let told = simulator.contact_report(0).unwrap();
+        assert!(told.residual < 1e-5 && told.impulse_kept > 0.999, "{told:?}");
+        let mut down = 0;
+        for of in simulator.contacts_now(0).chunks(11) {
+            // The law held where the step began: the link has turned by dt since.
+            assert!(of[6] < 0.1 || of[1].hypot(of[2]) < 1e-2, "{of:?}");
+            down += u32::from(of[6] > 0.0);
+        }
+        assert!(down > 0);
+    }
+}
+
+#[test]
 fn a_step_without_impulses_that_meet_the_law_is_an_error_that_names_contacts() {
-    // Friction that leaves next to no cone: the solver does not get there, and says so.
-    let scene = block(1e6, 0.0);
+    // Friction beyond the digits of numbers: the solver does not get there, and says so.
+    let scene = block(1e12, 0.0);
     let mut simulator = moving(&scene, 1e-3, &at(&scene, [0.0, 0.0, 0.5]), &[0.3, -0.2, 0.0, 1.5, 2.0, 0.7]);
     let fault = simulator.step(&Torque::Zero, 2_000).unwrap_err();
     let text = fault.error.to_string();

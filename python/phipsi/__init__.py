@@ -30,7 +30,7 @@ from ._core import (
 )
 from ._identify import Identification
 from ._load import load
-from ._motion import PD, ContactMotion, MomentumCorrection, MotionEnergy, Trajectory, Violation
+from ._motion import PD, ContactMotion, ContactState, MomentumCorrection, MotionEnergy, Trajectory, Violation
 from ._ode import Ode
 from ._results import (
     Accuracy,
@@ -62,6 +62,7 @@ __all__ = [
     "ConstrainedDynamics",
     "ConstrainedInverseDynamics",
     "ContactMotion",
+    "ContactState",
     "Energy",
     "Estimate",
     "Factor",

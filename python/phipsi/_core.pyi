@@ -444,7 +444,7 @@ class Scene:
 
         Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first the start;
         momentum_correction, the largest that conserve_momentum made, else None; drift, how far rows are from the connections; contacts, gaps, slip,
-        forces and impulses by name, a ContactMotion, else None. The same bits for any number of threads.
+        forces, impulses and states by name, a ContactMotion, else None. The same bits for any number of threads.
 
         Raises SimulationError where motion diverges, a pivot is lost, connections cannot hold, no impulses are found that meet the law of contacts
         to 1e-5, or tau raises, with the rows of the finished steps;

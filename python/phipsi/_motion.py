@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,9 +16,10 @@ if TYPE_CHECKING:
     from ._core import Scene
     from ._results import RolloutGradients
 
-__all__ = ["PD", "ContactMotion", "MomentumCorrection", "MotionEnergy", "Trajectory", "Violation"]
+__all__ = ["PD", "ContactMotion", "ContactState", "MomentumCorrection", "MotionEnergy", "Trajectory", "Violation"]
 
 _Array = NDArray[np.float64]
+_Number = TypeVar("_Number", np.float64, np.int8)
 
 
 class PD(NamedTuple):
@@ -61,6 +63,17 @@ class MomentumCorrection(NamedTuple):
     """How far the mass centre was moved, m."""
 
 
+class ContactState(IntEnum):
+    """What a contact does in a step: the numbers in ContactMotion.state."""
+
+    OPEN = 0
+    """Nothing presses on it."""
+    STICKING = 1
+    """It is pressed, and the friction that holds it is below mu times the normal force."""
+    SLIDING = 2
+    """It is pressed and slips, with friction at its bound; without friction, whether it slips or not."""
+
+
 class ContactMotion(NamedTuple):
     """The contacts of a motion, by name, in every row: (..., rows), or (..., rows, 3) in the base frame; and what all steps told, (...)."""
 
@@ -72,6 +85,11 @@ class ContactMotion(NamedTuple):
     """Force on the link in the step that led to the row, impacts left out, (..., rows, 3), N; zero in the first row."""
     impulse: dict[str, _Array]
     """Impulse on the link of all impacts with a rebound since the row before, (..., rows, 3), N s."""
+    state: dict[str, NDArray[np.int8]]
+    """What each did in the step that led to the row, (..., rows), a ContactState: 0 open, 1 sticking, 2 sliding; open in the first row.
+
+    It is the end of the step that counts. Where a rebound has parted them by then, it is what they did in the impact.
+    """
     residual: _Array
     """The worst residual of a step, (...): what is left of the law of contacts, as a velocity beside the fastest contact's.
 
@@ -80,7 +98,7 @@ class ContactMotion(NamedTuple):
     converged: NDArray[np.bool_]
     """Whether every step met 1e-10, or the rounding of its own numbers, (...)."""
     iterations: NDArray[np.int_]
-    """Iterations of all solves, (...)."""
+    """Iterations of all solves, (...): matrices that were factorised."""
     lost_in_impacts: _Array
     """Kinetic energy that impacts and landings took, (...), J."""
     lost_in_friction: _Array
@@ -267,14 +285,15 @@ def trajectory_of(
 
 
 def contacts_of(names: tuple[str, ...], rows: _Array, told: _Array) -> ContactMotion:
-    """Recorded numbers by name: rows (..., contacts * 10), and what steps told, (..., 8)."""
-    each = rows.reshape(*rows.shape[:-1], len(names), 10)
+    """Recorded numbers by name: rows (..., contacts * 11), and what steps told, (..., 8)."""
+    each = rows.reshape(*rows.shape[:-1], len(names), 11)
     by_name = [{name: each[..., i, part] for i, name in enumerate(names)} for part in _PARTS]
     residual, converged, iterations, *rest = np.moveaxis(told, -1, 0)
     gap, slip, force, impulse = by_name
+    state = {name: each[..., i, 10].astype(np.int8) for i, name in enumerate(names)}
     impacts, friction, expansion, kept, depth = rest
     solved = residual, converged > 0, iterations.astype(np.int_)
-    return ContactMotion(gap, slip, force, impulse, *solved, impacts, friction, expansion, kept, depth)
+    return ContactMotion(gap, slip, force, impulse, state, *solved, impacts, friction, expansion, kept, depth)
 
 
 #: Where the gap, slip velocity, force and impulse of a contact are in its numbers.
@@ -285,11 +304,11 @@ def _first_rows(contacts: ContactMotion, rows: int, axis: int) -> ContactMotion:
     """Those that were filled."""
     which = (slice(None),) * axis + (slice(rows),)
 
-    def first(of: dict[str, _Array]) -> dict[str, _Array]:
+    def first(of: dict[str, NDArray[_Number]]) -> dict[str, NDArray[_Number]]:
         return {name: values[which] for name, values in of.items()}
 
     gap, slip, force, impulse = first(contacts.gap), first(contacts.slip), first(contacts.force), first(contacts.impulse)
-    return contacts._replace(gap=gap, slip=slip, force=force, impulse=impulse)
+    return contacts._replace(gap=gap, slip=slip, force=force, impulse=impulse, state=first(contacts.state))
 
 
 def only_now(q: _Array, qd: _Array, *, scene: Scene, dt: float, steps: int, **about: Any) -> Trajectory:

@@ -30,6 +30,37 @@ impl Limits {
     }
 }
 
+/// What a contact does in a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ContactState {
+    /// Nothing presses on it.
+    Open,
+    /// It is pressed, and the friction that holds it is below its bound.
+    Sticking,
+    /// It is pressed and slips, with friction at its bound; without friction, whether it slips or not.
+    Sliding,
+}
+
+impl ContactState {
+    /// What stands for it in recorded rows: 0 open, 1 sticking, 2 sliding.
+    #[must_use]
+    pub fn number(self) -> f64 {
+        match self {
+            Self::Open => 0.0,
+            Self::Sticking => 1.0,
+            Self::Sliding => 2.0,
+        }
+    }
+
+    /// Of a number in a recorded row, if it stands for one.
+    #[must_use]
+    pub fn of(number: f64) -> Option<Self> {
+        [Self::Open, Self::Sticking, Self::Sliding]
+            .into_iter()
+            .find(|state| state.number().to_bits() == number.to_bits())
+    }
+}
+
 impl Cone {
     /// A problem of contacts that can all move.
     pub fn new(g: DMatrix<f64>, friction: Vec<f64>) -> Self {
@@ -82,6 +113,22 @@ impl Cone {
         defect
     }
 
+    /// What each contact does: which part of F its target x is in.
+    pub fn states(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> Vec<ContactState> {
+        let x = self.targets(p, c);
+        let of = |i: usize| {
+            let bound = self.friction[i] * x[3 * i + 2].max(limits.least[i]);
+            if x[3 * i + 2] <= 0.0 && limits.least[i] == 0.0 {
+                ContactState::Open
+            } else if x[3 * i].hypot(x[3 * i + 1]) < bound {
+                ContactState::Sticking
+            } else {
+                ContactState::Sliding
+            }
+        };
+        (0..self.len()).map(of).collect()
+    }
+
     /// The largest |`F_i`| / `r_i` over the scale.
     pub fn residual(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> f64 {
         let defect = self.defect(p, c, limits);
@@ -89,10 +136,19 @@ impl Cone {
         (0..self.len()).map(of).fold(0.0, |worst, of| if of > worst || of.is_nan() { of } else { worst })
     }
 
-    /// What rounding of G p + c alone leaves of the residual.
+    /// What rounding of G p + c alone leaves of the residual. Where a contact slides, friction follows the normal impulse: mu times as much of its
+    /// normal velocity.
     pub fn floor(&self, p: &DVector<f64>, c: &DVector<f64>, limits: &Limits) -> f64 {
         let terms = self.g.abs() * p.abs() + c.abs();
-        4.0 * f64::EPSILON * terms.amax() / limits.scale
+        let x = self.targets(p, c);
+        let of = |i: usize| {
+            let (at, mu) = (3 * i, self.friction[i]);
+            let slides = x[at].hypot(x[at + 1]) > mu * x[at + 2].max(limits.least[i]);
+            let factor = if slides { mu.max(1.0) } else { 1.0 };
+            terms[at].max(terms[at + 1]).max(factor * terms[at + 2])
+        };
+        let largest = (0..self.len()).map(of).fold(0.0, f64::max);
+        4.0 * f64::EPSILON * largest / limits.scale
     }
 
     /// Every contact's impulse to the nearest point of its cone.

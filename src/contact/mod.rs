@@ -7,21 +7,25 @@
 //! 0 <= u_n  perpendicular to  p_n >= a,     |p_t| <= mu p_n,     u_t = 0  or  p_t = -mu p_n u_t / |u_t|
 //! ```
 //!
-//! with a = 0 but in the second half of an impact. ADMM with De Saxce's correction ([`admm`]) brings the impulses near, Newton's method on Alart and
-//! Curnier's function ([`law`]) to rounding. Where G is singular (four points on a rigid foot), single impulses are not unique: they are those of
+//! with a = 0 but in the second half of an impact. Newton's method on Alart and Curnier's function ([`law`], [`newton`]) ends a solve at rounding, from the
+//! impulses of the step before most of the time. Where it does not, an interior method ([`interior`]) brings the impulses near, or a curve that
+//! is followed past its turns ([`path`]). Where G is singular (four points on a rigid foot), single impulses are not unique: they are those of
 //! equal springs at the contacts ([`Cone::impulses`]).
 //!
-//! J. Carpentier, Q. Le Lidec and L. Montaut, From compliant to rigid contact simulation, RSS 2024; P. Alart and A. Curnier, Computer Methods in
-//! Applied Mechanics and Engineering 92, 1991, 353-375.
+//! P. Alart and A. Curnier, Computer Methods in Applied Mechanics and Engineering 92, 1991, 353-375.
 
-mod admm;
 mod energy;
+mod interior;
 mod law;
 mod newton;
+mod path;
+mod scaled;
+mod solve;
 #[cfg(test)]
 mod tests;
 mod told;
 
 pub(crate) use energy::{Impact, impact, passive};
+pub use law::ContactState;
 pub(crate) use law::{Cone, Limits};
 pub(crate) use told::{Effort, Told};

@@ -4,7 +4,7 @@ use super::law::{Cone, Limits};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
 /// Part of 1/r on the diagonal of G in the matrix, not in the function: regular for any redundant rows.
-pub(super) const PROXIMAL: f64 = 1e-6;
+pub(super) const PROXIMAL: f64 = 1e-8;
 
 impl Cone {
     /// dF/dp, with G + `proximal`/r in place of G: X = 1 - r G', and each contact open (nothing), sticking (X in n and t) or sliding.

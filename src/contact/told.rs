@@ -9,7 +9,7 @@ pub(crate) struct Told {
     pub floor: f64,
     /// Whether the residual is below the tolerance or the floor.
     pub converged: bool,
-    /// Iterations of ADMM and steps of Newton's method.
+    /// Matrices that were factorised: one for each step of Newton's method, of the interior method and along the curve.
     pub iterations: usize,
 }
 
@@ -32,9 +32,9 @@ impl Told {
 pub(crate) struct Effort {
     /// The residual that is enough.
     pub tolerance: f64,
-    /// How many of the attempts are made; where not all are, no other way is tried either.
+    /// How many starts the interior method has; where not all, no curve is followed either.
     pub attempts: usize,
-    /// Iterations of an attempt, at the most.
+    /// Steps of each method, at the most.
     pub iterations: usize,
 }
 

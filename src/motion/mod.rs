@@ -64,7 +64,7 @@ mod torque;
 pub use adaptive::{Adaptive, Failure, Solution, Solver, TorqueLaw};
 pub use conserve::Correction;
 pub use constrained::Stabilisation;
-pub use contact::ContactReport;
+pub use contact::{ContactReport, ContactState};
 pub use gradient::{RecordedRows, RolloutGradients};
 pub use method::{METHODS, Method};
 pub use properties::{FRICTION_SPEED, Gains, Properties};

@@ -68,8 +68,9 @@ pub struct Records<'a> {
     pub q: &'a mut [f64],
     /// Rates.
     pub qd: &'a mut [f64],
-    /// Of a scene with contacts, (states, rows, contacts, 10): gap (m), slip velocity (m/s), force of the step that led to the row (N), and the sum
-    /// of the impulses of impacts since the row before (N s), vectors in the base frame. Empty: not recorded.
+    /// Of a scene with contacts, (states, rows, contacts, 11): gap (m), slip velocity (m/s), force of the step that led to the row (N), the sum
+    /// of the impulses of impacts since the row before (N s), vectors in the base frame, and what the contact did in the step that led to the row, the
+    /// number of a [`ContactState`](super::ContactState), open in the first. Empty: not recorded.
     pub contacts: &'a mut [f64],
     /// A row after so many steps.
     pub every: usize,
@@ -290,7 +291,7 @@ impl<S: Borrow<Scene>> Rollout<S> {
         if self.law.method == Method::Contact { ContactReport::of(kept) } else { None }
     }
 
-    /// The contacts of one state now, as [`Records::contacts`] has them, (contacts, 10); impulses are those of all impacts since the last row that
+    /// The contacts of one state now, as [`Records::contacts`] has them, (contacts, 11); impulses are those of all impacts since the last row that
     /// was recorded, or since it began.
     #[must_use]
     pub fn contacts_now(&self, index: usize) -> Vec<f64> {

@@ -11,6 +11,9 @@ use crate::scene::Contact;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
+/// Numbers of one contact in a recorded row.
+pub(super) const OF_CONTACT: usize = 11;
+
 /// Rough time of one contact in one state, ns, for each body on its way to the base.
 const CONTACT: usize = 20;
 
@@ -117,7 +120,7 @@ pub(super) fn reports<'py>(
     from_numbers(py, &all, &[batch, &[8]].concat())
 }
 
-/// Recorded rows of contacts, (..., rows, contacts * 10), and what steps told, as a `ContactMotion`.
+/// Recorded rows of contacts, (..., rows, contacts * 11), and what steps told, as a `ContactMotion`.
 pub(super) fn contact_motion<'py>(
     scene: &Bound<'py, PyScene>,
     rows: Object<'py>,

@@ -1,6 +1,6 @@
 //! Methods of `Scene`: states through time.
 
-use super::contacts::{contact_motion, reports};
+use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Given, Pd, everyone};
 use super::counts::{count, count_or};
 use super::errors::{asked_by, fault, of_batch};
@@ -77,7 +77,7 @@ impl PyScene {
     ///
     /// Returns a Trajectory: t (rows,), q (..., rows, nq), qd (..., rows, nv), rows = steps // record_every + 1, the first the start;
     /// momentum_correction, the largest that conserve_momentum made, else None; drift, how far rows are from the connections; contacts, gaps, slip,
-    /// forces and impulses by name, a ContactMotion, else None. The same bits for any number of threads.
+    /// forces, impulses and states by name, a ContactMotion, else None. The same bits for any number of threads.
     ///
     /// Raises SimulationError where motion diverges, a pivot is lost, connections cannot hold, no impulses are found that meet the law of contacts
     /// to 1e-5, or tau raises, with the rows of the finished steps;
@@ -139,14 +139,17 @@ impl PyScene {
         axes.extend(given.leading());
         axes.extend(pd.iter().flat_map(Pd::leading));
         let batch = broadcast_axes(axes)?;
-        let room =
-            Room { states: entries(&batch), rows: steps / every + 1, numbers: nq + nv + 10 * scene.contacts().len() };
+        let room = Room {
+            states: entries(&batch),
+            rows: steps / every + 1,
+            numbers: nq + nv + OF_CONTACT * scene.contacts().len(),
+        };
         let states = room.checked()?;
         own.check_scratch(states)?;
         if let Some(pd) = pd {
             settings.gains = Some(pd.over(&batch, states)?);
         }
-        let of_contacts = 10 * scene.contacts().len();
+        let of_contacts = OF_CONTACT * scene.contacts().len();
         let outputs = [nq, nv, of_contacts].map(|width| room.output(py, &batch, width));
         let [all_q, all_qd] = [everyone(&q, &batch, states)?, everyone(&qd, &batch, states)?];
         let fields = about(slf, &settings)?;

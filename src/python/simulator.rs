@@ -1,6 +1,6 @@
 //! The class `Simulator`: states that go on call by call, with scratch of their own.
 
-use super::contacts::{contact_motion, reports};
+use super::contacts::{OF_CONTACT, contact_motion, reports};
 use super::control::{Pd, everyone};
 use super::cost::WORTH_RELEASING;
 use super::counts::count;
@@ -210,7 +210,7 @@ impl PySimulator {
         moving: &Simulator<Held>,
         between: &[usize],
     ) -> PyResult<Option<Object<'py>>> {
-        let width = 10 * moving.scene().contacts().len();
+        let width = OF_CONTACT * moving.scene().contacts().len();
         if width == 0 {
             return Ok(None);
         }

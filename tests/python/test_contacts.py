@@ -84,6 +84,10 @@ def test_a_sliding_block_slows_by_mu_g_and_stops() -> None:
     told = path.contacts
     force = sum(told.force.values())
     assert np.allclose(force[1:401], [-mu * 2 * G, 0, 2 * G], atol=1e-6) and np.allclose(force[-1], [0, 0, 2 * G], atol=1e-6)
+    state = told.state["corner0"]
+    assert state.dtype == np.int8 and state.shape == (801,) and state[0] == phipsi.ContactState.OPEN
+    assert (state[1:408] == phipsi.ContactState.SLIDING).all() and (state[409:] == phipsi.ContactState.STICKING).all()
+    assert (told.state["corner4"] == phipsi.ContactState.OPEN).all()
     assert told.converged and told.residual <= 1e-10 and told.iterations > 0 and told.depth < 1e-9 and told.expansion_kept == 1.0
     assert np.isclose(told.lost_in_friction, 0.5 * 2 * v0**2, rtol=5e-3) and told.lost_in_impacts == 0.0
 
@@ -105,6 +109,7 @@ def test_a_ball_bounces_to_e_squared_of_its_height() -> None:
     struck = told.impulse["ground"][:, 2]
     first = struck[struck > 0][0]
     assert np.isclose(first, 0.5 * 1.8 * np.sqrt(2 * G), rtol=1e-3)
+    assert np.array_equal(told.state["ground"] != phipsi.ContactState.OPEN, struck > 0)
     assert told.lost_in_impacts > 0.5 * G * (1 - 0.64) and (told.gap["ground"] > -1e-9).all()
 
 
@@ -117,6 +122,8 @@ def test_a_dropped_box_loses_energy_in_every_step_and_rests() -> None:
         assert min(abs(height - EDGES / 2)) < 1e-7 and np.abs(path.qd[-1]).max() < 1e-7
         assert np.isclose(energy[-1], 2 * G * height) and np.isclose(sum(path.contacts.force.values())[-1, 2], 2 * G)
         assert path.contacts.depth < 1e-3
+        ends = [int(state[-1]) for state in path.contacts.state.values()]
+        assert sorted(ends) == [phipsi.ContactState.OPEN] * 4 + [phipsi.ContactState.STICKING] * 4
 
 
 def test_a_biped_stands_and_the_forces_are_its_weight() -> None:
@@ -174,6 +181,7 @@ def test_batches_are_the_same_as_singles_and_blocks() -> None:
     qd = random.uniform(-1, 1, (2, 3, 6))
     path = scene.simulate(q, qd, dt=2e-3, steps=400, record_every=20)
     assert path.contacts.force["corner3"].shape == (2, 3, 21, 3) and path.contacts.gap["corner3"].shape == (2, 3, 21)
+    assert path.contacts.state["corner3"].shape == (2, 3, 21) and set(np.unique(path.contacts.state["corner3"])) <= set(phipsi.ContactState)
     assert path.contacts.residual.shape == (2, 3) and path.contacts.converged.all()
     simulator = scene.simulator(q, qd, dt=2e-3)
     for _ in range(50):
@@ -188,6 +196,7 @@ def test_batches_are_the_same_as_singles_and_blocks() -> None:
     assert np.allclose(slip, path.contacts.slip["corner3"], atol=1e-13)
     now = simulator.contacts
     assert np.array_equal(now.force["corner3"], path.contacts.force["corner3"][..., -1, :])
+    assert np.array_equal(now.state["corner3"], path.contacts.state["corner3"][..., -1])
     assert np.allclose(now.impulse["corner3"], path.contacts.impulse["corner3"].sum(axis=-2))
 
 
@@ -317,10 +326,21 @@ def test_broken_arguments_are_refused() -> None:
         assert np.isnan(scene.contact_gaps(np.full((2, 7), np.nan), errors="nan")).all()
 
 
+@pytest.mark.parametrize("friction", [3.0, 10.0, 1000.0])
+def test_friction_of_any_size_ends_no_run(friction: float) -> None:
+    random = np.random.default_rng(3)
+    for restitution in (0.0, 0.4):
+        qd = random.uniform(-2, 2, (4, 6))
+        path = box(friction, restitution).simulate(np.tile(at(z=0.4), (4, 1)), qd, dt=1e-3, steps=800)
+        assert (path.contacts.residual < 1e-5).all() and (path.contacts.iterations < 3e4).all()
+        assert np.diff(path.energy().total).max() < 1e-8
+
+
 def test_a_step_without_impulses_that_meet_the_law_is_an_error_that_names_it() -> None:
-    # Friction that leaves next to no cone: the solver does not get there, and says so.
-    scene = box(1e6)
+    # Friction beyond the digits of numbers: the solver does not get there, and says so.
+    scene = box(1e12)
     with pytest.raises(SimulationError, match=r"step \d+ .*contacts? \"corner.*residual") as caught:
         scene.simulate(at(z=0.5), np.array([0.3, -0.2, 0, 1.5, 2.0, 0.7]), dt=1e-3, steps=2000)
     path = caught.value.trajectory
     assert 0 < caught.value.step < 2000 and len(path) == caught.value.step + 1 == len(path.contacts.gap["corner0"])
+    assert len(path.contacts.state["corner0"]) == len(path)

@@ -1,14 +1,14 @@
 //! What a rollout keeps of the contacts of each state, beside q and qd.
 
-/// Numbers of one contact in a recorded row: gap, slip velocity (3), force (3), impulse of impacts (3).
-pub(in crate::motion) const RECORD: usize = 10;
+/// Numbers of one contact in a recorded row: gap, slip velocity (3), force (3), impulse of impacts (3), state.
+pub(in crate::motion) const RECORD: usize = 11;
 
 /// How many numbers tell of a run.
 const TOLD: usize = 8;
 
-/// How many numbers are kept of a state with so many contacts.
+/// How many numbers are kept of a state with so many contacts: impulses that hold, impulses of impacts, what each does, what is told.
 pub(in crate::motion) fn width(contacts: usize) -> usize {
-    6 * contacts + TOLD
+    7 * contacts + TOLD
 }
 
 /// At the start of a run.

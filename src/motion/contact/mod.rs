@@ -14,6 +14,7 @@ mod project;
 mod run;
 mod step;
 
+pub use crate::contact::ContactState;
 pub use kept::ContactReport;
 pub(super) use kept::{RECORD, begin, width};
 pub(super) use run::{Toucher, record};

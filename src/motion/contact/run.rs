@@ -92,7 +92,8 @@ impl Toucher {
     }
 }
 
-/// One row of contacts: gap and slip velocity of the state, force of the step that led to it, impulse of the impacts that are kept.
+/// One row of contacts: gap and slip velocity of the state, force of the step that led to it, impulse of the impacts that are kept, and what the contact
+/// did in that step.
 pub(in crate::motion) fn record(
     model: &Model<f64>,
     points: &[ContactPoint],
@@ -109,6 +110,7 @@ pub(in crate::motion) fn record(
         to[0] = rows.gaps[i];
         to[1..4].copy_from_slice(slip(point, &u.as_slice()[3 * i..]).as_slice());
         to[4..7].copy_from_slice((of(held) / h).as_slice());
-        to[7..].copy_from_slice(of(struck).as_slice());
+        to[7..10].copy_from_slice(of(struck).as_slice());
+        to[10] = struck[3 * points.len() + i];
     }
 }

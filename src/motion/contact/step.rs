@@ -4,7 +4,7 @@ use super::super::faults::fault_of;
 use super::super::step::{Checked, Law, Scratch, step};
 use super::kept::ContactReport;
 use super::project::out_of_planes;
-use crate::contact::{Cone, Effort, Impact, Limits, Told, impact, passive};
+use crate::contact::{Cone, ContactState, Effort, Impact, Limits, Told, impact, passive};
 use crate::dynamics::contacts::ContactScratch;
 use crate::dynamics::forward::factorise;
 use crate::error::Error;
@@ -41,6 +41,7 @@ struct Outcome {
     /// Impulses of impacts, and those that hold.
     hit: Option<Impact>,
     held: DVector<f64>,
+    states: Vec<ContactState>,
     report: ContactReport,
 }
 
@@ -102,8 +103,13 @@ impl Touching {
         let Before { gaps, start, free } = before;
         let n = points.len();
         let mut near: Vec<usize> = (0..n).filter(|&i| gaps[i] <= 0.0 || gaps[i] + h * free[3 * i + 2] <= 0.0).collect();
-        let mut outcome =
-            Outcome { near: Vec::new(), hit: None, held: DVector::zeros(0), report: ContactReport::nothing() };
+        let mut outcome = Outcome {
+            near: Vec::new(),
+            hit: None,
+            held: DVector::zeros(0),
+            states: Vec::new(),
+            report: ContactReport::nothing(),
+        };
         if near.is_empty() {
             return Ok(outcome);
         }
@@ -168,6 +174,10 @@ impl Touching {
                 outcome.report =
                     report(&told, iterations, impulse_kept, hit.as_ref(), (&held, &u, &after_here), &landed);
                 check(scene, &near, &told)?;
+                outcome.states = cone.states(&held, &c, &limits);
+                if let Some(hit) = &hit {
+                    rebounds(&cone, &hit.impulses, &mut outcome.states);
+                }
                 (outcome.near, outcome.hit, outcome.held) = (near, hit, held);
                 break;
             }
@@ -175,6 +185,20 @@ impl Touching {
             near.sort_unstable();
         }
         Ok(outcome)
+    }
+}
+
+/// What the contacts do that an impact touched and nothing holds any more: what they did in it.
+fn rebounds(cone: &Cone, impulses: &DVector<f64>, states: &mut [ContactState]) {
+    /// Parts of the largest impulse, and of the bound of friction, that are rounding.
+    const ROUNDING: f64 = 1e-9;
+    let largest = impulses.amax();
+    for (i, state) in states.iter_mut().enumerate().filter(|(_, state)| **state == ContactState::Open) {
+        let (pressed, drag) = (impulses[3 * i + 2], impulses[3 * i].hypot(impulses[3 * i + 1]));
+        if pressed > ROUNDING * largest {
+            let sticks = drag < (1.0 - ROUNDING) * cone.friction[i] * pressed;
+            *state = if sticks { ContactState::Sticking } else { ContactState::Sliding };
+        }
     }
 }
 
@@ -211,7 +235,7 @@ fn report(
 
 /// An error for a solve that is far from the law.
 fn check(scene: &Scene, near: &[usize], told: &Told) -> Result<(), (String, Error)> {
-    if told.converged || told.residual <= REFUSED {
+    if told.residual <= REFUSED {
         return Ok(());
     }
     let found = format!("a residual of {:.1e} after {} iterations", told.residual, told.iterations);
@@ -231,11 +255,14 @@ fn pivot_fault(scene: &Scene, body: usize, error: Error) -> (String, Error) {
     (scene.joint_of_body(body).map(|joint| joint.name.clone()).unwrap_or_default(), error)
 }
 
-/// The impulses of a step into what is kept: those that hold, and the sum of those of impacts.
+/// What a step did into what is kept: the impulses that hold, the sum of those of impacts, and what each contact does.
 fn keep(kept: &mut [f64], outcome: &Outcome, contacts: usize) {
     let (held, struck) = kept.split_at_mut(3 * contacts);
+    let (struck, states) = struck.split_at_mut(3 * contacts);
     held.fill(0.0);
+    states[..contacts].fill(ContactState::Open.number());
     for (at, &i) in outcome.near.iter().enumerate() {
+        states[i] = outcome.states[at].number();
         for row in 0..3 {
             held[3 * i + row] = outcome.held[3 * at + row];
             struck[3 * i + row] += outcome.hit.as_ref().map_or(0.0, |hit| hit.impulses[3 * at + row]);

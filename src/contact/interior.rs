@@ -1,0 +1,200 @@
+//! An interior method on the exact law: Newton's steps on a law in which no contact is quite open, quite sticking or quite at the edge of its cone.
+//!
+//! With y = `p_n` - a, q = mu `p_n` and the room s = q - |`p_t`|^2/q, and with a normal velocity v and a slip speed l of their own, all above zero:
+//!
+//! ```text
+//! v = u_n,     u_t = -l p_t/q,     y v = e,     l s = e
+//! ```
+//!
+//! e = 0 is Coulomb's law, slip against friction included; no cone is a polyhedron and no velocity is added to make the law that of a minimum. A
+//! step aims at a smaller e, the smaller the further it could go without one (S. Mehrotra, SIAM Journal on Optimization 2, 1992, 575-601). y, v, l and
+//! s stay above zero. Redundant contacts do not matter to it, nor do masses that differ a lot.
+
+use super::law::{Cone, Limits};
+use super::scaled::Scaled;
+use nalgebra::{DMatrix, DVector, Dyn, LU};
+
+/// What a step leaves of what must stay above zero, at the least.
+const KEPT: f64 = 0.005;
+
+/// How often a step is halved whose own curvature takes it away from the law.
+const HALVINGS: usize = 12;
+
+/// A point inside.
+#[derive(Debug, Clone)]
+pub(super) struct Interior<'a> {
+    problem: Scaled<'a>,
+    now: Point,
+    /// Whether e waits where the velocities do not agree with the impulses yet: slower, and further at times.
+    careful: bool,
+}
+
+/// Impulses, and what each contact has beside them.
+#[derive(Debug, Clone)]
+pub(super) struct Point {
+    pub z: DVector<f64>,
+    /// v, l and s of each contact.
+    pub apart: Vec<f64>,
+    pub slip: Vec<f64>,
+    pub room: Vec<f64>,
+}
+
+impl<'a> Interior<'a> {
+    /// In the middle of each cone, all normal impulses at `height` above the least.
+    pub fn new(cone: &'a Cone, c: &DVector<f64>, limits: &Limits, (height, careful): (f64, bool)) -> Self {
+        let problem = Scaled::new(cone, c, limits);
+        let n = problem.len();
+        let z = DVector::from_fn(3 * n, |i, _| if i % 3 == 2 { problem.least[i / 3] + height } else { 0.0 });
+        let room = (0..n).map(|i| problem.radius(i, &z)).collect();
+        Self { problem, now: Point { z, apart: vec![height; n], slip: vec![height; n], room }, careful }
+    }
+
+    /// From a point that is inside.
+    pub fn at(problem: Scaled<'a>, now: Point) -> Self {
+        Self { problem, now, careful: false }
+    }
+
+    pub fn impulses(&self, limits: &Limits) -> DVector<f64> {
+        self.problem.impulses(&self.now.z, limits)
+    }
+
+    /// The mean of y v and l s.
+    fn gap(&self) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for i in 0..self.problem.len() {
+            sum += self.problem.above(i, &self.now.z) * self.now.apart[i];
+            count += 1.0;
+            if self.problem.grips(i) {
+                sum += self.now.slip[i] * self.now.room[i];
+                count += 1.0;
+            }
+        }
+        sum / count
+    }
+
+    /// How far the velocities are from what v and l say of them, the largest.
+    fn disagreement(&self) -> f64 {
+        let Point { z, apart, slip, .. } = &self.now;
+        let u = &self.problem.a * z + &self.problem.c;
+        let of = |i: usize| {
+            let normal = (u[3 * i + 2] - apart[i]).abs();
+            if !self.problem.grips(i) {
+                return normal;
+            }
+            let slides = self.problem.pull(i, z) * slip[i];
+            normal.max((u[3 * i] + slides[0]).hypot(u[3 * i + 1] + slides[1]))
+        };
+        (0..self.problem.len()).map(of).fold(0.0, f64::max)
+    }
+
+    /// The matrix of a step, v, l and s eliminated.
+    fn slope(&self) -> DMatrix<f64> {
+        let Point { z, apart, slip, room } = &self.now;
+        let mut slope = self.problem.a.clone();
+        for i in 0..self.problem.len() {
+            let at = 3 * i;
+            slope[(at + 2, at + 2)] += apart[i] / self.problem.above(i, z);
+            if !self.problem.grips(i) {
+                for row in at..at + 2 {
+                    slope.row_mut(row).fill(0.0);
+                    slope[(row, row)] = 1.0;
+                }
+                continue;
+            }
+            let (mu, q, pull) = (self.problem.cone.friction[i], self.problem.radius(i, z), self.problem.pull(i, z));
+            for row in 0..2 {
+                slope[(at + row, at + row)] += slip[i] / q;
+                for column in 0..2 {
+                    slope[(at + row, at + column)] += 2.0 * slip[i] / room[i] * pull[row] * pull[column];
+                }
+                let by_normal = slip[i] * mu * pull[row] * (1.0 / q + (1.0 + pull.norm_squared()) / room[i]);
+                slope[(at + row, at + 2)] -= by_normal;
+            }
+        }
+        slope
+    }
+
+    /// The step towards y v = l s = `aim`.
+    fn towards(&self, slope: &LU<f64, Dyn, Dyn>, aim: f64) -> Option<Point> {
+        let Point { z, apart, slip, room } = &self.now;
+        let n = self.problem.len();
+        let mut right = -(&self.problem.a * z + &self.problem.c);
+        for i in 0..n {
+            right[3 * i + 2] += aim / self.problem.above(i, z);
+            let pull = if self.problem.grips(i) { self.problem.pull(i, z) * (aim / room[i]) } else { continue };
+            right[3 * i] -= pull[0];
+            right[3 * i + 1] -= pull[1];
+        }
+        for i in (0..n).filter(|&i| !self.problem.grips(i)) {
+            right.fixed_rows_mut::<2>(3 * i).fill(0.0);
+        }
+        let dz = slope.solve(&right)?;
+        if !dz.iter().all(|x| x.is_finite()) {
+            return None;
+        }
+        let mut step = Point { z: dz, apart: vec![0.0; n], slip: vec![0.0; n], room: vec![0.0; n] };
+        for i in 0..n {
+            let above = self.problem.above(i, z);
+            step.apart[i] = aim / above - apart[i] - apart[i] / above * step.z[3 * i + 2];
+            if self.problem.grips(i) {
+                step.room[i] = self.problem.room_change(i, z, &step.z);
+                step.slip[i] = aim / room[i] - slip[i] - slip[i] / room[i] * step.room[i];
+            }
+        }
+        Some(step)
+    }
+
+    /// How much of a step keeps all above zero, to first order.
+    fn reach(&self, step: &Point) -> f64 {
+        let mut reach: f64 = 1.0;
+        let mut limit = |now: f64, change: f64| {
+            if change < 0.0 {
+                reach = reach.min(-(1.0 - KEPT) * now / change);
+            }
+        };
+        for i in 0..self.problem.len() {
+            limit(self.problem.above(i, &self.now.z), step.z[3 * i + 2]);
+            limit(self.now.apart[i], step.apart[i]);
+            if self.problem.grips(i) {
+                limit(self.now.slip[i], step.slip[i]);
+                limit(self.now.room[i], step.room[i]);
+            }
+        }
+        reach
+    }
+
+    /// One step; how much of it was made, none where the matrix is singular.
+    pub fn step(&mut self) -> Option<f64> {
+        let slope = self.slope().lu();
+        let (gap, before) = (self.gap(), self.disagreement());
+        let free = self.reach(&self.towards(&slope, 0.0)?);
+        let waits = self.careful && gap < 1e-2 && before > gap.sqrt();
+        let part = if waits { 1.0 } else { (1.0 - free).powi(3).clamp(1e-4, 0.9) };
+        let step = self.towards(&slope, part * gap)?;
+        let mut made = self.reach(&step);
+        let start = self.now.clone();
+        // A disagreement of first order is the gap's own size; a larger one was made by the step.
+        let most = 10.0 * before.max(0.1 * gap.sqrt().min(1.0));
+        for halving in 0..=HALVINGS {
+            self.go(&start, &step, made);
+            if halving == HALVINGS || self.disagreement() <= most {
+                break;
+            }
+            made *= 0.5;
+        }
+        Some(made)
+    }
+
+    /// `made` of a step from `start`.
+    fn go(&mut self, start: &Point, step: &Point, made: f64) {
+        self.now.z = &start.z + &step.z * made;
+        for i in 0..self.problem.len() {
+            self.now.apart[i] = start.apart[i] + made * step.apart[i];
+            if self.problem.grips(i) {
+                self.now.slip[i] = start.slip[i] + made * step.slip[i];
+                let room = start.room[i] + made * step.room[i];
+                self.now.room[i] = self.problem.draw_in(i, &mut self.now.z, room);
+            }
+        }
+    }
+}
