@@ -10,6 +10,7 @@ use nalgebra::{DMatrix, DVector};
 use phipsi::batch::Evaluator;
 use phipsi::filter::Form;
 use phipsi::motion::{METHODS, Method, Rollout, Settings, Simulator, Stabilisation, Torque};
+use phipsi::report::operations::{Task, count};
 use phipsi::scene::{Connection, ConnectionKind, Property};
 use phipsi::spatial::RigidShift;
 use phipsi::{Algorithm, Arguments, Error, Scene};
@@ -135,7 +136,7 @@ fn states_in_lanes_are_as_the_recursion_has_them_and_as_alone() {
                         assert_eq!(own, &again[width..2 * width], "{what} {arm:?} {i}: other neighbours");
                         let general = recursion(&scene, form, state);
                         let (nv, told) = (scene.nv(), width - 2);
-                        assert_eq!(own[told], general[told], "{what} {arm:?} {i}: rank");
+                        assert_eq!(own[told].to_bits(), general[told].to_bits(), "{what} {arm:?} {i}: rank");
                         assert_eq!(&own[..nv], &accelerations[i * nv..(i + 1) * nv]);
                         let of_mass = tolerance::conditioning(nv, mass_matrix(&scene, &state.0).as_slice()).number;
                         let bound = 1024.0 * f64::EPSILON * of_mass * tolerance::size(&general[..nv]);
@@ -167,6 +168,22 @@ fn the_kernels_have_what_is_regular_and_leave_the_rest() {
         let redundant = biped(4);
         assert_eq!(doubt(&redundant, &state(&redundant, seed, 0.2)), 1, "24 rows of rank 12");
     }
+}
+
+#[test]
+fn what_connections_take_is_counted() {
+    let scene = biped(0);
+    let (q, qd, tau) = state(&scene, 1, 0.2);
+    let state = Arguments { q: &q, qd: &qd, u: &tau, ..Arguments::default() };
+    let through = count(&scene, Task::Algorithm(Algorithm::ConstrainedDynamics(Form::Covariance)), &state);
+    let tree = scene.without_connections().unwrap();
+    let alone = count(&tree, Task::Algorithm(Algorithm::ForwardDynamics(Form::Covariance)), &state);
+    let (through_flops, alone_flops) = (through.operations.flops(), alone.operations.flops());
+    assert!(alone_flops < through_flops && through_flops < 6 * alone_flops, "{through_flops} beside {alone_flops}");
+    let general = recursion(&scene, Form::Covariance, &(q.clone(), qd.clone(), tau.clone()));
+    let nv = scene.nv();
+    let error = distance(&through.results[..nv], &general[..nv]);
+    assert!(error <= 1e-11 * tolerance::size(&general[..nv]), "{error:e}");
 }
 
 #[test]

@@ -20,6 +20,15 @@ fn plain(
             workspace.form = form;
             scene.forward_dynamics(workspace, q, qd, u, wrenches, &mut out)
         }
+        Algorithm::ConstrainedDynamics(form) => {
+            workspace.form = form;
+            let (qdd, rest) = out.split_at_mut(scene.nv());
+            let (forces, told) = rest.split_at_mut(scene.constraint_rows());
+            let scratch = &mut scene.constraint_scratch();
+            let found = scene.constrained_dynamics(workspace, scratch, q, qd, u, wrenches, (qdd, forces));
+            #[allow(clippy::cast_precision_loss)] // a count
+            found.map(|found| told.copy_from_slice(&[found.rank as f64, found.residual]))
+        }
         Algorithm::InverseDynamics => scene.inverse_dynamics(workspace, q, qd, u, wrenches, &mut out),
         Algorithm::BiasTorque => scene.bias_torque(workspace, q, qd, &mut out),
         Algorithm::MassMatrix => scene.mass_matrix(workspace, q, &mut out),
