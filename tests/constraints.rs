@@ -170,6 +170,44 @@ fn the_kernels_have_what_is_regular_and_leave_the_rest() {
     }
 }
 
+/// Held still there is nothing but rounding in the rows, and that contradicts nothing.
+#[test]
+fn robots_at_rest_are_held_by_their_connections() {
+    let scenes = [
+        ("point", bars(ConnectionKind::Point), 0.7),
+        ("axis", bars(hinge()), 0.7),
+        ("platform", stewart(), 0.1),
+        ("welds", biped(0), 0.2),
+        ("four points a foot", biped(4), 0.2),
+    ];
+    for (what, scene, size) in scenes {
+        let weightless = scene.source().clone().gravity([0.0; 3]).build().unwrap();
+        for seed in 0..4 {
+            let (q, _, tau) = state(&scene, seed, size);
+            let still = vec![0.0; scene.nv()];
+            let mut holding = vec![f64::NAN; scene.nv()];
+            scene.bias_torque(&mut scene.workspace(), &q, &still, &mut holding).unwrap();
+            for (name, scene, torque) in [
+                ("limp", &scene, &still),
+                ("held by all joints", &scene, &holding),
+                ("pushed", &scene, &tau),
+                ("weightless", &weightless, &still),
+            ] {
+                for form in FORMS {
+                    let state = (q.clone(), still.clone(), torque.clone());
+                    let (qdd, .., residual) = dynamics(scene, form, &state).unwrap();
+                    let general = recursion(scene, form, &state);
+                    let scale = tolerance::size(&qdd).max(9.81);
+                    assert!(residual <= 1e-11 * scale, "{what} {name} {form:?}: {residual:e}");
+                    let cond = tolerance::conditioning(scene.nv(), mass_matrix(scene, &q).as_slice()).number;
+                    let error = distance(&qdd, &general[..scene.nv()]);
+                    assert!(error <= 1024.0 * f64::EPSILON * cond * scale, "{what} {name} {form:?}: {error:e}");
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn what_connections_take_is_counted() {
     let scene = biped(0);

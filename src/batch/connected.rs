@@ -26,10 +26,10 @@ pub(super) struct ConnectedKernel<T: Vectorised> {
 
 impl<T: Vectorised> ConnectedKernel<T> {
     #[cold]
-    pub fn new(model: &Model<T>, sweeps: &SweepModel<T>, constraints: &Constraints) -> Self {
-        let (nv, nan) = (model.nv(), T::from_f64(f64::NAN));
+    pub fn new(scene: (&Model<T>, &SweepModel<T>), constraints: &Constraints, weight: f64) -> Self {
+        let (nv, nan) = (scene.0.nv(), T::from_f64(f64::NAN));
         Self {
-            rows: ConstraintKernel::new(model, sweeps, constraints),
+            rows: ConstraintKernel::new(scene, constraints, weight),
             innovations: vec![nan; nv],
             results: vec![nan; nv + constraints.rows + 2],
         }
@@ -61,7 +61,7 @@ pub(super) fn run<T: Vectorised, I: Target>(target: I, form: Form, call: Call<'_
         Form::SquareRoot | Form::Joseph => return u64::MAX,
     };
     factor::innovations(target, scene, scratch, state, (wrenches, innovations));
-    doubt |= target.within(Begin(scene, scratch, rows, (state.0, state.1, innovations)));
+    doubt |= target.within(Begin(scene, scratch, rows, (state.1, state.2, innovations)));
     for correction in 0..=CORRECTIONS {
         target.within(Take(rows, innovations));
         results[..nv].copy_from_slice(innovations);
@@ -95,8 +95,8 @@ impl<T: Vectorised> Work for Begin<'_, T> {
 
     #[inline(always)]
     fn call(self) -> u64 {
-        let Self(scene, scratch, rows, (q, qd, innovations)) = self;
-        let regular = rows.begin(scene, scratch, (q, qd), innovations);
+        let Self(scene, scratch, rows, (qd, tau, innovations)) = self;
+        let regular = rows.begin(scene, scratch, (qd, tau), innovations);
         lanes_but::<T>(|lane| regular.lane(lane) > 0.0)
     }
 }

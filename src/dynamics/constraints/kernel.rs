@@ -14,6 +14,7 @@
 //! [`constrained_dynamics`](super::constrained_dynamics) finds its rank.
 
 use super::gram_inverse::{NOTHING, REGULAR};
+use super::solution::NO_ROUNDING;
 use crate::dynamics::sweeps::{
     Forces, MOST_FORCES, Path, SweepModel, SweepScratch, accelerations_along, frame_here, innovations_along,
     motions_along, placement_along,
@@ -29,9 +30,6 @@ use std::ops::Range;
 
 /// What is left of a row is rounding below so many units in the last place of its terms, and is not taken away.
 const ROUNDING: f64 = 8.0;
-
-/// It is no rounding above so many.
-const NO_ROUNDING: f64 = 4096.0;
 
 /// What is tied, in the scalar of the kernel.
 #[derive(Debug)]
@@ -91,6 +89,9 @@ pub(crate) struct ConstraintKernel<T> {
     pub compliance: Vec<T>,
     /// What rounding is relative to in each row.
     terms: Vec<T>,
+    /// What the weight of the robot does to a row is below the size of that row times this; and weight and torques.
+    weight: T,
+    pushing: T,
     /// lambda.
     pub forces_of_rows: Vec<T>,
     /// How many rows move anything.
@@ -100,7 +101,7 @@ pub(crate) struct ConstraintKernel<T> {
 }
 
 impl<T: Real> ConstraintKernel<T> {
-    pub fn new(model: &Model<T>, sweeps: &SweepModel<T>, constraints: &Constraints) -> Self {
+    pub fn new((model, sweeps): (&Model<T>, &SweepModel<T>), constraints: &Constraints, weight: f64) -> Self {
         let (nan, zero, m, nv) = (T::from_f64(f64::NAN), T::zero(), constraints.rows, model.nv());
         let mut connections: Vec<_> = constraints.all.iter().map(|all| Connection::new(sweeps, all)).collect();
         for at in 0..connections.len() {
@@ -125,27 +126,33 @@ impl<T: Real> ConstraintKernel<T> {
             step: vec![nan; m],
             compliance: vec![zero; m],
             terms: vec![nan; m],
+            weight: T::from_f64(weight),
+            pushing: nan,
             forces_of_rows: vec![nan; m],
             rank: nan,
             residual: nan,
         }
     }
 
-    /// Rows, w, G and its factor at (q, qd), and the first step of lambda; `innovations` are those of the tree. Negative or NaN in lanes where rows are not independent,
+    /// Rows, w, G and its factor at the q of the scratch and `qd`, and the first step of lambda; `innovations` are those of the tree. Negative or NaN in lanes where rows are not independent,
     /// or where their form is not the usual one.
     #[inline(always)]
     pub fn begin(
         &mut self,
         scene: (&Model<T>, &SweepModel<T>),
         scratch: &SweepScratch<T>,
-        state: (&[T], &[T]),
+        (qd, tau): (&[T], &[T]),
         innovations: &[T],
     ) -> T {
         let zero = scene.0.gravity[0].constant(0.0);
         self.sizes.fill(zero);
+        self.pushing = self.weight;
+        for (row, &tau) in tau.iter().enumerate() {
+            self.pushing = tau.abs().mul_add(scratch.pivot_inverse(row).sqrt(), self.pushing);
+        }
         let mut regular = zero.constant(1.0);
         for at in 0..self.connections.len() {
-            regular = regular.worst(self.rows_of(at, scene, scratch, state.1));
+            regular = regular.worst(self.rows_of(at, scene, scratch, qd));
             self.innovations_of(at, scene, scratch);
         }
         self.gram(zero);
@@ -373,8 +380,27 @@ impl<T: Real> ConstraintKernel<T> {
     #[inline(always)]
     pub fn look(&mut self, scene: (&Model<T>, &SweepModel<T>), scratch: &SweepScratch<T>, qdd: &[T]) -> [T; 2] {
         let zero = scene.0.gravity[0].constant(0.0);
-        let Self { connections, rows, accelerations, step, compliance, terms, forces_of_rows, residual, .. } = self;
+        let Self {
+            connections,
+            rows,
+            accelerations,
+            step,
+            compliance,
+            terms,
+            forces_of_rows,
+            scale,
+            sizes,
+            pushing,
+            residual,
+            ..
+        } = self;
         let (mut most, mut near, mut far) = (zero, zero.constant(1.0), zero.constant(1.0));
+        // A row of bodies that are held still is a sum of rounding: what it is to be compared with is what acts on them, forces by sqrt(G_jj) |lambda_j|.
+        let mut acting = *pushing;
+        for (&lambda, &scale) in forces_of_rows.iter().zip(&*scale) {
+            // Rows that are left out have none of either.
+            acting = lambda.abs().mul_add((scale + scale.one_if_zero()).recip(), acting);
+        }
         for connection in &*connections {
             if matches!(connection.tie, LaneTie::Frames(..)) {
                 accelerations_along(scene, scratch, (&connection.path, qdd), accelerations);
@@ -410,6 +436,7 @@ impl<T: Real> ConstraintKernel<T> {
                 step[i] = sum;
                 let unit = terms[i] * zero.constant(f64::EPSILON);
                 near = near.worst(unit.mul_add(zero.constant(ROUNDING), -sum.abs()));
+                let unit = sizes[i].sqrt().mul_add(acting, terms[i]) * zero.constant(f64::EPSILON);
                 far = far.worst(unit.mul_add(zero.constant(NO_ROUNDING), -sum.abs()));
             }
         }

@@ -18,8 +18,16 @@ const AGREES: f64 = 1e-6;
 /// A residual of so many times the rounding of the terms that it is the sum of is not taken away.
 const ROUNDING: f64 = 4.0;
 
+/// A residual of fewer units in the last place of what acts on the robot can be rounding.
+pub(super) const NO_ROUNDING: f64 = 4096.0;
+
 /// The most corrections of what rounding has left in the rows.
 const CORRECTIONS: usize = 6;
+
+/// sqrt(m) |g| of the whole robot: what its weight alone does to a row is below the size of that row times this.
+pub(crate) fn weight(model: &Model<f64>) -> f64 {
+    model.bodies.iter().map(|body| body.inertia.mass).sum::<f64>().sqrt() * model.gravity.norm()
+}
 
 /// What constrained dynamics found.
 #[derive(Debug, Clone)]
@@ -120,7 +128,12 @@ pub(crate) fn constrained_dynamics(
             break;
         }
     }
-    let is_left = |&i: &usize| scratch.residual[i].abs() > AGREES * terms[i];
+    // What a row is the sum of can be rounding itself, of bodies that are held still: what acts on them cancels.
+    let acting = scratch.acting() + pushing(model, workspace, tau);
+    let is_left = |&i: &usize| {
+        let left = scratch.residual[i].abs();
+        left > AGREES * terms[i] && left > NO_ROUNDING * f64::EPSILON * scratch.sizes[i] * acting
+    };
     let contradicted = (0..constraints.rows).filter(is_left).collect();
     // What compliance leaves is no rounding, and told.
     let given_way = |i: usize| wanted.compliance.get(i).map_or(0.0, |compliance| compliance * scratch.forces[i]);
@@ -177,6 +190,12 @@ fn right_side(model: &Model<f64>, workspace: &mut Workspace<f64>, tau: &[f64], q
     smoother::sweep(&model.system, shift, measured, co_state, qdd);
 }
 
+/// The same of torques, by the factor in the workspace, and of the weight.
+fn pushing(model: &Model<f64>, workspace: &Workspace<f64>, tau: &[f64]) -> f64 {
+    let torques = tau.iter().zip(&workspace.measured).map(|(tau, row)| tau.abs() * row.pivot_inverse.sqrt());
+    torques.sum::<f64>() + weight(model)
+}
+
 /// The larger of two, entry by entry.
 fn keep_larger(terms: &mut [f64], others: &[f64]) {
     for (term, &other) in terms.iter_mut().zip(others) {
@@ -208,6 +227,12 @@ impl ConstraintScratch {
             terms[i] += given_way.abs();
         }
         Ok(largest_of(residual))
+    }
+
+    /// The sum of sqrt(`G_jj`) |`lambda_j`|: times the size of a row, a bound on the terms that the forces of the connections add to it.
+    fn acting(&self) -> f64 {
+        let weighed = self.forces.iter().zip(self.inverse.scale());
+        weighed.filter(|(_, scale)| **scale > 0.0).map(|(force, scale)| force.abs() / scale).sum()
     }
 
     /// lambda += step, step = -G^+ residual.
