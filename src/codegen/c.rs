@@ -1,5 +1,6 @@
 //! C99 of programs: a source, its header, a test with reference values, and a Makefile.
 
+use super::lanes;
 use super::program::{Function, Program};
 use crate::error::Error;
 use crate::scalar::Operation;
@@ -44,10 +45,17 @@ pub type Sources = Vec<(String, String)>;
 /// Each function takes pointers to its arguments, SI units, radians, and writes its result; nothing is allocated, and of libm it needs sines, cosines and square roots. Results are those of the
 /// scene's methods to rounding, in covariance form: a state that loses digits there is not noticed. The test compares with the scene at a state of its own.
 ///
+/// With `batches` there is a function of many states too for each, as many at once as the processor's registers hold: double, by the vector extensions of GCC and Clang.
+///
 /// # Errors
 ///
 /// As [`Program::new`]; [`Error::Argument`] for a name that is no identifier of C, and for no functions.
-pub fn sources(scene: &Scene, name: &str, functions: &[Function], width: Width) -> Result<Sources, Error> {
+pub fn sources(
+    scene: &Scene,
+    name: &str,
+    functions: &[Function],
+    (width, batches): (Width, bool),
+) -> Result<Sources, Error> {
     let is_start = |c: char| c.is_ascii_alphabetic() || c == '_';
     if !(name.starts_with(is_start) && name.chars().all(|c| is_start(c) || c.is_ascii_digit())) {
         return Err(Error::argument("name", format!("{name:?}"), "letters, digits and _, the first no digit"));
@@ -55,11 +63,14 @@ pub fn sources(scene: &Scene, name: &str, functions: &[Function], width: Width) 
     if functions.is_empty() {
         return Err(Error::argument("functions", "none", "one or more"));
     }
+    if batches && width == Width::Single {
+        return Err(Error::argument("batches", "float32", "float64, whose sines there are in lanes"));
+    }
     let programs = functions.iter().map(|&function| Program::new(scene, function)).collect::<Result<Vec<_>, _>>()?;
     Ok(vec![
-        (format!("{name}.c"), source(name, &programs, width)),
-        (format!("{name}.h"), header(scene, name, &programs, width)),
-        (format!("test_{name}.c"), test(scene, name, &programs, width)?),
+        (format!("{name}.c"), source(name, &programs, (width, batches))),
+        (format!("{name}.h"), header(scene, name, &programs, (width, batches))),
+        (format!("test_{name}.c"), test(scene, name, &programs, (width, batches))?),
         ("Makefile".to_owned(), makefile(name)),
     ])
 }
@@ -78,9 +89,12 @@ fn declaration(name: &str, program: &Program, width: Width) -> String {
     format!("void {name}_{}({})", program.function.name(), all.join(", "))
 }
 
-fn header(scene: &Scene, name: &str, programs: &[Program], width: Width) -> String {
+fn header(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Width, bool)) -> String {
     let guard = format!("{}_H", name.to_uppercase());
     let mut text = format!("{WRITTEN_BY}#ifndef {guard}\n#define {guard}\n\n");
+    if batches {
+        text.push_str("#include <stddef.h>\n\n");
+    }
     let _ = writeln!(text, "#define {}_NQ {}", name.to_uppercase(), scene.nq());
     let _ = writeln!(text, "#define {}_NV {}\n", name.to_uppercase(), scene.nv());
     text.push_str("/* SI units, radians. Joints, and where they are in q and in qd:\n");
@@ -107,6 +121,13 @@ fn header(scene: &Scene, name: &str, programs: &[Program], width: Width) -> Stri
             size.sines
         );
         let _ = writeln!(text, "{};\n", declaration(name, program, width));
+        if batches {
+            let _ = writeln!(
+                text,
+                "/* The same of `count` states, one after another in every array; the result overlaps none of them. */"
+            );
+            let _ = writeln!(text, "{};\n", lanes::declaration(name, program));
+        }
     }
     let _ = write!(text, "#ifdef __cplusplus\n}}\n#endif\n\n#endif\n");
     text
@@ -122,7 +143,7 @@ fn meaning(function: Function) -> &'static str {
     }
 }
 
-fn source(name: &str, programs: &[Program], width: Width) -> String {
+fn source(name: &str, programs: &[Program], (width, batches): (Width, bool)) -> String {
     let mut text = format!("{WRITTEN_BY}#include \"{name}.h\"\n#include <math.h>\n");
     for program in programs {
         let _ = write!(text, "\n{}\n{{\n", declaration(name, program, width));
@@ -137,11 +158,17 @@ fn source(name: &str, programs: &[Program], width: Width) -> String {
         }
         text.push_str("}\n");
     }
+    if batches {
+        text.push_str(lanes::PRELUDE);
+        for program in programs {
+            lanes::functions(name, program, &mut text);
+        }
+    }
     text
 }
 
 /// How a number is named where it is read.
-fn operand(program: &Program, place: usize, width: Width) -> String {
+pub(super) fn operand(program: &Program, place: usize, width: Width) -> String {
     match program.operations[place] {
         Operation::Constant(bits) => {
             let x = f64::from_bits(bits);
@@ -160,7 +187,7 @@ fn operand(program: &Program, place: usize, width: Width) -> String {
 }
 
 /// What computes a number; nothing of constants and arguments.
-fn right_side(operation: &Operation, said: &[String], width: Width) -> Option<String> {
+pub(super) fn right_side(operation: &Operation, said: &[String], width: Width) -> Option<String> {
     let (of, f) = (|place: u32| &said[place as usize], width.suffix());
     Some(match *operation {
         Operation::Constant(_) | Operation::Argument(_) => return None,
@@ -188,7 +215,7 @@ fn draw(place: usize) -> f64 {
 }
 
 /// A state of the scene, and what the methods give there.
-fn test(scene: &Scene, name: &str, programs: &[Program], width: Width) -> Result<String, Error> {
+fn test(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Width, bool)) -> Result<String, Error> {
     let (nv, mut workspace) = (scene.nv(), scene.workspace());
     let numbers = |first: usize| (first..first + nv).map(draw).collect::<Vec<f64>>();
     let (mut q, qd, u) = (vec![f64::NAN; scene.nq()], numbers(nv), numbers(2 * nv));
@@ -240,6 +267,9 @@ fn test(scene: &Scene, name: &str, programs: &[Program], width: Width) -> Result
         let _ = writeln!(text, "        {number} found[{}];", count.max(1));
         let _ = writeln!(text, "        {name}_{what}({}, found);", given.join(", "));
         let _ = writeln!(text, "        faults += check(\"{what}\", found, expected, {count}, {size:?});");
+        if batches {
+            lanes::test(name, program, size, &mut text);
+        }
         let _ = writeln!(text, "    }}");
     }
     text.push_str("    return faults != 0;\n}\n");

@@ -17,6 +17,7 @@
 //! ```
 
 mod c;
+mod lanes;
 mod program;
 
 pub use c::{Sources, Width, sources};

@@ -21,7 +21,8 @@ impl PyScene {
     ///
     /// Raises ArgumentError for a name that C has not, unknown functions, a scene with connections or with joints that follow others (mimic="couple"), and for the inverse mass matrix of
     /// chains of more than 300 joints; OSError where files cannot be written.
-    #[pyo3(signature = (directory=None, *, name="robot", functions=None, dtype="float64"))]
+    #[pyo3(signature = (directory=None, *, name="robot", functions=None, dtype="float64", batches=false))]
+    #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn to_c<'py>(
         &self,
         py: Python<'py>,
@@ -29,6 +30,7 @@ impl PyScene {
         name: &str,
         functions: Option<&Object<'py>>,
         dtype: &str,
+        batches: bool,
     ) -> PyResult<Bound<'py, PyDict>> {
         let width = match dtype {
             "float64" => Width::Double,
@@ -37,7 +39,7 @@ impl PyScene {
         };
         let functions = functions.map_or_else(|| Ok(FUNCTIONS.to_vec()), read_functions)?;
         let files = PyDict::new(py);
-        for (file, text) in sources(&self.scene, name, &functions, width)? {
+        for (file, text) in sources(&self.scene, name, &functions, (width, batches))? {
             files.set_item(file, text)?;
         }
         if let Some(directory) = directory {

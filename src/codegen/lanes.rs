@@ -1,0 +1,205 @@
+//! C of programs for many states: one number of each in a lane of a vector, by the vector extensions of GCC and Clang.
+
+use super::c::{Width, operand};
+use super::program::Program;
+use crate::scalar::Operation;
+use std::collections::HashSet;
+use std::fmt::Write;
+
+/// What all programs in lanes use: vectors, sines with their cosines, and the way of states into lanes and out.
+///
+/// The reduction and the polynomials are those of [`trigonometry`](crate::scalar), good to one unit in the last place up to a million radians; beyond, libm's.
+pub(super) const PRELUDE: &str = r"
+#if defined(__AVX512F__)
+#define LANES 8
+#elif defined(__AVX__)
+#define LANES 4
+#else
+#define LANES 2
+#endif
+
+typedef double lanes __attribute__((vector_size(8 * LANES)));
+typedef long long bits __attribute__((vector_size(8 * LANES)));
+
+static inline lanes root(lanes x)
+{
+    lanes y;
+    for (int i = 0; i < LANES; i++) y[i] = sqrt(x[i]);
+    return y;
+}
+
+static inline lanes absolute(lanes x)
+{
+    return (lanes)((bits)x & 0x7fffffffffffffffLL);
+}
+
+static inline lanes smaller(lanes x, lanes y)
+{
+    lanes z;
+    for (int i = 0; i < LANES; i++) z[i] = fmin(x[i], y[i]);
+    return z;
+}
+
+static inline lanes one_if_zero(lanes x)
+{
+    return (lanes)((x == 0.0) & 0x3ff0000000000000LL);
+}
+
+static inline void sine_and_cosine(lanes x, lanes *sine, lanes *cosine)
+{
+    /* Quarter turns, rounded by a number above which there are only integers; pi/2 in three parts. */
+    const lanes shifted = x * 0.6366197723675814 + 6755399441055744.0;
+    const lanes turns = shifted - 6755399441055744.0;
+    const lanes first = x - turns * 1.5707963267341256;
+    const lanes y = first - turns * 6.077100506303966e-11;
+    const lanes tail = ((first - y) - turns * 6.077100506303966e-11) - turns * 2.0222662487959506e-21;
+    const lanes z = y * y, v = z * y;
+    const lanes of_sine =
+        ((((1.58969099521155e-10 * z - 2.5050760253406863e-08) * z + 2.7557313707070068e-06) * z - 0.0001984126982985795) * z + 0.00833333333332249);
+    const lanes s = y - ((z * (tail * 0.5 - v * of_sine) - tail) + v * 0.16666666666666632);
+    const lanes of_cosine =
+        (((((-1.1359647557788195e-11 * z + 2.087572321298175e-09) * z - 2.7557314351390663e-07) * z + 2.480158728947673e-05) * z - 0.001388888888887411) * z
+         + 0.0416666666666666);
+    const lanes half = z * 0.5, whole = 1.0 - half;
+    const lanes c = whole + (((1.0 - whole) - half) + (z * (z * of_cosine) - y * tail));
+    /* Odd quadrants swap them, and two of four turn each sign. */
+    const bits quadrant = (bits)shifted, swapped = -(quadrant & 1LL);
+    const bits of_s = ((bits)c & swapped) | ((bits)s & ~swapped), of_c = ((bits)s & swapped) | ((bits)c & ~swapped);
+    *sine = (lanes)(of_s ^ ((quadrant & 2LL) << 62));
+    *cosine = (lanes)(of_c ^ (((quadrant + 1LL) & 2LL) << 62));
+    const bits near = (bits)(absolute(x) <= 1e6);
+    for (int i = 0; i < LANES; i++)
+        if (!near[i]) {
+            (*sine)[i] = sin(x[i]);
+            (*cosine)[i] = cos(x[i]);
+        }
+}
+
+/* Lanes beyond the last state repeat it. */
+static inline void gather(lanes *to, const double *from, size_t width, size_t count)
+{
+    for (size_t lane = 0; lane < LANES; lane++) {
+        const double *state = from + (lane < count ? lane : count - 1) * width;
+        for (size_t i = 0; i < width; i++) to[i][lane] = state[i];
+    }
+}
+
+static inline void scatter(double *to, const lanes *from, size_t width, size_t count)
+{
+    for (size_t lane = 0; lane < count; lane++)
+        for (size_t i = 0; i < width; i++) to[lane * width + i] = from[i][lane];
+}
+";
+
+/// The arguments of a program with how many numbers of a state each has, and its result last.
+fn arrays(program: &Program) -> Vec<(&'static str, usize)> {
+    let ((nq, nv), function) = (program.sizes, program.function);
+    let given = function.arguments().iter().map(|&name| (name, if name == "q" { nq } else { nv }));
+    given.chain([(function.result(), function.width(nv))]).collect()
+}
+
+/// The declaration of the function of many states, without what ends it.
+pub(super) fn declaration(name: &str, program: &Program) -> String {
+    let all = arrays(program);
+    let given: Vec<String> =
+        all[..all.len() - 1].iter().map(|(argument, _)| format!("const double *{argument}")).collect();
+    let function = program.function;
+    format!("void {name}_{}_batch(size_t count, {}, double *{})", function.name(), given.join(", "), function.result())
+}
+
+/// The program in lanes, and the function that takes all states through it.
+pub(super) fn functions(name: &str, program: &Program, text: &mut String) {
+    let (function, all) = (program.function, arrays(program));
+    let parameters: Vec<String> =
+        all[..all.len() - 1].iter().map(|(argument, _)| format!("const lanes *{argument}")).collect();
+    let _ = write!(
+        text,
+        "\nstatic void {}_lanes({}, lanes *{})\n{{\n",
+        function.name(),
+        parameters.join(", "),
+        function.result()
+    );
+    let mut said: Vec<String> =
+        (0..program.operations.len()).map(|place| operand(program, place, Width::Double)).collect();
+    let mut turned = HashSet::new();
+    for (place, operation) in program.operations.iter().enumerate() {
+        if let Operation::Sine(a) | Operation::Cosine(a) = *operation {
+            if turned.insert(a) {
+                let _ = writeln!(text, "    lanes s{a}, c{a};");
+                let _ = writeln!(text, "    sine_and_cosine({}, &s{a}, &c{a});", said[a as usize]);
+            }
+            said[place] = format!("{}{a}", if matches!(operation, Operation::Sine(_)) { 's' } else { 'c' });
+        } else if let Some(right) = right_side(operation, &said) {
+            let _ = writeln!(text, "    const lanes {} = {right};", said[place]);
+        }
+    }
+    for (i, &result) in program.results.iter().enumerate() {
+        let value = &said[result as usize];
+        let is_constant = matches!(program.operations[result as usize], Operation::Constant(_));
+        // A number by itself is no vector.
+        let value = if is_constant { format!("(lanes){{0}} + {value}") } else { value.clone() };
+        let _ = writeln!(text, "    {}[{i}] = {value};", function.result());
+    }
+    // What no result reads is no fault.
+    for (argument, _) in &all[..all.len() - 1] {
+        let _ = writeln!(text, "    (void){argument};");
+    }
+    text.push_str("}\n");
+
+    let _ = write!(text, "\n{}\n{{\n", declaration(name, program));
+    text.push_str("    for (size_t first = 0; first < count; first += LANES) {\n");
+    text.push_str("        const size_t here = count - first < LANES ? count - first : LANES;\n");
+    for (array, width) in &all {
+        let _ = writeln!(text, "        lanes {array}_[{}];", width.max(&1));
+    }
+    for (array, width) in &all[..all.len() - 1] {
+        let _ = writeln!(text, "        gather({array}_, {array} + first * {width}, {width}, here);");
+    }
+    let names: Vec<String> = all.iter().map(|(array, _)| format!("{array}_")).collect();
+    let _ = writeln!(text, "        {}_lanes({});", function.name(), names.join(", "));
+    let (result, width) = all[all.len() - 1];
+    let _ = writeln!(text, "        scatter({result} + first * {width}, {result}_, {width}, here);");
+    text.push_str("    }\n}\n");
+}
+
+/// What computes a number; nothing of constants and arguments. Of two operands one at least is a vector: what is constant was computed.
+fn right_side(operation: &Operation, said: &[String]) -> Option<String> {
+    let of = |place: u32| &said[place as usize];
+    Some(match *operation {
+        Operation::Root(a) => format!("root({})", of(a)),
+        Operation::Absolute(a) => format!("absolute({})", of(a)),
+        Operation::Smaller(a, b) => format!("smaller({}, {})", of(a), of(b)),
+        Operation::OneIfZero(a) => format!("one_if_zero({})", of(a)),
+        _ => return super::c::right_side(operation, said, Width::Double),
+    })
+}
+
+/// A part of the test: some states in a batch, the arguments smaller and smaller, beside each by itself.
+pub(super) fn test(name: &str, program: &Program, size: f64, text: &mut String) {
+    const STATES: usize = 11;
+    let all = arrays(program);
+    let (function, (result, count)) = (program.function.name(), all[all.len() - 1]);
+    for (array, width) in &all {
+        let _ = writeln!(text, "        static double many_{array}[{}];", STATES * width.max(&1));
+    }
+    let _ = writeln!(text, "        for (int i = 0; i < {STATES}; i++) {{");
+    for (at, (array, width)) in all[..all.len() - 1].iter().enumerate() {
+        let (from, scale) = (["q", "qd", "u"][at], if *array == "q" { "1" } else { "(1 - 0.05 * i)" });
+        let _ = writeln!(
+            text,
+            "            for (int k = 0; k < {width}; k++) many_{array}[i * {width} + k] = {from}[k] * {scale};"
+        );
+    }
+    let _ = writeln!(text, "        }}");
+    let given: Vec<String> = all[..all.len() - 1].iter().map(|(array, _)| format!("many_{array}")).collect();
+    let _ = writeln!(text, "        {name}_{function}_batch({STATES}, {}, many_{result});", given.join(", "));
+    let _ = writeln!(text, "        for (int i = 0; i < {STATES}; i++) {{");
+    let state: Vec<String> =
+        all[..all.len() - 1].iter().map(|(array, width)| format!("many_{array} + i * {width}")).collect();
+    let _ = writeln!(text, "            {name}_{function}({}, found);", state.join(", "));
+    let _ = writeln!(
+        text,
+        "            faults += check(\"{function}, in lanes\", many_{result} + i * {count}, found, {count}, {size:?});"
+    );
+    let _ = writeln!(text, "        }}");
+}
