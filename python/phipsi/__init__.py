@@ -18,6 +18,7 @@ SI units and radians throughout; spatial vectors are angular first; arrays have 
 """
 
 from . import errors, scenes, tasks
+from ._compile import Compiled, compile
 from ._core import (
     BUNDLED_ARM,
     RandomModel,
@@ -59,6 +60,7 @@ from .operators import Factor, Operator
 __all__ = [
     "Accuracy",
     "BUNDLED_ARM",
+    "Compiled",
     "ConstrainedDynamics",
     "ConstrainedInverseDynamics",
     "ContactMotion",
@@ -94,6 +96,7 @@ __all__ = [
     "Trajectory",
     "Violation",
     "__version__",
+    "compile",
     "errors",
     "get_num_threads",
     "load",

@@ -1494,11 +1494,13 @@ class Scene:
         name: str = "robot",
         functions: Iterable[Literal["forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"]] | None = None,
         dtype: Literal["float64", "float32"] = "float64",
+        batches: bool = False,
     ) -> dict[str, str]:
         """The dynamics of this robot as C99 that needs nothing but libm, a dict from names of files to their texts: NAME.c, NAME.h, test_NAME.c and a Makefile.
 
         directory: where to write them too, made where it is not there; None: nowhere. name: what files and functions begin with. functions: names among "forward_dynamics",
-        "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"; None: all. dtype: "float64" or "float32", the numbers of the code.
+        "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"; None: all. dtype: "float64" or "float32", the numbers of the code. batches: whether to write NAME_forward_dynamics_batch(count, ...) and its like too, which run
+        as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang; float64 only.
 
         Each function is one straight line of operations for one state, NAME_forward_dynamics(q, qd, tau, qdd) for instance, without allocations: constants are folded, and what this robot does not need is
         not there. Order of q and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits that it loses are not noticed. `make test` in the directory

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from conftest import random_scene
 
 import phipsi
-from phipsi.errors import ArgumentError
+from phipsi.errors import ArgumentError, NotFiniteError, ShapeError
 from phipsi.report.codegen import codegen
 
 COMPILER = os.environ.get("CC", "cc")
@@ -87,3 +87,88 @@ def test_scenes_with_connections_are_refused() -> None:
     builder.connect("tip", "point", "link2", xyz=(0, 0, 0.3))
     with pytest.raises(ArgumentError, match="tip"):
         builder.build().to_c()
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("compiled")
+
+
+def states(scene: phipsi.Scene, shape: tuple[int, ...], seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    random = np.random.default_rng(seed)
+    q = scene.integrate(scene.neutral(), random.uniform(-1, 1, (*shape, scene.nv)))
+    return q, random.uniform(-1, 1, (*shape, scene.nv)), random.uniform(-1, 1, (*shape, scene.nv))
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_batches_of_compiled_scenes(seed: int, cache: Path) -> None:
+    scene = random_scene(seed, 6, floating_base=seed == 1)
+    fast = phipsi.compile(scene, flags=["-O1"], cache=cache)
+    assert fast.functions == tuple(FUNCTIONS) and fast.scene is scene and "6" in repr(fast) or seed
+    for shape in ((19,), (4, 6), (1,), ()):
+        q, qd, u = states(scene, shape, seed)
+        given = {"q": q, "qd": qd, "u": u}
+        cond = float(np.max(np.linalg.cond(scene.mass_matrix(q))))
+        for function, reads in FUNCTIONS.items():
+            expected = getattr(scene, function)(*(given[name] for name in reads))
+            found = getattr(fast, function)(*(given[name] for name in reads))
+            assert found.shape == expected.shape
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * (cond + 16) * float(np.max(np.abs(expected))), err_msg=function)
+    # Leading axes broadcast, and angles of a million turns are angles.
+    q, qd, u = states(scene, (20,), seed)
+    one = fast.inverse_dynamics(q, qd[0], u[0])
+    np.testing.assert_allclose(one, scene.inverse_dynamics(q, qd[0], u[0]), rtol=0, atol=1e-12 * float(np.max(np.abs(one))))
+
+
+def test_far_angles_and_threads(cache: Path) -> None:
+    scene = phipsi.scenes.chain(3)
+    fast = phipsi.compile(scene, ["forward_dynamics"], flags=["-O1"], cache=cache)
+    q, qd, u = states(scene, (5000,))
+    q[7] *= 1e9
+    q[8] += 2e3 * np.pi
+    expected = scene.forward_dynamics(q, qd, u)
+    before = phipsi.get_num_threads()
+    try:
+        results = []
+        for threads in (1, 2):
+            phipsi.set_num_threads(threads)
+            results.append(fast.forward_dynamics(q, qd, u))
+    finally:
+        phipsi.set_num_threads(before)
+    np.testing.assert_array_equal(*results)
+    np.testing.assert_allclose(results[0], expected, rtol=0, atol=1e-10 * float(np.max(np.abs(expected))))
+
+
+def test_what_was_compiled_once_is_loaded_again(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = phipsi.scenes.chain(2)
+    first = phipsi.compile(scene, ["mass_matrix"], flags=["-O1"], cache=cache)
+    assert phipsi.compile(scene, ["mass_matrix"], flags=["-O1"], cache=cache).library == first.library
+    assert phipsi.compile(scene, ["mass_matrix"], flags=["-O0"], cache=cache).library != first.library
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache / "own"))
+    assert phipsi.compile(scene, ["mass_matrix"], flags=["-O0"]).library.is_relative_to(cache / "own" / "phipsi")
+
+
+def test_bad_states_are_told_as_by_the_scene(cache: Path) -> None:
+    scene = random_scene(1, 4, floating_base=True)
+    fast = phipsi.compile(scene, ["forward_dynamics"], flags=["-O1"], cache=cache)
+    q, qd, u = states(scene, (20,))
+    for change, error in ((lambda: qd.__setitem__((3, 0), np.nan), NotFiniteError), (lambda: q.__setitem__((2, slice(3, 7)), 2.0), ArgumentError)):
+        q, qd, u = states(scene, (20,))
+        change()
+        with pytest.raises(error) as told:
+            fast.forward_dynamics(q, qd, u)
+        with pytest.raises(error) as expected:
+            scene.forward_dynamics(q, qd, u)
+        assert str(told.value) == str(expected.value)
+    with pytest.raises(ShapeError):
+        fast.forward_dynamics(q[:, :-1], qd, u)
+    with pytest.raises(ArgumentError, match="bias_torque"):
+        fast.bias_torque(q, qd)
+
+
+def test_compilers_that_are_none_or_fail_are_named(cache: Path) -> None:
+    scene = phipsi.scenes.chain(2)
+    with pytest.raises(ArgumentError, match="no-such-compiler"):
+        phipsi.compile(scene, compiler="no-such-compiler", cache=cache)
+    with pytest.raises(ArgumentError, match="failed"):
+        phipsi.compile(scene, flags=["--no-such-flag"], cache=cache)

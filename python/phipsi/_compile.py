@@ -1,0 +1,201 @@
+"""One robot as machine code of its own, by the system's C compiler."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from math import prod
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ._core import get_num_threads
+from .errors import ArgumentError, of_argument
+
+if TYPE_CHECKING:
+    from ._core import Scene
+
+__all__ = ["Compiled", "compile"]
+
+_Array: TypeAlias = NDArray[np.float64]
+Function = Literal["forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"]
+
+#: What every compiler is told.
+ALWAYS = ("-std=c99", "-ffp-contract=fast", "-fno-math-errno", "-shared", "-fPIC")
+#: Fewer states are faster by the scene's own call, whose way from Python is shorter.
+FEW = 16
+#: A thread gets so many states at the least.
+WORTH_A_THREAD = 2048
+#: How far the squared norm of a quaternion may be off.
+SLACK = 1e-3
+
+
+class Compiled:
+    """Functions of one scene as machine code that holds nothing else; batches run as many states at once as the processor's registers hold, on as many threads as set_num_threads says.
+
+    Each method takes the arrays of the scene's method of that name and gives its results to rounding, in form "covariance": digits that this loses are not noticed. Few states, and arguments
+    or results that are not in order, are done by the scene's own method, which says what is wrong.
+    """
+
+    scene: Scene
+    """The scene that it was compiled from."""
+    functions: tuple[str, ...]
+    """What was compiled."""
+    library: Path
+    """The file of the machine code."""
+
+    def __init__(self, scene: Scene, functions: tuple[str, ...], library: Path) -> None:
+        self.scene, self.functions, self.library = scene, functions, library
+        self._code = ctypes.CDLL(str(library))
+        joints = (scene.joints[name] for name in scene.joint_names)
+        ends = [scene.q_index(joint.name).stop for joint in joints if joint.type in ("spherical", "floating")]
+        self._quaternions = [slice(end - 4, end) for end in ends]
+
+    def __repr__(self) -> str:
+        return f"<phipsi.Compiled of {self.scene.nv} degrees of freedom: {', '.join(self.functions)}>"
+
+    def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> _Array:
+        """Joint accelerations from joint torques, (..., nv), as Scene.forward_dynamics in form "covariance"."""
+        return self._run("forward_dynamics", (q, qd, tau), (self.scene.nv,))
+
+    def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> _Array:
+        """Joint torques from joint accelerations, (..., nv), as Scene.inverse_dynamics."""
+        return self._run("inverse_dynamics", (q, qd, qdd), (self.scene.nv,))
+
+    def bias_torque(self, q: ArrayLike, qd: ArrayLike) -> _Array:
+        """The torques that let no joint accelerate, (..., nv), as Scene.bias_torque."""
+        return self._run("bias_torque", (q, qd), (self.scene.nv,))
+
+    def mass_matrix(self, q: ArrayLike) -> _Array:
+        """The mass matrix, (..., nv, nv), as Scene.mass_matrix."""
+        return self._run("mass_matrix", (q,), (self.scene.nv, self.scene.nv))
+
+    def mass_matrix_inverse(self, q: ArrayLike) -> _Array:
+        """Its inverse, (..., nv, nv), as Scene.mass_matrix_inverse in form "covariance"."""
+        return self._run("mass_matrix_inverse", (q,), (self.scene.nv, self.scene.nv))
+
+    def _run(self, function: str, given: tuple[ArrayLike, ...], shape: tuple[int, ...]) -> _Array:
+        if function not in self.functions:
+            raise of_argument(ArgumentError, "functions", f"found {function}, which was not compiled; expected one of {', '.join(self.functions)}")
+        ready = self._ready(given)
+        if ready is None:
+            return self._by_scene(function, given)
+        arrays, batch = ready
+        count = prod(batch)
+        out = np.empty((*batch, *shape))
+        run = getattr(self._code, f"robot_{function}_batch")
+
+        def piece(first: int, end: int) -> None:
+            addresses = (ctypes.c_void_p(array.ctypes.data + 8 * first * (array.size // count)) for array in (*arrays, out))
+            run(ctypes.c_size_t(end - first), *addresses)
+
+        threads = min(get_num_threads(), count // WORTH_A_THREAD)
+        if threads > 1:
+            ends = [count * i // threads for i in range(threads + 1)]
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(piece, ends[:-1], ends[1:]))
+        else:
+            piece(0, count)
+        return out if bool(np.isfinite(out).all()) else self._by_scene(function, given)
+
+    def _ready(self, given: tuple[ArrayLike, ...]) -> tuple[list[_Array], tuple[int, ...]] | None:
+        """Arrays of all states, one after another, and the leading axes; None of what the scene is to look at."""
+        scene = self.scene
+        widths = [scene.nq, *[scene.nv] * (len(given) - 1)]
+        if not all(isinstance(value, np.ndarray) and value.dtype == np.float64 and value.ndim > 0 for value in given):
+            return None
+        arrays: list[Any] = list(given)
+        if [array.shape[-1] for array in arrays] != widths or scene.nv == 0:
+            return None
+        try:
+            batch = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
+        except ValueError:
+            return None
+        if prod(batch) < FEW or not all(np.isfinite(array).all() for array in arrays):
+            return None
+        for at in self._quaternions:
+            if not bool((np.abs((arrays[0][..., at] ** 2).sum(axis=-1) - 1.0) <= SLACK).all()):
+                return None
+        return [np.ascontiguousarray(np.broadcast_to(array, (*batch, array.shape[-1]))) for array in arrays], batch
+
+    def _by_scene(self, function: str, given: tuple[ArrayLike, ...]) -> _Array:
+        form = {"form": "covariance"} if function in ("forward_dynamics", "mass_matrix_inverse") else {}
+        found: _Array = getattr(self.scene, function)(*given, **form)
+        return found
+
+
+def compile(  # noqa: A001  # phipsi.compile
+    scene: Scene,
+    functions: Iterable[Function] | None = None,
+    *,
+    compiler: str | None = None,
+    flags: Sequence[str] | None = None,
+    cache: str | os.PathLike[str] | None = None,
+) -> Compiled:
+    """Compiles functions of one scene by the system's C compiler: scene.to_c(batches=True) into a library that is loaded at once.
+
+    functions: as of to_c; None: all. compiler: its command; None: that of the environment variable CC, or cc. flags: for this processor and of how fast the code is to be; None: -O3 for this
+    processor. cache: a directory that keeps libraries by scene, compiler and flags, so that the next call takes no time; None: phipsi/compiled where the user's caches are.
+
+    Raises ArgumentError where there is no compiler, or it fails, and as to_c.
+    """
+    command = compiler or os.environ.get("CC") or "cc"
+    found = shutil.which(command)
+    if found is None:
+        raise of_argument(ArgumentError, "compiler", f"found no {command}; expected a C compiler (GCC or Clang): install one, or name it")
+    names = None if functions is None else tuple(functions)
+    files = scene.to_c(name="robot", functions=names, batches=True)
+    own = ("-mcpu=native",) if platform.machine() in ("aarch64", "arm64") else ("-march=native",)
+    told = [*ALWAYS, *(("-O3", *own) if flags is None else flags)]
+    into = (_caches() if cache is None else Path(cache)) / _key(files, found, told)
+    library = into / "robot.so"
+    if not library.exists():
+        _build(files, [found, *told], library)
+    return Compiled(scene, tuple(name for name in _ALL if f"robot_{name}(" in files["robot.h"]), library)
+
+
+_ALL: tuple[str, ...] = ("forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse")
+
+
+def _caches() -> Path:
+    """Where the user's caches are."""
+    there = os.environ.get("XDG_CACHE_HOME")
+    return (Path(there) if there else Path.home() / ".cache") / "phipsi" / "compiled"
+
+
+def _key(files: dict[str, str], compiler: str, flags: list[str]) -> str:
+    """What the machine code depends on, as a name."""
+    version = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False).stdout
+    parts = [files["robot.c"], files["robot.h"], compiler, version, *flags, platform.machine(), _processor()]
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
+
+
+def _processor() -> str:
+    """What this processor can do, for code that is made for it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
+
+
+def _build(files: dict[str, str], command: list[str], library: Path) -> None:
+    """Compiles in a directory of its own; whoever is first leaves the library for all."""
+    library.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=library.parent) as directory:
+        for name in ("robot.c", "robot.h"):
+            (Path(directory) / name).write_text(files[name], encoding="utf-8")
+        done = subprocess.run([*command, "robot.c", "-lm", "-o", "robot.so"], cwd=directory, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            said = done.stderr.strip()[-500:]
+            raise of_argument(ArgumentError, "compiler", f"found that {command[0]} failed: {said}; expected GCC or Clang with flags that it knows")
+        os.replace(Path(directory) / "robot.so", library)
