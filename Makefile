@@ -19,6 +19,7 @@
 #   make motion [OUT=report]   after make peers: the study of integrators, beside the peers' (some minutes)
 #   make inverse-kinematics   beside pink, mink and dynibo, in .venv-ik: writes docs/inverse-kinematics-times.md (ten minutes)
 #   make closed-loops   forward dynamics through connections beside Pinocchio's: writes docs/closed-loops-times.md (a minute)
+#   make compiled  robots compiled for themselves beside the scene's own calls: writes docs/compiled-times.md (a minute)
 #   make picture   the picture of README.md, docs/robot.webp, in Chromium (half a minute)
 #   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
 #   make bench     after make peers: measures all of it (20 minutes), writes docs/benchmarks.md and the figures of README.md (BENCH=--quick: a trial)
@@ -39,7 +40,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion instructions auto-states derivatives leaving-out inverse-kinematics closed-loops roofline picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion instructions auto-states derivatives leaving-out inverse-kinematics closed-loops compiled roofline picture peers peers-there peers-phipsi stub clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -187,6 +188,9 @@ inverse-kinematics: $(VENV)-ik/there
 
 closed-loops: $(VENV)/test
 	$(BIN)/python benches/closed_loops.py --markdown docs/closed-loops-times.md
+
+compiled: $(VENV)/test
+	$(BIN)/python benches/compiled.py --markdown docs/compiled-times.md
 
 leaving-out:
 	$(PYTHON) benches/leaving_out.py
