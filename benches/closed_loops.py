@@ -8,7 +8,6 @@ turns, which take each other's place. Beside drawn states and torques there are 
 """
 
 import argparse
-import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 import phipsi
 import phipsi.pinocchio
 import pinocchio as pin
+from in_turns import least, write
 
 ROBOTS = Path(pin.__file__).resolve().parents[4] / "share/example-robot-data/robots"
 #: File, links that are held, and how.
@@ -83,17 +83,6 @@ def theirs(scene: phipsi.Scene, file: str, links: list[str], kind: str, at: tupl
     return run
 
 
-def least(*calls: Callable[[], object]) -> list[float]:
-    """The least time of each, s, in turns."""
-    times: list[list[float]] = [[] for _ in calls]
-    for _ in range(TURNS):
-        for own, call in zip(times, calls, strict=True):
-            begin = time.perf_counter()
-            call()
-            own.append(time.perf_counter() - begin)
-    return [min(own) for own in times]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--markdown", type=Path)
@@ -113,6 +102,7 @@ def main() -> None:
         still = np.zeros_like(at[1])
         rest, limp = (at[0], still, held_at_rest(scene, at[0])), (at[0], still, still)
         one, their, batch, at_rest, fallen, alone = least(
+            TURNS,
             lambda scene=scene, at=at: [scene.forward_dynamics(at[0][i], at[1][i], at[2][i]) for i in range(STATES)],
             lambda other=other: [other(i) for i in range(STATES)],
             lambda scene=scene, at=at: scene.forward_dynamics(*at),
@@ -126,20 +116,17 @@ def main() -> None:
             f"| {name} | {scene.nv}, {rows} | {apart:.0e} | {one:.1f} | {their:.1f} | {their / one:.1f} | {batch:.1f} | {their / batch:.1f} | {at_rest:.1f} | {fallen:.1f} | {alone:.1f} |"
         )
         print(lines[-1], flush=True)
-    if given.markdown:
-        how = "Both programs hold the feet of the same robots to the ground, at the same states. The difference is relative to the largest acceleration. Batches run on one thread."
-        text = [
-            "# Closed loops: times",
-            "",
+    how = "Both programs hold the feet of the same robots to the ground, at the same states. The difference is relative to the largest acceleration. Batches run on one thread."
+    write(
+        given.markdown,
+        "Closed loops: times",
+        [
             f"Written by `make closed-loops` (benches/closed_loops.py), on one thread. {how}",
             "Pinocchio is called from Python, with ten proximal iterations at the most; it has no batches. `at rest, held` and `limp` are batches too, us a state: joints that carry the robot, and none that does.",
-            "",
-            *lines,
-            "",
-            "Not shown: loops between two links, many rows (m^3 is seen above some tens), threads, the square-root form. `tree alone` is forward dynamics of the same robot without its connections.",
-            "",
-        ]
-        given.markdown.write_text("\n".join(text), encoding="utf-8")
+        ],
+        lines,
+        "loops between two links, many rows (m^3 is seen above some tens), threads, the square-root form. `tree alone` is forward dynamics of the same robot without its connections.",
+    )
 
 
 if __name__ == "__main__":

@@ -11,12 +11,12 @@ import subprocess
 import tempfile
 import time
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import phipsi
 import pinocchio as pin
+from in_turns import least, write
 
 ROBOTS = Path(pin.__file__).resolve().parents[4] / "share/example-robot-data/robots"
 #: File, and whether its base floats.
@@ -34,17 +34,6 @@ def load(file: str, floating_base: bool) -> phipsi.Scene:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return phipsi.Scene.from_urdf(ROBOTS / file, floating_base=floating_base)
-
-
-def least(*calls: Callable[[], object]) -> list[float]:
-    """The least time of each, s, in turns."""
-    times: list[list[float]] = [[] for _ in calls]
-    for _ in range(TURNS):
-        for own, call in zip(times, calls, strict=True):
-            begin = time.perf_counter()
-            call()
-            own.append(time.perf_counter() - begin)
-    return [min(own) for own in times]
 
 
 def in_c(scene: phipsi.Scene, q: np.ndarray) -> list[float]:
@@ -107,23 +96,20 @@ def main() -> None:
                 form = {"form": "covariance"} if function == "forward_dynamics" else {}
                 expected = own(q, qd, u, **form)
                 apart = float(np.max(np.abs(compiled(q, qd, u) - expected)) / np.max(np.abs(expected)))
-                ours, theirs = (1e9 * t / STATES for t in least(lambda own=own, form=form: own(q, qd, u, **form), lambda compiled=compiled: compiled(q, qd, u)))
+                ours, theirs = (1e9 * t / STATES for t in least(TURNS, lambda own=own, form=form: own(q, qd, u, **form), lambda compiled=compiled: compiled(q, qd, u)))
                 said = function.replace("_", " ")
                 lines.append(f"| {name} | {said} | {ours:.0f} | {theirs:.0f} | {ours / theirs:.1f} | {single:.0f} | {apart:.0e} | {compiling:.1f} |")
                 print(lines[-1], flush=True)
-    if given.markdown:
-        how = "The scene's own calls are in form `covariance`, as what is compiled. Both take the same arrays from Python, on one thread; the checks of arguments and results are in both."
-        text = [
-            "# Compiled robots: times",
-            "",
+    how = "The scene's own calls are in form `covariance`, as what is compiled. Both take the same arrays from Python, on one thread; the checks of arguments and results are in both."
+    write(
+        given.markdown,
+        "Compiled robots: times",
+        [
             f"Written by `make compiled` (benches/compiled.py). {how} One state is timed in C, where no library is on the way.",
-            "",
-            *lines,
-            "",
-            "Not shown: other programs that write code, derivatives, threads. The code of a large robot is long: beyond some dozens of joints it is read from memory for every chunk of states.",
-            "",
-        ]
-        given.markdown.write_text("\n".join(text), encoding="utf-8")
+        ],
+        lines,
+        "other programs that write code, derivatives, threads. The code of a large robot is long: beyond some dozens of joints it is read from memory for every chunk of states.",
+    )
 
 
 if __name__ == "__main__":

@@ -107,18 +107,22 @@ fn compare(what: &str, scene: &Scene, state: &State, rank: usize) {
     }
 }
 
+/// Mechanisms, and how far their states are drawn.
+fn mechanisms() -> [(&'static str, Scene, f64); 5] {
+    [
+        ("point", bars(ConnectionKind::Point), 0.7),
+        ("axis", bars(hinge()), 0.7),
+        ("platform", stewart(), 0.1),
+        ("welds", biped(0), 0.2),
+        ("four points a foot", biped(4), 0.2),
+    ]
+}
+
 #[test]
 fn states_in_lanes_are_as_the_recursion_has_them_and_as_alone() {
     on_a_large_stack(|| {
-        let scenes = [
-            ("point", bars(ConnectionKind::Point), 0.7),
-            ("axis", bars(hinge()), 0.7),
-            ("platform", stewart(), 0.1),
-            ("welds", biped(0), 0.2),
-            ("four points a foot", biped(4), 0.2),
-            ("tangle", tangle(3, &ALL_KINDS), 0.1),
-        ];
-        for (what, scene, size) in scenes {
+        let tangled = [("tangle", tangle(3, &ALL_KINDS), 0.1)];
+        for (what, scene, size) in mechanisms().into_iter().chain(tangled) {
             let states: Vec<State> = (0..11).map(|seed| state(&scene, seed, size)).collect();
             for form in [Form::Auto, Form::Covariance] {
                 let algorithm = Algorithm::ConstrainedDynamics(form);
@@ -173,14 +177,7 @@ fn the_kernels_have_what_is_regular_and_leave_the_rest() {
 /// Held still there is nothing but rounding in the rows, and that contradicts nothing.
 #[test]
 fn robots_at_rest_are_held_by_their_connections() {
-    let scenes = [
-        ("point", bars(ConnectionKind::Point), 0.7),
-        ("axis", bars(hinge()), 0.7),
-        ("platform", stewart(), 0.1),
-        ("welds", biped(0), 0.2),
-        ("four points a foot", biped(4), 0.2),
-    ];
-    for (what, scene, size) in scenes {
+    for (what, scene, size) in mechanisms() {
         let weightless = scene.source().clone().gravity([0.0; 3]).build().unwrap();
         for seed in 0..4 {
             let (q, _, tau) = state(&scene, seed, size);

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,7 @@ __all__ = ["Compiled", "compile"]
 
 _Array: TypeAlias = NDArray[np.float64]
 Function = Literal["forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"]
+FUNCTIONS: tuple[str, ...] = get_args(Function)
 
 #: What every compiler is told.
 ALWAYS = ("-std=c99", "-ffp-contract=fast", "-fno-math-errno", "-shared", "-fPIC")
@@ -160,10 +161,7 @@ def compile(  # noqa: A001  # phipsi.compile
     library = into / "robot.so"
     if not library.exists():
         _build(files, [found, *told], library)
-    return Compiled(scene, tuple(name for name in _ALL if f"robot_{name}(" in files["robot.h"]), library)
-
-
-_ALL: tuple[str, ...] = ("forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse")
+    return Compiled(scene, tuple(name for name in FUNCTIONS if names is None or name in names), library)
 
 
 def _caches() -> Path:

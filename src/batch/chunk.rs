@@ -13,7 +13,6 @@ use super::finite::{any_not_finite, not_finite};
 use super::products::{self, ProductKernel};
 use crate::algorithm::{Algorithm, Arguments, Derivatives, Everyday};
 use crate::dynamics::auto::Errors;
-use crate::dynamics::constraints::weight;
 use crate::dynamics::derivatives::with_transpose;
 use crate::dynamics::sweeps::{self, Entries, InverseColumns, MassColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
@@ -33,8 +32,6 @@ struct Numbers<T: Vectorised> {
     /// Where the quaternions are in q.
     quaternions: Vec<usize>,
     constraints: Constraints,
-    /// As [`weight`] has it.
-    weight: f64,
 }
 
 /// Scratch for as many states as `T` has lanes.
@@ -66,7 +63,6 @@ impl<T: Vectorised> Chunk<T> {
                 sweeps: SweepModel::new(model),
                 quaternions: quaternions(model),
                 constraints: scene.constraints().clone(),
-                weight: weight(model),
             }
         });
         let Numbers { model, sweeps, .. } = &*numbers;
@@ -298,7 +294,7 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             connected,
             ..
         } = chunk;
-        let Numbers { model, sweeps, quaternions, constraints, weight } = &**constants;
+        let Numbers { model, sweeps, quaternions, constraints } = &**constants;
         let [q, qd, u] = arguments;
         let given = in_lanes(states);
         let mut fault = gather_state([&mut *q, qd, u], &given);
@@ -338,7 +334,7 @@ impl<T: Vectorised, I: Target, const GROUP: u8> Work for Run<'_, T, I, GROUP> {
             return doubt | products::run(target, which, call);
         }
         if let (Some(form), true) = (algorithm.form(), GROUP == CONNECTED) {
-            let kernel = connected.get_or_insert_with(|| Box::new(ConnectedKernel::new(scene, constraints, *weight)));
+            let kernel = connected.get_or_insert_with(|| Box::new(ConnectedKernel::new(scene, constraints)));
             let compliance = &mut kernel.rows.compliance;
             if given[0].seed[0].is_empty() {
                 compliance.fill(T::zero());

@@ -26,10 +26,10 @@ pub(super) struct ConnectedKernel<T: Vectorised> {
 
 impl<T: Vectorised> ConnectedKernel<T> {
     #[cold]
-    pub fn new(scene: (&Model<T>, &SweepModel<T>), constraints: &Constraints, weight: f64) -> Self {
+    pub fn new(scene: (&Model<T>, &SweepModel<T>), constraints: &Constraints) -> Self {
         let (nv, nan) = (scene.0.nv(), T::from_f64(f64::NAN));
         Self {
-            rows: ConstraintKernel::new(scene, constraints, weight),
+            rows: ConstraintKernel::new(scene, constraints),
             innovations: vec![nan; nv],
             results: vec![nan; nv + constraints.rows + 2],
         }

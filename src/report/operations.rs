@@ -1,7 +1,7 @@
 //! Operations of each algorithm on a scene, counted: the code that computes, run on [`Counted`] numbers; and the memory it touches.
 
 use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
-use crate::dynamics::constraints::{ConstraintKernel, weight};
+use crate::dynamics::constraints::ConstraintKernel;
 use crate::dynamics::derivatives::{
     Constants, DerivativeScratch, Directions, ProductScratch, coriolis_matrix, forward_dynamics_derivatives,
     forward_dynamics_jvp, forward_dynamics_vjp, inverse_dynamics_derivatives, inverse_dynamics_jvp,
@@ -127,7 +127,7 @@ pub(crate) fn count_in_sweeps(
         sweeps::multiplied_out::<_, _, false>((&model, &sweeps), scratch, &mut columns, out);
     };
     let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
-    let (constraints, weight) = (scene.constraints(), weight(scene.model()));
+    let constraints = scene.constraints();
     let (kept, operations) = Counted::during(|| {
         let scene = (&model, &sweeps);
         match algorithm {
@@ -166,7 +166,7 @@ pub(crate) fn count_in_sweeps(
                 true
             }),
             Algorithm::ConstrainedDynamics(form) => {
-                let mut rows = ConstraintKernel::new(scene, constraints, weight);
+                let mut rows = ConstraintKernel::new(scene, constraints);
                 apart(|| {
                     through_connections(scene, (&mut scratch, &mut rows), form, (&q, &qd, &u), &wrenches, &mut out)
                 })

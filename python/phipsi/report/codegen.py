@@ -6,9 +6,8 @@ from pathlib import Path
 
 import click
 
+from .._compile import FUNCTIONS
 from .commands import FLOATING, MIMIC, ROBOT, Mimic, _load, _typed_errors, group
-
-FUNCTIONS = ("forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse")
 
 
 @group.command()

@@ -14,7 +14,7 @@
 //! [`constrained_dynamics`](super::constrained_dynamics) finds its rank.
 
 use super::gram_inverse::{NOTHING, REGULAR};
-use super::solution::NO_ROUNDING;
+use super::solution::{NO_ROUNDING, weight};
 use crate::dynamics::sweeps::{
     Forces, MOST_FORCES, Path, SweepModel, SweepScratch, accelerations_along, frame_here, innovations_along,
     motions_along, placement_along,
@@ -101,7 +101,7 @@ pub(crate) struct ConstraintKernel<T> {
 }
 
 impl<T: Real> ConstraintKernel<T> {
-    pub fn new((model, sweeps): (&Model<T>, &SweepModel<T>), constraints: &Constraints, weight: f64) -> Self {
+    pub fn new((model, sweeps): (&Model<T>, &SweepModel<T>), constraints: &Constraints) -> Self {
         let (nan, zero, m, nv) = (T::from_f64(f64::NAN), T::zero(), constraints.rows, model.nv());
         let mut connections: Vec<_> = constraints.all.iter().map(|all| Connection::new(sweeps, all)).collect();
         for at in 0..connections.len() {
@@ -126,7 +126,7 @@ impl<T: Real> ConstraintKernel<T> {
             step: vec![nan; m],
             compliance: vec![zero; m],
             terms: vec![nan; m],
-            weight: T::from_f64(weight),
+            weight: T::from_f64(weight(model)),
             pushing: nan,
             forces_of_rows: vec![nan; m],
             rank: nan,

@@ -32,7 +32,7 @@ pub(crate) use kernel::ConstraintKernel;
 pub(crate) use projection::{project_positions, project_velocities};
 pub(crate) use rows::{accelerations_of_rows, errors_of_rows, jacobian_of_rows, rates_of_rows};
 pub use scratch::ConstraintScratch;
-pub(crate) use solution::{Outcome, RowsAre, constrained_dynamics, weight};
+pub(crate) use solution::{Outcome, RowsAre, constrained_dynamics};
 
 /// A rod whose two ends coincide, so that it has no direction: the index of its connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -3,26 +3,13 @@
 use super::NoDirection;
 use super::scratch::ConstraintScratch;
 use super::unit_row::UnitRow;
-use crate::kinematics::pair::{Pair, PairRows, RelativeMotion, pair_rows};
-use crate::kinematics::{Frame, frame_motion};
+use crate::kinematics::frame_motion;
+use crate::kinematics::pair::{PairRows, RelativeMotion, pair_rows};
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::scene::constraint::{Constraint, Constraints, Tie};
 use crate::spatial::{RigidShift, dot, sum};
 use nalgebra::Vector6;
-
-/// The motion of frame C against frame D, and the rows of what holds between them; none for a rod whose ends coincide. O(depth).
-#[inline(always)]
-pub(super) fn pair_of_frames<T: Real>(
-    model: &Model<T>,
-    (pair, [c, d]): (Pair, [&Frame<T>; 2]),
-    (q, qd): (&[T], &[T]),
-    qdd: Option<&[T]>,
-) -> Option<(RelativeMotion<T>, PairRows<T>)> {
-    let motion = RelativeMotion::of(&frame_motion(model, q, qd, qdd, c), &frame_motion(model, q, qd, qdd, d));
-    let rows = pair_rows(pair, &motion.place, &motion.velocity)?;
-    Some((motion, rows))
-}
 
 /// A pair of frames, its motion and its rows; none for joints.
 #[allow(clippy::type_complexity)] // none, or one of two kinds
@@ -34,7 +21,9 @@ pub(super) fn pair_at<T: Real>(
 ) -> Result<Option<(RelativeMotion<T>, PairRows<T>)>, NoDirection> {
     let Tie::Frames { pair, frames: [c, d] } = tie else { return Ok(None) };
     let [c, d] = [c.cast(), d.cast()];
-    pair_of_frames(model, (*pair, [&c, &d]), (q, qd), qdd).map(Some).ok_or(NoDirection(index))
+    let motion = RelativeMotion::of(&frame_motion(model, q, qd, qdd, &c), &frame_motion(model, q, qd, qdd, &d));
+    let rows = pair_rows(*pair, &motion.place, &motion.velocity).ok_or(NoDirection(index))?;
+    Ok(Some((motion, rows)))
 }
 
 /// How far each row is from holding at `q`, into `out`: rad (2 sin(t/2)) and m. O(m depth).
@@ -121,7 +110,7 @@ pub(super) fn units_of_rows(
             }
             Tie::Coordinates { first, second, multiplier, .. } => {
                 let torques = [Some((first.v, 1.0)), second.map(|second| (second.v, -multiplier))];
-                units[0] = UnitRow { torques, ..UnitRow::none() };
+                units[0] = UnitRow { torques, ..UnitRow::default() };
             }
         }
     }

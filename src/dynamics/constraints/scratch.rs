@@ -43,7 +43,7 @@ impl ConstraintScratch {
     pub(crate) fn new(model: &Model<f64>, constraints: &Constraints) -> Self {
         let (bodies, nv, m) = (model.bodies.len(), model.nv(), constraints.rows);
         Self {
-            units: vec![UnitRow::none(); m],
+            units: vec![UnitRow::default(); m],
             whitened: vec![0.0; m * nv],
             sizes: vec![f64::NAN; m],
             wrenches: vec![Vector6::zeros(); bodies],

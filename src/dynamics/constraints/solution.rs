@@ -8,6 +8,7 @@ use crate::dynamics::forward::{factorise, forces_base_to_tip, forward_dynamics};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{Form, innovations, smoother};
 use crate::model::Model;
+use crate::scalar::Real;
 use crate::scene::constraint::Constraints;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
@@ -25,8 +26,9 @@ pub(super) const NO_ROUNDING: f64 = 4096.0;
 const CORRECTIONS: usize = 6;
 
 /// sqrt(m) |g| of the whole robot: what its weight alone does to a row is below the size of that row times this.
-pub(crate) fn weight(model: &Model<f64>) -> f64 {
-    model.bodies.iter().map(|body| body.inertia.mass).sum::<f64>().sqrt() * model.gravity.norm()
+pub(super) fn weight<T: Real>(model: &Model<T>) -> f64 {
+    let mass: f64 = model.bodies.iter().map(|body| body.inertia.mass.lane(0)).sum();
+    mass.sqrt() * model.gravity.map(|g| g.lane(0)).norm()
 }
 
 /// What constrained dynamics found.
