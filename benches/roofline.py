@@ -51,7 +51,7 @@ BY_COLUMNS = ("mass matrix", "inverse of the mass matrix")
 MOST = 0.5
 
 TERMS = """\
-- Operations are counted by running the generic code on a counting scalar (`phipsi::report::operations`): a product with a sum is two, a
+- Operations are counted by running the generic code on a scalar that counts (`phipsi::scalar::Traced`): a product with a sum is two, a
   division one, a sine with its cosine 52, as our polynomials have it. The baseline calls the standard library's instead.
 - A batch is 4096 states, of which a chunk of as many as there are lanes is computed at a time. One state runs one number to a register,
   M and M^-1 four.

@@ -15,7 +15,7 @@ use phipsi::filter::square_root::{self, Mean, Roots};
 use phipsi::filter::{Form, HingeMap, innovations, smoothed, smoother};
 use phipsi::kinematics::placements_base_to_tip;
 use phipsi::report::operations::{Count, Task, count, count_recursion, tasks};
-use phipsi::scalar::{Counted, Operations, Real};
+use phipsi::scalar::{Operations, Real, Traced};
 use phipsi::scene::{JointKind, Model};
 use phipsi::spatial::RigidShift;
 use phipsi::{Algorithm, Arguments};
@@ -66,15 +66,15 @@ fn one_body_by_hand() {
 
 #[test]
 fn nothing_is_counted_twice_or_outside() {
-    let two = Counted(2.0);
-    let (inner, outer) = Counted::during(|| {
+    let two = Traced::from_f64(2.0);
+    let (inner, outer) = Traced::counted(|| {
         let _ = two * two;
-        Counted::during(|| (two + two).sqrt().recip().mul_add(two, -two) / two).1
+        Traced::counted(|| (two + two).sqrt().recip().mul_add(two, -two) / two).1
     });
     let expected = Operations { additions: 1, fused: 1, divisions: 2, roots: 1, ..Operations::NONE };
     assert_eq!(inner, expected);
     assert_eq!(outer, Operations { multiplications: 1, ..Operations::NONE });
-    assert_eq!(Counted::during(|| ()).1, Operations::NONE);
+    assert_eq!(Traced::counted(|| ()).1, Operations::NONE);
 }
 
 #[test]
@@ -187,18 +187,22 @@ fn what_is_counted_is_what_is_evaluated() {
 /// Estimation from noisy torques of every joint, and the covariances after it, on a chain.
 fn estimates(bodies: usize) -> [Operations; 2] {
     let scene = scenes::chain(bodies).unwrap();
-    let model: Model<Counted> = scene.model().cast();
+    let model: Model<Traced> = scene.model().cast();
     let (q, qd, u) = random_state(&scene, &mut Random::new(5));
-    let [q, qd, u] = [q, qd, u].map(|values| values.into_iter().map(Counted).collect::<Vec<_>>());
-    let noise = vec![Counted(0.1); model.nv()];
-    let measurements =
-        Measurements { torque: &u, noise: &noise, prior_acceleration: None, acceleration_variance: Counted(2.0) };
+    let [q, qd, u] = [q, qd, u].map(|values| values.into_iter().map(Traced::from_f64).collect::<Vec<_>>());
+    let noise = vec![Traced::from_f64(0.1); model.nv()];
+    let measurements = Measurements {
+        torque: &u,
+        noise: &noise,
+        prior_acceleration: None,
+        acceleration_variance: Traced::from_f64(2.0),
+    };
     let (mut workspace, mut scratch) = (Workspace::new(&model), EstimateScratch::new(&model));
     let (mut means, mut covariances) = (Estimate::new(&model), EstimateCovariance::new(&model));
-    let (_, first) = Counted::during(|| {
+    let (_, first) = Traced::counted(|| {
         dynamics::estimate(&model, &mut workspace, &mut scratch, &q, &qd, &measurements, &[], &mut means)
     });
-    let (_, second) = Counted::during(|| {
+    let (_, second) = Traced::counted(|| {
         dynamics::estimate_covariance(&model, &mut workspace, &mut scratch, &measurements, &mut covariances)
     });
     assert!(covariances.torque.iter().all(|x| x.0 > 0.0));
@@ -208,19 +212,19 @@ fn estimates(bodies: usize) -> [Operations; 2] {
 /// The square-root form's sweep with a mean, its first look, and its judge, on a chain.
 fn root_sweep(bodies: usize) -> [Operations; 3] {
     let scene = scenes::chain(bodies).unwrap();
-    let model: Model<Counted> = scene.model().cast();
+    let model: Model<Traced> = scene.model().cast();
     let (system, nv) = (&model.system, model.nv());
     let [q, tau, w] =
-        [1, 2, 3].map(|seed| Random::new(seed).array(nv, 2.0).into_iter().map(Counted).collect::<Vec<_>>());
-    let zeros = || vec![Vector6::from_element(Counted(0.0)); bodies];
+        [1, 2, 3].map(|seed| Random::new(seed).array(nv, 2.0).into_iter().map(Traced::from_f64).collect::<Vec<_>>());
+    let zeros = || vec![Vector6::from_element(Traced::from_f64(0.0)); bodies];
     let mut shift = vec![RigidShift::identity(); bodies];
     placements_base_to_tip(&model, &q, &mut shift);
     let mut root: Vec<_> = model.inertia_roots.iter().map(|root| root.as_ref().unwrap().to_root()).collect();
     let mut scale: Vec<_> = model.bodies.iter().map(|body| Scale::of_noise(&body.inertia_terms)).collect();
-    let mut measured = vec![Measured::filled(Counted(f64::NAN)); nv];
+    let mut measured = vec![Measured::filled(Traced::from_f64(f64::NAN)); nv];
     let (mut coordinates, mut added, mut estimates) =
-        (vec![[Counted(0.5); 6]; bodies], zeros(), vec![Counted(0.0); nv]);
-    let (monitor, swept) = Counted::during(|| {
+        (vec![[Traced::from_f64(0.5); 6]; bodies], zeros(), vec![Traced::from_f64(0.0); nv]);
+    let (monitor, swept) = Traced::counted(|| {
         let (shift, measurement) = (&shift, &tau);
         let mut roots = Roots { shift, root: &mut root, scale: &mut scale, measured: &mut measured };
         let innovations = &mut estimates;
@@ -229,7 +233,7 @@ fn root_sweep(bodies: usize) -> [Operations; 3] {
     });
     let (mut co_state, mut second, mut state, mut innovations) = (zeros(), zeros(), zeros(), tau.clone());
     smoother::sweep(system, &shift, &measured, &mut co_state, &mut estimates);
-    let (_, looked) = Counted::during(|| Reach::new(&monitor, system, &shift, &co_state, &estimates));
+    let (_, looked) = Traced::counted(|| Reach::new(&monitor, system, &shift, &co_state, &estimates));
     innovations::sweep(system, &shift, &measured, &w, &mut state, &mut innovations);
     let mut others = innovations.clone();
     smoother::sweep(system, &shift, &measured, &mut second, &mut others);
@@ -244,7 +248,7 @@ fn root_sweep(bodies: usize) -> [Operations; 3] {
         co_state: &co_state,
     };
     let weighed = Weighed { state: &state, innovations: &innovations, estimates: &others, co_state: &second };
-    let (rounding, judged) = Counted::during(|| rounding::judge(system, &swept_all, &weighed));
+    let (rounding, judged) = Traced::counted(|| rounding::judge(system, &swept_all, &weighed));
     assert!(rounding.relative_error(0).is_finite());
     [swept, looked, judged]
 }
@@ -252,10 +256,11 @@ fn root_sweep(bodies: usize) -> [Operations; 3] {
 /// One measurement, and what the covariances of a block cost beside those of Lambda.
 fn of_one_block() -> [u64; 2] {
     let scene = scenes::chain(1).unwrap();
-    let model: Model<Counted> = scene.model().cast();
+    let model: Model<Traced> = scene.model().cast();
     let mut p = model.bodies[0].inertia.to_symmetric();
-    let (measured, update) = Counted::during(|| riccati::measurement_update(&mut p, &HingeMap::Axis(2), Counted(0.0)));
-    let (_, block) = Counted::during(|| (smoothed::remaining(&p, &p), smoothed::information(&measured, &p)));
+    let (measured, update) =
+        Traced::counted(|| riccati::measurement_update(&mut p, &HingeMap::Axis(2), Traced::from_f64(0.0)));
+    let (_, block) = Traced::counted(|| (smoothed::remaining(&p, &p), smoothed::information(&measured, &p)));
     [update.flops(), block.flops()]
 }
 

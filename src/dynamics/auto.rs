@@ -2,7 +2,7 @@
 //! twice the digits where that is in doubt too.
 
 use super::forces::Motion;
-use super::forward::{covariances_of_noise, forces_base_to_tip};
+use super::forward::{covariances_of_noise, forces_and_noise};
 use super::forward_root;
 use super::refined::{Judged, forward_dynamics_judged};
 use super::sweeps::{self, Look, SweepModel, SweepScratch};
@@ -78,9 +78,9 @@ pub fn forward_dynamics_auto<T: Real>(
 pub(super) fn factorise<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
-    mut seen: impl FnMut(usize, &Symmetric6<T>),
+    seen: &mut dyn FnMut(usize, &Symmetric6<T>),
 ) -> PivotMonitor<T> {
-    let watched = watch_factor(model, workspace, &mut seen);
+    let watched = watch_factor(model, workspace, seen);
     if watched.kept_in_every_lane() || model.inertia_roots.iter().any(Option::is_none) {
         return watched.pivots;
     }
@@ -88,11 +88,10 @@ pub(super) fn factorise<T: Real>(
 }
 
 /// The factor in covariance form with phi in the workspace, and what two made-up right sides say of it.
-#[inline(always)]
 fn watch_factor<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
-    mut seen: impl FnMut(usize, &Symmetric6<T>),
+    seen: &mut dyn FnMut(usize, &Symmetric6<T>),
 ) -> Watched<T> {
     let (system, zero) = (&model.system, crate::spatial::zero());
     let nv = model.nv();
@@ -100,7 +99,7 @@ fn watch_factor<T: Real>(
     terms_of_noise(model, workspace);
     let mut pivots = PivotMonitor::new();
     for k in (0..system.stages.len()).rev() {
-        watched_step(system, k, workspace, &mut pivots, &mut seen);
+        watched_step(system, k, workspace, &mut pivots, seen);
     }
     let Workspace { shift, measured, terms, z, bias, co_state, velocity, weights, probe, estimates, .. } =
         &mut *workspace;
@@ -122,13 +121,12 @@ fn terms_of_noise<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>) {
 }
 
 /// One stage of the covariance form, and the bounds on what its parent's P^- is formed of.
-#[inline(always)]
 fn watched_step<T: Real>(
     system: &System<T>,
     k: usize,
     workspace: &mut Workspace<T>,
     pivots: &mut PivotMonitor<T>,
-    seen: &mut impl FnMut(usize, &Symmetric6<T>),
+    seen: &mut dyn FnMut(usize, &Symmetric6<T>),
 ) {
     let before = workspace.p[k].diagonal();
     workspace.covariances().step::<false>(system, k, pivots, seen);
@@ -231,7 +229,6 @@ impl<T: Real> Watched<T> {
 }
 
 /// The covariance form, with an estimate of its error: looked at once more, with another probe, where a lane is in doubt.
-#[inline(always)]
 pub(crate) fn forward_dynamics_watched<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -257,7 +254,7 @@ fn look<T: Real>(
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
 ) -> Look<T> {
-    forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
+    forces_and_noise(model, workspace, Motion { q, qd, qdd: None, wrenches });
     // Velocities have become forces by now; their place is the probe's.
     workspace.velocity.fill(crate::spatial::zero());
     terms_of_noise(model, workspace);

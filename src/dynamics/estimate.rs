@@ -8,9 +8,8 @@
 //! Divided by s, this is the filter of section 3 with measurement noise r + noise/s. A joint that is not measured has infinite
 //! noise: its gain is zero, and its acceleration keeps the prior's mean, as if it were locked (a0 = 0) or driven along a0.
 
-use super::forces::Motion;
-use super::forward::{covariances_of_noise, filter_tip_to_base, forces_base_to_tip};
-use super::inverse;
+use super::forces::{self, Motion};
+use super::forward::{covariances_of_noise, filter_tip_to_base, forces_and_noise};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{System, covariance, innovations, riccati, smoothed, smoother};
 use crate::model::Model;
@@ -152,7 +151,7 @@ pub fn estimate<T: Real>(
         let is_measured = measurements.is_measured(row);
         scratch.measurement[row] = if is_measured { measurements.torque[row] - mean } else { T::zero() };
     }
-    forces_base_to_tip(model, workspace, Motion { q, qd, qdd: measurements.prior_acceleration, wrenches });
+    forces_and_noise(model, workspace, Motion { q, qd, qdd: measurements.prior_acceleration, wrenches });
     let accelerations = &mut out.acceleration;
     let monitor = filter_tip_to_base::<T, false>(&scratch.system, workspace, &scratch.measurement, accelerations);
     out.log_likelihood = log_likelihood(measurements, &workspace.measured, accelerations);
@@ -164,7 +163,7 @@ pub fn estimate<T: Real>(
         }
     }
     // 2.10 and 2.1: W = b + Q lambda and X = phi W are what inverse dynamics computes on its way.
-    inverse::forces_base_to_tip(model, workspace, Motion { q, qd, qdd: Some(accelerations), wrenches });
+    forces::forces_base_to_tip(model, workspace, Motion { q, qd, qdd: Some(accelerations), wrenches });
     out.process.copy_from_slice(&workspace.z);
     innovations::predict(&model.system, &workspace.shift, &mut workspace.z, &mut out.torque);
     out.force.copy_from_slice(&workspace.z);

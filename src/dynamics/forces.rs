@@ -1,9 +1,9 @@
-//! Base to tip, one body: where it is, how it moves, and the force that this motion needs.
+//! Base to tip: where each body is, how it moves, and the force that this motion needs.
 
-use crate::kinematics::{joint_motion, joint_shift, motion_step};
+use crate::kinematics::{base_acceleration, joint_motion, joint_shift, motion_step};
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{scaled_add, sum};
+use crate::spatial::{scaled_add, sum, zero};
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -98,4 +98,13 @@ pub(super) fn step_outward<T: Real>(
         force = scaled_add(&state.wrenches[k], force[0].constant(-1.0), &force);
     }
     workspace.z[k] = force;
+}
+
+/// Base to tip: the force that each body needs, into `workspace.z`.
+pub(crate) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
+    let (still, base) = (zero(), base_acceleration(model));
+    let needed = Needed::of(model, state);
+    for k in 0..model.bodies.len() {
+        step_outward(model, workspace, k, state, needed, (&still, &base));
+    }
 }

@@ -1,13 +1,13 @@
 //! Forward dynamics: joint torques are measurements, the smoother's estimates are the joint accelerations.
 
 use super::auto;
-use super::forces::{Motion, Needed, step_outward};
+use super::forces::{Motion, forces_base_to_tip};
 use super::{forward_root, refined};
 use crate::accuracy::Accuracy;
 use crate::filter::pivots::{PivotMonitor, Scale};
 use crate::filter::riccati::{self, Covariances};
 use crate::filter::{Form, System, innovations, smoother};
-use crate::kinematics::{base_acceleration, placements_base_to_tip};
+use crate::kinematics::placements_base_to_tip;
 use crate::model::Model;
 use crate::scalar::Real;
 use crate::spatial::zero;
@@ -50,7 +50,6 @@ pub fn forward_dynamics<T: Real>(
 }
 
 /// [`forward_dynamics`] in covariance form, or in Joseph's.
-#[inline(always)]
 pub(crate) fn covariance_form<T: Real, const JOSEPH: bool>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -60,7 +59,7 @@ pub(crate) fn covariance_form<T: Real, const JOSEPH: bool>(
     wrenches: &[Vector6<T>],
     qdd: &mut [T],
 ) -> PivotMonitor<T> {
-    forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
+    forces_and_noise(model, workspace, Motion { q, qd, qdd: None, wrenches });
     let monitor = filter_tip_to_base::<T, JOSEPH>(&model.system, workspace, tau, qdd);
     smoother::sweep(&model.system, &workspace.shift, &workspace.measured, &mut workspace.co_state, qdd);
     monitor
@@ -68,19 +67,12 @@ pub(crate) fn covariance_form<T: Real, const JOSEPH: bool>(
 
 /// Base to tip: phi, velocities, mean forces (the bias b(k) where no joint accelerates), and the process noise M(k) in
 /// place for the filter.
-#[inline(always)]
-pub(super) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
-    let (still, base) = (zero(), base_acceleration(model));
-    let needed = Needed::of(model, state);
-    for (k, body) in model.bodies.iter().enumerate() {
-        step_outward(model, workspace, k, state, needed, (&still, &base));
-        workspace.p[k] = body.inertia.to_symmetric();
-        workspace.scale[k] = Scale::of_noise(&body.inertia_terms);
-    }
+pub(super) fn forces_and_noise<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
+    forces_base_to_tip(model, workspace, state);
+    covariances_of_noise(model, workspace);
 }
 
 /// Tip to base: Riccati recursion and filter in one pass; `innovations` receives e^-.
-#[inline(always)]
 pub(super) fn filter_tip_to_base<T: Real, const JOSEPH: bool>(
     system: &System<T>,
     workspace: &mut Workspace<T>,
@@ -89,7 +81,7 @@ pub(super) fn filter_tip_to_base<T: Real, const JOSEPH: bool>(
 ) -> PivotMonitor<T> {
     let mut monitor = PivotMonitor::new();
     for k in (0..system.stages.len()).rev() {
-        workspace.covariances().step::<JOSEPH>(system, k, &mut monitor, |_, _| {});
+        workspace.covariances().step::<JOSEPH>(system, k, &mut monitor, &mut |_, _| {});
         innovations::step(system, k, &workspace.shift, &workspace.measured, tau, &mut workspace.z, innovations);
     }
     monitor
@@ -100,19 +92,18 @@ pub fn factorise<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
     q: &[T],
-    seen: impl FnMut(usize, &crate::spatial::Symmetric6<T>),
+    mut seen: impl FnMut(usize, &crate::spatial::Symmetric6<T>),
 ) -> PivotMonitor<T> {
     placements_base_to_tip(model, q, &mut workspace.shift);
     match workspace.form {
-        Form::Auto => auto::factorise(model, workspace, seen),
-        Form::SquareRoot => forward_root::factorise(model, workspace, seen),
+        Form::Auto => auto::factorise(model, workspace, &mut seen),
+        Form::SquareRoot => forward_root::factorise(model, workspace, &mut seen),
         Form::Covariance => riccati::sweep(&model.system, &mut covariances_of_noise(model, workspace), seen),
         Form::Joseph => riccati::sweep_joseph(&model.system, &mut covariances_of_noise(model, workspace), seen),
     }
 }
 
 /// The arrays of the Riccati recursion, M(k) in place with the bounds on its terms.
-#[inline(always)]
 pub(super) fn covariances_of_noise<'a, T: Real>(
     model: &Model<T>,
     workspace: &'a mut Workspace<T>,

@@ -16,7 +16,6 @@ use nalgebra::{Vector3, Vector6};
 /// The body forces enter as L y, y = L^-1 b in the body's own parameters, and never as a sum with what joints transmit: a heavy
 /// body's weight is turned into the columns of the bodies inboard of it, not subtracted there. A body whose inertia has no root
 /// leaves NaN.
-#[inline(always)]
 pub(super) fn forward_dynamics<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -36,7 +35,6 @@ pub(super) fn forward_dynamics<T: Real>(
 }
 
 /// Base to tip: phi, velocities, the coordinates of the bias forces, and the roots of the process noise.
-#[inline(always)]
 fn bias_base_to_tip<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -77,7 +75,7 @@ fn bias_base_to_tip<T: Real>(
 pub(super) fn factorise<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
-    mut seen: impl FnMut(usize, &Symmetric6<T>),
+    seen: &mut dyn FnMut(usize, &Symmetric6<T>),
 ) -> PivotMonitor<T> {
     for (k, body) in model.bodies.iter().enumerate() {
         let root = model.inertia_roots[k].as_ref();

@@ -1,11 +1,11 @@
 //! Inverse dynamics: the torques that the model predicts, T = H phi (Q lambda + b).
 
-use super::forces::{Motion, Needed, step_outward};
+use super::forces::{Motion, forces_base_to_tip};
 use crate::filter::innovations;
-use crate::kinematics::{base_acceleration, joint_motion};
+use crate::kinematics::joint_motion;
 use crate::model::Model;
 use crate::scalar::Real;
-use crate::spatial::{sum, zero};
+use crate::spatial::sum;
 use crate::workspace::Workspace;
 use nalgebra::Vector6;
 
@@ -13,7 +13,6 @@ use nalgebra::Vector6;
 ///
 /// Arguments as in [`forward_dynamics`](super::forward_dynamics). Armature adds `r qdd` to its joint. About 330 operations
 /// a one-axis joint.
-#[inline(always)]
 pub fn inverse_dynamics<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -31,7 +30,6 @@ pub fn inverse_dynamics<T: Real>(
 }
 
 /// The bias torque H phi b: what the joints must give when no joint accelerates (velocity effects, gravity, wrenches).
-#[inline(always)]
 pub fn bias_torque<T: Real>(
     model: &Model<T>,
     workspace: &mut Workspace<T>,
@@ -48,16 +46,6 @@ pub fn bias_torque<T: Real>(
 #[cfg(feature = "stochastic")]
 pub(crate) fn bias_forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], qd: &[T]) {
     forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches: &[] });
-}
-
-/// Base to tip: the force that each body needs, into `workspace.z`.
-#[inline(always)]
-pub(crate) fn forces_base_to_tip<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, state: Motion<'_, T>) {
-    let (still, base) = (zero(), base_acceleration(model));
-    let needed = Needed::of(model, state);
-    for k in 0..model.bodies.len() {
-        step_outward(model, workspace, k, state, needed, (&still, &base));
-    }
 }
 
 /// M a = H phi Q phi* H* a + r a (2.8), with phi already in the workspace.

@@ -8,7 +8,6 @@ use crate::workspace::Workspace;
 /// M at `q` into `out`, (nv x nv) row by row, full and symmetric, armature on the diagonal.
 ///
 /// r(k) runs tip to base; column k of R H* is r(k) H*(k) carried inward (3.4). O(N depth).
-#[inline(always)]
 pub fn mass_matrix<T: Real>(model: &Model<T>, workspace: &mut Workspace<T>, q: &[T], out: &mut [T]) {
     let nv = model.nv();
     let stages = &model.system.stages;

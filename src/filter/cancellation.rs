@@ -315,7 +315,6 @@ fn squared<T: Real>(terms: &Vector6<T>, x: &Vector6<T>) -> T {
 }
 
 /// Base to tip: the smoother, as [`smoother::sweep`](super::smoother::sweep), for both right sides, and what their products say.
-#[inline(always)]
 pub fn sweep<T: Real>(
     system: &System<T>,
     probe: &mut Probe<'_, T>,

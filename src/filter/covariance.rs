@@ -58,7 +58,6 @@ pub fn row_update<T: Real>(
 }
 
 /// Base to tip: Lambda^- of every stage; `seen` is called with each row's Lambda^+ and Lambda^+ g.
-#[inline(always)]
 pub fn sweep<T: Real>(
     system: &System<T>,
     shift: &[RigidShift<T>],

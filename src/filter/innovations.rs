@@ -29,7 +29,6 @@ use std::ops::Range;
 /// One stage of the filter: e^- = tau - H z^- (4.2), z^+ = z^- + g e^- (4.5), z^-(parent) += phi z^+ (4.4).
 ///
 /// `z` holds b(k) plus what the children sent; `innovations` receives e^- of each row.
-#[inline(always)]
 #[doc(hidden)]
 pub fn step<T: Real>(
     system: &System<T>,
@@ -86,7 +85,6 @@ pub fn past_rows<T: Real>(stage: &Stage<T>, measured: &[Measured<T>], rows: Rang
 }
 
 /// Tip to base: the innovations of every row, with the factor already known.
-#[inline(always)]
 pub fn sweep<T: Real>(
     system: &System<T>,
     shift: &[RigidShift<T>],
@@ -103,7 +101,6 @@ pub fn sweep<T: Real>(
 /// Tip to base, open loop: T = H phi W (1.5), the measurements that the process noise `z` causes.
 ///
 /// `z` holds w(k) on entry and the whole force z(k) on return.
-#[inline(always)]
 pub fn predict<T: Real>(system: &System<T>, shift: &[RigidShift<T>], z: &mut [Vector6<T>], predicted: &mut [T]) {
     for (k, stage) in system.stages.iter().enumerate().rev() {
         for i in 0..stage.rows.count() {

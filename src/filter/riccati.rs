@@ -91,18 +91,17 @@ pub struct Covariances<'a, T: Real> {
 
 impl<T: Real> Covariances<'_, T> {
     /// One stage, all its rows (last first), then the time update onto its parent; `seen` is called with each row's P^-.
-    #[inline(always)]
     #[doc(hidden)]
     pub fn step<const JOSEPH: bool>(
         &mut self,
         system: &System<T>,
         k: usize,
         monitor: &mut PivotMonitor<T>,
-        mut seen: impl FnMut(usize, &Symmetric6<T>),
+        seen: &mut dyn FnMut(usize, &Symmetric6<T>),
     ) {
         let (shift, p, scale) = (&self.shift[k], &mut self.p[k], self.scale[k]);
         let sent = Scale::sent_by(p, shift);
-        measure_stage::<T, JOSEPH>(system, k, p, self.measured, &mut seen);
+        measure_stage::<T, JOSEPH>(system, k, p, self.measured, seen);
         monitor.observe_stage(&system.stages[k], self.measured, &scale);
         let carried = shift.inertia_to_parent(p);
         if let Some(parent) = system.stages[k].parent {
@@ -138,33 +137,32 @@ pub fn measure_stage<T: Real, const JOSEPH: bool>(
 }
 
 /// Tip to base: D, g and P^+ of every stage, covariance form.
-#[inline(always)]
 pub fn sweep<T: Real>(
     system: &System<T>,
     covariances: &mut Covariances<'_, T>,
-    seen: impl FnMut(usize, &Symmetric6<T>),
+    mut seen: impl FnMut(usize, &Symmetric6<T>),
 ) -> PivotMonitor<T> {
-    sweep_as::<T, false>(system, covariances, seen)
+    sweep_as::<T, false>(system, covariances, &mut seen)
 }
 
 /// The same, measurements in Joseph's form.
 pub fn sweep_joseph<T: Real>(
     system: &System<T>,
     covariances: &mut Covariances<'_, T>,
-    seen: impl FnMut(usize, &Symmetric6<T>),
+    mut seen: impl FnMut(usize, &Symmetric6<T>),
 ) -> PivotMonitor<T> {
-    sweep_as::<T, true>(system, covariances, seen)
+    sweep_as::<T, true>(system, covariances, &mut seen)
 }
 
-#[inline(always)]
+// Whoever looks is called, not compiled in: the recursion is there once a scalar.
 fn sweep_as<T: Real, const JOSEPH: bool>(
     system: &System<T>,
     covariances: &mut Covariances<'_, T>,
-    mut seen: impl FnMut(usize, &Symmetric6<T>),
+    seen: &mut dyn FnMut(usize, &Symmetric6<T>),
 ) -> PivotMonitor<T> {
     let mut monitor = PivotMonitor::new();
     for k in (0..system.stages.len()).rev() {
-        covariances.step::<JOSEPH>(system, k, &mut monitor, &mut seen);
+        covariances.step::<JOSEPH>(system, k, &mut monitor, seen);
     }
     monitor
 }

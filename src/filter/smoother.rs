@@ -29,7 +29,6 @@ use nalgebra::Vector6;
 ///
 /// lambda^+(k) = phi^T lambda^-(parent) (4.10); then row by row, from the root outward, a = e^+ - g* lambda^+ (4.9) and
 /// lambda^- = lambda^+ + H^T a (4.11). `estimates` holds e^- on entry and a on return; `co_state` receives lambda^-.
-#[inline(always)]
 pub fn sweep<T: Real>(
     system: &System<T>,
     shift: &[RigidShift<T>],

@@ -151,14 +151,13 @@ pub fn through_stage<T: Real>(
 
 impl<T: Real> Roots<'_, T> {
     /// One stage, all its rows (last first), then the time update onto its parent; `seen` is called with each row's root of P^-.
-    #[inline(always)]
     pub fn step(
         &mut self,
         system: &System<T>,
         k: usize,
         mean: Option<&mut Mean<'_, T>>,
         monitor: &mut RootMonitor<T>,
-        mut seen: impl FnMut(usize, &Root6<T>),
+        seen: &mut dyn FnMut(usize, &Root6<T>),
     ) {
         let stage = &system.stages[k];
         let shift = &self.shift[k];
@@ -178,7 +177,7 @@ impl<T: Real> Roots<'_, T> {
         let diagonal = root.diagonal();
         monitor.observe_root(root, &diagonal);
         let sent = Scale::sent_by_root(&diagonal, shift.lever_square());
-        let noise_free_turn = through_stage((system, k), (root, &scale), &mut mean, self.measured, monitor, &mut seen);
+        let noise_free_turn = through_stage((system, k), (root, &scale), &mut mean, self.measured, monitor, seen);
         let Some(parent) = stage.parent else { return };
         let mut columns = RootColumns::filled(root.weights[0]);
         shift.root_to_parent(root, &mut columns);
@@ -201,7 +200,6 @@ impl<T: Real> Roots<'_, T> {
 }
 
 /// Tip to base: D, g and the root of P^+ of every stage; with a mean also e^-.
-#[inline(always)]
 pub fn sweep<T: Real>(
     system: &System<T>,
     roots: &mut Roots<'_, T>,

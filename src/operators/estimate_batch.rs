@@ -6,7 +6,7 @@
 use super::dense::{Composite, product};
 use crate::dynamics::estimate::Measurements;
 use crate::dynamics::forces::Motion;
-use crate::dynamics::inverse::forces_base_to_tip;
+use crate::dynamics::forces::forces_base_to_tip;
 use crate::error::Error;
 use crate::model::Model;
 use crate::workspace::Workspace;

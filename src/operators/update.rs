@@ -71,7 +71,7 @@ impl<T: Real> Factor<T> {
             let (p_minus, measured) = (&mut self.p_minus, &mut self.measured);
             let mut covariances =
                 Covariances { shift: &self.shift, p: &mut sweep.p, scale: &mut sweep.scale, measured };
-            covariances.step::<JOSEPH>(system, k, &mut monitor, |row, p| p_minus[row] = *p);
+            covariances.step::<JOSEPH>(system, k, &mut monitor, &mut |row, p| p_minus[row] = *p);
             for i in 0..stage.rows.count() {
                 let row = stage.first_row + i;
                 self.p_plus[row] = if i == 0 { sweep.p[k] } else { self.p_minus[row - 1] };

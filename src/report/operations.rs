@@ -1,4 +1,4 @@
-//! Operations of each algorithm on a scene, counted: the code that computes, run on [`Counted`] numbers; and the memory it touches.
+//! Operations of each algorithm on a scene, counted: the code that computes, run on [`Traced`] numbers; and the memory it touches.
 
 use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
 use crate::dynamics::constraints::ConstraintKernel;
@@ -15,7 +15,7 @@ use crate::filter::riccati::Measured;
 use crate::filter::{FORMS, Form, Stage};
 use crate::model::{Body, Model, Omissions};
 use crate::operators::{Factor, Updated};
-use crate::scalar::{Counted, Operations, Real};
+use crate::scalar::{Operations, Real, Traced};
 use crate::scene::Scene;
 use crate::spatial::{BodyRoot, RigidShift, Root6, SpatialVector, Symmetric6};
 use crate::workspace::Workspace;
@@ -77,20 +77,20 @@ pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
 
 /// Forward dynamics through connections as the kernels have it, with one look at what is left of the rows; false where the state is in doubt.
 fn through_connections(
-    scene: (&Model<Counted>, &SweepModel<Counted>),
-    (scratch, rows): (&mut SweepScratch<Counted>, &mut ConstraintKernel<Counted>),
+    scene: (&Model<Traced>, &SweepModel<Traced>),
+    (scratch, rows): (&mut SweepScratch<Traced>, &mut ConstraintKernel<Traced>),
     form: Form,
-    (q, qd, tau): (&[Counted], &[Counted], &[Counted]),
-    wrenches: &[Vector6<Counted>],
-    out: &mut [Counted],
+    (q, qd, tau): (&[Traced], &[Traced], &[Traced]),
+    wrenches: &[Vector6<Traced>],
+    out: &mut [Traced],
 ) -> bool {
     let nv = scene.0.nv();
     let (qdd, rest) = out.split_at_mut(nv);
     let kept = match form {
-        Form::Auto => auto::factor_watched_in_sweeps::<_, Counted>(scene, scratch, q, qdd).kept(0),
-        _ => sweeps::factor::<_, Counted>(scene, scratch, q).clear(0),
+        Form::Auto => auto::factor_watched_in_sweeps::<_, Traced>(scene, scratch, q, qdd).kept(0),
+        _ => sweeps::factor::<_, Traced>(scene, scratch, q).clear(0),
     };
-    sweeps::innovations_of_factor::<_, Counted>(scene, scratch, (q, qd, tau), wrenches, qdd);
+    sweeps::innovations_of_factor::<_, Traced>(scene, scratch, (q, qd, tau), wrenches, qdd);
     let regular = rows.begin(scene, scratch, (qd, tau), qdd);
     rows.take(qdd);
     sweeps::smooth(scene, scratch, qdd);
@@ -114,46 +114,46 @@ pub(crate) fn count_in_sweeps(
     state: &Arguments<'_>,
 ) -> Count {
     let model = Model { omissions, ..scene.model().clone() };
-    let (sweeps, model) = (SweepModel::<Counted>::new(&model), model.cast());
+    let (sweeps, model) = (SweepModel::<Traced>::new(&model), model.cast());
     let ([q, qd, u], wrenches) = on_counted(state);
     let mut scratch = SweepScratch::new(&model, &sweeps);
-    let mut columns: InverseColumns<Counted, Counted> = InverseColumns::new();
-    let mut mass_columns: MassColumns<Counted, Counted> = MassColumns::new();
+    let mut columns: InverseColumns<Traced, Traced> = InverseColumns::new();
+    let mut mass_columns: MassColumns<Traced, Traced> = MassColumns::new();
     mass_columns.prepare(&model, &sweeps);
     if columns.prepare(&model, &sweeps).is_none() && matches!(algorithm, Algorithm::MassMatrixInverse(_)) {
         return count_recursion(scene, Task::Algorithm(algorithm), state);
     }
-    let mut inverted = |scratch: &SweepScratch<Counted>, out: &mut [Counted]| {
+    let mut inverted = |scratch: &SweepScratch<Traced>, out: &mut [Traced]| {
         sweeps::multiplied_out::<_, _, false>((&model, &sweeps), scratch, &mut columns, out);
     };
-    let mut out = vec![Counted(f64::NAN); scene.width(algorithm)];
+    let mut out = vec![Traced::from_f64(f64::NAN); scene.width(algorithm)];
     let constraints = scene.constraints();
-    let (kept, operations) = Counted::during(|| {
+    let (kept, operations) = Traced::counted(|| {
         let scene = (&model, &sweeps);
         match algorithm {
             Algorithm::ForwardDynamics(Form::Auto) => apart(|| {
                 let state = (&q[..], &qd[..], &u[..]);
-                auto::watched_in_sweeps::<_, Counted>(scene, &mut scratch, state, &wrenches, &mut out).kept(0)
+                auto::watched_in_sweeps::<_, Traced>(scene, &mut scratch, state, &wrenches, &mut out).kept(0)
             }),
             Algorithm::MassMatrixInverse(Form::Auto) => apart(|| {
                 let nv = model.nv();
-                let watched = auto::factor_watched_in_sweeps::<_, Counted>(scene, &mut scratch, &q, &mut out[..nv]);
+                let watched = auto::factor_watched_in_sweeps::<_, Traced>(scene, &mut scratch, &q, &mut out[..nv]);
                 inverted(&scratch, &mut out);
                 watched.kept(0)
             }),
             Algorithm::ForwardDynamics(Form::SquareRoot) => apart(|| {
                 let state = (&q[..], &qd[..], &u[..]);
                 let (pivots, reach) =
-                    sweeps::forward_dynamics_by_roots::<_, Counted>(scene, &mut scratch, state, &wrenches, &mut out);
+                    sweeps::forward_dynamics_by_roots::<_, Traced>(scene, &mut scratch, state, &wrenches, &mut out);
                 pivots.clear(0) && reach.clear(0)
             }),
             Algorithm::ForwardDynamics(_) => apart(|| {
-                sweeps::forward_dynamics::<_, Counted>(scene, &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
+                sweeps::forward_dynamics::<_, Traced>(scene, &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
                 true
             }),
             Algorithm::InverseDynamics | Algorithm::BiasTorque => apart(|| {
                 let u = (algorithm == Algorithm::InverseDynamics).then_some(&u[..]);
-                sweeps::inverse_dynamics::<_, Counted>(scene, &mut scratch, (&q, &qd, u), &wrenches, &mut out);
+                sweeps::inverse_dynamics::<_, Traced>(scene, &mut scratch, (&q, &qd, u), &wrenches, &mut out);
                 true
             }),
             Algorithm::MassMatrix => apart(|| {
@@ -161,7 +161,7 @@ pub(crate) fn count_in_sweeps(
                 true
             }),
             Algorithm::MassMatrixInverse(_) => apart(|| {
-                sweeps::factor::<_, Counted>(scene, &mut scratch, &q);
+                sweeps::factor::<_, Traced>(scene, &mut scratch, &q);
                 inverted(&scratch, &mut out);
                 true
             }),
@@ -191,9 +191,9 @@ fn apart<R>(work: impl FnOnce() -> R) -> R {
 }
 
 /// The arguments of a state as numbers that count.
-fn on_counted(state: &Arguments<'_>) -> ([Vec<Counted>; 3], Vec<SpatialVector<Counted>>) {
-    let numbers = [state.q, state.qd, state.u].map(|given| given.iter().map(|&x| Counted(x)).collect());
-    (numbers, state.wrenches.iter().map(|force| force.map(Counted)).collect())
+fn on_counted(state: &Arguments<'_>) -> ([Vec<Traced>; 3], Vec<SpatialVector<Traced>>) {
+    let numbers = [state.q, state.qd, state.u].map(|given| given.iter().map(|&x| Traced::from_f64(x)).collect());
+    (numbers, state.wrenches.iter().map(|force| force.map(Traced::from_f64)).collect())
 }
 
 /// Counts one task on one state by the recursions of the paper, the unchecked functions of [`dynamics`]: they keep what the sweeps do not.
@@ -203,19 +203,19 @@ fn on_counted(state: &Arguments<'_>) -> ([Vec<Counted>; 3], Vec<SpatialVector<Co
 /// As [`count`].
 #[must_use]
 pub fn count_recursion(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
-    let model: Model<Counted> = scene.model().cast();
+    let model: Model<Traced> = scene.model().cast();
     let ([q, qd, u], wrenches) = on_counted(state);
     let mut workspace = Workspace::new(&model);
     let mut inverse = InverseScratch::new(&model);
     let mut derivatives = DerivativeScratch::new(&model);
     let mut products = ProductScratch::new(&model);
-    let seed = state.seed.map(|given| given.iter().map(|&x| Counted(x)).collect::<Vec<_>>());
+    let seed = state.seed.map(|given| given.iter().map(|&x| Traced::from_f64(x)).collect::<Vec<_>>());
     let width = match task {
         Task::Algorithm(algorithm) => scene.width(algorithm),
         Task::Factor(_) => 0,
     };
-    let mut out = vec![Counted(f64::NAN); width];
-    let ((), operations) = Counted::during(|| match task {
+    let mut out = vec![Traced::from_f64(f64::NAN); width];
+    let ((), operations) = Traced::counted(|| match task {
         Task::Algorithm(Algorithm::ForwardDynamics(form)) => {
             workspace.form = form;
             dynamics::forward_dynamics(&model, &mut workspace, &q, &qd, &u, &wrenches, &mut out);
@@ -310,13 +310,13 @@ pub struct OfFactor {
 /// `Omissions::every_body_moves`).
 #[must_use]
 pub fn of_factor(scene: &Scene, q: &[f64], moved: &[f64]) -> OfFactor {
-    let model: Model<Counted> = scene.model().cast();
-    let [q, moved] = [q, moved].map(|given| given.iter().map(|&x| Counted(x)).collect::<Vec<_>>());
+    let model: Model<Traced> = scene.model().cast();
+    let [q, moved] = [q, moved].map(|given| given.iter().map(|&x| Traced::from_f64(x)).collect::<Vec<_>>());
     let mut workspace = Workspace::new(&model).in_form(Form::Covariance);
-    let ((mut factor, _), made) = Counted::during(|| Factor::new(&model, &mut workspace, &q));
-    let (tau, mut out) = (vec![Counted(1.0); scene.nv()], vec![Counted(f64::NAN); scene.nv()]);
-    let ((), solved) = Counted::during(|| factor.solve(&tau, &mut out));
-    let (Updated { bodies, .. }, updated) = Counted::during(|| factor.update(&model, &mut workspace, &moved));
+    let ((mut factor, _), made) = Traced::counted(|| Factor::new(&model, &mut workspace, &q));
+    let (tau, mut out) = (vec![Traced::from_f64(1.0); scene.nv()], vec![Traced::from_f64(f64::NAN); scene.nv()]);
+    let ((), solved) = Traced::counted(|| factor.solve(&tau, &mut out));
+    let (Updated { bodies, .. }, updated) = Traced::counted(|| factor.update(&model, &mut workspace, &moved));
     OfFactor { made, solved, updated, bodies }
 }
 

@@ -30,7 +30,7 @@ mod trigonometry;
 #[doc(hidden)]
 pub use columns::ColumnsOf;
 #[doc(hidden)]
-pub use counting::{Counted, Operations};
+pub use counting::Operations;
 pub use double_double::DoubleDouble;
 pub use dual::Dual;
 #[doc(hidden)]

@@ -1,6 +1,7 @@
-//! A number that remembers what it was computed from: the generic code, run on it once, leaves a program.
+//! A number that remembers what it was computed from: the generic code, run on it once, leaves a program, and says how many operations it asked for.
 
 use super::Real;
+use super::counting::{self, Operations};
 use num_traits::{One, Zero};
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -57,9 +58,25 @@ thread_local! {
 /// A number of the program that this thread is writing; outside of [`Traced::during`] of one that nobody reads.
 ///
 /// What both numbers of an operation are constants is computed here, in f64. Sums with zero, products by zero, one and minus one go: the result is that of f64 for numbers that are
-/// finite, but for the sign of a zero. What is computed twice is one number.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Traced(u32);
+/// finite, but for the sign of a zero. What is computed twice is one number. Operations that go this way are counted all the same by [`Traced::counted`]: of constants alone every one is
+/// done here, with f64's bits, and no program is written.
+///
+/// Nothing is inlined: the kernels are long, and what is traced need not be fast.
+#[derive(Debug, Clone, Copy)]
+#[repr(transparent)]
+pub struct Traced(
+    /// A constant; or a NaN that no arithmetic gives, whose payload is the place in the program: as small as an f64, so are the kernels.
+    f64,
+);
+
+/// The bits of a NaN that holds a place.
+const PLACED: u64 = 0x7ffc_0000_0000_0000;
+
+impl PartialEq for Traced {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.to_bits() == other.0.to_bits() || self.0 == other.0
+    }
+}
 
 impl Traced {
     /// What `work` gives, and the operations that it wrote, in order.
@@ -69,45 +86,60 @@ impl Traced {
         (result, TAPE.replace(before).operations)
     }
 
+    /// What `work` gives, and how many operations it asked for in this thread, those included that left nothing in the program.
+    pub fn counted<R>(work: impl FnOnce() -> R) -> (R, Operations) {
+        counting::during(work)
+    }
+
     /// An argument of the program.
     #[must_use]
     pub fn argument(index: u32) -> Self {
         push(O::Argument(index))
     }
 
-    /// Its place in the program.
+    /// Its place in the program; a constant gets one where an operation reads it.
     #[must_use]
     pub fn place(self) -> u32 {
-        self.0
+        self.placed().unwrap_or_else(|| {
+            // One zero.
+            let bits = if self.0 == 0.0 { 0 } else { self.0.to_bits() };
+            push(O::Constant(bits)).placed().unwrap_or_default()
+        })
     }
 
-    fn constant_of(x: f64) -> Self {
-        // One zero.
-        push(O::Constant(if x == 0.0 { 0 } else { x.to_bits() }))
+    /// The place of what is no constant.
+    fn placed(self) -> Option<u32> {
+        let bits = self.0.to_bits();
+        #[allow(clippy::cast_possible_truncation)] // the lower half
+        (bits & !u64::from(u32::MAX) == PLACED).then_some(bits as u32)
     }
 
-    fn operation(self) -> Operation {
-        TAPE.with_borrow(|tape| tape.operations[self.0 as usize])
+    fn at(place: u32) -> Self {
+        Self(f64::from_bits(PLACED | u64::from(place)))
     }
 
     fn value(self) -> Option<f64> {
-        if let O::Constant(bits) = self.operation() { Some(f64::from_bits(bits)) } else { None }
+        if self.placed().is_none() { Some(self.0) } else { None }
     }
 
-    /// The number that this is the negative of.
+    /// The number that this is the negative of; none of a constant.
     fn negated(self) -> Option<Self> {
-        if let O::Negative(a) = self.operation() { Some(Self(a)) } else { None }
+        let place = self.placed()?;
+        match TAPE.with_borrow(|tape| tape.operations[place as usize]) {
+            O::Negative(of) => Some(Self::at(of)),
+            _ => None,
+        }
     }
 
     fn is(self, x: f64) -> bool {
-        self.value() == Some(x)
+        self.0 == x
     }
 }
 
 fn push(operation: Operation) -> Traced {
     TAPE.with_borrow_mut(|tape| {
         let Tape { operations, known } = tape;
-        Traced(*known.entry(operation).or_insert_with(|| {
+        Traced::at(*known.entry(operation).or_insert_with(|| {
             operations.push(operation);
             u32::try_from(operations.len() - 1).unwrap_or(u32::MAX)
         }))
@@ -116,92 +148,152 @@ fn push(operation: Operation) -> Traced {
 
 /// In order where the order says nothing.
 fn sorted(a: Traced, b: Traced) -> (u32, u32) {
-    (a.0.min(b.0), a.0.max(b.0))
-}
-
-impl Add for Traced {
-    type Output = Self;
-
-    fn add(self, other: Self) -> Self {
-        match (self.value(), other.value()) {
-            (Some(a), Some(b)) => return Self::constant_of(a + b),
-            (Some(0.0), _) => return other,
-            (_, Some(0.0)) => return self,
-            _ => {}
-        }
-        if let Some(b) = other.negated() {
-            return self - b;
-        }
-        if let Some(a) = self.negated() {
-            return other - a;
-        }
-        let (a, b) = sorted(self, other);
-        push(O::Sum(a, b))
+    {
+        let (a, b) = (a.place(), b.place());
+        (a.min(b), a.max(b))
     }
 }
 
-impl Sub for Traced {
-    type Output = Self;
+/// a + b.
+fn sum(a: Traced, b: Traced) -> Traced {
+    match (a.value(), b.value()) {
+        (Some(a), Some(b)) => return Traced(a + b),
+        (Some(0.0), _) => return b,
+        (_, Some(0.0)) => return a,
+        _ => {}
+    }
+    if let Some(b) = b.negated() {
+        return difference(a, b);
+    }
+    if let Some(a) = a.negated() {
+        return difference(b, a);
+    }
+    let (a, b) = sorted(a, b);
+    push(O::Sum(a, b))
+}
 
-    fn sub(self, other: Self) -> Self {
-        match (self.value(), other.value()) {
-            (Some(a), Some(b)) => return Self::constant_of(a - b),
-            (Some(0.0), _) => return -other,
-            (_, Some(0.0)) => return self,
-            _ => {}
-        }
-        match other.negated() {
-            Some(b) => self + b,
-            None => push(O::Difference(self.0, other.0)),
+/// a - b.
+fn difference(a: Traced, b: Traced) -> Traced {
+    match (a.value(), b.value()) {
+        (Some(a), Some(b)) => return Traced(a - b),
+        (Some(0.0), _) => return -b,
+        (_, Some(0.0)) => return a,
+        _ => {}
+    }
+    match b.negated() {
+        Some(b) => sum(a, b),
+        None => push(O::Difference(a.place(), b.place())),
+    }
+}
+
+/// a b.
+fn product(a: Traced, b: Traced) -> Traced {
+    match (a.value(), b.value()) {
+        (Some(a), Some(b)) => return Traced(a * b),
+        (Some(0.0), _) | (_, Some(0.0)) => return Traced(0.0),
+        (Some(1.0), _) => return b,
+        (_, Some(1.0)) => return a,
+        (Some(-1.0), _) => return -b,
+        (_, Some(-1.0)) => return -a,
+        _ => {}
+    }
+    match (a.negated(), b.negated()) {
+        (Some(a), Some(b)) => product(a, b),
+        (Some(a), None) => -product(a, b),
+        (None, Some(b)) => -product(a, b),
+        (None, None) => {
+            let (a, b) = sorted(a, b);
+            push(O::Product(a, b))
         }
     }
 }
 
-impl Mul for Traced {
-    type Output = Self;
+/// a / b.
+fn quotient(a: Traced, b: Traced) -> Traced {
+    match (a.value(), b.value()) {
+        (Some(a), Some(b)) => Traced(a / b),
+        (_, Some(1.0)) => a,
+        _ => push(O::Quotient(a.place(), b.place())),
+    }
+}
 
-    fn mul(self, other: Self) -> Self {
-        match (self.value(), other.value()) {
-            (Some(a), Some(b)) => return Self::constant_of(a * b),
-            (Some(0.0), _) | (_, Some(0.0)) => return Self::constant_of(0.0),
-            (Some(1.0), _) => return other,
-            (_, Some(1.0)) => return self,
-            (Some(-1.0), _) => return -other,
-            (_, Some(-1.0)) => return -self,
-            _ => {}
+/// Whether a product with it is none.
+fn is_trivial(x: Traced) -> bool {
+    x.is(0.0) || x.is(1.0) || x.is(-1.0)
+}
+
+/// a b + c.
+fn product_sum(a: Traced, b: Traced, c: Traced) -> Traced {
+    if let (Some(a), Some(b), Some(c)) = (a.value(), b.value(), c.value()) {
+        return Traced(Real::mul_add(a, b, c));
+    }
+    if c.is(0.0) {
+        return product(a, b);
+    }
+    if is_trivial(a) || is_trivial(b) || (a.value().is_some() && b.value().is_some()) {
+        return sum(product(a, b), c);
+    }
+    match (a.negated(), b.negated()) {
+        (Some(a), Some(b)) => product_sum(a, b, c),
+        (Some(a), None) => minus_product(c, a, b),
+        (None, Some(b)) => minus_product(c, a, b),
+        (None, None) => {
+            let (a, b) = sorted(a, b);
+            push(O::ProductSum(a, b, c.place()))
         }
-        match (self.negated(), other.negated()) {
-            (Some(a), Some(b)) => a * b,
-            (Some(a), None) => -(a * other),
-            (None, Some(b)) => -(self * b),
-            (None, None) => {
-                let (a, b) = sorted(self, other);
-                push(O::Product(a, b))
+    }
+}
+
+/// a - b c.
+fn minus_product(a: Traced, b: Traced, c: Traced) -> Traced {
+    if let (Some(a), Some(b), Some(c)) = (a.value(), b.value(), c.value()) {
+        return Traced(Real::minus_product(a, b, c));
+    }
+    if a.is(0.0) {
+        return -product(b, c);
+    }
+    if is_trivial(b) || is_trivial(c) || (b.value().is_some() && c.value().is_some()) {
+        return difference(a, product(b, c));
+    }
+    match (b.negated(), c.negated()) {
+        (Some(b), Some(c)) => minus_product(a, b, c),
+        (Some(b), None) => product_sum(b, c, a),
+        (None, Some(c)) => product_sum(b, c, a),
+        (None, None) => {
+            let (b, c) = sorted(b, c);
+            push(O::MinusProduct(b, c, a.place()))
+        }
+    }
+}
+
+macro_rules! operator {
+    ($operator:ident, $function:ident, $of:ident, $count:ident) => {
+        impl $operator for Traced {
+            type Output = Self;
+
+            #[inline(never)]
+            fn $function(self, other: Self) -> Self {
+                counting::note(|asked| asked.$count += 1);
+                $of(self, other)
             }
         }
-    }
+    };
 }
 
-impl Div for Traced {
-    type Output = Self;
-
-    fn div(self, other: Self) -> Self {
-        match (self.value(), other.value()) {
-            (Some(a), Some(b)) => Self::constant_of(a / b),
-            (_, Some(1.0)) => self,
-            _ => push(O::Quotient(self.0, other.0)),
-        }
-    }
-}
+operator!(Add, add, sum, additions);
+operator!(Sub, sub, difference, additions);
+operator!(Mul, mul, product, multiplications);
+operator!(Div, div, quotient, divisions);
 
 impl Neg for Traced {
     type Output = Self;
 
+    #[inline(never)]
     fn neg(self) -> Self {
         match (self.value(), self.negated()) {
-            (Some(a), _) => Self::constant_of(-a),
+            (Some(a), _) => Self(-a),
             (_, Some(a)) => a,
-            _ => push(O::Negative(self.0)),
+            _ => push(O::Negative(self.place())),
         }
     }
 }
@@ -223,7 +315,7 @@ assigning!(DivAssign, div_assign, /);
 
 impl Zero for Traced {
     fn zero() -> Self {
-        Self::constant_of(0.0)
+        Self(0.0)
     }
 
     fn is_zero(&self) -> bool {
@@ -233,7 +325,7 @@ impl Zero for Traced {
 
 impl One for Traced {
     fn one() -> Self {
-        Self::constant_of(1.0)
+        Self(1.0)
     }
 }
 
@@ -241,7 +333,8 @@ impl Real for Traced {
     const LANES: usize = 1;
 
     fn from_f64(x: f64) -> Self {
-        Self::constant_of(x)
+        // No NaN that was given is a place.
+        Self(if x.is_nan() { f64::NAN } else { x })
     }
 
     super::its_own_parameter!();
@@ -251,67 +344,53 @@ impl Real for Traced {
         self.value().unwrap_or(f64::NAN)
     }
 
+    #[inline(never)]
     fn mul_add(self, b: Self, c: Self) -> Self {
-        if c.is(0.0) {
-            return self * b;
-        }
-        let is_product = |x: Self| x.is(0.0) || x.is(1.0) || x.is(-1.0);
-        if is_product(self) || is_product(b) || (self.value().is_some() && b.value().is_some()) {
-            return self * b + c;
-        }
-        match (self.negated(), b.negated()) {
-            (Some(a), Some(b)) => a.mul_add(b, c),
-            (Some(a), None) => c.minus_product(a, b),
-            (None, Some(b)) => c.minus_product(self, b),
-            (None, None) => {
-                let (a, b) = sorted(self, b);
-                push(O::ProductSum(a, b, c.0))
-            }
-        }
+        counting::note(|asked| asked.fused += 1);
+        product_sum(self, b, c)
     }
 
+    #[inline(never)]
     fn minus_product(self, b: Self, c: Self) -> Self {
-        if self.is(0.0) {
-            return -(b * c);
-        }
-        let is_product = |x: Self| x.is(0.0) || x.is(1.0) || x.is(-1.0);
-        if is_product(b) || is_product(c) || (b.value().is_some() && c.value().is_some()) {
-            return self - b * c;
-        }
-        match (b.negated(), c.negated()) {
-            (Some(b), Some(c)) => self.minus_product(b, c),
-            (Some(b), None) => b.mul_add(c, self),
-            (None, Some(c)) => b.mul_add(c, self),
-            (None, None) => {
-                let (b, c) = sorted(b, c);
-                push(O::MinusProduct(b, c, self.0))
-            }
-        }
+        counting::note(|asked| asked.fused += 1);
+        minus_product(self, b, c)
     }
 
+    #[inline(never)]
     fn recip(self) -> Self {
-        Self::constant_of(1.0) / self
-    }
-
-    fn sqrt(self) -> Self {
-        self.value().map_or_else(|| push(O::Root(self.0)), |x| Self::constant_of(x.sqrt()))
-    }
-
-    fn sin_cos(self) -> (Self, Self) {
+        counting::note(|asked| asked.divisions += 1);
         match self.value() {
-            Some(x) => (Self::constant_of(x.sin()), Self::constant_of(x.cos())),
-            None => (push(O::Sine(self.0)), push(O::Cosine(self.0))),
+            Some(x) => Self(Real::recip(x)),
+            None => quotient(Self(1.0), self),
         }
     }
 
+    #[inline(never)]
+    fn sqrt(self) -> Self {
+        counting::note(|asked| asked.roots += 1);
+        self.value().map_or_else(|| push(O::Root(self.place())), |x| Self(Real::sqrt(x)))
+    }
+
+    #[inline(never)]
+    fn sin_cos(self) -> (Self, Self) {
+        counting::note(|asked| asked.sines += 1);
+        if let Some(x) = self.value() {
+            let (s, c) = Real::sin_cos(x);
+            return (Self(s), Self(c));
+        }
+        (push(O::Sine(self.place())), push(O::Cosine(self.place())))
+    }
+
+    #[inline(never)]
     fn abs(self) -> Self {
         let inside = self.negated().unwrap_or(self);
-        inside.value().map_or_else(|| push(O::Absolute(inside.0)), |x| Self::constant_of(x.abs()))
+        inside.value().map_or_else(|| push(O::Absolute(inside.place())), |x| Self(Real::abs(x)))
     }
 
+    #[inline(never)]
     fn worst(self, other: Self) -> Self {
         match (self.value(), other.value()) {
-            (Some(a), Some(b)) => Self::constant_of(Real::worst(a, b)),
+            (Some(a), Some(b)) => Self(Real::worst(a, b)),
             _ if self == other => self,
             _ => {
                 let (a, b) = sorted(self, other);
@@ -320,12 +399,13 @@ impl Real for Traced {
         }
     }
 
+    #[inline(never)]
     fn one_if_zero(self) -> Self {
-        self.value().map_or_else(|| push(O::OneIfZero(self.0)), |x| Self::constant_of(Real::one_if_zero(x)))
+        self.value().map_or_else(|| push(O::OneIfZero(self.place())), |x| Self(Real::one_if_zero(x)))
     }
 
     fn epsilon() -> Self {
-        Self::constant_of(f64::EPSILON)
+        Self(f64::EPSILON)
     }
 }
 

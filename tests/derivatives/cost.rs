@@ -3,15 +3,15 @@
 use crate::common::Tree;
 use crate::support::{KINDS, State, of_accelerations, of_torques};
 use phipsi::report::operations::{Task, count_recursion};
-use phipsi::scalar::Counted;
+use phipsi::scalar::Traced;
 use phipsi::scene::JointKind;
 use phipsi::{Algorithm, Arguments, Form, Scene, scenes};
 
 /// Of dtau/dq, dtau/dqd and M, and of dqdd/dq, dqdd/dqd and M^-1 in covariance form, floating-point operations.
 fn counted(scene: &Scene) -> [u64; 2] {
-    let (model, state) = (scene.model().cast(), State::random(scene, 1).cast::<Counted>());
-    let (_, inverse) = Counted::during(|| of_torques(&model, &state));
-    let (found, forward) = Counted::during(|| of_accelerations(&model, Form::Covariance, &state));
+    let (model, state) = (scene.model().cast(), State::random(scene, 1).cast::<Traced>());
+    let (_, inverse) = Traced::counted(|| of_torques(&model, &state));
+    let (found, forward) = Traced::counted(|| of_accelerations(&model, Form::Covariance, &state));
     assert!(found.is_ok());
     [inverse, forward].map(|operations| operations.flops())
 }
@@ -35,8 +35,8 @@ fn operations() {
     for (name, scene) in shown {
         let [inverse, forward] = counted(&scene);
         let auto = {
-            let (model, state) = (scene.model().cast(), State::random(&scene, 1).cast::<Counted>());
-            Counted::during(|| of_accelerations(&model, Form::Auto, &state)).1.flops()
+            let (model, state) = (scene.model().cast(), State::random(&scene, 1).cast::<Traced>());
+            Traced::counted(|| of_accelerations(&model, Form::Auto, &state)).1.flops()
         };
         let of_id = of_task(&scene, Algorithm::InverseDynamics);
         let of_fd = of_task(&scene, Algorithm::ForwardDynamics(Form::Covariance));

@@ -9,7 +9,7 @@ use nalgebra::Vector6;
 use phipsi::dynamics::derivatives::{
     self, Constants, Directions, Parameters, ProductScratch, inertia, of_body, of_link,
 };
-use phipsi::scalar::{Counted, Real};
+use phipsi::scalar::{Real, Traced};
 use phipsi::scene::{JointKind, Model};
 use phipsi::scenes::{extreme, names};
 use phipsi::spatial::RigidShift;
@@ -369,42 +369,43 @@ fn parameters_of_links_and_bodies() {
 
 /// Floating-point operations of the products, of a call on one state: of torques along a direction and back, of accelerations likewise.
 fn counted(scene: &Scene) -> [u64; 6] {
-    let (model, state) = (scene.model().cast::<Counted>(), State::random(scene, 1).cast::<Counted>());
-    let v: Everything<Counted> = Everything::random(scene, 2).cast();
+    let (model, state) = (scene.model().cast::<Traced>(), State::random(scene, 1).cast::<Traced>());
+    let v: Everything<Traced> = Everything::random(scene, 2).cast();
     let State { q, qd, u, wrenches } = &state;
     let (mut workspace, mut scratch) = (Workspace::new(&model).in_form(Form::Covariance), ProductScratch::new(&model));
-    let (mut out, mut all) = (vec![Counted(f64::NAN); model.nv()], vec![Counted(f64::NAN); 3 * model.nv()]);
+    let (mut out, mut all) =
+        (vec![Traced::from_f64(f64::NAN); model.nv()], vec![Traced::from_f64(f64::NAN); 3 * model.nv()]);
     let along = v.along(false);
     let at = (&q[..], &qd[..], &u[..]);
     let mut counts = Vec::new();
     counts.push(
-        Counted::during(|| {
+        Traced::counted(|| {
             dynamics::inverse_dynamics(&model, &mut workspace, q, qd, u, wrenches, &mut out);
         })
         .1,
     );
     counts.push(
-        Counted::during(|| {
+        Traced::counted(|| {
             let _ = dynamics::forward_dynamics(&model, &mut workspace, q, qd, u, wrenches, &mut out);
         })
         .1,
     );
     counts.push(
-        Counted::during(|| {
+        Traced::counted(|| {
             derivatives::inverse_dynamics_jvp(&model, &mut scratch, at, wrenches, &along, &mut out);
         })
         .1,
     );
     let mut none = Constants::default();
     counts.push(
-        Counted::during(|| {
+        Traced::counted(|| {
             let results = (&mut none, &mut all[..]);
             derivatives::inverse_dynamics_vjp(&model, &mut scratch, at, wrenches, &v.armature, results);
         })
         .1,
     );
     counts.push(
-        Counted::during(|| {
+        Traced::counted(|| {
             derivatives::forward_dynamics_jvp(&model, &mut workspace, &mut scratch, at, wrenches, &along, &mut out)
                 .unwrap();
         })
@@ -412,7 +413,7 @@ fn counted(scene: &Scene) -> [u64; 6] {
     );
     let mut none = Constants::default();
     counts.push(
-        Counted::during(|| {
+        Traced::counted(|| {
             let results = (&mut none, &mut all[..]);
             derivatives::forward_dynamics_vjp(&model, &mut workspace, &mut scratch, at, wrenches, &v.armature, results)
                 .unwrap();

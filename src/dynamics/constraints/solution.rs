@@ -4,7 +4,7 @@ use super::NoDirection;
 use super::rows::{accelerations_of_rows, errors_of_rows, rates_of_rows};
 use super::scratch::ConstraintScratch;
 use crate::dynamics::forces::Motion;
-use crate::dynamics::forward::{factorise, forces_base_to_tip, forward_dynamics};
+use crate::dynamics::forward::{factorise, forces_and_noise, forward_dynamics};
 use crate::filter::pivots::PivotMonitor;
 use crate::filter::{Form, innovations, smoother};
 use crate::model::Model;
@@ -171,7 +171,7 @@ fn accelerations_of_tree(
     if matches!(form, Form::Auto | Form::Covariance) {
         let pivots = factorise(model, workspace, q, |_, _| {});
         if form == Form::Covariance || !pivots.of_roots {
-            forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
+            forces_and_noise(model, workspace, Motion { q, qd, qdd: None, wrenches });
             workspace.bias.copy_from_slice(&workspace.z);
             right_side(model, workspace, tau, qdd);
             return (pivots, Way::OneFactor);

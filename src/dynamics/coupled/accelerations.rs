@@ -1,7 +1,7 @@
 //! Accelerations of joints that follow each other, qdd = G a: rows that are measured together, in O(N) beside what waits for its sum.
 
 use crate::dynamics::forces::Motion;
-use crate::dynamics::forward::forces_base_to_tip;
+use crate::dynamics::forward::forces_and_noise;
 use crate::filter::Form;
 use crate::filter::pivots::{LostPivot, Scale};
 use crate::filter::summed::{Seen, SummedFactor, Sums};
@@ -30,7 +30,7 @@ impl<T: Real> Solver<T> {
     fn factorise(&mut self, sums: &Sums, q: &[T], bias: Option<(&[T], &[Vector6<T>])>) -> Seen<T> {
         let Self { model, workspace, factor } = self;
         if let Some((qd, wrenches)) = bias {
-            forces_base_to_tip(model, workspace, Motion { q, qd, qdd: None, wrenches });
+            forces_and_noise(model, workspace, Motion { q, qd, qdd: None, wrenches });
         } else {
             placements_base_to_tip(model, q, &mut workspace.shift);
             workspace.z.fill(zero());

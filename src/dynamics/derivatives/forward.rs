@@ -5,7 +5,7 @@ use super::doubled;
 use super::inverse::inverse_dynamics_derivatives;
 use super::product::MOST_LOST;
 use crate::dynamics::forces::Motion;
-use crate::dynamics::inverse::forces_base_to_tip;
+use crate::dynamics::forces::forces_base_to_tip;
 use crate::dynamics::mass_inverse::closed_form;
 use crate::dynamics::{factorise, forward_dynamics, solve};
 use crate::filter::pivots::{LostPivot, PivotMonitor};
