@@ -2,30 +2,72 @@
 
 mod common;
 
-use common::lanes::states;
-use common::{ALL_KINDS, Tree, tolerance};
+use common::lanes::{State, states};
+use common::{ALL_KINDS, Random, Tree, random_inertial, tolerance};
 use phipsi::codegen::{FUNCTIONS, Function, Program, Width, sources};
-use phipsi::scene::{Connection, ConnectionKind};
-use phipsi::{Scene, scenes};
+use phipsi::kinematics::{REFERENCE_FRAMES, ReferenceFrame};
+use phipsi::scene::{Connection, ConnectionKind, JointDescription, JointKind, LinkDescription, Mimic, MimicJoints};
+use phipsi::{Scene, SceneBuilder, scenes};
 use std::process::Command;
 
 fn tree(seed: u64) -> Scene {
     Tree { seed, bodies: 9, kinds: &ALL_KINDS, floating: seed % 2 == 1, branching: 0.3, armature: 0.1 }.scene()
 }
 
-fn by_method(scene: &Scene, function: Function, (q, qd, u): &(Vec<f64>, Vec<f64>, Vec<f64>)) -> Vec<f64> {
-    let (mut workspace, mut out) = (scene.workspace(), vec![f64::NAN; function.width(scene.nv())]);
+/// All functions, those of one link of the first link, a middle one and the last.
+fn functions(scene: &Scene) -> Vec<Function> {
+    let (links, mut all) = (scene.links(), FUNCTIONS.to_vec());
+    for at in [0, links.len() / 2, links.len() - 1] {
+        let link = || links[at].name.clone();
+        all.push(Function::Placement(link()));
+        all.extend(REFERENCE_FRAMES.map(|(_, frame)| Function::Jacobian(link(), frame)));
+    }
+    all
+}
+
+/// What the scene's method gives, all results one after another.
+fn by_method(scene: &Scene, function: &Function, given: &[Vec<f64>]) -> Vec<f64> {
+    let (mut workspace, mut out) = (scene.workspace(), vec![f64::NAN; function.width(scene)]);
+    let w = &mut workspace;
+    let at = |argument: usize| given.get(argument).map_or(&[][..], |values| &values[..]);
+    let (q, qd, u, along) = (at(0), at(1), at(2), [at(3), at(4), at(5)]);
     match function {
-        Function::ForwardDynamics => scene.forward_dynamics(&mut workspace, q, qd, u, &[], &mut out),
-        Function::InverseDynamics => scene.inverse_dynamics(&mut workspace, q, qd, u, &[], &mut out),
-        Function::BiasTorque => scene.bias_torque(&mut workspace, q, qd, &mut out),
-        Function::MassMatrix => scene.mass_matrix(&mut workspace, q, &mut out),
-        Function::MassMatrixInverse => {
-            scene.mass_matrix_inverse(&mut workspace, &mut scene.inverse_scratch(), q, &mut out)
-        }
+        Function::ForwardDynamics => scene.forward_dynamics(w, q, qd, u, &[], &mut out),
+        Function::InverseDynamics => scene.inverse_dynamics(w, q, qd, u, &[], &mut out),
+        Function::BiasTorque => scene.bias_torque(w, q, qd, &mut out),
+        Function::MassMatrix => scene.mass_matrix(w, q, &mut out),
+        Function::MassMatrixInverse => scene.mass_matrix_inverse(w, &mut scene.inverse_scratch(), q, &mut out),
+        Function::ForwardDynamicsDerivatives => scene.forward_dynamics_derivatives(w, q, qd, u, &[], &mut out),
+        Function::InverseDynamicsDerivatives => scene.inverse_dynamics_derivatives(w, q, qd, u, &[], &mut out),
+        Function::ForwardDynamicsJvp => scene.forward_dynamics_jvp(w, q, qd, u, &[], along, &mut out),
+        Function::ForwardDynamicsVjp => scene.forward_dynamics_vjp(w, q, qd, u, &[], at(3), &mut out),
+        Function::InverseDynamicsJvp => scene.inverse_dynamics_jvp(w, q, qd, u, &[], along, &mut out),
+        Function::InverseDynamicsVjp => scene.inverse_dynamics_vjp(w, q, qd, u, &[], at(3), &mut out),
+        Function::Placements => scene.placements(q).map(|all| {
+            all.iter().zip(out.chunks_exact_mut(16)).for_each(|(link, out)| link.homogeneous(out));
+        }),
+        Function::Placement(link) => scene.placement(q, link).map(|place| place.homogeneous(&mut out)),
+        Function::Jacobian(link, frame) => scene.jacobian(q, link, *frame, &mut out),
     }
     .unwrap();
     out
+}
+
+/// States that people are in: at random, at rest, held against gravity, falling, and with one joint moving; the third is a torque.
+fn states_of_people(scene: &Scene) -> Vec<State> {
+    let (q, qd, u) = states(scene, 1).remove(0);
+    let still = vec![0.0; scene.nv()];
+    let mut held = still.clone();
+    scene.bias_torque(&mut scene.workspace(), &q, &still, &mut held).unwrap();
+    let mut one = still.clone();
+    one[scene.nv() / 2] = 1.5;
+    vec![
+        (q.clone(), qd.clone(), u),
+        (scene.neutral(), still.clone(), still.clone()),
+        (q.clone(), still.clone(), held),
+        (q.clone(), qd, still.clone()),
+        (q, one, still),
+    ]
 }
 
 #[test]
@@ -34,26 +76,83 @@ fn programs_compute_what_the_methods_do() {
     all.push(scenes::chain(7).unwrap());
     all.push(scenes::chain(1).unwrap());
     for (index, scene) in all.iter().enumerate() {
-        for function in FUNCTIONS {
-            let program = Program::new(scene, function).unwrap();
-            for state in states(scene, 3) {
-                let expected = by_method(scene, function, &state);
-                let (q, qd, u) = &state;
-                let parts = [&q[..], &qd[..], &u[..]];
-                let found = program.run(&parts[..function.arguments().len()].concat()).unwrap();
+        let seeds: [Vec<f64>; 3] = [11, 12, 13].map(|seed| Random::new(seed).array(scene.nv(), 1.0));
+        for function in functions(scene) {
+            let program = Program::new(scene, &function).unwrap();
+            for (which, (q, qd, u)) in states_of_people(scene).into_iter().enumerate() {
+                let mut given = vec![q, qd, u];
+                given.extend(seeds.clone());
+                let given = &given[..program.arguments.len()];
+                let expected = by_method(scene, &function, given);
+                let found = program.run(&given.concat()).unwrap();
                 let mut mass = vec![f64::NAN; scene.nv() * scene.nv()];
-                scene.mass_matrix(&mut scene.workspace(), q, &mut mass).unwrap();
+                scene.mass_matrix(&mut scene.workspace(), &given[0], &mut mass).unwrap();
                 let cond = tolerance::conditioning(scene.nv(), &mass).number;
-                let bound = 64.0 * f64::EPSILON * tolerance::size(&expected) * (cond + 16.0);
-                tolerance::assert_near(&format!("{index} {}", function.name()), &found, &expected, bound);
+                // Each result beside the terms that all are made of: at rest some are nothing but rounding.
+                let bound = 64.0 * f64::EPSILON * tolerance::size(&expected).max(1.0) * (cond + 16.0);
+                let what = format!("{index} {} in state {which}", function.symbol());
+                tolerance::assert_near(&what, &found, &expected, bound);
             }
         }
     }
 }
 
 #[test]
+fn results_of_several_arrays_have_their_names_and_shapes() {
+    let scene = scenes::chain(3).unwrap();
+    let shapes = |function: Function| -> Vec<(&'static str, Vec<usize>)> {
+        let program = Program::new(&scene, &function).unwrap();
+        program.results.into_iter().map(|array| (array.name, array.shape)).collect()
+    };
+    assert_eq!(
+        shapes(Function::ForwardDynamicsDerivatives),
+        [("dqdd_dq", vec![3, 3]), ("dqdd_dqd", vec![3, 3]), ("Minv", vec![3, 3])]
+    );
+    assert_eq!(
+        shapes(Function::InverseDynamicsVjp),
+        [("gradient_q", vec![3]), ("gradient_qd", vec![3]), ("gradient_qdd", vec![3])]
+    );
+    assert_eq!(shapes(Function::Placements), [("placements", vec![scene.links().len(), 4, 4])]);
+    let files = sources(&scene, "arm", &[Function::ForwardDynamicsDerivatives], (Width::Double, true)).unwrap();
+    let header = &files[1].1;
+    assert!(header.contains("double dqdd_dq[9], double dqdd_dqd[9], double Minv[9]);"), "{header}");
+    assert!(header.contains("double *dqdd_dq, double *dqdd_dqd, double *Minv);"), "{header}");
+}
+
+fn link(name: &str) -> LinkDescription {
+    LinkDescription { name: name.to_owned(), inertial: Some(random_inertial(&mut Random::new(3))) }
+}
+
+/// A hinge on the base.
+fn joint(name: &str, child: &str) -> JointDescription {
+    JointDescription::new(name, JointKind::Revolute, "base", child)
+}
+
+#[test]
+fn functions_of_links_are_named_by_them() {
+    let scene = SceneBuilder::new()
+        .link(link("base"))
+        .link(link("tool-0"))
+        .link(link("tool_0"))
+        .joint(joint("a", "tool-0"))
+        .joint(joint("b", "tool_0"))
+        .build()
+        .unwrap();
+    let (one, other) = (Function::Placement("tool-0".to_owned()), Function::Placement("tool_0".to_owned()));
+    assert_eq!(one.symbol(), "placement_tool_0");
+    let world = Function::Jacobian("tool-0".to_owned(), ReferenceFrame::LocalWorldAligned);
+    assert_eq!(world.symbol(), "jacobian_tool_0_local_world_aligned");
+    let files = sources(&scene, "arm", &[one.clone(), world], (Width::Double, false)).unwrap();
+    assert!(files[1].1.contains("void arm_placement_tool_0(const double q[2], double placement[16]);"));
+    let error = sources(&scene, "arm", &[one, other], (Width::Double, false)).unwrap_err().to_string();
+    assert!(error.contains("tool-0") && error.contains("tool_0"), "{error}");
+    let unknown = Program::new(&scene, &Function::Placement("hand".to_owned())).unwrap_err().to_string();
+    assert!(unknown.contains("hand") && unknown.contains("tool-0"), "{unknown}");
+}
+
+#[test]
 fn what_a_scene_does_not_need_is_not_written() {
-    let size = |scene: &Scene, function| Program::new(scene, function).unwrap().size();
+    let size = |scene: &Scene, function| Program::new(scene, &function).unwrap().size();
     let (chain, weightless) = (scenes::chain(7).unwrap(), {
         let source = scenes::chain(7).unwrap().source().clone();
         source.gravity([0.0; 3]).build().unwrap()
@@ -75,13 +174,14 @@ fn the_c_code_compiles_and_passes_its_own_test() {
         let directory = std::env::temp_dir().join(format!("phipsi-codegen-{}-{name}", std::process::id()));
         std::fs::create_dir_all(&directory).unwrap();
         // One state by itself, and eleven in lanes.
-        let (batches, lines) = (width == Width::Double, if width == Width::Double { 12 } else { 1 });
+        let (batches, states) = (width == Width::Double, if width == Width::Double { 12 } else { 1 });
         // In single precision a chain, whose mass matrix is tame.
         let scene = match width {
             Width::Double => tree(5),
             Width::Single => scenes::chain(3).unwrap(),
         };
-        for (file, text) in sources(&scene, name, &FUNCTIONS, (width, batches)).unwrap() {
+        let functions = functions(&scene);
+        for (file, text) in sources(&scene, name, &functions, (width, batches)).unwrap() {
             std::fs::write(directory.join(file), text).unwrap();
         }
         let binary = directory.join("run");
@@ -96,7 +196,8 @@ fn the_c_code_compiles_and_passes_its_own_test() {
         assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
         let run = Command::new(&binary).output().unwrap();
         assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stdout));
-        assert_eq!(String::from_utf8_lossy(&run.stdout).lines().count(), lines * FUNCTIONS.len());
+        let results: usize = functions.iter().map(|function| function.results(&scene).len()).sum();
+        assert_eq!(String::from_utf8_lossy(&run.stdout).lines().count(), states * results);
         std::fs::remove_dir_all(&directory).unwrap();
     }
 }
@@ -119,6 +220,18 @@ fn scenes_with_connections_are_refused_by_name() {
     let mut tip = Connection::new("tip", ConnectionKind::Point, "link2", None);
     tip.frame.lever = [0.0, 0.0, 0.3].into();
     let scene = scenes::chain(3).unwrap().source().clone().connect(tip).build().unwrap();
-    let error = Program::new(&scene, Function::ForwardDynamics).unwrap_err().to_string();
+    let error = Program::new(&scene, &Function::ForwardDynamics).unwrap_err().to_string();
     assert!(error.contains("tip"), "{error}");
+    // Where links are does not depend on them.
+    assert!(Program::new(&scene, &Function::Placement("link2".to_owned())).is_ok());
+}
+
+#[test]
+fn joints_that_follow_others_are_refused() {
+    let mut finger = joint("b", "right");
+    finger.mimic = Some(Mimic::of("a"));
+    let scene = SceneBuilder::new().link(link("base")).link(link("left")).link(link("right"));
+    let scene = scene.joint(joint("a", "left")).joint(finger).mimic_joints(MimicJoints::Coupled).build().unwrap();
+    let error = Program::new(&scene, &Function::Placements).unwrap_err().to_string();
+    assert!(error.contains("mimic"), "{error}");
 }

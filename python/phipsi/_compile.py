@@ -6,19 +6,26 @@ import ctypes
 import hashlib
 import os
 import platform
+import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._core import get_num_threads
+from ._results import (
+    ForwardDynamicsDerivatives,
+    ForwardDynamicsGradients,
+    InverseDynamicsDerivatives,
+    InverseDynamicsGradients,
+)
 from .errors import ArgumentError, of_argument
 
 if TYPE_CHECKING:
@@ -27,8 +34,36 @@ if TYPE_CHECKING:
 __all__ = ["Compiled", "compile"]
 
 _Array: TypeAlias = NDArray[np.float64]
-Function = Literal["forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"]
-FUNCTIONS: tuple[str, ...] = get_args(Function)
+_Results = TypeVar("_Results")
+_OfScene = Literal[
+    "forward_dynamics",
+    "inverse_dynamics",
+    "bias_torque",
+    "mass_matrix",
+    "mass_matrix_inverse",
+    "forward_dynamics_derivatives",
+    "inverse_dynamics_derivatives",
+    "forward_dynamics_jvp",
+    "forward_dynamics_vjp",
+    "inverse_dynamics_jvp",
+    "inverse_dynamics_vjp",
+    "placements",
+]
+_Frame = Literal["local", "world", "local-world-aligned"]
+#: What to_c and compile know: a name, or of one link (name, link) and (name, link, frame).
+Function: TypeAlias = (
+    _OfScene | tuple[Literal["placement"], str] | tuple[Literal["jacobian"], str] | tuple[Literal["jacobian"], str, _Frame]
+)
+#: All of them that are of no one link.
+FUNCTIONS: tuple[_OfScene, ...] = get_args(_OfScene)
+#: Those that the scene does in a form.
+IN_FORM = (
+    "forward_dynamics",
+    "mass_matrix_inverse",
+    "forward_dynamics_derivatives",
+    "forward_dynamics_jvp",
+    "forward_dynamics_vjp",
+)
 
 #: What every compiler is told.
 ALWAYS = ("-std=c99", "-ffp-contract=fast", "-fno-math-errno", "-shared", "-fPIC")
@@ -49,54 +84,110 @@ class Compiled:
 
     scene: Scene
     """The scene that it was compiled from."""
-    functions: tuple[str, ...]
+    functions: tuple[Function, ...]
     """What was compiled."""
     library: Path
     """The file of the machine code."""
 
-    def __init__(self, scene: Scene, functions: tuple[str, ...], library: Path) -> None:
+    def __init__(self, scene: Scene, functions: tuple[Function, ...], library: Path) -> None:
         self.scene, self.functions, self.library = scene, functions, library
-        self._code = ctypes.CDLL(str(library))
+        code = ctypes.CDLL(str(library))
+        self._code = {_parts(function): getattr(code, f"robot_{_symbol(function)}_batch") for function in functions}
+        self._rates, self._pairs = (scene.nv,), (scene.nv, scene.nv)
         joints = (scene.joints[name] for name in scene.joint_names)
         ends = [scene.q_index(joint.name).stop for joint in joints if joint.type in ("spherical", "floating")]
         self._quaternions = [slice(end - 4, end) for end in ends]
 
     def __repr__(self) -> str:
-        return f"<phipsi.Compiled of {self.scene.nv} degrees of freedom: {', '.join(self.functions)}>"
+        return f"<phipsi.Compiled of {self.scene.nv} degrees of freedom: {_said(self.functions)}>"
 
     def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> _Array:
         """Joint accelerations from joint torques, (..., nv), as Scene.forward_dynamics in form "covariance"."""
-        return self._run("forward_dynamics", (q, qd, tau), (self.scene.nv,))
+        return self._one(("forward_dynamics",), (q, qd, tau), self._rates)
 
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> _Array:
         """Joint torques from joint accelerations, (..., nv), as Scene.inverse_dynamics."""
-        return self._run("inverse_dynamics", (q, qd, qdd), (self.scene.nv,))
+        return self._one(("inverse_dynamics",), (q, qd, qdd), self._rates)
 
     def bias_torque(self, q: ArrayLike, qd: ArrayLike) -> _Array:
         """The torques that let no joint accelerate, (..., nv), as Scene.bias_torque."""
-        return self._run("bias_torque", (q, qd), (self.scene.nv,))
+        return self._one(("bias_torque",), (q, qd), self._rates)
 
     def mass_matrix(self, q: ArrayLike) -> _Array:
         """The mass matrix, (..., nv, nv), as Scene.mass_matrix."""
-        return self._run("mass_matrix", (q,), (self.scene.nv, self.scene.nv))
+        return self._one(("mass_matrix",), (q,), self._pairs)
 
     def mass_matrix_inverse(self, q: ArrayLike) -> _Array:
         """Its inverse, (..., nv, nv), as Scene.mass_matrix_inverse in form "covariance"."""
-        return self._run("mass_matrix_inverse", (q,), (self.scene.nv, self.scene.nv))
+        return self._one(("mass_matrix_inverse",), (q,), self._pairs)
 
-    def _run(self, function: str, given: tuple[ArrayLike, ...], shape: tuple[int, ...]) -> _Array:
-        if function not in self.functions:
-            raise of_argument(ArgumentError, "functions", f"found {function}, which was not compiled; expected one of {', '.join(self.functions)}")
+    def forward_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> ForwardDynamicsDerivatives:
+        """dqdd_dq, dqdd_dqd and Minv, (..., nv, nv) each, as Scene.forward_dynamics_derivatives in form "covariance"."""
+        return self._several(("forward_dynamics_derivatives",), (q, qd, tau), 3 * [self._pairs], ForwardDynamicsDerivatives)
+
+    def inverse_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> InverseDynamicsDerivatives:
+        """dtau_dq, dtau_dqd and M, (..., nv, nv) each, as Scene.inverse_dynamics_derivatives."""
+        return self._several(("inverse_dynamics_derivatives",), (q, qd, qdd), 3 * [self._pairs], InverseDynamicsDerivatives)
+
+    def forward_dynamics_jvp(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, dq: ArrayLike, dqd: ArrayLike, dtau: ArrayLike) -> _Array:
+        """The change of joint accelerations along (dq, dqd, dtau), (..., nv), as Scene.forward_dynamics_jvp in form "covariance"."""
+        return self._one(("forward_dynamics_jvp",), (q, qd, tau, dq, dqd, dtau), self._rates)
+
+    def forward_dynamics_vjp(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, cotangent: ArrayLike) -> ForwardDynamicsGradients:
+        """The gradients of cotangent . qdd by q, qd and tau, (..., nv) each, as Scene.forward_dynamics_vjp in form "covariance"."""
+        return self._several(("forward_dynamics_vjp",), (q, qd, tau, cotangent), 3 * [self._rates], ForwardDynamicsGradients)
+
+    def inverse_dynamics_jvp(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, dq: ArrayLike, dqd: ArrayLike, dqdd: ArrayLike) -> _Array:
+        """The change of joint torques along (dq, dqd, dqdd), (..., nv), as Scene.inverse_dynamics_jvp."""
+        return self._one(("inverse_dynamics_jvp",), (q, qd, qdd, dq, dqd, dqdd), self._rates)
+
+    def inverse_dynamics_vjp(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, cotangent: ArrayLike) -> InverseDynamicsGradients:
+        """The gradients of cotangent . tau by q, qd and qdd, (..., nv) each, as Scene.inverse_dynamics_vjp."""
+        return self._several(("inverse_dynamics_vjp",), (q, qd, qdd, cotangent), 3 * [self._rates], InverseDynamicsGradients)
+
+    def placements(self, q: ArrayLike) -> dict[str, _Array]:
+        """Where every link is, a dict from link names to homogeneous matrices (..., 4, 4), as Scene.placements."""
+        links = self.scene.link_names
+        all_links = self._run(("placements",), (q,), [(len(links), 4, 4)])
+        if all_links is None:
+            return self.scene.placements(q)
+        return {link: np.ascontiguousarray(all_links[0][..., at, :, :]) for at, link in enumerate(links)}
+
+    def placement(self, q: ArrayLike, link: str | Iterable[str]) -> _Array:
+        """Where a link is, or several, homogeneous matrices (..., 4, 4) or (..., L, 4, 4), as Scene.placement: each that was compiled as ("placement", link)."""
+        if isinstance(link, str):
+            return self._one(("placement", link), (q,), (4, 4))
+        names = tuple(link)
+        return np.stack([self._one(("placement", name), (q,), (4, 4)) for name in names], axis=-3) if names else self.scene.placement(q, names)
+
+    def jacobian(self, q: ArrayLike, link: str, *, frame: _Frame = "local") -> _Array:
+        """The Jacobian of a link, (..., 6, nv), as Scene.jacobian: of a link and a frame that were compiled as ("jacobian", link, frame)."""
+        return self._one(("jacobian", link, frame), (q,), (6, self.scene.nv))
+
+    def _one(self, function: tuple[str, ...], given: tuple[ArrayLike, ...], shape: tuple[int, ...]) -> _Array:
+        """A function of one result."""
+        found = self._run(function, given, [shape])
+        return self._by_scene(function, given) if found is None else found[0]
+
+    def _several(self, function: tuple[str, ...], given: tuple[ArrayLike, ...], shapes: Sequence[tuple[int, ...]], kind: Callable[..., _Results]) -> _Results:
+        """A function of several results, and what they are put into."""
+        found = self._run(function, given, shapes)
+        return self._by_scene(function, given) if found is None else kind(*found)
+
+    def _run(self, function: tuple[str, ...], given: tuple[ArrayLike, ...], shapes: Sequence[tuple[int, ...]]) -> list[_Array] | None:
+        """The results; None of what the scene is to do."""
+        run = self._code.get(function)
+        if run is None:
+            raise of_argument(ArgumentError, "functions", f"found {_said([function])}, which was not compiled; expected one of {_said(self.functions)}")
         ready = self._ready(given)
         if ready is None:
-            return self._by_scene(function, given)
+            return None
         arrays, batch = ready
         count = prod(batch)
-        out = np.empty((*batch, *shape))
-        run = getattr(self._code, f"robot_{function}_batch")
+        results = [np.empty((*batch, *shape)) for shape in shapes]
 
         def piece(first: int, end: int) -> None:
-            addresses = (ctypes.c_void_p(array.ctypes.data + 8 * first * (array.size // count)) for array in (*arrays, out))
+            addresses = (ctypes.c_void_p(array.ctypes.data + 8 * first * (array.size // count)) for array in (*arrays, *results))
             run(ctypes.c_size_t(end - first), *addresses)
 
         threads = min(get_num_threads(), count // WORTH_A_THREAD)
@@ -106,7 +197,7 @@ class Compiled:
                 list(pool.map(piece, ends[:-1], ends[1:]))
         else:
             piece(0, count)
-        return out if bool(np.isfinite(out).all()) else self._by_scene(function, given)
+        return results if all(bool(np.isfinite(result).all()) for result in results) else None
 
     def _ready(self, given: tuple[ArrayLike, ...]) -> tuple[list[_Array], tuple[int, ...]] | None:
         """Arrays of all states, one after another, and the leading axes; None of what the scene is to look at."""
@@ -128,10 +219,28 @@ class Compiled:
                 return None
         return [np.ascontiguousarray(np.broadcast_to(array, (*batch, array.shape[-1]))) for array in arrays], batch
 
-    def _by_scene(self, function: str, given: tuple[ArrayLike, ...]) -> _Array:
-        form = {"form": "covariance"} if function in ("forward_dynamics", "mass_matrix_inverse") else {}
-        found: _Array = getattr(self.scene, function)(*given, **form)
-        return found
+    def _by_scene(self, function: tuple[str, ...], given: tuple[ArrayLike, ...]) -> Any:
+        name, *of = function
+        keywords = {"form": "covariance"} if name in IN_FORM else {"frame": of[1]} if len(of) > 1 else {}
+        return getattr(self.scene, name)(*given, *of[:1], **keywords)
+
+
+def _parts(function: Function) -> tuple[str, ...]:
+    """The name, and of one link the link and for Jacobians the frame."""
+    if isinstance(function, str):
+        return (function,)
+    return (*function, "local") if len(function) == 2 and function[0] == "jacobian" else tuple(function)
+
+
+def _symbol(function: Function) -> str:
+    """What the code calls it."""
+    parts = _parts(function)
+    return "_".join(re.sub(r"[^0-9A-Za-z]", "_", part) for part in parts[: 2 if parts[2:] == ("local",) else 3])
+
+
+def _said(functions: Iterable[Function | tuple[str, ...]]) -> str:
+    """In words."""
+    return ", ".join(function if isinstance(function, str) else " ".join(function) for function in functions)
 
 
 def compile(  # noqa: A001  # phipsi.compile
@@ -161,7 +270,7 @@ def compile(  # noqa: A001  # phipsi.compile
     library = into / "robot.so"
     if not library.exists():
         _build(files, [found, *told], library)
-    return Compiled(scene, tuple(name for name in FUNCTIONS if names is None or name in names), library)
+    return Compiled(scene, FUNCTIONS if names is None else tuple(dict.fromkeys(names)), library)
 
 
 def _caches() -> Path:

@@ -8,6 +8,7 @@ from typing import Any, Final, Literal, TypeAlias, final, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._compile import Function as _Function
 from ._identify import Identification
 from ._motion import PD, ContactMotion, MomentumCorrection, Trajectory
 from ._ode import Ode
@@ -1492,7 +1493,7 @@ class Scene:
         directory: str | os.PathLike[str] | None = None,
         *,
         name: str = "robot",
-        functions: Iterable[Literal["forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"]] | None = None,
+        functions: Iterable[_Function] | None = None,
         dtype: Literal["float64", "float32"] = "float64",
         batches: bool = False,
     ) -> dict[str, str]:

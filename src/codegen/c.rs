@@ -1,10 +1,12 @@
 //! C99 of programs: a source, its header, a test with reference values, and a Makefile.
 
+use super::functions::{Array, Function};
 use super::lanes;
-use super::program::{Function, Program};
+use super::program::Program;
 use crate::error::Error;
 use crate::scalar::Operation;
 use crate::scene::Scene;
+use std::collections::HashMap;
 use std::fmt::Write;
 
 /// The numbers of the C code.
@@ -66,7 +68,8 @@ pub fn sources(
     if batches && width == Width::Single {
         return Err(Error::argument("batches", "float32", "float64, whose sines there are in lanes"));
     }
-    let programs = functions.iter().map(|&function| Program::new(scene, function)).collect::<Result<Vec<_>, _>>()?;
+    check_symbols(functions)?;
+    let programs = functions.iter().map(|function| Program::new(scene, function)).collect::<Result<Vec<_>, _>>()?;
     Ok(vec![
         (format!("{name}.c"), source(name, &programs, (width, batches))),
         (format!("{name}.h"), header(scene, name, &programs, (width, batches))),
@@ -75,18 +78,31 @@ pub fn sources(
     ])
 }
 
+/// No two functions of one name in the code.
+fn check_symbols(functions: &[Function]) -> Result<(), Error> {
+    let mut known = HashMap::new();
+    for function in functions {
+        if let Some(other) = known.insert(function.symbol(), function) {
+            let found = format!("{other:?} and {function:?}, which are both {} in the code", function.symbol());
+            return Err(Error::argument(
+                "functions",
+                found,
+                "names that differ in letters and digits, or one of the two",
+            ));
+        }
+    }
+    Ok(())
+}
+
 const WRITTEN_BY: &str = "/* Written by phipsi; do not edit. */\n";
 
 /// The declaration of a function, without what ends it.
 fn declaration(name: &str, program: &Program, width: Width) -> String {
-    let ((nq, nv), number) = (program.sizes, width.of_c());
-    let arguments = program.function.arguments().iter().map(|&argument| {
-        let count = if argument == "q" { nq } else { nv };
-        format!("const {number} {argument}[{}]", count.max(1))
-    });
-    let result = format!("{number} {}[{}]", program.function.result(), program.function.width(nv).max(1));
-    let all: Vec<String> = arguments.chain([result]).collect();
-    format!("void {name}_{}({})", program.function.name(), all.join(", "))
+    let number = width.of_c();
+    let sized = |array: &Array| format!("{number} {}[{}]", array.name, array.width().max(1));
+    let arguments = program.arguments.iter().map(|argument| format!("const {}", sized(argument)));
+    let all: Vec<String> = arguments.chain(program.results.iter().map(sized)).collect();
+    format!("void {name}_{}({})", program.function.symbol(), all.join(", "))
 }
 
 fn header(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Width, bool)) -> String {
@@ -113,7 +129,7 @@ fn header(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Wi
         let _ = writeln!(
             text,
             "/* {}: {} sums, {} products, {} products with a sum, {} quotients and roots, {} sines and cosines. */",
-            meaning(program.function),
+            program.function.meaning().replace("*/", "* /"),
             size.sums,
             size.products,
             size.fused,
@@ -133,16 +149,6 @@ fn header(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Wi
     text
 }
 
-fn meaning(function: Function) -> &'static str {
-    match function {
-        Function::ForwardDynamics => "Joint accelerations from torques",
-        Function::InverseDynamics => "Torques from joint accelerations",
-        Function::BiasTorque => "Torques that let no joint accelerate",
-        Function::MassMatrix => "The mass matrix, row by row",
-        Function::MassMatrixInverse => "Its inverse, row by row",
-    }
-}
-
 fn source(name: &str, programs: &[Program], (width, batches): (Width, bool)) -> String {
     let mut text = format!("{WRITTEN_BY}#include \"{name}.h\"\n#include <math.h>\n");
     for program in programs {
@@ -153,8 +159,13 @@ fn source(name: &str, programs: &[Program], (width, batches): (Width, bool)) -> 
                 let _ = writeln!(text, "    const {} {} = {right};", width.of_c(), said[place]);
             }
         }
-        for (i, &result) in program.results.iter().enumerate() {
-            let _ = writeln!(text, "    {}[{i}] = {};", program.function.result(), said[result as usize]);
+        for (array, places) in program.outputs() {
+            for (i, &place) in places.iter().enumerate() {
+                let _ = writeln!(text, "    {}[{i}] = {};", array.name, said[place as usize]);
+            }
+        }
+        for argument in program.unread() {
+            let _ = writeln!(text, "    (void){argument};");
         }
         text.push_str("}\n");
     }
@@ -175,12 +186,8 @@ pub(super) fn operand(program: &Program, place: usize, width: Width) -> String {
             if x < 0.0 { format!("({})", width.constant(x)) } else { width.constant(x) }
         }
         Operation::Argument(index) => {
-            let (index, (nq, nv)) = (index as usize, program.sizes);
-            if index < nq {
-                return format!("q[{index}]");
-            }
-            let names = program.function.arguments();
-            format!("{}[{}]", names[1 + (index - nq) / nv], (index - nq) % nv)
+            let (array, at) = program.argument(index);
+            format!("{}[{at}]", array.name)
         }
         _ => format!("x{place}"),
     }
@@ -214,12 +221,17 @@ fn draw(place: usize) -> f64 {
     angle.sin()
 }
 
+/// What arguments are called in the test, in their order.
+pub(super) const GIVEN: [&str; 6] = ["given_q", "given_qd", "given_u", "given_first", "given_second", "given_third"];
+
 /// A state of the scene, and what the methods give there.
 fn test(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Width, bool)) -> Result<String, Error> {
-    let (nv, mut workspace) = (scene.nv(), scene.workspace());
+    let nv = scene.nv();
     let numbers = |first: usize| (first..first + nv).map(draw).collect::<Vec<f64>>();
-    let (mut q, qd, u) = (vec![f64::NAN; scene.nq()], numbers(nv), numbers(2 * nv));
-    scene.integrate(&scene.neutral(), &numbers(0), &mut q)?;
+    let mut given = vec![vec![f64::NAN; scene.nq()]];
+    scene.integrate(&scene.neutral(), &numbers(0), &mut given[0])?;
+    let most = programs.iter().map(|program| program.arguments.len()).max().unwrap_or(0);
+    given.extend((1..most).map(|argument| numbers(argument * nv)));
     let number = width.of_c();
     let array = |kind: &str, name: &str, values: &[f64]| {
         let values: Vec<String> = values.iter().map(|&x| width.constant(x)).collect();
@@ -227,7 +239,7 @@ fn test(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Widt
         format!("{kind} {name}[] = {{{all}}};\n")
     };
     let mut text = format!("{WRITTEN_BY}#include \"{name}.h\"\n#include <math.h>\n#include <stdio.h>\n\n");
-    for (name, values) in [("q", &q), ("qd", &qd), ("u", &u)] {
+    for (name, values) in GIVEN.into_iter().zip(&given) {
         text.push_str(&array(&format!("static const {number}"), name, values));
     }
     let bound = if width == Width::Double { 1e-9 } else { 1e-2 };
@@ -241,32 +253,35 @@ fn test(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Widt
          printf(\"%s: %.1e\\n\", what, apart / size);\n    \
          return !(apart <= {bound:e} * size);\n}}\n\nint main(void)\n{{\n    int faults = 0;\n"
     );
-    let mut moving = vec![f64::NAN; nv];
-    scene.inverse_dynamics(&mut workspace, &q, &qd, &u, &[], &mut moving)?;
     for program in programs {
-        let function = program.function;
-        let mut expected = vec![f64::NAN; function.width(nv)];
-        match function {
-            Function::ForwardDynamics => scene.forward_dynamics(&mut workspace, &q, &qd, &u, &[], &mut expected)?,
-            Function::InverseDynamics => scene.inverse_dynamics(&mut workspace, &q, &qd, &u, &[], &mut expected)?,
-            Function::BiasTorque => scene.bias_torque(&mut workspace, &q, &qd, &mut expected)?,
-            Function::MassMatrix => scene.mass_matrix(&mut workspace, &q, &mut expected)?,
-            Function::MassMatrixInverse => {
-                scene.mass_matrix_inverse(&mut workspace, &mut scene.inverse_scratch(), &q, &mut expected)?;
-            }
-        }
-        let (what, count) = (function.name(), expected.len());
+        let function = &program.function;
+        let given: Vec<&[f64]> = given.iter().map(|values| &values[..]).collect();
+        let expected = function.by_scene(scene, &given[..program.arguments.len()])?;
         // A bias can be nothing but rounding.
-        let beside = if function == Function::BiasTorque { &moving[..] } else { &[] };
-        let size = expected.iter().chain(beside).fold(0.0, |size: f64, x| size.max(x.abs()));
+        let beside = match function {
+            Function::BiasTorque => Function::InverseDynamics.by_scene(scene, &[given[0], given[1], given[1]])?,
+            _ => Vec::new(),
+        };
+        let size = expected.iter().chain(&beside).fold(0.0, |size: f64, x| size.max(x.abs()));
         let size = if size > 0.0 { size } else { 1.0 };
-        let given: Vec<&str> =
-            function.arguments().iter().map(|&a| if a == "q" || a == "qd" { a } else { "u" }).collect();
+        let what = function.symbol();
         let _ = writeln!(text, "    {{");
-        let _ = write!(text, "        {}", array(&format!("static const {number}"), "expected", &expected));
-        let _ = writeln!(text, "        {number} found[{}];", count.max(1));
-        let _ = writeln!(text, "        {name}_{what}({}, found);", given.join(", "));
-        let _ = writeln!(text, "        faults += check(\"{what}\", found, expected, {count}, {size:?});");
+        let mut rest = &expected[..];
+        for result in &program.results {
+            let (own, others) = rest.split_at(result.width());
+            rest = others;
+            let expected = format!("expected_{}", result.name);
+            let _ = write!(text, "        {}", array(&format!("static const {number}"), &expected, own));
+            let _ = writeln!(text, "        static {number} {}[{}];", result.name, own.len().max(1));
+        }
+        let results = program.results.iter().map(|result| result.name);
+        let all: Vec<&str> = GIVEN.into_iter().take(program.arguments.len()).chain(results).collect();
+        let _ = writeln!(text, "        {name}_{what}({});", all.join(", "));
+        for result in &program.results {
+            let (result, count, said) = (result.name, result.width(), program.said_of(result));
+            let _ =
+                writeln!(text, "        faults += check(\"{said}\", {result}, expected_{result}, {count}, {size:?});");
+        }
         if batches {
             lanes::test(name, program, size, &mut text);
         }

@@ -1,6 +1,6 @@
 //! C of programs for many states: one number of each in a lane of a vector, by the vector extensions of GCC and Clang.
 
-use super::c::{Width, operand};
+use super::c::{GIVEN, Width, operand};
 use super::program::Program;
 use crate::scalar::Operation;
 use std::collections::HashSet;
@@ -91,34 +91,24 @@ static inline void scatter(double *to, const lanes *from, size_t width, size_t c
 }
 ";
 
-/// The arguments of a program with how many numbers of a state each has, and its result last.
-fn arrays(program: &Program) -> Vec<(&'static str, usize)> {
-    let ((nq, nv), function) = (program.sizes, program.function);
-    let given = function.arguments().iter().map(|&name| (name, if name == "q" { nq } else { nv }));
-    given.chain([(function.result(), function.width(nv))]).collect()
+/// The names of arguments and results with what stands before each.
+fn named(program: &Program, argument: &str, result: &str) -> String {
+    let arguments = program.arguments.iter().map(|array| format!("{argument}{}", array.name));
+    let all: Vec<String> =
+        arguments.chain(program.results.iter().map(|array| format!("{result}{}", array.name))).collect();
+    all.join(", ")
 }
 
 /// The declaration of the function of many states, without what ends it.
 pub(super) fn declaration(name: &str, program: &Program) -> String {
-    let all = arrays(program);
-    let given: Vec<String> =
-        all[..all.len() - 1].iter().map(|(argument, _)| format!("const double *{argument}")).collect();
-    let function = program.function;
-    format!("void {name}_{}_batch(size_t count, {}, double *{})", function.name(), given.join(", "), function.result())
+    let (function, all) = (program.function.symbol(), named(program, "const double *", "double *"));
+    format!("void {name}_{function}_batch(size_t count, {all})")
 }
 
 /// The program in lanes, and the function that takes all states through it.
 pub(super) fn functions(name: &str, program: &Program, text: &mut String) {
-    let (function, all) = (program.function, arrays(program));
-    let parameters: Vec<String> =
-        all[..all.len() - 1].iter().map(|(argument, _)| format!("const lanes *{argument}")).collect();
-    let _ = write!(
-        text,
-        "\nstatic void {}_lanes({}, lanes *{})\n{{\n",
-        function.name(),
-        parameters.join(", "),
-        function.result()
-    );
+    let function = program.function.symbol();
+    let _ = write!(text, "\nstatic void {function}_lanes({})\n{{\n", named(program, "const lanes *", "lanes *"));
     let mut said: Vec<String> =
         (0..program.operations.len()).map(|place| operand(program, place, Width::Double)).collect();
     let mut turned = HashSet::new();
@@ -133,15 +123,17 @@ pub(super) fn functions(name: &str, program: &Program, text: &mut String) {
             let _ = writeln!(text, "    const lanes {} = {right};", said[place]);
         }
     }
-    for (i, &result) in program.results.iter().enumerate() {
-        let value = &said[result as usize];
-        let is_constant = matches!(program.operations[result as usize], Operation::Constant(_));
-        // A number by itself is no vector.
-        let value = if is_constant { format!("(lanes){{0}} + {value}") } else { value.clone() };
-        let _ = writeln!(text, "    {}[{i}] = {value};", function.result());
+    for (array, places) in program.outputs() {
+        for (i, &place) in places.iter().enumerate() {
+            let value = &said[place as usize];
+            let is_constant = matches!(program.operations[place as usize], Operation::Constant(_));
+            // A number by itself is no vector.
+            let value = if is_constant { format!("(lanes){{0}} + {value}") } else { value.clone() };
+            let _ = writeln!(text, "    {}[{i}] = {value};", array.name);
+        }
     }
     // What no result reads is no fault.
-    for (argument, _) in &all[..all.len() - 1] {
+    for argument in program.unread() {
         let _ = writeln!(text, "    (void){argument};");
     }
     text.push_str("}\n");
@@ -149,16 +141,18 @@ pub(super) fn functions(name: &str, program: &Program, text: &mut String) {
     let _ = write!(text, "\n{}\n{{\n", declaration(name, program));
     text.push_str("    for (size_t first = 0; first < count; first += LANES) {\n");
     text.push_str("        const size_t here = count - first < LANES ? count - first : LANES;\n");
-    for (array, width) in &all {
-        let _ = writeln!(text, "        lanes {array}_[{}];", width.max(&1));
+    let all = || program.arguments.iter().chain(&program.results).map(|array| (array.name, array.width()));
+    for (array, width) in all() {
+        let _ = writeln!(text, "        lanes {array}_[{}];", width.max(1));
     }
-    for (array, width) in &all[..all.len() - 1] {
+    for (array, width) in all().take(program.arguments.len()) {
         let _ = writeln!(text, "        gather({array}_, {array} + first * {width}, {width}, here);");
     }
-    let names: Vec<String> = all.iter().map(|(array, _)| format!("{array}_")).collect();
-    let _ = writeln!(text, "        {}_lanes({});", function.name(), names.join(", "));
-    let (result, width) = all[all.len() - 1];
-    let _ = writeln!(text, "        scatter({result} + first * {width}, {result}_, {width}, here);");
+    let names: Vec<String> = all().map(|(array, _)| format!("{array}_")).collect();
+    let _ = writeln!(text, "        {function}_lanes({});", names.join(", "));
+    for (array, width) in all().skip(program.arguments.len()) {
+        let _ = writeln!(text, "        scatter({array} + first * {width}, {array}_, {width}, here);");
+    }
     text.push_str("    }\n}\n");
 }
 
@@ -177,29 +171,31 @@ fn right_side(operation: &Operation, said: &[String]) -> Option<String> {
 /// A part of the test: some states in a batch, the arguments smaller and smaller, beside each by itself.
 pub(super) fn test(name: &str, program: &Program, size: f64, text: &mut String) {
     const STATES: usize = 11;
-    let all = arrays(program);
-    let (function, (result, count)) = (program.function.name(), all[all.len() - 1]);
-    for (array, width) in &all {
-        let _ = writeln!(text, "        static double many_{array}[{}];", STATES * width.max(&1));
+    let function = program.function.symbol();
+    for array in program.arguments.iter().chain(&program.results) {
+        let _ = writeln!(text, "        static double many_{}[{}];", array.name, STATES * array.width().max(1));
     }
     let _ = writeln!(text, "        for (int i = 0; i < {STATES}; i++) {{");
-    for (at, (array, width)) in all[..all.len() - 1].iter().enumerate() {
-        let (from, scale) = (["q", "qd", "u"][at], if *array == "q" { "1" } else { "(1 - 0.05 * i)" });
+    for (argument, from) in program.arguments.iter().zip(GIVEN) {
+        let (array, width, scale) =
+            (argument.name, argument.width(), if argument.name == "q" { "1" } else { "(1 - 0.05 * i)" });
         let _ = writeln!(
             text,
             "            for (int k = 0; k < {width}; k++) many_{array}[i * {width} + k] = {from}[k] * {scale};"
         );
     }
     let _ = writeln!(text, "        }}");
-    let given: Vec<String> = all[..all.len() - 1].iter().map(|(array, _)| format!("many_{array}")).collect();
-    let _ = writeln!(text, "        {name}_{function}_batch({STATES}, {}, many_{result});", given.join(", "));
+    let _ = writeln!(text, "        {name}_{function}_batch({STATES}, {});", named(program, "many_", "many_"));
     let _ = writeln!(text, "        for (int i = 0; i < {STATES}; i++) {{");
-    let state: Vec<String> =
-        all[..all.len() - 1].iter().map(|(array, width)| format!("many_{array} + i * {width}")).collect();
-    let _ = writeln!(text, "            {name}_{function}({}, found);", state.join(", "));
-    let _ = writeln!(
-        text,
-        "            faults += check(\"{function}, in lanes\", many_{result} + i * {count}, found, {count}, {size:?});"
-    );
+    let state = program.arguments.iter().map(|array| format!("many_{} + i * {}", array.name, array.width()));
+    let state: Vec<String> = state.chain(program.results.iter().map(|array| array.name.to_owned())).collect();
+    let _ = writeln!(text, "            {name}_{function}({});", state.join(", "));
+    for result in &program.results {
+        let (array, count, said) = (result.name, result.width(), program.said_of(result));
+        let _ = writeln!(
+            text,
+            "            faults += check(\"{said}, in lanes\", many_{array} + i * {count}, {array}, {count}, {size:?});"
+        );
+    }
     let _ = writeln!(text, "        }}");
 }

@@ -7,7 +7,7 @@
 //! use phipsi::codegen::{Function, Program};
 //! # fn main() -> Result<(), phipsi::Error> {
 //! let scene = phipsi::scenes::chain(2)?;
-//! let program = Program::new(&scene, Function::InverseDynamics)?;
+//! let program = Program::new(&scene, &Function::InverseDynamics)?;
 //! let mut tau = [f64::NAN; 2];
 //! scene.inverse_dynamics(&mut scene.workspace(), &[0.1, 0.2], &[0.3, 0.4], &[0.5, 0.6], &[], &mut tau)?;
 //! let found = program.run(&[0.1, 0.2, 0.3, 0.4, 0.5, 0.6])?;
@@ -17,8 +17,12 @@
 //! ```
 
 mod c;
+mod functions;
 mod lanes;
 mod program;
+mod reference;
+mod tracing;
 
 pub use c::{Sources, Width, sources};
-pub use program::{FUNCTIONS, Function, Program, Size};
+pub use functions::{Array, FUNCTIONS, Function};
+pub use program::{Program, Size};

@@ -1,86 +1,25 @@
 //! One algorithm of one scene as a program of scalar operations, without anything that this scene does not need.
 
-use crate::dynamics::sweeps::{self, InverseColumns, MassColumns, SweepModel, SweepScratch};
+use super::functions::{Array, Function};
+use super::tracing::Tracer;
+use crate::dynamics::sweeps::SweepModel;
 use crate::error::Error;
 use crate::scalar::{Operation, Traced};
 use crate::scene::Scene;
-
-/// What a program can compute.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Function {
-    /// qdd of (q, qd, tau), in covariance form.
-    ForwardDynamics,
-    /// tau of (q, qd, qdd).
-    InverseDynamics,
-    /// The torque of the bias, of (q, qd).
-    BiasTorque,
-    /// M of q, row by row.
-    MassMatrix,
-    /// M^-1 of q, row by row, in covariance form.
-    MassMatrixInverse,
-}
-
-/// All of them.
-pub const FUNCTIONS: [Function; 5] = [
-    Function::ForwardDynamics,
-    Function::InverseDynamics,
-    Function::BiasTorque,
-    Function::MassMatrix,
-    Function::MassMatrixInverse,
-];
-
-impl Function {
-    /// Its name, as the methods of scenes have it.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::ForwardDynamics => "forward_dynamics",
-            Self::InverseDynamics => "inverse_dynamics",
-            Self::BiasTorque => "bias_torque",
-            Self::MassMatrix => "mass_matrix",
-            Self::MassMatrixInverse => "mass_matrix_inverse",
-        }
-    }
-
-    /// Its arguments.
-    #[must_use]
-    pub fn arguments(self) -> &'static [&'static str] {
-        match self {
-            Self::ForwardDynamics => &["q", "qd", "tau"],
-            Self::InverseDynamics => &["q", "qd", "qdd"],
-            Self::BiasTorque => &["q", "qd"],
-            Self::MassMatrix | Self::MassMatrixInverse => &["q"],
-        }
-    }
-
-    /// What its result is called.
-    #[must_use]
-    pub fn result(self) -> &'static str {
-        match self {
-            Self::ForwardDynamics => "qdd",
-            Self::InverseDynamics | Self::BiasTorque => "tau",
-            Self::MassMatrix => "mass",
-            Self::MassMatrixInverse => "inverse",
-        }
-    }
-
-    /// How many numbers it gives for `nv` degrees of freedom.
-    #[must_use]
-    pub fn width(self, nv: usize) -> usize {
-        if matches!(self, Self::MassMatrix | Self::MassMatrixInverse) { nv * nv } else { nv }
-    }
-}
+use std::collections::HashSet;
 
 /// Operations in order, each of those before it; arguments are numbered through, q first.
 #[derive(Debug, Clone)]
 pub struct Program {
     /// What it computes.
     pub function: Function,
-    /// Coordinates and degrees of freedom of the scene.
-    pub sizes: (usize, usize),
+    /// What it takes, q first.
+    pub arguments: Vec<Array>,
+    /// What it gives.
+    pub results: Vec<Array>,
     pub(super) operations: Vec<Operation>,
-    /// The places of the results.
-    pub(super) results: Vec<u32>,
+    /// The places of the numbers of all results, one after another.
+    places: Vec<u32>,
 }
 
 /// How many operations of a kind a program has.
@@ -105,19 +44,68 @@ impl Program {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for a scene with connections, with joints that follow others, or whose inverse mass matrix is not multiplied out (chains of more than 300 joints).
-    pub fn new(scene: &Scene, function: Function) -> Result<Self, Error> {
+    /// [`Error::Argument`] for a scene with connections, with joints that follow others, or whose inverse mass matrix is not multiplied out (chains of more than 300 joints); an unknown link.
+    pub fn new(scene: &Scene, function: &Function) -> Result<Self, Error> {
         check(scene, function)?;
-        let sizes = (scene.nq(), scene.nv());
-        let (results, operations) = Traced::during(|| trace(scene, function));
-        let results = results.iter().map(|result| result.place()).collect();
-        Ok(Self { function, sizes, operations, results }.without_dead_ends())
+        let place = function.place(scene)?;
+        let (arguments, results) = (function.arguments(scene), function.results(scene));
+        let (traced, operations) = Traced::during(|| {
+            let mut next = 0..;
+            let mut given = Vec::new();
+            for argument in &arguments {
+                given.push(next.by_ref().take(argument.width()).map(Traced::argument).collect());
+            }
+            let mut out = vec![Traced::argument(0); results.iter().map(Array::width).sum()];
+            function.trace()(&mut Tracer::new(scene, place), &given, &mut out);
+            out
+        });
+        let places = traced.iter().map(|number| number.place()).collect();
+        Ok(Self { function: function.clone(), arguments, results, operations, places }.without_dead_ends())
+    }
+
+    /// The argument of this index among the numbers of all: its array, and its place there.
+    pub(super) fn argument(&self, index: u32) -> (&Array, usize) {
+        let mut left = index as usize;
+        for array in &self.arguments {
+            if left < array.width() {
+                return (array, left);
+            }
+            left -= array.width();
+        }
+        unreachable!("an argument that no array has")
+    }
+
+    /// The names of arguments that nothing reads.
+    pub(super) fn unread(&self) -> impl Iterator<Item = &'static str> {
+        let read: HashSet<&str> = (self.operations.iter())
+            .filter_map(|operation| match *operation {
+                Operation::Argument(index) => Some(self.argument(index).0.name),
+                _ => None,
+            })
+            .collect();
+        self.arguments.iter().map(|array| array.name).filter(move |name| !read.contains(name))
+    }
+
+    /// How a test calls a result: its function, and where that has several its own name.
+    pub(super) fn said_of(&self, result: &Array) -> String {
+        let function = self.function.symbol();
+        if self.results.len() > 1 { format!("{function}, {}", result.name) } else { function }
+    }
+
+    /// The results with the places of their numbers.
+    pub(super) fn outputs(&self) -> impl Iterator<Item = (&Array, &[u32])> {
+        let mut rest = &self.places[..];
+        self.results.iter().map(move |array| {
+            let (own, others) = rest.split_at(array.width());
+            rest = others;
+            (array, own)
+        })
     }
 
     /// The same without operations that no result needs.
     fn without_dead_ends(self) -> Self {
         let mut is_needed = vec![false; self.operations.len()];
-        for &result in &self.results {
+        for &result in &self.places {
             is_needed[result as usize] = true;
         }
         for (place, operation) in self.operations.iter().enumerate().rev() {
@@ -133,18 +121,17 @@ impl Program {
             moved[place] = u32::try_from(operations.len()).unwrap_or(u32::MAX);
             operations.push(renumbered(operation, &moved));
         }
-        let results = self.results.iter().map(|&result| moved[result as usize]).collect();
-        Self { operations, results, ..self }
+        let places = self.places.iter().map(|&result| moved[result as usize]).collect();
+        Self { operations, places, ..self }
     }
 
-    /// The results at these arguments, (q, then what else the function takes): what the program means, slowly.
+    /// The results at these arguments, all numbers of each one after another: what the program means, slowly.
     ///
     /// # Errors
     ///
     /// [`Error::Shape`] for another number of arguments.
     pub fn run(&self, arguments: &[f64]) -> Result<Vec<f64>, Error> {
-        let (nq, nv) = self.sizes;
-        let count = nq + (self.function.arguments().len() - 1) * nv;
+        let count = self.arguments.iter().map(Array::width).sum();
         crate::error::check_length("arguments", arguments.len(), count)?;
         let mut values: Vec<f64> = Vec::with_capacity(self.operations.len());
         for operation in &self.operations {
@@ -168,7 +155,7 @@ impl Program {
             };
             values.push(value);
         }
-        Ok(self.results.iter().map(|&result| values[result as usize]).collect())
+        Ok(self.places.iter().map(|&result| values[result as usize]).collect())
     }
 
     /// How many operations it has.
@@ -189,64 +176,21 @@ impl Program {
     }
 }
 
-fn check(scene: &Scene, function: Function) -> Result<(), Error> {
-    scene.check_no_connections("scene")?;
+fn check(scene: &Scene, function: &Function) -> Result<(), Error> {
+    // Where links are does not depend on them.
+    if !function.is_kinematic() {
+        scene.check_no_connections("scene")?;
+    }
     if scene.coupling().is_some() {
         let found = "a scene whose joints follow each other (mimic=\"couple\")";
         return Err(Error::argument("scene", found, "independent joints: mimic=\"free\""));
     }
-    if function == Function::MassMatrixInverse && !SweepModel::<f64>::new(scene.model()).is_shallow() {
+    if function.has_inverse() && !SweepModel::<f64>::new(scene.model()).is_shallow() {
         let found = format!("a scene of {} degrees of freedom in long chains", scene.nv());
-        return Err(Error::argument("functions", found, "mass_matrix_inverse of shorter ones, or forward_dynamics"));
+        let expected = format!("{} of shorter ones, or forward_dynamics", function.name());
+        return Err(Error::argument("functions", found, expected));
     }
     Ok(())
-}
-
-/// The results, written by the sweeps; in this thread's program.
-fn trace(scene: &Scene, function: Function) -> Vec<Traced> {
-    let model = scene.model();
-    let (sweeps, model) = (SweepModel::<Traced>::new(model), model.cast::<Traced>());
-    let mut scratch = SweepScratch::new(&model, &sweeps);
-    let (nq, nv) = (model.nq, model.nv());
-    let mut next = 0;
-    let mut arguments = |count: usize| -> Vec<Traced> {
-        let first = next;
-        next += count;
-        (first..next).map(|index| Traced::argument(u32::try_from(index).unwrap_or(u32::MAX))).collect()
-    };
-    let q = arguments(nq);
-    let (mut qd, mut u) = (Vec::new(), Vec::new());
-    if function.arguments().len() > 1 {
-        qd = arguments(nv);
-    }
-    if function.arguments().len() > 2 {
-        u = arguments(nv);
-    }
-    let scene = (&model, &sweeps);
-    let mut out = vec![Traced::argument(0); function.width(nv)];
-    match function {
-        Function::ForwardDynamics => {
-            sweeps::forward_dynamics::<Traced, Traced>(scene, &mut scratch, (&q, &qd, &u), &[], &mut out);
-        }
-        Function::InverseDynamics => {
-            sweeps::inverse_dynamics::<Traced, Traced>(scene, &mut scratch, (&q, &qd, Some(&u)), &[], &mut out);
-        }
-        Function::BiasTorque => {
-            sweeps::inverse_dynamics::<Traced, Traced>(scene, &mut scratch, (&q, &qd, None), &[], &mut out);
-        }
-        Function::MassMatrix => {
-            let mut columns: MassColumns<Traced, Traced> = MassColumns::new();
-            columns.prepare(&model, &sweeps);
-            sweeps::mass_matrix::<Traced, Traced, false>(scene, (&mut scratch, &mut columns), &q, &mut out);
-        }
-        Function::MassMatrixInverse => {
-            let mut columns: InverseColumns<Traced, Traced> = InverseColumns::new();
-            columns.prepare(&model, &sweeps);
-            sweeps::factor::<Traced, Traced>(scene, &mut scratch, &q);
-            sweeps::multiplied_out::<Traced, Traced, false>(scene, &scratch, &mut columns, &mut out);
-        }
-    }
-    out
 }
 
 /// What an operation reads.

@@ -41,6 +41,11 @@ pub const REFERENCE_FRAMES: [(&str, ReferenceFrame); 3] = [
 ];
 
 impl ReferenceFrame {
+    /// Its name among [`REFERENCE_FRAMES`].
+    pub(crate) fn name(self) -> &'static str {
+        REFERENCE_FRAMES.iter().find(|(_, known)| *known == self).map_or("local", |(name, _)| name)
+    }
+
     /// A motion of the frame at `placement` on the base, given in its own axes at its origin, in this frame.
     #[inline(always)]
     pub fn express<T: Real>(self, placement: &RigidShift<T>, motion: &Vector6<T>) -> Vector6<T> {

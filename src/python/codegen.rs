@@ -1,27 +1,32 @@
 //! Methods of `Scene`: the robot as C code.
 
 use super::choice::names;
+use super::links::read_frame;
 use super::object::{Object, imported};
 use super::scene::PyScene;
 use crate::codegen::{FUNCTIONS, Function, Width, sources};
 use crate::error::Error;
+use crate::kinematics::ReferenceFrame;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyMapping, PyString};
 
 #[pymethods]
 impl PyScene {
     /// The dynamics of this robot as C99 that needs nothing but libm, a dict from names of files to their texts: NAME.c, NAME.h, test_NAME.c and a Makefile.
     ///
     /// directory: where to write them too, made where it is not there; None: nowhere. name: what files and functions begin with. functions: names among "forward_dynamics",
-    /// "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"; None: all. dtype: "float64" or "float32", the numbers of the code. batches: whether to write NAME_forward_dynamics_batch(count, ...) and its like too, which run
+    /// "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse", "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
+    /// "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp", "placements", and of one link ("placement", link), ("jacobian", link) and ("jacobian", link, frame), frame as in
+    /// jacobian; None: all that are of no one link. dtype: "float64" or "float32", the numbers of the code. batches: whether to write NAME_forward_dynamics_batch(count, ...) and its like too, which run
     /// as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang; float64 only.
     ///
     /// Each function is one straight line of operations for one state, NAME_forward_dynamics(q, qd, tau, qdd) for instance, without allocations: constants are folded, and what this robot does not need is
-    /// not there. Order of q and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits that it loses are not noticed. `make test` in the directory
-    /// compiles it and compares with the scene at one state.
+    /// not there. Results of several arrays are written to one after another, NAME_forward_dynamics_derivatives(q, qd, tau, dqdd_dq, dqdd_dqd, Minv); of a link its name is in that of the function,
+    /// NAME_jacobian_tool0_world(q, jacobian), with _ for what C has not. Order of q and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits
+    /// that it loses are not noticed; wrenches and changes of what is constant are not there. `make test` in the directory compiles it and compares with the scene at one state.
     ///
-    /// Raises ArgumentError for a name that C has not, unknown functions, a scene with connections or with joints that follow others (mimic="couple"), and for the inverse mass matrix of
-    /// chains of more than 300 joints; OSError where files cannot be written.
+    /// Raises ArgumentError for a name that C has not, unknown functions and links, and links whose functions C would call the same; for dynamics of a scene with connections, for a scene with joints that
+    /// follow others (mimic="couple"), and for the inverse mass matrix and the derivatives of forward dynamics of chains of more than 300 joints; OSError where files cannot be written.
     #[pyo3(signature = (directory=None, *, name="robot", functions=None, dtype="float64", batches=false))]
     #[allow(clippy::too_many_arguments)] // keywords, in Python
     fn to_c<'py>(
@@ -50,19 +55,41 @@ impl PyScene {
     }
 }
 
-/// Names of functions, each once.
+/// Functions by their names, or of one link as (name, link) and (name, link, frame), each once.
 fn read_functions(given: &Object<'_>) -> PyResult<Vec<Function>> {
-    let known = FUNCTIONS.map(Function::name);
+    let expected = "names of functions";
+    if given.is_instance_of::<PyString>() || given.is_instance_of::<PyMapping>() {
+        return Err(Error::argument("functions", given.repr()?.to_string(), expected).into());
+    }
     let mut functions = Vec::new();
-    for name in names("functions", given, "names of functions")? {
-        let Some(at) = known.iter().position(|&known| known == name) else {
-            return Err(
-                Error::argument("functions", format!("{name:?}"), format!("one of {}", known.join(", "))).into()
-            );
-        };
-        if !functions.contains(&FUNCTIONS[at]) {
-            functions.push(FUNCTIONS[at]);
+    let Ok(all) = given.try_iter() else {
+        return Err(Error::argument("functions", given.repr()?.to_string(), expected).into());
+    };
+    for item in all {
+        let function = read_function(&item?)?;
+        if !functions.contains(&function) {
+            functions.push(function);
         }
     }
     Ok(functions)
+}
+
+fn read_function(item: &Object<'_>) -> PyResult<Function> {
+    let parts = if let Ok(name) = item.extract::<String>() { vec![name] } else { names("functions", item, OF_ONE)? };
+    let parts: Vec<&str> = parts.iter().map(String::as_str).collect();
+    Ok(match parts[..] {
+        ["placement", link] => Function::Placement(link.to_owned()),
+        ["jacobian", link] => Function::Jacobian(link.to_owned(), ReferenceFrame::Local),
+        ["jacobian", link, frame] => Function::Jacobian(link.to_owned(), read_frame(frame)?),
+        [name] => FUNCTIONS.into_iter().find(|known| known.name() == name).ok_or_else(|| unknown(item))?,
+        _ => return Err(unknown(item)),
+    })
+}
+
+const OF_ONE: &str = "(\"placement\", link), (\"jacobian\", link) or (\"jacobian\", link, frame)";
+
+fn unknown(item: &Object<'_>) -> PyErr {
+    let found = item.repr().map_or_else(|_| "an object".to_owned(), |said| said.to_string());
+    let known = FUNCTIONS.each_ref().map(Function::name).join(", ");
+    Error::argument("functions", found, format!("one of {known}, {OF_ONE}")).into()
 }

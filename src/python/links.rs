@@ -215,6 +215,6 @@ impl PyScene {
 }
 
 /// The argument `frame`.
-fn read_frame(frame: &str) -> Result<ReferenceFrame, Error> {
+pub(super) fn read_frame(frame: &str) -> Result<ReferenceFrame, Error> {
     choose("frame", frame, &REFERENCE_FRAMES)
 }

@@ -1,0 +1,161 @@
+//! The sweeps of each function on numbers that remember what they come of.
+
+use crate::dynamics::derivatives::{
+    Changes, CoStates, Constants, DerivativeColumns, Directions, Kept, Matrices, Product, gradients_in_sweeps,
+    in_sweeps, tangent_in_sweeps,
+};
+use crate::dynamics::forces::Motion;
+use crate::dynamics::sweeps::{self, InverseColumns, MassColumns, SweepModel, SweepScratch};
+use crate::kinematics::{self, Frame, ReferenceFrame};
+use crate::model::Model;
+use crate::scalar::{Real, Traced};
+use crate::scene::Scene;
+use crate::spatial::RigidShift;
+
+/// The frame that a function of one link is of, and what its motion is written in.
+pub(super) type Place = (Frame<f64>, ReferenceFrame);
+
+/// What the sweeps read, and their scratch.
+pub(super) struct Tracer<'a> {
+    scene: &'a Scene,
+    place: Place,
+    model: Model<Traced>,
+    sweeps: SweepModel<Traced>,
+    scratch: SweepScratch<Traced>,
+}
+
+/// Writes the results, one after another, from the arguments.
+pub(super) type Trace = fn(&mut Tracer<'_>, &[Vec<Traced>], &mut [Traced]);
+
+impl<'a> Tracer<'a> {
+    pub fn new(scene: &'a Scene, place: Place) -> Self {
+        let (sweeps, model) = (SweepModel::new(scene.model()), scene.model().cast());
+        let scratch = SweepScratch::new(&model, &sweeps);
+        Self { scene, place, model, sweeps, scratch }
+    }
+}
+
+pub(super) fn forward_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let Tracer { model, sweeps, scratch, .. } = tracer;
+    let state = (&given[0][..], &given[1][..], &given[2][..]);
+    sweeps::forward_dynamics::<Traced, Traced>((model, sweeps), scratch, state, &[], out);
+}
+
+pub(super) fn inverse_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let Tracer { model, sweeps, scratch, .. } = tracer;
+    let qdd = given.get(2).map(|qdd| &qdd[..]);
+    sweeps::inverse_dynamics::<Traced, Traced>((model, sweeps), scratch, (&given[0], &given[1], qdd), &[], out);
+}
+
+pub(super) fn mass_matrix(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let Tracer { model, sweeps, scratch, .. } = tracer;
+    let mut columns: MassColumns<Traced, Traced> = MassColumns::new();
+    columns.prepare(model, sweeps);
+    sweeps::mass_matrix::<Traced, Traced, false>((model, sweeps), (scratch, &mut columns), &given[0], out);
+}
+
+pub(super) fn mass_matrix_inverse(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let Tracer { model, sweeps, scratch, .. } = tracer;
+    sweeps::factor::<Traced, Traced>((model, sweeps), scratch, &given[0]);
+    multiplied_out(tracer, out);
+}
+
+/// M^-1 of the factor in the scratch.
+fn multiplied_out(Tracer { model, sweeps, scratch, .. }: &Tracer<'_>, out: &mut [Traced]) {
+    let mut columns: InverseColumns<Traced, Traced> = InverseColumns::new();
+    columns.prepare(model, sweeps);
+    sweeps::multiplied_out::<Traced, Traced, false>((model, sweeps), scratch, &mut columns, out);
+}
+
+pub(super) fn forward_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let qdd = accelerations(tracer, given);
+    derivatives_of_torques(tracer, (&given[0], &given[1], &qdd), out);
+    let inverse = 2 * out.len() / 3;
+    multiplied_out(tracer, &mut out[inverse..]);
+    Product::new().in_place((&tracer.model, &tracer.sweeps), Traced::from_f64(0.0), out);
+}
+
+pub(super) fn inverse_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    derivatives_of_torques(tracer, (&given[0], &given[1], &given[2]), out);
+}
+
+/// The accelerations of a state; the factor of M is in the scratch then.
+fn accelerations(tracer: &mut Tracer<'_>, given: &[Vec<Traced>]) -> Vec<Traced> {
+    let mut qdd = vec![Traced::from_f64(f64::NAN); tracer.model.nv()];
+    forward_dynamics(tracer, given, &mut qdd);
+    qdd
+}
+
+/// dtau/dq, dtau/dqd and M.
+fn derivatives_of_torques(
+    tracer: &mut Tracer<'_>,
+    (q, qd, qdd): (&[Traced], &[Traced], &[Traced]),
+    out: &mut [Traced],
+) {
+    let Tracer { model, sweeps, scratch, .. } = tracer;
+    let mut columns: DerivativeColumns<Traced, Traced> = DerivativeColumns::new();
+    columns.prepare(model, sweeps);
+    let mut kept = Kept::new(sweeps, model.nv());
+    let state = Motion { q, qd, qdd: Some(qdd), wrenches: &[] };
+    in_sweeps((model, sweeps), (scratch, &mut kept, &mut columns), state, Matrices::Derivatives, out);
+}
+
+pub(super) fn forward_dynamics_jvp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let qdd = accelerations(tracer, given);
+    tangent(tracer, given, (&qdd, true), out);
+}
+
+pub(super) fn inverse_dynamics_jvp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    tangent(tracer, given, (&given[2], false), out);
+}
+
+/// The change along a direction: of torques, or where `solves` of accelerations, with the factor in the scratch.
+fn tangent(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], (qdd, solves): (&[Traced], bool), out: &mut [Traced]) {
+    let Tracer { model, sweeps, scratch, .. } = tracer;
+    let motion = Motion { q: &given[0], qd: &given[1], qdd: Some(qdd), wrenches: &[] };
+    let along = Directions { q: &given[3], qd: &given[4], u: &given[5], ..Directions::default() };
+    let (mut changes, mut right) = (Changes::new(sweeps), vec![Traced::from_f64(f64::NAN); model.nv()]);
+    let scratch = (scratch, &mut changes);
+    tangent_in_sweeps::<Traced, Traced>((model, sweeps), scratch, (motion, along), solves, (&mut right, out));
+}
+
+pub(super) fn forward_dynamics_vjp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let qdd = accelerations(tracer, given);
+    gradients(tracer, given, (&qdd, true), out);
+}
+
+pub(super) fn inverse_dynamics_vjp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    gradients(tracer, given, (&given[2], false), out);
+}
+
+/// The gradients, likewise.
+fn gradients(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], (qdd, solves): (&[Traced], bool), out: &mut [Traced]) {
+    let Tracer { model, sweeps, scratch, .. } = tracer;
+    let motion = Motion { q: &given[0], qd: &given[1], qdd: Some(qdd), wrenches: &[] };
+    let (mut co_states, mut x) = (CoStates::new(sweeps), vec![Traced::from_f64(f64::NAN); model.nv()]);
+    let results = (&mut Constants::default(), &mut x[..], out);
+    let scratch = (scratch, &mut co_states);
+    // How many digits are left is not asked.
+    let _ = gradients_in_sweeps::<Traced, Traced>((model, sweeps), scratch, (motion, &given[3]), solves, results);
+}
+
+pub(super) fn placements(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let Tracer { scene, model, .. } = tracer;
+    let bodies = model.bodies.len();
+    let mut of_bodies = vec![RigidShift::identity(); bodies];
+    kinematics::placements_on_the_way(model, &given[0], &mut vec![true; bodies], &mut of_bodies);
+    for (link, out) in scene.links().iter().zip(out.chunks_exact_mut(16)) {
+        let on_body = link.placement.cast();
+        link.body.map_or(on_body, |body| of_bodies[body].compose(&on_body)).homogeneous(out);
+    }
+}
+
+pub(super) fn placement(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let Tracer { model, place: (frame, _), .. } = tracer;
+    kinematics::placement(model, &given[0], &frame.cast()).homogeneous(out);
+}
+
+pub(super) fn jacobian(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let Tracer { model, place: (frame, reference), .. } = tracer;
+    kinematics::jacobian(model, &given[0], &frame.cast(), *reference, out);
+}
