@@ -49,7 +49,7 @@ impl Program {
         check(scene, function)?;
         let place = function.place(scene)?;
         let (arguments, results) = (function.arguments(scene), function.results(scene));
-        let (traced, operations) = Traced::during(|| {
+        let (places, operations) = Traced::during(|| {
             let mut next = 0..;
             let mut given = Vec::new();
             for argument in &arguments {
@@ -57,9 +57,9 @@ impl Program {
             }
             let mut out = vec![Traced::argument(0); results.iter().map(Array::width).sum()];
             function.trace()(&mut Tracer::new(scene, place), &given, &mut out);
-            out
+            // A constant gets its place here.
+            out.iter().map(|number| number.place()).collect()
         });
-        let places = traced.iter().map(|number| number.place()).collect();
         Ok(Self { function: function.clone(), arguments, results, operations, places }.without_dead_ends())
     }
 

@@ -5,7 +5,8 @@ use crate::dynamics::derivatives::{
     in_sweeps, tangent_in_sweeps,
 };
 use crate::dynamics::forces::Motion;
-use crate::dynamics::sweeps::{self, InverseColumns, MassColumns, SweepModel, SweepScratch};
+use crate::dynamics::sweeps::{SweepModel, SweepScratch};
+use crate::dynamics::traced;
 use crate::kinematics::{self, Frame, ReferenceFrame};
 use crate::model::Model;
 use crate::scalar::{Real, Traced};
@@ -37,42 +38,32 @@ impl<'a> Tracer<'a> {
 
 pub(super) fn forward_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     let Tracer { model, sweeps, scratch, .. } = tracer;
-    let state = (&given[0][..], &given[1][..], &given[2][..]);
-    sweeps::forward_dynamics::<Traced, Traced>((model, sweeps), scratch, state, &[], out);
+    traced::forward_dynamics((model, sweeps), scratch, (&given[0], &given[1], &given[2]), &[], out);
 }
 
 pub(super) fn inverse_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     let Tracer { model, sweeps, scratch, .. } = tracer;
     let qdd = given.get(2).map(|qdd| &qdd[..]);
-    sweeps::inverse_dynamics::<Traced, Traced>((model, sweeps), scratch, (&given[0], &given[1], qdd), &[], out);
+    traced::inverse_dynamics((model, sweeps), scratch, (&given[0], &given[1], qdd), &[], out);
 }
 
 pub(super) fn mass_matrix(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     let Tracer { model, sweeps, scratch, .. } = tracer;
-    let mut columns: MassColumns<Traced, Traced> = MassColumns::new();
-    columns.prepare(model, sweeps);
-    sweeps::mass_matrix::<Traced, Traced, false>((model, sweeps), (scratch, &mut columns), &given[0], out);
+    traced::mass_matrix((model, sweeps), scratch, &given[0], out);
 }
 
 pub(super) fn mass_matrix_inverse(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     let Tracer { model, sweeps, scratch, .. } = tracer;
-    sweeps::factor::<Traced, Traced>((model, sweeps), scratch, &given[0]);
-    multiplied_out(tracer, out);
-}
-
-/// M^-1 of the factor in the scratch.
-fn multiplied_out(Tracer { model, sweeps, scratch, .. }: &Tracer<'_>, out: &mut [Traced]) {
-    let mut columns: InverseColumns<Traced, Traced> = InverseColumns::new();
-    columns.prepare(model, sweeps);
-    sweeps::multiplied_out::<Traced, Traced, false>((model, sweeps), scratch, &mut columns, out);
+    traced::factor((model, sweeps), scratch, &given[0]);
+    traced::multiplied_out((model, sweeps), scratch, out);
 }
 
 pub(super) fn forward_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     let qdd = accelerations(tracer, given);
     derivatives_of_torques(tracer, (&given[0], &given[1], &qdd), out);
-    let inverse = 2 * out.len() / 3;
-    multiplied_out(tracer, &mut out[inverse..]);
-    Product::new().in_place((&tracer.model, &tracer.sweeps), Traced::from_f64(0.0), out);
+    let (scene, inverse) = ((&tracer.model, &tracer.sweeps), 2 * out.len() / 3);
+    traced::multiplied_out(scene, &tracer.scratch, &mut out[inverse..]);
+    Product::new().in_place(scene, Traced::from_f64(0.0), out);
 }
 
 pub(super) fn inverse_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {

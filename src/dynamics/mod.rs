@@ -42,6 +42,7 @@ pub(crate) mod mass_matrix;
 pub(crate) mod operational;
 pub(crate) mod refined;
 pub(crate) mod sweeps;
+pub(crate) mod traced;
 mod widened;
 
 #[cfg(feature = "stochastic")]

@@ -8,8 +8,8 @@ use crate::dynamics::derivatives::{
     inverse_dynamics_vjp, mass_matrix_derivative,
 };
 use crate::dynamics::mass_inverse::InverseScratch;
-use crate::dynamics::sweeps::{self, InverseColumns, MassColumns, SweepModel, SweepScratch};
-use crate::dynamics::{self, auto};
+use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
+use crate::dynamics::{self, traced};
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
 use crate::filter::{FORMS, Form, Stage};
@@ -77,7 +77,7 @@ pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
 
 /// Forward dynamics through connections as the kernels have it, with one look at what is left of the rows; false where the state is in doubt.
 fn through_connections(
-    scene: (&Model<Traced>, &SweepModel<Traced>),
+    scene: traced::Scene<'_>,
     (scratch, rows): (&mut SweepScratch<Traced>, &mut ConstraintKernel<Traced>),
     form: Form,
     (q, qd, tau): (&[Traced], &[Traced], &[Traced]),
@@ -87,13 +87,13 @@ fn through_connections(
     let nv = scene.0.nv();
     let (qdd, rest) = out.split_at_mut(nv);
     let kept = match form {
-        Form::Auto => auto::factor_watched_in_sweeps::<_, Traced>(scene, scratch, q, qdd).kept(0),
-        _ => sweeps::factor::<_, Traced>(scene, scratch, q).clear(0),
+        Form::Auto => traced::factor_watched(scene, scratch, q, qdd),
+        _ => traced::factor(scene, scratch, q),
     };
-    sweeps::innovations_of_factor::<_, Traced>(scene, scratch, (q, qd, tau), wrenches, qdd);
+    traced::innovations_of_factor(scene, scratch, (q, qd, tau), wrenches, qdd);
     let regular = rows.begin(scene, scratch, (qd, tau), qdd);
     rows.take(qdd);
-    sweeps::smooth(scene, scratch, qdd);
+    traced::smooth(scene, scratch, qdd);
     let [_, far] = rows.look(scene, scratch, qdd);
     let m = rows.forces_of_rows.len();
     rest[..m].copy_from_slice(&rows.forces_of_rows);
@@ -117,59 +117,46 @@ pub(crate) fn count_in_sweeps(
     let (sweeps, model) = (SweepModel::<Traced>::new(&model), model.cast());
     let ([q, qd, u], wrenches) = on_counted(state);
     let mut scratch = SweepScratch::new(&model, &sweeps);
-    let mut columns: InverseColumns<Traced, Traced> = InverseColumns::new();
-    let mut mass_columns: MassColumns<Traced, Traced> = MassColumns::new();
-    mass_columns.prepare(&model, &sweeps);
-    if columns.prepare(&model, &sweeps).is_none() && matches!(algorithm, Algorithm::MassMatrixInverse(_)) {
+    if matches!(algorithm, Algorithm::MassMatrixInverse(_)) && !sweeps.is_shallow() {
         return count_recursion(scene, Task::Algorithm(algorithm), state);
     }
-    let mut inverted = |scratch: &SweepScratch<Traced>, out: &mut [Traced]| {
-        sweeps::multiplied_out::<_, _, false>((&model, &sweeps), scratch, &mut columns, out);
-    };
     let mut out = vec![Traced::from_f64(f64::NAN); scene.width(algorithm)];
     let constraints = scene.constraints();
     let (kept, operations) = Traced::counted(|| {
-        let scene = (&model, &sweeps);
+        let (scene, state) = ((&model, &sweeps), (&q[..], &qd[..], &u[..]));
         match algorithm {
-            Algorithm::ForwardDynamics(Form::Auto) => apart(|| {
-                let state = (&q[..], &qd[..], &u[..]);
-                auto::watched_in_sweeps::<_, Traced>(scene, &mut scratch, state, &wrenches, &mut out).kept(0)
-            }),
-            Algorithm::MassMatrixInverse(Form::Auto) => apart(|| {
-                let nv = model.nv();
-                let watched = auto::factor_watched_in_sweeps::<_, Traced>(scene, &mut scratch, &q, &mut out[..nv]);
-                inverted(&scratch, &mut out);
-                watched.kept(0)
-            }),
-            Algorithm::ForwardDynamics(Form::SquareRoot) => apart(|| {
-                let state = (&q[..], &qd[..], &u[..]);
-                let (pivots, reach) =
-                    sweeps::forward_dynamics_by_roots::<_, Traced>(scene, &mut scratch, state, &wrenches, &mut out);
-                pivots.clear(0) && reach.clear(0)
-            }),
-            Algorithm::ForwardDynamics(_) => apart(|| {
-                sweeps::forward_dynamics::<_, Traced>(scene, &mut scratch, (&q, &qd, &u), &wrenches, &mut out);
+            Algorithm::ForwardDynamics(Form::Auto) => {
+                traced::forward_dynamics_watched(scene, &mut scratch, state, &wrenches, &mut out)
+            }
+            Algorithm::MassMatrixInverse(Form::Auto) => {
+                let kept = traced::factor_watched(scene, &mut scratch, &q, &mut out[..model.nv()]);
+                traced::multiplied_out(scene, &scratch, &mut out);
+                kept
+            }
+            Algorithm::ForwardDynamics(Form::SquareRoot) => {
+                traced::forward_dynamics_by_roots(scene, &mut scratch, state, &wrenches, &mut out)
+            }
+            Algorithm::ForwardDynamics(_) => {
+                traced::forward_dynamics(scene, &mut scratch, state, &wrenches, &mut out);
                 true
-            }),
-            Algorithm::InverseDynamics | Algorithm::BiasTorque => apart(|| {
+            }
+            Algorithm::InverseDynamics | Algorithm::BiasTorque => {
                 let u = (algorithm == Algorithm::InverseDynamics).then_some(&u[..]);
-                sweeps::inverse_dynamics::<_, Traced>(scene, &mut scratch, (&q, &qd, u), &wrenches, &mut out);
+                traced::inverse_dynamics(scene, &mut scratch, (&q, &qd, u), &wrenches, &mut out);
                 true
-            }),
-            Algorithm::MassMatrix => apart(|| {
-                sweeps::mass_matrix::<_, _, false>(scene, (&mut scratch, &mut mass_columns), &q, &mut out);
+            }
+            Algorithm::MassMatrix => {
+                traced::mass_matrix(scene, &mut scratch, &q, &mut out);
                 true
-            }),
-            Algorithm::MassMatrixInverse(_) => apart(|| {
-                sweeps::factor::<_, Traced>(scene, &mut scratch, &q);
-                inverted(&scratch, &mut out);
+            }
+            Algorithm::MassMatrixInverse(_) => {
+                traced::factor(scene, &mut scratch, &q);
+                traced::multiplied_out(scene, &scratch, &mut out);
                 true
-            }),
+            }
             Algorithm::ConstrainedDynamics(form) => {
                 let mut rows = ConstraintKernel::new(scene, constraints);
-                apart(|| {
-                    through_connections(scene, (&mut scratch, &mut rows), form, (&q, &qd, &u), &wrenches, &mut out)
-                })
+                through_connections(scene, (&mut scratch, &mut rows), form, state, &wrenches, &mut out)
             }
             // Of them the general recursion is counted.
             Algorithm::Derivatives(_) | Algorithm::Products(_) => false,
@@ -182,12 +169,6 @@ pub(crate) fn count_in_sweeps(
         count = Count { operations: count.operations + checked.operations, results: checked.results };
     }
     count
-}
-
-/// Does the work in a function of its own: all sweeps in one would take the compiler many times as long.
-#[inline(never)]
-fn apart<R>(work: impl FnOnce() -> R) -> R {
-    work()
 }
 
 /// The arguments of a state as numbers that count.

@@ -420,9 +420,9 @@ mod tests {
 
     /// The operations of a program in two arguments beside the arguments and constants.
     fn operations(work: impl FnOnce(Traced, Traced) -> Traced) -> (Operation, usize) {
-        let (result, all) = Traced::during(|| work(Traced::argument(0), Traced::argument(1)));
+        let (place, all) = Traced::during(|| work(Traced::argument(0), Traced::argument(1)).place());
         let counted = |o: &&Operation| !matches!(o, Operation::Argument(_) | Operation::Constant(_));
-        (all[result.place() as usize], all.iter().filter(counted).count())
+        (all[place as usize], all.iter().filter(counted).count())
     }
 
     #[test]
