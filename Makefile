@@ -19,7 +19,7 @@
 #   make motion [OUT=report]   after make peers: the study of integrators, beside the peers' (some minutes)
 #   make inverse-kinematics   beside pink, mink and dynibo, in .venv-ik: writes docs/inverse-kinematics-times.md (ten minutes)
 #   make closed-loops   forward dynamics through connections beside Pinocchio's: writes docs/closed-loops-times.md (a minute)
-#   make compiled  robots compiled for themselves beside the scene's own calls: writes docs/compiled-times.md (a minute)
+#   make compiled  after make peers: robots compiled for themselves beside the scene's own calls and CasADi's code: writes docs/compiled-times.md (some minutes)
 #   make picture   the picture of README.md, docs/robot.webp, in Chromium (half a minute)
 #   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
 #   make bench     after make peers: measures all of it (20 minutes), writes docs/benchmarks.md and the figures of README.md (BENCH=--quick: a trial)
@@ -189,8 +189,8 @@ inverse-kinematics: $(VENV)-ik/there
 closed-loops: $(VENV)/test
 	$(BIN)/python benches/closed_loops.py --markdown docs/closed-loops-times.md
 
-compiled: $(VENV)/test
-	$(BIN)/python benches/compiled.py --markdown docs/compiled-times.md
+compiled: peers-phipsi
+	$(PEERS) benches/compiled.py --markdown docs/compiled-times.md
 
 leaving-out:
 	$(PYTHON) benches/leaving_out.py
