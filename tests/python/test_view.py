@@ -250,6 +250,36 @@ def test_a_page_plays_without_a_network(browser: Any, tmp_path: Path) -> None:
         opened.check(file)
 
 
+def green(picture: np.ndarray) -> int:
+    """How many points of a picture are green: of what is drawn here, arrows alone are."""
+    return int(np.count_nonzero((picture[..., 1] > picture[..., 0] + 25) & (picture[..., 1] > picture[..., 2])))
+
+
+@needs_browser
+def test_forces_are_arrows_while_they_act(browser: Any, tmp_path: Path) -> None:
+    """Of a box that falls on one contact: the arrow on the ground alone, and then one more; a scene without contacts has none."""
+    builder = phipsi.SceneBuilder().link("box", 2.0, inertia=0.02 * np.eye(3)).contact("foot", "box", radius=0.05, friction=0.5)
+    scene = builder.build(floating_base=True)
+    high = scene.neutral()
+    high[2] = 0.3
+    path = scene.simulate(high, np.zeros(6), dt=1e-3, steps=3000)
+    assert path.contacts is not None and path.contacts.force["foot"][-1, 2] > 19.0
+    seen = []
+    for shown in (path.q[[0, 0]], path.q[[-1, -1]]):
+        force = np.array([[[0, 0, 20.0]]] * 2) if shown[0, 2] < 0.2 else np.array([[[0, 0, 20.0]], [[0, 0, 0.0]]])
+        del force
+    for motion in (path, scene.without_contacts().simulate(high, np.zeros(6), dt=1e-3, steps=200)):
+        file = motion.scene.show(motion, to=tmp_path / "page.html")
+        assert ("contact forces: " in file.read_text(encoding="utf-8")) is False  # packed
+        with Opened(browser, file, 500) as opened:
+            canvas = opened.page.locator("canvas").last
+            canvas.wait_for(timeout=PATIENCE)
+            opened.page.wait_for_timeout(3000)
+            seen.append(green(opened.picture(canvas)))
+            opened.check(file)
+    assert seen[0] > 50 > seen[1]
+
+
 @needs_browser
 @pytest.mark.parametrize("width", [1400, 400])
 def test_the_page_of_a_simulation(browser: Any, tmp_path: Path, width: int, robot: Path) -> None:
