@@ -46,6 +46,8 @@ def of_motion(path: Trajectory, rows: NDArray[np.int_]) -> Forces | None:
     if path.contacts is not None:
         force = np.stack([path.contacts.force[name][rows] for name in scene.contact_names], axis=1)
         return Forces("contact", _contact_points(scene, path.q[rows]), force, scene.contact_names)
+    if not scene.connection_names:
+        return None
     try:
         told = path.connection_forces()
     except ArgumentError:  # tau was a function, or a simulator went there

@@ -32,6 +32,8 @@ RATE, MOST = 30.0, 1800
 LOOKS = 16
 #: How much larger than the robot the room it moves in may be, to be seen as a whole.
 FAR = 3.0
+#: How far the camera is, of that room.
+SPAN = 0.75
 #: Most joints that get sliders.
 SLIDERS = 64
 #: Where sliders of joints without limits end, rad or m.
@@ -136,7 +138,7 @@ class _Stage:
         if np.ptp(points, axis=(0, 1)).max() > FAR * max(size, np.ptp(points[0], axis=0).max()):
             points = points[:1]
         low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
-        return float(low[2]), (low + high) / 2, max(size, 0.8 * float(np.ptp(points, axis=(0, 1)).max()))
+        return float(low[2]), (low + high) / 2, max(size, SPAN * float(np.ptp(points, axis=(0, 1)).max()))
 
     def update(self, q: _Array) -> None:
         """Moves every link, and the mass centre, to where they are at q, (nq,)."""
