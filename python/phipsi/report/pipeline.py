@@ -48,7 +48,7 @@ class Findings:
             ("processor", f"{known['cpu']}, {known['cores']} cores seen"),
             ("system", known["os"]),
             ("phipsi", known["phipsi"] + commit),
-            ("compiler", known["compiler"]),  # None where there is no Rust
+            ("compiler", known["compiler"]),
             ("Python, NumPy", f"{known['python']}, {known['numpy']}"),
             ("date", self.date),
         ]
