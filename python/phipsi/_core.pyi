@@ -1292,6 +1292,8 @@ class Scene:
     def joints(self) -> dict[str, Joint]:
         """All joints by name, fixed ones too, in the order they were given, a floating base's first: a dict of Joint, made anew."""
 
+    def _connections(self) -> list[tuple[Any, ...]]: ...
+    def _contacts(self) -> list[tuple[Any, ...]]: ...
     def to_builder(self) -> SceneBuilder:
         """A builder that holds what the scene was made of: links, joints, gravity, base, and what is left out.
 
@@ -1528,6 +1530,7 @@ class Scene:
         motion: Trajectory | ArrayLike | None = None,
         *,
         t: ArrayLike | None = None,
+        forces: tuple[ArrayLike, ArrayLike] | None = None,
         urdf: str | os.PathLike[str] | None = None,
         to: None = None,
         port: int = 0,
@@ -1537,6 +1540,8 @@ class Scene:
         """Shows the robot in a browser: one pose with a slider a joint, or a motion with a play button. Needs phipsi[view].
 
         motion: None, the neutral configuration; (nq,), a configuration; (k, nq), configurations at the times t, (k,), s; or a Trajectory of one state.
+        forces: (at, force), (k, n, 3) each, arrows at points in the base frame, m, and N; None: those of the contacts or connections of a Trajectory, where
+        they are known. They are drawn to scale, with one on the ground that says how many newtons it is.
         urdf: the file whose meshes are drawn; None: the one that the scene was read from. Links without a shape there are drawn as capsules of their
         inertia. to: a file that gets the page, which holds all it needs and opens without phipsi or a network; nothing is served then. port: of
         127.0.0.1; 0: any that is free. title: of the panel. browser: whether to open one.
@@ -1553,6 +1558,7 @@ class Scene:
         *,
         to: str | os.PathLike[str],
         t: ArrayLike | None = None,
+        forces: tuple[ArrayLike, ArrayLike] | None = None,
         urdf: str | os.PathLike[str] | None = None,
         port: int = 0,
         title: str | None = None,

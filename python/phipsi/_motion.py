@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from . import _core
 from .errors import ArgumentError, SimulationError, SimulationInterrupted, of_argument
 
 if TYPE_CHECKING:
@@ -184,13 +185,63 @@ class Trajectory:
         rotors = 0.5 * ((self.armature - self.scene.armature) * self.qd**2).sum(axis=-1)
         return MotionEnergy(np.asarray(energy.kinetic + rotors), np.asarray(energy.potential), self._springs())
 
-    def _springs(self) -> _Array:
-        away = self.scene.difference(self.rest, self.q)
+    def torques(self) -> _Array:
+        """What acts at the joints in every row, (..., rows, nv), N m or N: tau of the step that begins there (of the last step in the last row), springs, damping,
+        friction and pd.
+
+        Raises ArgumentError where tau was a function, and where a simulator went there.
+        """
+        given, scene, v = self._known(), self.scene, self.qd
+
+        def read(name: str, value: ArrayLike, coordinates: bool = False) -> _Array:
+            return np.asarray(_core._numbers(name, value, scene, coordinates))
+
+        def own(name: str, usual: _Array) -> _Array:
+            return usual if given.get(name) is None else read(name, given[name])
+
+        u = -own("damping", scene.damping) * v - self.stiffness * self._displacement(self.rest, self.q)
+        u -= own("friction", scene.friction) * v / np.sqrt(v**2 + given["friction_speed"] ** 2)
+        if given.get("tau") is not None:
+            u = u + read("tau", given["tau"])[..., None, :]
+        if given.get("tau_steps") is not None and self.steps:
+            begun = np.minimum(np.arange(len(self)) * self.record_every, self.steps - 1)
+            u = u + read("tau_steps", given["tau_steps"])[..., begun, :]
+        if given.get("pd") is not None:
+            law = PD(*given["pd"])
+            target = read("target", law.target, True)[..., None, :]
+            rate = 0.0 if law.target_rate is None else read("target_rate", law.target_rate)[..., None, :]
+            kp, kd = (read(name, gain) for name, gain in (("kp", law.kp), ("kd", law.kd)))
+            u = u - kp * self._displacement(target, self.q) + kd * (rate - v)
+        return np.asarray(u)
+
+    def connection_forces(self) -> dict[str, _Array]:
+        """What each connection does to its link in every row, (..., rows, m) by name: Scene.constrained_dynamics under torques(), with its signs and axes.
+
+        NaN where velocities do not meet the connections, as with baumgarte they may not. Those of contacts are in contacts.force. O(N) a row, and the square of the rows.
+
+        Raises as torques.
+        """
+        scene = self.scene
+        if not scene.connection_names:
+            return {}
+        if not np.array_equal(self.armature, scene.armature):
+            scene = scene.with_properties(armature=self.armature)
+        return dict(scene.constrained_dynamics(self.q, self.qd, self.torques(), errors="nan").forces)
+
+    def _displacement(self, rest: _Array, q: _Array) -> _Array:
+        """From rest to q, (..., nv), as springs measure it: of a free joint the distance in the child's axes, not the length of a screw."""
+        away = np.asarray(self.scene.difference(rest, q))
         for joint in self.scene.joint_names:
-            q, v = self.scene.q_index(joint), self.scene.v_index(joint)
-            if q.stop - q.start == 7:  # a free joint's spring measures distance, not the length of a screw
-                away[..., v.start : v.start + 3] = self.q[..., q.start : q.start + 3] - self.rest[q.start : q.start + 3]
-        springs: _Array = 0.5 * (self.stiffness * away**2).sum(axis=-1)
+            at, v = self.scene.q_index(joint), self.scene.v_index(joint)
+            if at.stop - at.start == 7:
+                moved, turn = q[..., at.start : at.start + 3] - rest[..., at.start : at.start + 3], q[..., at.start + 3 : at.stop]
+                axis, real = -turn[..., :3], turn[..., 3:]
+                twice = 2.0 * np.cross(axis, moved)
+                away[..., v.start : v.start + 3] = moved + real * twice + np.cross(axis, twice)
+        return away
+
+    def _springs(self) -> _Array:
+        springs: _Array = 0.5 * (self.stiffness * self._displacement(self.rest, self.q) ** 2).sum(axis=-1)
         return springs
 
     def momentum(self) -> _Array:
@@ -217,18 +268,22 @@ class Trajectory:
 
     def _arguments(self) -> dict[str, Any]:
         """How Scene.simulate was called, for Scene.simulate_vjp."""
-        if self.given is None:
-            raise of_argument(ArgumentError, "trajectory", "found where a simulator went; expected all rows, by Scene.simulate")
-        given = dict(self.given)
+        given = self._known()
         given.pop("baumgarte", None)
         if given.pop("conserve_momentum"):
             raise of_argument(ArgumentError, "conserve_momentum", "found True; expected a run without it, whose steps have gradients")
-        if isinstance(given.get("tau"), str):
-            raise of_argument(ArgumentError, "tau", "found a function; expected arrays: what the function gave, as tau_steps")
         if "tau_steps" in given:
             given["tau_steps"] = np.asarray(given["tau_steps"])[..., : self.steps, :]
         own = {"dt": self.dt, "steps": self.steps, "method": self.method, "record_every": self.record_every}
         return {**given, **own, "armature": self.armature, "stiffness": self.stiffness, "rest": self.rest}
+
+    def _known(self) -> dict[str, Any]:
+        """How Scene.simulate was called, where all of it is known."""
+        if self.given is None:
+            raise of_argument(ArgumentError, "trajectory", "found where a simulator went; expected all rows, by Scene.simulate")
+        if isinstance(self.given.get("tau"), str):
+            raise of_argument(ArgumentError, "tau", "found a function; expected arrays: what the function gave, as tau_steps")
+        return dict(self.given)
 
     def violations(self) -> list[Violation]:
         """The limits of position and velocity that recorded rows break, in the order of the joints; none is ever enforced."""

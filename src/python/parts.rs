@@ -1,5 +1,7 @@
 //! Methods of `Scene`: its links and joints by name, as they were given.
 
+use super::connection_tuple::{ConnectionTuple, connection_tuple};
+use super::contact_tuple::{ContactTuple, contact_tuple};
 use super::description::joint_tuple;
 use super::object::{Object, imported};
 use super::output::from_numbers;
@@ -62,6 +64,18 @@ impl PyScene {
             all.set_item(&joint.name, joint_parts(py, &joint)?)?;
         }
         Ok(all)
+    }
+
+    /// The connections as they were given: what their forces act on, for pictures.
+    #[pyo3(name = "_connections")]
+    fn connections_as_given(&self) -> Vec<ConnectionTuple> {
+        self.scene.source().connections().iter().map(connection_tuple).collect()
+    }
+
+    /// The contacts as they were given.
+    #[pyo3(name = "_contacts")]
+    fn contacts_as_given(&self) -> Vec<ContactTuple> {
+        self.scene.source().contacts().iter().map(contact_tuple).collect()
     }
 }
 

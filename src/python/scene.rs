@@ -274,6 +274,8 @@ impl PyScene {
     /// Shows the robot in a browser: one pose with a slider a joint, or a motion with a play button. Needs phipsi[view].
     ///
     /// motion: None, the neutral configuration; (nq,), a configuration; (k, nq), configurations at the times t, (k,), s; or a Trajectory of one state.
+    /// forces: (at, force), (k, n, 3) each, arrows at points in the base frame, m, and N; None: those of the contacts or connections of a Trajectory, where
+    /// they are known. They are drawn to scale, with one on the ground that says how many newtons it is.
     /// urdf: the file whose meshes are drawn; None: the one that the scene was read from. Links without a shape there are drawn as capsules of their
     /// inertia. to: a file that gets the page, which holds all it needs and opens without phipsi or a network; nothing is served then. port: of
     /// 127.0.0.1; 0: any that is free. title: of the panel. browser: whether to open one.
@@ -282,7 +284,7 @@ impl PyScene {
     ///
     /// Raises ImportError without the extra; ShapeError, NotFiniteError, ArgumentError. Warns MeshWarning where a mesh is not found.
     #[pyo3(signature = (motion=None, **how),
-           text_signature = "($self, motion=None, *, t=None, urdf=None, to=None, port=0, title=None, browser=True)")]
+           text_signature = "($self, motion=None, *, t=None, forces=None, urdf=None, to=None, port=0, title=None, browser=True)")]
     fn show<'py>(
         slf: &Bound<'py, Self>,
         motion: Option<&Object<'py>>,

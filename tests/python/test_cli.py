@@ -193,6 +193,21 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> str:
     return result.output
 
 
+@pytest.mark.parametrize("command", [("check", "--states", "2"), ("bench", "--quick"), ("report", "--quick", "--states", "4")])
+def test_figures_for_programs(command: tuple[str, ...], tmp_path: Path) -> None:
+    """Nothing but JSON on the standard output, and the figures of the tables."""
+    options = ["-o", str(tmp_path)] if command[0] == "report" else []
+    result = run(*command, *options, "--json")
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    if command[0] == "bench":
+        assert found["calls"][0]["call"].startswith("scene.forward_dynamics") and found["growth"]["rows"]
+        return
+    assert found["passed"] is True
+    rows = found["residuals"]
+    assert rows and all(row["passed"] and row["worst"] <= row["bound"] for row in rows)
+
+
 def test_bench_names_every_method(bench: str) -> None:
     for method in phipsi._core.METHODS:
         assert method in bench

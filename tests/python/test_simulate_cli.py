@@ -14,7 +14,7 @@ import phipsi
 import pytest
 from click.testing import CliRunner, Result
 from phipsi.report import commands, simulate
-from tolerances import assert_same_bits
+from tolerances import assert_near, assert_same_bits
 
 
 SPRING = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
@@ -50,6 +50,43 @@ def test_the_bundled_arm_from_a_state_file(tmp_path: Path) -> None:
     np.savez(tmp_path / "end.npz", q=path.q[-1], qd=path.qd[-1])
     again = run("-o", tmp_path / "again", "--state", tmp_path / "end.npz", "--time", 0.002, "--hold", "10", "1")
     assert again.exit_code == 0, again.output
+
+
+def test_numbers_for_programs(tmp_path: Path) -> None:
+    result = run("-o", tmp_path / "out", "--time", 0.02, "--json", "--floating-base")
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    scene = phipsi.Scene.from_urdf(phipsi.BUNDLED_ARM, floating_base=True)
+    path = scene.simulate(scene.neutral(), np.zeros(12), dt=1e-3, steps=20)
+    assert_same_bits(found["q"], path.q[-1])
+    assert found["energy"]["total"] == path.energy().total[[0, -1]].tolist()
+    assert (found["steps"], found["method"], found["error"], found["violations"]) == (20, "rk4", None, [])
+    assert [Path(file).name for file in found["files"]] == ["trajectory.npz", "index.html"]
+
+
+LINKAGE = """<mujoco><option timestep="0.001"/><worldbody>
+<body name="crank"><joint name="crank" axis="0 1 0"/><geom type="capsule" size="0.02" fromto="0 0 0 0 0 0.2"/>
+<body name="coupler" pos="0 0 0.2"><joint name="coupler" axis="0 1 0"/><geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0"/></body></body>
+</worldbody><equality><connect name="pin" body1="coupler" anchor="0.3 0 0"/></equality></mujoco>"""
+
+
+def test_forces_of_connections_are_in_the_page_and_beside_it(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    (tmp_path / "linkage.xml").write_text(LINKAGE, encoding="utf-8")
+    result = run(tmp_path / "linkage.xml", "-o", tmp_path / "out", "--time", 0.05)
+    assert result.exit_code == 0, result.output
+    page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert "Green: the forces of connections on their links" in page and "force of connections, N" in page
+    scene = phipsi.load(tmp_path / "linkage.xml")
+    with np.load(tmp_path / "out" / "trajectory.npz") as found:
+        q, qd, force = found["q"], found["qd"], found["force"]
+        assert force.shape == found["force_at"].shape == (51, 1, 3) and tuple(found["force_names"]) == ("pin",)
+    # Newton, of both bodies: the pin and the joint of the crank carry them, and about that joint the pin's moment and the weights' are what turns them.
+    qdd = scene.forward_dynamics(q, qd, np.zeros_like(qd))
+    free = scene.without_connections()
+    turning = free.inverse_dynamics(q, qd, qdd)[:, 0]
+    moment = np.cross([0.3, 0.0, 0.2], force[:, 0])[:, 1]
+    assert_near(turning[0], moment[0], 1e-9)
 
 
 def test_a_floating_base_moves_and_breaks_no_limit(tmp_path: Path) -> None:

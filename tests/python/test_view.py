@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import urllib.request
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from tolerances import assert_near, product
 pytest.importorskip("viser")
 import phipsi.view  # noqa: E402
 import trimesh  # noqa: E402
+from phipsi._forces import Forces  # noqa: E402
+from phipsi.view.arrows import Arrows  # noqa: E402
 from phipsi.view.player import MOST, RATE, Motion  # noqa: E402
 from phipsi.view.shapes import find, robot_size, shapes_of  # noqa: E402
 
@@ -171,6 +174,7 @@ BAD: dict[str, tuple[tuple[Any, ...], dict[str, Any], type[Exception], str]] = {
     "no times": ((np.zeros((3, 2)),), {}, ArgumentError, "t"),
     "too few times": ((np.zeros((3, 2)),), {"t": [0.0, 1.0]}, ArgumentError, "t"),
     "falling times": ((np.zeros((2, 2)),), {"t": [1.0, 0.0]}, ArgumentError, "t"),
+    "forces of other rows": ((np.zeros(2),), {"forces": (np.zeros((2, 1, 3)), np.zeros((2, 1, 3)))}, ShapeError, "forces"),
     "no such file": ((), {"urdf": "/nowhere/robot.urdf"}, ArgumentError, "urdf"),
 }
 
@@ -181,6 +185,47 @@ def test_what_cannot_be_shown(case: str, tmp_path: Path) -> None:
     with pytest.raises(error, match=rf"^{name}"):
         phipsi.scenes.chain(2).show(*arguments, to=tmp_path / "page.html", **how)
     assert not (tmp_path / "page.html").exists()
+
+
+class Drawn(SimpleNamespace):
+    """A viser server that remembers what is drawn."""
+
+    def __init__(self) -> None:
+        super().__init__(scene=self)
+
+    def add_arrows(self, name: str, points: np.ndarray, color: Any, **how: Any) -> SimpleNamespace:
+        setattr(self, name, SimpleNamespace(points=points, visible=how.get("visible", True)))
+        return getattr(self, name)
+
+    def add_label(self, name: str, text: str, **how: Any) -> SimpleNamespace:
+        setattr(self, name, SimpleNamespace(text=text, visible=True))
+        return getattr(self, name)
+
+
+def test_arrows_are_to_scale() -> None:
+    """Each as long as its newtons, beside one on the ground that says its own; what is zero or not known is not drawn."""
+    force = np.zeros((50, 2, 3))
+    force[10:30, 0, 2] = 30.0
+    force[20:40, 1] = (0.0, 3.0, 4.0)
+    force[39, 1] = np.nan
+    at = np.random.default_rng(0).uniform(-1.0, 1.0, force.shape)
+    drawn = Drawn()
+    arrows = Arrows.of(drawn, Forces("contact", at, force), 2.0, np.zeros(3), -1.0)
+    assert arrows is not None
+    text, key = getattr(drawn, "/newtons/label").text, getattr(drawn, "/newtons").points
+    assert text == "contact forces: 20 N"
+    metres = np.linalg.norm(key[0, 1] - key[0, 0]) / 20.0
+    assert_near(key[..., 2], np.full((1, 2), -1.0), product(1, 1.0))
+    shown = getattr(drawn, "/forces")
+    for frame, seen in ((0, []), (15, [0]), (25, [0, 1]), (35, [1]), (39, []), (45, [])):
+        arrows.show(frame)
+        assert shown.visible == bool(seen)
+        if seen:
+            expected = np.stack([at[frame, seen], at[frame, seen] + metres * force[frame, seen]], axis=1)
+            assert_near(shown.points, expected, 1e-6)
+    arrows.turn(False, 15)
+    assert not shown.visible and not getattr(drawn, "/newtons").visible
+    assert Arrows.of(drawn, Forces("contact", at, np.zeros_like(force)), 2.0, np.zeros(3), -1.0) is None
 
 
 def test_a_served_robot_moves_and_ends(robot: Path) -> None:
@@ -248,6 +293,30 @@ def test_a_page_plays_without_a_network(browser: Any, tmp_path: Path) -> None:
     with Opened(browser, file, 600) as opened:
         check_player(opened, opened.page)
         opened.check(file)
+
+
+def green(picture: np.ndarray) -> int:
+    """How many points of a picture are green: of what is drawn here, arrows alone are."""
+    return int(np.count_nonzero((picture[..., 1] > picture[..., 0] + 25) & (picture[..., 1] > picture[..., 2])))
+
+
+@needs_browser
+def test_forces_are_arrows(browser: Any, tmp_path: Path) -> None:
+    """Green where forces are given, and nowhere else."""
+    scene, seen = phipsi.scenes.chain(3), []
+    push = np.array([[[0.2, 0.2, 0.2]]]), np.array([[[0.0, 0.0, 20.0]]])
+    for forces in (push, None):
+        file = scene.show(np.array([0.5, 0.3, 0.2]), forces=forces, to=tmp_path / "page.html")
+        with Opened(browser, file, 500) as opened:
+            canvas = opened.page.locator("canvas").last
+            canvas.wait_for(timeout=PATIENCE)
+            for _ in range(20):
+                opened.page.wait_for_timeout(500)
+                seen.append(green(opened.picture(canvas)))
+                if forces is not None and seen[-1] > 100:
+                    break
+            opened.check(file)
+    assert max(seen[:-20]) > 100 and max(seen[-20:]) == 0
 
 
 @needs_browser

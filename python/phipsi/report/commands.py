@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import click
 from rich.console import Console
@@ -65,12 +66,18 @@ MIMIC = click.option(
 )
 SEED = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random states.")
 COUNT = click.IntRange(1, 100_000)
+JSON = click.option("--json", "as_json", is_flag=True, help="All numbers, as JSON.")
+
+
+def echo_json(found: Any) -> None:
+    """Prints what was found as JSON."""
+    click.echo(json.dumps(pipeline.plain(found), indent=1, allow_nan=False, ensure_ascii=False))
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="phipsi")
 def group() -> None:
-    """Articulated-body dynamics as Kalman filtering: what it computes for a robot, how well, and how fast."""
+    """Robot dynamics: look at a robot, move it, and see what is computed for it, how well and how fast."""
 
 
 @group.command()
@@ -81,6 +88,7 @@ def group() -> None:
 @click.option("--states", "count", type=COUNT, help="Random states.  [default: 400, quick: 64]")
 @SEED
 @click.option("--stability", is_flag=True, help="The report on extreme scenes, instead of one on a robot.")
+@JSON
 @click.option("--motion", is_flag=True, hidden=True)
 def report(
     robot: Path | None,
@@ -90,6 +98,7 @@ def report(
     count: int | None,
     seed: int,
     stability: bool,
+    as_json: bool,
     motion: bool,
 ) -> None:
     """Write a page about a robot: index.html, which needs nothing beside itself, and report.json.
@@ -115,15 +124,21 @@ def report(
         with _typed_errors(), reporter(console) as says:
             extreme = pipeline.collect(STABILITY, Stability(quick, seed), says)
             pages = pipeline.write(STABILITY, extreme, output, None, says)
-        click.echo("\n".join(map(str, pages)))
+        if as_json:
+            echo_json(pipeline.to_json(STABILITY, extreme))
+        else:
+            click.echo("\n".join(map(str, pages)))
         return
     scene, name, source, texts = _load(robot, floating_base)
     with _typed_errors(), reporter(console) as says:
         output.mkdir(parents=True, exist_ok=True)
         found = pipeline.collect(sections.ROBOT, Report(quick, name, source, scene, seed, count, texts), says)
         pages = pipeline.write(sections.ROBOT, found, output, None, says)
-    click.echo(pages[0])
-    terminal.summary(console, found)
+    if as_json:
+        echo_json(pipeline.to_json(sections.ROBOT, found))
+    else:
+        click.echo(pages[0])
+        terminal.summary(console, found)
     if not found.passed:
         terminal.line(console, f"beyond the bound: {'; '.join(found.beyond)}", "bold red")
         raise SystemExit(BEYOND)
@@ -134,7 +149,8 @@ def report(
 @FLOATING
 @click.option("--states", "count", type=COUNT, default=16, show_default=True, help="Random states.")
 @SEED
-def check(robot: Path | None, floating_base: bool, count: int, seed: int) -> None:
+@JSON
+def check(robot: Path | None, floating_base: bool, count: int, seed: int, as_json: bool) -> None:
     """Check the theory's identities on a robot.
 
     Factorisation against faer's LDLT, operators against their definitions, M M^-1 = 1, forward then inverse dynamics, power.
@@ -143,17 +159,24 @@ def check(robot: Path | None, floating_base: bool, count: int, seed: int) -> Non
     """
     console = Console(width=None if Console().is_terminal else 110)
     scene, name, _, _ = _load(robot, floating_base)
+    about: dict[str, Any] = {"name": name, "states": count, "seed": seed}
     if scene.nv == 0:
-        click.echo(f"{name}: nothing moves, nothing to check")
+        if as_json:
+            echo_json(about | {"passed": True, "residuals": []})
+        else:
+            click.echo(f"{name}: nothing moves, nothing to check")
         return
     drawn = Report(True, name, "", scene, seed, count)
     if scene.nv > DENSE_CAP:
         raise BadInput(f"scene: {scene.nv} degrees of freedom found; expected at most {DENSE_CAP}, for the dense comparison")
     with _typed_errors(), reporter(Console(stderr=True)) as says:
         rows = residuals.residuals(scene, drawn.states, drawn.conditions, says)
-    terminal.residuals(console, rows)
     held = sum(row.passed for row in rows)
-    click.echo(f"{name}: {held} of {len(rows)} hold at {count} random states (seed {seed})")
+    if as_json:
+        echo_json(about | {"passed": held == len(rows), "residuals": rows})
+    else:
+        terminal.residuals(console, rows)
+        click.echo(f"{name}: {held} of {len(rows)} hold at {count} random states (seed {seed})")
     if held < len(rows):
         raise SystemExit(BEYOND)
 
@@ -163,22 +186,27 @@ def check(robot: Path | None, floating_base: bool, count: int, seed: int) -> Non
 @FLOATING
 @click.option("--quick", is_flag=True, help="Fewer turns.")
 @SEED
-def bench(robots: tuple[Path, ...], floating_base: bool, quick: bool, seed: int) -> None:
+@JSON
+def bench(robots: tuple[Path, ...], floating_base: bool, quick: bool, seed: int, as_json: bool) -> None:
     """Time what people call: each call from Python, each method in Rust, form auto in the states that robots are in, growth with size.
 
     The first two are of the first ROBOT.urdf, or of the bundled arm. Form auto over covariance is of every robot given, on a fixed and on
     a free base; without one, of ur5, panda, anymal, g1 and talos of example-robot-data where it is installed, else of the bundled
     arm. A quick look, on one thread; `cargo bench` and `make peers` in the repository measure properly.
     """
-    console = Console()
     scene, name, _, _ = _load(robots[0] if robots else None, floating_base)
     drawn = Report(quick, name, "", scene, seed, 64)
+    found: dict[str, Any] = {"name": name, "machine": drawn.machine, "calls": None, "accuracy": None}
+    # What is measured is shown at once, or at the end as JSON.
+    console = Console(quiet=as_json)
     with _typed_errors():
         if 0 < scene.nv <= DENSE_CAP:
-            terminal.calls(console, f"{name}, random states, one thread", calls.measured(scene, drawn.batch, quick, Silent()))
+            found["calls"] = calls.measured(scene, drawn.batch, quick, Silent())
+            terminal.calls(console, f"{name}, random states, one thread", found["calls"])
             title = f"{name}, {drawn.effort.states} random states, Scene::evaluate in Rust, one state a call"
-            terminal.accuracy(console, title, accuracy.accuracy(drawn, Silent()))
-        else:
+            found["accuracy"] = accuracy.accuracy(drawn, Silent())
+            terminal.accuracy(console, title, found["accuracy"])
+        elif not as_json:
             click.echo(f"{name}: {scene.nv} degrees of freedom; the methods are compared from 1 to {DENSE_CAP}")
         sources: Mapping[str, str | Path] = auto_cost.example_robots() or {BUNDLED: _core.BUNDLED_ARM}
         if robots:
@@ -187,8 +215,12 @@ def bench(robots: tuple[Path, ...], floating_base: bool, quick: bool, seed: int)
             sources = {robot.stem if stems.count(robot.stem) == 1 else str(robot): robot for robot in robots}
         with reporter(Console(stderr=True)) as says:
             each = partial(says.each, "Form auto by kind of state")
-            costs = auto_cost.of_robots(sources, quick=quick, seed=seed, each=each)
+            costs = found["auto"] = auto_cost.of_robots(sources, quick=quick, seed=seed, each=each)
         if costs:
             terminal.auto_costs(console, costs)
-        terminal.growth(console, growth.growth((7, 10, 100, 1000, 10_000), 5, Silent()))
+        found["growth"] = growth.growth((7, 10, 100, 1000, 10_000), 5, Silent())
+        terminal.growth(console, found["growth"])
+    if as_json:
+        echo_json(found)
+        return
     click.echo("For more: cargo bench, make peers; phipsi report -o DIR for error against run time as a page.")

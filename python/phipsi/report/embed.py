@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from .. import errors
 from .._core import Scene
+from .._motion import Trajectory
 from .pipeline import Missing
 from .states import Array
 
@@ -34,16 +35,16 @@ def check(scene: Scene) -> None:
         raise Missing(f"found {links} links, {scene.nv} degrees of freedom; a robot is shown with up to {MOST_LINKS} links, if any moves")
 
 
-def robot(scene: Scene, t: Array, q: Array) -> dict[str, Any]:
-    """What a template shows of a robot that moves through configurations, (k, nq), at times, (k,), s: a frame, whether its file has shapes, and which are lost."""
+def robot(scene: Scene, motion: Trajectory | Array, t: Array | None = None) -> dict[str, Any]:
+    """What a template shows of a robot in motion, or at configurations, (k, nq), at times, (k,), s: a frame, whether its file has shapes, and which are lost."""
     from .. import view
     from ..view import shapes
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", errors.MeshWarning)
         own = shapes.of_file(scene, None)
-    motion, times = (q, t) if len(q) > 1 else (q[0], None)
-    html = view.page(scene, motion, t=times, shapes=own or shapes.stand_ins(scene))
+    html = view.page(scene, motion, t=t, shapes=own or shapes.stand_ins(scene))
     # A srcdoc is an attribute: quotes and ampersands alone are special there.
     frame = Markup('<iframe class="robot" title="The robot in motion" srcdoc="{}"></iframe>').format(html)
-    return {"frame": frame, "meshes": bool(own), "lost": [str(one.message) for one in caught]}
+    acts = "contacts" if scene.contact_names else "connections" if scene.connection_names else None
+    return {"frame": frame, "meshes": bool(own), "lost": [str(one.message) for one in caught], "acts": acts if isinstance(motion, Trajectory) else None}

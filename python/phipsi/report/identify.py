@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,7 @@ from rich.markup import escape
 
 from .._identify import JOINTS, Identification
 from . import terminal
-from .commands import FLOATING, BadInput, _load, _typed_errors, group
-from .pipeline import plain
+from .commands import JSON, FLOATING, BadInput, _load, _typed_errors, echo_json, group
 
 NEEDED = ("q", "qd", "tau")
 
@@ -28,7 +26,7 @@ NEEDED = ("q", "qd", "tau")
 @click.option("--noise", type=float, help="Standard deviation of the torques, N m or N.  [default: as the residuals have it]")
 @click.option("--trust", type=float, default=1.0, show_default=True, help="How much the model's own numbers count.")
 @click.option("--keep", multiple=True, metavar="LINK", help="A link whose inertia stays; may be given several times.")
-@click.option("--json", "as_json", is_flag=True, help="All numbers, as JSON.")
+@JSON
 def identify(
     robot: Path,
     data: Path,
@@ -54,7 +52,7 @@ def identify(
     if as_json:
         numbers = {field: getattr(found, field) for field in Identification._fields if field != "scene"}
         about = {"name": name, "links": scene.body_names, "by_differences": by_differences, "file": None if output is None else str(output)}
-        click.echo(json.dumps(plain(about | numbers), indent=1, allow_nan=False, ensure_ascii=False))
+        echo_json(about | numbers)
         return
     _tell(found, scene.body_names, scene.joint_names, [scene.v_index(joint) for joint in scene.joint_names])
     states, unknowns = len(measured["q"]), 10 * (len(scene.body_names) - len(keep)) + sum(map(len, found.joints.values()))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +9,8 @@ import click
 import numpy as np
 
 from .. import tasks
-from .commands import BEYOND, FLOATING, MIMIC, BadInput, Mimic, _load, _typed_errors, group
+from .commands import JSON, BEYOND, FLOATING, MIMIC, BadInput, Mimic, _load, _typed_errors, echo_json, group
 from .motion import read_state
-from .pipeline import plain
 
 
 @group.command()
@@ -25,7 +23,7 @@ from .pipeline import plain
 @click.option("--state", type=click.Path(path_type=Path, dir_okay=False), help="The first start: JSON or npz with q.  [default: neutral]")
 @click.option("--starts", type=click.IntRange(1), default=20, show_default=True, help="How many starts at the most.")
 @click.option("--limits/--no-limits", default=True, help="Whether joints stay within their limits.")
-@click.option("--json", "as_json", is_flag=True, help="All numbers, as JSON.")
+@JSON
 def ik(
     robot: Path,
     link: str,
@@ -56,7 +54,7 @@ def ik(
     joints = {joint: found.q[scene.q_index(joint)] for joint in scene.joint_names}
     if as_json:
         about = {"name": name, "link": link, "joints": {joint: values[0] if len(values) == 1 else values for joint, values in joints.items()}}
-        click.echo(json.dumps(plain(about | found._asdict()), indent=1, allow_nan=False, ensure_ascii=False))
+        echo_json(about | found._asdict())
     else:
         for joint, values in joints.items():
             click.echo(f"{joint}: {' '.join(f'{value:.9g}' for value in values)}")

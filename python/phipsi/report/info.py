@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +12,14 @@ from rich.markup import escape
 
 from .._core import Scene
 from . import terminal
-from .commands import FLOATING, MIMIC, ROBOT, Mimic, _load, group
-from .pipeline import plain
+from .commands import JSON, FLOATING, MIMIC, ROBOT, Mimic, _load, echo_json, group
 
 
 @group.command()
 @ROBOT
 @FLOATING
 @MIMIC
-@click.option("--json", "as_json", is_flag=True, help="All numbers, as JSON.")
+@JSON
 def info(robot: Path | None, floating_base: bool, mimic: Mimic, as_json: bool) -> None:
     """Say what a robot is: its joints in the order of q, with limits, and its mass.
 
@@ -30,7 +28,7 @@ def info(robot: Path | None, floating_base: bool, mimic: Mimic, as_json: bool) -
     scene, name, _, texts = _load(robot, floating_base, mimic)
     found = about(scene) | {"name": name, "warnings": texts}
     if as_json:
-        click.echo(json.dumps(plain(found), indent=1, allow_nan=False, ensure_ascii=False))
+        echo_json(found)
         return
     click.echo(f"{name}: {scene.nv} degrees of freedom ({scene.nq} coordinates), {len(scene.link_names)} links, {scene.total_mass:.4g} kg that move")
     rows = [

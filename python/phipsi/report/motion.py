@@ -12,6 +12,7 @@ import numpy as np
 
 from .. import _core, errors
 from .._core import Scene
+from .._forces import of_motion
 from .._motion import Trajectory
 from .draw import View, segments
 from .plotting import COLOURS, Part, Space
@@ -63,6 +64,8 @@ def write(path: Trajectory, folder: Path, *, table: bool) -> list[Path]:
     found: dict[str, Any] = {"t": path.t, "q": path.q, "qd": path.qd, "dt": path.dt, "method": path.method}
     if scene.connection_names:
         found["drift"] = path.drift
+    if (forces := of_motion(path, np.arange(len(path)))) is not None:
+        found |= {"force_at": forces.at, "force": forces.force, "force_names": np.array(forces.names)}
     np.savez(archive, joint_names=np.array(scene.joint_names), **found)
     files = [archive]
     if table:

@@ -44,7 +44,7 @@ class Findings:
         """What it was measured on and with."""
         known = {key: "unknown" if value is None else str(value) for key, value in self.machine.items()}
         commit = f", commit {known['commit']}" if self.machine["commit"] else ""
-        return [
+        facts = [
             ("processor", f"{known['cpu']}, {known['cores']} cores seen"),
             ("system", known["os"]),
             ("phipsi", known["phipsi"] + commit),
@@ -52,6 +52,7 @@ class Findings:
             ("Python, NumPy", f"{known['python']}, {known['numpy']}"),
             ("date", self.date),
         ]
+        return [fact for fact in facts if fact[1] != "unknown"]
 
 
 F = TypeVar("F", bound=Findings)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .._forces import of_motion
 from .._motion import Trajectory
 from . import embed, motion
 from .page import Block, Figure, Table
@@ -60,6 +61,9 @@ def over_time(run: Run) -> Chart:
         found.append(("torque, N m or N", {name: run.torque[rows, i] for i, name in enumerate(names)}))
         if shares:
             found.append(("torque / its limit", shares))
+    if (forces := of_motion(path, rows)) is not None:
+        sizes = np.linalg.norm(forces.force, axis=-1)
+        found.append((f"force of {forces.what}s, N", {name: sizes[:, i] for i, name in enumerate(forces.names)}))
     kinds = {"kinetic": energy.kinetic, "of gravity": energy.potential, "of springs": energy.spring, "total": energy.total}
     found.append(("energy, J", {name: values[rows] for name, values in kinds.items() if name == "total" or np.any(values)}))
     if scene.connection_names:
@@ -78,7 +82,7 @@ def over_time(run: Run) -> Chart:
 
 
 def _shown(run: Run) -> dict[str, Any]:
-    return embed.robot(run.path.scene, run.path.t, run.path.q)
+    return embed.robot(run.path.scene, run.path)
 
 
 def _limits(run: Run) -> Sequence[Block]:

@@ -12,7 +12,7 @@ from rich.console import Console
 from .. import errors
 from .._motion import PD, Trajectory
 from . import motion, pipeline
-from .commands import BEYOND, FLOATING, MIMIC, ROBOT, BadInput, Mimic, _load, _typed_errors, group
+from .commands import BEYOND, FLOATING, JSON, MIMIC, ROBOT, BadInput, Mimic, _load, _typed_errors, echo_json, group
 from .progress import Silent, reporter
 from .run import RUN, Run
 from .structure import tree_of
@@ -39,6 +39,7 @@ ROWS = 2000
 @click.option("--record-every", type=click.IntRange(1), help=f"A row after so many steps.  [default: about {ROWS} rows]")
 @click.option("--hold", nargs=2, type=float, metavar="KP KD", help="Hold the start with a control law of these gains.")
 @click.option("--csv", "table", is_flag=True, help="The trajectory as CSV, too.")
+@JSON
 def simulate(
     robot: Path | None,
     output: Path,
@@ -51,6 +52,7 @@ def simulate(
     record_every: int | None,
     hold: tuple[float, float] | None,
     table: bool,
+    as_json: bool,
 ) -> None:
     """Simulate a robot: a page with the robot in motion and curves over time, and trajectory.npz.
 
@@ -68,7 +70,7 @@ def simulate(
         raise BadInput(f"--dt: found {duration / dt:.1e} steps; expected at most 1e12")
     steps = round(duration / dt)
     every = record_every or max(1, steps // ROWS)
-    code, path = 0, None
+    code, path, said = 0, None, None
     with _typed_errors():
         start = motion.read_state(state, scene) if state is not None else {}
         q, qd = start.get("q", scene.neutral()), start.get("qd", np.zeros(scene.nv))
@@ -84,11 +86,11 @@ def simulate(
                     progress=says.counter("Simulating"),
                 )  # fmt: skip
         except errors.SimulationError as error:
-            code, path = BEYOND, error.trajectory
-            line(console, str(error), "bold red")
+            code, path, said = BEYOND, error.trajectory, str(error)
+            line(console, said, "bold red")
         except errors.SimulationInterrupted as stopped:
-            code, path = STOPPED, stopped.trajectory
-            line(console, str(stopped), "yellow")
+            code, path, said = STOPPED, stopped.trajectory, str(stopped)
+            line(console, said, "yellow")
         except MemoryError as error:
             raise BadInput(str(error)) from None
         files = motion.write(path, output, table=table)
@@ -96,11 +98,22 @@ def simulate(
         if hold is not None:
             torque = torque + hold[0] * scene.difference(path.q, q) - hold[1] * path.qd
         files += pipeline.write(RUN, pipeline.collect(RUN, Run(False, name, path, tree_of(scene), torque), Silent()), output)
+    if as_json:
+        echo_json({"name": name, **_numbers(path), "error": said, "files": map(str, files)})
+    else:
         for file in files:
             click.echo(file)
-    _tell(name, path)
+        _tell(name, path)
     if code:
         raise SystemExit(code)
+
+
+def _numbers(path: Trajectory) -> dict[str, Any]:
+    """The run in figures: where it ended, its energy, what it broke."""
+    energy = path.energy()
+    about: dict[str, Any] = {"steps": path.steps, "dt": path.dt, "method": path.method, "t": path.t[-1], "q": path.q[-1], "qd": path.qd[-1]}
+    about["energy"] = {name: values[[0, -1]] for name, values in (*energy._asdict().items(), ("total", energy.total))}
+    return about | {"drift": path.drift.max(), "violations": path.violations()}
 
 
 def _tell(name: str, path: Trajectory) -> None:

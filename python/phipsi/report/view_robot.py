@@ -28,17 +28,19 @@ def view(robot: Path | None, floating_base: bool, mimic: Mimic, motion: Path | N
     if (reason := embed.lacking()) is not None:
         raise BadInput(reason)
     scene, name, _, _ = _load(robot, floating_base, mimic)
-    t = q = None
+    t = q = forces = None
     if motion is not None:
         try:
             with np.load(motion, allow_pickle=False) as archive:
                 t, q = archive["t"], archive["q"]
+                if "force" in archive:
+                    forces = archive["force_at"], archive["force"]
         except (OSError, ValueError, KeyError, EOFError) as error:
             raise BadInput(f"--motion: found {error}; expected an .npz with t, (k,), and q, (k, nq)") from None
     with _typed_errors():
         if output is not None:
-            click.echo(scene.show(q, t=t, to=output))
+            click.echo(scene.show(q, t=t, forces=forces, to=output))
             return
-        viewer = scene.show(q, t=t, port=port, title=name, browser=browser)
+        viewer = scene.show(q, t=t, forces=forces, port=port, title=name, browser=browser)
         click.echo(f"{name}: {viewer.url} (Ctrl-C ends it)")
         viewer.wait()

@@ -16,10 +16,12 @@ import viser
 import viser.transforms
 from numpy.typing import ArrayLike, NDArray
 
-from .. import _core
+from .. import _core, _forces
 from .._core import Scene
+from .._forces import Forces
 from .._motion import Trajectory
 from ..errors import ArgumentError, ShapeError
+from .arrows import TOWARDS, Arrows, below
 from .shapes import Shape, robot_size, shapes_of
 
 _Array = NDArray[np.float64]
@@ -28,6 +30,10 @@ _Array = NDArray[np.float64]
 RATE, MOST = 30.0, 1800
 #: At how many rows the ground is looked for.
 LOOKS = 16
+#: How much larger than the robot the room it moves in may be, to be seen as a whole.
+FAR = 3.0
+#: How far the camera is, of that room.
+SPAN = 0.75
 #: Most joints that get sliders.
 SLIDERS = 64
 #: Where sliders of joints without limits end, rad or m.
@@ -39,7 +45,8 @@ HOST = "127.0.0.1"
 class Motion:
     """Configurations, (k, nq), at times, (k,), s; one of them is a pose."""
 
-    def __init__(self, scene: Scene, motion: Any, t: ArrayLike | None) -> None:
+    def __init__(self, scene: Scene, motion: Any, t: ArrayLike | None, forces: tuple[ArrayLike, ArrayLike] | None = None) -> None:
+        self._path = motion if isinstance(motion, Trajectory) else None
         given = scene.neutral() if motion is None else motion
         if isinstance(given, Trajectory):
             if t is not None:
@@ -60,6 +67,7 @@ class Motion:
             scene.placement(self.q, scene.link_names[-1])
         if self.t.shape != (len(self.q),) or not np.isfinite(self.t).all() or np.any(np.diff(self.t) < 0.0):
             raise ArgumentError(f"t: found shape {self.t.shape}; expected ({len(self.q)},), finite times that do not fall")
+        self._given = None if forces is None else _forces.given(*forces, len(self.q))
 
     @property
     def moves(self) -> bool:
@@ -67,23 +75,35 @@ class Motion:
         return len(self.q) > 1 and float(self.t[-1]) > float(self.t[0])
 
     def frames(self) -> tuple[_Array, _Array]:
-        """Times, s, and the rows that are nearest to them: evenly, as many a second as people see."""
+        """Times, s, and the configurations of the rows that are nearest to them: evenly, as many a second as people see."""
+        times, rows = self._frames()
+        return times, self.q[rows]
+
+    def forces(self) -> Forces | None:
+        """The forces that are shown in frames(), if there are any."""
+        rows = self._frames()[1]
+        if self._given is not None:
+            return self._given._replace(at=self._given.at[rows], force=self._given.force[rows])
+        return None if self._path is None else _forces.of_motion(self._path, rows)
+
+    def _frames(self) -> tuple[_Array, NDArray[np.int_]]:
+        """Times, s, and the rows that are nearest to them."""
         if not self.moves:
-            return self.t[:1], self.q[:1]
+            return self.t[:1], np.zeros(1, int)
         length = float(self.t[-1] - self.t[0])
         even = np.linspace(self.t[0], self.t[-1], min(max(int(length * RATE), 1) + 1, MOST))
         rows = np.clip(np.searchsorted(self.t, even), 0, len(self.t) - 1)
         before = np.maximum(rows - 1, 0)
         rows = np.where(even - self.t[before] < self.t[rows] - even, before, rows)
-        return even, self.q[rows]
+        return even, rows
 
 
 class _Stage:
-    """A robot on a viser server: a frame a link with its meshes, the ground, the mass centre."""
+    """A robot on a viser server: a frame a link with its meshes, the ground, the mass centre, arrows of forces."""
 
-    def __init__(self, scene: Scene, shapes: Sequence[Shape], port: int, rows: _Array) -> None:
-        self.scene, size = scene, robot_size(scene)
-        low, middle = self._extent(shapes, rows, size)
+    def __init__(self, scene: Scene, shapes: Sequence[Shape], port: int, motion: Motion) -> None:
+        self.scene, size, rows = scene, robot_size(scene), motion.q
+        low, middle, away = self._extent(shapes, rows, size)
         # What it prints of its address, the caller is told in a better place.
         with contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host=HOST, port=port, verbose=False)
@@ -98,15 +118,16 @@ class _Stage:
             )
         self.centre = self.server.scene.add_icosphere("/mass_centre", radius=0.02 * size, color=(220, 60, 40), visible=False)
         self.server.scene.add_grid(
-            "/ground", width=6 * size, height=6 * size, cell_size=_round(size / 5), section_size=_round(size), position=(*middle[:2], low)
+            "/ground", width=6 * size, height=6 * size, cell_size=below(size / 5), section_size=below(size), position=(*middle[:2], low)
         )
         camera = self.server.initial_camera
-        camera.position = tuple(middle + size * np.array([1.15, 0.85, 0.6]))
+        camera.position = tuple(middle + away * TOWARDS)
         camera.look_at = tuple(middle)
+        self.arrows = Arrows.of(self.server, motion.forces(), size, middle, low)
         self.update(rows[0])
 
-    def _extent(self, shapes: Sequence[Shape], rows: _Array, size: float) -> tuple[float, _Array]:
-        """The height of the lowest corner of any mesh at some of the rows, or at the first where the robot goes far, and the middle of all at the first."""
+    def _extent(self, shapes: Sequence[Shape], rows: _Array, size: float) -> tuple[float, _Array, float]:
+        """At some of the rows, or at the first where the robot goes far: the height of the lowest corner of any mesh, the middle of all, and how far the camera is."""
         some = rows[np.unique(np.linspace(0, len(rows) - 1, LOOKS).astype(int))]
         placements = self.scene.placements(some)
         corners = [place[:, None, :3, 3] for place in placements.values()]
@@ -114,11 +135,10 @@ class _Stage:
             place = placements[shape.link] @ shape.place
             corners.append(np.asarray(shape.mesh.bounding_box.vertices) @ place[:, :3, :3].swapaxes(-1, -2) + place[:, None, :3, 3])
         points = np.concatenate(corners, axis=1)
-        first = points[0]
-        low = points[..., 2].min()
-        if low < first[:, 2].min() - 3.0 * size:
-            low = first[:, 2].min()
-        return float(low), (first.min(axis=0) + first.max(axis=0)) / 2
+        if np.ptp(points, axis=(0, 1)).max() > FAR * max(size, np.ptp(points[0], axis=0).max()):
+            points = points[:1]
+        low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+        return float(low[2]), (low + high) / 2, max(size, SPAN * float(np.ptp(points, axis=(0, 1)).max()))
 
     def update(self, q: _Array) -> None:
         """Moves every link, and the mass centre, to where they are at q, (nq,)."""
@@ -151,18 +171,14 @@ class _Stage:
                     self._move(frame, placements[link][i])
             if self.centre.visible:
                 self.centre.position = tuple(centres[i])
+            if self.arrows is not None:
+                self.arrows.show(i)
             serializer.insert_sleep(float(times[i + 1] - times[i]) if i + 1 < len(times) else 0.0)
         return str(serializer.as_html())
 
     def close(self) -> None:
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
-
-
-def _round(length: float) -> float:
-    """The power of ten, twice or five times it, that is nearest below."""
-    power = 10.0 ** np.floor(np.log10(length))
-    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= length))
 
 
 class Viewer:
@@ -172,7 +188,7 @@ class Viewer:
     """Where it is."""
 
     def __init__(self, scene: Scene, motion: Motion, urdf: str | os.PathLike[str] | None, port: int, title: str | None) -> None:
-        self._stage = _Stage(scene, shapes_of(scene, urdf), port, motion.q)
+        self._stage = _Stage(scene, shapes_of(scene, urdf), port, motion)
         self._motion, self._q = motion, motion.q[0].copy()
         self.url = f"http://{HOST}:{self._stage.server.get_port()}"
         self._closed = threading.Event()
@@ -231,11 +247,21 @@ class Viewer:
         playing = gui.add_checkbox("play", True)
         at = gui.add_slider("time, s", float(times[0]), float(times[-1]), max(float(times[-1] - times[0]) / 1000.0, 1e-9), float(times[0]))
 
+        arrows = self._stage.arrows
+        frame = 0
+
         def seek(_: Any) -> None:
-            self._q = rows[int(np.clip(np.searchsorted(times, at.value), 0, len(times) - 1))]
+            nonlocal frame
+            frame = int(np.clip(np.searchsorted(times, at.value), 0, len(times) - 1))
+            self._q = rows[frame]
             self._stage.update(self._q)
+            if arrows is not None:
+                arrows.show(frame)
 
         at.on_update(seek)
+        if arrows is not None:
+            shown = gui.add_checkbox("forces", True)
+            shown.on_update(lambda _: arrows.turn(shown.value, frame))
 
         def play() -> None:
             while not self._closed.wait(1.0 / RATE):
@@ -279,12 +305,13 @@ def page(
     motion: Trajectory | ArrayLike | None = None,
     *,
     t: ArrayLike | None = None,
+    forces: tuple[ArrayLike, ArrayLike] | None = None,
     urdf: str | os.PathLike[str] | None = None,
     shapes: Sequence[Shape] | None = None,
 ) -> str:
     """The HTML of a pose or a motion: meshes, viewer and all, without anything to load; arguments as in Scene.show. shapes: instead of those of the URDF."""
-    shown = Motion(scene, motion, t)
-    stage = _Stage(scene, shapes_of(scene, urdf) if shapes is None else shapes, 0, shown.q)
+    shown = Motion(scene, motion, t, forces)
+    stage = _Stage(scene, shapes_of(scene, urdf) if shapes is None else shapes, 0, shown)
     try:
         return stage.html(shown)
     finally:
@@ -296,6 +323,7 @@ def show(
     motion: Trajectory | ArrayLike | None = None,
     *,
     t: ArrayLike | None = None,
+    forces: tuple[ArrayLike, ArrayLike] | None = None,
     urdf: str | os.PathLike[str] | None = None,
     to: str | os.PathLike[str] | None = None,
     port: int = 0,
@@ -305,9 +333,9 @@ def show(
     """As Scene.show, which calls it."""
     if to is not None:
         file = Path(to)
-        file.write_text(page(scene, motion, t=t, urdf=urdf), encoding="utf-8")
+        file.write_text(page(scene, motion, t=t, forces=forces, urdf=urdf), encoding="utf-8")
         return file
-    viewer = Viewer(scene, Motion(scene, motion, t), urdf, port, title)
+    viewer = Viewer(scene, Motion(scene, motion, t, forces), urdf, port, title)
     if browser:
         with contextlib.suppress(webbrowser.Error):
             webbrowser.open(viewer.url)

@@ -23,7 +23,7 @@ from ..mujoco import body_name, compiled, rotation
 _Array = NDArray[np.float64]
 
 #: Red, green, blue, opacity: of shapes without a colour, of capsules, of what joins the joints.
-GREY, MASS, BONE = (0.72, 0.75, 0.78, 1.0), (0.93, 0.65, 0.13, 1.0), (0.25, 0.38, 0.55, 1.0)
+GREY, MASS, BONE = (0.72, 0.75, 0.78, 1.0), (0.93, 0.65, 0.13, 0.6), (0.25, 0.38, 0.55, 1.0)
 #: What `package://` and `model://` may be looked up in, beside the folders above the URDF.
 SEARCHED = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "GZ_SIM_RESOURCE_PATH")
 #: Width of what joins two joints, of the size of the robot.
@@ -173,7 +173,8 @@ def _paint(mesh: trimesh.Trimesh, material: Any, colours: dict[str, Any]) -> Non
 def colour_mesh(mesh: trimesh.Trimesh, rgba: tuple[float, ...]) -> trimesh.Trimesh:
     """The mesh, in one colour."""
     bytes_of = tuple(int(round(255 * min(max(part, 0.0), 1.0))) for part in rgba)
-    material = trimesh.visual.material.PBRMaterial(baseColorFactor=bytes_of, metallicFactor=0.1, roughnessFactor=0.7)
+    mode = "OPAQUE" if rgba[3] == 1.0 else "BLEND"
+    material = trimesh.visual.material.PBRMaterial(baseColorFactor=bytes_of, metallicFactor=0.1, roughnessFactor=0.7, alphaMode=mode)
     mesh.visual = trimesh.visual.TextureVisuals(material=material)
     return mesh
 

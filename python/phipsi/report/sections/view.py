@@ -50,7 +50,8 @@ def _collect(report: Report, _: Reporter) -> dict[str, Any]:
 
 
 def _shown(report: Report) -> dict[str, Any]:
-    return embed.robot(report.scene, *one_by_one(report))
+    t, q = one_by_one(report)
+    return embed.robot(report.scene, q, t)
 
 
 SECTION = Section("view", "In motion", _collect, shown=_shown)
