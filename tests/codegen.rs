@@ -186,7 +186,7 @@ fn the_c_code_compiles_and_passes_its_own_test() {
         }
         let binary = directory.join("run");
         let built = Command::new(&compiler)
-            .args(["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic"])
+            .args(["-std=c99", "-O0", "-Wall", "-Wextra", "-Werror", "-pedantic"])
             .args([format!("test_{name}.c"), format!("{name}.c")])
             .args(["-lm", "-o"])
             .arg(&binary)

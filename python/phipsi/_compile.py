@@ -184,7 +184,10 @@ class Compiled:
             return None
         arrays, batch = ready
         count = prod(batch)
-        results = [np.empty((*batch, *shape)) for shape in shapes]
+        # In one piece: the allocator gives the pages of several back to the system every time, which clears them anew.
+        ends = np.cumsum([count * prod(shape) for shape in shapes])
+        numbers = np.empty(ends[-1])
+        results = [part.reshape(*batch, *shape) for part, shape in zip(np.split(numbers, ends[:-1]), shapes, strict=True)]
 
         def piece(first: int, end: int) -> None:
             addresses = (ctypes.c_void_p(array.ctypes.data + 8 * first * (array.size // count)) for array in (*arrays, *results))
@@ -192,12 +195,12 @@ class Compiled:
 
         threads = min(get_num_threads(), count // WORTH_A_THREAD)
         if threads > 1:
-            ends = [count * i // threads for i in range(threads + 1)]
+            cuts = [count * i // threads for i in range(threads + 1)]
             with ThreadPoolExecutor(threads) as pool:
-                list(pool.map(piece, ends[:-1], ends[1:]))
+                list(pool.map(piece, cuts[:-1], cuts[1:]))
         else:
             piece(0, count)
-        return results if all(bool(np.isfinite(result).all()) for result in results) else None
+        return results if bool(np.isfinite(numbers).all()) else None
 
     def _ready(self, given: tuple[ArrayLike, ...]) -> tuple[list[_Array], tuple[int, ...]] | None:
         """Arrays of all states, one after another, and the leading axes; None of what the scene is to look at."""

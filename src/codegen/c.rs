@@ -2,6 +2,7 @@
 
 use super::functions::{Array, Function};
 use super::lanes;
+use super::pieces::{self, Form};
 use super::program::Program;
 use crate::error::Error;
 use crate::scalar::Operation;
@@ -128,13 +129,14 @@ fn header(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Wi
         let size = program.size();
         let _ = writeln!(
             text,
-            "/* {}: {} sums, {} products, {} products with a sum, {} quotients and roots, {} sines and cosines. */",
+            "/* {}: {} sums, {} products, {} products with a sum, {} quotients and roots, {} sines and cosines.{} */",
             program.function.meaning().replace("*/", "* /"),
             size.sums,
             size.products,
             size.fused,
             size.quotients,
-            size.sines
+            size.sines,
+            if pieces::is_cut(program) { " Results overlap no argument." } else { "" }
         );
         let _ = writeln!(text, "{};\n", declaration(name, program, width));
         if batches {
@@ -151,23 +153,11 @@ fn header(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Wi
 
 fn source(name: &str, programs: &[Program], (width, batches): (Width, bool)) -> String {
     let mut text = format!("{WRITTEN_BY}#include \"{name}.h\"\n#include <math.h>\n");
+    if programs.iter().any(pieces::is_cut) {
+        text.push_str(pieces::APART);
+    }
     for program in programs {
-        let _ = write!(text, "\n{}\n{{\n", declaration(name, program, width));
-        let said: Vec<String> = (0..program.operations.len()).map(|place| operand(program, place, width)).collect();
-        for (place, operation) in program.operations.iter().enumerate() {
-            if let Some(right) = right_side(operation, &said, width) {
-                let _ = writeln!(text, "    const {} {} = {right};", width.of_c(), said[place]);
-            }
-        }
-        for (array, places) in program.outputs() {
-            for (i, &place) in places.iter().enumerate() {
-                let _ = writeln!(text, "    {}[{i}] = {};", array.name, said[place as usize]);
-            }
-        }
-        for argument in program.unread() {
-            let _ = writeln!(text, "    (void){argument};");
-        }
-        text.push_str("}\n");
+        one_state(name, program, width, &mut text);
     }
     if batches {
         text.push_str(lanes::PRELUDE);
@@ -176,6 +166,26 @@ fn source(name: &str, programs: &[Program], (width, batches): (Width, bool)) -> 
         }
     }
     text
+}
+
+/// The function of one state.
+fn one_state(name: &str, program: &Program, width: Width, text: &mut String) {
+    let number = width.of_c();
+    let form = Form {
+        head: declaration(name, program, width),
+        name: format!("{name}_{}", program.function.symbol()),
+        parameters: program.named(&format!("const {number} *"), &format!("{number} *")),
+        names: program.named("", ""),
+        number,
+        constant: str::to_owned,
+    };
+    let said = (0..program.operations.len()).map(|place| operand(program, place, width)).collect();
+    let statement = |place: usize, said: &mut [String], text: &mut String| {
+        if let Some(right) = right_side(&program.operations[place], said, width) {
+            let _ = writeln!(text, "    const {number} {} = {right};", said[place]);
+        }
+    };
+    pieces::write(program, &form, said, statement, text);
 }
 
 /// How a number is named where it is read.

@@ -1,6 +1,7 @@
 //! C of programs for many states: one number of each in a lane of a vector, by the vector extensions of GCC and Clang.
 
 use super::c::{GIVEN, Width, operand};
+use super::pieces::{self, Form};
 use super::program::Program;
 use crate::scalar::Operation;
 use std::collections::HashSet;
@@ -91,52 +92,40 @@ static inline void scatter(double *to, const lanes *from, size_t width, size_t c
 }
 ";
 
-/// The names of arguments and results with what stands before each.
-fn named(program: &Program, argument: &str, result: &str) -> String {
-    let arguments = program.arguments.iter().map(|array| format!("{argument}{}", array.name));
-    let all: Vec<String> =
-        arguments.chain(program.results.iter().map(|array| format!("{result}{}", array.name))).collect();
-    all.join(", ")
-}
-
 /// The declaration of the function of many states, without what ends it.
 pub(super) fn declaration(name: &str, program: &Program) -> String {
-    let (function, all) = (program.function.symbol(), named(program, "const double *", "double *"));
+    let (function, all) = (program.function.symbol(), program.named("const double *", "double *"));
     format!("void {name}_{function}_batch(size_t count, {all})")
 }
 
 /// The program in lanes, and the function that takes all states through it.
 pub(super) fn functions(name: &str, program: &Program, text: &mut String) {
     let function = program.function.symbol();
-    let _ = write!(text, "\nstatic void {function}_lanes({})\n{{\n", named(program, "const lanes *", "lanes *"));
-    let mut said: Vec<String> =
-        (0..program.operations.len()).map(|place| operand(program, place, Width::Double)).collect();
+    let parameters = program.named("const lanes *", "lanes *");
+    let form = Form {
+        head: format!("static void {function}_lanes({parameters})"),
+        name: format!("{function}_lanes"),
+        parameters,
+        names: program.named("", ""),
+        number: "lanes",
+        // A number by itself is no vector.
+        constant: |value| format!("(lanes){{0}} + {value}"),
+    };
+    let said = (0..program.operations.len()).map(|place| operand(program, place, Width::Double)).collect();
     let mut turned = HashSet::new();
-    for (place, operation) in program.operations.iter().enumerate() {
+    let statement = |place: usize, said: &mut [String], text: &mut String| {
+        let operation = &program.operations[place];
         if let Operation::Sine(a) | Operation::Cosine(a) = *operation {
             if turned.insert(a) {
                 let _ = writeln!(text, "    lanes s{a}, c{a};");
                 let _ = writeln!(text, "    sine_and_cosine({}, &s{a}, &c{a});", said[a as usize]);
             }
             said[place] = format!("{}{a}", if matches!(operation, Operation::Sine(_)) { 's' } else { 'c' });
-        } else if let Some(right) = right_side(operation, &said) {
+        } else if let Some(right) = right_side(operation, said) {
             let _ = writeln!(text, "    const lanes {} = {right};", said[place]);
         }
-    }
-    for (array, places) in program.outputs() {
-        for (i, &place) in places.iter().enumerate() {
-            let value = &said[place as usize];
-            let is_constant = matches!(program.operations[place as usize], Operation::Constant(_));
-            // A number by itself is no vector.
-            let value = if is_constant { format!("(lanes){{0}} + {value}") } else { value.clone() };
-            let _ = writeln!(text, "    {}[{i}] = {value};", array.name);
-        }
-    }
-    // What no result reads is no fault.
-    for argument in program.unread() {
-        let _ = writeln!(text, "    (void){argument};");
-    }
-    text.push_str("}\n");
+    };
+    pieces::write(program, &form, said, statement, text);
 
     let _ = write!(text, "\n{}\n{{\n", declaration(name, program));
     text.push_str("    for (size_t first = 0; first < count; first += LANES) {\n");
@@ -185,7 +174,7 @@ pub(super) fn test(name: &str, program: &Program, size: f64, text: &mut String) 
         );
     }
     let _ = writeln!(text, "        }}");
-    let _ = writeln!(text, "        {name}_{function}_batch({STATES}, {});", named(program, "many_", "many_"));
+    let _ = writeln!(text, "        {name}_{function}_batch({STATES}, {});", program.named("many_", "many_"));
     let _ = writeln!(text, "        for (int i = 0; i < {STATES}; i++) {{");
     let state = program.arguments.iter().map(|array| format!("many_{} + i * {}", array.name, array.width()));
     let state: Vec<String> = state.chain(program.results.iter().map(|array| array.name.to_owned())).collect();

@@ -19,6 +19,7 @@
 mod c;
 mod functions;
 mod lanes;
+mod pieces;
 mod program;
 mod reference;
 mod tracing;

@@ -75,6 +75,13 @@ impl Program {
         unreachable!("an argument that no array has")
     }
 
+    /// The names of arguments and results with what stands before each.
+    pub(super) fn named(&self, argument: &str, result: &str) -> String {
+        let arguments = self.arguments.iter().map(|array| format!("{argument}{}", array.name));
+        let results = self.results.iter().map(|array| format!("{result}{}", array.name));
+        arguments.chain(results).collect::<Vec<String>>().join(", ")
+    }
+
     /// The names of arguments that nothing reads.
     pub(super) fn unread(&self) -> impl Iterator<Item = &'static str> {
         let read: HashSet<&str> = (self.operations.iter())
