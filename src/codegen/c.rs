@@ -1,5 +1,7 @@
 //! C99 of programs: a source, its header, a test with reference values, and a Makefile.
 
+use super::arrays::{Array, arguments, located, results, unread, written};
+use super::case::Case;
 use super::lanes;
 use super::program::{Function, Program};
 use crate::error::Error;
@@ -18,16 +20,16 @@ pub enum Width {
 }
 
 impl Width {
-    fn of_c(self) -> &'static str {
+    pub(super) fn of_c(self) -> &'static str {
         if self == Self::Double { "double" } else { "float" }
     }
 
     /// What ends names of functions and constants.
-    fn suffix(self) -> &'static str {
+    pub(super) fn suffix(self) -> &'static str {
         if self == Self::Double { "" } else { "f" }
     }
 
-    fn constant(self, x: f64) -> String {
+    pub(super) fn constant(self, x: f64) -> String {
         match self {
             // The shortest that is read as the same number.
             Self::Double => format!("{x:?}"),
@@ -45,7 +47,7 @@ pub type Sources = Vec<(String, String)>;
 /// Each function takes pointers to its arguments, SI units, radians, and writes its result; nothing is allocated, and of libm it needs sines, cosines and square roots. Results are those of the
 /// scene's methods to rounding, in covariance form: a state that loses digits there is not noticed. The test compares with the scene at a state of its own.
 ///
-/// With `batches` there is a function of many states too for each, as many at once as the processor's registers hold: double, by the vector extensions of GCC and Clang.
+/// With `batches` there is a function of many states too for each, as many at once as the processor's registers hold: by the vector extensions of GCC and Clang.
 ///
 /// # Errors
 ///
@@ -56,17 +58,7 @@ pub fn sources(
     functions: &[Function],
     (width, batches): (Width, bool),
 ) -> Result<Sources, Error> {
-    let is_start = |c: char| c.is_ascii_alphabetic() || c == '_';
-    if !(name.starts_with(is_start) && name.chars().all(|c| is_start(c) || c.is_ascii_digit())) {
-        return Err(Error::argument("name", format!("{name:?}"), "letters, digits and _, the first no digit"));
-    }
-    if functions.is_empty() {
-        return Err(Error::argument("functions", "none", "one or more"));
-    }
-    if batches && width == Width::Single {
-        return Err(Error::argument("batches", "float32", "float64, whose sines there are in lanes"));
-    }
-    let programs = functions.iter().map(|&function| Program::new(scene, function)).collect::<Result<Vec<_>, _>>()?;
+    let programs = programs(scene, name, functions)?;
     Ok(vec![
         (format!("{name}.c"), source(name, &programs, (width, batches))),
         (format!("{name}.h"), header(scene, name, &programs, (width, batches))),
@@ -75,18 +67,27 @@ pub fn sources(
     ])
 }
 
-const WRITTEN_BY: &str = "/* Written by phipsi; do not edit. */\n";
+/// The programs of all functions, under a name that every language has for its own.
+pub(super) fn programs(scene: &Scene, name: &str, functions: &[Function]) -> Result<Vec<Program>, Error> {
+    let is_start = |c: char| c.is_ascii_alphabetic() || c == '_';
+    if !(name.starts_with(is_start) && name.chars().all(|c| is_start(c) || c.is_ascii_digit())) {
+        return Err(Error::argument("name", format!("{name:?}"), "letters, digits and _, the first no digit"));
+    }
+    if functions.is_empty() {
+        return Err(Error::argument("functions", "none", "one or more"));
+    }
+    functions.iter().map(|&function| Program::new(scene, function)).collect()
+}
+
+pub(super) const WRITTEN_BY: &str = "/* Written by phipsi; do not edit. */\n";
 
 /// The declaration of a function, without what ends it.
 fn declaration(name: &str, program: &Program, width: Width) -> String {
-    let ((nq, nv), number) = (program.sizes, width.of_c());
-    let arguments = program.function.arguments().iter().map(|&argument| {
-        let count = if argument == "q" { nq } else { nv };
-        format!("const {number} {argument}[{}]", count.max(1))
-    });
-    let result = format!("{number} {}[{}]", program.function.result(), program.function.width(nv).max(1));
-    let all: Vec<String> = arguments.chain([result]).collect();
-    format!("void {name}_{}({})", program.function.name(), all.join(", "))
+    let number = width.of_c();
+    let declared = |Array { name, width }: &Array| format!("{number} {name}[{}]", width.max(&1));
+    let given = arguments(program).iter().map(|array| format!("const {}", declared(array))).collect::<Vec<_>>();
+    let results = results(program).iter().map(declared).collect::<Vec<_>>();
+    format!("void {name}_{}({})", program.function.name(), [given, results].concat().join(", "))
 }
 
 fn header(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Width, bool)) -> String {
@@ -98,49 +99,51 @@ fn header(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Wi
     let _ = writeln!(text, "#define {}_NQ {}", name.to_uppercase(), scene.nq());
     let _ = writeln!(text, "#define {}_NV {}\n", name.to_uppercase(), scene.nv());
     text.push_str("/* SI units, radians. Joints, and where they are in q and in qd:\n");
-    for joint in scene.joints() {
-        // What would end the comment has no place in it.
-        let joint_name = joint.name.replace("*/", "* /");
-        let _ = writeln!(
-            text,
-            "   {joint_name}: q {}..{}, qd {}..{}",
-            joint.q.start, joint.q.end, joint.v.start, joint.v.end
-        );
+    for line in joints(scene) {
+        let _ = writeln!(text, "   {line}");
     }
     text.push_str("*/\n\n#ifdef __cplusplus\nextern \"C\" {\n#endif\n\n");
     for program in programs {
-        let size = program.size();
-        let _ = writeln!(
-            text,
-            "/* {}: {} sums, {} products, {} products with a sum, {} quotients and roots, {} sines and cosines. */",
-            meaning(program.function),
-            size.sums,
-            size.products,
-            size.fused,
-            size.quotients,
-            size.sines
-        );
+        let _ = writeln!(text, "/* {} */", meaning(program));
         let _ = writeln!(text, "{};\n", declaration(name, program, width));
         if batches {
             let _ = writeln!(
                 text,
                 "/* The same of `count` states, one after another in every array; the result overlaps none of them. */"
             );
-            let _ = writeln!(text, "{};\n", lanes::declaration(name, program));
+            let _ = writeln!(text, "{};\n", lanes::declaration(name, program, width));
         }
     }
     let _ = write!(text, "#ifdef __cplusplus\n}}\n#endif\n\n#endif\n");
     text
 }
 
-fn meaning(function: Function) -> &'static str {
-    match function {
-        Function::ForwardDynamics => "Joint accelerations from torques",
-        Function::InverseDynamics => "Torques from joint accelerations",
-        Function::BiasTorque => "Torques that let no joint accelerate",
-        Function::MassMatrix => "The mass matrix, row by row",
-        Function::MassMatrixInverse => "Its inverse, row by row",
-    }
+/// A line for each joint: where it is in q and in qd.
+pub(super) fn joints(scene: &Scene) -> Vec<String> {
+    let line = |joint: &crate::scene::Joint| {
+        // What would end a comment has no place in one.
+        let name = joint.name.replace("*/", "* /").replace(['\n', '\r'], " ");
+        format!("{name}: q {}..{}, qd {}..{}", joint.q.start, joint.q.end, joint.v.start, joint.v.end)
+    };
+    scene.joints().iter().map(line).collect()
+}
+
+/// What a program gives, and of how many operations.
+pub(super) fn meaning(program: &Program) -> String {
+    let (what, size) = (
+        match program.function {
+            Function::ForwardDynamics => "Joint accelerations from torques",
+            Function::InverseDynamics => "Torques from joint accelerations",
+            Function::BiasTorque => "Torques that let no joint accelerate",
+            Function::MassMatrix => "The mass matrix, row by row",
+            Function::MassMatrixInverse => "Its inverse, row by row",
+        },
+        program.size(),
+    );
+    format!(
+        "{what}: {} sums, {} products, {} products with a sum, {} quotients and roots, {} sines and cosines.",
+        size.sums, size.products, size.fused, size.quotients, size.sines
+    )
 }
 
 fn source(name: &str, programs: &[Program], (width, batches): (Width, bool)) -> String {
@@ -153,15 +156,19 @@ fn source(name: &str, programs: &[Program], (width, batches): (Width, bool)) -> 
                 let _ = writeln!(text, "    const {} {} = {right};", width.of_c(), said[place]);
             }
         }
-        for (i, &result) in program.results.iter().enumerate() {
-            let _ = writeln!(text, "    {}[{i}] = {};", program.function.result(), said[result as usize]);
+        for (array, at, operation) in written(program) {
+            let _ = writeln!(text, "    {}[{at}] = {};", array.name, said[operation]);
+        }
+        // What no result reads is no fault.
+        for array in unread(program) {
+            let _ = writeln!(text, "    (void){};", array.name);
         }
         text.push_str("}\n");
     }
     if batches {
-        text.push_str(lanes::PRELUDE);
+        text.push_str(&lanes::prelude(width));
         for program in programs {
-            lanes::functions(name, program, &mut text);
+            lanes::functions(name, program, width, &mut text);
         }
     }
     text
@@ -175,12 +182,8 @@ pub(super) fn operand(program: &Program, place: usize, width: Width) -> String {
             if x < 0.0 { format!("({})", width.constant(x)) } else { width.constant(x) }
         }
         Operation::Argument(index) => {
-            let (index, (nq, nv)) = (index as usize, program.sizes);
-            if index < nq {
-                return format!("q[{index}]");
-            }
-            let names = program.function.arguments();
-            format!("{}[{}]", names[1 + (index - nq) / nv], (index - nq) % nv)
+            let (array, at) = located(&arguments(program), index as usize);
+            format!("{}[{at}]", array.name)
         }
         _ => format!("x{place}"),
     }
@@ -207,73 +210,61 @@ pub(super) fn right_side(operation: &Operation, said: &[String], width: Width) -
     })
 }
 
-/// Numbers between -1 and 1 that depend on their place only.
-fn draw(place: usize) -> f64 {
-    #[allow(clippy::cast_precision_loss)] // small
-    let angle = (place as f64).mul_add(2.399_963, 0.7);
-    angle.sin()
-}
-
 /// A state of the scene, and what the methods give there.
 fn test(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Width, bool)) -> Result<String, Error> {
-    let (nv, mut workspace) = (scene.nv(), scene.workspace());
-    let numbers = |first: usize| (first..first + nv).map(draw).collect::<Vec<f64>>();
-    let (mut q, qd, u) = (vec![f64::NAN; scene.nq()], numbers(nv), numbers(2 * nv));
-    scene.integrate(&scene.neutral(), &numbers(0), &mut q)?;
     let number = width.of_c();
-    let array = |kind: &str, name: &str, values: &[f64]| {
-        let values: Vec<String> = values.iter().map(|&x| width.constant(x)).collect();
-        let all = if values.is_empty() { "0".to_owned() } else { values.join(", ") };
-        format!("{kind} {name}[] = {{{all}}};\n")
-    };
     let mut text = format!("{WRITTEN_BY}#include \"{name}.h\"\n#include <math.h>\n#include <stdio.h>\n\n");
-    for (name, values) in [("q", &q), ("qd", &qd), ("u", &u)] {
-        text.push_str(&array(&format!("static const {number}"), name, values));
-    }
-    let bound = if width == Width::Double { 1e-9 } else { 1e-2 };
-    let _ = write!(
-        text,
-        "\n/* Largest difference over the size of such numbers; the bound leaves room for the condition of the mass matrix. */\n\
-         static int check(const char *what, const {number} *found, const {number} *expected, int count, double size)\n{{\n    \
-         double apart = 0;\n    for (int i = 0; i < count; i++) {{\n        \
-         const double difference = fabs((double)found[i] - (double)expected[i]);\n        \
-         if (!(difference <= apart)) apart = difference;\n    }}\n    \
-         printf(\"%s: %.1e\\n\", what, apart / size);\n    \
-         return !(apart <= {bound:e} * size);\n}}\n\nint main(void)\n{{\n    int faults = 0;\n"
-    );
-    let mut moving = vec![f64::NAN; nv];
-    scene.inverse_dynamics(&mut workspace, &q, &qd, &u, &[], &mut moving)?;
+    text.push_str(&check(width));
+    text.push_str("\nint main(void)\n{\n    int faults = 0;\n");
     for program in programs {
-        let function = program.function;
-        let mut expected = vec![f64::NAN; function.width(nv)];
-        match function {
-            Function::ForwardDynamics => scene.forward_dynamics(&mut workspace, &q, &qd, &u, &[], &mut expected)?,
-            Function::InverseDynamics => scene.inverse_dynamics(&mut workspace, &q, &qd, &u, &[], &mut expected)?,
-            Function::BiasTorque => scene.bias_torque(&mut workspace, &q, &qd, &mut expected)?,
-            Function::MassMatrix => scene.mass_matrix(&mut workspace, &q, &mut expected)?,
-            Function::MassMatrixInverse => {
-                scene.mass_matrix_inverse(&mut workspace, &mut scene.inverse_scratch(), &q, &mut expected)?;
-            }
-        }
-        let (what, count) = (function.name(), expected.len());
-        // A bias can be nothing but rounding.
-        let beside = if function == Function::BiasTorque { &moving[..] } else { &[] };
-        let size = expected.iter().chain(beside).fold(0.0, |size: f64, x| size.max(x.abs()));
-        let size = if size > 0.0 { size } else { 1.0 };
-        let given: Vec<&str> =
-            function.arguments().iter().map(|&a| if a == "q" || a == "qd" { a } else { "u" }).collect();
+        let (case, what) = (Case::new(scene, program)?, program.function.name());
+        let size = case.size;
         let _ = writeln!(text, "    {{");
-        let _ = write!(text, "        {}", array(&format!("static const {number}"), "expected", &expected));
-        let _ = writeln!(text, "        {number} found[{}];", count.max(1));
-        let _ = writeln!(text, "        {name}_{what}({}, found);", given.join(", "));
-        let _ = writeln!(text, "        faults += check(\"{what}\", found, expected, {count}, {size:?});");
+        let mut given = Vec::new();
+        for (array, values) in arguments(program).iter().zip(&case.given) {
+            let _ = writeln!(text, "        {}", constants(array.name, values, width));
+            given.push(array.name.to_owned());
+        }
+        let (mut first, mut checks) = (0, String::new());
+        for Array { name, width: count } in results(program) {
+            let expected = constants(&format!("expected_{name}"), &case.expected[first..first + count], width);
+            let _ = write!(text, "        {expected}\n        {number} {name}[{}];\n", count.max(1));
+            let _ = writeln!(
+                checks,
+                "        faults += check(\"{what}: {name}\", {name}, expected_{name}, {count}, {size:?});"
+            );
+            given.push(name.to_owned());
+            first += count;
+        }
+        let _ = write!(text, "        {name}_{what}({});\n{checks}", given.join(", "));
         if batches {
-            lanes::test(name, program, size, &mut text);
+            lanes::test(name, program, (width, size), &mut text);
         }
         let _ = writeln!(text, "    }}");
     }
     text.push_str("    return faults != 0;\n}\n");
     Ok(text)
+}
+
+/// The function that compares, in C.
+pub(super) fn check(width: Width) -> String {
+    let (number, bound) = (width.of_c(), if width == Width::Double { 1e-9 } else { 1e-2 });
+    format!(
+        "/* Largest difference over the size of such numbers; the bound leaves room for the condition of the mass matrix. */\n\
+         static int check(const char *what, const {number} *found, const {number} *expected, int count, double size)\n{{\n    \
+         double apart = 0;\n    for (int i = 0; i < count; i++) {{\n        \
+         const double difference = fabs((double)found[i] - (double)expected[i]);\n        \
+         if (!(difference <= apart)) apart = difference;\n    }}\n    \
+         printf(\"%s: %.1e\\n\", what, apart / size);\n    \
+         return !(apart <= {bound:e} * size);\n}}\n"
+    )
+}
+
+/// An array of constants in C.
+pub(super) fn constants(name: &str, values: &[f64], width: Width) -> String {
+    let values: Vec<String> = values.iter().map(|&x| width.constant(x)).collect();
+    let all = if values.is_empty() { "0".to_owned() } else { values.join(", ") };
+    format!("static const {} {name}[] = {{{all}}};", width.of_c())
 }
 
 fn makefile(name: &str) -> String {

@@ -16,9 +16,17 @@
 //! # }
 //! ```
 
+mod arrays;
 mod c;
+mod case;
+mod circle;
+mod cuda;
 mod lanes;
 mod program;
+mod rust;
+mod rust_texts;
 
 pub use c::{Sources, Width, sources};
+pub use cuda::cuda_sources;
 pub use program::{FUNCTIONS, Function, Program, Size};
+pub use rust::rust_sources;

@@ -56,7 +56,7 @@ thread_local! {
 
 /// A number of the program that this thread is writing; outside of [`Traced::during`] of one that nobody reads.
 ///
-/// What both numbers of an operation are constants is computed here, in f64. Sums with zero, products by zero, one and minus one go: the result is that of f64 for numbers that are
+/// What both numbers of an operation are constants is computed here, in f64. Sums with zero, differences of a number and itself, products by zero, one and minus one go: the result is that of f64 for numbers that are
 /// finite, but for the sign of a zero. What is computed twice is one number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Traced(u32);
@@ -148,6 +148,7 @@ impl Sub for Traced {
             (Some(a), Some(b)) => return Self::constant_of(a - b),
             (Some(0.0), _) => return -other,
             (_, Some(0.0)) => return self,
+            _ if self == other => return Self::constant_of(0.0),
             _ => {}
         }
         match other.negated() {
@@ -356,6 +357,7 @@ mod tests {
             Operation::Constant(3f64.to_bits())
         );
         assert_eq!(operations(|_, _| number(2.0).sqrt() - number(2.0).sqrt()).0, Operation::Constant(0));
+        assert_eq!(operations(|a, b| a * b - b * a).0, Operation::Constant(0));
         assert_eq!(one, one);
     }
 
