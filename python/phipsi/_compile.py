@@ -13,12 +13,13 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._core import get_num_threads
+from ._cuda import CompiledForCuda, compile_for_cuda
 from .errors import ArgumentError, of_argument
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Compiled", "compile"]
 
-_Array: TypeAlias = NDArray[np.float64]
+_Array: TypeAlias = NDArray[Any]
 Function = Literal["forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"]
 FUNCTIONS: tuple[str, ...] = get_args(Function)
 
@@ -44,7 +45,7 @@ class Compiled:
     """Functions of one scene as machine code that holds nothing else; batches run as many states at once as the processor's registers hold, on as many threads as set_num_threads says.
 
     Each method takes the arrays of the scene's method of that name and gives its results to rounding, in form "covariance": digits that this loses are not noticed. Few states, and arguments
-    or results that are not in order, are done by the scene's own method, which says what is wrong.
+    or results that are not in order, are done by the scene's own method, which says what is wrong. Results have the dtype that was compiled.
     """
 
     scene: Scene
@@ -53,9 +54,11 @@ class Compiled:
     """What was compiled."""
     library: Path
     """The file of the machine code."""
+    dtype: np.dtype[Any]
+    """The numbers of the machine code, and of results."""
 
-    def __init__(self, scene: Scene, functions: tuple[str, ...], library: Path) -> None:
-        self.scene, self.functions, self.library = scene, functions, library
+    def __init__(self, scene: Scene, functions: tuple[str, ...], library: Path, dtype: str = "float64") -> None:
+        self.scene, self.functions, self.library, self.dtype = scene, functions, library, np.dtype(dtype)
         self._code = ctypes.CDLL(str(library))
         joints = (scene.joints[name] for name in scene.joint_names)
         ends = [scene.q_index(joint.name).stop for joint in joints if joint.type in ("spherical", "floating")]
@@ -92,11 +95,11 @@ class Compiled:
             return self._by_scene(function, given)
         arrays, batch = ready
         count = prod(batch)
-        out = np.empty((*batch, *shape))
+        out = np.empty((*batch, *shape), self.dtype)
         run = getattr(self._code, f"robot_{function}_batch")
 
         def piece(first: int, end: int) -> None:
-            addresses = (ctypes.c_void_p(array.ctypes.data + 8 * first * (array.size // count)) for array in (*arrays, out))
+            addresses = (ctypes.c_void_p(array.ctypes.data + array.itemsize * first * (array.size // count)) for array in (*arrays, out))
             run(ctypes.c_size_t(end - first), *addresses)
 
         threads = min(get_num_threads(), count // WORTH_A_THREAD)
@@ -112,7 +115,7 @@ class Compiled:
         """Arrays of all states, one after another, and the leading axes; None of what the scene is to look at."""
         scene = self.scene
         widths = [scene.nq, *[scene.nv] * (len(given) - 1)]
-        if not all(isinstance(value, np.ndarray) and value.dtype == np.float64 and value.ndim > 0 for value in given):
+        if not all(isinstance(value, np.ndarray) and value.dtype in (np.float64, self.dtype) and value.ndim > 0 for value in given):
             return None
         arrays: list[Any] = list(given)
         if [array.shape[-1] for array in arrays] != widths or scene.nv == 0:
@@ -126,42 +129,72 @@ class Compiled:
         for at in self._quaternions:
             if not bool((np.abs((arrays[0][..., at] ** 2).sum(axis=-1) - 1.0) <= SLACK).all()):
                 return None
-        return [np.ascontiguousarray(np.broadcast_to(array, (*batch, array.shape[-1]))) for array in arrays], batch
+        return [np.ascontiguousarray(np.broadcast_to(array, (*batch, array.shape[-1])), self.dtype) for array in arrays], batch
 
     def _by_scene(self, function: str, given: tuple[ArrayLike, ...]) -> _Array:
         form = {"form": "covariance"} if function in ("forward_dynamics", "mass_matrix_inverse") else {}
-        found: _Array = getattr(self.scene, function)(*given, **form)
+        found: _Array = getattr(self.scene, function)(*given, dtype=self.dtype, **form)
         return found
 
 
+@overload
+def compile(
+    scene: Scene,
+    functions: Iterable[Function] | None = None,
+    *,
+    device: Literal["cpu"] = "cpu",
+    dtype: Literal["float64", "float32"] = "float64",
+    compiler: str | None = None,
+    flags: Sequence[str] | None = None,
+    cache: str | os.PathLike[str] | None = None,
+) -> Compiled: ...
+@overload
+def compile(
+    scene: Scene,
+    functions: Iterable[Function] | None = None,
+    *,
+    device: Literal["cuda"],
+    dtype: Literal["float64", "float32"] = "float64",
+) -> CompiledForCuda: ...
 def compile(  # noqa: A001  # phipsi.compile
     scene: Scene,
     functions: Iterable[Function] | None = None,
     *,
+    device: Literal["cpu", "cuda"] = "cpu",
+    dtype: Literal["float64", "float32"] = "float64",
     compiler: str | None = None,
     flags: Sequence[str] | None = None,
     cache: str | os.PathLike[str] | None = None,
-) -> Compiled:
-    """Compiles functions of one scene by the system's C compiler: scene.to_c(batches=True) into a library that is loaded at once.
+) -> Compiled | CompiledForCuda:
+    """Compiles functions of one scene by the system's C compiler: scene.to_c(batches=True) into a library that is loaded at once. Or for a GPU, scene.to_cuda through CuPy and NVRTC.
 
-    functions: as of to_c; None: all. compiler: its command; None: that of the environment variable CC, or cc. flags: for this processor and of how fast the code is to be; None: -O3 for this
-    processor. cache: a directory that keeps libraries by scene, compiler and flags, so that the next call takes no time; None: phipsi/compiled where the user's caches are.
+    functions: as of to_c; None: all. device: "cpu" or "cuda", which needs CuPy (phipsi[cuda]) and a GPU. dtype: "float64" or "float32", the numbers of the code and of results; on the CPU, arguments of
+    float64 are rounded to it. compiler: its command; None: that of the environment variable CC, or cc. flags: for this processor and of how fast the code is to be; None: -O3 for this
+    processor. cache: a directory that keeps libraries by scene, compiler and flags, so that the next call takes no time; None: phipsi/compiled where the user's caches are. These three are of device="cpu".
 
-    Raises ArgumentError where there is no compiler, or it fails, and as to_c.
+    Raises ArgumentError where there is no compiler, or it fails, where there is no GPU, and as to_c; ImportError without CuPy.
     """
+    if device not in ("cpu", "cuda"):
+        raise of_argument(ArgumentError, "device", f"found {device!r}; expected 'cpu' or 'cuda'")
+    names = None if functions is None else tuple(functions)
+    known = tuple(name for name in FUNCTIONS if names is None or name in names)
+    if device == "cuda":
+        for argument, value in (("compiler", compiler), ("flags", flags), ("cache", cache)):
+            if value is not None:
+                raise of_argument(ArgumentError, argument, f"found {value!r} with device='cuda', whose compiler is NVRTC; expected None")
+        return compile_for_cuda(scene, known if names is None else names, dtype)
     command = compiler or os.environ.get("CC") or "cc"
     found = shutil.which(command)
     if found is None:
         raise of_argument(ArgumentError, "compiler", f"found no {command}; expected a C compiler (GCC or Clang): install one, or name it")
-    names = None if functions is None else tuple(functions)
-    files = scene.to_c(name="robot", functions=names, batches=True)
+    files = scene.to_c(name="robot", functions=names, dtype=dtype, batches=True)
     own = ("-mcpu=native",) if platform.machine() in ("aarch64", "arm64") else ("-march=native",)
     told = [*ALWAYS, *(("-O3", *own) if flags is None else flags)]
     into = (_caches() if cache is None else Path(cache)) / _key(files, found, told)
     library = into / "robot.so"
     if not library.exists():
         _build(files, [found, *told], library)
-    return Compiled(scene, tuple(name for name in FUNCTIONS if names is None or name in names), library)
+    return Compiled(scene, known, library, dtype)
 
 
 def _caches() -> Path:
