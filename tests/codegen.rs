@@ -3,6 +3,7 @@
 mod common;
 
 use common::lanes::{State, states};
+use common::programs::by_method;
 use common::{ALL_KINDS, Random, Tree, random_inertial, tolerance};
 use phipsi::codegen::{FUNCTIONS, Function, Program, Width, sources};
 use phipsi::kinematics::{REFERENCE_FRAMES, ReferenceFrame};
@@ -23,34 +24,6 @@ fn functions(scene: &Scene) -> Vec<Function> {
         all.extend(REFERENCE_FRAMES.map(|(_, frame)| Function::Jacobian(link(), frame)));
     }
     all
-}
-
-/// What the scene's method gives, all results one after another.
-fn by_method(scene: &Scene, function: &Function, given: &[Vec<f64>]) -> Vec<f64> {
-    let (mut workspace, mut out) = (scene.workspace(), vec![f64::NAN; function.width(scene)]);
-    let w = &mut workspace;
-    let at = |argument: usize| given.get(argument).map_or(&[][..], |values| &values[..]);
-    let (q, qd, u, along) = (at(0), at(1), at(2), [at(3), at(4), at(5)]);
-    match function {
-        Function::ForwardDynamics => scene.forward_dynamics(w, q, qd, u, &[], &mut out),
-        Function::InverseDynamics => scene.inverse_dynamics(w, q, qd, u, &[], &mut out),
-        Function::BiasTorque => scene.bias_torque(w, q, qd, &mut out),
-        Function::MassMatrix => scene.mass_matrix(w, q, &mut out),
-        Function::MassMatrixInverse => scene.mass_matrix_inverse(w, &mut scene.inverse_scratch(), q, &mut out),
-        Function::ForwardDynamicsDerivatives => scene.forward_dynamics_derivatives(w, q, qd, u, &[], &mut out),
-        Function::InverseDynamicsDerivatives => scene.inverse_dynamics_derivatives(w, q, qd, u, &[], &mut out),
-        Function::ForwardDynamicsJvp => scene.forward_dynamics_jvp(w, q, qd, u, &[], along, &mut out),
-        Function::ForwardDynamicsVjp => scene.forward_dynamics_vjp(w, q, qd, u, &[], at(3), &mut out),
-        Function::InverseDynamicsJvp => scene.inverse_dynamics_jvp(w, q, qd, u, &[], along, &mut out),
-        Function::InverseDynamicsVjp => scene.inverse_dynamics_vjp(w, q, qd, u, &[], at(3), &mut out),
-        Function::Placements => scene.placements(q).map(|all| {
-            all.iter().zip(out.chunks_exact_mut(16)).for_each(|(link, out)| link.homogeneous(out));
-        }),
-        Function::Placement(link) => scene.placement(q, link).map(|place| place.homogeneous(&mut out)),
-        Function::Jacobian(link, frame) => scene.jacobian(q, link, *frame, &mut out),
-    }
-    .unwrap();
-    out
 }
 
 /// States that people are in: at random, at rest, held against gravity, falling, and with one joint moving; the third is a torque.
@@ -173,15 +146,13 @@ fn the_c_code_compiles_and_passes_its_own_test() {
     for (name, width) in [("arm", Width::Double), ("arm_f", Width::Single)] {
         let directory = std::env::temp_dir().join(format!("phipsi-codegen-{}-{name}", std::process::id()));
         std::fs::create_dir_all(&directory).unwrap();
-        // One state by itself, and eleven in lanes.
-        let (batches, states) = (width == Width::Double, if width == Width::Double { 12 } else { 1 });
         // In single precision a chain, whose mass matrix is tame.
         let scene = match width {
             Width::Double => tree(5),
             Width::Single => scenes::chain(3).unwrap(),
         };
         let functions = functions(&scene);
-        for (file, text) in sources(&scene, name, &functions, (width, batches)).unwrap() {
+        for (file, text) in sources(&scene, name, &functions, (width, true)).unwrap() {
             std::fs::write(directory.join(file), text).unwrap();
         }
         let binary = directory.join("run");
@@ -194,10 +165,11 @@ fn the_c_code_compiles_and_passes_its_own_test() {
             .output()
             .unwrap();
         assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
+        // One state by itself, and eleven in lanes.
         let run = Command::new(&binary).output().unwrap();
         assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stdout));
         let results: usize = functions.iter().map(|function| function.results(&scene).len()).sum();
-        assert_eq!(String::from_utf8_lossy(&run.stdout).lines().count(), states * results);
+        assert_eq!(String::from_utf8_lossy(&run.stdout).lines().count(), 12 * results);
         std::fs::remove_dir_all(&directory).unwrap();
     }
 }
@@ -211,8 +183,6 @@ fn names_that_are_none_in_c_are_refused() {
     }
     let error = sources(&scene, "robot", &[], (Width::Double, false)).unwrap_err().to_string();
     assert!(error.contains("functions"), "{error}");
-    let error = sources(&scene, "robot", &FUNCTIONS, (Width::Single, true)).unwrap_err().to_string();
-    assert!(error.contains("batches"), "{error}");
 }
 
 #[test]

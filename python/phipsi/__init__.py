@@ -29,6 +29,7 @@ from ._core import (
     get_num_threads,
     set_num_threads,
 )
+from ._cuda import CompiledForCuda
 from ._identify import Identification
 from ._load import load
 from ._motion import PD, ContactMotion, ContactState, MomentumCorrection, MotionEnergy, Trajectory, Violation
@@ -61,6 +62,7 @@ __all__ = [
     "Accuracy",
     "BUNDLED_ARM",
     "Compiled",
+    "CompiledForCuda",
     "ConstrainedDynamics",
     "ConstrainedInverseDynamics",
     "ContactMotion",

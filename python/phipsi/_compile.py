@@ -14,18 +14,14 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._core import get_num_threads
-from ._results import (
-    ForwardDynamicsDerivatives,
-    ForwardDynamicsGradients,
-    InverseDynamicsDerivatives,
-    InverseDynamicsGradients,
-)
+from ._cuda import CompiledForCuda, compile_for_cuda
+from ._functions import FUNCTIONS, IN_FORM, Function, Functions, parts, symbol
 from .errors import ArgumentError, of_argument
 
 if TYPE_CHECKING:
@@ -33,38 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Compiled", "compile"]
 
-_Array: TypeAlias = NDArray[np.float64]
-_Results = TypeVar("_Results")
-_OfScene = Literal[
-    "forward_dynamics",
-    "inverse_dynamics",
-    "bias_torque",
-    "mass_matrix",
-    "mass_matrix_inverse",
-    "forward_dynamics_derivatives",
-    "inverse_dynamics_derivatives",
-    "forward_dynamics_jvp",
-    "forward_dynamics_vjp",
-    "inverse_dynamics_jvp",
-    "inverse_dynamics_vjp",
-    "placements",
-]
-_Frame = Literal["local", "world", "local-world-aligned"]
-#: What to_c and compile know: a name, or of one link (name, link) and (name, link, frame).
-Function: TypeAlias = (
-    _OfScene | tuple[Literal["placement"], str] | tuple[Literal["jacobian"], str] | tuple[Literal["jacobian"], str, _Frame]
-)
-#: All of them that are of no one link.
-FUNCTIONS: tuple[_OfScene, ...] = get_args(_OfScene)
-#: Those that the scene does in a form.
-IN_FORM = (
-    "forward_dynamics",
-    "mass_matrix_inverse",
-    "forward_dynamics_derivatives",
-    "forward_dynamics_jvp",
-    "forward_dynamics_vjp",
-)
-
+_Array: TypeAlias = NDArray[Any]
 #: What every compiler is told.
 ALWAYS = ("-std=c99", "-ffp-contract=fast", "-fno-math-errno", "-shared", "-fPIC")
 #: Fewer states are faster by the scene's own call, whose way from Python is shorter.
@@ -75,122 +40,41 @@ WORTH_A_THREAD = 2048
 SLACK = 1e-3
 
 
-class Compiled:
+class Compiled(Functions[_Array]):
     """Functions of one scene as machine code that holds nothing else; batches run as many states at once as the processor's registers hold, on as many threads as set_num_threads says.
 
     Each method takes the arrays of the scene's method of that name and gives its results to rounding, in form "covariance": digits that this loses are not noticed. Few states, and arguments
-    or results that are not in order, are done by the scene's own method, which says what is wrong.
+    or results that are not in order, are done by the scene's own method, which says what is wrong. Results have the dtype that was compiled.
     """
 
-    scene: Scene
-    """The scene that it was compiled from."""
-    functions: tuple[Function, ...]
-    """What was compiled."""
     library: Path
     """The file of the machine code."""
 
-    def __init__(self, scene: Scene, functions: tuple[Function, ...], library: Path) -> None:
-        self.scene, self.functions, self.library = scene, functions, library
+    def __init__(self, scene: Scene, functions: tuple[Function, ...], library: Path, dtype: str = "float64") -> None:
+        super().__init__(scene, functions, dtype)
+        self.library = library
         code = ctypes.CDLL(str(library))
-        self._code = {_parts(function): getattr(code, f"robot_{_symbol(function)}_batch") for function in functions}
-        self._rates, self._pairs = (scene.nv,), (scene.nv, scene.nv)
+        self._code = {parts(function): getattr(code, f"robot_{symbol(function)}_batch") for function in functions}
         joints = (scene.joints[name] for name in scene.joint_names)
         ends = [scene.q_index(joint.name).stop for joint in joints if joint.type in ("spherical", "floating")]
         self._quaternions = [slice(end - 4, end) for end in ends]
 
-    def __repr__(self) -> str:
-        return f"<phipsi.Compiled of {self.scene.nv} degrees of freedom: {_said(self.functions)}>"
-
-    def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> _Array:
-        """Joint accelerations from joint torques, (..., nv), as Scene.forward_dynamics in form "covariance"."""
-        return self._one(("forward_dynamics",), (q, qd, tau), self._rates)
-
-    def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> _Array:
-        """Joint torques from joint accelerations, (..., nv), as Scene.inverse_dynamics."""
-        return self._one(("inverse_dynamics",), (q, qd, qdd), self._rates)
-
-    def bias_torque(self, q: ArrayLike, qd: ArrayLike) -> _Array:
-        """The torques that let no joint accelerate, (..., nv), as Scene.bias_torque."""
-        return self._one(("bias_torque",), (q, qd), self._rates)
-
-    def mass_matrix(self, q: ArrayLike) -> _Array:
-        """The mass matrix, (..., nv, nv), as Scene.mass_matrix."""
-        return self._one(("mass_matrix",), (q,), self._pairs)
-
-    def mass_matrix_inverse(self, q: ArrayLike) -> _Array:
-        """Its inverse, (..., nv, nv), as Scene.mass_matrix_inverse in form "covariance"."""
-        return self._one(("mass_matrix_inverse",), (q,), self._pairs)
-
-    def forward_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> ForwardDynamicsDerivatives:
-        """dqdd_dq, dqdd_dqd and Minv, (..., nv, nv) each, as Scene.forward_dynamics_derivatives in form "covariance"."""
-        return self._several(("forward_dynamics_derivatives",), (q, qd, tau), 3 * [self._pairs], ForwardDynamicsDerivatives)
-
-    def inverse_dynamics_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> InverseDynamicsDerivatives:
-        """dtau_dq, dtau_dqd and M, (..., nv, nv) each, as Scene.inverse_dynamics_derivatives."""
-        return self._several(("inverse_dynamics_derivatives",), (q, qd, qdd), 3 * [self._pairs], InverseDynamicsDerivatives)
-
-    def forward_dynamics_jvp(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, dq: ArrayLike, dqd: ArrayLike, dtau: ArrayLike) -> _Array:
-        """The change of joint accelerations along (dq, dqd, dtau), (..., nv), as Scene.forward_dynamics_jvp in form "covariance"."""
-        return self._one(("forward_dynamics_jvp",), (q, qd, tau, dq, dqd, dtau), self._rates)
-
-    def forward_dynamics_vjp(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, cotangent: ArrayLike) -> ForwardDynamicsGradients:
-        """The gradients of cotangent . qdd by q, qd and tau, (..., nv) each, as Scene.forward_dynamics_vjp in form "covariance"."""
-        return self._several(("forward_dynamics_vjp",), (q, qd, tau, cotangent), 3 * [self._rates], ForwardDynamicsGradients)
-
-    def inverse_dynamics_jvp(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, dq: ArrayLike, dqd: ArrayLike, dqdd: ArrayLike) -> _Array:
-        """The change of joint torques along (dq, dqd, dqdd), (..., nv), as Scene.inverse_dynamics_jvp."""
-        return self._one(("inverse_dynamics_jvp",), (q, qd, qdd, dq, dqd, dqdd), self._rates)
-
-    def inverse_dynamics_vjp(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, cotangent: ArrayLike) -> InverseDynamicsGradients:
-        """The gradients of cotangent . tau by q, qd and qdd, (..., nv) each, as Scene.inverse_dynamics_vjp."""
-        return self._several(("inverse_dynamics_vjp",), (q, qd, qdd, cotangent), 3 * [self._rates], InverseDynamicsGradients)
-
-    def placements(self, q: ArrayLike) -> dict[str, _Array]:
-        """Where every link is, a dict from link names to homogeneous matrices (..., 4, 4), as Scene.placements."""
-        links = self.scene.link_names
-        all_links = self._run(("placements",), (q,), [(len(links), 4, 4)])
-        if all_links is None:
-            return self.scene.placements(q)
-        return {link: np.ascontiguousarray(all_links[0][..., at, :, :]) for at, link in enumerate(links)}
-
-    def placement(self, q: ArrayLike, link: str | Iterable[str]) -> _Array:
-        """Where a link is, or several, homogeneous matrices (..., 4, 4) or (..., L, 4, 4), as Scene.placement: each that was compiled as ("placement", link)."""
-        if isinstance(link, str):
-            return self._one(("placement", link), (q,), (4, 4))
-        names = tuple(link)
-        return np.stack([self._one(("placement", name), (q,), (4, 4)) for name in names], axis=-3) if names else self.scene.placement(q, names)
-
-    def jacobian(self, q: ArrayLike, link: str, *, frame: _Frame = "local") -> _Array:
-        """The Jacobian of a link, (..., 6, nv), as Scene.jacobian: of a link and a frame that were compiled as ("jacobian", link, frame)."""
-        return self._one(("jacobian", link, frame), (q,), (6, self.scene.nv))
-
-    def _one(self, function: tuple[str, ...], given: tuple[ArrayLike, ...], shape: tuple[int, ...]) -> _Array:
-        """A function of one result."""
-        found = self._run(function, given, [shape])
-        return self._by_scene(function, given) if found is None else found[0]
-
-    def _several(self, function: tuple[str, ...], given: tuple[ArrayLike, ...], shapes: Sequence[tuple[int, ...]], kind: Callable[..., _Results]) -> _Results:
-        """A function of several results, and what they are put into."""
-        found = self._run(function, given, shapes)
-        return self._by_scene(function, given) if found is None else kind(*found)
-
-    def _run(self, function: tuple[str, ...], given: tuple[ArrayLike, ...], shapes: Sequence[tuple[int, ...]]) -> list[_Array] | None:
-        """The results; None of what the scene is to do."""
+    def _run(self, function: tuple[str, ...], given: dict[str, ArrayLike], shapes: Sequence[tuple[int, ...]]) -> list[_Array] | None:
         run = self._code.get(function)
         if run is None:
-            raise of_argument(ArgumentError, "functions", f"found {_said([function])}, which was not compiled; expected one of {_said(self.functions)}")
-        ready = self._ready(given)
+            raise self._missing(function)
+        ready = self._ready(tuple(given.values()))
         if ready is None:
             return None
         arrays, batch = ready
         count = prod(batch)
         # In one piece: the allocator gives the pages of several back to the system every time, which clears them anew.
         ends = np.cumsum([count * prod(shape) for shape in shapes])
-        numbers = np.empty(ends[-1])
+        numbers = np.empty(ends[-1], self.dtype)
         results = [part.reshape(*batch, *shape) for part, shape in zip(np.split(numbers, ends[:-1]), shapes, strict=True)]
 
         def piece(first: int, end: int) -> None:
-            addresses = (ctypes.c_void_p(array.ctypes.data + 8 * first * (array.size // count)) for array in (*arrays, *results))
+            addresses = (ctypes.c_void_p(array.ctypes.data + array.itemsize * first * (array.size // count)) for array in (*arrays, *results))
             run(ctypes.c_size_t(end - first), *addresses)
 
         threads = min(get_num_threads(), count // WORTH_A_THREAD)
@@ -206,7 +90,7 @@ class Compiled:
         """Arrays of all states, one after another, and the leading axes; None of what the scene is to look at."""
         scene = self.scene
         widths = [scene.nq, *[scene.nv] * (len(given) - 1)]
-        if not all(isinstance(value, np.ndarray) and value.dtype == np.float64 and value.ndim > 0 for value in given):
+        if not all(isinstance(value, np.ndarray) and value.dtype in (np.float64, self.dtype) and value.ndim > 0 for value in given):
             return None
         arrays: list[Any] = list(given)
         if [array.shape[-1] for array in arrays] != widths or scene.nv == 0:
@@ -220,60 +104,81 @@ class Compiled:
         for at in self._quaternions:
             if not bool((np.abs((arrays[0][..., at] ** 2).sum(axis=-1) - 1.0) <= SLACK).all()):
                 return None
-        return [np.ascontiguousarray(np.broadcast_to(array, (*batch, array.shape[-1]))) for array in arrays], batch
+        return [np.ascontiguousarray(np.broadcast_to(array, (*batch, array.shape[-1])), self.dtype) for array in arrays], batch
 
-    def _by_scene(self, function: tuple[str, ...], given: tuple[ArrayLike, ...]) -> Any:
+    def _by_scene(self, function: tuple[str, ...], given: dict[str, ArrayLike]) -> Any:
         name, *of = function
         keywords = {"form": "covariance"} if name in IN_FORM else {"frame": of[1]} if len(of) > 1 else {}
-        return getattr(self.scene, name)(*given, *of[:1], **keywords)
+        return _in_dtype(getattr(self.scene, name)(*given.values(), *of[:1], **keywords), self.dtype)
 
 
-def _parts(function: Function) -> tuple[str, ...]:
-    """The name, and of one link the link and for Jacobians the frame."""
-    if isinstance(function, str):
-        return (function,)
-    return (*function, "local") if len(function) == 2 and function[0] == "jacobian" else tuple(function)
+def _in_dtype(found: Any, dtype: np.dtype[Any]) -> Any:
+    """Results of the scene as numbers of this kind."""
+    if isinstance(found, dict):
+        return {name: _in_dtype(value, dtype) for name, value in found.items()}
+    if isinstance(found, tuple):
+        return type(found)(*(_in_dtype(value, dtype) for value in found))
+    return found if found is None else found.astype(dtype, copy=False)
 
 
-def _symbol(function: Function) -> str:
-    """What the code calls it."""
-    parts = _parts(function)
-    return "_".join(re.sub(r"[^0-9A-Za-z]", "_", part) for part in parts[: 2 if parts[2:] == ("local",) else 3])
-
-
-def _said(functions: Iterable[Function | tuple[str, ...]]) -> str:
-    """In words."""
-    return ", ".join(function if isinstance(function, str) else " ".join(function) for function in functions)
-
-
+@overload
+def compile(
+    scene: Scene,
+    functions: Iterable[Function] | None = None,
+    *,
+    device: Literal["cpu"] = "cpu",
+    dtype: Literal["float64", "float32"] = "float64",
+    compiler: str | None = None,
+    flags: Sequence[str] | None = None,
+    cache: str | os.PathLike[str] | None = None,
+) -> Compiled: ...
+@overload
+def compile(
+    scene: Scene,
+    functions: Iterable[Function] | None = None,
+    *,
+    device: Literal["cuda"],
+    dtype: Literal["float64", "float32"] = "float64",
+) -> CompiledForCuda: ...
 def compile(  # noqa: A001  # phipsi.compile
     scene: Scene,
     functions: Iterable[Function] | None = None,
     *,
+    device: Literal["cpu", "cuda"] = "cpu",
+    dtype: Literal["float64", "float32"] = "float64",
     compiler: str | None = None,
     flags: Sequence[str] | None = None,
     cache: str | os.PathLike[str] | None = None,
-) -> Compiled:
-    """Compiles functions of one scene by the system's C compiler: scene.to_c(batches=True) into a library that is loaded at once.
+) -> Compiled | CompiledForCuda:
+    """Compiles functions of one scene by the system's C compiler: scene.to_c(batches=True) into a library that is loaded at once. Or for a GPU, scene.to_cuda through CuPy and NVRTC.
 
-    functions: as of to_c; None: all. compiler: its command; None: that of the environment variable CC, or cc. flags: for this processor and of how fast the code is to be; None: -O3 for this
-    processor. cache: a directory that keeps libraries by scene, compiler and flags, so that the next call takes no time; None: phipsi/compiled where the user's caches are.
+    functions: as of to_c; None: all. device: "cpu" or "cuda", which needs CuPy (phipsi[cuda]) and a GPU. dtype: "float64" or "float32", the numbers of the code and of results; on the CPU, arguments of
+    float64 are rounded to it. compiler: its command; None: that of the environment variable CC, or cc. flags: for this processor and of how fast the code is to be; None: -O3 for this
+    processor. cache: a directory that keeps libraries by scene, compiler and flags, so that the next call takes no time; None: phipsi/compiled where the user's caches are. These three are of device="cpu".
 
-    Raises ArgumentError where there is no compiler, or it fails, and as to_c.
+    Raises ArgumentError where there is no compiler, or it fails, where there is no GPU, and as to_c; ImportError without CuPy.
     """
+    if device not in ("cpu", "cuda"):
+        raise of_argument(ArgumentError, "device", f"found {device!r}; expected 'cpu' or 'cuda'")
+    names = None if functions is None else tuple(functions)
+    known = FUNCTIONS if names is None else tuple(dict.fromkeys(names))
+    if device == "cuda":
+        for argument, value in (("compiler", compiler), ("flags", flags), ("cache", cache)):
+            if value is not None:
+                raise of_argument(ArgumentError, argument, f"found {value!r} with device='cuda', whose compiler is NVRTC; expected None")
+        return compile_for_cuda(scene, known, dtype)
     command = compiler or os.environ.get("CC") or "cc"
     found = shutil.which(command)
     if found is None:
         raise of_argument(ArgumentError, "compiler", f"found no {command}; expected a C compiler (GCC or Clang): install one, or name it")
-    names = None if functions is None else tuple(functions)
-    files = scene.to_c(name="robot", functions=names, batches=True)
+    files = scene.to_c(name="robot", functions=names, dtype=dtype, batches=True)
     own = ("-mcpu=native",) if platform.machine() in ("aarch64", "arm64") else ("-march=native",)
     told = [*ALWAYS, *(("-O3", *own) if flags is None else flags)]
     into = (_caches() if cache is None else Path(cache)) / _key(files, found, told)
     library = into / "robot.so"
     if not library.exists():
         _build(files, [found, *told], library)
-    return Compiled(scene, FUNCTIONS if names is None else tuple(dict.fromkeys(names)), library)
+    return Compiled(scene, known, library, dtype)
 
 
 def _caches() -> Path:

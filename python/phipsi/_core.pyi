@@ -8,7 +8,7 @@ from typing import Any, Final, Literal, TypeAlias, final, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._compile import Function as _Function
+from ._functions import Function as _Function
 from ._identify import Identification
 from ._motion import PD, ContactMotion, MomentumCorrection, Trajectory
 from ._ode import Ode
@@ -1503,7 +1503,7 @@ class Scene:
 
         directory: where to write them too, made where it is not there; None: nowhere. name: what files and functions begin with. functions: names among "forward_dynamics",
         "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"; None: all. dtype: "float64" or "float32", the numbers of the code. batches: whether to write NAME_forward_dynamics_batch(count, ...) and its like too, which run
-        as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang; float64 only.
+        as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang.
 
         Each function is one straight line of operations for one state, NAME_forward_dynamics(q, qd, tau, qdd) for instance, without allocations: constants are folded, and what this robot does not need is
         not there. Order of q and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits that it loses are not noticed. `make test` in the directory
@@ -1511,6 +1511,43 @@ class Scene:
 
         Raises ArgumentError for a name that C has not, unknown functions, a scene with connections or with joints that follow others (mimic="couple"), and for the inverse mass matrix of
         chains of more than 300 joints; OSError where files cannot be written.
+        """
+
+    def to_rust(
+        self,
+        directory: str | os.PathLike[str] | None = None,
+        *,
+        name: str = "robot",
+        functions: Iterable[Literal["forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"]] | None = None,
+    ) -> dict[str, str]:
+        """The dynamics of this robot as a Rust crate that needs `core` alone, a dict from names of files to their texts: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs, src/numbers.rs and tests/reference.rs.
+
+        directory: where to write them too, made where it is not there; None: nowhere. name: of the crate. functions: as of to_c.
+
+        Each function is one straight line of operations in safe code, forward_dynamics(&q, &qd, &tau) -> [T; NV] for instance, without allocations, for any T of the trait Number that src/dynamics.rs defines: f64 and f32 by
+        the standard library (feature "std", on unless switched off), Lanes<T, N> of src/lanes.rs for N states at once, or a type of yours; forward_dynamics_batch and its like take slices of states. Order of q
+        and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits that it loses are not noticed. `cargo test` in the directory compares with the scene at one state.
+
+        Raises ArgumentError for a name that no crate can have, and as to_c; OSError where files cannot be written.
+        """
+
+    def to_cuda(
+        self,
+        directory: str | os.PathLike[str] | None = None,
+        *,
+        name: str = "robot",
+        functions: Iterable[Literal["forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"]] | None = None,
+        dtype: Literal["float64", "float32"] = "float64",
+    ) -> dict[str, str]:
+        """The dynamics of this robot as CUDA kernels, a dict from names of files to their texts: NAME.cu, one_thread.h, test_NAME.cu and a Makefile.
+
+        directory: where to write them too, made where it is not there; None: nowhere. name: what files and kernels begin with. functions: as of to_c. dtype: "float64" or "float32", the numbers of the code.
+
+        Each kernel takes many states, one a thread: NAME_forward_dynamics(count, q, qd, tau, qdd) for instance, extern "C", with `count` an unsigned long long. Number i of the q of state s is q[i * count + s]. NAME.cu includes nothing: NVRTC
+        compiles it at run time, as phipsi.compile(device="cuda") does, or nvcc. Order of q and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits that it loses are not
+        noticed. `make test` in the directory compares with the scene at one state on a GPU; `make test-c` does so by the C compiler, where threads are a loop.
+
+        Raises ArgumentError as to_c; OSError where files cannot be written.
         """
 
     def to_urdf(self, path: str | os.PathLike[str] | None = None, *, name: str = "robot") -> str:

@@ -14,4 +14,5 @@ def write(directory: str | os.PathLike[str], files: Mapping[str, str]) -> None:
     into = Path(directory)
     into.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
+        (into / name).parent.mkdir(parents=True, exist_ok=True)
         (into / name).write_text(text, encoding="utf-8")

@@ -1,5 +1,6 @@
 //! C99 of programs: a source, its header, a test with reference values, and a Makefile.
 
+use super::case::Case;
 use super::functions::{Array, Function};
 use super::lanes;
 use super::pieces::{self, Form};
@@ -21,16 +22,16 @@ pub enum Width {
 }
 
 impl Width {
-    fn of_c(self) -> &'static str {
+    pub(super) fn of_c(self) -> &'static str {
         if self == Self::Double { "double" } else { "float" }
     }
 
     /// What ends names of functions and constants.
-    fn suffix(self) -> &'static str {
+    pub(super) fn suffix(self) -> &'static str {
         if self == Self::Double { "" } else { "f" }
     }
 
-    fn constant(self, x: f64) -> String {
+    pub(super) fn constant(self, x: f64) -> String {
         match self {
             // The shortest that is read as the same number.
             Self::Double => format!("{x:?}"),
@@ -48,7 +49,7 @@ pub type Sources = Vec<(String, String)>;
 /// Each function takes pointers to its arguments, SI units, radians, and writes its result; nothing is allocated, and of libm it needs sines, cosines and square roots. Results are those of the
 /// scene's methods to rounding, in covariance form: a state that loses digits there is not noticed. The test compares with the scene at a state of its own.
 ///
-/// With `batches` there is a function of many states too for each, as many at once as the processor's registers hold: double, by the vector extensions of GCC and Clang.
+/// With `batches` there is a function of many states too for each, as many at once as the processor's registers hold: by the vector extensions of GCC and Clang.
 ///
 /// # Errors
 ///
@@ -59,6 +60,17 @@ pub fn sources(
     functions: &[Function],
     (width, batches): (Width, bool),
 ) -> Result<Sources, Error> {
+    let programs = programs(scene, name, functions)?;
+    Ok(vec![
+        (format!("{name}.c"), source(name, &programs, (width, batches))),
+        (format!("{name}.h"), header(scene, name, &programs, (width, batches))),
+        (format!("test_{name}.c"), test(scene, name, &programs, (width, batches))?),
+        ("Makefile".to_owned(), makefile(name)),
+    ])
+}
+
+/// The programs of all functions, under a name that every language has for its own.
+pub(super) fn programs(scene: &Scene, name: &str, functions: &[Function]) -> Result<Vec<Program>, Error> {
     let is_start = |c: char| c.is_ascii_alphabetic() || c == '_';
     if !(name.starts_with(is_start) && name.chars().all(|c| is_start(c) || c.is_ascii_digit())) {
         return Err(Error::argument("name", format!("{name:?}"), "letters, digits and _, the first no digit"));
@@ -66,17 +78,8 @@ pub fn sources(
     if functions.is_empty() {
         return Err(Error::argument("functions", "none", "one or more"));
     }
-    if batches && width == Width::Single {
-        return Err(Error::argument("batches", "float32", "float64, whose sines there are in lanes"));
-    }
     check_symbols(functions)?;
-    let programs = functions.iter().map(|function| Program::new(scene, function)).collect::<Result<Vec<_>, _>>()?;
-    Ok(vec![
-        (format!("{name}.c"), source(name, &programs, (width, batches))),
-        (format!("{name}.h"), header(scene, name, &programs, (width, batches))),
-        (format!("test_{name}.c"), test(scene, name, &programs, (width, batches))?),
-        ("Makefile".to_owned(), makefile(name)),
-    ])
+    functions.iter().map(|function| Program::new(scene, function)).collect()
 }
 
 /// No two functions of one name in the code.
@@ -95,7 +98,7 @@ fn check_symbols(functions: &[Function]) -> Result<(), Error> {
     Ok(())
 }
 
-const WRITTEN_BY: &str = "/* Written by phipsi; do not edit. */\n";
+pub(super) const WRITTEN_BY: &str = "/* Written by phipsi; do not edit. */\n";
 
 /// The declaration of a function, without what ends it.
 fn declaration(name: &str, program: &Program, width: Width) -> String {
@@ -115,40 +118,43 @@ fn header(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Wi
     let _ = writeln!(text, "#define {}_NQ {}", name.to_uppercase(), scene.nq());
     let _ = writeln!(text, "#define {}_NV {}\n", name.to_uppercase(), scene.nv());
     text.push_str("/* SI units, radians. Joints, and where they are in q and in qd:\n");
-    for joint in scene.joints() {
-        // What would end the comment has no place in it.
-        let joint_name = joint.name.replace("*/", "* /");
-        let _ = writeln!(
-            text,
-            "   {joint_name}: q {}..{}, qd {}..{}",
-            joint.q.start, joint.q.end, joint.v.start, joint.v.end
-        );
+    for line in joints(scene) {
+        let _ = writeln!(text, "   {line}");
     }
     text.push_str("*/\n\n#ifdef __cplusplus\nextern \"C\" {\n#endif\n\n");
     for program in programs {
-        let size = program.size();
-        let _ = writeln!(
-            text,
-            "/* {}: {} sums, {} products, {} products with a sum, {} quotients and roots, {} sines and cosines.{} */",
-            program.function.meaning().replace("*/", "* /"),
-            size.sums,
-            size.products,
-            size.fused,
-            size.quotients,
-            size.sines,
-            if pieces::is_cut(program) { " Results overlap no argument." } else { "" }
-        );
+        let apart = if pieces::is_cut(program) { " Results overlap no argument." } else { "" };
+        let _ = writeln!(text, "/* {}{apart} */", meaning(program).replace("*/", "* /"));
         let _ = writeln!(text, "{};\n", declaration(name, program, width));
         if batches {
             let _ = writeln!(
                 text,
                 "/* The same of `count` states, one after another in every array; the result overlaps none of them. */"
             );
-            let _ = writeln!(text, "{};\n", lanes::declaration(name, program));
+            let _ = writeln!(text, "{};\n", lanes::declaration(name, program, width));
         }
     }
     let _ = write!(text, "#ifdef __cplusplus\n}}\n#endif\n\n#endif\n");
     text
+}
+
+/// A line for each joint: where it is in q and in qd.
+pub(super) fn joints(scene: &Scene) -> Vec<String> {
+    let line = |joint: &crate::scene::Joint| {
+        // What would end a comment has no place in one.
+        let name = joint.name.replace("*/", "* /").replace(['\n', '\r'], " ");
+        format!("{name}: q {}..{}, qd {}..{}", joint.q.start, joint.q.end, joint.v.start, joint.v.end)
+    };
+    scene.joints().iter().map(line).collect()
+}
+
+/// What a program gives, and of how many operations.
+pub(super) fn meaning(program: &Program) -> String {
+    let (what, size) = (program.function.meaning(), program.size());
+    format!(
+        "{what}: {} sums, {} products, {} products with a sum, {} quotients and roots, {} sines and cosines.",
+        size.sums, size.products, size.fused, size.quotients, size.sines
+    )
 }
 
 fn source(name: &str, programs: &[Program], (width, batches): (Width, bool)) -> String {
@@ -160,9 +166,9 @@ fn source(name: &str, programs: &[Program], (width, batches): (Width, bool)) -> 
         one_state(name, program, width, &mut text);
     }
     if batches {
-        text.push_str(lanes::PRELUDE);
+        text.push_str(&lanes::prelude(width));
         for program in programs {
-            lanes::functions(name, program, &mut text);
+            lanes::functions(name, program, width, &mut text);
         }
     }
     text
@@ -224,81 +230,60 @@ pub(super) fn right_side(operation: &Operation, said: &[String], width: Width) -
     })
 }
 
-/// Numbers between -1 and 1 that depend on their place only.
-fn draw(place: usize) -> f64 {
-    #[allow(clippy::cast_precision_loss)] // small
-    let angle = (place as f64).mul_add(2.399_963, 0.7);
-    angle.sin()
-}
-
-/// What arguments are called in the test, in their order.
-pub(super) const GIVEN: [&str; 6] = ["given_q", "given_qd", "given_u", "given_first", "given_second", "given_third"];
-
 /// A state of the scene, and what the methods give there.
 fn test(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Width, bool)) -> Result<String, Error> {
-    let nv = scene.nv();
-    let numbers = |first: usize| (first..first + nv).map(draw).collect::<Vec<f64>>();
-    let mut given = vec![vec![f64::NAN; scene.nq()]];
-    scene.integrate(&scene.neutral(), &numbers(0), &mut given[0])?;
-    let most = programs.iter().map(|program| program.arguments.len()).max().unwrap_or(0);
-    given.extend((1..most).map(|argument| numbers(argument * nv)));
     let number = width.of_c();
-    let array = |kind: &str, name: &str, values: &[f64]| {
-        let values: Vec<String> = values.iter().map(|&x| width.constant(x)).collect();
-        let all = if values.is_empty() { "0".to_owned() } else { values.join(", ") };
-        format!("{kind} {name}[] = {{{all}}};\n")
-    };
     let mut text = format!("{WRITTEN_BY}#include \"{name}.h\"\n#include <math.h>\n#include <stdio.h>\n\n");
-    for (name, values) in GIVEN.into_iter().zip(&given) {
-        text.push_str(&array(&format!("static const {number}"), name, values));
-    }
-    let bound = if width == Width::Double { 1e-9 } else { 1e-2 };
-    let _ = write!(
-        text,
-        "\n/* Largest difference over the size of such numbers; the bound leaves room for the condition of the mass matrix. */\n\
-         static int check(const char *what, const {number} *found, const {number} *expected, int count, double size)\n{{\n    \
-         double apart = 0;\n    for (int i = 0; i < count; i++) {{\n        \
-         const double difference = fabs((double)found[i] - (double)expected[i]);\n        \
-         if (!(difference <= apart)) apart = difference;\n    }}\n    \
-         printf(\"%s: %.1e\\n\", what, apart / size);\n    \
-         return !(apart <= {bound:e} * size);\n}}\n\nint main(void)\n{{\n    int faults = 0;\n"
-    );
+    text.push_str(&check(width));
+    text.push_str("\nint main(void)\n{\n    int faults = 0;\n");
     for program in programs {
-        let function = &program.function;
-        let given: Vec<&[f64]> = given.iter().map(|values| &values[..]).collect();
-        let expected = function.by_scene(scene, &given[..program.arguments.len()])?;
-        // A bias can be nothing but rounding.
-        let beside = match function {
-            Function::BiasTorque => Function::InverseDynamics.by_scene(scene, &[given[0], given[1], given[1]])?,
-            _ => Vec::new(),
-        };
-        let size = expected.iter().chain(&beside).fold(0.0, |size: f64, x| size.max(x.abs()));
-        let size = if size > 0.0 { size } else { 1.0 };
-        let what = function.symbol();
+        let (case, what) = (Case::new(scene, program)?, program.function.symbol());
+        let size = case.size;
         let _ = writeln!(text, "    {{");
-        let mut rest = &expected[..];
-        for result in &program.results {
-            let (own, others) = rest.split_at(result.width());
-            rest = others;
-            let expected = format!("expected_{}", result.name);
-            let _ = write!(text, "        {}", array(&format!("static const {number}"), &expected, own));
-            let _ = writeln!(text, "        static {number} {}[{}];", result.name, own.len().max(1));
+        let mut given = Vec::new();
+        for (array, values) in program.arguments.iter().zip(&case.given) {
+            let _ = writeln!(text, "        {}", constants(array.name, values, width));
+            given.push(array.name.to_owned());
         }
-        let results = program.results.iter().map(|result| result.name);
-        let all: Vec<&str> = GIVEN.into_iter().take(program.arguments.len()).chain(results).collect();
-        let _ = writeln!(text, "        {name}_{what}({});", all.join(", "));
+        let (mut first, mut checks) = (0, String::new());
         for result in &program.results {
-            let (result, count, said) = (result.name, result.width(), program.said_of(result));
+            let (name, count, said) = (result.name, result.width(), program.said_of(result));
+            let expected = constants(&format!("expected_{name}"), &case.expected[first..first + count], width);
+            let _ = write!(text, "        {expected}\n        static {number} {name}[{}];\n", count.max(1));
             let _ =
-                writeln!(text, "        faults += check(\"{said}\", {result}, expected_{result}, {count}, {size:?});");
+                writeln!(checks, "        faults += check(\"{said}\", {name}, expected_{name}, {count}, {size:?});");
+            given.push(name.to_owned());
+            first += count;
         }
+        let _ = write!(text, "        {name}_{what}({});\n{checks}", given.join(", "));
         if batches {
-            lanes::test(name, program, size, &mut text);
+            lanes::test(name, program, (width, size), &mut text);
         }
         let _ = writeln!(text, "    }}");
     }
     text.push_str("    return faults != 0;\n}\n");
     Ok(text)
+}
+
+/// The function that compares, in C.
+pub(super) fn check(width: Width) -> String {
+    let (number, bound) = (width.of_c(), if width == Width::Double { 1e-9 } else { 1e-2 });
+    format!(
+        "/* Largest difference over the size of such numbers; the bound leaves room for the condition of the mass matrix. */\n\
+         static int check(const char *what, const {number} *found, const {number} *expected, int count, double size)\n{{\n    \
+         double apart = 0;\n    for (int i = 0; i < count; i++) {{\n        \
+         const double difference = fabs((double)found[i] - (double)expected[i]);\n        \
+         if (!(difference <= apart)) apart = difference;\n    }}\n    \
+         printf(\"%s: %.1e\\n\", what, apart / size);\n    \
+         return !(apart <= {bound:e} * size);\n}}\n"
+    )
+}
+
+/// An array of constants in C.
+pub(super) fn constants(name: &str, values: &[f64], width: Width) -> String {
+    let values: Vec<String> = values.iter().map(|&x| width.constant(x)).collect();
+    let all = if values.is_empty() { "0".to_owned() } else { values.join(", ") };
+    format!("static const {} {name}[] = {{{all}}};", width.of_c())
 }
 
 fn makefile(name: &str) -> String {

@@ -71,6 +71,11 @@ impl Array {
     pub fn width(&self) -> usize {
         self.shape.iter().product()
     }
+
+    /// Names of arrays, with how many numbers a state has in each.
+    pub(super) fn sized(all: &[Self]) -> Vec<(&'static str, usize)> {
+        all.iter().map(|array| (array.name, array.width())).collect()
+    }
 }
 
 /// What an array of the table has a number for.

@@ -1,6 +1,7 @@
 //! C of programs for many states: one number of each in a lane of a vector, by the vector extensions of GCC and Clang.
 
-use super::c::{GIVEN, Width, operand};
+use super::c::{Width, operand};
+use super::circle::Sines;
 use super::pieces::{self, Form};
 use super::program::Program;
 use crate::scalar::Operation;
@@ -9,83 +10,133 @@ use std::fmt::Write;
 
 /// What all programs in lanes use: vectors, sines with their cosines, and the way of states into lanes and out.
 ///
-/// The reduction and the polynomials are those of [`trigonometry`](crate::scalar), good to one unit in the last place up to a million radians; beyond, libm's.
-pub(super) const PRELUDE: &str = r"
+/// Sines and cosines are good to one unit in the last place up to the largest angle of [`Sines`]; beyond, they are libm's. In float the unit is that of one.
+pub(super) fn prelude(width: Width) -> String {
+    let (sines, constant) = (Sines::new(width), |x: f64| width.constant(x));
+    let [of_sine, first, of_cosine] = sines.polynomials(&constant);
+    let [a, b, c] = sines.half_pi.map(constant);
+    // In double what the reduction leaves is kept beside it.
+    let (reduction, in_sine, in_cosine) = match width {
+        Width::Double => (
+            format!(
+                "    const lanes first = x - turns * {a};\n    const lanes y = first - turns * {b};\n    \
+                 const lanes tail = ((first - y) - turns * {b}) - turns * {c};\n"
+            ),
+            "(z * (tail * 0.5 - v * of_sine) - tail) + ",
+            " - y * tail",
+        ),
+        Width::Single => (
+            format!("    const lanes y = ((x - turns * {a}) - turns * {b}) - turns * {c};\n"),
+            "v * z * -of_sine + ",
+            "",
+        ),
+    };
+    let whole = match width {
+        Width::Double => ["long long", "8", "0x7fffffffffffffffLL", "0x3ff0000000000000LL", "LL", "62"],
+        Width::Single => ["int", "16", "0x7fffffff", "0x3f800000", "", "30"],
+    };
+    let [bits, most, magnitude, one, ll, sign] = whole;
+    let replaced = [
+        ("@number", width.of_c().to_owned()),
+        ("@f", width.suffix().to_owned()),
+        ("@bits", bits.to_owned()),
+        ("@bytes", if width == Width::Double { "8" } else { "4" }.to_owned()),
+        ("@most", most.to_owned()),
+        ("@some", (most.parse::<usize>().unwrap_or(8) / 2).to_string()),
+        ("@few", (most.parse::<usize>().unwrap_or(8) / 4).to_string()),
+        ("@magnitude", magnitude.to_owned()),
+        ("@one", one.to_owned()),
+        ("@zero", constant(0.0)),
+        ("@whole", constant(1.0)),
+        ("@half", constant(0.5)),
+        ("@LL", ll.to_owned()),
+        ("@sign", sign.to_owned()),
+        ("@turns", constant(sines.turns)),
+        ("@rounder", constant(sines.rounder)),
+        ("@reduction", reduction),
+        ("@of_sine", of_sine),
+        ("@first", first),
+        ("@of_cosine", of_cosine),
+        ("@in_sine", in_sine.to_owned()),
+        ("@in_cosine", in_cosine.to_owned()),
+        ("@largest", constant(sines.largest)),
+    ];
+    // Longer names first: some begin as others do.
+    let mut replaced = replaced.to_vec();
+    replaced.sort_by_key(|(name, _)| std::cmp::Reverse(name.len()));
+    replaced.iter().fold(PRELUDE.to_owned(), |text, (name, by)| text.replace(name, by))
+}
+
+const PRELUDE: &str = r"
 #if defined(__AVX512F__)
-#define LANES 8
+#define LANES @most
 #elif defined(__AVX__)
-#define LANES 4
+#define LANES @some
 #else
-#define LANES 2
+#define LANES @few
 #endif
 
-typedef double lanes __attribute__((vector_size(8 * LANES)));
-typedef long long bits __attribute__((vector_size(8 * LANES)));
+typedef @number lanes __attribute__((vector_size(@bytes * LANES)));
+typedef @bits bits __attribute__((vector_size(@bytes * LANES)));
 
 static inline lanes root(lanes x)
 {
     lanes y;
-    for (int i = 0; i < LANES; i++) y[i] = sqrt(x[i]);
+    for (int i = 0; i < LANES; i++) y[i] = sqrt@f(x[i]);
     return y;
 }
 
 static inline lanes absolute(lanes x)
 {
-    return (lanes)((bits)x & 0x7fffffffffffffffLL);
+    return (lanes)((bits)x & @magnitude);
 }
 
 static inline lanes smaller(lanes x, lanes y)
 {
     lanes z;
-    for (int i = 0; i < LANES; i++) z[i] = fmin(x[i], y[i]);
+    for (int i = 0; i < LANES; i++) z[i] = fmin@f(x[i], y[i]);
     return z;
 }
 
 static inline lanes one_if_zero(lanes x)
 {
-    return (lanes)((x == 0.0) & 0x3ff0000000000000LL);
+    return (lanes)((x == @zero) & @one);
 }
 
 static inline void sine_and_cosine(lanes x, lanes *sine, lanes *cosine)
 {
     /* Quarter turns, rounded by a number above which there are only integers; pi/2 in three parts. */
-    const lanes shifted = x * 0.6366197723675814 + 6755399441055744.0;
-    const lanes turns = shifted - 6755399441055744.0;
-    const lanes first = x - turns * 1.5707963267341256;
-    const lanes y = first - turns * 6.077100506303966e-11;
-    const lanes tail = ((first - y) - turns * 6.077100506303966e-11) - turns * 2.0222662487959506e-21;
-    const lanes z = y * y, v = z * y;
-    const lanes of_sine =
-        ((((1.58969099521155e-10 * z - 2.5050760253406863e-08) * z + 2.7557313707070068e-06) * z - 0.0001984126982985795) * z + 0.00833333333332249);
-    const lanes s = y - ((z * (tail * 0.5 - v * of_sine) - tail) + v * 0.16666666666666632);
-    const lanes of_cosine =
-        (((((-1.1359647557788195e-11 * z + 2.087572321298175e-09) * z - 2.7557314351390663e-07) * z + 2.480158728947673e-05) * z - 0.001388888888887411) * z
-         + 0.0416666666666666);
-    const lanes half = z * 0.5, whole = 1.0 - half;
-    const lanes c = whole + (((1.0 - whole) - half) + (z * (z * of_cosine) - y * tail));
+    const lanes shifted = x * @turns + @rounder;
+    const lanes turns = shifted - @rounder;
+@reduction    const lanes z = y * y, v = z * y;
+    const lanes of_sine = @of_sine;
+    const lanes s = y - (@in_sinev * @first);
+    const lanes of_cosine = @of_cosine;
+    const lanes half = z * @half, whole = @whole - half;
+    const lanes c = whole + (((@whole - whole) - half) + (z * (z * of_cosine)@in_cosine));
     /* Odd quadrants swap them, and two of four turn each sign. */
-    const bits quadrant = (bits)shifted, swapped = -(quadrant & 1LL);
+    const bits quadrant = (bits)shifted, swapped = -(quadrant & 1@LL);
     const bits of_s = ((bits)c & swapped) | ((bits)s & ~swapped), of_c = ((bits)s & swapped) | ((bits)c & ~swapped);
-    *sine = (lanes)(of_s ^ ((quadrant & 2LL) << 62));
-    *cosine = (lanes)(of_c ^ (((quadrant + 1LL) & 2LL) << 62));
-    const bits near = (bits)(absolute(x) <= 1e6);
+    *sine = (lanes)(of_s ^ ((quadrant & 2@LL) << @sign));
+    *cosine = (lanes)(of_c ^ (((quadrant + 1@LL) & 2@LL) << @sign));
+    const bits near = (bits)(absolute(x) <= @largest);
     for (int i = 0; i < LANES; i++)
         if (!near[i]) {
-            (*sine)[i] = sin(x[i]);
-            (*cosine)[i] = cos(x[i]);
+            (*sine)[i] = sin@f(x[i]);
+            (*cosine)[i] = cos@f(x[i]);
         }
 }
 
 /* Lanes beyond the last state repeat it. */
-static inline void gather(lanes *to, const double *from, size_t width, size_t count)
+static inline void gather(lanes *to, const @number *from, size_t width, size_t count)
 {
     for (size_t lane = 0; lane < LANES; lane++) {
-        const double *state = from + (lane < count ? lane : count - 1) * width;
+        const @number *state = from + (lane < count ? lane : count - 1) * width;
         for (size_t i = 0; i < width; i++) to[i][lane] = state[i];
     }
 }
 
-static inline void scatter(double *to, const lanes *from, size_t width, size_t count)
+static inline void scatter(@number *to, const lanes *from, size_t width, size_t count)
 {
     for (size_t lane = 0; lane < count; lane++)
         for (size_t i = 0; i < width; i++) to[lane * width + i] = from[i][lane];
@@ -93,13 +144,14 @@ static inline void scatter(double *to, const lanes *from, size_t width, size_t c
 ";
 
 /// The declaration of the function of many states, without what ends it.
-pub(super) fn declaration(name: &str, program: &Program) -> String {
-    let (function, all) = (program.function.symbol(), program.named("const double *", "double *"));
+pub(super) fn declaration(name: &str, program: &Program, width: Width) -> String {
+    let (function, number) = (program.function.symbol(), width.of_c());
+    let all = program.named(&format!("const {number} *"), &format!("{number} *"));
     format!("void {name}_{function}_batch(size_t count, {all})")
 }
 
 /// The program in lanes, and the function that takes all states through it.
-pub(super) fn functions(name: &str, program: &Program, text: &mut String) {
+pub(super) fn functions(name: &str, program: &Program, width: Width, text: &mut String) {
     let function = program.function.symbol();
     let parameters = program.named("const lanes *", "lanes *");
     let form = Form {
@@ -111,7 +163,7 @@ pub(super) fn functions(name: &str, program: &Program, text: &mut String) {
         // A number by itself is no vector.
         constant: |value| format!("(lanes){{0}} + {value}"),
     };
-    let said = (0..program.operations.len()).map(|place| operand(program, place, Width::Double)).collect();
+    let said = (0..program.operations.len()).map(|place| operand(program, place, width)).collect();
     let mut turned = HashSet::new();
     let statement = |place: usize, said: &mut [String], text: &mut String| {
         let operation = &program.operations[place];
@@ -121,13 +173,13 @@ pub(super) fn functions(name: &str, program: &Program, text: &mut String) {
                 let _ = writeln!(text, "    sine_and_cosine({}, &s{a}, &c{a});", said[a as usize]);
             }
             said[place] = format!("{}{a}", if matches!(operation, Operation::Sine(_)) { 's' } else { 'c' });
-        } else if let Some(right) = right_side(operation, said) {
+        } else if let Some(right) = right_side(operation, said, width) {
             let _ = writeln!(text, "    const lanes {} = {right};", said[place]);
         }
     };
     pieces::write(program, &form, said, statement, text);
 
-    let _ = write!(text, "\n{}\n{{\n", declaration(name, program));
+    let _ = write!(text, "\n{}\n{{\n", declaration(name, program, width));
     text.push_str("    for (size_t first = 0; first < count; first += LANES) {\n");
     text.push_str("        const size_t here = count - first < LANES ? count - first : LANES;\n");
     let all = || program.arguments.iter().chain(&program.results).map(|array| (array.name, array.width()));
@@ -146,31 +198,33 @@ pub(super) fn functions(name: &str, program: &Program, text: &mut String) {
 }
 
 /// What computes a number; nothing of constants and arguments. Of two operands one at least is a vector: what is constant was computed.
-fn right_side(operation: &Operation, said: &[String]) -> Option<String> {
+fn right_side(operation: &Operation, said: &[String], width: Width) -> Option<String> {
     let of = |place: u32| &said[place as usize];
     Some(match *operation {
         Operation::Root(a) => format!("root({})", of(a)),
         Operation::Absolute(a) => format!("absolute({})", of(a)),
         Operation::Smaller(a, b) => format!("smaller({}, {})", of(a), of(b)),
         Operation::OneIfZero(a) => format!("one_if_zero({})", of(a)),
-        _ => return super::c::right_side(operation, said, Width::Double),
+        _ => return super::c::right_side(operation, said, width),
     })
 }
 
 /// A part of the test: some states in a batch, the arguments smaller and smaller, beside each by itself.
-pub(super) fn test(name: &str, program: &Program, size: f64, text: &mut String) {
+pub(super) fn test(name: &str, program: &Program, (number, size): (Width, f64), text: &mut String) {
     const STATES: usize = 11;
     let function = program.function.symbol();
     for array in program.arguments.iter().chain(&program.results) {
-        let _ = writeln!(text, "        static double many_{}[{}];", array.name, STATES * array.width().max(1));
+        let (name, width) = (array.name, array.width());
+        let _ = writeln!(text, "        static {} many_{name}[{}];", number.of_c(), STATES * width.max(1));
     }
     let _ = writeln!(text, "        for (int i = 0; i < {STATES}; i++) {{");
-    for (argument, from) in program.arguments.iter().zip(GIVEN) {
-        let (array, width, scale) =
-            (argument.name, argument.width(), if argument.name == "q" { "1" } else { "(1 - 0.05 * i)" });
+    for array in &program.arguments {
+        let (name, width) = (array.name, array.width());
+        // Quaternions keep their length.
+        let scale = if name == "q" { "" } else { " * (1 - i / (@number)20)" }.replace("@number", number.of_c());
         let _ = writeln!(
             text,
-            "            for (int k = 0; k < {width}; k++) many_{array}[i * {width} + k] = {from}[k] * {scale};"
+            "            for (int k = 0; k < {width}; k++) many_{name}[i * {width} + k] = {name}[k]{scale};"
         );
     }
     let _ = writeln!(text, "        }}");

@@ -17,13 +17,20 @@
 //! ```
 
 mod c;
+mod case;
+mod circle;
+mod cuda;
 mod functions;
 mod lanes;
 mod pieces;
 mod program;
 mod reference;
+mod rust;
+mod rust_texts;
 mod tracing;
 
 pub use c::{Sources, Width, sources};
+pub use cuda::cuda_sources;
 pub use functions::{Array, FUNCTIONS, Function};
 pub use program::{Program, Size};
+pub use rust::rust_sources;

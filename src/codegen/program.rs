@@ -109,6 +109,12 @@ impl Program {
         })
     }
 
+    /// Every number of the results: its array, its place there and the operation that gives it.
+    pub(super) fn written(&self) -> impl Iterator<Item = (&Array, usize, usize)> {
+        self.outputs()
+            .flat_map(|(array, places)| places.iter().enumerate().map(move |(at, &place)| (array, at, place as usize)))
+    }
+
     /// The same without operations that no result needs.
     fn without_dead_ends(self) -> Self {
         let mut is_needed = vec![false; self.operations.len()];

@@ -1,10 +1,10 @@
-//! Methods of `Scene`: the robot as C code.
+//! Methods of `Scene`: the robot as code.
 
 use super::choice::names;
 use super::links::read_frame;
 use super::object::{Object, imported};
 use super::scene::PyScene;
-use crate::codegen::{FUNCTIONS, Function, Width, sources};
+use crate::codegen::{FUNCTIONS, Function, Sources, Width, cuda_sources, rust_sources, sources};
 use crate::error::Error;
 use crate::kinematics::ReferenceFrame;
 use pyo3::prelude::*;
@@ -18,7 +18,7 @@ impl PyScene {
     /// "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse", "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
     /// "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp", "placements", and of one link ("placement", link), ("jacobian", link) and ("jacobian", link, frame), frame as in
     /// jacobian; None: all that are of no one link. dtype: "float64" or "float32", the numbers of the code. batches: whether to write NAME_forward_dynamics_batch(count, ...) and its like too, which run
-    /// as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang; float64 only.
+    /// as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang.
     ///
     /// Each function is one straight line of operations for one state, NAME_forward_dynamics(q, qd, tau, qdd) for instance, without allocations: constants are folded, and what this robot does not need is
     /// not there. Results of several arrays are written to one after another, NAME_forward_dynamics_derivatives(q, qd, tau, dqdd_dq, dqdd_dqd, Minv); of a link its name is in that of the function,
@@ -38,25 +38,77 @@ impl PyScene {
         dtype: &str,
         batches: bool,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let width = match dtype {
-            "float64" => Width::Double,
-            "float32" => Width::Single,
-            _ => return Err(Error::argument("dtype", format!("{dtype:?}"), "\"float64\" or \"float32\"").into()),
-        };
-        let functions = functions.map_or_else(|| Ok(FUNCTIONS.to_vec()), read_functions)?;
-        let files = PyDict::new(py);
-        for (file, text) in sources(&self.scene, name, &functions, (width, batches))? {
-            files.set_item(file, text)?;
-        }
-        if let Some(directory) = directory {
-            imported!(py, "phipsi._files", "write")?.call1((directory, &files))?;
-        }
-        Ok(files)
+        let width = read_width(dtype)?;
+        written(py, directory, sources(&self.scene, name, &read_functions(functions)?, (width, batches))?)
+    }
+
+    /// The dynamics of this robot as a Rust crate that needs `core` alone, a dict from names of files to their texts: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs, src/numbers.rs and tests/reference.rs.
+    ///
+    /// directory: where to write them too, made where it is not there; None: nowhere. name: of the crate. functions: as of to_c.
+    ///
+    /// Each function is one straight line of operations in safe code, forward_dynamics(&q, &qd, &tau) -> [T; NV] for instance, without allocations, for any T of the trait Number that src/dynamics.rs defines: f64 and f32 by
+    /// the standard library (feature "std", on unless switched off), Lanes<T, N> of src/lanes.rs for N states at once, or a type of yours; forward_dynamics_batch and its like take slices of states. Order of q
+    /// and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits that it loses are not noticed. `cargo test` in the directory compares with the scene at one state.
+    ///
+    /// Raises ArgumentError for a name that no crate can have, and as to_c; OSError where files cannot be written.
+    #[pyo3(signature = (directory=None, *, name="robot", functions=None))]
+    fn to_rust<'py>(
+        &self,
+        py: Python<'py>,
+        directory: Option<&Object<'py>>,
+        name: &str,
+        functions: Option<&Object<'py>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        written(py, directory, rust_sources(&self.scene, name, &read_functions(functions)?)?)
+    }
+
+    /// The dynamics of this robot as CUDA kernels, a dict from names of files to their texts: NAME.cu, one_thread.h, test_NAME.cu and a Makefile.
+    ///
+    /// directory: where to write them too, made where it is not there; None: nowhere. name: what files and kernels begin with. functions: as of to_c. dtype: "float64" or "float32", the numbers of the code.
+    ///
+    /// Each kernel takes many states, one a thread: NAME_forward_dynamics(count, q, qd, tau, qdd) for instance, extern "C", with `count` an unsigned long long. Number i of the q of state s is q[i * count + s]. NAME.cu includes nothing: NVRTC
+    /// compiles it at run time, as phipsi.compile(device="cuda") does, or nvcc. Order of q and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits that it loses are not
+    /// noticed. `make test` in the directory compares with the scene at one state on a GPU; `make test-c` does so by the C compiler, where threads are a loop.
+    ///
+    /// Raises ArgumentError as to_c; OSError where files cannot be written.
+    #[pyo3(signature = (directory=None, *, name="robot", functions=None, dtype="float64"))]
+    fn to_cuda<'py>(
+        &self,
+        py: Python<'py>,
+        directory: Option<&Object<'py>>,
+        name: &str,
+        functions: Option<&Object<'py>>,
+        dtype: &str,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        written(py, directory, cuda_sources(&self.scene, name, &read_functions(functions)?, read_width(dtype)?)?)
     }
 }
 
-/// Functions by their names, or of one link as (name, link) and (name, link, frame), each once.
-fn read_functions(given: &Object<'_>) -> PyResult<Vec<Function>> {
+/// Files as a dict, and in a directory where one is given.
+fn written<'py>(py: Python<'py>, directory: Option<&Object<'py>>, sources: Sources) -> PyResult<Bound<'py, PyDict>> {
+    let files = PyDict::new(py);
+    for (file, text) in sources {
+        files.set_item(file, text)?;
+    }
+    if let Some(directory) = directory {
+        imported!(py, "phipsi._files", "write")?.call1((directory, &files))?;
+    }
+    Ok(files)
+}
+
+fn read_width(dtype: &str) -> PyResult<Width> {
+    match dtype {
+        "float64" => Ok(Width::Double),
+        "float32" => Ok(Width::Single),
+        _ => Err(Error::argument("dtype", format!("{dtype:?}"), "\"float64\" or \"float32\"").into()),
+    }
+}
+
+/// Functions by their names, or of one link as (name, link) and (name, link, frame), each once; of None all that are of no one link.
+fn read_functions(given: Option<&Object<'_>>) -> PyResult<Vec<Function>> {
+    let Some(given) = given else {
+        return Ok(FUNCTIONS.to_vec());
+    };
     let expected = "names of functions";
     if given.is_instance_of::<PyString>() || given.is_instance_of::<PyMapping>() {
         return Err(Error::argument("functions", given.repr()?.to_string(), expected).into());

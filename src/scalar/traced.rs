@@ -57,7 +57,7 @@ thread_local! {
 
 /// A number of the program that this thread is writing; outside of [`Traced::during`] of one that nobody reads.
 ///
-/// What both numbers of an operation are constants is computed here, in f64. Sums with zero, products by zero, one and minus one go: the result is that of f64 for numbers that are
+/// What both numbers of an operation are constants is computed here, in f64. Sums with zero, differences of a number and itself, products by zero, one and minus one go: the result is that of f64 for numbers that are
 /// finite, but for the sign of a zero. What is computed twice is one number. Operations that go this way are counted all the same by [`Traced::counted`]: of constants alone every one is
 /// done here, with f64's bits, and no program is written.
 ///
@@ -178,6 +178,7 @@ fn difference(a: Traced, b: Traced) -> Traced {
         (Some(a), Some(b)) => return Traced(a - b),
         (Some(0.0), _) => return -b,
         (_, Some(0.0)) => return a,
+        _ if a == b => return Traced(0.0),
         _ => {}
     }
     match b.negated() {

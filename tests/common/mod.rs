@@ -11,6 +11,7 @@ pub mod oracle;
 #[cfg(feature = "dense")]
 pub mod paper;
 #[cfg(feature = "dense")]
+pub mod programs;
 pub mod sampling;
 pub mod tolerance;
 

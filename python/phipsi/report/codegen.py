@@ -7,8 +7,15 @@ from typing import Any
 
 import click
 
-from .._compile import FUNCTIONS, Function
+from .._functions import FUNCTIONS, Function
 from .commands import FLOATING, MIMIC, ROBOT, Mimic, _load, _typed_errors, group
+
+#: The method that writes a language, and what runs its test.
+LANGUAGES = {
+    "c": ("to_c", "make -C {} test"),
+    "rust": ("to_rust", "cargo test --manifest-path {}/Cargo.toml"),
+    "cuda": ("to_cuda", "make -C {0} test on a GPU, make -C {0} test-c without"),
+}
 
 
 #: Functions of one link, and the frames of a Jacobian.
@@ -38,7 +45,7 @@ def _read(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) ->
 @FLOATING
 @MIMIC
 @click.option("-o", "--output", "directory", type=click.Path(path_type=Path, file_okay=False), default=Path("generated"), show_default=True, help="Where the files go.")
-@click.option("--lang", type=click.Choice(["c"]), default="c", show_default=True, help="The language: C99.")
+@click.option("--lang", type=click.Choice(tuple(LANGUAGES)), default="c", show_default=True, help="The language: C99, Rust without the standard library, or CUDA.")
 @click.option("--name", default="robot", show_default=True, help="What files and functions begin with.")
 @click.option(
     "--functions",
@@ -47,7 +54,8 @@ def _read(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) ->
     multiple=True,
     help=f"What to write; again for more: {KNOWN}.  [default: all that are of no one link]",
 )
-@click.option("--float32", "is_single", is_flag=True, help="float in place of double.")
+@click.option("--float32", "is_single", is_flag=True, help="float in place of double, in C and CUDA; Rust takes both.")
+@click.option("--batches", is_flag=True, help="Functions of many states too, in C; Rust has them, and CUDA nothing else.")
 def codegen(
     robot: Path | None,
     floating_base: bool,
@@ -57,15 +65,22 @@ def codegen(
     name: str,
     functions: tuple[Function, ...],
     is_single: bool,
+    batches: bool,
 ) -> None:
-    """Write the dynamics of one robot as code that needs no library: sources, a header, a test with reference values, a Makefile.
+    """Write the dynamics of one robot as code that needs no library: sources, a test with reference values, and what builds it.
 
-    Without ROBOT.urdf, the bundled arm. `make test` in the directory compiles and runs the test.
+    Without ROBOT.urdf, the bundled arm. The last line says how to compile and run the test.
     """
-    del lang  # there is one
+    for flag, given, languages in (("--float32", is_single, ("c", "cuda")), ("--batches", batches, ("c",))):
+        if given and lang not in languages:
+            raise click.UsageError(f"{flag} is for --lang {' and '.join(languages)}, not {lang}.")
+    options: dict[str, Any] = {"dtype": "float32"} if is_single else {}
+    if batches:
+        options["batches"] = True
+    write, test = LANGUAGES[lang]
     scene, said, _, _ = _load(robot, floating_base, mimic)
     with _typed_errors():
-        files = scene.to_c(directory, name=name, functions=functions or None, dtype="float32" if is_single else "float64")
+        files = getattr(scene, write)(directory, name=name, functions=functions or None, **options)
     for file in files:
         click.echo(f"written: {directory / file}")
-    click.echo(f"{said}: {scene.nv} degrees of freedom; make -C {directory} test")
+    click.echo(f"{said}: {scene.nv} degrees of freedom; {test.format(directory)}")

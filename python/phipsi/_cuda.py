@@ -1,0 +1,98 @@
+"""One robot as CUDA kernels, compiled at run time by NVRTC through CuPy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import prod
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ._functions import Function, Functions, parts, symbol
+from .errors import ArgumentError, ShapeError, of_argument
+
+if TYPE_CHECKING:
+    from ._core import Scene
+
+__all__ = ["CompiledForCuda", "compile_for_cuda"]
+
+#: What NVRTC is told.
+OPTIONS = ("--std=c++17",)
+#: Threads of a block; of long programs a thread takes most of the registers that it may have.
+THREADS = 64
+#: Kinds of memory in DLPack that a GPU of CUDA reads: its own, and managed.
+ON_GPU = (2, 13)
+
+
+class CompiledForCuda(Functions[Any]):
+    """Functions of one scene as CUDA kernels, one state a thread; arguments are arrays on the GPU, whatever library made them, results are CuPy arrays.
+
+    Each method takes arrays of CuPy, PyTorch, JAX or of others that DLPack passes on, of the dtype that was compiled, (..., nq) and (..., nv), whose leading axes broadcast. Results are those of the
+    scene's method of that name to rounding, in form "covariance": digits that this loses are not noticed, and states are not looked at, so that NaN comes of what is not finite. Work is queued on
+    CuPy's current stream. Kernels read each component of all states in a row: arrays whose memory has it so, as results have, are not copied.
+    """
+
+    source: str
+    """The kernels, CUDA C++."""
+
+    def __init__(self, scene: Scene, functions: tuple[Function, ...], dtype: str, source: str, cupy: Any) -> None:
+        super().__init__(scene, functions, dtype)
+        self.source, self._numpy = source, cupy
+        module = cupy.RawModule(code=source, options=OPTIONS)
+        self._kernels = {parts(function): module.get_function(f"robot_{symbol(function)}") for function in functions}
+
+    def _run(self, function: tuple[str, ...], given: dict[str, Any], shapes: Sequence[tuple[int, ...]]) -> list[Any]:
+        kernel, cupy = self._kernels.get(function), self._numpy
+        if kernel is None:
+            raise self._missing(function)
+        arrays = {name: self._array(name, value) for name, value in given.items()}
+        for name, array in arrays.items():
+            width = self.scene.nq if name == "q" else self.scene.nv
+            if array.ndim == 0 or array.shape[-1] != width:
+                raise of_argument(ShapeError, name, f"found shape {array.shape}; expected (..., {width})")
+        try:
+            batch = np.broadcast_shapes(*(array.shape[:-1] for array in arrays.values()))
+        except ValueError:
+            those = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+            raise of_argument(ShapeError, "q", f"found leading axes that do not broadcast: {those}; expected those of one batch") from None
+        count, widths = prod(batch), [prod(shape) for shape in shapes]
+        with arrays["q"].device:
+            columns = [_by_components(cupy, array, batch, count) for array in arrays.values()]
+            results = [cupy.empty((width, count), dtype=self.dtype) for width in widths]
+            if count and any(widths):
+                kernel(((count + THREADS - 1) // THREADS,), (THREADS,), (np.uint64(count), *columns, *results))
+        return [out.T.reshape(*batch, *shape) for out, shape in zip(results, shapes, strict=True)]
+
+    def _array(self, name: str, value: Any) -> Any:
+        """The argument as an array of CuPy, its memory shared."""
+        if not isinstance(value, self._numpy.ndarray):
+            where = value.__dlpack_device__()[0] if hasattr(value, "__dlpack_device__") else None
+            if where not in ON_GPU:
+                found = f"{type(value).__name__} that is not on a GPU"
+                raise of_argument(ArgumentError, name, f"found {found}; expected an array there: cupy.asarray({name}) takes it there")
+            value = self._numpy.from_dlpack(value)
+        if value.dtype != self.dtype:
+            raise of_argument(ArgumentError, name, f"found {value.dtype}; expected {self.dtype}, which was compiled: convert it, or compile with dtype={str(value.dtype)!r}")
+        return value
+
+
+def _by_components(cupy: Any, array: Any, batch: tuple[int, ...], count: int) -> Any:
+    """(width, states), one component of all states in a row."""
+    width = array.shape[-1]
+    return cupy.ascontiguousarray(cupy.broadcast_to(array, (*batch, width)).reshape(count, width).T)
+
+
+def compile_for_cuda(scene: Scene, functions: tuple[Function, ...], dtype: str) -> CompiledForCuda:
+    """What phipsi.compile(device="cuda") gives."""
+    try:
+        import cupy
+    except ImportError as error:
+        raise ImportError("phipsi.compile(device='cuda') needs CuPy: pip install 'phipsi[cuda]'; device='cpu' needs none") from error
+    source = scene.to_cuda(name="robot", functions=functions, dtype=dtype)["robot.cu"]  # type: ignore[arg-type]
+    try:
+        found = cupy.cuda.runtime.getDeviceCount()
+    except cupy.cuda.runtime.CUDARuntimeError as error:
+        raise of_argument(ArgumentError, "device", f"found no GPU ({error}); expected a GPU with its driver, or device='cpu'") from error
+    if found == 0:
+        raise of_argument(ArgumentError, "device", "found no GPU; expected one, or device='cpu'")
+    return CompiledForCuda(scene, functions, dtype, source, cupy)

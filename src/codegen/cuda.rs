@@ -1,0 +1,205 @@
+//! CUDA C++ of programs: one state a thread, arrays by components, for NVRTC and nvcc.
+
+use super::c::{Sources, WRITTEN_BY, Width, check, constants, joints, meaning, programs, right_side};
+use super::case::Case;
+use super::functions::{Array, Function};
+use super::program::Program;
+use crate::error::Error;
+use crate::scalar::Operation;
+use crate::scene::Scene;
+use std::collections::{BTreeSet, HashSet};
+use std::fmt::Write;
+
+/// CUDA of functions of a scene under this name: NAME.cu, `test_NAME.cu`, `one_thread.h` and a Makefile.
+///
+/// Each function is a kernel of many states, `extern "C"`, one state a thread: `NAME_forward_dynamics(count, q, qd, tau, qdd)`, and the number `i` of the array q of the state `s` is `q[i * count + s]`, so that threads side by side
+/// read numbers side by side. NAME.cu includes nothing and is compiled at run time by NVRTC, or by nvcc. `one_thread.h` makes C99 of it, where threads are a loop: `make test-c` compares with the scene without a GPU, `make test` with one.
+///
+/// # Errors
+///
+/// As [`Program::new`]; [`Error::Argument`] for a name that is no identifier of C, and for no functions.
+pub fn cuda_sources(scene: &Scene, name: &str, functions: &[Function], width: Width) -> Result<Sources, Error> {
+    let programs = programs(scene, name, functions)?;
+    Ok(vec![
+        (format!("{name}.cu"), source(scene, name, &programs, width)),
+        ("one_thread.h".to_owned(), ONE_THREAD.to_owned()),
+        (format!("test_{name}.cu"), test(scene, name, &programs, width)?),
+        ("Makefile".to_owned(), makefile(name)),
+    ])
+}
+
+/// What makes C99 of a kernel: its threads are taken one after another.
+const ONE_THREAD: &str = "/* Written by phipsi; do not edit. CUDA kernels as C99: include this before them, and run them by ON_ALL_THREADS. */
+#ifndef ONE_THREAD_H
+#define ONE_THREAD_H
+
+#include <math.h>
+#include <stddef.h>
+
+#define __global__ static
+#define __device__ static
+#define __forceinline__ inline
+
+typedef struct {
+    unsigned x;
+} one_thread_index;
+
+static one_thread_index blockIdx, blockDim = {32}, threadIdx;
+
+#define ON_ALL_THREADS(count, call) \\
+    for (size_t one_thread = 0; one_thread < ((count) + 31) / 32 * 32; one_thread++) { \\
+        blockIdx.x = (unsigned)(one_thread / 32); \\
+        threadIdx.x = (unsigned)(one_thread % 32); \\
+        call; \\
+    }
+
+#endif
+";
+
+/// What all kernels use.
+fn prelude(width: Width) -> String {
+    let (number, f) = (width.of_c(), width.suffix());
+    format!(
+        "\n__device__ __forceinline__ void sine_and_cosine({number} x, {number} *sine, {number} *cosine)\n{{\n\
+         #ifdef __CUDACC__\n    sincos{f}(x, sine, cosine);\n#else\n    *sine = sin{f}(x);\n    *cosine = cos{f}(x);\n#endif\n}}\n\n\
+         #ifdef __cplusplus\nextern \"C\" {{\n#endif\n"
+    )
+}
+
+fn source(scene: &Scene, name: &str, programs: &[Program], width: Width) -> String {
+    let mut text = format!("{WRITTEN_BY}/* SI units, radians. Joints, and where they are in q and in qd:\n");
+    for line in joints(scene) {
+        let _ = writeln!(text, "   {line}");
+    }
+    text.push_str("*/\n");
+    text.push_str(&prelude(width));
+    for program in programs {
+        let _ = write!(text, "\n/* {} */\n", meaning(program));
+        kernel(name, program, width, &mut text);
+    }
+    text.push_str("\n#ifdef __cplusplus\n}\n#endif\n");
+    text
+}
+
+/// The name of a number of an argument within a thread.
+fn of_argument(program: &Program, index: u32) -> (&Array, usize, String) {
+    let (array, at) = program.argument(index);
+    (array, at, format!("{}{at}", array.name))
+}
+
+fn kernel(name: &str, program: &Program, width: Width, text: &mut String) {
+    let number = width.of_c();
+    let parameters = program.named(&format!("const {number} *__restrict__ "), &format!("{number} *__restrict__ "));
+    let _ = write!(
+        text,
+        "__global__ void {name}_{}(unsigned long long count, {})\n{{\n    \
+         const unsigned long long state = (unsigned long long)blockIdx.x * blockDim.x + threadIdx.x;\n    \
+         if (state >= count) return;\n",
+        program.function.symbol(),
+        parameters
+    );
+    let read: BTreeSet<u32> = program
+        .operations
+        .iter()
+        .filter_map(|operation| match *operation {
+            Operation::Argument(index) => Some(index),
+            _ => None,
+        })
+        .collect();
+    for index in read {
+        let (array, at, said) = of_argument(program, index);
+        let _ = writeln!(text, "    const {number} {said} = {}[{at} * count + state];", array.name);
+    }
+    let (mut said, mut turned) = (Vec::with_capacity(program.operations.len()), HashSet::new());
+    for (place, operation) in program.operations.iter().enumerate() {
+        let name = match *operation {
+            Operation::Constant(_) => super::c::operand(program, place, width),
+            Operation::Argument(index) => of_argument(program, index).2,
+            Operation::Sine(a) | Operation::Cosine(a) => {
+                if turned.insert(a) {
+                    let _ = writeln!(text, "    {number} s{a}, c{a};");
+                    let _ = writeln!(text, "    sine_and_cosine({}, &s{a}, &c{a});", said[a as usize]);
+                }
+                said.push(format!("{}{a}", if matches!(operation, Operation::Sine(_)) { 's' } else { 'c' }));
+                continue;
+            }
+            _ => format!("x{place}"),
+        };
+        if let Some(right) = right_side(operation, &said, width) {
+            let _ = writeln!(text, "    const {number} {name} = {right};");
+        }
+        said.push(name);
+    }
+    for (array, at, operation) in program.written() {
+        let _ = writeln!(text, "    {}[{at} * count + state] = {};", array.name, said[operation]);
+    }
+    // What no result reads is no fault.
+    for name in program.unread() {
+        let _ = writeln!(text, "    (void){name};");
+    }
+    text.push_str("}\n");
+}
+
+/// Some states, and what the methods give there: on a GPU by nvcc, else one thread after another.
+fn test(scene: &Scene, name: &str, programs: &[Program], width: Width) -> Result<String, Error> {
+    const STATES: usize = 70;
+    let number = width.of_c();
+    let mut text = format!(
+        "{WRITTEN_BY}#include <math.h>\n#include <stddef.h>\n#include <stdio.h>\n#include <stdlib.h>\n\n\
+         #ifdef __CUDACC__\n#define ON_ALL_THREADS(count, call)\n#else\n#include \"one_thread.h\"\n#endif\n#include \"{name}.cu\"\n\n\
+         #define STATES {STATES}\n\n{}\n\
+         /* Numbers of all states, where kernels reach them. */\nstatic {number} *room(size_t count)\n{{\n    \
+         void *there = NULL;\n#ifdef __CUDACC__\n    \
+         if (cudaMallocManaged(&there, count * sizeof({number})) != cudaSuccess) there = NULL;\n#else\n    \
+         there = malloc(count * sizeof({number}));\n#endif\n    \
+         if (there == NULL) {{\n        printf(\"no room, or no GPU\\n\");\n        exit(2);\n    }}\n    \
+         return ({number} *)there;\n}}\n\n\
+         /* The same numbers for each state. */\nstatic {number} *repeated(const {number} *values, size_t width)\n{{\n    \
+         {number} *all = room(width * STATES + 1);\n    \
+         for (size_t i = 0; i < width * STATES; i++) all[i] = values[i / STATES];\n    return all;\n}}\n\n\
+         int main(void)\n{{\n    int faults = 0;\n",
+        check(width)
+    );
+    for program in programs {
+        let (case, function) = (Case::new(scene, program)?, program.function.symbol());
+        text.push_str("    {\n");
+        let mut names = Vec::new();
+        for (array, values) in program.arguments.iter().zip(&case.given) {
+            let _ = writeln!(text, "        {}", constants(&format!("one_{}", array.name), values, width));
+            let _ =
+                writeln!(text, "        {number} *{} = repeated(one_{}, {});", array.name, array.name, array.width());
+            names.push(array.name.to_owned());
+        }
+        let (mut first, mut checks) = (0, String::new());
+        for (name, count) in Array::sized(&program.results) {
+            let expected = constants(&format!("expected_{name}"), &case.expected[first..first + count], width);
+            let _ = write!(text, "        {expected}\n        {number} *{name} = room({count} * STATES + 1);\n");
+            let size = case.size;
+            let _ = writeln!(
+                checks,
+                "        faults += check(\"{function}: {name}\", {name}, repeated(expected_{name}, {count}), {count} * STATES, {size:?});"
+            );
+            names.push(name.to_owned());
+            first += count;
+        }
+        let all = names.join(", ");
+        let _ = write!(
+            text,
+            "#ifdef __CUDACC__\n        {name}_{function}<<<(STATES + 31) / 32, 32>>>(STATES, {all});\n        \
+             if (cudaDeviceSynchronize() != cudaSuccess) faults++;\n#else\n        \
+             ON_ALL_THREADS(STATES, {name}_{function}(STATES, {all}))\n#endif\n{checks}    }}\n"
+        );
+    }
+    text.push_str("    return faults != 0;\n}\n");
+    Ok(text)
+}
+
+fn makefile(name: &str) -> String {
+    format!(
+        "# Written by phipsi. make test: by nvcc, on a GPU. make test-c: by the C compiler, one thread after another.\n\
+         NVCC ?= nvcc\nNVCCFLAGS ?= -O3 -arch=native\nCFLAGS ?= -std=c99 -O2\n\n\
+         test: test_{name}.cu {name}.cu\n\t$(NVCC) $(NVCCFLAGS) test_{name}.cu -o test_{name}\n\t./test_{name}\n\n\
+         test-c: test_{name}.cu {name}.cu one_thread.h\n\t$(CC) $(CFLAGS) -x c test_{name}.cu -lm -o test_{name}_c\n\t./test_{name}_c\n\n\
+         .PHONY: test test-c\n"
+    )
+}

@@ -1,0 +1,32 @@
+//! What the methods of a scene give, beside which programs are tested.
+
+use phipsi::Scene;
+use phipsi::codegen::Function;
+
+/// What the scene's method gives, all results one after another.
+pub fn by_method(scene: &Scene, function: &Function, given: &[Vec<f64>]) -> Vec<f64> {
+    let (mut workspace, mut out) = (scene.workspace(), vec![f64::NAN; function.width(scene)]);
+    let w = &mut workspace;
+    let at = |argument: usize| given.get(argument).map_or(&[][..], |values| &values[..]);
+    let (q, qd, u, along) = (at(0), at(1), at(2), [at(3), at(4), at(5)]);
+    match function {
+        Function::ForwardDynamics => scene.forward_dynamics(w, q, qd, u, &[], &mut out),
+        Function::InverseDynamics => scene.inverse_dynamics(w, q, qd, u, &[], &mut out),
+        Function::BiasTorque => scene.bias_torque(w, q, qd, &mut out),
+        Function::MassMatrix => scene.mass_matrix(w, q, &mut out),
+        Function::MassMatrixInverse => scene.mass_matrix_inverse(w, &mut scene.inverse_scratch(), q, &mut out),
+        Function::ForwardDynamicsDerivatives => scene.forward_dynamics_derivatives(w, q, qd, u, &[], &mut out),
+        Function::InverseDynamicsDerivatives => scene.inverse_dynamics_derivatives(w, q, qd, u, &[], &mut out),
+        Function::ForwardDynamicsJvp => scene.forward_dynamics_jvp(w, q, qd, u, &[], along, &mut out),
+        Function::ForwardDynamicsVjp => scene.forward_dynamics_vjp(w, q, qd, u, &[], at(3), &mut out),
+        Function::InverseDynamicsJvp => scene.inverse_dynamics_jvp(w, q, qd, u, &[], along, &mut out),
+        Function::InverseDynamicsVjp => scene.inverse_dynamics_vjp(w, q, qd, u, &[], at(3), &mut out),
+        Function::Placements => scene.placements(q).map(|all| {
+            all.iter().zip(out.chunks_exact_mut(16)).for_each(|(link, out)| link.homogeneous(out));
+        }),
+        Function::Placement(link) => scene.placement(q, link).map(|place| place.homogeneous(&mut out)),
+        Function::Jacobian(link, frame) => scene.jacobian(q, link, *frame, &mut out),
+    }
+    .unwrap();
+    out
+}
