@@ -131,6 +131,7 @@ impl Traced {
         }
     }
 
+    #[allow(clippy::float_cmp)] // that number and no other
     fn is(self, x: f64) -> bool {
         self.0 == x
     }
