@@ -1,9 +1,10 @@
 //! CUDA C++ of programs: one state a thread, arrays by components, for NVRTC and nvcc.
 
 use super::arrays::{Array, arguments, located, results, unread, written};
-use super::c::{Sources, WRITTEN_BY, Width, check, constants, joints, meaning, programs, right_side};
+use super::c::{Sources, WRITTEN_BY, check, constants, joints, meaning, programs, right_side};
 use super::case::Case;
 use super::program::{Function, Program};
+use super::width::Width;
 use crate::error::Error;
 use crate::scalar::Operation;
 use crate::scene::Scene;

@@ -1,9 +1,10 @@
 //! C of programs for many states: one number of each in a lane of a vector, by the vector extensions of GCC and Clang.
 
 use super::arrays::{Array, arguments, results, unread, written};
-use super::c::{Width, operand};
+use super::c::operand;
 use super::circle::Sines;
 use super::program::Program;
+use super::width::Width;
 use crate::scalar::Operation;
 use std::collections::HashSet;
 use std::fmt::Write;

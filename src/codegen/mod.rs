@@ -1,4 +1,4 @@
-//! One robot, compiled: the sweeps run once on numbers that remember what they come of, and what they leave is written out in C.
+//! One robot, compiled: the sweeps run once on numbers that remember what they come of, and what they leave is written out in C, Rust or CUDA.
 //!
 //! Zeros, ones, aligned axes, absent gravity and outputs that nobody asked for are gone by one mechanism: a number that is constant is computed here, and an operation that
 //! changes nothing is not written.
@@ -25,8 +25,10 @@ mod lanes;
 mod program;
 mod rust;
 mod rust_texts;
+mod width;
 
-pub use c::{Sources, Width, sources};
+pub use c::{Sources, sources};
 pub use cuda::cuda_sources;
 pub use program::{FUNCTIONS, Function, Program, Size};
 pub use rust::rust_sources;
+pub use width::Width;

@@ -1,11 +1,12 @@
 //! Rust of programs: a crate without dependencies and without the standard library, generic over its numbers.
 
 use super::arrays::{Array, arguments, located, results, unread, written};
-use super::c::{Sources, Width, joints, meaning, programs};
+use super::c::{Sources, joints, meaning, programs};
 use super::case::Case;
 use super::circle::Sines;
 use super::program::{Function, Program, operands};
 use super::rust_texts::{LANES, LIBRARY, NUMBER, NUMBERS, TEST};
+use super::width::Width;
 use crate::error::Error;
 use crate::scalar::Operation;
 use crate::scene::Scene;
