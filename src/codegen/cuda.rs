@@ -39,7 +39,7 @@ const ONE_THREAD: &str = "/* Written by phipsi; do not edit. CUDA kernels as C99
 
 #define __global__ static
 #define __device__ static
-#define __forceinline__ inline
+#define __forceinline__ inline __attribute__((unused))
 
 typedef struct {
     unsigned x;

@@ -106,3 +106,19 @@ def test_far_angles_in_float32(tmp_path: Path) -> None:
     q[5] = np.nan
     with pytest.raises(NotFiniteError):
         fast.mass_matrix(q)
+
+
+@pytest.mark.parametrize("compiler", [COMPILER, "arm-none-eabi-gcc"])
+def test_code_in_float_asks_for_nothing_but_sines(compiler: str, tmp_path: Path) -> None:
+    nm = compiler.replace("gcc", "nm") if compiler.endswith("-gcc") else "nm"
+    for program in (compiler, nm):
+        if shutil.which(program) is None:
+            pytest.skip(f"no {program} here")
+    chip = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"] if compiler.startswith("arm") else []
+    random_scene(0, 8, armature=0.1).to_c(tmp_path, dtype="float32")
+    subprocess.run([compiler, "-std=c99", "-O1", "-fno-math-errno", *chip, "-c", "robot.c"], cwd=tmp_path, check=True)
+    said = subprocess.run([nm, "-u", "robot.o"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+    asked = {line.split()[-1].lstrip("_") for line in said.splitlines() if line.strip()}
+    assert {"sinf", "cosf"} & asked or "sincosf" in asked
+    # Neither memory nor arithmetic of double.
+    assert asked <= {"sinf", "cosf", "sincosf", "sqrtf"}
