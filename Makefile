@@ -5,7 +5,7 @@
 #   make dev       the fast loop: a debug build with fewer kernels into .venv-dev (try: .venv-dev/bin/python, or -m pytest tests/python)
 #   make test-jax  the tests of phipsi.jax, and its page, in .venv-jax (two minutes)
 #   make docs      the pages of docs/ as a site, target/site/index.html, in .venv-docs; warnings are errors
-#   make check     what CI adds: format, clippy (of the benches too), docs, stubs, abi3
+#   make check     what CI adds: format, clippy (of the benches and of written Rust too), docs, stubs, abi3
 #   make manylinux    Linux: the wheel that make test takes, linked by zig, so that it runs on glibc 2.17
 #   make sdist     the source distribution: its content, and that it and the crate compile
 #   make oldest    the wheel in Python 3.10 with the oldest NumPy and test packages it allows
@@ -20,6 +20,7 @@
 #   make inverse-kinematics   beside pink, mink and dynibo, in .venv-ik: writes docs/inverse-kinematics-times.md (ten minutes)
 #   make closed-loops   forward dynamics through connections beside Pinocchio's: writes docs/closed-loops-times.md (a minute)
 #   make compiled  after make peers: robots compiled for themselves beside the scene's own calls and CasADi's code: writes docs/compiled-times.md (some minutes)
+#   make embedded  after make test: flash, stack and instructions of robots on a Cortex-M4F, by gcc-arm-none-eabi and QEMU: writes docs/embedded-size.md (half a minute)
 #   make picture   the picture of README.md, docs/robot.webp, in Chromium (half a minute)
 #   make roofline  after make peers for its robots: operations, time and share of the machine's peak, writes docs/roofline.md
 #   make bench     after make peers: measures all of it (20 minutes), writes docs/benchmarks.md and the figures of README.md (BENCH=--quick: a trial)
@@ -40,7 +41,7 @@ PEERS := .venv-peers/bin/python
 WHEELS := target/wheels
 SOURCES := Cargo.toml Cargo.lock pyproject.toml PACKAGE.md README.md $(shell find src python assets -type f -not -name '*.pyc')
 
-.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion instructions auto-states derivatives leaving-out inverse-kinematics closed-loops compiled roofline picture peers peers-there peers-phipsi stub clean
+.PHONY: dev report test test-rust test-python test-jax docs check manylinux sdist oldest bench numerics motion instructions auto-states derivatives leaving-out inverse-kinematics closed-loops compiled embedded roofline picture peers peers-there peers-phipsi stub clean
 
 # One interpreter of the project's own; the system's packages are never touched.
 $(BIN)/python:
@@ -120,6 +121,9 @@ check: $(VENV)/test
 	if rustup target add $(OTHER); then cargo clippy --locked --lib --features $(FEATURES) --target $(OTHER) -- -D warnings; \
 	else echo "$(OTHER): not checked, rustup cannot have it"; fi
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --features $(FEATURES)
+	$(BIN)/phipsi codegen -o target/codegen --lang rust --name bundled
+	CARGO_TARGET_DIR=target cargo clippy --manifest-path target/codegen/Cargo.toml --all-targets -- -D warnings
+	CARGO_TARGET_DIR=target cargo run --manifest-path examples/build_script/Cargo.toml
 	$(BIN)/python -m pip install --quiet 'mypy>=1.15' 'abi3audit>=0.0.20'
 	cd tests/python && ../../$(BIN)/python -m mypy.stubtest phipsi._core
 	$(BIN)/mypy python/phipsi
@@ -191,6 +195,9 @@ closed-loops: $(VENV)/test
 
 compiled: peers-phipsi
 	$(PEERS) benches/compiled.py --markdown docs/compiled-times.md
+
+embedded: $(VENV)/test
+	$(BIN)/python benches/embedded.py --markdown docs/embedded-size.md
 
 leaving-out:
 	$(PYTHON) benches/leaving_out.py

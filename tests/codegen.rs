@@ -2,18 +2,14 @@
 
 mod common;
 
+use common::codegen::{by_method, tree};
 use common::lanes::{State, states};
-use common::programs::by_method;
 use common::{ALL_KINDS, Random, Tree, random_inertial, tolerance};
 use phipsi::codegen::{FUNCTIONS, Function, Program, Width, sources};
 use phipsi::kinematics::{REFERENCE_FRAMES, ReferenceFrame};
 use phipsi::scene::{Connection, ConnectionKind, JointDescription, JointKind, LinkDescription, Mimic, MimicJoints};
 use phipsi::{Scene, SceneBuilder, scenes};
 use std::process::Command;
-
-fn tree(seed: u64) -> Scene {
-    Tree { seed, bodies: 9, kinds: &ALL_KINDS, floating: seed % 2 == 1, branching: 0.3, armature: 0.1 }.scene()
-}
 
 /// All functions, those of one link of the first link, a middle one and the last.
 fn functions(scene: &Scene) -> Vec<Function> {

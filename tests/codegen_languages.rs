@@ -2,20 +2,15 @@
 
 mod common;
 
+use common::codegen::{by_method, tree};
 use common::lanes::{State, states};
-use common::programs::by_method;
-use common::{ALL_KINDS, Tree, tolerance};
+use common::tolerance;
 use phipsi::codegen::{FUNCTIONS, Function, Width, cuda_sources, rust_sources};
 use phipsi::{Scene, scenes};
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-
-/// Trees of all joints: of an even seed on a fixed base, else floating.
-fn tree(seed: u64) -> Scene {
-    Tree { seed, bodies: 9, kinds: &ALL_KINDS, floating: seed % 2 == 1, branching: 0.3, armature: 0.1 }.scene()
-}
 
 /// A directory of this test's own, with these files.
 fn directory(name: &str, files: &[(String, String)]) -> PathBuf {

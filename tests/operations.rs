@@ -205,7 +205,7 @@ fn estimates(bodies: usize) -> [Operations; 2] {
     let (_, second) = Traced::counted(|| {
         dynamics::estimate_covariance(&model, &mut workspace, &mut scratch, &measurements, &mut covariances)
     });
-    assert!(covariances.torque.iter().all(|x| x.0 > 0.0));
+    assert!(covariances.torque.iter().all(|x| x.lane(0) > 0.0));
     [first, second]
 }
 

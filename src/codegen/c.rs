@@ -5,41 +5,12 @@ use super::functions::{Array, Function};
 use super::lanes;
 use super::pieces::{self, Form};
 use super::program::Program;
+use super::width::Width;
 use crate::error::Error;
 use crate::scalar::Operation;
 use crate::scene::Scene;
 use std::collections::HashMap;
 use std::fmt::Write;
-
-/// The numbers of the C code.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Width {
-    /// double.
-    #[default]
-    Double,
-    /// float.
-    Single,
-}
-
-impl Width {
-    pub(super) fn of_c(self) -> &'static str {
-        if self == Self::Double { "double" } else { "float" }
-    }
-
-    /// What ends names of functions and constants.
-    pub(super) fn suffix(self) -> &'static str {
-        if self == Self::Double { "" } else { "f" }
-    }
-
-    pub(super) fn constant(self, x: f64) -> String {
-        match self {
-            // The shortest that is read as the same number.
-            Self::Double => format!("{x:?}"),
-            #[allow(clippy::cast_possible_truncation)] // rounded, as asked
-            Self::Single => format!("{:?}f", x as f32),
-        }
-    }
-}
 
 /// Files by their names.
 pub type Sources = Vec<(String, String)>;

@@ -1,6 +1,6 @@
 //! Sine and cosine of many states at once, for what is written: the constants of [`Circle`], and the formulas in signs that C and Rust share.
 
-use super::c::Width;
+use super::width::Width;
 use crate::scalar::Circle;
 
 /// What the reduction to quarter turns and the polynomials need in numbers of one width.

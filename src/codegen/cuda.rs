@@ -1,9 +1,10 @@
 //! CUDA C++ of programs: one state a thread, arrays by components, for NVRTC and nvcc.
 
-use super::c::{Sources, WRITTEN_BY, Width, check, constants, joints, meaning, programs, right_side};
+use super::c::{Sources, WRITTEN_BY, check, constants, joints, meaning, programs, right_side};
 use super::case::Case;
 use super::functions::{Array, Function};
 use super::program::Program;
+use super::width::Width;
 use crate::error::Error;
 use crate::scalar::Operation;
 use crate::scene::Scene;
@@ -38,7 +39,7 @@ const ONE_THREAD: &str = "/* Written by phipsi; do not edit. CUDA kernels as C99
 
 #define __global__ static
 #define __device__ static
-#define __forceinline__ inline
+#define __forceinline__ inline __attribute__((unused))
 
 typedef struct {
     unsigned x;

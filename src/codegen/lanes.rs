@@ -1,9 +1,10 @@
 //! C of programs for many states: one number of each in a lane of a vector, by the vector extensions of GCC and Clang.
 
-use super::c::{Width, operand};
+use super::c::operand;
 use super::circle::Sines;
 use super::pieces::{self, Form};
 use super::program::Program;
+use super::width::Width;
 use crate::scalar::Operation;
 use std::collections::HashSet;
 use std::fmt::Write;
@@ -76,34 +77,37 @@ const PRELUDE: &str = r"
 #define LANES @few
 #endif
 
+/* Not every program uses all of what follows. */
+#define INLINE static inline __attribute__((unused))
+
 typedef @number lanes __attribute__((vector_size(@bytes * LANES)));
 typedef @bits bits __attribute__((vector_size(@bytes * LANES)));
 
-static inline lanes root(lanes x)
+INLINE lanes root(lanes x)
 {
     lanes y;
     for (int i = 0; i < LANES; i++) y[i] = sqrt@f(x[i]);
     return y;
 }
 
-static inline lanes absolute(lanes x)
+INLINE lanes absolute(lanes x)
 {
     return (lanes)((bits)x & @magnitude);
 }
 
-static inline lanes smaller(lanes x, lanes y)
+INLINE lanes smaller(lanes x, lanes y)
 {
     lanes z;
     for (int i = 0; i < LANES; i++) z[i] = fmin@f(x[i], y[i]);
     return z;
 }
 
-static inline lanes one_if_zero(lanes x)
+INLINE lanes one_if_zero(lanes x)
 {
     return (lanes)((x == @zero) & @one);
 }
 
-static inline void sine_and_cosine(lanes x, lanes *sine, lanes *cosine)
+INLINE void sine_and_cosine(lanes x, lanes *sine, lanes *cosine)
 {
     /* Quarter turns, rounded by a number above which there are only integers; pi/2 in three parts. */
     const lanes shifted = x * @turns + @rounder;
@@ -128,7 +132,7 @@ static inline void sine_and_cosine(lanes x, lanes *sine, lanes *cosine)
 }
 
 /* Lanes beyond the last state repeat it. */
-static inline void gather(lanes *to, const @number *from, size_t width, size_t count)
+INLINE void gather(lanes *to, const @number *from, size_t width, size_t count)
 {
     for (size_t lane = 0; lane < LANES; lane++) {
         const @number *state = from + (lane < count ? lane : count - 1) * width;
@@ -136,7 +140,7 @@ static inline void gather(lanes *to, const @number *from, size_t width, size_t c
     }
 }
 
-static inline void scatter(@number *to, const lanes *from, size_t width, size_t count)
+INLINE void scatter(@number *to, const lanes *from, size_t width, size_t count)
 {
     for (size_t lane = 0; lane < count; lane++)
         for (size_t i = 0; i < width; i++) to[lane * width + i] = from[i][lane];

@@ -1,4 +1,4 @@
-//! One robot, compiled: the sweeps run once on numbers that remember what they come of, and what they leave is written out in C.
+//! One robot, compiled: the sweeps run once on numbers that remember what they come of, and what they leave is written out in C, Rust or CUDA.
 //!
 //! Zeros, ones, aligned axes, absent gravity and outputs that nobody asked for are gone by one mechanism: a number that is constant is computed here, and an operation that
 //! changes nothing is not written.
@@ -28,9 +28,11 @@ mod reference;
 mod rust;
 mod rust_texts;
 mod tracing;
+mod width;
 
-pub use c::{Sources, Width, sources};
+pub use c::{Sources, sources};
 pub use cuda::cuda_sources;
 pub use functions::{Array, FUNCTIONS, Function};
 pub use program::{Program, Size};
 pub use rust::rust_sources;
+pub use width::Width;

@@ -1,11 +1,12 @@
 //! Rust of programs: a crate without dependencies and without the standard library, generic over its numbers.
 
-use super::c::{Sources, Width, joints, meaning, programs};
+use super::c::{Sources, joints, meaning, programs};
 use super::case::Case;
 use super::circle::Sines;
 use super::functions::{Array, Function};
 use super::program::{Program, operands};
 use super::rust_texts::{LANES, LIBRARY, NUMBER, NUMBERS, TEST};
+use super::width::Width;
 use crate::error::Error;
 use crate::scalar::Operation;
 use crate::scene::Scene;
@@ -331,7 +332,7 @@ fn batch(program: &Program, text: &mut String) {
     let first = given[0].0;
     let _ = write!(
         text,
-        "\n/// The same of many states, N at once.\n///\n/// # Panics\n///\n/// Where the slices are not all of one length.\n#[rustfmt::skip]\n\
+        "\n/// The same of many states, N at once.\n///\n/// # Panics\n///\n/// Where the slices are not all of one length.\n#[rustfmt::skip]\n#[allow(non_snake_case)]\n\
          pub fn {function}_batch<T: Number + Lane, const N: usize>({}) {{\n    let count = {first}.len();\n",
         parameters.join(", ")
     );

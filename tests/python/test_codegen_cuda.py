@@ -21,12 +21,13 @@ import numpy as np
 import pytest
 from conftest import random_scene
 from test_codegen import FUNCTIONS
+from tolerances import in_float32
 
 import phipsi
 from phipsi.errors import ArgumentError, ShapeError
 
 COMPILER = os.environ.get("CC", "cc")
-EPSILON = {"float64": 1e-14, "float32": 5e-6}
+EPSILON = {"float64": 1e-14, "float32": in_float32(1e-14)}
 
 
 @pytest.fixture(autouse=True)
@@ -114,12 +115,12 @@ def test_nvrtc_compiles_the_kernels(dtype: str) -> None:
     source = random_scene(1, 8, floating_base=True).to_cuda(dtype=dtype)["robot.cu"].encode()  # type: ignore[arg-type]
     program, size = ctypes.c_void_p(), ctypes.c_size_t()
     assert nvrtc.nvrtcCreateProgram(ctypes.byref(program), source, b"robot.cu", 0, None, None) == 0
-    options = (ctypes.c_char_p * 3)(b"--gpu-architecture=compute_80", b"--std=c++17", b"--Werror=all-warnings")
-    done = nvrtc.nvrtcCompileProgram(program, 3, options)
+    options = (ctypes.c_char_p * 2)(b"--gpu-architecture=compute_80", b"--std=c++17")
+    done = nvrtc.nvrtcCompileProgram(program, len(options), options)
     nvrtc.nvrtcGetProgramLogSize(program, ctypes.byref(size))
     log = ctypes.create_string_buffer(size.value)
     nvrtc.nvrtcGetProgramLog(program, log)
-    assert done == 0, log.value.decode()
+    assert (done, log.value.strip()) == (0, b"")
     assert nvrtc.nvrtcGetPTXSize(program, ctypes.byref(size)) == 0
     code = ctypes.create_string_buffer(size.value)
     assert nvrtc.nvrtcGetPTX(program, code) == 0

@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted([*(path for folder in (".", "benches", "benches/peers") for path in (ROOT / folder).glob("*.md")), *DOCS.rglob("*.md")])
 #: Packages that a page may do without: it is skipped where they are not there.
-OPTIONAL = ("distributed", "gymnasium", "jax", "matplotlib", "mujoco", "pinocchio", "pydrake", "scipy", "torch", "viser")
+OPTIONAL = ("cupy", "distributed", "gymnasium", "jax", "matplotlib", "mujoco", "pinocchio", "pydrake", "scipy", "torch", "viser")
 
 
 def script(page: Path) -> str:

@@ -1,7 +1,13 @@
-//! What the methods of a scene give, beside which programs are tested.
+//! Scenes that are compiled, and what their methods give.
 
+use super::{ALL_KINDS, Tree};
 use phipsi::Scene;
 use phipsi::codegen::Function;
+
+/// Trees of all joints: of an even seed on a fixed base, of an odd one floating.
+pub fn tree(seed: u64) -> Scene {
+    Tree { seed, bodies: 9, kinds: &ALL_KINDS, floating: seed % 2 == 1, branching: 0.3, armature: 0.1 }.scene()
+}
 
 /// What the scene's method gives, all results one after another.
 pub fn by_method(scene: &Scene, function: &Function, given: &[Vec<f64>]) -> Vec<f64> {

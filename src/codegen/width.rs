@@ -1,0 +1,31 @@
+//! The numbers that code is written for.
+
+/// The numbers of the code.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Width {
+    /// double.
+    #[default]
+    Double,
+    /// float.
+    Single,
+}
+
+impl Width {
+    pub(super) fn of_c(self) -> &'static str {
+        if self == Self::Double { "double" } else { "float" }
+    }
+
+    /// What ends names of functions and constants.
+    pub(super) fn suffix(self) -> &'static str {
+        if self == Self::Double { "" } else { "f" }
+    }
+
+    pub(super) fn constant(self, x: f64) -> String {
+        match self {
+            // The shortest that is read as the same number.
+            Self::Double => format!("{x:?}"),
+            #[allow(clippy::cast_possible_truncation)] // rounded, as asked
+            Self::Single => format!("{:?}f", x as f32),
+        }
+    }
+}
