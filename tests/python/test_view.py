@@ -197,6 +197,10 @@ class Drawn(SimpleNamespace):
         setattr(self, name, SimpleNamespace(points=points, visible=how.get("visible", True)))
         return getattr(self, name)
 
+    def add_frame(self, name: str, **how: Any) -> SimpleNamespace:
+        setattr(self, name, SimpleNamespace(position=(0.0, 0.0, 0.0), visible=how["visible"]))
+        return getattr(self, name)
+
     def add_label(self, name: str, text: str, **how: Any) -> SimpleNamespace:
         setattr(self, name, SimpleNamespace(text=text, visible=True))
         return getattr(self, name)
@@ -216,15 +220,15 @@ def test_arrows_are_to_scale() -> None:
     assert text == "contact forces: 20 N"
     metres = np.linalg.norm(key[0, 1] - key[0, 0]) / 20.0
     assert_near(key[..., 2], np.full((1, 2), -1.0), product(1, 1.0))
-    shown = getattr(drawn, "/forces")
+    frames, shown = ([getattr(drawn, f"/forces/{i}{part}") for i in range(2)] for part in ("", "/arrow"))
     for frame, seen in ((0, []), (15, [0]), (25, [0, 1]), (35, [1]), (39, []), (45, [])):
         arrows.show(frame)
-        assert shown.visible == bool(seen)
-        if seen:
-            expected = np.stack([at[frame, seen], at[frame, seen] + metres * force[frame, seen]], axis=1)
-            assert_near(shown.points, expected, 1e-6)
+        assert [i for i in range(2) if frames[i].visible] == seen
+        for i in seen:
+            assert_near(frames[i].position, at[frame, i], 0.0)
+            assert_near(shown[i].points, [[np.zeros(3), metres * force[frame, i]]], 1e-6)
     arrows.turn(False, 15)
-    assert not shown.visible and not getattr(drawn, "/newtons").visible
+    assert not frames[0].visible and not getattr(drawn, "/newtons").visible
     assert Arrows.of(drawn, Forces("contact", at, np.zeros_like(force)), 2.0, np.zeros(3), -1.0) is None
 
 

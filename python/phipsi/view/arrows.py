@@ -34,7 +34,10 @@ class Arrows:
         self._along = forces.force * (LENGTH * size / usual)
         self._is_on = True
         shape = {"shaft_radius": SHAFT * size, "head_radius": HEAD * size, "head_length": TIP * size}
-        self._drawn = server.scene.add_arrows("/forces", np.zeros((1, 2, 3)), COLOUR, visible=False, **shape)
+        # A frame each, so that they move as the links do, and are made anew only where a force changes.
+        names = [f"/forces/{i}" for i in range(forces.at.shape[1])]
+        self._frames = [server.scene.add_frame(name, show_axes=False, visible=False) for name in names]
+        self._drawn = [server.scene.add_arrows(f"{name}/arrow", np.zeros((1, 2, 3)), COLOUR, **shape) for name in names]
         value = below(usual)
         way = np.cross([0.0, 0.0, 1.0], TOWARDS)
         way *= LENGTH * size * value / usual / np.linalg.norm(way)
@@ -58,14 +61,14 @@ class Arrows:
 
     def show(self, frame: int) -> None:
         """Shows the forces of a frame; what is too short to be seen, and NaN, is left out."""
-        along = self._along[frame]
-        seen = np.linalg.norm(along, axis=-1) >= self._least
-        if self._is_on and seen.any():
-            at = self._at[frame][seen]
-            self._drawn.points = np.stack([at, at + along[seen]], axis=1).astype(np.float32)
-            self._drawn.visible = True
-        else:
-            self._drawn.visible = False
+        for place, arrow, at, along in zip(self._frames, self._drawn, self._at[frame], self._along[frame], strict=True):
+            # False for NaN.
+            place.visible = self._is_on and bool(np.linalg.norm(along) >= self._least)
+            if place.visible:
+                place.position = tuple(at)
+                points = np.array([[np.zeros(3), along]], np.float32)
+                if not np.array_equal(points, arrow.points):
+                    arrow.points = points
 
     def turn(self, is_on: bool, frame: int) -> None:
         """Shows all of them, or none."""

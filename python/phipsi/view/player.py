@@ -22,7 +22,7 @@ from .._forces import Forces
 from .._motion import Trajectory
 from ..errors import ArgumentError, ShapeError
 from .arrows import TOWARDS, Arrows, below
-from .shapes import Shape, robot_size, shapes_of
+from .shapes import Shape, robot_size, shapes_of, translucent
 
 _Array = NDArray[np.float64]
 
@@ -109,12 +109,14 @@ class _Stage:
             self.server = viser.ViserServer(host=HOST, port=port, verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         drawn = dict.fromkeys(shape.link for shape in shapes)
+        self.arrows = Arrows.of(self.server, motion.forces(), size, middle, low)
         self.links = {link: self.server.scene.add_frame(f"/robot/{i}", show_axes=False) for i, link in enumerate(drawn)}
         index = {link: i for i, link in enumerate(drawn)}
         for i, shape in enumerate(shapes):
+            mesh = shape.mesh if self.arrows is None else translucent(shape.mesh)
             place = viser.transforms.SE3.from_matrix(shape.place)
             self.server.scene.add_mesh_trimesh(
-                f"/robot/{index[shape.link]}/{i}", shape.mesh, wxyz=place.rotation().wxyz, position=place.translation()
+                f"/robot/{index[shape.link]}/{i}", mesh, wxyz=place.rotation().wxyz, position=place.translation()
             )
         self.centre = self.server.scene.add_icosphere("/mass_centre", radius=0.02 * size, color=(220, 60, 40), visible=False)
         self.server.scene.add_grid(
@@ -123,7 +125,6 @@ class _Stage:
         camera = self.server.initial_camera
         camera.position = tuple(middle + away * TOWARDS)
         camera.look_at = tuple(middle)
-        self.arrows = Arrows.of(self.server, motion.forces(), size, middle, low)
         self.update(rows[0])
 
     def _extent(self, shapes: Sequence[Shape], rows: _Array, size: float) -> tuple[float, _Array, float]:

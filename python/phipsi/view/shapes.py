@@ -23,7 +23,9 @@ from ..mujoco import body_name, compiled, rotation
 _Array = NDArray[np.float64]
 
 #: Red, green, blue, opacity: of shapes without a colour, of capsules, of what joins the joints.
-GREY, MASS, BONE = (0.72, 0.75, 0.78, 1.0), (0.93, 0.65, 0.13, 0.6), (0.25, 0.38, 0.55, 1.0)
+GREY, MASS, BONE = (0.72, 0.75, 0.78, 1.0), (0.93, 0.65, 0.13, 0.7), (0.25, 0.38, 0.55, 1.0)
+#: Of a robot with arrows of forces, which are inside it as a rule.
+OPACITY = 0.5
 #: What `package://` and `model://` may be looked up in, beside the folders above the URDF.
 SEARCHED = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "GZ_SIM_RESOURCE_PATH")
 #: Width of what joins two joints, of the size of the robot.
@@ -177,6 +179,20 @@ def colour_mesh(mesh: trimesh.Trimesh, rgba: tuple[float, ...]) -> trimesh.Trime
     material = trimesh.visual.material.PBRMaterial(baseColorFactor=bytes_of, metallicFactor=0.1, roughnessFactor=0.7, alphaMode=mode)
     mesh.visual = trimesh.visual.TextureVisuals(material=material)
     return mesh
+
+
+def translucent(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """A copy that lets arrows inside be seen."""
+    clear = mesh.copy()
+    if clear.visual.kind != "texture":
+        return colour_mesh(clear, (*(np.asarray(clear.visual.main_color[:3]) / 255.0), OPACITY))
+    material = clear.visual.material
+    material = material.copy() if isinstance(material, trimesh.visual.material.PBRMaterial) else material.to_pbr()
+    colour = np.full(4, 255.0) if material.baseColorFactor is None else np.array(material.baseColorFactor, float)
+    colour[3] *= OPACITY
+    material.baseColorFactor, material.alphaMode = colour.astype(np.uint8), "BLEND"
+    clear.visual.material = material
+    return clear
 
 
 # Shapes of a MuJoCo model
