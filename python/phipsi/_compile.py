@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from ._core import get_num_threads
 from ._cuda import CompiledForCuda, compile_for_cuda
 from ._functions import FUNCTIONS, IN_FORM, Function, Functions, parts, symbol
-from .errors import ArgumentError, of_argument
+from .errors import ArgumentError, PhipsiError, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -32,32 +32,33 @@ __all__ = ["Compiled", "compile"]
 _Array: TypeAlias = NDArray[Any]
 #: What every compiler is told.
 ALWAYS = ("-std=c99", "-ffp-contract=fast", "-fno-math-errno", "-shared", "-fPIC")
+#: What is compiled of functions that watch what rounding does.
+WATCHED: dict[str, Any] = {name: f"{name}_watched" for name in ("forward_dynamics", "mass_matrix_inverse")}
 #: Fewer states are faster by the scene's own call, whose way from Python is shorter.
 FEW = 16
 #: A thread gets so many states at the least.
 WORTH_A_THREAD = 2048
-#: How far the squared norm of a quaternion may be off.
-SLACK = 1e-3
 
 
 class Compiled(Functions[_Array]):
     """Functions of one scene as machine code that holds nothing else; batches run as many states at once as the processor's registers hold, on as many threads as set_num_threads says.
 
-    Each method takes the arrays of the scene's method of that name and gives its results to rounding, in form "covariance": digits that this loses are not noticed. Few states, and arguments
-    or results that are not in order, are done by the scene's own method, which says what is wrong. Results have the dtype that was compiled.
+    Each method takes the arrays of the scene's method of that name and gives its results to rounding. In form "auto" forward_dynamics and mass_matrix_inverse watch what rounding does, and states that may
+    have lost digits are done by the scene's own method; else, and in derivatives and products, the form is "covariance": digits that it loses are not noticed. Few states, and arguments or
+    results that are not in order, are done by the scene's own method too, which says what is wrong. Results have the dtype that was compiled.
     """
 
     library: Path
     """The file of the machine code."""
+    form: Literal["auto", "covariance"]
+    """How forward_dynamics and mass_matrix_inverse keep their digits."""
 
-    def __init__(self, scene: Scene, functions: tuple[Function, ...], library: Path, dtype: str = "float64") -> None:
+    def __init__(self, scene: Scene, functions: tuple[Function, ...], library: Path, form: Literal["auto", "covariance"], dtype: str) -> None:
         super().__init__(scene, functions, dtype)
-        self.library = library
+        self.library, self.form = library, form
+        self._watched = WATCHED if form == "auto" else {}
         code = ctypes.CDLL(str(library))
-        self._code = {parts(function): getattr(code, f"robot_{symbol(function)}_batch") for function in functions}
-        joints = (scene.joints[name] for name in scene.joint_names)
-        ends = [scene.q_index(joint.name).stop for joint in joints if joint.type in ("spherical", "floating")]
-        self._quaternions = [slice(end - 4, end) for end in ends]
+        self._code = {parts(function): getattr(code, f"robot_{symbol(self._watched.get(str(function), function))}_batch") for function in functions}
 
     def _run(self, function: tuple[str, ...], given: dict[str, ArrayLike], shapes: Sequence[tuple[int, ...]]) -> list[_Array] | None:
         run = self._code.get(function)
@@ -67,24 +68,42 @@ class Compiled(Functions[_Array]):
         if ready is None:
             return None
         arrays, batch = ready
-        count = prod(batch)
+        count, is_watched = prod(batch), function[0] in self._watched
+        if is_watched:
+            shapes = [*shapes, (1,)]
         # In one piece: the allocator gives the pages of several back to the system every time, which clears them anew.
         ends = np.cumsum([count * prod(shape) for shape in shapes])
         numbers = np.empty(ends[-1], self.dtype)
         results = [part.reshape(*batch, *shape) for part, shape in zip(np.split(numbers, ends[:-1]), shapes, strict=True)]
 
-        def piece(first: int, end: int) -> None:
+        def piece(first: int, end: int) -> int:
             addresses = (ctypes.c_void_p(array.ctypes.data + array.itemsize * first * (array.size // count)) for array in (*arrays, *results))
-            run(ctypes.c_size_t(end - first), *addresses)
+            fault: int = run(ctypes.c_size_t(end - first), *addresses)
+            return fault
 
         threads = min(get_num_threads(), count // WORTH_A_THREAD)
         if threads > 1:
             cuts = [count * i // threads for i in range(threads + 1)]
             with ThreadPoolExecutor(threads) as pool:
-                list(pool.map(piece, cuts[:-1], cuts[1:]))
+                faults = sum(pool.map(piece, cuts[:-1], cuts[1:]))
         else:
-            piece(0, count)
-        return results if bool(np.isfinite(numbers).all()) else None
+            faults = piece(0, count)
+        if faults:
+            return None
+        return self._mended(function[0], arrays, results) if is_watched else results
+
+    def _mended(self, name: str, arrays: list[_Array], results: list[_Array]) -> list[_Array] | None:
+        """The result, states whose margin is not above zero done by the scene; None where the scene is to say of all what is wrong."""
+        result, margins = results
+        doubtful = np.flatnonzero(~(margins > 0))
+        if doubtful.size:
+            count = margins.size
+            try:
+                better = getattr(self.scene, name)(*(array.reshape(count, -1)[doubtful] for array in arrays))
+            except PhipsiError:
+                return None
+            result.reshape(count, *better.shape[1:])[doubtful] = better
+        return [result]
 
     def _ready(self, given: tuple[ArrayLike, ...]) -> tuple[list[_Array], tuple[int, ...]] | None:
         """Arrays of all states, one after another, and the leading axes; None of what the scene is to look at."""
@@ -99,16 +118,14 @@ class Compiled(Functions[_Array]):
             batch = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
         except ValueError:
             return None
-        if prod(batch) < FEW or not all(np.isfinite(array).all() for array in arrays):
+        if prod(batch) < FEW:
             return None
-        for at in self._quaternions:
-            if not bool((np.abs((arrays[0][..., at] ** 2).sum(axis=-1) - 1.0) <= SLACK).all()):
-                return None
         return [np.ascontiguousarray(np.broadcast_to(array, (*batch, array.shape[-1])), self.dtype) for array in arrays], batch
 
     def _by_scene(self, function: tuple[str, ...], given: dict[str, ArrayLike]) -> Any:
         name, *of = function
-        keywords = {"form": "covariance"} if name in IN_FORM else {"frame": of[1]} if len(of) > 1 else {}
+        form = "auto" if name in self._watched else "covariance"
+        keywords = {"form": form} if name in IN_FORM else {"frame": of[1]} if len(of) > 1 else {}
         return _in_dtype(getattr(self.scene, name)(*given.values(), *of[:1], **keywords), self.dtype)
 
 
@@ -127,6 +144,7 @@ def compile(
     functions: Iterable[Function] | None = None,
     *,
     device: Literal["cpu"] = "cpu",
+    form: Literal["auto", "covariance"] | None = None,
     dtype: Literal["float64", "float32"] = "float64",
     compiler: str | None = None,
     flags: Sequence[str] | None = None,
@@ -138,6 +156,7 @@ def compile(
     functions: Iterable[Function] | None = None,
     *,
     device: Literal["cuda"],
+    form: Literal["covariance"] | None = None,
     dtype: Literal["float64", "float32"] = "float64",
 ) -> CompiledForCuda: ...
 def compile(  # noqa: A001  # phipsi.compile
@@ -145,6 +164,7 @@ def compile(  # noqa: A001  # phipsi.compile
     functions: Iterable[Function] | None = None,
     *,
     device: Literal["cpu", "cuda"] = "cpu",
+    form: Literal["auto", "covariance"] | None = None,
     dtype: Literal["float64", "float32"] = "float64",
     compiler: str | None = None,
     flags: Sequence[str] | None = None,
@@ -152,7 +172,8 @@ def compile(  # noqa: A001  # phipsi.compile
 ) -> Compiled | CompiledForCuda:
     """Compiles functions of one scene by the system's C compiler: scene.to_c(batches=True) into a library that is loaded at once. Or for a GPU, scene.to_cuda through CuPy and NVRTC.
 
-    functions: as of to_c; None: all. device: "cpu" or "cuda", which needs CuPy (phipsi[cuda]) and a GPU. dtype: "float64" or "float32", the numbers of the code and of results; on the CPU, arguments of
+    functions: as of to_c; None: all. device: "cpu" or "cuda", which needs CuPy (phipsi[cuda]) and a GPU. form: "auto" hands states that may have lost digits to the scene, "covariance"
+    does not look, and takes less time; None: "auto", and "covariance" of float32 and on a GPU, where "auto" is not to be had. dtype: "float64" or "float32", the numbers of the code and of results; on the CPU, arguments of
     float64 are rounded to it. compiler: its command; None: that of the environment variable CC, or cc. flags: for this processor and of how fast the code is to be; None: -O3 for this
     processor. cache: a directory that keeps libraries by scene, compiler and flags, so that the next call takes no time; None: phipsi/compiled where the user's caches are. These three are of device="cpu".
 
@@ -160,6 +181,10 @@ def compile(  # noqa: A001  # phipsi.compile
     """
     if device not in ("cpu", "cuda"):
         raise of_argument(ArgumentError, "device", f"found {device!r}; expected 'cpu' or 'cuda'")
+    if form not in (None, "auto", "covariance"):
+        raise of_argument(ArgumentError, "form", f"found {form!r}; expected 'auto' or 'covariance'")
+    if form == "auto" and (device == "cuda" or dtype != "float64"):
+        raise of_argument(ArgumentError, "form", f"found 'auto' with device={device!r} and dtype={dtype!r}; expected 'covariance': states are watched in float64 on the CPU")
     names = None if functions is None else tuple(functions)
     known = FUNCTIONS if names is None else tuple(dict.fromkeys(names))
     if device == "cuda":
@@ -171,14 +196,16 @@ def compile(  # noqa: A001  # phipsi.compile
     found = shutil.which(command)
     if found is None:
         raise of_argument(ArgumentError, "compiler", f"found no {command}; expected a C compiler (GCC or Clang): install one, or name it")
-    files = scene.to_c(name="robot", functions=names, dtype=dtype, batches=True)
+    kept: Literal["auto", "covariance"] = form or ("auto" if dtype == "float64" else "covariance")
+    written = tuple(WATCHED.get(str(name), name) for name in known) if kept == "auto" else known
+    files = scene.to_c(name="robot", functions=written, dtype=dtype, batches=True)
     own = ("-mcpu=native",) if platform.machine() in ("aarch64", "arm64") else ("-march=native",)
     told = [*ALWAYS, *(("-O3", *own) if flags is None else flags)]
     into = (_caches() if cache is None else Path(cache)) / _key(files, found, told)
     library = into / "robot.so"
     if not library.exists():
         _build(files, [found, *told], library)
-    return Compiled(scene, known, library, dtype)
+    return Compiled(scene, known, library, kept, dtype)
 
 
 def _caches() -> Path:

@@ -100,7 +100,7 @@ fn header(scene: &Scene, name: &str, programs: &[Program], (width, batches): (Wi
         if batches {
             let _ = writeln!(
                 text,
-                "/* The same of `count` states, one after another in every array; the result overlaps none of them. */"
+                "/* The same of `count` states, one after another in every array; results overlap no argument. Gives 1 where a number of any is not finite or the\n   squared norm of a quaternion is off by more than 1e-3, else 0. */"
             );
             let _ = writeln!(text, "{};\n", lanes::declaration(name, program, width));
         }
@@ -196,7 +196,8 @@ pub(super) fn right_side(operation: &Operation, said: &[String], width: Width) -
         Operation::Sine(a) => format!("sin{f}({})", of(a)),
         Operation::Cosine(a) => format!("cos{f}({})", of(a)),
         Operation::Absolute(a) => format!("fabs{f}({})", of(a)),
-        Operation::Smaller(a, b) => format!("fmin{f}({}, {})", of(a), of(b)),
+        // fmin would pass over NaN.
+        Operation::Smaller(a, b) => format!("{0} < {1} || {0} != {0} ? {0} : {1}", of(a), of(b)),
         Operation::OneIfZero(a) => format!("{} == 0 ? 1 : 0", of(a)),
     })
 }

@@ -12,6 +12,8 @@ use crate::spatial::RigidShift;
 pub enum Function {
     /// qdd of (q, qd, tau), in covariance form.
     ForwardDynamics,
+    /// The same, and by how much it stays clear of losing digits: not above zero, or NaN, of a state in doubt, which the scene's methods in form auto do by other means.
+    ForwardDynamicsWatched,
     /// tau of (q, qd, qdd).
     InverseDynamics,
     /// The torque of the bias, of (q, qd).
@@ -20,6 +22,8 @@ pub enum Function {
     MassMatrix,
     /// M^-1 of q, row by row, in covariance form.
     MassMatrixInverse,
+    /// The same, watched likewise.
+    MassMatrixInverseWatched,
     /// dqdd/dq, dqdd/dqd and M^-1 of (q, qd, tau), each row by row, by q in its tangent space; in covariance form.
     ForwardDynamicsDerivatives,
     /// dtau/dq, dtau/dqd and M of (q, qd, qdd), likewise.
@@ -40,7 +44,7 @@ pub enum Function {
     Jacobian(String, ReferenceFrame),
 }
 
-/// All of them that are of no one link.
+/// All of them that are of no one link, without those that are watched.
 pub const FUNCTIONS: [Function; 12] = [
     Function::ForwardDynamics,
     Function::InverseDynamics,
@@ -55,6 +59,9 @@ pub const FUNCTIONS: [Function; 12] = [
     Function::InverseDynamicsVjp,
     Function::Placements,
 ];
+
+/// Those that say of each state whether it may have lost digits.
+pub const WATCHED: [Function; 2] = [Function::ForwardDynamicsWatched, Function::MassMatrixInverseWatched];
 
 /// An argument or a result of a program.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -85,6 +92,8 @@ enum Of {
     Coordinates,
     /// Degrees of freedom: (nv).
     Rates,
+    /// One number: (1).
+    One,
     /// Pairs of them: (nv, nv).
     Pairs,
     /// A homogeneous matrix: (4, 4).
@@ -101,6 +110,7 @@ impl Of {
         match self {
             Self::Coordinates => vec![scene.nq()],
             Self::Rates => vec![nv],
+            Self::One => vec![1],
             Self::Pairs => vec![nv, nv],
             Self::Place => vec![4, 4],
             Self::Places => vec![scene.links().len(), 4, 4],
@@ -138,6 +148,14 @@ impl Function {
                 trace: tracing::forward_dynamics,
                 by_scene: reference::forward_dynamics,
             },
+            Self::ForwardDynamicsWatched => Line {
+                name: "forward_dynamics_watched",
+                meaning: "Joint accelerations from torques; digits may be lost where the margin is not above zero",
+                arguments: &WITH_TAU,
+                results: &[("qdd", Of::Rates), ("margin", Of::One)],
+                trace: tracing::forward_dynamics_watched,
+                by_scene: reference::forward_dynamics_watched,
+            },
             Self::InverseDynamics => Line {
                 name: "inverse_dynamics",
                 meaning: "Torques from joint accelerations",
@@ -169,6 +187,14 @@ impl Function {
                 results: &[("inverse", Of::Pairs)],
                 trace: tracing::mass_matrix_inverse,
                 by_scene: reference::mass_matrix_inverse,
+            },
+            Self::MassMatrixInverseWatched => Line {
+                name: "mass_matrix_inverse_watched",
+                meaning: "The inverse mass matrix, row by row; digits may be lost where the margin is not above zero",
+                arguments: &STATE[..1],
+                results: &[("inverse", Of::Pairs), ("margin", Of::One)],
+                trace: tracing::mass_matrix_inverse_watched,
+                by_scene: reference::mass_matrix_inverse_watched,
             },
             Self::ForwardDynamicsDerivatives => Line {
                 name: "forward_dynamics_derivatives",
@@ -286,7 +312,7 @@ impl Function {
 
     /// Whether it has M^-1 multiplied out.
     pub(super) fn has_inverse(&self) -> bool {
-        matches!(self, Self::MassMatrixInverse | Self::ForwardDynamicsDerivatives)
+        matches!(self, Self::MassMatrixInverse | Self::MassMatrixInverseWatched | Self::ForwardDynamicsDerivatives)
     }
 
     /// What it gives, in a few words.

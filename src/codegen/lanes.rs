@@ -50,6 +50,7 @@ pub(super) fn prelude(width: Width) -> String {
         ("@zero", constant(0.0)),
         ("@whole", constant(1.0)),
         ("@half", constant(0.5)),
+        ("@slack", constant(1e-3)),
         ("@LL", ll.to_owned()),
         ("@sign", sign.to_owned()),
         ("@turns", constant(sines.turns)),
@@ -97,9 +98,8 @@ INLINE lanes absolute(lanes x)
 
 INLINE lanes smaller(lanes x, lanes y)
 {
-    lanes z;
-    for (int i = 0; i < LANES; i++) z[i] = fmin@f(x[i], y[i]);
-    return z;
+    const bits first = (bits)(x < y) | (bits)(x != x);
+    return (lanes)(((bits)x & first) | ((bits)y & ~first));
 }
 
 INLINE lanes one_if_zero(lanes x)
@@ -131,17 +131,26 @@ INLINE void sine_and_cosine(lanes x, lanes *sine, lanes *cosine)
         }
 }
 
-/* Lanes beyond the last state repeat it. */
-INLINE void gather(lanes *to, const @number *from, size_t width, size_t count)
+/* Lanes beyond the last state repeat it. A number that is not finite makes the lane's fault NaN. */
+INLINE void gather(lanes *to, const @number *from, size_t width, size_t count, lanes *fault)
 {
     for (size_t lane = 0; lane < LANES; lane++) {
         const @number *state = from + (lane < count ? lane : count - 1) * width;
         for (size_t i = 0; i < width; i++) to[i][lane] = state[i];
     }
+    for (size_t i = 0; i < width; i++) *fault += to[i] - to[i];
 }
 
-INLINE void scatter(@number *to, const lanes *from, size_t width, size_t count)
+/* A quaternion whose squared norm is not near one makes the lane's fault NaN. */
+INLINE void check_norm(const lanes *x, lanes *fault)
 {
+    const lanes off = (x[0] * x[0] + x[1] * x[1]) + (x[2] * x[2] + x[3] * x[3]) - @whole;
+    *fault = (lanes)((bits)*fault | ~(bits)((off <= @slack) & (off >= -@slack)));
+}
+
+INLINE void scatter(@number *to, const lanes *from, size_t width, size_t count, lanes *fault)
+{
+    for (size_t i = 0; i < width; i++) *fault += from[i] - from[i];
     for (size_t lane = 0; lane < count; lane++)
         for (size_t i = 0; i < width; i++) to[lane * width + i] = from[i][lane];
 }
@@ -151,7 +160,7 @@ INLINE void scatter(@number *to, const lanes *from, size_t width, size_t count)
 pub(super) fn declaration(name: &str, program: &Program, width: Width) -> String {
     let (function, number) = (program.function.symbol(), width.of_c());
     let all = program.named(&format!("const {number} *"), &format!("{number} *"));
-    format!("void {name}_{function}_batch(size_t count, {all})")
+    format!("int {name}_{function}_batch(size_t count, {all})")
 }
 
 /// The program in lanes, and the function that takes all states through it.
@@ -184,21 +193,26 @@ pub(super) fn functions(name: &str, program: &Program, width: Width, text: &mut 
     pieces::write(program, &form, said, statement, text);
 
     let _ = write!(text, "\n{}\n{{\n", declaration(name, program, width));
-    text.push_str("    for (size_t first = 0; first < count; first += LANES) {\n");
+    text.push_str("    lanes fault = {0};\n    for (size_t first = 0; first < count; first += LANES) {\n");
     text.push_str("        const size_t here = count - first < LANES ? count - first : LANES;\n");
     let all = || program.arguments.iter().chain(&program.results).map(|array| (array.name, array.width()));
     for (array, width) in all() {
         let _ = writeln!(text, "        lanes {array}_[{}];", width.max(1));
     }
     for (array, width) in all().take(program.arguments.len()) {
-        let _ = writeln!(text, "        gather({array}_, {array} + first * {width}, {width}, here);");
+        let _ = writeln!(text, "        gather({array}_, {array} + first * {width}, {width}, here, &fault);");
+    }
+    for at in &program.quaternions {
+        let _ = writeln!(text, "        check_norm(q_ + {at}, &fault);");
     }
     let names: Vec<String> = all().map(|(array, _)| format!("{array}_")).collect();
     let _ = writeln!(text, "        {function}_lanes({});", names.join(", "));
     for (array, width) in all().skip(program.arguments.len()) {
-        let _ = writeln!(text, "        scatter({array} + first * {width}, {array}_, {width}, here);");
+        let _ = writeln!(text, "        scatter({array} + first * {width}, {array}_, {width}, here, &fault);");
     }
-    text.push_str("    }\n}\n");
+    text.push_str(
+        "    }\n    for (int i = 0; i < LANES; i++)\n        if (fault[i] != 0) return 1;\n    return 0;\n}\n",
+    );
 }
 
 /// What computes a number; nothing of constants and arguments. Of two operands one at least is a vector: what is constant was computed.
@@ -207,7 +221,8 @@ fn right_side(operation: &Operation, said: &[String], width: Width) -> Option<St
     Some(match *operation {
         Operation::Root(a) => format!("root({})", of(a)),
         Operation::Absolute(a) => format!("absolute({})", of(a)),
-        Operation::Smaller(a, b) => format!("smaller({}, {})", of(a), of(b)),
+        // A number by itself is no vector.
+        Operation::Smaller(a, b) => format!("smaller((lanes){{0}} + {}, (lanes){{0}} + {})", of(a), of(b)),
         Operation::OneIfZero(a) => format!("one_if_zero({})", of(a)),
         _ => return super::c::right_side(operation, said, width),
     })
@@ -232,7 +247,7 @@ pub(super) fn test(name: &str, program: &Program, (number, size): (Width, f64), 
         );
     }
     let _ = writeln!(text, "        }}");
-    let _ = writeln!(text, "        {name}_{function}_batch({STATES}, {});", program.named("many_", "many_"));
+    let _ = writeln!(text, "        faults += {name}_{function}_batch({STATES}, {});", program.named("many_", "many_"));
     let _ = writeln!(text, "        for (int i = 0; i < {STATES}; i++) {{");
     let state = program.arguments.iter().map(|array| format!("many_{} + i * {}", array.name, array.width()));
     let state: Vec<String> = state.chain(program.results.iter().map(|array| array.name.to_owned())).collect();

@@ -4,6 +4,7 @@ use super::functions::{Array, Function};
 use super::tracing::Tracer;
 use crate::dynamics::sweeps::SweepModel;
 use crate::error::Error;
+use crate::model::Motion;
 use crate::scalar::{Operation, Traced};
 use crate::scene::Scene;
 use std::collections::HashSet;
@@ -17,6 +18,8 @@ pub struct Program {
     pub arguments: Vec<Array>,
     /// What it gives.
     pub results: Vec<Array>,
+    /// Where quaternions begin in q.
+    pub(super) quaternions: Vec<usize>,
     pub(super) operations: Vec<Operation>,
     /// The places of the numbers of all results, one after another.
     places: Vec<u32>,
@@ -60,7 +63,8 @@ impl Program {
             // A constant gets its place here.
             out.iter().map(|number| number.place()).collect()
         });
-        Ok(Self { function: function.clone(), arguments, results, operations, places }.without_dead_ends())
+        Ok(Self { function: function.clone(), arguments, results, quaternions: quaternions(scene), operations, places }
+            .without_dead_ends())
     }
 
     /// The argument of this index among the numbers of all: its array, and its place there.
@@ -187,6 +191,18 @@ impl Program {
         }
         size
     }
+}
+
+/// Where the quaternions of spherical and free joints begin in q.
+fn quaternions(scene: &Scene) -> Vec<usize> {
+    let bodies = scene.model().bodies.iter();
+    bodies
+        .filter_map(|body| match body.motion {
+            Motion::Spherical => Some(body.q),
+            Motion::Free => Some(body.q + 3),
+            _ => None,
+        })
+        .collect()
 }
 
 fn check(scene: &Scene, function: &Function) -> Result<(), Error> {

@@ -1,6 +1,8 @@
 //! What the scene's own methods give for the arguments of a function, all results one after another.
 
 use super::tracing::Place;
+use crate::dynamics::auto::{self, Watched};
+use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
 use crate::error::Error;
 use crate::scene::Scene;
 use crate::workspace::Workspace;
@@ -17,6 +19,34 @@ pub(super) fn forward_dynamics(
     out: &mut [f64],
 ) -> Result<(), Error> {
     scene.forward_dynamics(workspace, given[0], given[1], given[2], &[], out)
+}
+
+/// The accelerations, and the margin of a single look at them.
+pub(super) fn forward_dynamics_watched(
+    (scene, _, _): Room<'_>,
+    given: &[&[f64]],
+    out: &mut [f64],
+) -> Result<(), Error> {
+    let (model, sweeps) = (scene.model(), SweepModel::<f64>::new(scene.model()));
+    let (mut scratch, (qdd, margin)) = (SweepScratch::new(model, &sweeps), out.split_at_mut(scene.nv()));
+    let state = (given[0], given[1], given[2]);
+    let look = sweeps::forward_dynamics_watched::<f64, f64>((model, &sweeps), &mut scratch, state, &[], qdd);
+    margin[0] = Watched::once(look).margin();
+    Ok(())
+}
+
+/// M^-1, and the margin of its factor.
+pub(super) fn mass_matrix_inverse_watched(
+    (scene, workspace, _): Room<'_>,
+    given: &[&[f64]],
+    out: &mut [f64],
+) -> Result<(), Error> {
+    let (model, sweeps) = (scene.model(), SweepModel::<f64>::new(scene.model()));
+    let (mut scratch, (inverse, margin)) = (SweepScratch::new(model, &sweeps), out.split_at_mut(scene.nv().pow(2)));
+    let mut estimates = vec![f64::NAN; scene.nv()];
+    let scene_of = (model, &sweeps);
+    margin[0] = auto::factor_watched_in_sweeps::<f64, f64>(scene_of, &mut scratch, given[0], &mut estimates).margin();
+    scene.mass_matrix_inverse(workspace, &mut scene.inverse_scratch(), given[0], inverse)
 }
 
 pub(super) fn inverse_dynamics(

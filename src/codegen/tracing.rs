@@ -41,6 +41,21 @@ pub(super) fn forward_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], o
     traced::forward_dynamics((model, sweeps), scratch, (&given[0], &given[1], &given[2]), &[], out);
 }
 
+pub(super) fn forward_dynamics_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let Tracer { model, sweeps, scratch, .. } = tracer;
+    let (qdd, margin) = out.split_at_mut(model.nv());
+    let state = (&given[0][..], &given[1][..], &given[2][..]);
+    margin[0] = traced::forward_dynamics_and_margin((model, sweeps), scratch, state, qdd);
+}
+
+pub(super) fn mass_matrix_inverse_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let Tracer { model, sweeps, scratch, .. } = tracer;
+    let (inverse, margin) = out.split_at_mut(model.nv().pow(2));
+    let mut estimates = vec![Traced::from_f64(f64::NAN); model.nv()];
+    margin[0] = traced::factor_watched((model, sweeps), scratch, &given[0], &mut estimates).margin();
+    traced::multiplied_out((model, sweeps), scratch, inverse);
+}
+
 pub(super) fn inverse_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     let Tracer { model, sweeps, scratch, .. } = tracer;
     let qdd = given.get(2).map(|qdd| &qdd[..]);

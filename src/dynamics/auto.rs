@@ -174,14 +174,14 @@ pub(crate) struct Watched<T> {
 impl<T: Real> Watched<T> {
     /// What one probe saw of the right side: nothing, of a pivot that is not `near` the bound of its terms.
     #[inline(always)]
-    fn once((pivots, near, cancellation): Look<T>) -> Self {
+    pub fn once((pivots, near, cancellation): Look<T>) -> Self {
         let slack = cancellation.slack(&Margins::CLOSE).worst(near.margin());
         Self { pivots, cancellation, first: cancellation, slack, clear_before: 0 }
     }
 
     /// The same after a second look, by another probe.
     #[inline(always)]
-    fn and(&self, (_, _, second): &Look<T>) -> Self {
+    pub fn and(&self, (_, _, second): &Look<T>) -> Self {
         // Each by its own probe: what the problem allows is seen by the same.
         let slack = self.cancellation.slack(&Margins::USUAL).worst(second.slack(&Margins::USUAL));
         let cancellation = self.cancellation.larger(second);
@@ -204,6 +204,11 @@ impl<T: Real> Watched<T> {
     /// What is known of lane 0.
     pub fn accuracy(&self) -> Accuracy {
         Accuracy { error: self.errors().of(0), ..Accuracy::unknown(Form::Covariance) }
+    }
+
+    /// How far pivots and estimate stay within their bounds: not above zero, or NaN, in a lane that is in doubt.
+    pub fn margin(&self) -> T {
+        self.slack.worst(self.pivots.margin())
     }
 
     /// Whether one lane kept its digits.

@@ -1,7 +1,7 @@
 //! The sweeps on numbers that trace and count, each compiled once: the code is long, and who traces and who counts need the same.
 
-use super::auto;
-use super::sweeps::{self, InverseColumns, MassColumns, SweepModel, SweepScratch};
+use super::auto::{self, Watched};
+use super::sweeps::{self, InverseColumns, Look, MassColumns, SweepModel, SweepScratch};
 use crate::model::Model;
 use crate::scalar::Traced;
 use nalgebra::Vector6;
@@ -23,8 +23,29 @@ pub(crate) fn forward_dynamics(
     sweeps::forward_dynamics::<Traced, Traced>(scene, scratch, state, wrenches, qdd);
 }
 
-/// As [`auto::watched_in_sweeps`]; whether the digits were kept.
+/// As [`sweeps::forward_dynamics_watched`].
 #[inline(never)]
+fn look(
+    scene: Scene<'_>,
+    scratch: &mut SweepScratch<Traced>,
+    state: State<'_>,
+    wrenches: &[Vector6<Traced>],
+    qdd: &mut [Traced],
+) -> Look<Traced> {
+    sweeps::forward_dynamics_watched::<Traced, Traced>(scene, scratch, state, wrenches, qdd)
+}
+
+/// The same, and [`Watched::margin`] of a single look.
+pub(crate) fn forward_dynamics_and_margin(
+    scene: Scene<'_>,
+    scratch: &mut SweepScratch<Traced>,
+    state: State<'_>,
+    qdd: &mut [Traced],
+) -> Traced {
+    Watched::once(look(scene, scratch, state, &[], qdd)).margin()
+}
+
+/// As [`auto::watched_in_sweeps`]; whether the digits were kept.
 pub(crate) fn forward_dynamics_watched(
     scene: Scene<'_>,
     scratch: &mut SweepScratch<Traced>,
@@ -32,7 +53,14 @@ pub(crate) fn forward_dynamics_watched(
     wrenches: &[Vector6<Traced>],
     qdd: &mut [Traced],
 ) -> bool {
-    auto::watched_in_sweeps::<Traced, Traced>(scene, scratch, state, wrenches, qdd).kept(0)
+    let first = Watched::once(look(scene, scratch, state, wrenches, qdd));
+    if first.kept(0) {
+        return true;
+    }
+    scratch.exchange_probes();
+    let second = look(scene, scratch, state, wrenches, qdd);
+    scratch.exchange_probes();
+    first.and(&second).kept(0)
 }
 
 /// As [`sweeps::forward_dynamics_by_roots`]; whether its pivots are clear of rounding.
@@ -74,15 +102,15 @@ pub(crate) fn factor(scene: Scene<'_>, scratch: &mut SweepScratch<Traced>, q: &[
     sweeps::factor::<Traced, Traced>(scene, scratch, q).clear(0)
 }
 
-/// As [`auto::factor_watched_in_sweeps`]; whether the digits were kept.
+/// As [`auto::factor_watched_in_sweeps`].
 #[inline(never)]
 pub(crate) fn factor_watched(
     scene: Scene<'_>,
     scratch: &mut SweepScratch<Traced>,
     q: &[Traced],
     estimates: &mut [Traced],
-) -> bool {
-    auto::factor_watched_in_sweeps::<Traced, Traced>(scene, scratch, q, estimates).kept(0)
+) -> Watched<Traced> {
+    auto::factor_watched_in_sweeps::<Traced, Traced>(scene, scratch, q, estimates)
 }
 
 /// M^-1 of the factor in the scratch, as [`sweeps::multiplied_out`].

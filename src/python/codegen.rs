@@ -4,7 +4,7 @@ use super::choice::names;
 use super::links::read_frame;
 use super::object::{Object, imported};
 use super::scene::PyScene;
-use crate::codegen::{FUNCTIONS, Function, Sources, Width, cuda_sources, rust_sources, sources};
+use crate::codegen::{FUNCTIONS, Function, Sources, WATCHED, Width, cuda_sources, rust_sources, sources};
 use crate::error::Error;
 use crate::kinematics::ReferenceFrame;
 use pyo3::prelude::*;
@@ -16,8 +16,8 @@ impl PyScene {
     ///
     /// directory: where to write them too, made where it is not there; None: nowhere. name: what files and functions begin with. functions: names among "forward_dynamics",
     /// "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse", "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
-    /// "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp", "placements", and of one link ("placement", link), ("jacobian", link) and ("jacobian", link, frame), frame as in
-    /// jacobian; None: all that are of no one link. dtype: "float64" or "float32", the numbers of the code. batches: whether to write NAME_forward_dynamics_batch(count, ...) and its like too, which run
+    /// "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp", "placements", "forward_dynamics_watched" and "mass_matrix_inverse_watched", which say of each state by a margin whether digits may be lost (where it is not above zero), and of one link ("placement", link), ("jacobian", link) and ("jacobian", link, frame), frame as in
+    /// jacobian; None: all that are of no one link and not watched. dtype: "float64" or "float32", the numbers of the code. batches: whether to write NAME_forward_dynamics_batch(count, ...) and its like too, which run
     /// as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang.
     ///
     /// Each function is one straight line of operations for one state, NAME_forward_dynamics(q, qd, tau, qdd) for instance, without allocations: constants are folded, and what this robot does not need is
@@ -104,7 +104,7 @@ fn read_width(dtype: &str) -> PyResult<Width> {
     }
 }
 
-/// Functions by their names, or of one link as (name, link) and (name, link, frame), each once; of None all that are of no one link.
+/// Functions by their names, or of one link as (name, link) and (name, link, frame), each once; of None all that are of no one link and not watched.
 fn read_functions(given: Option<&Object<'_>>) -> PyResult<Vec<Function>> {
     let Some(given) = given else {
         return Ok(FUNCTIONS.to_vec());
@@ -133,7 +133,9 @@ fn read_function(item: &Object<'_>) -> PyResult<Function> {
         ["placement", link] => Function::Placement(link.to_owned()),
         ["jacobian", link] => Function::Jacobian(link.to_owned(), ReferenceFrame::Local),
         ["jacobian", link, frame] => Function::Jacobian(link.to_owned(), read_frame(frame)?),
-        [name] => FUNCTIONS.into_iter().find(|known| known.name() == name).ok_or_else(|| unknown(item))?,
+        [name] => {
+            FUNCTIONS.into_iter().chain(WATCHED).find(|known| known.name() == name).ok_or_else(|| unknown(item))?
+        }
         _ => return Err(unknown(item)),
     })
 }
@@ -142,6 +144,7 @@ const OF_ONE: &str = "(\"placement\", link), (\"jacobian\", link) or (\"jacobian
 
 fn unknown(item: &Object<'_>) -> PyErr {
     let found = item.repr().map_or_else(|_| "an object".to_owned(), |said| said.to_string());
-    let known = FUNCTIONS.each_ref().map(Function::name).join(", ");
+    let known: Vec<&str> = FUNCTIONS.iter().chain(&WATCHED).map(Function::name).collect();
+    let known = known.join(", ");
     Error::argument("functions", found, format!("one of {known}, {OF_ONE}")).into()
 }

@@ -87,7 +87,7 @@ fn through_connections(
     let nv = scene.0.nv();
     let (qdd, rest) = out.split_at_mut(nv);
     let kept = match form {
-        Form::Auto => traced::factor_watched(scene, scratch, q, qdd),
+        Form::Auto => traced::factor_watched(scene, scratch, q, qdd).kept(0),
         _ => traced::factor(scene, scratch, q),
     };
     traced::innovations_of_factor(scene, scratch, (q, qd, tau), wrenches, qdd);
@@ -129,7 +129,7 @@ pub(crate) fn count_in_sweeps(
                 traced::forward_dynamics_watched(scene, &mut scratch, state, &wrenches, &mut out)
             }
             Algorithm::MassMatrixInverse(Form::Auto) => {
-                let kept = traced::factor_watched(scene, &mut scratch, &q, &mut out[..model.nv()]);
+                let kept = traced::factor_watched(scene, &mut scratch, &q, &mut out[..model.nv()]).kept(0);
                 traced::multiplied_out(scene, &scratch, &mut out);
                 kept
             }
