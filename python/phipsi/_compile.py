@@ -10,6 +10,7 @@ import re
 import shutil
 import subprocess
 import tempfile
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from math import prod
@@ -26,7 +27,7 @@ from ._results import (
     InverseDynamicsDerivatives,
     InverseDynamicsGradients,
 )
-from .errors import ArgumentError, of_argument
+from .errors import ArgumentError, LongCodeWarning, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -65,8 +66,10 @@ IN_FORM = (
     "forward_dynamics_vjp",
 )
 
-#: What every compiler is told.
-ALWAYS = ("-std=c99", "-ffp-contract=fast", "-fno-math-errno", "-shared", "-fPIC")
+#: What every compiler is told. Functions of one state are not called from here, and would take half the time.
+ALWAYS = ("-std=c99", "-ffp-contract=fast", "-fno-math-errno", "-shared", "-fPIC", "-DROBOT_BATCHES_ALONE")
+#: So many operations, and roughly how long a compiler takes for each.
+LONG, SECONDS_EACH = 50_000, 4e-4
 #: Fewer states are faster by the scene's own call, whose way from Python is shorter.
 FEW = 16
 #: A thread gets so many states at the least.
@@ -79,7 +82,7 @@ class Compiled:
     """Functions of one scene as machine code that holds nothing else; batches run as many states at once as the processor's registers hold, on as many threads as set_num_threads says.
 
     Each method takes the arrays of the scene's method of that name and gives its results to rounding, in form "covariance": digits that this loses are not noticed. Few states, and arguments
-    or results that are not in order, are done by the scene's own method, which says what is wrong.
+    or results that are not in order, are done by the scene's own method, which says what is wrong. Methods of functions that were not compiled raise ArgumentError.
     """
 
     scene: Scene
@@ -256,10 +259,10 @@ def compile(  # noqa: A001  # phipsi.compile
 ) -> Compiled:
     """Compiles functions of one scene by the system's C compiler: scene.to_c(batches=True) into a library that is loaded at once.
 
-    functions: as of to_c; None: all. compiler: its command; None: that of the environment variable CC, or cc. flags: for this processor and of how fast the code is to be; None: -O3 for this
+    functions: as of to_c, of one link ("placement", link), ("jacobian", link) or ("jacobian", link, frame); None: all that are of no one link. compiler: its command; None: that of the environment variable CC, or cc. flags: for this processor and of how fast the code is to be; None: -O3 for this
     processor. cache: a directory that keeps libraries by scene, compiler and flags, so that the next call takes no time; None: phipsi/compiled where the user's caches are.
 
-    Raises ArgumentError where there is no compiler, or it fails, and as to_c.
+    Warns (LongCodeWarning) before the compiler begins on code that it takes long for, as for the derivatives of a humanoid. Raises ArgumentError where there is no compiler, or it fails, and as to_c.
     """
     command = compiler or os.environ.get("CC") or "cc"
     found = shutil.which(command)
@@ -272,6 +275,9 @@ def compile(  # noqa: A001  # phipsi.compile
     into = (_caches() if cache is None else Path(cache)) / _key(files, found, told)
     library = into / "robot.so"
     if not library.exists():
+        if (operations := files["robot.c"].count("\n    const lanes ")) > LONG:
+            message = f"functions: found {operations} operations in all, which a compiler takes about {operations * SECONDS_EACH:.0f} s for; expected fewer functions, or some patience"
+            warnings.warn(message, LongCodeWarning, stacklevel=2)
         _build(files, [found, *told], library)
     return Compiled(scene, FUNCTIONS if names is None else tuple(dict.fromkeys(names)), library)
 

@@ -20,6 +20,7 @@ pub(super) const PRELUDE: &str = r"
 #endif
 
 typedef double lanes __attribute__((vector_size(8 * LANES)));
+typedef double loose __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
 typedef long long bits __attribute__((vector_size(8 * LANES)));
 
 static inline lanes root(lanes x)
@@ -76,17 +77,92 @@ static inline void sine_and_cosine(lanes x, lanes *sine, lanes *cosine)
         }
 }
 
+/* States into lanes and out: blocks of LANES numbers of LANES states, transposed by exchanging parts of every two of them. */
+#if defined(__clang__) || __GNUC__ >= 12
+#define MIXED(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+#define MIXED(a, b, ...) __builtin_shuffle(a, b, (bits){__VA_ARGS__})
+#endif
+#define EXCHANGED(i, k, low, high) { const lanes a = x[i], b = x[k]; x[i] = MIXED(a, b, low); x[k] = MIXED(a, b, high); }
+
+static inline void transpose(lanes *x)
+{
+#if LANES == 8
+#define LOW_1 0, 8, 2, 10, 4, 12, 6, 14
+#define HIGH_1 1, 9, 3, 11, 5, 13, 7, 15
+#define LOW_2 0, 1, 8, 9, 4, 5, 12, 13
+#define HIGH_2 2, 3, 10, 11, 6, 7, 14, 15
+#define LOW_4 0, 1, 2, 3, 8, 9, 10, 11
+#define HIGH_4 4, 5, 6, 7, 12, 13, 14, 15
+    EXCHANGED(0, 1, LOW_1, HIGH_1) EXCHANGED(2, 3, LOW_1, HIGH_1) EXCHANGED(4, 5, LOW_1, HIGH_1) EXCHANGED(6, 7, LOW_1, HIGH_1)
+    EXCHANGED(0, 2, LOW_2, HIGH_2) EXCHANGED(1, 3, LOW_2, HIGH_2) EXCHANGED(4, 6, LOW_2, HIGH_2) EXCHANGED(5, 7, LOW_2, HIGH_2)
+    EXCHANGED(0, 4, LOW_4, HIGH_4) EXCHANGED(1, 5, LOW_4, HIGH_4) EXCHANGED(2, 6, LOW_4, HIGH_4) EXCHANGED(3, 7, LOW_4, HIGH_4)
+#elif LANES == 4
+#define LOW_1 0, 4, 2, 6
+#define HIGH_1 1, 5, 3, 7
+#define LOW_2 0, 1, 4, 5
+#define HIGH_2 2, 3, 6, 7
+    EXCHANGED(0, 1, LOW_1, HIGH_1) EXCHANGED(2, 3, LOW_1, HIGH_1)
+    EXCHANGED(0, 2, LOW_2, HIGH_2) EXCHANGED(1, 3, LOW_2, HIGH_2)
+#else
+#define LOW_1 0, 2
+#define HIGH_1 1, 3
+    EXCHANGED(0, 1, LOW_1, HIGH_1)
+#endif
+}
+
+/* Where the block begins that holds number i: the last one ends with the state, and shares numbers with the one before. */
+static inline size_t block(size_t i, size_t width)
+{
+    return i + LANES <= width ? i : width < LANES ? 0 : width - LANES;
+}
+
 /* Lanes beyond the last state repeat it. */
 static inline void gather(lanes *to, const double *from, size_t width, size_t count)
 {
-    for (size_t lane = 0; lane < LANES; lane++) {
-        const double *state = from + (lane < count ? lane : count - 1) * width;
-        for (size_t i = 0; i < width; i++) to[i][lane] = state[i];
+    if (count == LANES) {
+        for (size_t i = 0; i < width; i += LANES) {
+            lanes x[LANES];
+            const size_t first = block(i, width);
+            for (size_t lane = 0; lane < LANES; lane++) {
+                const double *state = from + lane * width + first;
+                /* Of narrow states what follows is the next one's, and that of the last is left alone. */
+                if (lane * width + first + LANES <= LANES * width) {
+                    x[lane] = *(const loose *)state;
+                } else {
+                    lanes last = {0};
+                    for (size_t k = 0; k < LANES && k < width; k++) last[k] = state[k];
+                    x[lane] = last;
+                }
+            }
+            transpose(x);
+            for (size_t k = 0; k < LANES && k < width; k++) to[first + k] = x[k];
+        }
+        return;
+    }
+    for (size_t i = 0; i < width; i++) {
+        lanes x = {0};
+        for (size_t lane = 0; lane < LANES; lane++) x[lane] = from[(lane < count ? lane : count - 1) * width + i];
+        to[i] = x;
     }
 }
 
 static inline void scatter(double *to, const lanes *from, size_t width, size_t count)
 {
+    if (count == LANES) {
+        for (size_t i = 0; i < width; i += LANES) {
+            lanes x[LANES];
+            const size_t first = block(i, width);
+            for (size_t k = 0; k < LANES; k++) x[k] = from[k < width ? first + k : 0];
+            transpose(x);
+            for (size_t lane = 0; lane < LANES; lane++) {
+                double *state = to + lane * width + first;
+                if (lane * width + first + LANES <= LANES * width) *(loose *)state = x[lane];
+                else for (size_t k = 0; k < LANES && k < width; k++) state[k] = x[lane][k];
+            }
+        }
+        return;
+    }
     for (size_t lane = 0; lane < count; lane++)
         for (size_t i = 0; i < width; i++) to[lane * width + i] = from[i][lane];
 }
@@ -101,13 +177,14 @@ pub(super) fn declaration(name: &str, program: &Program) -> String {
 /// The program in lanes, and the function that takes all states through it.
 pub(super) fn functions(name: &str, program: &Program, text: &mut String) {
     let function = program.function.symbol();
-    let parameters = program.named("const lanes *", "lanes *");
+    let parameters = program.named("const lanes *restrict ", "lanes *restrict ");
     let form = Form {
         head: format!("static void {function}_lanes({parameters})"),
         name: format!("{function}_lanes"),
         parameters,
         names: program.named("", ""),
         number: "lanes",
+        is_apart: true,
         // A number by itself is no vector.
         constant: |value| format!("(lanes){{0}} + {value}"),
     };
