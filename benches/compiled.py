@@ -1,4 +1,4 @@
-"""Forward and inverse dynamics of robots compiled for themselves (phipsi.compile) beside the scene's own calls, in one run.
+"""Forward and inverse dynamics, and their derivatives, of robots compiled for themselves (phipsi.compile) beside the scene's own calls, in one run.
 
 Usage: python benches/compiled.py [--markdown FILE]; `make compiled`.
 
@@ -26,7 +26,7 @@ CASES = {
     "solo12": ("solo_description/robots/solo12.urdf", True),
     "g1": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", True),
 }
-FUNCTIONS = ("forward_dynamics", "inverse_dynamics")
+FUNCTIONS = ("forward_dynamics", "inverse_dynamics", "forward_dynamics_derivatives", "inverse_dynamics_derivatives")
 STATES, TURNS = 4096, 15
 
 
@@ -40,9 +40,13 @@ def in_c(scene: phipsi.Scene, q: np.ndarray) -> list[float]:
     """The least time of one state of each function, ns, in C."""
     states = np.ascontiguousarray(q[:32])
     numbers = ", ".join(repr(float(x)) for x in states.ravel())
+
+    def call(function: str) -> str:
+        results = [f"out + {at * scene.nv**2}" for at in range(3 if function.endswith("derivatives") else 1)]
+        return f"robot_{function}(q + i * {scene.nq}, q + i, q + 2 * i, {', '.join(results)})"
+
     calls = "\n".join(
-        f"        begin = now(); for (int i = 0; i < 32; i++) robot_{function}(q + i * {scene.nq}, q + i, q + 2 * i, out); spent = now() - begin; "
-        f"if (spent < least[{k}]) least[{k}] = spent;"
+        f"        begin = now(); for (int i = 0; i < 32; i++) {call(function)}; spent = now() - begin; if (spent < least[{k}]) least[{k}] = spent;"
         for k, function in enumerate(FUNCTIONS)
     )
     main = f"""
@@ -52,14 +56,14 @@ def in_c(scene: phipsi.Scene, q: np.ndarray) -> list[float]:
 #include <time.h>
 static double now(void) {{ struct timespec t; clock_gettime(CLOCK_MONOTONIC, &t); return 1e9 * t.tv_sec + t.tv_nsec; }}
 static const double q[] = {{{numbers}}};
-static double out[{scene.nv}];
+static double out[{3 * scene.nv**2}];
 int main(void)
 {{
-    double least[] = {{1e18, 1e18}}, begin, spent;
+    double least[] = {{{", ".join("1e18" for _ in FUNCTIONS)}}}, begin, spent;
     for (int turn = 0; turn < 2000; turn++) {{
 {calls}
     }}
-    printf("%.17g %.17g\\n", least[0] / 32, least[1] / 32);
+    for (int k = 0; k < {len(FUNCTIONS)}; k++) printf("%.17g ", least[k] / 32);
     return out[0] != out[0];
 }}
 """
@@ -93,9 +97,9 @@ def main() -> None:
             singles = in_c(scene, q)
             for function, single in zip(FUNCTIONS, singles, strict=True):
                 own, compiled = getattr(scene, function), getattr(fast, function)
-                form = {"form": "covariance"} if function == "forward_dynamics" else {}
-                expected = own(q, qd, u, **form)
-                apart = float(np.max(np.abs(compiled(q, qd, u) - expected)) / np.max(np.abs(expected)))
+                form = {"form": "covariance"} if function.startswith("forward") else {}
+                expected, found = np.asarray(own(q, qd, u, **form)), np.asarray(compiled(q, qd, u))
+                apart = float(np.max(np.abs(found - expected)) / np.max(np.abs(expected)))
                 ours, theirs = (1e9 * t / STATES for t in least(TURNS, lambda own=own, form=form: own(q, qd, u, **form), lambda compiled=compiled: compiled(q, qd, u)))
                 said = function.replace("_", " ")
                 lines.append(f"| {name} | {said} | {ours:.0f} | {theirs:.0f} | {ours / theirs:.1f} | {single:.0f} | {apart:.0e} | {compiling:.1f} |")
@@ -108,7 +112,7 @@ def main() -> None:
             f"Written by `make compiled` (benches/compiled.py). {how} One state is timed in C, where no library is on the way.",
         ],
         lines,
-        "other programs that write code, derivatives, threads. The code of a large robot is long: beyond some dozens of joints it is read from memory for every chunk of states.",
+        "other programs that write code, threads. The code of a large robot is long: beyond some dozens of joints it is read from memory for every chunk of states.",
     )
 
 

@@ -41,7 +41,7 @@ fn states_of_people(scene: &Scene) -> Vec<State> {
 
 #[test]
 fn programs_compute_what_the_methods_do() {
-    let mut all: Vec<Scene> = (0..6).map(tree).collect();
+    let mut all: Vec<Scene> = (0..6).map(|seed| tree(seed, 9)).collect();
     all.push(scenes::chain(7).unwrap());
     all.push(scenes::chain(1).unwrap());
     for (index, scene) in all.iter().enumerate() {
@@ -144,7 +144,7 @@ fn the_c_code_compiles_and_passes_its_own_test() {
         std::fs::create_dir_all(&directory).unwrap();
         // In single precision a chain, whose mass matrix is tame.
         let scene = match width {
-            Width::Double => tree(5),
+            Width::Double => tree(5, 4),
             Width::Single => scenes::chain(3).unwrap(),
         };
         let functions = functions(&scene);

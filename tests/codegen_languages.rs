@@ -58,8 +58,8 @@ fn library(directory: &Path, name: &str, by_std: bool) {
 #[test]
 fn rust_crates_pass_their_own_tests() {
     for (name, scene) in [
-        ("floating", tree(5)),
-        ("fixed", tree(4)),
+        ("floating", tree(5, 5)),
+        ("fixed", tree(4, 5)),
         ("arm", scenes::chain(7).unwrap()),
         ("one", scenes::chain(1).unwrap()),
     ] {
@@ -182,7 +182,7 @@ fn compare(directory: &Path, scene: &Scene, (text, is_single): (&str, bool)) {
 #[test]
 fn rust_gives_what_the_methods_give_in_numbers_of_any_kind() {
     for seed in [4, 5] {
-        let scene = tree(seed);
+        let scene = tree(seed, 5);
         let directory = directory(&format!("numbers{seed}"), &rust_sources(&scene, "arm", &FUNCTIONS).unwrap());
         library(&directory, "arm", true);
         compare(&directory, &scene, (&program(&scene, &PLAIN.replace("NUMBER", "f64")), false));
@@ -241,7 +241,7 @@ fn kernels_as_c_pass_their_own_test() {
     let compiler = std::env::var("CC").unwrap_or_else(|_| "cc".to_owned());
     for (name, width) in [("double", Width::Double), ("single", Width::Single)] {
         // In single precision a chain, whose mass matrix is tame.
-        let scene = if width == Width::Double { tree(5) } else { scenes::chain(3).unwrap() };
+        let scene = if width == Width::Double { tree(5, 5) } else { scenes::chain(3).unwrap() };
         let directory = directory(name, &cuda_sources(&scene, name, &FUNCTIONS, width).unwrap());
         run(Command::new(&compiler)
             .args(["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic", "-x", "c"])

@@ -10,6 +10,7 @@ import re
 import shutil
 import subprocess
 import tempfile
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from math import prod
@@ -22,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from ._core import get_num_threads
 from ._cuda import CompiledForCuda, compile_for_cuda
 from ._functions import FUNCTIONS, IN_FORM, Function, Functions, parts, symbol
-from .errors import ArgumentError, PhipsiError, of_argument
+from .errors import ArgumentError, LongCodeWarning, PhipsiError, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
@@ -30,8 +31,10 @@ if TYPE_CHECKING:
 __all__ = ["Compiled", "compile"]
 
 _Array: TypeAlias = NDArray[Any]
-#: What every compiler is told.
-ALWAYS = ("-std=c99", "-ffp-contract=fast", "-fno-math-errno", "-shared", "-fPIC")
+#: What every compiler is told. Functions of one state are not called from here, and would take half the time.
+ALWAYS = ("-std=c99", "-ffp-contract=fast", "-fno-math-errno", "-shared", "-fPIC", "-DROBOT_BATCHES_ALONE")
+#: So many operations, and roughly how long a compiler takes for each.
+LONG, SECONDS_EACH = 50_000, 4e-4
 #: What is compiled of functions that watch what rounding does.
 WATCHED: dict[str, Any] = {name: f"{name}_watched" for name in ("forward_dynamics", "mass_matrix_inverse")}
 #: Fewer states are faster by the scene's own call, whose way from Python is shorter.
@@ -45,7 +48,7 @@ class Compiled(Functions[_Array]):
 
     Each method takes the arrays of the scene's method of that name and gives its results to rounding. In form "auto" forward_dynamics and mass_matrix_inverse watch what rounding does, and states that may
     have lost digits are done by the scene's own method; else, and in derivatives and products, the form is "covariance": digits that it loses are not noticed. Few states, and arguments or
-    results that are not in order, are done by the scene's own method too, which says what is wrong. Results have the dtype that was compiled.
+    results that are not in order, are done by the scene's own method too, which says what is wrong. Results have the dtype that was compiled. Methods of functions that were not compiled raise ArgumentError.
     """
 
     library: Path
@@ -172,12 +175,12 @@ def compile(  # noqa: A001  # phipsi.compile
 ) -> Compiled | CompiledForCuda:
     """Compiles functions of one scene by the system's C compiler: scene.to_c(batches=True) into a library that is loaded at once. Or for a GPU, scene.to_cuda through CuPy and NVRTC.
 
-    functions: as of to_c; None: all. device: "cpu" or "cuda", which needs CuPy (phipsi[cuda]) and a GPU. form: "auto" hands states that may have lost digits to the scene, "covariance"
+    functions: as of to_c, of one link ("placement", link), ("jacobian", link) or ("jacobian", link, frame); None: all that are of no one link. device: "cpu" or "cuda", which needs CuPy (phipsi[cuda]) and a GPU. form: "auto" hands states that may have lost digits to the scene, "covariance"
     does not look, and takes less time; None: "auto", and "covariance" of float32 and on a GPU, where "auto" is not to be had. dtype: "float64" or "float32", the numbers of the code and of results; on the CPU, arguments of
     float64 are rounded to it. compiler: its command; None: that of the environment variable CC, or cc. flags: for this processor and of how fast the code is to be; None: -O3 for this
     processor. cache: a directory that keeps libraries by scene, compiler and flags, so that the next call takes no time; None: phipsi/compiled where the user's caches are. These three are of device="cpu".
 
-    Raises ArgumentError where there is no compiler, or it fails, where there is no GPU, and as to_c; ImportError without CuPy.
+    Warns (LongCodeWarning) before the compiler begins on code that it takes long for, as for the derivatives of a humanoid. Raises ArgumentError where there is no compiler, or it fails, where there is no GPU, and as to_c; ImportError without CuPy.
     """
     if device not in ("cpu", "cuda"):
         raise of_argument(ArgumentError, "device", f"found {device!r}; expected 'cpu' or 'cuda'")
@@ -204,6 +207,9 @@ def compile(  # noqa: A001  # phipsi.compile
     into = (_caches() if cache is None else Path(cache)) / _key(files, found, told)
     library = into / "robot.so"
     if not library.exists():
+        if (operations := files["robot.c"].count("\n    const lanes ")) > LONG:
+            message = f"functions: found {operations} operations in all, which a compiler takes about {operations * SECONDS_EACH:.0f} s for; expected fewer functions, or some patience"
+            warnings.warn(message, LongCodeWarning, stacklevel=2)
         _build(files, [found, *told], library)
     return Compiled(scene, known, library, kept, dtype)
 

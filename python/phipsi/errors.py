@@ -16,6 +16,7 @@ __all__ = [
     "ConstraintError",
     "InertiaWarning",
     "LimitWarning",
+    "LongCodeWarning",
     "MeshWarning",
     "MimicWarning",
     "NotFiniteError",
@@ -162,6 +163,10 @@ class InertiaWarning(UserWarning):
 
 class LimitWarning(UserWarning):
     """Limits in a URDF that mean nothing, lower above upper or velocity or effort below zero; they are taken as none."""
+
+
+class LongCodeWarning(UserWarning):
+    """Code of a robot that the compiler will take long for."""
 
 
 class MimicWarning(UserWarning):

@@ -133,10 +133,15 @@ fn source(name: &str, programs: &[Program], (width, batches): (Width, bool)) -> 
     if programs.iter().any(pieces::is_cut) {
         text.push_str(pieces::APART);
     }
+    let alone = format!("{}_BATCHES_ALONE", name.to_uppercase());
+    if batches {
+        let _ = write!(text, "\n#ifndef {alone}\n");
+    }
     for program in programs {
         one_state(name, program, width, &mut text);
     }
     if batches {
+        let _ = write!(text, "\n#endif /* {alone} */\n");
         text.push_str(&lanes::prelude(width));
         for program in programs {
             lanes::functions(name, program, width, &mut text);
@@ -151,9 +156,10 @@ fn one_state(name: &str, program: &Program, width: Width, text: &mut String) {
     let form = Form {
         head: declaration(name, program, width),
         name: format!("{name}_{}", program.function.symbol()),
-        parameters: program.named(&format!("const {number} *"), &format!("{number} *")),
+        parameters: program.named(&format!("const {number} *restrict "), &format!("{number} *restrict ")),
         names: program.named("", ""),
         number,
+        is_apart: false,
         constant: str::to_owned,
     };
     let said = (0..program.operations.len()).map(|place| operand(program, place, width)).collect();

@@ -42,6 +42,7 @@ pub(super) fn prelude(width: Width) -> String {
         ("@f", width.suffix().to_owned()),
         ("@bits", bits.to_owned()),
         ("@bytes", if width == Width::Double { "8" } else { "4" }.to_owned()),
+        ("@transposed", transposed(most.parse().unwrap_or(8))),
         ("@most", most.to_owned()),
         ("@some", (most.parse::<usize>().unwrap_or(8) / 2).to_string()),
         ("@few", (most.parse::<usize>().unwrap_or(8) / 4).to_string()),
@@ -69,6 +70,29 @@ pub(super) fn prelude(width: Width) -> String {
     replaced.iter().fold(PRELUDE.to_owned(), |text, (name, by)| text.replace(name, by))
 }
 
+/// What transposes as many vectors as there are lanes, for this number of lanes, half of them and a quarter.
+fn transposed(most: usize) -> String {
+    let mut text = String::new();
+    for (lanes, when) in [(most, "#if"), (most / 2, "#elif"), (most / 4, "#elif")] {
+        let _ = writeln!(text, "{when} LANES == {lanes}");
+        let steps = || std::iter::successors(Some(1), |step| Some(2 * step)).take_while(|&step| step < lanes);
+        for step in steps() {
+            // Of two vectors so far apart: where the first keeps its own, and where it takes the other's.
+            let low = (0..lanes).map(|k| if k & step == 0 { k } else { lanes + k - step });
+            let high = (0..lanes).map(|k| if k & step == 0 { k + step } else { lanes + k });
+            let listed = |all: Vec<usize>| all.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+            let _ = writeln!(text, "#define LOW_{step} {}", listed(low.collect()));
+            let _ = writeln!(text, "#define HIGH_{step} {}", listed(high.collect()));
+        }
+        for step in steps() {
+            for first in (0..lanes).filter(|first| first & step == 0) {
+                let _ = writeln!(text, "    EXCHANGED({first}, {}, LOW_{step}, HIGH_{step})", first + step);
+            }
+        }
+    }
+    text + "#endif\n"
+}
+
 const PRELUDE: &str = r"
 #if defined(__AVX512F__)
 #define LANES @most
@@ -82,6 +106,7 @@ const PRELUDE: &str = r"
 #define INLINE static inline __attribute__((unused))
 
 typedef @number lanes __attribute__((vector_size(@bytes * LANES)));
+typedef @number loose __attribute__((vector_size(@bytes * LANES), aligned(@bytes), may_alias));
 typedef @bits bits __attribute__((vector_size(@bytes * LANES)));
 
 INLINE lanes root(lanes x)
@@ -131,12 +156,51 @@ INLINE void sine_and_cosine(lanes x, lanes *sine, lanes *cosine)
         }
 }
 
+/* States into lanes and out: blocks of LANES numbers of LANES states, transposed by exchanging parts of every two of them. */
+#if defined(__clang__) || __GNUC__ >= 12
+#define MIXED(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+#define MIXED(a, b, ...) __builtin_shuffle(a, b, (bits){__VA_ARGS__})
+#endif
+#define EXCHANGED(i, k, low, high) { const lanes a = x[i], b = x[k]; x[i] = MIXED(a, b, low); x[k] = MIXED(a, b, high); }
+
+INLINE void transpose(lanes *x)
+{
+@transposed}
+
+/* Where the block begins that holds number i: the last one ends with the state, and shares numbers with the one before. */
+INLINE size_t block(size_t i, size_t width)
+{
+    return i + LANES <= width ? i : width < LANES ? 0 : width - LANES;
+}
+
 /* Lanes beyond the last state repeat it. A number that is not finite makes the lane's fault NaN. */
 INLINE void gather(lanes *to, const @number *from, size_t width, size_t count, lanes *fault)
 {
-    for (size_t lane = 0; lane < LANES; lane++) {
-        const @number *state = from + (lane < count ? lane : count - 1) * width;
-        for (size_t i = 0; i < width; i++) to[i][lane] = state[i];
+    if (count == LANES) {
+        for (size_t i = 0; i < width; i += LANES) {
+            lanes x[LANES];
+            const size_t first = block(i, width);
+            for (size_t lane = 0; lane < LANES; lane++) {
+                const @number *state = from + lane * width + first;
+                /* Of narrow states what follows is the next one's, and that of the last is left alone. */
+                if (lane * width + first + LANES <= LANES * width) {
+                    x[lane] = *(const loose *)state;
+                } else {
+                    lanes last = {0};
+                    for (size_t k = 0; k < LANES && k < width; k++) last[k] = state[k];
+                    x[lane] = last;
+                }
+            }
+            transpose(x);
+            for (size_t k = 0; k < LANES && k < width; k++) to[first + k] = x[k];
+        }
+    } else {
+        for (size_t i = 0; i < width; i++) {
+            lanes x = {0};
+            for (size_t lane = 0; lane < LANES; lane++) x[lane] = from[(lane < count ? lane : count - 1) * width + i];
+            to[i] = x;
+        }
     }
     for (size_t i = 0; i < width; i++) *fault += to[i] - to[i];
 }
@@ -151,6 +215,20 @@ INLINE void check_norm(const lanes *x, lanes *fault)
 INLINE void scatter(@number *to, const lanes *from, size_t width, size_t count, lanes *fault)
 {
     for (size_t i = 0; i < width; i++) *fault += from[i] - from[i];
+    if (count == LANES) {
+        for (size_t i = 0; i < width; i += LANES) {
+            lanes x[LANES];
+            const size_t first = block(i, width);
+            for (size_t k = 0; k < LANES; k++) x[k] = from[k < width ? first + k : 0];
+            transpose(x);
+            for (size_t lane = 0; lane < LANES; lane++) {
+                @number *state = to + lane * width + first;
+                if (lane * width + first + LANES <= LANES * width) *(loose *)state = x[lane];
+                else for (size_t k = 0; k < LANES && k < width; k++) state[k] = x[lane][k];
+            }
+        }
+        return;
+    }
     for (size_t lane = 0; lane < count; lane++)
         for (size_t i = 0; i < width; i++) to[lane * width + i] = from[i][lane];
 }
@@ -166,13 +244,14 @@ pub(super) fn declaration(name: &str, program: &Program, width: Width) -> String
 /// The program in lanes, and the function that takes all states through it.
 pub(super) fn functions(name: &str, program: &Program, width: Width, text: &mut String) {
     let function = program.function.symbol();
-    let parameters = program.named("const lanes *", "lanes *");
+    let parameters = program.named("const lanes *restrict ", "lanes *restrict ");
     let form = Form {
         head: format!("static void {function}_lanes({parameters})"),
         name: format!("{function}_lanes"),
         parameters,
         names: program.named("", ""),
         number: "lanes",
+        is_apart: true,
         // A number by itself is no vector.
         constant: |value| format!("(lanes){{0}} + {value}"),
     };

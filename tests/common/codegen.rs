@@ -5,8 +5,8 @@ use phipsi::Scene;
 use phipsi::codegen::Function;
 
 /// Trees of all joints: of an even seed on a fixed base, of an odd one floating.
-pub fn tree(seed: u64) -> Scene {
-    Tree { seed, bodies: 9, kinds: &ALL_KINDS, floating: seed % 2 == 1, branching: 0.3, armature: 0.1 }.scene()
+pub fn tree(seed: u64, bodies: usize) -> Scene {
+    Tree { seed, bodies, kinds: &ALL_KINDS, floating: seed % 2 == 1, branching: 0.3, armature: 0.1 }.scene()
 }
 
 /// What the scene's method gives, all results one after another.

@@ -16,7 +16,7 @@ from oracle_mpmath import KINDS, State, derivative, exact, identity, moved, rand
 from tolerances import assert_near, recursion, size, solve
 
 import phipsi
-from phipsi.errors import ArgumentError, NotFiniteError, ShapeError
+from phipsi.errors import ArgumentError, LongCodeWarning, NotFiniteError, ShapeError
 from phipsi.report.codegen import codegen
 
 COMPILER = os.environ.get("CC", "cc")
@@ -215,6 +215,15 @@ def test_bad_states_are_told_as_by_the_scene(cache: Path) -> None:
         fast.bias_torque(q, qd)
 
 
+def test_long_code_is_announced(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("phipsi._compile.LONG", 5)
+    scene = phipsi.scenes.chain(2)
+    with pytest.warns(LongCodeWarning, match="operations"):
+        phipsi.compile(scene, ["bias_torque"], flags=["-O0"], cache=cache)
+    # What is in the cache needs no compiler.
+    phipsi.compile(scene, ["bias_torque"], flags=["-O0"], cache=cache)
+
+
 def test_compilers_that_are_none_or_fail_are_named(cache: Path) -> None:
     scene = phipsi.scenes.chain(2)
     with pytest.raises(ArgumentError, match="no-such-compiler"):
@@ -294,7 +303,7 @@ def test_the_command_writes_functions_of_links(tmp_path: Path) -> None:
 
 
 def test_long_programs_are_cut_in_pieces(cache: Path) -> None:
-    scene = random_scene(3, 12)
+    scene = random_scene(3, 7)
     function = "forward_dynamics_derivatives"
     text = scene.to_c(functions=[function], batches=True)["robot.c"]
     assert f"{function}_1(" in text and f"{function}_lanes_1(" in text
