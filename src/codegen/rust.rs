@@ -331,7 +331,7 @@ fn batch(program: &Program, text: &mut String) {
     let first = given[0].name;
     let _ = write!(
         text,
-        "\n/// The same of many states, N at once.\n///\n/// # Panics\n///\n/// Where the slices are not all of one length.\n#[rustfmt::skip]\n\
+        "\n/// The same of many states, N at once.\n///\n/// # Panics\n///\n/// Where the slices are not all of one length.\n#[rustfmt::skip]\n#[allow(non_snake_case)]\n\
          pub fn {function}_batch<T: Number + Lane, const N: usize>({}) {{\n    let count = {first}.len();\n",
         parameters.join(", ")
     );

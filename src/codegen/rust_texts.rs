@@ -261,7 +261,7 @@ fn scatter<T: Copy, const WIDTH: usize, const N: usize>(found: &[Lanes<T, N>; WI
 /// What tests of all functions use.
 pub(super) const TEST: &str = "//! Written by phipsi; do not edit. One state of the robot, and what phipsi's own methods give there.
 
-#![allow(clippy::approx_constant, clippy::cast_possible_truncation, clippy::similar_names, clippy::too_many_lines, clippy::type_complexity, clippy::unreadable_literal)]
+#![allow(non_snake_case, clippy::approx_constant, clippy::cast_possible_truncation, clippy::similar_names, clippy::too_many_lines, clippy::type_complexity, clippy::unreadable_literal)]
 
 /// The bounds leave room for the condition of the mass matrix.
 fn check(what: &str, found: &[f64], expected: &[f64], bound: f64) {
