@@ -2,31 +2,13 @@
 
 mod common;
 
+use common::codegen::{by_method, tree};
 use common::lanes::states;
-use common::{ALL_KINDS, Tree, tolerance};
+use common::tolerance;
 use phipsi::codegen::{FUNCTIONS, Function, Program, Width, sources};
 use phipsi::scene::{Connection, ConnectionKind};
 use phipsi::{Scene, scenes};
 use std::process::Command;
-
-fn tree(seed: u64) -> Scene {
-    Tree { seed, bodies: 9, kinds: &ALL_KINDS, floating: seed % 2 == 1, branching: 0.3, armature: 0.1 }.scene()
-}
-
-fn by_method(scene: &Scene, function: Function, (q, qd, u): &(Vec<f64>, Vec<f64>, Vec<f64>)) -> Vec<f64> {
-    let (mut workspace, mut out) = (scene.workspace(), vec![f64::NAN; function.width(scene.nv())]);
-    match function {
-        Function::ForwardDynamics => scene.forward_dynamics(&mut workspace, q, qd, u, &[], &mut out),
-        Function::InverseDynamics => scene.inverse_dynamics(&mut workspace, q, qd, u, &[], &mut out),
-        Function::BiasTorque => scene.bias_torque(&mut workspace, q, qd, &mut out),
-        Function::MassMatrix => scene.mass_matrix(&mut workspace, q, &mut out),
-        Function::MassMatrixInverse => {
-            scene.mass_matrix_inverse(&mut workspace, &mut scene.inverse_scratch(), q, &mut out)
-        }
-    }
-    .unwrap();
-    out
-}
 
 #[test]
 fn programs_compute_what_the_methods_do() {

@@ -2,19 +2,15 @@
 
 mod common;
 
-use common::lanes::{State, states};
-use common::{ALL_KINDS, Tree, tolerance};
+use common::codegen::{by_method, tree};
+use common::lanes::states;
+use common::tolerance;
 use phipsi::codegen::{FUNCTIONS, Function, Width, cuda_sources, rust_sources};
 use phipsi::{Scene, scenes};
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-
-/// Trees of all joints: of an even seed on a fixed base, else floating.
-fn tree(seed: u64) -> Scene {
-    Tree { seed, bodies: 9, kinds: &ALL_KINDS, floating: seed % 2 == 1, branching: 0.3, armature: 0.1 }.scene()
-}
 
 /// A directory of this test's own, with these files.
 fn directory(name: &str, files: &[(String, String)]) -> PathBuf {
@@ -137,21 +133,6 @@ impl Number for T {
     fn one_if_zero(self) -> T { T(if self.0 == 0.0 { 1.0 } else { 0.0 }) }
 }
 ";
-
-fn by_method(scene: &Scene, function: Function, (q, qd, u): &State) -> Vec<f64> {
-    let (mut workspace, mut out) = (scene.workspace(), vec![f64::NAN; function.width(scene.nv())]);
-    match function {
-        Function::ForwardDynamics => scene.forward_dynamics(&mut workspace, q, qd, u, &[], &mut out),
-        Function::InverseDynamics => scene.inverse_dynamics(&mut workspace, q, qd, u, &[], &mut out),
-        Function::BiasTorque => scene.bias_torque(&mut workspace, q, qd, &mut out),
-        Function::MassMatrix => scene.mass_matrix(&mut workspace, q, &mut out),
-        Function::MassMatrixInverse => {
-            scene.mass_matrix_inverse(&mut workspace, &mut scene.inverse_scratch(), q, &mut out)
-        }
-    }
-    .unwrap();
-    out
-}
 
 /// Writes a program beside the library of `arm`, gives it states, and compares.
 fn compare(directory: &Path, scene: &Scene, (text, is_single): (&str, bool)) {

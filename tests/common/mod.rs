@@ -2,6 +2,7 @@
 #![allow(dead_code)] // each test file uses its own part
 
 pub mod arm;
+pub mod codegen;
 pub mod gate;
 pub mod lanes;
 pub mod loops;
