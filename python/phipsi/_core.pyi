@@ -1502,15 +1502,18 @@ class Scene:
         """The dynamics of this robot as C99 that needs nothing but libm, a dict from names of files to their texts: NAME.c, NAME.h, test_NAME.c and a Makefile.
 
         directory: where to write them too, made where it is not there; None: nowhere. name: what files and functions begin with. functions: names among "forward_dynamics",
-        "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"; None: all. dtype: "float64" or "float32", the numbers of the code. batches: whether to write NAME_forward_dynamics_batch(count, ...) and its like too, which run
+        "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse", "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
+        "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp", "placements", "forward_dynamics_watched" and "mass_matrix_inverse_watched", which say of each state by a margin whether digits may be lost (where it is not above zero), and of one link ("placement", link), ("jacobian", link) and ("jacobian", link, frame), frame as in
+        jacobian; None: all that are of no one link and not watched. dtype: "float64" or "float32", the numbers of the code. batches: whether to write NAME_forward_dynamics_batch(count, ...) and its like too, which run
         as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang.
 
         Each function is one straight line of operations for one state, NAME_forward_dynamics(q, qd, tau, qdd) for instance, without allocations: constants are folded, and what this robot does not need is
-        not there. Order of q and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits that it loses are not noticed. `make test` in the directory
-        compiles it and compares with the scene at one state.
+        not there. Results of several arrays are written to one after another, NAME_forward_dynamics_derivatives(q, qd, tau, dqdd_dq, dqdd_dqd, Minv); of a link its name is in that of the function,
+        NAME_jacobian_tool0_world(q, jacobian), with _ for what C has not. Order of q and qd as in the scene; SI units, radians. Results are those of form "covariance" to rounding: digits
+        that it loses are not noticed; wrenches and changes of what is constant are not there. `make test` in the directory compiles it and compares with the scene at one state.
 
-        Raises ArgumentError for a name that C has not, unknown functions, a scene with connections or with joints that follow others (mimic="couple"), and for the inverse mass matrix of
-        chains of more than 300 joints; OSError where files cannot be written.
+        Raises ArgumentError for a name that C has not, unknown functions and links, and links whose functions C would call the same; for dynamics of a scene with connections, for a scene with joints that
+        follow others (mimic="couple"), and for the inverse mass matrix and the derivatives of forward dynamics of chains of more than 300 joints; OSError where files cannot be written.
         """
 
     def to_rust(
@@ -1518,7 +1521,7 @@ class Scene:
         directory: str | os.PathLike[str] | None = None,
         *,
         name: str = "robot",
-        functions: Iterable[Literal["forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"]] | None = None,
+        functions: Iterable[_Function] | None = None,
     ) -> dict[str, str]:
         """The dynamics of this robot as a Rust crate that needs `core` alone, a dict from names of files to their texts: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs, src/numbers.rs and tests/reference.rs.
 
@@ -1536,7 +1539,7 @@ class Scene:
         directory: str | os.PathLike[str] | None = None,
         *,
         name: str = "robot",
-        functions: Iterable[Literal["forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse"]] | None = None,
+        functions: Iterable[_Function] | None = None,
         dtype: Literal["float64", "float32"] = "float64",
     ) -> dict[str, str]:
         """The dynamics of this robot as CUDA kernels, a dict from names of files to their texts: NAME.cu, one_thread.h, test_NAME.cu and a Makefile.

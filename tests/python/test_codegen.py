@@ -40,7 +40,7 @@ def parts(result: object) -> list[np.ndarray]:
     """The arrays of a result, whatever holds them."""
     if isinstance(result, dict):
         return list(result.values())
-    return [part for part in result if part is not None] if isinstance(result, tuple) else [np.asarray(result)]
+    return [part for part in result if part is not None] if isinstance(result, tuple) else [np.asanyarray(result)]
 
 
 def assert_same(found: object, expected: object, cond: float) -> None:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import random_scene
-from test_codegen import FUNCTIONS
+from test_codegen import FUNCTIONS, parts
 from tolerances import in_float32
 
 import phipsi
@@ -39,14 +39,20 @@ def _compiler() -> None:
 def states(scene: phipsi.Scene, shape: tuple[int, ...], dtype: str) -> dict[str, np.ndarray]:
     random = np.random.default_rng(0)
     q = scene.integrate(scene.neutral(), random.uniform(-1, 1, (*shape, scene.nv)))
-    qd, u = random.uniform(-1, 1, (2, *shape, scene.nv))
-    return {"q": q.astype(dtype), "qd": qd.astype(dtype), "u": u.astype(dtype)}
+    others = {name: random.uniform(-1, 1, (*shape, scene.nv)) for name in ("qd", "u", "dq", "dqd", "du")}
+    return {name: array.astype(dtype) for name, array in ({"q": q} | others).items()}
+
+
+def expected_of(scene: phipsi.Scene, function: str, given: dict[str, np.ndarray]) -> list[np.ndarray]:
+    """What the method gives, all links of placements one after another."""
+    found = parts(getattr(scene, function)(*(given[name] for name in FUNCTIONS[function])))
+    return [np.stack(found, axis=-3)] if function == "placements" else found
 
 
 def bound(scene: phipsi.Scene, function: str, given: dict[str, np.ndarray], dtype: str) -> float:
     """What a difference may be: a bias of chance is measured by torques of the same motion."""
     measure = "inverse_dynamics" if function == "bias_torque" else function
-    size = np.max(np.abs(getattr(scene, measure)(*(given[name] for name in FUNCTIONS[measure]))))
+    size = max(np.max(np.abs(part)) for part in expected_of(scene, measure, given))
     cond = float(np.max(np.linalg.cond(scene.mass_matrix(given["q"]))))
     return EPSILON[dtype] * (cond + 16) * float(size)
 
@@ -58,7 +64,8 @@ class Kernels:
         calls = []
         for function, reads in FUNCTIONS.items():
             if f" robot_{function}(" in source:
-                names = [*reads, "out"]
+                results = 3 if "derivatives" in function or "vjp" in function else 1
+                names = [*reads, *(f"out{i}" for i in range(results))]
                 parameters = ", ".join(f"void *{name}" for name in names)
                 calls.append(
                     f"void twin_{function}(unsigned long long count, unsigned long long threads, {parameters}) "
@@ -83,11 +90,12 @@ def test_kernels_give_what_the_methods_give(seed: int, dtype: str, tmp_path: Pat
     kernels, count = Kernels(files["robot.cu"], files["one_thread.h"], tmp_path), 37
     given = states(scene, (count,), dtype)
     for function, reads in FUNCTIONS.items():
-        expected = getattr(scene, function)(*(given[name] for name in reads))
+        expected = expected_of(scene, function, given)
         # One state more than there are: its threads write nothing.
-        found = np.full((expected[0].size, count), np.nan, dtype)
-        kernels(function, 64, count, *(np.ascontiguousarray(given[name].T) for name in reads), found)
-        np.testing.assert_allclose(found.T.reshape(expected.shape), expected, rtol=0, atol=bound(scene, function, given, dtype), err_msg=function)
+        found = [np.full((part[0].size, count), np.nan, dtype) for part in expected]
+        kernels(function, 64, count, *(np.ascontiguousarray(given[name].T) for name in reads), *found)
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_allclose(one.T.reshape(other.shape), other, rtol=0, atol=bound(scene, function, given, dtype), err_msg=function)
 
 
 def test_the_c_compiler_runs_the_test_that_is_written(tmp_path: Path) -> None:
@@ -191,11 +199,12 @@ def test_batches_of_any_shape_and_library(gpu: Any, dtype: str) -> None:
     for shape in ((70,), (3, 5), (1,), (), (0,)):
         given = states(scene, shape, dtype)
         for function, reads in FUNCTIONS.items():
-            expected = getattr(scene, function)(*(given[name] for name in reads))
-            found = getattr(fast, function)(*(Foreign(given[name]) for name in reads))
-            assert isinstance(found, OnGpu) and found.shape == expected.shape and found.dtype == dtype
-            if expected.size:
-                np.testing.assert_allclose(found, expected, rtol=0, atol=bound(scene, function, given, dtype), err_msg=function)
+            all_expected = parts(getattr(scene, function)(*(given[name] for name in reads)))
+            all_found = parts(getattr(fast, function)(*(Foreign(given[name]) for name in reads)))
+            for found, expected in zip(all_found, all_expected, strict=True):
+                assert isinstance(found, OnGpu) and found.shape == expected.shape and found.dtype == dtype
+                if expected.size:
+                    np.testing.assert_allclose(found, expected, rtol=0, atol=bound(scene, function, given, dtype), err_msg=function)
     # Leading axes broadcast, and results go in again.
     given = {name: gpu.asarray(array) for name, array in states(scene, (4, 3), dtype).items()}
     qdd = fast.forward_dynamics(given["q"], given["qd"][0], given["u"][0, 0])
