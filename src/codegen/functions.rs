@@ -122,6 +122,7 @@ const COTANGENT: (&str, Of) = ("cotangent", Of::Rates);
 const GRADIENT: [(&str, Of); 2] = [("gradient_q", Of::Rates), ("gradient_qd", Of::Rates)];
 
 impl Function {
+    #[allow(clippy::too_many_lines)] // a table
     fn line(&self) -> Line {
         match self {
             Self::ForwardDynamics => Line {
