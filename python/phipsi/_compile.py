@@ -13,6 +13,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import accumulate
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
@@ -75,9 +76,9 @@ class Compiled(Functions[_Array]):
         if is_watched:
             shapes = [*shapes, (1,)]
         # In one piece: the allocator gives the pages of several back to the system every time, which clears them anew.
-        ends = np.cumsum([count * prod(shape) for shape in shapes])
+        ends = list(accumulate((count * prod(shape) for shape in shapes), initial=0))
         numbers = np.empty(ends[-1], self.dtype)
-        results = [part.reshape(*batch, *shape) for part, shape in zip(np.split(numbers, ends[:-1]), shapes, strict=True)]
+        results = [numbers[first:end].reshape(*batch, *shape) for first, end, shape in zip(ends[:-1], ends[1:], shapes, strict=True)]
 
         def piece(first: int, end: int) -> int:
             addresses = (ctypes.c_void_p(array.ctypes.data + array.itemsize * first * (array.size // count)) for array in (*arrays, *results))
@@ -117,13 +118,16 @@ class Compiled(Functions[_Array]):
         arrays: list[Any] = list(given)
         if [array.shape[-1] for array in arrays] != widths or scene.nv == 0:
             return None
+        shapes = {array.shape[:-1] for array in arrays}
         try:
-            batch = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
+            batch = shapes.pop() if len(shapes) == 1 else np.broadcast_shapes(*shapes)
         except ValueError:
             return None
         if prod(batch) < FEW:
             return None
-        return [np.ascontiguousarray(np.broadcast_to(array, (*batch, array.shape[-1])), self.dtype) for array in arrays], batch
+        if shapes:
+            arrays = [np.broadcast_to(array, (*batch, array.shape[-1])) for array in arrays]
+        return [np.ascontiguousarray(array, self.dtype) for array in arrays], batch
 
     def _by_scene(self, function: tuple[str, ...], given: dict[str, ArrayLike]) -> Any:
         name, *of = function

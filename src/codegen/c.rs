@@ -17,14 +17,15 @@ pub type Sources = Vec<(String, String)>;
 
 /// C99 of functions of a scene under this name: NAME.c, NAME.h, `test_NAME.c` and a Makefile.
 ///
-/// Each function takes pointers to its arguments, SI units, radians, and writes its result; nothing is allocated, and of libm it needs sines, cosines and square roots. Results are those of the
-/// scene's methods to rounding, in covariance form: a state that loses digits there is not noticed. The test compares with the scene at a state of its own.
+/// Each function takes pointers to its arguments, SI units, radians, and then to its results, which it writes; nothing is allocated, and of libm it needs sines, cosines and square roots. Results are those of the
+/// scene's methods to rounding, in covariance form: a state that loses digits there is not noticed. The test compares with the scene at a state of its own. Long programs are written in pieces, a function each.
 ///
-/// With `batches` there is a function of many states too for each, as many at once as the processor's registers hold: by the vector extensions of GCC and Clang.
+/// With `batches` there is a function of many states too for each, as many at once as the processor's registers hold: by the vector extensions of GCC and Clang. Those of one state are left out where
+/// `NAME_BATCHES_ALONE` is defined.
 ///
 /// # Errors
 ///
-/// As [`Program::new`]; [`Error::Argument`] for a name that is no identifier of C, and for no functions.
+/// As [`Program::new`]; [`Error::Argument`] for a name that is no identifier of C, for no functions, and for two whose names are one in C.
 pub fn sources(
     scene: &Scene,
     name: &str,
