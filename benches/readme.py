@@ -14,7 +14,7 @@ END = "<!-- to here -->"
 CLONE = "<!-- in a clone -->"
 INSTALL = """```sh
 pip install "phipsi[view,report]"
-phipsi report robot.urdf -o report      # then open report/index.html
+phipsi report robot.urdf -o report      # then open report/index.html; --quick takes some seconds
 ```"""
 
 Row = dict[str, str]
