@@ -4,8 +4,8 @@ mod common;
 
 use common::codegen::{by_method, tree};
 use common::lanes::{State, states};
-use common::{ALL_KINDS, Random, Tree, random_inertial, tolerance};
-use phipsi::codegen::{FUNCTIONS, Function, Program, Width, sources};
+use common::{Random, random_inertial, tolerance};
+use phipsi::codegen::{FUNCTIONS, Function, Program, WATCHED, Width, sources};
 use phipsi::kinematics::{REFERENCE_FRAMES, ReferenceFrame};
 use phipsi::scene::{Connection, ConnectionKind, JointDescription, JointKind, LinkDescription, Mimic, MimicJoints};
 use phipsi::{Scene, SceneBuilder, scenes};
@@ -64,6 +64,46 @@ fn programs_compute_what_the_methods_do() {
             }
         }
     }
+}
+
+/// The margin of what is watched: above zero for the states of people, and where it is the digits are there; not above zero where a heavy tip has taken them.
+#[test]
+fn what_is_watched_tells_where_digits_are_lost() {
+    let mut doubted = 0;
+    let ratios =
+        (0..13).map(|decades| scenes::extreme("heavy-tip", Some(10_f64.powi(decades)), None, 0).unwrap().scene);
+    let people = (0..4).map(|seed| tree(seed, 7)).chain([scenes::chain(7).unwrap()]);
+    for (scene, is_tame) in people.map(|scene| (scene, true)).chain(ratios.map(|scene| (scene, false))) {
+        for function in WATCHED {
+            let program = Program::new(&scene, &function).unwrap();
+            for (q, qd, u) in states_of_people(&scene) {
+                let given = &[q, qd, u][..program.arguments.len()];
+                let (mut workspace, mut expected) = (scene.workspace(), vec![f64::NAN; function.width(&scene) - 1]);
+                match function {
+                    Function::ForwardDynamicsWatched => {
+                        scene.forward_dynamics(&mut workspace, &given[0], &given[1], &given[2], &[], &mut expected)
+                    }
+                    _ => {
+                        let mut scratch = scene.inverse_scratch();
+                        scene.mass_matrix_inverse(&mut workspace, &mut scratch, &given[0], &mut expected)
+                    }
+                }
+                .unwrap();
+                let found = program.run(&given.concat()).unwrap();
+                let (found, margin) = (&found[..expected.len()], found[expected.len()]);
+                if margin > 0.0 {
+                    // What one unit in the last place of the torques makes of held states is beside their size.
+                    let held = given.get(2).map_or(0.0, |u| tolerance::size(u));
+                    let bound = 1e-11 * (tolerance::size(&expected) + held);
+                    tolerance::assert_near(&function.symbol(), found, &expected, bound);
+                } else {
+                    assert!(!is_tame, "{} of a tame robot is in doubt: {margin:e}", function.symbol());
+                    doubted += 1;
+                }
+            }
+        }
+    }
+    assert!(doubted > 20);
 }
 
 #[test]

@@ -16,7 +16,7 @@ from oracle_mpmath import KINDS, State, derivative, exact, identity, moved, rand
 from tolerances import assert_near, recursion, size, solve
 
 import phipsi
-from phipsi.errors import ArgumentError, LongCodeWarning, NotFiniteError, ShapeError
+from phipsi.errors import ArgumentError, LongCodeWarning, NotFiniteError, PhipsiError, ShapeError
 from phipsi.report.codegen import codegen
 
 COMPILER = os.environ.get("CC", "cc")
@@ -195,6 +195,60 @@ def test_what_was_compiled_once_is_loaded_again(cache: Path, monkeypatch: pytest
     assert phipsi.compile(scene, ["mass_matrix"], flags=["-O0"], cache=cache).library != first.library
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache / "own"))
     assert phipsi.compile(scene, ["mass_matrix"], flags=["-O0"]).library.is_relative_to(cache / "own" / "phipsi")
+
+
+def test_states_in_doubt_are_done_by_the_scene(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A heavy tip loses all digits of the covariance form; ordinary states are not handed over."""
+    names = ["forward_dynamics", "mass_matrix_inverse"]
+    heavy = phipsi.scenes.extreme("heavy-tip", 1e9).scene
+    q, qd, u = states(heavy, (3, 8))
+    fast, loses = (phipsi.compile(heavy, names, form=form, flags=["-O0"], cache=cache) for form in (None, "covariance"))  # type: ignore[arg-type]
+    assert (fast.form, loses.form) == ("auto", "covariance")
+    for name, given in (("forward_dynamics", (q, qd, u)), ("mass_matrix_inverse", (q,))):
+        expected = getattr(heavy, name)(*given)
+        assert_near(getattr(fast, name)(*given), expected, 1e-12 * size(expected))
+        assert np.max(np.abs(getattr(loses, name)(*given) - expected)) > 1e-10 * size(expected)
+    # Of people's states none is in doubt, held ones included, and one heavy state among them is found.
+    arm = phipsi.scenes.chain(5)
+    q, qd, u = states_of_people(arm, 0)
+    fast = phipsi.compile(arm, names, flags=["-O0"], cache=cache)
+    expected = arm.forward_dynamics(q, qd, u)
+    handed = []
+    monkeypatch.setattr(fast, "scene", Recorder(arm, handed))
+    cond = float(np.max(np.linalg.cond(arm.mass_matrix(q))))
+    assert_same(fast.forward_dynamics(q, qd, u), expected, cond)
+    assert_same(fast.mass_matrix_inverse(q), arm.mass_matrix_inverse(q), cond)
+    assert handed == []
+
+
+class Recorder:
+    """A scene that notes which methods are asked of it."""
+
+    def __init__(self, scene: phipsi.Scene, asked: list[str]) -> None:
+        self.scene, self.asked = scene, asked
+
+    def __getattr__(self, name: str) -> object:
+        if name not in ("nq", "nv"):
+            self.asked.append(name)
+        return getattr(self.scene, name)
+
+
+def test_a_bad_state_in_doubt_is_told_by_its_number(cache: Path) -> None:
+    heavy = phipsi.scenes.extreme("heavy-tip", 1e9).scene
+    fast = phipsi.compile(heavy, ["forward_dynamics"], flags=["-O0"], cache=cache)
+    q, qd, u = states(heavy, (24,))
+    u[17] = 1e300
+    with pytest.raises(PhipsiError) as expected:
+        heavy.forward_dynamics(q, qd, u * 1e10)
+    with pytest.raises(PhipsiError) as told:
+        fast.forward_dynamics(q, qd, u * 1e10)
+    assert str(told.value) == str(expected.value) and "17" in str(told.value)
+
+
+@pytest.mark.parametrize(("options", "message"), [({"form": "joseph"}, "form"), ({"form": "auto", "dtype": "float32"}, "form: .*covariance"), ({"dtype": "int8"}, "dtype")])
+def test_forms_that_are_not_compiled_are_refused(options: dict[str, str], message: str, cache: Path) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        phipsi.compile(phipsi.scenes.chain(2), ["forward_dynamics"], cache=cache, **options)  # type: ignore[call-overload]
 
 
 def test_bad_states_are_told_as_by_the_scene(cache: Path) -> None:
