@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._core import get_num_threads
+from ._core import _unwritten, get_num_threads
 from ._results import (
     ForwardDynamicsDerivatives,
     ForwardDynamicsGradients,
@@ -190,7 +190,7 @@ class Compiled:
         count = prod(batch)
         # In one piece: the allocator gives the pages of several back to the system every time, which clears them anew.
         ends = list(accumulate((count * prod(shape) for shape in shapes), initial=0))
-        numbers = np.empty(ends[-1])
+        numbers = _unwritten(ends[-1])
         results = [numbers[first:end].reshape(*batch, *shape) for first, end, shape in zip(ends[:-1], ends[1:], shapes, strict=True)]
 
         def piece(first: int, end: int) -> None:
