@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._core import get_num_threads
+from ._core import _unwritten, get_num_threads
 from ._cuda import CompiledForCuda, compile_for_cuda
 from ._functions import FUNCTIONS, IN_FORM, Function, Functions, parts, symbol
 from .errors import ArgumentError, LongCodeWarning, PhipsiError, of_argument
@@ -77,7 +77,7 @@ class Compiled(Functions[_Array]):
             shapes = [*shapes, (1,)]
         # In one piece: the allocator gives the pages of several back to the system every time, which clears them anew.
         ends = list(accumulate((count * prod(shape) for shape in shapes), initial=0))
-        numbers = np.empty(ends[-1], self.dtype)
+        numbers: _Array = _unwritten(ends[-1]) if self.dtype == np.float64 else np.empty(ends[-1], self.dtype)
         results = [numbers[first:end].reshape(*batch, *shape) for first, end, shape in zip(ends[:-1], ends[1:], shapes, strict=True)]
 
         def piece(first: int, end: int) -> int:

@@ -56,6 +56,7 @@ __all__ = [
     "_rebuild_random_model",
     "_rebuild_scene",
     "_rebuild_simulator",
+    "_unwritten",
     "chain",
     "emergence",
     "extreme",
@@ -1775,6 +1776,7 @@ def _rebuild_simulator(
     steps: int,
     /,
 ) -> Simulator: ...
+def _unwritten(count: int, /) -> _Array: ...
 
 @final
 class Simulator:

@@ -47,6 +47,13 @@ pub(super) fn unwritten<'py, P: Precision + Element>(
     }
 }
 
+/// So many numbers of whatever was there, for results of methods written in Python.
+#[pyfunction]
+#[pyo3(name = "_unwritten", signature = (count, /))]
+pub(super) fn unwritten_numbers(py: Python<'_>, count: usize) -> PyResult<Bound<'_, PyArrayDyn<f64>>> {
+    unwritten(py, &[count])
+}
+
 /// How many numbers an array of this shape has; none where that is no number.
 pub(super) fn entries(shape: &[usize]) -> Option<usize> {
     shape.iter().try_fold(1, |product: usize, &length| product.checked_mul(length))

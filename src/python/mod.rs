@@ -72,6 +72,8 @@ mod core_module {
     #[pymodule_export]
     use super::factor::{PyFactor, rebuild_factor};
     #[pymodule_export]
+    use super::fresh::unwritten_numbers;
+    #[pymodule_export]
     use super::pickled_simulator::rebuild_simulator;
     #[pymodule_export]
     use super::report::{

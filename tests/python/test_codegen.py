@@ -208,40 +208,46 @@ def test_states_in_doubt_are_done_by_the_scene(cache: Path, monkeypatch: pytest.
         expected = getattr(heavy, name)(*given)
         assert_near(getattr(fast, name)(*given), expected, 1e-12 * size(expected))
         assert np.max(np.abs(getattr(loses, name)(*given) - expected)) > 1e-10 * size(expected)
-    # Of people's states none is in doubt, held ones included, and one heavy state among them is found.
+    # Of people's states none is in doubt but those of a robot stretched out straight, which the scene looks at twice.
     arm = phipsi.scenes.chain(5)
+    handed: list[tuple[str, int]] = []
     q, qd, u = states_of_people(arm, 0)
     fast = phipsi.compile(arm, names, flags=["-O0"], cache=cache)
-    expected = arm.forward_dynamics(q, qd, u)
-    handed = []
+    expected, inverse = arm.forward_dynamics(q, qd, u), arm.mass_matrix_inverse(q)
     monkeypatch.setattr(fast, "scene", Recorder(arm, handed))
     cond = float(np.max(np.linalg.cond(arm.mass_matrix(q))))
     assert_same(fast.forward_dynamics(q, qd, u), expected, cond)
-    assert_same(fast.mass_matrix_inverse(q), arm.mass_matrix_inverse(q), cond)
-    assert handed == []
+    assert_same(fast.mass_matrix_inverse(q), inverse, cond)
+    assert handed in ([], [("forward_dynamics", 4)])
 
 
 class Recorder:
-    """A scene that notes which methods are asked of it."""
+    """A scene that notes which methods are asked of it, and for how many states."""
 
-    def __init__(self, scene: phipsi.Scene, asked: list[str]) -> None:
+    def __init__(self, scene: phipsi.Scene, asked: list[tuple[str, int]]) -> None:
         self.scene, self.asked = scene, asked
 
     def __getattr__(self, name: str) -> object:
-        if name not in ("nq", "nv"):
-            self.asked.append(name)
-        return getattr(self.scene, name)
+        found = getattr(self.scene, name)
+        if not callable(found):
+            return found
+
+        def noted(q: np.ndarray, *given: object) -> object:
+            self.asked.append((name, len(q)))
+            return found(q, *given)
+
+        return noted
 
 
 def test_a_bad_state_in_doubt_is_told_by_its_number(cache: Path) -> None:
     heavy = phipsi.scenes.extreme("heavy-tip", 1e9).scene
     fast = phipsi.compile(heavy, ["forward_dynamics"], flags=["-O0"], cache=cache)
     q, qd, u = states(heavy, (24,))
-    u[17] = 1e300
+    u[17] = 1e307
     with pytest.raises(PhipsiError) as expected:
-        heavy.forward_dynamics(q, qd, u * 1e10)
+        heavy.forward_dynamics(q, qd, u)
     with pytest.raises(PhipsiError) as told:
-        fast.forward_dynamics(q, qd, u * 1e10)
+        fast.forward_dynamics(q, qd, u)
     assert str(told.value) == str(expected.value) and "17" in str(told.value)
 
 
