@@ -227,6 +227,7 @@ def test_arrows_are_to_scale() -> None:
         for i in seen:
             assert_near(frames[i].position, at[frame, i], 0.0)
             assert_near(shown[i].points, [[np.zeros(3), metres * force[frame, i]]], 1e-6)
+            assert 0.0 < shown[i].head_length <= 0.51 * metres * np.linalg.norm(force[frame, i])
     arrows.turn(False, 15)
     assert not frames[0].visible and not getattr(drawn, "/newtons").visible
     assert Arrows.of(drawn, Forces("contact", at, np.zeros_like(force)), 2.0, np.zeros(3), -1.0) is None

@@ -30,7 +30,7 @@ class Arrows:
     """The arrows of the frames of a motion."""
 
     def __init__(self, server: Any, forces: Forces, usual: float, size: float, middle: _Array, floor: float) -> None:
-        self._at, self._least = forces.at, LEAST * size
+        self._at, self._least, self._tip = forces.at, LEAST * size, TIP * size
         self._along = forces.force * (LENGTH * size / usual)
         self._is_on = True
         shape = {"shaft_radius": SHAFT * size, "head_radius": HEAD * size, "head_length": TIP * size}
@@ -69,6 +69,8 @@ class Arrows:
                 points = np.array([[np.zeros(3), along]], np.float32)
                 if not np.array_equal(points, arrow.points):
                     arrow.points = points
+                    # A short arrow has a short head: its length is what is to scale.
+                    arrow.head_length = min(self._tip, 0.5 * float(np.linalg.norm(along)))
 
     def turn(self, is_on: bool, frame: int) -> None:
         """Shows all of them, or none."""
