@@ -1,4 +1,4 @@
-"""Forward and inverse dynamics, and their derivatives, of robots compiled for themselves (phipsi.compile) beside the scene's own calls, in one run.
+"""Forward and inverse dynamics, and their derivatives, of robots compiled for themselves (phipsi.compile) beside the scene's own calls and beside code that CasADi writes, in one run.
 
 Usage: python benches/compiled.py [--markdown FILE]; `make compiled`.
 
@@ -8,15 +8,20 @@ take each other's place. The compiler and its flags are those of phipsi.compile.
 
 import argparse
 import subprocess
+import sys
 import tempfile
 import time
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import phipsi
 import pinocchio as pin
 from in_turns import least, write
+
+sys.path.insert(0, str(Path(__file__).parent / "peers"))
+import casadi_code
 
 ROBOTS = Path(pin.__file__).resolve().parents[4] / "share/example-robot-data/robots"
 #: File, and whether its base floats.
@@ -28,6 +33,10 @@ CASES = {
 }
 FUNCTIONS = ("forward_dynamics", "inverse_dynamics", "forward_dynamics_derivatives", "inverse_dynamics_derivatives")
 STATES, TURNS = 4096, 15
+#: What is not asked of CasADi: derivatives by the coordinates of a free joint, which are more than its degrees of freedom.
+NOT_ASKED = {(robot, f"{way}_dynamics_derivatives") for robot in ("solo12", "g1") for way in ("forward", "inverse")}
+#: As many as what is compiled takes, in a register.
+LANES = 8 if "avx512f" in Path("/proc/cpuinfo").read_text() else 4
 
 
 def load(file: str, floating_base: bool) -> phipsi.Scene:
@@ -76,43 +85,83 @@ int main(void)
     return [float(x) for x in said.split()]
 
 
+def beside(scene: phipsi.Scene, file: str, floating_base: bool) -> tuple[pin.Model, list[int], list[int]]:
+    """Pinocchio's model of the robot, which CasADi's code is written from, and where its coordinates and rates are in the scene's."""
+    free = (pin.JointModelFreeFlyer(),) if floating_base else ()
+    model = pin.buildModelFromUrdf(str(ROBOTS / file), *free)
+    names = list(model.names)[1:]
+    return model, [i for name in names for i in _indices(scene.q_index(name))], [i for name in names for i in _indices(scene.v_index(name))]
+
+
+def _indices(at: slice) -> range:
+    return range(at.start, at.stop)
+
+
+def results_of(function: str, found: np.ndarray, rates: list[int]) -> np.ndarray:
+    """CasADi's results in the order of the scene's."""
+    back = np.argsort(rates)
+    if not function.endswith("derivatives"):
+        return found[:, back]
+    n = len(rates)
+    return found.reshape(len(found), 3, n, n)[..., back, :][..., back].transpose(1, 0, 2, 3)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--markdown", type=Path)
     given = parser.parse_args()
     phipsi.set_num_threads(1)
     lines = [
-        "| robot | function | scene, batches, ns a state | compiled | times | compiled, one state in C, ns | largest difference | compiling, s |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| robot | function | scene, ns a state | compiled | compiled, watched | CasADi | compiled, one state | CasADi, one state | compiling, s | CasADi | kB | CasADi | largest difference |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     random = np.random.default_rng(0)
     for name, (file, floating_base) in CASES.items():
         scene = load(file, floating_base)
-        with tempfile.TemporaryDirectory() as cache:
-            begin = time.perf_counter()
-            fast = phipsi.compile(scene, FUNCTIONS, cache=cache)
-            compiling = time.perf_counter() - begin
-            q = scene.integrate(scene.neutral(), random.uniform(-1, 1, (STATES, scene.nv)))
-            qd, u = random.uniform(-1, 1, (2, STATES, scene.nv))
-            singles = in_c(scene, q)
-            for function, single in zip(FUNCTIONS, singles, strict=True):
-                own, compiled = getattr(scene, function), getattr(fast, function)
+        model, coordinates, rates = beside(scene, file, floating_base)
+        q = scene.integrate(scene.neutral(), random.uniform(-1, 1, (STATES, scene.nv)))
+        qd, u = random.uniform(-1, 1, (2, STATES, scene.nv))
+        theirs = [np.ascontiguousarray(array) for array in (q[:, coordinates], qd[:, rates], u[:, rates])]
+        singles = in_c(scene, q)
+        for function, single in zip(FUNCTIONS, singles, strict=True):
+            with tempfile.TemporaryDirectory() as directory, warnings.catch_warnings():
+                warnings.simplefilter("ignore", phipsi.errors.LongCodeWarning)
+                begin = time.perf_counter()
+                fast = phipsi.compile(scene, [function], form="covariance", cache=directory)
+                compiling, bytes_of_ours = time.perf_counter() - begin, fast.library.stat().st_size
                 form = {"form": "covariance"} if function.startswith("forward") else {}
-                expected, found = np.asarray(own(q, qd, u, **form)), np.asarray(compiled(q, qd, u))
-                apart = float(np.max(np.abs(found - expected)) / np.max(np.abs(expected)))
-                ours, theirs = (1e9 * t / STATES for t in least(TURNS, lambda own=own, form=form: own(q, qd, u, **form), lambda compiled=compiled: compiled(q, qd, u)))
-                said = function.replace("_", " ")
-                lines.append(f"| {name} | {said} | {ours:.0f} | {theirs:.0f} | {ours / theirs:.1f} | {single:.0f} | {apart:.0e} | {compiling:.1f} |")
+                own, compiled = partial(getattr(scene, function), q, qd, u, **form), partial(getattr(fast, function), q, qd, u)
+                calls = [own, compiled]
+                if function == "forward_dynamics":
+                    calls.append(partial(phipsi.compile(scene, [function], cache=directory).forward_dynamics, q, qd, u))
+                expected = np.asarray(own())
+                apart = [np.asarray(compiled())]
+                other = None
+                if (name, function) not in NOT_ASKED:
+                    other = casadi_code.compiled(model, function, Path(directory), LANES)
+                    calls.append(partial(other.batch, *theirs))
+                    apart.append(results_of(function, other.batch(*theirs), rates))
+                times = [f"{1e9 * t / STATES:.0f}" for t in least(TURNS, *calls)]
+                if function != "forward_dynamics":
+                    times.insert(2, "")
+                if other is None:
+                    times.append("")
+                difference = max(float(np.max(np.abs(found - expected))) for found in apart) / float(np.max(np.abs(expected)))
+                beside_it = [f"{other.least(*(array[:32] for array in theirs)):.0f}", f"{other.seconds:.1f}", f"{other.bytes / 1000:.0f}"] if other else ["", "", ""]
+                cells = [name, function.replace("_", " "), *times, f"{single:.0f}", beside_it[0], f"{compiling:.1f}", beside_it[1], f"{bytes_of_ours / 1000:.0f}", beside_it[2], f"{difference:.0e}"]
+                lines.append(f"| {' | '.join(cells)} |")
                 print(lines[-1], flush=True)
-    how = "The scene's own calls are in form `covariance`, as what is compiled. Both take the same arrays from Python, on one thread; the checks of arguments and results are in both."
     write(
         given.markdown,
         "Compiled robots: times",
         [
-            f"Written by `make compiled` (benches/compiled.py). {how} One state is timed in C, where no library is on the way.",
+            "Written by `make compiled` (benches/compiled.py). The scene's own calls are in form `covariance`, as what is compiled; *watched* is `phipsi.compile` in form `auto`. All take the same arrays "
+            "from Python, on one thread; the scene and what is compiled check arguments and results, CasADi's code does not. CasADi "
+            f"{casadi_code.ca.__version__}: the usual recursions on its symbols, derivatives by its automatic differentiation, its C compiled with `{' '.join(casadi_code.FLAGS[:3])}`, {LANES} states in a register "
+            "(benches/peers/casadi_code.py). One state is timed in C, where no library is on the way. Compiling is of this function alone, written, compiled and loaded. CasADi is not asked for derivatives of robots on a free joint.",
         ],
         lines,
-        "other programs that write code, threads. The code of a large robot is long: beyond some dozens of joints it is read from memory for every chunk of states.",
+        "threads; states in doubt, which the watched form has done by the scene. The code of a large robot is long: beyond some dozens of joints it is read from memory for every chunk of states.",
     )
 
 
