@@ -6,7 +6,7 @@ use std::path::Path;
 pub fn generate(urdf: &Path, directory: &Path) -> Result<(), Box<dyn std::error::Error>> {
     use phipsi::codegen::{Function, rust_sources};
 
-    let scene = phipsi::Scene::from_urdf_file(urdf)?;
+    let scene = phipsi::SceneBuilder::from_urdf_file(urdf)?.build()?;
     for (file, text) in rust_sources(&scene, "robot", &[Function::ForwardDynamics, Function::BiasTorque])? {
         let path = directory.join(file);
         std::fs::create_dir_all(path.parent().unwrap_or(directory))?;
