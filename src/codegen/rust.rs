@@ -358,7 +358,7 @@ fn test(scene: &Scene, name: &str, programs: &[Program]) -> Result<String, Error
     for program in programs {
         let (case, function) = (Case::new(scene, program)?, program.function.symbol());
         let (given, results, size) = (Array::sized(&program.arguments), Array::sized(&program.results), case.size);
-        let _ = write!(text, "\n#[test]\nfn {function}() {{\n");
+        let _ = write!(text, "\n#[test]\nfn {function}() {{\n    on_a_large_stack(|| {{\n");
         for (&(name, width), values) in given.iter().zip(&case.given) {
             let _ = writeln!(text, "    let {name}: [f64; {width}] = {values:?};");
         }
@@ -380,7 +380,7 @@ fn test(scene: &Scene, name: &str, programs: &[Program]) -> Result<String, Error
             );
             first += width;
         }
-        text.push_str("}\n");
+        text.push_str("    });\n}\n");
         many(name, program, &case, &mut text);
     }
     Ok(text)
@@ -391,7 +391,7 @@ fn many(name: &str, program: &Program, case: &Case, text: &mut String) {
     const STATES: usize = 11;
     let (function, given, results) =
         (program.function.symbol(), Array::sized(&program.arguments), Array::sized(&program.results));
-    let _ = write!(text, "\n#[test]\nfn {function}_of_many_states() {{\n");
+    let _ = write!(text, "\n#[test]\nfn {function}_of_many_states() {{\n    on_a_large_stack(|| {{\n");
     for (&(name, width), values) in given.iter().zip(&case.given) {
         let _ = writeln!(text, "    let {name}: [f64; {width}] = {values:?};");
         // Quaternions keep their length.
@@ -423,5 +423,5 @@ fn many(name: &str, program: &Program, case: &Case, text: &mut String) {
             "        check(\"{name} of f32\", &single_{name}[i].map(f64::from), &{name}, {size:?} * 1e-2);"
         );
     }
-    text.push_str("    }\n}\n");
+    text.push_str("    }\n    });\n}\n");
 }

@@ -168,7 +168,7 @@ macro_rules! operator {
         impl<T: Copy + $operator<Output = T>, const N: usize> $operator for Lanes<T, N> {
             type Output = Self;
 
-            #[inline(always)]
+            #[inline]
             fn $operate(self, other: Self) -> Self {
                 Lanes(from_fn(|i| self.0[i] $sign other.0[i]))
             }
@@ -184,19 +184,19 @@ operator!(Div, div, /);
 impl<T: Copy + Neg<Output = T>, const N: usize> Neg for Lanes<T, N> {
     type Output = Self;
 
-    #[inline(always)]
+    #[inline]
     fn neg(self) -> Self {
         Lanes(from_fn(|i| -self.0[i]))
     }
 }
 
 impl<T: Number + Lane, const N: usize> Number for Lanes<T, N> {
-    #[inline(always)]
+    #[inline]
     fn constant(x: f64) -> Self {
         Lanes([T::constant(x); N])
     }
 
-    #[inline(always)]
+    #[inline]
     fn sqrt(self) -> Self {
         Lanes(from_fn(|i| self.0[i].sqrt()))
     }
@@ -216,27 +216,27 @@ impl<T: Number + Lane, const N: usize> Number for Lanes<T, N> {
         (sine, cosine)
     }
 
-    #[inline(always)]
+    #[inline]
     fn abs(self) -> Self {
         Lanes(from_fn(|i| self.0[i].abs()))
     }
 
-    #[inline(always)]
+    #[inline]
     fn smaller(self, other: Self) -> Self {
         Lanes(from_fn(|i| self.0[i].smaller(other.0[i])))
     }
 
-    #[inline(always)]
+    #[inline]
     fn one_if_zero(self) -> Self {
         Lanes(from_fn(|i| self.0[i].one_if_zero()))
     }
 
-    #[inline(always)]
+    #[inline]
     fn product_sum(self, b: Self, c: Self) -> Self {
         Lanes(from_fn(|i| self.0[i].product_sum(b.0[i], c.0[i])))
     }
 
-    #[inline(always)]
+    #[inline]
     fn minus_product(self, b: Self, c: Self) -> Self {
         Lanes(from_fn(|i| self.0[i].minus_product(b.0[i], c.0[i])))
     }
@@ -262,6 +262,11 @@ fn scatter<T: Copy, const WIDTH: usize, const N: usize>(found: &[Lanes<T, N>; WI
 pub(super) const TEST: &str = "//! Written by phipsi; do not edit. One state of the robot, and what phipsi's own methods give there.
 
 #![allow(non_snake_case, clippy::approx_constant, clippy::cast_possible_truncation, clippy::similar_names, clippy::too_many_lines, clippy::type_complexity, clippy::unreadable_literal)]
+
+/// Without optimisation every number has room of its own on the stack.
+fn on_a_large_stack(work: fn()) {
+    std::thread::Builder::new().stack_size(256 << 20).spawn(work).unwrap().join().unwrap();
+}
 
 /// The bounds leave room for the condition of the mass matrix.
 fn check(what: &str, found: &[f64], expected: &[f64], bound: f64) {
