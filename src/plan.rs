@@ -89,8 +89,8 @@ impl Scene {
         let built: [fn(&Self) -> Omission; 4] =
             [Self::merged_item, Self::base_item, Self::renamed_item, Self::tilted_item];
         let called: [fn(&Self) -> Omission; 2] = [Self::velocity_item, Self::gravity_item];
-        let others: [fn(&Self) -> Omission; 4] =
-            [Self::locked_item, Self::factor_item, Self::branch_item, Self::outputs_item];
+        let others: [fn(&Self) -> Omission; 5] =
+            [Self::locked_item, Self::factor_item, Self::branch_item, Self::outputs_item, Self::compiled_item];
         let always: [fn(&Self) -> Omission; 2] = [Self::axes_item, Self::armature_item];
         let all = built.into_iter().chain(called).chain(others).chain(always);
         let found = all.map_while(|item| watch::check().ok().map(|()| item(self)));

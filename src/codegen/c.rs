@@ -122,10 +122,10 @@ pub(super) fn joints(scene: &Scene) -> Vec<String> {
 
 /// What a program gives, and of how many operations.
 pub(super) fn meaning(program: &Program) -> String {
-    let (what, size) = (program.function.meaning(), program.size());
+    let (what, size) = (program.function.meaning(), program.operations());
     format!(
-        "{what}: {} sums, {} products, {} products with a sum, {} quotients and roots, {} sines and cosines.",
-        size.sums, size.products, size.fused, size.quotients, size.sines
+        "{what}: {} sums, {} products, {} products with a sum, {} quotients, {} roots, {} sines with cosines.",
+        size.additions, size.multiplications, size.fused, size.divisions, size.roots, size.sines
     )
 }
 

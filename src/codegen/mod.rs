@@ -33,6 +33,6 @@ mod width;
 pub use c::{Sources, sources};
 pub use cuda::cuda_sources;
 pub use functions::{Array, FUNCTIONS, Function, WATCHED};
-pub use program::{Program, Size};
+pub use program::Program;
 pub use rust::rust_sources;
 pub use width::Width;

@@ -5,7 +5,7 @@ use super::tracing::Tracer;
 use crate::dynamics::sweeps::SweepModel;
 use crate::error::Error;
 use crate::model::Motion;
-use crate::scalar::{Operation, Traced};
+use crate::scalar::{Operation, Operations, Traced};
 use crate::scene::Scene;
 use std::collections::HashSet;
 
@@ -23,21 +23,6 @@ pub struct Program {
     pub(super) operations: Vec<Operation>,
     /// The places of the numbers of all results, one after another.
     places: Vec<u32>,
-}
-
-/// How many operations of a kind a program has.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Size {
-    /// Sums and differences.
-    pub sums: usize,
-    /// Products that nothing is added to.
-    pub products: usize,
-    /// Products with a sum.
-    pub fused: usize,
-    /// Quotients and square roots.
-    pub quotients: usize,
-    /// Sines and cosines.
-    pub sines: usize,
 }
 
 impl Program {
@@ -175,21 +160,25 @@ impl Program {
         Ok(self.places.iter().map(|&result| values[result as usize]).collect())
     }
 
-    /// How many operations it has.
+    /// How many operations it has, as they are counted of the sweeps.
     #[must_use]
-    pub fn size(&self) -> Size {
-        let mut size = Size::default();
+    pub fn operations(&self) -> Operations {
+        let mut count = Operations::NONE;
+        let mut angles = HashSet::new();
         for operation in &self.operations {
-            match operation {
-                Operation::Sum(..) | Operation::Difference(..) => size.sums += 1,
-                Operation::Product(..) => size.products += 1,
-                Operation::ProductSum(..) | Operation::MinusProduct(..) => size.fused += 1,
-                Operation::Quotient(..) | Operation::Root(_) => size.quotients += 1,
-                Operation::Sine(_) | Operation::Cosine(_) => size.sines += 1,
+            match *operation {
+                Operation::Sum(..) | Operation::Difference(..) => count.additions += 1,
+                Operation::Product(..) => count.multiplications += 1,
+                Operation::ProductSum(..) | Operation::MinusProduct(..) => count.fused += 1,
+                Operation::Quotient(..) => count.divisions += 1,
+                Operation::Root(_) => count.roots += 1,
+                Operation::Sine(angle) | Operation::Cosine(angle) => {
+                    count.sines += u64::from(angles.insert(angle));
+                }
                 _ => {}
             }
         }
-        size
+        count
     }
 }
 

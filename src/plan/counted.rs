@@ -2,6 +2,7 @@
 
 use super::{NOTHING, Omission, counted};
 use crate::algorithm::{Algorithm, Arguments};
+use crate::codegen::{Function, Program};
 use crate::filter::Form;
 use crate::model::{Body, Motion, Omissions};
 use crate::report::operations::{Task, count_in_sweeps, count_recursion, of_factor};
@@ -12,6 +13,8 @@ use nalgebra::Matrix3;
 
 /// Dense results are counted up to this many degrees of freedom: they are O(N^2).
 const MOST_DENSE: usize = 256;
+/// Programs are written for up to this many: longer ones take milliseconds a joint.
+const MOST_COMPILED: usize = 64;
 
 /// Floating-point operations.
 fn flops(operations: &Operations) -> usize {
@@ -167,6 +170,28 @@ impl Scene {
             why: "P, D and g of a body depend on the joints that it carries: factor.update(q)",
             saved: format!("{updated} operations instead of the {made} of a new factor in covariance form"),
             operations: made.saturating_sub(updated),
+            ..NOTHING
+        }
+    }
+
+    /// What code of this robot alone leaves out of forward dynamics.
+    pub(super) fn compiled_item(&self) -> Omission {
+        if self.nv() == 0 || self.nv() > MOST_COMPILED {
+            return NOTHING;
+        }
+        // Of what programs do not have nothing is told.
+        let Ok(program) = Program::new(self, &Function::ForwardDynamics) else { return NOTHING };
+        let (q, ones) = (self.neutral(), vec![1.0; self.nv()]);
+        let state = Arguments { q: &q, qd: &ones, u: &ones, wrenches: &[], ..Arguments::default() };
+        let algorithm = Algorithm::ForwardDynamics(Form::Covariance);
+        let asked = flops(&count_in_sweeps(self, self.model().omissions, algorithm, &state).operations);
+        let left = flops(&program.operations());
+        Omission {
+            what: "operations that this robot's constants decide, in code compiled for it",
+            count: asked.saturating_sub(left),
+            why: "products by zero and one, sums of constants, and what is computed twice are known when the code is written: phipsi.compile, to_c",
+            saved: format!("{left} operations of forward dynamics instead of {asked}"),
+            operations: asked.saturating_sub(left),
             ..NOTHING
         }
     }

@@ -207,6 +207,9 @@ def test_the_plan_lists_calls_and_outputs() -> None:
     assert branch.count == 3
     assert min(shared.operations, branch.operations, outputs.operations) > 0
     assert "its inverse" in outputs.saved
+    compiled = items["operations that this robot's constants decide, in code compiled for it"]
+    left, _, asked = (compiled.saved.split()[i] for i in (0, 5, 7))
+    assert 0 < int(left) < int(asked) and compiled.operations == int(asked) - int(left)
     times = left_out.measured(scene, states.draw(scene, tree_of(scene), 8, 0))
     assert {shared.what, branch.what} <= set(times)
 
