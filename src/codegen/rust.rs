@@ -210,7 +210,7 @@ fn statements(program: &Program, given: &[Array]) -> (Vec<Statement>, Vec<String
 
 /// The statements, in blocks that give what others read: each statement opens a scope, and the compiler does not bear thousands of them within each other.
 fn body(program: &Program, statements: &[Statement], text: &mut String) {
-    let block = (1..).find(|n| n * n >= statements.len()).unwrap_or(1).max(64);
+    let block = statements.len().isqrt().max(64);
     let count = program.operations.len();
     // The block that makes a number, and the last that reads it.
     let (mut made, mut last) = (vec![usize::MAX; count], vec![0; count]);

@@ -99,6 +99,7 @@ impl Traced {
         if let O::Negative(a) = self.operation() { Some(Self(a)) } else { None }
     }
 
+    #[allow(clippy::float_cmp)] // that number and no other
     fn is(self, x: f64) -> bool {
         self.value() == Some(x)
     }
