@@ -74,7 +74,7 @@ def measured(scene: phipsi.Scene, function: str, level: str, into: Path) -> tupl
     assert asked <= ASKED, asked - ASKED
     flash = int(run("arm-none-eabi-size", code).splitlines()[1].split()[0])
     # One function, whose stack the compiler knows: of several the page would have to add them.
-    (stack,) = re.findall(r"\t(\d+)\tstatic$", (into / "robot.su").read_text().strip())
+    (stack,) = re.findall(r"\t(\d+)\tstatic$", (into / "robot.su").read_text(), re.MULTILINE)
     angles = 7 if scene.nq > scene.nv else 0
     neutral = ", ".join(f"{x}f" for x in scene.neutral())
     text = LOOP.format(neutral=neutral, calls=CALLS, angles=angles, function=function, given=FUNCTIONS[function])
