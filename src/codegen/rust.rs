@@ -5,74 +5,13 @@ use super::case::Case;
 use super::circle::Sines;
 use super::functions::{Array, Function};
 use super::program::{Program, operands};
-use super::rust_texts::{LANES, LIBRARY, NUMBER, NUMBERS, TEST};
+use super::rust_texts::{LANES, LIBRARY, NUMBER, NUMBERS, RESERVED, TEST};
 use super::width::Width;
 use crate::error::Error;
 use crate::scalar::Operation;
 use crate::scene::Scene;
 use std::collections::{HashMap, HashSet};
 use std::fmt::Write;
-
-/// Words that no crate can be called by.
-const RESERVED: [&str; 57] = [
-    "Self",
-    "_",
-    "abstract",
-    "alloc",
-    "as",
-    "async",
-    "await",
-    "become",
-    "box",
-    "break",
-    "const",
-    "continue",
-    "core",
-    "crate",
-    "do",
-    "dyn",
-    "else",
-    "enum",
-    "extern",
-    "false",
-    "final",
-    "fn",
-    "for",
-    "gen",
-    "if",
-    "impl",
-    "in",
-    "let",
-    "loop",
-    "macro",
-    "match",
-    "mod",
-    "move",
-    "mut",
-    "override",
-    "priv",
-    "proc_macro",
-    "pub",
-    "ref",
-    "return",
-    "self",
-    "static",
-    "std",
-    "struct",
-    "super",
-    "test",
-    "trait",
-    "true",
-    "try",
-    "type",
-    "typeof",
-    "unsafe",
-    "unsized",
-    "use",
-    "virtual",
-    "where",
-    "while",
-];
 
 /// A Rust crate of functions of a scene under this name: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs, src/numbers.rs and tests/reference.rs.
 ///

@@ -1,5 +1,15 @@
 //! What the Rust of every robot has alike.
 
+/// Words that no crate can be called by.
+#[rustfmt::skip]
+pub(super) const RESERVED: [&str; 57] = [
+    "Self", "_", "abstract", "alloc", "as", "async", "await", "become", "box", "break", "const", "continue",
+    "core", "crate", "do", "dyn", "else", "enum", "extern", "false", "final", "fn", "for", "gen", "if", "impl",
+    "in", "let", "loop", "macro", "match", "mod", "move", "mut", "override", "priv", "proc_macro", "pub", "ref",
+    "return", "self", "static", "std", "struct", "super", "test", "trait", "true", "try", "type", "typeof",
+    "unsafe", "unsized", "use", "virtual", "where", "while",
+];
+
 pub(super) const LIBRARY: &str = "//! The dynamics of one robot: straight lines of operations that need `core` alone. Written by phipsi; do not edit.
 
 #![no_std]

@@ -19,6 +19,7 @@ mod columns;
 mod counting;
 mod double_double;
 mod dual;
+mod folding;
 mod fused;
 mod instructions;
 mod lanes;

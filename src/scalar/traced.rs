@@ -2,6 +2,7 @@
 
 use super::Real;
 use super::counting::{self, Operations};
+use super::folding::{difference, minus_product, product, product_sum, quotient, sorted, sum};
 use num_traits::{One, Zero};
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -118,12 +119,17 @@ impl Traced {
         Self(f64::from_bits(PLACED | u64::from(place)))
     }
 
-    fn value(self) -> Option<f64> {
+    /// A constant.
+    pub(super) fn constant(x: f64) -> Self {
+        Self(x)
+    }
+
+    pub(super) fn value(self) -> Option<f64> {
         if self.placed().is_none() { Some(self.0) } else { None }
     }
 
     /// The number that this is the negative of; none of a constant.
-    fn negated(self) -> Option<Self> {
+    pub(super) fn negated(self) -> Option<Self> {
         let place = self.placed()?;
         match TAPE.with_borrow(|tape| tape.operations[place as usize]) {
             O::Negative(of) => Some(Self::at(of)),
@@ -132,12 +138,12 @@ impl Traced {
     }
 
     #[allow(clippy::float_cmp)] // that number and no other
-    fn is(self, x: f64) -> bool {
+    pub(super) fn is(self, x: f64) -> bool {
         self.0 == x
     }
 }
 
-fn push(operation: Operation) -> Traced {
+pub(super) fn push(operation: Operation) -> Traced {
     TAPE.with_borrow_mut(|tape| {
         let Tape { operations, known } = tape;
         Traced::at(*known.entry(operation).or_insert_with(|| {
@@ -145,127 +151,6 @@ fn push(operation: Operation) -> Traced {
             u32::try_from(operations.len() - 1).unwrap_or(u32::MAX)
         }))
     })
-}
-
-/// In order where the order says nothing.
-fn sorted(a: Traced, b: Traced) -> (u32, u32) {
-    {
-        let (a, b) = (a.place(), b.place());
-        (a.min(b), a.max(b))
-    }
-}
-
-/// a + b.
-fn sum(a: Traced, b: Traced) -> Traced {
-    match (a.value(), b.value()) {
-        (Some(a), Some(b)) => return Traced(a + b),
-        (Some(0.0), _) => return b,
-        (_, Some(0.0)) => return a,
-        _ => {}
-    }
-    if let Some(b) = b.negated() {
-        return difference(a, b);
-    }
-    if let Some(a) = a.negated() {
-        return difference(b, a);
-    }
-    let (a, b) = sorted(a, b);
-    push(O::Sum(a, b))
-}
-
-/// a - b.
-fn difference(a: Traced, b: Traced) -> Traced {
-    match (a.value(), b.value()) {
-        (Some(a), Some(b)) => return Traced(a - b),
-        (Some(0.0), _) => return -b,
-        (_, Some(0.0)) => return a,
-        _ if a == b => return Traced(0.0),
-        _ => {}
-    }
-    match b.negated() {
-        Some(b) => sum(a, b),
-        None => push(O::Difference(a.place(), b.place())),
-    }
-}
-
-/// a b.
-fn product(a: Traced, b: Traced) -> Traced {
-    match (a.value(), b.value()) {
-        (Some(a), Some(b)) => return Traced(a * b),
-        (Some(0.0), _) | (_, Some(0.0)) => return Traced(0.0),
-        (Some(1.0), _) => return b,
-        (_, Some(1.0)) => return a,
-        (Some(-1.0), _) => return -b,
-        (_, Some(-1.0)) => return -a,
-        _ => {}
-    }
-    match (a.negated(), b.negated()) {
-        (Some(a), Some(b)) => product(a, b),
-        (Some(a), None) => -product(a, b),
-        (None, Some(b)) => -product(a, b),
-        (None, None) => {
-            let (a, b) = sorted(a, b);
-            push(O::Product(a, b))
-        }
-    }
-}
-
-/// a / b.
-fn quotient(a: Traced, b: Traced) -> Traced {
-    match (a.value(), b.value()) {
-        (Some(a), Some(b)) => Traced(a / b),
-        (_, Some(1.0)) => a,
-        _ => push(O::Quotient(a.place(), b.place())),
-    }
-}
-
-/// Whether a product with it is none.
-fn is_trivial(x: Traced) -> bool {
-    x.is(0.0) || x.is(1.0) || x.is(-1.0)
-}
-
-/// a b + c.
-fn product_sum(a: Traced, b: Traced, c: Traced) -> Traced {
-    if let (Some(a), Some(b), Some(c)) = (a.value(), b.value(), c.value()) {
-        return Traced(Real::mul_add(a, b, c));
-    }
-    if c.is(0.0) {
-        return product(a, b);
-    }
-    if is_trivial(a) || is_trivial(b) || (a.value().is_some() && b.value().is_some()) {
-        return sum(product(a, b), c);
-    }
-    match (a.negated(), b.negated()) {
-        (Some(a), Some(b)) => product_sum(a, b, c),
-        (Some(a), None) => minus_product(c, a, b),
-        (None, Some(b)) => minus_product(c, a, b),
-        (None, None) => {
-            let (a, b) = sorted(a, b);
-            push(O::ProductSum(a, b, c.place()))
-        }
-    }
-}
-
-/// a - b c.
-fn minus_product(a: Traced, b: Traced, c: Traced) -> Traced {
-    if let (Some(a), Some(b), Some(c)) = (a.value(), b.value(), c.value()) {
-        return Traced(Real::minus_product(a, b, c));
-    }
-    if a.is(0.0) {
-        return -product(b, c);
-    }
-    if is_trivial(b) || is_trivial(c) || (b.value().is_some() && c.value().is_some()) {
-        return difference(a, product(b, c));
-    }
-    match (b.negated(), c.negated()) {
-        (Some(b), Some(c)) => minus_product(a, b, c),
-        (Some(b), None) => product_sum(b, c, a),
-        (None, Some(c)) => product_sum(b, c, a),
-        (None, None) => {
-            let (b, c) = sorted(b, c);
-            push(O::MinusProduct(b, c, a.place()))
-        }
-    }
 }
 
 macro_rules! operator {

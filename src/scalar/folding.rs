@@ -1,0 +1,123 @@
+//! Operations of traced numbers without what changes nothing: constants are computed, zeros and ones go, signs go into sums.
+
+use super::Real;
+use super::traced::{Operation as O, Traced, push};
+
+/// In order where the order says nothing.
+pub(super) fn sorted(a: Traced, b: Traced) -> (u32, u32) {
+    let (a, b) = (a.place(), b.place());
+    (a.min(b), a.max(b))
+}
+
+/// a + b.
+pub(super) fn sum(a: Traced, b: Traced) -> Traced {
+    match (a.value(), b.value()) {
+        (Some(a), Some(b)) => return Traced::constant(a + b),
+        (Some(0.0), _) => return b,
+        (_, Some(0.0)) => return a,
+        _ => {}
+    }
+    if let Some(b) = b.negated() {
+        return difference(a, b);
+    }
+    if let Some(a) = a.negated() {
+        return difference(b, a);
+    }
+    let (a, b) = sorted(a, b);
+    push(O::Sum(a, b))
+}
+
+/// a - b.
+pub(super) fn difference(a: Traced, b: Traced) -> Traced {
+    match (a.value(), b.value()) {
+        (Some(a), Some(b)) => return Traced::constant(a - b),
+        (Some(0.0), _) => return -b,
+        (_, Some(0.0)) => return a,
+        _ if a == b => return Traced::constant(0.0),
+        _ => {}
+    }
+    match b.negated() {
+        Some(b) => sum(a, b),
+        None => push(O::Difference(a.place(), b.place())),
+    }
+}
+
+/// a b.
+pub(super) fn product(a: Traced, b: Traced) -> Traced {
+    match (a.value(), b.value()) {
+        (Some(a), Some(b)) => return Traced::constant(a * b),
+        (Some(0.0), _) | (_, Some(0.0)) => return Traced::constant(0.0),
+        (Some(1.0), _) => return b,
+        (_, Some(1.0)) => return a,
+        (Some(-1.0), _) => return -b,
+        (_, Some(-1.0)) => return -a,
+        _ => {}
+    }
+    match (a.negated(), b.negated()) {
+        (Some(a), Some(b)) => product(a, b),
+        (Some(a), None) => -product(a, b),
+        (None, Some(b)) => -product(a, b),
+        (None, None) => {
+            let (a, b) = sorted(a, b);
+            push(O::Product(a, b))
+        }
+    }
+}
+
+/// a / b.
+pub(super) fn quotient(a: Traced, b: Traced) -> Traced {
+    match (a.value(), b.value()) {
+        (Some(a), Some(b)) => Traced::constant(a / b),
+        (_, Some(1.0)) => a,
+        _ => push(O::Quotient(a.place(), b.place())),
+    }
+}
+
+/// Whether a product with it is none.
+fn is_trivial(x: Traced) -> bool {
+    x.is(0.0) || x.is(1.0) || x.is(-1.0)
+}
+
+/// a b + c.
+pub(super) fn product_sum(a: Traced, b: Traced, c: Traced) -> Traced {
+    if let (Some(a), Some(b), Some(c)) = (a.value(), b.value(), c.value()) {
+        return Traced::constant(Real::mul_add(a, b, c));
+    }
+    if c.is(0.0) {
+        return product(a, b);
+    }
+    if is_trivial(a) || is_trivial(b) || (a.value().is_some() && b.value().is_some()) {
+        return sum(product(a, b), c);
+    }
+    match (a.negated(), b.negated()) {
+        (Some(a), Some(b)) => product_sum(a, b, c),
+        (Some(a), None) => minus_product(c, a, b),
+        (None, Some(b)) => minus_product(c, a, b),
+        (None, None) => {
+            let (a, b) = sorted(a, b);
+            push(O::ProductSum(a, b, c.place()))
+        }
+    }
+}
+
+/// a - b c.
+pub(super) fn minus_product(a: Traced, b: Traced, c: Traced) -> Traced {
+    if let (Some(a), Some(b), Some(c)) = (a.value(), b.value(), c.value()) {
+        return Traced::constant(Real::minus_product(a, b, c));
+    }
+    if a.is(0.0) {
+        return -product(b, c);
+    }
+    if is_trivial(b) || is_trivial(c) || (b.value().is_some() && c.value().is_some()) {
+        return difference(a, product(b, c));
+    }
+    match (b.negated(), c.negated()) {
+        (Some(b), Some(c)) => minus_product(a, b, c),
+        (Some(b), None) => product_sum(b, c, a),
+        (None, Some(c)) => product_sum(b, c, a),
+        (None, None) => {
+            let (b, c) = sorted(b, c);
+            push(O::MinusProduct(b, c, a.place()))
+        }
+    }
+}
