@@ -79,14 +79,11 @@ fn what_is_watched_tells_where_digits_are_lost() {
             for (q, qd, u) in states_of_people(&scene) {
                 let given = &[q, qd, u][..program.arguments.len()];
                 let (mut workspace, mut expected) = (scene.workspace(), vec![f64::NAN; function.width(&scene) - 1]);
-                match function {
-                    Function::ForwardDynamicsWatched => {
-                        scene.forward_dynamics(&mut workspace, &given[0], &given[1], &given[2], &[], &mut expected)
-                    }
-                    _ => {
-                        let mut scratch = scene.inverse_scratch();
-                        scene.mass_matrix_inverse(&mut workspace, &mut scratch, &given[0], &mut expected)
-                    }
+                if function == Function::ForwardDynamicsWatched {
+                    scene.forward_dynamics(&mut workspace, &given[0], &given[1], &given[2], &[], &mut expected)
+                } else {
+                    let mut scratch = scene.inverse_scratch();
+                    scene.mass_matrix_inverse(&mut workspace, &mut scratch, &given[0], &mut expected)
                 }
                 .unwrap();
                 let found = program.run(&given.concat()).unwrap();

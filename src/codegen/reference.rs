@@ -22,6 +22,7 @@ pub(super) fn forward_dynamics(
 }
 
 /// The accelerations, and the margin of a single look at them.
+#[allow(clippy::unnecessary_wraps)] // as all of the table
 pub(super) fn forward_dynamics_watched(
     (scene, _, _): Room<'_>,
     given: &[&[f64]],
