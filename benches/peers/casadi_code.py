@@ -24,10 +24,10 @@ def _columns(joint: pin.JointModel) -> tuple[ca.SX, int]:
     name = joint.shortname()
     if name == "JointModelFreeFlyer":
         return ca.SX(np.roll(np.eye(6), 3, axis=0)), 7
-    kinds = {"JointModelRX": 0, "JointModelRY": 1, "JointModelRZ": 2, "JointModelPX": 3, "JointModelPY": 4, "JointModelPZ": 5}
-    column = np.zeros((6, 1))
-    column[kinds[name]] = 1.0
-    return ca.SX(column), 1
+    data = joint.createData()
+    joint.calc(data, np.zeros(joint.nq))
+    # Pinocchio's is (linear, angular).
+    return ca.SX(ca.sparsify(ca.DM(np.roll(np.asarray(data.S).reshape(6, 1), 3, axis=0)))), 1
 
 
 def _placement(joint: pin.JointModel, columns: ca.SX, q: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -40,15 +40,12 @@ def _placement(joint: pin.JointModel, columns: ca.SX, q: ca.SX) -> tuple[ca.SX, 
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
         return ca.vertcat(*(ca.horzcat(*row) for row in rows)), q[:3]
-    axis = columns[:3]
-    if not ca.DM(axis).nnz() or float(ca.norm_1(ca.DM(axis))) == 0.0:
-        return ca.SX.eye(3), columns[3:] * q
-    i = int(np.argmax(np.array(ca.DM(axis)).ravel()))
+    axis, along = np.array(ca.DM(columns[:3])).ravel(), columns[3:]
+    if not axis.any():
+        return ca.SX.eye(3), along * q
     s, c = ca.sin(q[0]), ca.cos(q[0])
-    rotation = ca.SX.eye(3)
-    j, k = (i + 1) % 3, (i + 2) % 3
-    rotation[j, j], rotation[k, k], rotation[j, k], rotation[k, j] = c, c, -s, s
-    return rotation, ca.SX.zeros(3)
+    around = ca.DM(pin.skew(axis))
+    return ca.SX.eye(3) + s * ca.sparsify(around) + (1 - c) * ca.sparsify(around @ around), ca.SX.zeros(3)
 
 
 class _Body(NamedTuple):
@@ -279,7 +276,8 @@ class Compiled(NamedTuple):
     def least(self, q: np.ndarray, qd: np.ndarray, u: np.ndarray) -> float:
         """The least time of one state, ns, in C."""
         self.code.least.restype = ctypes.c_double
-        return float(self.code.least(ctypes.c_size_t(len(q)), *_addresses(q, qd, u, np.empty(self.size))))
+        out = np.empty(self.size)
+        return float(self.code.least(ctypes.c_size_t(len(q)), *_addresses(q, qd, u, out)))
 
 
 def _addresses(*arrays: np.ndarray) -> list[ctypes.c_void_p]:
