@@ -73,7 +73,7 @@ class Functions(Generic[A]):
         return f"<phipsi.{type(self).__name__} of {self.scene.nv} degrees of freedom, {self.dtype}: {said(self.functions)}>"
 
     def forward_dynamics(self, q: Any, qd: Any, tau: Any) -> A:
-        """Joint accelerations from joint torques, (..., nv), as Scene.forward_dynamics in form "covariance"."""
+        """Joint accelerations from joint torques, (..., nv), as Scene.forward_dynamics in the form that was compiled."""
         return self._one(("forward_dynamics",), {"q": q, "qd": qd, "tau": tau}, self._rates)
 
     def inverse_dynamics(self, q: Any, qd: Any, qdd: Any) -> A:
@@ -89,7 +89,7 @@ class Functions(Generic[A]):
         return self._one(("mass_matrix",), {"q": q}, self._pairs)
 
     def mass_matrix_inverse(self, q: Any) -> A:
-        """Its inverse, (..., nv, nv), as Scene.mass_matrix_inverse in form "covariance"."""
+        """Its inverse, (..., nv, nv), as Scene.mass_matrix_inverse in the form that was compiled."""
         return self._one(("mass_matrix_inverse",), {"q": q}, self._pairs)
 
     def forward_dynamics_derivatives(self, q: Any, qd: Any, tau: Any) -> ForwardDynamicsDerivatives:
