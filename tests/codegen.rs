@@ -66,17 +66,18 @@ fn programs_compute_what_the_methods_do() {
     }
 }
 
-/// The margin of what is watched: above zero for the states of people, and where it is the digits are there; not above zero where a heavy tip has taken them.
+/// The margin of what is watched: where it is not below zero the digits are there; below it where a heavy tip has taken them, and of ordinary robots in few states.
 #[test]
 fn what_is_watched_tells_where_digits_are_lost() {
-    let mut doubted = 0;
+    let (mut doubted, mut tame, mut tame_in_doubt) = (0, 0, 0);
     let ratios =
         (0..13).map(|decades| scenes::extreme("heavy-tip", Some(10_f64.powi(decades)), None, 0).unwrap().scene);
     let people = (0..4).map(|seed| tree(seed, 7)).chain([scenes::chain(7).unwrap()]);
     for (scene, is_tame) in people.map(|scene| (scene, true)).chain(ratios.map(|scene| (scene, false))) {
         for function in WATCHED {
             let program = Program::new(&scene, &function).unwrap();
-            for (q, qd, u) in states_of_people(&scene) {
+            for (which, (q, qd, u)) in states_of_people(&scene).into_iter().enumerate() {
+                tame += usize::from(is_tame);
                 let given = &[q, qd, u][..program.arguments.len()];
                 let (mut workspace, mut expected) = (scene.workspace(), vec![f64::NAN; function.width(&scene) - 1]);
                 if function == Function::ForwardDynamicsWatched {
@@ -88,19 +89,21 @@ fn what_is_watched_tells_where_digits_are_lost() {
                 .unwrap();
                 let found = program.run(&given.concat()).unwrap();
                 let (found, margin) = (&found[..expected.len()], found[expected.len()]);
-                if margin > 0.0 {
+                if margin >= 0.0 {
                     // What one unit in the last place of the torques makes of held states is beside their size.
                     let held = given.get(2).map_or(0.0, |u| tolerance::size(u));
                     let bound = 1e-11 * (tolerance::size(&expected) + held);
                     tolerance::assert_near(&function.symbol(), found, &expected, bound);
                 } else {
-                    assert!(!is_tame, "{} of a tame robot is in doubt: {margin:e}", function.symbol());
-                    doubted += 1;
+                    // Stretched out straight and at rest a chain is near where its digits go.
+                    assert!(!is_tame || which > 0, "{} of a drawn state is in doubt: {margin:e}", function.symbol());
+                    tame_in_doubt += usize::from(is_tame);
+                    doubted += usize::from(!is_tame);
                 }
             }
         }
     }
-    assert!(doubted > 20);
+    assert!(doubted > 20 && 4 * tame_in_doubt < tame, "{doubted}, {tame_in_doubt} of {tame}");
 }
 
 #[test]

@@ -97,9 +97,9 @@ class Compiled(Functions[_Array]):
         return self._mended(function[0], arrays, results) if is_watched else results
 
     def _mended(self, name: str, arrays: list[_Array], results: list[_Array]) -> list[_Array] | None:
-        """The result, states whose margin is not above zero done by the scene; None where the scene is to say of all what is wrong."""
+        """The result, states whose margin is below zero done by the scene; None where the scene is to say of all what is wrong."""
         result, margins = results
-        doubtful = np.flatnonzero(~(margins > 0))
+        doubtful = np.flatnonzero(~(margins >= 0))
         if doubtful.size:
             count = margins.size
             try:

@@ -12,7 +12,7 @@ use crate::spatial::RigidShift;
 pub enum Function {
     /// qdd of (q, qd, tau), in covariance form.
     ForwardDynamics,
-    /// The same, and by how much it stays clear of losing digits: not above zero, or NaN, of a state in doubt, which the scene's methods in form auto do by other means.
+    /// The same, and by how much it stays clear of losing digits: below zero, or NaN, of a state in doubt, which the scene's methods in form auto do by other means.
     ForwardDynamicsWatched,
     /// tau of (q, qd, qdd).
     InverseDynamics,
@@ -150,7 +150,7 @@ impl Function {
             },
             Self::ForwardDynamicsWatched => Line {
                 name: "forward_dynamics_watched",
-                meaning: "Joint accelerations from torques; digits may be lost where the margin is not above zero",
+                meaning: "Joint accelerations from torques; digits may be lost where the margin is below zero",
                 arguments: &WITH_TAU,
                 results: &[("qdd", Of::Rates), ("margin", Of::One)],
                 trace: tracing::forward_dynamics_watched,
@@ -190,7 +190,7 @@ impl Function {
             },
             Self::MassMatrixInverseWatched => Line {
                 name: "mass_matrix_inverse_watched",
-                meaning: "The inverse mass matrix, row by row; digits may be lost where the margin is not above zero",
+                meaning: "The inverse mass matrix, row by row; digits may be lost where the margin is below zero",
                 arguments: &STATE[..1],
                 results: &[("inverse", Of::Pairs), ("margin", Of::One)],
                 trace: tracing::mass_matrix_inverse_watched,

@@ -206,7 +206,7 @@ impl<T: Real> Watched<T> {
         Accuracy { error: self.errors().of(0), ..Accuracy::unknown(Form::Covariance) }
     }
 
-    /// How far pivots and estimate stay within their bounds: not above zero, or NaN, in a lane that is in doubt.
+    /// How far pivots and estimate stay within their bounds: below zero, or NaN, in a lane that is in doubt.
     pub fn margin(&self) -> T {
         self.slack.worst(self.pivots.margin())
     }
