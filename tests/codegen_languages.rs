@@ -83,7 +83,7 @@ fn program(scene: &Scene, numbers: &str) -> String {
             _ => "&u",
         });
         let (given, results) = (given.collect::<Vec<_>>().join(", "), function.results(scene));
-        let names: Vec<String> = results.iter().map(|array| format!("found_{}", array.name)).collect();
+        let names: Vec<String> = (0..results.len()).map(|index| format!("found{index}")).collect();
         let parts: Vec<String> = names.iter().map(|name| format!("&{name}[..]")).collect();
         let pattern = if names.len() == 1 { names[0].clone() } else { format!("({})", names.join(", ")) };
         let _ = writeln!(text, "        let {pattern} = arm::{}({given});", function.name());
