@@ -157,16 +157,19 @@ def inverse_dynamics(model: pin.Model, q: ca.SX, qd: ca.SX, qdd: ca.SX) -> ca.SX
     return tau
 
 
+def _by_each(result: ca.SX, *numbers: ca.SX) -> ca.SX:
+    """Derivatives by automatic differentiation, each row by row once they are a vector."""
+    return ca.horzcat(*(ca.jacobian(result, by).T for by in numbers))
+
+
 def forward_dynamics_derivatives(model: pin.Model, q: ca.SX, qd: ca.SX, tau: ca.SX) -> ca.SX:
     """By q, qd and tau, one after another; q of one number a joint."""
-    qdd = forward_dynamics(model, q, qd, tau)
-    return ca.horzcat(*(ca.jacobian(qdd, by).T for by in (q, qd, tau)))
+    return _by_each(forward_dynamics(model, q, qd, tau), q, qd, tau)
 
 
 def inverse_dynamics_derivatives(model: pin.Model, q: ca.SX, qd: ca.SX, qdd: ca.SX) -> ca.SX:
     """By q, qd and qdd, likewise."""
-    tau = inverse_dynamics(model, q, qd, qdd)
-    return ca.horzcat(*(ca.jacobian(tau, by).T for by in (q, qd, qdd)))
+    return _by_each(inverse_dynamics(model, q, qd, qdd), q, qd, qdd)
 
 
 _DRIVER = """

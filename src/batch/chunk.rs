@@ -17,7 +17,7 @@ use crate::dynamics::derivatives::with_transpose;
 use crate::dynamics::sweeps::{self, Entries, InverseColumns, MassColumns, SweepModel, SweepScratch};
 use crate::filter::Form;
 use crate::joints::quaternion::QUATERNION_SLACK;
-use crate::model::{Body, Model, Motion};
+use crate::model::Model;
 use crate::scalar::{MOST_LANES, Precision, Real, lanes_but};
 use crate::scene::Scene;
 use crate::scene::constraint::Constraints;
@@ -61,7 +61,7 @@ impl<T: Vectorised> Chunk<T> {
             Numbers::<T> {
                 model: model.cast(),
                 sweeps: SweepModel::new(model),
-                quaternions: quaternions(model),
+                quaternions: model.quaternions(),
                 constraints: scene.constraints().clone(),
             }
         });
@@ -161,16 +161,6 @@ impl<T: Vectorised> Chunk<T> {
             }
         }
     }
-}
-
-/// Where the quaternions are in q.
-pub(super) fn quaternions<T>(model: &Model<T>) -> Vec<usize> {
-    let of = |body: &Body<T>| match body.motion {
-        Motion::Spherical => Some(body.q),
-        Motion::Free => Some(body.q + 3),
-        _ => None,
-    };
-    model.bodies.iter().filter_map(of).collect()
 }
 
 /// By how much the norm of any quaternion is off, as a negative number, or NaN.

@@ -33,19 +33,22 @@ pub(super) fn prelude(width: Width) -> String {
         ),
     };
     let whole = match width {
-        Width::Double => ["long long", "8", "0x7fffffffffffffffLL", "0x3ff0000000000000LL", "LL", "62"],
-        Width::Single => ["int", "16", "0x7fffffff", "0x3f800000", "", "30"],
+        Width::Double => ["long long", "0x7fffffffffffffffLL", "0x3ff0000000000000LL", "LL", "62"],
+        Width::Single => ["int", "0x7fffffff", "0x3f800000", "", "30"],
     };
-    let [bits, most, magnitude, one, ll, sign] = whole;
-    let replaced = [
+    let [bits, magnitude, one, ll, sign] = whole;
+    let bytes = if width == Width::Double { 8 } else { 4 };
+    // In the largest registers that there are.
+    let most = 64 / bytes;
+    let mut replaced = [
         ("@number", width.of_c().to_owned()),
         ("@f", width.suffix().to_owned()),
         ("@bits", bits.to_owned()),
-        ("@bytes", if width == Width::Double { "8" } else { "4" }.to_owned()),
-        ("@transposed", transposed(most.parse().unwrap_or(8))),
-        ("@most", most.to_owned()),
-        ("@some", (most.parse::<usize>().unwrap_or(8) / 2).to_string()),
-        ("@few", (most.parse::<usize>().unwrap_or(8) / 4).to_string()),
+        ("@bytes", bytes.to_string()),
+        ("@transposed", transposed(most)),
+        ("@most", most.to_string()),
+        ("@some", (most / 2).to_string()),
+        ("@few", (most / 4).to_string()),
         ("@magnitude", magnitude.to_owned()),
         ("@one", one.to_owned()),
         ("@zero", constant(0.0)),
@@ -65,7 +68,6 @@ pub(super) fn prelude(width: Width) -> String {
         ("@largest", constant(sines.largest)),
     ];
     // Longer names first: some begin as others do.
-    let mut replaced = replaced.to_vec();
     replaced.sort_by_key(|(name, _)| std::cmp::Reverse(name.len()));
     replaced.iter().fold(PRELUDE.to_owned(), |text, (name, by)| text.replace(name, by))
 }

@@ -4,7 +4,6 @@ use super::functions::{Array, Function};
 use super::tracing::Tracer;
 use crate::dynamics::sweeps::SweepModel;
 use crate::error::Error;
-use crate::model::Motion;
 use crate::scalar::{Operation, Operations, Traced};
 use crate::scene::Scene;
 use std::collections::HashSet;
@@ -48,8 +47,15 @@ impl Program {
             // A constant gets its place here.
             out.iter().map(|number| number.place()).collect()
         });
-        Ok(Self { function: function.clone(), arguments, results, quaternions: quaternions(scene), operations, places }
-            .without_dead_ends())
+        Ok(Self {
+            function: function.clone(),
+            arguments,
+            results,
+            quaternions: scene.model().quaternions(),
+            operations,
+            places,
+        }
+        .without_dead_ends())
     }
 
     /// The argument of this index among the numbers of all: its array, and its place there.
@@ -180,18 +186,6 @@ impl Program {
         }
         count
     }
-}
-
-/// Where the quaternions of spherical and free joints begin in q.
-fn quaternions(scene: &Scene) -> Vec<usize> {
-    let bodies = scene.model().bodies.iter();
-    bodies
-        .filter_map(|body| match body.motion {
-            Motion::Spherical => Some(body.q),
-            Motion::Free => Some(body.q + 3),
-            _ => None,
-        })
-        .collect()
 }
 
 fn check(scene: &Scene, function: &Function) -> Result<(), Error> {

@@ -5,10 +5,8 @@ use crate::dynamics::derivatives::{
     in_sweeps, tangent_in_sweeps,
 };
 use crate::dynamics::forces::Motion;
-use crate::dynamics::sweeps::{SweepModel, SweepScratch};
-use crate::dynamics::traced;
+use crate::dynamics::traced::TracedSweeps;
 use crate::kinematics::{self, Frame, ReferenceFrame};
-use crate::model::Model;
 use crate::scalar::{Real, Traced};
 use crate::scene::Scene;
 use crate::spatial::RigidShift;
@@ -20,9 +18,7 @@ pub(super) type Place = (Frame<f64>, ReferenceFrame);
 pub(super) struct Tracer<'a> {
     scene: &'a Scene,
     place: Place,
-    model: Model<Traced>,
-    sweeps: SweepModel<Traced>,
-    scratch: SweepScratch<Traced>,
+    traced: TracedSweeps,
 }
 
 /// Writes the results, one after another, from the arguments.
@@ -30,55 +26,47 @@ pub(super) type Trace = fn(&mut Tracer<'_>, &[Vec<Traced>], &mut [Traced]);
 
 impl<'a> Tracer<'a> {
     pub fn new(scene: &'a Scene, place: Place) -> Self {
-        let (sweeps, model) = (SweepModel::new(scene.model()), scene.model().cast());
-        let scratch = SweepScratch::new(&model, &sweeps);
-        Self { scene, place, model, sweeps, scratch }
+        Self { scene, place, traced: TracedSweeps::new(scene.model()) }
     }
 }
 
 pub(super) fn forward_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let Tracer { model, sweeps, scratch, .. } = tracer;
-    traced::forward_dynamics((model, sweeps), scratch, (&given[0], &given[1], &given[2]), &[], out);
+    tracer.traced.forward_dynamics((&given[0], &given[1], &given[2]), &[], out);
 }
 
 pub(super) fn forward_dynamics_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let Tracer { model, sweeps, scratch, .. } = tracer;
-    let (qdd, margin) = out.split_at_mut(model.nv());
-    let state = (&given[0][..], &given[1][..], &given[2][..]);
-    margin[0] = traced::forward_dynamics_and_margin((model, sweeps), scratch, state, qdd);
+    let (qdd, margin) = out.split_at_mut(tracer.traced.model.nv());
+    margin[0] = tracer.traced.forward_dynamics_and_margin((&given[0], &given[1], &given[2]), qdd);
 }
 
 pub(super) fn mass_matrix_inverse_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let Tracer { model, sweeps, scratch, .. } = tracer;
-    let (inverse, margin) = out.split_at_mut(model.nv().pow(2));
-    let mut estimates = vec![Traced::from_f64(f64::NAN); model.nv()];
-    margin[0] = traced::factor_watched((model, sweeps), scratch, &given[0], &mut estimates).margin();
-    traced::multiplied_out((model, sweeps), scratch, inverse);
+    let nv = tracer.traced.model.nv();
+    let (inverse, margin) = out.split_at_mut(nv.pow(2));
+    let mut estimates = vec![Traced::from_f64(f64::NAN); nv];
+    margin[0] = tracer.traced.factor_watched(&given[0], &mut estimates).margin();
+    tracer.traced.multiplied_out(inverse);
 }
 
 pub(super) fn inverse_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let Tracer { model, sweeps, scratch, .. } = tracer;
     let qdd = given.get(2).map(|qdd| &qdd[..]);
-    traced::inverse_dynamics((model, sweeps), scratch, (&given[0], &given[1], qdd), &[], out);
+    tracer.traced.inverse_dynamics((&given[0], &given[1], qdd), &[], out);
 }
 
 pub(super) fn mass_matrix(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let Tracer { model, sweeps, scratch, .. } = tracer;
-    traced::mass_matrix((model, sweeps), scratch, &given[0], out);
+    tracer.traced.mass_matrix(&given[0], out);
 }
 
 pub(super) fn mass_matrix_inverse(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let Tracer { model, sweeps, scratch, .. } = tracer;
-    traced::factor((model, sweeps), scratch, &given[0]);
-    traced::multiplied_out((model, sweeps), scratch, out);
+    tracer.traced.factor(&given[0]);
+    tracer.traced.multiplied_out(out);
 }
 
 pub(super) fn forward_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
     let qdd = accelerations(tracer, given);
     derivatives_of_torques(tracer, (&given[0], &given[1], &qdd), out);
-    let (scene, inverse) = ((&tracer.model, &tracer.sweeps), 2 * out.len() / 3);
-    traced::multiplied_out(scene, &tracer.scratch, &mut out[inverse..]);
-    Product::new().in_place(scene, Traced::from_f64(0.0), out);
+    let inverse = 2 * out.len() / 3;
+    tracer.traced.multiplied_out(&mut out[inverse..]);
+    Product::new().in_place((&tracer.traced.model, &tracer.traced.sweeps), Traced::from_f64(0.0), out);
 }
 
 pub(super) fn inverse_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
@@ -87,7 +75,7 @@ pub(super) fn inverse_dynamics_derivatives(tracer: &mut Tracer<'_>, given: &[Vec
 
 /// The accelerations of a state; the factor of M is in the scratch then.
 fn accelerations(tracer: &mut Tracer<'_>, given: &[Vec<Traced>]) -> Vec<Traced> {
-    let mut qdd = vec![Traced::from_f64(f64::NAN); tracer.model.nv()];
+    let mut qdd = vec![Traced::from_f64(f64::NAN); tracer.traced.model.nv()];
     forward_dynamics(tracer, given, &mut qdd);
     qdd
 }
@@ -98,7 +86,7 @@ fn derivatives_of_torques(
     (q, qd, qdd): (&[Traced], &[Traced], &[Traced]),
     out: &mut [Traced],
 ) {
-    let Tracer { model, sweeps, scratch, .. } = tracer;
+    let TracedSweeps { model, sweeps, scratch } = &mut tracer.traced;
     let mut columns: DerivativeColumns<Traced, Traced> = DerivativeColumns::new();
     columns.prepare(model, sweeps);
     let mut kept = Kept::new(sweeps, model.nv());
@@ -117,7 +105,7 @@ pub(super) fn inverse_dynamics_jvp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>
 
 /// The change along a direction: of torques, or where `solves` of accelerations, with the factor in the scratch.
 fn tangent(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], (qdd, solves): (&[Traced], bool), out: &mut [Traced]) {
-    let Tracer { model, sweeps, scratch, .. } = tracer;
+    let TracedSweeps { model, sweeps, scratch } = &mut tracer.traced;
     let motion = Motion { q: &given[0], qd: &given[1], qdd: Some(qdd), wrenches: &[] };
     let along = Directions { q: &given[3], qd: &given[4], u: &given[5], ..Directions::default() };
     let (mut changes, mut right) = (Changes::new(sweeps), vec![Traced::from_f64(f64::NAN); model.nv()]);
@@ -136,7 +124,7 @@ pub(super) fn inverse_dynamics_vjp(tracer: &mut Tracer<'_>, given: &[Vec<Traced>
 
 /// The gradients, likewise.
 fn gradients(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], (qdd, solves): (&[Traced], bool), out: &mut [Traced]) {
-    let Tracer { model, sweeps, scratch, .. } = tracer;
+    let TracedSweeps { model, sweeps, scratch } = &mut tracer.traced;
     let motion = Motion { q: &given[0], qd: &given[1], qdd: Some(qdd), wrenches: &[] };
     let (mut co_states, mut x) = (CoStates::new(sweeps), vec![Traced::from_f64(f64::NAN); model.nv()]);
     let results = (&mut Constants::default(), &mut x[..], out);
@@ -146,7 +134,7 @@ fn gradients(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], (qdd, solves): (&[T
 }
 
 pub(super) fn placements(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let Tracer { scene, model, .. } = tracer;
+    let Tracer { scene, traced: TracedSweeps { model, .. }, .. } = tracer;
     let bodies = model.bodies.len();
     let mut of_bodies = vec![RigidShift::identity(); bodies];
     kinematics::placements_on_the_way(model, &given[0], &mut vec![true; bodies], &mut of_bodies);
@@ -157,11 +145,11 @@ pub(super) fn placements(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &m
 }
 
 pub(super) fn placement(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let Tracer { model, place: (frame, _), .. } = tracer;
+    let Tracer { traced: TracedSweeps { model, .. }, place: (frame, _), .. } = tracer;
     kinematics::placement(model, &given[0], &frame.cast()).homogeneous(out);
 }
 
 pub(super) fn jacobian(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let Tracer { model, place: (frame, reference), .. } = tracer;
+    let Tracer { traced: TracedSweeps { model, .. }, place: (frame, reference), .. } = tracer;
     kinematics::jacobian(model, &given[0], &frame.cast(), *reference, out);
 }

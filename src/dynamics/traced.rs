@@ -6,135 +6,132 @@ use crate::model::Model;
 use crate::scalar::Traced;
 use nalgebra::Vector6;
 
-/// What the sweeps read.
-pub(crate) type Scene<'a> = (&'a Model<Traced>, &'a SweepModel<Traced>);
-
 type State<'a> = (&'a [Traced], &'a [Traced], &'a [Traced]);
 
-/// As [`sweeps::forward_dynamics`].
-#[inline(never)]
-pub(crate) fn forward_dynamics(
-    scene: Scene<'_>,
-    scratch: &mut SweepScratch<Traced>,
-    state: State<'_>,
-    wrenches: &[Vector6<Traced>],
-    qdd: &mut [Traced],
-) {
-    sweeps::forward_dynamics::<Traced, Traced>(scene, scratch, state, wrenches, qdd);
+/// A scene as the sweeps read it, and their scratch.
+pub(crate) struct TracedSweeps {
+    pub model: Model<Traced>,
+    pub sweeps: SweepModel<Traced>,
+    pub scratch: SweepScratch<Traced>,
 }
 
-/// As [`sweeps::forward_dynamics_watched`].
-#[inline(never)]
-fn look(
-    scene: Scene<'_>,
-    scratch: &mut SweepScratch<Traced>,
-    state: State<'_>,
-    wrenches: &[Vector6<Traced>],
-    qdd: &mut [Traced],
-) -> Look<Traced> {
-    sweeps::forward_dynamics_watched::<Traced, Traced>(scene, scratch, state, wrenches, qdd)
-}
-
-/// The same, and [`Watched::margin`] of a single look.
-pub(crate) fn forward_dynamics_and_margin(
-    scene: Scene<'_>,
-    scratch: &mut SweepScratch<Traced>,
-    state: State<'_>,
-    qdd: &mut [Traced],
-) -> Traced {
-    Watched::once(look(scene, scratch, state, &[], qdd)).margin()
-}
-
-/// As [`auto::watched_in_sweeps`]; whether the digits were kept.
-pub(crate) fn forward_dynamics_watched(
-    scene: Scene<'_>,
-    scratch: &mut SweepScratch<Traced>,
-    state: State<'_>,
-    wrenches: &[Vector6<Traced>],
-    qdd: &mut [Traced],
-) -> bool {
-    let first = Watched::once(look(scene, scratch, state, wrenches, qdd));
-    if first.kept(0) {
-        return true;
+impl TracedSweeps {
+    pub fn new(model: &Model<f64>) -> Self {
+        let (sweeps, model) = (SweepModel::new(model), model.cast());
+        let scratch = SweepScratch::new(&model, &sweeps);
+        Self { model, sweeps, scratch }
     }
-    scratch.exchange_probes();
-    let second = look(scene, scratch, state, wrenches, qdd);
-    scratch.exchange_probes();
-    first.and(&second).kept(0)
-}
 
-/// As [`sweeps::forward_dynamics_by_roots`]; whether its pivots are clear of rounding.
-#[inline(never)]
-pub(crate) fn forward_dynamics_by_roots(
-    scene: Scene<'_>,
-    scratch: &mut SweepScratch<Traced>,
-    state: State<'_>,
-    wrenches: &[Vector6<Traced>],
-    qdd: &mut [Traced],
-) -> bool {
-    let (pivots, reach) = sweeps::forward_dynamics_by_roots::<Traced, Traced>(scene, scratch, state, wrenches, qdd);
-    pivots.clear(0) && reach.clear(0)
-}
+    /// As [`sweeps::forward_dynamics`].
+    #[inline(never)]
+    pub fn forward_dynamics(&mut self, state: State<'_>, wrenches: &[Vector6<Traced>], qdd: &mut [Traced]) {
+        let Self { model, sweeps, scratch } = self;
+        sweeps::forward_dynamics::<Traced, Traced>((model, sweeps), scratch, state, wrenches, qdd);
+    }
 
-/// As [`sweeps::inverse_dynamics`].
-#[inline(never)]
-pub(crate) fn inverse_dynamics(
-    scene: Scene<'_>,
-    scratch: &mut SweepScratch<Traced>,
-    state: (&[Traced], &[Traced], Option<&[Traced]>),
-    wrenches: &[Vector6<Traced>],
-    tau: &mut [Traced],
-) {
-    sweeps::inverse_dynamics::<Traced, Traced>(scene, scratch, state, wrenches, tau);
-}
+    /// As [`sweeps::forward_dynamics_watched`].
+    #[inline(never)]
+    fn look(&mut self, state: State<'_>, wrenches: &[Vector6<Traced>], qdd: &mut [Traced]) -> Look<Traced> {
+        let Self { model, sweeps, scratch } = self;
+        sweeps::forward_dynamics_watched::<Traced, Traced>((model, sweeps), scratch, state, wrenches, qdd)
+    }
 
-/// As [`sweeps::mass_matrix`].
-#[inline(never)]
-pub(crate) fn mass_matrix(scene: Scene<'_>, scratch: &mut SweepScratch<Traced>, q: &[Traced], out: &mut [Traced]) {
-    let mut columns: MassColumns<Traced, Traced> = MassColumns::new();
-    columns.prepare(scene.0, scene.1);
-    sweeps::mass_matrix::<Traced, Traced, false>(scene, (scratch, &mut columns), q, out);
-}
+    /// The same, and [`Watched::margin`] of a single look.
+    pub fn forward_dynamics_and_margin(&mut self, state: State<'_>, qdd: &mut [Traced]) -> Traced {
+        Watched::once(self.look(state, &[], qdd)).margin()
+    }
 
-/// As [`sweeps::factor`]; whether its pivots are clear of rounding.
-#[inline(never)]
-pub(crate) fn factor(scene: Scene<'_>, scratch: &mut SweepScratch<Traced>, q: &[Traced]) -> bool {
-    sweeps::factor::<Traced, Traced>(scene, scratch, q).clear(0)
-}
+    /// As [`auto::watched_in_sweeps`]; whether the digits were kept.
+    pub fn forward_dynamics_watched(
+        &mut self,
+        state: State<'_>,
+        wrenches: &[Vector6<Traced>],
+        qdd: &mut [Traced],
+    ) -> bool {
+        let first = Watched::once(self.look(state, wrenches, qdd));
+        if first.kept(0) {
+            return true;
+        }
+        self.scratch.exchange_probes();
+        let second = self.look(state, wrenches, qdd);
+        self.scratch.exchange_probes();
+        first.and(&second).kept(0)
+    }
 
-/// As [`auto::factor_watched_in_sweeps`].
-#[inline(never)]
-pub(crate) fn factor_watched(
-    scene: Scene<'_>,
-    scratch: &mut SweepScratch<Traced>,
-    q: &[Traced],
-    estimates: &mut [Traced],
-) -> Watched<Traced> {
-    auto::factor_watched_in_sweeps::<Traced, Traced>(scene, scratch, q, estimates)
-}
+    /// As [`sweeps::forward_dynamics_by_roots`]; whether its pivots are clear of rounding.
+    #[inline(never)]
+    pub fn forward_dynamics_by_roots(
+        &mut self,
+        state: State<'_>,
+        wrenches: &[Vector6<Traced>],
+        qdd: &mut [Traced],
+    ) -> bool {
+        let Self { model, sweeps, scratch } = self;
+        let (pivots, reach) =
+            sweeps::forward_dynamics_by_roots::<Traced, Traced>((model, sweeps), scratch, state, wrenches, qdd);
+        pivots.clear(0) && reach.clear(0)
+    }
 
-/// M^-1 of the factor in the scratch, as [`sweeps::multiplied_out`].
-#[inline(never)]
-pub(crate) fn multiplied_out(scene: Scene<'_>, scratch: &SweepScratch<Traced>, out: &mut [Traced]) {
-    let mut columns: InverseColumns<Traced, Traced> = InverseColumns::new();
-    columns.prepare(scene.0, scene.1);
-    sweeps::multiplied_out::<Traced, Traced, false>(scene, scratch, &mut columns, out);
-}
+    /// As [`sweeps::inverse_dynamics`].
+    #[inline(never)]
+    pub fn inverse_dynamics(
+        &mut self,
+        state: (&[Traced], &[Traced], Option<&[Traced]>),
+        wrenches: &[Vector6<Traced>],
+        tau: &mut [Traced],
+    ) {
+        let Self { model, sweeps, scratch } = self;
+        sweeps::inverse_dynamics::<Traced, Traced>((model, sweeps), scratch, state, wrenches, tau);
+    }
 
-/// The innovations with the factor in the scratch, as [`sweeps::innovations_of_factor`].
-#[inline(never)]
-pub(crate) fn innovations_of_factor(
-    scene: Scene<'_>,
-    scratch: &mut SweepScratch<Traced>,
-    state: State<'_>,
-    wrenches: &[Vector6<Traced>],
-    innovations: &mut [Traced],
-) {
-    sweeps::innovations_of_factor::<Traced, Traced>(scene, scratch, state, wrenches, innovations);
-}
+    /// As [`sweeps::mass_matrix`].
+    #[inline(never)]
+    pub fn mass_matrix(&mut self, q: &[Traced], out: &mut [Traced]) {
+        let Self { model, sweeps, scratch } = self;
+        let mut columns: MassColumns<Traced, Traced> = MassColumns::new();
+        columns.prepare(model, sweeps);
+        sweeps::mass_matrix::<Traced, Traced, false>((model, sweeps), (scratch, &mut columns), q, out);
+    }
 
-/// The smoother with the factor in the scratch, as [`sweeps::smooth`].
-#[inline(never)]
-pub(crate) fn smooth(scene: Scene<'_>, scratch: &mut SweepScratch<Traced>, estimates: &mut [Traced]) {
-    sweeps::smooth(scene, scratch, estimates);
+    /// As [`sweeps::factor`]; whether its pivots are clear of rounding.
+    #[inline(never)]
+    pub fn factor(&mut self, q: &[Traced]) -> bool {
+        let Self { model, sweeps, scratch } = self;
+        sweeps::factor::<Traced, Traced>((model, sweeps), scratch, q).clear(0)
+    }
+
+    /// As [`auto::factor_watched_in_sweeps`].
+    #[inline(never)]
+    pub fn factor_watched(&mut self, q: &[Traced], estimates: &mut [Traced]) -> Watched<Traced> {
+        let Self { model, sweeps, scratch } = self;
+        auto::factor_watched_in_sweeps::<Traced, Traced>((model, sweeps), scratch, q, estimates)
+    }
+
+    /// M^-1 of the factor in the scratch, as [`sweeps::multiplied_out`].
+    #[inline(never)]
+    pub fn multiplied_out(&self, out: &mut [Traced]) {
+        let Self { model, sweeps, scratch } = self;
+        let mut columns: InverseColumns<Traced, Traced> = InverseColumns::new();
+        columns.prepare(model, sweeps);
+        sweeps::multiplied_out::<Traced, Traced, false>((model, sweeps), scratch, &mut columns, out);
+    }
+
+    /// The innovations with the factor in the scratch, as [`sweeps::innovations_of_factor`].
+    #[inline(never)]
+    pub fn innovations_of_factor(
+        &mut self,
+        state: State<'_>,
+        wrenches: &[Vector6<Traced>],
+        innovations: &mut [Traced],
+    ) {
+        let Self { model, sweeps, scratch } = self;
+        sweeps::innovations_of_factor::<Traced, Traced>((model, sweeps), scratch, state, wrenches, innovations);
+    }
+
+    /// The smoother with the factor in the scratch, as [`sweeps::smooth`].
+    #[inline(never)]
+    pub fn smooth(&mut self, estimates: &mut [Traced]) {
+        let Self { model, sweeps, scratch } = self;
+        sweeps::smooth((model, sweeps), scratch, estimates);
+    }
 }

@@ -58,6 +58,16 @@ impl<T: Real> Model<T> {
         self.system.rows()
     }
 
+    /// Where the quaternions of spherical and free joints begin in q.
+    pub(crate) fn quaternions(&self) -> Vec<usize> {
+        let of = |body: &Body<T>| match body.motion {
+            Motion::Spherical => Some(body.q),
+            Motion::Free => Some(body.q + 3),
+            _ => None,
+        };
+        self.bodies.iter().filter_map(of).collect()
+    }
+
     /// Appends a massless body; gives its index.
     #[doc(hidden)]
     pub fn push(&mut self, parent: Option<usize>, tree: RigidShift<T>, motion: Motion<T>, armature: T) -> usize {

@@ -1,6 +1,7 @@
 //! Operations of each algorithm on a scene, counted: the code that computes, run on [`Traced`] numbers; and the memory it touches.
 
 use crate::algorithm::{Algorithm, Arguments, Derivatives, Products};
+use crate::dynamics;
 use crate::dynamics::constraints::ConstraintKernel;
 use crate::dynamics::derivatives::{
     Constants, DerivativeScratch, Directions, ProductScratch, coriolis_matrix, forward_dynamics_derivatives,
@@ -8,8 +9,8 @@ use crate::dynamics::derivatives::{
     inverse_dynamics_vjp, mass_matrix_derivative,
 };
 use crate::dynamics::mass_inverse::InverseScratch;
-use crate::dynamics::sweeps::{self, SweepModel, SweepScratch};
-use crate::dynamics::{self, traced};
+use crate::dynamics::sweeps::{self, SweepModel};
+use crate::dynamics::traced::TracedSweeps;
 use crate::filter::pivots::Scale;
 use crate::filter::riccati::Measured;
 use crate::filter::{FORMS, Form, Stage};
@@ -77,24 +78,26 @@ pub fn count(scene: &Scene, task: Task, state: &Arguments<'_>) -> Count {
 
 /// Forward dynamics through connections as the kernels have it, with one look at what is left of the rows; false where the state is in doubt.
 fn through_connections(
-    scene: traced::Scene<'_>,
-    (scratch, rows): (&mut SweepScratch<Traced>, &mut ConstraintKernel<Traced>),
+    traced: &mut TracedSweeps,
+    rows: &mut ConstraintKernel<Traced>,
     form: Form,
     (q, qd, tau): (&[Traced], &[Traced], &[Traced]),
     wrenches: &[Vector6<Traced>],
     out: &mut [Traced],
 ) -> bool {
-    let nv = scene.0.nv();
+    let nv = traced.model.nv();
     let (qdd, rest) = out.split_at_mut(nv);
     let kept = match form {
-        Form::Auto => traced::factor_watched(scene, scratch, q, qdd).kept(0),
-        _ => traced::factor(scene, scratch, q),
+        Form::Auto => traced.factor_watched(q, qdd).kept(0),
+        _ => traced.factor(q),
     };
-    traced::innovations_of_factor(scene, scratch, (q, qd, tau), wrenches, qdd);
-    let regular = rows.begin(scene, scratch, (qd, tau), qdd);
+    traced.innovations_of_factor((q, qd, tau), wrenches, qdd);
+    let TracedSweeps { model, sweeps, scratch } = traced;
+    let regular = rows.begin((model, sweeps), scratch, (qd, tau), qdd);
     rows.take(qdd);
-    traced::smooth(scene, scratch, qdd);
-    let [_, far] = rows.look(scene, scratch, qdd);
+    traced.smooth(qdd);
+    let TracedSweeps { model, sweeps, scratch } = traced;
+    let [_, far] = rows.look((model, sweeps), scratch, qdd);
     let m = rows.forces_of_rows.len();
     rest[..m].copy_from_slice(&rows.forces_of_rows);
     (rest[m], rest[m + 1]) = (rows.rank, rows.residual);
@@ -114,49 +117,47 @@ pub(crate) fn count_in_sweeps(
     state: &Arguments<'_>,
 ) -> Count {
     let model = Model { omissions, ..scene.model().clone() };
-    let (sweeps, model) = (SweepModel::<Traced>::new(&model), model.cast());
+    let mut traced = TracedSweeps::new(&model);
     let ([q, qd, u], wrenches) = on_counted(state);
-    let mut scratch = SweepScratch::new(&model, &sweeps);
-    if matches!(algorithm, Algorithm::MassMatrixInverse(_)) && !sweeps.is_shallow() {
+    if matches!(algorithm, Algorithm::MassMatrixInverse(_)) && !traced.sweeps.is_shallow() {
         return count_recursion(scene, Task::Algorithm(algorithm), state);
     }
     let mut out = vec![Traced::from_f64(f64::NAN); scene.width(algorithm)];
     let constraints = scene.constraints();
     let (kept, operations) = Traced::counted(|| {
-        let (scene, state) = ((&model, &sweeps), (&q[..], &qd[..], &u[..]));
+        let state = (&q[..], &qd[..], &u[..]);
         match algorithm {
-            Algorithm::ForwardDynamics(Form::Auto) => {
-                traced::forward_dynamics_watched(scene, &mut scratch, state, &wrenches, &mut out)
-            }
+            Algorithm::ForwardDynamics(Form::Auto) => traced.forward_dynamics_watched(state, &wrenches, &mut out),
             Algorithm::MassMatrixInverse(Form::Auto) => {
-                let kept = traced::factor_watched(scene, &mut scratch, &q, &mut out[..model.nv()]).kept(0);
-                traced::multiplied_out(scene, &scratch, &mut out);
+                let nv = traced.model.nv();
+                let kept = traced.factor_watched(&q, &mut out[..nv]).kept(0);
+                traced.multiplied_out(&mut out);
                 kept
             }
             Algorithm::ForwardDynamics(Form::SquareRoot) => {
-                traced::forward_dynamics_by_roots(scene, &mut scratch, state, &wrenches, &mut out)
+                traced.forward_dynamics_by_roots(state, &wrenches, &mut out)
             }
             Algorithm::ForwardDynamics(_) => {
-                traced::forward_dynamics(scene, &mut scratch, state, &wrenches, &mut out);
+                traced.forward_dynamics(state, &wrenches, &mut out);
                 true
             }
             Algorithm::InverseDynamics | Algorithm::BiasTorque => {
                 let u = (algorithm == Algorithm::InverseDynamics).then_some(&u[..]);
-                traced::inverse_dynamics(scene, &mut scratch, (&q, &qd, u), &wrenches, &mut out);
+                traced.inverse_dynamics((&q, &qd, u), &wrenches, &mut out);
                 true
             }
             Algorithm::MassMatrix => {
-                traced::mass_matrix(scene, &mut scratch, &q, &mut out);
+                traced.mass_matrix(&q, &mut out);
                 true
             }
             Algorithm::MassMatrixInverse(_) => {
-                traced::factor(scene, &mut scratch, &q);
-                traced::multiplied_out(scene, &scratch, &mut out);
+                traced.factor(&q);
+                traced.multiplied_out(&mut out);
                 true
             }
             Algorithm::ConstrainedDynamics(form) => {
-                let mut rows = ConstraintKernel::new(scene, constraints);
-                through_connections(scene, (&mut scratch, &mut rows), form, state, &wrenches, &mut out)
+                let mut rows = ConstraintKernel::new((&traced.model, &traced.sweeps), constraints);
+                through_connections(&mut traced, &mut rows, form, state, &wrenches, &mut out)
             }
             // Of them the general recursion is counted.
             Algorithm::Derivatives(_) | Algorithm::Products(_) => false,
