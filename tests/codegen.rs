@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::codegen::{by_method, tree};
+use common::codegen::{by_method, quadruped, tree};
 use common::lanes::{State, states};
 use common::{Random, random_inertial, tolerance};
 use phipsi::codegen::{FUNCTIONS, Function, Program, WATCHED, Width, sources};
@@ -176,37 +176,55 @@ fn what_a_scene_does_not_need_is_not_written() {
     assert_eq!(size(&chain, Function::MassMatrix).sines, 6);
 }
 
+/// Writes C of these functions, compiles it and runs its test; what that prints.
+fn tested(name: &str, (scene, functions): (&Scene, &[Function]), width: Width) -> String {
+    let compiler = std::env::var("CC").unwrap_or_else(|_| "cc".to_owned());
+    let directory = std::env::temp_dir().join(format!("phipsi-codegen-{}-{name}", std::process::id()));
+    std::fs::create_dir_all(&directory).unwrap();
+    for (file, text) in sources(scene, name, functions, (width, true)).unwrap() {
+        std::fs::write(directory.join(file), text).unwrap();
+    }
+    let binary = directory.join("run");
+    let built = Command::new(&compiler)
+        .args(["-std=c99", "-O0", "-Wall", "-Wextra", "-Werror", "-pedantic"])
+        .args([format!("test_{name}.c"), format!("{name}.c")])
+        .args(["-lm", "-o"])
+        .arg(&binary)
+        .current_dir(&directory)
+        .output()
+        .unwrap();
+    assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
+    let run = Command::new(&binary).output().unwrap();
+    let said = String::from_utf8_lossy(&run.stdout).into_owned();
+    assert!(run.status.success(), "{said}");
+    std::fs::remove_dir_all(&directory).unwrap();
+    said
+}
+
 #[test]
 fn the_c_code_compiles_and_passes_its_own_test() {
-    let compiler = std::env::var("CC").unwrap_or_else(|_| "cc".to_owned());
-    for (name, width) in [("arm", Width::Double), ("arm_f", Width::Single)] {
-        let directory = std::env::temp_dir().join(format!("phipsi-codegen-{}-{name}", std::process::id()));
-        std::fs::create_dir_all(&directory).unwrap();
-        // In single precision a chain, whose mass matrix is tame.
-        let scene = match width {
-            Width::Double => tree(5, 4),
-            Width::Single => scenes::chain(3).unwrap(),
-        };
+    // In single precision a chain, whose mass matrix is tame.
+    for (name, scene, width) in
+        [("arm", tree(5, 4), Width::Double), ("arm_f", scenes::chain(3).unwrap(), Width::Single)]
+    {
         let functions = functions(&scene);
-        for (file, text) in sources(&scene, name, &functions, (width, true)).unwrap() {
-            std::fs::write(directory.join(file), text).unwrap();
-        }
-        let binary = directory.join("run");
-        let built = Command::new(&compiler)
-            .args(["-std=c99", "-O0", "-Wall", "-Wextra", "-Werror", "-pedantic"])
-            .args([format!("test_{name}.c"), format!("{name}.c")])
-            .args(["-lm", "-o"])
-            .arg(&binary)
-            .current_dir(&directory)
-            .output()
-            .unwrap();
-        assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
-        // One state by itself, and eleven in lanes.
-        let run = Command::new(&binary).output().unwrap();
-        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stdout));
         let results: usize = functions.iter().map(|function| function.results(&scene).len()).sum();
-        assert_eq!(String::from_utf8_lossy(&run.stdout).lines().count(), 12 * results);
-        std::fs::remove_dir_all(&directory).unwrap();
+        // One state by itself, and eleven in lanes.
+        assert_eq!(tested(name, (&scene, &functions), width).lines().count(), 12 * results);
+    }
+}
+
+#[test]
+fn what_legs_repeat_is_a_loop_in_c_that_passes_its_own_test() {
+    let (scene, functions) = (quadruped(), [Function::ForwardDynamicsDerivatives]);
+    let source = &sources(&scene, "walker", &functions, (Width::Double, true)).unwrap()[0].1;
+    // The function of one state, and that of lanes.
+    for table in ["walker_forward_dynamics_derivatives_", "    forward_dynamics_derivatives_lanes_"] {
+        let loops = source.split("for (int i = ").filter(|part| part.contains(&format!("    {}", table.trim_start())));
+        assert!(loops.count() > 4, "{table}");
+    }
+    for (name, width) in [("walker", Width::Double), ("walker_f", Width::Single)] {
+        assert_eq!(tested(name, (&scene, &functions), width).lines().count(), 12 * 3);
     }
 }
 

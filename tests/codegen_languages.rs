@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::codegen::{by_method, tree};
+use common::codegen::{by_method, quadruped, tree};
 use common::lanes::{State, states};
 use common::tolerance;
 use phipsi::codegen::{FUNCTIONS, Function, Width, cuda_sources, rust_sources};
@@ -70,6 +70,23 @@ fn rust_crates_pass_their_own_tests() {
         assert!(said.contains(&format!("{} passed; 0 failed", 2 * FUNCTIONS.len())), "{said}");
         std::fs::remove_dir_all(&directory).unwrap();
     }
+}
+
+#[test]
+fn what_legs_repeat_is_a_loop_in_rust_and_in_kernels() {
+    let (scene, functions) = (quadruped(), [Function::ForwardDynamicsDerivatives]);
+    let files = rust_sources(&scene, "walker", &functions).unwrap();
+    assert!(files[2].1.contains("    for row in 0..4 {\n        forward_dynamics_derivatives_"));
+    let directory = directory("walker", &files);
+    library(&directory, "walker", true);
+    run(rustc(&directory).args(["--test", "tests/reference.rs", "-o", "reference", "--extern", "walker"]));
+    let said = run(&mut Command::new(directory.join("reference")));
+    assert!(said.contains("2 passed; 0 failed"), "{said}");
+    std::fs::remove_dir_all(&directory).unwrap();
+
+    let files = cuda_sources(&scene, "walker", &functions, Width::Double).unwrap();
+    assert!(files[0].1.contains("    for (int i = 0; i < 4; i++)\n        walker_forward_dynamics_derivatives_"));
+    assert_eq!(by_the_c_compiler("walker_kernels", "walker", &files).lines().count(), 3);
 }
 
 /// A program that reads states and writes what each function gives, in these numbers.
@@ -236,21 +253,27 @@ fn sines_in_lanes_are_those_of_one_number() {
     std::fs::remove_dir_all(&directory).unwrap();
 }
 
+/// Compiles the test of kernels as C, in a directory of this name, and runs it; what that prints.
+fn by_the_c_compiler(at: &str, name: &str, files: &[(String, String)]) -> String {
+    let compiler = std::env::var("CC").unwrap_or_else(|_| "cc".to_owned());
+    let directory = directory(at, files);
+    run(Command::new(&compiler)
+        .args(["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic", "-x", "c"])
+        .args([&format!("test_{name}.cu"), "-lm", "-o", "run"])
+        .current_dir(&directory));
+    let said = run(&mut Command::new(directory.join("run")));
+    std::fs::remove_dir_all(&directory).unwrap();
+    said
+}
+
 #[test]
 fn kernels_as_c_pass_their_own_test() {
-    let compiler = std::env::var("CC").unwrap_or_else(|_| "cc".to_owned());
     for (name, width) in [("double", Width::Double), ("single", Width::Single)] {
         // In single precision a chain, whose mass matrix is tame.
         let scene = if width == Width::Double { tree(5, 5) } else { scenes::chain(3).unwrap() };
-        let directory = directory(name, &cuda_sources(&scene, name, &FUNCTIONS, width).unwrap());
-        run(Command::new(&compiler)
-            .args(["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic", "-x", "c"])
-            .args([&format!("test_{name}.cu"), "-lm", "-o", "run"])
-            .current_dir(&directory));
-        let said = run(&mut Command::new(directory.join("run")));
+        let said = by_the_c_compiler(name, name, &cuda_sources(&scene, name, &FUNCTIONS, width).unwrap());
         let results: usize = FUNCTIONS.iter().map(|function| function.results(&scene).len()).sum();
         assert_eq!(said.lines().count(), results, "{said}");
-        std::fs::remove_dir_all(&directory).unwrap();
     }
 }
 

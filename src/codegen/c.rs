@@ -18,7 +18,7 @@ pub type Sources = Vec<(String, String)>;
 /// C99 of functions of a scene under this name: NAME.c, NAME.h, `test_NAME.c` and a Makefile.
 ///
 /// Each function takes pointers to its arguments, SI units, radians, and then to its results, which it writes; nothing is allocated, and of libm it needs sines, cosines and square roots. Results are those of the
-/// scene's methods to rounding, in covariance form: a state that loses digits there is not noticed. The test compares with the scene at a state of its own. Long programs are written in pieces, a function each.
+/// scene's methods to rounding, in covariance form: a state that loses digits there is not noticed. The test compares with the scene at a state of its own. Programs of more than 8000 operations are written in parts, a function each; what limbs of one kind repeat is one of them, called in a loop with the constants of each limb from a table.
 ///
 /// With `batches` there is a function of many states too for each, as many at once as the processor's registers hold: by the vector extensions of GCC and Clang. Those of one state are left out where
 /// `NAME_BATCHES_ALONE` is defined.
@@ -156,35 +156,22 @@ fn one_state(name: &str, program: &Program, width: Width, text: &mut String) {
     let number = width.of_c();
     let form = Form {
         head: declaration(name, program, width),
+        before: "",
         name: format!("{name}_{}", program.function.symbol()),
         parameters: program.named(&format!("const {number} *restrict "), &format!("{number} *restrict ")),
         names: program.named("", ""),
         number,
+        width,
+        of_part: "static APART",
+        of_table: "static",
         is_apart: false,
         constant: str::to_owned,
+        number_of: |array, index| format!("{array}[{index}]"),
+        reads_once: false,
+        has_pairs: false,
+        right_side,
     };
-    let said = (0..program.operations.len()).map(|place| operand(program, place, width)).collect();
-    let statement = |place: usize, said: &mut [String], text: &mut String| {
-        if let Some(right) = right_side(&program.operations[place], said, width) {
-            let _ = writeln!(text, "    const {number} {} = {right};", said[place]);
-        }
-    };
-    pieces::write(program, &form, said, statement, text);
-}
-
-/// How a number is named where it is read.
-pub(super) fn operand(program: &Program, place: usize, width: Width) -> String {
-    match program.operations[place] {
-        Operation::Constant(bits) => {
-            let x = f64::from_bits(bits);
-            if x < 0.0 { format!("({})", width.constant(x)) } else { width.constant(x) }
-        }
-        Operation::Argument(index) => {
-            let (array, at) = program.argument(index);
-            format!("{}[{at}]", array.name)
-        }
-        _ => format!("x{place}"),
-    }
+    pieces::write(program, &form, text);
 }
 
 /// What computes a number; nothing of constants and arguments.

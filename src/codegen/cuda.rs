@@ -3,18 +3,17 @@
 use super::c::{Sources, WRITTEN_BY, check, constants, joints, meaning, programs, right_side};
 use super::case::Case;
 use super::functions::{Array, Function};
+use super::pieces::{self, Form};
 use super::program::Program;
 use super::width::Width;
 use crate::error::Error;
-use crate::scalar::Operation;
 use crate::scene::Scene;
-use std::collections::{BTreeSet, HashSet};
 use std::fmt::Write;
 
 /// CUDA of functions of a scene under this name: NAME.cu, `test_NAME.cu`, `one_thread.h` and a Makefile.
 ///
 /// Each function is a kernel of many states, `extern "C"`, one state a thread: `NAME_forward_dynamics(count, q, qd, tau, qdd)`, and the number `i` of the array q of the state `s` is `q[i * count + s]`, so that threads side by side
-/// read numbers side by side. NAME.cu includes nothing and is compiled at run time by NVRTC, or by nvcc. `one_thread.h` makes C99 of it, where threads are a loop: `make test-c` compares with the scene without a GPU, `make test` with one.
+/// read numbers side by side. Long programs are in parts, as in C. NAME.cu includes nothing and is compiled at run time by NVRTC, or by nvcc. `one_thread.h` makes C99 of it, where threads are a loop: `make test-c` compares with the scene without a GPU, `make test` with one.
 ///
 /// # Errors
 ///
@@ -63,6 +62,7 @@ fn prelude(width: Width) -> String {
     format!(
         "\n__device__ __forceinline__ void sine_and_cosine({number} x, {number} *sine, {number} *cosine)\n{{\n\
          #ifdef __CUDACC__\n    sincos{f}(x, sine, cosine);\n#else\n    *sine = sin{f}(x);\n    *cosine = cos{f}(x);\n#endif\n}}\n\n\
+         #if defined(__CUDACC__)\n#define APART __noinline__\n#else\n#define APART\n#endif\n\n\
          #ifdef __cplusplus\nextern \"C\" {{\n#endif\n"
     )
 }
@@ -82,63 +82,28 @@ fn source(scene: &Scene, name: &str, programs: &[Program], width: Width) -> Stri
     text
 }
 
-/// The name of a number of an argument within a thread.
-fn of_argument(program: &Program, index: u32) -> (&Array, usize, String) {
-    let (array, at) = program.argument(index);
-    (array, at, format!("{}{at}", array.name))
-}
-
 fn kernel(name: &str, program: &Program, width: Width, text: &mut String) {
     let number = width.of_c();
     let parameters = program.named(&format!("const {number} *__restrict__ "), &format!("{number} *__restrict__ "));
-    let _ = write!(
-        text,
-        "__global__ void {name}_{}(unsigned long long count, {})\n{{\n    \
-         const unsigned long long state = (unsigned long long)blockIdx.x * blockDim.x + threadIdx.x;\n    \
-         if (state >= count) return;\n",
-        program.function.symbol(),
-        parameters
-    );
-    let read: BTreeSet<u32> = program
-        .operations
-        .iter()
-        .filter_map(|operation| match *operation {
-            Operation::Argument(index) => Some(index),
-            _ => None,
-        })
-        .collect();
-    for index in read {
-        let (array, at, said) = of_argument(program, index);
-        let _ = writeln!(text, "    const {number} {said} = {}[{at} * count + state];", array.name);
-    }
-    let (mut said, mut turned) = (Vec::with_capacity(program.operations.len()), HashSet::new());
-    for (place, operation) in program.operations.iter().enumerate() {
-        let name = match *operation {
-            Operation::Constant(_) => super::c::operand(program, place, width),
-            Operation::Argument(index) => of_argument(program, index).2,
-            Operation::Sine(a) | Operation::Cosine(a) => {
-                if turned.insert(a) {
-                    let _ = writeln!(text, "    {number} s{a}, c{a};");
-                    let _ = writeln!(text, "    sine_and_cosine({}, &s{a}, &c{a});", said[a as usize]);
-                }
-                said.push(format!("{}{a}", if matches!(operation, Operation::Sine(_)) { 's' } else { 'c' }));
-                continue;
-            }
-            _ => format!("x{place}"),
-        };
-        if let Some(right) = right_side(operation, &said, width) {
-            let _ = writeln!(text, "    const {number} {name} = {right};");
-        }
-        said.push(name);
-    }
-    for (array, at, operation) in program.written() {
-        let _ = writeln!(text, "    {}[{at} * count + state] = {};", array.name, said[operation]);
-    }
-    // What no result reads is no fault.
-    for name in program.unread() {
-        let _ = writeln!(text, "    (void){name};");
-    }
-    text.push_str("}\n");
+    let name = format!("{name}_{}", program.function.symbol());
+    let form = Form {
+        head: format!("__global__ void {name}(unsigned long long count, {parameters})"),
+        before: "    const unsigned long long state = (unsigned long long)blockIdx.x * blockDim.x + threadIdx.x;\n    if (state >= count) return;\n",
+        name,
+        parameters: format!("unsigned long long count, unsigned long long state, {parameters}"),
+        names: format!("count, state, {}", program.named("", "")),
+        number,
+        width,
+        of_part: "__device__ APART",
+        of_table: "__device__",
+        is_apart: true,
+        constant: str::to_owned,
+        number_of: |array, index| format!("{array}[{index} * count + state]"),
+        reads_once: true,
+        has_pairs: true,
+        right_side,
+    };
+    pieces::write(program, &form, text);
 }
 
 /// Some states, and what the methods give there: on a GPU by nvcc, else one thread after another.

@@ -1,12 +1,10 @@
 //! C of programs for many states: one number of each in a lane of a vector, by the vector extensions of GCC and Clang.
 
-use super::c::operand;
 use super::circle::Sines;
 use super::pieces::{self, Form};
 use super::program::Program;
 use super::width::Width;
 use crate::scalar::Operation;
-use std::collections::HashSet;
 use std::fmt::Write;
 
 /// What all programs in lanes use: vectors, sines with their cosines, and the way of states into lanes and out.
@@ -249,29 +247,23 @@ pub(super) fn functions(name: &str, program: &Program, width: Width, text: &mut 
     let parameters = program.named("const lanes *restrict ", "lanes *restrict ");
     let form = Form {
         head: format!("static void {function}_lanes({parameters})"),
+        before: "",
         name: format!("{function}_lanes"),
         parameters,
         names: program.named("", ""),
         number: "lanes",
+        width,
+        of_part: "static APART",
+        of_table: "static",
         is_apart: true,
         // A number by itself is no vector.
         constant: |value| format!("(lanes){{0}} + {value}"),
+        number_of: |array, index| format!("{array}[{index}]"),
+        reads_once: false,
+        has_pairs: true,
+        right_side,
     };
-    let said = (0..program.operations.len()).map(|place| operand(program, place, width)).collect();
-    let mut turned = HashSet::new();
-    let statement = |place: usize, said: &mut [String], text: &mut String| {
-        let operation = &program.operations[place];
-        if let Operation::Sine(a) | Operation::Cosine(a) = *operation {
-            if turned.insert(a) {
-                let _ = writeln!(text, "    lanes s{a}, c{a};");
-                let _ = writeln!(text, "    sine_and_cosine({}, &s{a}, &c{a});", said[a as usize]);
-            }
-            said[place] = format!("{}{a}", if matches!(operation, Operation::Sine(_)) { 's' } else { 'c' });
-        } else if let Some(right) = right_side(operation, said, width) {
-            let _ = writeln!(text, "    const lanes {} = {right};", said[place]);
-        }
-    };
-    pieces::write(program, &form, said, statement, text);
+    pieces::write(program, &form, text);
 
     let _ = write!(text, "\n{}\n{{\n", declaration(name, program, width));
     text.push_str("    lanes fault = {0};\n    for (size_t first = 0; first < count; first += LANES) {\n");

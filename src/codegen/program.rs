@@ -127,7 +127,7 @@ impl Program {
         let mut operations = Vec::new();
         for (place, operation) in self.operations.iter().enumerate().filter(|&(place, _)| is_needed[place]) {
             moved[place] = u32::try_from(operations.len()).unwrap_or(u32::MAX);
-            operations.push(renumbered(operation, &moved));
+            operations.push(renumbered(operation, |place| moved[place as usize]));
         }
         let places = self.places.iter().map(|&result| moved[result as usize]).collect();
         Self { operations, places, ..self }
@@ -143,23 +143,10 @@ impl Program {
         crate::error::check_length("arguments", arguments.len(), count)?;
         let mut values: Vec<f64> = Vec::with_capacity(self.operations.len());
         for operation in &self.operations {
-            let of = |place: u32| values[place as usize];
             let value = match *operation {
                 Operation::Constant(bits) => f64::from_bits(bits),
                 Operation::Argument(index) => arguments[index as usize],
-                Operation::Sum(a, b) => of(a) + of(b),
-                Operation::Difference(a, b) => of(a) - of(b),
-                Operation::Product(a, b) => of(a) * of(b),
-                Operation::ProductSum(a, b, c) => of(a) * of(b) + of(c),
-                Operation::MinusProduct(a, b, c) => of(c) - of(a) * of(b),
-                Operation::Quotient(a, b) => of(a) / of(b),
-                Operation::Negative(a) => -of(a),
-                Operation::Root(a) => of(a).sqrt(),
-                Operation::Sine(a) => of(a).sin(),
-                Operation::Cosine(a) => of(a).cos(),
-                Operation::Absolute(a) => of(a).abs(),
-                Operation::Smaller(a, b) => crate::scalar::Real::worst(of(a), of(b)),
-                Operation::OneIfZero(a) => f64::from(u8::from(of(a) == 0.0)),
+                _ => value(operation, |place| values[place as usize]),
             };
             values.push(value);
         }
@@ -205,6 +192,26 @@ fn check(scene: &Scene, function: &Function) -> Result<(), Error> {
     Ok(())
 }
 
+/// The number that an operation gives, of what its operands are; NaN of constants and arguments, which have none.
+pub(super) fn value(operation: &Operation, of: impl Fn(u32) -> f64) -> f64 {
+    match *operation {
+        Operation::Constant(_) | Operation::Argument(_) => f64::NAN,
+        Operation::Sum(a, b) => of(a) + of(b),
+        Operation::Difference(a, b) => of(a) - of(b),
+        Operation::Product(a, b) => of(a) * of(b),
+        Operation::ProductSum(a, b, c) => of(a) * of(b) + of(c),
+        Operation::MinusProduct(a, b, c) => of(c) - of(a) * of(b),
+        Operation::Quotient(a, b) => of(a) / of(b),
+        Operation::Negative(a) => -of(a),
+        Operation::Root(a) => of(a).sqrt(),
+        Operation::Sine(a) => of(a).sin(),
+        Operation::Cosine(a) => of(a).cos(),
+        Operation::Absolute(a) => of(a).abs(),
+        Operation::Smaller(a, b) => crate::scalar::Real::worst(of(a), of(b)),
+        Operation::OneIfZero(a) => f64::from(u8::from(of(a) == 0.0)),
+    }
+}
+
 /// What an operation reads.
 pub(super) fn operands(operation: &Operation) -> [Option<u32>; 3] {
     match *operation {
@@ -224,8 +231,8 @@ pub(super) fn operands(operation: &Operation) -> [Option<u32>; 3] {
     }
 }
 
-fn renumbered(operation: &Operation, moved: &[u32]) -> Operation {
-    let to = |place: u32| moved[place as usize];
+/// The same operation of other operands, asked for in their order.
+pub(super) fn renumbered(operation: &Operation, mut to: impl FnMut(u32) -> u32) -> Operation {
     match *operation {
         Operation::Constant(_) | Operation::Argument(_) => *operation,
         Operation::Sum(a, b) => Operation::Sum(to(a), to(b)),

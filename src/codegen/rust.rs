@@ -4,7 +4,9 @@ use super::c::{Sources, joints, meaning, programs};
 use super::case::Case;
 use super::circle::Sines;
 use super::functions::{Array, Function};
+use super::parts::is_cut;
 use super::program::{Program, operands};
+use super::rust_parts;
 use super::rust_texts::{LANES, LIBRARY, NUMBER, NUMBERS, RESERVED, TEST};
 use super::width::Width;
 use crate::error::Error;
@@ -15,7 +17,7 @@ use std::fmt::Write;
 
 /// A Rust crate of functions of a scene under this name: Cargo.toml, src/lib.rs, src/dynamics.rs, src/lanes.rs, src/numbers.rs and tests/reference.rs.
 ///
-/// Safe code that needs `core` alone. src/dynamics.rs has the functions, generic over a trait `Number` that it defines, as straight lines of operations: arguments are arrays of one state, SI units, radians, and
+/// Safe code that needs `core` alone. src/dynamics.rs has the functions, generic over a trait `Number` that it defines, as straight lines of operations, those of more than 8000 in parts as in C: arguments are arrays of one state, SI units, radians, and
 /// the result is an array, or a tuple of arrays. src/lanes.rs adds `Lanes<T, N>`, N numbers side by side, and a function of many states for each. src/numbers.rs makes f64 and f32 numbers, by the standard library
 /// (feature `std`, on unless switched off). Each of the first three can be included in a module of another crate, from a build script for instance. Results are those of the scene's methods to rounding, in
 /// covariance form.
@@ -58,15 +60,16 @@ fn dynamics(scene: &Scene, programs: &[Program]) -> String {
     text.push_str(NUMBER);
     let _ = write!(text, "\n/// How many numbers q has.\npub const NQ: usize = {};\n", scene.nq());
     let _ = write!(text, "\n/// How many numbers qd has.\npub const NV: usize = {};\n", scene.nv());
+    let mut parts = String::new();
     for program in programs {
         let _ = write!(
             text,
-            "\n/// {}\n#[rustfmt::skip]\n#[allow(clippy::approx_constant, clippy::let_and_return, clippy::many_single_char_names, clippy::similar_names, clippy::too_many_lines, clippy::type_complexity, clippy::unreadable_literal)]\n",
+            "\n/// {}\n#[rustfmt::skip]\n#[allow(non_snake_case, clippy::approx_constant, clippy::let_and_return, clippy::many_single_char_names, clippy::needless_range_loop, clippy::similar_names, clippy::too_many_lines, clippy::type_complexity, clippy::unreadable_literal)]\n",
             meaning(program)
         );
-        function(program, &mut text);
+        function(program, &mut parts, &mut text);
     }
-    text
+    text + &parts
 }
 
 /// The types of these arrays, of several a tuple.
@@ -82,9 +85,8 @@ struct Statement {
     reads: Vec<u32>,
 }
 
-fn function(program: &Program, text: &mut String) {
+fn function(program: &Program, parts: &mut String, text: &mut String) {
     let (given, results) = (Array::sized(&program.arguments), Array::sized(&program.results));
-    let (statements, said) = statements(program);
     let unread: Vec<&str> = program.unread().collect();
     let declared = given.iter().map(|&(name, width)| {
         // What no result reads is no fault.
@@ -98,6 +100,11 @@ fn function(program: &Program, text: &mut String) {
         declared.join(", "),
         result_type(&results, "T")
     );
+    if is_cut(program) {
+        rust_parts::write(program, parts, text);
+        return;
+    }
+    let (statements, said) = statements(program);
     body(program, &statements, text);
     let mut outputs: Vec<Vec<&str>> = vec![Vec::new(); results.len()];
     for (array, _, operation) in program.written() {
@@ -109,8 +116,19 @@ fn function(program: &Program, text: &mut String) {
 }
 
 /// One by itself, several as a tuple.
-fn several(all: &[String]) -> String {
+pub(super) fn several(all: &[String]) -> String {
     if all.len() == 1 { all.concat() } else { format!("({})", all.join(", ")) }
+}
+
+/// A constant where it is read.
+pub(super) fn constant(bits: u64) -> String {
+    format!("T::constant({:?})", f64::from_bits(bits))
+}
+
+/// A number of an argument, by its index among those of all.
+pub(super) fn argument(program: &Program, index: u32) -> String {
+    let (array, at) = program.argument(index);
+    format!("{}[{at}]", array.name)
 }
 
 /// All statements, and what each operation is called where it is read.
@@ -120,11 +138,8 @@ fn statements(program: &Program) -> (Vec<Statement>, Vec<String>) {
     let mut turned = HashSet::new();
     for (operation, index) in program.operations.iter().zip(0_u32..) {
         let name = match *operation {
-            Operation::Constant(bits) => format!("T::constant({:?})", f64::from_bits(bits)),
-            Operation::Argument(argument) => {
-                let (array, at) = program.argument(argument);
-                format!("{}[{at}]", array.name)
-            }
+            Operation::Constant(bits) => constant(bits),
+            Operation::Argument(index) => argument(program, index),
             Operation::Sine(a) | Operation::Cosine(a) => {
                 if turned.insert(a) {
                     let named = |letter: char, operation| match places.get(&operation) {
@@ -185,7 +200,7 @@ fn body(program: &Program, statements: &[Statement], text: &mut String) {
 }
 
 /// What computes a number; nothing of what is named by itself.
-fn right_side(operation: &Operation, said: &[String]) -> Option<String> {
+pub(super) fn right_side(operation: &Operation, said: &[String]) -> Option<String> {
     let of = |place: u32| &said[place as usize];
     Some(match *operation {
         Operation::Constant(_) | Operation::Argument(_) | Operation::Sine(_) | Operation::Cosine(_) => return None,

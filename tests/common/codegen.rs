@@ -1,12 +1,34 @@
 //! Scenes that are compiled, and what their methods give.
 
-use super::{ALL_KINDS, Tree};
-use phipsi::Scene;
+use super::{ALL_KINDS, Random, Tree, random_inertial};
+use nalgebra::Vector3;
 use phipsi::codegen::Function;
+use phipsi::scene::{JointDescription, JointKind, LinkDescription};
+use phipsi::{Scene, SceneBuilder};
 
 /// Trees of all joints: of an even seed on a fixed base, of an odd one floating.
 pub fn tree(seed: u64, bodies: usize) -> Scene {
     Tree { seed, bodies, kinds: &ALL_KINDS, floating: seed % 2 == 1, branching: 0.3, armature: 0.1 }.scene()
+}
+
+/// A floating trunk on four legs of three joints, whose programs repeat what a leg needs: the numbers differ from leg to leg.
+pub fn quadruped() -> Scene {
+    let random = &mut Random::new(8);
+    let mut link = |name: &str| LinkDescription { name: name.to_owned(), inertial: Some(random_inertial(random)) };
+    let mut builder = SceneBuilder::new().floating_base(true).link(link("trunk"));
+    for (leg, (front, side)) in [(0.4, 0.2), (0.4, -0.2), (-0.4, 0.2), (-0.4, -0.2)].into_iter().enumerate() {
+        let mut parent = "trunk".to_owned();
+        for (at, axis) in [Vector3::x(), Vector3::y(), Vector3::y()].into_iter().enumerate() {
+            let child = format!("link{leg}{at}");
+            let mut joint = JointDescription::new(format!("joint{leg}{at}"), JointKind::Revolute, &parent, &child);
+            joint.axis = axis;
+            joint.origin.lever =
+                if at == 0 { Vector3::new(front, side, 0.05) } else { Vector3::new(0.01, side / 3.0, -0.3) };
+            builder = builder.link(link(&child)).joint(joint);
+            parent = child;
+        }
+    }
+    builder.build().unwrap()
 }
 
 /// What the scene's method gives, all results one after another.

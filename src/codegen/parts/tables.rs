@@ -1,0 +1,57 @@
+//! What differs from call to call of a part: constants, and places in arrays.
+
+/// A constant or a place: the same at all calls, or a row of the table.
+pub(in crate::codegen) enum Entry<T> {
+    Same(T),
+    Row(usize),
+}
+
+/// Rows for each number that differs, with one entry a call.
+#[derive(Default)]
+pub(in crate::codegen) struct Tables {
+    constants: Vec<Vec<u64>>,
+    places: Vec<Vec<usize>>,
+}
+
+/// What is the same in all, or the row where the table has it.
+fn entry<T: Copy + PartialEq>(rows: &mut Vec<Vec<T>>, of_calls: &[T]) -> Entry<T> {
+    if of_calls.iter().all(|value| *value == of_calls[0]) {
+        return Entry::Same(of_calls[0]);
+    }
+    Entry::Row(rows.iter().position(|row| row == of_calls).unwrap_or_else(|| {
+        rows.push(of_calls.to_vec());
+        rows.len() - 1
+    }))
+}
+
+/// The entries of one call after those of another.
+fn by_calls<T: Copy>(rows: &[Vec<T>]) -> Vec<Vec<T>> {
+    let calls = rows.first().map_or(0, Vec::len);
+    (0..calls).map(|call| rows.iter().map(|row| row[call]).collect()).collect()
+}
+
+impl Tables {
+    pub fn place(&mut self, of_calls: &[usize]) -> Entry<usize> {
+        entry(&mut self.places, of_calls)
+    }
+
+    /// A constant, by its bits.
+    pub fn constant(&mut self, of_calls: &[u64]) -> Entry<u64> {
+        entry(&mut self.constants, of_calls)
+    }
+
+    /// How many places differ so far.
+    pub fn places(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Constants of each call.
+    pub fn constants_by_calls(&self) -> Vec<Vec<f64>> {
+        by_calls(&self.constants).into_iter().map(|bits| bits.into_iter().map(f64::from_bits).collect()).collect()
+    }
+
+    /// Places of each call.
+    pub fn places_by_calls(&self) -> Vec<Vec<usize>> {
+        by_calls(&self.places)
+    }
+}

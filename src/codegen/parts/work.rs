@@ -1,0 +1,139 @@
+//! The operations of a program that compute something, which of them do the same, and the calls that do them all.
+
+use super::is_cut;
+use super::repeats::{Repeat, repeats};
+use crate::codegen::program::{Program, operands};
+use crate::scalar::Operation;
+use std::collections::HashMap;
+use std::ops::Range;
+
+/// Parts that are called once have at most so many operations.
+const LONGEST: usize = 2000;
+/// Operands farther back than this are told apart by no distance: what lies between may differ from limb to limb.
+const NEAR: usize = 64;
+
+/// What is done by one call: the part, and its operations among those that compute something.
+pub(super) struct Call {
+    pub part: usize,
+    pub range: Range<usize>,
+}
+
+/// The operations that compute something, and where each is among them.
+pub(super) struct Work<'a> {
+    pub program: &'a Program,
+    pub places: Vec<usize>,
+    /// Of constants and arguments `usize::MAX`.
+    pub order: Vec<usize>,
+}
+
+impl<'a> Work<'a> {
+    pub fn new(program: &'a Program) -> Self {
+        let mut order = vec![usize::MAX; program.operations.len()];
+        let mut places = Vec::new();
+        for (place, operation) in program.operations.iter().enumerate() {
+            if !matches!(operation, Operation::Constant(_) | Operation::Argument(_)) {
+                order[place] = places.len();
+                places.push(place);
+            }
+        }
+        Self { program, places, order }
+    }
+
+    fn operation(&self, at: usize) -> &'a Operation {
+        &self.program.operations[self.places[at]]
+    }
+
+    /// What an operand is, as seen from this operation: a constant, a number of some argument, near or far.
+    fn kind(&self, at: usize, operand: u32) -> usize {
+        match self.program.operations[operand as usize] {
+            Operation::Constant(_) => 0,
+            Operation::Argument(index) => 1 + self.argument(index).0,
+            _ => 1 + self.program.arguments.len() + (at - self.order[operand as usize]).min(NEAR),
+        }
+    }
+
+    /// Which argument, and the index in it.
+    pub fn argument(&self, index: u32) -> (usize, usize) {
+        let (array, at) = self.program.argument(index);
+        (self.program.arguments.iter().position(|other| other.name == array.name).unwrap_or(0), at)
+    }
+
+    /// The operation, of two factors or terms the one first whose kind is: the same for all that do the same.
+    pub fn in_order(&self, at: usize) -> Operation {
+        let sorted = |a: u32, b: u32| {
+            let (a, b) = ((self.kind(at, a), a), (self.kind(at, b), b));
+            (a.min(b).1, a.max(b).1)
+        };
+        match *self.operation(at) {
+            Operation::Sum(a, b) => {
+                let (a, b) = sorted(a, b);
+                Operation::Sum(a, b)
+            }
+            Operation::Product(a, b) => {
+                let (a, b) = sorted(a, b);
+                Operation::Product(a, b)
+            }
+            Operation::ProductSum(a, b, c) => {
+                let (a, b) = sorted(a, b);
+                Operation::ProductSum(a, b, c)
+            }
+            Operation::MinusProduct(a, b, c) => {
+                let (a, b) = sorted(a, b);
+                Operation::MinusProduct(a, b, c)
+            }
+            other => other,
+        }
+    }
+
+    /// A number for each operation, the same for those that do the same.
+    fn words(&self) -> Vec<u32> {
+        let mut known = HashMap::new();
+        let mut word = |at: usize| {
+            let operation = self.in_order(at);
+            let kinds = operands(&operation).map(|operand| operand.map(|operand| self.kind(at, operand)));
+            let next = u32::try_from(known.len()).unwrap_or(u32::MAX);
+            *known.entry((std::mem::discriminant(&operation), kinds)).or_insert(next)
+        };
+        (0..self.places.len()).map(&mut word).collect()
+    }
+
+    /// Whether a cut before this operation parts a sine from its cosine, which are computed together.
+    fn parts_a_pair(&self, at: usize) -> bool {
+        at > 0
+            && at < self.places.len()
+            && matches!((self.operation(at - 1), self.operation(at)), (Operation::Sine(a), Operation::Cosine(b)) if a == b)
+    }
+
+    /// All calls in order.
+    pub fn calls(&self) -> Vec<Call> {
+        let mut starts: Vec<(usize, usize, usize)> = Vec::new();
+        let mut parts = 0;
+        if is_cut(self.program) {
+            for Repeat { length, starts: mut of_part } in repeats(&self.words()) {
+                // All are alike inside; only at their ends may pairs be parted.
+                let head = usize::from(of_part.iter().any(|&start| self.parts_a_pair(start)));
+                let tail = usize::from(of_part.iter().any(|&start| self.parts_a_pair(start + length)));
+                of_part.iter_mut().for_each(|start| *start += head);
+                starts.extend(of_part.iter().map(|&start| (start, length - head - tail, parts)));
+                parts += 1;
+            }
+            starts.sort_unstable();
+        }
+        let (mut calls, mut begin) = (Vec::new(), 0);
+        for (start, length, part) in starts.into_iter().chain([(self.places.len(), 0, usize::MAX)]) {
+            while begin < start {
+                let most = if is_cut(self.program) { LONGEST } else { usize::MAX };
+                let mut end = begin.saturating_add(most).min(start);
+                end += usize::from(end < start && self.parts_a_pair(end));
+                calls.push(Call { part: parts, range: begin..end });
+                parts += 1;
+                begin = end;
+            }
+            if part != usize::MAX {
+                calls.push(Call { part, range: start..start + length });
+                begin = start + length;
+            }
+        }
+        calls
+    }
+}
