@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from math import prod
 from typing import Any, TypeAlias
 
@@ -18,6 +19,7 @@ __all__ = ["Batches", "entry"]
 
 _Array: TypeAlias = NDArray[Any]
 _Entry: TypeAlias = Callable[..., int]
+addressof, numbers_of = ctypes.addressof, ctypes.c_char.from_buffer
 #: A thread gets so many states at the least.
 WORTH_A_THREAD = 2048
 #: What lies between two steps of the code is kept to so many bytes, which caches have room for.
@@ -39,12 +41,13 @@ class Batches:
     """One function as machine code, called with arrays (..., n): the results, as one array of shape (..., *shape) or a list of several; None of what the scene is to do."""
 
     def __init__(self, run: _Entry, reads: Sequence[int], shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any], few: int) -> None:
-        """reads: how many numbers each argument has of a state. shapes: of each result of a state. few: so many states are not worth the way."""
-        self._run, self._reads, self._shapes, self.dtype = run, tuple(reads), tuple(shapes), dtype
-        self._widths = [prod(shape) for shape in shapes]
+        """reads: how many numbers each argument has of a state. shapes: of each result of a state, all the same size. few: fewer states are not worth the way."""
+        self._run, self._reads, self.dtype = run, tuple(reads), dtype
+        self._shape, self._results, self._width = shapes[0], len(shapes), prod(shapes[0])
+        self._whole = self._shape if len(shapes) == 1 else (len(shapes), *self._shape)
         self._least = tuple(few * width for width in reads)
-        self._steps = [dtype.itemsize * width for width in (*reads, *self._widths)]
-        self._together = shapes[0] if len(shapes) == 1 else (len(shapes), *shapes[0])
+        self._steps = [dtype.itemsize * width for width in (*reads, *[self._width] * len(shapes))]
+        self._unwritten: Callable[[int], _Array] = _unwritten if dtype == np.float64 else partial(np.empty, dtype=dtype)
         self._again: Callable[..., Any] | None = None
         self._watch: _Entry | None = None
         self._watch_width = 0
@@ -58,71 +61,57 @@ class Batches:
 
     def __call__(self, given: tuple[Any, ...], out: _Array | None = None) -> Any:
         is_few = True
-        for value, least in zip(given, self._least, strict=True):
+        for value, least in zip(given, self._least):  # noqa: B905  # strict takes its time
             if type(value) not in PLAIN:
                 return None
-            is_few = is_few and value.size < least
+            if value.size >= least:
+                is_few = False
         if is_few:
             return None
-        arrays = given if self._is_in_order(given) else self._in_order(given)
-        if arrays is None:
+        arrays: Sequence[_Array] = given
+        addresses = self._addresses(given)
+        if addresses is None:
+            arrays = self._in_order(given)
+            addresses = [address(array) for array in arrays]
+        if not arrays:
             return None
         batch = arrays[0].shape[:-1]
-        count = arrays[0].size // self._reads[0]
         if out is not None and not self._fits(out, batch, given):
             return None
-        if len(self._shapes) == 1:
-            return self._one(arrays, batch, count, out)
-        return self._several(arrays, batch, count, out)
+        return self._done(arrays, addresses, batch, out)
 
-    def _one(self, arrays: Sequence[_Array], batch: tuple[int, ...], count: int, out: _Array | None) -> _Array | None:
-        """The array of a function of one result."""
-        shape, width = (*batch, *self._shapes[0]), self._widths[0]
-        margins = None
-        if self._again is None:
-            result = self._unwritten(count * width).reshape(shape) if out is None else out
+    def _done(self, arrays: Sequence[_Array], addresses: list[int], batch: tuple[int, ...], out: _Array | None) -> Any:
+        """The results: in memory of their own, or in out, of which several are views."""
+        count = arrays[0].size // self._reads[0]
+        size, several, margins = count * self._width, self._results > 1, None
+        results: Any = out
+        if self._again is not None:
+            # In one piece with the results: the allocator gives the pages of several back to the system every time, which clears them anew.
+            numbers = self._unwritten(count + (size * self._results if out is None else 0))
+            margins = numbers[-count:]
+            if out is None:
+                results = numbers[:-count]
         elif out is None:
-            # In one piece: the allocator gives the pages of several back to the system every time, which clears them anew.
-            numbers = self._unwritten(count * (width + 1))
-            result, margins = numbers[: count * width].reshape(shape), numbers[count * width :]
-        else:
-            result, margins = out, self._unwritten(count)
-        addresses = [address(array) for array in arrays]
-        addresses.append(address(result))
+            results = self._unwritten(size * self._results)
+        if out is None or not several:
+            first = address(results)
+            addresses += [first + self.dtype.itemsize * size * at for at in range(self._results)] if several else [first]
         if margins is not None and self._watch is None:
             addresses.append(address(margins))
-        if not self._ran(count, addresses, margins, None):
+        if not self._ran(count, addresses, margins, out if several else None):
             return None
-        if margins is None or self._mended(arrays, margins, [result.reshape(count, *self._shapes[0])]):
-            return result
-        return None
-
-    def _several(self, arrays: Sequence[_Array], batch: tuple[int, ...], count: int, out: _Array | None) -> list[_Array] | None:
-        """The arrays of a function of several results: of their own memory, or views of out, (..., results, *shape)."""
-        addresses, margins = [address(array) for array in arrays], None
-        ends = np.cumsum([0, *(count * width for width in self._widths)]).tolist()
-        numbers = self._unwritten(ends[-1] + (0 if self._again is None else count)) if out is None else None
-        if self._again is not None:
-            margins = self._unwritten(count) if numbers is None else numbers[ends[-1] :]
-        if numbers is not None:
-            pieces = [numbers[first:end] for first, end in zip(ends[:-1], ends[1:], strict=True)]
-            results = [piece.reshape(*batch, *shape) for piece, shape in zip(pieces, self._shapes, strict=True)]
-            flat = [piece.reshape(count, *shape) for piece, shape in zip(pieces, self._shapes, strict=True)]
-            addresses += [address(piece) for piece in pieces]
-        else:
-            assert out is not None
-            of_states = out.reshape(count, *self._together)
-            flat = [of_states[:, at] for at in range(len(self._shapes))]
-            results = [part.reshape(*batch, *shape) for part, shape in zip(flat, self._shapes, strict=True)]
-        if not self._ran(count, addresses, margins, None if numbers is not None else out):
+        if out is None:
+            results = results.reshape(self._results, *batch, *self._shape) if several else results.reshape(*batch, *self._shape)
+        elif several:
+            results = np.moveaxis(out, len(batch), 0)
+        if margins is not None and not margins[margins.argmin()] >= 0 and not self._mended(arrays, margins, results):
             return None
-        return results if margins is None or self._mended(arrays, margins, flat) else None
+        return list(results) if several else results
 
     def _ran(self, count: int, addresses: list[int], margins: _Array | None, out: _Array | None) -> bool:
         """Runs the code on all states, on threads where they are many. Whether all numbers were finite."""
         watch = None if self._watch is None or margins is None else address(margins)
-        threads = min(get_num_threads(), count // WORTH_A_THREAD) if count >= 2 * WORTH_A_THREAD else 1
-        if threads > 1:
+        if count >= 2 * WORTH_A_THREAD and (threads := min(get_num_threads(), count // WORTH_A_THREAD)) > 1:
             cuts = [count * i // threads for i in range(threads + 1)]
 
             def piece(first: int, end: int) -> int:
@@ -149,52 +138,51 @@ class Batches:
 
     def _into(self, out: _Array, first: int, end: int, addresses: list[int]) -> int:
         """Some of the states into an array that has the results of each state side by side: the code writes each result of many states in a row, some states at a time. Faults."""
-        faults, results = 0, len(self._shapes)
-        most = _at_a_time(sum(self._steps[len(addresses) :]))
-        of_states = out.reshape(-1, results, self._widths[0])
-        some = np.empty((results, min(most, end - first), self._widths[0]), self.dtype)
-        there = [address(some[at]) for at in range(results)]
+        faults = 0
+        most = _at_a_time(self.dtype.itemsize * self._width * self._results)
+        of_states = out.reshape(-1, self._results, self._width)
+        some = np.empty((self._results, min(most, end - first), self._width), self.dtype)
+        there = [address(result) for result in some]
         for at in range(first, end, most):
             length = min(most, end - at)
             faults += self._run(length, *(start + at * step for start, step in zip(addresses, self._steps, strict=False)), *there)
             of_states[at : at + length] = some[:, :length].swapaxes(0, 1)
         return faults
 
-    def _mended(self, arrays: Sequence[_Array], margins: _Array, results: list[_Array]) -> bool:
+    def _mended(self, arrays: Sequence[_Array], margins: _Array, results: _Array) -> bool:
         """States whose margin is below zero, or NaN, done once more; False where the scene is to say of all what is wrong."""
-        if margins[margins.argmin()] >= 0:
-            return True
         doubtful = np.flatnonzero(~(margins >= 0))
         assert self._again is not None
         try:
             better = self._again(*(array.reshape(margins.size, -1)[doubtful] for array in arrays))
         except PhipsiError:
             return False
-        for result, part in zip(results, better if isinstance(better, tuple) else (better,), strict=False):
-            result[doubtful] = part
+        among = np.unravel_index(doubtful, arrays[0].shape[:-1])
+        for result, part in zip(results, better, strict=False) if self._results > 1 else [(results, better)]:
+            result[among] = part
         return True
 
-    def _is_in_order(self, given: tuple[Any, ...]) -> bool:
-        """Whether the code reads these arrays as they are."""
-        batch = given[0].shape[:-1]
-        for value, width in zip(given, self._reads, strict=True):
-            flags = value.flags
-            if value.dtype != self.dtype or value.shape != (*batch, width) or not (flags.c_contiguous and flags.aligned):
-                return False
-        return True
+    def _addresses(self, given: tuple[Any, ...]) -> list[int] | None:
+        """Where the numbers of arrays begin that the code reads as they are; None of others."""
+        batch, found = given[0].shape[:-1], []
+        for value, width in zip(given, self._reads):  # noqa: B905  # as above
+            if value.dtype is not self.dtype or value.shape != (*batch, width) or not value.flags.carray:
+                return None
+            found.append(addressof(numbers_of(value)))
+        return found
 
-    def _in_order(self, given: tuple[Any, ...]) -> list[_Array] | None:
-        """The same numbers as arrays of one batch that the code reads; None of what the scene is to look at."""
+    def _in_order(self, given: tuple[Any, ...]) -> list[_Array]:
+        """The same numbers as arrays of one batch that the code reads; no arrays of what the scene is to look at."""
         if any(value.dtype not in (np.float64, self.dtype) or value.ndim == 0 for value in given):
-            return None
+            return []
         if any(value.shape[-1] != width for value, width in zip(given, self._reads, strict=True)):
-            return None
+            return []
         try:
             batch = np.broadcast_shapes(*(value.shape[:-1] for value in given))
         except ValueError:
-            return None
+            return []
         if prod(batch) == 0:
-            return None
+            return []
         # What is too large for float32 becomes infinite, which the code finds.
         with np.errstate(over="ignore"):
             wide = (np.broadcast_to(value, (*batch, value.shape[-1])) for value in given)
@@ -205,20 +193,18 @@ class Batches:
         return (
             type(out) in PLAIN
             and out.dtype == self.dtype
-            and out.shape == (*batch, *self._together)
+            and out.shape == (*batch, *self._whole)
             and out.flags.carray
             and not any(np.may_share_memory(out, value) for value in given)
         )
 
-    def _unwritten(self, count: int) -> _Array:
-        return _unwritten(count) if self.dtype == np.float64 else np.empty(count, self.dtype)
 
 
 def address(array: Any) -> int:
     """Where its numbers begin."""
     try:
         # A quarter of the time of array.ctypes.data; of memory that may be written to.
-        return ctypes.addressof(ctypes.c_char.from_buffer(array))
+        return addressof(numbers_of(array))
     except (TypeError, ValueError):
         there: int = array.ctypes.data
         return there

@@ -37,8 +37,14 @@ LONG, SECONDS_EACH = 50_000, 4e-4
 WATCHED: dict[str, Any] = {name: f"{name}_watched" for name in ("forward_dynamics", "mass_matrix_inverse")}
 #: What is compiled beside functions whose results do not tell by themselves what rounding does: it judges the factor of M, which they all go through.
 WATCH, WATCHES = "mass_matrix_inverse_watched", ("forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp")
-#: Fewer states are faster by the scene's own call, whose way from Python is shorter.
-FEW = 16
+#: Fewer states are faster by the scene's own call, whose way from Python is 3 to 6 us shorter: so many states of arms of six and seven joints and of a humanoid, measured, take as long both ways.
+FEW = {
+    **dict.fromkeys(("forward_dynamics_derivatives", "inverse_dynamics_derivatives", "placements"), 24),
+    "mass_matrix_inverse": 32,
+    **dict.fromkeys(("forward_dynamics", "forward_dynamics_jvp", "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp"), 48),
+    **dict.fromkeys(("mass_matrix", "jacobian"), 64),
+    **dict.fromkeys(("inverse_dynamics", "bias_torque", "placement"), 128),
+}
 #: Methods of scenes that compute in dtype themselves.
 IN_DTYPE = ("forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse")
 
@@ -62,8 +68,17 @@ class Compiled(Functions[_Array]):
     def __init__(self, scene: Scene, functions: tuple[Function, ...], library: Path, form: Literal["auto", "covariance"], dtype: str) -> None:
         super().__init__(scene, functions, dtype)
         self.library, self.form = library, form
+        self._is_rounded = self.dtype != np.float64
         code = ctypes.CDLL(str(library))
         self._code = {parts(function): self._batches(code, function) for function in functions}
+        self._keywords = {parts(function): self._fixed(parts(function)) for function in functions}
+
+    def _fixed(self, function: tuple[str, ...]) -> dict[str, Any]:
+        """Arguments of the scene's method that were chosen when it was compiled."""
+        name, of = function[0], function[1:]
+        form = {"form": self.form} if name in IN_FORM else {}
+        dtype = {"dtype": self.dtype} if name in IN_DTYPE and self.dtype != np.float64 else {}
+        return {**form, **dtype, **({"frame": of[1]} if len(of) > 1 else {})}
 
     def _batches(self, code: ctypes.CDLL, function: Function) -> Batches:
         """One function of the library."""
@@ -72,7 +87,7 @@ class Compiled(Functions[_Array]):
         reads, results = [scene.nq, *[nv] * (len(ARGUMENTS[name]) - 1)], shapes(of, scene)
         tells = self.form == "auto" and name in WATCHED
         called = f"robot_{WATCHED[name] if tells else symbol(function)}_batch"
-        batches = Batches(entry(code, called, len(reads) + len(results) + tells), reads, results, self.dtype, FEW)
+        batches = Batches(entry(code, called, len(reads) + len(results) + tells), reads, results, self.dtype, FEW[name])
 
         def again(*states: _Array) -> Any:
             return getattr(self.scene, name)(*states)
@@ -107,20 +122,13 @@ class Compiled(Functions[_Array]):
 
     def _by_scene(self, function: tuple[str, ...], given: tuple[Any, ...], out: _Array | None, errors: _Errors, more: dict[str, Any] | None) -> Any:
         """What the scene's own method gives, which says what is wrong."""
-        name, *of = function
-        keywords = dict(more) if more else {}
-        if name in IN_FORM:
-            keywords["form"] = self.form
-        if len(of) > 1:
-            keywords["frame"] = of[1]
-        if errors != "raise":
-            keywords["errors"] = errors
-        rounds = self.dtype != np.float64
-        if rounds and name in IN_DTYPE:
-            keywords["dtype"], rounds = self.dtype, False
-        if out is not None and not rounds:
-            keywords["out"] = out
-        found = getattr(self.scene, name)(*given, *of[:1], **keywords)
+        name, keywords = function[0], self._keywords[function]
+        rounds = self._is_rounded and "dtype" not in keywords
+        if more is not None or out is not None or errors != "raise":
+            keywords = {**keywords, **(more or {}), "errors": errors}
+            if out is not None and not rounds:
+                keywords["out"] = out
+        found = getattr(self.scene, name)(*given, *function[1:2], **keywords)
         if rounds:
             found = _in_dtype(found, self.dtype)
             if out is not None:
