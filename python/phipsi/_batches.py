@@ -24,8 +24,6 @@ addressof, numbers_of = ctypes.addressof, ctypes.c_char.from_buffer
 WORTH_A_THREAD = 2048
 #: What lies between two steps of the code is kept to so many bytes, which caches have room for.
 BETWEEN = 1 << 18
-#: Arrays that are numbers and nothing else; others, as masked ones, are the scene's to read.
-PLAIN = (np.ndarray, np.memmap)
 
 
 def entry(code: ctypes.CDLL, name: str, arrays: int) -> _Entry:
@@ -60,9 +58,10 @@ class Batches:
         return self
 
     def __call__(self, given: tuple[Any, ...], out: _Array | None = None) -> Any:
+        # Of arrays that are numbers and nothing else: others, as masked ones, are the scene's to read.
         is_few = True
         for value, least in zip(given, self._least):  # noqa: B905  # strict takes its time
-            if type(value) not in PLAIN:
+            if type(value) is not np.ndarray and type(value) is not np.memmap:
                 return None
             if value.size >= least:
                 is_few = False
@@ -191,7 +190,7 @@ class Batches:
     def _fits(self, out: Any, batch: tuple[int, ...], given: tuple[Any, ...]) -> bool:
         """Whether the code may write to out; else the scene says what is wrong with it."""
         return (
-            type(out) in PLAIN
+            type(out) in (np.ndarray, np.memmap)
             and out.dtype == self.dtype
             and out.shape == (*batch, *self._whole)
             and out.flags.carray

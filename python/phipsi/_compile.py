@@ -76,7 +76,7 @@ class Compiled(Functions[_Array]):
     def _fixed(self, function: tuple[str, ...]) -> dict[str, Any]:
         """Arguments of the scene's method that were chosen when it was compiled."""
         name, of = function[0], function[1:]
-        form = {"form": self.form} if name in IN_FORM else {}
+        form = {"form": self.form} if name in IN_FORM and self.form != "auto" else {}
         dtype = {"dtype": self.dtype} if name in IN_DTYPE and self.dtype != np.float64 else {}
         return {**form, **dtype, **({"frame": of[1]} if len(of) > 1 else {})}
 
@@ -108,6 +108,9 @@ class Compiled(Functions[_Array]):
             found = code(given, out)
             if found is not None:
                 return found
+            if out is None and errors == "raise" and not self._is_rounded:
+                # The short way: a state at a time is what most calls are of.
+                return getattr(self.scene, function[0])(*given, *function[1:2], **self._keywords[function])
         return self._by_scene(function, given, out, errors, more)
 
     def _several_placements(self, q: Any, links: tuple[str, ...], errors: _Errors) -> Any:
