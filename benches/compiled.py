@@ -44,6 +44,9 @@ ABOUT_STATES = (
     "Forward dynamics, from Python on one thread; the scene in form `auto` and in form `covariance`. *In doubt*: states whose margin is below zero, which the scene does once more; their time is in *compiled, watched*. "
     "Drawn are joints from -1 to 1 around the neutral posture, rates and torques too."
 )
+ABOUT_WATCH = (
+    "In form `auto` the scene's own calls watch too. Of derivatives and products the compiled watch is an inverse mass matrix, of which nothing but the margin is kept; of forward dynamics and the inverse itself it is a few lines more."
+)
 ABOUT_CALLS = (
     "The way from Python to machine code is longer than that to the scene: *as fast at* says from how many states on it is worth it, of "
     f"{', '.join(map(str, compiled_states.COUNTS))} that were tried; fewer than *used from* are done by the scene. Form `auto`. *Compiled, one state*: the scene's call and what finds that it is to be taken. *Machine code, 8 states*: if it were not."
@@ -165,12 +168,15 @@ def main() -> None:
                 lines.append(f"| {' | '.join(cells)} |")
                 print(lines[-1], flush=True)
     scenes = {name: load(*cases[name]) for name in compiled_states.ROBOTS if name in cases}
-    by_state, of_calls = [], []
-    for table, rows in ((by_state, compiled_states.by_state(scenes, STATES, turns)), (of_calls, compiled_states.of_calls(scenes, turns))):
+    for title, about, rows in (
+        ("In the states that robots are in", ABOUT_STATES, compiled_states.by_state(scenes, STATES, turns)),
+        ("What the watch costs", ABOUT_WATCH, compiled_states.of_watch(scenes, STATES, turns)),
+        ("What a call costs", ABOUT_CALLS, compiled_states.of_calls(scenes, turns)),
+    ):
+        lines += ["", f"## {title}", "", about, ""]
         for row in rows:
-            table.append(row)
+            lines.append(row)
             print(row, flush=True)
-    lines += ["", "## In the states that robots are in", "", ABOUT_STATES, "", *by_state, "", "## What a call costs", "", ABOUT_CALLS, "", *of_calls]
     write(
         given.markdown,
         "Compiled robots: times",

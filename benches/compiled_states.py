@@ -1,4 +1,4 @@
-"""Compiled robots in the states that they are in, and what a call costs: two tables of benches/compiled.py."""
+"""Compiled robots in the states that they are in, what their watch costs, and what a call costs: tables of benches/compiled.py."""
 
 import math
 import timeit
@@ -10,7 +10,7 @@ import phipsi
 import phipsi._compile
 from in_turns import least
 
-#: The robots of both tables.
+#: The robots of all tables.
 ROBOTS = ("ur5", "panda", "g1")
 #: Batches whose times tell from where on compiled code is faster.
 COUNTS = (8, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
@@ -25,7 +25,9 @@ CALLS = {
     "forward_dynamics_jvp": 6,
     "forward_dynamics_vjp": 4,
 }
-#: Not compiled of a humanoid for the table of calls: their code takes minutes.
+#: Those that a watch looks at.
+WATCHED = ("forward_dynamics", "mass_matrix_inverse", "forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp")
+#: Not compiled of a humanoid here: their code takes minutes.
 LONG = ("forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp")
 
 
@@ -69,6 +71,19 @@ def by_state(scenes: dict[str, phipsi.Scene], count: int, turns: int) -> Iterato
             yield f"| {name} | {kind} | {times[0]} | {times[1]} | {counting.states} of {count} | {times[2]} | {times[3]} |"
 
 
+def of_watch(scenes: dict[str, phipsi.Scene], count: int, turns: int) -> Iterator[str]:
+    """Each function that is watched, by the scene and compiled, with and without."""
+    yield "| robot | function | scene, ns a state | compiled, watched | compiled, covariance |"
+    yield "| --- | --- | --- | --- | --- |"
+    for name, scene in scenes.items():
+        functions = [function for function in WATCHED if name != "g1" or function not in LONG]
+        watched, plain = (phipsi.compile(scene, functions, form=form) for form in ("auto", "covariance"))
+        for function in functions:
+            given = _given(scene, function, (count,))
+            times = least(turns, *(partial(getattr(of, function), *given) for of in (scene, watched, plain)))
+            yield f"| {name} | {function.replace('_', ' ')} | {' | '.join(f'{1e9 * time / count:.0f}' for time in times)} |"
+
+
 def of_calls(scenes: dict[str, phipsi.Scene], turns: int) -> Iterator[str]:
     """What a call of few states takes both ways, and from how many states on compiled code is faster."""
     yield "| robot | function | one state: scene, us | compiled | 8 states: scene, us | machine code | as fast at, states | used from |"
@@ -97,11 +112,16 @@ def _always(scene: phipsi.Scene, functions: list[str]) -> phipsi.Compiled:
 
 def _both(scene: phipsi.Scene, fast: phipsi.Compiled, function: str, batch: tuple[int, ...], turns: int) -> tuple[float, float]:
     """Seconds a call of the scene and of what is compiled."""
-    random = np.random.default_rng(0)
-    q = scene.integrate(scene.neutral(), random.uniform(-1, 1, (*batch, scene.nv)))
-    given = [q, *(random.uniform(-1, 1, (*batch, scene.nv)) for _ in range(CALLS[function] - 1))]
+    given = _given(scene, function, batch)
     repeats = max(5, 200 // max(1, math.prod(batch)))
     return _shortest(partial(getattr(scene, function), *given), turns, repeats), _shortest(partial(getattr(fast, function), *given), turns, repeats)
+
+
+def _given(scene: phipsi.Scene, function: str, batch: tuple[int, ...]) -> list[np.ndarray]:
+    """Arguments drawn at random."""
+    random = np.random.default_rng(0)
+    q = scene.integrate(scene.neutral(), random.uniform(-1, 1, (*batch, scene.nv)))
+    return [q, *(random.uniform(-1, 1, (*batch, scene.nv)) for _ in range(CALLS[function] - 1))]
 
 
 def _shortest(call: Callable[[], object], turns: int, repeats: int) -> float:

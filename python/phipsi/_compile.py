@@ -53,7 +53,8 @@ class Compiled(Functions[_Array]):
     """Functions of one scene as machine code that holds nothing else; batches run as many states at once as the processor's registers hold, on as many threads as set_num_threads says.
 
     Each method takes the arguments of the scene's method of that name and gives its results to rounding; form and dtype alone are not among them: they are those that were compiled. In form "auto" the scene does
-    states that may have lost digits, which the code tells by a margin; for derivatives and products of forward dynamics it computes M^-1 and its margin first. In form "covariance" digits that are lost are not noticed.
+    states that may have lost digits, which the code tells by a margin; for derivatives and products of forward dynamics it computes M^-1 and its margin first, which judges
+    the factor of M; the scene looks for digits that cancel later on too. In form "covariance" digits that are lost are not noticed.
 
     Few states, arguments, results and out that are not in order, and what no code is compiled for (wrenches, return_info, at, parameters, and changes of what is constant) are done by the scene's own method,
     which says what is wrong, or, with errors="nan", which states are bad: it does all states of a call then. out: as of the scene's method, of the dtype that was compiled; results are written straight into it, those of
@@ -195,7 +196,7 @@ def compile(  # noqa: A001  # phipsi.compile
     """Compiles functions of one scene by the system's C compiler: scene.to_c(batches=True) into a library that is loaded at once. Or for a GPU, scene.to_cuda through CuPy and NVRTC.
 
     functions: as of to_c, of one link ("placement", link), ("jacobian", link) or ("jacobian", link, frame); None: all that are of no one link. device: "cpu" or "cuda", which needs CuPy (phipsi[cuda]) and a GPU. form: "auto" hands states that may have lost digits to the scene, "covariance"
-    does not look, and takes less time; None: "auto", and "covariance" of float32 and on a GPU, where "auto" is not to be had. dtype: "float64" or "float32", the numbers of the code and of results; on the CPU, arguments of
+    does not look, and takes less time (docs/compiled-times.md): derivatives and products of forward dynamics are watched by an inverse mass matrix more; None: "auto", and "covariance" of float32 and on a GPU, where "auto" is not to be had. dtype: "float64" or "float32", the numbers of the code and of results; on the CPU, arguments of
     float64 are rounded to it. compiler: its command; None: that of the environment variable CC, or cc. flags: for this processor and of how fast the code is to be; None: -O3 for this
     processor. cache: a directory that keeps libraries by scene, compiler and flags, so that the next call takes no time; None: phipsi/compiled where the user's caches are. These three are of device="cpu".
 
