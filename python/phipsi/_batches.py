@@ -43,7 +43,8 @@ class Batches:
         self._run, self._reads, self.dtype = run, tuple(reads), dtype
         self._shape, self._results, self._width = shapes[0], len(shapes), prod(shapes[0])
         self._whole = self._shape if len(shapes) == 1 else (len(shapes), *self._shape)
-        self._least = tuple(few * width for width in reads)
+        # Of no numbers there are always few.
+        self._least = tuple(max(few * width, 1) for width in reads)
         self._steps = [dtype.itemsize * width for width in (*reads, *[self._width] * len(shapes))]
         self._unwritten: Callable[[int], _Array] = _unwritten if dtype == np.float64 else partial(np.empty, dtype=dtype)
         self._again: Callable[..., Any] | None = None
@@ -196,7 +197,6 @@ class Batches:
             and out.flags.carray
             and not any(np.may_share_memory(out, value) for value in given)
         )
-
 
 
 def address(array: Any) -> int:

@@ -105,7 +105,7 @@ class Compiled(Functions[_Array]):
         code = self._code.get(function)
         if code is None:
             raise self._missing(function)
-        if more is None and errors in ("raise", "nan"):
+        if more is None and isinstance(errors, str) and errors in ("raise", "nan"):
             found = code(given, out)
             if found is not None:
                 return found
@@ -128,10 +128,9 @@ class Compiled(Functions[_Array]):
         """What the scene's own method gives, which says what is wrong."""
         name, keywords = function[0], self._keywords[function]
         rounds = self._is_rounded and "dtype" not in keywords
-        if more is not None or out is not None or errors != "raise":
-            keywords = {**keywords, **(more or {}), "errors": errors}
-            if out is not None and not rounds:
-                keywords["out"] = out
+        keywords = {**keywords, **(more or {}), "errors": errors}
+        if out is not None and not rounds:
+            keywords["out"] = out
         found = getattr(self.scene, name)(*given, *function[1:2], **keywords)
         if rounds:
             found = _in_dtype(found, self.dtype)

@@ -247,6 +247,23 @@ def test_arrays_that_are_no_plain_numbers_are_read(scene: phipsi.Scene, fast: ph
         assert_near(fast.forward_dynamics(*arguments), expected, 1e-12 * size(expected))
 
 
+def test_robots_without_joints_have_results_too(cache: Path) -> None:
+    builder = phipsi.SceneBuilder()
+    builder.link("base", 1.0, np.zeros(3), np.eye(3))
+    scene = builder.build()
+    fast = phipsi.compile(scene, ["forward_dynamics", "placements"], flags=["-O0"], cache=cache)
+    for count in (300, 0):
+        nothing = np.zeros((count, 0))
+        assert fast.forward_dynamics(nothing, nothing, nothing).shape == (count, 0)
+        assert fast.placements(nothing)["base"].shape == (count, 4, 4)
+
+
+@pytest.mark.parametrize("function", FUNCTIONS)
+def test_no_states_have_no_results(scene: phipsi.Scene, fast: phipsi.Compiled, function: str) -> None:
+    expected, found = (parts(getattr(of, function)(*given(scene, function, (0,)))) for of in (scene, fast))
+    assert [part.shape for part in found] == [part.shape for part in expected]
+
+
 def test_a_masked_array_is_refused(scene: phipsi.Scene, fast: phipsi.Compiled) -> None:
     q, qd, u = given(scene, "forward_dynamics", (300,))
     hidden = np.ma.masked_array(qd, mask=np.zeros_like(qd, bool))
