@@ -2,6 +2,8 @@
 
 Usage: python benches/compiled.py [--markdown FILE]; `make compiled`.
 
+With --quick only UR5 and few turns, to see that it works.
+
 Batches run on one thread; one state is timed in C, by a loop around the function, for from Python the way there is longer than the function. Times are the least of some turns, which
 take each other's place. The compiler and its flags are those of phipsi.compile.
 """
@@ -17,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import phipsi
+import compiled_states
 import pinocchio as pin
 from in_turns import least, write
 
@@ -37,6 +40,17 @@ STATES, TURNS = 4096, 15
 NOT_ASKED = {(robot, f"{way}_dynamics_derivatives") for robot in ("solo12", "g1") for way in ("forward", "inverse")}
 #: As many as what is compiled takes, in a register.
 LANES = 8 if "avx512f" in Path("/proc/cpuinfo").read_text() else 4
+ABOUT_STATES = (
+    "Forward dynamics, from Python on one thread; the scene in form `auto` and in form `covariance`. *In doubt*: states whose margin is below zero, which the scene does once more; their time is in *compiled, watched*. "
+    "Drawn are joints from -1 to 1 around the neutral posture, rates and torques too."
+)
+ABOUT_WATCH = (
+    "In form `auto` the scene's own calls watch too. Of derivatives and products the compiled watch is an inverse mass matrix, of which nothing but the margin is kept; of forward dynamics and the inverse itself it is a few lines more."
+)
+ABOUT_CALLS = (
+    "The way from Python to machine code is longer than that to the scene: *as fast at* says from how many states on it is worth it, of "
+    f"{', '.join(map(str, compiled_states.COUNTS))} that were tried; fewer than *used from* are done by the scene. Form `auto`. *Compiled, one state*: the scene's call and what finds that it is to be taken. *Machine code, 8 states*: if it were not."
+)
 
 
 def load(file: str, floating_base: bool) -> phipsi.Scene:
@@ -109,14 +123,16 @@ def results_of(function: str, found: np.ndarray, rates: list[int]) -> np.ndarray
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--markdown", type=Path)
+    parser.add_argument("--quick", action="store_true")
     given = parser.parse_args()
+    cases, turns = (dict(list(CASES.items())[:1]), 3) if given.quick else (CASES, TURNS)
     phipsi.set_num_threads(1)
     lines = [
         "| robot | function | scene, ns a state | compiled | compiled, watched | CasADi | compiled, one state | CasADi, one state | compiling, s | CasADi | kB | CasADi | largest difference |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     random = np.random.default_rng(0)
-    for name, (file, floating_base) in CASES.items():
+    for name, (file, floating_base) in cases.items():
         scene = load(file, floating_base)
         model, coordinates, rates = beside(scene, file, floating_base)
         q = scene.integrate(scene.neutral(), random.uniform(-1, 1, (STATES, scene.nv)))
@@ -132,8 +148,8 @@ def main() -> None:
                 form = {"form": "covariance"} if function.startswith("forward") else {}
                 own, compiled = partial(getattr(scene, function), q, qd, u, **form), partial(getattr(fast, function), q, qd, u)
                 calls = [own, compiled]
-                if function == "forward_dynamics":
-                    calls.append(partial(phipsi.compile(scene, [function], cache=directory).forward_dynamics, q, qd, u))
+                if function.startswith("forward"):
+                    calls.append(partial(getattr(phipsi.compile(scene, [function], cache=directory), function), q, qd, u))
                 expected = np.asarray(own())
                 apart = [np.asarray(compiled())]
                 other = None
@@ -141,8 +157,8 @@ def main() -> None:
                     other = casadi_code.compiled(model, function, Path(directory), LANES)
                     calls.append(partial(other.batch, *theirs))
                     apart.append(results_of(function, other.batch(*theirs), rates))
-                times = [f"{1e9 * t / STATES:.0f}" for t in least(TURNS, *calls)]
-                if function != "forward_dynamics":
+                times = [f"{1e9 * t / STATES:.0f}" for t in least(turns, *calls)]
+                if not function.startswith("forward"):
                     times.insert(2, "")
                 if other is None:
                     times.append("")
@@ -151,17 +167,27 @@ def main() -> None:
                 cells = [name, function.replace("_", " "), *times, f"{single:.0f}", beside_it[0], f"{compiling:.1f}", beside_it[1], f"{bytes_of_ours / 1000:.0f}", beside_it[2], f"{difference:.0e}"]
                 lines.append(f"| {' | '.join(cells)} |")
                 print(lines[-1], flush=True)
+    scenes = {name: load(*cases[name]) for name in compiled_states.ROBOTS if name in cases}
+    for title, about, rows in (
+        ("In the states that robots are in", ABOUT_STATES, compiled_states.by_state(scenes, STATES, turns)),
+        ("What the watch costs", ABOUT_WATCH, compiled_states.of_watch(scenes, STATES, turns)),
+        ("What a call costs", ABOUT_CALLS, compiled_states.of_calls(scenes, turns)),
+    ):
+        lines += ["", f"## {title}", "", about, ""]
+        for row in rows:
+            lines.append(row)
+            print(row, flush=True)
     write(
         given.markdown,
         "Compiled robots: times",
         [
-            "Written by `make compiled` (benches/compiled.py). The scene's own calls are in form `covariance`, as what is compiled; *watched* is `phipsi.compile` in form `auto`. All take the same arrays "
+            "Written by `make compiled` (benches/compiled.py). The scene's own calls are in form `covariance`, as what is compiled; *watched* is `phipsi.compile` in form `auto`, where the scene's own calls take longer too. All take the same arrays "
             "from Python, on one thread; the scene and what is compiled check arguments and results, CasADi's code does not. CasADi "
             f"{casadi_code.ca.__version__}: the usual recursions on its symbols, derivatives by its automatic differentiation, its C compiled with `{' '.join(casadi_code.FLAGS[:3])}`, {LANES} states in a register "
             "(benches/peers/casadi_code.py). One state is timed in C, where no library is on the way. Compiling is of this function alone, written, compiled and loaded. CasADi is not asked for derivatives of robots on a free joint.",
         ],
         lines,
-        "threads; states in doubt, which the watched form has done by the scene. The code of a large robot is long: beyond some dozens of joints it is read from memory for every chunk of states.",
+        "threads. The code of a large robot is long: beyond some dozens of joints it is read from memory for every chunk of states.",
     )
 
 

@@ -11,22 +11,20 @@ import subprocess
 import tempfile
 import warnings
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from itertools import accumulate
-from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ._core import _unwritten, get_num_threads
+from ._batches import Batches, entry
 from ._cuda import CompiledForCuda, compile_for_cuda
-from ._functions import FUNCTIONS, IN_FORM, Function, Functions, parts, symbol
-from .errors import ArgumentError, LongCodeWarning, PhipsiError, of_argument
+from ._functions import ARGUMENTS, FUNCTIONS, IN_FORM, Function, Functions, parts, shapes, symbol
+from .errors import ArgumentError, LongCodeWarning, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
+    from ._functions import _Errors
 
 __all__ = ["Compiled", "compile"]
 
@@ -37,102 +35,108 @@ ALWAYS = ("-std=c99", "-ffp-contract=fast", "-fno-math-errno", "-shared", "-fPIC
 LONG, SECONDS_EACH = 50_000, 4e-4
 #: What is compiled of functions that watch what rounding does.
 WATCHED: dict[str, Any] = {name: f"{name}_watched" for name in ("forward_dynamics", "mass_matrix_inverse")}
-#: Fewer states are faster by the scene's own call, whose way from Python is shorter.
-FEW = 16
-#: A thread gets so many states at the least.
-WORTH_A_THREAD = 2048
+#: What is compiled beside functions whose results do not tell by themselves what rounding does: it judges the factor of M, which they all go through.
+WATCH, WATCHES = "mass_matrix_inverse_watched", ("forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp")
+#: Fewer states are faster by the scene's own call, whose way from Python is 3 to 6 us shorter: so many states of arms of six and seven joints and of a humanoid, measured, take as long both ways.
+FEW = {
+    **dict.fromkeys(("forward_dynamics_derivatives", "inverse_dynamics_derivatives", "placements"), 24),
+    "mass_matrix_inverse": 32,
+    **dict.fromkeys(("forward_dynamics", "forward_dynamics_jvp", "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp"), 48),
+    **dict.fromkeys(("mass_matrix", "jacobian"), 64),
+    **dict.fromkeys(("inverse_dynamics", "bias_torque", "placement"), 128),
+}
+#: Methods of scenes that compute in dtype themselves.
+IN_DTYPE = ("forward_dynamics", "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse")
 
 
 class Compiled(Functions[_Array]):
     """Functions of one scene as machine code that holds nothing else; batches run as many states at once as the processor's registers hold, on as many threads as set_num_threads says.
 
-    Each method takes the arrays of the scene's method of that name and gives its results to rounding. In form "auto" forward_dynamics and mass_matrix_inverse watch what rounding does, and states that may
-    have lost digits are done by the scene's own method; else, and in derivatives and products, the form is "covariance": digits that it loses are not noticed. Few states, and arguments or
-    results that are not in order, are done by the scene's own method too, which says what is wrong. Results have the dtype that was compiled. Methods of functions that were not compiled raise ArgumentError.
+    Each method takes the arguments of the scene's method of that name and gives its results to rounding; form and dtype alone are not among them: they are those that were compiled. In form "auto" the scene does
+    states that may have lost digits, which the code tells by a margin; for derivatives and products of forward dynamics it computes M^-1 and its margin first, which judges
+    the factor of M; the scene looks for digits that cancel later on too. In form "covariance" digits that are lost are not noticed.
+
+    Few states, arguments, results and out that are not in order, and what no code is compiled for (wrenches, return_info, at, parameters, and changes of what is constant) are done by the scene's own method,
+    which says what is wrong, or, with errors="nan", which states are bad: it does all states of a call then. out: as of the scene's method, of the dtype that was compiled; results are written straight into it, those of
+    derivatives some states at a time. Results have the dtype that was compiled. Methods of functions that were not compiled raise ArgumentError.
     """
 
     library: Path
     """The file of the machine code."""
     form: Literal["auto", "covariance"]
-    """How forward_dynamics and mass_matrix_inverse keep their digits."""
+    """How forward_dynamics, mass_matrix_inverse, and derivatives and products of forward dynamics keep their digits."""
 
     def __init__(self, scene: Scene, functions: tuple[Function, ...], library: Path, form: Literal["auto", "covariance"], dtype: str) -> None:
         super().__init__(scene, functions, dtype)
         self.library, self.form = library, form
-        self._watched = WATCHED if form == "auto" else {}
+        self._is_rounded = self.dtype != np.float64
         code = ctypes.CDLL(str(library))
-        self._code = {parts(function): getattr(code, f"robot_{symbol(self._watched.get(str(function), function))}_batch") for function in functions}
+        self._code = {parts(function): self._batches(code, function) for function in functions}
+        self._keywords = {parts(function): self._fixed(parts(function)) for function in functions}
 
-    def _run(self, function: tuple[str, ...], given: dict[str, ArrayLike], shapes: Sequence[tuple[int, ...]]) -> list[_Array] | None:
-        run = self._code.get(function)
-        if run is None:
+    def _fixed(self, function: tuple[str, ...]) -> dict[str, Any]:
+        """Arguments of the scene's method that were chosen when it was compiled."""
+        name, of = function[0], function[1:]
+        form = {"form": self.form} if name in IN_FORM and self.form != "auto" else {}
+        dtype = {"dtype": self.dtype} if name in IN_DTYPE and self.dtype != np.float64 else {}
+        return {**form, **dtype, **({"frame": of[1]} if len(of) > 1 else {})}
+
+    def _batches(self, code: ctypes.CDLL, function: Function) -> Batches:
+        """One function of the library."""
+        of = parts(function)
+        name, scene, nv = of[0], self.scene, self.scene.nv
+        reads, results = [scene.nq, *[nv] * (len(ARGUMENTS[name]) - 1)], shapes(of, scene)
+        tells = self.form == "auto" and name in WATCHED
+        called = f"robot_{WATCHED[name] if tells else symbol(function)}_batch"
+        batches = Batches(entry(code, called, len(reads) + len(results) + tells), reads, results, self.dtype, FEW[name])
+
+        def again(*states: _Array) -> Any:
+            return getattr(self.scene, name)(*states)
+
+        if tells:
+            batches.watched(again)
+        elif self.form == "auto" and name in WATCHES:
+            batches.watched(again, entry(code, f"robot_{WATCH}_batch", 3), nv * nv)
+        return batches
+
+    def _run(
+        self, function: tuple[str, ...], given: tuple[Any, ...], out: _Array | None = None, errors: _Errors = "raise", more: dict[str, Any] | None = None
+    ) -> Any:
+        code = self._code.get(function)
+        if code is None:
             raise self._missing(function)
-        ready = self._ready(tuple(given.values()))
-        if ready is None:
-            return None
-        arrays, batch = ready
-        count, is_watched = prod(batch), function[0] in self._watched
-        if is_watched:
-            shapes = [*shapes, (1,)]
-        # In one piece: the allocator gives the pages of several back to the system every time, which clears them anew.
-        ends = list(accumulate((count * prod(shape) for shape in shapes), initial=0))
-        numbers: _Array = _unwritten(ends[-1]) if self.dtype == np.float64 else np.empty(ends[-1], self.dtype)
-        results = [numbers[first:end].reshape(*batch, *shape) for first, end, shape in zip(ends[:-1], ends[1:], shapes, strict=True)]
+        if more is None and isinstance(errors, str) and errors in ("raise", "nan"):
+            found = code(given, out)
+            if found is not None:
+                return found
+            if out is None and errors == "raise" and not self._is_rounded:
+                # The short way: a state at a time is what most calls are of.
+                return getattr(self.scene, function[0])(*given, *function[1:2], **self._keywords[function])
+        return self._by_scene(function, given, out, errors, more)
 
-        def piece(first: int, end: int) -> int:
-            addresses = (ctypes.c_void_p(array.ctypes.data + array.itemsize * first * (array.size // count)) for array in (*arrays, *results))
-            fault: int = run(ctypes.c_size_t(end - first), *addresses)
-            return fault
+    def _several_placements(self, q: Any, links: tuple[str, ...], errors: _Errors) -> Any:
+        functions = [("placement", link) for link in links]
+        for function in functions:
+            if function not in self._code:
+                raise self._missing(function)
+        found = [self._code[function]((q,)) for function in functions]
+        if not found or errors not in ("raise", "nan") or any(part is None for part in found):
+            return _in_dtype(self.scene.placement(q, links, errors=errors), self.dtype)
+        return np.stack(found, axis=-3)
 
-        threads = min(get_num_threads(), count // WORTH_A_THREAD)
-        if threads > 1:
-            cuts = [count * i // threads for i in range(threads + 1)]
-            with ThreadPoolExecutor(threads) as pool:
-                faults = sum(pool.map(piece, cuts[:-1], cuts[1:]))
-        else:
-            faults = piece(0, count)
-        if faults:
-            return None
-        return self._mended(function[0], arrays, results) if is_watched else results
-
-    def _mended(self, name: str, arrays: list[_Array], results: list[_Array]) -> list[_Array] | None:
-        """The result, states whose margin is below zero done by the scene; None where the scene is to say of all what is wrong."""
-        result, margins = results
-        doubtful = np.flatnonzero(~(margins >= 0))
-        if doubtful.size:
-            count = margins.size
-            try:
-                better = getattr(self.scene, name)(*(array.reshape(count, -1)[doubtful] for array in arrays))
-            except PhipsiError:
-                return None
-            result.reshape(count, *better.shape[1:])[doubtful] = better
-        return [result]
-
-    def _ready(self, given: tuple[ArrayLike, ...]) -> tuple[list[_Array], tuple[int, ...]] | None:
-        """Arrays of all states, one after another, and the leading axes; None of what the scene is to look at."""
-        scene = self.scene
-        widths = [scene.nq, *[scene.nv] * (len(given) - 1)]
-        if not all(isinstance(value, np.ndarray) and value.dtype in (np.float64, self.dtype) and value.ndim > 0 for value in given):
-            return None
-        arrays: list[Any] = list(given)
-        if [array.shape[-1] for array in arrays] != widths or scene.nv == 0:
-            return None
-        shapes = {array.shape[:-1] for array in arrays}
-        try:
-            batch = shapes.pop() if len(shapes) == 1 else np.broadcast_shapes(*shapes)
-        except ValueError:
-            return None
-        if prod(batch) < FEW:
-            return None
-        if shapes:
-            arrays = [np.broadcast_to(array, (*batch, array.shape[-1])) for array in arrays]
-        return [np.ascontiguousarray(array, self.dtype) for array in arrays], batch
-
-    def _by_scene(self, function: tuple[str, ...], given: dict[str, ArrayLike]) -> Any:
-        name, *of = function
-        form = "auto" if name in self._watched else "covariance"
-        keywords = {"form": form} if name in IN_FORM else {"frame": of[1]} if len(of) > 1 else {}
-        return _in_dtype(getattr(self.scene, name)(*given.values(), *of[:1], **keywords), self.dtype)
+    def _by_scene(self, function: tuple[str, ...], given: tuple[Any, ...], out: _Array | None, errors: _Errors, more: dict[str, Any] | None) -> Any:
+        """What the scene's own method gives, which says what is wrong."""
+        name, keywords = function[0], self._keywords[function]
+        rounds = self._is_rounded and "dtype" not in keywords
+        keywords = {**keywords, **(more or {}), "errors": errors}
+        if out is not None and not rounds:
+            keywords["out"] = out
+        found = getattr(self.scene, name)(*given, *function[1:2], **keywords)
+        if rounds:
+            found = _in_dtype(found, self.dtype)
+            if out is not None:
+                return _rounded_into(out, found, given)
+        return found
 
 
 def _in_dtype(found: Any, dtype: np.dtype[Any]) -> Any:
@@ -142,6 +146,18 @@ def _in_dtype(found: Any, dtype: np.dtype[Any]) -> Any:
     if isinstance(found, tuple):
         return type(found)(*(_in_dtype(value, dtype) for value in found))
     return found if found is None else found.astype(dtype, copy=False)
+
+
+def _rounded_into(out: Any, found: Any, given: tuple[Any, ...]) -> Any:
+    """Derivatives of the scene, which are float64, in an out of other numbers: views of it."""
+    expected = (*found[0].shape[:-2], len(found), *found[0].shape[-2:])
+    of_others = any(isinstance(value, np.ndarray) and isinstance(out, np.ndarray) and np.may_share_memory(out, value) for value in given)
+    if not isinstance(out, np.ndarray) or out.dtype != found[0].dtype or out.shape != expected or not out.flags.carray or of_others:
+        said = f"{out.dtype} of shape {out.shape}" if isinstance(out, np.ndarray) else f"an object of type {type(out).__name__}"
+        raise of_argument(ArgumentError, "out", f"found {said}; expected a C-contiguous {found[0].dtype} array of shape {expected}, writable, that overlaps no argument")
+    for at, part in enumerate(found):
+        out[..., at, :, :] = part
+    return type(found)(*(out[..., at, :, :] for at in range(len(found))))
 
 
 @overload
@@ -179,7 +195,7 @@ def compile(  # noqa: A001  # phipsi.compile
     """Compiles functions of one scene by the system's C compiler: scene.to_c(batches=True) into a library that is loaded at once. Or for a GPU, scene.to_cuda through CuPy and NVRTC.
 
     functions: as of to_c, of one link ("placement", link), ("jacobian", link) or ("jacobian", link, frame); None: all that are of no one link. device: "cpu" or "cuda", which needs CuPy (phipsi[cuda]) and a GPU. form: "auto" hands states that may have lost digits to the scene, "covariance"
-    does not look, and takes less time; None: "auto", and "covariance" of float32 and on a GPU, where "auto" is not to be had. dtype: "float64" or "float32", the numbers of the code and of results; on the CPU, arguments of
+    does not look, and takes less time (docs/compiled-times.md): derivatives and products of forward dynamics are watched by an inverse mass matrix more; None: "auto", and "covariance" of float32 and on a GPU, where "auto" is not to be had. dtype: "float64" or "float32", the numbers of the code and of results; on the CPU, arguments of
     float64 are rounded to it. compiler: its command; None: that of the environment variable CC, or cc. flags: for this processor and of how fast the code is to be; None: -O3 for this
     processor. cache: a directory that keeps libraries by scene, compiler and flags, so that the next call takes no time; None: phipsi/compiled where the user's caches are. These three are of device="cpu".
 
@@ -203,8 +219,7 @@ def compile(  # noqa: A001  # phipsi.compile
     if found is None:
         raise of_argument(ArgumentError, "compiler", f"found no {command}; expected a C compiler (GCC or Clang): install one, or name it")
     kept: Literal["auto", "covariance"] = form or ("auto" if dtype == "float64" else "covariance")
-    written = tuple(WATCHED.get(str(name), name) for name in known) if kept == "auto" else known
-    files = scene.to_c(name="robot", functions=written, dtype=dtype, batches=True)
+    files = scene.to_c(name="robot", functions=_written(known) if kept == "auto" else known, dtype=dtype, batches=True)
     own = ("-mcpu=native",) if platform.machine() in ("aarch64", "arm64") else ("-march=native",)
     told = [*ALWAYS, *(("-O3", *own) if flags is None else flags)]
     into = (_caches() if cache is None else Path(cache)) / _key(files, found, told)
@@ -215,6 +230,12 @@ def compile(  # noqa: A001  # phipsi.compile
             warnings.warn(message, LongCodeWarning, stacklevel=2)
         _build(files, [found, *told], library)
     return Compiled(scene, known, library, kept, dtype)
+
+
+def _written(functions: tuple[Function, ...]) -> tuple[Any, ...]:
+    """What is compiled of these where states are watched."""
+    watches = [WATCH] if any(name in WATCHES for name in functions) else []
+    return tuple(dict.fromkeys([*(WATCHED.get(str(name), name) for name in functions), *watches]))
 
 
 def _caches() -> Path:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ._functions import Function, Functions, parts, symbol
+from ._functions import ARGUMENTS, Function, Functions, parts, shapes, symbol
 from .errors import ArgumentError, ShapeError, of_argument
 
 if TYPE_CHECKING:
     from ._core import Scene
+    from ._functions import _Errors
 
 __all__ = ["CompiledForCuda", "compile_for_cuda"]
 
@@ -29,7 +29,7 @@ class CompiledForCuda(Functions[Any]):
 
     Each method takes arrays of CuPy, PyTorch, JAX or of others that DLPack passes on, of the dtype that was compiled, (..., nq) and (..., nv), whose leading axes broadcast. Results are those of the
     scene's method of that name to rounding, in form "covariance": digits that this loses are not noticed, and states are not looked at, so that NaN comes of what is not finite. Work is queued on
-    CuPy's current stream. Kernels read each component of all states in a row: arrays whose memory has it so, as results have, are not copied.
+    CuPy's current stream. out, errors="nan", wrenches and what else the scene's methods have are refused. Kernels read each component of all states in a row: arrays whose memory has it so, as results have, are not copied.
     """
 
     source: str
@@ -41,11 +41,12 @@ class CompiledForCuda(Functions[Any]):
         module = cupy.RawModule(code=source, options=OPTIONS)
         self._kernels = {parts(function): module.get_function(f"robot_{symbol(function)}") for function in functions}
 
-    def _run(self, function: tuple[str, ...], given: dict[str, Any], shapes: Sequence[tuple[int, ...]]) -> list[Any]:
+    def _run(self, function: tuple[str, ...], given: tuple[Any, ...], out: Any = None, errors: _Errors = "raise", more: dict[str, Any] | None = None) -> Any:
         kernel, cupy = self._kernels.get(function), self._numpy
         if kernel is None:
             raise self._missing(function)
-        arrays = {name: self._array(name, value) for name, value in given.items()}
+        _refuse({"out": out, "errors": None if errors == "raise" else errors, **(more or {})}, function[0])
+        arrays = {name: self._array(name, value) for name, value in zip(ARGUMENTS[function[0]], given, strict=True)}
         for name, array in arrays.items():
             width = self.scene.nq if name == "q" else self.scene.nv
             if array.ndim == 0 or array.shape[-1] != width:
@@ -55,13 +56,15 @@ class CompiledForCuda(Functions[Any]):
         except ValueError:
             those = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
             raise of_argument(ShapeError, "q", f"found leading axes that do not broadcast: {those}; expected those of one batch") from None
-        count, widths = prod(batch), [prod(shape) for shape in shapes]
+        parts_of_one = shapes(function, self.scene)
+        count, widths = prod(batch), [prod(shape) for shape in parts_of_one]
         with arrays["q"].device:
             columns = [_by_components(cupy, array, batch, count) for array in arrays.values()]
             results = [cupy.empty((width, count), dtype=self.dtype) for width in widths]
             if count and any(widths):
                 kernel(((count + THREADS - 1) // THREADS,), (THREADS,), (np.uint64(count), *columns, *results))
-        return [out.T.reshape(*batch, *shape) for out, shape in zip(results, shapes, strict=True)]
+        found = [result.T.reshape(*batch, *shape) for result, shape in zip(results, parts_of_one, strict=True)]
+        return found if len(found) > 1 else found[0]
 
     def _array(self, name: str, value: Any) -> Any:
         """The argument as an array of CuPy, its memory shared."""
@@ -74,6 +77,14 @@ class CompiledForCuda(Functions[Any]):
         if value.dtype != self.dtype:
             raise of_argument(ArgumentError, name, f"found {value.dtype}; expected {self.dtype}, which was compiled: convert it, or compile with dtype={str(value.dtype)!r}")
         return value
+
+
+def _refuse(more: dict[str, Any], function: str) -> None:
+    """Arguments of the scene's method that kernels have not."""
+    for name, value in more.items():
+        if value is not None and value is not False:
+            found = repr(value) if isinstance(value, (str, bool)) else f"an object of type {type(value).__name__}"
+            raise of_argument(ArgumentError, name, f"found {found}; expected none on a GPU, whose kernels know no {name}: scene.{function} takes it")
 
 
 def _by_components(cupy: Any, array: Any, batch: tuple[int, ...], count: int) -> Any:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar, get_args
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar, get_args, overload
 
 import numpy as np
 
 from ._results import (
+    Accuracy,
     ForwardDynamicsDerivatives,
     ForwardDynamicsGradients,
     InverseDynamicsDerivatives,
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 __all__ = ["FUNCTIONS", "Function", "Functions"]
 
 A = TypeVar("A")
-_Results = TypeVar("_Results")
 _OfScene = Literal[
     "forward_dynamics",
     "inverse_dynamics",
@@ -38,12 +38,27 @@ _OfScene = Literal[
     "placements",
 ]
 _Frame = Literal["local", "world", "local-world-aligned"]
+_Errors = Literal["raise", "nan"]
 #: What to_c and compile know: a name, or of one link (name, link) and (name, link, frame).
 Function: TypeAlias = (
     _OfScene | tuple[Literal["placement"], str] | tuple[Literal["jacobian"], str] | tuple[Literal["jacobian"], str, _Frame]
 )
 #: All of them that are of no one link.
 FUNCTIONS: tuple[_OfScene, ...] = get_args(_OfScene)
+_TAU, _QDD, _ALONG = ("q", "qd", "tau"), ("q", "qd", "qdd"), ("dq", "dqd")
+#: The arrays that each takes.
+ARGUMENTS: dict[str, tuple[str, ...]] = {
+    "forward_dynamics": _TAU,
+    "inverse_dynamics": _QDD,
+    "bias_torque": ("q", "qd"),
+    "forward_dynamics_derivatives": _TAU,
+    "inverse_dynamics_derivatives": _QDD,
+    "forward_dynamics_jvp": (*_TAU, *_ALONG, "dtau"),
+    "forward_dynamics_vjp": (*_TAU, "cotangent"),
+    "inverse_dynamics_jvp": (*_QDD, *_ALONG, "dqdd"),
+    "inverse_dynamics_vjp": (*_QDD, "cotangent"),
+    **dict.fromkeys(("mass_matrix", "mass_matrix_inverse", "placements", "placement", "jacobian"), ("q",)),
+}
 #: Those that the scene does in a form.
 IN_FORM = (
     "forward_dynamics",
@@ -55,7 +70,7 @@ IN_FORM = (
 
 
 class Functions(Generic[A]):
-    """Functions of one scene that were compiled, by the names of its methods."""
+    """Functions of one scene that were compiled, by the names of its methods and with their arguments, but for form and dtype, which are those that were compiled."""
 
     scene: Scene
     """The scene that it was compiled from."""
@@ -67,100 +82,170 @@ class Functions(Generic[A]):
     def __init__(self, scene: Scene, functions: tuple[Function, ...], dtype: str) -> None:
         self.scene, self.functions, self.dtype = scene, functions, np.dtype(dtype)
         self._numpy: Any = np
-        self._rates, self._pairs = (scene.nv,), (scene.nv, scene.nv)
 
     def __repr__(self) -> str:
         return f"<phipsi.{type(self).__name__} of {self.scene.nv} degrees of freedom, {self.dtype}: {said(self.functions)}>"
 
-    def forward_dynamics(self, q: Any, qd: Any, tau: Any) -> A:
+    @overload
+    def forward_dynamics(
+        self, q: Any, qd: Any, tau: Any, *, wrenches: Any = None, out: A | None = None, errors: _Errors = "raise", return_info: Literal[False] = False
+    ) -> A: ...
+    @overload
+    def forward_dynamics(
+        self, q: Any, qd: Any, tau: Any, *, wrenches: Any = None, out: A | None = None, errors: _Errors = "raise", return_info: Literal[True]
+    ) -> tuple[A, Accuracy]: ...
+    def forward_dynamics(
+        self, q: Any, qd: Any, tau: Any, *, wrenches: Any = None, out: A | None = None, errors: _Errors = "raise", return_info: bool = False
+    ) -> A | tuple[A, Accuracy]:
         """Joint accelerations from joint torques, (..., nv), as Scene.forward_dynamics in the form that was compiled."""
-        return self._one(("forward_dynamics",), {"q": q, "qd": qd, "tau": tau}, self._rates)
+        more = None if wrenches is None and return_info is False else {"wrenches": wrenches, "return_info": return_info}
+        found: A | tuple[A, Accuracy] = self._run(("forward_dynamics",), (q, qd, tau), out, errors, more)
+        return found
 
-    def inverse_dynamics(self, q: Any, qd: Any, qdd: Any) -> A:
+    def inverse_dynamics(self, q: Any, qd: Any, qdd: Any, *, wrenches: Any = None, out: A | None = None, errors: _Errors = "raise") -> A:
         """Joint torques from joint accelerations, (..., nv), as Scene.inverse_dynamics."""
-        return self._one(("inverse_dynamics",), {"q": q, "qd": qd, "qdd": qdd}, self._rates)
+        found: A = self._run(("inverse_dynamics",), (q, qd, qdd), out, errors, None if wrenches is None else {"wrenches": wrenches})
+        return found
 
-    def bias_torque(self, q: Any, qd: Any) -> A:
+    def bias_torque(self, q: Any, qd: Any, *, out: A | None = None, errors: _Errors = "raise") -> A:
         """The torques that let no joint accelerate, (..., nv), as Scene.bias_torque."""
-        return self._one(("bias_torque",), {"q": q, "qd": qd}, self._rates)
+        found: A = self._run(("bias_torque",), (q, qd), out, errors)
+        return found
 
-    def mass_matrix(self, q: Any) -> A:
+    def mass_matrix(self, q: Any, *, out: A | None = None, errors: _Errors = "raise") -> A:
         """The mass matrix, (..., nv, nv), as Scene.mass_matrix."""
-        return self._one(("mass_matrix",), {"q": q}, self._pairs)
+        found: A = self._run(("mass_matrix",), (q,), out, errors)
+        return found
 
-    def mass_matrix_inverse(self, q: Any) -> A:
+    def mass_matrix_inverse(self, q: Any, *, out: A | None = None, errors: _Errors = "raise") -> A:
         """Its inverse, (..., nv, nv), as Scene.mass_matrix_inverse in the form that was compiled."""
-        return self._one(("mass_matrix_inverse",), {"q": q}, self._pairs)
+        found: A = self._run(("mass_matrix_inverse",), (q,), out, errors)
+        return found
 
-    def forward_dynamics_derivatives(self, q: Any, qd: Any, tau: Any) -> ForwardDynamicsDerivatives:
-        """dqdd_dq, dqdd_dqd and Minv, (..., nv, nv) each, as Scene.forward_dynamics_derivatives in form "covariance"."""
-        return self._several(("forward_dynamics_derivatives",), {"q": q, "qd": qd, "tau": tau}, 3 * [self._pairs], ForwardDynamicsDerivatives)
+    def forward_dynamics_derivatives(
+        self, q: Any, qd: Any, tau: Any, *, wrenches: Any = None, out: A | None = None, errors: _Errors = "raise"
+    ) -> ForwardDynamicsDerivatives:
+        """dqdd_dq, dqdd_dqd and Minv, (..., nv, nv) each, as Scene.forward_dynamics_derivatives in the form that was compiled. out: (..., 3, nv, nv), of which they are views."""
+        found = self._run(("forward_dynamics_derivatives",), (q, qd, tau), out, errors, None if wrenches is None else {"wrenches": wrenches})
+        return found if isinstance(found, ForwardDynamicsDerivatives) else ForwardDynamicsDerivatives(*found)
 
-    def inverse_dynamics_derivatives(self, q: Any, qd: Any, qdd: Any) -> InverseDynamicsDerivatives:
-        """dtau_dq, dtau_dqd and M, (..., nv, nv) each, as Scene.inverse_dynamics_derivatives."""
-        return self._several(("inverse_dynamics_derivatives",), {"q": q, "qd": qd, "qdd": qdd}, 3 * [self._pairs], InverseDynamicsDerivatives)
+    def inverse_dynamics_derivatives(
+        self, q: Any, qd: Any, qdd: Any, *, wrenches: Any = None, out: A | None = None, errors: _Errors = "raise"
+    ) -> InverseDynamicsDerivatives:
+        """dtau_dq, dtau_dqd and M, (..., nv, nv) each, as Scene.inverse_dynamics_derivatives. out: (..., 3, nv, nv), of which they are views."""
+        found = self._run(("inverse_dynamics_derivatives",), (q, qd, qdd), out, errors, None if wrenches is None else {"wrenches": wrenches})
+        return found if isinstance(found, InverseDynamicsDerivatives) else InverseDynamicsDerivatives(*found)
 
-    def forward_dynamics_jvp(self, q: Any, qd: Any, tau: Any, dq: Any, dqd: Any, dtau: Any) -> A:
-        """The change of joint accelerations along (dq, dqd, dtau), (..., nv), as Scene.forward_dynamics_jvp in form "covariance"."""
-        return self._one(("forward_dynamics_jvp",), {"q": q, "qd": qd, "tau": tau, "dq": dq, "dqd": dqd, "dtau": dtau}, self._rates)
+    def forward_dynamics_jvp(
+        self,
+        q: Any,
+        qd: Any,
+        tau: Any,
+        dq: Any,
+        dqd: Any,
+        dtau: Any,
+        *,
+        wrenches: Any = None,
+        dwrenches: Any = None,
+        dparameters: Any = None,
+        darmature: Any = None,
+        dgravity: Any = None,
+        errors: _Errors = "raise",
+    ) -> A:
+        """The change of joint accelerations along (dq, dqd, dtau), (..., nv), as Scene.forward_dynamics_jvp in the form that was compiled."""
+        more = _changes(wrenches, dwrenches, dparameters, darmature, dgravity)
+        found: A = self._run(("forward_dynamics_jvp",), (q, qd, tau, dq, dqd, dtau), None, errors, more)
+        return found
 
-    def forward_dynamics_vjp(self, q: Any, qd: Any, tau: Any, cotangent: Any) -> ForwardDynamicsGradients:
-        """The gradients of cotangent . qdd by q, qd and tau, (..., nv) each, as Scene.forward_dynamics_vjp in form "covariance"."""
-        return self._several(("forward_dynamics_vjp",), {"q": q, "qd": qd, "tau": tau, "cotangent": cotangent}, 3 * [self._rates], ForwardDynamicsGradients)
+    def forward_dynamics_vjp(
+        self, q: Any, qd: Any, tau: Any, cotangent: Any, *, wrenches: Any = None, parameters: bool = False, errors: _Errors = "raise"
+    ) -> ForwardDynamicsGradients:
+        """The gradients of cotangent . qdd by q, qd and tau, (..., nv) each, as Scene.forward_dynamics_vjp in the form that was compiled."""
+        more = None if wrenches is None and parameters is False else {"wrenches": wrenches, "parameters": parameters}
+        found = self._run(("forward_dynamics_vjp",), (q, qd, tau, cotangent), None, errors, more)
+        return found if isinstance(found, ForwardDynamicsGradients) else ForwardDynamicsGradients(*found)
 
-    def inverse_dynamics_jvp(self, q: Any, qd: Any, qdd: Any, dq: Any, dqd: Any, dqdd: Any) -> A:
+    def inverse_dynamics_jvp(
+        self,
+        q: Any,
+        qd: Any,
+        qdd: Any,
+        dq: Any,
+        dqd: Any,
+        dqdd: Any,
+        *,
+        wrenches: Any = None,
+        dwrenches: Any = None,
+        dparameters: Any = None,
+        darmature: Any = None,
+        dgravity: Any = None,
+        errors: _Errors = "raise",
+    ) -> A:
         """The change of joint torques along (dq, dqd, dqdd), (..., nv), as Scene.inverse_dynamics_jvp."""
-        return self._one(("inverse_dynamics_jvp",), {"q": q, "qd": qd, "qdd": qdd, "dq": dq, "dqd": dqd, "dqdd": dqdd}, self._rates)
+        more = _changes(wrenches, dwrenches, dparameters, darmature, dgravity)
+        found: A = self._run(("inverse_dynamics_jvp",), (q, qd, qdd, dq, dqd, dqdd), None, errors, more)
+        return found
 
-    def inverse_dynamics_vjp(self, q: Any, qd: Any, qdd: Any, cotangent: Any) -> InverseDynamicsGradients:
+    def inverse_dynamics_vjp(
+        self, q: Any, qd: Any, qdd: Any, cotangent: Any, *, wrenches: Any = None, parameters: bool = False, errors: _Errors = "raise"
+    ) -> InverseDynamicsGradients:
         """The gradients of cotangent . tau by q, qd and qdd, (..., nv) each, as Scene.inverse_dynamics_vjp."""
-        return self._several(("inverse_dynamics_vjp",), {"q": q, "qd": qd, "qdd": qdd, "cotangent": cotangent}, 3 * [self._rates], InverseDynamicsGradients)
+        more = None if wrenches is None and parameters is False else {"wrenches": wrenches, "parameters": parameters}
+        found = self._run(("inverse_dynamics_vjp",), (q, qd, qdd, cotangent), None, errors, more)
+        return found if isinstance(found, InverseDynamicsGradients) else InverseDynamicsGradients(*found)
 
-    def placements(self, q: Any) -> dict[str, A]:
+    def placements(self, q: Any, *, errors: _Errors = "raise") -> dict[str, A]:
         """Where every link is, a dict from link names to homogeneous matrices (..., 4, 4), as Scene.placements."""
-        links = self.scene.link_names
-        all_links = self._run(("placements",), {"q": q}, [(len(links), 4, 4)])
-        found: dict[str, A]
-        if all_links is None:
-            found = self._by_scene(("placements",), {"q": q})
-        else:
-            found = {link: all_links[0][..., at, :, :].copy() for at, link in enumerate(links)}
-        return found
+        found: Any = self._run(("placements",), (q,), None, errors)
+        return found if isinstance(found, dict) else {link: found[..., at, :, :].copy() for at, link in enumerate(self.scene.link_names)}
 
-    def placement(self, q: Any, link: str | Iterable[str]) -> A:
+    def placement(self, q: Any, link: str | Iterable[str], *, errors: _Errors = "raise") -> A:
         """Where a link is, or several, homogeneous matrices (..., 4, 4) or (..., L, 4, 4), as Scene.placement: each that was compiled as ("placement", link)."""
+        found: A
         if isinstance(link, str):
-            return self._one(("placement", link), {"q": q}, (4, 4))
-        names = tuple(link)
-        several: Any = self._numpy.stack([self._one(("placement", name), {"q": q}, (4, 4)) for name in names], axis=-3) if names else self.scene.placement(q, names)
-        found: A = several
+            found = self._run(("placement", link), (q,), None, errors)
+        else:
+            found = self._several_placements(q, tuple(link), errors)
         return found
 
-    def jacobian(self, q: Any, link: str, *, frame: _Frame = "local") -> A:
+    def _several_placements(self, q: Any, links: tuple[str, ...], errors: _Errors) -> Any:
+        """(..., L, 4, 4)."""
+        one_by_one = [self._run(("placement", link), (q,), None, errors) for link in links]
+        return self._numpy.stack(one_by_one, axis=-3) if links else self.scene.placement(q, links, errors=errors)
+
+    def jacobian(self, q: Any, link: str, *, frame: _Frame = "local", at: Any = None, errors: _Errors = "raise") -> A:
         """The Jacobian of a link, (..., 6, nv), as Scene.jacobian: of a link and a frame that were compiled as ("jacobian", link, frame)."""
-        return self._one(("jacobian", link, frame), {"q": q}, (6, self.scene.nv))
+        found: A = self._run(("jacobian", link, frame), (q,), None, errors, None if at is None else {"at": at})
+        return found
 
-    def _one(self, function: tuple[str, ...], given: dict[str, Any], shape: tuple[int, ...]) -> A:
-        """A function of one result."""
-        found = self._run(function, given, [shape])
-        result: A = self._by_scene(function, given) if found is None else found[0]
-        return result
-
-    def _several(self, function: tuple[str, ...], given: dict[str, Any], shapes: Sequence[tuple[int, ...]], kind: Callable[..., _Results]) -> _Results:
-        """A function of several results, and what they are put into."""
-        found = self._run(function, given, shapes)
-        return self._by_scene(function, given) if found is None else kind(*found)
-
-    def _run(self, function: tuple[str, ...], given: dict[str, Any], shapes: Sequence[tuple[int, ...]]) -> list[Any] | None:
-        """The results, of these shapes after the leading axes; None of what the scene is to do."""
-        raise NotImplementedError
-
-    def _by_scene(self, function: tuple[str, ...], given: dict[str, Any]) -> Any:
-        """What the scene's own method gives, which says what is wrong."""
+    def _run(self, function: tuple[str, ...], given: tuple[Any, ...], out: A | None = None, errors: _Errors = "raise", more: dict[str, Any] | None = None) -> Any:
+        """The result, or several; or what the scene's method gives, where the scene is to do it. more: arguments of the scene's method that no code was compiled for."""
         raise NotImplementedError
 
     def _missing(self, function: tuple[str, ...]) -> Exception:
         return of_argument(ArgumentError, "functions", f"found {said([function])}, which was not compiled; expected one of {said(self.functions)}")
+
+
+def shapes(function: tuple[str, ...], scene: Scene) -> list[tuple[int, ...]]:
+    """Of each result of one state."""
+    rates: tuple[int, ...] = (scene.nv,)
+    pairs: tuple[int, ...] = (scene.nv, scene.nv)
+    links: dict[str, tuple[int, ...]] = {"placements": (len(scene.link_names), 4, 4), "placement": (4, 4), "jacobian": (6, scene.nv)}
+    name = function[0]
+    if name in links:
+        return [links[name]]
+    if name.endswith("derivatives"):
+        return 3 * [pairs]
+    if name.endswith("vjp"):
+        return 3 * [rates]
+    return [pairs if name.startswith("mass_matrix") else rates]
+
+
+def _changes(wrenches: Any, dwrenches: Any, dparameters: Any, darmature: Any, dgravity: Any) -> dict[str, Any] | None:
+    """What products take beside the state and its direction, where any of it is given."""
+    if wrenches is dwrenches is dparameters is darmature is dgravity is None:
+        return None
+    return {"wrenches": wrenches, "dwrenches": dwrenches, "dparameters": dparameters, "darmature": darmature, "dgravity": dgravity}
 
 
 def parts(function: Function) -> tuple[str, ...]:

@@ -52,9 +52,11 @@ def assert_same(found: object, expected: object, cond: float) -> None:
 
 
 @pytest.fixture(autouse=True)
-def _compiler() -> None:
+def _compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     if shutil.which(COMPILER) is None:
         pytest.skip("no C compiler here")
+    # Batches are small here.
+    monkeypatch.setattr("phipsi._compile.FEW", dict.fromkeys(phipsi._compile.FEW, 16))
 
 
 def library(scene: phipsi.Scene, into: Path) -> ctypes.CDLL:

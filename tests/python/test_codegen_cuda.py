@@ -231,6 +231,15 @@ def test_arguments_that_are_broken_are_named(gpu: Any) -> None:
         fast.mass_matrix(q)
 
 
+@pytest.mark.parametrize(("argument", "value"), [("out", np.zeros((5, 3))), ("errors", "nan"), ("wrenches", {"tip": np.zeros(6)}), ("return_info", True)])
+def test_what_only_the_scene_takes_is_refused(gpu: Any, argument: str, value: object) -> None:
+    fast = phipsi.compile(phipsi.scenes.chain(3), ["forward_dynamics"], device="cuda")
+    q = gpu.asarray(np.zeros((5, 3)))
+    assert fast.forward_dynamics(q, q, q).shape == (5, 3)
+    with pytest.raises(ArgumentError, match=rf"{argument}: found .*GPU.*scene\.forward_dynamics"):
+        fast.forward_dynamics(q, q, q, **{argument: value})
+
+
 def test_what_only_the_cpu_has_is_refused(gpu: Any) -> None:
     scene = phipsi.scenes.chain(2)
     for name, value in (("compiler", "cc"), ("flags", ["-O1"]), ("cache", ".")):

@@ -77,9 +77,11 @@ def test_broken_options_of_kernels_are_refused(options: dict[str, object], messa
         phipsi.scenes.chain(2).to_cuda(**options)  # type: ignore[arg-type]
 
 
-def test_compiled_in_float32(tmp_path: Path) -> None:
+def test_compiled_in_float32(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if shutil.which(COMPILER) is None:
         pytest.skip("no C compiler here")
+    # Batches are small here.
+    monkeypatch.setattr("phipsi._compile.FEW", dict.fromkeys(phipsi._compile.FEW, 16))
     scene = random_scene(1, 4, floating_base=True, armature=0.1)
     fast = phipsi.compile(scene, dtype="float32", flags=["-O0"], cache=tmp_path)
     assert fast.dtype == np.float32

@@ -1,0 +1,128 @@
+"""Compiled robots in the states that they are in, what their watch costs, and what a call costs: tables of benches/compiled.py."""
+
+import math
+import timeit
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+import phipsi
+import phipsi._compile
+from in_turns import least
+
+#: The robots of all tables.
+ROBOTS = ("ur5", "panda", "g1")
+#: Batches whose times tell from where on compiled code is faster.
+COUNTS = (8, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
+#: Functions of the table of calls, and how many arrays each takes.
+CALLS = {
+    "forward_dynamics": 3,
+    "inverse_dynamics": 3,
+    "mass_matrix": 1,
+    "mass_matrix_inverse": 1,
+    "forward_dynamics_derivatives": 3,
+    "inverse_dynamics_derivatives": 3,
+    "forward_dynamics_jvp": 6,
+    "forward_dynamics_vjp": 4,
+}
+#: Those that a watch looks at.
+WATCHED = ("forward_dynamics", "mass_matrix_inverse", "forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp")
+#: Not compiled of a humanoid here: their code takes minutes.
+LONG = ("forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp")
+
+
+class Counting:
+    """A scene that counts the states whose forward dynamics it is asked for."""
+
+    def __init__(self, scene: phipsi.Scene) -> None:
+        self.scene, self.states = scene, 0
+
+    def forward_dynamics(self, q: np.ndarray, *others: np.ndarray) -> np.ndarray:
+        self.states += len(q)
+        return self.scene.forward_dynamics(q, *others)
+
+
+def states(scene: phipsi.Scene, count: int) -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
+    """What the robot does, and so many states of it: q, qd, tau."""
+    random, still = np.random.default_rng(0), np.zeros((count, scene.nv))
+    q = scene.integrate(scene.neutral(), random.uniform(-1, 1, (count, scene.nv)))
+    qd, tau = random.uniform(-1, 1, (2, count, scene.nv))
+    held = scene.gravity_torque(q)
+    yield "drawn at random", q, qd, tau
+    yield "at rest, joints at zero, no torque", np.tile(scene.neutral(), (count, 1)), still, still
+    yield "held against gravity", q, still, held
+    yield "falling", q, qd, still
+    yield "one joint moving, held", q, np.eye(scene.nv)[np.arange(count) % scene.nv], held
+
+
+def by_state(scenes: dict[str, phipsi.Scene], count: int, turns: int) -> Iterator[str]:
+    """Forward dynamics in each kind of state, in both forms, and how many states the watch is in doubt about."""
+    yield "| robot | state | scene, ns a state | compiled, watched | in doubt | scene, covariance | compiled, covariance |"
+    yield "| --- | --- | --- | --- | --- | --- | --- |"
+    for name, scene in scenes.items():
+        watched, plain = (phipsi.compile(scene, ["forward_dynamics"], form=form) for form in ("auto", "covariance"))
+        for kind, *state in states(scene, count):
+            calls = [partial(scene.forward_dynamics, *state), partial(watched.forward_dynamics, *state)]
+            calls += [partial(scene.forward_dynamics, *state, form="covariance"), partial(plain.forward_dynamics, *state)]
+            times = [f"{1e9 * time / count:.0f}" for time in least(turns, *calls)]
+            watched.scene = counting = Counting(scene)
+            watched.forward_dynamics(*state)
+            watched.scene = scene
+            yield f"| {name} | {kind} | {times[0]} | {times[1]} | {counting.states} of {count} | {times[2]} | {times[3]} |"
+
+
+def of_watch(scenes: dict[str, phipsi.Scene], count: int, turns: int) -> Iterator[str]:
+    """Each function that is watched, by the scene and compiled, with and without."""
+    yield "| robot | function | scene, ns a state | compiled, watched | compiled, covariance |"
+    yield "| --- | --- | --- | --- | --- |"
+    for name, scene in scenes.items():
+        functions = [function for function in WATCHED if name != "g1" or function not in LONG]
+        watched, plain = (phipsi.compile(scene, functions, form=form) for form in ("auto", "covariance"))
+        for function in functions:
+            given = _given(scene, function, (count,))
+            times = least(turns, *(partial(getattr(of, function), *given) for of in (scene, watched, plain)))
+            yield f"| {name} | {function.replace('_', ' ')} | {' | '.join(f'{1e9 * time / count:.0f}' for time in times)} |"
+
+
+def of_calls(scenes: dict[str, phipsi.Scene], turns: int) -> Iterator[str]:
+    """What a call of few states takes both ways, and from how many states on compiled code is faster."""
+    yield "| robot | function | one state: scene, us | compiled | 8 states: scene, us | machine code | as fast at, states | used from |"
+    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
+    for name, scene in scenes.items():
+        functions = [function for function in CALLS if name != "g1" or function not in LONG]
+        usual = phipsi.compile(scene, functions)
+        always = _always(scene, functions)
+        for function in functions:
+            one = _both(scene, usual, function, (), turns)
+            times = {count: _both(scene, always, function, (count,), turns) for count in COUNTS}
+            even = next((f"{count}" for count, (own, compiled) in times.items() if compiled <= own), f"over {COUNTS[-1]}")
+            cells = [f"{1e6 * time:.1f}" for time in (*one, *times[8])]
+            yield f"| {name} | {function.replace('_', ' ')} | {' | '.join(cells)} | {even} | {phipsi._compile.FEW[function]} |"
+
+
+def _always(scene: phipsi.Scene, functions: list[str]) -> phipsi.Compiled:
+    """Compiled so that few states are done by the machine code too."""
+    few = phipsi._compile.FEW
+    phipsi._compile.FEW = dict.fromkeys(few, 2)
+    try:
+        return phipsi.compile(scene, functions)
+    finally:
+        phipsi._compile.FEW = few
+
+
+def _both(scene: phipsi.Scene, fast: phipsi.Compiled, function: str, batch: tuple[int, ...], turns: int) -> tuple[float, float]:
+    """Seconds a call of the scene and of what is compiled."""
+    given = _given(scene, function, batch)
+    repeats = max(5, 200 // max(1, math.prod(batch)))
+    return _shortest(partial(getattr(scene, function), *given), turns, repeats), _shortest(partial(getattr(fast, function), *given), turns, repeats)
+
+
+def _given(scene: phipsi.Scene, function: str, batch: tuple[int, ...]) -> list[np.ndarray]:
+    """Arguments drawn at random."""
+    random = np.random.default_rng(0)
+    q = scene.integrate(scene.neutral(), random.uniform(-1, 1, (*batch, scene.nv)))
+    return [q, *(random.uniform(-1, 1, (*batch, scene.nv)) for _ in range(CALLS[function] - 1))]
+
+
+def _shortest(call: Callable[[], object], turns: int, repeats: int) -> float:
+    return min(timeit.repeat(call, number=repeats, repeat=20 * turns)) / repeats
