@@ -80,11 +80,15 @@ fn what_is_watched_tells_where_digits_are_lost() {
                 tame += usize::from(is_tame);
                 let given = &[q, qd, u][..program.arguments.len()];
                 let (mut workspace, mut expected) = (scene.workspace(), vec![f64::NAN; function.width(&scene) - 1]);
-                if function == Function::ForwardDynamicsWatched {
-                    scene.forward_dynamics(&mut workspace, &given[0], &given[1], &given[2], &[], &mut expected)
-                } else {
-                    let mut scratch = scene.inverse_scratch();
-                    scene.mass_matrix_inverse(&mut workspace, &mut scratch, &given[0], &mut expected)
+                match function {
+                    Function::ForwardDynamicsWatched => {
+                        scene.forward_dynamics(&mut workspace, &given[0], &given[1], &given[2], &[], &mut expected)
+                    }
+                    Function::MassMatrixInverseWatched => {
+                        let mut scratch = scene.inverse_scratch();
+                        scene.mass_matrix_inverse(&mut workspace, &mut scratch, &given[0], &mut expected)
+                    }
+                    _ => Ok(()),
                 }
                 .unwrap();
                 let found = program.run(&given.concat()).unwrap();

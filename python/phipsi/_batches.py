@@ -49,11 +49,10 @@ class Batches:
         self._unwritten: Callable[[int], _Array] = _unwritten if dtype == np.float64 else partial(np.empty, dtype=dtype)
         self._again: Callable[..., Any] | None = None
         self._watch: _Entry | None = None
-        self._watch_width = 0
 
-    def watched(self, again: Callable[..., Any], watch: _Entry | None = None, width: int = 0) -> Batches:
-        """Has states whose margin is below zero done by again(*arrays). The margin is the function's own last result; or that of watch, of the same q, beside so many numbers that nobody reads."""
-        self._again, self._watch, self._watch_width = again, watch, width
+    def watched(self, again: Callable[..., Any], watch: _Entry | None = None) -> Batches:
+        """Has states whose margin is below zero done by again(*arrays). The margin is the function's own last result; or that of watch, of the same q."""
+        self._again, self._watch = again, watch
         if watch is None:
             self._steps.append(self.dtype.itemsize)
         return self
@@ -124,14 +123,10 @@ class Batches:
         return self._piece(0, count, addresses, watch, out) == 0
 
     def _piece(self, first: int, end: int, addresses: list[int], watch: int | None, out: _Array | None) -> int:
-        """Some of the states: first what watches them, whose other result is written to little memory again and again, then the function itself. Faults."""
+        """Some of the states: first what watches them, then the function itself. Faults."""
         faults, size = 0, self.dtype.itemsize
         if self._watch is not None and watch is not None:
-            most = _at_a_time(size * self._watch_width)
-            unread = np.empty(min(most, end - first) * self._watch_width, self.dtype)
-            nowhere = address(unread)
-            for at in range(first, end, most):
-                faults += self._watch(min(most, end - at), addresses[0] + at * self._steps[0], nowhere, watch + at * size)
+            faults += self._watch(end - first, addresses[0] + first * self._steps[0], watch + first * size)
         if out is None:
             return faults + self._run(end - first, *(start + first * step for start, step in zip(addresses, self._steps, strict=True)))
         return faults + self._into(out, first, end, addresses)

@@ -36,7 +36,7 @@ LONG, SECONDS_EACH = 50_000, 4e-4
 #: What is compiled of functions that watch what rounding does.
 WATCHED: dict[str, Any] = {name: f"{name}_watched" for name in ("forward_dynamics", "mass_matrix_inverse")}
 #: What is compiled beside functions whose results do not tell by themselves what rounding does: it judges the factor of M, which they all go through.
-WATCH, WATCHES = "mass_matrix_inverse_watched", ("forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp")
+WATCH, WATCHES = "factor_watched", ("forward_dynamics_derivatives", "forward_dynamics_jvp", "forward_dynamics_vjp")
 #: Fewer states are faster by the scene's own call, whose way from Python is 3 to 6 us shorter: so many states of arms of six and seven joints and of a humanoid, measured, take as long both ways.
 FEW = {
     **dict.fromkeys(("forward_dynamics_derivatives", "inverse_dynamics_derivatives", "placements"), 24),
@@ -96,7 +96,7 @@ class Compiled(Functions[_Array]):
         if tells:
             batches.watched(again)
         elif self.form == "auto" and name in WATCHES:
-            batches.watched(again, entry(code, f"robot_{WATCH}_batch", 3), nv * nv)
+            batches.watched(again, entry(code, f"robot_{WATCH}_batch", 2))
         return batches
 
     def _run(

@@ -1504,7 +1504,7 @@ class Scene:
 
         directory: where to write them too, made where it is not there; None: nowhere. name: what files and functions begin with. functions: names among "forward_dynamics",
         "inverse_dynamics", "bias_torque", "mass_matrix", "mass_matrix_inverse", "forward_dynamics_derivatives", "inverse_dynamics_derivatives", "forward_dynamics_jvp",
-        "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp", "placements", "forward_dynamics_watched" and "mass_matrix_inverse_watched", which say of each state by a margin whether digits may be lost (where it is below zero), and of one link ("placement", link), ("jacobian", link) and ("jacobian", link, frame), frame as in
+        "forward_dynamics_vjp", "inverse_dynamics_jvp", "inverse_dynamics_vjp", "placements", "forward_dynamics_watched", "mass_matrix_inverse_watched" and "factor_watched", which say of each state by a margin whether digits may be lost (where it is below zero), and of one link ("placement", link), ("jacobian", link) and ("jacobian", link, frame), frame as in
         jacobian; None: all that are of no one link and not watched. dtype: "float64" or "float32", the numbers of the code. batches: whether to write NAME_forward_dynamics_batch(count, ...) and its like too, which run
         as many states at once as the processor's registers hold, by the vector extensions of GCC and Clang.
 

@@ -24,6 +24,8 @@ pub enum Function {
     MassMatrixInverse,
     /// The same, watched likewise.
     MassMatrixInverseWatched,
+    /// The margin of q alone: of the factor of M, through which derivatives and products of forward dynamics go.
+    FactorWatched,
     /// dqdd/dq, dqdd/dqd and M^-1 of (q, qd, tau), each row by row, by q in its tangent space; in covariance form.
     ForwardDynamicsDerivatives,
     /// dtau/dq, dtau/dqd and M of (q, qd, qdd), likewise.
@@ -61,7 +63,8 @@ pub const FUNCTIONS: [Function; 12] = [
 ];
 
 /// Those that say of each state whether it may have lost digits.
-pub const WATCHED: [Function; 2] = [Function::ForwardDynamicsWatched, Function::MassMatrixInverseWatched];
+pub const WATCHED: [Function; 3] =
+    [Function::ForwardDynamicsWatched, Function::MassMatrixInverseWatched, Function::FactorWatched];
 
 /// An argument or a result of a program.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -195,6 +198,14 @@ impl Function {
                 results: &[("inverse", Of::Pairs), ("margin", Of::One)],
                 trace: tracing::mass_matrix_inverse_watched,
                 by_scene: reference::mass_matrix_inverse_watched,
+            },
+            Self::FactorWatched => Line {
+                name: "factor_watched",
+                meaning: "The margin of the factor of the mass matrix; digits may be lost where it is below zero",
+                arguments: &STATE[..1],
+                results: &[("margin", Of::One)],
+                trace: tracing::factor_watched,
+                by_scene: reference::factor_watched,
             },
             Self::ForwardDynamicsDerivatives => Line {
                 name: "forward_dynamics_derivatives",

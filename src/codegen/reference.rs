@@ -38,16 +38,21 @@ pub(super) fn forward_dynamics_watched(
 
 /// M^-1, and the margin of its factor.
 pub(super) fn mass_matrix_inverse_watched(
-    (scene, workspace, _): Room<'_>,
+    (scene, workspace, place): Room<'_>,
     given: &[&[f64]],
     out: &mut [f64],
 ) -> Result<(), Error> {
+    let (inverse, margin) = out.split_at_mut(scene.nv().pow(2));
+    scene.mass_matrix_inverse(workspace, &mut scene.inverse_scratch(), given[0], inverse)?;
+    factor_watched((scene, workspace, place), given, margin)
+}
+
+pub(super) fn factor_watched((scene, ..): Room<'_>, given: &[&[f64]], out: &mut [f64]) -> Result<(), Error> {
     let (model, sweeps) = (scene.model(), SweepModel::<f64>::new(scene.model()));
-    let (mut scratch, (inverse, margin)) = (SweepScratch::new(model, &sweeps), out.split_at_mut(scene.nv().pow(2)));
-    let mut estimates = vec![f64::NAN; scene.nv()];
+    let (mut scratch, mut estimates) = (SweepScratch::new(model, &sweeps), vec![f64::NAN; scene.nv()]);
     let scene_of = (model, &sweeps);
-    margin[0] = auto::factor_watched_in_sweeps::<f64, f64>(scene_of, &mut scratch, given[0], &mut estimates).margin();
-    scene.mass_matrix_inverse(workspace, &mut scene.inverse_scratch(), given[0], inverse)
+    out[0] = auto::factor_watched_in_sweeps::<f64, f64>(scene_of, &mut scratch, given[0], &mut estimates).margin();
+    Ok(())
 }
 
 pub(super) fn inverse_dynamics(

@@ -40,11 +40,14 @@ pub(super) fn forward_dynamics_watched(tracer: &mut Tracer<'_>, given: &[Vec<Tra
 }
 
 pub(super) fn mass_matrix_inverse_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
-    let nv = tracer.traced.model.nv();
-    let (inverse, margin) = out.split_at_mut(nv.pow(2));
-    let mut estimates = vec![Traced::from_f64(f64::NAN); nv];
-    margin[0] = tracer.traced.factor_watched(&given[0], &mut estimates).margin();
+    let (inverse, margin) = out.split_at_mut(tracer.traced.model.nv().pow(2));
+    factor_watched(tracer, given, margin);
     tracer.traced.multiplied_out(inverse);
+}
+
+pub(super) fn factor_watched(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {
+    let mut estimates = vec![Traced::from_f64(f64::NAN); tracer.traced.model.nv()];
+    out[0] = tracer.traced.factor_watched(&given[0], &mut estimates).margin();
 }
 
 pub(super) fn inverse_dynamics(tracer: &mut Tracer<'_>, given: &[Vec<Traced>], out: &mut [Traced]) {

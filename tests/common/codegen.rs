@@ -39,7 +39,9 @@ pub fn by_method(scene: &Scene, function: &Function, given: &[Vec<f64>]) -> Vec<
     let (q, qd, u, along) = (at(0), at(1), at(2), [at(3), at(4), at(5)]);
     match function {
         Function::ForwardDynamics => scene.forward_dynamics(w, q, qd, u, &[], &mut out),
-        Function::ForwardDynamicsWatched | Function::MassMatrixInverseWatched => unreachable!("no method has a margin"),
+        Function::ForwardDynamicsWatched | Function::MassMatrixInverseWatched | Function::FactorWatched => {
+            unreachable!("no method has a margin")
+        }
         Function::InverseDynamics => scene.inverse_dynamics(w, q, qd, u, &[], &mut out),
         Function::BiasTorque => scene.bias_torque(w, q, qd, &mut out),
         Function::MassMatrix => scene.mass_matrix(w, q, &mut out),
