@@ -113,6 +113,7 @@ docs: $(VENV)-docs/there
 # A processor that this machine is not: its arm is compiled, not run.
 OTHER := aarch64-unknown-linux-gnu
 
+check: export CARGO_INCREMENTAL = 0
 check: $(VENV)/test
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings

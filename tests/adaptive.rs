@@ -1,8 +1,6 @@
 //! Adaptive steps beside closed forms, beside fixed steps that are small, and what is refused.
 
-mod common;
-
-use common::{Random, Tree, random_state, tolerance};
+use crate::common::{Random, Tree, random_state, tolerance};
 use phipsi::motion::{Adaptive, Gains, Method, Rollout, Settings, Solver, Torque};
 use phipsi::motion::{Failure, Solution};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
@@ -170,7 +168,7 @@ fn given_torques_are_asked_at_every_stage() {
 
 #[test]
 fn springs_of_a_billion_are_followed_in_few_steps_by_the_implicit_solvers() {
-    let scene = common::swinging(3);
+    let scene = crate::common::swinging(3);
     let slow = scene.lock(&["j1", "j2"], &[0.0; 3]).unwrap();
     let tight = Adaptive { rtol: 1e-11, atol: 1e-11, ..Adaptive::new(&slow) };
     let exact = tight.solve(&[0.3], &[0.5], &[0.0, 0.2], &no_torque).unwrap();

@@ -1,8 +1,6 @@
 //! No sweep allocates once its workspace exists, and none reads what an earlier call left there.
 
-mod common;
-
-use common::{KINDS_WITH_FIXED, Random, Tree, random_state};
+use crate::common::{KINDS_WITH_FIXED, Random, Tree, random_state};
 use nalgebra::Vector6;
 use phipsi::batch::Broadcast;
 use phipsi::dynamics::InverseScratch;

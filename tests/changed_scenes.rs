@@ -1,9 +1,7 @@
 //! New scenes from a scene: other properties of joints, loads on links, and mimics as they were given.
 
-mod common;
-
-use common::arm::{assembled, parts};
-use common::tolerance::{assert_near, product};
+use crate::common::arm::{assembled, parts};
+use crate::common::tolerance::{assert_near, product};
 use phipsi::motion::Properties;
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, Mimic, Property, ROOT_JOINT};
 use phipsi::spatial::Symmetric3;

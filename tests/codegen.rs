@@ -1,10 +1,8 @@
 //! Programs of single robots beside the scene's methods; their C compiled by the system's compiler and run.
 
-mod common;
-
-use common::codegen::{by_method, quadruped, tree};
-use common::lanes::{State, states};
-use common::{Random, random_inertial, tolerance};
+use crate::common::codegen::{by_method, quadruped, tree};
+use crate::common::lanes::{State, states};
+use crate::common::{Random, random_inertial, tolerance};
 use phipsi::codegen::{FUNCTIONS, Function, Program, WATCHED, Width, sources};
 use phipsi::kinematics::{REFERENCE_FRAMES, ReferenceFrame};
 use phipsi::scene::{Connection, ConnectionKind, JointDescription, JointKind, LinkDescription, Mimic, MimicJoints};

@@ -1,10 +1,8 @@
 //! Robots as Rust crates and as CUDA kernels: compiled by rustc, and by the C compiler where threads are a loop, and run beside the scene's methods.
 
-mod common;
-
-use common::codegen::{by_method, quadruped, tree};
-use common::lanes::{State, states};
-use common::tolerance;
+use crate::common::codegen::{by_method, quadruped, tree};
+use crate::common::lanes::{State, states};
+use crate::common::tolerance;
 use phipsi::codegen::{FUNCTIONS, Function, Width, cuda_sources, rust_sources};
 use phipsi::{Scene, scenes};
 use std::fmt::Write as _;

@@ -1,11 +1,9 @@
 //! Closed loops: accelerations and forces beside the KKT system by definition in 31 digits, rows beside differences, projections, inverses, motion, and what is
 //! refused.
 
-mod common;
-
-use common::lanes::{arms, evaluate, on_a_large_stack};
-use common::loops::{biped, exact, four_bar, state, stewart, tangle, welded_four_bar};
-use common::{ALL_KINDS, Random, tolerance};
+use crate::common::lanes::{arms, evaluate, on_a_large_stack};
+use crate::common::loops::{biped, exact, four_bar, state, stewart, tangle, welded_four_bar};
+use crate::common::{ALL_KINDS, Random, tolerance};
 use nalgebra::{DMatrix, DVector};
 use phipsi::batch::Evaluator;
 use phipsi::filter::Form;

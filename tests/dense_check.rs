@@ -1,10 +1,7 @@
 //! The sweeps against composite matrices and faer's LDLT, on random mixed trees and on chains.
-#![cfg(feature = "dense")]
 #![allow(clippy::cast_precision_loss)] // small counts
 
-mod common;
-
-use common::{ALL_KINDS, Random, random_scene, random_state, tolerance};
+use crate::common::{ALL_KINDS, Random, random_scene, random_state, tolerance};
 use phipsi::operators::{Factor, KINDS, Operator};
 use phipsi::report::residuals::residuals;
 use phipsi::{Scene, scenes};

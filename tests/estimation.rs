@@ -1,9 +1,7 @@
 //! Estimation (section 2): the sequential solution against the batch one, exact zeros, and what its arguments may be.
 
-mod common;
-
-use common::arm::{assembled, link, parts};
-use common::{ALL_KINDS, Random, Tree, random_state, tolerance};
+use crate::common::arm::{assembled, link, parts};
+use crate::common::{ALL_KINDS, Random, Tree, random_state, tolerance};
 use nalgebra::Vector6;
 use phipsi::dynamics::{Estimate, EstimateCovariance, EstimateScratch, Measurements};
 use phipsi::filter::smoothed::remaining;

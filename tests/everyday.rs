@@ -1,11 +1,9 @@
 //! Links one by one, the mass centre and the momentum about it, against first principles in about 31 digits (`common/oracle.rs`): rates are
 //! central differences of those along q (+) h qd.
 
-mod common;
-
-use common::oracle::{D, Instant, Oracle, d, ds};
-use common::tolerance::{self, STEP, assert_close, assert_near, size, to_f64};
-use common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_state};
+use crate::common::oracle::{D, Instant, Oracle, d, ds};
+use crate::common::tolerance::{self, STEP, assert_close, assert_near, size, to_f64};
+use crate::common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_state};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use phipsi::TaskFrame;
 use phipsi::kinematics::{AccelerationKind, Frame, ReferenceFrame};

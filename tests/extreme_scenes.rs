@@ -2,12 +2,9 @@
 //!
 //! Run with `PHIPSI_SHOW_RATIOS=1 -- --nocapture` for the table.
 
-#![cfg(feature = "dense")]
 #![allow(clippy::float_cmp)] // exact equality is what is asserted
 
-mod common;
-
-use common::{ALL_KINDS, Random, Tree, random_state, tolerance};
+use crate::common::{ALL_KINDS, Random, Tree, random_state, tolerance};
 use phipsi::report::accuracy::Method;
 use phipsi::report::sensitivity::{Exact, Quantity, State, sensitivity};
 use phipsi::report::stability::forward_error;

@@ -1,9 +1,7 @@
 //! The ends of the range: nothing to move, ten thousand links, and no recursion on the way.
 
-mod common;
-
-use common::tolerance::{self, assert_near, size};
-use common::{Random, random_inertial, random_state};
+use crate::common::tolerance::{self, assert_near, size};
+use crate::common::{Random, random_inertial, random_state};
 use phipsi::kinematics::ReferenceFrame;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::{Scene, scenes};

@@ -1,8 +1,6 @@
 //! The forms of the recursion: all give the same, the square-root form also where the others lose every digit.
 
-mod common;
-
-use common::{ALL_KINDS, Random, Tree, oracle, random_scene, random_state, tolerance};
+use crate::common::{ALL_KINDS, Random, Tree, oracle, random_scene, random_state, tolerance};
 use phipsi::filter::{FORMS, Form};
 #[cfg(feature = "dense")]
 use phipsi::operators::{Factor, KINDS, Operator};

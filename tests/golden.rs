@@ -3,11 +3,9 @@
 //! Oracles tell right from wrong; these tell *changed* from the same. `PHIPSI_GOLDEN=bits` asks for the same bits (a change by moves only),
 //! `PHIPSI_GOLDEN=write` writes them anew. Without either, differences of rounding pass, and arms without numbers are passed over.
 
-mod common;
-
-use common::gate::{ALGORITHMS, SCENES, scene};
-use common::lanes::{arguments, arms, on_a_large_stack, states};
-use common::tolerance::{assert_near, size};
+use crate::common::gate::{ALGORITHMS, SCENES, scene};
+use crate::common::lanes::{arguments, arms, on_a_large_stack, states};
+use crate::common::tolerance::{assert_near, size};
 use phipsi::Algorithm;
 use phipsi::batch::Arm;
 use phipsi::batch::Evaluator;

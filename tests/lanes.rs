@@ -1,12 +1,10 @@
 //! States in lanes, on every arm that this processor has: the same numbers as one state at a time in plain f64, the same bits in any
 //! lane, and the same errors.
 
-mod common;
-
-use common::lanes::{
+use crate::common::lanes::{
     ALGORITHMS, aligned, arguments, arms, crowd, evaluate, forces, limbed, on_a_large_stack, plainly, states, trees,
 };
-use common::{ALL_KINDS, Random, Tree, tolerance};
+use crate::common::{ALL_KINDS, Random, Tree, tolerance};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use phipsi::batch::Evaluator;
 use phipsi::filter::Form;

@@ -1,12 +1,10 @@
 //! States in lanes of f32: what plain f64 gives, to what f32 allows; twice the lanes; and f64 where f32 is in doubt.
 
-mod common;
-
-use common::Random;
-use common::lanes::{
+use crate::common::Random;
+use crate::common::lanes::{
     ALGORITHMS, State, aligned, arguments, arms, evaluate, forces, on_a_large_stack, plainly, states, trees,
 };
-use common::tolerance::{self, Conditioning, assert_near, conditioning};
+use crate::common::tolerance::{self, Conditioning, assert_near, conditioning};
 use phipsi::batch::Arm;
 use phipsi::batch::Evaluator;
 use phipsi::filter::Form;

@@ -1,10 +1,8 @@
 //! Every switch of [`Omissions`]: the results are the same to rounding with it on and off, and it does leave something out.
 
-mod common;
-
-use common::oracle::{Oracle, ds};
-use common::tolerance::{self, Conditioning, assert_near, conditioning, size};
-use common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_inertial, random_state};
+use crate::common::oracle::{Oracle, ds};
+use crate::common::tolerance::{self, Conditioning, assert_near, conditioning, size};
+use crate::common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_inertial, random_state};
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 use phipsi::filter::Form;
 use phipsi::kinematics::{AccelerationKind, ReferenceFrame};

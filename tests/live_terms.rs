@@ -2,10 +2,8 @@
 //!
 //! Each test asserts that something is clearly *not* zero, against the size of what it is a part of.
 
-mod common;
-
-use common::tolerance::{self, conditioning, size};
-use common::{ALL_KINDS, Random, Tree, random_inertial, random_state};
+use crate::common::tolerance::{self, conditioning, size};
+use crate::common::{ALL_KINDS, Random, Tree, random_inertial, random_state};
 use nalgebra::Vector6;
 use phipsi::Scene;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};

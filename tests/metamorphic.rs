@@ -1,10 +1,8 @@
 //! The same system described in another way: what must not change does not, what must change does so as predicted.
 
-mod common;
-
-use common::oracle::{Oracle, ds};
-use common::tolerance::{self, assert_near, conditioning, size};
-use common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_inertial, random_state};
+use crate::common::oracle::{Oracle, ds};
+use crate::common::tolerance::{self, assert_near, conditioning, size};
+use crate::common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_inertial, random_state};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use phipsi::Scene;
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, ROOT_JOINT, SceneBuilder};

@@ -1,9 +1,7 @@
 //! States through time: the order of every method beside an independent integration in coordinates, stiff joints, momentum, energy,
 //! lanes, and what is refused.
 
-mod common;
-
-use common::{ALL_KINDS, Random, Tree, random_state, tolerance};
+use crate::common::{ALL_KINDS, Random, Tree, random_state, tolerance};
 use phipsi::batch::Broadcast;
 use phipsi::batch::{ARMS, Arm};
 use phipsi::dynamics;
@@ -250,7 +248,7 @@ fn lanes_move_as_one_state_does() {
 
 /// A pendulum of three rods, all joints but the first sprung; gravity and motion load the springs.
 fn sprung(stiffness: f64) -> (Scene, Settings) {
-    let scene = common::swinging(3);
+    let scene = crate::common::swinging(3);
     let mut settings = Settings::new(&scene, 1e-3);
     settings.properties.stiffness = vec![0.0, stiffness, stiffness];
     (scene, settings)
@@ -648,7 +646,7 @@ fn trees_side_by_side_keep_their_own_momentum() {
     for tree in ["a", "b"] {
         let (body, arm) = (format!("{tree} body"), format!("{tree} arm"));
         for name in [&body, &arm] {
-            let inertial = Some(common::random_inertial(&mut random));
+            let inertial = Some(crate::common::random_inertial(&mut random));
             builder = builder.link(LinkDescription { name: name.clone(), inertial });
         }
         let mut free = JointDescription::new(format!("{tree} free"), JointKind::Floating, "base", &body);

@@ -1,10 +1,8 @@
 //! The operational-space inertia against J M^-1 J^T from first principles, in about 31 digits; and where it has no inverse.
 
-mod common;
-
-use common::oracle::{D, Instant, Oracle, d, ds, solve};
-use common::tolerance::{self, assert_near, conditioning, size, to_f64};
-use common::{KINDS_WITH_FIXED, Random, Tree, random_inertial, random_state};
+use crate::common::oracle::{D, Instant, Oracle, d, ds, solve};
+use crate::common::tolerance::{self, assert_near, conditioning, size, to_f64};
+use crate::common::{KINDS_WITH_FIXED, Random, Tree, random_inertial, random_state};
 use nalgebra::{DMatrix, Vector3};
 use phipsi::TaskFrame;
 use phipsi::dynamics::{self, OperationalScratch};

@@ -1,8 +1,6 @@
 //! Operations counted: by hand for one body, linear on chains, the bits of f64, and the counts that the doc comments give.
 
-mod common;
-
-use common::{ALL_KINDS, Random, random_scene, random_state};
+use crate::common::{ALL_KINDS, Random, random_scene, random_state};
 use nalgebra::Vector6;
 use phipsi::batch::Arm;
 use phipsi::batch::Evaluator;

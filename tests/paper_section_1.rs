@@ -1,12 +1,9 @@
 //! Introduction and section 1 of the paper: the spatially random model. One test an equation.
-#![cfg(feature = "dense")]
 
-mod common;
-
-use common::matrices::{Matrix, Vector, apply, block, swept};
-use common::paper::{self, Case, cases, column, six, trees};
-use common::sampling::{DRAWS, covariance, drawn, has_covariance, has_mean};
-use common::{Random, tolerance};
+use crate::common::matrices::{Matrix, Vector, apply, block, swept};
+use crate::common::paper::{self, Case, cases, column, six, trees};
+use crate::common::sampling::{DRAWS, covariance, drawn, has_covariance, has_mean};
+use crate::common::{Random, tolerance};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use phipsi::filter::innovations;
 use phipsi::operators::{Kind, Operator};

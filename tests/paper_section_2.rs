@@ -1,13 +1,10 @@
 //! Section 2 of the paper: conditional means and their covariances. One test an equation.
 //!
 //! Armature is measurement noise v of covariance r: T = H X + v, calligraphic M = H R H* + r.
-#![cfg(feature = "dense")]
 
-mod common;
-
-use common::matrices::{Matrix, Vector, apply, inverse};
-use common::paper::{Case, cases, column, noise_free};
-use common::sampling::{Draws, covariance, drawn, has_covariance, has_not_covariance};
+use crate::common::matrices::{Matrix, Vector, apply, inverse};
+use crate::common::paper::{Case, cases, column, noise_free};
+use crate::common::sampling::{Draws, covariance, drawn, has_covariance, has_not_covariance};
 use nalgebra::Vector6;
 use phipsi::filter::{innovations, smoother};
 use phipsi::operators::{Kind, Operator};

@@ -1,13 +1,10 @@
 //! Section 3 of the paper: sequential estimation, the Riccati recursion and the factors of M. One test an equation.
 //!
 //! With armature r the measurements are noisy and D = H P H* + r; all else is as printed, or as the test says.
-#![cfg(feature = "dense")]
 
-mod common;
-
-use common::matrices::{Matrix, block, inverse};
-use common::paper::{Case, cases, column, noise_free};
-use common::tolerance;
+use crate::common::matrices::{Matrix, block, inverse};
+use crate::common::paper::{Case, cases, column, noise_free};
+use crate::common::tolerance;
 use nalgebra::DVector;
 use phipsi::filter::HingeMap;
 use phipsi::operators::dense::ldlt_from_tip;
@@ -110,7 +107,7 @@ fn eq_3_4_state_covariance_from_composite_inertias() {
 #[test]
 fn eq_3_5_composite_inertias() {
     for case in cases() {
-        let expected = common::matrices::block_diagonal(&case.d.r);
+        let expected = crate::common::matrices::block_diagonal(&case.d.r);
         case.holds_directly("r", &composite_inertias(case, |own| *own), &expected);
         // Printed r^-(k) = 0, which must be r^+(0) = 0: a start with r^-(1) = 0 loses the tip.
         case.fails("r^-(1) = 0", &composite_inertias(case, |_| BodyInertia::zero()), &expected);

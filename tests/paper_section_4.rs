@@ -2,12 +2,9 @@
 //!
 //! T is the centred torque tau - H phi b where the equation has no b; `Run` holds what the sweeps leave for it, and `Biased`
 //! what they leave when b(k) is kept in 4.4 and tau is measured.
-#![cfg(feature = "dense")]
 
-mod common;
-
-use common::matrices::{Matrix, Vector};
-use common::paper::{Case, cases, column, six};
+use crate::common::matrices::{Matrix, Vector};
+use crate::common::paper::{Case, cases, column, six};
 use nalgebra::Vector6;
 use phipsi::filter::{innovations, smoother};
 

@@ -1,14 +1,11 @@
 //! Section 5 of the paper: covariances of states, innovations and co-states. One test an equation.
 //!
 //! Each against dense algebra from the definition of what it is the covariance of, and against draws of the random model.
-#![cfg(feature = "dense")]
 
-mod common;
-
-use common::matrices::{Matrix, apply, block, block_diagonal};
-use common::paper::{Case, cases, chains, trees};
-use common::sampling::{self, DRAWS, Draws, drawn, has_covariance, has_not_covariance, mean_square};
-use common::tolerance;
+use crate::common::matrices::{Matrix, apply, block, block_diagonal};
+use crate::common::paper::{Case, cases, chains, trees};
+use crate::common::sampling::{self, DRAWS, Draws, drawn, has_covariance, has_not_covariance, mean_square};
+use crate::common::tolerance;
 use nalgebra::Vector6;
 use phipsi::filter::{covariance, innovations, smoother};
 use phipsi::operators::{Kind, Operator};

@@ -1,12 +1,9 @@
 //! Section 6 of the paper: the inverse of M in closed form. One test an equation.
 //!
 //! On a tree 6.1 and 6.2 gain the terms across branches, with armature 6.2 gains r D^-2; each is also shown to be needed.
-#![cfg(feature = "dense")]
 
-mod common;
-
-use common::matrices::{Matrix, Vector, apply, inverse};
-use common::paper::{Case, cases, chains, column};
+use crate::common::matrices::{Matrix, Vector, apply, inverse};
+use crate::common::paper::{Case, cases, chains, column};
 use phipsi::dynamics;
 use phipsi::operators::Kind;
 

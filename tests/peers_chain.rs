@@ -2,9 +2,7 @@
 //! local convention), as `benches/peers/pinocchio_bench --accelerations` prints them.
 #![allow(clippy::cast_precision_loss)] // small indices
 
-mod common;
-
-use common::tolerance::{assert_near, inverse};
+use crate::common::tolerance::{assert_near, inverse};
 use phipsi::scenes;
 
 #[test]

@@ -1,8 +1,6 @@
 //! The plain methods of a scene run the compiled kernels, those of this scene and of no other.
 
-mod common;
-
-use common::lanes::{ALGORITHMS, arguments, states, trees};
+use crate::common::lanes::{ALGORITHMS, arguments, states, trees};
 use phipsi::batch::Fault;
 use phipsi::{Algorithm, Arguments, Derivatives, Error, Form, Products, Scene, Workspace, scenes};
 

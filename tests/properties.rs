@@ -1,11 +1,9 @@
 //! Identities of mechanics on random mixed trees, drawn and shrunk by proptest: fixed and floating bases, branches,
 //! joints of many degrees of freedom, armature and velocity together.
 
-mod common;
-
-use common::oracle::{D, Oracle, d, ds};
-use common::tolerance::{self, assert_close, assert_near, assert_near_double, conditioning, size, to_f64};
-use common::{ALL_KINDS, Random, Tree, random_state};
+use crate::common::oracle::{D, Oracle, d, ds};
+use crate::common::tolerance::{self, assert_close, assert_near, assert_near_double, conditioning, size, to_f64};
+use crate::common::{ALL_KINDS, Random, Tree, random_state};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3, Vector6};
 use phipsi::kinematics::ReferenceFrame;
 use phipsi::scene::{Model, ROOT_JOINT};

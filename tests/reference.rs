@@ -1,11 +1,9 @@
 //! The recursions against two references, neither of them the same code in the same precision: rigid-body dynamics from first
 //! principles (`common/oracle.rs`, about 31 digits), and the recursions themselves in double-double arithmetic.
 
-mod common;
-
-use common::oracle::{D, LinkWrench, Oracle, d, ds, solve};
-use common::tolerance::{self, assert_close, assert_near, assert_near_double, conditioning, size, to_f64};
-use common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_state};
+use crate::common::oracle::{D, LinkWrench, Oracle, d, ds, solve};
+use crate::common::tolerance::{self, assert_close, assert_near, assert_near_double, conditioning, size, to_f64};
+use crate::common::{ALL_KINDS, KINDS_WITH_FIXED, Random, Tree, random_state};
 use nalgebra::{DMatrix, Matrix3, Vector3, Vector6};
 use phipsi::dynamics;
 use phipsi::dynamics::InverseScratch;

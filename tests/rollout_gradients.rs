@@ -1,9 +1,7 @@
 //! Gradients of functions of trajectories: the same on every arm and from any checkpoints, and what is refused. That they are right is in
 //! `src/motion/backward/tests.rs`, beside dual numbers of twice the digits, and in `tests/python/test_rollout_gradients.py`.
 
-mod common;
-
-use common::{ALL_KINDS, Random, Tree, random_state, tolerance};
+use crate::common::{ALL_KINDS, Random, Tree, random_state, tolerance};
 use phipsi::batch::Broadcast;
 use phipsi::batch::{ARMS, Arm};
 use phipsi::filter::Form;

@@ -1,9 +1,7 @@
 //! One valid scene and one valid call; then one broken thing a test. Messages name what was at fault, what was found and what
 //! would have been accepted.
 
-mod common;
-
-use common::arm::{assembled, link, parts};
+use crate::common::arm::{assembled, link, parts};
 use nalgebra::{Matrix3, Vector3, Vector6};
 use phipsi::kinematics::ReferenceFrame;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, Mimic, SceneBuilder, SceneWarning};

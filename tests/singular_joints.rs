@@ -1,9 +1,7 @@
 //! Pivots: those that are lost are errors that name joint, link and remedy; those that are merely small are not; and what overflows
 //! says so.
 
-mod common;
-
-use common::arm::{assembled, link, parts, solid};
+use crate::common::arm::{assembled, link, parts, solid};
 use nalgebra::{Matrix3, Vector3};
 use phipsi::scene::{Inertial, JointDescription, JointKind};
 use phipsi::spatial::{RigidShift, Symmetric3};

@@ -1,9 +1,6 @@
 //! The spatially random model: its samples obey (1.1) to (1.6), and M emerges from them (5.1).
-#![cfg(feature = "stochastic")]
 
-mod common;
-
-use common::{ALL_KINDS, Random, Tree, random_scene, random_state, tolerance};
+use crate::common::{ALL_KINDS, Random, Tree, random_scene, random_state, tolerance};
 use phipsi::operators::{Kind, Operator};
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::spatial::Symmetric3;

@@ -1,8 +1,6 @@
 //! One scene, many threads: the same bits as one thread alone.
 
-mod common;
-
-use common::{ALL_KINDS, Random, Tree, random_state};
+use crate::common::{ALL_KINDS, Random, Tree, random_state};
 use phipsi::operators::Factor;
 use phipsi::scene::{Model, SceneBuilder};
 use phipsi::{Error, Scene, Workspace};

@@ -1,10 +1,7 @@
 //! The URDF reader: what it reads, what it refuses and in what words, and that no input makes it slow or panic.
-#![cfg(feature = "urdf")]
 
-mod common;
-
-use common::Random;
-use common::tolerance::{assert_near, product};
+use crate::common::Random;
+use crate::common::tolerance::{assert_near, product};
 use nalgebra::Vector3;
 use phipsi::scene::{JointDescription, JointKind, Limits, Mimic, SceneBuilder, SceneWarning};
 use phipsi::{Error, Scene};

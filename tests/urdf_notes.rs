@@ -1,5 +1,4 @@
 //! What a URDF says that is not read, and limits that mean nothing: warnings of the scene, errors of a strict one.
-#![cfg(feature = "urdf")]
 
 use phipsi::Error;
 use phipsi::scene::{Limits, SceneBuilder, SceneWarning};

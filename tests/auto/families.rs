@@ -1,6 +1,6 @@
 //! Families of random scenes and states, from ordinary to extreme, each case from its number alone.
 
-use super::common::{ALL_KINDS, Random, Tree, random_state};
+use crate::common::{ALL_KINDS, Random, Tree, random_state};
 use nalgebra::{Matrix3, Rotation3, Vector3, Vector6};
 use phipsi::Scene;
 use phipsi::scene::{Inertial, JointDescription, JointKind, LinkDescription, SceneBuilder};

@@ -1,9 +1,9 @@
 //! M^-1 in form `auto` over the same scenes: where the sweeps that batches and calls from Python run are content with the covariance form, it kept
 //! its digits.
 
-use super::common::tolerance;
 use super::families::{Case, FAMILIES, case};
 use super::{double, error, from_environment, sensitivity_of};
+use crate::common::tolerance;
 use phipsi::Workspace;
 use phipsi::dynamics;
 use phipsi::dynamics::InverseScratch;

@@ -1,5 +1,4 @@
 //! What the Rust tests share: random scenes and states from a seed, and the one table of tolerances.
-#![allow(dead_code)] // each test file uses its own part
 
 pub mod arm;
 pub mod codegen;

@@ -1,7 +1,7 @@
 //! One valid call of each checked method, and one broken argument a test; no call allocates.
 
+use super::support::{State, trees};
 use crate::common::{Random, random_state};
-use crate::support::{State, trees};
 use phipsi::{Error, Form, Scene, Workspace};
 
 /// A scene with one state and room for everything.

@@ -1,9 +1,9 @@
 //! The Coriolis matrix, and how the mass matrix changes.
 
+use super::support::{State, of_torques, round, trees, widened};
 use crate::common::oracle::{D, d};
 use crate::common::tolerance::{self, assert_near, size};
 use crate::common::{Random, Tree, random_state};
-use crate::support::{State, of_torques, round, trees, widened};
 use phipsi::dynamics::derivatives::{DerivativeScratch, coriolis_matrix};
 use phipsi::scene::JointKind;
 use phipsi::{Scene, Workspace, dynamics};

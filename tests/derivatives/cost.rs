@@ -1,7 +1,7 @@
 //! Operations, counted. `PHIPSI_SHOW_RATIOS=1 ... -- --nocapture cost` prints them beside those of the dynamics.
 
+use super::support::{KINDS, State, of_accelerations, of_torques};
 use crate::common::Tree;
-use crate::support::{KINDS, State, of_accelerations, of_torques};
 use phipsi::report::operations::{Task, count_recursion};
 use phipsi::scalar::Traced;
 use phipsi::scene::JointKind;

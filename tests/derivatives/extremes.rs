@@ -1,11 +1,11 @@
 //! Form `auto` where digits cancel: the extreme scenes by name, and random ones, ordinary and extreme, in the states that robots are in.
 //!
-//! `PHIPSI_SHOW_RATIOS=1 PHIPSI_DERIVATIVE_SCENES=2200 cargo test --test derivatives extremes -- --nocapture` prints a table of the families: median, one in
+//! `PHIPSI_SHOW_RATIOS=1 PHIPSI_DERIVATIVE_SCENES=2200 cargo test --test all derivatives::extremes -- --nocapture` prints a table of the families: median, one in
 //! ten, and largest error of dqdd/dq, dqdd/dqd and M^-1.
 
+use super::support::{NAMES, State, Three, of_accelerations, of_accelerations_by_method, round};
+use crate::auto::families::{Case, FAMILIES, STATES, case};
 use crate::common::tolerance::{self, size};
-use crate::families::{Case, FAMILIES, STATES, case};
-use crate::support::{NAMES, State, Three, of_accelerations, of_accelerations_by_method, round};
 use phipsi::scenes::{extreme, names};
 use phipsi::{Form, Scene};
 

@@ -1,12 +1,12 @@
 //! Forward dynamics.
 
-use crate::common::oracle::{D, Oracle, ds, solve};
-use crate::common::tolerance::{self, assert_near, assert_near_double, conditioning, size};
-use crate::common::{Random, Tree, random_inertial};
-use crate::support::{
+use super::support::{
     NAMES, State, acceleration, differences, of_accelerations, of_accelerations_by_method, of_torques, round, trees,
     widened,
 };
+use crate::common::oracle::{D, Oracle, ds, solve};
+use crate::common::tolerance::{self, assert_near, assert_near_double, conditioning, size};
+use crate::common::{Random, Tree, random_inertial};
 use nalgebra::DMatrix;
 use phipsi::scene::{JointDescription, JointKind, LinkDescription, SceneBuilder};
 use phipsi::{Form, Scene, scenes};

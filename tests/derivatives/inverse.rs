@@ -1,11 +1,11 @@
 //! Inverse dynamics.
 
+use super::support::{
+    KINDS, NAMES, State, Three, differences, of_torques, of_torques_by_method, round, torque, trees, widened,
+};
 use crate::common::oracle::{Oracle, d, ds};
 use crate::common::tolerance::{self, assert_near, assert_near_double, size};
 use crate::common::{Random, Tree, random_state};
-use crate::support::{
-    KINDS, NAMES, State, Three, differences, of_torques, of_torques_by_method, round, torque, trees, widened,
-};
 use phipsi::Scene;
 use phipsi::scene::JointKind;
 use phipsi::scene::Model;

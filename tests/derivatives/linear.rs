@@ -1,7 +1,7 @@
 //! The linear system of small deviations.
 
+use super::support::{State, of_accelerations_by_method, trees};
 use crate::common::tolerance::{self, assert_near, size};
-use crate::support::{State, of_accelerations_by_method, trees};
 use phipsi::{Form, Scene};
 
 /// A and B, row by row.

@@ -1,10 +1,10 @@
 //! Jacobians times vectors and vectors times Jacobians, against the dense derivatives, each other, and central differences.
 
+use super::support::{KINDS, State, acceleration, of_accelerations, of_torques, round, torque, trees, widened};
+use crate::auto::families::{Case, FAMILIES, STATES, case};
 use crate::common::oracle::{D, d};
 use crate::common::tolerance::{self, assert_near, assert_near_double, conditioning, size};
 use crate::common::{Random, Tree};
-use crate::families::{Case, FAMILIES, STATES, case};
-use crate::support::{KINDS, State, acceleration, of_accelerations, of_torques, round, torque, trees, widened};
 use nalgebra::Vector6;
 use phipsi::dynamics::derivatives::{
     self, Constants, Directions, Parameters, ProductScratch, inertia, of_body, of_link,

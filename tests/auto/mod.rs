@@ -1,14 +1,12 @@
 //! `forward_dynamics_auto` over random scenes, ordinary and extreme: right wherever the problem allows it, and fast on robots.
 //!
-//! `PHIPSI_AUTO_SCENES=100000 cargo test --release --test auto -- --nocapture` is the full run, with a table of the families;
+//! `PHIPSI_AUTO_SCENES=100000 cargo test --release --test all auto:: -- --nocapture` is the full run, with a table of the families;
 //! `PHIPSI_AUTO_FIRST` is the number of its first scene.
 
-#[path = "../common/mod.rs"]
-mod common;
-mod families;
+pub mod families;
 mod inverse;
 
-use common::{Random, random_state, tolerance};
+use crate::common::{Random, random_state, tolerance};
 use families::{Case, FAMILIES, STATES, case};
 use nalgebra::Vector6;
 #[cfg(feature = "urdf")]

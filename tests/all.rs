@@ -1,0 +1,64 @@
+//! Every Rust test in one program: each program would take its room in target/, and its seconds, for linking the whole crate anew.
+//!
+//! `cargo test --test all golden::` runs those of one file. What needs a process of its own is beside it, see Cargo.toml.
+
+#[cfg_attr(not(all(feature = "adaptive", feature = "dense")), allow(dead_code))] // these features' tests use the rest
+mod common;
+
+#[cfg(feature = "adaptive")]
+mod adaptive;
+mod allocations;
+mod auto;
+mod changed_scenes;
+mod codegen;
+mod codegen_languages;
+mod constraints;
+mod contacts;
+#[cfg(feature = "dense")]
+mod dense_check;
+mod derivatives;
+mod double_double;
+mod equations_table;
+mod estimation;
+mod everyday;
+#[cfg(feature = "dense")]
+mod extreme_scenes;
+mod extremes;
+mod forms;
+mod golden;
+mod inverse_kinematics;
+mod lanes;
+mod lanes_f32;
+mod leaving_out;
+mod live_terms;
+mod metamorphic;
+mod mimic;
+mod motion;
+mod operational;
+mod operations;
+#[cfg(feature = "dense")]
+mod paper_section_1;
+#[cfg(feature = "dense")]
+mod paper_section_2;
+#[cfg(feature = "dense")]
+mod paper_section_3;
+#[cfg(feature = "dense")]
+mod paper_section_4;
+#[cfg(feature = "dense")]
+mod paper_section_5;
+#[cfg(feature = "dense")]
+mod paper_section_6;
+mod peers_chain;
+mod plain_methods;
+mod properties;
+mod reference;
+mod rollout_gradients;
+mod scene_errors;
+mod singular_joints;
+#[cfg(feature = "stochastic")]
+mod stochastic;
+mod threads;
+#[cfg(feature = "urdf")]
+mod urdf;
+#[cfg(feature = "urdf")]
+mod urdf_notes;
