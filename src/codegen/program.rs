@@ -27,7 +27,7 @@ pub struct Program {
 impl Program {
     /// The program of one function of `scene`.
     ///
-    /// The sweeps run once on numbers that remember what they come of ([`Traced`]). O(N) operations for the dynamics, O(N^2) for matrices.
+    /// The sweeps run once on numbers that remember what they come of ([`Traced`]). The order is theirs, joint by joint, in which fewer numbers wait to be read than in one that goes back from the results. O(N) operations for the dynamics, O(N^2) for matrices.
     ///
     /// # Errors
     ///

@@ -136,20 +136,7 @@ pub(super) fn parts(program: &Program) -> Parts {
     }
     let roles: Vec<Vec<[Option<Role>; 3]>> = of_part.iter().map(|own| roles(&work, &calls, own)).collect();
 
-    // The last call that reads a number by way of what is kept.
-    let mut last = vec![None; work.places.len()];
-    for (own, roles) in of_part.iter().zip(&roles) {
-        for &call in own {
-            for (at, roles) in calls[call].range.clone().zip(roles) {
-                for (operand, role) in operands(&work.in_order(at)).into_iter().zip(roles) {
-                    let (Some(operand), Some(Role::Outside)) = (operand, role) else { continue };
-                    if let Some(last) = last.get_mut(work.order[operand as usize]) {
-                        *last = (*last).max(Some(call));
-                    }
-                }
-            }
-        }
-    }
+    let mut last = last_reads(&work, &calls, &of_part, &roles);
     let writes = Writes::new(&work, &calls, &of_part);
     for &(_, _, at, call) in &writes.by_caller {
         last[at] = last[at].max(Some(call));
@@ -170,6 +157,30 @@ pub(super) fn parts(program: &Program) -> Parts {
     }
     let others = writes.leaves.iter().copied().chain(kept).collect();
     Parts { parts, calls: part_of, others, slots }
+}
+
+/// The last call that reads each number by way of what is kept.
+fn last_reads(
+    work: &Work<'_>,
+    calls: &[Call],
+    of_part: &[Vec<usize>],
+    roles: &[Vec<[Option<Role>; 3]>],
+) -> Vec<Option<usize>> {
+    let mut last = vec![None; work.places.len()];
+    for (own, roles) in of_part.iter().zip(roles) {
+        for &call in own {
+            for (at, roles) in calls[call].range.clone().zip(roles) {
+                for (operand, role) in operands(&work.in_order(at)).into_iter().zip(roles) {
+                    let (Some(operand), Some(Role::Outside)) = (operand, role) else { continue };
+                    // Constants and arguments are kept by nobody.
+                    if let Some(last) = last.get_mut(work.order[operand as usize]) {
+                        *last = (*last).max(Some(call));
+                    }
+                }
+            }
+        }
+    }
+    last
 }
 
 /// What each operand of each operation of a part is.
