@@ -62,3 +62,16 @@ mod threads;
 mod urdf;
 #[cfg(feature = "urdf")]
 mod urdf_notes;
+
+#[test]
+fn every_file_of_tests_is_in_a_program() {
+    let (here, cargo) = (include_str!("all.rs"), include_str!("../Cargo.toml"));
+    for entry in std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/tests")).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+        let is_rust = path.extension().is_some_and(|suffix| suffix == "rs") || path.join("mod.rs").exists();
+        let is_known =
+            here.contains(&format!("\nmod {name};")) || cargo.contains(&format!("path = \"tests/{name}.rs\""));
+        assert!(!is_rust || is_known, "tests/{name} runs in no program: give it a mod line in tests/all.rs");
+    }
+}

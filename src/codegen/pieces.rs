@@ -1,6 +1,6 @@
 //! Programs as functions of C or CUDA: a short one is one function; of a long one each part is, and what limbs repeat is called in a loop, with the numbers of each limb in tables.
 
-use super::parts::{Entry, Given, Part, Parts, Run, Source, Tables, parts};
+use super::parts::{Cut, Entry, Given, Part, Run, Source, Tables, parts};
 use super::program::Program;
 use super::width::Width;
 use crate::scalar::Operation;
@@ -188,7 +188,7 @@ fn given(
 /// The tables of a part: what each is called where it is read, the type of its numbers, and the numbers of each call.
 fn tables_of(
     program: &Program,
-    cut: &Parts,
+    cut: &Cut,
     width: Width,
     tables: &Tables,
 ) -> [(&'static str, &'static str, Vec<Vec<String>>); 2] {
@@ -202,7 +202,7 @@ fn tables_of(
 /// The function of a part after its tables.
 fn function(
     program: &Program,
-    cut: &Parts,
+    cut: &Cut,
     (index, form, tables): (usize, &Form, &Tables),
     inside: &str,
     text: &mut String,
@@ -222,7 +222,7 @@ fn function(
 }
 
 /// The calls of all parts, those of one part after another in a loop.
-fn calls(program: &Program, cut: &Parts, form: &Form, tables: &[Tables], text: &mut String) {
+fn calls(program: &Program, cut: &Cut, form: &Form, tables: &[Tables], text: &mut String) {
     let _ = writeln!(text, "    {} kept[{}];", form.number, cut.slots.max(1));
     for Run { part, rows, then } in cut.runs() {
         let row = if rows.len() > 1 {

@@ -38,21 +38,26 @@ pub(super) fn forward_dynamics_watched(
 
 /// M^-1, and the margin of its factor.
 pub(super) fn mass_matrix_inverse_watched(
-    (scene, workspace, place): Room<'_>,
+    (scene, workspace, _): Room<'_>,
     given: &[&[f64]],
     out: &mut [f64],
 ) -> Result<(), Error> {
     let (inverse, margin) = out.split_at_mut(scene.nv().pow(2));
     scene.mass_matrix_inverse(workspace, &mut scene.inverse_scratch(), given[0], inverse)?;
-    factor_watched((scene, workspace, place), given, margin)
+    margin[0] = margin_of_factor(scene, given[0]);
+    Ok(())
 }
 
+#[allow(clippy::unnecessary_wraps)] // as all of the table
 pub(super) fn factor_watched((scene, ..): Room<'_>, given: &[&[f64]], out: &mut [f64]) -> Result<(), Error> {
+    out[0] = margin_of_factor(scene, given[0]);
+    Ok(())
+}
+
+fn margin_of_factor(scene: &Scene, q: &[f64]) -> f64 {
     let (model, sweeps) = (scene.model(), SweepModel::<f64>::new(scene.model()));
     let (mut scratch, mut estimates) = (SweepScratch::new(model, &sweeps), vec![f64::NAN; scene.nv()]);
-    let scene_of = (model, &sweeps);
-    out[0] = auto::factor_watched_in_sweeps::<f64, f64>(scene_of, &mut scratch, given[0], &mut estimates).margin();
-    Ok(())
+    auto::factor_watched_in_sweeps::<f64, f64>((model, &sweeps), &mut scratch, q, &mut estimates).margin()
 }
 
 pub(super) fn inverse_dynamics(

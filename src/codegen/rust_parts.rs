@@ -1,7 +1,7 @@
 //! Rust of long programs: a function for each part, and tables of what differs from call to call.
 
 use super::functions::Array;
-use super::parts::{Entry, Given, Part, Parts, Run, Source, Tables, parts};
+use super::parts::{Cut, Entry, Given, Part, Run, Source, Tables, parts};
 use super::program::{Program, operands};
 use super::rust::{argument, constant, right_side, several};
 use crate::scalar::Operation;
@@ -54,7 +54,7 @@ pub(super) fn write(program: &Program, apart: &mut String, text: &mut String) {
 }
 
 /// The tables of a part: what each is called where it is read, its type, and a row for each call.
-fn tables_of(cut: &Parts, program: &Program, tables: &Tables) -> [(&'static str, &'static str, Vec<String>); 2] {
+fn tables_of(cut: &Cut, program: &Program, tables: &Tables) -> [(&'static str, &'static str, Vec<String>); 2] {
     let of_places = if cut.has_short_places(program) { "u16" } else { "u32" };
     [
         ("c", "f64", tables.constants_by_calls().iter().map(|row| format!("{row:?}")).collect()),
@@ -63,7 +63,7 @@ fn tables_of(cut: &Parts, program: &Program, tables: &Tables) -> [(&'static str,
 }
 
 /// Writes the function of a part after its tables.
-fn function_of(program: &Program, cut: &Parts, (index, part): (usize, &Part), text: &mut String) -> Tables {
+fn function_of(program: &Program, cut: &Cut, (index, part): (usize, &Part), text: &mut String) -> Tables {
     let (mut tables, mut inside) = (Tables::default(), String::new());
     body(program, part, &mut tables, &mut inside);
     let function = format!("{}_{index}", program.function.symbol());

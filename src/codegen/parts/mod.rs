@@ -57,7 +57,7 @@ pub(super) enum Source {
 
 /// A program in parts.
 #[derive(Debug)]
-pub(super) struct Parts {
+pub(super) struct Cut {
     pub parts: Vec<Part>,
     /// The part of each call, in order; a part's numbers are those of its first call, its second, and so on.
     pub calls: Vec<usize>,
@@ -76,7 +76,7 @@ pub(super) struct Run {
     pub then: Vec<(usize, usize, usize)>,
 }
 
-impl Parts {
+impl Cut {
     /// All calls in order.
     pub fn runs(&self) -> Vec<Run> {
         let mut then = vec![Vec::new(); self.calls.len()];
@@ -102,7 +102,7 @@ impl Parts {
     /// Whether 16 bits hold every place in every array.
     pub fn has_short_places(&self, program: &Program) -> bool {
         let widths = program.arguments.iter().chain(&program.results).map(Array::width);
-        widths.chain([self.slots]).all(|width| width <= usize::from(u16::MAX))
+        widths.chain([self.slots]).all(|width| u16::try_from(width).is_ok())
     }
 }
 
@@ -121,7 +121,7 @@ enum Role {
 }
 
 /// The program in parts.
-pub(super) fn parts(program: &Program) -> Parts {
+pub(super) fn parts(program: &Program) -> Cut {
     let work = Work::new(program);
     let calls = work.calls();
     // The calls of each part, in the order in which parts are called first.
@@ -153,10 +153,12 @@ pub(super) fn parts(program: &Program) -> Parts {
     });
     let mut part_of = vec![0; calls.len()];
     for (part, own) in of_part.iter().enumerate() {
-        own.iter().for_each(|&call| part_of[call] = part);
+        for &call in own {
+            part_of[call] = part;
+        }
     }
     let others = writes.leaves.iter().copied().chain(kept).collect();
-    Parts { parts, calls: part_of, others, slots }
+    Cut { parts, calls: part_of, others, slots }
 }
 
 /// The last call that reads each number by way of what is kept.
@@ -256,7 +258,9 @@ impl Writes {
 fn slots(calls: &[Call], of_part: &[Vec<usize>], last: &[Option<usize>]) -> (Vec<Option<usize>>, usize) {
     let mut own: Vec<&[usize]> = vec![&[]; calls.len()];
     for calls in of_part {
-        calls.iter().for_each(|&call| own[call] = calls);
+        for &call in calls {
+            own[call] = calls;
+        }
     }
     let mut slot_of = vec![None; last.len()];
     let (mut free, mut slots, mut held): (Vec<usize>, usize, Vec<(usize, usize)>) = (Vec::new(), 0, Vec::new());
@@ -301,7 +305,7 @@ fn part(
             Role::Own(index) => Some(Err(index)),
             Role::Outside => {
                 let operand = |&call: &usize| operands(&work.in_order(start(call) + at))[entry].unwrap_or_default();
-                let of = outside(work, own.iter().map(operand).collect(), slot_of);
+                let of = outside(work, &own.iter().map(operand).collect::<Vec<u32>>(), slot_of);
                 let next = given.len();
                 let index = *known.entry(of).or_insert_with_key(|of| {
                     given.push(of.clone());
@@ -330,7 +334,7 @@ fn part(
 }
 
 /// Numbers from outside, one a call: all constants, all of one argument, or all kept.
-fn outside(work: &Work<'_>, operands: Vec<u32>, slot_of: &[Option<usize>]) -> Given {
+fn outside(work: &Work<'_>, operands: &[u32], slot_of: &[Option<usize>]) -> Given {
     let operation = |&operand: &u32| work.program.operations[operand as usize];
     match operation(&operands[0]) {
         Operation::Constant(_) => Given::Constants(

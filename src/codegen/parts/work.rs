@@ -113,7 +113,9 @@ impl<'a> Work<'a> {
                 // All are alike inside; only at their ends may pairs be parted.
                 let head = usize::from(of_part.iter().any(|&start| self.parts_a_pair(start)));
                 let tail = usize::from(of_part.iter().any(|&start| self.parts_a_pair(start + length)));
-                of_part.iter_mut().for_each(|start| *start += head);
+                for start in &mut of_part {
+                    *start += head;
+                }
                 starts.extend(of_part.iter().map(|&start| (start, length - head - tail, parts)));
                 parts += 1;
             }
