@@ -104,7 +104,7 @@ def test_the_c_compiler_runs_the_test_that_is_written(tmp_path: Path) -> None:
     made = subprocess.run(["make", "-s", "test-c", f"CC={COMPILER}"], cwd=tmp_path, check=True, capture_output=True, text=True)
     assert [line.split(":")[0] for line in made.stdout.splitlines()] == ["forward_dynamics", "mass_matrix"]
     # A result that is not the scene's is a fault.
-    broken = (tmp_path / "arm.cu").read_text().replace("sine_and_cosine(q", "sine_and_cosine(1.0 + q")
+    broken = (tmp_path / "arm.cu").read_text().replace("sine_and_cosine(g", "sine_and_cosine(1.0 + g")
     (tmp_path / "arm.cu").write_text(broken)
     assert subprocess.run(["make", "-s", "test-c", f"CC={COMPILER}"], cwd=tmp_path, check=False, capture_output=True).returncode != 0
 
