@@ -53,8 +53,8 @@ class Compiled(Functions[_Array]):
     """Functions of one scene as machine code that holds nothing else; batches run as many states at once as the processor's registers hold, on as many threads as set_num_threads says.
 
     Each method takes the arguments of the scene's method of that name and gives its results to rounding; form and dtype alone are not among them: they are those that were compiled. In form "auto" the scene does
-    states that may have lost digits, which the code tells by a margin; for derivatives and products of forward dynamics it computes M^-1 and its margin first, which judges
-    the factor of M; the scene looks for digits that cancel later on too. In form "covariance" digits that are lost are not noticed.
+    states that may have lost digits, which the code tells by a margin; for derivatives and products of forward dynamics a function of its own gives the margin of the
+    factor of M first; the scene looks for digits that cancel later on too. In form "covariance" digits that are lost are not noticed.
 
     Few states, arguments, results and out that are not in order, and what no code is compiled for (wrenches, return_info, at, parameters, and changes of what is constant) are done by the scene's own method,
     which says what is wrong, or, with errors="nan", which states are bad: it does all states of a call then. out: as of the scene's method, of the dtype that was compiled; results are written straight into it, those of

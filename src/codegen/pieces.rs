@@ -60,12 +60,7 @@ pub(super) fn literal(bits: u64, width: Width) -> String {
 /// Writes the function, after its parts where there are several.
 pub(super) fn write(program: &Program, form: &Form, text: &mut String) {
     let cut = parts(program);
-    if let ([part], false) = (&cut.parts[..], is_cut(program)) {
-        let _ = write!(text, "\n{}\n{{\n{}", form.head, form.before);
-        body(program, part, form, &mut Tables::default(), text);
-    } else if cut.calls.is_empty() {
-        let _ = write!(text, "\n{}\n{{\n{}", form.head, form.before);
-    } else {
+    if is_cut(program) {
         let tables: Vec<Tables> = (cut.parts.iter().enumerate())
             .map(|(index, part)| {
                 let (mut tables, mut inside) = (Tables::default(), String::new());
@@ -76,6 +71,12 @@ pub(super) fn write(program: &Program, form: &Form, text: &mut String) {
             .collect();
         let _ = write!(text, "\n{}\n{{\n{}", form.head, form.before);
         calls(program, &cut, form, &tables, text);
+    } else {
+        let _ = write!(text, "\n{}\n{{\n{}", form.head, form.before);
+        // One, or none where nothing is to be computed.
+        for part in &cut.parts {
+            body(program, part, form, &mut Tables::default(), text);
+        }
     }
     for &(result, index, source) in &cut.others {
         if let Source::Leaf(place) = source {
@@ -233,10 +234,8 @@ fn calls(program: &Program, cut: &Cut, form: &Form, tables: &[Tables], text: &mu
         };
         let name = format!("{}_{part}", form.name);
         let _ = write!(text, "    {name}({}, kept", form.names);
-        for (suffix, _, rows) in tables_of(program, cut, form.width, &tables[part]) {
-            if let Some(first) = rows.first() {
-                let _ = write!(text, ", {name}_{suffix} + {row} * {}", first.len());
-            }
+        for (suffix, width) in tables[part].widths() {
+            let _ = write!(text, ", {name}_{suffix} + {row} * {width}");
         }
         text.push_str(");\n");
         for (result, index, slot) in then {

@@ -24,12 +24,10 @@ pub(super) fn write(program: &Program, apart: &mut String, text: &mut String) {
     let given = program.arguments.iter().map(|array| array.name.to_owned());
     let given: Vec<String> = given.chain(results.iter().map(|(name, _)| format!("&mut {name}"))).collect();
     for Run { part, rows, then } in cut.runs() {
-        let tables = tables_of(&cut, program, &tables[part]);
         let row = if rows.len() > 1 { "row".to_owned() } else { rows.start.to_string() };
-        let of_call = tables
-            .iter()
-            .filter(|table| !table.2.is_empty())
-            .map(|(suffix, ..)| format!(", &{}_{part}_{}[{row}]", function.to_uppercase(), suffix.to_uppercase()));
+        let of_call = tables[part]
+            .widths()
+            .map(|(suffix, _)| format!(", &{}_{part}_{}[{row}]", function.to_uppercase(), suffix.to_uppercase()));
         let call = format!("{function}_{part}({}, &mut kept{});", given.join(", "), of_call.collect::<String>());
         let _ = if rows.len() > 1 {
             writeln!(text, "    for row in {}..{} {{\n        {call}\n    }}", rows.start, rows.end)

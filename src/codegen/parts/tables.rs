@@ -45,6 +45,11 @@ impl Tables {
         self.places.len()
     }
 
+    /// The tables that are not empty: what each is called where it is read, and how many numbers a call has in it.
+    pub fn widths(&self) -> impl Iterator<Item = (&'static str, usize)> {
+        [("c", self.constants.len()), ("at", self.places.len())].into_iter().filter(|&(_, width)| width > 0)
+    }
+
     /// Constants of each call.
     pub fn constants_by_calls(&self) -> Vec<Vec<f64>> {
         by_calls(&self.constants).into_iter().map(|bits| bits.into_iter().map(f64::from_bits).collect()).collect()
