@@ -17,8 +17,7 @@ import phipsi
 import phipsi.pinocchio
 import pinocchio as pin
 from in_turns import least, write
-
-ROBOTS = Path(pin.__file__).resolve().parents[4] / "share/example-robot-data/robots"
+from robots import ROBOTS
 #: File, links that are held, and how.
 CASES = {
     "solo12 on four points": ("solo_description/robots/solo12.urdf", ["FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"], "point"),

@@ -22,11 +22,11 @@ import phipsi
 import compiled_states
 import pinocchio as pin
 from in_turns import least, write
+from robots import ROBOTS, load
 
 sys.path.insert(0, str(Path(__file__).parent / "peers"))
 import casadi_code
 
-ROBOTS = Path(pin.__file__).resolve().parents[4] / "share/example-robot-data/robots"
 #: File, and whether its base floats.
 CASES = {
     "ur5": ("ur_description/urdf/ur5_robot.urdf", False),
@@ -51,12 +51,6 @@ ABOUT_CALLS = (
     "The way from Python to machine code is longer than that to the scene: *as fast at* says from how many states on it is worth it, of "
     f"{', '.join(map(str, compiled_states.COUNTS))} that were tried; fewer than *used from* are done by the scene. Form `auto`. *Compiled, one state*: the scene's call and what finds that it is to be taken. *Machine code, 8 states*: if it were not."
 )
-
-
-def load(file: str, floating_base: bool) -> phipsi.Scene:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return phipsi.Scene.from_urdf(ROBOTS / file, floating_base=floating_base)
 
 
 def in_c(scene: phipsi.Scene, q: np.ndarray) -> list[float]:

@@ -13,8 +13,8 @@ import tempfile
 from pathlib import Path
 
 import phipsi
-from compiled import load
 from in_turns import write
+from robots import load
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples/cortex_m"
 #: File, and whether its base floats.

@@ -22,8 +22,7 @@ import phipsi
 import phipsi.pinocchio
 import pinocchio as pin
 from phipsi import tasks
-
-ROBOTS = Path(pin.__file__).resolve().parents[4] / "share/example-robot-data/robots"
+from robots import ROBOTS
 #: The link that is placed: one that all programs keep, the last that moves.
 ARMS = {
     "ur5": ("ur_description/urdf/ur5_robot.urdf", "wrist_3_link"),
